@@ -1,0 +1,1 @@
+"""What is said (`types`), how it travels (`codec`, `bus`), how it is kept (`recording`)."""

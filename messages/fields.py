@@ -1,0 +1,188 @@
+"""The checks of single fields: how each type of field is packed, unpacked and described."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple, get_args, get_origin
+
+import numpy as np
+
+from palpate.messages.quantity import Array, Unit
+
+MAX_TEXT = 4096
+"""Longest text, bytes of UTF-8."""
+MAX_ITEMS = 4096
+"""Longest tuple."""
+MAX_FIELDS = 64
+"""Most fields of a message, and entries of a table."""
+
+Convert = Callable[[Any], Any]
+
+
+class CodecError(ValueError):
+    """A value is not the message that it should be."""
+
+
+class Rule(NamedTuple):
+    """One field's way onto the wire and back."""
+
+    pack: Convert
+    """Checks a value and turns it into what msgpack can write."""
+    unpack: Convert
+    """Checks what msgpack read and turns it into the value."""
+    schema: dict[str, Any]
+    """JSON schema of the field."""
+
+
+def rule_of(hint: Any) -> Rule:
+    """Rule for a field of this type."""
+    marks = getattr(hint, "__metadata__", ())
+    for mark in marks:
+        if isinstance(mark, Array):
+            return _array_rule(mark)
+    plain = get_args(hint)[0] if marks else hint
+    unit = next(({"unit": mark.symbol} for mark in marks if isinstance(mark, Unit)), {})
+    if plain is float:
+        return Rule(_pack_float, _unpack_float, {"type": "number", **unit})
+    if plain is int:
+        return Rule(_pack_int, _pack_int, {"type": "integer", **unit})
+    if plain is bool:
+        return Rule(_pack_bool, _pack_bool, {"type": "boolean"})
+    if plain is str:
+        return Rule(_pack_text, _pack_text, {"type": "string", "maxLength": MAX_TEXT})
+    return _compound_rule(plain)
+
+
+def _compound_rule(plain: Any) -> Rule:
+    origin, args = get_origin(plain), get_args(plain)
+    if origin is Literal:
+        one_of = _one_of(frozenset(args))
+        return Rule(one_of, one_of, {"enum": list(args)})
+    if origin is tuple and len(args) == 2 and args[1] is ...:
+        pack, unpack, item = rule_of(args[0])
+        described = {"type": "array", "items": item, "maxItems": MAX_ITEMS}
+        return Rule(_tuple_of(pack, (tuple, list)), _tuple_of(unpack, (list,)), described)
+    if origin is dict and args == (str, float):
+        described = {"type": "object", "additionalProperties": {"type": "number"}}
+        return Rule(_table(_pack_float), _table(_unpack_float), described)
+    raise CodecError(f"no message field can be a {plain!r}")
+
+
+def _pack_float(value: Any) -> float:
+    if type(value) is float:
+        return _unpack_float(value)
+    if isinstance(value, bool) or not isinstance(value, (int, np.floating, np.integer)):
+        raise CodecError(f"must be a number, got {_shown(value)}")
+    return _unpack_float(float(value))
+
+
+def _unpack_float(value: Any) -> float:
+    if type(value) is not float:
+        raise CodecError(f"must be a float, got {_shown(value)}")
+    if not math.isfinite(value):
+        raise CodecError(f"must be finite, got {value}")
+    return value
+
+
+def _pack_int(value: Any) -> int:
+    if type(value) is not int and not isinstance(value, np.integer):
+        raise CodecError(f"must be an integer, got {_shown(value)}")
+    number = int(value)
+    if not -(1 << 63) <= number < 1 << 63:
+        raise CodecError("must fit into 64 bits")
+    return number
+
+
+def _pack_bool(value: Any) -> bool:
+    if type(value) is not bool and not isinstance(value, np.bool_):
+        raise CodecError(f"must be true or false, got {_shown(value)}")
+    return bool(value)
+
+
+def _pack_text(value: Any) -> str:
+    if type(value) is not str:
+        raise CodecError(f"must be text, got {_shown(value)}")
+    if len(value.encode()) > MAX_TEXT:
+        raise CodecError(f"must be at most {MAX_TEXT} bytes long, got {len(value.encode())}")
+    return value
+
+
+def _one_of(allowed: frozenset[str]) -> Convert:
+    def check(value: Any) -> str:
+        if type(value) is not str or value not in allowed:
+            raise CodecError(f"must be one of {sorted(allowed)}, got {_shown(value)}")
+        return value
+
+    return check
+
+
+def _tuple_of(item: Convert, kinds: tuple[type, ...]) -> Convert:
+    def convert(value: Any) -> tuple[Any, ...]:
+        if type(value) not in kinds or len(value) > MAX_ITEMS:
+            raise CodecError(f"must be a list of at most {MAX_ITEMS}, got {_shown(value)}")
+        return tuple(item(entry) for entry in value)
+
+    return convert
+
+
+def _table(number: Convert) -> Convert:
+    def convert(value: Any) -> dict[str, float]:
+        if type(value) is not dict or len(value) > MAX_FIELDS:
+            raise CodecError(f"must be a table of at most {MAX_FIELDS}, got {_shown(value)}")
+        return {_pack_text(key): number(entry) for key, entry in value.items()}
+
+    return convert
+
+
+def _array_rule(array: Array) -> Rule:
+    dtype = np.dtype(array.dtype)
+    floating = dtype.kind == "f"
+
+    def check(value: np.ndarray[Any, Any]) -> None:
+        shape = value.shape
+        if len(shape) != len(array.shape) or any(
+            want is not None and want != have for want, have in zip(array.shape, shape, strict=True)
+        ):
+            raise CodecError(f"must have shape {_shape_text(array)}, got {shape}")
+        if floating and not np.isfinite(value).all():
+            raise CodecError("must be finite")
+
+    def pack(value: Any) -> dict[str, Any]:
+        if not isinstance(value, np.ndarray) or value.dtype != dtype:
+            raise CodecError(f"must be an array of {dtype}, got {_shown(value)}")
+        check(value)
+        return {"dtype": array.dtype, "shape": value.shape, "data": value.tobytes()}
+
+    def unpack(value: Any) -> np.ndarray[Any, Any]:
+        if type(value) is not dict or len(value) != 3 or value.get("dtype") != array.dtype:
+            raise CodecError(f"must be a map of dtype {array.dtype}, shape and data")
+        shape, data = value.get("shape"), value.get("data")
+        if type(shape) is not list or type(data) is not bytes or len(shape) != len(array.shape):
+            raise CodecError(f"must have shape {_shape_text(array)} and bytes as data")
+        if any(type(n) is not int or n < 0 for n in shape) or (
+            math.prod(shape) * dtype.itemsize != len(data)
+        ):
+            raise CodecError(f"has {len(data)} bytes, which do not fill shape {shape}")
+        if dtype.kind == "b" and data.strip(b"\0\1"):
+            raise CodecError("must hold 0 or 1 only")
+        result = np.frombuffer(data, dtype).reshape(shape)
+        check(result)
+        return result
+
+    described = {"type": "object", "dtype": array.dtype, "shape": array.shape, "unit": array.unit}
+    return Rule(pack, unpack, described)
+
+
+def _shape_text(array: Array) -> str:
+    return "(" + ", ".join("any" if n is None else str(n) for n in array.shape) + ")"
+
+
+def _shown(value: Any) -> str:
+    """Name a wrong value without printing a large or hostile one."""
+    if isinstance(value, np.ndarray):
+        return f"an array of {value.dtype}"
+    if isinstance(value, (bool, int, float, str)):
+        text = repr(value)
+        return text if len(text) <= 40 else text[:37] + "..."
+    return f"a {type(value).__name__}"

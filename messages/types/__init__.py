@@ -1,0 +1,35 @@
+"""Every message type, by subject; `TYPES` finds one by its name."""
+
+from __future__ import annotations
+
+from palpate.messages.types.graph import LogRecord, NodeStatus
+from palpate.messages.types.hand import GraspContacts, GraspGoal
+from palpate.messages.types.model import ModelGoal, PlanDone, Score, ShapeModel, Superquadric
+from palpate.messages.types.motion import Contour, ContourGoal, Probe, ProbeGoal, TouchGoal
+from palpate.messages.types.touch import SurfacePatch, TactileFrame, TactileImage
+from palpate.messages.types.world import SensorInfo, Truth, World
+
+__all__ = [
+    "Contour",
+    "ContourGoal",
+    "GraspContacts",
+    "GraspGoal",
+    "LogRecord",
+    "ModelGoal",
+    "NodeStatus",
+    "PlanDone",
+    "Probe",
+    "ProbeGoal",
+    "Score",
+    "SensorInfo",
+    "ShapeModel",
+    "Superquadric",
+    "SurfacePatch",
+    "TactileFrame",
+    "TactileImage",
+    "TouchGoal",
+    "Truth",
+    "World",
+]
+
+TYPES: dict[str, type] = {name: globals()[name] for name in __all__}

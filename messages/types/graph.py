@@ -1,0 +1,46 @@
+"""What nodes say about themselves, by the lossy tap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from palpate.messages.quantity import Count, Seconds, Unit
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class NodeStatus:
+    """A node's counters. On ``/node/status``."""
+
+    node: str
+    """Name of the node."""
+    state: Literal["starting", "running", "ending"]
+    """What the node is doing."""
+    messages: Count
+    """Messages handled so far."""
+    sent: Count
+    """Messages published so far."""
+    gaps: Count
+    """Messages that are missing."""
+    duplicates: Count
+    """Messages that came twice and were dropped."""
+    p50: Annotated[float, Unit("us")]
+    """Median time of a handler."""
+    p99: Annotated[float, Unit("us")]
+    """99 % quantile of the time of a handler."""
+    cpu: Seconds
+    """Processor time used."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LogRecord:
+    """One line for the log. On ``/log``."""
+
+    node: str
+    """Name of the node."""
+    level: Literal["debug", "info", "warning", "error"]
+    """How much it matters."""
+    text: str
+    """What happened, in one sentence."""
+    robot_time: Seconds
+    """Robot time at which it happened; 0 if none."""

@@ -1,0 +1,160 @@
+"""What is rebuilt, from what, and how good it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from palpate.messages.quantity import (
+    Array,
+    ControlPoints,
+    Count,
+    Degrees,
+    Floats,
+    Lengths,
+    Metres,
+    PerMetre,
+    Place,
+    Points,
+    Pose,
+    Ratio,
+    Seconds,
+    Triangles,
+    Vector,
+)
+
+Ids = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ModelGoal:
+    """A set of contours and probes to fit. Planner to reconstructor on ``/model/goal``."""
+
+    number: Count
+    """Counts up by one."""
+    contours: Ids
+    """Contours in the order in which the planner took them."""
+    probes: Ids
+    """Probes in the order in which the planner took them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PlanDone:
+    """The exploration is over. Planner to reconstructor on ``/plan/done``."""
+
+    number: Count
+    """Number of the final model."""
+    contours: Ids
+    """Contours of the final model."""
+    probes: Ids
+    """Probes of the final model."""
+    reason: str
+    """Why it is over."""
+    uncovered: Metres
+    """Height between the lowest and the highest touch that no usable contour covers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Superquadric:
+    """A superquadric, tapered and bent. Latched on ``/model/coarse``."""
+
+    number: Count
+    """Number of the fit."""
+    size: Vector
+    """Semi-axes."""
+    exponents: Annotated[Floats, Array("<f8", (2,), "1")]
+    """Shape exponents e1 (along z) and e2 (across)."""
+    pose: Pose
+    """Pose of the superquadric in the world."""
+    taper: Annotated[Floats, Array("<f8", (2,), "1")]
+    """Taper along x and y."""
+    bend: PerMetre
+    """Curvature of the bent axis."""
+    residual: Metres
+    """Root mean square distance of the contacts."""
+    rank: Count
+    """Rank of the fit's Jacobian."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ShapeModel:
+    """A closed solid: a prism deformed by a B-spline control lattice, and its ends.
+
+    Latched on ``/model/shape``.
+    """
+
+    MAX_BYTES = 32 << 20
+
+    number: Count
+    """Number of the goal that asked for it."""
+    contours: Ids
+    """Contours used."""
+    probes: Ids
+    """Probes used."""
+    dropped: Ids
+    """Contours asked for but not used."""
+    dropped_why: tuple[str, ...]
+    """One reason for each dropped contour."""
+    control: ControlPoints
+    """Control points of the lattice, (layers, columns, rows, 3), world frame."""
+    half_extent: Place
+    """Half the extent of the undeformed prism's elliptic section."""
+    bottom: Metres
+    """Height at which the lattice begins."""
+    top: Metres
+    """Height at which the lattice ends."""
+    vertices: Points
+    """Vertices of the closed surface, world frame."""
+    faces: Triangles
+    """Triangles, counter-clockwise seen from outside."""
+    uncertainty_height: Lengths
+    """Heights at which `uncertainty` is given."""
+    uncertainty: Lengths
+    """Standard deviation of the surface at each such height."""
+    health: dict[str, float]
+    """Figures of the fit: residuals, condition, share of folds, fallbacks taken."""
+    touches: Count
+    """Touches spent on the contours and probes used and dropped."""
+    robot_time: Seconds
+    """Robot time of the last of them."""
+    final: bool
+    """True for the model that the exploration ends with."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Score:
+    """A model measured against the truth. On ``/score``.
+
+    Distances are point to triangle, from 20,000 area-uniform samples each way.
+    """
+
+    number: Count
+    """Number of the model."""
+    contours: Count
+    """Contours used."""
+    touches: Count
+    """Touches spent."""
+    robot_time: Seconds
+    """Robot time spent."""
+    chamfer: Metres
+    """Mean of the two one-way mean distances."""
+    rms: Metres
+    """Root mean square distance over both ways."""
+    p95: Metres
+    """The larger of the two 95 % quantiles."""
+    hausdorff: Metres
+    """The largest distance of both ways."""
+    normal: Degrees
+    """Mean angle between the normals at the samples and at their nearest points."""
+    volume_error: Ratio
+    """Relative error of the volume, with its sign."""
+    sampling_floor: Metres
+    """The Chamfer distance between two tessellations of the truth."""
+    size: Metres
+    """True height of the object."""
+    watertight: bool
+    """True if every edge has exactly two faces."""
+    genus: Count
+    """Number of handles."""
+    final: bool
+    """True for the score of the final model."""

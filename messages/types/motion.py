@@ -1,0 +1,131 @@
+"""What the finger is asked to do, and what came of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from palpate.messages.quantity import (
+    Count,
+    Curvatures,
+    Direction,
+    Directions,
+    Lengths,
+    Metres,
+    Place,
+    Points,
+    Pose,
+    Seconds,
+    Vector,
+)
+from palpate.messages.types.touch import Outcome
+
+Status = Literal["closed", "no_contact", "no_arc", "stuck", "overrun", "out_of_touches"]
+"""How tracing ended: the loop closed; nothing felt; felt but never on the slice; no way on;
+wound round too far without closing; the allowance of touches is spent."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ContourGoal:
+    """A slice to trace. Planner to tracer on ``/contour/goal``."""
+
+    id: Count
+    """Number of the goal; contours and probes share one series."""
+    finger: Count
+    """The finger that shall trace it."""
+    frame: Pose
+    """Slicing frame in the world; the slice is normal to its z axis."""
+    height: Metres
+    """Height of the slice along the frame's z axis."""
+    centre: Place
+    """Where the object's axis is expected to meet the slice, slicing frame."""
+    radius: Metres
+    """Approach from this distance to the centre."""
+    not_before: Seconds
+    """Robot time of the decision."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Contour:
+    """One traced contour. Latched, all kept, on ``/contour/traced``."""
+
+    id: Count
+    """Number of the goal."""
+    finger: Count
+    """The finger that traced it."""
+    frame: Pose
+    """Slicing frame in the world."""
+    height: Metres
+    """Height of the slice along the frame's z axis."""
+    points: Points
+    """Points in the order felt, world frame, counter-clockwise about the frame's z axis."""
+    normals: Directions
+    """Outward unit normals at the points."""
+    curvature: Curvatures
+    """Normal curvature across the contour at the points; convex is positive."""
+    status: Status
+    """How tracing ended."""
+    gaps: Lengths
+    """Distances between neighbouring points that the pad could not bridge, longest last."""
+    touches: Count
+    """Touches made."""
+    robot_time: Seconds
+    """Robot time of the last touch."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ProbeGoal:
+    """A single touch off the contours: a pole, a cap. Planner to tracer on ``/probe/goal``."""
+
+    id: Count
+    """Number of the goal; contours and probes share one series."""
+    finger: Count
+    """The finger that shall touch."""
+    pose: Pose
+    """Start pose of the pad."""
+    reach: Metres
+    """Longest way along the pad's z axis."""
+    not_before: Seconds
+    """Robot time of the decision."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Probe:
+    """What a single touch found. Latched, all kept, on ``/probe/traced``."""
+
+    id: Count
+    """Number of the goal."""
+    finger: Count
+    """The finger that touched."""
+    outcome: Outcome
+    """How the guarded move ended."""
+    point: Vector
+    """Deepest point felt, world frame; the end of the reach after a miss."""
+    normal: Direction
+    """Outward normal under the pad's middle, or the pad's own if it could not be felt."""
+    touches: Count
+    """Touches made."""
+    robot_time: Seconds
+    """Robot time of the last touch."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TouchGoal:
+    """One guarded move. Tracer to simulator on ``/finger/goal``."""
+
+    goal: Count
+    """Number of the contour or probe that the touch belongs to."""
+    touch: Count
+    """Counts up by one within the goal."""
+    finger: Count
+    """The finger that shall move."""
+    pose: Pose
+    """Start pose of the pad: it moves along its z axis."""
+    reach: Metres
+    """Longest way to first contact."""
+    depth: Metres
+    """Press until the deepest compression is this."""
+    direction: Direction
+    """Direction across the contour, world frame."""
+    not_before: Seconds
+    """Robot time before which the move must not start."""

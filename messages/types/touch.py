@@ -1,0 +1,116 @@
+"""What one touch is, on its way from raw frame to surface patch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from palpate.messages.quantity import (
+    Count,
+    Direction,
+    LengthImage,
+    Mask,
+    Metres,
+    Numbers,
+    PerMetre,
+    Pose,
+    Ratio,
+    Seconds,
+    TimeImage,
+)
+
+Outcome = Literal["hit", "miss", "inside", "bottomed"]
+"""``hit``: pressed to the asked depth. ``miss``: nothing within reach. ``inside``: the start
+pose lay inside the object. ``bottomed``: pressed, and a taxel reached its saturation."""
+
+Kind = Literal["smooth", "edge", "insufficient", "miss"]
+"""What the touched surface is: smooth enough for curvatures, an edge or corner, too few
+taxels to say, or nothing touched."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TactileFrame:
+    """One raw frame, taken at the end of a guarded move. On ``/touch/raw``."""
+
+    goal: Count
+    """Number of the contour or probe that the touch belongs to."""
+    touch: Count
+    """Counts up by one within the goal."""
+    finger: Count
+    """The finger that touched, from 1."""
+    direction: Direction
+    """Direction across the contour, world frame."""
+    pose: Pose
+    """Believed pose of the pad: its z axis points into the object."""
+    outcome: Outcome
+    """How the guarded move ended."""
+    array: TimeImage
+    """Times of flight; row i lies at y = (i - (rows - 1) / 2) * pitch."""
+    robot_time: Seconds
+    """Robot time at the end of the touch."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TactileImage:
+    """One calibrated and filtered frame. On ``/touch/image``."""
+
+    goal: Count
+    """Number of the contour or probe."""
+    touch: Count
+    """Number of the touch within the goal."""
+    finger: Count
+    """The finger that touched."""
+    direction: Direction
+    """Direction across the contour, world frame."""
+    pose: Pose
+    """Believed pose of the pad."""
+    outcome: Outcome
+    """How the guarded move ended."""
+    compression: LengthImage
+    """Compression of the pad under each taxel."""
+    mask: Mask
+    """Where the pad touches."""
+    robot_time: Seconds
+    """Robot time at the end of the touch."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SurfacePatch:
+    """The piece of surface that one touch felt. On ``/touch/patch``."""
+
+    goal: Count
+    """Number of the contour or probe."""
+    touch: Count
+    """Number of the touch within the goal."""
+    finger: Count
+    """The finger that touched."""
+    direction: Direction
+    """Direction across the contour, world frame."""
+    pose: Pose
+    """Believed pose of the pad."""
+    outcome: Outcome
+    """How the guarded move ended."""
+    height: LengthImage
+    """Surface over the plane of the pad's face, pad frame; 0 where untouched."""
+    mask: Mask
+    """Where the pad touches."""
+    jet: Numbers
+    """Coefficients of the local jet, in units of `jet_scale`; empty if insufficient."""
+    jet_scale: Metres
+    """Length by which the jet's coordinates are divided."""
+    normal: Direction
+    """Outward unit normal under the pad's middle, world frame."""
+    k1: PerMetre
+    """Largest principal curvature; convex is positive. 0 unless `kind` is smooth."""
+    k2: PerMetre
+    """Smallest principal curvature. 0 unless `kind` is smooth."""
+    curvature_across: PerMetre
+    """Normal curvature along `direction`. 0 unless `kind` is smooth."""
+    kind: Kind
+    """What the surface is."""
+    trust: Ratio
+    """From 0 to 1: share of the taxels that touch, damped by the misfit of the jet."""
+    residual: Metres
+    """Root mean square misfit of the jet."""
+    robot_time: Seconds
+    """Robot time at the end of the touch."""

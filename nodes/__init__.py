@@ -1,0 +1,1 @@
+"""Who speaks: the runtime, and one thin file for each node."""

@@ -1,0 +1,65 @@
+"""A node as a value: ports, parameters and pure functions, with no socket in sight.
+
+The same value runs as a process of its own, composed with others in one process, and under
+test as plain calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from palpate.messages.header import Header
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """An output that ends the graph, if the launch file says that this node may."""
+
+    reason: str
+
+
+Outputs = list[tuple[str, object] | Finished]
+"""Topic and message each, in the order in which they are published."""
+
+Handler = Callable[[Any, Any, Any], tuple[Any, Outputs]]
+"""``(params, state, message) -> (state, outputs)``; changes none of its arguments."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """What a node hears, says and does."""
+
+    params: type
+    """Type of the parameters: a frozen ``msgspec.Struct``."""
+    start: Callable[[Any], tuple[Any, Outputs]]
+    """``params -> (state, outputs)``, called once before any input."""
+    inputs: Mapping[str, tuple[type, Handler]]
+    """Topic to message type and handler."""
+    outputs: Mapping[str, type]
+    """Topic to message type."""
+    needs: tuple[str, ...] = ()
+    """Latched inputs without which no other input is handed over."""
+    many: tuple[str, ...] = ()
+    """Inputs with one publisher in each finger's namespace."""
+
+
+class Writer(Protocol):
+    """Where a sink puts what it hears."""
+
+    def write(self, topic: str, header: Header, body: bytes) -> None:
+        """Keep one message, undecoded."""
+
+    def close(self) -> None:
+        """Finish, so that all that was written can be read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sink:
+    """A node that hears every reliable topic, undecoded, and says nothing: the recorder."""
+
+    params: type
+    """Type of the parameters: a frozen ``msgspec.Struct``."""
+    open: Callable[[Any, Mapping[str, str]], Writer]
+    """``(params, {topic: name of its message type}) -> writer``."""

@@ -1,0 +1,60 @@
+"""One node's place in a graph: who publishes what it hears, and who hears what it publishes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from palpate.nodes.node import Node, Sink
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """One edge of the graph, seen from its hearing end."""
+
+    publisher: str
+    """Name of the node that publishes the topic."""
+    topic: str
+    """The topic on the wire, with namespace and remapping applied."""
+    local: str
+    """The topic as the node calls it."""
+    type: str
+    """Name of the message type."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wiring:
+    """Everything that a process must know to run its node."""
+
+    name: str
+    """Name of the node in the graph."""
+    module: str
+    """Module that holds ``NODE`` or ``SINK``."""
+    params: Any
+    """Parameters: an instance of the node's own type."""
+    inputs: tuple[Input, ...]
+    """What it hears."""
+    outputs: Mapping[str, str]
+    """The topic as the node calls it, to the topic on the wire."""
+    listeners: Mapping[str, tuple[str, ...]]
+    """Topic on the wire to the names of those who hear it."""
+
+
+def load_node(module: str) -> Node | Sink:
+    """The node that a module holds.
+
+    Raises
+    ------
+    ValueError
+        If there is no such module or it holds no node.
+    """
+    try:
+        found = import_module(module)
+    except ModuleNotFoundError as error:
+        raise ValueError(f"no module {module!r}: {error}") from None
+    value = getattr(found, "NODE", None) or getattr(found, "SINK", None)
+    if not isinstance(value, (Node, Sink)):
+        raise ValueError(f"module {module!r} holds no NODE and no SINK")
+    return value
