@@ -93,9 +93,14 @@ def schema_hash(cls: type) -> int:
     return codec_of(cls).hash
 
 
-@cache
 def codec_of(cls: type) -> Codec:
-    """Compile the checks of a message type, once."""
+    """Checks of a message type, compiled at its first use."""
+    if cls not in _CODECS:
+        _CODECS[cls] = _compile(cls)
+    return _CODECS[cls]
+
+
+def _compile(cls: type) -> Codec:
     if not dataclasses.is_dataclass(cls):
         raise CodecError(f"{cls.__name__} is not a message type")
     hints = get_type_hints(cls, include_extras=True)
