@@ -36,6 +36,10 @@ class ModelGoal:
     """Contours in the order in which the planner took them."""
     probes: Ids
     """Probes in the order in which the planner took them."""
+    touches: Count
+    """Touches spent so far, failed contours included."""
+    robot_time: Seconds
+    """Robot time spent so far."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -48,6 +52,10 @@ class PlanDone:
     """Contours of the final model."""
     probes: Ids
     """Probes of the final model."""
+    touches: Count
+    """Touches spent, failed contours included."""
+    robot_time: Seconds
+    """Robot time spent."""
     reason: str
     """Why it is over."""
     uncovered: Metres
@@ -104,7 +112,7 @@ class ShapeModel:
     top: Metres
     """Height at which the lattice ends."""
     vertices: Points
-    """Vertices of the closed surface, world frame."""
+    """Vertices of the closed surface, world frame; none if nothing could be rebuilt."""
     faces: Triangles
     """Triangles, counter-clockwise seen from outside."""
     uncertainty_height: Lengths
@@ -114,9 +122,9 @@ class ShapeModel:
     health: dict[str, float]
     """Figures of the fit: residuals, condition, share of folds, fallbacks taken."""
     touches: Count
-    """Touches spent on the contours and probes used and dropped."""
+    """Touches spent when the model was asked for."""
     robot_time: Seconds
-    """Robot time of the last of them."""
+    """Robot time spent when the model was asked for."""
     final: bool
     """True for the model that the exploration ends with."""
 

@@ -95,11 +95,11 @@ class SurfacePatch:
     mask: Mask
     """Where the pad touches."""
     jet: Numbers
-    """Coefficients of the local jet, in units of `jet_scale`; empty if insufficient."""
+    """Coefficients of the local jet over x and y in units of `jet_scale`; m; maybe empty."""
     jet_scale: Metres
     """Length by which the jet's coordinates are divided."""
     normal: Direction
-    """Outward unit normal under the pad's middle, world frame."""
+    """Outward unit normal at the middle of the contact, world frame."""
     k1: PerMetre
     """Largest principal curvature; convex is positive. 0 unless `kind` is smooth."""
     k2: PerMetre

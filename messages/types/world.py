@@ -33,6 +33,8 @@ class World:
 class Truth:
     """The true shape. Latched on ``/truth``, for the evaluator and viewers alone."""
 
+    MAX_BYTES = 256 << 20
+
     vertices: Points
     """Vertices of the true surface, world frame."""
     faces: Triangles

@@ -1,0 +1,45 @@
+"""Array types, and the checks that public functions start with."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+
+
+def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floats:
+    """A finite float array of the wanted shape; None stands for any length.
+
+    Raises
+    ------
+    ValueError
+        If `value` has another shape or holds a NaN or an infinity.
+    """
+    array = np.asarray(value, dtype=np.float64)
+    fits = array.ndim == len(shape) and all(
+        want is None or want == have for want, have in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("any" if n is None else str(n) for n in shape)
+        raise ValueError(f"{name} must have shape ({wanted}), got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite")
+    return array
+
+
+def positive(name: str, value: float, unit: str) -> float:
+    """A positive, finite number.
+
+    Raises
+    ------
+    ValueError
+        If it is not.
+    """
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"{name} must be positive and finite, got {value} {unit}")
+    return float(value)

@@ -1,0 +1,1 @@
+"""Where to touch next: tracing a contour, and planning the slices."""

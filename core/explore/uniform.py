@@ -1,0 +1,109 @@
+"""The uniform plan: slices at even heights, from the middle up and then from it down."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.aim import PRESS
+from palpate.core.frames import DOWN, pose_of
+
+END_SHARE = 0.03
+"""The first and the last slice lie this share of the height inside the ends."""
+CAP_RADIUS = 0.55
+"""Touches from above lie at this share of the top contour's mean radius."""
+CAP_TOUCHES = 4
+"""Touches from above around the first one."""
+SEARCH_RADII = (0.0, 0.01, 0.02, 0.04)
+"""Where to look for the top, if the world's axis misses the object, m."""
+SEARCH_AZIMUTHS = 6
+RETRY_SHIFT = 0.25
+"""A slice that cannot be traced is tried once more this share of the spacing nearer to the
+middle."""
+CLEARANCE = 5e-3
+"""Start of a touch from above over the highest point known, m."""
+
+
+def slice_heights(bottom: float, top: float, count: int) -> list[float]:
+    """Heights of evenly spaced slices: the middle one, those above it, those below it.
+
+    Parameters
+    ----------
+    bottom, top : float
+        Heights of the object's ends, m.
+    count : int
+        Number of slices.
+
+    Raises
+    ------
+    ValueError
+        If the top is not above the bottom, or there is no slice.
+    """
+    if not top > bottom:
+        raise ValueError(f"the top must be above the bottom {bottom} m, got {top} m")
+    if count < 1:
+        raise ValueError(f"count must be at least 1, got {count}")
+    if count == 1:
+        return [0.5 * (bottom + top)]
+    share = np.linspace(END_SHARE, 1.0 - END_SHARE, count)
+    heights = (bottom + share * (top - bottom)).tolist()
+    middle = count // 2
+    return heights[middle:] + heights[:middle][::-1]
+
+
+def retry_height(height: float, bottom: float, top: float, count: int) -> float:
+    """Height at which to try again where a slice could not be traced, m."""
+    spacing = (top - bottom) * (1.0 - 2.0 * END_SHARE) / max(count - 1, 1)
+    towards = math.copysign(RETRY_SHIFT * spacing, 0.5 * (bottom + top) - height)
+    return height + towards
+
+
+def search_places() -> list[Floats]:
+    """Places (2,) at which to look for the object from above, the likeliest first, m."""
+    places = [np.zeros(2)]
+    for radius in SEARCH_RADII[1:]:
+        for number in range(SEARCH_AZIMUTHS):
+            azimuth = 2 * math.pi * number / SEARCH_AZIMUTHS
+            places.append(radius * np.array([math.cos(azimuth), math.sin(azimuth)]))
+    return places
+
+
+def cap_places(contour: Floats, pad_width: float) -> list[Floats]:
+    """Places (2,) for touches from above inside the top contour (n, 3), m.
+
+    None where the contour is so small that the first touch has felt all of it.
+    """
+    middle = contour_middle(contour)
+    radius = contour_radius(contour)
+    if radius < 0.5 * pad_width:
+        return []
+    azimuths = 2 * math.pi * np.arange(CAP_TOUCHES) / CAP_TOUCHES
+    return [middle + CAP_RADIUS * radius * np.array([math.cos(a), math.sin(a)]) for a in azimuths]
+
+
+def from_above(place: Floats, height: float) -> Floats:
+    """Pose (7,) of a pad over a place, looking down from a height."""
+    return pose_of(np.array([place[0], place[1], height + CLEARANCE + PRESS]), DOWN)
+
+
+def contour_middle(contour: Floats) -> Floats:
+    """Centroid (2,) of the area that a closed contour (n, 3) encloses, m.
+
+    Of the area, because the mean of unevenly felt points lies nearer to where they are dense.
+    """
+    middle = contour[:, :2].mean(axis=0)
+    x, y = (contour[:, :2] - middle).T
+    following_x, following_y = np.roll(x, -1), np.roll(y, -1)
+    twice = x * following_y - following_x * y
+    area = 0.5 * float(twice.sum())
+    if abs(area) <= 1e-9 * float(np.ptp(x) * np.ptp(y)):
+        return np.asarray(middle)
+    shift = np.array([((x + following_x) * twice).sum(), ((y + following_y) * twice).sum()])
+    return np.asarray(middle + shift / (6.0 * area))
+
+
+def contour_radius(contour: Floats) -> float:
+    """Mean distance of a contour's points (n, 3) from its middle, m."""
+    return float(np.linalg.norm(contour[:, :2] - contour_middle(contour), axis=1).mean())

@@ -1,0 +1,138 @@
+"""Rigid motions between sensor, slice, object and world.
+
+A pose is seven numbers: position x, y, z in m, then a unit quaternion x, y, z, w. Rotation
+matrices hold the axes of the moved frame as columns.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+
+IDENTITY: Floats = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+IDENTITY.setflags(write=False)
+DOWN: Floats = np.diag([1.0, -1.0, -1.0])
+"""Rotation of a pad that looks straight down."""
+DOWN.setflags(write=False)
+
+UNIT_TOLERANCE = 1e-6
+"""A quaternion may be this far from unit length: it is normalised; farther is an error."""
+
+
+def rotation_matrix(quaternion: Floats) -> Floats:
+    """Rotation matrix (3, 3) of a quaternion x, y, z, w.
+
+    Raises
+    ------
+    ValueError
+        If the quaternion is not of unit length within 1e-6.
+    """
+    length = math.sqrt(float(quaternion @ quaternion))
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:
+        raise ValueError(f"a rotation must be a quaternion of length 1, got length {length:g}")
+    x, y, z, w = (float(q) / length for q in quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion(matrix: Floats) -> Floats:
+    """Quaternion x, y, z, w of a rotation matrix (3, 3), by its largest component.
+
+    Shepperd, *Quaternion from rotation matrix*, 1978: never divides by a small number.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    squares = [1 + a - e - i, 1 - a + e - i, 1 - a - e + i, 1 + a + e + i]
+    columns = [
+        [squares[0], b + d, c + g, h - f],
+        [b + d, squares[1], f + h, c - g],
+        [c + g, f + h, squares[2], d - b],
+        [h - f, c - g, d - b, squares[3]],
+    ]
+    best = np.array(columns[int(np.argmax(squares))])
+    result: Floats = best / math.sqrt(float(best @ best))
+    return result
+
+
+def pose_of(position: Floats, matrix: Floats) -> Floats:
+    """Pose (7,) from a position (3,) and a rotation matrix (3, 3)."""
+    return np.concatenate([position, quaternion(matrix)])
+
+
+def split_pose(pose: Floats) -> tuple[Floats, Floats]:
+    """Position (3,) and rotation matrix (3, 3) of a pose (7,)."""
+    return pose[:3], rotation_matrix(pose[3:])
+
+
+def compose(outer: Floats, inner: Floats) -> Floats:
+    """Pose of `inner`, given in the frame `outer`, in the frame in which `outer` is given."""
+    position, matrix = split_pose(outer)
+    inner_position, inner_matrix = split_pose(inner)
+    return pose_of(position + matrix @ inner_position, matrix @ inner_matrix)
+
+
+def inverse(pose: Floats) -> Floats:
+    """Pose of the outer frame, seen from the frame that `pose` describes."""
+    position, matrix = split_pose(pose)
+    return pose_of(-matrix.T @ position, matrix.T)
+
+
+def transform(pose: Floats, points: Floats) -> Floats:
+    """Points (n, 3) given in the frame `pose`, in the outer frame."""
+    position, matrix = split_pose(pose)
+    result: Floats = points @ matrix.T + position
+    return result
+
+
+def pad_rotation(heading: float, tilt: float) -> Floats:
+    """Rotation of a pad that faces a surface with this outward normal.
+
+    Parameters
+    ----------
+    heading : float
+        Azimuth of the outward normal, rad.
+    tilt : float
+        Elevation of the outward normal, rad.
+
+    Returns
+    -------
+    (3, 3) array
+        Pad axes as columns: x along the contour, counter-clockwise; z into the object; y
+        completes them and points downwards where `tilt` is 0.
+    """
+    along = np.array([-math.sin(heading), math.cos(heading), 0.0])
+    into = -np.array(
+        [
+            math.cos(tilt) * math.cos(heading),
+            math.cos(tilt) * math.sin(heading),
+            math.sin(tilt),
+        ]
+    )
+    across = np.array(
+        [
+            -into[2] * along[1],
+            into[2] * along[0],
+            into[0] * along[1] - into[1] * along[0],
+        ]
+    )
+    return np.column_stack([along, across, into])
+
+
+def turn_angle(first: Floats, second: Floats) -> float:
+    """Angle between two rotation matrices, rad; by atan2, so that small angles survive."""
+    relative = first.T @ second
+    axis = np.array(
+        [
+            relative[2, 1] - relative[1, 2],
+            relative[0, 2] - relative[2, 0],
+            relative[1, 0] - relative[0, 1],
+        ]
+    )
+    return math.atan2(math.sqrt(float(axis @ axis)), float(np.trace(relative)) - 1.0)

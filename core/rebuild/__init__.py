@@ -1,0 +1,1 @@
+"""From touches to a solid: skin, control lattice, closed ends."""

@@ -1,0 +1,130 @@
+"""A control lattice around a prism, solved so that the prism's side becomes the skin.
+
+The undeformed solid is an upright elliptic prism: the same section at every height, so that
+the system of the control points is a Kronecker product of one along the height and one across
+a section, and two small positive definite systems solve it whatever its size.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from palpate.core.arrays import Floats
+from palpate.core.splines.basis import clamped_matrix, greville
+from palpate.core.splines.lattice import Lattice, undeformed_control
+
+LAYERS, SIDE = 32, 9
+"""Control points along the height, and across each way."""
+STIFFNESS = 1e-8
+"""Weight of squared second differences, relative to the data's mean weight: enough to settle
+the control points that a section's rim cannot see."""
+RIDGE = 1e-12
+
+
+class PrismFit(NamedTuple):
+    """A solved lattice."""
+
+    lattice: Lattice
+    """The lattice; its box is the prism's."""
+    half_extent: Floats
+    """Semi-axes of the prism's section, (2,), m."""
+    rms: float
+    """Root mean square distance of the deformed side from the surface asked for, m."""
+
+    def side(self, heights: Floats, turns: Floats) -> Floats:
+        """The deformed prism's side on a grid, (heights, turns, 3), m."""
+        across = _section(turns)
+        along = clamped_matrix((heights - self.lattice.low[2]) / self.lattice.extent[2], LAYERS)
+        control = self.lattice.control.reshape(LAYERS, SIDE * SIDE, 3)
+        layers = (along @ control.reshape(LAYERS, -1)).reshape(len(heights), SIDE * SIDE, 3)
+        result: Floats = np.einsum("ts,hsc->htc", across, layers)
+        return result
+
+    def folded_share(self, samples: int = 24) -> float:
+        """Share of the prism's volume that the deformation turns inside out."""
+        turns = np.arange(samples) / samples
+        radii = np.sqrt((np.arange(6) + 0.5) / 6)
+        rim = np.stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=-1)
+        across = (radii[:, None, None] * rim).reshape(-1, 2) * self.half_extent
+        middle = self.lattice.low[:2] + 0.5 * self.lattice.extent[:2]
+        heights = self.lattice.low[2] + self.lattice.extent[2] * np.linspace(0.02, 0.98, LAYERS)
+        places = np.repeat(across + middle, len(heights), axis=0)
+        points = np.column_stack([places, np.tile(heights, len(across))])
+        return float((self.lattice.jacobian_determinant(points) <= 0.0).mean())
+
+
+def fit_prism(heights: Floats, turns: Floats, surface: Floats) -> PrismFit:
+    """Control lattice whose prism takes the shape of a given side surface.
+
+    Parameters
+    ----------
+    heights : (m,) array
+        Heights of the surface's rows, ascending, m.
+    turns : (n,) array
+        Azimuths of its columns about the axis, in turns.
+    surface : (m, n, 2) array
+        x and y of its points, m.
+
+    Notes
+    -----
+    Solved for the displacement from the undeformed lattice, which is what Fung, 1999, (4.25)
+    leaves undetermined: the raw system is singular, since a rim cannot see a whole section.
+    """
+    low = surface.min(axis=(0, 1))
+    half_extent = 0.5 * (surface.max(axis=(0, 1)) - low)
+    box_low = np.array([*low, heights[0]])
+    box = np.array([*(2.0 * half_extent), heights[-1] - heights[0]])
+    along = clamped_matrix((heights - heights[0]) / box[2], LAYERS).toarray()
+    across = _section(turns)
+    undeformed = undeformed_control(box_low, box, (LAYERS, SIDE, SIDE))
+    prism = across @ undeformed[0].reshape(-1, 3)[:, :2]
+    offset = surface - prism
+    by_layer = _solve(along, _bend(LAYERS), offset.reshape(len(heights), -1))
+    by_layer = by_layer.reshape(LAYERS, len(turns), 2).transpose(1, 0, 2)
+    moved = _solve(across, _bend_section(), by_layer.reshape(len(turns), -1))
+    moved = moved.reshape(SIDE * SIDE, LAYERS, 2).transpose(1, 0, 2)
+    control = undeformed.copy()
+    control[..., :2] += moved.reshape(LAYERS, SIDE, SIDE, 2)
+    fit = PrismFit(Lattice(control, box_low, box), half_extent, 0.0)
+    misfit = fit.side(heights, turns)[..., :2] - surface
+    return fit._replace(rms=float(np.sqrt(np.mean(np.sum(misfit**2, axis=-1)))))
+
+
+def _section(turns: Floats) -> Floats:
+    """Basis of a section at the rim's points, (turns, side * side)."""
+    x = clamped_matrix(0.5 + 0.5 * np.cos(2 * np.pi * turns), SIDE).toarray()
+    y = clamped_matrix(0.5 + 0.5 * np.sin(2 * np.pi * turns), SIDE).toarray()
+    return (x[:, :, None] * y[:, None, :]).reshape(len(turns), SIDE * SIDE)
+
+
+def _solve(basis: Floats, bend: Floats, target: Floats) -> Floats:
+    """Penalised least squares by Cholesky; the ridge bounds the condition."""
+    normal = basis.T @ basis
+    scale = float(np.trace(normal)) / len(normal)
+    system = normal + scale * (STIFFNESS * bend + RIDGE * np.eye(len(normal)))
+    return np.asarray(cho_solve(cho_factor(system), basis.T @ target))
+
+
+def _bend(count: int) -> Floats:
+    """Squared second differences of control points along a line."""
+    rows = np.diff(np.eye(count), 2, axis=0)
+    result: Floats = rows.T @ rows
+    return result
+
+
+def _bend_section() -> Floats:
+    """Squared second differences of control points over a section, the mixed ones twice."""
+    unit = np.eye(SIDE)
+    slope = np.diff(unit, axis=0)
+    twist = np.kron(slope, slope)
+    result: Floats = np.kron(_bend(SIDE), unit) + np.kron(unit, _bend(SIDE)) + 2 * twist.T @ twist
+    return result
+
+
+def layer_heights(low: float, extent: float) -> Floats:
+    """Heights of the control layers, (layers,), m."""
+    result: Floats = low + extent * greville(LAYERS)
+    return result

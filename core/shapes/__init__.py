@@ -1,0 +1,1 @@
+"""Objects that can be touched: one protocol, one file a shape."""

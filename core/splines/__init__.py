@@ -1,0 +1,1 @@
+"""Knots and bases, and the volumes that they deform."""

@@ -1,0 +1,1 @@
+"""One touch: the pad that presses, and what its frame says about the surface."""

@@ -1,0 +1,101 @@
+"""What a patch of surface is like: its normal, its curvatures, or why there are none."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Bools, Floats
+from palpate.core.touch.jet import Jet, fit_jet
+from palpate.core.touch.pad import Pad
+
+Kind = Literal["smooth", "edge", "insufficient", "miss"]
+
+EDGE_SPREADS = 4.0
+"""A jet that misses its taxels by more than 4 standard deviations of the noise, and by more
+than `EDGE_MISFIT`, has met an edge: no curvature can be had there."""
+EDGE_MISFIT = 0.04
+"""In pitches: what a quartic leaves over on the tightest curve that a pad resolves."""
+
+
+class Patch(NamedTuple):
+    """A felt patch of surface, in the pad's frame."""
+
+    kind: Kind
+    """What it is."""
+    jet: Jet | None
+    """The fitted jet; None if insufficient or missed."""
+    normal: Floats
+    """Outward unit normal at the middle of the contact, (3,)."""
+    principal: tuple[float, float]
+    """Principal curvatures k1 >= k2, 1/m; convex is positive; 0 unless smooth."""
+    across: float
+    """Normal curvature along the asked direction, 1/m; 0 unless smooth."""
+    trust: float
+    """From 0 to 1."""
+    residual: float
+    """Root mean square misfit of the jet, m."""
+
+
+def feel_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, noise: float) -> Patch:
+    """Normal and curvatures of the touched surface.
+
+    Parameters
+    ----------
+    pad : Pad
+        The array.
+    height : (rows, cols) array
+        Surface over the plane of the pad's face, m.
+    touched : (rows, cols) array of bool
+        Where the pad touches.
+    direction : (3,) array
+        Direction in which `across` is wanted, pad frame.
+    noise : float
+        Standard deviation of one taxel, m.
+
+    Notes
+    -----
+    Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns
+    every taxel's noise into curvature. A convex surface has positive curvature, as (3.1)
+    expects and (3.15) does not give. The principal curvatures are the eigenvalues of the
+    shape operator made symmetric by the Cholesky factor of the first form, so that umbilics
+    cannot make a discriminant negative.
+    """
+    away = np.array([0.0, 0.0, -1.0])
+    if not touched.any():
+        return Patch("miss", None, away, (0.0, 0.0), 0.0, 0.0, 0.0)
+    x, y = pad.grid()
+    fitted = fit_jet(x, y, height, touched, scale=0.5 * pad.pitch * pad.cols)
+    share = float(touched.mean())
+    if fitted is None:
+        return Patch("insufficient", None, away, (0.0, 0.0), 0.0, 0.0, 0.0)
+    jet, residual = fitted
+    middle = x[touched].mean(keepdims=True), y[touched].mean(keepdims=True)
+    slope_x, slope_y = (float(s[0]) for s in jet.slopes(*middle))
+    normal = np.array([slope_x, slope_y, -1.0]) / math.sqrt(slope_x**2 + slope_y**2 + 1.0)
+    limit = max(EDGE_SPREADS * noise, EDGE_MISFIT * pad.pitch)
+    trust = share / (1.0 + (residual / limit) ** 2)
+    if residual > limit or jet.degree < 2:
+        kind: Kind = "edge" if residual > limit else "insufficient"
+        return Patch(kind, jet, normal, (0.0, 0.0), 0.0, trust, residual)
+    by_xx, by_xy, by_yy = (float(s[0]) for s in jet.second_derivatives(*middle))
+    k1, k2, across = _curvatures((slope_x, slope_y), (by_xx, by_xy, by_yy), direction)
+    return Patch("smooth", jet, normal, (k1, k2), across, trust, residual)
+
+
+def _curvatures(
+    slopes: tuple[float, float], seconds: tuple[float, float, float], direction: Floats
+) -> tuple[float, float, float]:
+    """Principal curvatures, and that along `direction`, of a graph with these derivatives."""
+    (p, q), (r, s, t) = slopes, seconds
+    first = np.array([[1 + p * p, p * q], [p * q, 1 + q * q]])
+    second = np.array([[r, s], [s, t]]) / math.sqrt(1 + p * p + q * q)
+    factor = np.linalg.cholesky(first)
+    whitened = np.linalg.solve(factor, np.linalg.solve(factor, second).T)
+    k2, k1 = np.linalg.eigvalsh(0.5 * (whitened + whitened.T))
+    along = direction[:2]
+    length = float(along @ first @ along)
+    across = float(along @ second @ along) / length if length > 0.0 else 0.0
+    return float(k1), float(k2), across

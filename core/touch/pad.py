@@ -1,0 +1,106 @@
+"""The fingertip's pad, and the guarded move that presses it against an object.
+
+The pad's own frame: x along the columns, y along the rows, z into the object; the middle of
+the undeformed face is the origin. The transducers lie one thickness behind the face and
+follow its dome, so that every taxel is equally thick.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.frames import pose_of, split_pose
+from palpate.core.shapes.protocol import INSIDE, Shape
+
+Outcome = Literal["hit", "miss", "inside", "bottomed"]
+
+
+@dataclass(frozen=True, slots=True)
+class Pad:
+    """Array and pad."""
+
+    rows: int
+    """Rows of taxels."""
+    cols: int
+    """Columns of taxels."""
+    pitch: float
+    """Distance between neighbouring taxels, m."""
+    thickness: float
+    """Thickness over the transducers, m."""
+    dome: float
+    """Curvature of the face at its middle, 1/m; 0 for a flat pad."""
+    saturation: float
+    """Largest compression, as a share of the thickness."""
+
+    def grid(self) -> tuple[Floats, Floats]:
+        """Coordinates x and y of the taxels, (rows, cols) each, m."""
+        x = (np.arange(self.cols) - (self.cols - 1) / 2) * self.pitch
+        y = (np.arange(self.rows) - (self.rows - 1) / 2) * self.pitch
+        return np.broadcast_to(x, (self.rows, self.cols)), np.broadcast_to(
+            y[:, None], (self.rows, self.cols)
+        )
+
+    def sag(self) -> Floats:
+        """How far the domed face falls back behind its middle, (rows, cols), m."""
+        x, y = self.grid()
+        return 0.5 * self.dome * (x * x + y * y)
+
+
+class Press(NamedTuple):
+    """How a guarded move ended."""
+
+    outcome: Outcome
+    """As in a tactile frame."""
+    pose: Floats
+    """Pose of the pad at its end, (7,)."""
+    compression: Floats
+    """Compression of the pad, (rows, cols), m."""
+    advance: float
+    """Way travelled, m."""
+
+
+def press(shape: Shape, pad: Pad, start: Floats, reach: float, depth: float) -> Press:
+    """Move a pad along its normal until its deepest compression is `depth`.
+
+    One cast serves the whole move: the surface's distance from every taxel is known at once.
+
+    Parameters
+    ----------
+    shape : Shape
+        What may be met.
+    pad : Pad
+        What meets it.
+    start : (7,) array
+        Pose from which it moves.
+    reach : float
+        Longest way to first contact, m.
+    depth : float
+        Compression at which it stops, m.
+
+    Notes
+    -----
+    Each taxel is a spring of its own (Winkler); inside the contact the pad takes the
+    surface's shape, which is exact under any elastic model.
+    """
+    position, axes = split_pose(start)
+    x, y = pad.grid()
+    sag = pad.sag()
+    local = np.column_stack([x.ravel(), y.ravel(), -(pad.thickness + sag).ravel()])
+    ranges = shape.cast(local @ axes.T + position, axes[:, 2], pad.thickness + reach + depth)
+    gaps = ranges.reshape(pad.rows, pad.cols) - pad.thickness
+    nearest = float(gaps.min())
+    untouched = np.zeros((pad.rows, pad.cols))
+    if nearest == INSIDE or nearest < 0.0:
+        return Press("inside", start, untouched, 0.0)
+    advance = nearest + depth if nearest <= reach else reach
+    end = pose_of(position + advance * axes[:, 2], axes)
+    if nearest > reach:
+        return Press("miss", end, untouched, advance)
+    limit = pad.saturation * pad.thickness
+    compression = np.clip(advance - gaps, 0.0, limit)
+    outcome: Outcome = "bottomed" if compression.max() >= limit else "hit"
+    return Press(outcome, end, compression, advance)

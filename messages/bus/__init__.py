@@ -1,0 +1,1 @@
+"""How messages travel: reliable topics, the lossy tap, and the control line to the launcher."""

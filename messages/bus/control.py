@@ -1,0 +1,120 @@
+"""The line between a node and the launcher: who is ready, when to go, how much was heard.
+
+Words are small maps with a ``kind``. From the node: ready, alive, finished, count, bye and
+failed; from the launcher: go, count and stop.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgpack
+import zmq
+
+MAX_BYTES = 1 << 20
+"""Longest word."""
+LINGER_MS = 500
+"""A last word has this long to leave."""
+
+Word = dict[str, Any]
+
+
+class NodeLine:
+    """The node's end.
+
+    Parameters
+    ----------
+    context : zmq.Context
+        Where the socket lives.
+    endpoint : str
+        Address of the launcher.
+    name : str
+        Name of the node.
+    """
+
+    def __init__(
+        self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str, *, name: str
+    ) -> None:
+        self.socket = context.socket(zmq.DEALER)
+        self.socket.setsockopt(zmq.IDENTITY, name.encode())
+        self.socket.setsockopt(zmq.LINGER, LINGER_MS)
+        self.socket.connect(endpoint)
+
+    def send(self, kind: str, **fields: Any) -> None:
+        """Say a word to the launcher."""
+        self.socket.send(msgpack.packb({"kind": kind, **fields}))
+
+    def receive(self) -> Word | None:
+        """Return the launcher's next word, or None if there is none.
+
+        Raises
+        ------
+        ValueError
+            If what arrived is no word.
+        """
+        try:
+            return _read(self.socket.recv(zmq.DONTWAIT))
+        except zmq.Again:
+            return None
+
+    def close(self) -> None:
+        """Close, once the last word has left."""
+        self.socket.close()
+
+
+class LauncherLine:
+    """The launcher's end, with one line to each node.
+
+    Parameters
+    ----------
+    context : zmq.Context
+        Where the socket lives.
+    endpoint : str
+        Address to bind.
+    """
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
+        self.socket = context.socket(zmq.ROUTER)
+        self.socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.bind(endpoint)
+
+    def send(self, name: str, kind: str, **fields: Any) -> bool:
+        """Say a word to a node; False if it cannot be reached."""
+        word = msgpack.packb({"kind": kind, **fields})
+        try:
+            self.socket.send_multipart([name.encode(), word], zmq.DONTWAIT)
+        except zmq.ZMQError as error:
+            if error.errno in (zmq.EHOSTUNREACH, zmq.EAGAIN):
+                return False
+            raise
+        return True
+
+    def receive(self) -> tuple[str, Word] | None:
+        """Name of a node and its next word; None if there is none.
+
+        Raises
+        ------
+        ValueError
+            If what arrived is no word.
+        """
+        try:
+            parts = self.socket.recv_multipart(zmq.DONTWAIT)
+        except zmq.Again:
+            return None
+        if len(parts) != 2:
+            raise ValueError(f"a word has one part, got {len(parts) - 1}")
+        return parts[0].decode(errors="replace"), _read(parts[1])
+
+    def close(self) -> None:
+        """Close at once."""
+        self.socket.close(0)
+
+
+def _read(data: bytes) -> Word:
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"a word has at most {MAX_BYTES} bytes, got {len(data)}")
+    word = msgpack.unpackb(data, max_ext_len=0)
+    if not isinstance(word, dict) or not isinstance(word.get("kind"), str):
+        raise ValueError(f"a word is a map with a kind, got {len(data)} bytes of something else")
+    return word

@@ -1,0 +1,128 @@
+"""The words by which a subscriber joins a publisher, and misses nothing.
+
+Subscriptions are the only thing that a subscriber can say on the socket that it hears with,
+so the requests are made of them. S calls P by subscribing ``@S epoch P ``; P greets S with its
+own epoch; S then subscribes, for each topic, a cursor: the call, the greeted epoch, the topic
+and the next sequence that it wants. P sends again what S lacks and says that S is in step.
+Answers go out under the call, which nobody else subscribes.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+HELLO, FRAME, IN_STEP = b"H", b"F", b"S"
+_EPOCH = struct.Struct("<I")
+
+
+class Request(NamedTuple):
+    """What one subscriber asks of one publisher."""
+
+    subscriber: str
+    """Name of the node that asks."""
+    call: bytes
+    """Prefix under which the answer goes out."""
+    publisher: str
+    """Name of the node that is asked."""
+    epoch: int | None
+    """Epoch of the publisher that was greeted; None asks for the greeting."""
+    topic: str
+    """Topic of the cursor, empty in a call."""
+    wanted: int
+    """First sequence that the subscriber has not had."""
+
+
+class Answer(NamedTuple):
+    """What a publisher says to one subscriber alone."""
+
+    publisher: str
+    """Name of the node that answers."""
+    kind: bytes
+    """One of `HELLO`, `FRAME` and `IN_STEP`."""
+    rest: bytes
+    """The epoch, the frame that is sent again, or the topic that is in step."""
+
+
+def check_name(name: str) -> str:
+    """Return the name of a node, if it can stand in a request.
+
+    Raises
+    ------
+    ValueError
+        If the name is empty, not printable, or holds a space or an ``@``.
+    """
+    if not name or not name.isprintable() or " " in name or "@" in name:
+        raise ValueError(f"a node's name must be printable, without space or '@', got {name!r}")
+    return name
+
+
+def call(subscriber: str, epoch: int, publisher: str) -> bytes:
+    """Subscription by which a subscriber asks a publisher for its greeting."""
+    return f"@{subscriber} {epoch} {publisher} ".encode()
+
+
+def cursor(called: bytes, epoch: int, topic: str, wanted: int) -> bytes:
+    """Subscription by which a subscriber asks for a topic from a sequence on."""
+    return called + f"{epoch} {topic} {wanted}".encode()
+
+
+def read_request(notice: bytes) -> Request | None:
+    """Request in a notice of the publisher's socket; None if it is not one."""
+    if not notice.startswith(b"\x01@"):
+        return None
+    words = notice[2:].decode(errors="replace").split(" ")
+    if len(words) not in (4, 6) or not words[1].isdecimal():
+        return None
+    subscriber, epoch, publisher = words[0], int(words[1]), words[2]
+    called = call(subscriber, epoch, publisher)
+    if len(words) == 4:
+        return Request(subscriber, called, publisher, None, "", 0)
+    if not words[3].isdecimal() or not words[5].isdecimal():
+        return None
+    return Request(subscriber, called, publisher, int(words[3]), words[4], int(words[5]))
+
+
+def hello(called: bytes, epoch: int) -> bytes:
+    """Greeting of a publisher."""
+    return called + b"\0" + HELLO + _EPOCH.pack(epoch)
+
+
+def again(called: bytes, frame: bytes) -> bytes:
+    """One frame of the past."""
+    return called + b"\0" + FRAME + frame
+
+
+def in_step(called: bytes, topic: str) -> bytes:
+    """Word that all of the topic's past has been sent."""
+    return called + b"\0" + IN_STEP + topic.encode()
+
+
+def read_answer(frame: bytes) -> Answer:
+    """Answer in a frame that begins with ``@``.
+
+    Raises
+    ------
+    ValueError
+        If the frame is no answer.
+    """
+    end = frame.find(b"\0")
+    words = frame[:end].split(b" ")
+    kind = frame[end + 1 : end + 2]
+    if end < 0 or len(words) != 4 or kind not in (HELLO, FRAME, IN_STEP):
+        raise ValueError(f"not an answer: {len(frame)} bytes that begin with {frame[:40]!r}")
+    return Answer(words[2].decode(), kind, frame[end + 2 :])
+
+
+def read_epoch(rest: bytes) -> int:
+    """Epoch in a greeting.
+
+    Raises
+    ------
+    ValueError
+        If the greeting has the wrong length.
+    """
+    if len(rest) != _EPOCH.size:
+        raise ValueError(f"a greeting must hold {_EPOCH.size} bytes, got {len(rest)}")
+    epoch: int = _EPOCH.unpack(rest)[0]
+    return epoch

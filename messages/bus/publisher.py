@@ -1,0 +1,144 @@
+"""The sending end of a node's reliable topics.
+
+Nothing that is sent is ever dropped: a full queue makes the sender wait, and while it waits it
+takes in what others send to it, so that two nodes that send to each other cannot lock up.
+Everything sent is kept, for those who join late.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+import zmq
+
+from palpate.messages.bus import join
+from palpate.messages.header import Header, pack_frame
+
+PATIENCE = 10.0
+"""A sender gives up after its queue has been full for this long, s."""
+LARGE = 1 << 16
+"""Frames of this many bytes are handed over without a copy; below, a copy is cheaper."""
+
+
+class BlockedError(RuntimeError):
+    """A listener does not take its messages."""
+
+
+class Publisher:
+    """Sends one node's reliable topics.
+
+    Parameters
+    ----------
+    context : zmq.Context
+        Where the socket lives.
+    endpoint : str
+        Address to bind.
+    name, run, epoch : str, int, int
+        Who sends, in which run, after how many starts.
+    listeners : mapping of str to tuple of str
+        Every topic, with the names of those who are known to hear it.
+    depth : int
+        Most messages in the queue to one listener.
+    drain : callable
+        Takes in what has arrived, waiting for a moment; called while a queue is full.
+    patience : float
+        Longest wait for a full queue, s.
+    """
+
+    def __init__(
+        self,
+        context: zmq.Context[zmq.Socket[bytes]],
+        endpoint: str,
+        *,
+        name: str,
+        run: int,
+        epoch: int,
+        listeners: Mapping[str, tuple[str, ...]],
+        depth: int,
+        drain: Callable[[], None],
+        patience: float = PATIENCE,
+    ) -> None:
+        self.name, self.run, self.epoch = name, run, epoch
+        self.blocked = 0
+        """How often a queue was full."""
+        self._listeners = dict(listeners)
+        self._past: dict[str, list[bytes]] = {topic: [] for topic in listeners}
+        self._drain, self._patience = drain, patience
+        self.socket = context.socket(zmq.XPUB)
+        self.socket.setsockopt(zmq.XPUB_NODROP, 1)
+        self.socket.setsockopt(zmq.SNDHWM, depth)
+        self.socket.bind(endpoint)
+
+    @property
+    def sent(self) -> dict[str, int]:
+        """Number of messages sent on each topic."""
+        return {topic: len(past) for topic, past in self._past.items()}
+
+    def send(self, topic: str, body: bytes, *, robot_time: float, schema: int) -> bytes:
+        """Send one message to everybody who hears the topic, and return its frame.
+
+        Raises
+        ------
+        KeyError
+            If the topic is not one of this publisher's.
+        BlockedError
+            If a listener's queue stays full for longer than the patience.
+        """
+        past = self._past[topic]
+        header = Header(self.run, self.epoch, len(past), time.monotonic_ns(), robot_time, schema)
+        frame = pack_frame(topic, header, body)
+        past.append(frame)
+        self._put(frame, topic)
+        return frame
+
+    def serve(self) -> None:
+        """Answer all who have asked to join."""
+        while True:
+            try:
+                notice = self.socket.recv(zmq.DONTWAIT)
+            except zmq.Again:
+                return
+            request = join.read_request(notice)
+            if request is not None and request.publisher == self.name:
+                self._answer(request)
+
+    def close(self, linger: int) -> None:
+        """Close, giving what is still queued this long to leave, ms."""
+        self.socket.close(linger)
+
+    def _answer(self, request: join.Request) -> None:
+        if request.epoch is None:
+            self._put(join.hello(request.call, self.epoch), "the greeting of a joining node")
+            return
+        past = self._past.get(request.topic)
+        # A subscriber that reconnects says its old cursors again; those of an earlier start
+        # of this node carry that start's epoch.
+        if request.epoch != self.epoch or past is None:
+            return
+        for seq in range(request.wanted, len(past)):
+            self._put(join.again(request.call, past[seq]), request.topic)
+        self._put(join.in_step(request.call, request.topic), request.topic)
+
+    def _put(self, frame: bytes, topic: str) -> None:
+        copy = len(frame) < LARGE
+        try:
+            self.socket.send(frame, zmq.DONTWAIT, copy=copy)
+        except zmq.Again:
+            self.blocked += 1
+            self._put_when_free(frame, topic, copy)
+
+    def _put_when_free(self, frame: bytes, topic: str, copy: bool) -> None:
+        deadline = time.monotonic() + self._patience
+        while time.monotonic() < deadline:
+            self._drain()
+            try:
+                self.socket.send(frame, zmq.DONTWAIT, copy=copy)
+            except zmq.Again:
+                continue
+            return
+        hearers = " or ".join(self._listeners.get(topic, ())) or "a listener"
+        raise BlockedError(
+            f"{self.name} could not send {topic} for {self._patience:g} s: "
+            f"{hearers} does not take its messages"
+        )

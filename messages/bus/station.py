@@ -1,0 +1,143 @@
+"""All that one node has on the bus: its sockets, and one place to wait for them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+
+import zmq
+
+from palpate.messages.bus.control import NodeLine
+from palpate.messages.bus.place import Place
+from palpate.messages.bus.publisher import Publisher
+from palpate.messages.bus.subscriber import Arrival, Subscriber
+from palpate.messages.bus.tap import Tap
+
+LINGER_MS = 1000
+"""At the end, messages that are still queued have this long to leave."""
+
+
+class Station:
+    """The sockets of one node.
+
+    Parameters
+    ----------
+    name : str
+        Name of the node.
+    place : Place
+        Addresses of the run.
+    hears : mapping of str to sequence of str
+        Name of each publisher to the topics that are heard from it.
+    says : mapping of str to tuple of str
+        Each topic that the node publishes, with the names of those who hear it.
+
+    Raises
+    ------
+    zmq.ZMQError
+        If an address cannot be bound, or there are no more files to be had.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        place: Place,
+        *,
+        hears: Mapping[str, Sequence[str]],
+        says: Mapping[str, tuple[str, ...]],
+    ) -> None:
+        self._context = zmq.Context()
+        self._inbox: deque[Arrival] = deque()
+        self._poller = zmq.Poller()
+        try:
+            self._open(name, place, hears, says)
+        except zmq.ZMQError:
+            self._context.destroy(linger=0)
+            raise
+
+    def _open(
+        self,
+        name: str,
+        place: Place,
+        hears: Mapping[str, Sequence[str]],
+        says: Mapping[str, tuple[str, ...]],
+    ) -> None:
+        context = self._context
+        run, epoch, depth = place.run, place.epoch, place.depth
+        self.line = NodeLine(context, place.control, name=name)
+        self.subscriber = Subscriber(
+            context,
+            name=name,
+            run=run,
+            epoch=epoch,
+            sources=hears,
+            endpoints=place.endpoints,
+            depth=depth,
+        )
+        self.publisher = Publisher(
+            context,
+            place.endpoints[name],
+            name=name,
+            run=run,
+            epoch=epoch,
+            listeners=says,
+            depth=depth,
+            drain=self._drain,
+        )
+        self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
+        for socket in (self.subscriber.socket, self.publisher.socket, self.line.socket):
+            self._poller.register(socket, zmq.POLLIN)
+
+    @property
+    def waiting(self) -> bool:
+        """Whether messages lie in the inbox."""
+        return bool(self._inbox)
+
+    def wait(self, timeout_ms: int) -> tuple[bool, bool]:
+        """Wait until something arrives; answer those who join.
+
+        Returns
+        -------
+        heard, told : bool
+            Whether messages, and words of the launcher, are there to be taken.
+        """
+        heard = told = False
+        for socket, _ in self._poller.poll(timeout_ms):
+            if socket is self.subscriber.socket:
+                heard = True
+            elif socket is self.line.socket:
+                told = True
+            else:
+                self.publisher.serve()
+        return heard, told
+
+    def receive(self) -> Arrival | None:
+        """Return the next message in the order of arrival, or None; never waits."""
+        return self._inbox.popleft() if self._inbox else self.subscriber.receive()
+
+    def take_in(self) -> None:
+        """Move all that has arrived into the inbox."""
+        while (arrival := self.subscriber.receive()) is not None:
+            self._inbox.append(arrival)
+
+    def send(self, topic: str, body: bytes, *, robot_time: float, schema: int) -> None:
+        """Publish a message, with a copy for the tap.
+
+        Raises
+        ------
+        BlockedError
+            If a listener's queue stays full for too long.
+        """
+        frame = self.publisher.send(topic, body, robot_time=robot_time, schema=schema)
+        self.tap.mirror(frame)
+
+    def close(self) -> None:
+        """Close everything, the hearing end first: what is still sent to it is not wanted."""
+        self.subscriber.close()
+        self.publisher.close(LINGER_MS)
+        self.tap.close()
+        self.line.close()
+        self._context.term()
+
+    def _drain(self) -> None:
+        if self.subscriber.socket.poll(1):
+            self.take_in()

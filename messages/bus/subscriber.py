@@ -1,0 +1,173 @@
+"""The hearing end of reliable topics: every message once, and in the order of its sending."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import zmq
+
+from palpate.messages.bus import join
+from palpate.messages.header import Header, split_frame
+
+RECONNECT_MS = 5
+"""A publisher that comes back is found again within this time."""
+
+
+class Arrival(NamedTuple):
+    """One message as it arrived."""
+
+    publisher: str
+    """Name of the node that sent it."""
+    topic: str
+    """Topic on the wire."""
+    header: Header
+    """What the frame says before the body."""
+    body: bytes
+    """The message, still encoded."""
+
+
+@dataclass(slots=True)
+class _Edge:
+    publisher: str
+    topic: str
+    wanted: int = 0
+    newest: int = -1
+    in_step: bool = False
+
+
+class Subscriber:
+    """Hears reliable topics of several publishers.
+
+    A frame is taken if it carries the epoch that its publisher greeted with, and the next
+    sequence of its topic. A smaller sequence is a duplicate; a larger one is early, as long as
+    the past is still being sent, and a gap after that.
+
+    Parameters
+    ----------
+    context : zmq.Context
+        Where the socket lives.
+    name, run, epoch : str, int, int
+        Who hears, in which run, after how many starts.
+    sources : mapping of str to sequence of str
+        Name of each publisher to the topics that are heard from it.
+    endpoints : mapping of str to str
+        Name of each publisher to its address.
+    depth : int
+        Most messages in the queue from one publisher.
+    """
+
+    def __init__(
+        self,
+        context: zmq.Context[zmq.Socket[bytes]],
+        *,
+        name: str,
+        run: int,
+        epoch: int,
+        sources: Mapping[str, Sequence[str]],
+        endpoints: Mapping[str, str],
+        depth: int,
+    ) -> None:
+        self.name, self.run, self.epoch = name, run, epoch
+        self.duplicates = 0
+        """Messages that came twice and were dropped."""
+        self.early = 0
+        """Messages that came before their past, and were dropped to come again in order."""
+        edges = [_Edge(source, topic) for source, topics in sources.items() for topic in topics]
+        self._edges = {edge.topic: edge for edge in edges}
+        self._of = {source: [self._edges[topic] for topic in sources[source]] for source in sources}
+        self._greeted: dict[str, int] = {}
+        self._cursors: dict[str, list[bytes]] = {}
+        self.socket = context.socket(zmq.SUB)
+        self.socket.setsockopt(zmq.RCVHWM, depth)
+        self.socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+        # The topics come first: who is greeted is then sure to miss nothing from there on.
+        for topic in self._edges:
+            self.socket.subscribe(topic.encode() + b"\0")
+        for source in sources:
+            self.socket.connect(endpoints[source])
+            self.socket.subscribe(join.call(name, epoch, source))
+
+    @property
+    def in_step(self) -> bool:
+        """Whether all topics have sent all of their past."""
+        return all(edge.in_step for edge in self._edges.values())
+
+    @property
+    def gaps(self) -> int:
+        """Messages that are missing."""
+        return sum(max(0, edge.newest + 1 - edge.wanted) for edge in self._edges.values())
+
+    def receive(self) -> Arrival | None:
+        """Return the next message, or None if none has arrived; never waits.
+
+        Raises
+        ------
+        ValueError
+            If a frame is malformed, of another run, or on a topic that was not asked for.
+        """
+        while True:
+            try:
+                frame = self.socket.recv(zmq.DONTWAIT)
+            except zmq.Again:
+                return None
+            if frame.startswith(b"@"):
+                again = self._hear_answer(join.read_answer(frame))
+                if again is None:
+                    continue
+                frame = again
+            arrival = self._judge(frame)
+            if arrival is not None:
+                return arrival
+
+    def close(self) -> None:
+        """Close at once.
+
+        Without a linger: subscriptions to a publisher that has gone would be waited for.
+        """
+        self.socket.close(0)
+
+    def _judge(self, frame: bytes) -> Arrival | None:
+        topic, header, body = split_frame(frame)
+        edge = self._edges.get(topic)
+        if edge is None or header.run != self.run:
+            raise ValueError(f"{self.name} heard {topic} of run {header.run}, which it never asked")
+        if header.epoch != self._greeted.get(edge.publisher):
+            self.early += 1
+        elif header.seq == edge.wanted:
+            edge.wanted += 1
+            return Arrival(edge.publisher, topic, header, body)
+        elif header.seq < edge.wanted:
+            self.duplicates += 1
+        elif edge.in_step:
+            edge.newest = max(edge.newest, header.seq)
+        else:
+            self.early += 1
+        return None
+
+    def _hear_answer(self, answer: join.Answer) -> bytes | None:
+        """Go on with the joining; a frame of the past is returned."""
+        if answer.kind == join.FRAME:
+            return answer.rest
+        if answer.kind == join.HELLO:
+            self._ask(answer.publisher, join.read_epoch(answer.rest))
+            return None
+        topic = answer.rest.decode(errors="replace")
+        if topic in self._edges:
+            self._edges[topic].in_step = True
+        return None
+
+    def _ask(self, source: str, epoch: int) -> None:
+        if self._greeted.get(source) == epoch or source not in self._of:
+            return
+        self._greeted[source] = epoch
+        for old in self._cursors.pop(source, ()):
+            self.socket.unsubscribe(old)
+        called = join.call(self.name, self.epoch, source)
+        edges = self._of[source]
+        cursors = [join.cursor(called, epoch, edge.topic, edge.wanted) for edge in edges]
+        self._cursors[source] = cursors
+        for edge, new in zip(edges, cursors, strict=True):
+            edge.in_step = False
+            self.socket.subscribe(new)

@@ -1,0 +1,203 @@
+"""All nodes of a graph in one process: the same values, the same bytes between them.
+
+Bodies are encoded and decoded here too, so that no handler can write into another's arrays.
+Each edge is first in, first out; which edge comes next is free, and a seeded schedule that
+draws it at random finds every dependence on the order of two publishers.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+
+from palpate.messages.bus.subscriber import Arrival
+from palpate.messages.codec import decode
+from palpate.messages.header import Header
+from palpate.messages.types import NodeStatus
+from palpate.nodes.ending import Ending, Watcher
+from palpate.nodes.node import Finished, Node
+from palpate.nodes.runtime_work import NodeWork, Parcel, SinkWork, Work
+from palpate.nodes.wiring import Wiring, load_node
+
+TICK = 0.1
+"""Time between two calls of the watcher's tick, s."""
+
+Edge = tuple[str, str, str]
+"""Publisher, topic on the wire, and listener."""
+
+
+def run_composed(
+    wirings: Sequence[Wiring],
+    *,
+    ends: str,
+    hear: Sequence[str],
+    watcher: Watcher,
+    schedule: int | None = None,
+) -> Ending:
+    """Run a graph in this process until it is quiet.
+
+    Parameters
+    ----------
+    wirings : sequence of Wiring
+        The nodes.
+    ends : str
+        The node whose Finished ends the graph.
+    hear : sequence of str
+        Topics, as on the wire, that the watcher wants to hear.
+    watcher : Watcher
+        Hears them.
+    schedule : int or None
+        Seed of a random schedule; None for messages in the order in which they were sent.
+
+    Returns
+    -------
+    Ending
+        A node that raises ends the graph as ``died``.
+    """
+    composition = Composition(wirings, hear, watcher, schedule)
+    with ExitStack() as closing:
+        try:
+            for name, work in composition.open():
+                closing.callback(work.close)
+                composition.works[name] = work
+            composition.begin()
+            watcher.ready(0.0)
+            while composition.deliver():
+                pass
+        except KeyboardInterrupt:
+            return composition.ending("interrupted", "interrupted by Ctrl-C")
+        except Exception as error:  # The edge of the nodes: whatever it was must be told in words.
+            return composition.ending("died", f"{composition.doing}: {error}")
+    reason = composition.finished.get(ends)
+    if reason is None:
+        return composition.ending("stalled", f"all is quiet, and {ends} has not finished")
+    return composition.ending("finished", reason)
+
+
+class Composition:
+    """The edges between the nodes and what is under way on them.
+
+    Parameters
+    ----------
+    wirings, hear, watcher, schedule
+        As for `run_composed`.
+    """
+
+    def __init__(
+        self,
+        wirings: Sequence[Wiring],
+        hear: Sequence[str],
+        watcher: Watcher,
+        schedule: int | None,
+    ) -> None:
+        self.works: dict[str, Work] = {}
+        """The nodes, by name."""
+        self.finished: dict[str, str] = {}
+        """Reason of each node that has said Finished."""
+        self.doing = "starting"
+        """What was last begun, in words."""
+        self._wirings = {wiring.name: wiring for wiring in wirings}
+        self._listeners: dict[str, list[str]] = {}
+        self._types: dict[str, type] = {}
+        for wiring in wirings:
+            for one in wiring.inputs:
+                self._listeners.setdefault(one.topic, []).append(wiring.name)
+        self._hear, self._watcher = set(hear), watcher
+        self._edges: dict[Edge, deque[Arrival]] = {}
+        self._order: deque[Edge] = deque()
+        self._draw = None if schedule is None else random.Random(schedule)
+        self._sent: dict[str, dict[str, int]] = {name: {} for name in self._wirings}
+        self._next_tick = time.monotonic() + TICK
+
+    def open(self) -> Sequence[tuple[str, Work]]:
+        """Make the nodes, sinks first: they must hear everything."""
+        made: list[tuple[str, Work]] = []
+        for name, wiring in self._wirings.items():
+            self.doing = name
+            node = load_node(wiring.module)
+            if isinstance(node, Node):
+                self._types |= {wire: node.outputs[local] for local, wire in wiring.outputs.items()}
+                made.append((name, NodeWork(node, wiring.params, wiring)))
+            else:
+                made.insert(0, (name, SinkWork(node, wiring.params, wiring)))
+        return made
+
+    def begin(self) -> None:
+        """Start every node."""
+        for name, work in self.works.items():
+            self._publish(name, work.begin)
+
+    def deliver(self) -> bool:
+        """Hand over one message; False when none is left."""
+        edge = self._next_edge()
+        if edge is None:
+            return False
+        queue = self._edges[edge]
+        arrival = queue.popleft()
+        if not queue:
+            del self._edges[edge]
+        work = self.works[edge[2]]
+        self._publish(edge[2], lambda: work.take(arrival))
+        if time.monotonic() >= self._next_tick:
+            self._next_tick = time.monotonic() + TICK
+            self._watcher.tick(self.statuses())
+        return True
+
+    def statuses(self) -> dict[str, NodeStatus]:
+        """Counters of all nodes; the processor's time cannot be told apart in one process."""
+        return {
+            name: NodeStatus(
+                node=name,
+                state="running",
+                messages=work.latency.count,
+                sent=sum(self._sent[name].values()),
+                gaps=0,
+                duplicates=0,
+                p50=work.latency.quantile(0.5),
+                p99=work.latency.quantile(0.99),
+                cpu=0.0,
+            )
+            for name, work in self.works.items()
+        }
+
+    def ending(self, status: str, reason: str) -> Ending:
+        """What is left to say."""
+        return Ending(status=status, reason=reason, statuses=self.statuses())  # type: ignore[arg-type]
+
+    def _next_edge(self) -> Edge | None:
+        if not self._edges:
+            return None
+        if self._draw is not None:
+            return self._draw.choice(list(self._edges))
+        return self._order.popleft()
+
+    def _publish(self, name: str, act: Callable[[], list[Parcel | Finished]]) -> None:
+        work = self.works[name]
+        try:
+            said = act()
+        except Exception as error:
+            self.doing = f"{name} {work.doing}"
+            raise error
+        for one in said:
+            if isinstance(one, Finished):
+                self.finished.setdefault(name, one.reason)
+            else:
+                self._send(name, one)
+
+    def _send(self, name: str, parcel: Parcel) -> None:
+        topic, body, robot_time, schema = parcel
+        seq = self._sent[name].get(topic, 0)
+        self._sent[name][topic] = seq + 1
+        arrival = Arrival(
+            name, topic, Header(0, 0, seq, time.monotonic_ns(), robot_time, schema), body
+        )
+        for listener in self._listeners.get(topic, ()):
+            edge = (name, topic, listener)
+            self._edges.setdefault(edge, deque()).append(arrival)
+            if self._draw is None:
+                self._order.append(edge)
+        if topic in self._hear:
+            self._watcher.heard(topic, decode(self._types[topic], body))

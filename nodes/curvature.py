@@ -1,0 +1,79 @@
+"""Curvature node: tactile images in, patches of surface out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from msgspec import Struct
+
+from palpate.core.frames import split_pose
+from palpate.core.touch.curvature import feel_patch
+from palpate.core.touch.pad import Pad
+from palpate.messages.types import SensorInfo, SurfacePatch, TactileImage
+from palpate.nodes.node import Node, Outputs
+from palpate.nodes.sensor import pad_of_info
+
+
+class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """There is nothing to set."""
+
+
+class Sensor(NamedTuple):
+    """What the node remembers of the sensor."""
+
+    pad: Pad
+    """The array."""
+    noise: float
+    """Standard deviation of one taxel, m."""
+
+
+State = Sensor | None
+
+
+def start(params: Params) -> tuple[State, Outputs]:
+    """Begin without a sensor."""
+    return None, []
+
+
+def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
+    """Remember the sensor."""
+    return Sensor(pad_of_info(info), info.noise), []
+
+
+def feel(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State, Outputs]:
+    """Normal, curvatures and verdict of one touch."""
+    _, axes = split_pose(image.pose)
+    pad = sensor.pad
+    surface = np.where(image.mask, -(image.compression + pad.sag()), 0.0)
+    felt = feel_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
+    patch = SurfacePatch(
+        goal=image.goal,
+        touch=image.touch,
+        finger=image.finger,
+        direction=image.direction,
+        pose=image.pose,
+        outcome=image.outcome,
+        height=surface,
+        mask=image.mask,
+        jet=np.zeros(0) if felt.jet is None else felt.jet.coefficients,
+        jet_scale=1.0 if felt.jet is None else felt.jet.scale,
+        normal=axes @ felt.normal,
+        k1=felt.principal[0],
+        k2=felt.principal[1],
+        curvature_across=felt.across,
+        kind=felt.kind,
+        trust=felt.trust,
+        residual=felt.residual,
+        robot_time=image.robot_time,
+    )
+    return sensor, [("/touch/patch", patch)]
+
+
+NODE = Node(
+    params=Params,
+    start=start,
+    inputs={"/touch/info": (SensorInfo, know_sensor), "/touch/image": (TactileImage, feel)},
+    outputs={"/touch/patch": SurfacePatch},
+    needs=("/touch/info",),
+)

@@ -1,0 +1,270 @@
+"""Planner node: finds the top, asks for slices from the middle up and down, then for the cap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.uniform import (
+    CLEARANCE,
+    cap_places,
+    contour_middle,
+    from_above,
+    retry_height,
+    search_places,
+    slice_heights,
+)
+from palpate.core.frames import IDENTITY
+from palpate.messages.types import (
+    Contour,
+    ContourGoal,
+    ModelGoal,
+    PlanDone,
+    Probe,
+    ProbeGoal,
+    SensorInfo,
+    World,
+)
+from palpate.nodes.node import Node, Outputs
+
+APPROACH = 30.0e-3
+"""The pad approaches a slice from this far outside the widest contour so far, m."""
+
+
+class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the launch file may set."""
+
+    contours: Annotated[int, Meta(ge=1, le=200)] = 9
+    """Slices to trace."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Top:
+    """Looking for the object from above."""
+
+    places: tuple[Floats, ...]
+    """Where to look next."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Slices:
+    """Tracing slices."""
+
+    heights: tuple[float, ...]
+    """Heights still to be traced, the one under way first, m."""
+    retried: bool = False
+    """True if the one under way is a second try."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cap:
+    """Touching the top once the contours are there."""
+
+    places: tuple[Floats, ...]
+    """Where to touch next, the one under way first."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """What the planner knows."""
+
+    world: World | None = None
+    """Where the object stands."""
+    pad_width: float = 0.0
+    """Of the finger, m."""
+    phase: Top | Slices | Cap | None = None
+    """What is under way."""
+    top: float = 0.0
+    """Highest point felt, m."""
+    contours: tuple[Contour, ...] = ()
+    """Usable contours in the order in which they came."""
+    probes: tuple[Probe, ...] = ()
+    """Touches from above that hit."""
+    goals: int = 0
+    """Contours and probes asked for."""
+    models: int = 0
+    """Models asked for."""
+    touches: int = 0
+    """Touches spent."""
+    clock: float = 0.0
+    """Robot time spent, s."""
+
+
+def start(params: Params) -> tuple[State, Outputs]:
+    """Wait for the world."""
+    return State(), []
+
+
+def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
+    """Remember how wide the finger is."""
+    return replace(state, pad_width=info.pitch * max(info.rows, info.cols)), []
+
+
+def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
+    """Begin: look for the object from above."""
+    state = replace(state, world=world, phase=Top(tuple(search_places())))
+    return _look_for_top(state)
+
+
+def take_probe(params: Params, state: State, probe: Probe) -> tuple[State, Outputs]:
+    """Go on after a touch from above."""
+    hit = probe.outcome in ("hit", "bottomed")
+    state = replace(
+        state,
+        touches=state.touches + probe.touches,
+        clock=probe.robot_time,
+        probes=(*state.probes, probe) if hit else state.probes,
+        top=max(state.top, float(probe.point[2])) if hit else state.top,
+    )
+    if isinstance(state.phase, Top):
+        return _begin_slices(params, state, probe) if hit else _look_for_top(state)
+    assert isinstance(state.phase, Cap)
+    return _touch_cap(params, replace(state, phase=Cap(state.phase.places[1:])))
+
+
+def take_contour(params: Params, state: State, contour: Contour) -> tuple[State, Outputs]:
+    """Go on after a contour: ask for a model with it, and for the next slice."""
+    assert isinstance(state.phase, Slices) and state.world is not None
+    slices = state.phase
+    state = replace(state, touches=state.touches + contour.touches, clock=contour.robot_time)
+    outputs: Outputs = []
+    following = Slices(slices.heights[1:])
+    if contour.status == "closed":
+        state = replace(state, contours=(*state.contours, contour), models=state.models + 1)
+        outputs = [("/model/goal", _model_goal(state))]
+    elif not slices.retried:
+        again = retry_height(slices.heights[0], state.world.platform, state.top, params.contours)
+        following = Slices((again, *slices.heights[1:]), retried=True)
+    state, more = _trace_next(params, replace(state, phase=following))
+    return state, outputs + more
+
+
+def _look_for_top(state: State) -> tuple[State, Outputs]:
+    assert isinstance(state.phase, Top) and state.world is not None
+    if not state.phase.places:
+        return _done(state, "nothing was felt from above")
+    place, *rest = state.phase.places
+    height = state.world.platform + state.world.reach
+    return _probe(replace(state, phase=Top(tuple(rest))), place, height, state.world.reach)
+
+
+def _begin_slices(params: Params, state: State, probe: Probe) -> tuple[State, Outputs]:
+    assert state.world is not None
+    top = float(probe.point[2])
+    heights = slice_heights(state.world.platform, top, params.contours)
+    return _trace_next(params, replace(state, top=top, phase=Slices(tuple(heights))))
+
+
+def _trace_next(params: Params, state: State) -> tuple[State, Outputs]:
+    assert isinstance(state.phase, Slices) and state.world is not None
+    if not state.phase.heights:
+        return _begin_cap(params, state)
+    height = state.phase.heights[0]
+    centre, radius = _expected(state, height)
+    goal = ContourGoal(
+        id=state.goals,
+        finger=1,
+        frame=IDENTITY,
+        height=height,
+        centre=centre,
+        radius=radius,
+        not_before=state.clock,
+    )
+    return replace(state, goals=state.goals + 1), [("/contour/goal", goal)]
+
+
+def _expected(state: State, height: float) -> tuple[Floats, float]:
+    """Middle of a slice, and how far outside to begin."""
+    assert state.world is not None
+    if not state.contours:
+        return state.probes[0].point[:2], state.world.reach
+    nearest = min(state.contours, key=lambda contour: abs(contour.height - height))
+    middle = contour_middle(nearest.points)
+    widest = max(
+        float(np.linalg.norm(contour.points[:, :2] - middle, axis=1).max())
+        for contour in state.contours
+    )
+    return middle, widest + APPROACH
+
+
+def _begin_cap(params: Params, state: State) -> tuple[State, Outputs]:
+    if not state.contours:
+        return _done(state, "no contour could be closed")
+    highest = max(state.contours, key=lambda contour: contour.height)
+    places = cap_places(highest.points, state.pad_width)
+    return _touch_cap(params, replace(state, phase=Cap(tuple(places))))
+
+
+def _touch_cap(params: Params, state: State) -> tuple[State, Outputs]:
+    assert isinstance(state.phase, Cap) and state.world is not None
+    if not state.phase.places:
+        return _done(state, "all slices are traced")
+    reach = state.top - state.world.platform
+    return _probe(state, state.phase.places[0], state.top, reach)
+
+
+def _probe(state: State, place: Floats, height: float, reach: float) -> tuple[State, Outputs]:
+    goal = ProbeGoal(
+        id=state.goals,
+        finger=1,
+        pose=from_above(place, height),
+        reach=reach + 2.0 * CLEARANCE,
+        not_before=state.clock,
+    )
+    return replace(state, goals=state.goals + 1), [("/probe/goal", goal)]
+
+
+def _model_goal(state: State) -> ModelGoal:
+    return ModelGoal(
+        number=state.models,
+        contours=tuple(contour.id for contour in state.contours),
+        probes=tuple(probe.id for probe in state.probes),
+        touches=state.touches,
+        robot_time=state.clock,
+    )
+
+
+def _done(state: State, reason: str) -> tuple[State, Outputs]:
+    state = replace(state, models=state.models + 1, phase=None)
+    done = PlanDone(
+        number=state.models,
+        contours=tuple(contour.id for contour in state.contours),
+        probes=tuple(probe.id for probe in state.probes),
+        touches=state.touches,
+        robot_time=state.clock,
+        reason=reason,
+        uncovered=_uncovered(state),
+    )
+    return state, [("/plan/done", done)]
+
+
+def _uncovered(state: State) -> float:
+    """Height between the platform and the top farther from a contour than the widest gap."""
+    if not state.contours or state.world is None:
+        return max(state.top - (state.world.platform if state.world else 0.0), 0.0)
+    heights = sorted(contour.height for contour in state.contours)
+    ends = [state.world.platform, *heights, state.top]
+    return float(max(0.0, max(np.diff(ends)) - np.median(np.diff(ends))))
+
+
+NODE = Node(
+    params=Params,
+    start=start,
+    inputs={
+        "/world": (World, know_world),
+        "/touch/info": (SensorInfo, know_sensor),
+        "/contour/traced": (Contour, take_contour),
+        "/probe/traced": (Probe, take_probe),
+    },
+    outputs={
+        "/contour/goal": ContourGoal,
+        "/probe/goal": ProbeGoal,
+        "/model/goal": ModelGoal,
+        "/plan/done": PlanDone,
+    },
+    needs=("/world", "/touch/info"),
+)

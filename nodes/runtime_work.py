@@ -1,0 +1,197 @@
+"""What a node does between two messages: the part of the runtime that has no socket.
+
+A message is held back until the node's latched needs have come, decoded, handed to its handler,
+and what the handler says is checked and encoded. The same steps serve a node in a process of
+its own and one that is composed with others.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from palpate.messages.bus.subscriber import Arrival
+from palpate.messages.codec import codec_of, decode, encode
+from palpate.nodes.node import Finished, Node, Sink, Writer
+from palpate.nodes.runtime_latency import Latency
+from palpate.nodes.wiring import Input, Wiring
+
+Edge = tuple[str, str]
+"""Publisher and topic on the wire."""
+
+
+class Parcel(NamedTuple):
+    """A message that is ready to be sent."""
+
+    topic: str
+    """Topic on the wire."""
+    body: bytes
+    """The message, encoded."""
+    robot_time: float
+    """Robot time in the message, s; 0 if it has none."""
+    schema: int
+    """Hash of the message type's schema."""
+
+
+class ContractError(RuntimeError):
+    """A node did what its own declaration does not allow."""
+
+
+class NodeWork:
+    """One node in the course of its run.
+
+    Parameters
+    ----------
+    node : Node
+        What it does.
+    params : object
+        Instance of the node's parameter type.
+    wiring : Wiring
+        Its place in the graph.
+
+    Raises
+    ------
+    ContractError
+        If the wiring names an input or output that the node does not declare.
+    """
+
+    def __init__(self, node: Node, params: Any, wiring: Wiring) -> None:
+        unknown = [one.local for one in wiring.inputs if one.local not in node.inputs]
+        unknown += [local for local in wiring.outputs if local not in node.outputs]
+        if unknown:
+            raise ContractError(
+                f"{wiring.name} is wired to {unknown[0]}, which it does not declare"
+            )
+        self.name = wiring.name
+        self.doing = "starting"
+        """What it was last busy with, in words."""
+        self.latency = Latency()
+        """Time of its handlers."""
+        self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
+        """Messages handled, by publisher and topic."""
+        self._node, self._params, self._state = node, params, None
+        self._wires = wiring.outputs
+        self._inputs = {one.topic: one for one in wiring.inputs}
+        self._missing = {one.topic for one in wiring.inputs if one.local in node.needs}
+        self._held: list[Arrival] = []
+
+    @property
+    def waits(self) -> list[str]:
+        """Topics without whose first message nothing else is handled."""
+        return sorted(self._missing)
+
+    def begin(self) -> list[Parcel | Finished]:
+        """Start the node, and return what it says."""
+        self.doing = "starting"
+        self._state, outputs = self._node.start(self._params)
+        return [self._pack(output) for output in outputs]
+
+    def take(self, arrival: Arrival) -> list[Parcel | Finished]:
+        """Handle one message, or hold it until the needs are met; return what the node says.
+
+        Raises
+        ------
+        CodecError
+            If the message, or one of the outputs, is not of its type.
+        ContractError
+            If the handler publishes what the node does not declare.
+        """
+        if self._missing and arrival.topic not in self._missing:
+            self._held.append(arrival)
+            return []
+        said = self._handle(arrival)
+        if self._missing:
+            self._missing.discard(arrival.topic)
+            if not self._missing:
+                for held in self._held:
+                    said += self._handle(held)
+                self._held.clear()
+        return said
+
+    def close(self) -> None:
+        """Nothing to put away."""
+
+    def _handle(self, arrival: Arrival) -> list[Parcel | Finished]:
+        self.doing = _handling(arrival)
+        cls, handler = self._node.inputs[self._inputs[arrival.topic].local]
+        if arrival.header.schema != codec_of(cls).hash:
+            raise ContractError(f"{arrival.topic} is not a {cls.__name__} of this version")
+        message: object = decode(cls, arrival.body)
+        began = time.perf_counter_ns()
+        self._state, outputs = handler(self._params, self._state, message)
+        self.latency.add(time.perf_counter_ns() - began)
+        said = [self._pack(output) for output in outputs]
+        self.consumed[arrival.publisher, arrival.topic] += 1
+        return said
+
+    def _pack(self, output: tuple[str, object] | Finished) -> Parcel | Finished:
+        if isinstance(output, Finished):
+            return output
+        local, message = output
+        cls = type(message)
+        if self._node.outputs.get(local) is not cls:
+            raise ContractError(self._undeclared(local, cls))
+        time_s = float(getattr(message, "robot_time", 0.0))
+        return Parcel(self._wires[local], encode(message), time_s, codec_of(cls).hash)
+
+    def _undeclared(self, local: str, cls: type) -> str:
+        declared = self._node.outputs.get(local)
+        if declared is None:
+            known = ", ".join(self._node.outputs) or "nothing"
+            return f"{self.name} published {local}, which it does not declare; it declares {known}"
+        return f"{self.name} published a {cls.__name__} on {local}, declared as {declared.__name__}"
+
+
+class SinkWork:
+    """A sink in the course of its run: it writes all that it hears.
+
+    Parameters
+    ----------
+    sink : Sink
+        What it does.
+    params : object
+        Instance of the sink's parameter type.
+    wiring : Wiring
+        Its place in the graph.
+    """
+
+    def __init__(self, sink: Sink, params: Any, wiring: Wiring) -> None:
+        self.doing = "opening"
+        self.latency = Latency()
+        self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
+        self.waits: list[str] = []
+        self._writer: Writer = sink.open(params, {one.topic: one.type for one in wiring.inputs})
+
+    def begin(self) -> list[Parcel | Finished]:
+        """Nothing to say."""
+        return []
+
+    def take(self, arrival: Arrival) -> list[Parcel | Finished]:
+        """Write one message."""
+        self.doing = _handling(arrival)
+        began = time.perf_counter_ns()
+        self._writer.write(arrival.topic, arrival.header, arrival.body)
+        self.latency.add(time.perf_counter_ns() - began)
+        self.consumed[arrival.publisher, arrival.topic] += 1
+        return []
+
+    def close(self) -> None:
+        """Close the writer, so that all that was written can be read."""
+        self.doing = "closing"
+        self._writer.close()
+
+
+Work = NodeWork | SinkWork
+
+
+def sources_of(inputs: tuple[Input, ...]) -> Mapping[str, list[str]]:
+    """Name of each publisher to the topics that are heard from it."""
+    sources: dict[str, list[str]] = {}
+    for one in inputs:
+        sources.setdefault(one.publisher, []).append(one.topic)
+    return sources
+
+
+def _handling(arrival: Arrival) -> str:
+    return f"handling {arrival.topic} {arrival.header.seq} from {arrival.publisher}"

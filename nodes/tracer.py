@@ -1,0 +1,228 @@
+"""Tracer node: follows the contours that the planner asks for, and makes its single touches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.aim import PRESS, Aim
+from palpate.core.explore.felt import Felt, feel_slice
+from palpate.core.explore.trace import Slice, Status, Trace, after_touch, next_aim
+from palpate.core.frames import compose, inverse, split_pose, transform
+from palpate.core.touch.jet import Jet
+from palpate.core.touch.pad import Pad
+from palpate.messages.types import (
+    Contour,
+    ContourGoal,
+    Probe,
+    ProbeGoal,
+    SensorInfo,
+    SurfacePatch,
+    TouchGoal,
+    World,
+)
+from palpate.nodes.node import Node, Outputs
+from palpate.nodes.sensor import pad_of_info
+
+BACK_OFF = 14.0e-3
+"""A touch that started inside the object is repeated from this much farther away, m."""
+
+
+class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the launch file may set."""
+
+    most_touches: Annotated[int, Meta(ge=10, le=10_000)] = 150
+    """Touches after which a contour is given up."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """A contour or a probe under way."""
+
+    goal: ContourGoal | ProbeGoal
+    """What was asked for."""
+    touches: int = 0
+    """Touches made, repeated ones included."""
+    trace: Trace | None = None
+    """The contour so far; None for a probe."""
+    aim: Aim | None = None
+    """Where the finger was sent; None for a probe."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """What the node remembers between two messages."""
+
+    pad: Pad | None = None
+    """The sensor's array."""
+    job: Job | None = None
+    """What is under way."""
+    waiting: tuple[ContourGoal | ProbeGoal, ...] = ()
+    """What comes after it."""
+
+
+def start(params: Params) -> tuple[State, Outputs]:
+    """Wait for goals."""
+    return State(), []
+
+
+def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
+    """Hear that there is a world: goals come after it."""
+    return state, []
+
+
+def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
+    """Remember the sensor."""
+    return replace(state, pad=pad_of_info(info)), []
+
+
+def take_goal(params: Params, state: State, goal: ContourGoal | ProbeGoal) -> tuple[State, Outputs]:
+    """Begin with a goal, or queue it behind the one under way."""
+    if state.job is not None:
+        return replace(state, waiting=(*state.waiting, goal)), []
+    return _begin(params, state, goal, 0.0)
+
+
+def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
+    """Go on with the goal under way, knowing what the last touch felt."""
+    job = state.job
+    if job is None or (patch.goal, patch.touch) != (job.goal.id, job.touches - 1):
+        raise ValueError(f"nobody asked for touch {patch.touch} of goal {patch.goal}")
+    if isinstance(job.goal, ProbeGoal):
+        return _finish(params, state, _probe(state, job.goal, patch), patch.robot_time)
+    assert job.trace is not None and job.aim is not None and state.pad is not None
+    started_inside = patch.outcome == "inside"
+    if started_inside and job.aim.standoff < BACK_OFF:
+        farther = job.aim._replace(standoff=job.aim.standoff + BACK_OFF)
+        return _send(state, replace(job, aim=farther), job.goal, patch.robot_time)
+    felt = _felt(state.pad, job.goal, patch)
+    return _trace(params, state, job, after_touch(job.trace, felt), patch.robot_time)
+
+
+def _begin(
+    params: Params, state: State, goal: ContourGoal | ProbeGoal, now: float
+) -> tuple[State, Outputs]:
+    if isinstance(goal, ProbeGoal):
+        _, axes = split_pose(goal.pose)
+        touch = TouchGoal(
+            goal=goal.id,
+            touch=0,
+            finger=goal.finger,
+            pose=goal.pose,
+            reach=goal.reach,
+            depth=PRESS,
+            direction=axes[:, 1],
+            not_before=max(now, goal.not_before),
+        )
+        return replace(state, job=Job(goal, touches=1)), [("/finger/goal", touch)]
+    wanted = Slice(goal.height, goal.centre, goal.radius, params.most_touches)
+    return _trace(params, state, Job(goal), Trace(wanted), max(now, goal.not_before))
+
+
+def _trace(
+    params: Params, state: State, job: Job, trace: Trace, now: float
+) -> tuple[State, Outputs]:
+    """Ask for the next touch of a contour, or report it."""
+    assert isinstance(job.goal, ContourGoal) and state.pad is not None
+    trace, found = next_aim(state.pad, trace)
+    if isinstance(found, Aim):
+        return _send(state, replace(job, trace=trace, aim=found), job.goal, now)
+    contour = _contour(job, job.goal, trace, found, now)
+    return _finish(params, state, ("/contour/traced", contour), now)
+
+
+def _send(state: State, job: Job, goal: ContourGoal, now: float) -> tuple[State, Outputs]:
+    assert job.aim is not None
+    touch = TouchGoal(
+        goal=goal.id,
+        touch=job.touches,
+        finger=goal.finger,
+        pose=compose(goal.frame, job.aim.start(goal.height)),
+        reach=job.aim.travel,
+        depth=job.aim.stance.depth,
+        direction=split_pose(goal.frame)[1][:, 2],
+        not_before=now,
+    )
+    return replace(state, job=replace(job, touches=job.touches + 1)), [("/finger/goal", touch)]
+
+
+def _finish(
+    params: Params, state: State, said: tuple[str, object], now: float
+) -> tuple[State, Outputs]:
+    """Report a goal and begin with the next one."""
+    state = replace(state, job=None)
+    if not state.waiting:
+        return state, [said]
+    following, *rest = state.waiting
+    state, outputs = _begin(params, replace(state, waiting=tuple(rest)), following, now)
+    return state, [said, *outputs]
+
+
+def _felt(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> Felt | None:
+    if patch.outcome not in ("hit", "bottomed"):
+        return None
+    pose = compose(inverse(goal.frame), patch.pose)
+    jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
+    return feel_slice(pad, pose, patch.height, patch.mask, jet, goal.height)
+
+
+def _contour(job: Job, goal: ContourGoal, trace: Trace, status: Status, now: float) -> Contour:
+    empty = np.zeros((0, 3))
+    path = trace.path
+    _, axes = split_pose(goal.frame)
+    return Contour(
+        id=goal.id,
+        finger=goal.finger,
+        frame=goal.frame,
+        height=goal.height,
+        points=empty if path is None else transform(goal.frame, path.points),
+        normals=empty if path is None else path.normals @ axes.T,
+        curvature=np.zeros(0) if path is None else path.across,
+        status=status,
+        gaps=np.sort(np.array(trace.gaps)),
+        touches=job.touches,
+        robot_time=now,
+    )
+
+
+def _probe(state: State, goal: ProbeGoal, patch: SurfacePatch) -> tuple[str, Probe]:
+    assert state.pad is not None
+    return "/probe/traced", Probe(
+        id=goal.id,
+        finger=goal.finger,
+        outcome=patch.outcome,
+        point=_deepest(state.pad, patch),
+        normal=patch.normal,
+        touches=1,
+        robot_time=patch.robot_time,
+    )
+
+
+def _deepest(pad: Pad, patch: SurfacePatch) -> Floats:
+    """The point of deepest compression, world frame; the pad's middle if none is touched."""
+    if not patch.mask.any():
+        return patch.pose[:3]
+    pressed = np.where(patch.mask, -(patch.height + pad.sag()), -np.inf)
+    row, col = np.unravel_index(int(pressed.argmax()), pressed.shape)
+    x, y = pad.grid()
+    local = np.array([[x[row, col], y[row, col], patch.height[row, col]]])
+    return transform(patch.pose, local)[0]
+
+
+NODE = Node(
+    params=Params,
+    start=start,
+    inputs={
+        "/world": (World, know_world),
+        "/touch/info": (SensorInfo, know_sensor),
+        "/contour/goal": (ContourGoal, take_goal),
+        "/probe/goal": (ProbeGoal, take_goal),
+        "/touch/patch": (SurfacePatch, take_patch),
+    },
+    outputs={"/finger/goal": TouchGoal, "/contour/traced": Contour, "/probe/traced": Probe},
+    needs=("/world", "/touch/info"),
+)
