@@ -16,6 +16,10 @@ CONTACT_SPREADS = 5.0
 thousand untouched ones would put a point where there is no surface."""
 
 
+TIP = 0.5
+"""In pitches: no tip that a pad can feel stands higher over all the taxels around it."""
+
+
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
@@ -40,7 +44,7 @@ def clean(params: Params, info: SensorInfo, frame: TactileFrame) -> tuple[State,
     """Times of flight to compression, noise and impulses removed, touched taxels marked."""
     raw = compression_from_times(frame.array, info.thickness, info.sound_speed)
     smoothed = adaptive_wiener(raw, info.noise**2)
-    compression, _ = median_filter(smoothed, step=info.pitch)
+    compression, _ = median_filter(smoothed, step=TIP * info.pitch)
     touched = compression > max(params.contact, CONTACT_SPREADS * info.noise)
     image = TactileImage(
         goal=frame.goal,

@@ -107,7 +107,7 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     """Begin: look for the object from above."""
     state = replace(state, world=world, phase=Top(tuple(search_places())))
-    return _look_for_top(state)
+    return _look_for_top(params, state)
 
 
 def take_probe(params: Params, state: State, probe: Probe) -> tuple[State, Outputs]:
@@ -121,7 +121,7 @@ def take_probe(params: Params, state: State, probe: Probe) -> tuple[State, Outpu
         top=max(state.top, float(probe.point[2])) if hit else state.top,
     )
     if isinstance(state.phase, Top):
-        return _begin_slices(params, state, probe) if hit else _look_for_top(state)
+        return _begin_slices(params, state, probe) if hit else _look_for_top(params, state)
     assert isinstance(state.phase, Cap)
     return _touch_cap(params, replace(state, phase=Cap(state.phase.places[1:])))
 
@@ -143,10 +143,10 @@ def take_contour(params: Params, state: State, contour: Contour) -> tuple[State,
     return state, outputs + more
 
 
-def _look_for_top(state: State) -> tuple[State, Outputs]:
+def _look_for_top(params: Params, state: State) -> tuple[State, Outputs]:
     assert isinstance(state.phase, Top) and state.world is not None
     if not state.phase.places:
-        return _done(state, "nothing was felt from above")
+        return _done(params, state, "nothing was felt from above")
     place, *rest = state.phase.places
     height = state.world.platform + state.world.reach
     return _probe(replace(state, phase=Top(tuple(rest))), place, height, state.world.reach)
@@ -193,7 +193,7 @@ def _expected(state: State, height: float) -> tuple[Floats, float]:
 
 def _begin_cap(params: Params, state: State) -> tuple[State, Outputs]:
     if not state.contours:
-        return _done(state, "no contour could be closed")
+        return _done(params, state, "no contour could be closed")
     highest = max(state.contours, key=lambda contour: contour.height)
     places = cap_places(highest.points, state.pad_width)
     return _touch_cap(params, replace(state, phase=Cap(tuple(places))))
@@ -202,7 +202,7 @@ def _begin_cap(params: Params, state: State) -> tuple[State, Outputs]:
 def _touch_cap(params: Params, state: State) -> tuple[State, Outputs]:
     assert isinstance(state.phase, Cap) and state.world is not None
     if not state.phase.places:
-        return _done(state, "all slices are traced")
+        return _done(params, state, "all slices are traced")
     reach = state.top - state.world.platform
     return _probe(state, state.phase.places[0], state.top, reach)
 
@@ -228,7 +228,7 @@ def _model_goal(state: State) -> ModelGoal:
     )
 
 
-def _done(state: State, reason: str) -> tuple[State, Outputs]:
+def _done(params: Params, state: State, reason: str) -> tuple[State, Outputs]:
     state = replace(state, models=state.models + 1, phase=None)
     done = PlanDone(
         number=state.models,
@@ -237,18 +237,20 @@ def _done(state: State, reason: str) -> tuple[State, Outputs]:
         touches=state.touches,
         robot_time=state.clock,
         reason=reason,
-        uncovered=_uncovered(state),
+        uncovered=_uncovered(params, state),
     )
     return state, [("/plan/done", done)]
 
 
-def _uncovered(state: State) -> float:
-    """Height between the platform and the top farther from a contour than the widest gap."""
-    if not state.contours or state.world is None:
-        return max(state.top - (state.world.platform if state.world else 0.0), 0.0)
-    heights = sorted(contour.height for contour in state.contours)
-    ends = [state.world.platform, *heights, state.top]
-    return float(max(0.0, max(np.diff(ends)) - np.median(np.diff(ends))))
+def _uncovered(params: Params, state: State) -> float:
+    """Height that lies in longer stretches without a contour than were planned, m."""
+    if state.world is None or not state.top > state.world.platform:
+        return 0.0
+    planned = slice_heights(state.world.platform, state.top, params.contours)
+    traced = [contour.height for contour in state.contours]
+    ends = [state.world.platform, state.top]
+    widest = max(np.diff(sorted(ends + planned)))
+    return float(sum(max(gap - widest, 0.0) for gap in np.diff(sorted(ends + traced))))
 
 
 NODE = Node(

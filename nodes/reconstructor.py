@@ -106,7 +106,7 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
 
 def _is_heard(state: State, goal: ModelGoal | PlanDone) -> bool:
     """Whether every touch of a set is there."""
-    wanted = [state.contours.get(id_) for id_ in goal.contours]
+    wanted: list[Contour | Probe | None] = [state.contours.get(id_) for id_ in goal.contours]
     wanted += [state.probes.get(id_) for id_ in goal.probes]
     return all(one is not None and len(state.felt.get(one.id, {})) == one.touches for one in wanted)
 

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from multiprocessing import forkserver
 
 import msgspec
 
@@ -31,6 +32,7 @@ def enter(wiring: bytes, place: bytes) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+    _let_go_of_parent()
     _die_with_parent(signal.SIGKILL)
     seat = msgspec.msgpack.decode(wiring, type=Wiring)
     try:
@@ -39,6 +41,20 @@ def enter(wiring: bytes, place: bytes) -> None:
         print(f"{seat.name}: {type(error).__name__}: {error}", file=sys.stderr)
         code = UNBORN
     sys.exit(code)
+
+
+def _let_go_of_parent() -> None:
+    """Close the line that would keep the parent alive.
+
+    The parent is the server that forks the nodes. It ends when nobody holds the far end of its
+    line any more, and it hands that end to every child; so a child has to close it, or neither
+    would end when the launcher is killed.
+    """
+    line = getattr(forkserver, "_forkserver", None)
+    held = getattr(line, "_forkserver_alive_fd", None)
+    if line is not None and held is not None:
+        os.close(held)
+        line._forkserver_alive_fd = None
 
 
 def _protect(end: Callable[[], None]) -> None:

@@ -210,7 +210,7 @@ def _deepest(pad: Pad, patch: SurfacePatch) -> Floats:
     row, col = np.unravel_index(int(pressed.argmax()), pressed.shape)
     x, y = pad.grid()
     local = np.array([[x[row, col], y[row, col], patch.height[row, col]]])
-    return transform(patch.pose, local)[0]
+    return np.asarray(transform(patch.pose, local)[0])
 
 
 NODE = Node(

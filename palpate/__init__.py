@@ -1,1 +1,34 @@
-"""palpate."""
+"""Feels an unknown object with a simulated fingertip and rebuilds it as a solid."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from palpate.launch.explore import explore as explore
+    from palpate.launch.run import Run as Run
+    from palpate.launch.scene import Scene as Scene
+    from palpate.launch.scene import load_scene as load_scene
+
+__version__ = "0.1.0"
+__all__ = ["Run", "Scene", "__version__", "explore", "load_scene"]
+
+# Imported when first asked for: a node that starts must not pay for what notebooks use.
+_HOMES = {
+    "Run": "palpate.launch.run",
+    "Scene": "palpate.launch.scene",
+    "explore": "palpate.launch.explore",
+    "load_scene": "palpate.launch.scene",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'palpate' has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

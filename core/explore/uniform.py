@@ -12,10 +12,12 @@ from palpate.core.frames import DOWN, pose_of
 
 END_SHARE = 0.03
 """The first and the last slice lie this share of the height inside the ends."""
-CAP_RADIUS = 0.55
-"""Touches from above lie at this share of the top contour's mean radius."""
+CAP_SHARE = 0.6
+"""Touches from above lie at this share of the way from the middle to the top contour."""
 CAP_TOUCHES = 4
 """Touches from above around the first one."""
+CAP_TURNS = 12
+"""Ways in which they are turned, of which the one is taken that reaches farthest."""
 SEARCH_RADII = (0.0, 0.01, 0.02, 0.04)
 """Where to look for the top, if the world's axis misses the object, m."""
 SEARCH_AZIMUTHS = 6
@@ -48,7 +50,7 @@ def slice_heights(bottom: float, top: float, count: int) -> list[float]:
     if count == 1:
         return [0.5 * (bottom + top)]
     share = np.linspace(END_SHARE, 1.0 - END_SHARE, count)
-    heights = (bottom + share * (top - bottom)).tolist()
+    heights: list[float] = (bottom + share * (top - bottom)).tolist()
     middle = count // 2
     return heights[middle:] + heights[:middle][::-1]
 
@@ -76,11 +78,18 @@ def cap_places(contour: Floats, pad_width: float) -> list[Floats]:
     None where the contour is so small that the first touch has felt all of it.
     """
     middle = contour_middle(contour)
-    radius = contour_radius(contour)
-    if radius < 0.5 * pad_width:
+    away = contour[:, :2] - middle
+    radius = np.linalg.norm(away, axis=1)
+    if radius.mean() < 0.5 * pad_width:
         return []
-    azimuths = 2 * math.pi * np.arange(CAP_TOUCHES) / CAP_TOUCHES
-    return [middle + CAP_RADIUS * radius * np.array([math.cos(a), math.sin(a)]) for a in azimuths]
+    azimuth = np.arctan2(away[:, 1], away[:, 0])
+    order = np.argsort(azimuth)
+    around = 2 * math.pi * np.arange(CAP_TOUCHES) / CAP_TOUCHES
+    turns = 2 * math.pi / CAP_TOUCHES * np.arange(CAP_TURNS)[:, None] / CAP_TURNS + around
+    widths = np.interp(turns, azimuth[order], radius[order], period=2 * math.pi)
+    best = int(widths.sum(axis=1).argmax())  # towards the corners, if there are any
+    rim = np.column_stack([np.cos(turns[best]), np.sin(turns[best])]) * widths[best][:, None]
+    return list(middle + CAP_SHARE * rim)
 
 
 def from_above(place: Floats, height: float) -> Floats:
@@ -102,8 +111,3 @@ def contour_middle(contour: Floats) -> Floats:
         return np.asarray(middle)
     shift = np.array([((x + following_x) * twice).sum(), ((y + following_y) * twice).sum()])
     return np.asarray(middle + shift / (6.0 * area))
-
-
-def contour_radius(contour: Floats) -> float:
-    """Mean distance of a contour's points (n, 3) from its middle, m."""
-    return float(np.linalg.norm(contour[:, :2] - contour_middle(contour), axis=1).mean())

@@ -1,132 +1,166 @@
-"""Closing the ends: by what was felt of them, or by what the side promises.
+"""Closing the ends: what the side promises, corrected by what was felt.
 
-An end whose wall is steep is flat: the wall is carried on to it. Any other end is round: with
-touches on it, a thin plate through them; without, the conic that leaves the side with its
-slope and closes at the known height.
+Towards an end the side narrows as a superellipse does, from a ball's over a rounded edge's to
+a sharp one's. The superellipse that fits the side's last stretch is carried on to the end's
+known height; where the end was touched, a thin plate through what the touches found beside it
+corrects the promise.
 """
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from palpate.core.arrays import Floats
 
-End = Literal["flat", "plate", "conic"]
-
-STEEP = 0.4
-"""Change of the radius by the height below which a wall is steep."""
-RINGS = 18
+RINGS = 24
 """Rings from the rim of an end to its middle."""
+EXPONENTS = np.geomspace(1.0, 90.0, 24)
+"""Exponents that are tried: 1 a cone, 2 an ellipse, 90 an edge."""
+TREND = 1
+"""Degree of the radius's trend over a profile."""
 MOST_SITES = 240
 """Points through which a plate is laid."""
 PLATE_SMOOTHING = 1e-6
 """Of the plate, in units of its radius."""
-FLAT_SMOOTHING = 1e-2
-"""Of a flat end: touches may tilt and bend it, not ripple it."""
+LARGEST_SHARE = 0.9
+"""Nearer to the rim a height says nothing: the profile may be vertical there."""
 LEAST_SITES = 12
-INNER_RING = 0.93
-"""A second ring inside the rim carries the side's slope into the plate."""
+"""Fewer felt points correct nothing."""
 
 
-def is_steep(normals: Floats) -> bool:
-    """Whether a wall with these outward normals (n, 3) stands upright."""
-    level = np.linalg.norm(normals[:, :2], axis=1)
-    return bool(np.median(np.abs(normals[:, 2]) / np.maximum(level, 1e-12)) < STEEP)
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """How the radius goes to zero: share = (1 - zeta^p)^(1/q), zeta from 0 to 1 at the end."""
+
+    begin: float
+    """Height at which zeta is 0, m."""
+    end: float
+    """Height at which it is 1 and the surface closes, m; above `begin` or below it."""
+    p: float
+    """Exponent along the height."""
+    q: float
+    """Exponent across."""
+    misfit: float
+    """Root mean square distance of the radii to which it was fitted, m."""
+
+    def heights(self, rim: float, shares: Floats) -> Floats:
+        """Heights at which the radius is these shares of the rim's radius, m.
+
+        Parameters
+        ----------
+        rim : float
+            Height of the rim, m.
+        shares : array
+            From 1 at the rim to 0 at the end.
+        """
+        zeta = (rim - self.begin) / (self.end - self.begin)
+        at_rim = max(1.0 - zeta**self.p, 0.0)
+        inner = np.clip(1.0 - at_rim * shares**self.q, 0.0, 1.0) ** (1.0 / self.p)
+        result: Floats = self.begin + (self.end - self.begin) * inner
+        return result
 
 
-def conic_rings(middle: Floats, rim: Floats, slope: Floats, height: float, end: float) -> Floats:
-    """Rings (rings, n, 3) from a rim to the pole of a round end that nobody has touched.
+def fit_profile(heights: Floats, radii: Floats, end: float) -> Profile:
+    """Superellipse that best follows mean radii towards an end of known height.
 
     Parameters
     ----------
-    middle : (2,) array
-        Place of the axis, m.
-    rim : (n, 2) array
-        The last ring of the side, m.
-    slope : (n,) array
-        Derivative of the squared radius in the direction of the end, m; negative where the
-        side closes.
-    height, end : float
-        Heights of the rim and of the pole, m.
+    heights : (n,) array
+        From inside the object towards the end, m.
+    radii : (n,) array
+        Mean radius of the side there, m.
+    end : float
+        Height at which the object ends, m.
 
     Notes
     -----
-    r^2 = r0^2 (1 + 2 s x - (1 + 2 s) x^2) over x from 0 at the rim to 1 at the pole: s = 0 is
-    half an ellipse, -1/2 a paraboloid, -1 a cone; exact for every ellipsoid.
+    The radius may change linearly besides. For each pair of exponents the coefficients follow
+    by orthogonal projection (QR), for all pairs at once.
     """
-    away = rim - middle
-    squared = np.einsum("ni,ni->n", away, away)
-    s = np.clip(0.5 * slope * abs(end - height) / squared, -1.0, 0.0)
-    x = np.sin(0.5 * np.pi * np.arange(1, RINGS + 1) / RINGS)[:, None]
-    share = np.sqrt(np.maximum(1.0 + 2.0 * s * x - (1.0 + 2.0 * s) * x**2, 0.0))
-    places = middle + share[:, :, None] * away
-    heights = np.broadcast_to(height + x * (end - height), share.shape)
+    begin = float(heights[0])
+    zeta = np.clip((heights - begin) / (end - begin), 0.0, 1.0 - 1e-12)
+    p, q = EXPONENTS[:, None, None], EXPONENTS[None, :, None]
+    share = (1.0 - zeta**p) ** (1.0 / q)
+    basis = np.stack([share * zeta**power for power in range(TREND + 1)], axis=-1)
+    directions = np.linalg.qr(basis)[0]
+    along = np.einsum("pqnk,n->pqk", directions, radii)
+    rest = radii - np.einsum("pqnk,pqk->pqn", directions, along)
+    misfit = np.sqrt(np.mean(rest**2, axis=-1))
+    best_p, best_q = np.unravel_index(int(misfit.argmin()), misfit.shape)
+    return Profile(
+        begin=begin,
+        end=end,
+        p=float(EXPONENTS[best_p]),
+        q=float(EXPONENTS[best_q]),
+        misfit=float(misfit[best_p, best_q]),
+    )
+
+
+def cap_rings(profile: Profile, middle: Floats, rim: Floats, sites: Floats) -> Floats:
+    """Rings (rings, n, 3) from a rim to the middle of an end, the last one a point.
+
+    Parameters
+    ----------
+    profile : Profile
+        How the side narrows.
+    middle : (2,) array
+        Place of the axis, m.
+    rim : (n, 3) array
+        The last ring of the side, level, evenly around the axis, m.
+    sites : (k, 3) array
+        Points felt on the end, m; none if it was not touched.
+    """
+    shares = np.cos(0.5 * np.pi * np.arange(1, RINGS + 1) / RINGS)
+    shares[-1] = 0.0
+    places = middle + shares[:, None, None] * (rim[:, :2] - middle)
+    level = profile.heights(float(rim[0, 2]), shares)
+    heights = np.repeat(level[:, None], len(rim), axis=1)
+    if len(sites) >= LEAST_SITES:
+        heights = heights + _correction(profile, middle, rim, thin_out(sites), places)
     return np.concatenate([places, heights[:, :, None]], axis=-1)
 
 
-def flat_rings(middle: Floats, rim: Floats, height: float) -> Floats:
-    """Rings (rings, n, 3) of a level end, from its rim to its middle."""
-    places = _shrunk(middle, rim)
-    return np.concatenate([places, np.full((*places.shape[:2], 1), height)], axis=-1)
-
-
-def plate_rings(middle: Floats, rim: Floats, sites: Floats, smoothing: float) -> Floats:
-    """Rings (rings, n, 3) of a thin plate through touches on an end, from its rim to its middle.
-
-    Parameters
-    ----------
-    middle : (2,) array
-        Place of the axis, m.
-    rim : (n, 2) array
-        The last ring of the side, m.
-    sites : (k, 3) array
-        Points that the plate shall follow, m.
-    smoothing : float
-        0 to pass through them; larger to smooth.
-    """
-    places = _shrunk(middle, rim)
-    scale = float(np.linalg.norm(rim - middle, axis=1).max())
+def _correction(
+    profile: Profile, middle: Floats, rim: Floats, sites: Floats, places: Floats
+) -> Floats:
+    """What the touches found above the profile, as a thin plate that is 0 at the rim."""
+    scale = float(np.linalg.norm(rim[:, :2] - middle, axis=1).max())
+    shares = shares_of(middle, rim, sites)
+    sites, shares = sites[shares < LARGEST_SHARE], shares[shares < LARGEST_SHARE]
+    found = sites[:, 2] - profile.heights(float(rim[0, 2]), shares)
+    every = max(1, len(rim) // 48)
+    knots = np.concatenate([sites[:, :2], rim[::every, :2]])
+    values = np.concatenate([found, np.zeros(len(rim[::every]))])
     plate = RBFInterpolator(
-        (sites[:, :2] - middle) / scale,
-        sites[:, 2] / scale,
+        (knots - middle) / scale,
+        values / scale,
         kernel="thin_plate_spline",
-        smoothing=smoothing,
-        degree=1,
+        smoothing=PLATE_SMOOTHING,
     )
-    heights = scale * plate(((places - middle) / scale).reshape(-1, 2))
-    return np.concatenate([places, heights.reshape(*places.shape[:2], 1)], axis=-1)
-
-
-def slope_sites(middle: Floats, rim: Floats, height: float, slope: Floats, most: float) -> Floats:
-    """The rim and a ring inside it that carries the side's slope on: (2 n, 3), m.
-
-    Parameters
-    ----------
-    middle : (2,) array
-        Place of the axis, m.
-    rim : (n, 2) array
-        The last ring of the side, m.
-    height : float
-        Its height, m.
-    slope : (n,) array
-        Derivative of the squared radius by the height, m; negative where the side closes.
-    most : float
-        The inner ring rises by no more than this, m.
-    """
-    away = rim - middle
-    squared = np.einsum("ni,ni->n", away, away)
-    rise = squared * (INNER_RING**2 - 1.0) / np.minimum(slope, -1e-12)
-    inner = np.column_stack([middle + INNER_RING * away, height + np.clip(rise, 0.0, most)])
-    return np.concatenate([np.column_stack([rim, np.full(len(rim), height)]), inner])
-
-
-def _shrunk(middle: Floats, rim: Floats) -> Floats:
-    shares = (1.0 - np.arange(1, RINGS + 1) / RINGS)[:, None, None]
-    result: Floats = middle + shares * (rim - middle)
+    flat = ((places - middle) / scale).reshape(-1, 2)
+    result: Floats = scale * plate(flat).reshape(places.shape[:2])
     return result
+
+
+def shares_of(middle: Floats, rim: Floats, points: Floats) -> Floats:
+    """Distance of points (n, 3) from the axis, as a share of the rim's on their azimuth."""
+    away, edge = points[:, :2] - middle, rim[:, :2] - middle
+    turns = np.arctan2(edge[:, 1], edge[:, 0])
+    radius = np.interp(
+        np.arctan2(away[:, 1], away[:, 0]),
+        *_sorted(turns, np.linalg.norm(edge, axis=1)),
+        period=2.0 * np.pi,
+    )
+    shares: Floats = np.minimum(np.linalg.norm(away, axis=1) / radius, 1.0)
+    return shares
+
+
+def _sorted(keys: Floats, values: Floats) -> tuple[Floats, Floats]:
+    order = np.argsort(keys)
+    return keys[order], values[order]
 
 
 def thin_out(points: Floats, most: int = MOST_SITES) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from palpate.core.arrays import Floats
-from palpate.core.splines.basis import clamped_matrix, greville
+from palpate.core.splines.basis import clamped_matrix
 from palpate.core.splines.lattice import Lattice, undeformed_control
 
 LAYERS, SIDE = 32, 9
@@ -105,7 +105,8 @@ def _solve(basis: Floats, bend: Floats, target: Floats) -> Floats:
     normal = basis.T @ basis
     scale = float(np.trace(normal)) / len(normal)
     system = normal + scale * (STIFFNESS * bend + RIDGE * np.eye(len(normal)))
-    return np.asarray(cho_solve(cho_factor(system), basis.T @ target))
+    solution: Floats = cho_solve(cho_factor(system), basis.T @ target)
+    return solution
 
 
 def _bend(count: int) -> Floats:
@@ -123,8 +124,3 @@ def _bend_section() -> Floats:
     result: Floats = np.kron(_bend(SIDE), unit) + np.kron(unit, _bend(SIDE)) + 2 * twist.T @ twist
     return result
 
-
-def layer_heights(low: float, extent: float) -> Floats:
-    """Heights of the control layers, (layers,), m."""
-    result: Floats = low + extent * greville(LAYERS)
-    return result

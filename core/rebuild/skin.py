@@ -54,7 +54,8 @@ class Skin:
         """Squared distance from the axis on a grid, (heights, turns), m^2."""
         along = clamped_matrix(self._local(heights), ALONG)
         around = periodic_matrix(turns, AROUND)
-        return np.maximum((around @ (along @ self.coefficients).T).T, self.least)
+        squared: Floats = np.maximum((around @ (along @ self.coefficients).T).T, self.least)
+        return squared
 
     def slope(self, height: float, turns: Floats) -> Floats:
         """Derivative of the squared distance by the height, (turns,), m."""
@@ -73,7 +74,8 @@ class Skin:
         spread = np.linalg.norm(solve_triangular(self.factor, rows.T, lower=True), axis=0)
         distance = np.sqrt(self.squared(heights, turns)).ravel()
         deviation = (self.rms * spread / (2.0 * distance)).reshape(len(heights), len(turns))
-        return np.sqrt(np.mean(deviation**2, axis=1))
+        pooled: Floats = np.sqrt(np.mean(deviation**2, axis=1))
+        return pooled
 
     def _local(self, heights: Floats) -> Floats:
         return (heights - self.low) / (self.high - self.low)

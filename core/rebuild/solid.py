@@ -8,17 +8,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.explore.uniform import contour_middle
-from palpate.core.rebuild.caps import (
-    LEAST_SITES,
-    PLATE_SMOOTHING,
-    End,
-    conic_rings,
-    flat_rings,
-    is_steep,
-    plate_rings,
-    slope_sites,
-    thin_out,
-)
+from palpate.core.rebuild.caps import Profile, cap_rings, fit_profile, thin_out
 from palpate.core.rebuild.felt_points import FeltPoints, stack_points
 from palpate.core.rebuild.prism import PrismFit, fit_prism
 from palpate.core.rebuild.rings import close_rings
@@ -29,9 +19,11 @@ ROWS, COLUMNS = 97, 160
 """Rings of the side, and points of a ring."""
 BANDS = 25
 """Heights at which the uncertainty is given."""
-WALL = (0.5, 1.05)
-"""A wall carried on beyond the last contour keeps its radius within these shares."""
+STRETCH = 0.15
+"""Share of the object's height over which the side tells how it narrows towards an end."""
+STRETCH_ROWS = 40
 RIM_SITES = 60
+"""Points of the touches along the side that help to close the top."""
 LEAST_SIDE = 0.05
 """Least height of the side, as a share of the object's."""
 
@@ -101,31 +93,47 @@ def rebuild(evidence: Evidence) -> Solid:
     )
     felt = stack_points([evidence.side, evidence.cap])
     skin = fit_skin(felt, spine, evidence.platform, top)
-    bottom_end: End = "flat" if is_steep(slices[0].normals) else "conic"
-    touched = len(evidence.cap.points) >= LEAST_SITES
-    round_end: End = "plate" if touched else "conic"
-    top_end: End = "flat" if is_steep(slices[-1].normals) else round_end
-    low = evidence.platform if bottom_end == "flat" else slices[0].height
-    high = top if top_end == "flat" else slices[-1].height
-    missing = 0.5 * (LEAST_SIDE * (top - evidence.platform) - (high - low))
-    if missing > 0.0:  # one contour, both ends round
-        low, high = low - missing, high + missing
-    prism = _fit_side(skin, low, high, slices[0].height, slices[-1].height)
-    turns = np.arange(COLUMNS) / COLUMNS
-    side = prism.side(np.linspace(low, high, ROWS), turns)
-    below = _bottom_rings(skin, side[0], bottom_end, evidence.platform)
-    above = _top_rings(skin, side[-1], top_end, top, evidence)
+    low, high = _side_range(slices, evidence.platform, top)
+    prism = _fit_side(skin, low, high)
+    side = prism.side(np.linspace(low, high, ROWS), np.arange(COLUMNS) / COLUMNS)
+    below_profile = _profile(skin, low, evidence.platform)
+    above_profile = _profile(skin, high, top)
+    on_top = evidence.cap.points[evidence.cap.points[:, 2] > high]
+    over = evidence.side.points[evidence.side.points[:, 2] > high]
+    under = evidence.side.points[evidence.side.points[:, 2] < low]
+    below = cap_rings(below_profile, spine.at(side[0, :1, 2])[0], side[0], under)
+    sites = np.concatenate([thin_out(on_top), thin_out(over, RIM_SITES)])
+    above = cap_rings(above_profile, spine.at(side[-1, :1, 2])[0], side[-1], sites)
     rings = np.concatenate([below[-2::-1], side, above[:-1]])
     vertices, faces = close_rings(below[-1].mean(axis=0), rings, above[-1].mean(axis=0))
     heights = np.linspace(slices[0].height, slices[-1].height, BANDS)
-    return Solid(
-        vertices,
-        faces,
-        prism,
-        heights,
-        skin.deviation(heights, np.arange(8) / 8),
-        _health(skin, prism, len(felt.points), top_end, bottom_end, touched),
-    )
+    health = {
+        "points": float(len(felt.points)),
+        "skin_rms_m": skin.rms,
+        "skin_condition": skin.condition,
+        "lattice_rms_m": prism.rms,
+        "folded_share": prism.folded_share(),
+        "bottom_misfit_m": below_profile.misfit,
+        "top_misfit_m": above_profile.misfit,
+        "top_untouched": float(len(on_top) == 0),
+    }
+    deviation = skin.deviation(heights, np.arange(8) / 8)
+    return Solid(vertices, faces, prism, heights, deviation, health)
+
+
+def _side_range(slices: list[Slice], platform: float, top: float) -> tuple[float, float]:
+    """Heights between which the side is taken from the skin, m."""
+    low, high = slices[0].height, slices[-1].height
+    missing = 0.5 * (LEAST_SIDE * (top - platform) - (high - low))
+    return (low - missing, high + missing) if missing > 0.0 else (low, high)
+
+
+def _profile(skin: Skin, rim: float, end: float) -> Profile:
+    """How the side narrows from a rim to an end."""
+    inwards = np.copysign(STRETCH * (skin.high - skin.low), rim - end)
+    heights = np.linspace(rim + inwards, rim, STRETCH_ROWS)
+    squared = skin.squared(heights, np.arange(COLUMNS) / COLUMNS)
+    return fit_profile(heights, np.sqrt(squared).mean(axis=1), end)
 
 
 def _top(evidence: Evidence) -> float:
@@ -134,55 +142,10 @@ def _top(evidence: Evidence) -> float:
     return max(float(points[:, 2].max()), max(one.height for one in evidence.slices) + 1e-4)
 
 
-def _fit_side(skin: Skin, low: float, high: float, first: float, last: float) -> PrismFit:
-    """Control lattice of the skin; beyond the outer contours its radius is held in bounds."""
+def _fit_side(skin: Skin, low: float, high: float) -> PrismFit:
+    """Control lattice that takes the shape of the skin between two heights."""
     turns = np.arange(COLUMNS) / COLUMNS
     heights = np.linspace(low, high, ROWS)
-    squared = skin.squared(heights, turns)
-    ends = skin.squared(np.array([first, last]), turns)
-    bounds = np.array(WALL) ** 2
-    for beyond, end in ((heights < first, ends[0]), (heights > last, ends[1])):
-        squared[beyond] = np.clip(squared[beyond], bounds[0] * end, bounds[1] * end)
     rim = np.stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=-1)
-    places = skin.spine.at(heights)[:, None, :] + np.sqrt(squared)[:, :, None] * rim
-    return fit_prism(heights, turns, places)
-
-
-def _bottom_rings(skin: Skin, rim: Floats, end: End, platform: float) -> Floats:
-    height = float(rim[0, 2])
-    middle = skin.spine.at(np.array([height]))[0]
-    if end == "flat":
-        return flat_rings(middle, rim[:, :2], height)
-    slope = -skin.slope(height, np.arange(COLUMNS) / COLUMNS)
-    return conic_rings(middle, rim[:, :2], slope, height, platform)
-
-
-def _top_rings(skin: Skin, rim: Floats, end: End, top: float, evidence: Evidence) -> Floats:
-    height = float(rim[0, 2])
-    middle = skin.spine.at(np.array([height]))[0]
-    if end == "conic":
-        slope = skin.slope(height, np.arange(COLUMNS) / COLUMNS)
-        return conic_rings(middle, rim[:, :2], slope, height, top)
-    if end == "flat":
-        return flat_rings(middle, rim[:, :2], height)
-    slope = skin.slope(height, np.arange(COLUMNS) / COLUMNS)
-    edge = slope_sites(middle, rim[:, :2], height, slope, 0.9 * (top - height))
-    over = evidence.side.points[evidence.side.points[:, 2] > height]
-    sites = np.concatenate([thin_out(evidence.cap.points), thin_out(over, RIM_SITES)])
-    every = max(1, COLUMNS // RIM_SITES)
-    return plate_rings(middle, rim[:, :2], np.concatenate([sites, edge[::every]]), PLATE_SMOOTHING)
-
-
-def _health(
-    skin: Skin, prism: PrismFit, points: int, top: End, bottom: End, touched: bool
-) -> dict[str, float]:
-    return {
-        "points": float(points),
-        "skin_rms_m": skin.rms,
-        "skin_condition": skin.condition,
-        "lattice_rms_m": prism.rms,
-        "folded_share": prism.folded_share(),
-        "top_flat": float(top == "flat"),
-        "bottom_flat": float(bottom == "flat"),
-        "top_untouched": float(not touched),
-    }
+    radius = np.sqrt(skin.squared(heights, turns))
+    return fit_prism(heights, turns, skin.spine.at(heights)[:, None, :] + radius[:, :, None] * rim)

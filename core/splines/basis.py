@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.sparse import csr_array, hstack
+from scipy.sparse import csr_array
 
 from palpate.core.arrays import Floats
 
@@ -49,21 +49,17 @@ def clamped_slopes(x: Floats, count: int, degree: int = CUBIC) -> Floats:
 
 
 def periodic_matrix(turn: Floats, count: int) -> csr_array:
-    """Periodic cubic basis at `turn` (n,), in turns: sparse (n, count)."""
+    """Periodic cubic basis at `turn` (n,), in turns: sparse (n, count), 4 entries in each row.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than 4 coefficients.
+    """
+    if count <= CUBIC:
+        raise ValueError(f"count must be larger than the degree {CUBIC}, got {count}")
     knots = (np.arange(count + 2 * CUBIC + 1) - CUBIC) / count
-    return _wrap(csr_array(BSpline.design_matrix(np.mod(turn, 1.0), knots, CUBIC)), count)
-
-
-def periodic_slopes(turn: Floats, count: int) -> csr_array:
-    """First derivatives, per turn, of the periodic cubic basis: sparse (n, count)."""
-    knots = (np.arange(count + 2 * CUBIC + 1) - CUBIC) / count
-    inner = csr_array(BSpline.design_matrix(np.mod(turn, 1.0), knots[1:-1], CUBIC - 1)) * count
-    open_slopes = csr_array(hstack([-inner[:, :1], inner[:, :-1] - inner[:, 1:], inner[:, -1:]]))
-    return _wrap(open_slopes, count)
-
-
-def _wrap(open_basis: csr_array, count: int) -> csr_array:
-    """Add the columns that hang over the seam to those at the beginning."""
-    head, tail = open_basis[:, :count], open_basis[:, count:]
-    rest = csr_array((open_basis.shape[0], count - CUBIC))
-    return csr_array(head + hstack([tail, rest]))
+    open_basis = csr_array(BSpline.design_matrix(np.mod(turn, 1.0), knots, CUBIC))
+    # The columns that hang over the seam are those at the beginning.
+    wrapped = open_basis.data, open_basis.indices % count, open_basis.indptr
+    return csr_array(wrapped, shape=(len(turn), count))

@@ -44,16 +44,17 @@ def adaptive_wiener(image: Floats, noise_variance: float) -> Floats:
 def median_filter(image: Floats, step: float) -> tuple[Floats, Bools]:
     """Replace impulses by the median of their neighbourhood.
 
-    A taxel is an impulse if it stands off its neighbourhood's median by more than 6 standard
-    deviations of the frame (robustly estimated) and by more than `step`. All others stay as
-    they are: a median taken everywhere makes plateaus, and no curvature survives those.
+    A taxel is an impulse if it stands off every one of its neighbours by more than `step` and
+    by more than 6 standard deviations of the frame (robustly estimated). All others stay as
+    they are: a median taken everywhere makes plateaus, and no curvature survives those; and
+    on the steepest slope a taxel has a neighbour of its own height.
 
     Parameters
     ----------
     image : (rows, cols) array
         m.
     step : float
-        The largest difference that a surface can show between neighbours, m.
+        The largest difference that a surface can show between a taxel and all around it, m.
 
     Returns
     -------
@@ -62,10 +63,12 @@ def median_filter(image: Floats, step: float) -> tuple[Floats, Bools]:
     impulses : (rows, cols) array of bool
         What was replaced.
     """
-    median = np.median(_neighbourhoods(image), axis=-1)
-    off = np.abs(image - median)
-    spread = MAD_TO_SIGMA * float(np.median(off))
-    impulses = off > max(IMPULSE_SPREADS * spread, step)
+    around = _neighbourhoods(image)
+    median = np.median(around, axis=-1)
+    spread = MAD_TO_SIGMA * float(np.median(np.abs(image - median)))
+    others = np.delete(around, WINDOW * WINDOW // 2, axis=-1)
+    alone = np.abs(others - image[..., None]).min(axis=-1)
+    impulses = alone > max(IMPULSE_SPREADS * spread, step)
     return np.where(impulses, median, image), impulses
 
 

@@ -1,0 +1,41 @@
+"""``palpate launch``: start the graph of a launch file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command("launch")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("arguments", nargs=-1, metavar="[ARG:=VALUE]...")
+@click.option("--print", "-p", "only_print", is_flag=True, help="Print the wiring; start nothing.")
+@click.option("--out", type=click.Path(path_type=Path), help="Run directory; new or empty.")
+@click.option("--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="Repeatable.")
+@click.option("--composed", is_flag=True, help="All nodes in one process.")
+@click.option("--json", "as_json", is_flag=True, help="Print summary.json.")
+@click.option("--quiet", is_flag=True, help="Print nothing.")
+def command(
+    file: Path,
+    arguments: tuple[str, ...],
+    only_print: bool,
+    out: Path | None,
+    settings: tuple[str, ...],
+    composed: bool,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Start the graph that FILE describes; explore.yaml is the one that comes with palpate."""
+    from palpate.launch.cli.play import play
+    from palpate.launch.launch_file import find_launch_file
+    from palpate.launch.override import read_arguments, read_settings
+    from palpate.launch.run import plan_run
+
+    path = find_launch_file(file)
+    args, given = read_arguments(arguments), read_settings(settings)
+    plan = plan_run(path, args, given, name=path.stem, out=out)
+    if only_print:
+        click.echo(f"launch file {path}\n{plan.described.graph.table()}")
+        return 0
+    return play(plan, composed=composed, as_json=as_json, quiet=quiet)

@@ -1,0 +1,92 @@
+"""``palpate``: the outermost boundary between the program and whoever calls it.
+
+Every failure leaves here as one sentence on standard error and an exit code; a traceback is
+written to a file, never to the screen.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Sequence
+from typing import NoReturn
+
+import click
+
+from palpate import __version__
+from palpate.launch.cli.verbs import Verbs
+from palpate.launch.located import InputError
+
+DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
+
+command = Verbs(
+    "palpate",
+    "palpate.launch.cli",
+    {
+        "run": "Explore a scene and rebuild its object.",
+        "launch": "Start the graph of a launch file.",
+        "replay": "Run nodes on a recording and compare what they say.",
+        "scene": "List and check scenes.",
+        "node": "List the kinds of node and what they hear and say.",
+        "bench": "Measure speed and accuracy.",
+    },
+    "Feels an unknown object with a simulated fingertip and rebuilds it as a solid.",
+)
+click.version_option(__version__, prog_name="palpate")(command)
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Do what the command line asks for, and exit.
+
+    Parameters
+    ----------
+    arguments : texts, optional
+        The command line without the program's name; the process's own if left out.
+    """
+    sys.exit(run(sys.argv[1:] if arguments is None else arguments))
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Do what the arguments ask for; returns the exit code."""
+    try:
+        code = command.main(list(arguments), prog_name="palpate", standalone_mode=False)
+        sys.stdout.flush()
+    except InputError as error:
+        return _say(str(error), BAD_INPUT)
+    except click.ClickException as error:
+        return _say(_usage(error), BAD_INPUT)
+    except SystemExit:
+        # Click's own answer to a pipe that was closed while it wrote.
+        return DONE
+    except (KeyboardInterrupt, click.Abort):
+        return _say("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # Whoever read our output has had enough, as in ``palpate node list | head -1``.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except OSError as error:
+        return _say(f"{error.filename or 'the system'}: {error.strerror or error}", BAD_INPUT)
+    except Exception as error:  # the outermost boundary: a bug must not reach the screen raw
+        return _say(_bug(error), DIED)
+    return code if isinstance(code, int) else DONE
+
+
+def _say(text: str, code: int) -> int:
+    print(f"palpate: {' '.join(text.split())}", file=sys.stderr)
+    return code
+
+
+def _usage(error: click.ClickException) -> str:
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context is not None else "palpate"
+    return f"{error.format_message().rstrip('.')} (see {path} --help)"
+
+
+def _bug(error: Exception) -> str:
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="palpate-", suffix=".txt", delete=False, encoding="utf-8"
+    ) as file:
+        traceback.print_exception(error, file=file)
+    return f"a bug: {type(error).__name__}: {error!s:.200}; the traceback is in {file.name}"

@@ -1,0 +1,35 @@
+"""``palpate scene``: what there is to explore."""
+
+from __future__ import annotations
+
+import click
+
+
+@click.group("scene")
+def command() -> None:
+    """List and check scenes."""
+
+
+@command.command("list")
+def list_scenes() -> None:
+    """Name the scenes that come with palpate."""
+    from palpate.launch.scene import scene_title, shipped_scenes
+
+    for name in shipped_scenes():
+        click.echo(f"{name:<12}{scene_title(name)}")
+
+
+@command.command("check")
+@click.argument("scene")
+def check(scene: str) -> None:
+    """Say whether SCENE can be explored, and how large its object is."""
+    from palpate.launch.launch_file import EXPLORE
+    from palpate.launch.located import Located
+    from palpate.launch.run import plan_run
+    from palpate.launch.scene import find_scene, object_size
+
+    path = find_scene(scene)
+    plan = plan_run(EXPLORE, {"scene": Located(str(path), "")}, {}, name=path.stem)
+    assert plan.described.scene is not None
+    size = " x ".join(f"{1000.0 * side:.1f}" for side in object_size(plan.described.scene))
+    click.echo(f"{path}: can be explored; the object measures {size} mm")

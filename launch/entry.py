@@ -1,0 +1,48 @@
+"""One node as a launch file describes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from palpate.launch.located import InputError, KeyPath, Located
+
+KINDS = "palpate.nodes"
+"""A kind without a dot is a module of this package."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """A node's name, kind, parameters and place, not yet checked."""
+
+    name: str
+    """Name in the graph: lower case, digits and ``_``."""
+    kind: str = ""
+    """A module of ``palpate.nodes``, or a dotted module of one's own; the name if empty."""
+    params: Any = field(default_factory=dict)
+    """Map of plain values, or an instance of the node's own parameter type."""
+    remap: Mapping[str, str] = field(default_factory=dict)
+    """Topic as the node calls it, to the topic on the wire; a namespace does not touch it."""
+    namespace: str = ""
+    """Put before the node's topics: ``finger_1`` makes ``/finger_1/touch/raw``."""
+    source: str = ""
+    """``file:line`` of the description."""
+    places: Mapping[KeyPath, str] = field(default_factory=dict)
+    """``file:line``, or the option, of single parameters."""
+
+    @property
+    def module(self) -> str:
+        """Module that holds the node."""
+        kind = self.kind or self.name
+        return kind if "." in kind else f"{KINDS}.{kind}"
+
+    @property
+    def settings(self) -> Located:
+        """The parameters, each with the place at which it was set."""
+        return Located(self.params, self.source, self.places)
+
+    def error(self, text: str) -> InputError:
+        """A complaint about this node."""
+        place = f"{self.source}: " if self.source else ""
+        return InputError(f"{place}node {self.name!r}: {text}")

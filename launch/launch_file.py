@@ -1,0 +1,165 @@
+"""A launch file: the graph as a user writes it down, in YAML or, where logic is needed, in Python.
+
+In YAML nothing but data is read. A Python launch file is a program and is run as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from msgspec import Struct, field
+
+from palpate.launch.convert import convert
+from palpate.launch.entry import Entry
+from palpate.launch.graph import Graph
+from palpate.launch.located import InputError, KeyPath, Located
+from palpate.launch.nearest import hint
+from palpate.launch.scene import Scene, load_scene
+from palpate.launch.substitute import substitute
+from palpate.launch.yaml_file import read_yaml
+
+EXPLORE = Path(__file__).parent / "explore.yaml"
+"""The launch file that comes with palpate."""
+
+
+class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One node of a launch file."""
+
+    kind: str = ""
+    """A module of palpate.nodes or a dotted module of one's own; the node's name if left out."""
+    params: dict[str, Any] = {}
+    """Its parameters."""
+    remap: dict[str, str] = {}
+    """Topic as the node calls it, to the topic on the wire."""
+    namespace: str = ""
+    """Put before its topics."""
+    wanted: bool = field(default=True, name="if")
+    """False leaves the node out; written ``if`` in the file."""
+
+
+class LaunchSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Everything that a launch file may say."""
+
+    args: dict[str, Any] = {}
+    """What may be set from outside, and its default."""
+    nodes: dict[str, Any]
+    """The nodes by name."""
+    ends: str
+    """The node whose Finished ends the graph."""
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """What a launch file comes to."""
+
+    graph: Graph
+    """The graph, not yet checked."""
+    scene: Scene | None
+    """The scene that it explores, if it has an argument of that name."""
+    args: Mapping[str, Any]
+    """Its arguments as they came out."""
+
+
+def describe(path: Path, args: Mapping[str, Located], out: Path) -> Described:
+    """The graph that a launch file describes.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.yaml`` file, or a ``.py`` file with ``describe(**args) -> Graph``.
+    args : map
+        Arguments given from outside.
+    out : Path
+        The run directory, ``$(out)``; it need not exist.
+
+    Raises
+    ------
+    InputError
+        If the file or an argument cannot be used.
+    """
+    if path.suffix == ".py":
+        from palpate.launch.python_file import describe_python
+
+        plain = {name: value.value for name, value in args.items()}
+        return Described(describe_python(path, args, out), None, plain)
+    given = read_yaml(path)
+    known, scene = _arguments(given, args, out)
+    body = {key: value for key, value in given.value.items() if key != "args"}
+    graph = _graph(substitute(Located(body, given.source, given.places), known))
+    return Described(graph, scene, {name: value.value for name, value in known.items()})
+
+
+def find_launch_file(path: Path) -> Path:
+    """A launch file given by path, or by name if it is the shipped one.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is neither YAML nor Python.
+    """
+    if not path.is_file() and str(path) in (EXPLORE.name, EXPLORE.stem):
+        return EXPLORE
+    if path.suffix not in (".yaml", ".yml", ".py"):
+        raise InputError(f"{path}: is no launch file; its name must end in .yaml or .py")
+    if not path.is_file():
+        raise InputError(f"{path}: the launch file does not exist")
+    return path
+
+
+def _arguments(
+    given: Located, args: Mapping[str, Located], out: Path
+) -> tuple[dict[str, Located], Scene | None]:
+    """What references may name: the run directory, and the arguments in the order declared."""
+    declared = given.value.get("args") or {}
+    if not isinstance(declared, dict):
+        raise given.error(("args",), "args must be a map of names to defaults")
+    for name, value in args.items():
+        if name not in declared:
+            text = f"{given.source} has no argument {name!r}; {hint(name, declared)}"
+            raise value.error((), text)
+    known = {"out": Located(str(out), "")}
+    scene = None
+    for name in declared:
+        if name in known:
+            raise given.error(
+                ("args", name), f"$({name}) is the run directory; choose another name"
+            )
+        known[name] = args.get(name) or substitute(given.part(("args", name)), known)
+        if name == "scene":
+            scene = load_scene(str(known[name].value))
+            known[name] = scene.located
+    return known, scene
+
+
+def _graph(given: Located) -> Graph:
+    spec = convert(given, LaunchSpec)
+    entries = [
+        _entry(given, name, node) for name, node in _nodes(given, spec).items() if node.wanted
+    ]
+    return Graph(tuple(entries), spec.ends, given.place(("ends",)))
+
+
+def _nodes(given: Located, spec: LaunchSpec) -> dict[str, NodeSpec]:
+    """The nodes one by one, so that a complaint can name its node."""
+    found = {}
+    for name in spec.nodes:
+        part = given.part(("nodes", name))
+        found[name] = NodeSpec() if part.value is None else convert(part, NodeSpec, f"nodes.{name}")
+    return found
+
+
+def _entry(given: Located, name: str, spec: NodeSpec) -> Entry:
+    path: KeyPath = ("nodes", name, "params")
+    size = len(path)
+    return Entry(
+        name=name,
+        kind=spec.kind,
+        params=spec.params,
+        remap=spec.remap,
+        namespace=spec.namespace,
+        source=given.place(("nodes", name)),
+        places={key[size:]: at for key, at in given.places.items() if key[:size] == path},
+    )

@@ -1,0 +1,63 @@
+"""What a user wrote, and where: values that know their file and line.
+
+Every complaint about a user's input is one sentence that begins with this place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+KeyPath = tuple[str | int, ...]
+"""Keys and positions from the top of a document to a value."""
+
+
+class InputError(ValueError):
+    """What the user gave cannot be used; the text is one sentence for the user."""
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """A document with the line of each of its values."""
+
+    value: Any
+    """Plain maps, lists, texts and numbers."""
+    source: str
+    """The file, or the option, that it came from."""
+    places: Mapping[KeyPath, str] = field(default_factory=dict)
+    """``file:line`` of values, where known."""
+
+    def place(self, path: KeyPath = ()) -> str:
+        """``file:line`` of a value, or of the nearest thing around it that has one."""
+        for length in range(len(path), -1, -1):
+            if path[:length] in self.places:
+                return self.places[path[:length]]
+        return self.source
+
+    def part(self, path: KeyPath) -> Located:
+        """The value at a path, with its places.
+
+        Raises
+        ------
+        KeyError
+            If there is no value at this path.
+        """
+        value, size = self.value, len(path)
+        for key in path:
+            value = value[key]
+        places = {key[size:]: at for key, at in self.places.items() if key[:size] == path}
+        return Located(value, self.place(path), places)
+
+    def error(self, path: KeyPath, text: str) -> InputError:
+        """A complaint about the value at this path."""
+        place = self.place(path)
+        return InputError(f"{place}: {text}" if place else text)
+
+
+def dotted(path: KeyPath) -> str:
+    """A path as people write it: ``object.superquadric.size[0]``."""
+    text = ""
+    for key in path:
+        text += f"[{key}]" if isinstance(key, int) else f".{key}" if text else str(key)
+    return text

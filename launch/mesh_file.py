@@ -1,0 +1,182 @@
+"""A mesh file from anywhere: read with distrust, checked whole, and handed on as plain arrays."""
+
+from __future__ import annotations
+
+import io
+import struct
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from palpate.launch.located import InputError
+
+MAX_BYTES = 64 << 20
+"""Largest file."""
+MAX_FACES = 2_000_000
+"""Most triangles."""
+SMALLEST = 1e-4
+"""Smallest extent of an object, m."""
+LARGEST = 10.0
+"""Largest extent of an object, m."""
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Metres in each unit."""
+SUFFIXES = ("ply", "stl", "obj", "off", "glb")
+"""Formats that are read."""
+
+# What trimesh's readers raise on files that are not what they say, found by feeding them such.
+_READER_FAILURES = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    ImportError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
+
+Vertices = NDArray[np.float64]
+Faces = NDArray[np.int32]
+
+
+class MeshFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a scene names a mesh file."""
+
+    file: str
+    """Path, relative to the scene's folder."""
+    unit: Literal["m", "cm", "mm"]
+    """Unit of the file's coordinates; the file itself does not say."""
+
+
+def read_mesh(path: Path, unit: str) -> tuple[Vertices, Faces]:
+    """The one closed surface in a file.
+
+    Parameters
+    ----------
+    path : Path
+        A PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
+    unit : str
+        Unit of its coordinates: ``m``, ``cm`` or ``mm``.
+
+    Returns
+    -------
+    vertices : (n, 3) array
+        Corners, each once, in m.
+    faces : (m, 3) array of int32
+        Triangles, counter-clockwise seen from outside.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is not one closed, outward-facing surface of fitting size.
+    """
+    mesh = _load(path)
+    vertices, faces = _merged(path, mesh)
+    vertices *= METRES[unit]
+    _check_closed(path, faces)
+    _check_size(path, vertices, unit)
+    volume = _volume(vertices, faces)
+    if not volume > 0.0:
+        raise InputError(f"{path}: is inside out: its volume is negative; flip the faces")
+    return vertices, faces
+
+
+def _load(path: Path) -> Any:
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in SUFFIXES:
+        known = ", ".join(SUFFIXES)
+        raise InputError(f"{path}: {kind or 'no suffix'!r} is no mesh format; known: {known}")
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"{path}: the mesh cannot be read: {error.strerror}") from None
+    if not data:
+        raise InputError(f"{path}: the mesh file is empty")
+    if len(data) > MAX_BYTES:
+        raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, the most that is read")
+    import trimesh
+
+    try:
+        # From memory and without a resolver, so that the file cannot have others read.
+        found = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
+    except _READER_FAILURES as error:
+        raise InputError(f"{path}: is not a {kind.upper()} mesh: {_first_line(error)}") from None
+    if isinstance(found, trimesh.Scene):
+        parts = list(found.geometry.values())
+        if len(parts) != 1:
+            raise InputError(f"{path}: holds {len(parts)} meshes; there must be exactly one")
+        found = parts[0]
+    if not isinstance(found, trimesh.Trimesh):
+        raise InputError(f"{path}: holds a {type(found).__name__}, not a triangle mesh")
+    return found
+
+
+def _merged(path: Path, mesh: Any) -> tuple[Vertices, Faces]:
+    """Vertices that are equal made one, because STL repeats them for each face."""
+    vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+    faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
+    if len(faces) == 0:
+        raise InputError(f"{path}: holds no triangles")
+    if len(faces) > MAX_FACES:
+        raise InputError(f"{path}: has {len(faces)} triangles; at most {MAX_FACES} are taken")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"{path}: a triangle names a vertex that does not exist")
+    if not np.isfinite(vertices).all():
+        bad = int(np.argmin(np.isfinite(vertices).all(axis=1)))
+        raise InputError(f"{path}: vertex {bad} is not finite")
+    kept, first = np.unique(vertices, axis=0, return_inverse=True)
+    faces = first.reshape(-1)[faces]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    used, numbers = np.unique(faces, return_inverse=True)
+    return kept[used], numbers.reshape(-1, 3).astype(np.int32)
+
+
+def _check_closed(path: Path, faces: Faces) -> None:
+    """Each edge must be walked exactly once each way."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    _, number, count = np.unique(
+        np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    odd = int((count != 2).sum())
+    if odd or not len(count):
+        raise InputError(
+            f"{path}: is not watertight: {odd} of its {len(count)} edges do not have exactly "
+            "two triangles; close the holes"
+        )
+    forwards = np.bincount(number.reshape(-1), edges[:, 0] < edges[:, 1], len(count))
+    turned = int((forwards != 1).sum())
+    if turned:
+        raise InputError(
+            f"{path}: neighbouring triangles face opposite ways at {turned} of its {len(count)} "
+            "edges; make them agree"
+        )
+
+
+def _check_size(path: Path, vertices: Vertices, unit: str) -> None:
+    extents = np.ptp(vertices, axis=0)
+    if extents.min() < SMALLEST or extents.max() > LARGEST:
+        size = " x ".join(f"{extent:.3g}" for extent in extents)
+        raise InputError(
+            f"{path}: measures {size} m when read in {unit}; each side must be between "
+            f"{SMALLEST:g} and {LARGEST:g} m; is the unit right?"
+        )
+
+
+def _volume(vertices: Vertices, faces: Faces) -> float:
+    # About the mean, or a far-off object loses its digits.
+    a, b, c = (vertices - vertices.mean(axis=0))[faces].transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+def _first_line(error: BaseException) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0][:120] if lines else type(error).__name__

@@ -1,0 +1,255 @@
+"""The life of one graph, from its first process to its last: start, watch, end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import msgspec
+
+from palpate.launch.processes.census import Census, Count, Edge
+from palpate.launch.processes.desk import Desk
+from palpate.launch.processes.interrupts import Interrupts
+from palpate.launch.processes.nursery import Nursery, how_it_ended
+from palpate.launch.processes.roll import Roll
+from palpate.messages.bus.place import LAUNCHER, Place
+from palpate.messages.types import LogRecord, NodeStatus
+from palpate.nodes.ending import Ending, Watcher
+from palpate.nodes.runtime import FAILED
+from palpate.nodes.wiring import Wiring
+
+TICK = 0.1
+"""The watcher is called this often, s."""
+STALL = 3.0
+"""A graph in which nothing moves for this long, without an end, is stalled, s."""
+LAST_WORDS = 1.0
+"""The reason of a failure arrives within this time of the process's end, s."""
+STOP = 30.0
+"""A node that is told to stop has this long to put away what it holds, s."""
+_BATCH = 64
+_CALM, _HASTE = 0.5, 0.01
+
+
+class Verdict(NamedTuple):
+    """How the graph ends."""
+
+    status: Literal["finished", "died", "stalled", "interrupted"]
+    reason: str
+
+
+class Supervisor:
+    """Watches over the processes of one graph.
+
+    Parameters
+    ----------
+    wirings : sequence of Wiring
+        The nodes.
+    ends : str
+        Name of the node whose word ends the graph.
+    sources : mapping of str to sequence of str
+        What the launcher itself hears: publishers and their topics.
+    watcher : Watcher
+        Is told what happens.
+    place, desk, nursery, interrupts
+        The addresses, the sockets, the processes and the wish to end.
+    """
+
+    def __init__(
+        self,
+        wirings: Sequence[Wiring],
+        *,
+        ends: str,
+        sources: Mapping[str, Sequence[str]],
+        watcher: Watcher,
+        place: Place,
+        desk: Desk,
+        nursery: Nursery,
+        interrupts: Interrupts,
+    ) -> None:
+        self._wirings, self._ends, self._place = wirings, ends, place
+        self._watcher, self._desk = watcher, desk
+        self._nursery, self._interrupts = nursery, interrupts
+        names = [wiring.name for wiring in wirings]
+        edges = [Edge(w.name, one.publisher, one.topic) for w in wirings for one in w.inputs]
+        edges += [Edge(LAUNCHER, source, topic) for source in sources for topic in sources[source]]
+        self._census = Census([*names, LAUNCHER], edges)
+        self._roll = Roll(names)
+        self._living: dict[int, str] = {}
+        self._finished: str | None = None
+        self._going = False
+        self._next_tick = 0.0
+
+    def run(self, began: float) -> Ending:
+        """Start everything and watch until it has ended, however it does.
+
+        Parameters
+        ----------
+        began : float
+            Monotonic time at which the launch began, s.
+        """
+        verdict = self._start() or self._watch(began)
+        if verdict.status == "finished":
+            verdict = self._stop() or verdict
+        self._nursery.end()
+        self._hear_nodes()
+        if verdict.status == "died" and self._interrupts.came and not self._roll.failed:
+            # The signal reached the whole group, and a node was faster than the launcher.
+            verdict = self._interrupted()
+        statuses, ears = self._roll.statuses, self._desk.ears
+        return Ending(
+            status=verdict.status,
+            reason=verdict.reason,
+            statuses=statuses,
+            gaps=ears.gaps + sum(one.gaps for one in statuses.values()),
+            duplicates=ears.duplicates + sum(one.duplicates for one in statuses.values()),
+        )
+
+    def _start(self) -> Verdict | None:
+        place = msgspec.msgpack.encode(self._place)
+        for wiring in self._wirings:
+            if self._interrupts.came:
+                return self._interrupted()
+            try:
+                sentinel = self._nursery.bear(wiring.name, _sealed(wiring), place)
+            except ChildProcessError as error:
+                return Verdict("died", str(error))
+            self._living[sentinel] = wiring.name
+            self._desk.watch(sentinel)
+        return None
+
+    def _watch(self, began: float) -> Verdict:
+        names = {wiring.name for wiring in self._wirings}
+        while True:
+            verdict = self._turn() or self._quiet()
+            if verdict is not None:
+                return verdict
+            if self._going:
+                self._count()
+            elif self._roll.ready == names and self._desk.ears.in_step:
+                self._going = True
+                self._tell(names, "go")
+                self._watcher.ready(time.monotonic() - began)
+
+    def _stop(self) -> Verdict | None:
+        """Stop all nodes at once; returns what went wrong, if anything did."""
+        self._tell(self._living.values(), "stop")
+        deadline = time.monotonic() + STOP
+        while self._living:
+            verdict = self._turn()
+            if verdict is not None:
+                return verdict
+            if time.monotonic() > deadline:
+                late = ", ".join(self._living.values())
+                return Verdict("died", f"{late} did not stop within {STOP:g} s")
+        return None
+
+    def _turn(self) -> Verdict | None:
+        """Wait for something to happen, and see to it; returns what must end the graph."""
+        ended = self._desk.wait(5 if self._finished else 50)
+        self._hear_nodes()
+        self._hear_topics()
+        self._tick()
+        died = [verdict for sentinel in ended if (verdict := self._bury(sentinel))]
+        if self._interrupts.came:
+            return self._interrupted()
+        for name, text in self._roll.failed.items():
+            return Verdict("died", f"{name} failed while {text}")
+        return died[0] if died else None
+
+    def _bury(self, sentinel: int) -> Verdict | None:
+        self._desk.unwatch(sentinel)
+        name = self._living.pop(sentinel)
+        code = self._nursery.exit_code(name)
+        deadline = time.monotonic() + (LAST_WORDS if code in (0, FAILED) else 0.0)
+        while name not in self._roll.failed and name not in self._roll.bye:
+            if time.monotonic() >= deadline:
+                return Verdict("died", f"{name} {how_it_ended(code)}")
+            self._desk.wait(10)
+            self._hear_nodes()
+        return None
+
+    def _quiet(self) -> Verdict | None:
+        if self._finished is not None and self._census.settled:
+            return Verdict("finished", self._finished)
+        if self._census.still_for(time.monotonic()) < STALL:
+            return None
+        missing = [(name, one.gaps) for name, one in self._roll.statuses.items() if one.gaps]
+        said = [f"{name} misses {gaps} messages" for name, gaps in missing]
+        said += self._census.complaints()
+        what = "has finished, yet" if self._finished is not None else "has not finished, and"
+        why = "; ".join(said) or "every message was consumed"
+        return Verdict("stalled", f"{self._ends} {what} nothing has moved for {STALL:g} s: {why}")
+
+    def _interrupted(self) -> Verdict:
+        return Verdict("interrupted", f"interrupted by {self._interrupts.came}")
+
+    def _hear_nodes(self) -> None:
+        try:
+            while (heard := self._desk.line.receive()) is not None:
+                name, word = heard
+                for line in self._roll.hear(name, word):
+                    self._watcher.log(line)
+                if word["kind"] == "finished" and name == self._ends and self._finished is None:
+                    self._finished = str(word["reason"])
+                    self._census.forget()
+                elif word["kind"] == "count":
+                    consumed = {(p, t): number for p, t, number in word["consumed"]}
+                    count = Count(word["sent"], consumed, tuple(word["waits"]))
+                    self._counted(name, word["round"], count)
+        except ValueError as error:
+            self._roll.failed[LAUNCHER] = f"listening to the nodes: {error}"
+
+    def _hear_topics(self) -> None:
+        for _ in range(_BATCH):
+            try:
+                heard, said = self._desk.hear(), self._desk.hear_tap()
+            except ValueError as error:
+                self._roll.failed[LAUNCHER] = f"hearing: {error}"
+                return
+            if heard is not None:
+                self._watcher.heard(*heard)
+            if isinstance(said, NodeStatus):
+                self._roll.statuses[said.node] = said
+            elif isinstance(said, LogRecord):
+                self._watcher.log(said)
+            if heard is None and said is None:
+                return
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        if now >= self._next_tick:
+            self._next_tick = now + TICK
+            for line in self._roll.silent(now):
+                self._watcher.log(line)
+            self._watcher.tick(self._roll.statuses)
+
+    def _count(self) -> None:
+        round_ = self._census.round
+        for name in self._census.to_ask(time.monotonic()):
+            if name == LAUNCHER:
+                self._counted(LAUNCHER, round_, Count({}, dict(self._desk.consumed)))
+            else:
+                self._desk.line.send(name, "count", round=round_)
+
+    def _counted(self, name: str, round_: int, count: Count) -> None:
+        pause = _CALM if self._finished is None else _HASTE
+        self._census.answer(name, round_, count, time.monotonic(), pause)
+
+    def _tell(self, names: Iterable[str], kind: str) -> None:
+        for name in names:
+            self._desk.line.send(name, kind)
+
+
+def _sealed(wiring: Wiring) -> bytes:
+    """A wiring in bytes, its parameters once more so: only the node knows their type."""
+    return msgspec.msgpack.encode(
+        Wiring(
+            name=wiring.name,
+            module=wiring.module,
+            params=msgspec.msgpack.encode(wiring.params),
+            inputs=wiring.inputs,
+            outputs=wiring.outputs,
+            listeners=wiring.listeners,
+        )
+    )

@@ -1,0 +1,102 @@
+"""What a run has come to so far, gathered from the messages that the launcher hears."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Protocol, TextIO
+
+from palpate.messages.types import Contour, LogRecord, NodeStatus, Probe, Score, ShapeModel
+
+GATHERED = (Contour, Probe, Score, ShapeModel)
+"""Types of the messages that are gathered."""
+
+
+@dataclass(slots=True)
+class Progress:
+    """Everything worth telling while a run goes on and when it is over."""
+
+    contours: int = 0
+    """Contours traced."""
+    touches: int = 0
+    """Touches made on contours and probes."""
+    robot_time: float = 0.0
+    """Robot time of the last of them, s."""
+    ready: float | None = None
+    """Time from the launch until all nodes were joined, s."""
+    wall: float = 0.0
+    """Time since the launch began, s."""
+    model: ShapeModel | None = None
+    """The last model."""
+    scores: list[tuple[float, Score]] = field(default_factory=list)
+    """Time since the launch, s, and score, in the order heard."""
+
+    @property
+    def score(self) -> Score | None:
+        """The last score."""
+        return self.scores[-1][1] if self.scores else None
+
+
+class Display(Protocol):
+    """Where progress is shown."""
+
+    def ready(self, nodes: int, seconds: float) -> None:
+        """All nodes are up."""
+
+    def show(self, progress: Progress) -> None:
+        """Something may have changed."""
+
+    def note(self, record: LogRecord) -> None:
+        """A node has something to say."""
+
+    def close(self) -> None:
+        """The run is over."""
+
+
+class Gatherer:
+    """A watcher that keeps the progress, writes the log and feeds the display."""
+
+    def __init__(self, nodes: int, display: Display, log: TextIO) -> None:
+        self.progress = Progress()
+        self._nodes = nodes
+        self._display = display
+        self._log = log
+        self._began = time.monotonic()
+
+    def ready(self, seconds: float) -> None:
+        """All nodes are up and joined, this long after the launch began."""
+        self.progress.ready = seconds
+        self._display.ready(self._nodes, seconds)
+
+    def heard(self, topic: str, message: object) -> None:
+        """A message on one of the gathered topics."""
+        progress = self.progress
+        self._stamp()
+        if isinstance(message, (Contour, Probe)):
+            progress.contours += isinstance(message, Contour)
+            progress.touches += message.touches
+            progress.robot_time = max(progress.robot_time, message.robot_time)
+        elif isinstance(message, ShapeModel):
+            progress.model = message
+        elif isinstance(message, Score):
+            progress.scores.append((progress.wall, message))
+        self._display.show(progress)
+
+    def log(self, record: LogRecord) -> None:
+        """A node has something to say."""
+        self._stamp()
+        line = {"wall_s": round(self.progress.wall, 3), **asdict(record)}
+        line["robot_time_s"] = line.pop("robot_time")
+        self._log.write(json.dumps(line) + "\n")
+        self._log.flush()
+        self._display.note(record)
+
+    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
+        """Time has gone by."""
+        self._stamp()
+        self._display.show(self.progress)
+
+    def _stamp(self) -> None:
+        self.progress.wall = time.monotonic() - self._began

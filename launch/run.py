@@ -1,0 +1,144 @@
+"""One run: planned and checked whole, then performed into its run directory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.launch.closing import closing_text
+from palpate.launch.export import export_model
+from palpate.launch.launch_file import Described, describe
+from palpate.launch.located import Located
+from palpate.launch.override import override
+from palpate.launch.progress import GATHERED, Display, Gatherer
+from palpate.launch.resolved import resolved_text
+from palpate.launch.run_dir import RunDir, choose_run_dir
+from palpate.launch.summary import exit_code, summarise
+from palpate.messages.types import ShapeModel
+from palpate.nodes.ending import Ending
+from palpate.nodes.wiring import Wiring
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A run that has passed every check and has left no trace yet."""
+
+    described: Described
+    """The graph and its scene."""
+    wirings: tuple[Wiring, ...]
+    """The nodes, wired."""
+    folder: RunDir
+    """Where the results will be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a run came to."""
+
+    folder: Path
+    """The run directory."""
+    ending: Ending
+    """How the graph ended."""
+    summary: Mapping[str, Any]
+    """The figures, as in ``summary.json``."""
+    model: ShapeModel | None
+    """The last model."""
+    exit_code: int
+    """0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted."""
+
+    @property
+    def text(self) -> str:
+        """The figures for people."""
+        files = sorted(path.name for path in self.folder.iterdir())
+        return closing_text(self.summary, files, self.folder)
+
+
+def plan_run(
+    path: Path,
+    args: Mapping[str, Located],
+    settings: Mapping[str, Located],
+    *,
+    name: str,
+    out: Path | None = None,
+) -> Plan:
+    """Read and check everything that a run needs.
+
+    Parameters
+    ----------
+    path : Path
+        The launch file.
+    args : map
+        Its arguments.
+    settings : map
+        ``node.param`` to its value.
+    name : str
+        Name of the run, for its directory.
+    out : Path or None
+        The run directory, if the user chooses it.
+
+    Raises
+    ------
+    InputError
+        If anything is wrong; nothing has been started or written.
+    """
+    folder = choose_run_dir(name, out)
+    found = describe(path, args, folder.path)
+    graph = override(found.graph, settings)
+    described = Described(graph, found.scene, found.args)
+    return Plan(described, graph.wirings(), folder)
+
+
+def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
+    """Start the graph, watch it to its end and write what it leaves.
+
+    Parameters
+    ----------
+    plan : Plan
+        What to run.
+    composed : bool
+        All nodes in this process instead of one process each; the results are the same.
+    display : Display
+        Shows the progress.
+
+    Raises
+    ------
+    InputError
+        If the run directory cannot be written.
+    """
+    folder, scene = plan.folder, plan.described.scene
+    folder.create()
+    if scene is not None:
+        folder.write_text("scene.yaml", scene.text)
+    folder.write_text("launch.yaml", resolved_text(plan.described.graph, plan.wirings))
+    with (folder.path / "log.jsonl").open("w", encoding="utf-8") as log:
+        gatherer = Gatherer(len(plan.wirings), display, log)
+        try:
+            ending = _start(plan, gatherer, composed=composed)
+        finally:
+            display.close()
+    progress = gatherer.progress
+    summary = summarise(ending, progress, scene.name if scene else None, _seed(plan.described))
+    if progress.model is not None:
+        export_model(progress.model, folder.path)
+    folder.write_json("summary.json", summary)
+    code = exit_code(summary, rebuilds=ShapeModel in plan.described.graph.topics().values())
+    return Run(folder.path, ending, summary, progress.model, code)
+
+
+def _start(plan: Plan, gatherer: Gatherer, *, composed: bool) -> Ending:
+    graph = plan.described.graph
+    ends, hear = graph.ends, tuple(t for t, said in graph.topics().items() if said in GATHERED)
+    if composed:
+        from palpate.nodes.composed import run_composed
+
+        return run_composed(plan.wirings, ends=ends, hear=hear, watcher=gatherer)
+    from palpate.launch.launcher import launch
+
+    return launch(plan.wirings, ends=ends, hear=hear, watcher=gatherer)
+
+
+def _seed(described: Described) -> int | None:
+    seed = described.args.get("seed")
+    return seed if isinstance(seed, int) else None

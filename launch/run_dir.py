@@ -1,0 +1,101 @@
+"""The run directory: what one run leaves behind, and nothing before the run may start."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.launch.located import InputError
+
+RUNS = Path("runs")
+"""Where run directories are made, unless the user says otherwise."""
+LATEST = "latest"
+"""Link to the last of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunDir:
+    """A folder of one's own, made when the run begins."""
+
+    path: Path
+    """The folder."""
+    linked: bool
+    """Whether ``latest`` beside it shall point to it."""
+
+    def create(self) -> None:
+        """Make the folder and show that it can be written.
+
+        Raises
+        ------
+        InputError
+            If that is not possible.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            probe = self.path / ".probe"
+            probe.write_bytes(b"")
+            probe.unlink()
+            if self.linked:
+                _point(self.path.parent / LATEST, self.path.name)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+
+    def write_text(self, name: str, text: str) -> None:
+        """Write a file whole or not at all."""
+        part = self.path / f".{name}.part"
+        part.write_text(text, encoding="utf-8")
+        part.replace(self.path / name)
+
+    def write_json(self, name: str, value: Mapping[str, Any]) -> None:
+        """Write a JSON file whole or not at all; infinity and NaN are refused."""
+        self.write_text(name, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+    def files(self) -> tuple[str, ...]:
+        """Names of what lies in it."""
+        return tuple(sorted(entry.name for entry in self.path.iterdir()))
+
+
+def choose_run_dir(name: str, out: Path | None) -> RunDir:
+    """The folder for a run, not yet made.
+
+    Parameters
+    ----------
+    name : str
+        Name of the scene or launch file.
+    out : Path or None
+        The folder that the user asks for; None for a new one in ``runs/``.
+
+    Raises
+    ------
+    InputError
+        If the folder that the user asks for holds something already.
+    """
+    if out is None:
+        stamp = time.strftime("%Y-%m-%dT%H-%M-%S")
+        return RunDir(_free(RUNS / f"{stamp}_{name}"), linked=True)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out}: is a file; it must be a new or an empty folder")
+    if out.is_dir() and any(out.iterdir()):
+        raise InputError(f"--out {out}: is not empty; choose a new or an empty folder")
+    return RunDir(out, linked=False)
+
+
+def _free(path: Path) -> Path:
+    """The path, or the first one numbered after it that is free: two runs may share a second."""
+    number, free = 1, path
+    while free.exists():
+        number += 1
+        free = path.with_name(f"{path.name}-{number}")
+    return free
+
+
+def _point(link: Path, target: str) -> None:
+    part = link.with_name(f".{link.name}.{os.getpid()}")
+    part.unlink(missing_ok=True)
+    part.symlink_to(target)
+    part.replace(link)

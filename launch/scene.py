@@ -1,0 +1,173 @@
+"""A scene: the object, the sensor and the world to explore, from a YAML file.
+
+Loading checks everything that can be wrong with it; a scene that loads can be explored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from msgspec import Meta, Struct, to_builtins
+
+from palpate.launch.convert import convert
+from palpate.launch.located import InputError, Located
+from palpate.launch.mesh_file import MeshFile, read_mesh
+from palpate.launch.nearest import hint
+from palpate.launch.yaml_file import read_yaml
+from palpate.nodes.object import ObjectSpec, SensorSpec, build_shape, encode_mesh
+
+SHIPPED = Path(__file__).parent / "scenes"
+"""Folder of the scenes that come with palpate."""
+
+
+class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a robot knows before it touches anything."""
+
+    reach: Annotated[float, Meta(gt=0, le=10)] = 0.15
+    """The finger reaches this far sideways from the axis and up from the
+    platform on which the object stands, m."""
+
+
+class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Everything that a scene file may say."""
+
+    object: ObjectSpec
+    """What stands there."""
+    sensor: SensorSpec = SensorSpec()
+    """What feels it."""
+    world: WorldSpec = WorldSpec()
+    """Where."""
+    effects: Annotated[tuple[dict[str, Any], ...], Meta(max_length=0)] = ()
+    """What disturbs the sensor; none is known yet."""
+    explore: dict[str, Any] = {}
+    """Parameters of the planner."""
+    seed: Annotated[int, Meta(ge=0, le=1 << 53)] = 0
+    """Seed of all that is random."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A checked scene."""
+
+    name: str
+    """The file's name without its suffix."""
+    path: Path
+    """The file."""
+    text: str
+    """The file's text."""
+    spec: SceneSpec
+    """What it says, with defaults filled in and the mesh read."""
+    located: Located
+    """The same as plain values, with file and line."""
+
+
+def load_scene(name: str | Path) -> Scene:
+    """The scene in a file, or one that comes with palpate.
+
+    Parameters
+    ----------
+    name : str or Path
+        Path of a YAML file, or the name of a shipped scene.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; the sentence names file, line, key, value and what would
+        be right.
+    """
+    path = find_scene(name)
+    given = read_yaml(path)
+    _refuse_effects(given)
+    given = _with_mesh(given, path)
+    spec = convert(given, SceneSpec)
+    located = Located(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
+    scene = Scene(path.stem, path, path.read_text(encoding="utf-8"), spec, located)
+    _check_reach(scene)
+    return scene
+
+
+def shipped_scenes() -> tuple[str, ...]:
+    """Names of the scenes that come with palpate."""
+    return tuple(sorted(path.stem for path in SHIPPED.glob("*.yaml")))
+
+
+def find_scene(scene: str | Path) -> Path:
+    """Path of a scene given by name or path.
+
+    Raises
+    ------
+    InputError
+        If there is no such file and no shipped scene of this name.
+    """
+    path = Path(scene)
+    if path.is_file():
+        return path
+    known = shipped_scenes()
+    if str(scene) in known:
+        return SHIPPED / f"{scene}.yaml"
+    if len(path.parts) > 1 or path.suffix:
+        kind = "is a folder" if path.is_dir() else "does not exist"
+        raise InputError(f"{path}: the scene {kind}; a scene is a YAML file")
+    raise InputError(f"there is no scene {str(scene)!r}; {hint(str(scene), known)}")
+
+
+def scene_title(name: str) -> str:
+    """The first comment of a shipped scene."""
+    first = (SHIPPED / f"{name}.yaml").read_text(encoding="utf-8").partition("\n")[0]
+    return first.removeprefix("#").strip()
+
+
+def object_size(scene: Scene) -> tuple[float, float, float]:
+    """Extents of the object along x, y and z, m."""
+    low, high = build_shape(scene.spec.object).bounds().tolist()
+    return (high[0] - low[0], high[1] - low[1], high[2] - low[2])
+
+
+def _refuse_effects(given: Located) -> None:
+    effects = given.value.get("effects") or []
+    if isinstance(effects, list) and effects:
+        first = effects[0]
+        name = next(iter(first), "") if isinstance(first, Mapping) else first
+        raise given.error(("effects", 0), f"unknown effect {name!r}; effects must be empty: []")
+
+
+def _with_mesh(given: Located, scene: Path) -> Located:
+    """The scene with its mesh file read into it."""
+    try:
+        part = given.part(("object", "mesh"))
+    except (KeyError, TypeError):
+        return given
+    mesh = convert(part, MeshFile, "object.mesh")
+    folder = scene.resolve().parent
+    path = (folder / mesh.file).resolve()
+    # A scene from elsewhere must not have other files of the machine read.
+    if Path(mesh.file).is_absolute() or not path.is_relative_to(folder):
+        raise part.error(
+            ("file",), f"object.mesh.file is {mesh.file!r}; it must lie in the scene's own folder"
+        )
+    try:
+        data = encode_mesh(*read_mesh(path, mesh.unit))
+    except InputError as error:
+        raise part.error(("file",), str(error)) from None
+    value = {
+        **given.value,
+        "object": {**given.value["object"], "mesh": to_builtins(data, builtin_types=(bytes,))},
+    }
+    return Located(value, given.source, given.places)
+
+
+def _check_reach(scene: Scene) -> None:
+    """The object must lie within the finger's reach, or it could not be explored."""
+    low, high = build_shape(scene.spec.object).bounds().tolist()
+    reach = scene.spec.world.reach
+    aside = max(abs(bound) for bound in (*low[:2], *high[:2]))
+    height = high[2] - low[2]
+    if max(aside, height) > reach:
+        raise scene.located.error(
+            ("object",),
+            f"the object reaches {aside:.3g} m sideways and is {height:.3g} m high, but the "
+            f"finger reaches {reach:g} m; enlarge world.reach, or move or shrink the object",
+        )

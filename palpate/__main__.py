@@ -1,0 +1,8 @@
+"""``python -m palpate`` is the command line."""
+
+from __future__ import annotations
+
+from palpate.launch.cli.main import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from palpate.messages.types import LogRecord, NodeStatus
+from palpate.nodes.wiring import Input, Wiring
+
+
+class Listening:
+    """A watcher that keeps all that it is told."""
+
+    def __init__(self) -> None:
+        self.seconds: list[float] = []
+        self.messages: list[tuple[str, object]] = []
+        self.lines: list[LogRecord] = []
+        self.ticks = 0
+
+    def ready(self, seconds: float) -> None:
+        self.seconds.append(seconds)
+
+    def heard(self, topic: str, message: object) -> None:
+        self.messages.append((topic, message))
+
+    def log(self, record: LogRecord) -> None:
+        self.lines.append(record)
+
+    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
+        self.ticks += 1
+
+
+@pytest.fixture
+def watcher() -> Listening:
+    return Listening()
+
+
+class Toys:
+    """Wirings of the toy nodes beside this file."""
+
+    def broken(self, how: str, hears: str = "source") -> Wiring:
+        return Wiring(
+            name="broken",
+            module="palpate_toy_broken",
+            params={"how": how},
+            inputs=(Input(hears, f"/{hears}", "/in", "TactileFrame"),),
+            outputs={"/out": "/broken"},
+            listeners={},
+        )
+
+    def sink(self, path: Path, hears: str = "source", **params: object) -> Wiring:
+        return Wiring(
+            name="sink",
+            module="palpate_toy_sink",
+            params={"path": str(path), **params},
+            inputs=(Input(hears, f"/{hears}", f"/{hears}", "TactileFrame"),),
+            outputs={},
+            listeners={},
+        )
+
+    def needy(self, need: str, hears: str) -> Wiring:
+        return Wiring(
+            name="needy",
+            module="palpate_toy_needy",
+            params={},
+            inputs=(
+                Input(need, f"/{need}", "/need", "TactileFrame"),
+                Input(hears, f"/{hears}", "/in", "TactileFrame"),
+            ),
+            outputs={},
+            listeners={},
+        )
+
+
+@pytest.fixture
+def toys(monkeypatch: pytest.MonkeyPatch) -> Toys:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent / "toys"))
+    return Toys()

@@ -1,0 +1,189 @@
+from __future__ import annotations
+
+import multiprocessing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.launch.bench_toy import Params, toy
+from palpate.launch.launcher import launch
+from palpate.launch.processes import supervisor
+from palpate.messages.types import TactileFrame
+from palpate.nodes.ending import Ending
+from palpate.nodes.wiring import Wiring
+
+pytestmark = pytest.mark.graph
+
+
+def run(wirings: list[Wiring], watcher: Any, folder: Path, **more: Any) -> Ending:
+    """Launch, and see that no process and no file of it is left."""
+    hear = more.pop("hear", ())
+    ends = more.pop("ends", wirings[0].name)
+    ending = launch(wirings, ends=ends, hear=hear, watcher=watcher, work_dir=folder, **more)
+    assert multiprocessing.active_children() == []
+    assert [path for path in folder.iterdir() if path.suffix != ".txt"] == []
+    return ending
+
+
+def source(burst: int = 5) -> Wiring:
+    return toy("source", Params(burst=burst))
+
+
+def counter(expects: int, hears: str = "source", **more: Any) -> Wiring:
+    return toy("counter", Params(expects=expects, **more), hears=hears)
+
+
+def test_a_graph_ends_when_all_that_was_sent_has_been_consumed(
+    watcher: Any, tmp_path: Path
+) -> None:
+    ending = run([source(50), counter(50)], watcher, tmp_path, ends="counter", hear=["/source"])
+    assert (ending.status, ending.reason) == ("finished", "50 heard")
+    assert (ending.gaps, ending.duplicates) == (0, 0)
+    assert ending.statuses["counter"].messages == 50
+    assert ending.statuses["source"].sent == 50
+    assert ending.statuses["source"].state == "ending"
+    assert [message.touch for _, message in watcher.messages] == list(range(50))
+    assert all(type(message) is TactileFrame for _, message in watcher.messages)
+    assert len(watcher.seconds) == 1 and 0.0 < watcher.seconds[0] < 60.0
+    assert watcher.ticks > 0
+
+
+def test_the_word_of_any_other_node_does_not_end_the_graph(watcher: Any, tmp_path: Path) -> None:
+    early = toy("early", Params(expects=1), hears="source")
+    ending = run([source(50), early, counter(50)], watcher, tmp_path, ends="counter")
+    assert ending.reason == "50 heard"
+
+
+def test_a_sink_has_written_everything_when_the_graph_ends(
+    watcher: Any, toys: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "lines.txt"
+    graph = [source(100), counter(100), toys.sink(path, work=1e-3)]
+    assert run(graph, watcher, tmp_path, ends="counter", depth=2).status == "finished"
+    lines = path.read_text().splitlines()
+    assert lines[0] == "open [('/source', 'TactileFrame')]"
+    assert [line.split()[:2] for line in lines[1:-1]] == [["/source", str(n)] for n in range(100)]
+    assert lines[-1] == "closed"
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("raise", "broken failed while handling /source 2 from source: ZeroDivisionError: cannot"),
+        ("undeclared", "broken published /nowhere, which it does not declare; it declares /out"),
+        ("wrong type", "broken published a LogRecord on /out, declared as TactileFrame"),
+        (
+            "not finite",
+            "handling /source 2 from source: CodecError: not a TactileFrame: robot_time",
+        ),
+        ("start", "broken failed while starting: RuntimeError: no world to start in"),
+        ("exit", "broken ended by itself with exit code 7"),
+        ("kill", "broken was killed by SIGKILL"),
+    ],
+)
+def test_a_node_that_breaks_ends_the_graph_and_is_named(
+    how: str, words: str, watcher: Any, toys: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "lines.txt"
+    ending = run([source(), toys.broken(how), toys.sink(path)], watcher, tmp_path)
+    assert ending.status == "died"
+    assert words in ending.reason
+    assert "\n" not in ending.reason
+    assert path.read_text().splitlines()[-1] == "closed"
+
+
+def test_the_trace_of_a_failure_goes_to_the_log(watcher: Any, toys: Any, tmp_path: Path) -> None:
+    run([source(), toys.broken("raise")], watcher, tmp_path)
+    assert [line.level for line in watcher.lines if line.node == "broken"] == ["error", "debug"]
+    assert watcher.lines[-1].text.startswith("Traceback")
+    assert "palpate_toy_broken.py" in watcher.lines[-1].text
+
+
+def test_a_node_whose_module_is_missing_ends_the_graph(watcher: Any, tmp_path: Path) -> None:
+    lost = Wiring(
+        name="lost", module="palpate_nothing", params={}, inputs=(), outputs={}, listeners={}
+    )
+    ending = run([source(), lost], watcher, tmp_path)
+    assert ending.status == "died"
+    assert ending.reason.startswith(
+        "lost failed while loading: ValueError: no module 'palpate_nothing'"
+    )
+
+
+def test_parameters_that_do_not_fit_end_the_graph(watcher: Any, toys: Any, tmp_path: Path) -> None:
+    wrong = toy("wrong", Params())
+    wrong = Wiring(
+        name="wrong",
+        module=wrong.module,
+        params={"burst": "many"},
+        inputs=(),
+        outputs=wrong.outputs,
+        listeners={},
+    )
+    ending = run([source(), wrong], watcher, tmp_path)
+    assert ending.status == "died"
+    assert "wrong failed while loading: ValidationError: Expected `int`, got `str`" in ending.reason
+
+
+def test_a_sink_that_cannot_close_is_a_failure(watcher: Any, toys: Any, tmp_path: Path) -> None:
+    graph = [source(), counter(5), toys.sink(tmp_path / "lines.txt", spoilt=True)]
+    ending = run(graph, watcher, tmp_path, ends="counter")
+    assert ending.status == "died"
+    assert ending.reason == "sink failed while closing: OSError: no space left on device"
+
+
+def test_quiet_without_an_end_is_reported(
+    watcher: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervisor, "STALL", 0.6)
+    silent = toy("silent", Params())
+    waiting = toy("waiting", Params(), hears="silent")
+    ending = run([source(5), counter(6), silent, waiting], watcher, tmp_path, ends="counter")
+    assert ending.status == "stalled"
+    assert ending.reason == (
+        "counter has not finished, and nothing has moved for 0.6 s: "
+        "waiting has heard nothing on /silent (silent)"
+    )
+
+
+def test_a_node_that_lacks_what_it_needs_is_named(
+    watcher: Any, toys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervisor, "STALL", 0.6)
+    graph = [source(5), toy("silent", Params()), toys.needy("silent", "source")]
+    ending = run(graph, watcher, tmp_path, ends="needy")
+    assert ending.status == "stalled"
+    assert "needy needs /silent before anything else" in ending.reason
+    assert "needy has consumed 0 of 5 on /source from source" in ending.reason
+
+
+@pytest.mark.parametrize("turn", range(10))
+def test_what_is_needed_is_handled_first(
+    turn: int, watcher: Any, toys: Any, tmp_path: Path
+) -> None:
+    late = toy("late", Params(relay=True), hears="source")
+    graph = [source(3), late, toys.needy("late", "source")]
+    ending = run(graph, watcher, tmp_path, ends="needy")
+    assert (ending.status, ending.reason) == ("finished", "all there")
+
+
+def test_what_the_watcher_raises_ends_the_graph(watcher: Any, tmp_path: Path) -> None:
+    def full(topic: str, message: object) -> None:
+        raise OSError("the screen is full")
+
+    watcher.heard = full
+    with pytest.raises(OSError, match="the screen is full"):
+        run([source(), counter(0)], watcher, tmp_path, hear=["/source"])
+    assert multiprocessing.active_children() == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_node_that_is_silent_for_long_is_mentioned(
+    watcher: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate.launch.processes.roll.SILENCE", 0.4)
+    slow = counter(1, work=1.0)
+    assert run([source(1), slow], watcher, tmp_path, ends="counter").status == "finished"
+    texts = [line.text for line in watcher.lines if line.level == "warning"]
+    assert texts == ["counter is still working, or hangs: no sign of life for 0.4 s"]

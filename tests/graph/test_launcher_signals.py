@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytestmark = [
+    pytest.mark.graph,
+    pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
+]
+
+SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"
+GONE_WITHIN = 4.0
+
+
+def start(folder: Path) -> subprocess.Popen[str]:
+    """A launcher in a process group of its own, just before its launch."""
+    process = subprocess.Popen(
+        [sys.executable, str(SCRIPT), str(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "launching\n"
+    return process
+
+
+def let_run(process: subprocess.Popen[str], seconds: float) -> None:
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(seconds)
+
+
+def living(group: int) -> list[int]:
+    """Processes of a group; one that only waits to be buried does not count."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdecimal():
+            try:
+                state, _, its_group = (folder / "stat").read_text().rpartition(")")[2].split()[:3]
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+            if int(its_group) == group and state != "Z":
+                found.append(int(folder.name))
+    return found
+
+
+def group_is_gone(group: int, within: float) -> bool:
+    deadline = time.monotonic() + within
+    while living(group):
+        if time.monotonic() > deadline:
+            return False
+    return True
+
+
+def left_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir() if path.name != "lines.txt")
+
+
+def assert_ended_well(process: subprocess.Popen[str], folder: Path, signal_name: str) -> None:
+    began = time.monotonic()
+    try:
+        out, err = process.communicate(timeout=GONE_WITHIN)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
+    assert out == f"interrupted - interrupted by {signal_name}\n"
+    assert err == ""
+    assert process.returncode == 0
+    assert group_is_gone(process.pid, GONE_WITHIN - (time.monotonic() - began))
+    assert left_in(folder) == []
+    lines = folder / "lines.txt"
+    if lines.exists():
+        assert lines.read_text().endswith("closed\n")
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_ctrl_c_at_any_moment_leaves_nothing_behind(seed: int, tmp_path: Path) -> None:
+    process = start(tmp_path)
+    let_run(process, random.Random(seed).random() * 0.8 + 0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    assert_ended_well(process, tmp_path, "SIGINT")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ctrl_c_may_be_pressed_twice(seed: int, tmp_path: Path) -> None:
+    process = start(tmp_path)
+    let_run(process, 0.6)
+    os.killpg(process.pid, signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)
+    assert_ended_well(process, tmp_path, "SIGINT")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_to_the_launcher_alone_ends_the_graph(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    process = start(tmp_path)
+    let_run(process, 0.6)
+    process.send_signal(number)
+    assert_ended_well(process, tmp_path, number.name)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_to_the_whole_group_counts_as_an_interruption(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    process = start(tmp_path)
+    let_run(process, 0.6)
+    os.killpg(process.pid, number)
+    assert_ended_well(process, tmp_path, number.name)
+
+
+@pytest.mark.parametrize("moment", [0.05, 0.3, 0.7])
+def test_no_node_outlives_a_launcher_that_is_killed(moment: float, tmp_path: Path) -> None:
+    process = start(tmp_path)
+    let_run(process, moment)
+    process.kill()
+    process.communicate()
+    assert group_is_gone(process.pid, 2.0)
+    lines = tmp_path / "lines.txt"
+    if lines.exists():
+        assert lines.read_text().endswith("closed\n")

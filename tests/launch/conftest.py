@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec import Struct
+
+from palpate.launch.located import Located
+from palpate.launch.yaml_file import parse_yaml
+from palpate.messages.types import Contour, Score, ShapeModel
+from palpate.nodes.node import Node
+
+MakeNode = Callable[..., str]
+Write = Callable[[str, str], Path]
+
+
+class NoParams(Struct, frozen=True, kw_only=True):
+    pass
+
+
+def _quiet(params: Any, state: Any, message: Any) -> tuple[Any, list[Any]]:
+    return state, []
+
+
+@pytest.fixture
+def make_node(monkeypatch: pytest.MonkeyPatch) -> MakeNode:
+    """Puts a node that does nothing where it can be imported; gives the module's name."""
+
+    def make(
+        module: str,
+        hears: Mapping[str, type] | None = None,
+        says: Mapping[str, type] | None = None,
+        params: type = NoParams,
+        many: tuple[str, ...] = (),
+        value: object = None,
+    ) -> str:
+        node = Node(
+            params=params,
+            start=lambda _: (None, []),
+            inputs={topic: (said, _quiet) for topic, said in (hears or {}).items()},
+            outputs=says or {},
+            many=many,
+        )
+        made = ModuleType(module)
+        made.NODE = node if value is None else value  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, module, made)
+        return module
+
+    return make
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    """Writes a text into a file of the test's own folder."""
+
+    def do(name: str, text: str) -> Path:
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return do
+
+
+@pytest.fixture
+def typed() -> Callable[[str], Located]:
+    """A YAML text as a document with places."""
+    return lambda text: parse_yaml(text, "f.yaml")
+
+
+@pytest.fixture
+def tetrahedron() -> ShapeModel:
+    """The smallest closed solid."""
+    return ShapeModel(
+        number=1,
+        contours=(0, 1),
+        probes=(),
+        dropped=(2,),
+        dropped_why=("too short",),
+        control=np.zeros((4, 4, 4, 3)),
+        half_extent=np.array([0.01, 0.02]),
+        bottom=0.0,
+        top=0.03,
+        vertices=np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, 0, 0.03]]),
+        faces=np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32),
+        uncertainty_height=np.array([0.0]),
+        uncertainty=np.array([0.001]),
+        health={"condition": 3.5, "fallbacks": 0.0},
+        touches=40,
+        robot_time=20.0,
+        final=True,
+    )
+
+
+@pytest.fixture
+def contour() -> Contour:
+    """A contour of one point."""
+    return Contour(
+        id=0,
+        finger=1,
+        frame=np.array([0.0, 0, 0, 0, 0, 0, 1]),
+        height=0.01,
+        points=np.zeros((1, 3)),
+        normals=np.array([[1.0, 0, 0]]),
+        curvature=np.zeros(1),
+        status="closed",
+        gaps=np.zeros(0),
+        touches=30,
+        robot_time=15.0,
+    )
+
+
+@pytest.fixture
+def score() -> Score:
+    """A score of the tetrahedron."""
+    return Score(
+        number=1,
+        contours=2,
+        touches=40,
+        robot_time=20.0,
+        chamfer=0.0003,
+        rms=0.0004,
+        p95=0.0008,
+        hausdorff=0.002,
+        normal=3.0,
+        volume_error=-0.01,
+        sampling_floor=0.00005,
+        size=0.03,
+        watertight=True,
+        genus=0,
+        final=True,
+    )

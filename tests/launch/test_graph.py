@@ -1,0 +1,189 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import pytest
+from msgspec import Meta, Struct
+
+from palpate.launch.graph import Entry, Graph
+from palpate.launch.located import InputError
+from palpate.messages.types import LogRecord, NodeStatus, Truth
+from palpate.nodes.node import Sink
+
+MakeNode = Callable[..., str]
+
+
+class Dials(Struct, frozen=True, kw_only=True):
+    turns: Annotated[int, Meta(ge=1)] = 3
+
+
+def graph_of(*entries: Entry, ends: str = "b") -> Graph:
+    return Graph(entries, ends, "f.yaml:9")
+
+
+@pytest.fixture
+def pair(make_node: MakeNode) -> tuple[Entry, Entry]:
+    make_node("t.a", says={"/x": LogRecord}, params=Dials)
+    make_node("t.b", hears={"/x": LogRecord})
+    return Entry(name="a", kind="t.a", source="f.yaml:2"), Entry(name="b", kind="t.b")
+
+
+def changed(entry: Entry, **fields: Any) -> Entry:
+    return Entry(**{name: getattr(entry, name) for name in entry.__slots__} | fields)
+
+
+def test_a_wiring_says_who_hears_what_from_whom(pair: tuple[Entry, Entry]) -> None:
+    a, b = graph_of(*pair).wirings()
+
+    assert a.outputs == {"/x": "/x"}
+    assert a.listeners == {"/x": ("b",)}
+    assert a.params == Dials(turns=3)
+    assert [(i.publisher, i.topic, i.local, i.type) for i in b.inputs] == [
+        ("a", "/x", "/x", "LogRecord")
+    ]
+
+
+def test_a_namespace_is_put_before_the_topics_and_looked_into_first(make_node: MakeNode) -> None:
+    make_node("t.a", says={"/x": LogRecord})
+    make_node("t.b", hears={"/x": LogRecord, "/y": LogRecord})
+    make_node("t.c", says={"/y": LogRecord})
+
+    wirings = graph_of(
+        Entry(name="a1", kind="t.a", namespace="one"),
+        Entry(name="a2", kind="t.a", namespace="two"),
+        Entry(name="b", kind="t.b", namespace="two"),
+        Entry(name="c", kind="t.c"),
+    ).wirings()
+
+    heard = {i.local: (i.publisher, i.topic) for i in wirings[2].inputs}
+    assert heard == {"/x": ("a2", "/two/x"), "/y": ("c", "/y")}
+
+
+def test_an_input_that_is_many_hears_every_namespace(make_node: MakeNode) -> None:
+    make_node("t.a", says={"/x": LogRecord})
+    make_node("t.b", hears={"/x": LogRecord}, many=("/x",))
+
+    b = graph_of(
+        Entry(name="a1", kind="t.a", namespace="one"),
+        Entry(name="a2", kind="t.a", namespace="two"),
+        Entry(name="b", kind="t.b"),
+    ).wirings()[-1]
+
+    assert [(i.publisher, i.topic, i.local) for i in b.inputs] == [
+        ("a1", "/one/x", "/x"),
+        ("a2", "/two/x", "/x"),
+    ]
+
+
+def test_remapping_renames_a_topic_on_the_wire(pair: tuple[Entry, Entry]) -> None:
+    a = changed(pair[0], remap={"/x": "/z"}, namespace="one")
+    b = changed(pair[1], remap={"/x": "/z"})
+
+    first, second = graph_of(a, b).wirings()
+
+    assert first.outputs == {"/x": "/z"}
+    assert [(i.topic, i.local) for i in second.inputs] == [("/z", "/x")]
+
+
+def test_a_sink_hears_every_topic(pair: tuple[Entry, Entry], make_node: MakeNode) -> None:
+    sink = Sink(params=Dials, open=lambda params, types: None)  # type: ignore[arg-type,return-value]
+    make_node("t.s", value=sink)
+
+    wirings = graph_of(*pair, Entry(name="s", kind="t.s")).wirings()
+
+    assert [i.topic for i in wirings[2].inputs] == ["/x"]
+    assert wirings[0].listeners == {"/x": ("b", "s")}
+
+
+def test_the_table_names_topic_type_and_both_ends(pair: tuple[Entry, Entry]) -> None:
+    table = graph_of(*pair).table().splitlines()
+
+    assert table[0].split() == ["topic", "type", "from", "to"]
+    assert table[1].split() == ["/x", "LogRecord", "a", "b"]
+    assert table[-1] == "ends with the Finished of b"
+
+
+@pytest.mark.parametrize(
+    ("which", "change", "words"),
+    [
+        (1, {"name": "a"}, "node 'a': the name is taken by f.yaml:2"),
+        (0, {"name": "A b"}, "the name must be a letter"),
+        (0, {"name": "launcher"}, "the launcher's own name"),
+        (0, {"namespace": "/one"}, "the namespace '/one' must be"),
+        (0, {"kind": "plannet"}, "there is no kind of node 'plannet'; did you mean 'planner'?"),
+        (0, {"kind": "t.none"}, "f.yaml:2: node 'a': no module 't.none'"),
+        (0, {"kind": "palpate.nodes.node"}, "holds no NODE"),
+        (0, {"remap": {"/xx": "/x"}}, "has no topic '/xx' to remap; did you mean '/x'?"),
+        (0, {"remap": {"/x": "x y"}}, "/x cannot become 'x y'"),
+        (0, {"params": {"turn": 1}}, "f.yaml:2: unknown key 'turn' in a; did you mean 'turns'?"),
+        (0, {"params": {"turns": "x"}}, "a.turns is 'x'; expected whole number, got text"),
+        (0, {"params": {"turns": 0}}, "a.turns is 0; expected whole number >= 1"),
+        (0, {"params": [1]}, "params must be a map"),
+        (0, {"remap": {"/x": "/xx"}}, "hears /x, which nobody publishes; did you mean '/xx'?"),
+    ],
+)
+def test_a_graph_that_could_not_run_is_refused(
+    pair: tuple[Entry, Entry], which: int, change: dict[str, Any], words: str
+) -> None:
+    entries = list(pair)
+    entries[which] = changed(entries[which], **change)
+
+    with pytest.raises(InputError) as caught:
+        graph_of(*entries).check()
+
+    assert words in str(caught.value)
+
+
+def test_a_parameter_set_elsewhere_is_refused_with_that_place(pair: tuple[Entry, Entry]) -> None:
+    a = changed(pair[0], params={"turns": 0}, places={("turns",): "--set a.turns=0"})
+
+    with pytest.raises(InputError, match=r"^--set a.turns=0: a.turns is 0"):
+        graph_of(a, pair[1]).check()
+
+
+def test_two_publishers_of_one_topic_are_refused(pair: tuple[Entry, Entry]) -> None:
+    with pytest.raises(InputError, match="publishes /x, which 'a' publishes already"):
+        graph_of(*pair, changed(pair[0], name="c")).check()
+
+
+def test_types_that_differ_are_refused(pair: tuple[Entry, Entry], make_node: MakeNode) -> None:
+    make_node("t.c", hears={"/x": NodeStatus})
+
+    with pytest.raises(InputError, match="hears /x as NodeStatus, but 'a' publishes it as LogReco"):
+        graph_of(*pair, Entry(name="c", kind="t.c")).check()
+
+
+def test_a_publisher_outside_the_namespace_hears_nothing_within(make_node: MakeNode) -> None:
+    make_node("t.a", says={"/x": LogRecord})
+    make_node("t.b", hears={"/x": LogRecord})
+
+    with pytest.raises(InputError, match="hears /x, which nobody publishes"):
+        graph_of(Entry(name="a", kind="t.a", namespace="one"), Entry(name="b", kind="t.b")).check()
+
+
+@pytest.mark.parametrize("ends", ["c", "", "aa"])
+def test_ends_must_name_a_node(pair: tuple[Entry, Entry], ends: str) -> None:
+    with pytest.raises(InputError, match=f"^f.yaml:9: ends names '{ends}'"):
+        graph_of(*pair, ends=ends).check()
+
+
+def test_a_sink_cannot_end_a_graph(pair: tuple[Entry, Entry], make_node: MakeNode) -> None:
+    make_node("t.s", value=Sink(params=Dials, open=lambda params, types: None))  # type: ignore[arg-type,return-value]
+
+    with pytest.raises(InputError, match="ends names 's'"):
+        graph_of(*pair, Entry(name="s", kind="t.s"), ends="s").check()
+
+
+@pytest.mark.parametrize("topic", ["/truth", "/harmless"])
+def test_the_truth_is_for_the_evaluator_alone_under_any_name(
+    make_node: MakeNode, topic: str
+) -> None:
+    make_node("t.a", says={"/truth": Truth})
+    make_node("t.b", hears={topic: Truth})
+    make_node("palpate.nodes.evaluator", hears={topic: Truth})
+    says = Entry(name="a", kind="t.a", remap={"/truth": topic})
+
+    graph_of(says, Entry(name="b", kind="evaluator")).check()
+    with pytest.raises(InputError, match="only an evaluator, a view or a recorder may"):
+        graph_of(says, Entry(name="b", kind="t.b")).check()

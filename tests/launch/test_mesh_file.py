@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.launch import mesh_file
+from palpate.launch.located import InputError
+from palpate.launch.mesh_file import read_mesh
+from palpate.launch.scene import SHIPPED
+
+Write = Callable[[str, str], Path]
+
+CORNERS = [(0, 0, 0), (10, 0, 0), (0, 10, 0), (0, 0, 10)]
+FACES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+
+
+def off(corners: object = CORNERS, faces: object = FACES) -> str:
+    points = [" ".join(map(str, corner)) for corner in corners]  # type: ignore[attr-defined]
+    triangles = ["3 " + " ".join(map(str, face)) for face in faces]  # type: ignore[attr-defined]
+    return "\n".join(["OFF", f"{len(points)} {len(triangles)} 0", *points, *triangles, ""])
+
+
+def stl(faces: object = FACES) -> str:
+    lines = ["solid x"]
+    for face in faces:  # type: ignore[attr-defined]
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += ["vertex {} {} {}".format(*CORNERS[corner]) for corner in face]
+        lines += ["endloop", "endfacet"]
+    return "\n".join([*lines, "endsolid x", ""])
+
+
+@pytest.mark.parametrize(("name", "text"), [("x.off", off()), ("x.stl", stl())])
+@pytest.mark.parametrize(("unit", "side"), [("m", 10.0), ("cm", 0.1), ("mm", 0.01)])
+def test_a_closed_mesh_is_read_in_metres_with_each_corner_once(
+    write: Write, name: str, text: str, unit: str, side: float
+) -> None:
+    vertices, faces = read_mesh(write(name, text), unit)
+
+    assert vertices.shape == (4, 3)
+    assert faces.shape == (4, 3)
+    assert faces.dtype == np.int32
+    assert vertices.max() == pytest.approx(side)
+
+
+def test_corners_that_no_triangle_uses_are_left_out(write: Write) -> None:
+    vertices, _ = read_mesh(write("x.off", off([*CORNERS, (99, 99, 99)])), "mm")
+
+    assert vertices.shape == (4, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("x.ply", "", "the mesh file is empty"),
+        ("x.txt", "hello", "'txt' is no mesh format; known: ply"),
+        ("x", "hello", "'no suffix' is no mesh format"),
+        ("x.ply", "hello", "is not a PLY mesh"),
+        ("x.off", off(faces=[]), "x.off: "),
+        ("x.off", off(faces=FACES[:3]), "is not watertight: 3 of its 6 edges"),
+        ("x.off", off(faces=[*FACES, FACES[0]]), "is not watertight: 3 of its 6 edges"),
+        ("x.off", off(faces=[f[::-1] for f in FACES]), "is inside out: its volume is negative"),
+        ("x.off", off(faces=[FACES[0][::-1], *FACES[1:]]), "face opposite ways at 3 of its 6"),
+        ("x.off", off(corners=[("nan", 0, 0), *CORNERS[1:]]), "vertex 0 is not finite"),
+        ("x.off", off(corners=[("inf", 0, 0), *CORNERS[1:]]), "vertex 0 is not finite"),
+        ("x.off", off(faces=[(0, 2, 9), *FACES[1:]]), "x.off: "),
+        ("x.off", off(corners=[(x * 1e4, y, z) for x, y, z in CORNERS]), "is the unit right?"),
+        ("x.off", off(corners=[(x, y, z * 1e-3) for x, y, z in CORNERS]), "is the unit right?"),
+        ("x.stl", "solid x\nendsolid x\n", "x.stl: "),
+        ("x.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "x.obj: "),
+    ],
+)
+def test_a_bad_mesh_is_refused_in_one_sentence(
+    write: Write, name: str, text: str, words: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        read_mesh(write(name, text), "mm")
+
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_mesh_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the mesh cannot be read: No such file"):
+        read_mesh(tmp_path / "none.ply", "mm")
+
+
+def test_a_large_file_is_refused_before_it_is_read(
+    write: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write("x.off", off())
+    monkeypatch.setattr(mesh_file, "MAX_BYTES", 10)
+
+    with pytest.raises(InputError, match="is larger than"):
+        read_mesh(path, "mm")
+
+
+def test_too_many_triangles_are_refused(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write("x.off", off())
+    monkeypatch.setattr(mesh_file, "MAX_FACES", 3)
+
+    with pytest.raises(InputError, match="has 4 triangles; at most 3 are taken"):
+        read_mesh(path, "mm")
+
+
+def test_two_meshes_in_one_file_are_refused(tmp_path: Path) -> None:
+    import trimesh
+
+    one = trimesh.creation.box()
+    trimesh.Scene([one, one.copy()]).export(tmp_path / "x.glb")
+
+    with pytest.raises(InputError, match="holds 2 meshes; there must be exactly one"):
+        read_mesh(tmp_path / "x.glb", "mm")
+
+
+def test_points_without_triangles_are_refused(write: Write) -> None:
+    header = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+    path = write("x.ply", header + "property float z\nend_header\n0 0 0\n")
+
+    with pytest.raises(InputError, match="holds a PointCloud, not a triangle mesh"):
+        read_mesh(path, "mm")
+
+
+def test_no_cut_or_damage_to_a_file_shows_more_than_a_sentence(tmp_path: Path) -> None:
+    data = (SHIPPED / "pear.ply").read_bytes()
+    rng = np.random.default_rng(5)
+    refused = 0
+    for number in range(40):
+        hurt = bytearray(data[: rng.integers(len(data))] if number % 2 else data)
+        for place in rng.integers(0, min(len(hurt), 2000) or 1, 3):
+            if hurt:
+                hurt[place % len(hurt)] = int(rng.integers(256))
+        path = tmp_path / "x.ply"
+        path.write_bytes(hurt)
+        try:
+            vertices, faces = read_mesh(path, "mm")
+        except InputError:
+            refused += 1
+        else:
+            assert np.isfinite(vertices).all()
+            assert faces.max() < len(vertices)
+    assert refused >= 20
+
+
+def test_the_shipped_mesh_is_what_its_script_writes(tmp_path: Path) -> None:
+    import runpy
+
+    script = runpy.run_path(str(SHIPPED / "make_mesh.py"))
+    script["write"](tmp_path / "pear.ply")
+
+    assert (tmp_path / "pear.ply").stat().st_size == (SHIPPED / "pear.ply").stat().st_size
+    again, _ = read_mesh(tmp_path / "pear.ply", "mm")
+    shipped, _ = read_mesh(SHIPPED / "pear.ply", "mm")
+    np.testing.assert_allclose(np.ptp(again, axis=0), np.ptp(shipped, axis=0), rtol=1e-6)

@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import pytest
+from msgspec import Struct
+
+from palpate.launch.graph import Entry, Graph
+from palpate.launch.located import InputError
+from palpate.launch.override import override, read_arguments, read_settings
+
+
+class Dials(Struct, frozen=True, kw_only=True):
+    turns: int = 3
+    name: str = "x"
+
+
+def test_a_setting_is_laid_over_the_parameters_and_says_so_in_its_place() -> None:
+    graph = Graph((Entry(name="a", params={"name": "y"}), Entry(name="b")), "a")
+
+    a, b = override(graph, read_settings(["a.turns=5", "a.turns=6"])).entries
+
+    assert a.params == {"name": "y", "turns": 6}
+    assert a.settings.place(("turns",)) == "--set a.turns=6"
+    assert b.params == {}
+
+
+def test_a_setting_is_laid_over_a_struct_too() -> None:
+    graph = Graph((Entry(name="a", params=Dials(name="y")),), "a")
+
+    (a,) = override(graph, read_settings(["a.turns=[1, 2]"])).entries
+
+    assert a.params == {"name": "y", "turns": [1, 2]}
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("a.turns", "--set a.turns: must look like planner.contours=9"),
+        ("turns=3", "--set turns=3: must look like planner.contours=9"),
+        ("simulater.x=3", "there is no node 'simulater'; did you mean 'simulator'?"),
+        ("a.turns=[", "--set a.turns=[:1: is not YAML"),
+    ],
+)
+def test_a_wrong_setting_is_refused(setting: str, words: str) -> None:
+    graph = Graph((Entry(name="a"), Entry(name="simulator")), "a")
+
+    with pytest.raises(InputError) as caught:
+        override(graph, read_settings([setting]))
+
+    assert words in str(caught.value)
+
+
+def test_arguments_are_read_as_yaml() -> None:
+    found = read_arguments(["scene:=vase", "record:=false", "seed:=3"])
+
+    assert {name: value.value for name, value in found.items()} == {
+        "scene": "vase",
+        "record": False,
+        "seed": 3,
+    }
+
+
+@pytest.mark.parametrize("text", ["scene=vase", ":=vase"])
+def test_a_wrong_argument_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="an argument must look like scene:=vase"):
+        read_arguments([text])

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import sys
+
+import pytest
+
+from palpate.launch.display import Lines, Live, Silence, open_display, progress_text
+from palpate.launch.progress import Gatherer, Progress
+from palpate.messages.types import Contour, LogRecord, Score, ShapeModel
+
+
+def record(text: str = "the pad slipped", level: str = "warning") -> LogRecord:
+    return LogRecord(node="tracer", level=level, text=text, robot_time=2.5)  # type: ignore[arg-type]
+
+
+def test_the_gatherer_adds_up_what_it_hears(
+    contour: Contour, tetrahedron: ShapeModel, score: Score
+) -> None:
+    gatherer = Gatherer(3, Silence(), io.StringIO())
+
+    gatherer.ready(0.5)
+    for message in (contour, dataclasses.replace(contour, robot_time=9.0), tetrahedron, score):
+        gatherer.heard("/any", message)
+    gatherer.tick({})
+
+    progress = gatherer.progress
+    assert (progress.contours, progress.touches, progress.robot_time) == (2, 60, 15.0)
+    assert progress.ready == 0.5
+    assert progress.model is tetrahedron
+    assert progress.score is score
+    assert 0.0 <= progress.scores[0][0] <= progress.wall
+
+
+def test_the_log_is_one_json_line_a_record() -> None:
+    log = io.StringIO()
+    Gatherer(1, Silence(), log).log(record())
+
+    line = json.loads(log.getvalue())
+    assert line.pop("wall_s") >= 0.0
+    assert line == {
+        "node": "tracer",
+        "level": "warning",
+        "text": "the pad slipped",
+        "robot_time_s": 2.5,
+    }
+
+
+def test_plain_lines_come_once_a_score_and_once_a_warning(score: Score) -> None:
+    stream = io.StringIO()
+    lines = Lines(stream)
+    progress = Progress(contours=1, touches=40, wall=2.0)
+
+    lines.ready(8, 1.25)
+    lines.show(progress)
+    progress.scores.append((1.0, score))
+    lines.show(progress)
+    lines.show(progress)
+    for one in (record(), record(), record("all is well", "info")):
+        lines.note(one)
+    lines.close()
+
+    assert stream.getvalue().splitlines() == [
+        "ready    8 nodes in 1.2 s",
+        "tracing  1 contours  40 touches  20/s  error 0.30 mm (1.00 %)  2 s",
+        "warning  tracer: the pad slipped",
+    ]
+
+
+def test_a_line_of_progress_fits_on_a_screen(score: Score) -> None:
+    progress = Progress(contours=200, touches=99999, wall=99999.0, scores=[(1.0, score)])
+
+    assert len(progress_text(progress)) <= 70
+
+
+def test_the_live_line_is_taken_away_at_the_end(
+    score: Score, capfd: pytest.CaptureFixture[str]
+) -> None:
+    live = Live()
+    live.show(Progress(scores=[(1.0, score)]))
+    live.note(record())
+    live.close()
+    live.close()
+
+    assert "warning  tracer: the pad slipped" in capfd.readouterr().err
+
+
+def test_the_display_suits_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
+    assert type(open_display(quiet=False)) is Lines
+    assert type(open_display(quiet=True)) is Silence
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert type(open_display(quiet=False)) is Live
+
+
+def test_silence_is_silent(score: Score, capfd: pytest.CaptureFixture[str]) -> None:
+    silence = Silence()
+    silence.ready(1, 1.0)
+    silence.show(Progress(scores=[(1.0, score)]))
+    silence.note(record())
+    silence.close()
+
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import zmq
+
+from palpate.messages.bus.publisher import Publisher
+from palpate.messages.bus.subscriber import Arrival, Subscriber
+
+
+class Bench:
+    """Publishers and subscribers in one thread, each turned by hand."""
+
+    def __init__(self, context: zmq.Context[Any]) -> None:
+        self.context = context
+        self._made: list[Publisher | Subscriber] = []
+
+    def publisher(self, name: str = "talker", **more: Any) -> Publisher:
+        settings: dict[str, Any] = {
+            "run": 1,
+            "epoch": 0,
+            "listeners": {"/talk": ("hearer",), "/more": ()},
+            "depth": 1000,
+            "drain": lambda: None,
+        }
+        made = Publisher(self.context, f"inproc://{name}", name=name, **{**settings, **more})
+        self._made.append(made)
+        return made
+
+    def subscriber(self, *topics: str, name: str = "hearer", **more: Any) -> Subscriber:
+        settings: dict[str, Any] = {
+            "run": 1,
+            "epoch": 0,
+            "sources": {"talker": topics or ("/talk",)},
+            "endpoints": {"talker": "inproc://talker"},
+            "depth": 1000,
+        }
+        made = Subscriber(self.context, name=name, **{**settings, **more})
+        self._made.append(made)
+        return made
+
+    def say(self, publisher: Publisher, *bodies: bytes, topic: str = "/talk") -> None:
+        for body in bodies:
+            publisher.send(topic, body, robot_time=0.0, schema=5)
+
+    def turn(
+        self, publisher: Publisher, subscriber: Subscriber, until: Callable[[], bool]
+    ) -> list[Arrival]:
+        """Turn both ends until something is so, and all that is there has been heard."""
+        heard: list[Arrival] = []
+        deadline = time.monotonic() + 10
+        while not until():
+            assert time.monotonic() < deadline, "nothing came of it"
+            publisher.socket.poll(1)
+            publisher.serve()
+            heard += self.hear(subscriber)
+        return heard + self.hear(subscriber)
+
+    def hear(self, subscriber: Subscriber) -> list[Arrival]:
+        heard = []
+        while (arrival := subscriber.receive()) is not None:
+            heard.append(arrival)
+        return heard
+
+    def close(self) -> None:
+        for one in self._made:
+            one.socket.close(0)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    with zmq.Context() as context:
+        made = Bench(context)
+        yield made
+        made.close()

@@ -1,0 +1,189 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from palpate.messages.bus import join
+from palpate.messages.bus.publisher import BlockedError
+from palpate.messages.header import Header, pack_frame
+
+
+def seqs(arrivals: list[Any]) -> list[int]:
+    return [arrival.header.seq for arrival in arrivals]
+
+
+def test_what_was_said_before_anybody_listened_is_heard(bench: Any) -> None:
+    publisher = bench.publisher()
+    bench.say(publisher, b"one", b"two")
+    subscriber = bench.subscriber()
+    heard = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    assert [arrival.body for arrival in heard] == [b"one", b"two"]
+    assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
+
+
+def test_what_is_said_while_a_listener_joins_is_heard_once(bench: Any) -> None:
+    publisher = bench.publisher()
+    bench.say(publisher, b"0")
+    subscriber = bench.subscriber()
+    heard = []
+    for number in range(1, 50):
+        bench.say(publisher, b"%d" % number)
+        publisher.serve()
+        heard += bench.hear(subscriber)
+    heard += bench.turn(publisher, subscriber, lambda: subscriber.in_step and len(heard) + 1 > 0)
+    heard += bench.hear(subscriber)
+    assert seqs(heard) == list(range(50))
+    assert subscriber.gaps == 0
+
+
+def test_topics_are_counted_apart(bench: Any) -> None:
+    publisher = bench.publisher()
+    subscriber = bench.subscriber("/talk", "/more")
+    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    bench.say(publisher, b"a", b"b")
+    bench.say(publisher, b"c", topic="/more")
+    heard = bench.hear(subscriber)
+    assert [(one.topic, one.header.seq) for one in heard] == [
+        ("/talk", 0),
+        ("/talk", 1),
+        ("/more", 0),
+    ]
+    assert publisher.sent == {"/talk": 2, "/more": 1}
+
+
+def test_a_header_carries_what_the_receiver_checks(bench: Any) -> None:
+    publisher = bench.publisher()
+    subscriber = bench.subscriber()
+    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    publisher.send("/talk", b"body", robot_time=2.5, schema=9)
+    [arrival] = bench.hear(subscriber)
+    header = arrival.header
+    assert (header.run, header.epoch, header.seq, header.robot_time, header.schema) == (
+        1,
+        0,
+        0,
+        2.5,
+        9,
+    )
+    assert header.sent_ns > 0
+
+
+def test_a_large_frame_arrives_whole(bench: Any) -> None:
+    publisher = bench.publisher()
+    subscriber = bench.subscriber()
+    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    bench.say(publisher, bytes(1 << 20))
+    assert bench.hear(subscriber)[0].body == bytes(1 << 20)
+
+
+def test_a_topic_that_is_not_the_publishers_is_refused(bench: Any) -> None:
+    with pytest.raises(KeyError, match="/elsewhere"):
+        bench.say(bench.publisher(), b"", topic="/elsewhere")
+
+
+def test_a_frame_that_is_dropped_on_the_way_is_counted_as_a_gap(bench: Any) -> None:
+    publisher = bench.publisher()
+    subscriber = bench.subscriber()
+    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    bench.say(publisher, b"zero")
+    publisher._past["/talk"].append(b"lost")
+    bench.say(publisher, b"two", b"three")
+    assert seqs(bench.hear(subscriber)) == [0]
+    assert subscriber.gaps == 3
+    assert subscriber.duplicates == 0
+
+
+def test_a_frame_that_comes_twice_is_counted_and_dropped(bench: Any) -> None:
+    publisher = bench.publisher()
+    subscriber = bench.subscriber()
+    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    bench.say(publisher, b"zero")
+    publisher.socket.send(publisher._past["/talk"][0])
+    bench.say(publisher, b"one")
+    assert seqs(bench.hear(subscriber)) == [0, 1]
+    assert (subscriber.gaps, subscriber.duplicates) == (0, 1)
+
+
+def test_a_frame_before_its_past_is_early_and_comes_again_in_order(bench: Any) -> None:
+    publisher = bench.publisher()
+    bench.say(publisher, b"0", b"1")
+    subscriber = bench.subscriber()
+    publisher.socket.poll(1000)
+    publisher.serve()
+    bench.say(publisher, b"2")
+    heard = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    assert seqs(heard) == [0, 1, 2]
+    assert subscriber.early == 1
+    assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
+
+
+def test_a_publisher_that_starts_again_is_taken_up_where_it_was_left(bench: Any) -> None:
+    first = bench.publisher()
+    subscriber = bench.subscriber()
+    bench.turn(first, subscriber, lambda: subscriber.in_step)
+    bench.say(first, b"0", b"1")
+    heard = bench.hear(subscriber)
+    first.close(0)
+    second = bench.publisher(epoch=1)
+    bench.say(second, b"0", b"1", b"2")
+    # A socket within one process does not reconnect by itself.
+    subscriber.socket.connect("inproc://talker")
+    heard += bench.turn(
+        second, subscriber, lambda: subscriber._greeted["talker"] == 1 and subscriber.in_step
+    )
+    bench.say(second, b"3")
+    heard += bench.hear(subscriber)
+    assert seqs(heard) == [0, 1, 2, 3]
+    assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
+
+
+def test_a_stale_cursor_is_not_answered(bench: Any) -> None:
+    publisher = bench.publisher(epoch=2)
+    bench.say(publisher, b"0")
+    subscriber = bench.subscriber()
+    stale = join.cursor(join.call("hearer", 0, "talker"), 1, "/talk", 0)
+    subscriber.socket.subscribe(stale)
+    heard = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    assert seqs(heard) == [0]
+    assert subscriber.duplicates == 0
+
+
+def test_a_sender_whose_queue_is_full_drains_and_names_who_blocks_it(bench: Any) -> None:
+    drained: list[int] = []
+    publisher = bench.publisher(depth=1, patience=0.2, drain=lambda: drained.append(1))
+    subscriber = bench.subscriber(depth=1)
+    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    with pytest.raises(BlockedError, match=r"talker could not send /talk for 0.2 s: hearer does"):
+        bench.say(publisher, *[b"x"] * 100)
+    assert drained
+    assert publisher.blocked == 1
+
+
+def test_a_full_queue_loses_nothing_once_it_is_drained(bench: Any) -> None:
+    heard: list[Any] = []
+    publisher = bench.publisher(depth=1, drain=lambda: heard.extend(bench.hear(subscriber)))
+    subscriber = bench.subscriber(depth=1)
+    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    bench.say(publisher, *[b"x"] * 1000)
+    heard += bench.hear(subscriber)
+    assert seqs(heard) == list(range(1000))
+    assert publisher.blocked > 0
+
+
+def test_a_frame_of_another_run_is_refused(bench: Any) -> None:
+    publisher = bench.publisher()
+    subscriber = bench.subscriber()
+    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    publisher.socket.send(pack_frame("/talk", Header(2, 0, 0, 0, 0.0, 0), b""))
+    with pytest.raises(ValueError, match="hearer heard /talk of run 2, which it never asked for"):
+        subscriber.receive()
+
+
+def test_a_malformed_frame_is_refused(bench: Any) -> None:
+    publisher = bench.publisher()
+    subscriber = bench.subscriber()
+    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    publisher.socket.send(b"/talk\0too short")
+    with pytest.raises(ValueError, match="not a frame"):
+        subscriber.receive()

@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+from typing import Any
+
+import zmq
+
+from palpate.messages.bus.tap import DEPTH, LOG, STATUS, Tap, TapReader
+from palpate.messages.codec import decode
+from palpate.messages.header import Header, pack_frame
+from palpate.messages.types import LogRecord
+
+FRAME = pack_frame("/touch/raw", Header(1, 0, 0, 0, 0.0, 0), b"body")
+LINE = LogRecord(node="filter", level="info", text="hello", robot_time=1.5)
+
+
+def pair(context: zmq.Context[Any], *topics: str) -> tuple[Tap, TapReader]:
+    tap = Tap(context, "inproc://tap", run=1, epoch=0)
+    reader = TapReader(context, ["inproc://tap"], topics)
+    tap.socket.poll(1000)
+    tap.refresh()
+    return tap, reader
+
+
+def close(*ends: Tap | TapReader) -> None:
+    for end in ends:
+        end.close()
+
+
+def test_a_node_is_heard_by_who_listens_to_its_tap(bench: Any) -> None:
+    tap, reader = pair(bench.context, LOG)
+    tap.say(LINE)
+    heard = reader.receive()
+    assert heard is not None
+    topic, header, body = heard
+    assert (topic, header.seq, header.robot_time) == (LOG, 0, 1.5)
+    assert decode(LogRecord, body).text == "hello"
+    assert reader.receive() is None
+    close(tap, reader)
+
+
+def test_nothing_is_copied_while_only_the_nodes_own_words_are_wanted(bench: Any) -> None:
+    tap, reader = pair(bench.context, STATUS, LOG)
+    tap.mirror(FRAME)
+    assert not tap._mirroring
+    assert reader.receive() is None
+    close(tap, reader)
+
+
+def test_a_frame_is_copied_for_who_wants_its_topic(bench: Any) -> None:
+    tap, reader = pair(bench.context, "/touch/raw")
+    tap.mirror(FRAME)
+    tap.mirror(FRAME.replace(b"raw", b"raw_not_wanted", 1))
+    heard = reader.receive()
+    assert heard is not None and heard[2] == b"body"
+    assert reader.receive() is None
+    close(tap, reader)
+
+
+def test_copying_ends_with_the_last_who_wants_it(bench: Any) -> None:
+    tap, reader = pair(bench.context, "/touch/raw")
+    assert tap._mirroring
+    reader.close()
+    assert tap.socket.poll(1000)
+    tap.refresh()
+    assert not tap._mirroring
+    tap.close()
+
+
+def test_a_listener_that_does_not_listen_holds_nobody_up(bench: Any) -> None:
+    tap, reader = pair(bench.context, LOG)
+    for _ in range(10 * DEPTH):
+        tap.say(LINE)
+    seqs = []
+    while (heard := reader.receive()) is not None:
+        seqs.append(heard[1].seq)
+    assert seqs[0] == 0
+    assert len(seqs) < 10 * DEPTH
+    close(tap, reader)
