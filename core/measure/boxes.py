@@ -7,6 +7,7 @@ for all points together and keeps the boxes that begin nearer than each point's 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Self
 
@@ -21,7 +22,9 @@ CHILDREN = 4
 MORTON_BITS = 16
 """Of each coordinate: finer than any neighbourhood that matters."""
 BLOCK = 4096
-"""Points that descend together: bounds the memory."""
+"""Points that descend together."""
+MOST_PAIRS = 1 << 20
+"""Pairs of point and box that are held at once, unless a single point has more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +49,7 @@ class BoxTree:
             levels.append(_padded(low, high))
         return cls(tuple(levels), order)
 
-    def within(self, points: Floats, reach: Floats) -> tuple[Indices, Indices]:
+    def within(self, points: Floats, reach: Floats) -> Iterator[tuple[Indices, Indices]]:
         """Things whose boxes begin nearer to a point than its reach.
 
         Parameters
@@ -56,29 +59,37 @@ class BoxTree:
         reach : (n,) array
             m.
 
-        Returns
-        -------
+        Yields
+        ------
         point, thing : (p,) arrays
-            All such pairs, by ascending point.
+            All such pairs, by ascending point; all pairs of a point come together.
         """
         square = reach * reach
-        blocks = [
-            self._descend(points, square, np.arange(i, min(i + BLOCK, len(points))))
-            for i in range(0, len(points), BLOCK)
-        ]
-        point, box = (np.concatenate(part) for part in zip(*blocks, strict=True))
-        return point, self.order[box]
+        blocks = np.split(np.arange(len(points)), range(BLOCK, len(points), BLOCK))[::-1]
+        while blocks:
+            rows = blocks.pop()
+            pairs = self._descend(points, square, rows)
+            if pairs is None:
+                half = len(rows) // 2
+                blocks += [rows[half:], rows[:half]]
+            else:
+                yield pairs
 
-    def _descend(self, points: Floats, square: Floats, rows: Indices) -> tuple[Indices, Indices]:
+    def _descend(
+        self, points: Floats, square: Floats, rows: Indices
+    ) -> tuple[Indices, Indices] | None:
+        """Pairs of the points in these rows; None if they are too many to be held."""
         point, box = rows, np.zeros(len(rows), np.intp)
         for centre, half in reversed(self.levels):
+            if len(point) * CHILDREN > MOST_PAIRS and len(rows) > 1:
+                return None
             point = np.repeat(point, CHILDREN)
             box = (box[:, None] * CHILDREN + np.arange(CHILDREN)).ravel()
             gap = np.abs(points[point] - centre[box]) - half[box]
             np.maximum(gap, 0.0, out=gap)
             near = np.einsum("ij,ij->i", gap, gap) < square[point]
             point, box = point[near], box[near]
-        return point, box
+        return point, self.order[box]
 
 
 def _padded(low: Floats, high: Floats) -> tuple[Floats, Floats]:

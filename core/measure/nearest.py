@@ -62,18 +62,27 @@ def nearest_points(search: NearestSearch, queries: Floats) -> Nearest:
 
     Where several faces are equally near, which of them is named is fixed but arbitrary.
     """
-    first = search.face[search.centres.query(queries)[1]]
-    distances, points = _measure(search.triangles, first, queries)
-    query, piece = search.boxes.within(queries, distances)
-    faces = search.face[piece]
-    nearer, nearer_points = _measure(search.triangles, faces, queries[query])
-    # Of each query's candidates the nearest, last, so that its assignment is the one to stay.
-    order = np.lexsort((-nearer, query))
-    order = order[nearer[order] < distances[query[order]]]
-    distances[query[order]] = nearer[order]
-    points[query[order]] = nearer_points[order]
-    first[query[order]] = faces[order]
-    return Nearest(distances, points, first)
+    faces = search.face[search.centres.query(queries)[1]]
+    distances, points = _measure(search.triangles, faces, queries)
+    best = Nearest(distances, points, faces)
+    for query, piece in search.boxes.within(queries, distances.copy()):
+        _improve(search.triangles, queries, query, search.face[piece], best)
+    return best
+
+
+def _improve(
+    triangles: Triangles, queries: Floats, query: Indices, faces: Indices, best: Nearest
+) -> None:
+    """Take over what is nearer among these pairs of a query and a face."""
+    distances, points = _measure(triangles, faces, queries[query])
+    nearer = np.flatnonzero(distances < best.distances[query])
+    nearer = nearer[np.lexsort((distances[nearer], query[nearer]))]
+    rows = query[nearer]
+    is_first = np.diff(rows, prepend=-1) > 0
+    rows, won = rows[is_first], nearer[is_first]
+    best.distances[rows] = distances[won]
+    best.points[rows] = points[won]
+    best.faces[rows] = faces[won]
 
 
 def _measure(triangles: Triangles, faces: Indices, points: Floats) -> tuple[Floats, Floats]:

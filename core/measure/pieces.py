@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from palpate.core.arrays import Floats
 from palpate.core.measure.triangles import areas_and_normals
 
-EXTRA_PIECES = 20_000
+EXTRA_PIECES = 50_000
 """Pieces that may be cut beyond twice the number of faces."""
 COMPACT = 2.0
 """Longest edge over the root of the mean area, at which a piece is left whole: 1.5 for

@@ -123,4 +123,3 @@ def _bend_section() -> Floats:
     twist = np.kron(slope, slope)
     result: Floats = np.kron(_bend(SIDE), unit) + np.kron(unit, _bend(SIDE)) + 2 * twist.T @ twist
     return result
-

@@ -8,11 +8,12 @@ at the poles, where the distance itself rises with an infinite one.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.linalg.lapack import dpocon
-from scipy.sparse import csr_array, diags_array, eye_array, kron
+from scipy.sparse import csr_array, diags_array, kron
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.felt_points import FeltPoints
@@ -48,7 +49,7 @@ class Skin:
     condition: float
     """Estimate of the system's condition number."""
     factor: Floats
-    """Cholesky factor of the system, lower."""
+    """Cholesky factor of the system in the lower triangle; the upper one is of no meaning."""
 
     def squared(self, heights: Floats, turns: Floats) -> Floats:
         """Squared distance from the axis on a grid, (heights, turns), m^2."""
@@ -127,24 +128,28 @@ def fit_skin(felt: FeltPoints, spine: Spine, low: float, high: float) -> Skin:
         least=1e-6 * float(np.median(distance)) ** 2,
         rms=float(np.sqrt(np.mean(misfit**2))),
         condition=1.0 / max(float(reciprocal), np.finfo(float).tiny),
-        factor=np.tril(factor),
+        factor=factor,
     )
 
 
 def _penalised(rows: csr_array) -> Floats:
     """Normal matrix with the penalty: positive definite, its condition bounded by the ridge."""
-    normal = (rows.T @ rows).toarray()
+    normal: Floats = (rows.T @ rows).toarray()
     scale = float(np.trace(normal)) / len(normal)
-    bend_along = diags_array(
-        [1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(ALONG - 2, ALONG)
-    ).toarray()
+    return normal + scale * _penalty()
+
+
+@cache
+def _penalty() -> Floats:
+    """Squared second differences along and around, and the ridge."""
+    bend_along = np.diff(np.eye(ALONG), 2, axis=0)
     unit = np.eye(AROUND)
     bend_around = np.roll(unit, 1, axis=1) - 2.0 * unit + np.roll(unit, -1, axis=1)
-    along = kron(csr_array(bend_along.T @ bend_along), eye_array(AROUND))
-    around = kron(eye_array(ALONG), csr_array(bend_around.T @ bend_around))
-    penalty = STIFFNESS_ALONG * along + STIFFNESS_AROUND * around
-    result: Floats = normal + scale * (penalty.toarray() + RIDGE * np.eye(len(normal)))
-    return result
+    along = STIFFNESS_ALONG * np.kron(bend_along.T @ bend_along, unit)
+    around = STIFFNESS_AROUND * np.kron(np.eye(ALONG), bend_around.T @ bend_around)
+    penalty: Floats = along + around + RIDGE * np.eye(ALONG * AROUND)
+    penalty.setflags(write=False)
+    return penalty
 
 
 def _tensor_rows(first: csr_array, second: csr_array) -> csr_array:

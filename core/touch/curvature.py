@@ -20,6 +20,11 @@ EDGE_MISFIT = 0.04
 """In pitches: what a quartic leaves over on the tightest curve that a pad resolves."""
 
 
+EDGE_CURVATURE = 0.5
+"""In 1 / pitches: what curves within two pitches is an edge to this array, however well a
+polynomial passes through the few taxels that touch it."""
+
+
 class Patch(NamedTuple):
     """A felt patch of surface, in the pad's frame."""
 
@@ -82,6 +87,8 @@ def feel_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, nois
         return Patch(kind, jet, normal, (0.0, 0.0), 0.0, trust, residual)
     by_xx, by_xy, by_yy = (float(s[0]) for s in jet.second_derivatives(*middle))
     k1, k2, across = _curvatures((slope_x, slope_y), (by_xx, by_xy, by_yy), direction)
+    if max(abs(k1), abs(k2)) * pad.pitch > EDGE_CURVATURE:
+        return Patch("edge", jet, normal, (0.0, 0.0), 0.0, trust, residual)
     return Patch("smooth", jet, normal, (k1, k2), across, trust, residual)
 
 

@@ -132,7 +132,9 @@ class Subscriber:
         topic, header, body = split_frame(frame)
         edge = self._edges.get(topic)
         if edge is None or header.run != self.run:
-            raise ValueError(f"{self.name} heard {topic} of run {header.run}, which it never asked for")
+            raise ValueError(
+                f"{self.name} heard {topic} of run {header.run}, which it never asked for"
+            )
         if header.epoch != self._greeted.get(edge.publisher):
             self.early += 1
         elif header.seq == edge.wanted:

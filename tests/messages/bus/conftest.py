@@ -26,7 +26,8 @@ class Bench:
             "depth": 1000,
             "drain": lambda: None,
         }
-        made = Publisher(self.context, f"inproc://{name}", name=name, **{**settings, **more})
+        endpoint = more.pop("endpoint", f"inproc://{name}")
+        made = Publisher(self.context, endpoint, name=name, **{**settings, **more})
         self._made.append(made)
         return made
 

@@ -1,0 +1,129 @@
+"""Reads a recording: what it says of itself, and its messages in the order of arrival."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.records import Channel, Message, Metadata, Schema
+
+from palpate.messages.recording.framing import Closed, records
+from palpate.messages.recording.writer import ABOUT
+
+
+class Kept(NamedTuple):
+    """One recorded message."""
+
+    topic: str
+    publisher: str
+    """Name of the node that sent it; empty if the recording does not say."""
+    type: str
+    """Name of its type."""
+    run: int
+    epoch: int
+    """Counts the publisher's starts."""
+    seq: int
+    """Counts up by one per topic."""
+    sent_ns: int
+    """The publisher's monotonic clock, ns."""
+    schema: int
+    """Hash of the type's schema when it was recorded."""
+    body: bytes
+    """The message, still encoded."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recording:
+    """A readable recording."""
+
+    path: Path
+    version: str
+    """Version of palpate that wrote it."""
+    graph: bytes
+    """Description of the graph that ran; empty if it has none."""
+    counts: Mapping[str, int]
+    """Messages by topic."""
+    closed: bool
+    """False if the recorder was killed: then the last messages may be missing."""
+
+    def messages(self) -> Iterator[Kept]:
+        """The messages in the order in which the recorder heard them."""
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, Channel] = {}
+        for record in records(self.path):
+            if isinstance(record, Message):
+                channel = channels[record.channel_id]
+                yield _kept(channel, schemas[channel.schema_id], record)
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
+
+
+def open_recording(path: Path) -> Recording:
+    """Check a recording from end to end.
+
+    Raises
+    ------
+    ValueError
+        If it is missing, empty, no MCAP file, cut off, damaged, or not written by palpate.
+    """
+    about: Mapping[str, str] | None = None
+    schemas: set[int] = set()
+    topics: dict[int, str] = {}
+    counts: dict[str, int] = {}
+    closed = False
+    for record in records(path):
+        if isinstance(record, Message):
+            if record.channel_id not in topics:
+                raise ValueError(f"recording {path} is damaged: a message without a channel")
+            topic = topics[record.channel_id]
+            counts[topic] = counts.get(topic, 0) + 1
+        elif isinstance(record, Schema):
+            schemas.add(record.id)
+        elif isinstance(record, Channel):
+            _check_channel(path, record, schemas)
+            topics[record.id] = record.topic
+        elif isinstance(record, Metadata) and record.name == ABOUT:
+            about = record.metadata
+        closed = isinstance(record, Closed)
+    if about is None:
+        raise ValueError(f"recording {path} was not written by palpate, or ends before it began")
+    return Recording(
+        path=path,
+        version=about.get("version", ""),
+        graph=about.get("graph", "").encode(),
+        counts=counts,
+        closed=closed,
+    )
+
+
+def _check_channel(path: Path, channel: Channel, schemas: set[int]) -> None:
+    """Refuse a channel whose messages could not be told apart."""
+    about = channel.metadata
+    try:
+        int(about["run"], 16), int(about["epoch"]), int(about["schema_hash"], 16)
+    except (KeyError, ValueError):
+        raise ValueError(
+            f"recording {path} was not written by palpate: "
+            f"{channel.topic} lacks its run, epoch or schema hash"
+        ) from None
+    if channel.schema_id not in schemas or channel.message_encoding != "msgpack":
+        raise ValueError(f"recording {path} has no schema of msgpack for {channel.topic}")
+
+
+def _kept(channel: Channel, schema: Schema, message: Message) -> Kept:
+    about = channel.metadata
+    return Kept(
+        topic=channel.topic,
+        publisher=about.get("publisher", ""),
+        type=schema.name,
+        run=int(about["run"], 16),
+        epoch=int(about["epoch"]),
+        seq=message.sequence,
+        sent_ns=message.publish_time,
+        schema=int(about["schema_hash"], 16),
+        body=message.data,
+    )

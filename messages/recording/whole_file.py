@@ -1,0 +1,49 @@
+"""A file in which every write is there whole or not at all.
+
+A disk that is full in the middle of a write, and has room again later, would leave a hole that
+no reader can cross. Here what a failed write left behind is taken back.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class WholeFile:
+    """A new file, without a buffer of its own.
+
+    Raises
+    ------
+    FileExistsError
+        If there is such a file already: recordings are not overwritten.
+    OSError
+        If it cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._raw = path.open("xb", buffering=0)
+        self._end = 0
+
+    def write(self, data: bytes) -> int:
+        """Write all of `data`; on an OSError the file is as it was before."""
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[self._raw.write(left) :]
+        except OSError:
+            self._raw.seek(self._end)
+            self._raw.truncate()
+            raise
+        self._end += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Bytes written so far."""
+        return self._end
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def close(self) -> None:
+        """Close the file."""
+        self._raw.close()

@@ -1,0 +1,164 @@
+"""Writes what a recorder hears into an MCAP file, undecoded.
+
+Messages are kept in chunks that are compressed and checked by themselves. A chunk is ended
+after 20 ms of traffic at the latest, so that a recorder that is killed loses no more than that.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, cast
+
+from mcap.writer import CompressionType, Writer
+
+from palpate.messages.codec import schema
+from palpate.messages.header import Header
+from palpate.messages.recording.whole_file import WholeFile
+from palpate.messages.types import TYPES
+
+CHUNK_BYTES = 1 << 16
+FLUSH_NS = 20_000_000
+"""Longest traffic that is held in memory, ns."""
+
+ABOUT = "palpate"
+"""Name of the metadata record that opens a recording: version and graph."""
+COUNTS = "counts"
+"""Name of the metadata record that closes it: messages by topic."""
+
+
+class RecordingWriter:
+    """A recording under way.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it must not exist.
+    types : mapping
+        Topic to the name of its message type.
+    publishers : mapping
+        Topic to the name of the node that publishes it, as far as known.
+    about : mapping
+        What the recording says of itself: ``version`` and ``graph``.
+
+    Raises
+    ------
+    ValueError
+        If a type is unknown.
+    OSError
+        If the file exists or cannot be written.
+
+    Notes
+    -----
+    A message's log time is the time at which it was sent, or that of the message before it if
+    that is later: it orders the file by arrival, and needs no clock of its own.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        types: Mapping[str, str],
+        publishers: Mapping[str, str],
+        about: Mapping[str, str],
+    ) -> None:
+        unknown = sorted(f"{topic} as {name}" for topic, name in types.items() if name not in TYPES)
+        if unknown:
+            raise ValueError(f"no message type to record {unknown[0]}; known are {sorted(TYPES)}")
+        self._path, self._types, self._publishers = path, types, publishers
+        self._file = WholeFile(path)
+        self._writer: Writer | None = Writer(
+            cast(IO[bytes], self._file),
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.LZ4,
+            enable_data_crcs=True,
+        )
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[tuple[str, int, int, int], int] = {}
+        self._counts: Counter[str] = Counter()
+        self._logged = self._flushed = 0
+        self._writer.start(profile="palpate", library=f"palpate {about.get('version', '')}")
+        self._writer.add_metadata(ABOUT, dict(about))
+
+    def write(self, topic: str, header: Header, body: bytes) -> None:
+        """Keep one message.
+
+        Raises
+        ------
+        ValueError
+            If the topic was not declared, or the recording is closed.
+        OSError
+            If it cannot be written; what was written before stays readable, and nothing more
+            is written.
+        """
+        writer = self._open_writer()
+        channel = self._channel(writer, topic, header)
+        self._logged = max(self._logged, header.sent_ns)
+        try:
+            writer.add_message(channel, self._logged, body, header.sent_ns, header.seq)
+            if self._logged - self._flushed >= FLUSH_NS:
+                writer.flush()
+                self._flushed = self._logged
+        except OSError as error:
+            self._give_up()
+            raise self._told(error) from error
+        self._counts[topic] += 1
+
+    def close(self) -> None:
+        """Write what is held, the counts and the index; closing again does nothing.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; what was written before stays readable.
+        """
+        if self._writer is None:
+            return
+        try:
+            self._writer.flush()
+            counts = {topic: str(self._counts[topic]) for topic in sorted(self._types)}
+            self._writer.add_metadata(COUNTS, counts)
+            self._writer.finish()
+        except OSError as error:
+            raise self._told(error) from error
+        finally:
+            self._give_up()
+
+    def _open_writer(self) -> Writer:
+        if self._writer is None:
+            raise ValueError(f"recording {self._path} is closed")
+        return self._writer
+
+    def _channel(self, writer: Writer, topic: str, header: Header) -> int:
+        """Channel of a topic; another one after a restart of its publisher."""
+        key = (topic, header.run, header.epoch, header.schema)
+        if key not in self._channels:
+            if topic not in self._types:
+                raise ValueError(f"{topic} is not among the topics to record: {list(self._types)}")
+            about = {
+                "publisher": self._publishers.get(topic, ""),
+                "run": f"{header.run:016x}",
+                "epoch": str(header.epoch),
+                "schema_hash": f"{header.schema:08x}",
+            }
+            schema_id = self._schema(writer, self._types[topic])
+            self._channels[key] = writer.register_channel(topic, "msgpack", schema_id, about)
+        return self._channels[key]
+
+    def _schema(self, writer: Writer, name: str) -> int:
+        if name not in self._schemas:
+            text = json.dumps(schema(TYPES[name])).encode()
+            self._schemas[name] = writer.register_schema(name, "jsonschema", text)
+        return self._schemas[name]
+
+    def _give_up(self) -> None:
+        self._writer = None
+        self._file.close()
+
+    def _told(self, error: OSError) -> OSError:
+        return OSError(
+            error.errno,
+            f"recording stopped, {self._path} cannot be written: {error.strerror}; "
+            f"what it held before stays readable",
+        )

@@ -1,0 +1,34 @@
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+from palpate.launch.processes.interrupts import Interrupts
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_is_noted_and_the_first_one_counts(number: signal.Signals) -> None:
+    with Interrupts() as interrupts:
+        assert interrupts.came is None
+        os.kill(os.getpid(), number)
+        os.kill(os.getpid(), signal.SIGINT)
+        assert interrupts.came == number.name
+
+
+def test_what_was_done_with_signals_before_is_done_again() -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    with Interrupts():
+        assert signal.getsignal(signal.SIGINT) != before[0]
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_a_closed_terminal_is_ignored_where_it_was_ignored_before() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Interrupts() as interrupts:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert interrupts.came is None
+    finally:
+        signal.signal(signal.SIGHUP, before)

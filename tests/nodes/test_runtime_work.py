@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import pytest
+
+from palpate.messages.bus.subscriber import Arrival
+from palpate.messages.codec import encode, schema_hash
+from palpate.messages.header import Header
+from palpate.messages.types import LogRecord, World
+from palpate.nodes.node import Finished, Node, Outputs, Sink
+from palpate.nodes.runtime_work import ContractError, NodeWork, Parcel, SinkWork, sources_of
+from palpate.nodes.wiring import Input, Wiring
+
+
+class Params(msgspec.Struct, frozen=True):
+    says: Any = None
+
+
+def line(text: str) -> LogRecord:
+    return LogRecord(node="n", level="info", text=text, robot_time=2.5)
+
+
+def on_line(params: Params, heard: list[str], message: LogRecord) -> tuple[list[str], Outputs]:
+    return [*heard, message.text], list(params.says or [])
+
+
+NODE = Node(
+    params=Params,
+    start=lambda params: ([], [("/out", line("started"))]),
+    inputs={"/in": (LogRecord, on_line), "/need": (LogRecord, on_line)},
+    outputs={"/out": LogRecord, "/flat": World},
+    needs=("/need",),
+)
+WORLD = World(platform=0.0, reach=0.1, fingers=1, seed=1)
+WIRING = Wiring(
+    name="node",
+    module="",
+    params=b"",
+    inputs=(
+        Input("other", "/a/in", "/in", "LogRecord"),
+        Input("needed", "/a/need", "/need", "LogRecord"),
+    ),
+    outputs={"/out": "/a/out", "/flat": "/a/flat"},
+    listeners={},
+)
+ALONE = WIRING.inputs[:1]
+
+
+def arrival(publisher: str, topic: str, text: str, seq: int = 0, schema: int = 0) -> Arrival:
+    header = Header(1, 0, seq, 0, 0.0, schema or schema_hash(LogRecord))
+    return Arrival(publisher, topic, header, encode(line(text)))
+
+
+def frame(text: str, seq: int = 0) -> Arrival:
+    return arrival("other", "/a/in", text, seq)
+
+
+def need(text: str) -> Arrival:
+    return arrival("needed", "/a/need", text)
+
+
+def started(*says: object) -> NodeWork:
+    work = NodeWork(NODE, Params(list(says)), WIRING)
+    work.begin()
+    return work
+
+
+def test_what_a_node_says_goes_to_its_topic_on_the_wire() -> None:
+    [parcel] = NodeWork(NODE, Params(), WIRING).begin()
+    assert parcel == Parcel("/a/out", encode(line("started")), 2.5, schema_hash(LogRecord))
+
+
+def test_a_message_without_robot_time_carries_zero() -> None:
+    [parcel] = started(("/flat", WORLD)).take(need("n"))
+    assert isinstance(parcel, Parcel) and parcel.robot_time == 0.0
+
+
+def test_nothing_is_handled_before_what_is_needed_has_come() -> None:
+    work = started(("/out", line("x")))
+    assert work.take(frame("1", 0)) == [] and work.take(frame("2", 1)) == []
+    assert work.consumed["other", "/a/in"] == 0
+    assert work.waits == ["/a/need"]
+    assert len(work.take(need("n"))) == 3
+    assert work._state == ["n", "1", "2"]
+    assert work.waits == []
+    assert work.consumed == {("other", "/a/in"): 2, ("needed", "/a/need"): 1}
+    assert work.latency.count == 3
+
+
+def test_a_need_that_is_not_wired_is_not_waited_for() -> None:
+    wiring = Wiring(
+        name="node", module="", params=b"", inputs=ALONE, outputs=WIRING.outputs, listeners={}
+    )
+    work = NodeWork(NODE, Params(), wiring)
+    work.begin()
+    work.take(frame("1"))
+    assert work._state == ["1"]
+
+
+def test_finished_is_handed_on_in_its_place() -> None:
+    said = started(("/out", line("a")), Finished("done")).take(need("n"))
+    assert said[1] == Finished("done")
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [
+        (("/nowhere", WORLD), "node published /nowhere, which it does not declare; it declares "),
+        (("/out", WORLD), "node published a World on /out, declared as LogRecord"),
+    ],
+)
+def test_an_output_that_is_not_declared_is_refused(output: object, words: str) -> None:
+    with pytest.raises(ContractError, match=words):
+        started(output).take(need("n"))
+
+
+def test_a_message_of_another_schema_is_refused() -> None:
+    with pytest.raises(ContractError, match="/a/need is not a LogRecord of this version"):
+        started().take(arrival("needed", "/a/need", "n", schema=77))
+
+
+def test_a_wiring_that_names_no_input_of_the_node_is_refused() -> None:
+    strange = Input("other", "/a/in", "/strange", "LogRecord")
+    wiring = Wiring(name="node", module="", params=b"", inputs=(strange,), outputs={}, listeners={})
+    with pytest.raises(ContractError, match="node is wired to /strange, which it does not"):
+        NodeWork(NODE, Params(), wiring)
+
+
+def test_what_a_node_was_doing_is_known_when_it_fails() -> None:
+    work = started()
+    with pytest.raises(ValueError, match="not a LogRecord"):
+        work.take(need("n")._replace(body=b"\x80"))
+    assert work.doing == "handling /a/need 0 from needed"
+
+
+def test_inputs_are_grouped_by_publisher() -> None:
+    assert sources_of((*WIRING.inputs, Input("other", "/x", "/x", "World"))) == {
+        "other": ["/a/in", "/x"],
+        "needed": ["/a/need"],
+    }
+
+
+class Kept:
+    def __init__(self, _: Params, topics: Mapping[str, str]) -> None:
+        self.topics = dict(topics)
+        self.entries: list[tuple[str, int, bytes]] = []
+        self.closed = False
+
+    def write(self, topic: str, header: Header, body: bytes) -> None:
+        self.entries.append((topic, header.seq, body))
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_sink_writes_what_it_hears_undecoded() -> None:
+    made: list[Kept] = []
+
+    def open_kept(params: Params, topics: Mapping[str, str]) -> Kept:
+        made.append(Kept(params, topics))
+        return made[0]
+
+    work = SinkWork(Sink(params=Params, open=open_kept), Params(), WIRING)
+    assert work.begin() == [] and work.take(frame("1", 4)) == []
+    work.close()
+    [kept] = made
+    assert kept.topics == {"/a/in": "LogRecord", "/a/need": "LogRecord"}
+    assert kept.entries == [("/a/in", 4, encode(line("1")))]
+    assert kept.closed
+    assert work.consumed["other", "/a/in"] == 1

@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.messages.codec import encode
+from palpate.messages.types import TouchGoal
+from palpate.nodes.object import ObjectSpec
+from palpate.nodes.simulator import NODE, Params, start, touch
+
+Pose = Callable[[float], Floats]
+
+
+def goal_at(pose: Floats, **changes: Any) -> TouchGoal:
+    fields: dict[str, Any] = {
+        "goal": 0,
+        "touch": 0,
+        "finger": 1,
+        "pose": pose,
+        "reach": 0.15,
+        "depth": 0.001,
+        "direction": np.array([0.0, 0.0, 1.0]),
+        "not_before": 0.0,
+    }
+    return TouchGoal(**{**fields, **changes})
+
+
+def test_it_tells_where_the_object_stands_and_how_high_it_is(ball: ObjectSpec) -> None:
+    _, outputs = start(Params(object=ball))
+    said = dict(outputs)  # type: ignore[arg-type]
+    assert said["/world"].platform == pytest.approx(0.0, abs=1e-12)
+    assert said["/truth"].height == pytest.approx(0.06, rel=1e-9)
+    assert said["/touch/info"].dome == pytest.approx(1 / 0.015)
+
+
+def test_everything_it_says_can_be_sent(ball: ObjectSpec, sideways: Pose) -> None:
+    params = Params(object=ball)
+    state, outputs = start(params)
+    _, more = touch(params, state, goal_at(sideways(0.03)))
+    for topic, message in outputs + more:  # type: ignore[misc]
+        assert encode(message), topic
+
+
+def test_a_touch_is_pressed_to_the_asked_depth(ball: ObjectSpec, sideways: Pose) -> None:
+    params = Params(object=ball)
+    state, _ = start(params)
+    _, [(_, frame)] = touch(params, state, goal_at(sideways(0.03)))  # type: ignore[misc]
+    assert frame.outcome == "hit"
+    # The shortest time of flight belongs to the deepest taxel: t = 2 (D - c) / v.
+    assert frame.array.min() == pytest.approx(2 * (0.003 - 0.001) / 1000.0, rel=1e-12)
+    assert frame.array.max() == pytest.approx(2 * 0.003 / 1000.0, rel=1e-12)
+
+
+def test_a_touch_beside_the_object_misses(ball: ObjectSpec, sideways: Pose) -> None:
+    params = Params(object=ball)
+    state, _ = start(params)
+    _, [(_, frame)] = touch(params, state, goal_at(sideways(0.2)))  # type: ignore[misc]
+    assert frame.outcome == "miss"
+    assert np.ptp(frame.array) == 0.0
+
+
+def test_robot_time_only_grows_and_waits_for_the_decision(ball: ObjectSpec, sideways: Pose) -> None:
+    params = Params(object=ball)
+    state, _ = start(params)
+    state, [(_, first)] = touch(params, state, goal_at(sideways(0.03)))  # type: ignore[misc]
+    late = goal_at(sideways(0.03), not_before=100.0)
+    _, [(_, second)] = touch(params, state, late)  # type: ignore[misc]
+    assert first.robot_time > 0.0
+    assert second.robot_time > 100.0
+
+
+def test_a_touch_leaves_the_state_it_was_given_alone(ball: ObjectSpec, sideways: Pose) -> None:
+    params = Params(object=ball)
+    state, _ = start(params)
+    one = touch(params, state, goal_at(sideways(0.03)))[1]
+    two = touch(params, state, goal_at(sideways(0.03)))[1]
+    assert [encode(message) for _, message in one] == [  # type: ignore[misc]
+        encode(message)
+        for _, message in two  # type: ignore[misc]
+    ]
+
+
+def test_an_unknown_robot_is_refused_with_those_that_exist(ball: ObjectSpec) -> None:
+    with pytest.raises(ValueError, match=r"robot must be one of \['modern', 'puma'\], got 'r2d2'"):
+        Params(object=ball, robot="r2d2")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({}, "either a superquadric or a mesh"),
+        (
+            {
+                "superquadric": {"size": [1, 1, 1], "exponents": [1, 1]},
+                "mesh": {"vertices": "", "faces": ""},
+            },
+            "either a superquadric or a mesh",
+        ),
+        ({"superquadric": {"size": [1, -1, 1], "exponents": [1, 1]}}, "> 0"),
+        ({"superquadric": {"size": [1, 1, 1], "exponents": [1, 3]}}, "<= 2"),
+        (
+            {
+                "superquadric": {"size": [1, 1, 1], "exponents": [1, 1]},
+                "pose": {"rotation": [0, 0, 0, 2]},
+            },
+            "quaternion of length 1",
+        ),
+        (
+            {
+                "superquadric": {"size": [1, 1, 1], "exponents": [1, 1]},
+                "lattice": [{"turn": 0}, {"turn": 170}, {"turn": -170}, {"turn": 0}],
+            },
+            "folds",
+        ),
+        (
+            {"mesh": {"vertices": "", "faces": ""}, "lattice": [{}, {}, {}, {}]},
+            "a lattice deforms a superquadric, not a mesh",
+        ),
+    ],
+)
+def test_an_object_that_cannot_be_is_refused(wrong: dict[str, Any], words: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=words):
+        msgspec.convert(wrong, ObjectSpec)
+
+
+def test_an_analytic_scene_imports_neither_meshes_nor_random_numbers() -> None:
+    script = (
+        "import sys\n"
+        "from palpate.nodes.object import ObjectSpec, SuperquadricSpec\n"
+        "from palpate.nodes.simulator import Params, start\n"
+        "ball = SuperquadricSpec(size=(0.03,) * 3, exponents=(1.0, 1.0))\n"
+        "start(Params(object=ObjectSpec(superquadric=ball)))\n"
+        "print([m for m in ('numpy.random', 'scipy', 'trimesh', 'embreex') if m in sys.modules])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_node_declares_what_its_handlers_take() -> None:
+    assert set(NODE.inputs) == {"/finger/goal"}
