@@ -13,6 +13,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 
+from threadpoolctl import threadpool_limits
+
 from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import decode
 from palpate.messages.header import Header
@@ -58,7 +60,7 @@ def run_composed(
         A node that raises ends the graph as ``died``.
     """
     composition = Composition(wirings, hear, watcher, schedule)
-    with ExitStack() as closing:
+    with ExitStack() as closing, threadpool_limits(limits=1):  # several threads round otherwise
         try:
             for name, work in composition.open():
                 closing.callback(work.close)

@@ -37,12 +37,21 @@ class State:
 
 
 def hear_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outputs]:
-    """Prepare the truth, and measure the sampling floor once."""
+    """Prepare the truth, and measure the sampling floor once.
+
+    Raises
+    ------
+    ValueError
+        If the truth is no surface, or has no volume.
+    """
+    volume = solidity(truth.vertices, truth.faces).volume
+    if not volume > 0.0:
+        raise ValueError(f"the truth must have a positive volume, got {volume} m3")
     surface = prepare(truth.vertices, truth.faces)
     floor = prepare(truth.floor_vertices, truth.floor_faces)
     return State(
         surface=surface,
-        volume=solidity(truth.vertices, truth.faces).volume,
+        volume=volume,
         height=truth.height,
         sampling_floor=compare(surface, floor).chamfer,
     ), []
@@ -58,6 +67,8 @@ def hear_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     """
     if state.surface is None:
         raise ValueError(f"model {model.number} came before the truth")
+    if not len(model.faces):
+        return state, [Finished("nothing could be rebuilt")] if model.final else []
     outputs: Outputs = [("/score", _score(state, state.surface, model))]
     if model.final:
         outputs.append(Finished("final model scored"))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import msgspec
 
+from palpate import __version__
 from palpate.messages.recording.writer import RecordingWriter
 from palpate.nodes.node import Sink
 from palpate.nodes.recording import publishers_of
@@ -37,11 +37,7 @@ def start_recording(params: Params, types: Mapping[str, str]) -> RecordingWriter
     OSError
         If the file exists or cannot be written.
     """
-    try:
-        release = version("palpate")
-    except PackageNotFoundError:  # run from a checkout that was never installed
-        release = "unknown"
-    about = {"version": release, "graph": params.graph.decode()}
+    about = {"version": __version__, "graph": params.graph.decode()}
     return RecordingWriter(Path(params.path), types, publishers_of(params.graph), about)
 
 

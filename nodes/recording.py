@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import msgspec
 
 from palpate.nodes.wiring import Input, Wiring
+
+RECORDER = "palpate.nodes.recorder"
 
 
 class Recorded(msgspec.Struct, frozen=True, kw_only=True):
@@ -80,3 +83,14 @@ def publishers_of(graph: bytes) -> Mapping[str, str]:
     if not graph:
         return {}
     return {topic: one.name for one in recorded_wirings(graph) for topic in one.outputs.values()}
+
+
+def with_description(wirings: Sequence[Wiring]) -> tuple[Wiring, ...]:
+    """The same graph, whose recorders have been given its description."""
+    graph = describe_wirings(wirings)
+    return tuple(
+        replace(one, params=msgspec.structs.replace(one.params, graph=graph))
+        if one.module == RECORDER
+        else one
+        for one in wirings
+    )

@@ -32,7 +32,8 @@ class BoxTree:
     """Boxes about things, boxes about four of those, and so on."""
 
     levels: tuple[tuple[Floats, Floats], ...]
-    """Centres (n, 3) and half extents (n, 3) of each level, m, the root's children last."""
+    """Centres and half extents (n, 3, 4) of the boxes of each level, four of one parent
+    together, m; the root's children come last."""
     order: Indices
     """The thing in each box of the first level."""
 
@@ -83,20 +84,23 @@ class BoxTree:
         for centre, half in reversed(self.levels):
             if len(point) * CHILDREN > MOST_PAIRS and len(rows) > 1:
                 return None
-            point = np.repeat(point, CHILDREN)
-            box = (box[:, None] * CHILDREN + np.arange(CHILDREN)).ravel()
-            gap = np.abs(points[point] - centre[box]) - half[box]
+            gap = points[point][:, :, None] - centre[box]
+            np.abs(gap, out=gap)
+            gap -= half[box]
             np.maximum(gap, 0.0, out=gap)
-            near = np.einsum("ij,ij->i", gap, gap) < square[point]
-            point, box = point[near], box[near]
+            near = np.einsum("ijk,ijk->ik", gap, gap) < square[point, None]
+            parent, child = np.nonzero(near)
+            point, box = point[parent], box[parent] * CHILDREN + child
         return point, self.order[box]
 
 
 def _padded(low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Centres and half extents, filled up to full fours with boxes that nothing reaches."""
+    """Centres and half extents by fours, (n, 3, 4), filled up with boxes that nothing reaches."""
     missing = -len(low) % CHILDREN
     centre = np.concatenate([0.5 * (low + high), np.zeros((missing, 3))])
     half = np.concatenate([0.5 * (high - low), np.full((missing, 3), -np.inf)])
+    fours = (-1, CHILDREN, 3)
+    centre, half = (np.swapaxes(a.reshape(fours), 1, 2).copy() for a in (centre, half))
     return centre, half
 
 

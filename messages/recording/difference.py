@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.messages.codec import CodecError, decode
+from palpate.messages.codec import decode
+from palpate.messages.fields import CodecError
 
 LONGEST = 60
 """Characters of a value that are shown."""
@@ -48,6 +49,10 @@ def first_difference(cls: type, one: bytes, other: bytes) -> tuple[str, str, str
 
 
 def _difference(one: Any, other: Any) -> tuple[str, str, str] | None:
+    if isinstance(one, dict) and one.keys() == other.keys():
+        entries = ((f"[{key!r}]", one[key], other[key]) for key in one)
+        different = (entry for entry in entries if repr(entry[1]) != repr(entry[2]))
+        return next(((at, _short(a), _short(b)) for at, a, b in different), None)
     if not isinstance(one, np.ndarray):
         return None if repr(one) == repr(other) else ("", _short(one), _short(other))
     if one.shape != other.shape:

@@ -113,7 +113,8 @@ def _frames(file: IO[bytes]) -> Iterator[tuple[int, bytes, int]]:
 
 
 def _parsed(kind: type[Record], content: bytes) -> Record:
-    return kind.read(ReadDataStream(BytesIO(content)))
+    record: Record = kind.read(ReadDataStream(BytesIO(content)))
+    return record
 
 
 def _unpacked(chunk: Chunk) -> list[McapRecord]:

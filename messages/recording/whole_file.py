@@ -21,7 +21,16 @@ class WholeFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self._raw = path.open("xb", buffering=0)
+        try:
+            self._raw = path.open("xb", buffering=0)
+        except FileExistsError as error:
+            raise FileExistsError(
+                error.errno, f"recording {path} exists already; it is not overwritten"
+            ) from None
+        except OSError as error:
+            raise OSError(
+                error.errno, f"recording {path} cannot be made: {error.strerror}"
+            ) from None
         self._end = 0
 
     def write(self, data: bytes) -> int:

@@ -98,7 +98,7 @@ class RecordingWriter:
         try:
             writer.add_message(channel, self._logged, body, header.sent_ns, header.seq)
             if self._logged - self._flushed >= FLUSH_NS:
-                writer.flush()
+                writer.flush()  # type: ignore[no-untyped-call]
                 self._flushed = self._logged
         except OSError as error:
             self._give_up()
@@ -116,10 +116,10 @@ class RecordingWriter:
         if self._writer is None:
             return
         try:
-            self._writer.flush()
+            self._writer.flush()  # type: ignore[no-untyped-call]
             counts = {topic: str(self._counts[topic]) for topic in sorted(self._types)}
             self._writer.add_metadata(COUNTS, counts)
-            self._writer.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]
         except OSError as error:
             raise self._told(error) from error
         finally:

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from palpate.core.rebuild import skin
+from palpate.messages.types import ShapeModel
+from palpate.nodes.composed import run_composed
+from palpate.nodes.object import ObjectSpec
+from palpate.nodes.wiring import Wiring
+
+Exploration = Callable[[ObjectSpec, int], tuple[Wiring, ...]]
+SCHEDULES = 100
+
+
+def mesh_sha256(model: ShapeModel) -> str:
+    return hashlib.sha256(model.vertices.tobytes() + model.faces.tobytes()).hexdigest()
+
+
+def test_the_loop_closes_and_ends(ball: ObjectSpec, exploration: Exploration, ears: Any) -> None:
+    wirings = exploration(ball, 3)
+    hear = ("/score", "/model/shape", "/contour/traced")
+    ending = run_composed(wirings, ends="evaluator", hear=hear, watcher=ears)
+    assert (ending.status, ending.gaps, ending.duplicates) == ("finished", 0, 0)
+    assert [contour.status for contour in ears.of("/contour/traced")] == ["closed"] * 3
+    score = ears.of("/score")[-1]
+    assert score.final
+    assert score.watertight
+    assert score.genus == 0
+    # Three contours of a ball feel nearly all of it.
+    assert score.chamfer < 2e-4 * score.size
+    assert score.sampling_floor < score.chamfer
+
+
+@pytest.fixture
+def coarse_skin(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A skin with few coefficients, which is fitted in a tenth of the time."""
+    monkeypatch.setattr(skin, "ALONG", 12)
+    monkeypatch.setattr(skin, "AROUND", 16)
+    skin._penalty.cache_clear()
+    yield
+    skin._penalty.cache_clear()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("coarse_skin")
+def test_no_order_of_the_edges_changes_the_solid(
+    ball: ObjectSpec, exploration: Exploration, ears: Any
+) -> None:
+    wirings = [one for one in exploration(ball, 1) if one.name != "evaluator"]
+    found = set()
+    for schedule in range(SCHEDULES):
+        ears.messages.clear()
+        ending = run_composed(
+            wirings, ends="reconstructor", hear=("/model/shape",), watcher=ears, schedule=schedule
+        )
+        assert ending.status == "stalled", ending.reason  # quiet, and nobody says Finished
+        models = ears.of("/model/shape")
+        assert models[-1].final
+        found.add(tuple(mesh_sha256(model) for model in models))
+    assert len(found) == 1
+
+
+def test_a_node_that_raises_ends_the_graph_with_its_words(
+    ball: ObjectSpec, exploration: Exploration, ears: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise ValueError("a taxel came off")
+
+    monkeypatch.setattr("palpate.nodes.filter.adaptive_wiener", fail)
+    ending = run_composed(exploration(ball, 1), ends="evaluator", hear=(), watcher=ears)
+    assert ending.status == "died"
+    assert "filter handling /touch/raw 0" in ending.reason
+    assert "a taxel came off" in ending.reason
+
+
+def test_a_graph_that_falls_quiet_has_stalled(
+    ball: ObjectSpec, exploration: Exploration, ears: Any
+) -> None:
+    wirings = [one for one in exploration(ball, 1) if one.name != "tracer"]
+    ending = run_composed(wirings, ends="evaluator", hear=(), watcher=ears)
+    assert (ending.status, ending.reason) == (
+        "stalled",
+        "all is quiet, and evaluator has not finished",
+    )

@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.frames import DOWN, IDENTITY, pose_of
+from palpate.messages.codec import encode
+from palpate.messages.types import Contour, ContourGoal, Probe, ProbeGoal, SensorInfo, TouchGoal
+from palpate.nodes import curvature, filter, simulator, tracer
+from palpate.nodes.object import ObjectSpec
+from palpate.nodes.tracer import Params, State, know_sensor, start, take_goal, take_patch
+
+
+def contour_goal(**changes: Any) -> ContourGoal:
+    fields: dict[str, Any] = {
+        "id": 0,
+        "finger": 1,
+        "frame": IDENTITY,
+        "height": 0.03,
+        "centre": np.zeros(2),
+        "radius": 0.1,
+        "not_before": 0.0,
+    }
+    return ContourGoal(**{**fields, **changes})
+
+
+def probe_goal(**changes: Any) -> ProbeGoal:
+    fields: dict[str, Any] = {
+        "id": 1,
+        "finger": 1,
+        "pose": pose_of(np.array([0.0, 0.0, 0.1]), DOWN),
+        "reach": 0.1,
+        "not_before": 0.0,
+    }
+    return ProbeGoal(**{**fields, **changes})
+
+
+@pytest.fixture
+def ready(info: SensorInfo) -> State:
+    state, _ = know_sensor(Params(), start(Params())[0], info)
+    return state
+
+
+class Finger:
+    """The sensing nodes, one behind the other, as plain calls."""
+
+    def __init__(self, spec: ObjectSpec, info: SensorInfo) -> None:
+        self.params = simulator.Params(object=spec)
+        self.state, _ = simulator.start(self.params)
+        self.info = info
+        self.felt, _ = curvature.know_sensor(curvature.Params(), None, info)
+
+    def touch(self, goal: TouchGoal) -> Any:
+        self.state, [(_, frame)] = simulator.touch(self.params, self.state, goal)  # type: ignore
+        _, [(_, image)] = filter.clean(filter.Params(), self.info, frame)  # type: ignore
+        _, [(_, patch)] = curvature.feel(curvature.Params(), self.felt, image)  # type: ignore
+        return patch
+
+
+@pytest.fixture
+def finger(ball: ObjectSpec, info: SensorInfo) -> Finger:
+    return Finger(ball, info)
+
+
+def followed(state: State, outputs: Any, finger: Finger, **params: Any) -> Iterator[Any]:
+    """Everything that the tracer says until it asks for no more touches."""
+    while outputs:
+        said = dict(outputs)
+        yield from (message for topic, message in outputs if topic != "/finger/goal")
+        if "/finger/goal" not in said:
+            return
+        patch = finger.touch(said["/finger/goal"])
+        state, outputs = take_patch(Params(**params), state, patch)
+
+
+def test_a_contour_of_a_ball_closes_on_the_ball(ready: State, finger: Finger) -> None:
+    state, outputs = take_goal(Params(), ready, contour_goal(height=0.04))
+    [contour] = followed(state, outputs, finger)
+    assert isinstance(contour, Contour)
+    assert encode(contour)
+    assert contour.status == "closed"
+    assert np.abs(contour.points[:, 2] - 0.04).max() < 1e-12
+    off = np.linalg.norm(contour.points - [0, 0, 0.03], axis=1) - 0.03
+    # Linear interpolation between rows stands off by pitch^2 / (8 R) = 4.2 um.
+    assert np.abs(off).max() < 6e-6
+    outward = (contour.points - [0, 0, 0.03]) / 0.03
+    assert np.abs(contour.normals - outward).max() < 0.01
+    assert contour.touches <= 30
+
+
+def test_a_contour_in_a_tilted_frame_is_traced_in_it(ready: State, finger: Finger) -> None:
+    half = np.radians(20.0) / 2
+    frame = np.array([0.0, 0.0, 0.03, np.sin(half), 0.0, 0.0, np.cos(half)])
+    state, outputs = take_goal(Params(), ready, contour_goal(frame=frame, height=0.01))
+    [contour] = followed(state, outputs, finger)
+    assert contour.status == "closed"
+    normal = np.array([0.0, -np.sin(2 * half), np.cos(2 * half)])
+    assert np.abs((contour.points - [0, 0, 0.03]) @ normal - 0.01).max() < 1e-12
+
+
+def test_touches_are_counted_from_0_without_gaps(ready: State, finger: Finger) -> None:
+    numbers = []
+    state, outputs = take_goal(Params(), ready, contour_goal())
+    while "/finger/goal" in dict(outputs):  # type: ignore[arg-type]
+        goal = dict(outputs)["/finger/goal"]  # type: ignore[arg-type]
+        numbers.append(goal.touch)
+        state, outputs = take_patch(Params(), state, finger.touch(goal))
+    [(_, contour)] = outputs  # type: ignore[misc]
+    assert numbers == list(range(contour.touches))
+
+
+def test_a_slice_above_the_object_has_no_contact(ready: State, finger: Finger) -> None:
+    state, outputs = take_goal(Params(), ready, contour_goal(height=0.1))
+    [contour] = followed(state, outputs, finger)
+    assert (contour.status, len(contour.points)) == ("no_contact", 0)
+
+
+def test_a_contour_is_given_up_when_its_touches_are_spent(ready: State, finger: Finger) -> None:
+    params = Params(most_touches=10)
+    state, outputs = take_goal(params, ready, contour_goal())
+    [contour] = followed(state, outputs, finger, most_touches=10)
+    assert contour.status == "out_of_touches"
+    assert contour.touches <= 11
+
+
+def test_a_probe_finds_the_top(ready: State, finger: Finger) -> None:
+    state, outputs = take_goal(Params(), ready, probe_goal())
+    [probe] = followed(state, outputs, finger)
+    assert isinstance(probe, Probe)
+    assert (probe.id, probe.outcome, probe.touches) == (1, "hit", 1)
+    # The taxels nearest to the pole lie half a pitch beside it, both ways.
+    assert probe.point[2] == pytest.approx(0.06 - 0.5e-3**2 / 0.03, abs=1e-7)
+    assert probe.normal == pytest.approx([0, 0, 1], abs=1e-6)
+
+
+def test_a_probe_beside_the_object_reports_the_end_of_its_reach(
+    ready: State, finger: Finger
+) -> None:
+    goal = probe_goal(pose=pose_of(np.array([0.2, 0.0, 0.1]), DOWN))
+    state, outputs = take_goal(Params(), ready, goal)
+    [probe] = followed(state, outputs, finger)
+    assert probe.outcome == "miss"
+    assert probe.point == pytest.approx([0.2, 0.0, 0.0], abs=1e-12)
+
+
+def test_goals_wait_for_each_other(ready: State, finger: Finger) -> None:
+    state, outputs = take_goal(Params(), ready, probe_goal())
+    state, nothing = take_goal(Params(), state, contour_goal())
+    assert nothing == []
+    probe, contour = followed(state, outputs, finger)
+    assert (probe.id, contour.status) == (1, "closed")
+
+
+def test_the_same_patch_twice_gives_the_same_answer(ready: State, finger: Finger) -> None:
+    state, outputs = take_goal(Params(), ready, contour_goal())
+    for _ in range(6):
+        patch = finger.touch(dict(outputs)["/finger/goal"])  # type: ignore[arg-type]
+        again = take_patch(Params(), state, patch)[1]
+        state, outputs = take_patch(Params(), state, patch)
+        assert [encode(m) for _, m in again] == [encode(m) for _, m in outputs]  # type: ignore
+
+
+def test_a_patch_that_nobody_asked_for_is_refused(ready: State, finger: Finger) -> None:
+    state, outputs = take_goal(Params(), ready, probe_goal())
+    patch = finger.touch(dict(outputs)["/finger/goal"])  # type: ignore[arg-type]
+    state, _ = take_patch(Params(), state, patch)
+    with pytest.raises(ValueError, match="nobody asked for touch 0 of goal 1"):
+        take_patch(Params(), state, patch)
+
+
+def test_a_touch_that_starts_inside_is_repeated_from_farther_away(
+    ready: State, finger: Finger
+) -> None:
+    state, outputs = take_goal(Params(), ready, contour_goal(radius=0.025))
+    first = dict(outputs)["/finger/goal"]  # type: ignore[arg-type]
+    patch = finger.touch(first)
+    assert patch.outcome == "inside"
+    _, [(_, second)] = take_patch(Params(), state, patch)  # type: ignore[misc]
+    moved = np.linalg.norm(second.pose[:2]) - np.linalg.norm(first.pose[:2])
+    assert moved == pytest.approx(tracer.BACK_OFF)
