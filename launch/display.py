@@ -25,8 +25,8 @@ def open_display(*, quiet: bool) -> Display:
 def progress_text(progress: Progress) -> str:
     """Progress in one line of at most 70 columns."""
     parts = [f"{progress.contours} contours", f"{progress.touches} touches"]
-    if progress.wall > 0.0:
-        parts.append(f"{progress.touches / progress.wall:.0f}/s")
+    if progress.touches_per_s is not None:
+        parts.append(f"{progress.touches_per_s:.0f}/s")
     score = progress.score
     if score is not None:
         share = 100.0 * score.chamfer / score.size

@@ -26,12 +26,20 @@ class Progress:
     """Robot time of the last of them, s."""
     ready: float | None = None
     """Time from the launch until all nodes were joined, s."""
+    explored: float = 0.0
+    """Time from the launch until the last touch was reported, s."""
     wall: float = 0.0
     """Time since the launch began, s."""
     model: ShapeModel | None = None
     """The last model."""
     scores: list[tuple[float, Score]] = field(default_factory=list)
     """Time since the launch, s, and score, in the order heard."""
+
+    @property
+    def touches_per_s(self) -> float | None:
+        """Touches per second while the object was felt; models may be measured long after."""
+        seconds = self.explored - (self.ready or 0.0)
+        return self.touches / seconds if self.touches and seconds > 0.0 else None
 
     @property
     def score(self) -> Score | None:
@@ -78,6 +86,7 @@ class Gatherer:
             progress.contours += isinstance(message, Contour)
             progress.touches += message.touches
             progress.robot_time = max(progress.robot_time, message.robot_time)
+            progress.explored = progress.wall
         elif isinstance(message, ShapeModel):
             progress.model = message
         elif isinstance(message, Score):

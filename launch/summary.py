@@ -51,7 +51,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "ready_s": progress.ready,
         "wall_s": wall,
         "compute_s": compute if compute > 0.0 else None,
-        "touches_per_s": progress.touches / wall if wall > 0.0 else None,
+        "touches_per_s": progress.touches_per_s,
         "mesh_sha256": mesh_sha256(model) if model is not None and len(model.faces) else None,
         "final": model is not None and model.final,
         "gaps": ending.gaps,

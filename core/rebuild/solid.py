@@ -69,7 +69,8 @@ class Solid:
     deviation: Floats
     """Standard deviation of the surface at those heights, m."""
     health: dict[str, float]
-    """Figures of the fit."""
+    """Figures of the fit: worst condition number, fallbacks taken (1 if the top was closed
+    without a touch on it), points, misfits in m, and the share of folds."""
 
 
 def rebuild(evidence: Evidence) -> Solid:
@@ -108,14 +109,14 @@ def rebuild(evidence: Evidence) -> Solid:
     vertices, faces = close_rings(below[-1].mean(axis=0), rings, above[-1].mean(axis=0))
     heights = np.linspace(slices[0].height, slices[-1].height, BANDS)
     health = {
+        "worst_condition": skin.condition,
+        "fallbacks": float(len(on_top) == 0),
         "points": float(len(felt.points)),
         "skin_rms_m": skin.rms,
-        "skin_condition": skin.condition,
         "lattice_rms_m": prism.rms,
         "folded_share": prism.folded_share(),
         "bottom_misfit_m": below_profile.misfit,
         "top_misfit_m": above_profile.misfit,
-        "top_untouched": float(len(on_top) == 0),
     }
     deviation = skin.deviation(heights, np.arange(8) / 8)
     return Solid(vertices, faces, prism, heights, deviation, health)

@@ -77,7 +77,8 @@ class Superquadric:
         travelled = np.zeros(len(active))
         gauge, slope = gauge[active], slope[active]
         for _ in range(MOST_ITERATIONS):
-            travelled = travelled - (gauge - 1.0) / slope
+            with np.errstate(over="ignore"):  # nearly parallel to a face: infinitely far
+                travelled = travelled - (gauge - 1.0) / slope
             going = travelled <= reach  # a Newton point never lies past the surface
             active, travelled = active[going], travelled[going]
             if not len(active):
