@@ -26,6 +26,8 @@ class Entry:
     """Topic as the node calls it, to the topic on the wire; a namespace does not touch it."""
     namespace: str = ""
     """Put before the node's topics: ``finger_1`` makes ``/finger_1/touch/raw``."""
+    nice: int = 0
+    """How far its process stands back when the processor is busy, from 0 to 19."""
     source: str = ""
     """``file:line`` of the description."""
     places: Mapping[KeyPath, str] = field(default_factory=dict)

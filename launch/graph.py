@@ -59,6 +59,7 @@ class Graph:
                 params=one.params,
                 inputs=inputs[one.entry.name],
                 outputs=dict(one.outputs),
+                nice=one.entry.nice,
                 listeners={topic: _listeners(topic, inputs) for topic in one.outputs.values()},
             )
             for one in placed

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from msgspec import Struct, field
+from msgspec import Meta, Struct, field
 
 from palpate.launch.convert import convert
 from palpate.launch.entry import Entry
@@ -36,6 +36,8 @@ class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Topic as the node calls it, to the topic on the wire."""
     namespace: str = ""
     """Put before its topics."""
+    nice: Annotated[int, Meta(ge=0, le=19)] = 0
+    """How far the process stands back when the processor is busy, as in nice(1)."""
     wanted: bool = field(default=True, name="if")
     """False leaves the node out; written ``if`` in the file."""
 
@@ -160,6 +162,7 @@ def _entry(given: Located, name: str, spec: NodeSpec) -> Entry:
         params=spec.params,
         remap=spec.remap,
         namespace=spec.namespace,
+        nice=spec.nice,
         source=given.place(("nodes", name)),
         places={key[size:]: at for key, at in given.places.items() if key[:size] == path},
     )

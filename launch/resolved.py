@@ -29,6 +29,8 @@ def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
             node["remap"] = dict(entry.remap)
         if entry.namespace:
             node["namespace"] = entry.namespace
+        if entry.nice:
+            node["nice"] = entry.nice
         nodes[wiring.name] = node
     stream = io.StringIO()
     yaml = YAML(typ="safe", pure=True)

@@ -74,7 +74,10 @@ def _pack_float(value: Any) -> float:
         return _unpack_float(value)
     if isinstance(value, bool) or not isinstance(value, (int, np.floating, np.integer)):
         raise CodecError(f"must be a number, got {_shown(value)}")
-    return _unpack_float(float(value))
+    try:
+        return _unpack_float(float(value))
+    except OverflowError:
+        raise CodecError("must be finite, got an integer beyond all floats") from None
 
 
 def _unpack_float(value: Any) -> float:
@@ -103,8 +106,12 @@ def _pack_bool(value: Any) -> bool:
 def _pack_text(value: Any) -> str:
     if type(value) is not str:
         raise CodecError(f"must be text, got {_shown(value)}")
-    if len(value.encode()) > MAX_TEXT:
-        raise CodecError(f"must be at most {MAX_TEXT} bytes long, got {len(value.encode())}")
+    try:
+        size = len(value.encode())
+    except UnicodeEncodeError:
+        raise CodecError("must be Unicode that can be written, got half a character") from None
+    if size > MAX_TEXT:
+        raise CodecError(f"must be at most {MAX_TEXT} bytes long, got {size}")
     return value
 
 
@@ -166,7 +173,10 @@ def _array_rule(array: Array) -> Rule:
             raise CodecError(f"has {len(data)} bytes, which do not fill shape {shape}")
         if dtype.kind == "b" and data.strip(b"\0\1"):
             raise CodecError("must hold 0 or 1 only")
-        result = np.frombuffer(data, dtype).reshape(shape)
+        try:
+            result = np.frombuffer(data, dtype).reshape(shape)
+        except ValueError:  # an empty array with an absurd length along another axis
+            raise CodecError(f"has {len(data)} bytes, which do not fill shape {shape}") from None
         check(result)
         return result
 
@@ -182,6 +192,8 @@ def _shown(value: Any) -> str:
     """Name a wrong value without printing a large or hostile one."""
     if isinstance(value, np.ndarray):
         return f"an array of {value.dtype}"
+    if type(value) is int and value.bit_length() > 64:
+        return "an integer beyond 64 bits"
     if isinstance(value, (bool, int, float, str)):
         text = repr(value)
         return text if len(text) <= 40 else text[:37] + "..."

@@ -40,10 +40,14 @@ def split_frame(frame: bytes) -> tuple[str, Header, bytes]:
     Raises
     ------
     ValueError
-        If the frame is too short to hold a topic and a header.
+        If the frame is too short to hold a topic and a header, or the topic is no text.
     """
     end = frame.find(b"\0")
     if end < 0 or len(frame) < end + 1 + SIZE:
         raise ValueError(f"not a frame: {len(frame)} bytes without a topic and a header")
     header = Header._make(_LAYOUT.unpack_from(frame, end + 1))
-    return frame[:end].decode(), header, frame[end + 1 + SIZE :]
+    try:
+        topic = frame[:end].decode()
+    except UnicodeDecodeError:
+        raise ValueError("not a frame: its topic is not Unicode") from None
+    return topic, header, frame[end + 1 + SIZE :]

@@ -129,7 +129,7 @@ def take_probe(params: Params, state: State, probe: Probe) -> tuple[State, Outpu
 def take_contour(params: Params, state: State, contour: Contour) -> tuple[State, Outputs]:
     """Go on after a contour: ask for a model with it, and for the next slice."""
     assert isinstance(state.phase, Slices) and state.world is not None
-    slices = state.phase
+    slices, platform = state.phase, state.world.platform
     state = replace(state, touches=state.touches + contour.touches, clock=contour.robot_time)
     outputs: Outputs = []
     following = Slices(slices.heights[1:])
@@ -137,7 +137,7 @@ def take_contour(params: Params, state: State, contour: Contour) -> tuple[State,
         state = replace(state, contours=(*state.contours, contour), models=state.models + 1)
         outputs = [("/model/goal", _model_goal(state))]
     elif not slices.retried:
-        again = retry_height(slices.heights[0], state.world.platform, state.top, params.contours)
+        again = retry_height(slices.heights[0], platform, state.top, params.contours)
         following = Slices((again, *slices.heights[1:]), retried=True)
     state, more = _trace_next(params, replace(state, phase=following))
     return state, outputs + more

@@ -35,6 +35,7 @@ def enter(wiring: bytes, place: bytes) -> None:
     _let_go_of_parent()
     _die_with_parent(signal.SIGKILL)
     seat = msgspec.msgpack.decode(wiring, type=Wiring)
+    os.nice(seat.nice)
     try:
         code = run(seat, msgspec.msgpack.decode(place, type=Place), _protect)
     except Exception as error:  # The edge of the process, without a line to the launcher.

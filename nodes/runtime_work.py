@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import codec_of, decode, encode
-from palpate.nodes.node import Finished, Node, Sink, Writer
+from palpate.nodes.node import Finished, Handler, Node, Sink, Writer
 from palpate.nodes.runtime_latency import Latency
 from palpate.nodes.wiring import Input, Wiring
 
@@ -64,17 +64,21 @@ class NodeWork:
                 f"{wiring.name} is wired to {unknown[0]}, which it does not declare"
             )
         self.name = wiring.name
-        self.doing = "starting"
-        """What it was last busy with, in words."""
         self.latency = Latency()
         """Time of its handlers."""
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         """Messages handled, by publisher and topic."""
         self._node, self._params, self._state = node, params, None
         self._wires = wiring.outputs
-        self._inputs = {one.topic: one for one in wiring.inputs}
+        self._heard = {one.topic: _hearing(node, one.local) for one in wiring.inputs}
+        self._current: Arrival | None = None
         self._missing = {one.topic for one in wiring.inputs if one.local in node.needs}
         self._held: list[Arrival] = []
+
+    @property
+    def doing(self) -> str:
+        """What it was last busy with, in words."""
+        return _doing(self._current, "starting")
 
     @property
     def waits(self) -> list[str]:
@@ -83,7 +87,6 @@ class NodeWork:
 
     def begin(self) -> list[Parcel | Finished]:
         """Start the node, and return what it says."""
-        self.doing = "starting"
         self._state, outputs = self._node.start(self._params)
         return [self._pack(output) for output in outputs]
 
@@ -113,9 +116,9 @@ class NodeWork:
         """Nothing to put away."""
 
     def _handle(self, arrival: Arrival) -> list[Parcel | Finished]:
-        self.doing = _handling(arrival)
-        cls, handler = self._node.inputs[self._inputs[arrival.topic].local]
-        if arrival.header.schema != codec_of(cls).hash:
+        self._current = arrival
+        cls, handler, schema = self._heard[arrival.topic]
+        if arrival.header.schema != schema:
             raise ContractError(f"{arrival.topic} is not a {cls.__name__} of this version")
         message: object = decode(cls, arrival.body)
         began = time.perf_counter_ns()
@@ -157,11 +160,17 @@ class SinkWork:
     """
 
     def __init__(self, sink: Sink, params: Any, wiring: Wiring) -> None:
-        self.doing = "opening"
+        self._current: Arrival | None = None
+        self._otherwise = "opening"
         self.latency = Latency()
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         self.waits: list[str] = []
         self._writer: Writer = sink.open(params, {one.topic: one.type for one in wiring.inputs})
+
+    @property
+    def doing(self) -> str:
+        """What it was last busy with, in words."""
+        return _doing(self._current, self._otherwise)
 
     def begin(self) -> list[Parcel | Finished]:
         """Nothing to say."""
@@ -169,7 +178,7 @@ class SinkWork:
 
     def take(self, arrival: Arrival) -> list[Parcel | Finished]:
         """Write one message."""
-        self.doing = _handling(arrival)
+        self._current = arrival
         began = time.perf_counter_ns()
         self._writer.write(arrival.topic, arrival.header, arrival.body)
         self.latency.add(time.perf_counter_ns() - began)
@@ -178,7 +187,7 @@ class SinkWork:
 
     def close(self) -> None:
         """Close the writer, so that all that was written can be read."""
-        self.doing = "closing"
+        self._current, self._otherwise = None, "closing"
         self._writer.close()
 
 
@@ -193,5 +202,12 @@ def sources_of(inputs: tuple[Input, ...]) -> Mapping[str, list[str]]:
     return sources
 
 
-def _handling(arrival: Arrival) -> str:
-    return f"handling {arrival.topic} {arrival.header.seq} from {arrival.publisher}"
+def _hearing(node: Node, local: str) -> tuple[type, Handler, int]:
+    cls, handler = node.inputs[local]
+    return cls, handler, codec_of(cls).hash
+
+
+def _doing(current: Arrival | None, otherwise: str) -> str:
+    if current is None:
+        return otherwise
+    return f"handling {current.topic} {current.header.seq} from {current.publisher}"

@@ -40,6 +40,8 @@ class Wiring:
     """The topic as the node calls it, to the topic on the wire."""
     listeners: Mapping[str, tuple[str, ...]]
     """Topic on the wire to the names of those who hear it."""
+    nice: int = 0
+    """How far its process stands back when the processor is busy, from 0 to 19."""
 
 
 def load_node(module: str) -> Node | Sink:

@@ -97,7 +97,8 @@ def _section(turns: Floats) -> Floats:
     """Basis of a section at the rim's points, (turns, side * side)."""
     x = clamped_matrix(0.5 + 0.5 * np.cos(2 * np.pi * turns), SIDE).toarray()
     y = clamped_matrix(0.5 + 0.5 * np.sin(2 * np.pi * turns), SIDE).toarray()
-    return (x[:, :, None] * y[:, None, :]).reshape(len(turns), SIDE * SIDE)
+    basis: Floats = (x[:, :, None] * y[:, None, :]).reshape(len(turns), SIDE * SIDE)
+    return basis
 
 
 def _solve(basis: Floats, bend: Floats, target: Floats) -> Floats:

@@ -26,6 +26,8 @@ RIM_SITES = 60
 """Points of the touches along the side that help to close the top."""
 LEAST_SIDE = 0.05
 """Least height of the side, as a share of the object's."""
+LEAST_TOP = 2e-3
+"""Least height of the object over its last contour, as a share of that one's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +104,9 @@ def rebuild(evidence: Evidence) -> Solid:
     on_top = evidence.cap.points[evidence.cap.points[:, 2] > high]
     over = evidence.side.points[evidence.side.points[:, 2] > high]
     under = evidence.side.points[evidence.side.points[:, 2] < low]
-    below = cap_rings(below_profile, spine.at(side[0, :1, 2])[0], side[0], under)
+    foot = spine.at(side[0, :1, 2])[0]
+    under = np.concatenate([under, [[*foot, evidence.platform]]])  # it stands there
+    below = cap_rings(below_profile, foot, side[0], under)
     sites = np.concatenate([thin_out(on_top), thin_out(over, RIM_SITES)])
     above = cap_rings(above_profile, spine.at(side[-1, :1, 2])[0], side[-1], sites)
     rings = np.concatenate([below[-2::-1], side, above[:-1]])
@@ -125,8 +129,8 @@ def rebuild(evidence: Evidence) -> Solid:
 def _side_range(slices: list[Slice], platform: float, top: float) -> tuple[float, float]:
     """Heights between which the side is taken from the skin, m."""
     low, high = slices[0].height, slices[-1].height
-    missing = 0.5 * (LEAST_SIDE * (top - platform) - (high - low))
-    return (low - missing, high + missing) if missing > 0.0 else (low, high)
+    missing = max(0.5 * (LEAST_SIDE * (top - platform) - (high - low)), 0.0)
+    return max(low - missing, 0.5 * (low + platform)), min(high + missing, 0.5 * (high + top))
 
 
 def _profile(skin: Skin, rim: float, end: float) -> Profile:
@@ -140,7 +144,8 @@ def _profile(skin: Skin, rim: float, end: float) -> Profile:
 def _top(evidence: Evidence) -> float:
     """Height of the object: of the touches from above, or else of whatever was felt."""
     points = evidence.cap.points if len(evidence.cap.points) else evidence.side.points
-    return max(float(points[:, 2].max()), max(one.height for one in evidence.slices) + 1e-4)
+    last = max(one.height for one in evidence.slices)
+    return max(float(points[:, 2].max()), last + LEAST_TOP * (last - evidence.platform))
 
 
 def _fit_side(skin: Skin, low: float, high: float) -> PrismFit:

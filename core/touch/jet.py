@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,16 +97,22 @@ def fit_jet(
 
 def _monomials(x: Floats, y: Floats, degree: int, by_x: int, by_y: int) -> Floats:
     """Monomials at x, y (n,), differentiated: (n, coefficients)."""
-    columns = []
-    for total in range(degree + 1):
-        for power in range(total + 1):
-            columns.append(_power(x, total - power, by_x) * _power(y, power, by_y))
+    in_x, in_y = _powers(x, degree, by_x), _powers(y, degree, by_y)
+    columns = [
+        in_x[total - power] * in_y[power]
+        for total in range(degree + 1)
+        for power in range(total + 1)
+    ]
     return np.stack(columns, axis=-1)
 
 
-def _power(x: Floats, power: int, order: int) -> Floats:
-    """The derivative of this order of x**power."""
-    factor = 1.0
-    for k in range(order):
-        factor *= power - k
-    return factor * x ** max(power - order, 0)
+def _powers(x: Floats, degree: int, order: int) -> list[Floats]:
+    """Powers of x from 0 to `degree`, differentiated so often; by multiplication, not by pow."""
+    plain = [np.ones_like(x)]
+    for _ in range(degree):
+        plain.append(plain[-1] * x)
+    zero = np.zeros_like(x)
+    return [
+        math.perm(power, order) * plain[power - order] if power >= order else zero
+        for power in range(degree + 1)
+    ]

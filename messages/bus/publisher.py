@@ -132,6 +132,8 @@ class Publisher:
         deadline = time.monotonic() + self._patience
         while time.monotonic() < deadline:
             self._drain()
+            # Looking at its state is what makes the socket notice that a place has come free.
+            self.socket.getsockopt(zmq.EVENTS)
             try:
                 self.socket.send(frame, zmq.DONTWAIT, copy=copy)
             except zmq.Again:

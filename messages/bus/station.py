@@ -13,6 +13,7 @@ from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Arrival, Subscriber
 from palpate.messages.bus.tap import Tap
 
+_MOMENT_MS = 10
 LINGER_MS = 1000
 """At the end, messages that are still queued have this long to leave."""
 
@@ -47,7 +48,7 @@ class Station:
     ) -> None:
         self._context = zmq.Context()
         self._inbox: deque[Arrival] = deque()
-        self._poller = zmq.Poller()
+        self._poller, self._blocked = zmq.Poller(), zmq.Poller()
         try:
             self._open(name, place, hears, says)
         except zmq.ZMQError:
@@ -84,6 +85,9 @@ class Station:
             drain=self._drain,
         )
         self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
+        # The publisher by its descriptor: it wakes when a place in a queue has come free.
+        self._blocked.register(self.subscriber.socket, zmq.POLLIN)
+        self._blocked.register(self.publisher.socket.getsockopt(zmq.FD), zmq.POLLIN)
         for socket in (self.subscriber.socket, self.publisher.socket, self.line.socket):
             self._poller.register(socket, zmq.POLLIN)
 
@@ -139,5 +143,5 @@ class Station:
         self._context.term()
 
     def _drain(self) -> None:
-        if self.subscriber.socket.poll(1):
-            self.take_in()
+        self._blocked.poll(_MOMENT_MS)
+        self.take_in()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from pathlib import Path
 from typing import Any
 
@@ -187,3 +188,24 @@ def test_a_node_that_is_silent_for_long_is_mentioned(
     assert run([source(1), slow], watcher, tmp_path, ends="counter").status == "finished"
     texts = [line.text for line in watcher.lines if line.level == "warning"]
     assert texts == ["counter is still working, or hangs: no sign of life for 0.4 s"]
+
+
+def test_a_sink_still_writes_what_had_arrived_when_a_node_died(
+    watcher: Any, toys: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "lines.txt"
+    slow = toy("slow", Params(relay=True, work=0.05), hears="source")
+    graph = [source(50), slow, toys.broken("raise", hears="slow"), toys.sink(path, work=0.01)]
+    assert run(graph, watcher, tmp_path).status == "died"
+    lines = path.read_text().splitlines()
+    assert len(lines) == 1 + 50 + 1
+    assert lines[-1] == "closed"
+
+
+def test_a_node_starts_light_and_with_one_thread(watcher: Any, toys: Any, tmp_path: Path) -> None:
+    before = dict(os.environ)
+    ending = run([source(), toys.broken("tell")], watcher, tmp_path)
+    assert ending.reason.endswith(
+        "RuntimeError: [] {'OPENBLAS_NUM_THREADS': '1', 'PYTHONHASHSEED': '0'}"
+    )
+    assert dict(os.environ) == before

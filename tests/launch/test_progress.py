@@ -64,7 +64,7 @@ def test_plain_lines_come_once_a_score_and_once_a_warning(score: Score) -> None:
 
     assert stream.getvalue().splitlines() == [
         "ready    8 nodes in 1.2 s",
-        "tracing  1 contours  40 touches  20/s  error 0.30 mm (1.00 %)  2 s",
+        "tracing  1 contours  40 touches  error 0.30 mm (1.00 %)  2 s",
         "warning  tracer: the pad slipped",
     ]
 

@@ -70,7 +70,8 @@ def test_distances_are_those_of_the_slow_search(make: object, faces: int) -> Non
     nearest = nearest_points(search_of(corners), queries)
 
     slow = [slow_distance(corners, query) for query in queries]
-    np.testing.assert_allclose(nearest.distances, slow, atol=1e-13, rtol=1e-12)
+    # Rounding costs eps times length over width, a thousand for the thin ones.
+    np.testing.assert_allclose(nearest.distances, slow, atol=1e-11, rtol=1e-12)
 
 
 @pytest.mark.parametrize("make", [random_soup, long_thin, degenerate])

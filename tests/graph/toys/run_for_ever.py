@@ -10,27 +10,27 @@ from palpate.launch.bench_toy import Params, toy
 from palpate.launch.launcher import launch
 from palpate.nodes.wiring import Input, Wiring
 
-if __name__ == "__main__":
-    folder = Path(sys.argv[1])
-    sys.path.insert(0, str(Path(__file__).parent))
-    sink = Wiring(
-        name="sink",
-        module="palpate_toy_sink",
-        params={"path": str(folder / "lines.txt")},
-        inputs=(Input("relay", "/relay", "/relay", "TactileFrame"),),
-        outputs={},
-        listeners={},
-    )
-    print("launching", flush=True)
-    ending = launch(
-        [
-            toy("source", Params(burst=1, laps=10**9), hears="relay"),
-            toy("relay", Params(relay=True), hears="source"),
-            sink,
-        ],
-        ends="source",
-        hear=["/source/mark"],
-        watcher=Quiet(),
-        work_dir=folder,
-    )
-    print(ending.status, "-", ending.reason, flush=True)
+# Without a guard: no node may run the script once more.
+folder = Path(sys.argv[1])
+sys.path.insert(0, str(Path(__file__).parent))
+sink = Wiring(
+    name="sink",
+    module="palpate_toy_sink",
+    params={"path": str(folder / "lines.txt")},
+    inputs=(Input("relay", "/relay", "/relay", "TactileFrame"),),
+    outputs={},
+    listeners={},
+)
+print("launching", flush=True)
+ending = launch(
+    [
+        toy("source", Params(burst=1, laps=10**9), hears="relay"),
+        toy("relay", Params(relay=True), hears="source"),
+        sink,
+    ],
+    ends="source",
+    hear=["/source/mark"],
+    watcher=Quiet(),
+    work_dir=folder,
+)
+print(ending.status, "-", ending.reason, flush=True)
