@@ -167,4 +167,5 @@ def thin_out(points: Floats, most: int = MOST_SITES) -> Floats:
     """At most this many of the points (n, 3), evenly taken from their order."""
     if len(points) <= most:
         return points
-    return points[np.linspace(0, len(points) - 1, most).round().astype(int)]
+    chosen: Floats = points[np.linspace(0, len(points) - 1, most).round().astype(int)]
+    return chosen

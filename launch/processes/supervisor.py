@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -243,13 +244,4 @@ class Supervisor:
 
 def _sealed(wiring: Wiring) -> bytes:
     """A wiring in bytes, its parameters once more so: only the node knows their type."""
-    return msgspec.msgpack.encode(
-        Wiring(
-            name=wiring.name,
-            module=wiring.module,
-            params=msgspec.msgpack.encode(wiring.params),
-            inputs=wiring.inputs,
-            outputs=wiring.outputs,
-            listeners=wiring.listeners,
-        )
-    )
+    return msgspec.msgpack.encode(replace(wiring, params=msgspec.msgpack.encode(wiring.params)))

@@ -106,10 +106,14 @@ def _frames(file: IO[bytes]) -> Iterator[tuple[int, bytes, int]]:
         content = file.read(length)
         if len(content) < length:
             raise _Fault(f"is cut off at byte {place + len(head) + len(content)}")
+        if opcode == Opcode.FOOTER:
+            end = file.read(len(MAGIC))
+            if not end:
+                return
+            if end != MAGIC:
+                raise _Fault("is cut off at its end")
         yield opcode, content, checksum
         checksum = zlib.crc32(content, zlib.crc32(head, checksum))
-    if file.read(len(MAGIC)) != MAGIC:
-        raise _Fault("is cut off at its end")
 
 
 def _parsed(kind: type[Record], content: bytes) -> Record:

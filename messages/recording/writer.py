@@ -78,8 +78,12 @@ class RecordingWriter:
         self._channels: dict[tuple[str, int, int, int], int] = {}
         self._counts: Counter[str] = Counter()
         self._logged = self._flushed = 0
-        self._writer.start(profile="palpate", library=f"palpate {about.get('version', '')}")
-        self._writer.add_metadata(ABOUT, dict(about))
+        try:
+            self._writer.start(profile="palpate", library=f"palpate {about.get('version', '')}")
+            self._writer.add_metadata(ABOUT, dict(about))
+        except OSError as error:
+            self._give_up()
+            raise self._told(error) from error
 
     def write(self, topic: str, header: Header, body: bytes) -> None:
         """Keep one message.

@@ -1,0 +1,252 @@
+from __future__ import annotations
+
+import random
+import struct
+import zlib
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import lz4.frame
+import pytest
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import Chunk
+from mcap.writer import CompressionType, Writer
+
+from palpate.messages.recording import framing
+from palpate.messages.recording.reader import open_recording
+from palpate.messages.recording.writer import RecordingWriter
+
+Write = Callable[..., None]
+
+
+@pytest.fixture
+def whole(writer: RecordingWriter, write: Write, tmp_path: Path) -> bytes:
+    """Bytes of a closed recording of one world and 100 log records."""
+    write(writer, 100)
+    writer.close()
+    return (tmp_path / "topics.mcap").read_bytes()
+
+
+@pytest.fixture
+def cut(tmp_path: Path) -> Callable[[bytes], Path]:
+    """Writes some bytes to a file."""
+
+    def keep(data: bytes) -> Path:
+        path = tmp_path / "cut.mcap"
+        path.write_bytes(data)
+        return path
+
+    return keep
+
+
+def prefix(path: Path) -> tuple[list[bytes], str]:
+    """Bodies of the messages up to the first fault, and the fault."""
+    bodies: list[bytes] = []
+    try:
+        for record in framing.records(path):
+            if hasattr(record, "publish_time"):
+                bodies.append(record.data)
+    except ValueError as error:
+        return bodies, str(error)
+    return bodies, ""
+
+
+def test_a_recording_says_what_it_holds(whole: bytes, cut: Callable[[bytes], Path]) -> None:
+    recording = open_recording(cut(whole))
+
+    assert recording.version == "1.2.3"
+    assert recording.graph == b'["a graph"]'
+    assert recording.counts == {"/world": 1, "/log": 100}
+    assert recording.closed
+
+
+def test_a_message_comes_back_with_all_that_its_frame_said(
+    whole: bytes, cut: Callable[[bytes], Path]
+) -> None:
+    first, *_, last = open_recording(cut(whole)).messages()
+
+    assert (first.topic, first.publisher, first.type) == ("/world", "simulator", "World")
+    assert (last.topic, last.publisher, last.type) == ("/log", "", "LogRecord")
+    assert (last.run, last.epoch, last.seq, last.sent_ns) == (7, 0, 99, 105_000_000)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"recording .*none.mcap cannot be read: No such file"):
+        open_recording(tmp_path / "none.mcap")
+
+
+def test_a_folder_is_no_recording(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="cannot be read: Is a directory"):
+        open_recording(tmp_path)
+
+
+def test_an_empty_file_is_refused(cut: Callable[[bytes], Path]) -> None:
+    with pytest.raises(ValueError, match=r"recording .*cut.mcap is empty$"):
+        open_recording(cut(b""))
+
+
+@pytest.mark.parametrize("data", [b"\x89MCAP", b"#ROSBAG V2.0\n" + b"\0" * 100, b"x"])
+def test_another_kind_of_file_is_refused(data: bytes, cut: Callable[[bytes], Path]) -> None:
+    with pytest.raises(ValueError, match="is not an MCAP file: it begins otherwise"):
+        open_recording(cut(data))
+
+
+def test_an_mcap_file_of_others_is_refused(cut: Callable[[bytes], Path]) -> None:
+    file = BytesIO()
+    writer = Writer(file)
+    writer.start()
+    writer.finish()  # type: ignore[no-untyped-call]
+
+    with pytest.raises(ValueError, match="was not written by palpate"):
+        open_recording(cut(file.getvalue()))
+
+
+def test_a_recording_cut_anywhere_gives_its_beginning_or_one_sentence(
+    whole: bytes, cut: Callable[[bytes], Path]
+) -> None:
+    reference, fault = prefix(cut(whole))
+    assert (len(reference), fault) == (101, "")
+    longest = 0
+
+    for end in random.Random(0).sample(range(len(whole)), 400):
+        path = cut(whole[:end])
+        bodies, fault = prefix(path)
+        assert bodies == reference[: len(bodies)]
+        longest = max(longest, len(bodies))
+        if "cut off" in fault:
+            with pytest.raises(ValueError, match=r"is cut off at (byte \d+|its end)$"):
+                open_recording(path)
+        elif fault:
+            assert fault.endswith(("is empty", "it begins otherwise"))
+    assert longest == 101
+
+
+def test_a_recording_cut_between_records_was_never_closed(
+    writer: RecordingWriter, write: Write, tmp_path: Path
+) -> None:
+    write(writer, 100)
+
+    recording = open_recording(tmp_path / "topics.mcap")
+
+    assert not recording.closed
+    sequences = [kept.seq for kept in recording.messages() if kept.topic == "/log"]
+    assert sequences == list(range(len(sequences)))
+    assert len(sequences) >= 80
+
+
+def test_a_flipped_bit_never_gives_a_wrong_message(
+    whole: bytes, cut: Callable[[bytes], Path]
+) -> None:
+    reference, _ = prefix(cut(whole))
+    draw = random.Random(1)
+    faults = 0
+
+    for _ in range(600):
+        damaged = bytearray(whole)
+        damaged[draw.randrange(len(whole))] ^= 1 << draw.randrange(8)
+        bodies, fault = prefix(cut(bytes(damaged)))
+        assert bodies == reference[: len(bodies)]
+        faults += bool(fault)
+    # What is left lies in the index at the end, which is not read.
+    assert faults > 400
+
+
+def frame(opcode: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def chunk(data: bytes, size: int, compression: str) -> bytes:
+    builder = RecordBuilder()
+    Chunk(compression, data, 0, 0, 0, size).write(builder)
+    return bytes(builder.end())
+
+
+def test_a_chunk_that_bursts_is_refused_before_it_does(cut: Callable[[bytes], Path]) -> None:
+    bomb = chunk(lz4.frame.compress(b"\0" * (200 << 20)), 1000, "lz4")
+
+    with pytest.raises(ValueError, match="a chunk does not hold the 1000 bytes that it states"):
+        open_recording(cut(framing.MAGIC + bomb))
+
+
+def test_a_chunk_that_states_too_much_is_refused(cut: Callable[[bytes], Path]) -> None:
+    bomb = chunk(lz4.frame.compress(b"\0" * 1000), 1 << 40, "lz4")
+
+    with pytest.raises(ValueError, match=f"a chunk of {1 << 40} bytes, at most"):
+        open_recording(cut(framing.MAGIC + bomb))
+
+
+def test_a_record_that_states_too_much_is_refused(cut: Callable[[bytes], Path]) -> None:
+    huge = struct.pack("<BQ", Opcode.CHUNK, 1 << 50)
+
+    with pytest.raises(ValueError, match=f"is damaged at byte 8: a record of {1 << 50} bytes"):
+        open_recording(cut(framing.MAGIC + huge))
+
+
+def test_another_packing_is_refused(cut: Callable[[bytes], Path]) -> None:
+    with pytest.raises(ValueError, match="has chunks packed by 'zstd'; only lz4 is read"):
+        open_recording(cut(framing.MAGIC + chunk(b"abc", 3, "zstd")))
+
+
+def test_bytes_that_do_not_unpack_are_refused(cut: Callable[[bytes], Path]) -> None:
+    with pytest.raises(ValueError, match="is damaged: "):
+        open_recording(cut(framing.MAGIC + chunk(b"no lz4 at all", 100, "lz4")))
+
+
+def test_a_record_that_ends_too_early_is_refused(cut: Callable[[bytes], Path]) -> None:
+    with pytest.raises(ValueError, match="is damaged: "):
+        open_recording(cut(framing.MAGIC + frame(Opcode.METADATA, b"\5\0\0\0ab")))
+
+
+def test_a_wrong_checksum_of_all_data_is_refused(
+    whole: bytes, cut: Callable[[bytes], Path]
+) -> None:
+    end = whole.rindex(struct.pack("<BQ", Opcode.DATA_END, 4))
+    checksum = zlib.crc32(whole[:end])
+    assert whole[end + 9 : end + 13] == struct.pack("<I", checksum)
+    damaged = whole[: end + 9] + struct.pack("<I", checksum ^ 1) + whole[end + 13 :]
+
+    with pytest.raises(ValueError, match="the checksum of its data does not fit"):
+        open_recording(cut(damaged))
+
+
+def foreign(metadata: dict[str, str], encoding: str = "msgpack", schema: bool = True) -> bytes:
+    """A file with palpate's first record and one channel of this kind."""
+    file = BytesIO()
+    writer = Writer(file, compression=CompressionType.LZ4)
+    writer.start()
+    writer.add_metadata("palpate", {})
+    schema_id = writer.register_schema("World", "jsonschema", b"{}") if schema else 0
+    channel = writer.register_channel("/world", encoding, schema_id, metadata)
+    writer.add_message(channel, 0, b"\x80", 0)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return file.getvalue()
+
+
+ABOUT = {"run": "0", "epoch": "0", "schema_hash": "0"}
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (foreign({}), "/world lacks its run, epoch or schema hash"),
+        (foreign(ABOUT | {"epoch": "first"}), "/world lacks its run, epoch or schema hash"),
+        (foreign(ABOUT, encoding="json"), "has no schema of msgpack for /world"),
+        (foreign(ABOUT, schema=False), "has no schema of msgpack for /world"),
+    ],
+)
+def test_channels_that_are_not_ours_are_refused(
+    data: bytes, words: str, cut: Callable[[bytes], Path]
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        open_recording(cut(data))
+
+
+def test_a_message_without_a_channel_is_refused(cut: Callable[[bytes], Path]) -> None:
+    message = struct.pack("<HIQQ", 9, 0, 0, 0) + b"\x80"
+    data = frame(Opcode.MESSAGE, message)
+    packed = chunk(lz4.frame.compress(data), len(data), "lz4")
+
+    with pytest.raises(ValueError, match="is damaged: a message without a channel"):
+        open_recording(cut(framing.MAGIC + packed))
