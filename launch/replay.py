@@ -14,6 +14,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from threadpoolctl import threadpool_limits
+
 from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import schema_hash
 from palpate.messages.header import Header
@@ -57,6 +59,15 @@ def replay(bag: Path, nodes: Sequence[str] = (), echo: Callable[[str], None] = p
     players = [_Player(place, node, recording) for place, node in _chosen(recording, nodes)]
     if not recording.closed:
         echo(f"{recording.path} was never closed: replaying as far as it goes")
+    with threadpool_limits(limits=1):  # as when it was recorded: several threads round otherwise
+        _play(recording, players)
+    for player in players:
+        player.end()
+        echo(player.verdict())
+    return int(any(player.difference for player in players))
+
+
+def _play(recording: Recording, players: Sequence[_Player]) -> None:
     for player in players:
         player.begin()
     sequence: dict[str, int] = {}
@@ -64,10 +75,6 @@ def replay(bag: Path, nodes: Sequence[str] = (), echo: Callable[[str], None] = p
         _check_sequence(recording, sequence, kept)
         for player in players:
             player.hear(kept)
-    for player in players:
-        player.end()
-        echo(player.verdict())
-    return int(any(player.difference for player in players))
 
 
 def _chosen(recording: Recording, names: Sequence[str]) -> list[tuple[Recorded, Node]]:

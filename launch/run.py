@@ -18,6 +18,7 @@ from palpate.launch.run_dir import RunDir, choose_run_dir
 from palpate.launch.summary import exit_code, summarise
 from palpate.messages.types import ShapeModel
 from palpate.nodes.ending import Ending
+from palpate.nodes.recording import with_description
 from palpate.nodes.wiring import Wiring
 
 
@@ -87,7 +88,7 @@ def plan_run(
     found = describe(path, args, folder.path)
     graph = override(found.graph, settings)
     described = Described(graph, found.scene, found.args)
-    return Plan(described, graph.wirings(), folder)
+    return Plan(described, with_description(graph.wirings()), folder)
 
 
 def perform(plan: Plan, *, composed: bool, display: Display) -> Run:

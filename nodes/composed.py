@@ -60,11 +60,13 @@ def run_composed(
         A node that raises ends the graph as ``died``.
     """
     composition = Composition(wirings, hear, watcher, schedule)
-    with ExitStack() as closing, threadpool_limits(limits=1):  # several threads round otherwise
+    with ExitStack() as closing:
         try:
             for name, work in composition.open():
                 closing.callback(work.close)
                 composition.works[name] = work
+            # Several threads round otherwise; what was imported with the nodes is limited too.
+            closing.enter_context(threadpool_limits(limits=1))
             composition.begin()
             watcher.ready(0.0)
             while composition.deliver():

@@ -58,7 +58,7 @@ def hear_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outpu
 
 
 def hear_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
-    """Measure one model.
+    """Measure one model; one without faces has no score.
 
     Raises
     ------

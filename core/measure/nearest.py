@@ -1,7 +1,7 @@
 """Exact nearest points on a triangle mesh, for many queries at once.
 
 The triangle with the nearest centre gives each query an upper bound; every triangle whose box
-begins nearer than that is then measured. Large triangles are cut up for the search, so that
+begins nearer than that, and whose disc does too, is then measured. Large triangles are cut up for the search, so that
 long thin ones do not lie in boxes that are mostly empty.
 """
 
@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Floats
 from palpate.core.measure.boxes import BoxTree
+from palpate.core.measure.discs import Discs
 from palpate.core.measure.pieces import cut
 from palpate.core.measure.point_triangle import Triangles, nearest_on
 
@@ -42,6 +43,8 @@ class NearestSearch:
     """Over the centres of the pieces."""
     boxes: BoxTree
     """About the pieces."""
+    discs: Discs
+    """About the pieces."""
     face: Indices
     """The face that each piece was cut from."""
 
@@ -53,6 +56,7 @@ def search_of(corners: Floats) -> NearestSearch:
         triangles=Triangles.of(corners),
         centres=cKDTree(pieces.mean(axis=1), balanced_tree=False, compact_nodes=False),
         boxes=BoxTree.about(pieces.min(axis=1), pieces.max(axis=1)),
+        discs=Discs.about(pieces),
         face=face,
     )
 
@@ -66,6 +70,8 @@ def nearest_points(search: NearestSearch, queries: Floats) -> Nearest:
     distances, points = _measure(search.triangles, faces, queries)
     best = Nearest(distances, points, faces)
     for query, piece in search.boxes.within(queries, distances.copy()):
+        near = search.discs.within(piece, queries[query], distances[query])
+        query, piece = query[near], piece[near]
         _improve(search.triangles, queries, query, search.face[piece], best)
     return best
 

@@ -6,15 +6,21 @@ from pathlib import Path
 
 import click
 
+from palpate.launch.located import InputError
+
 
 @click.command("replay")
 @click.argument("bag", type=click.Path(path_type=Path))
-@click.option("--nodes", required=True, metavar="A,B", help="Nodes to run, by name.")
+@click.option("--nodes", default="", metavar="A,B", help="Nodes to run; all exact ones if none.")
 def command(bag: Path, nodes: str) -> int:
-    """Run nodes on the recording BAG and compare what they say with what they said."""
+    """Run nodes on the recording BAG and compare what they say with what they said.
+
+    Exits with 0 if all of it is identical, with 1 and the first difference if not.
+    """
     names = tuple(name.strip() for name in nodes.split(",") if name.strip())
-    if not names:
-        raise click.UsageError("--nodes names no node; give it as filter,curvature")
     from palpate.launch.replay import replay
 
-    return replay(bag, names)
+    try:
+        return replay(bag, names, click.echo)
+    except ValueError as error:
+        raise InputError(str(error)) from None

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -202,10 +203,13 @@ def test_a_sink_still_writes_what_had_arrived_when_a_node_died(
     assert lines[-1] == "closed"
 
 
-def test_a_node_starts_light_and_with_one_thread(watcher: Any, toys: Any, tmp_path: Path) -> None:
+def test_a_node_starts_light_with_one_thread_and_as_nice_as_asked(
+    watcher: Any, toys: Any, tmp_path: Path
+) -> None:
     before = dict(os.environ)
-    ending = run([source(), toys.broken("tell")], watcher, tmp_path)
+    polite = replace(toys.broken("tell"), nice=3)
+    ending = run([source(), polite], watcher, tmp_path)
     assert ending.reason.endswith(
-        "RuntimeError: [] {'OPENBLAS_NUM_THREADS': '1', 'PYTHONHASHSEED': '0'}"
+        f"RuntimeError: [] {{'OPENBLAS_NUM_THREADS': '1', 'PYTHONHASHSEED': '0'}} {os.nice(0) + 3}"
     )
     assert dict(os.environ) == before

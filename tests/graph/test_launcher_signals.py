@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -19,18 +21,24 @@ SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"
 GONE_WITHIN = 4.0
 
 
-def start(folder: Path) -> subprocess.Popen[str]:
+@pytest.fixture
+def process(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """A launcher in a process group of its own, just before its launch."""
-    process = subprocess.Popen(
-        [sys.executable, str(SCRIPT), str(folder)],
+    with subprocess.Popen(
+        [sys.executable, str(SCRIPT), str(tmp_path)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "launching\n"
-    return process
+    ) as started:
+        try:
+            assert started.stdout is not None
+            assert started.stdout.readline() == "launching\n"
+            yield started
+        finally:
+            # Also what a failed test would leave; a process that is only to be buried stays.
+            with suppress(ProcessLookupError):
+                os.killpg(started.pid, signal.SIGKILL)
 
 
 def let_run(process: subprocess.Popen[str], seconds: float) -> None:
@@ -66,11 +74,7 @@ def left_in(folder: Path) -> list[str]:
 
 def assert_ended_well(process: subprocess.Popen[str], folder: Path, signal_name: str) -> None:
     began = time.monotonic()
-    try:
-        out, err = process.communicate(timeout=GONE_WITHIN)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        raise
+    out, err = process.communicate(timeout=GONE_WITHIN)
     assert out == f"interrupted - interrupted by {signal_name}\n"
     assert err == ""
     assert process.returncode == 0
@@ -82,16 +86,18 @@ def assert_ended_well(process: subprocess.Popen[str], folder: Path, signal_name:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_ctrl_c_at_any_moment_leaves_nothing_behind(seed: int, tmp_path: Path) -> None:
-    process = start(tmp_path)
+def test_ctrl_c_at_any_moment_leaves_nothing_behind(
+    seed: int, process: subprocess.Popen[str], tmp_path: Path
+) -> None:
     let_run(process, random.Random(seed).random() * 0.8 + 0.05)
     os.killpg(process.pid, signal.SIGINT)
     assert_ended_well(process, tmp_path, "SIGINT")
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_ctrl_c_may_be_pressed_twice(seed: int, tmp_path: Path) -> None:
-    process = start(tmp_path)
+def test_ctrl_c_may_be_pressed_twice(
+    seed: int, process: subprocess.Popen[str], tmp_path: Path
+) -> None:
     let_run(process, 0.6)
     os.killpg(process.pid, signal.SIGINT)
     os.killpg(process.pid, signal.SIGINT)
@@ -100,9 +106,8 @@ def test_ctrl_c_may_be_pressed_twice(seed: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_the_launcher_alone_ends_the_graph(
-    number: signal.Signals, tmp_path: Path
+    number: signal.Signals, process: subprocess.Popen[str], tmp_path: Path
 ) -> None:
-    process = start(tmp_path)
     let_run(process, 0.6)
     process.send_signal(number)
     assert_ended_well(process, tmp_path, number.name)
@@ -110,20 +115,20 @@ def test_a_signal_to_the_launcher_alone_ends_the_graph(
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_the_whole_group_counts_as_an_interruption(
-    number: signal.Signals, tmp_path: Path
+    number: signal.Signals, process: subprocess.Popen[str], tmp_path: Path
 ) -> None:
-    process = start(tmp_path)
     let_run(process, 0.6)
     os.killpg(process.pid, number)
     assert_ended_well(process, tmp_path, number.name)
 
 
 @pytest.mark.parametrize("moment", [0.05, 0.3, 0.7])
-def test_no_node_outlives_a_launcher_that_is_killed(moment: float, tmp_path: Path) -> None:
-    process = start(tmp_path)
+def test_no_node_outlives_a_launcher_that_is_killed(
+    moment: float, process: subprocess.Popen[str], tmp_path: Path
+) -> None:
     let_run(process, moment)
     process.kill()
-    process.communicate()
+    process.wait(GONE_WITHIN)
     assert group_is_gone(process.pid, 2.0)
     lines = tmp_path / "lines.txt"
     if lines.exists():

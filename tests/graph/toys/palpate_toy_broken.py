@@ -29,7 +29,7 @@ def _on_frame(params: Params, heard: int, message: TactileFrame) -> tuple[int, O
     if params.how == "tell":
         heavy = {"scipy", "trimesh", "rich", "mcap", "numpy.random", "palpate.launch"}
         settings = {key: os.environ[key] for key in ("OPENBLAS_NUM_THREADS", "PYTHONHASHSEED")}
-        raise RuntimeError(f"{sorted(heavy & sys.modules.keys())} {settings}")
+        raise RuntimeError(f"{sorted(heavy & sys.modules.keys())} {settings} {os.nice(0)}")
     if params.how == "raise":
         raise ZeroDivisionError("cannot divide by the number of touches")
     if params.how == "exit":

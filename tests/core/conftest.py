@@ -1,0 +1,131 @@
+"""Shapes, pads and fingers that the tests of core share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.aim import Aim
+from palpate.core.explore.felt import Felt, feel_slice
+from palpate.core.explore.trace import Slice, Status, Trace, after_touch, next_aim
+from palpate.core.rebuild.felt_points import FeltPoints, felt_points
+from palpate.core.shapes.protocol import Mesh, Shape
+from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.touch.curvature import feel_patch
+from palpate.core.touch.pad import Pad, press
+
+CONTACT = 0.05e-3
+BACK_OFF = 14e-3
+ACROSS = np.array([0.0, 1.0, 0.0])
+
+
+@dataclass
+class Finger:
+    """Pad, filterless sensing and tracer, as plain calls."""
+
+    shape: Shape
+    pad: Pad
+    felt: list[FeltPoints] = field(default_factory=list)
+
+    def press(self, start: Floats, reach: float, depth: float, height: float) -> Felt | None:
+        """One touch; what it felt is kept."""
+        end = press(self.shape, self.pad, start, reach, depth)
+        if end.outcome not in ("hit", "bottomed"):
+            return None
+        touched = end.compression > CONTACT
+        surface = np.where(touched, -(end.compression + self.pad.sag()), 0.0)
+        jet = feel_patch(self.pad, surface, touched, ACROSS, 0.0).jet
+        self.felt.append(felt_points(self.pad, end.pose, surface, touched, jet))
+        return feel_slice(self.pad, end.pose, surface, touched, jet, height)
+
+    def answer(self, aim: Aim, height: float) -> Felt | None:
+        """One touch of a contour, from farther away if it would start inside."""
+        start = press(self.shape, self.pad, aim.start(height), aim.travel, aim.stance.depth)
+        if start.outcome == "inside":
+            aim = aim._replace(standoff=aim.standoff + BACK_OFF)
+        return self.press(aim.start(height), aim.travel, aim.stance.depth, height)
+
+    def contour(self, wanted: Slice) -> tuple[Trace, Status]:
+        """A contour, to its end."""
+        trace = Trace(wanted)
+        while True:
+            trace, found = next_aim(self.pad, trace)
+            if not isinstance(found, Aim):
+                return trace, found
+            assert trace.touches < wanted.most_touches
+            trace = after_touch(trace, self.answer(found, wanted.height))
+
+
+@pytest.fixture
+def finger() -> type[Finger]:
+    return Finger
+
+
+@pytest.fixture
+def flat() -> Pad:
+    return Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
+
+
+@pytest.fixture
+def domed(flat: Pad) -> Pad:
+    return Pad(flat.rows, flat.cols, flat.pitch, flat.thickness, 1 / 0.015, flat.saturation)
+
+
+@pytest.fixture
+def ball() -> Superquadric:
+    """A ball of 60 mm about the origin."""
+    return Superquadric(np.full(3, 0.03), np.ones(2))
+
+
+@pytest.fixture
+def box() -> Superquadric:
+    return Superquadric(np.array([0.03, 0.02, 0.04]), np.array([0.1, 0.1]))
+
+
+@pytest.fixture
+def cylinder() -> Superquadric:
+    return Superquadric(np.array([0.025, 0.025, 0.04]), np.array([0.1, 1.0]))
+
+
+@pytest.fixture
+def signed_volume() -> Callable[[Mesh], float]:
+    """Volume of a closed mesh; negative if it is turned inside out."""
+
+    def volume(mesh: Mesh) -> float:
+        a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+        return float(np.einsum("ni,ni->", a, np.cross(b, c))) / 6.0
+
+    return volume
+
+
+@pytest.fixture
+def is_closed() -> Callable[[Mesh], bool]:
+    """Whether every edge is met once each way and the surface is a topological sphere."""
+
+    def closed(mesh: Mesh) -> bool:
+        edges = mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        there = {tuple(edge) for edge in edges.tolist()}
+        back = {(b, a) for a, b in there}
+        euler = len(mesh.vertices) - len(edges) // 2 + len(mesh.faces)
+        used = len(np.unique(mesh.faces)) == len(mesh.vertices)
+        return len(there) == len(edges) and there == back and euler == 2 and used
+
+    return closed
+
+
+@pytest.fixture
+def rotations() -> Callable[[int], Floats]:
+    """Random rotation matrices (n, 3, 3) of a fixed seed."""
+
+    def draw(count: int) -> Floats:
+        matrices = np.linalg.qr(np.random.default_rng(5).normal(size=(count, 3, 3)))[0]
+        matrices[:, :, 0] *= np.linalg.det(matrices)[:, None]
+        return np.asarray(matrices)
+
+    return draw
+
+

@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.frames import IDENTITY, pose_of, transform
+from palpate.core.shapes.posed import PosedShape
+from palpate.core.shapes.superquadric import Superquadric
+
+Draw = Callable[[int], Floats]
+
+
+def test_rays_move_with_the_shape(box: Superquadric, rotations: Draw) -> None:
+    rng = np.random.default_rng(4)
+    for axes in rotations(20):
+        pose = pose_of(rng.normal(size=3), axes)
+        direction = rng.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        origins = rng.uniform(-0.05, 0.05, (50, 3)) - 0.1 * direction
+        found = PosedShape(box, pose).cast(transform(pose, origins), axes @ direction, 0.3)
+        wanted = box.cast(origins, direction, 0.3)
+        met = np.isfinite(wanted)
+        assert np.array_equal(found[~met], wanted[~met])
+        # A grazing ray feels the rounding of its origin most.
+        assert np.allclose(found[met], wanted[met], rtol=0, atol=1e-10)
+
+
+def test_the_mesh_moves_with_the_shape(box: Superquadric, rotations: Draw) -> None:
+    pose = pose_of(np.array([0.1, 0.2, 0.3]), rotations(1)[0])
+    vertices, faces = PosedShape(box, pose).mesh(2)
+    assert np.allclose(vertices, transform(pose, box.mesh(2).vertices), atol=1e-15)
+    assert np.array_equal(faces, box.mesh(2).faces)
+
+
+def test_the_bounds_of_an_upright_shape_are_exact(box: Superquadric) -> None:
+    shift = np.array([0.1, -0.2, 0.3])
+    posed = PosedShape(box, np.concatenate([shift, IDENTITY[3:]]))
+    assert np.array_equal(posed.bounds(), box.bounds() + shift)
+
+
+def test_the_bounds_of_a_turned_shape_are_those_of_what_it_looks_like(
+    ball: Superquadric, rotations: Draw
+) -> None:
+    shift = np.array([0.1, -0.2, 0.3])
+    posed = PosedShape(ball, pose_of(shift, rotations(1)[0]))
+    # The tessellation's corners lie some 0.5 % of the radius apart.
+    assert np.allclose(posed.bounds(), [shift - 0.03, shift + 0.03], rtol=0, atol=1e-5)
+    assert (np.abs(posed.bounds() - shift) <= 0.03).all()

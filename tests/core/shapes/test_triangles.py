@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.shapes import triangles
+from palpate.core.shapes.icosphere import icosphere
+from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
+from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.shapes.triangles import TriangleShape
+
+BACKENDS = [
+    False,
+    pytest.param(
+        True, marks=pytest.mark.skipif(triangles.EmbreeScene is None, reason="no Embree here")
+    ),
+]
+SINGLE = 3e-7
+"""Of the distances, some 0.2 m, that Embree adds up in single precision."""
+
+
+def some_rays(count: int) -> list[tuple[Floats, Floats]]:
+    """Origins (64, 3) around a unit ball and a direction, from all sides."""
+    rng = np.random.default_rng(7)
+    rays = []
+    for _ in range(count):
+        direction = rng.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        rays.append((rng.uniform(-1.2, 1.2, (64, 3)) - 3 * direction, direction))
+    return rays
+
+
+@pytest.mark.skipif(triangles.EmbreeScene is None, reason="no Embree here")
+def test_embree_and_the_z_buffer_agree(box: Superquadric) -> None:
+    mesh = box.mesh(4)
+    embree, zbuffer = TriangleShape(*mesh), TriangleShape(*mesh, embree=False)
+    hits = 0
+    for origins, direction in some_rays(10):
+        first = embree.cast(0.05 * origins, direction, 0.4)
+        second = zbuffer.cast(0.05 * origins, direction, 0.4)
+        met = np.isfinite(first)
+        assert np.array_equal(met, np.isfinite(second))
+        assert np.allclose(first[met], second[met], rtol=0, atol=SINGLE)
+        hits += int(met.sum())
+    assert hits > 100
+
+
+@pytest.mark.parametrize("embree", BACKENDS)
+def test_facets_stand_off_from_the_ball_by_no_more_than_their_sag(
+    embree: bool, ball: Superquadric
+) -> None:
+    level = 4
+    directions, faces = icosphere(level)
+    facets = TriangleShape(0.03 * directions, faces, embree)
+    # The farthest that a point of a face lies below the sphere.
+    sag = 0.03 * (1 - np.linalg.norm(directions[faces].mean(axis=1), axis=1).min())
+    for origins, direction in some_rays(5):
+        exact = ball.cast(0.03 * origins, direction, 0.3)
+        found = facets.cast(0.03 * origins, direction, 0.3)
+        met = np.isfinite(found)
+        assert np.isfinite(exact[met]).all()  # the facets lie within the ball
+        place = 0.03 * origins[met] + found[met, None] * direction
+        depth = 0.03 - np.linalg.norm(place, axis=1)
+        assert (depth > -SINGLE).all()
+        assert (depth < sag + SINGLE).all()
+
+
+@pytest.mark.parametrize("embree", BACKENDS)
+def test_a_ray_inside_says_so_even_if_its_exit_is_out_of_reach(
+    embree: bool, ball: Superquadric
+) -> None:
+    facets = TriangleShape(*ball.mesh(2), embree)
+    origins = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, -0.01]])
+    assert (facets.cast(origins, np.array([0.6, 0.0, 0.8]), 1e-6) == INSIDE).all()
+
+
+@pytest.mark.parametrize("embree", BACKENDS)
+def test_a_ray_stops_at_its_reach_and_does_not_look_back(embree: bool, ball: Superquadric) -> None:
+    facets = TriangleShape(*ball.mesh(3), embree)
+    origin, up = np.array([[0.0, 0.0, -0.1]]), np.array([0.0, 0.0, 1.0])
+    assert facets.cast(origin, up, 0.0699)[0] == MISS
+    assert facets.cast(origin, up, 0.0701)[0] == pytest.approx(0.07, abs=SINGLE)
+    assert facets.cast(origin, -up, 1.0)[0] == MISS
+    assert facets.cast(origin + [0.05, 0, 0], up, 1.0)[0] == MISS
+
+
+@pytest.mark.parametrize("embree", BACKENDS)
+def test_faces_seen_edge_on_are_neither_met_nor_an_error(embree: bool) -> None:
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    faces = np.array([[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)], np.int32)
+    cube = TriangleShape(corners, faces, embree)
+    origins = np.array([[0.5, 0.25, -2.0], [1.25, 0.5, -2.0], [0.25, 0.5, 0.5], [0.5, 0.5, 3.0]])
+    found = cube.cast(origins, np.array([0.0, 0.0, 1.0]), 5.0)
+    assert found[0] == pytest.approx(2.0)
+    assert found[1:].tolist() == [MISS, INSIDE, MISS]
+
+
+def test_no_ray_of_the_z_buffer_slips_between_two_triangles(ball: Superquadric) -> None:
+    directions, faces = icosphere(2)
+    facets = TriangleShape(directions, faces, embree=False)
+    a, b, c = directions[faces].transpose(1, 0, 2)
+    targets = np.concatenate([directions, (a + b) / 2, (a + b + c) / 3])
+    for direction in (np.array([0.0, 0.0, 1.0]), np.array([0.36, 0.48, 0.8])):
+        in_view = targets[np.linalg.norm(np.cross(targets, direction), axis=1) < 0.9]
+        assert np.isfinite(facets.cast(in_view - 3 * direction, direction, 9.0)).all()
+
+
+@pytest.mark.parametrize("embree", BACKENDS)
+def test_bounds_and_mesh_are_those_given(embree: bool, box: Superquadric) -> None:
+    mesh = box.mesh(2)
+    facets = TriangleShape(*mesh, embree)
+    assert facets.bounds().tolist() == [
+        mesh.vertices.min(axis=0).tolist(),
+        mesh.vertices.max(axis=0).tolist(),
+    ]
+    assert facets.mesh(0) == Mesh(*mesh)
+    assert math.isclose(facets.bounds()[1, 2], 0.04)
