@@ -26,8 +26,8 @@ class Progress:
     """Robot time of the last of them, s."""
     ready: float | None = None
     """Time from the launch until all nodes were joined, s."""
-    explored: float = 0.0
-    """Time from the launch until the last touch was reported, s."""
+    reports: list[tuple[float, int]] = field(default_factory=list)
+    """Time since the launch, s, and touches made by then, of each contour and probe."""
     wall: float = 0.0
     """Time since the launch began, s."""
     model: ShapeModel | None = None
@@ -37,9 +37,14 @@ class Progress:
 
     @property
     def touches_per_s(self) -> float | None:
-        """Touches per second while the object was felt; models may be measured long after."""
-        seconds = self.explored - (self.ready or 0.0)
-        return self.touches / seconds if self.touches and seconds > 0.0 else None
+        """Touches per second between the first report and the last.
+
+        Before, the scene is built; after, models are measured.
+        """
+        if len(self.reports) < 2:
+            return None
+        (began, before), (ended, after) = self.reports[0], self.reports[-1]
+        return (after - before) / (ended - began) if ended > began else None
 
     @property
     def score(self) -> Score | None:
@@ -86,7 +91,7 @@ class Gatherer:
             progress.contours += isinstance(message, Contour)
             progress.touches += message.touches
             progress.robot_time = max(progress.robot_time, message.robot_time)
-            progress.explored = progress.wall
+            progress.reports.append((progress.wall, progress.touches))
         elif isinstance(message, ShapeModel):
             progress.model = message
         elif isinstance(message, Score):

@@ -30,6 +30,7 @@ class Codec:
 
     cls: type
     names: tuple[str, ...]
+    known: frozenset[str]
     values: Callable[[Any], tuple[Any, ...]]
     pack: tuple[Convert, ...]
     unpack: tuple[tuple[str, Convert], ...]
@@ -73,7 +74,7 @@ def decode(cls: type[Message], body: bytes) -> Message:
     """
     codec = codec_of(cls)
     fields = _unpack_map(codec, body)
-    if fields.keys() != set(codec.names):
+    if fields.keys() != codec.known:
         raise CodecError(_wrong_fields(codec, fields))
     try:
         for name, unpack in codec.unpack:
@@ -117,6 +118,7 @@ def _compile(cls: type) -> Codec:
     return Codec(
         cls=cls,
         names=names,
+        known=frozenset(names),
         values=attrgetter(*names) if len(names) > 1 else _only(names[0]),
         pack=tuple(rule.pack for rule in rules),
         unpack=tuple((name, rule.unpack) for name, rule in zip(names, rules, strict=True)),

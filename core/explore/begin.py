@@ -64,7 +64,7 @@ def begin(centre: Floats, radius: float, height: float) -> Routine[Start]:
 def _refine(felt: Felt, heading: float, height: float) -> Routine[tuple[Felt | None, Stance]]:
     """Touch again until the pad lies against the surface."""
     stance, best = UPRIGHT, None
-    for _ in range(MOST_REPEATS):
+    for repeat in range(MOST_REPEATS):
         has_arc = len(felt.points) >= LEAST_ARC
         place = felt.points[len(felt.points) // 2] if len(felt.points) else felt.pad
         askew = math.atan(felt.slope)
@@ -72,8 +72,8 @@ def _refine(felt: Felt, heading: float, height: float) -> Routine[tuple[Felt | N
             return felt, stance
         if has_arc:
             best = felt
-            tilt = max(-MOST_TILT, min(MOST_TILT, stance.tilt - askew))
-            stance = stance._replace(tilt=tilt)
+        if has_arc and repeat == 0:  # from then on the search follows the slope itself
+            stance = stance._replace(tilt=max(-MOST_TILT, min(MOST_TILT, -askew)))
         again, stance = yield from seek(
             stance, place[:2], heading, STANDOFF, REACH, height, first=True
         )

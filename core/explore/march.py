@@ -99,14 +99,13 @@ OVER_A_GAP = tuple(Attempt(0.0, math.radians(turn), STANDOFF) for turn in (-25, 
 
 
 def extend(
-    pad: Pad, path: Path, heading: float, stance: Stance, height: float
+    pad: Pad, path: Path, course: Course, stance: Stance, height: float
 ) -> Routine[Stride | None]:
     """One more arc of the contour, or None if there is no way on.
 
     The plain step comes first. If it feels nothing ahead, the corner is marched around; if it
     feels an arc beyond a gap, other headings are tried, and last of all the gap's middle.
     """
-    course = course_at_end(path, heading)
     plain = _plain_step(pad, course, stance)
     attempts = deque([plain])
     beyond: Stride | None = None
@@ -170,7 +169,9 @@ def course_at_end(path: Path, heading: float) -> Course:
 def _parabola(near: Floats) -> tuple[Floats, float, float]:
     """Tangent at the end, curvature and largest misfit of points (n, 2) that end at 0."""
     centred = near - near.mean(axis=0)
-    axis = np.linalg.svd(centred, full_matrices=False)[2][0]
+    (xx, xy), (_, yy) = (centred.T @ centred).tolist()
+    lean = 0.5 * math.atan2(2.0 * xy, xx - yy)  # of the scatter's long axis
+    axis = np.array([math.cos(lean), math.sin(lean)])
     if axis @ (near[-1] - near[0]) < 0.0:
         axis = -axis
     along, outward = near @ axis, np.array([axis[1], -axis[0]])

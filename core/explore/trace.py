@@ -16,7 +16,7 @@ from palpate.core.arrays import Floats
 from palpate.core.explore.aim import UPRIGHT, Aim, Stance
 from palpate.core.explore.begin import begin
 from palpate.core.explore.felt import Felt
-from palpate.core.explore.march import JOINED, Path, Stride, extend
+from palpate.core.explore.march import JOINED, Course, Path, Stride, course_at_end, extend
 from palpate.core.explore.routine import resume
 from palpate.core.touch.pad import Pad
 
@@ -53,8 +53,8 @@ class Trace:
     """What is traced."""
     path: Path | None = None
     """Points so far; None until the first arc."""
-    heading: float = 0.0
-    """Azimuth of the outward normal at the last arc, rad."""
+    course: Course | None = None
+    """Where the path is going at its end; None until the first arc."""
     stance: Stance = UPRIGHT
     """How the pad is held."""
     felt: tuple[Felt | None, ...] = ()
@@ -72,10 +72,10 @@ def next_aim(pad: Pad, trace: Trace) -> tuple[Trace, Aim | Status]:
     """
     found: Aim | Status | None = None
     while found is None:
-        if trace.path is None:
+        if trace.path is None or trace.course is None:
             trace, found = _begin(trace)
         else:
-            trace, found = _march(pad, trace, trace.path)
+            trace, found = _march(pad, trace, trace.path, trace.course)
     if isinstance(found, Aim) and trace.touches >= trace.slice.most_touches:
         return trace, "out_of_touches"
     return trace, found
@@ -96,14 +96,13 @@ def _begin(trace: Trace) -> tuple[Trace, Aim | Status | None]:
     if felt is None:
         return trace, "no_arc" if contact else "no_contact"
     path = Path(felt.points, felt.normals, felt.across)
-    return replace(trace, path=path, heading=heading, stance=stance, felt=()), None
+    course = course_at_end(path, heading)
+    return replace(trace, path=path, course=course, stance=stance, felt=()), None
 
 
-def _march(pad: Pad, trace: Trace, path: Path) -> tuple[Trace, Aim | Status | None]:
+def _march(pad: Pad, trace: Trace, path: Path, course: Course) -> tuple[Trace, Aim | Status | None]:
     """Go on looking for the next arc."""
-    stride = resume(
-        lambda: extend(pad, path, trace.heading, trace.stance, trace.slice.height), trace.felt
-    )
+    stride = resume(lambda: extend(pad, path, course, trace.stance, trace.slice.height), trace.felt)
     if isinstance(stride, Aim):
         return trace, stride
     if stride.result is None:
@@ -129,10 +128,11 @@ def _with_stride(trace: Trace, path: Path, stride: Stride | None) -> tuple[Trace
             return closed, "closed"
     if winding > OVERRUN:
         return trace, "overrun"
+    longer = path.joined(stride.new)
     return replace(
         trace,
-        path=path.joined(stride.new),
-        heading=stride.heading,
+        path=longer,
+        course=course_at_end(longer, stride.heading),
         stance=stride.stance,
         felt=(),
         gaps=trace.gaps + gaps,

@@ -1,8 +1,8 @@
 """Exact nearest points on a triangle mesh, for many queries at once.
 
-The triangle with the nearest centre gives each query an upper bound; every triangle whose box
-begins nearer than that, and whose disc does too, is then measured. Large triangles are cut up for the search, so that
-long thin ones do not lie in boxes that are mostly empty.
+The triangle with the nearest centre gives each query an upper bound. Every triangle whose box
+begins nearer than that, and whose disc does too, is then measured. Large triangles are cut up for
+the search, so that long thin ones do not lie in boxes that are mostly empty.
 """
 
 from __future__ import annotations

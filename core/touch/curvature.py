@@ -97,12 +97,16 @@ def _curvatures(
 ) -> tuple[float, float, float]:
     """Principal curvatures, and that along `direction`, of a graph with these derivatives."""
     (p, q), (r, s, t) = slopes, seconds
-    first = np.array([[1 + p * p, p * q], [p * q, 1 + q * q]])
-    second = np.array([[r, s], [s, t]]) / math.sqrt(1 + p * p + q * q)
-    factor = np.linalg.cholesky(first)
-    whitened = np.linalg.solve(factor, np.linalg.solve(factor, second).T)
-    k2, k1 = np.linalg.eigvalsh(0.5 * (whitened + whitened.T))
-    along = direction[:2]
-    length = float(along @ first @ along)
-    across = float(along @ second @ along) / length if length > 0.0 else 0.0
-    return float(k1), float(k2), across
+    steep = math.sqrt(1.0 + p * p + q * q)
+    r, s, t = r / steep, s / steep, t / steep
+    # The first form is L L^T; the shape operator is L^-1 II L^-T, symmetric.
+    l11 = math.sqrt(1.0 + p * p)
+    l21, l22 = p * q / l11, steep / l11
+    a11 = r / (l11 * l11)
+    a12 = (s - l21 * r / l11) / (l11 * l22)
+    a22 = (t - 2.0 * l21 * s / l11 + l21 * l21 * r / (l11 * l11)) / (l22 * l22)
+    mean, spread = 0.5 * (a11 + a22), math.hypot(0.5 * (a11 - a22), a12)
+    u, v = float(direction[0]), float(direction[1])
+    length = (1.0 + p * p) * u * u + 2.0 * p * q * u * v + (1.0 + q * q) * v * v
+    across = (r * u * u + 2.0 * s * u * v + t * v * v) / length if length > 0.0 else 0.0
+    return mean + spread, mean - spread, across

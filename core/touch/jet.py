@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats
+from palpate.core.arrays import Bools, Floats, Ints
 
 LEAST_TAXELS = 8
 """Below this there is no telling a slope from a corner."""
@@ -30,32 +31,30 @@ class Jet:
 
     def height(self, x: Floats, y: Floats) -> Floats:
         """Height at places x, y (n,), m."""
-        result: Floats = _monomials(x / self.scale, y / self.scale, self.degree, 0, 0) @ (
-            self.coefficients
-        )
-        return result
+        return self._derivatives(x, y, (0, 0))[0]
 
     def slopes(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Slopes dz/dx and dz/dy at places x, y (n,)."""
-        return self._derivative(x, y, 1, 0), self._derivative(x, y, 0, 1)
+        by_x, by_y = self._derivatives(x, y, (1, 0), (0, 1))
+        return by_x, by_y
 
     def second_derivatives(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         """Derivatives z_xx, z_xy and z_yy at places x, y (n,), 1/m."""
-        return (
-            self._derivative(x, y, 2, 0),
-            self._derivative(x, y, 1, 1),
-            self._derivative(x, y, 0, 2),
-        )
+        by_xx, by_xy, by_yy = self._derivatives(x, y, (2, 0), (1, 1), (0, 2))
+        return by_xx, by_xy, by_yy
 
     @property
     def degree(self) -> int:
         """Total degree of the polynomial."""
         return COUNT_OF_DEGREE[len(self.coefficients)]
 
-    def _derivative(self, x: Floats, y: Floats, by_x: int, by_y: int) -> Floats:
-        basis = _monomials(x / self.scale, y / self.scale, self.degree, by_x, by_y)
-        result: Floats = basis @ self.coefficients / self.scale ** (by_x + by_y)
-        return result
+    def _derivatives(self, x: Floats, y: Floats, *orders: tuple[int, int]) -> list[Floats]:
+        degree, scale = self.degree, self.scale
+        in_x, in_y = _powers(x / scale, degree), _powers(y / scale, degree)
+        return [
+            _monomials(in_x, in_y, degree, by_x, by_y) @ self.coefficients / scale ** (by_x + by_y)
+            for by_x, by_y in orders
+        ]
 
 
 def fit_jet(
@@ -83,8 +82,9 @@ def fit_jet(
     count = int(touched.sum())
     degree = next((degree for least, degree in DEGREES if count >= least), 0)
     z = height[touched]
+    in_x, in_y = _powers(x[touched] / scale, degree), _powers(y[touched] / scale, degree)
     while degree:
-        basis = _monomials(x[touched] / scale, y[touched] / scale, degree, 0, 0)
+        basis = _monomials(in_x, in_y, degree, 0, 0)
         coefficients, _, rank, _ = np.linalg.lstsq(basis, z, rcond=1e-9)
         if rank == basis.shape[1]:
             misfit = basis @ coefficients - z
@@ -95,24 +95,25 @@ def fit_jet(
     return None
 
 
-def _monomials(x: Floats, y: Floats, degree: int, by_x: int, by_y: int) -> Floats:
-    """Monomials at x, y (n,), differentiated: (n, coefficients)."""
-    in_x, in_y = _powers(x, degree, by_x), _powers(y, degree, by_y)
-    columns = [
-        in_x[total - power] * in_y[power]
-        for total in range(degree + 1)
-        for power in range(total + 1)
-    ]
-    return np.stack(columns, axis=-1)
+def _powers(x: Floats, degree: int) -> Floats:
+    """Powers of x (n,) from 0 to `degree`, (n, degree + 1); by multiplication, not by pow."""
+    powers = np.ones((len(x), degree + 1))
+    powers[:, 1:] = x[:, None]
+    result: Floats = np.cumprod(powers, axis=1)
+    return result
 
 
-def _powers(x: Floats, degree: int, order: int) -> list[Floats]:
-    """Powers of x from 0 to `degree`, differentiated so often; by multiplication, not by pow."""
-    plain = [np.ones_like(x)]
-    for _ in range(degree):
-        plain.append(plain[-1] * x)
-    zero = np.zeros_like(x)
-    return [
-        math.perm(power, order) * plain[power - order] if power >= order else zero
-        for power in range(degree + 1)
-    ]
+def _monomials(in_x: Floats, in_y: Floats, degree: int, by_x: int, by_y: int) -> Floats:
+    """Monomials, differentiated so often by x and y: (n, coefficients)."""
+    of_x, of_y, factor = _exponents(degree, by_x, by_y)
+    product: Floats = in_x[:, of_x] * in_y[:, of_y]
+    return product if by_x == by_y == 0 else product * factor
+
+
+@cache
+def _exponents(degree: int, by_x: int, by_y: int) -> tuple[Ints, Ints, Floats]:
+    """Exponents of x and y in each differentiated monomial, and its factor."""
+    pairs = [(total - power, power) for total in range(degree + 1) for power in range(total + 1)]
+    of_x, of_y = np.array(pairs).T
+    factor = [float(math.perm(i, by_x) * math.perm(j, by_y)) for i, j in pairs]
+    return np.maximum(of_x - by_x, 0), np.maximum(of_y - by_y, 0), np.array(factor)

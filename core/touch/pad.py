@@ -8,6 +8,7 @@ follow its dome, so that every taxel is equally thick.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -37,17 +38,23 @@ class Pad:
     """Largest compression, as a share of the thickness."""
 
     def grid(self) -> tuple[Floats, Floats]:
-        """Coordinates x and y of the taxels, (rows, cols) each, m."""
-        x = (np.arange(self.cols) - (self.cols - 1) / 2) * self.pitch
-        y = (np.arange(self.rows) - (self.rows - 1) / 2) * self.pitch
-        return np.broadcast_to(x, (self.rows, self.cols)), np.broadcast_to(
-            y[:, None], (self.rows, self.cols)
-        )
+        """Coordinates x and y of the taxels, (rows, cols) each, m; read-only."""
+        return _grid(self.rows, self.cols, self.pitch)
 
     def sag(self) -> Floats:
         """How far the domed face falls back behind its middle, (rows, cols), m."""
         x, y = self.grid()
         return 0.5 * self.dome * (x * x + y * y)
+
+
+@cache
+def _grid(rows: int, cols: int, pitch: float) -> tuple[Floats, Floats]:
+    x = (np.arange(cols) - (cols - 1) / 2) * pitch
+    y = (np.arange(rows) - (rows - 1) / 2) * pitch
+    grid = np.meshgrid(x, y)
+    for axis in grid:
+        axis.setflags(write=False)
+    return grid[0], grid[1]
 
 
 class Press(NamedTuple):

@@ -127,5 +127,3 @@ def rotations() -> Callable[[int], Floats]:
         return np.asarray(matrices)
 
     return draw
-
-

@@ -29,9 +29,7 @@ def about(axis: Floats, angle: float) -> Floats:
     """Rotation about an axis, by Rodrigues's formula."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(
-        np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-    )
+    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross)
 
 
 def test_a_matrix_survives_the_way_through_a_quaternion(rotations: Draw) -> None:

@@ -43,7 +43,7 @@ def progress(tetrahedron: ShapeModel, score: Score) -> Progress:
         touches=40,
         robot_time=20.0,
         ready=0.5,
-        explored=2.5,
+        reports=[(0.5, 0), (2.5, 40)],
         wall=4.0,
         model=tetrahedron,
         scores=[(3.0, score)],
@@ -59,7 +59,7 @@ def test_a_summary_holds_the_figures_of_the_run(progress: Progress) -> None:
     found = summarise(ending(), progress, "vase", 7)
 
     assert found["chamfer_m"] == 0.0003
-    assert found["touches_per_s"] == 20.0  # 40 in the 2 s between readiness and the last
+    assert found["touches_per_s"] == 20.0  # 40 in the 2 s between the reports
     assert found["compute_s"] == 1.5
     assert found["nodes"]["filter"] == {
         "messages": 40, "sent": 40, "p50_us": 80.0, "p99_us": 120.0, "cpu_s": 1.5,

@@ -173,7 +173,9 @@ def test_noise_costs_little_curvature_and_is_not_taken_for_an_edge(flat: Pad) ->
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.02
     rng = np.random.default_rng(0)
-    found = [feel(flat, height + rng.normal(scale=1e-5, size=x.shape), noise=1e-5) for _ in range(50)]
+    found = [
+        feel(flat, height + rng.normal(scale=1e-5, size=x.shape), noise=1e-5) for _ in range(50)
+    ]
     assert {patch.kind for patch in found} == {"smooth"}
     errors = np.array([patch.principal for patch in found]) - 50.0
     assert np.abs(errors).mean() < 0.5  # 0.5e-3 in 1 / pitches

@@ -22,9 +22,7 @@ def test_the_grid_is_centred_with_x_along_columns_and_y_along_rows() -> None:
     assert np.allclose(y, np.array([-0.002, 0.0, 0.002])[:, None])
 
 
-def test_a_dome_falls_back_as_a_paraboloid_and_a_flat_pad_not_at_all(
-    flat: Pad, domed: Pad
-) -> None:
+def test_a_dome_falls_back_as_a_paraboloid_and_a_flat_pad_not_at_all(flat: Pad, domed: Pad) -> None:
     x, y = domed.grid()
     assert np.allclose(domed.sag(), (x**2 + y**2) / (2 * 0.015))
     assert (flat.sag() == 0.0).all()

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.aim import UPRIGHT, Aim
+from palpate.core.explore.felt import Felt
+from palpate.core.explore.march import (
+    AROUND_A_CORNER,
+    OVER_A_GAP,
+    Path,
+    Stride,
+    course_at_end,
+    extend,
+)
+from palpate.core.explore.routine import Done, resume
+from palpate.core.touch.pad import Pad
+
+
+def arc(radius: float, begin: float, end: float, count: int) -> Path:
+    """Points of a circle about the origin, counter-clockwise, with their normals."""
+    azimuth = np.linspace(begin, end, count)
+    away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(count)])
+    return Path(radius * away, away, np.zeros(count))
+
+
+def line(begin: Floats, end: Floats, count: int) -> Path:
+    points = np.linspace([*begin, 0.0], [*end, 0.0], count)
+    along = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
+    return Path(points, np.tile([along[1], -along[0], 0.0], (count, 1)), np.zeros(count))
+
+
+def stride(
+    pad: Pad, path: Path, heading: float, felt: Sequence[Felt | None]
+) -> Aim | Stride | None:
+    """Where the march from the path's end goes after it has felt this, or what it found."""
+    course = course_at_end(path, heading)
+    found = resume(lambda: extend(pad, path, course, UPRIGHT, 0.0), felt)
+    return found.result if isinstance(found, Done) else found
+
+
+def felt_on(path: Path) -> Felt:
+    return Felt(*path, 0.0, path.points[0], path.points[0], 5, 5)
+
+
+@pytest.mark.parametrize("radius", [0.005, 0.01, 0.03, 0.2])
+@pytest.mark.parametrize("azimuth", [0.0, 1.0, 3.1, -2.0])
+def test_the_course_of_a_circle_is_its_tangent_and_curvature(radius: float, azimuth: float) -> None:
+    path = arc(radius, azimuth - 0.012 / radius, azimuth, 13)
+    course = course_at_end(path, azimuth - 0.1)
+    assert np.allclose(course.tangent, [-math.sin(azimuth), math.cos(azimuth)], atol=1e-12)
+    assert course.heading == pytest.approx(azimuth, abs=1e-9)
+    # A parabola leaves out the fourth power, at most 60 um of it.
+    assert course.curvature == pytest.approx(1 / radius, rel=0.15)
+
+
+def test_a_hollow_has_negative_curvature() -> None:
+    points = arc(0.02, 3.0, 2.5, 12)
+    path = Path(points.points, -points.normals, points.across)
+    assert course_at_end(path, 2.5 - math.pi).curvature == pytest.approx(-50.0, rel=0.1)
+
+
+def test_headings_do_not_jump_by_a_whole_turn() -> None:
+    for turns in (-1, 0, 2):
+        path = arc(0.03, 2.9, 3.3, 12)
+        course = course_at_end(path, 3.2 + 2 * math.pi * turns)
+        assert course.heading == pytest.approx(3.3 + 2 * math.pi * turns, abs=1e-9)
+
+
+def test_one_point_goes_on_across_the_heading() -> None:
+    course = course_at_end(
+        arc(0.03, 0.5, 0.5, 1)._replace(normals=np.array([[0.0, 0.0, 1.0]])), 0.5
+    )
+    assert np.allclose(course.tangent, [-math.sin(0.5), math.cos(0.5)])
+    assert course.curvature == 0.0
+
+
+def test_curvatures_are_bounded() -> None:
+    tight = course_at_end(arc(0.0005, -2.0, 0.0, 9), 0.0)
+    assert tight.curvature <= 500.0
+
+
+def test_steps_are_as_long_as_contact_and_pad_allow(flat: Pad, domed: Pad) -> None:
+    ways = []
+    for pad, radius in ((flat, 0.003), (flat, 0.006), (domed, 10.0), (flat, 10.0)):
+        path = arc(radius, -0.009 / radius, 0.0, 40)
+        aim = stride(pad, path, 0.0, ())
+        assert isinstance(aim, Aim)
+        ways.append(abs(float(aim.place[1])))
+    # The contact of a press of 1 mm on a contour of radius r is sqrt(2 r 1 mm) wide.
+    assert ways[0] == pytest.approx(1.1 * math.sqrt(2e-3 * 0.003), rel=0.1)
+    assert ways[1] == pytest.approx(1.1 * math.sqrt(2e-3 * 0.006), rel=0.1)
+    assert ways[2] == ways[3] == pytest.approx(0.69 * 7.5e-3)
+
+
+def test_an_arc_that_joins_the_path_is_taken_without_what_lies_behind(flat: Pad) -> None:
+    found = stride(flat, arc(0.03, 0.0, 0.5, 16), 0.5, [felt_on(arc(0.03, 0.4, 0.8, 13))])
+    assert isinstance(found, Stride)
+    azimuth = np.arctan2(found.new.points[:, 1], found.new.points[:, 0])
+    assert azimuth.min() > 0.5
+    assert azimuth.max() == pytest.approx(0.8)
+    assert len(azimuth) == 9
+
+
+def test_a_miss_leads_around_the_corner_and_through_the_whole_list(flat: Pad) -> None:
+    path = line(np.array([0.03, 0.0]), np.array([0.03, 0.02]), 16)
+    counts = range(1, 2 + len(AROUND_A_CORNER))
+    tried = [stride(flat, path, 0.0, [None] * count) for count in counts]
+    headings = [aim.heading for aim in tried if isinstance(aim, Aim)]
+    assert headings == pytest.approx([attempt.turn for attempt in AROUND_A_CORNER])
+    assert tried[-1] is None
+
+
+def test_a_face_beyond_the_corner_is_joined_by_the_turned_touch(flat: Pad) -> None:
+    path = line(np.array([0.03, 0.0]), np.array([0.03, 0.02]), 16)
+    top = line(np.array([0.0295, 0.0205]), np.array([0.02, 0.0205]), 10)
+    found = stride(flat, path, 0.0, [None, felt_on(top)])
+    assert isinstance(found, Stride)
+    assert found.heading == pytest.approx(AROUND_A_CORNER[0].turn)
+
+
+def test_an_arc_beyond_a_gap_is_taken_last_with_a_touch_in_the_gaps_middle(flat: Pad) -> None:
+    path = line(np.array([0.03, 0.0]), np.array([0.03, 0.01]), 11)
+    beyond = felt_on(line(np.array([0.03, 0.015]), np.array([0.03, 0.02]), 6))
+    missed = [beyond, *[None] * len(OVER_A_GAP)]
+    aim = stride(flat, path, 0.0, missed)
+    assert isinstance(aim, Aim)
+    assert np.allclose(aim.place, [0.03, 0.0125], atol=1e-12)
+    between = felt_on(line(np.array([0.0299, 0.011]), np.array([0.0299, 0.014]), 4))
+    for filling, count in ((between, 4 + 6), (None, 6)):
+        found = stride(flat, path, 0.0, [*missed, filling])
+        assert isinstance(found, Stride)
+        assert len(found.new.points) == count

@@ -1,0 +1,208 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.aim import Aim
+from palpate.core.explore.march import JOINED
+from palpate.core.explore.trace import Slice, Trace, after_touch, next_aim
+from palpate.core.shapes.posed import PosedShape
+from palpate.core.shapes.protocol import Shape
+from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.touch.pad import Pad
+
+MOST = 150
+BIAS = 5e-6
+"""Linear interpolation between two rows on a ball of 30 mm: 4.2 um, more on a tilted pad."""
+NEAR_RIM = 35e-6
+"""The same where the rounded edge of a box curves within 5 mm."""
+
+
+def slice_at(height: float, most: int = MOST) -> Slice:
+    return Slice(height, np.zeros(2), 0.1, most)
+
+
+def off_surface(shape: Superquadric, points: Floats) -> Floats:
+    """Radial distance of points (n, 3) from a superquadric, m."""
+    return np.asarray(np.linalg.norm(points, axis=1) * (1 - 1 / shape.gauge(points)))
+
+
+def length_of(points: Floats) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).sum())
+
+
+@pytest.mark.parametrize("share", [0.0, 0.6, -0.6, 0.93])
+@pytest.mark.parametrize(
+    # A touch on a ball adds some 12 points of 1 mm with a flat pad and 8 with a domed one; a
+    # corner costs a flat pad a dozen touches, and a domed one three.
+    ("name", "most_flat", "most_domed", "error"),
+    [("ball", 20, 26, BIAS), ("box", 60, 35, NEAR_RIM), ("cylinder", 20, 25, NEAR_RIM)],
+)
+def test_a_contour_closes_on_the_surface_within_few_touches(
+    name: str,
+    most_flat: int,
+    most_domed: int,
+    error: float,
+    share: float,
+    finger: Any,
+    flat: Pad,
+    domed: Pad,
+    request: pytest.FixtureRequest,
+) -> None:
+    shape = request.getfixturevalue(name)
+    height = share * shape.size[2]
+    for pad, most in ((flat, most_flat), (domed, most_domed)):
+        trace, status = finger(shape, pad).contour(slice_at(height))
+        assert status == "closed"
+        assert trace.touches <= most
+        assert trace.gaps == ()
+        points = trace.path.points
+        assert np.abs(off_surface(shape, points)).max() < error
+        assert np.allclose(points[:, 2], height, rtol=0, atol=1e-16)
+        steps = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1)
+        assert steps.max() <= JOINED
+        azimuth = np.unwrap(np.arctan2(points[:, 1], points[:, 0]))
+        assert azimuth[-1] - azimuth[0] == pytest.approx(2 * np.pi, abs=0.2)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.6, 0.93])
+def test_the_length_of_a_contour_of_a_ball_is_that_of_its_circle(
+    share: float, finger: Any, flat: Pad, ball: Superquadric
+) -> None:
+    trace, _ = finger(ball, flat).contour(slice_at(0.03 * share))
+    circle = 2 * np.pi * 0.03 * np.sqrt(1 - share**2)
+    assert length_of(trace.path.points) == pytest.approx(circle, rel=3e-3)
+
+
+def test_normals_look_outwards_and_curvatures_are_those_across(
+    finger: Any, flat: Pad, ball: Superquadric
+) -> None:
+    trace, _ = finger(ball, flat).contour(slice_at(0.018))
+    path = trace.path
+    assert len(path.normals) == len(path.across) == len(path.points)
+    assert np.allclose(path.normals, path.points / 0.03, atol=0.02)
+    assert np.median(path.across) == pytest.approx(1 / 0.03, rel=0.02)
+
+
+@pytest.mark.parametrize("turn", [0.3, 0.9])
+def test_a_contour_does_not_depend_on_where_it_starts_beyond_its_sampling(
+    turn: float, finger: Any, domed: Pad, box: Superquadric
+) -> None:
+    half = np.array([0, 0, np.sin(turn / 2), np.cos(turn / 2)])
+    turned = PosedShape(box, np.concatenate([[0.004, -0.003, 0.0], half]))
+    trace, status = finger(turned, domed).contour(slice_at(0.01))
+    assert status == "closed"
+    back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    points = trace.path.points.copy()
+    points[:, :2] = (points[:, :2] - [0.004, -0.003]) @ back.T
+    assert np.abs(off_surface(box, points)).max() < NEAR_RIM
+    assert length_of(points) == pytest.approx(0.195, abs=3e-3)
+
+
+def test_stepping_a_trace_twice_gives_the_same_and_leaves_it_unchanged(
+    finger: Any, flat: Pad, box: Superquadric
+) -> None:
+    hand, trace = finger(box, flat), Trace(slice_at(0.0))
+    for _ in range(12):
+        first, aim = next_aim(flat, trace)
+        second, same = next_aim(flat, trace)
+        assert isinstance(aim, Aim)
+        assert isinstance(same, Aim)
+        assert np.array_equal(aim.start(0.0), same.start(0.0))
+        assert aim.stance == same.stance
+        assert (first.touches, first.gaps) == (second.touches, second.gaps)
+        assert (first.path is None) == (second.path is None)
+        if first.path is not None and second.path is not None:
+            assert np.array_equal(first.path.points, second.path.points)
+        before = (first.touches, len(first.felt))
+        following = after_touch(first, hand.answer(aim, 0.0))
+        assert before == (first.touches, len(first.felt))
+        assert following.touches == first.touches + 1
+        trace = following
+
+
+def test_a_trace_asked_again_goes_on_from_where_it_was(
+    finger: Any, flat: Pad, box: Superquadric
+) -> None:
+    hand, trace = finger(box, flat), Trace(slice_at(0.0))
+    for _ in range(6):
+        trace, aim = next_aim(flat, trace)
+        again, same = next_aim(flat, trace)
+        assert isinstance(aim, Aim)
+        assert isinstance(same, Aim)
+        assert np.array_equal(aim.start(0.0), same.start(0.0))
+        trace = after_touch(again, hand.answer(same, 0.0))
+
+
+def test_a_slice_above_the_object_has_no_contact(
+    finger: Any, flat: Pad, ball: Superquadric
+) -> None:
+    trace, status = finger(ball, flat).contour(slice_at(0.2))
+    assert status == "no_contact"
+    assert trace.path is None
+
+
+def test_a_slice_that_the_pad_touches_beside_has_no_arc(
+    finger: Any, flat: Pad, box: Superquadric
+) -> None:
+    trace, status = finger(box, flat).contour(slice_at(0.043))
+    assert status == "no_arc"
+    assert trace.path is None
+
+
+@pytest.mark.parametrize("most", [1, 5, 12])
+def test_a_trace_gives_up_after_its_touches(
+    most: int, finger: Any, flat: Pad, ball: Superquadric
+) -> None:
+    trace, status = finger(ball, flat).contour(slice_at(0.0, most))
+    assert status == "out_of_touches"
+    assert trace.touches == most
+
+
+class Vanishing:
+    """A ball that is there only at positive y: its contour has no way on."""
+
+    def __init__(self, ball: Superquadric) -> None:
+        self._ball = ball
+
+    def bounds(self) -> Floats:
+        return self._ball.bounds()
+
+    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+        found = self._ball.cast(origins, direction, reach)
+        place = origins[:, 1] + np.where(np.isfinite(found), found, 0.0) * direction[1]
+        return np.where(place > -0.01, found, np.inf)
+
+    def mesh(self, level: int) -> Any:
+        return self._ball.mesh(level)
+
+
+def test_a_contour_without_a_way_on_is_stuck(finger: Any, flat: Pad, ball: Superquadric) -> None:
+    shape: Shape = Vanishing(ball)
+    trace, status = finger(shape, flat).contour(slice_at(0.0))
+    assert status == "stuck"
+    assert trace.path is not None
+    assert trace.path.points[-1, 1] == pytest.approx(-0.01, abs=1.5e-3)
+
+
+def test_a_path_that_circles_without_closing_is_overrun(flat: Pad) -> None:
+    from palpate.core.explore.felt import Felt
+
+    def spiral(begin: float, end: float) -> Felt:
+        azimuth = np.linspace(begin, end, 12)
+        away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(12)])
+        points = (0.02 + 0.0005 * azimuth)[:, None] * away
+        return Felt(points, away, np.zeros(12), 0.0, points[0], points[0], 5, 5)
+
+    trace, azimuth = Trace(slice_at(0.0)), 0.0
+    while True:
+        trace, found = next_aim(flat, trace)
+        if not isinstance(found, Aim):
+            break
+        trace, azimuth = after_touch(trace, spiral(azimuth, azimuth + 0.4)), azimuth + 0.4
+        assert trace.touches < 40
+    assert found == "overrun"
+    assert azimuth > 2 * np.pi
