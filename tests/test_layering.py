@@ -26,7 +26,9 @@ ALLOWED = {
     "palpate.messages.bus": MESSAGES | {"zmq"},
     "palpate.messages.recording": MESSAGES | {"mcap", "lz4", "zstandard"},
     "palpate.nodes": NODES,
+    "palpate.nodes.composed": NODES | {"threadpoolctl"},
     "palpate.launch": LAUNCH,
+    "palpate.launch.replay": LAUNCH | {"threadpoolctl"},
     "palpate.launch.launcher": LAUNCH | {"zmq"},
     "palpate.launch.processes": LAUNCH | {"zmq"},
     "palpate.launch.bench_bus": LAUNCH | {"zmq"},
@@ -41,7 +43,7 @@ CLOCKS = (
 """Modules that may read a clock begin like this; for all others there is robot time alone."""
 CLOCK_MODULES = frozenset({"time", "datetime"})
 
-SHARED = ("node", "wiring", "ending", "object", "sensor", "composed", "recording", "replay")
+SHARED = ("node", "wiring", "ending", "object", "sensor", "composed", "recording")
 """Modules of ``nodes`` that are no node; any of them may be imported by a node."""
 
 BANNED = frozenset({"pickle", "marshal", "shelve", "dill"})
@@ -70,7 +72,7 @@ def faults(module: str, source: str) -> list[str]:
             found.append(f"{module}:{line}: imports {name}, which runs what it reads")
         elif top in CLOCK_MODULES and not module.startswith(CLOCKS):
             found.append(f"{module}:{line}: imports {name}; only the runtime reads a clock")
-        elif top in sys.stdlib_module_names or name == "palpate":
+        elif top in sys.stdlib_module_names or name in ("palpate", "palpate.__version__"):
             continue
         elif not any(within(name, allowed) for allowed in ALLOWED[home]):
             found.append(f"{module}:{line}: imports {name}, which {home} may not")

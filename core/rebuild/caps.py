@@ -17,8 +17,9 @@ from palpate.core.arrays import Floats
 
 RINGS = 24
 """Rings from the rim of an end to its middle."""
-EXPONENTS = np.geomspace(1.0, 90.0, 24)
-"""Exponents that are tried: 1 a cone, 2 an ellipse, 90 an edge."""
+EXPONENTS = np.geomspace(1.0, 128.0, 57)
+"""Exponents that are tried: 1 a cone, 2 an ellipse, 128 an edge; eight from each to its double,
+so that those of a ball are among them."""
 TREND = 1
 """Degree of the radius's trend over a profile."""
 MOST_SITES = 240

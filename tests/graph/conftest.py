@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -77,3 +78,31 @@ class Toys:
 def toys(monkeypatch: pytest.MonkeyPatch) -> Toys:
     monkeypatch.syspath_prepend(str(Path(__file__).parent / "toys"))
     return Toys()
+
+
+def _living(group: int) -> list[int]:
+    """Processes of a group; one that only waits to be buried does not count."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdecimal():
+            try:
+                state, _, its_group = (folder / "stat").read_text().rpartition(")")[2].split()[:3]
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+            if int(its_group) == group and state != "Z":
+                found.append(int(folder.name))
+    return found
+
+
+@pytest.fixture
+def group_is_gone() -> Callable[[int, float], bool]:
+    """Waits for the last living process of a group to end; false if that takes too long."""
+    return _group_is_gone
+
+
+def _group_is_gone(group: int, within: float) -> bool:
+    deadline = time.monotonic() + within
+    while _living(group):
+        if time.monotonic() > deadline:
+            return False
+    return True

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,10 +19,12 @@ pytestmark = [
 
 SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"
 GONE_WITHIN = 4.0
+Process = subprocess.Popen[str]
+Gone = Callable[[int, float], bool]
 
 
 @pytest.fixture
-def process(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+def process(tmp_path: Path) -> Iterator[Process]:
     """A launcher in a process group of its own, just before its launch."""
     with subprocess.Popen(
         [sys.executable, str(SCRIPT), str(tmp_path)],
@@ -41,44 +43,22 @@ def process(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
                 os.killpg(started.pid, signal.SIGKILL)
 
 
-def let_run(process: subprocess.Popen[str], seconds: float) -> None:
+def let_run(process: Process, seconds: float) -> None:
     with pytest.raises(subprocess.TimeoutExpired):
         process.wait(seconds)
-
-
-def living(group: int) -> list[int]:
-    """Processes of a group; one that only waits to be buried does not count."""
-    found = []
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdecimal():
-            try:
-                state, _, its_group = (folder / "stat").read_text().rpartition(")")[2].split()[:3]
-            except (FileNotFoundError, ProcessLookupError):
-                continue
-            if int(its_group) == group and state != "Z":
-                found.append(int(folder.name))
-    return found
-
-
-def group_is_gone(group: int, within: float) -> bool:
-    deadline = time.monotonic() + within
-    while living(group):
-        if time.monotonic() > deadline:
-            return False
-    return True
 
 
 def left_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir() if path.name != "lines.txt")
 
 
-def assert_ended_well(process: subprocess.Popen[str], folder: Path, signal_name: str) -> None:
+def assert_ended_well(process: Process, folder: Path, signal_name: str, gone: Gone) -> None:
     began = time.monotonic()
     out, err = process.communicate(timeout=GONE_WITHIN)
     assert out == f"interrupted - interrupted by {signal_name}\n"
     assert err == ""
     assert process.returncode == 0
-    assert group_is_gone(process.pid, GONE_WITHIN - (time.monotonic() - began))
+    assert gone(process.pid, GONE_WITHIN - (time.monotonic() - began))
     assert left_in(folder) == []
     lines = folder / "lines.txt"
     if lines.exists():
@@ -87,44 +67,44 @@ def assert_ended_well(process: subprocess.Popen[str], folder: Path, signal_name:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_ctrl_c_at_any_moment_leaves_nothing_behind(
-    seed: int, process: subprocess.Popen[str], tmp_path: Path
+    seed: int, process: Process, tmp_path: Path, group_is_gone: Gone
 ) -> None:
     let_run(process, random.Random(seed).random() * 0.8 + 0.05)
     os.killpg(process.pid, signal.SIGINT)
-    assert_ended_well(process, tmp_path, "SIGINT")
+    assert_ended_well(process, tmp_path, "SIGINT", group_is_gone)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_ctrl_c_may_be_pressed_twice(
-    seed: int, process: subprocess.Popen[str], tmp_path: Path
+    seed: int, process: Process, tmp_path: Path, group_is_gone: Gone
 ) -> None:
     let_run(process, 0.6)
     os.killpg(process.pid, signal.SIGINT)
     os.killpg(process.pid, signal.SIGINT)
-    assert_ended_well(process, tmp_path, "SIGINT")
+    assert_ended_well(process, tmp_path, "SIGINT", group_is_gone)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_the_launcher_alone_ends_the_graph(
-    number: signal.Signals, process: subprocess.Popen[str], tmp_path: Path
+    number: signal.Signals, process: Process, tmp_path: Path, group_is_gone: Gone
 ) -> None:
     let_run(process, 0.6)
     process.send_signal(number)
-    assert_ended_well(process, tmp_path, number.name)
+    assert_ended_well(process, tmp_path, number.name, group_is_gone)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_the_whole_group_counts_as_an_interruption(
-    number: signal.Signals, process: subprocess.Popen[str], tmp_path: Path
+    number: signal.Signals, process: Process, tmp_path: Path, group_is_gone: Gone
 ) -> None:
     let_run(process, 0.6)
     os.killpg(process.pid, number)
-    assert_ended_well(process, tmp_path, number.name)
+    assert_ended_well(process, tmp_path, number.name, group_is_gone)
 
 
 @pytest.mark.parametrize("moment", [0.05, 0.3, 0.7])
 def test_no_node_outlives_a_launcher_that_is_killed(
-    moment: float, process: subprocess.Popen[str], tmp_path: Path
+    moment: float, process: Process, tmp_path: Path, group_is_gone: Gone
 ) -> None:
     let_run(process, moment)
     process.kill()

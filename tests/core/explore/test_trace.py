@@ -7,6 +7,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.aim import Aim
+from palpate.core.explore.felt import Felt
 from palpate.core.explore.march import JOINED
 from palpate.core.explore.trace import Slice, Trace, after_touch, next_aim
 from palpate.core.shapes.posed import PosedShape
@@ -189,8 +190,6 @@ def test_a_contour_without_a_way_on_is_stuck(finger: Any, flat: Pad, ball: Super
 
 
 def test_a_path_that_circles_without_closing_is_overrun(flat: Pad) -> None:
-    from palpate.core.explore.felt import Felt
-
     def spiral(begin: float, end: float) -> Felt:
         azimuth = np.linspace(begin, end, 12)
         away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(12)])

@@ -5,6 +5,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.caps import (
+    EXPONENTS,
     LEAST_SITES,
     MOST_SITES,
     RINGS,
@@ -30,16 +31,23 @@ def ring(radius: float, height: float, middle: tuple[float, float] = (0.0, 0.0))
 def test_a_superellipse_is_followed_to_its_end(p: float, q: float) -> None:
     heights = np.linspace(0.0, 0.8, 40)
     profile = fit_profile(heights, 3.0 * (1 - heights**p) ** (1 / q), 1.0)
-    assert profile.misfit < 3e-3
+    assert profile.misfit < 4e-3
     beyond = np.array([0.85, 0.9, 0.95])
     rim = 3.0 * (1 - 0.8**p) ** (1 / q)
     shares = 3.0 * (1 - beyond**p) ** (1 / q) / rim
     assert np.allclose(profile.heights(0.8, shares), beyond, rtol=0, atol=0.02)
 
 
-def test_exponents_among_those_tried_are_found_exactly() -> None:
-    from palpate.core.rebuild.caps import EXPONENTS
+def test_a_ball_and_a_cone_are_among_what_is_tried() -> None:
+    heights = np.linspace(0.0, 0.8, 40)
+    ball = fit_profile(heights, np.sqrt(1 - heights**2), 1.0)
+    assert (ball.p, ball.q) == pytest.approx((2.0, 2.0))
+    cone = fit_profile(heights, 1 - heights, 1.0)
+    assert cone.misfit < 1e-12
+    assert np.allclose(cone.heights(0.8, np.array([1.0, 0.5])), [0.8, 0.9], rtol=0, atol=1e-9)
 
+
+def test_exponents_among_those_tried_are_found_exactly() -> None:
     heights = np.linspace(0.2, 0.9, 40)
     for p, q in ((EXPONENTS[3], EXPONENTS[5]), (EXPONENTS[8], EXPONENTS[2])):
         zeta = (heights - 0.2) / 0.8
@@ -88,7 +96,7 @@ def test_touches_that_agree_with_the_profile_change_nothing() -> None:
     rim = ring(np.sqrt(0.03**2 - 0.02**2), 0.02, (0.1, 0.2))
     sites = np.random.default_rng(0).uniform(-0.01, 0.01, (100, 2))
     heights = np.sqrt(0.03**2 - (sites**2).sum(axis=1))
-    felt = np.column_stack([sites + [0.1, 0.2], heights])
+    felt = np.column_stack([sites + np.array([0.1, 0.2]), heights])
     without = cap_rings(BALL, np.array([0.1, 0.2]), rim, NONE)
     assert np.allclose(cap_rings(BALL, np.array([0.1, 0.2]), rim, felt), without, atol=1e-5)
 
@@ -104,7 +112,7 @@ def test_touches_correct_the_profile_where_they_are() -> None:
     felt = np.column_stack([places, dent(places)])
     rings = cap_rings(BALL, np.zeros(2), rim, felt)
     near = np.abs(rings[:, :, :2]).max(axis=-1) < 0.011
-    assert np.abs(rings[..., 2] - dent(rings[..., :2]))[near].max() < 30e-6
+    assert np.abs(rings[..., 2] - dent(rings[..., :2]))[near].max() < 0.1e-3
     assert np.abs(rings[0, :, 2] - 0.02).max() < 0.5e-3  # and it still joins the rim
 
 
@@ -135,7 +143,7 @@ def test_shares_are_measured_on_each_azimuth() -> None:
     inner = np.column_stack([middle + 0.25 * (rim[:, :2] - middle), 0 * TURN])
     assert np.allclose(shares_of(middle, rim, inner), 0.25, rtol=1e-12)
     assert np.allclose(shares_of(middle, np.roll(rim, 7, axis=0), inner), 0.25, rtol=1e-12)
-    assert shares_of(middle, rim, rim + [9, 9, 0]).max() == 1.0
+    assert shares_of(middle, rim, rim + np.array([9, 9, 0])).max() == 1.0
     assert shares_of(middle, rim, np.array([[0.5, -0.5, 3.0]]))[0] == 0.0
 
 

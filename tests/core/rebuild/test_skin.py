@@ -119,7 +119,9 @@ def test_points_on_level_faces_and_outside_the_heights_are_left_out(oracle: Make
 def test_a_skin_without_any_point_on_the_side_is_refused() -> None:
     up = FeltPoints(np.array([[0.01, 0.0, 0.03]]), np.array([[0.0, 0.0, 1.0]]))
     for felt in (up, stack_points([])):
-        with pytest.raises(ValueError, match="no felt point lies on the side between 0 and 0.06 m"):
+        with pytest.raises(
+            ValueError, match=r"no felt point lies on the side between 0 and 0.06 m"
+        ):
             fit_skin(felt, upright(), 0.0, HEIGHT)
 
 

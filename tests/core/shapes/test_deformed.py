@@ -43,14 +43,14 @@ def test_hit_miss_and_inside_are_told_apart(cone: DeformedShape) -> None:
 
 def test_without_deformations_it_is_its_base(ball: Superquadric) -> None:
     same = DeformedShape(ball, ())
-    origins = np.random.default_rng(0).uniform(-0.02, 0.02, (50, 3)) + [0.0, 0.0, 0.1]
+    origins = np.random.default_rng(0).uniform(-0.02, 0.02, (50, 3)) + np.array([0.0, 0.0, 0.1])
     assert np.allclose(same.cast(origins, DOWN, 1.0), ball.cast(origins, DOWN, 1.0), atol=FACETS)
     assert np.allclose(same.bounds(), ball.bounds(), atol=FACETS)
 
 
 def test_deformations_are_applied_one_after_the_other(ball: Superquadric) -> None:
     def shift(points: Floats) -> Floats:
-        return np.asarray(points + [0.0, 0.0, 0.03])
+        return np.asarray(points + np.array([0.0, 0.0, 0.03]))
 
     taper = Taper(0.5, 0.5, 0.06)
     top = ball.mesh(1).vertices

@@ -84,7 +84,7 @@ def test_a_ray_stops_at_its_reach_and_does_not_look_back(embree: bool, ball: Sup
     assert facets.cast(origin, up, 0.0699)[0] == MISS
     assert facets.cast(origin, up, 0.0701)[0] == pytest.approx(0.07, abs=SINGLE)
     assert facets.cast(origin, -up, 1.0)[0] == MISS
-    assert facets.cast(origin + [0.05, 0, 0], up, 1.0)[0] == MISS
+    assert facets.cast(origin + np.array([0.05, 0, 0]), up, 1.0)[0] == MISS
 
 
 @pytest.mark.parametrize("embree", BACKENDS)

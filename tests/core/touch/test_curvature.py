@@ -125,7 +125,7 @@ def test_an_edge_a_corner_and_a_step_are_edges_without_a_curvature(flat: Pad) ->
 
 
 def test_what_curves_within_two_pitches_is_an_edge(flat: Pad) -> None:
-    x, y = flat.grid()
+    x, _ = flat.grid()
     patch = feel(flat, 0.5 * 501.0 * x**2)
     assert patch.residual < 1e-12
     assert patch.kind == "edge"

@@ -60,8 +60,8 @@ def test_one_cast_is_as_good_as_many_small_steps(
 ) -> None:
     for axes in rotations(4):
         shape = PosedShape(box, pose_of(np.zeros(3), axes))
-        whole = press(shape, flat, ABOVE + [0, 0, 0.03, 0, 0, 0, 0], 0.08, 1e-3)
-        pose, steps = ABOVE + [0, 0, 0.03, 0, 0, 0, 0], 0
+        pose, steps = pose_of(np.array([0.0, 0.0, 0.08]), DOWN), 0
+        whole = press(shape, flat, pose, 0.08, 1e-3)
         while True:
             step = press(shape, flat, pose, 2e-3, 1e-3)
             if step.outcome != "miss":

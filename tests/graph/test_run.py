@@ -1,0 +1,134 @@
+"""The whole program, as a user starts it: every node a process of its own."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+pytestmark = pytest.mark.graph
+SECONDS = 60.0
+
+
+def palpate(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "palpate", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=SECONDS)
+
+
+def explored(folder: Path, *flags: str) -> dict[str, Any]:
+    """Summary of a short exploration of the sphere into a folder."""
+    few = ("--set", "planner.contours=2", "--quiet", "--out", str(folder / "run"))
+    done = palpate("run", "sphere", *few, *flags, folder=folder)
+    assert done.returncode == 0, done.stderr
+    summary: dict[str, Any] = json.loads((folder / "run" / "summary.json").read_text())
+    return summary
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("separate")
+    return folder / "run", explored(folder)
+
+
+def test_a_run_loses_nothing_and_leaves_a_closed_solid(run: tuple[Path, dict[str, Any]]) -> None:
+    _, summary = run
+    assert (summary["status"], summary["gaps"], summary["duplicates"]) == ("finished", 0, 0)
+    assert (summary["watertight"], summary["genus"], summary["contours"]) == (True, 0, 2)
+    assert summary["chamfer_m"] < 2e-3 * summary["size_m"]
+    assert len(summary["curve"]) == 3
+
+
+def test_it_leaves_everything_that_the_run_directory_promises(
+    run: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, _ = run
+    names = {path.name for path in folder.iterdir()}
+    meshes = {"mesh.ply", "mesh.stl", "mesh.glb"}
+    written = {"model.npz", "topics.mcap", "scene.yaml", "launch.yaml", "summary.json", "log.jsonl"}
+    assert names == meshes | written
+    with np.load(folder / "model.npz", allow_pickle=False) as model:
+        assert model["vertices"].shape[1] == 3
+
+
+def test_the_stock_reader_opens_the_recording(run: tuple[Path, dict[str, Any]]) -> None:
+    folder, summary = run
+    with (folder / "topics.mcap").open("rb") as file:
+        found = make_reader(file).get_summary()
+        assert found is not None and found.statistics is not None
+        counts = {
+            channel.topic: found.statistics.channel_message_counts[channel.id]
+            for channel in found.channels.values()
+        }
+        assert {channel.message_encoding for channel in found.channels.values()} == {"msgpack"}
+        assert {schema.encoding for schema in found.schemas.values()} == {"jsonschema"}
+    assert counts["/touch/raw"] == counts["/touch/patch"] == summary["touches"]
+    assert counts["/score"] == 3
+
+
+def test_a_replay_of_filter_and_curvature_is_identical(
+    run: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    folder, _ = run
+    bag = str(folder / "topics.mcap")
+    done = palpate("replay", bag, "--nodes", "filter,curvature", folder=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [line.split(",")[0] for line in done.stdout.splitlines()] == [
+        "filter: identical",
+        "curvature: identical",
+    ]
+
+
+@pytest.mark.parametrize("flags", [("--no-record",), ("--composed",)])
+def test_another_run_gives_the_same_solid_to_the_last_bit(
+    run: tuple[Path, dict[str, Any]], tmp_path: Path, flags: tuple[str, ...]
+) -> None:
+    assert explored(tmp_path, *flags)["mesh_sha256"] == run[1]["mesh_sha256"]
+
+
+def test_a_bad_scene_starts_nothing_and_leaves_nothing(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("object:\n  superquadric: {size: [1, -1, 1], exponents: [1, 1]}\n")
+    done = palpate("run", str(scene), folder=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"palpate: {scene}:2: ")
+    assert done.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.yaml"]
+
+
+@pytest.mark.parametrize("lines", [1, 2, 4])
+def test_a_ctrl_c_ends_everything_and_the_recording_can_be_read(
+    tmp_path: Path, lines: int, group_is_gone: Callable[[int, float], bool]
+) -> None:
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "palpate", "run", "sphere", "--out", str(out)]
+    process = subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        assert process.stderr is not None
+        for _ in range(lines):  # one when all nodes are up, then one for each score
+            assert process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        process.stderr.read()
+        assert process.wait(timeout=4.0) == 130
+    finally:
+        process.kill()
+        process.wait()
+        process.stderr.close()
+    assert group_is_gone(process.pid, 1.0)
+    assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
+    with (out / "topics.mcap").open("rb") as file:
+        assert make_reader(file).get_summary() is not None
