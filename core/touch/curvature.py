@@ -31,7 +31,7 @@ class Patch(NamedTuple):
     kind: Kind
     """What it is."""
     jet: Jet | None
-    """The fitted jet; None if insufficient or missed."""
+    """The fitted jet; None if too few taxels were touched for any."""
     normal: Floats
     """Outward unit normal at the middle of the contact, (3,)."""
     principal: tuple[float, float]

@@ -97,10 +97,10 @@ def fit_jet(
 
 def _powers(x: Floats, degree: int) -> Floats:
     """Powers of x (n,) from 0 to `degree`, (n, degree + 1); by multiplication, not by pow."""
-    powers = np.ones((len(x), degree + 1))
+    powers: Floats = np.ones((len(x), degree + 1))
     powers[:, 1:] = x[:, None]
-    result: Floats = np.cumprod(powers, axis=1)
-    return result
+    np.cumprod(powers, axis=1, out=powers)
+    return powers
 
 
 def _monomials(in_x: Floats, in_y: Floats, degree: int, by_x: int, by_y: int) -> Floats:

@@ -21,7 +21,7 @@ class Oracle:
     """Points and normals of a superquadric whose foot is the origin."""
 
     def __init__(self, size: Sequence[float], exponents: Sequence[float], scale: float = 1.0):
-        self.shape = Superquadric(scale * np.array(size), np.array(exponents))
+        self.shape: Superquadric = Superquadric(scale * np.array(size), np.array(exponents))
         self.scale = scale
         self.middle = np.array([0.0, 0.0, self.shape.size[2]])
 
@@ -35,7 +35,7 @@ class Oracle:
             middle = 0.5 * (low + high)
             inside = self.shape.gauge(self._at(away * middle[:, None], height)) <= 1.0
             low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-        return self._at(away * low[:, None], height) + self.middle
+        return np.asarray(self._at(away * low[:, None], height) + self.middle)
 
     def felt(self, points: Floats) -> FeltPoints:
         """The points with their outward normals, by central differences of the gauge."""

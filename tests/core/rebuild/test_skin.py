@@ -21,9 +21,10 @@ def upright() -> Spine:
 
 
 def everywhere(ellipsoid: Any) -> FeltPoints:
-    return ellipsoid.felt(
+    felt: FeltPoints = ellipsoid.felt(
         np.concatenate([ellipsoid.section(s) for s in np.linspace(-0.98, 0.98, 49)])
     )
+    return felt
 
 
 def ellipse(heights: Floats, turns: Floats, a: float, b: float) -> Floats:

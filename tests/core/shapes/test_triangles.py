@@ -1,22 +1,21 @@
 from __future__ import annotations
 
 import math
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.shapes import triangles
 from palpate.core.shapes.icosphere import icosphere
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
 from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.shapes.triangles import TriangleShape
 
+NO_EMBREE = find_spec("embreex") is None
 BACKENDS = [
     False,
-    pytest.param(
-        True, marks=pytest.mark.skipif(triangles.EmbreeScene is None, reason="no Embree here")
-    ),
+    pytest.param(True, marks=pytest.mark.skipif(NO_EMBREE, reason="no Embree here")),
 ]
 SINGLE = 3e-7
 """Of the distances, some 0.2 m, that Embree adds up in single precision."""
@@ -33,7 +32,7 @@ def some_rays(count: int) -> list[tuple[Floats, Floats]]:
     return rays
 
 
-@pytest.mark.skipif(triangles.EmbreeScene is None, reason="no Embree here")
+@pytest.mark.skipif(NO_EMBREE, reason="no Embree here")
 def test_embree_and_the_z_buffer_agree(box: Superquadric) -> None:
     mesh = box.mesh(4)
     embree, zbuffer = TriangleShape(*mesh), TriangleShape(*mesh, embree=False)
