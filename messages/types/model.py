@@ -163,6 +163,6 @@ class Score:
     watertight: bool
     """True if every edge has exactly two faces."""
     genus: Count
-    """Number of handles."""
+    """Number of handles; -1 for a surface that is not closed and has none to count."""
     final: bool
     """True for the score of the final model."""

@@ -1,17 +1,18 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Bools, Floats
 from palpate.core.explore.aim import Aim
 from palpate.core.explore.felt import Felt
 from palpate.core.explore.march import JOINED
 from palpate.core.explore.trace import Slice, Trace, after_touch, next_aim
 from palpate.core.shapes.posed import PosedShape
-from palpate.core.shapes.protocol import Shape
+from palpate.core.shapes.protocol import Mesh, Shape
 from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.touch.pad import Pad
 
@@ -163,26 +164,41 @@ def test_a_trace_gives_up_after_its_touches(
     assert trace.touches == most
 
 
-class Vanishing:
-    """A ball that is there only at positive y: its contour has no way on."""
+class Partly:
+    """A ball of which only those places can be felt that a rule allows."""
 
-    def __init__(self, ball: Superquadric) -> None:
-        self._ball = ball
+    def __init__(self, ball: Superquadric, rule: Callable[[Floats], Bools]) -> None:
+        self._ball, self._rule = ball, rule
 
     def bounds(self) -> Floats:
         return self._ball.bounds()
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         found = self._ball.cast(origins, direction, reach)
-        place = origins[:, 1] + np.where(np.isfinite(found), found, 0.0) * direction[1]
-        return np.where(place > -0.01, found, np.inf)
+        place = origins + np.where(np.isfinite(found), found, 0.0)[:, None] * direction
+        return np.where(self._rule(place), found, np.inf)
 
-    def mesh(self, level: int) -> Any:
+    def mesh(self, level: int) -> Mesh:
         return self._ball.mesh(level)
 
 
+@pytest.mark.parametrize("azimuth", [180.0, 90.0, -22.0])
+def test_a_stretch_that_cannot_be_felt_is_a_gap_of_its_length(
+    azimuth: float, finger: Any, flat: Pad, ball: Superquadric
+) -> None:
+    middle = 0.03 * np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
+
+    def outside(place: Floats) -> Bools:
+        return np.asarray(np.linalg.norm(place[:, :2] - middle, axis=1) > 2.5e-3)
+
+    trace, status = finger(Partly(ball, outside), flat).contour(slice_at(0.0))
+    assert status == "closed"
+    [gap] = trace.gaps
+    assert 5e-3 - 2e-4 < gap < 7e-3  # up to a pitch longer at either end
+
+
 def test_a_contour_without_a_way_on_is_stuck(finger: Any, flat: Pad, ball: Superquadric) -> None:
-    shape: Shape = Vanishing(ball)
+    shape: Shape = Partly(ball, lambda place: np.asarray(place[:, 1] > -0.01))
     trace, status = finger(shape, flat).contour(slice_at(0.0))
     assert status == "stuck"
     assert trace.path is not None
