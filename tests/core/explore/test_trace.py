@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -205,19 +206,35 @@ def test_a_contour_without_a_way_on_is_stuck(finger: Any, flat: Pad, ball: Super
     assert trace.path.points[-1, 1] == pytest.approx(-0.01, abs=1.5e-3)
 
 
-def test_a_path_that_circles_without_closing_is_overrun(flat: Pad) -> None:
-    def spiral(begin: float, end: float) -> Felt:
-        azimuth = np.linspace(begin, end, 12)
-        away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(12)])
-        points = (0.02 + 0.0005 * azimuth)[:, None] * away
-        return Felt(points, away, np.zeros(12), 0.0, points[0], points[0], 5, 5)
+def arc(begin: float, end: float, growth: float = 0.0) -> Felt:
+    """A touch that felt part of a circle of 20 mm about the origin, or of a spiral."""
+    azimuth = np.linspace(begin, end, 12)
+    away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(12)])
+    points = (0.02 + growth * azimuth)[:, None] * away
+    return Felt(points, away, np.zeros(12), 0.0, points[0], points[0], 5, 5)
 
+
+def test_a_gap_that_ends_at_the_start_is_a_gap(flat: Pad) -> None:
+    ends = np.linspace(0.0, 2 * np.pi - 0.2, 16)
+    arcs = [arc(begin, end) for begin, end in itertools.pairwise(ends)]
+    arcs.append(arc(2 * np.pi + 0.02, 2 * np.pi + 0.4))
+    trace = Trace(slice_at(0.0))
+    while isinstance((stepped := next_aim(flat, trace))[1], Aim):
+        trace = stepped[0]
+        # A plain step feels the next arc; what is tried over the gap feels nothing.
+        trace = after_touch(trace, None if trace.felt else arcs.pop(0))
+    assert stepped[1] == "closed"
+    assert stepped[0].gaps == pytest.approx((2 * 0.02 * np.sin(0.1),))
+
+
+def test_a_path_that_circles_without_closing_is_overrun(flat: Pad) -> None:
     trace, azimuth = Trace(slice_at(0.0)), 0.0
     while True:
         trace, found = next_aim(flat, trace)
         if not isinstance(found, Aim):
             break
-        trace, azimuth = after_touch(trace, spiral(azimuth, azimuth + 0.4)), azimuth + 0.4
+        felt, azimuth = arc(azimuth, azimuth + 0.4, growth=0.0005), azimuth + 0.4
+        trace = after_touch(trace, felt)
         assert trace.touches < 40
     assert found == "overrun"
     assert azimuth > 2 * np.pi
