@@ -94,8 +94,9 @@ AROUND_A_CORNER = tuple(
     + [Attempt(8e-3, math.radians(30), 10e-3), Attempt(12e-3, 0.0, 12e-3)]
 )
 """Convex turns on the spot, concave ones, then hops ahead from farther away."""
-OVER_A_GAP = tuple(Attempt(0.0, math.radians(turn), STANDOFF) for turn in (-25, 50, 25))
-"""Turns on the spot: first into the hollow that the pad may have bridged."""
+OVER_A_GAP = (Attempt(0.0, math.radians(-25), STANDOFF),)
+"""One turn on the spot, into the hollow that the pad may have bridged; more turns find less
+than they cost, for the gap's middle is probed in any case."""
 
 
 def extend(

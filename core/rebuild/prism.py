@@ -18,9 +18,9 @@ from palpate.core.splines.lattice import Lattice, undeformed_control
 
 LAYERS, SIDE = 32, 9
 """Control points along the height, and across each way."""
-STIFFNESS = 1e-8
+STIFFNESS = 1e-6
 """Weight of squared second differences, relative to the data's mean weight: enough to settle
-the control points that a section's rim cannot see."""
+the control points that a section's rim cannot see, and to keep most folds away."""
 RIDGE = 1e-12
 
 
