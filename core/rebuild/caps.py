@@ -20,8 +20,10 @@ RINGS = 24
 EXPONENTS = np.geomspace(1.0, 128.0, 57)
 """Exponents that are tried: 1 a cone, 2 an ellipse, 128 an edge; eight from each to its double,
 so that those of a ball are among them."""
-TREND = 1
-"""Degree of the radius's trend over a profile."""
+TABLE = 512
+"""Places at which a profile is tabulated to be inverted."""
+LEAST_TREND = -0.99
+"""A side may narrow by no more than this share besides: it has to reach its end."""
 MOST_SITES = 240
 """Points through which a plate is laid."""
 PLATE_SMOOTHING = 1e-6
@@ -34,7 +36,7 @@ LEAST_SITES = 12
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """How the radius goes to zero: share = (1 - zeta^p)^(1/q), zeta from 0 to 1 at the end."""
+    """How the radius goes to zero: (1 - zeta^p)^(1/q) (1 + trend zeta), zeta from 0 to 1."""
 
     begin: float
     """Height at which zeta is 0, m."""
@@ -44,6 +46,8 @@ class Profile:
     """Exponent along the height."""
     q: float
     """Exponent across."""
+    trend: float
+    """Change of the radius besides, from `begin` to `end`, as a share."""
     misfit: float
     """Root mean square distance of the radii to which it was fitted, m."""
 
@@ -57,10 +61,13 @@ class Profile:
         shares : array
             From 1 at the rim to 0 at the end.
         """
-        zeta = (rim - self.begin) / (self.end - self.begin)
-        at_rim = max(1.0 - zeta**self.p, 0.0)
-        inner = np.clip(1.0 - at_rim * shares**self.q, 0.0, 1.0) ** (1.0 / self.p)
-        result: Floats = self.begin + (self.end - self.begin) * inner
+        at_rim = (rim - self.begin) / (self.end - self.begin)
+        left = np.linspace(1.0, 0.0, TABLE) ** 4  # close together where the radius falls
+        zeta = 1.0 - (1.0 - at_rim) * left
+        radius = _radii(zeta, self.p, self.q) * (1.0 + self.trend * zeta)
+        falling = np.minimum.accumulate(radius / radius[0])
+        found = np.interp(shares, falling[::-1], zeta[::-1])
+        result: Floats = self.begin + (self.end - self.begin) * found
         return result
 
 
@@ -78,26 +85,32 @@ def fit_profile(heights: Floats, radii: Floats, end: float) -> Profile:
 
     Notes
     -----
-    The radius may change linearly besides. For each pair of exponents the coefficients follow
-    by orthogonal projection (QR), for all pairs at once.
+    The radius may change linearly besides. For each pair of exponents the two coefficients
+    follow by orthogonal projection (QR), for all pairs at once.
     """
     begin = float(heights[0])
     zeta = np.clip((heights - begin) / (end - begin), 0.0, 1.0 - 1e-12)
-    p, q = EXPONENTS[:, None, None], EXPONENTS[None, :, None]
-    share = (1.0 - zeta**p) ** (1.0 / q)
-    basis = np.stack([share * zeta**power for power in range(TREND + 1)], axis=-1)
-    directions = np.linalg.qr(basis)[0]
+    share = _radii(zeta, EXPONENTS[:, None, None], EXPONENTS[None, :, None])
+    basis = np.stack([share, share * zeta], axis=-1)
+    directions, triangle = np.linalg.qr(basis)
     along = np.einsum("pqnk,n->pqk", directions, radii)
     rest = radii - np.einsum("pqnk,pqk->pqn", directions, along)
     misfit = np.sqrt(np.mean(rest**2, axis=-1))
-    best_p, best_q = np.unravel_index(int(misfit.argmin()), misfit.shape)
+    best = np.unravel_index(int(misfit.argmin()), misfit.shape)
+    constant, linear = np.linalg.solve(triangle[best], along[best])
     return Profile(
         begin=begin,
         end=end,
-        p=float(EXPONENTS[best_p]),
-        q=float(EXPONENTS[best_q]),
-        misfit=float(misfit[best_p, best_q]),
+        p=float(EXPONENTS[best[0]]),
+        q=float(EXPONENTS[best[1]]),
+        trend=max(float(linear / constant), LEAST_TREND),
+        misfit=float(misfit[best]),
     )
+
+
+def _radii(zeta: Floats, p: Floats | float, q: Floats | float) -> Floats:
+    result: Floats = np.maximum(1.0 - zeta**p, 0.0) ** (1.0 / q)
+    return result
 
 
 def cap_rings(profile: Profile, middle: Floats, rim: Floats, sites: Floats) -> Floats:

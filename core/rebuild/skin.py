@@ -25,6 +25,8 @@ STIFFNESS_ALONG, STIFFNESS_AROUND = 1e-5, 1e-5
 """Weight of squared second differences, relative to the data's mean weight."""
 RIDGE = 1e-10
 """Bounds the condition of the system."""
+LEAST_DISTANCE = 0.05
+"""Least distance from the axis in a point's weight, as a share of the median."""
 LEAST_FACING = 0.05
 """Least radial part of a normal: a point on a level face says nothing of the distance."""
 
@@ -110,7 +112,8 @@ def fit_skin(felt: FeltPoints, spine: Spine, low: float, high: float) -> Skin:
     away, distance, facing = away[within], distance[within], facing[within]
     turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi)
     local = (felt.points[within, 2] - low) / (high - low)
-    weights = facing / (2.0 * distance)
+    # Next to the axis the first order is worth nothing: no point counts more than those there.
+    weights = facing / (2.0 * np.maximum(distance, LEAST_DISTANCE * np.median(distance)))
     basis = _tensor_rows(clamped_matrix(local, ALONG), periodic_matrix(turns, AROUND))
     rows = csr_array(diags_array(weights) @ basis)
     target = weights * distance**2

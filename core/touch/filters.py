@@ -46,10 +46,11 @@ def adaptive_wiener(image: Floats, noise_variance: float) -> Floats:
 def median_filter(image: Floats, step: float) -> tuple[Floats, Bools]:
     """Replace impulses by the median of their neighbourhood.
 
-    A taxel is an impulse if it stands off every one of its neighbours by more than `step` and
-    by more than 6 standard deviations of the frame (robustly estimated). All others stay as
-    they are: a median taken everywhere makes plateaus, and no curvature survives those; and
-    on the steepest slope a taxel has a neighbour of its own height.
+    A taxel is an impulse if it stands above all of its neighbours, or below all of them, by
+    more than `step` and by more than 6 standard deviations of the frame (robustly estimated).
+    All others stay as they are: a median taken everywhere makes plateaus, and no curvature
+    survives those; and the steepest slope has a higher neighbour on one side and a lower one
+    on the other.
 
     Parameters
     ----------
@@ -66,7 +67,8 @@ def median_filter(image: Floats, step: float) -> tuple[Floats, Bools]:
         What was replaced.
     """
     around = _neighbourhoods(image)
-    alone = np.abs(around[..., OTHERS] - image[..., None]).min(axis=-1)
+    beside = around[..., OTHERS] - image[..., None]
+    alone = np.maximum(beside.min(axis=-1), -beside.max(axis=-1))
     impulses = alone > step
     if not impulses.any():  # most frames: the medians are worth as much as the rest of a touch
         return image, impulses

@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.frames import pose_of, split_pose
-from palpate.core.shapes.protocol import INSIDE, Shape
+from palpate.core.shapes.protocol import Shape
 
 Outcome = Literal["hit", "miss", "inside", "bottomed"]
 
@@ -73,6 +73,8 @@ class Press(NamedTuple):
 def press(shape: Shape, pad: Pad, start: Floats, reach: float, depth: float) -> Press:
     """Move a pad along its normal until its deepest compression is `depth`.
 
+    A pad that saturates before bottoms out there, and goes no farther.
+
     One cast serves the whole move: the surface's distance from every taxel is known at once.
 
     Parameters
@@ -101,13 +103,12 @@ def press(shape: Shape, pad: Pad, start: Floats, reach: float, depth: float) -> 
     gaps = ranges.reshape(pad.rows, pad.cols) - pad.thickness
     nearest = float(gaps.min())
     untouched = np.zeros((pad.rows, pad.cols))
-    if nearest == INSIDE or nearest < 0.0:
+    if nearest < 0.0:
         return Press("inside", start, untouched, 0.0)
-    advance = nearest + depth if nearest <= reach else reach
+    limit = pad.saturation * pad.thickness
+    advance = nearest + min(depth, limit) if nearest <= reach else reach
     end = pose_of(position + advance * axes[:, 2], axes)
     if nearest > reach:
         return Press("miss", end, untouched, advance)
-    limit = pad.saturation * pad.thickness
-    compression = np.clip(advance - gaps, 0.0, limit)
-    outcome: Outcome = "bottomed" if compression.max() >= limit else "hit"
-    return Press(outcome, end, compression, advance)
+    outcome: Outcome = "hit" if depth <= limit else "bottomed"
+    return Press(outcome, end, np.maximum(advance - gaps, 0.0), advance)

@@ -21,7 +21,7 @@ from palpate.messages.quantity import (
 
 Outcome = Literal["hit", "miss", "inside", "bottomed"]
 """``hit``: pressed to the asked depth. ``miss``: nothing within reach. ``inside``: the start
-pose lay inside the object. ``bottomed``: pressed, and a taxel reached its saturation."""
+pose lay inside the object. ``bottomed``: the pad saturated before the asked depth."""
 
 Kind = Literal["smooth", "edge", "insufficient", "miss"]
 """What the touched surface is: smooth enough for curvatures, an edge or corner, too few
