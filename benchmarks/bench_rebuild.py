@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.core.measure.distance import compare, prepare
 from palpate.core.rebuild.felt_points import FeltPoints
-from palpate.core.rebuild.solid import Evidence, Slice, rebuild
+from palpate.core.rebuild.solid import Evidence, FeltContour, rebuild
 from palpate.core.shapes.superquadric import Superquadric
 
 RADIUS = 0.04
@@ -21,15 +21,15 @@ def ball() -> Evidence:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     on_top = normals[:, 2] > 0.97
     centre = np.array([0.0, 0.0, RADIUS])
-    slices = []
+    contours = []
     for height in np.linspace(0.06, 1.94, 9) * RADIUS:
         rise = height / RADIUS - 1.0
         turn = 2 * np.pi * np.arange(150) / 150
         level = np.sqrt(1.0 - rise**2)
         rim = np.column_stack([level * np.cos(turn), level * np.sin(turn), np.full(150, rise)])
-        slices.append(Slice(height, centre + RADIUS * rim, rim))
+        contours.append(FeltContour(height, centre + RADIUS * rim))
     return Evidence(
-        slices=tuple(slices),
+        contours=tuple(contours),
         side=FeltPoints(centre + RADIUS * normals, normals),
         cap=FeltPoints(centre + RADIUS * normals[on_top], normals[on_top]),
         platform=0.0,

@@ -8,9 +8,17 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Protocol, TextIO
 
-from palpate.messages.types import Contour, LogRecord, NodeStatus, Probe, Score, ShapeModel
+from palpate.messages.types import (
+    Contour,
+    LogRecord,
+    NodeStatus,
+    PlanDone,
+    Probe,
+    Score,
+    ShapeModel,
+)
 
-GATHERED = (Contour, Probe, Score, ShapeModel)
+GATHERED = (Contour, PlanDone, Probe, Score, ShapeModel)
 """Types of the messages that are gathered."""
 
 
@@ -19,7 +27,11 @@ class Progress:
     """Everything worth telling while a run goes on and when it is over."""
 
     contours: int = 0
-    """Contours traced."""
+    """Contours closed."""
+    failed: int = 0
+    """Contours that could not be closed."""
+    done: PlanDone | None = None
+    """Why the exploration was over."""
     touches: int = 0
     """Touches made on contours and probes."""
     robot_time: float = 0.0
@@ -88,10 +100,14 @@ class Gatherer:
         progress = self.progress
         self._stamp()
         if isinstance(message, (Contour, Probe)):
-            progress.contours += isinstance(message, Contour)
+            if isinstance(message, Contour):
+                progress.contours += message.status == "closed"
+                progress.failed += message.status != "closed"
             progress.touches += message.touches
             progress.robot_time = max(progress.robot_time, message.robot_time)
             progress.reports.append((progress.wall, progress.touches))
+        elif isinstance(message, PlanDone):
+            progress.done = message
         elif isinstance(message, ShapeModel):
             progress.model = message
         elif isinstance(message, Score):

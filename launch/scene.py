@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from msgspec import Meta, Struct, to_builtins
 
 from palpate.launch.convert import convert
@@ -17,8 +18,12 @@ from palpate.launch.located import InputError, Located
 from palpate.launch.mesh_file import MeshFile, read_mesh
 from palpate.launch.nearest import hint
 from palpate.launch.yaml_file import read_yaml
-from palpate.nodes.object import ObjectSpec, SensorSpec, build_shape, encode_mesh
+from palpate.nodes.object import ObjectSpec, Seed, SensorSpec, build_shape, encode_mesh
 
+LEAST_EXTENT = 5.0e-3
+"""Smallest extent of an object, m."""
+CHECK_LEVEL = 4
+"""5k faces: enough to tell how far an object reaches."""
 SHIPPED = Path(__file__).parent / "scenes"
 """Folder of the scenes that come with palpate."""
 
@@ -44,7 +49,7 @@ class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What disturbs the sensor; none is known yet."""
     explore: dict[str, Any] = {}
     """Parameters of the planner."""
-    seed: Annotated[int, Meta(ge=0, le=1 << 53)] = 0
+    seed: Seed = 0
     """Seed of all that is random."""
 
 
@@ -160,11 +165,17 @@ def _with_mesh(given: Located, scene: Path) -> Located:
 
 
 def _check_reach(scene: Scene) -> None:
-    """The object must lie within the finger's reach, or it could not be explored."""
-    low, high = build_shape(scene.spec.object).bounds().tolist()
+    """The object must be large enough to feel and lie within the finger's reach."""
+    vertices = build_shape(scene.spec.object).mesh(CHECK_LEVEL).vertices
+    extents = np.ptp(vertices, axis=0)
+    if extents.min() < LEAST_EXTENT:
+        raise scene.located.error(
+            ("object",),
+            f"the object is only {extents.min():.3g} m across; a pad of 15 mm can follow nothing "
+            f"smaller than {LEAST_EXTENT} m",
+        )
+    aside, height = float(np.linalg.norm(vertices[:, :2], axis=1).max()), float(extents[2])
     reach = scene.spec.world.reach
-    aside = max(abs(bound) for bound in (*low[:2], *high[:2]))
-    height = high[2] - low[2]
     if max(aside, height) > reach:
         raise scene.located.error(
             ("object",),

@@ -11,7 +11,7 @@ from typing import Any
 from palpate import __version__
 from palpate.launch.export import mesh_sha256
 from palpate.launch.progress import Progress
-from palpate.messages.types import NodeStatus, Score
+from palpate.messages.types import NodeStatus, PlanDone, Score
 from palpate.nodes.ending import Ending
 
 Summary = dict[str, Any]
@@ -41,11 +41,13 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
     return {
         "palpate": __version__,
         "status": ending.status,
-        "reason": ending.reason,
+        "reason": ending.reason if progress.done is None else _reason(ending, progress.done),
         "scene": scene,
         "seed": seed,
         **_distances(progress.score),
         "contours": progress.contours,
+        "contours_failed": progress.failed,
+        "uncovered_m": None if progress.done is None else progress.done.uncovered,
         "touches": progress.touches,
         "robot_time_s": progress.robot_time,
         "ready_s": progress.ready,
@@ -62,6 +64,10 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
     }
 
 
+def _reason(ending: Ending, done: PlanDone) -> str:
+    return f"{done.reason}; {ending.reason}"
+
+
 def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
     """Exit code of a run.
 
@@ -71,7 +77,7 @@ def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
         The run's figures.
     rebuilds : bool
         Whether the graph has a node that rebuilds: then a run without a final, watertight model
-        has missed its goal.
+        has missed its goal, and so has one that left a part of the object untraced.
 
     Returns
     -------
@@ -83,7 +89,8 @@ def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
     if summary["status"] != "finished":
         return 3
     solid = summary["mesh_sha256"] is not None and summary["watertight"] is not False
-    missed = rebuilds and not (summary["final"] and solid)
+    covered = not summary["uncovered_m"]
+    missed = rebuilds and not (summary["final"] and solid and covered)
     return 1 if missed else 0
 
 
@@ -100,7 +107,10 @@ def _distances(score: Score | None) -> Summary:
         "watertight": "watertight",
         "genus": "genus",
     }
-    return {key: None if score is None else getattr(score, name) for key, name in names.items()}
+    found = {key: None if score is None else getattr(score, name) for key, name in names.items()}
+    if found["genus"] is not None and found["genus"] < 0:
+        found["genus"] = None  # an open surface has no handles to count
+    return found
 
 
 def _node(status: NodeStatus) -> Summary:

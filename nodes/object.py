@@ -6,11 +6,13 @@ can be touched.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from msgspec import Meta, Struct
 
+from palpate.core.explore.aim import PRESS
 from palpate.core.frames import rotation_matrix
 from palpate.core.shapes.posed import PosedShape
 from palpate.core.shapes.protocol import Shape
@@ -23,12 +25,15 @@ if TYPE_CHECKING:  # what only some scenes need is imported where they need it
 Length = Annotated[float, Meta(gt=0, le=10, description="m")]
 Exponent = Annotated[float, Meta(ge=0.02, le=2, description="1")]
 TaperShare = Annotated[float, Meta(gt=-1, lt=1, description="1")]
+Seed = Annotated[int, Meta(ge=0, le=1 << 53)]
 Position = tuple[float, float, float]
 
 LATTICE_SIDE = 4
 """Control points across a layer, each way: the fewest that a cubic basis takes."""
 
 
+LEAST_WIDTH, LARGEST_WIDTH = 12.0e-3, 20.0e-3
+"""Widths of an array that the tracer can follow a contour with, m."""
 LEAST_CHANGE = 0.005
 """A lattice may shrink no part of its box to less than this share of its volume."""
 
@@ -127,6 +132,26 @@ class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Distance between neighbouring taxels, m."""
     pad: PadSpec = PadSpec()
     """The pad."""
+
+    def __post_init__(self) -> None:
+        widths = [self.pitch * (count - 1) for count in (self.rows, self.cols)]
+        if min(widths) < LEAST_WIDTH or max(widths) > LARGEST_WIDTH:
+            raise ValueError(
+                f"rows, cols and pitch make an array of {1e3 * widths[0]:.3g} by "
+                f"{1e3 * widths[1]:.3g} mm; the tracer's steps are made for 12 to 20 mm"
+            )
+        corner = 0.5 * math.hypot(*widths)
+        if self.pad.radius is not None and self.pad.radius <= corner:
+            raise ValueError(
+                f"pad.radius is {self.pad.radius} m; a dome over this array needs more than "
+                f"{corner:.3g} m, half its diagonal"
+            )
+        if self.pad.saturation * self.pad.thickness < PRESS:
+            raise ValueError(
+                f"pad.thickness is {self.pad.thickness} m; with pad.saturation "
+                f"{self.pad.saturation} it must be at least {PRESS / self.pad.saturation:.3g} m, "
+                f"to be pressed by {PRESS} m"
+            )
 
 
 def build_shape(spec: ObjectSpec) -> Shape:

@@ -9,10 +9,10 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core.arrays import Floats
+from palpate.core.contour import contour_middle
 from palpate.core.explore.uniform import (
     CLEARANCE,
     cap_places,
-    contour_middle,
     from_above,
     retry_height,
     search_places,
@@ -33,6 +33,10 @@ from palpate.nodes.node import Node, Outputs
 
 APPROACH = 30.0e-3
 """The pad approaches a slice from this far outside the widest contour so far, m."""
+
+
+SPACING = 12.0e-3
+"""Distance of the places at which the object is looked for from above, m: less than a pad."""
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -106,7 +110,7 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     """Begin: look for the object from above."""
-    state = replace(state, world=world, phase=Top(tuple(search_places())))
+    state = replace(state, world=world, phase=Top(tuple(search_places(world.reach, SPACING))))
     return _look_for_top(params, state)
 
 
@@ -202,7 +206,7 @@ def _begin_cap(params: Params, state: State) -> tuple[State, Outputs]:
 def _touch_cap(params: Params, state: State) -> tuple[State, Outputs]:
     assert isinstance(state.phase, Cap) and state.world is not None
     if not state.phase.places:
-        return _done(params, state, "all slices are traced")
+        return _done(params, state, _reason(params, state))
     reach = state.top - state.world.platform
     return _probe(state, state.phase.places[0], state.top, reach)
 
@@ -240,6 +244,12 @@ def _done(params: Params, state: State, reason: str) -> tuple[State, Outputs]:
         uncovered=_uncovered(params, state),
     )
     return state, [("/plan/done", done)]
+
+
+def _reason(params: Params, state: State) -> str:
+    if len(state.contours) == params.contours:
+        return f"all {params.contours} slices are traced"
+    return f"{len(state.contours)} of {params.contours} slices are traced, the others failed"
 
 
 def _uncovered(params: Params, state: State) -> float:

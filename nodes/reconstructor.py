@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from palpate.core.rebuild.felt_points import FeltPoints, felt_points, stack_points
-from palpate.core.rebuild.solid import Evidence, Slice, Solid, rebuild
+from palpate.core.rebuild.solid import Evidence, FeltContour, Solid, rebuild
 from palpate.core.touch.jet import Jet
 from palpate.core.touch.pad import Pad
 from palpate.messages.types import (
@@ -34,7 +34,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """There is nothing to set."""
 
 
-Felt = Mapping[int, Mapping[int, FeltPoints]]
+Touches = Mapping[int, Mapping[int, FeltPoints]]
 """Goal to touch to what it felt."""
 
 
@@ -46,7 +46,7 @@ class State:
     """Height on which the object stands, m."""
     pad: Pad | None = None
     """The sensor's array."""
-    felt: Felt = field(default_factory=lambda: MappingProxyType({}))
+    felt: Touches = field(default_factory=lambda: MappingProxyType({}))
     """Every touch."""
     contours: Mapping[int, Contour] = field(default_factory=lambda: MappingProxyType({}))
     """By number."""
@@ -113,18 +113,15 @@ def _is_heard(state: State, goal: ModelGoal | PlanDone) -> bool:
 
 def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
     if not goal.contours:
-        return _model(goal, None, [])
-    slices = []
-    for id_ in goal.contours:
-        contour = state.contours[id_]
-        slices.append(Slice(contour.height, contour.points, contour.normals))
+        return _model(goal, None)
+    contours = [state.contours[id_] for id_ in goal.contours]
     evidence = Evidence(
-        slices=tuple(slices),
+        contours=tuple(FeltContour(one.height, one.points) for one in contours),
         side=_points_of(state, goal.contours),
         cap=_points_of(state, goal.probes),
         platform=state.platform,
     )
-    return _model(goal, rebuild(evidence), slices)
+    return _model(goal, rebuild(evidence))
 
 
 def _points_of(state: State, goals: tuple[int, ...]) -> FeltPoints:
@@ -134,7 +131,7 @@ def _points_of(state: State, goals: tuple[int, ...]) -> FeltPoints:
     )
 
 
-def _model(goal: ModelGoal | PlanDone, solid: Solid | None, slices: list[Slice]) -> ShapeModel:
+def _model(goal: ModelGoal | PlanDone, solid: Solid | None) -> ShapeModel:
     """The message for a solid; an empty one if there was nothing to rebuild."""
     lattice = None if solid is None else solid.prism.lattice
     return ShapeModel(

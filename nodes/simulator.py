@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Struct
 
 from palpate.core.arrays import Floats
 from palpate.core.frames import split_pose, turn_angle
@@ -16,7 +15,8 @@ from palpate.core.touch.calibration import flight_times
 from palpate.core.touch.pad import Pad, press
 from palpate.messages.types import SensorInfo, TactileFrame, TouchGoal, Truth, World
 from palpate.nodes.node import Node, Outputs
-from palpate.nodes.object import Length, ObjectSpec, SensorSpec, build_shape
+from palpate.nodes.object import Length, ObjectSpec, Seed, SensorSpec, build_shape
+from palpate.nodes.sensor import pad_of_info
 
 TRUTH_LEVEL, FLOOR_LEVEL = 6, 5
 """82k and 20k faces."""
@@ -33,7 +33,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The finger reaches this far sideways from the axis and up from the platform, m."""
     robot: str = "modern"
     """Preset of the robot's speeds: modern or puma."""
-    seed: Annotated[int, Meta(ge=0)] = 0
+    seed: Seed = 0
     """The run's seed."""
 
     def __post_init__(self) -> None:
@@ -57,26 +57,13 @@ class State:
 
 def start(params: Params) -> tuple[State, Outputs]:
     """Build the object and tell what a robot would know, and the truth."""
-    shape, pad = build_shape(params.object), pad_of(params.sensor)
+    shape, info = build_shape(params.object), info_of(params.sensor)
     low, high = shape.bounds()
-    spec = params.sensor.pad
     vertices, faces = shape.mesh(TRUTH_LEVEL)
     floor_vertices, floor_faces = shape.mesh(FLOOR_LEVEL)
-    return State(shape, pad), [
+    return State(shape, pad_of_info(info)), [
         ("/world", World(platform=low[2], reach=params.reach, fingers=1, seed=params.seed)),
-        (
-            "/touch/info",
-            SensorInfo(
-                rows=pad.rows,
-                cols=pad.cols,
-                pitch=pad.pitch,
-                thickness=pad.thickness,
-                dome=pad.dome,
-                sound_speed=spec.sound_speed,
-                saturation=pad.saturation,
-                noise=0.0,
-            ),
-        ),
+        ("/touch/info", info),
         (
             "/truth",
             Truth(
@@ -116,15 +103,17 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
     return replace(state, clock=clock, resting=goal.pose), [("/touch/raw", frame)]
 
 
-def pad_of(sensor: SensorSpec) -> Pad:
-    """The pad that a scene describes."""
-    return Pad(
+def info_of(sensor: SensorSpec) -> SensorInfo:
+    """The calibration of the sensor that a scene describes."""
+    return SensorInfo(
         rows=sensor.rows,
         cols=sensor.cols,
         pitch=sensor.pitch,
         thickness=sensor.pad.thickness,
         dome=0.0 if sensor.pad.radius is None else 1.0 / sensor.pad.radius,
+        sound_speed=sensor.pad.sound_speed,
         saturation=sensor.pad.saturation,
+        noise=0.0,
     )
 
 

@@ -10,7 +10,7 @@ from msgspec import Meta, Struct
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.aim import PRESS, Aim
-from palpate.core.explore.felt import Felt, feel_slice
+from palpate.core.explore.felt import Felt, deepest_point, feel_slice
 from palpate.core.explore.trace import Slice, Status, Trace, after_touch, next_aim
 from palpate.core.frames import compose, inverse, split_pose, transform
 from palpate.core.touch.jet import Jet
@@ -167,7 +167,8 @@ def _felt(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> Felt | None:
         return None
     pose = compose(inverse(goal.frame), patch.pose)
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
-    return feel_slice(pad, pose, patch.height, patch.mask, jet, goal.height)
+    smooth = patch.kind == "smooth"
+    return feel_slice(pad, pose, patch.height, patch.mask, jet, goal.height, smooth)
 
 
 def _contour(job: Job, goal: ContourGoal, trace: Trace, status: Status, now: float) -> Contour:
@@ -206,11 +207,8 @@ def _deepest(pad: Pad, patch: SurfacePatch) -> Floats:
     """The point of deepest compression, world frame; the pad's middle if none is touched."""
     if not patch.mask.any():
         return patch.pose[:3]
-    pressed = np.where(patch.mask, -(patch.height + pad.sag()), -np.inf)
-    row, col = np.unravel_index(int(pressed.argmax()), pressed.shape)
-    x, y = pad.grid()
-    local = np.array([[x[row, col], y[row, col], patch.height[row, col]]])
-    return np.asarray(transform(patch.pose, local)[0])
+    local = deepest_point(pad, patch.height, patch.mask)
+    return np.asarray(transform(patch.pose, local[None])[0])
 
 
 NODE = Node(

@@ -26,7 +26,8 @@ class Felt(NamedTuple):
     normals: Floats
     """Outward unit normals along it, (n, 3)."""
     across: Floats
-    """Normal curvature across the contour along it, (n,), 1/m; convex is positive."""
+    """Normal curvature across the contour along it, (n,), 1/m; convex is positive; 0 where the
+    surface is not smooth."""
     slope: float
     """Slope of the surface against the pad along the pad's y axis."""
     deepest: Floats
@@ -40,7 +41,13 @@ class Felt(NamedTuple):
 
 
 def feel_slice(
-    pad: Pad, pose: Floats, surface: Floats, touched: Bools, jet: Jet | None, height: float
+    pad: Pad,
+    pose: Floats,
+    surface: Floats,
+    touched: Bools,
+    jet: Jet | None,
+    height: float,
+    smooth: bool = True,
 ) -> Felt | None:
     """Arc of a touched surface at a slice height.
 
@@ -58,6 +65,8 @@ def feel_slice(
         The surface's jet; without one the pad's own normal stands in.
     height : float
         Height of the slice, m.
+    smooth : bool
+        False for an edge, which has no curvature.
 
     Returns
     -------
@@ -81,19 +90,24 @@ def feel_slice(
         slope_x = slope_y = curve = np.zeros(len(local))
     steepness = np.sqrt(1.0 + slope_x**2 + slope_y**2)
     outward = np.column_stack([slope_x, slope_y, -np.ones(len(local))]) / steepness[:, None]
-    pressed = np.where(touched, -(surface + pad.sag()), -np.inf)
-    row, col = np.unravel_index(int(pressed.argmax()), surface.shape)
-    deepest = np.array([x[row, col], y[row, col], surface[row, col]])
     return Felt(
         points=local @ axes.T + position,
         normals=outward @ axes.T,
-        across=curve / (steepness * (1.0 + slope_y**2)),
+        across=curve / (steepness * (1.0 + slope_y**2)) * smooth,
         slope=float(np.median(slope_y)) if len(local) else _slope(pad, surface, touched),
-        deepest=axes @ deepest + position,
+        deepest=axes @ deepest_point(pad, surface, touched) + position,
         pad=position,
         plus=int((touched & (y > 0.25 * pad.pitch)).sum()),
         minus=int((touched & (y < -0.25 * pad.pitch)).sum()),
     )
+
+
+def deepest_point(pad: Pad, surface: Floats, touched: Bools) -> Floats:
+    """The surface's point (3,) under the most compressed taxel, pad frame, m."""
+    x, y = pad.grid()
+    pressed = np.where(touched, -(surface + pad.sag()), -np.inf)
+    row, col = np.unravel_index(int(pressed.argmax()), surface.shape)
+    return np.array([x[row, col], y[row, col], surface[row, col]])
 
 
 def _crossings(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Floats:

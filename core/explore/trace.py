@@ -110,10 +110,8 @@ def _march(pad: Pad, trace: Trace, path: Path, course: Course) -> tuple[Trace, A
     return _with_stride(trace, path, stride.result)
 
 
-def _with_stride(trace: Trace, path: Path, stride: Stride | None) -> tuple[Trace, Status | None]:
+def _with_stride(trace: Trace, path: Path, stride: Stride) -> tuple[Trace, Status | None]:
     """The trace with one more arc, and whether that has ended it."""
-    if stride is None:
-        return trace, "stuck"
     ahead = np.concatenate([path.points[-1:], stride.new.points])
     gaps = _gaps(ahead)
     winding = _winding(path)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.contour import contour_middle
 from palpate.core.explore.aim import PRESS
 from palpate.core.frames import DOWN, pose_of
 
@@ -18,9 +19,6 @@ CAP_TOUCHES = 4
 """Touches from above around the first one."""
 CAP_TURNS = 12
 """Ways in which they are turned, of which the one is taken that reaches farthest."""
-SEARCH_RADII = (0.0, 0.01, 0.02, 0.04)
-"""Where to look for the top, if the world's axis misses the object, m."""
-SEARCH_AZIMUTHS = 6
 RETRY_SHIFT = 0.25
 """A slice that cannot be traced is tried once more this share of the spacing nearer to the
 middle."""
@@ -62,13 +60,16 @@ def retry_height(height: float, bottom: float, top: float, count: int) -> float:
     return height + towards
 
 
-def search_places() -> list[Floats]:
-    """Places (2,) at which to look for the object from above, the likeliest first, m."""
+def search_places(reach: float, pad_width: float) -> list[Floats]:
+    """Places (2,) at which to look for the object from above, m: the axis, then rings around it.
+
+    Neighbouring places are a pad's width apart, so that nothing wider is missed within reach.
+    """
     places = [np.zeros(2)]
-    for radius in SEARCH_RADII[1:]:
-        for number in range(SEARCH_AZIMUTHS):
-            azimuth = 2 * math.pi * number / SEARCH_AZIMUTHS
-            places.append(radius * np.array([math.cos(azimuth), math.sin(azimuth)]))
+    for ring in range(1, int(reach / pad_width) + 1):
+        azimuths = 2 * math.pi * np.arange(6 * ring) / (6 * ring)
+        away = ring * pad_width
+        places += [away * np.array([math.cos(a), math.sin(a)]) for a in azimuths]
     return places
 
 
@@ -95,19 +96,3 @@ def cap_places(contour: Floats, pad_width: float) -> list[Floats]:
 def from_above(place: Floats, height: float) -> Floats:
     """Pose (7,) of a pad over a place, looking down from a height."""
     return pose_of(np.array([place[0], place[1], height + CLEARANCE + PRESS]), DOWN)
-
-
-def contour_middle(contour: Floats) -> Floats:
-    """Centroid (2,) of the area that a closed contour (n, 3) encloses, m.
-
-    Of the area, because the mean of unevenly felt points lies nearer to where they are dense.
-    """
-    middle = contour[:, :2].mean(axis=0)
-    x, y = (contour[:, :2] - middle).T
-    following_x, following_y = np.roll(x, -1), np.roll(y, -1)
-    twice = x * following_y - following_x * y
-    area = 0.5 * float(twice.sum())
-    if abs(area) <= 1e-9 * float(np.ptp(x) * np.ptp(y)):
-        return np.asarray(middle)
-    shift = np.array([((x + following_x) * twice).sum(), ((y + following_y) * twice).sum()])
-    return np.asarray(middle + shift / (6.0 * area))

@@ -22,6 +22,8 @@ EXPONENTS = np.geomspace(1.0, 128.0, 57)
 so that those of a ball are among them."""
 TABLE = 512
 """Places at which a profile is tabulated to be inverted."""
+REFINEMENTS = 8
+"""Fixed-point steps by which a place from the table is refined."""
 LEAST_TREND = -0.99
 """A side may narrow by no more than this share besides: it has to reach its end."""
 MOST_SITES = 240
@@ -30,6 +32,9 @@ PLATE_SMOOTHING = 1e-6
 """Of the plate, in units of its radius."""
 LARGEST_SHARE = 0.9
 """Nearer to the rim a height says nothing: the profile may be vertical there."""
+OVERSHOOT = 0.05
+"""A corrected end may rise past its known height by this share of its own height or width: a
+touch feels the highest point only to the nearest taxel, and a plate must not swing."""
 LEAST_SITES = 12
 """Fewer felt points correct nothing."""
 
@@ -67,6 +72,9 @@ class Profile:
         radius = _radii(zeta, self.p, self.q) * (1.0 + self.trend * zeta)
         falling = np.minimum.accumulate(radius / radius[0])
         found = np.interp(shares, falling[::-1], zeta[::-1])
+        for _ in range(REFINEMENTS):  # exact at once where there is no trend
+            wide = np.maximum(shares * radius[0] / (1.0 + self.trend * found), 0.0)
+            found = np.maximum(1.0 - wide**self.q, 0.0) ** (1.0 / self.p)
         result: Floats = self.begin + (self.end - self.begin) * found
         return result
 
@@ -133,7 +141,12 @@ def cap_rings(profile: Profile, middle: Floats, rim: Floats, sites: Floats) -> F
     level = profile.heights(float(rim[0, 2]), shares)
     heights = np.repeat(level[:, None], len(rim), axis=1)
     if len(sites) >= LEAST_SITES:
-        heights = heights + _correction(profile, middle, rim, thin_out(sites), places)
+        corrected = heights + _correction(profile, middle, rim, thin_out(sites), places)
+        height = float(rim[0, 2])
+        radius = float(np.linalg.norm(rim[:, :2] - middle, axis=1).min())
+        room = OVERSHOOT * min(radius, abs(profile.end - height))
+        beyond = profile.end + np.copysign(room, profile.end - height)
+        heights = np.clip(corrected, min(height, beyond), max(height, beyond))
     return np.concatenate([places, heights[:, :, None]], axis=-1)
 
 

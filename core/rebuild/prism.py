@@ -33,6 +33,8 @@ class PrismFit(NamedTuple):
     """Semi-axes of the prism's section, (2,), m."""
     rms: float
     """Root mean square distance of the deformed side from the surface asked for, m."""
+    condition: float
+    """The larger condition number of the two systems, to 2 digits."""
 
     def side(self, heights: Floats, turns: Floats) -> Floats:
         """The deformed prism's side on a grid, (heights, turns, 3), m."""
@@ -82,13 +84,14 @@ def fit_prism(heights: Floats, turns: Floats, surface: Floats) -> PrismFit:
     undeformed = undeformed_control(box_low, box, (LAYERS, SIDE, SIDE))
     prism = across @ undeformed[0].reshape(-1, 3)[:, :2]
     offset = surface - prism
-    by_layer = _solve(along, _bend(LAYERS), offset.reshape(len(heights), -1))
+    by_layer, condition_along = _solve(along, _bend(LAYERS), offset.reshape(len(heights), -1))
     by_layer = by_layer.reshape(LAYERS, len(turns), 2).transpose(1, 0, 2)
-    moved = _solve(across, _bend_section(), by_layer.reshape(len(turns), -1))
+    moved, condition_across = _solve(across, _bend_section(), by_layer.reshape(len(turns), -1))
     moved = moved.reshape(SIDE * SIDE, LAYERS, 2).transpose(1, 0, 2)
     control = undeformed.copy()
     control[..., :2] += moved.reshape(LAYERS, SIDE, SIDE, 2)
-    fit = PrismFit(Lattice(control, box_low, box), half_extent, 0.0)
+    condition = float(f"{max(condition_along, condition_across):.2g}")
+    fit = PrismFit(Lattice(control, box_low, box), half_extent, 0.0, condition)
     misfit = fit.side(heights, turns)[..., :2] - surface
     return fit._replace(rms=float(np.sqrt(np.mean(np.sum(misfit**2, axis=-1)))))
 
@@ -101,13 +104,17 @@ def _section(turns: Floats) -> Floats:
     return basis
 
 
-def _solve(basis: Floats, bend: Floats, target: Floats) -> Floats:
-    """Penalised least squares by Cholesky; the ridge bounds the condition."""
+def _solve(basis: Floats, bend: Floats, target: Floats) -> tuple[Floats, float]:
+    """Penalised least squares by Cholesky, and the system's condition number.
+
+    The ridge bounds the condition.
+    """
     normal = basis.T @ basis
     scale = float(np.trace(normal)) / len(normal)
     system = normal + scale * (STIFFNESS * bend + RIDGE * np.eye(len(normal)))
     solution: Floats = cho_solve(cho_factor(system), basis.T @ target)
-    return solution
+    values = np.linalg.eigvalsh(system)
+    return solution, float(values[-1] / values[0])
 
 
 def _bend(count: int) -> Floats:

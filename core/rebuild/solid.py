@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.explore.uniform import contour_middle
-from palpate.core.rebuild.caps import Profile, cap_rings, fit_profile, thin_out
+from palpate.core.contour import contour_middle
+from palpate.core.rebuild.caps import LEAST_SITES, Profile, cap_rings, fit_profile, thin_out
 from palpate.core.rebuild.felt_points import FeltPoints, stack_points
 from palpate.core.rebuild.prism import PrismFit, fit_prism
 from palpate.core.rebuild.rings import close_rings
@@ -31,22 +31,20 @@ LEAST_TOP = 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Slice:
+class FeltContour:
     """One closed contour."""
 
     height: float
     """m."""
     points: Floats
     """(n, 3), m."""
-    normals: Floats
-    """Outward unit normals, (n, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
     """Everything from which a solid is rebuilt, world frame."""
 
-    slices: tuple[Slice, ...]
+    contours: tuple[FeltContour, ...]
     """At least one."""
     side: FeltPoints
     """All taxels of the touches along the contours."""
@@ -71,8 +69,9 @@ class Solid:
     deviation: Floats
     """Standard deviation of the surface at those heights, m."""
     health: dict[str, float]
-    """Figures of the fit: worst condition number, fallbacks taken (1 if the top was closed
-    without a touch on it), points, misfits in m, and the share of folds."""
+    """Figures of the fit: worst condition number; fallbacks taken (a top closed without touches
+    on it, a side stretched because the contours lie too close); points, misfits in m, and the
+    share of folds."""
 
 
 def rebuild(evidence: Evidence) -> Solid:
@@ -86,17 +85,18 @@ def rebuild(evidence: Evidence) -> Solid:
     ValueError
         If there is no contour, or none of its taxels lies on the side.
     """
-    if not evidence.slices:
+    if not evidence.contours:
         raise ValueError("a solid needs at least one contour, got none")
-    slices = sorted(evidence.slices, key=lambda one: one.height)
+    contours = sorted(evidence.contours, key=lambda one: one.height)
     top = _top(evidence)
     spine = fit_spine(
-        np.array([one.height for one in slices]),
-        np.array([contour_middle(one.points) for one in slices]),
+        np.array([one.height for one in contours]),
+        np.array([contour_middle(one.points) for one in contours]),
     )
     felt = stack_points([evidence.side, evidence.cap])
     skin = fit_skin(felt, spine, evidence.platform, top)
-    low, high = _side_range(slices, evidence.platform, top)
+    low, high = _side_range(contours, evidence.platform, top)
+    between = contours[-1].height - contours[0].height
     prism = _fit_side(skin, low, high)
     side = prism.side(np.linspace(low, high, ROWS), np.arange(COLUMNS) / COLUMNS)
     below_profile = _profile(skin, low, evidence.platform)
@@ -111,10 +111,10 @@ def rebuild(evidence: Evidence) -> Solid:
     above = cap_rings(above_profile, spine.at(side[-1, :1, 2])[0], side[-1], sites)
     rings = np.concatenate([below[-2::-1], side, above[:-1]])
     vertices, faces = close_rings(below[-1].mean(axis=0), rings, above[-1].mean(axis=0))
-    heights = np.linspace(slices[0].height, slices[-1].height, BANDS)
+    heights = np.linspace(contours[0].height, contours[-1].height, BANDS)
     health = {
-        "worst_condition": skin.condition,
-        "fallbacks": float(len(on_top) == 0),
+        "worst_condition": max(skin.condition, prism.condition),
+        "fallbacks": float((len(on_top) < LEAST_SITES) + (high - low > between)),
         "points": float(len(felt.points)),
         "skin_rms_m": skin.rms,
         "lattice_rms_m": prism.rms,
@@ -126,9 +126,9 @@ def rebuild(evidence: Evidence) -> Solid:
     return Solid(vertices, faces, prism, heights, deviation, health)
 
 
-def _side_range(slices: list[Slice], platform: float, top: float) -> tuple[float, float]:
+def _side_range(contours: list[FeltContour], platform: float, top: float) -> tuple[float, float]:
     """Heights between which the side is taken from the skin, m."""
-    low, high = slices[0].height, slices[-1].height
+    low, high = contours[0].height, contours[-1].height
     missing = max(0.5 * (LEAST_SIDE * (top - platform) - (high - low)), 0.0)
     return max(low - missing, 0.5 * (low + platform)), min(high + missing, 0.5 * (high + top))
 
@@ -144,7 +144,7 @@ def _profile(skin: Skin, rim: float, end: float) -> Profile:
 def _top(evidence: Evidence) -> float:
     """Height of the object: of the touches from above, or else of whatever was felt."""
     points = evidence.cap.points if len(evidence.cap.points) else evidence.side.points
-    last = max(one.height for one in evidence.slices)
+    last = max(one.height for one in evidence.contours)
     return max(float(points[:, 2].max()), last + LEAST_TOP * (last - evidence.platform))
 
 

@@ -59,7 +59,7 @@ class PlanDone:
     reason: str
     """Why it is over."""
     uncovered: Metres
-    """Height between the lowest and the highest touch that no usable contour covers."""
+    """Height in stretches without a contour, beyond the widest that was planned."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -62,7 +62,7 @@ class Contour:
     normals: Directions
     """Outward unit normals at the points."""
     curvature: Curvatures
-    """Normal curvature across the contour at the points; convex is positive."""
+    """Normal curvature across the contour at the points; convex is positive; 0 at edges."""
     status: Status
     """How tracing ended."""
     gaps: Lengths
@@ -102,7 +102,7 @@ class Probe:
     point: Vector
     """Deepest point felt, world frame; the end of the reach after a miss."""
     normal: Direction
-    """Outward normal under the pad's middle, or the pad's own if it could not be felt."""
+    """Outward normal at the middle of the contact, or the pad's own if it could not be felt."""
     touches: Count
     """Touches made."""
     robot_time: Seconds

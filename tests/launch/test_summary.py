@@ -16,6 +16,7 @@ from palpate.nodes.ending import Ending
 KEYS = {
     "palpate", "status", "reason", "scene", "seed", "chamfer_m", "rms_m", "hausdorff_m", "p95_m",
     "normal_deg", "volume_error", "sampling_floor_m", "size_m", "watertight", "genus", "contours",
+    "contours_failed", "uncovered_m",
     "touches", "robot_time_s", "ready_s", "wall_s", "compute_s", "touches_per_s", "mesh_sha256",
     "final", "gaps", "duplicates", "nodes", "numerics", "curve",
 }  # fmt: skip

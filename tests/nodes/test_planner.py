@@ -103,7 +103,7 @@ def test_it_looks_elsewhere_after_a_miss_and_says_so_in_the_end(
         if outputs[0][0] == "/probe/goal":
             places.add(tuple(outputs[0][1].pose[:2]))
     [(topic, done)] = outputs
-    assert len(places) == 19
+    assert len(places) > 400  # rings a pad apart, as far as the finger reaches
     assert (topic, done.reason, done.contours) == (
         "/plan/done",
         "nothing was felt from above",

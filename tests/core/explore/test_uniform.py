@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.contour import contour_middle
 from palpate.core.explore.uniform import (
     CAP_SHARE,
     CLEARANCE,
     END_SHARE,
     cap_places,
-    contour_middle,
     from_above,
     retry_height,
     search_places,
@@ -89,12 +89,16 @@ def test_a_slice_is_tried_again_nearer_to_the_middle() -> None:
 
 
 def test_the_object_is_looked_for_at_the_origin_first_and_then_around_it() -> None:
-    places = search_places()
+    places = search_places(0.05, 0.012)
     distances = [float(np.linalg.norm(place)) for place in places]
     assert distances[0] == 0.0
     assert np.allclose(distances, sorted(distances), rtol=0, atol=1e-15)
-    assert len(places) == 19
-    assert len({tuple(np.round(place, 9)) for place in places}) == 19
+    assert len(places) == 1 + 6 * (1 + 2 + 3 + 4)
+    assert distances[-1] <= 0.05
+    # Neighbours are no farther apart than a pad is wide.
+    apart = np.linalg.norm(np.subtract.outer(places, places).diagonal(axis1=1, axis2=3), axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    assert apart.min(axis=1).max() <= 0.013
 
 
 def test_the_middle_of_an_unevenly_felt_circle_is_its_centre() -> None:

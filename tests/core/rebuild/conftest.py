@@ -9,7 +9,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.felt_points import FeltPoints, stack_points
-from palpate.core.rebuild.solid import Evidence, Slice
+from palpate.core.rebuild.solid import Evidence, FeltContour
 from palpate.core.shapes.superquadric import Superquadric
 
 BAND = 6e-3
@@ -49,10 +49,10 @@ class Oracle:
         )
         return FeltPoints(points, gradient / np.linalg.norm(gradient, axis=1, keepdims=True))
 
-    def slice(self, share: float) -> Slice:
+    def slice(self, share: float) -> FeltContour:
         """A contour."""
         felt = self.felt(self.section(share))
-        return Slice(float(felt.points[0, 2]), *felt)
+        return FeltContour(float(felt.points[0, 2]), felt.points)
 
     def band(self, share: float) -> FeltPoints:
         """What the touches along a contour feel above and below it."""
@@ -72,7 +72,7 @@ class Oracle:
     def evidence(self, shares: Sequence[float], top: bool = True) -> Evidence:
         """Contours at these heights, all that was felt along them, and touches from above."""
         return Evidence(
-            slices=tuple(self.slice(share) for share in shares),
+            contours=tuple(self.slice(share) for share in shares),
             side=stack_points([self.band(share) for share in shares]),
             cap=self.top() if top else stack_points([]),
             platform=0.0,

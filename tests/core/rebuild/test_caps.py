@@ -17,7 +17,7 @@ from palpate.core.rebuild.caps import (
 )
 
 NONE = np.zeros((0, 3))
-BALL = Profile(begin=0.0, end=0.03, p=2.0, q=2.0, misfit=0.0)
+BALL = Profile(begin=0.0, end=0.03, p=2.0, q=2.0, trend=0.0, misfit=0.0)
 TURN = 2 * np.pi * np.arange(80) / 80
 
 
@@ -86,7 +86,7 @@ def test_the_cap_of_a_ball_is_the_ball(height: float) -> None:
 
 
 def test_a_flat_end_is_a_disc() -> None:
-    edge = Profile(begin=0.0, end=0.03, p=90.0, q=90.0, misfit=0.0)
+    edge = Profile(begin=0.0, end=0.03, p=90.0, q=90.0, trend=0.0, misfit=0.0)
     rings = cap_rings(edge, np.zeros(2), ring(0.02, 0.0299), NONE)
     assert np.ptp(rings[:, :, 2]) < 0.0002
     assert (np.diff(np.linalg.norm(rings[:, 0, :2], axis=1)) < 0.0).all()

@@ -11,7 +11,7 @@ from palpate.core.arrays import Floats
 from palpate.core.explore.trace import Slice as Wanted
 from palpate.core.explore.uniform import from_above, slice_heights
 from palpate.core.rebuild.felt_points import FeltPoints, stack_points
-from palpate.core.rebuild.solid import BANDS, Evidence, Slice, Solid, rebuild
+from palpate.core.rebuild.solid import BANDS, Evidence, FeltContour, Solid, rebuild
 from palpate.core.shapes.posed import PosedShape
 from palpate.core.shapes.protocol import Mesh
 from palpate.core.shapes.superquadric import Superquadric
@@ -75,7 +75,8 @@ def test_a_few_contours_give_a_closed_finite_solid_that_stands_on_the_platform(
     assert signed_volume(mesh_of(solid)) > 0.0
     assert solid.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-7)
     assert solid.vertices[:, 2].max() < 0.0605
-    assert solid.health["fallbacks"] == float(not top)
+    stretched = len(shares) == 1  # a side of no height is stretched, and that is said
+    assert solid.health["fallbacks"] == float(not top) + float(stretched)
 
 
 @pytest.mark.parametrize(
@@ -106,23 +107,22 @@ def test_the_solid_of_a_larger_object_is_larger_and_else_the_same(
 
 def test_the_order_of_the_contours_does_not_matter(oracle: Make) -> None:
     evidence = oracle(*BALL).evidence(NINE)
-    other = rebuild(replace(evidence, slices=evidence.slices[::-1]))
+    other = rebuild(replace(evidence, contours=evidence.contours[::-1]))
     assert np.array_equal(other.vertices, rebuild(evidence).vertices)
 
 
 def test_direction_and_start_of_a_contour_do_not_matter(oracle: Make) -> None:
     evidence = oracle([0.04, 0.025, 0.03], [1.0, 0.8]).evidence(NINE)
     turned = tuple(
-        Slice(one.height, np.roll(one.points[::-1], 31, axis=0), one.normals)
-        for one in evidence.slices
+        FeltContour(one.height, np.roll(one.points[::-1], 31, axis=0)) for one in evidence.contours
     )
-    other = rebuild(replace(evidence, slices=turned))
+    other = rebuild(replace(evidence, contours=turned))
     assert np.allclose(other.vertices, rebuild(evidence).vertices, rtol=0, atol=1e-12)
 
 
 def test_a_contour_felt_twice_is_no_harm(oracle: Make) -> None:
     evidence = oracle(*BALL).evidence([-0.5, 0.0, 0.5])
-    twice = rebuild(replace(evidence, slices=(*evidence.slices, evidence.slices[1])))
+    twice = rebuild(replace(evidence, contours=(*evidence.contours, evidence.contours[1])))
     assert np.allclose(twice.vertices, rebuild(evidence).vertices, rtol=0, atol=1e-12)
 
 
@@ -133,10 +133,8 @@ def test_an_object_that_stands_aside_gives_the_same_solid_there(oracle: Make) ->
     def moved(felt: FeltPoints) -> FeltPoints:
         return FeltPoints(felt.points + shift, felt.normals)
 
-    slices = tuple(
-        Slice(one.height + 0.5, one.points + shift, one.normals) for one in evidence.slices
-    )
-    aside = rebuild(Evidence(slices, moved(evidence.side), moved(evidence.cap), 0.5))
+    contours = tuple(FeltContour(one.height + 0.5, one.points + shift) for one in evidence.contours)
+    aside = rebuild(Evidence(contours, moved(evidence.side), moved(evidence.cap), 0.5))
     assert np.allclose(aside.vertices - shift, rebuild(evidence).vertices, rtol=0, atol=1e-9)
 
 
@@ -146,7 +144,8 @@ def test_the_health_counts_what_was_used_and_names_what_was_missing(oracle: Make
     assert solid.health["points"] == len(evidence.side.points) + len(evidence.cap.points)
     assert solid.health["folded_share"] == 0.0
     assert solid.health["fallbacks"] == 0.0
-    assert 1.0 < solid.health["worst_condition"] < 1e6
+    # The prism's ridge bounds the condition of its two systems to about its inverse.
+    assert 1.0 < solid.health["worst_condition"] < 1e12
     assert solid.health["skin_rms_m"] < 1e-6
     assert solid.health["lattice_rms_m"] < 2e-6
     assert all(np.isfinite(value) for value in solid.health.values())
@@ -155,7 +154,7 @@ def test_the_health_counts_what_was_used_and_names_what_was_missing(oracle: Make
 
 
 def test_a_solid_without_contours_is_refused(oracle: Make) -> None:
-    evidence = replace(oracle(*BALL).evidence([0.0]), slices=())
+    evidence = replace(oracle(*BALL).evidence([0.0]), contours=())
     with pytest.raises(ValueError, match="a solid needs at least one contour, got none"):
         rebuild(evidence)
 
@@ -178,16 +177,16 @@ def test_what_a_finger_feels_gives_the_object_back(
     shape: Superquadric = request.getfixturevalue(name)
     half = float(shape.size[2])
     hand = finger(PosedShape(shape, np.array([0, 0, half, 0, 0, 0, 1.0])), domed)
-    slices = []
+    contours = []
     for height in slice_heights(0.0, 2 * half, 9):
         trace, status = hand.contour(Wanted(height, np.zeros(2), 0.1, 150))
         assert status == "closed"
-        slices.append(Slice(height, trace.path.points, trace.path.normals))
+        contours.append(FeltContour(height, trace.path.points))
     side = stack_points(hand.felt)
     hand.felt.clear()
     for place in [(0.0, 0.0), *((x, y) for x in (-0.01, 0.01) for y in (-0.01, 0.01))]:
         hand.press(from_above(np.array(place), 2 * half), 0.05, 1e-3, 0.0)
-    solid = rebuild(Evidence(tuple(slices), side, stack_points(hand.felt), 0.0))
+    solid = rebuild(Evidence(tuple(contours), side, stack_points(hand.felt), 0.0))
     error = oracle(shape.size, shape.exponents).distances(solid.vertices)
     assert is_closed(mesh_of(solid))
     assert rms(error) < mean
