@@ -3,7 +3,7 @@
 # ./go test     set up, then run the tests
 # ./go VERB     set up, then palpate VERB
 set -eu
-cd "$(dirname "$0")"
+root=$(dirname "$(readlink -f "$0")")
 unset PYTHONPATH PYTHONHOME  # a sourced ROS 2 puts packages called launch on the path
 
 say() { echo "palpate: $*" >&2; }
@@ -29,9 +29,9 @@ private_index() {
 }
 
 make_venv() {
-    rm -rf .venv
-    if ! "$1" -m venv .venv >/dev/null 2>&1; then
-        rm -rf .venv
+    rm -rf "$root/.venv"
+    if ! "$1" -m venv "$root/.venv" >/dev/null 2>&1; then
+        rm -rf "$root/.venv"
         say "Python's venv is missing; on Debian or Ubuntu: sudo apt install python3-venv"
         return 2
     fi
@@ -39,26 +39,26 @@ make_venv() {
 
 install() {
     if command -v uv >/dev/null 2>&1 && ! private_index "$1"; then
-        rm -rf .venv
-        uv venv --quiet --python "$1" .venv
-        uv pip install --quiet --python .venv/bin/python -c constraints.txt -e '.[dev]'
+        rm -rf "$root/.venv"
+        uv venv --quiet --python "$1" "$root/.venv"
+        uv pip install --quiet --python "$root/.venv/bin/python" -c "$root/constraints.txt" -e "$root[dev]"
     else
         make_venv "$1" || return 2
-        .venv/bin/python -m pip install --quiet --disable-pip-version-check \
-            -c constraints.txt -e '.[dev]'
+        "$root/.venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+            -c "$root/constraints.txt" -e "$root[dev]"
     fi
 }
 
-stamp=$(cat pyproject.toml constraints.txt | cksum)
-if [ "$(cat .venv/.stamp 2>/dev/null)" != "$stamp" ] || ! runs .venv/bin/python; then
+stamp=$(cat "$root/pyproject.toml" "$root/constraints.txt" | cksum)
+if [ "$(cat "$root/.venv/.stamp" 2>/dev/null)" != "$stamp" ] || ! runs "$root/.venv/bin/python"; then
     python=$(find_python) || exit 2
     say "setting up .venv with $python; this takes a minute, once"
     install "$python" || { code=$?; say "setting up failed"; exit "$code"; }
-    echo "$stamp" >.venv/.stamp
+    echo "$stamp" >"$root/.venv/.stamp"
 fi
 
 case "${1:-}" in
-    "") exec .venv/bin/palpate run vase ;;
-    test) shift; exec .venv/bin/python -m pytest "$@" ;;
-    *) exec .venv/bin/palpate "$@" ;;
+    "") exec "$root/.venv/bin/palpate" run vase ;;
+    test) shift; cd "$root"; exec .venv/bin/python -m pytest "$@" ;;
+    *) exec "$root/.venv/bin/palpate" "$@" ;;
 esac

@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from palpate.core.measure.solidity import solidity
 from palpate.launch.located import InputError
 
 MAX_BYTES = 64 << 20
@@ -82,9 +83,17 @@ def read_mesh(path: Path, unit: str) -> tuple[Vertices, Faces]:
     vertices *= METRES[unit]
     _check_closed(path, faces)
     _check_size(path, vertices, unit)
-    volume = _volume(vertices, faces)
-    if not volume > 0.0:
+    found = solidity(vertices, faces)
+    if not found.volume > 0.0:
         raise InputError(f"{path}: is inside out: its volume is negative; flip the faces")
+    if found.components != 1:
+        raise InputError(
+            f"{path}: is made of {found.components} separate surfaces; there must be exactly one"
+        )
+    if found.genus:
+        raise InputError(
+            f"{path}: has {found.genus} holes through it; only objects without can be rebuilt"
+        )
     return vertices, faces
 
 
@@ -107,8 +116,10 @@ def _load(path: Path) -> Any:
     try:
         # From memory and without a resolver, so that the file cannot have others read.
         found = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
+    except ModuleNotFoundError:  # it was taken for text of unknown encoding
+        raise InputError(f"{path}: is cut short, or not a mesh in {kind.upper()}") from None
     except _READER_FAILURES as error:
-        raise InputError(f"{path}: is not a {kind.upper()} mesh: {_first_line(error)}") from None
+        raise InputError(f"{path}: is no mesh in {kind.upper()}: {_first_line(error)}") from None
     if isinstance(found, trimesh.Scene):
         parts = list(found.geometry.values())
         if len(parts) != 1:
@@ -169,12 +180,6 @@ def _check_size(path: Path, vertices: Vertices, unit: str) -> None:
             f"{path}: measures {size} m when read in {unit}; each side must be between "
             f"{SMALLEST:g} and {LARGEST:g} m; is the unit right?"
         )
-
-
-def _volume(vertices: Vertices, faces: Faces) -> float:
-    # About the mean, or a far-off object loses its digits.
-    a, b, c = (vertices - vertices.mean(axis=0))[faces].transpose(1, 0, 2)
-    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
 
 def _first_line(error: BaseException) -> str:

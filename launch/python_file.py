@@ -6,6 +6,7 @@ It is a program that the user chose to run, and is trusted like any other.
 from __future__ import annotations
 
 import inspect
+import traceback
 from collections.abc import Callable, Mapping
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -48,7 +49,7 @@ def describe_python(path: Path, args: Mapping[str, Located], out: Path) -> Graph
         signature.bind(**values)
     except TypeError as error:
         raise InputError(f"{path}: describe: {error}; give it as NAME:=VALUE") from None
-    graph = function(**values)
+    graph = _call(path, lambda: function(**values))
     if not isinstance(graph, Graph):
         raise InputError(f"{path}: describe returned {graph!r:.60}; it must return a Graph")
     return graph
@@ -59,11 +60,26 @@ def _load(path: Path) -> Callable[..., Any]:
     if spec is None or spec.loader is None or not path.is_file():
         raise InputError(f"{path}: the launch file does not exist")
     module = module_from_spec(spec)
+    loader = spec.loader
     try:
-        spec.loader.exec_module(module)
+        _call(path, lambda: loader.exec_module(module))
     except SyntaxError as error:
         raise InputError(f"{path}:{error.lineno}: is not Python: {error.msg}") from None
     function = getattr(module, "describe", None)
     if not callable(function):
         raise InputError(f"{path}: has no function describe; it must return a Graph")
     return function  # type: ignore[no-any-return]
+
+
+def _call(path: Path, act: Callable[[], Any]) -> Any:
+    """Run the user's program; what it raises is told with its own line."""
+    try:
+        return act()
+    except (InputError, SyntaxError, KeyboardInterrupt):
+        raise
+    except (Exception, SystemExit) as error:  # The edge of the user's program.
+        lines = [
+            f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)
+        ]
+        place = f"{path}:{lines[-1]}" if lines else str(path)
+        raise InputError(f"{place}: {type(error).__name__}: {error}") from None

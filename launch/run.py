@@ -10,7 +10,7 @@ from typing import Any
 from palpate.launch.closing import closing_text
 from palpate.launch.export import export_model
 from palpate.launch.launch_file import Described, describe
-from palpate.launch.located import Located
+from palpate.launch.located import InputError, Located
 from palpate.launch.override import override
 from palpate.launch.progress import GATHERED, Display, Gatherer
 from palpate.launch.resolved import resolved_text
@@ -132,12 +132,17 @@ def _start(plan: Plan, gatherer: Gatherer, *, composed: bool) -> Ending:
     graph = plan.described.graph
     ends, hear = graph.ends, tuple(t for t, said in graph.topics().items() if said in GATHERED)
     if composed:
+        from palpate.launch.processes.interrupts import as_ctrl_c
         from palpate.nodes.composed import run_composed
 
-        return run_composed(plan.wirings, ends=ends, hear=hear, watcher=gatherer)
+        with as_ctrl_c():
+            return run_composed(plan.wirings, ends=ends, hear=hear, watcher=gatherer)
     from palpate.launch.launcher import launch
 
-    return launch(plan.wirings, ends=ends, hear=hear, watcher=gatherer)
+    try:
+        return launch(plan.wirings, ends=ends, hear=hear, watcher=gatherer)
+    except ValueError as error:
+        raise InputError(str(error)) from None
 
 
 def _seed(described: Described) -> int | None:

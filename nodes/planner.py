@@ -35,6 +35,10 @@ APPROACH = 30.0e-3
 """The pad approaches a slice from this far outside the widest contour so far, m."""
 
 
+SAME_PLACE = 4.0e-3
+"""A touch from above this near to a contour's middle has felt the top, m."""
+HIGHER = 0.01
+"""A top higher by more than this share of the height has the slices planned anew."""
 SPACING = 12.0e-3
 """Distance of the places at which the object is looked for from above, m: less than a pad."""
 
@@ -62,6 +66,16 @@ class Slices:
     """Heights still to be traced, the one under way first, m."""
     retried: bool = False
     """True if the one under way is a second try."""
+    top_is_sure: bool = False
+    """True once the top has been felt over the middle of a contour."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Summit:
+    """Feeling the top again: the first touch from above was far from the object's middle."""
+
+    heights: tuple[float, ...]
+    """Heights still to be traced if the top is as high as was thought, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +94,7 @@ class State:
     """Where the object stands."""
     pad_width: float = 0.0
     """Of the finger, m."""
-    phase: Top | Slices | Cap | None = None
+    phase: Top | Slices | Summit | Cap | None = None
     """What is under way."""
     top: float = 0.0
     """Highest point felt, m."""
@@ -126,6 +140,8 @@ def take_probe(params: Params, state: State, probe: Probe) -> tuple[State, Outpu
     )
     if isinstance(state.phase, Top):
         return _begin_slices(params, state, probe) if hit else _look_for_top(params, state)
+    if isinstance(state.phase, Summit):
+        return _after_summit(params, state, state.phase)
     assert isinstance(state.phase, Cap)
     return _touch_cap(params, replace(state, phase=Cap(state.phase.places[1:])))
 
@@ -136,14 +152,18 @@ def take_contour(params: Params, state: State, contour: Contour) -> tuple[State,
     slices, platform = state.phase, state.world.platform
     state = replace(state, touches=state.touches + contour.touches, clock=contour.robot_time)
     outputs: Outputs = []
-    following = Slices(slices.heights[1:])
+    following = Slices(slices.heights[1:], top_is_sure=slices.top_is_sure)
     if contour.status == "closed":
         state = replace(state, contours=(*state.contours, contour), models=state.models + 1)
         outputs = [("/model/goal", _model_goal(state))]
     elif not slices.retried:
         again = retry_height(slices.heights[0], platform, state.top, params.contours)
-        following = Slices((again, *slices.heights[1:]), retried=True)
-    state, more = _trace_next(params, replace(state, phase=following))
+        following = Slices((again, *slices.heights[1:]), True, slices.top_is_sure)
+    state = replace(state, phase=following)
+    if len(state.contours) == 1 and not slices.top_is_sure:
+        state, more = _feel_summit(params, state, following.heights)
+    else:
+        state, more = _trace_next(params, state)
     return state, outputs + more
 
 
@@ -161,6 +181,26 @@ def _begin_slices(params: Params, state: State, probe: Probe) -> tuple[State, Ou
     top = float(probe.point[2])
     heights = slice_heights(state.world.platform, top, params.contours)
     return _trace_next(params, replace(state, top=top, phase=Slices(tuple(heights))))
+
+
+def _feel_summit(params: Params, state: State, heights: tuple[float, ...]) -> tuple[State, Outputs]:
+    """Touch the top over the middle of the first contour, unless that has been done."""
+    assert state.world is not None
+    middle = contour_middle(state.contours[0].points)
+    if np.linalg.norm(middle - state.probes[0].point[:2]) < SAME_PLACE:
+        return _trace_next(params, replace(state, phase=Slices(heights, top_is_sure=True)))
+    height = state.world.platform + state.world.reach
+    return _probe(replace(state, phase=Summit(heights)), middle, height, state.world.reach)
+
+
+def _after_summit(params: Params, state: State, summit: Summit) -> tuple[State, Outputs]:
+    """Go on with the slices, planned anew if the top is higher than was thought."""
+    assert state.world is not None
+    heights = summit.heights
+    first = float(state.probes[0].point[2])
+    if state.top - first > HIGHER * (first - state.world.platform):
+        heights = tuple(slice_heights(state.world.platform, state.top, params.contours))
+    return _trace_next(params, replace(state, phase=Slices(heights, top_is_sure=True)))
 
 
 def _trace_next(params: Params, state: State) -> tuple[State, Outputs]:
@@ -247,8 +287,8 @@ def _done(params: Params, state: State, reason: str) -> tuple[State, Outputs]:
 
 
 def _reason(params: Params, state: State) -> str:
-    if len(state.contours) == params.contours:
-        return f"all {params.contours} slices are traced"
+    if len(state.contours) >= params.contours:
+        return f"all {len(state.contours)} slices are traced"
     return f"{len(state.contours)} of {params.contours} slices are traced, the others failed"
 
 

@@ -52,6 +52,8 @@ def load_node(module: str) -> Node | Sink:
     ValueError
         If there is no such module or it holds no node.
     """
+    if not all(part.isidentifier() for part in module.split(".")):
+        raise ValueError(f"{module!r} is no name of a module")
     try:
         found = import_module(module)
     except ModuleNotFoundError as error:

@@ -7,6 +7,7 @@ written to a file, never to the screen.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import tempfile
 import traceback
@@ -45,7 +46,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     arguments : texts, optional
         The command line without the program's name; the process's own if left out.
     """
-    sys.exit(run(sys.argv[1:] if arguments is None else arguments))
+    code = run(sys.argv[1:] if arguments is None else arguments)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt
+    sys.exit(code)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -55,6 +58,9 @@ def run(arguments: Sequence[str]) -> int:
         sys.stdout.flush()
     except InputError as error:
         return _say(str(error), BAD_INPUT)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help() if error.ctx else "", err=True)
+        return BAD_INPUT
     except click.ClickException as error:
         return _say(_usage(error), BAD_INPUT)
     except SystemExit:

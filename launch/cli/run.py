@@ -10,7 +10,7 @@ import click
 @click.command("run")
 @click.argument("scene", default="vase")
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; new or empty.")
-@click.option("--seed", type=click.IntRange(0), help="Overrides the scene's seed.")
+@click.option("--seed", type=click.IntRange(0, 1 << 53), help="Overrides the scene's seed.")
 @click.option("--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="Repeatable.")
 @click.option("--composed", is_flag=True, help="All nodes in one process.")
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
@@ -42,3 +44,23 @@ class Interrupts:
 
     def _note(self, number: int, _: FrameType | None) -> None:
         self.came = self.came or signal.Signals(number).name
+
+
+@contextmanager
+def as_ctrl_c() -> Iterator[None]:
+    """Have a request to end, whichever it is, interrupt this thread as Ctrl-C does.
+
+    Elsewhere than in the main thread nothing is changed: signals are not heard there.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)

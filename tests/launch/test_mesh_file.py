@@ -57,7 +57,7 @@ def test_corners_that_no_triangle_uses_are_left_out(write: Write) -> None:
         ("x.ply", "", "the mesh file is empty"),
         ("x.txt", "hello", "'txt' is no mesh format; known: ply"),
         ("x", "hello", "'no suffix' is no mesh format"),
-        ("x.ply", "hello", "is not a PLY mesh"),
+        ("x.ply", "hello", "is no mesh in PLY"),
         ("x.off", off(faces=[]), "x.off: "),
         ("x.off", off(faces=FACES[:3]), "is not watertight: 3 of its 6 edges"),
         ("x.off", off(faces=[*FACES, FACES[0]]), "is not watertight: 3 of its 6 edges"),

@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.frames import pad_rotation, pose_of
 from palpate.core.touch.calibration import flight_times
+from palpate.core.touch.filters import median_filter
+from palpate.core.touch.pad import press
+from palpate.launch.scene import load_scene
 from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
-from palpate.nodes.filter import Params, calibrate, clean
+from palpate.nodes.filter import TIP, Params, calibrate, clean
+from palpate.nodes.object import build_shape
+from palpate.nodes.sensor import pad_of_info
+from palpate.nodes.simulator import info_of
 
 
 def frame_of(compression: Floats, pose: Floats, info: SensorInfo, **changes: Any) -> TactileFrame:
@@ -89,3 +96,17 @@ def test_the_least_contact_can_be_set(
 ) -> None:
     image = cleaned(info, frame_of(bump, sideways(0.0), info), contact=0.5e-3)
     assert np.array_equal(image.mask, bump > 0.5e-3)
+
+
+@pytest.mark.parametrize("scene", ["sphere", "box", "cylinder", "egg", "vase", "from_mesh"])
+def test_no_clean_frame_of_a_shipped_scene_holds_an_impulse(scene: str) -> None:
+    spec = load_scene(scene).spec
+    shape, pad = build_shape(spec.object), pad_of_info(info_of(spec.sensor))
+    low, high = shape.bounds()
+    middle = 0.5 * (low + high)
+    for height in np.linspace(low[2] + 0.002, high[2] - 0.002, 12):
+        for tilt in (-1.0, 0.0, 1.0):
+            axes = pad_rotation(0.3 * height / high[2], tilt)
+            start = pose_of(np.array([*middle[:2], height]) - 0.12 * axes[:, 2], axes)
+            pressed = press(shape, pad, start, 0.2, 2.2e-3)
+            assert not median_filter(pressed.compression, TIP * pad.pitch)[1].any()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -188,3 +189,25 @@ def test_the_next_slice_is_approached_from_outside_the_widest_contour(
     said = explored(Params(contours=3), *looking)
     later = of(said, "/contour/goal")[1:]
     assert all(goal.radius > 0.03 + 0.02 for goal in later)
+
+
+def test_a_top_felt_beside_the_middle_is_felt_again_over_it(
+    looking: tuple[State, ProbeGoal],
+) -> None:
+    def aside(goal: ContourGoal) -> Contour:
+        return replace(contour(goal), points=contour(goal).points + [0.02, 0.0, 0.0])
+
+    state, goal = looking
+    state, [(_, first)] = take_probe(Params(contours=3), state, probe(goal, height=0.08))  # type: ignore
+    state, outputs = take_contour(Params(contours=3), state, aside(first))
+    [again] = of(outputs, "/probe/goal")  # type: ignore[arg-type]
+    assert again.pose[:2] == pytest.approx([0.02, 0.0], abs=1e-6)
+    state, [(_, following)] = take_probe(Params(contours=3), state, probe(again))  # type: ignore
+    # The true top is higher: all slices are planned anew.
+    assert following.height == pytest.approx(0.5 * TOP)
+
+
+def test_the_end_counts_the_slices_that_failed(looking: tuple[State, ProbeGoal]) -> None:
+    answer = lambda goal: contour(goal, "stuck" if goal.height > 0.08 else "closed")  # noqa: E731
+    [done] = of(explored(Params(contours=5), *looking, answer), "/plan/done")
+    assert done.reason == "4 of 5 slices are traced, the others failed"

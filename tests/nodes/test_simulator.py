@@ -3,16 +3,21 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.explore import trace
+from palpate.core.touch import curvature as core_curvature
+from palpate.core.touch import pad
 from palpate.messages.codec import encode
 from palpate.messages.types import TouchGoal
-from palpate.nodes.object import ObjectSpec
+from palpate.messages.types import motion as motion_types
+from palpate.messages.types import touch as touch_types
+from palpate.nodes.object import ObjectSpec, SensorSpec
 from palpate.nodes.simulator import NODE, Params, start, touch
 
 Pose = Callable[[float], Floats]
@@ -147,3 +152,22 @@ def test_an_analytic_scene_imports_neither_meshes_nor_random_numbers() -> None:
 
 def test_the_node_declares_what_its_handlers_take() -> None:
     assert set(NODE.inputs) == {"/finger/goal"}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"rows": 8, "cols": 8}, "an array of 7 by 7 mm; the tracer's steps are made for 12 to 20"),
+        ({"pad": {"radius": 0.01}}, "a dome over this array needs more than 0.0106 m"),
+        ({"pad": {"thickness": 0.001}}, "it must be at least 0.00125 m, to be pressed by 0.001 m"),
+    ],
+)
+def test_a_sensor_that_could_not_work_is_refused(wrong: dict[str, Any], words: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=words):
+        msgspec.convert(wrong, SensorSpec)
+
+
+def test_the_words_of_core_and_messages_are_the_same() -> None:
+    assert get_args(pad.Outcome) == get_args(touch_types.Outcome)
+    assert get_args(core_curvature.Kind) == get_args(touch_types.Kind)
+    assert get_args(trace.Status) == get_args(motion_types.Status)
