@@ -92,7 +92,8 @@ def read_mesh(path: Path, unit: str) -> tuple[Vertices, Faces]:
         )
     if found.genus:
         raise InputError(
-            f"{path}: has {found.genus} holes through it; only objects without can be rebuilt"
+            f"{path}: has {found.genus} hole{'s' * (found.genus > 1)} through it; only objects "
+            "without can be rebuilt"
         )
     return vertices, faces
 

@@ -161,3 +161,16 @@ def test_a_wrong_python_file_is_refused(
 def test_a_python_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not exist"):
         described(tmp_path / "none.py")
+
+
+def test_what_a_python_launch_file_raises_is_told_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text("def describe():\n    raise RuntimeError('no arm')\n")
+    with pytest.raises(InputError, match=rf"{path}:2: RuntimeError: no arm"):
+        describe(path, {}, tmp_path)
+    path.write_text("import a_module_that_is_not_there\n")
+    with pytest.raises(InputError, match=rf"{path}:1: ModuleNotFoundError"):
+        describe(path, {}, tmp_path)
+    path.write_text("raise SystemExit(9)\n")
+    with pytest.raises(InputError, match=rf"{path}:1: SystemExit: 9"):
+        describe(path, {}, tmp_path)

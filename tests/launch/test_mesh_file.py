@@ -154,3 +154,27 @@ def test_the_shipped_mesh_is_what_its_script_writes(tmp_path: Path) -> None:
     again, _ = read_mesh(tmp_path / "pear.ply", "mm")
     shipped, _ = read_mesh(SHIPPED / "pear.ply", "mm")
     np.testing.assert_allclose(np.ptp(again, axis=0), np.ptp(shipped, axis=0), rtol=1e-6)
+
+
+def test_a_mesh_in_two_pieces_is_refused(write: Write) -> None:
+    both = [*CORNERS, *((x + 50, y, z) for x, y, z in CORNERS)]
+    faces = [*FACES, *((a + 4, b + 4, c + 4) for a, b, c in FACES)]
+    with pytest.raises(InputError, match="is made of 2 separate surfaces"):
+        read_mesh(write("two.off", off(both, faces)), "mm")
+
+
+def test_a_mesh_with_a_hole_through_it_is_refused(write: Write) -> None:
+    turns = 2 * np.pi * np.arange(12) / 12
+    corners = [
+        ((30 + 10 * np.cos(b)) * np.cos(a), (30 + 10 * np.cos(b)) * np.sin(a), 10 * np.sin(b))
+        for a in turns
+        for b in turns
+    ]
+    faces = []
+    for i in range(12):
+        for j in range(12):
+            a, b = 12 * i + j, 12 * ((i + 1) % 12) + j
+            c, d = 12 * i + (j + 1) % 12, 12 * ((i + 1) % 12) + (j + 1) % 12
+            faces += [(a, b, d), (a, d, c)]
+    with pytest.raises(InputError, match="has 1 hole through it"):
+        read_mesh(write("ring.off", off(corners, faces)), "mm")
