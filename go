@@ -3,10 +3,15 @@
 # ./go test     set up, then run the tests
 # ./go VERB     set up, then palpate VERB
 set -eu
-root=$(dirname "$(readlink -f "$0")")
+root=$(cd "$(dirname "$0")" && pwd)
 unset PYTHONPATH PYTHONHOME  # a sourced ROS 2 puts packages called launch on the path
 
 say() { echo "palpate: $*" >&2; }
+
+if [ ! -f "$root/pyproject.toml" ]; then
+    say "$root has no pyproject.toml; call go by its path in the repository, not through a link"
+    exit 2
+fi
 
 # A name on the path is not enough: a version manager may answer to it and refuse to run.
 runs() { "$1" -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' >/dev/null 2>&1; }
