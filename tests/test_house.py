@@ -158,7 +158,7 @@ def test_a_package_called_launch_on_the_path_does_not_disturb_the_start_script(
 ) -> None:
     (clone / "ros" / "launch").mkdir(parents=True)
     (clone / "ros" / "launch" / "__init__.py").write_text("raise SystemExit('the wrong launch')")
-    set_up(clone, f"exec {sys.executable} -c 'import launch'")
+    set_up(clone, f"exec {sys.executable} -P -c 'import launch'")
 
     done = run(clone / "go", "--version", PYTHONPATH=str(clone / "ros"))
 
@@ -213,12 +213,13 @@ def test_a_python_that_does_not_run_is_passed_over_and_a_missing_venv_is_said(
 
 
 # Notes what it is asked and leaves an environment behind, as uv would.
-UV = """echo "$1 $2" >> uv.log
+UV = """echo "$1 $2" >> {clone}/uv.log
 [ "$1" = venv ] || exit 0
-mkdir -p .venv/bin
-printf '#!/bin/sh\\nexit 0\\n' > .venv/bin/palpate
-chmod +x .venv/bin/palpate
-ln -s {python} .venv/bin/python"""
+for place; do :; done  # the last argument
+mkdir -p "$place/bin"
+printf '#!/bin/sh\\nexit 0\\n' > "$place/bin/palpate"
+chmod +x "$place/bin/palpate"
+ln -s {python} "$place/bin/python\""""
 
 
 def without_pip_settings() -> dict[str, str]:
@@ -237,7 +238,7 @@ def test_uv_sets_up_unless_pip_has_an_index_of_its_own(
     (programs / "mkdir").symlink_to(shutil.which("mkdir") or "")
     (programs / "chmod").symlink_to(shutil.which("chmod") or "")
     (programs / "ln").symlink_to(shutil.which("ln") or "")
-    stand_in(programs, "uv", UV.format(python=sys.executable))
+    stand_in(programs, "uv", UV.format(python=sys.executable, clone=clone))
     # Without uv the next step would be venv, which fails here so that nothing is installed.
     stand_in(programs, "python3", f'[ "$1 $2" = "-m venv" ] && exit 1\nexec {sys.executable} "$@"')
 
