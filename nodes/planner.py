@@ -10,13 +10,16 @@ from msgspec import Meta, Struct
 
 from palpate.core.arrays import Floats
 from palpate.core.contour import contour_middle
+from palpate.core.explore.phases import Cap, Slices, Summit, Top
 from palpate.core.explore.uniform import (
     CLEARANCE,
+    approach,
     cap_places,
     from_above,
     retry_height,
     search_places,
     slice_heights,
+    uncovered_height,
 )
 from palpate.core.frames import IDENTITY
 from palpate.messages.types import (
@@ -31,10 +34,6 @@ from palpate.messages.types import (
 )
 from palpate.nodes.node import Node, Outputs
 
-APPROACH = 30.0e-3
-"""The pad approaches a slice from this far outside the widest contour so far, m."""
-
-
 SAME_PLACE = 4.0e-3
 """A touch from above this near to a contour's middle has felt the top, m."""
 HIGHER = 0.01
@@ -48,42 +47,6 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     contours: Annotated[int, Meta(ge=1, le=200)] = 9
     """Slices to trace."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Top:
-    """Looking for the object from above."""
-
-    places: tuple[Floats, ...]
-    """Where to look next."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Slices:
-    """Tracing slices."""
-
-    heights: tuple[float, ...]
-    """Heights still to be traced, the one under way first, m."""
-    retried: bool = False
-    """True if the one under way is a second try."""
-    top_is_sure: bool = False
-    """True once the top has been felt over the middle of a contour."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Summit:
-    """Feeling the top again: the first touch from above was far from the object's middle."""
-
-    heights: tuple[float, ...]
-    """Heights still to be traced if the top is as high as was thought, m."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cap:
-    """Touching the top once the contours are there."""
-
-    places: tuple[Floats, ...]
-    """Where to touch next, the one under way first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,13 +189,11 @@ def _expected(state: State, height: float) -> tuple[Floats, float]:
     assert state.world is not None
     if not state.contours:
         return state.probes[0].point[:2], state.world.reach
-    nearest = min(state.contours, key=lambda contour: abs(contour.height - height))
-    middle = contour_middle(nearest.points)
-    widest = max(
-        float(np.linalg.norm(contour.points[:, :2] - middle, axis=1).max())
-        for contour in state.contours
+    return approach(
+        height,
+        [contour.height for contour in state.contours],
+        [contour.points for contour in state.contours],
     )
-    return middle, widest + APPROACH
 
 
 def _begin_cap(params: Params, state: State) -> tuple[State, Outputs]:
@@ -281,7 +242,12 @@ def _done(params: Params, state: State, reason: str) -> tuple[State, Outputs]:
         touches=state.touches,
         robot_time=state.clock,
         reason=reason,
-        uncovered=_uncovered(params, state),
+        uncovered=uncovered_height(
+            state.world.platform if state.world else 0.0,
+            state.top,
+            params.contours,
+            [contour.height for contour in state.contours],
+        ),
     )
     return state, [("/plan/done", done)]
 
@@ -290,17 +256,6 @@ def _reason(params: Params, state: State) -> str:
     if len(state.contours) >= params.contours:
         return f"all {len(state.contours)} slices are traced"
     return f"{len(state.contours)} of {params.contours} slices are traced, the others failed"
-
-
-def _uncovered(params: Params, state: State) -> float:
-    """Height that lies in longer stretches without a contour than were planned, m."""
-    if state.world is None or not state.top > state.world.platform:
-        return 0.0
-    planned = slice_heights(state.world.platform, state.top, params.contours)
-    traced = [contour.height for contour in state.contours]
-    ends = [state.world.platform, state.top]
-    widest = max(np.diff(sorted(ends + planned)))
-    return float(sum(max(gap - widest, 0.0) for gap in np.diff(sorted(ends + traced))))
 
 
 NODE = Node(

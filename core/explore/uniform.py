@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,6 +23,8 @@ CAP_TURNS = 12
 RETRY_SHIFT = 0.25
 """A slice that cannot be traced is tried once more this share of the spacing nearer to the
 middle."""
+APPROACH = 30.0e-3
+"""The pad approaches a slice from this far outside the widest contour so far, m."""
 CLEARANCE = 5e-3
 """Start of a touch from above over the highest point known, m."""
 
@@ -96,3 +99,42 @@ def cap_places(contour: Floats, pad_width: float) -> list[Floats]:
 def from_above(place: Floats, height: float) -> Floats:
     """Pose (7,) of a pad over a place, looking down from a height."""
     return pose_of(np.array([place[0], place[1], height + CLEARANCE + PRESS]), DOWN)
+
+
+def approach(
+    height: float, heights: Sequence[float], contours: Sequence[Floats]
+) -> tuple[Floats, float]:
+    """Where the middle of a slice is expected, (2,), and from how far it is approached, m.
+
+    Parameters
+    ----------
+    height : float
+        Height of the slice, m.
+    heights : sequence of float
+        Heights of the contours traced so far, at least one, m.
+    contours : sequence of (n, 3) arrays
+        The contours, m.
+    """
+    nearest = int(np.argmin([abs(one - height) for one in heights]))
+    middle = contour_middle(contours[nearest])
+    widest = max(float(np.linalg.norm(points[:, :2] - middle, axis=1).max()) for points in contours)
+    return middle, widest + APPROACH
+
+
+def uncovered_height(bottom: float, top: float, count: int, traced: Sequence[float]) -> float:
+    """Height in stretches without a contour, beyond the widest that was planned, m.
+
+    Parameters
+    ----------
+    bottom, top : float
+        Heights of the object's ends, m.
+    count : int
+        Number of slices that were planned.
+    traced : sequence of float
+        Heights of the contours that closed, m.
+    """
+    if not top > bottom:
+        return 0.0
+    widest = max(np.diff(sorted([bottom, top, *slice_heights(bottom, top, count)])))
+    gaps = np.diff(sorted([bottom, top, *traced]))
+    return float(sum(max(gap - widest, 0.0) for gap in gaps))

@@ -8,14 +8,17 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.contour import contour_middle
 from palpate.core.explore.uniform import (
+    APPROACH,
     CAP_SHARE,
     CLEARANCE,
     END_SHARE,
+    approach,
     cap_places,
     from_above,
     retry_height,
     search_places,
     slice_heights,
+    uncovered_height,
 )
 from palpate.core.frames import DOWN, split_pose
 
@@ -159,3 +162,25 @@ def test_a_pad_from_above_starts_clear_of_the_height_and_looks_down() -> None:
     assert place[:2].tolist() == [0.01, 0.02]
     assert place[2] >= 0.07 + CLEARANCE
     assert np.array_equal(axes, DOWN)
+
+
+def test_nothing_is_uncovered_when_every_slice_is_traced() -> None:
+    heights = slice_heights(0.0, 0.1, 9)
+    assert uncovered_height(0.0, 0.1, 9, heights) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_missing_slice_leaves_its_stretch_uncovered() -> None:
+    heights = sorted(slice_heights(0.0, 0.1, 9))
+    spacing = heights[1] - heights[0]
+    assert uncovered_height(0.0, 0.1, 9, heights[:4] + heights[5:]) == pytest.approx(spacing)
+    assert uncovered_height(0.0, 0.1, 9, []) == pytest.approx(0.1 - spacing)
+    assert uncovered_height(0.1, 0.1, 9, []) == 0.0
+
+
+def test_a_slice_is_approached_from_outside_all_contours_about_the_nearest() -> None:
+    turn = 2 * np.pi * np.arange(60) / 60
+    rim = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    low, high = 0.02 * rim, 0.03 * rim + [0.01, 0.0, 0.0]
+    middle, distance = approach(0.08, [0.02, 0.07], [low, high])
+    assert middle == pytest.approx([0.01, 0.0], abs=1e-12)
+    assert distance == pytest.approx(0.03 + APPROACH)
