@@ -182,9 +182,8 @@ class Composition:
         work = self.works[name]
         try:
             said = act()
-        except Exception as error:
+        finally:
             self.doing = f"{name} {work.doing}"
-            raise error
         for one in said:
             if isinstance(one, Finished):
                 self.finished.setdefault(name, one.reason)
