@@ -18,7 +18,8 @@ from palpate.launch.located import InputError, Located
 from palpate.launch.mesh_file import MeshFile, read_mesh
 from palpate.launch.nearest import hint
 from palpate.launch.yaml_file import read_yaml
-from palpate.nodes.object import ObjectSpec, Seed, SensorSpec, build_shape, encode_mesh
+from palpate.nodes.object import ObjectSpec, Seed, build_shape, encode_mesh
+from palpate.nodes.sensor import SensorSpec
 
 LEAST_EXTENT = 5.0e-3
 """Smallest extent of an object, m."""

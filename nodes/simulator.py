@@ -15,8 +15,8 @@ from palpate.core.touch.calibration import flight_times
 from palpate.core.touch.pad import Pad, press
 from palpate.messages.types import SensorInfo, TactileFrame, TouchGoal, Truth, World
 from palpate.nodes.node import Node, Outputs
-from palpate.nodes.object import Length, ObjectSpec, Seed, SensorSpec, build_shape
-from palpate.nodes.sensor import pad_of_info
+from palpate.nodes.object import Length, ObjectSpec, Seed, build_shape
+from palpate.nodes.sensor import SensorSpec, pad_of_info
 
 TRUTH_LEVEL, FLOOR_LEVEL = 6, 5
 """82k and 20k faces."""

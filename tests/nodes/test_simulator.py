@@ -17,7 +17,8 @@ from palpate.messages.codec import encode
 from palpate.messages.types import TouchGoal
 from palpate.messages.types import motion as motion_types
 from palpate.messages.types import touch as touch_types
-from palpate.nodes.object import ObjectSpec, SensorSpec
+from palpate.nodes.object import ObjectSpec
+from palpate.nodes.sensor import SensorSpec
 from palpate.nodes.simulator import NODE, Params, start, touch
 
 Pose = Callable[[float], Floats]
