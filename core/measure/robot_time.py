@@ -68,7 +68,12 @@ PRESETS: Mapping[str, Preset] = {
 
 
 def touch_seconds(preset: Preset, travel: float, turn: float, approach: float) -> float:
-    """Robot time of one guarded move.
+    """Robot time of one guarded move: `free_seconds` and then `contact_seconds`."""
+    return free_seconds(preset, travel, turn) + contact_seconds(preset, approach)
+
+
+def free_seconds(preset: Preset, travel: float, turn: float) -> float:
+    """Robot time from one start pose to the next, travelling and turning together.
 
     Parameters
     ----------
@@ -78,30 +83,40 @@ def touch_seconds(preset: Preset, travel: float, turn: float, approach: float) -
         Way from the last start pose to this one, m.
     turn : float
         Angle between the two, rad.
-    approach : float
-        Way from the start pose to the end of the touch, m; the finger goes back as far.
-
-    Returns
-    -------
-    float
-        Seconds: free travel and turning together, then approach, rest, retreat, and the
-        overhead of both commands.
 
     Raises
     ------
     ValueError
-        If a way or an angle is negative or not finite.
+        If the way or the angle is negative or not finite.
     """
-    for name, value, unit in (
-        ("travel", travel, "m"),
-        ("turn", turn, "rad"),
-        ("approach", approach, "m"),
-    ):
-        if not 0.0 <= value < math.inf:
-            raise ValueError(f"{name} must be finite and not negative, got {value} {unit}")
-    free = max(_travel_seconds(preset, travel), turn / preset.turning)
-    contact = approach / preset.approach + preset.dwell + approach / preset.retract
-    return free + contact + 2.0 * preset.overhead
+    _check("travel", travel, "m")
+    _check("turn", turn, "rad")
+    return max(_travel_seconds(preset, travel), turn / preset.turning)
+
+
+def contact_seconds(preset: Preset, approach: float) -> float:
+    """Robot time of a move to the surface and back: approach, rest, retreat, two commands.
+
+    Parameters
+    ----------
+    preset : Preset
+        The arm.
+    approach : float
+        Way from the start pose to the end of the touch, m; the finger goes back as far.
+
+    Raises
+    ------
+    ValueError
+        If the way is negative or not finite.
+    """
+    _check("approach", approach, "m")
+    there_and_back = approach / preset.approach + approach / preset.retract
+    return there_and_back + preset.dwell + 2.0 * preset.overhead
+
+
+def _check(name: str, value: float, unit: str) -> None:
+    if not 0.0 <= value < math.inf:
+        raise ValueError(f"{name} must be finite and not negative, got {value} {unit}")
 
 
 def _travel_seconds(preset: Preset, distance: float) -> float:

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import pose_of, split_pose
+from palpate.core.frames import split_pose
 from palpate.core.shapes.protocol import Shape
 
 Outcome = Literal["hit", "miss", "inside", "bottomed"]
@@ -42,9 +42,12 @@ class Pad:
         return _grid(self.rows, self.cols, self.pitch)
 
     def sag(self) -> Floats:
-        """How far the domed face falls back behind its middle, (rows, cols), m."""
-        x, y = self.grid()
-        return 0.5 * self.dome * (x * x + y * y)
+        """How far the domed face falls back behind its middle, (rows, cols), m; read-only."""
+        return _sag(self.rows, self.cols, self.pitch, self.dome)
+
+    def transducers(self) -> Floats:
+        """Where the transducers are in the pad's frame, (rows * cols, 3), m; read-only."""
+        return _transducers(self)
 
 
 @cache
@@ -55,6 +58,22 @@ def _grid(rows: int, cols: int, pitch: float) -> tuple[Floats, Floats]:
     for axis in grid:
         axis.setflags(write=False)
     return grid[0], grid[1]
+
+
+@cache
+def _sag(rows: int, cols: int, pitch: float, dome: float) -> Floats:
+    x, y = _grid(rows, cols, pitch)
+    sag: Floats = 0.5 * dome * (x * x + y * y)
+    sag.setflags(write=False)
+    return sag
+
+
+@cache
+def _transducers(pad: Pad) -> Floats:
+    x, y = pad.grid()
+    places = np.column_stack([x.ravel(), y.ravel(), -(pad.thickness + pad.sag()).ravel()])
+    places.setflags(write=False)
+    return places
 
 
 class Press(NamedTuple):
@@ -68,6 +87,9 @@ class Press(NamedTuple):
     """Compression of the pad, (rows, cols), m."""
     advance: float
     """Way travelled, m."""
+    indentation: Floats
+    """How far the rigid surface would enter the undeformed pad, (rows, cols), m: negative
+    over a gap, -inf where there is nothing."""
 
 
 def press(shape: Shape, pad: Pad, start: Floats, reach: float, depth: float) -> Press:
@@ -96,19 +118,23 @@ def press(shape: Shape, pad: Pad, start: Floats, reach: float, depth: float) -> 
     surface's shape, which is exact under any elastic model.
     """
     position, axes = split_pose(start)
-    x, y = pad.grid()
-    sag = pad.sag()
-    local = np.column_stack([x.ravel(), y.ravel(), -(pad.thickness + sag).ravel()])
-    ranges = shape.cast(local @ axes.T + position, axes[:, 2], pad.thickness + reach + depth)
+    ranges = shape.cast(
+        pad.transducers() @ axes.T + position, axes[:, 2], pad.thickness + reach + depth
+    )
     gaps = ranges.reshape(pad.rows, pad.cols) - pad.thickness
     nearest = float(gaps.min())
-    untouched = np.zeros((pad.rows, pad.cols))
     if nearest < 0.0:
-        return Press("inside", start, untouched, 0.0)
+        return _inside(pad, start)
     limit = pad.saturation * pad.thickness
     advance = nearest + min(depth, limit) if nearest <= reach else reach
-    end = pose_of(position + advance * axes[:, 2], axes)
-    if nearest > reach:
-        return Press("miss", end, untouched, advance)
-    outcome: Outcome = "hit" if depth <= limit else "bottomed"
-    return Press(outcome, end, np.maximum(advance - gaps, 0.0), advance)
+    indentation = advance - gaps
+    end = start.copy()
+    end[:3] = position + advance * axes[:, 2]
+    outcome: Outcome = "miss" if nearest > reach else "hit" if depth <= limit else "bottomed"
+    return Press(outcome, end, np.maximum(indentation, 0.0), advance, indentation)
+
+
+def _inside(pad: Pad, start: Floats) -> Press:
+    """The pad began inside the object: nothing was felt that means anything."""
+    size = (pad.rows, pad.cols)
+    return Press("inside", start, np.zeros(size), 0.0, np.full(size, -np.inf))
