@@ -24,6 +24,7 @@ _WORDS = {
     "null": "nothing",
 }
 """What msgspec calls things, and what people do."""
+_KEYED = (inspect.StructType, inspect.DataclassType)
 _STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
 
 
@@ -35,7 +36,7 @@ def convert(given: Located, wanted: type[Wanted], name: str = "") -> Wanted:
     given : Located
         Plain values and the lines on which they stand.
     wanted : type
-        A ``msgspec.Struct``.
+        A ``msgspec.Struct``, or a dataclass.
     name : str
         Where the document as a whole belongs, put before each path: ``planner`` makes
         ``planner.contours``.
@@ -67,11 +68,11 @@ def refuse_infinite(given: Located, name: str = "") -> None:
 def _walk_keys(given: Located, value: Any, kind: inspect.Type, path: KeyPath, name: str) -> None:
     if isinstance(kind, inspect.UnionType):
         for choice in kind.types:
-            if isinstance(choice, inspect.StructType) == isinstance(value, Mapping):
+            if isinstance(choice, _KEYED) == isinstance(value, Mapping):
                 _walk_keys(given, value, choice, path, name)
-    elif isinstance(kind, inspect.StructType) and isinstance(value, Mapping):
+    elif isinstance(kind, _KEYED) and isinstance(value, Mapping):
         fields = {field.encode_name: field.type for field in kind.fields}
-        if kind.tag_field is not None:
+        if isinstance(kind, inspect.StructType) and kind.tag_field is not None:
             fields[kind.tag_field] = inspect.AnyType()
         for key, item in value.items():
             if key not in fields:

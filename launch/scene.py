@@ -5,7 +5,6 @@ Loading checks everything that can be wrong with it; a scene that loads can be e
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,11 +12,14 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta, Struct, to_builtins
 
+from palpate.core.measure.robot_time import PRESETS
 from palpate.launch.convert import convert
 from palpate.launch.located import InputError, Located
 from palpate.launch.mesh_file import MeshFile, read_mesh
 from palpate.launch.nearest import hint
+from palpate.launch.scene_effects import with_effects
 from palpate.launch.yaml_file import read_yaml
+from palpate.nodes.effects import EffectSpecs, build_pipeline
 from palpate.nodes.object import ObjectSpec, Seed, build_shape, encode_mesh
 from palpate.nodes.sensor import SensorSpec
 
@@ -46,8 +48,8 @@ class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What feels it."""
     world: WorldSpec = WorldSpec()
     """Where."""
-    effects: Annotated[tuple[dict[str, Any], ...], Meta(max_length=0)] = ()
-    """What disturbs the sensor; none is known yet."""
+    effects: EffectSpecs = {}
+    """What disturbs the sensor; in the file a list, here by name."""
     explore: dict[str, Any] = {}
     """Parameters of the planner."""
     seed: Seed = 0
@@ -86,11 +88,11 @@ def load_scene(name: str | Path) -> Scene:
     """
     path = find_scene(name)
     given = read_yaml(path)
-    _refuse_effects(given)
-    given = _with_mesh(given, path)
+    given = with_effects(_with_mesh(given, path))
     spec = convert(given, SceneSpec)
     located = Located(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
     scene = Scene(path.stem, path, path.read_text(encoding="utf-8"), spec, located)
+    _check_finger(scene)
     _check_reach(scene)
     return scene
 
@@ -132,12 +134,12 @@ def object_size(scene: Scene) -> tuple[float, float, float]:
     return (high[0] - low[0], high[1] - low[1], high[2] - low[2])
 
 
-def _refuse_effects(given: Located) -> None:
-    effects = given.value.get("effects") or []
-    if isinstance(effects, list) and effects:
-        first = effects[0]
-        name = next(iter(first), "") if isinstance(first, Mapping) else first
-        raise given.error(("effects", 0), f"unknown effect {name!r}; effects must be empty: []")
+def _check_finger(scene: Scene) -> None:
+    """Each effect must be one that this sensor can have."""
+    try:
+        build_pipeline(scene.spec.sensor, scene.spec.effects, next(iter(PRESETS.values())))
+    except ValueError as error:
+        raise scene.located.error(("effects",), str(error)) from None
 
 
 def _with_mesh(given: Located, scene: Path) -> Located:

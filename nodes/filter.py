@@ -2,50 +2,61 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from palpate.core.touch.calibration import compression_from_times
-from palpate.core.touch.filters import adaptive_wiener, median_filter
+from palpate.core.touch.calibration import Calibration
+from palpate.core.touch.clean import Order, clean
 from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.node import Node, Outputs
-
-CONTACT_SPREADS = 5.0
-"""A taxel counts as touched from 5 standard deviations of its noise on: at 3, one in a
-thousand untouched ones would put a point where there is no surface."""
-
-
-TIP = 0.5
-"""In pitches: no tip that a pad can feel stands higher over all the taxels around it."""
+from palpate.nodes.sensor import calibration_of_info, pad_of_info
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
+    order: Order = "auto"
+    """Which filters, and which of them first: auto, none, wiener, median, median-first,
+    wiener-first or robust. auto leaves a frame as it is unless it shows impulses."""
     contact: Annotated[float, Meta(gt=0, le=0.001)] = 50e-6
     """Least compression that counts as touched, m, however quiet the sensor is."""
 
 
-State = SensorInfo | None
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """The sensor, and what was heard last."""
+
+    info: SensorInfo
+    """The sensor."""
+    calibration: Calibration
+    """What its signal means."""
+    last: tuple[int, int] = (-1, -1)
+    """Goal and touch of the last frame: a link may deliver a frame twice."""
 
 
-def start(params: Params) -> tuple[State, Outputs]:
+def start(params: Params) -> tuple[State | None, Outputs]:
     """Begin without a calibration."""
     return None, []
 
 
-def calibrate(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
+def calibrate(params: Params, state: State | None, info: SensorInfo) -> tuple[State, Outputs]:
     """Remember the sensor."""
-    return info, []
+    return State(info, calibration_of_info(info)), []
 
 
-def clean(params: Params, info: SensorInfo, frame: TactileFrame) -> tuple[State, Outputs]:
-    """Times of flight to compression, noise and impulses removed, touched taxels marked."""
-    raw = compression_from_times(frame.array, info.thickness, info.sound_speed)
-    smoothed = adaptive_wiener(raw, info.noise**2)
-    compression, _ = median_filter(smoothed, step=TIP * info.pitch)
-    touched = compression > max(params.contact, CONTACT_SPREADS * info.noise)
+def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State, Outputs]:
+    """Signal to compression, noise and impulses removed, touched taxels marked."""
+    if state.last == (frame.goal, frame.touch):
+        return state, []
+    cleaned = clean(
+        pad_of_info(state.info),
+        state.calibration.decode(frame.array),
+        state.info.noise,
+        contact=params.contact,
+        order=params.order,
+    )
     image = TactileImage(
         goal=frame.goal,
         touch=frame.touch,
@@ -53,17 +64,18 @@ def clean(params: Params, info: SensorInfo, frame: TactileFrame) -> tuple[State,
         direction=frame.direction,
         pose=frame.pose,
         outcome=frame.outcome,
-        compression=compression,
-        mask=touched,
+        compression=cleaned.compression,
+        mask=cleaned.touched,
+        impulses=cleaned.impulses,
         robot_time=frame.robot_time,
     )
-    return info, [("/touch/image", image)]
+    return replace(state, last=(frame.goal, frame.touch)), [("/touch/image", image)]
 
 
 NODE = Node(
     params=Params,
     start=start,
-    inputs={"/touch/info": (SensorInfo, calibrate), "/touch/raw": (TactileFrame, clean)},
+    inputs={"/touch/info": (SensorInfo, calibrate), "/touch/raw": (TactileFrame, take_frame)},
     outputs={"/touch/image": TactileImage},
     needs=("/touch/info",),
 )

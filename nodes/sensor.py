@@ -5,14 +5,20 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
+import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core.explore.aim import PRESS
+from palpate.core.touch.calibration import Calibration, Signal
 from palpate.core.touch.pad import Pad
 from palpate.messages.types import SensorInfo
 
 LEAST_WIDTH, LARGEST_WIDTH = 12.0e-3, 20.0e-3
 """Widths of an array that the tracer can follow a contour with, m."""
+
+
+Gain = Annotated[float, Meta(ge=0, le=10, description="1")]
+Offset = Annotated[float, Meta(ge=-0.01, le=0.01, description="m")]
 
 
 class PadSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -26,19 +32,38 @@ class PadSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Speed of sound, m/s."""
     saturation: Annotated[float, Meta(gt=0.4, le=0.95)] = 0.8
     """Largest compression, as a share of the thickness."""
+    stiffness: Annotated[float, Meta(ge=1e6, le=1e10, description="N/m3")] = 2e8
+    """Pressure for each metre of compression, N/m3: 0.2 MPa at 1 mm."""
+
+
+class CalibrationSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a calibration found; without one, the listener trusts the data sheet."""
+
+    gain: tuple[tuple[Gain, ...], ...]
+    """Factor that corrects each taxel, rows of columns; 0 for a taxel not to be trusted."""
+    offset: tuple[tuple[Offset, ...], ...]
+    """What is added to each taxel after that, m."""
+    sound_speed: Annotated[float, Meta(ge=100, le=5000, description="m/s")]
+    """Speed of sound in the pad, m/s."""
+    noise: Annotated[float, Meta(ge=0, le=0.001, description="m")]
+    """Standard deviation of one taxel, m."""
 
 
 class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The fingertip's array."""
 
-    rows: Annotated[int, Meta(ge=8, le=64)] = 16
+    rows: Annotated[int, Meta(ge=4, le=64)] = 16
     """Rows of taxels."""
-    cols: Annotated[int, Meta(ge=8, le=64)] = 16
+    cols: Annotated[int, Meta(ge=4, le=64)] = 16
     """Columns of taxels."""
     pitch: Annotated[float, Meta(ge=0.0002, le=0.005, description="m")] = 0.001
     """Distance between neighbouring taxels, m."""
     pad: PadSpec = PadSpec()
     """The pad."""
+    signal: Signal = "time"
+    """What a taxel sends: the time of flight of its echo, or the force on it."""
+    calibration: CalibrationSpec | None = None
+    """What its calibration found."""
 
     def __post_init__(self) -> None:
         widths = [self.pitch * (count - 1) for count in (self.rows, self.cols)]
@@ -59,6 +84,60 @@ class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 f"{self.pad.saturation} it must be at least {PRESS / self.pad.saturation:.3g} m, "
                 f"to be pressed by {PRESS} m"
             )
+        if self.calibration is not None:
+            _check_shape(self, self.calibration)
+
+
+def _check_shape(sensor: SensorSpec, calibration: CalibrationSpec) -> None:
+    for name in ("gain", "offset"):
+        table = getattr(calibration, name)
+        if len(table) != sensor.rows or any(len(row) != sensor.cols for row in table):
+            raise ValueError(
+                f"calibration.{name} must have {sensor.rows} rows of {sensor.cols}, "
+                "as the array has; calibrate this sensor anew"
+            )
+
+
+def pad_of_spec(sensor: SensorSpec) -> Pad:
+    """The pad that a scene describes."""
+    return Pad(
+        rows=sensor.rows,
+        cols=sensor.cols,
+        pitch=sensor.pitch,
+        thickness=sensor.pad.thickness,
+        dome=0.0 if sensor.pad.radius is None else 1.0 / sensor.pad.radius,
+        saturation=sensor.pad.saturation,
+    )
+
+
+def data_sheet(sensor: SensorSpec) -> Calibration:
+    """What the sensor's signal means if every taxel is as it should be."""
+    return Calibration(
+        signal=sensor.signal,
+        thickness=sensor.pad.thickness,
+        sound_speed=sensor.pad.sound_speed,
+        taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
+    )
+
+
+def info_of(sensor: SensorSpec, noise: float) -> SensorInfo:
+    """What the listeners are told: the calibration, or the data sheet and its noise, m."""
+    pad, found = pad_of_spec(sensor), sensor.calibration
+    shape = (pad.rows, pad.cols)
+    return SensorInfo(
+        rows=pad.rows,
+        cols=pad.cols,
+        pitch=pad.pitch,
+        thickness=pad.thickness,
+        dome=pad.dome,
+        saturation=pad.saturation,
+        signal=sensor.signal,
+        sound_speed=sensor.pad.sound_speed if found is None else found.sound_speed,
+        taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
+        gain=np.ones(shape) if found is None else np.array(found.gain, np.float64),
+        offset=np.zeros(shape) if found is None else np.array(found.offset, np.float64),
+        noise=noise if found is None else found.noise,
+    )
 
 
 def pad_of_info(info: SensorInfo) -> Pad:
@@ -70,4 +149,16 @@ def pad_of_info(info: SensorInfo) -> Pad:
         thickness=info.thickness,
         dome=info.dome,
         saturation=info.saturation,
+    )
+
+
+def calibration_of_info(info: SensorInfo) -> Calibration:
+    """What the signal of a SensorInfo means."""
+    return Calibration(
+        signal=info.signal,
+        thickness=info.thickness,
+        sound_speed=info.sound_speed,
+        taxel_stiffness=info.taxel_stiffness,
+        gain=info.gain,
+        offset=info.offset,
     )

@@ -9,14 +9,15 @@ from msgspec import Struct
 
 from palpate.core.arrays import Floats
 from palpate.core.frames import split_pose, turn_angle
-from palpate.core.measure.robot_time import PRESETS, touch_seconds
+from palpate.core.measure.robot_time import PRESETS, free_seconds
 from palpate.core.shapes.protocol import Shape
-from palpate.core.touch.calibration import flight_times
-from palpate.core.touch.pad import Pad, press
+from palpate.core.touch.pipeline import Pipeline, States
+from palpate.core.touch.touch import Touch
 from palpate.messages.types import SensorInfo, TactileFrame, TouchGoal, Truth, World
+from palpate.nodes.effects import EffectSpecs, build_pipeline
 from palpate.nodes.node import Node, Outputs
 from palpate.nodes.object import Length, ObjectSpec, Seed, build_shape
-from palpate.nodes.sensor import SensorSpec, pad_of_info
+from palpate.nodes.sensor import SensorSpec, info_of
 
 TRUTH_LEVEL, FLOOR_LEVEL = 6, 5
 """82k and 20k faces."""
@@ -29,6 +30,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What stands on the platform."""
     sensor: SensorSpec = SensorSpec()
     """What touches it."""
+    effects: EffectSpecs = {}
+    """What disturbs it: parameters by the effect's name; nothing else is simulated."""
     reach: Length = 0.15
     """The finger reaches this far sideways from the axis and up from the platform, m."""
     robot: str = "modern"
@@ -39,16 +42,21 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if self.robot not in PRESETS:
             raise ValueError(f"robot must be one of {sorted(PRESETS)}, got {self.robot!r}")
+        build_pipeline(self.sensor, self.effects, PRESETS[self.robot])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """The object, and where the finger is."""
+    """The object, the finger, and what the finger remembers."""
 
     shape: Shape
     """What is touched."""
-    pad: Pad
-    """What touches."""
+    pipeline: Pipeline
+    """What touches, stage by stage."""
+    remembered: States
+    """What the stages remember of the touches before."""
+    touches: int = 0
+    """Touches made."""
     clock: float = 0.0
     """Robot time, s."""
     resting: Floats | None = None
@@ -57,13 +65,16 @@ class State:
 
 def start(params: Params) -> tuple[State, Outputs]:
     """Build the object and tell what a robot would know, and the truth."""
-    shape, info = build_shape(params.object), info_of(params.sensor)
+    shape = build_shape(params.object)
+    pipeline = build_pipeline(
+        params.sensor, params.effects, PRESETS[params.robot], seed=params.seed
+    )
     low, high = shape.bounds()
     vertices, faces = shape.mesh(TRUTH_LEVEL)
     floor_vertices, floor_faces = shape.mesh(FLOOR_LEVEL)
-    return State(shape, pad_of_info(info)), [
+    return State(shape, pipeline, pipeline.begin()), [
         ("/world", World(platform=low[2], reach=params.reach, fingers=1, seed=params.seed)),
-        ("/touch/info", info),
+        ("/touch/info", info_of(params.sensor, pipeline.noise)),
         (
             "/truth",
             Truth(
@@ -78,42 +89,49 @@ def start(params: Params) -> tuple[State, Outputs]:
 
 
 def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs]:
-    """One guarded move and its frame."""
-    spec = params.sensor.pad
-    pressed = press(state.shape, state.pad, goal.pose, goal.reach, goal.depth)
-    resting = goal.pose if state.resting is None else state.resting
-    position, axes = split_pose(goal.pose)
-    before, axes_before = split_pose(resting)
-    clock = max(state.clock, goal.not_before) + touch_seconds(
-        PRESETS[params.robot],
-        travel=float(np.linalg.norm(position - before)),
-        turn=turn_angle(axes_before, axes),
-        approach=pressed.advance,
+    """One guarded move and its frame, sent as often as the link delivers it."""
+    pipeline = state.pipeline
+    felt = Touch(
+        shape=state.shape,
+        number=state.touches,
+        believed=goal.pose,
+        actual=goal.pose,
+        reach=goal.reach,
+        depth=goal.depth,
+        begun=max(state.clock, goal.not_before) + _way_there(params, state, goal),
+        previous=state.clock,
     )
+    remembered = pipeline.feel(felt, state.remembered)
     frame = TactileFrame(
         goal=goal.goal,
         touch=goal.touch,
         finger=goal.finger,
         direction=goal.direction,
-        pose=pressed.pose,
-        outcome=pressed.outcome,
-        array=flight_times(pressed.compression, spec.thickness, spec.sound_speed),
-        robot_time=clock,
+        pose=felt.believed,
+        outcome=felt.outcome,
+        array=pipeline.finger.calibration.encode(felt.reading),
+        robot_time=felt.time,
     )
-    return replace(state, clock=clock, resting=goal.pose), [("/touch/raw", frame)]
+    state = replace(
+        state,
+        remembered=remembered,
+        touches=state.touches + 1,
+        clock=felt.time,
+        resting=goal.pose,
+    )
+    return state, [("/touch/raw", frame)] * felt.copies
 
 
-def info_of(sensor: SensorSpec) -> SensorInfo:
-    """The calibration of the sensor that a scene describes."""
-    return SensorInfo(
-        rows=sensor.rows,
-        cols=sensor.cols,
-        pitch=sensor.pitch,
-        thickness=sensor.pad.thickness,
-        dome=0.0 if sensor.pad.radius is None else 1.0 / sensor.pad.radius,
-        sound_speed=sensor.pad.sound_speed,
-        saturation=sensor.pad.saturation,
-        noise=0.0,
+def _way_there(params: Params, state: State, goal: TouchGoal) -> float:
+    """Robot time from where the finger rests to where the move starts, s."""
+    if state.resting is None:
+        return 0.0
+    position, axes = split_pose(goal.pose)
+    before, axes_before = split_pose(state.resting)
+    return free_seconds(
+        PRESETS[params.robot],
+        travel=float(np.linalg.norm(position - before)),
+        turn=turn_angle(axes_before, axes),
     )
 
 

@@ -43,7 +43,7 @@ CLOCKS = (
 """Modules that may read a clock begin like this; for all others there is robot time alone."""
 CLOCK_MODULES = frozenset({"time", "datetime"})
 
-SHARED = ("node", "wiring", "ending", "object", "sensor", "composed", "recording")
+SHARED = ("node", "wiring", "ending", "object", "sensor", "effects", "composed", "recording")
 """Modules of ``nodes`` that are no node; any of them may be imported by a node."""
 
 BANNED = frozenset({"pickle", "marshal", "shelve", "dill"})

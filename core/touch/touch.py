@@ -12,8 +12,13 @@ from palpate.core.shapes.protocol import Shape
 from palpate.core.touch.calibration import Calibration
 from palpate.core.touch.pad import Outcome, Pad
 
-NOTHING: Floats = np.zeros((0, 0))
-NOTHING.setflags(write=False)
+
+def _nothing() -> Floats:
+    return _NOTHING
+
+
+_NOTHING: Floats = np.zeros((0, 0))
+_NOTHING.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,14 +80,14 @@ class Touch:
     dwell: float = 0.0
     """How long it then stayed until the frame was taken, s."""
 
-    indentation: Floats = field(default=NOTHING)
+    indentation: Floats = field(default_factory=_nothing)
     """How far the rigid surface would enter the undeformed pad, (rows, cols), m: negative
     over a gap, -inf where there is nothing."""
-    compression: Floats = field(default=NOTHING)
+    compression: Floats = field(default_factory=_nothing)
     """Compression of the pad, (rows, cols), m."""
-    pressure: Floats = field(default=NOTHING)
+    pressure: Floats = field(default_factory=_nothing)
     """Pressure on the pad, (rows, cols), N/m2."""
-    reading: Floats = field(default=NOTHING)
+    reading: Floats = field(default_factory=_nothing)
     """Compression that the array reports, (rows, cols), m."""
     copies: int = 1
     """How often its frame is sent."""

@@ -14,17 +14,18 @@ from palpate.messages.quantity import (
     Numbers,
     PerMetre,
     Pose,
+    Radians,
     Ratio,
     Seconds,
-    TimeImage,
+    SignalImage,
 )
 
 Outcome = Literal["hit", "miss", "inside", "bottomed"]
 """``hit``: pressed to the asked depth. ``miss``: nothing within reach. ``inside``: the start
 pose lay inside the object. ``bottomed``: the pad saturated before the asked depth."""
 
-Kind = Literal["smooth", "edge", "insufficient", "miss"]
-"""What the touched surface is: smooth enough for curvatures, an edge or corner, too few
+Kind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
+"""What the touched surface is: smooth enough for curvatures, an edge, a corner, too few
 taxels to say, or nothing touched."""
 
 
@@ -44,8 +45,11 @@ class TactileFrame:
     """Believed pose of the pad: its z axis points into the object."""
     outcome: Outcome
     """How the guarded move ended."""
-    array: TimeImage
-    """Times of flight; row i lies at y = (i - (rows - 1) / 2) * pitch."""
+    array: SignalImage
+    """Times of flight or forces, as the SensorInfo says.
+
+    Row i lies at y = (i - (rows - 1) / 2) * pitch.
+    """
     robot_time: Seconds
     """Robot time at the end of the touch."""
 
@@ -70,6 +74,8 @@ class TactileImage:
     """Compression of the pad under each taxel."""
     mask: Mask
     """Where the pad touches."""
+    impulses: Count
+    """Taxels that stood out like impulses, and were replaced or left out."""
     robot_time: Seconds
     """Robot time at the end of the touch."""
 
@@ -100,12 +106,24 @@ class SurfacePatch:
     """Length by which the jet's coordinates are divided."""
     normal: Direction
     """Outward unit normal at the middle of the contact, world frame."""
+    normal_error: Radians
+    """Its standard error."""
     k1: PerMetre
     """Largest principal curvature; convex is positive. 0 unless `kind` is smooth."""
     k2: PerMetre
     """Smallest principal curvature. 0 unless `kind` is smooth."""
+    k1_error: PerMetre
+    """Standard error of `k1`; 0 unless `kind` is smooth."""
+    k2_error: PerMetre
+    """Standard error of `k2`; 0 unless `kind` is smooth."""
+    principal_direction: Direction
+    """Unit tangent in which the curvature is `k1`, world frame; its sign means nothing."""
+    umbilic: bool
+    """Whether `k1` and `k2` are too alike for that direction to mean anything."""
     curvature_across: PerMetre
     """Normal curvature along `direction`. 0 unless `kind` is smooth."""
+    curvature_across_error: PerMetre
+    """Its standard error; 0 unless `kind` is smooth."""
     kind: Kind
     """What the surface is."""
     trust: Ratio

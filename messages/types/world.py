@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from palpate.messages.quantity import (
     Count,
+    LengthImage,
     Metres,
     MetresPerSecond,
+    NewtonsPerMetre,
     PerMetre,
     Points,
     Ratio,
+    RatioImage,
     Triangles,
 )
 
@@ -64,8 +68,16 @@ class SensorInfo:
     """Thickness of the elastic pad over the transducers."""
     dome: PerMetre
     """Curvature of the domed pad's face at its middle; 0 for a flat pad."""
+    signal: Literal["time", "force"]
+    """What a taxel sends: the time of flight of its echo, or the force on it."""
     sound_speed: MetresPerSecond
     """Speed of sound in the pad."""
+    taxel_stiffness: NewtonsPerMetre
+    """Force on one taxel for each metre of compression."""
+    gain: RatioImage
+    """Factor that corrects each taxel's compression; all 1 if there is nothing to correct."""
+    offset: LengthImage
+    """What is then added to it; all 0 if there is nothing to correct."""
     saturation: Ratio
     """Largest compression as a share of the thickness."""
     noise: Metres
