@@ -119,7 +119,9 @@ def _complaint(given: Located, wanted: type, name: str, text: str) -> InputError
         return given.error(path, f"{where} is {_shown(value)}; expected one of {allowed}")
     # A Struct that checks itself names field and value in its own words.
     if not what.startswith("Expected"):
-        return given.error(path, f"{where}: {what}")
+        name = what.partition(" ")[0]
+        at_fault = (*path, name) if isinstance(value, Mapping) and name in value else path
+        return given.error(at_fault, f"{where}: {what}")
     return given.error(path, f"{where} is {_shown(value)}; {_plain(what)}")
 
 

@@ -27,8 +27,9 @@ def with_effects(given: Located) -> Located:
         of the wrong type, or out of its range.
     """
     listed = given.value.get("effects")
-    if listed is None:
-        return given
+    if listed is None:  # the key is not there, or nothing stands behind it
+        kept = {key: value for key, value in given.value.items() if key != "effects"}
+        return Located(kept, given.source, given.places)
     if not isinstance(listed, list):
         raise given.error(("effects",), "effects must be a list: - gaussian_noise: {sigma: 1e-5}")
     effects: dict[str, Any] = {}

@@ -21,7 +21,7 @@ def pressed(finger: Finger, touch: Touch, end: Press) -> None:
     taxel is a spring of its own (Winkler): the pressure is (1.2) for each area.
     """
     touch.outcome, touch.advance = end.outcome, end.advance
-    touch.believed = _advanced(touch.believed, end.advance)
+    touch.believed = advanced(touch.believed, end.advance)
     touch.actual = end.pose
     touch.indentation, touch.compression = end.indentation, end.compression
     touch.pressure = finger.stiffness * end.compression
@@ -34,7 +34,7 @@ def pressed(finger: Finger, touch: Touch, end: Press) -> None:
     touch.rest = touch.begun - touch.previous + before + robot.overhead
 
 
-def _advanced(pose: np.ndarray, way: float) -> np.ndarray:
+def advanced(pose: np.ndarray, way: float) -> np.ndarray:
     """A pose moved along its own z axis."""
     x, y, z, w = pose[3:].tolist()
     axis = (2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y))

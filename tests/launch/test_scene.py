@@ -65,8 +65,6 @@ def test_a_mesh_is_read_into_the_scene_in_metres() -> None:
             "bad.yaml:2: object.superquadric.size[1] is inf; a number must be finite",
         ),
         ("object: {}", "bad.yaml:1: object: an object is either a superquadric or a mesh"),
-        (BALL + "effects:\n  - noise: {sigma: 1}", "bad.yaml:4: unknown effect 'noise'"),
-        (BALL + "effects: [noise]", "bad.yaml:3: unknown effect 'noise'"),
         (BALL + "seed: -1", "bad.yaml:3: seed is -1; expected whole number >= 0"),
         (BALL + "world: {reach: 0.05}", "but the finger reaches 0.05 m; enlarge world.reach"),
         (

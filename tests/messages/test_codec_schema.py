@@ -8,7 +8,7 @@ from typing import Annotated
 import pytest
 
 from palpate.messages.codec import CodecError, decode, encode, schema_hash
-from palpate.messages.quantity import Array, Count, Floats, Metres, Seconds, TimeImage, Unit
+from palpate.messages.quantity import Array, Count, Floats, Metres, Seconds, SignalImage, Unit
 from palpate.messages.types import TYPES
 
 
@@ -55,7 +55,7 @@ class OneMore:
 
 @dataclass(frozen=True)
 class Image:
-    length: TimeImage
+    length: SignalImage
 
 
 @dataclass(frozen=True)

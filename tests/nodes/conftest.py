@@ -13,6 +13,7 @@ from palpate.core.frames import pad_rotation, pose_of
 from palpate.launch.graph import Entry, Graph
 from palpate.messages.types import LogRecord, NodeStatus, SensorInfo, World
 from palpate.nodes.object import ObjectSpec, PoseSpec, SuperquadricSpec
+from palpate.nodes.sensor import SensorSpec, info_of
 from palpate.nodes.wiring import Wiring
 
 RADIUS = 0.03
@@ -58,16 +59,7 @@ def ball() -> ObjectSpec:
 
 @pytest.fixture
 def info() -> SensorInfo:
-    return SensorInfo(
-        rows=16,
-        cols=16,
-        pitch=0.001,
-        thickness=0.003,
-        dome=1.0 / 0.015,
-        sound_speed=1000.0,
-        saturation=0.8,
-        noise=0.0,
-    )
+    return info_of(SensorSpec(), noise=0.0)
 
 
 @pytest.fixture

@@ -70,7 +70,7 @@ def test_a_node_that_raises_ends_the_graph_with_its_words(
     def fail(*_: object) -> None:
         raise ValueError("a taxel came off")
 
-    monkeypatch.setattr("palpate.nodes.filter.adaptive_wiener", fail)
+    monkeypatch.setattr("palpate.nodes.filter.clean", fail)
     ending = run_composed(exploration(ball, 1), ends="evaluator", hear=(), watcher=ears)
     assert ending.status == "died"
     assert "filter handling /touch/raw 0" in ending.reason

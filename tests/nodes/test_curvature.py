@@ -24,6 +24,7 @@ def image_of(compression: Floats, pose: Floats, **changes: Any) -> TactileImage:
         "outcome": "hit",
         "compression": compression,
         "mask": compression > 50e-6,
+        "impulses": 0,
         "robot_time": 5.0,
     }
     return TactileImage(**{**fields, **changes})

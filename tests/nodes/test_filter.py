@@ -9,15 +9,14 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.frames import pad_rotation, pose_of
-from palpate.core.touch.calibration import flight_times
+from palpate.core.touch.clean import TIP
 from palpate.core.touch.filters import median_filter
 from palpate.core.touch.pad import press
 from palpate.launch.scene import load_scene
 from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
-from palpate.nodes.filter import TIP, Params, calibrate, clean
+from palpate.nodes.filter import Params, calibrate, take_frame
 from palpate.nodes.object import build_shape
-from palpate.nodes.sensor import pad_of_info
-from palpate.nodes.simulator import info_of
+from palpate.nodes.sensor import calibration_of_info, pad_of_spec
 
 
 def frame_of(compression: Floats, pose: Floats, info: SensorInfo, **changes: Any) -> TactileFrame:
@@ -28,7 +27,7 @@ def frame_of(compression: Floats, pose: Floats, info: SensorInfo, **changes: Any
         "direction": np.array([0.0, 0.0, 1.0]),
         "pose": pose,
         "outcome": "hit",
-        "array": flight_times(compression, info.thickness, info.sound_speed),
+        "array": calibration_of_info(info).encode(compression),
         "robot_time": 5.0,
     }
     return TactileFrame(**{**fields, **changes})
@@ -37,7 +36,7 @@ def frame_of(compression: Floats, pose: Floats, info: SensorInfo, **changes: Any
 def cleaned(info: SensorInfo, frame: TactileFrame, **params: Any) -> TactileImage:
     state, _ = calibrate(Params(), None, info)
     assert state is not None
-    _, [(topic, image)] = clean(Params(**params), state, frame)  # type: ignore[misc]
+    _, [(topic, image)] = take_frame(Params(**params), state, frame)  # type: ignore[misc]
     assert topic == "/touch/image"
     assert isinstance(image, TactileImage)
     return image
@@ -101,7 +100,7 @@ def test_the_least_contact_can_be_set(
 @pytest.mark.parametrize("scene", ["sphere", "box", "cylinder", "egg", "vase", "from_mesh"])
 def test_no_clean_frame_of_a_shipped_scene_holds_an_impulse(scene: str) -> None:
     spec = load_scene(scene).spec
-    shape, pad = build_shape(spec.object), pad_of_info(info_of(spec.sensor))
+    shape, pad = build_shape(spec.object), pad_of_spec(spec.sensor)
     low, high = shape.bounds()
     middle = 0.5 * (low + high)
     for height in np.linspace(low[2] + 0.002, high[2] - 0.002, 12):

@@ -1,0 +1,47 @@
+"""Play in the arm's gears: where the pad stands depends on where it came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from palpate.core.arrays import Floats
+from palpate.core.ranges import Range, check_ranges
+from palpate.core.touch.effect import Place, Stage
+from palpate.core.touch.touch import Finger, Touch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmBacklash:
+    """The play operator on each world axis, ``y <- max(x - b/2, min(x + b/2, y))``.
+
+    ``x`` is where the arm goes, ``y`` where the pad starts: it stays behind by half the width,
+    and does not move at all until the arm has turned back by the whole of it. The play begins
+    in its middle. A rate-independent hysteresis: Visintin, *Differential models of
+    hysteresis*, 1994. It matters where contours are traced to and fro.
+    """
+
+    place: ClassVar = Place.AIM
+
+    width: Annotated[float, Range(0.0, 5e-3, "m")] = 0.05e-3
+    """Way that the arm must turn back before the pad follows: an engineering value."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def prepare(self, finger: Finger) -> Stage:
+        """The stage for one finger; its state is where the pad last started, (3,), m."""
+        half = 0.5 * self.width
+
+        def act(touch: Touch, state: Floats | None) -> Floats:
+            wanted = touch.actual[:3]
+            if state is None:
+                return wanted.copy()
+            touch.actual = touch.actual.copy()
+            touch.actual[:3] = state.clip(wanted - half, wanted + half)
+            return touch.actual[:3].copy()
+
+        return Stage(act)
+
+
+EFFECT = ArmBacklash

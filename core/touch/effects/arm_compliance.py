@@ -1,0 +1,43 @@
+"""The arm bends under the force of a touch, and its encoders do not see it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from palpate.core.ranges import Range, check_ranges
+from palpate.core.touch.cast import advanced
+from palpate.core.touch.effect import Place, Stage
+from palpate.core.touch.touch import Finger, Touch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmCompliance:
+    """The arm goes on by ``F / k`` after the pad has stopped, along the pad's own z axis.
+
+    The move is stopped by the compression of the pad, so the touch itself is as it would be
+    with a stiff arm; but the encoders say that the pad went farther than it did. The force
+    ``F`` is the sum of the pressures. It matters for hard pads and weak arms: all errors point
+    into the object, so that it is rebuilt too thin.
+    """
+
+    place: ClassVar = Place.ARM
+
+    stiffness: Annotated[float, Range(1e3, 1e8, "N/m")] = 20e3
+    """Of the arm at the fingertip: an engineering value for a light arm."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def prepare(self, finger: Finger) -> Stage:
+        """The stage for one finger."""
+        way_per_pressure = finger.pad.pitch**2 / self.stiffness
+
+        def act(touch: Touch, state: None) -> None:
+            bent = way_per_pressure * float(touch.pressure.sum())
+            touch.believed = advanced(touch.believed, bent)
+
+        return Stage(act)
+
+
+EFFECT = ArmCompliance

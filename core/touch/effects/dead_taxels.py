@@ -1,0 +1,50 @@
+"""Taxels that have broken, and stay so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from palpate.core.ranges import Range, check_ranges
+from palpate.core.touch.draws import Draws
+from palpate.core.touch.effect import Place, Stage
+from palpate.core.touch.touch import Finger, Touch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeadTaxels:
+    """Some taxels always read 0, others always the same wrong value, drawn once for the finger.
+
+    Each taxel is dead with probability ``rate`` or stuck with probability ``stuck``; a stuck one
+    reads a value from 0 to full scale, at which the pad bottoms. Engineering values. Single
+    dead taxels are bridged by their neighbours; clusters, and stuck ones, are not.
+    """
+
+    place: ClassVar = Place.SIGNAL
+
+    rate: Annotated[float, Range(0.0, 1.0, "1")] = 0.01
+    """Probability that a taxel is dead: two or three of 256."""
+    stuck: Annotated[float, Range(0.0, 1.0, "1")] = 0.0
+    """Probability that it is stuck; most faults are broken wires, which read 0."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.rate + self.stuck > 1.0:
+            raise ValueError(f"rate and stuck are {self.rate + self.stuck:g} together; expected 0 to 1")
+
+    def prepare(self, finger: Finger) -> Stage:
+        """The stage for one finger."""
+        pad, rate, stuck = finger.pad, self.rate, self.stuck
+        fate, level = Draws(finger, "dead_taxels").once().random((2, pad.rows, pad.cols))
+        works = fate >= rate + stuck
+        level = np.where(fate < rate, 0.0, pad.saturation * pad.thickness * level)
+
+        def act(touch: Touch, state: None) -> None:
+            touch.reading = np.where(works, touch.reading, level)
+
+        return Stage(act)
+
+
+EFFECT = DeadTaxels

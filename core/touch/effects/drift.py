@@ -1,0 +1,49 @@
+"""The zero of each taxel wanders."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.ranges import Range, check_ranges
+from palpate.core.touch.draws import Draws
+from palpate.core.touch.effect import Place, Stage
+from palpate.core.touch.touch import Finger, Touch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drift:
+    """A random walk of each taxel's zero, ``o <- o + N(0, rate^2 dt)``, from 0 on.
+
+    ``dt`` is the robot time since the touch before, so after ``t`` seconds the zero has a standard
+    deviation of ``rate sqrt(t)``, however many touches there were. An engineering value: 17 um
+    in five minutes. It matters in long runs without a new zero.
+    """
+
+    place: ClassVar = Place.SIGNAL
+
+    rate: Annotated[float, Range(0.0, 1e-4, "m/sqrt(s)")] = 1e-6
+    """Standard deviation of the zero after one second."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def prepare(self, finger: Finger) -> Stage:
+        """The stage for one finger; its state is the zeros, (rows, cols), m."""
+        draws, rate = Draws(finger, "drift"), self.rate
+        size = (finger.pad.rows, finger.pad.cols)
+
+        def act(touch: Touch, state: Floats) -> Floats:
+            step = rate * math.sqrt(touch.time - touch.previous)
+            zeros: Floats = state + step * draws.of_touch(touch.number).standard_normal(size)
+            touch.reading = touch.reading + zeros
+            return zeros
+
+        return Stage(act, np.zeros(size))
+
+
+EFFECT = Drift

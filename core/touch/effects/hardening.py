@@ -1,0 +1,47 @@
+"""Rubber stiffens as it is squeezed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from palpate.core.ranges import Range, check_ranges
+from palpate.core.touch.effect import Place, Stage
+from palpate.core.touch.touch import Finger, Touch
+
+LARGEST_STRAIN = 0.98
+"""The law goes to infinity at a strain of 1, where nothing of the pad is left."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hardening:
+    """Pressure grows faster than (1.2) has it: ``p <- p (1 + h s^2 / (1 - s))``.
+
+    ``s = c / D`` is the strain. The factor is 1 to first order and has its pole where the pad
+    would have no thickness left. An engineering form: nearly linear below a strain of 0.3, as
+    rubber is (Treloar, *The physics of rubber elasticity*, 1975), and steep above 0.7. Times
+    of flight show it only through a compliant arm; forces show it directly.
+    """
+
+    place: ClassVar = Place.PAD
+
+    strength: Annotated[float, Range(0.0, 10.0, "1")] = 1.0
+    """The factor ``h``: 1 adds half the pressure at a strain of one half."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def prepare(self, finger: Finger) -> Stage:
+        """The stage for one finger."""
+        strength, per_thickness = self.strength, 1.0 / finger.pad.thickness
+
+        def act(touch: Touch, state: None) -> None:
+            strain = np.minimum(touch.compression * per_thickness, LARGEST_STRAIN)
+            touch.pressure = touch.pressure * (1.0 + strength * strain * strain / (1.0 - strain))
+
+        return Stage(act)
+
+
+EFFECT = Hardening

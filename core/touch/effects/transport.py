@@ -1,0 +1,56 @@
+"""The line from the fingertip: late, lossy, and sometimes it says a thing twice."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from palpate.core.ranges import Range, check_ranges
+from palpate.core.touch.draws import Draws
+from palpate.core.touch.effect import Place, Stage
+from palpate.core.touch.touch import Finger, Touch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transport:
+    """A frame takes ``latency``; a lost one is asked for again after ``timeout``.
+
+    Reads are repeated, not touches: the finger stays where it is until a frame has arrived, and
+    every frame of a touch is the same. Losses are independent, so their number is geometric,
+    ``P(n) = drop^n (1 - drop)``. A frame may also arrive twice; its copies bear the same number,
+    and a listener must take only one. Engineering values of a serial line. It costs robot time
+    and no accuracy.
+    """
+
+    place: ClassVar = Place.LINK
+
+    latency: Annotated[float, Range(0.0, 10.0, "s")] = 0.005
+    """From the frame's being taken to its arrival: 256 pings of 20 us, one after the other."""
+    drop: Annotated[float, Range(0.0, 0.9, "1")] = 0.01
+    """Probability that a frame is lost."""
+    timeout: Annotated[float, Range(0.0, 60.0, "s")] = 0.1
+    """How long a frame is waited for."""
+    duplicate: Annotated[float, Range(0.0, 1.0, "1")] = 0.01
+    """Probability that a frame arrives twice."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def prepare(self, finger: Finger) -> Stage:
+        """The stage for one finger."""
+        draws, latency, timeout = Draws(finger, "transport"), self.latency, self.timeout
+        duplicate = self.duplicate
+        per_loss = 1.0 / math.log(self.drop) if self.drop > 0.0 else 0.0
+
+        def act(touch: Touch, state: None) -> None:
+            loss, twice = draws.of_touch(touch.number).random(2).tolist()
+            # As many as there are n with loss' complement <= drop^n: one draw for any number.
+            lost = int(math.log1p(-loss) * per_loss)
+            touch.time += latency + lost * timeout
+            touch.copies = 2 if twice < duplicate else 1
+
+        return Stage(act)
+
+
+EFFECT = Transport
