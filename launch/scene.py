@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import Meta, Struct, to_builtins
 
 from palpate.core.measure.robot_time import PRESETS
+from palpate.launch.calibration_file import with_calibration
 from palpate.launch.convert import convert
 from palpate.launch.located import InputError, Located
 from palpate.launch.mesh_file import MeshFile, read_mesh
@@ -89,6 +90,7 @@ def load_scene(name: str | Path) -> Scene:
     path = find_scene(name)
     given = read_yaml(path)
     given = with_effects(_with_mesh(given, path))
+    given = with_calibration(given, path.resolve().parent)
     spec = convert(given, SceneSpec)
     located = Located(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
     scene = Scene(path.stem, path, path.read_text(encoding="utf-8"), spec, located)

@@ -17,8 +17,8 @@ from palpate.launch.nearest import hint
 def with_effects(given: Located) -> Located:
     """The scene with its list of effects made into a map from name to parameters.
 
-    An entry is a name, or a map from the name to the parameters. A name with a dot in it is
-    that of a module of the user's.
+    An entry is a name, or a map from the name to the parameters. A user's own effect is named
+    ``module:Class``; the module is looked for in the current folder as well.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def _within(given: Located, where: KeyPath) -> dict[KeyPath, str]:
 
 def _type(parameters: Located, name: str) -> type[Effect]:
     here = str(Path.cwd())
-    if "." in name and here not in sys.path:  # as ``python -m`` has it
+    if ":" in name and here not in sys.path:  # as ``python -m`` has it
         sys.path.insert(0, here)
     try:
         return effect_type(name)

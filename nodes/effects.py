@@ -19,7 +19,7 @@ from palpate.core.touch.touch import Finger
 from palpate.nodes.sensor import SensorSpec, data_sheet, pad_of_spec
 
 EffectSpecs = dict[str, dict[str, Any]]
-"""Parameters of each listed effect by its name, or by its module's."""
+"""Parameters of each listed effect by its name, or by ``module:Class``."""
 
 
 def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, Effect]:

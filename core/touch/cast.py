@@ -28,7 +28,7 @@ def pressed(finger: Finger, touch: Touch, end: Press) -> None:
     robot = finger.robot
     touch.time = touch.begun + contact_seconds(robot, end.advance)
     met = end.outcome in ("hit", "bottomed")
-    touch.loading = min(touch.depth, end.advance) / robot.approach if met else 0.0
+    touch.loading = float(end.compression.max()) / robot.approach if met else 0.0
     touch.dwell = robot.dwell if met else 0.0
     before = end.advance / robot.approach - touch.loading
     touch.rest = touch.begun - touch.previous + before + robot.overhead

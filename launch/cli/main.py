@@ -31,6 +31,8 @@ command = Verbs(
         "replay": "Run nodes on a recording and compare what they say.",
         "scene": "List and check scenes.",
         "node": "List the kinds of node and what they hear and say.",
+        "init": "Begin an effect of your own.",
+        "calibrate": "Press a known flat and ball, and say what each taxel means.",
         "bench": "Measure speed and accuracy.",
     },
     "Feels an unknown object with a simulated fingertip and rebuilds it as a solid.",

@@ -37,8 +37,8 @@ def test_a_scene_without_effects_has_none(write: Write, text: str) -> None:
         ("drift", "bad.yaml:3: effects must be a list"),
         ("{drift: {}}", "bad.yaml:3: effects must be a list"),
         ("[drift, drift]", "bad.yaml:3: effects lists 'drift' twice"),
-        ("[no.such.module]", "bad.yaml:3: the effect 'no.such.module' cannot be imported"),
-        ("[os.path]", "the module 'os.path' holds no effect"),
+        ("[no.such:Module]", "bad.yaml:3: the effect 'no.such:Module' cannot be imported"),
+        ("['os.path:join']", "'os.path:join' is no effect: 'join' must be a dataclass"),
     ],
 )
 def test_a_bad_list_is_refused_in_one_sentence(write: Write, effects: str, words: str) -> None:
@@ -85,9 +85,11 @@ def test_a_module_of_the_users_is_an_effect(
     write("lab_effects/ringing.py", OWN)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    text = BALL + "effects:\n  - lab_effects.ringing: {size: 2e-6}\n"
+    text = BALL + "effects:\n  - lab_effects.ringing:Ringing: {size: 2e-6}\n"
 
-    assert load_scene(write("s.yaml", text)).spec.effects == {"lab_effects.ringing": {"size": 2e-6}}
+    assert load_scene(write("s.yaml", text)).spec.effects == {
+        "lab_effects.ringing:Ringing": {"size": 2e-6}
+    }
     with pytest.raises(InputError, match="size is 9 m; expected 0 to 1 m"):
         load_scene(write("bad.yaml", text.replace("2e-6", "9")))
 
@@ -110,6 +112,4 @@ class Ringing:
         def act(touch, state):
             touch.reading = touch.reading + self.size
         return Stage(act)
-
-EFFECT = Ringing
 """

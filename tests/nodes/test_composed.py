@@ -67,7 +67,7 @@ def test_no_order_of_the_edges_changes_the_solid(
 def test_a_node_that_raises_ends_the_graph_with_its_words(
     ball: ObjectSpec, exploration: Exploration, ears: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise ValueError("a taxel came off")
 
     monkeypatch.setattr("palpate.nodes.filter.clean", fail)

@@ -58,8 +58,10 @@ class Aperture:
 
 
 def _origins(pad: Pad, width: float, rays: int) -> Floats:
-    """Where the rays start in the pad's frame, (rows * cols * rays^2, 3), m; those of one
-    element stand together. The transducers follow the dome under every ray."""
+    """Where the rays start in the pad's frame, (rows * cols * rays^2, 3), m.
+
+    Those of one element stand together. The transducers follow the dome under every ray.
+    """
     across = ((np.arange(rays) + 0.5) / rays - 0.5) * width * pad.pitch
     x, y = pad.grid()
     x, y = np.broadcast_arrays(

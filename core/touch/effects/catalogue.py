@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import is_dataclass
 from importlib import import_module
+from typing import cast
 
 from palpate.core.touch.effect import Effect
 
@@ -11,9 +13,9 @@ NAMES = (
     "arm_backlash",
     "arm_compliance",
     "aperture",
+    "half_space",
     "hardening",
     "saturation",
-    "half_space",
     "tenting",
     "creep",
     "temperature",
@@ -31,29 +33,28 @@ NAMES = (
 
 
 def effect_type(name: str) -> type[Effect]:
-    """The description of an effect, by its name or, with a dot in it, by its module's.
+    """The description of an effect: by its name, or a user's own as ``module:Class``.
 
     Raises
     ------
     LookupError
         If there is no such effect.
     ValueError
-        If the module cannot be imported, or holds no effect.
+        If the module cannot be imported, or holds no such effect.
     """
     if name in NAMES:
-        module = f"{__package__}.{name}"
-    elif "." in name:
-        module = name
+        module, attribute = f"{__package__}.{name}", "EFFECT"
     else:
-        raise LookupError(f"there is no effect {name!r}")
+        module, colon, attribute = name.partition(":")
+        if not colon:
+            raise LookupError(f"there is no effect {name!r}")
     try:
-        found = import_module(module)
-    except ImportError as error:
+        found = getattr(import_module(module), attribute, None)
+    except (ImportError, ValueError) as error:
         raise ValueError(f"the effect {name!r} cannot be imported: {error}") from None
-    described = getattr(found, "EFFECT", None)
-    if not isinstance(described, type) or not hasattr(described, "place"):
-        raise ValueError(f"the module {name!r} holds no effect: it needs EFFECT = a dataclass")
-    return described
+    if not is_dataclass(found) or not isinstance(found, type) or not hasattr(found, "prepare"):
+        raise ValueError(f"{name!r} is no effect: {attribute!r} must be a dataclass with prepare()")
+    return cast("type[Effect]", found)
 
 
 def rank(name: str) -> int:

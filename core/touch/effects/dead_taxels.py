@@ -32,7 +32,8 @@ class DeadTaxels:
     def __post_init__(self) -> None:
         check_ranges(self)
         if self.rate + self.stuck > 1.0:
-            raise ValueError(f"rate and stuck are {self.rate + self.stuck:g} together; expected 0 to 1")
+            both = self.rate + self.stuck
+            raise ValueError(f"rate and stuck are {both:g} together; expected 0 to 1")
 
     def prepare(self, finger: Finger) -> Stage:
         """The stage for one finger."""

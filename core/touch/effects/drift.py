@@ -33,17 +33,18 @@ class Drift:
         check_ranges(self)
 
     def prepare(self, finger: Finger) -> Stage:
-        """The stage for one finger; its state is the zeros, (rows, cols), m."""
+        """The stage for one finger; its state is the time of a touch, s, and the zeros, m."""
         draws, rate = Draws(finger, "drift"), self.rate
         size = (finger.pad.rows, finger.pad.cols)
 
-        def act(touch: Touch, state: Floats) -> Floats:
-            step = rate * math.sqrt(touch.time - touch.previous)
-            zeros: Floats = state + step * draws.of_touch(touch.number).standard_normal(size)
+        def act(touch: Touch, state: tuple[float, Floats]) -> tuple[float, Floats]:
+            before, zeros = state
+            step = rate * math.sqrt(touch.time - before)
+            zeros = zeros + step * draws.of_touch(touch.number).standard_normal(size)
             touch.reading = touch.reading + zeros
-            return zeros
+            return touch.time, zeros
 
-        return Stage(act, np.zeros(size))
+        return Stage(act, (0.0, np.zeros(size)))
 
 
 EFFECT = Drift

@@ -41,7 +41,8 @@ class PoseError:
 
     def prepare(self, finger: Finger) -> Stage:
         """The stage for one finger."""
-        draws, sigma, rotation = Draws(finger, "pose_error"), self.sigma, math.radians(self.rotation)
+        draws, sigma = Draws(finger, "pose_error"), self.sigma
+        rotation = math.radians(self.rotation)
         bx, by, bz = (self.bias * draws.once().standard_normal(3)).tolist()
 
         def act(touch: Touch, state: None) -> None:

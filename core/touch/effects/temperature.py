@@ -13,7 +13,7 @@ from palpate.core.touch.touch import Finger, Touch
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Temperature:
-    """The speed of sound follows the pad's temperature, ``v = v0 + a rise (1 - exp(-t / warm_up))``.
+    """The speed of sound is ``v = v0 + a dT``, and ``dT = rise (1 - exp(-t / warm_up))``.
 
     The listener goes on with the nominal ``v0`` in (1.1): from an echo after ``2 (D - c) / v`` it
     takes ``D - (D - c) v0 / v``. If the undeformed pad was timed at the same temperature, the

@@ -45,7 +45,7 @@ class Transport:
 
         def act(touch: Touch, state: None) -> None:
             loss, twice = draws.of_touch(touch.number).random(2).tolist()
-            # As many as there are n with loss' complement <= drop^n: one draw for any number.
+            # The largest n with 1 - loss <= drop^n: geometric, by one draw for any number.
             lost = int(math.log1p(-loss) * per_loss)
             touch.time += latency + lost * timeout
             touch.copies = 2 if twice < duplicate else 1

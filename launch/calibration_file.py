@@ -1,0 +1,116 @@
+"""A calibration as a file: what `palpate calibrate` writes and scenes read."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec import field, to_builtins
+from ruamel.yaml import YAML
+
+from palpate.core.arrays import Floats
+from palpate.core.touch.calibrate import Estimate
+from palpate.core.touch.pad import Pad
+from palpate.launch.convert import convert
+from palpate.launch.located import InputError, Located
+from palpate.launch.yaml_file import read_yaml
+from palpate.nodes.sensor import CalibrationSpec
+
+DIGITS = 6
+"""Significant digits of what is written: far more than any of it is sure of."""
+
+
+class CalibrationFile(CalibrationSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A calibration with its standard errors; nothing reads these but people."""
+
+    errors: dict[str, Any] = field(default_factory=dict)
+    """By the names of the fields."""
+
+
+def read_calibration(path: Path) -> CalibrationSpec:
+    """The calibration in a file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; the sentence names file, line, key and value.
+    """
+    found = convert(read_yaml(path), CalibrationFile, "calibration")
+    return CalibrationSpec(
+        gain=found.gain,
+        offset=found.offset,
+        sound_speed=found.sound_speed,
+        noise=found.noise,
+    )
+
+
+def write_calibration(path: Path, estimate: Estimate, pad: Pad) -> None:
+    """Write a calibration whole, or not at all.
+
+    Raises
+    ------
+    InputError
+        If the file is there already, or cannot be written.
+    """
+    shape = (pad.rows, pad.cols)
+    document = {
+        "sound_speed": _rounded(estimate.sound_speed),
+        "noise": _rounded(estimate.noise),
+        "gain": _table(estimate.gain, shape),
+        "offset": _table(estimate.offset, shape),
+        "errors": {
+            "sound_speed": _rounded(estimate.sound_speed_error),
+            "gain": _table(estimate.gain_error, shape),
+            "offset": _table(estimate.offset_error, shape),
+        },
+    }
+    text = io.StringIO()
+    text.write("# Written by palpate calibrate. Gains: 0 is a taxel not to be trusted.\n")
+    yaml = YAML(pure=True)
+    yaml.default_flow_style = None
+    yaml.width = 1000
+    yaml.dump(document, text)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text.getvalue())
+    except FileExistsError:
+        raise InputError(f"{path}: is there already; choose another name") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def with_calibration(given: Located, folder: Path) -> Located:
+    """The scene with the calibration file that its sensor names read into it.
+
+    Raises
+    ------
+    InputError
+        If the file is not in the scene's folder, or cannot be used.
+    """
+    sensor = given.value.get("sensor")
+    name = sensor.get("calibration") if isinstance(sensor, dict) else None
+    if name is None:
+        return given
+    where = ("sensor", "calibration")
+    if not isinstance(name, str):
+        raise given.error(where, "sensor.calibration must be the name of a file")
+    path = (folder / name).resolve()
+    # A scene from elsewhere must not have other files of the machine read.
+    if Path(name).is_absolute() or not path.is_relative_to(folder):
+        raise given.error(
+            where, f"sensor.calibration is {name!r}; it must lie in the scene's own folder"
+        )
+    found = to_builtins(read_calibration(path))
+    value = {**given.value, "sensor": {**sensor, "calibration": found}}
+    return Located(value, given.source, given.places)
+
+
+def _table(flat: Floats, shape: tuple[int, int]) -> list[list[float]]:
+    finite = np.where(np.isfinite(flat), flat, 0.0)
+    return [[_rounded(value) for value in row] for row in finite.reshape(shape).tolist()]
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")

@@ -1,0 +1,50 @@
+"""What a scene simulates, in words."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+from palpate.core.ranges import ranges_of
+from palpate.launch.scene import SceneSpec
+from palpate.nodes.effects import describe_effects
+from palpate.nodes.sensor import SensorSpec
+
+
+def simulated(scene: SceneSpec) -> str:
+    """The sensor, and the effects in the order in which they act, one a line."""
+    lines = [f"sensor     {_sensor(scene.sensor)}"]
+    effects = describe_effects(scene.effects)
+    if not effects:
+        return "\n".join([*lines, "simulated  exact contact, and no effects"])
+    lines.append(f"simulated  exact contact, and {len(effects)} of its effects, in this order:")
+    width = max(len(name) for name in effects)
+    for name, effect in effects.items():
+        place = effect.place.name.lower()
+        lines.append(f"  {place:<7} {name:<{width}}  {_parameters(effect)}".rstrip())
+    return "\n".join(lines)
+
+
+def _sensor(sensor: SensorSpec) -> str:
+    pad = sensor.pad
+    face = "flat" if pad.radius is None else f"domed {_mm(pad.radius)}"
+    sends = {"time": "times of flight", "force": "forces"}[sensor.signal]
+    known = "as its data sheet says" if sensor.calibration is None else "calibrated"
+    return (
+        f"{sensor.rows} x {sensor.cols} taxels, pitch {_mm(sensor.pitch)}; pad {face}, "
+        f"{_mm(pad.thickness)} thick; sends {sends}, {known}"
+    )
+
+
+def _parameters(effect: Any) -> str:
+    units = {name: allowed.unit for name, allowed in ranges_of(type(effect)).items()}
+    said = []
+    for field in fields(effect):
+        value, unit = getattr(effect, field.name), units.get(field.name, "1")
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        said.append(f"{field.name} {text}" + ("" if unit == "1" or value is None else f" {unit}"))
+    return ", ".join(said)
+
+
+def _mm(metres: float) -> str:
+    return f"{1000.0 * metres:g} mm"

@@ -1,0 +1,1 @@
+"""What ``palpate init`` copies: working examples to change."""
