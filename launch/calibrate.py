@@ -141,7 +141,9 @@ def _turn(about_x: float, about_y: float) -> Floats:
     c, s = math.cos(about_x), math.sin(about_x)
     first = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     c, s = math.cos(about_y), math.sin(about_y)
-    return first @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    then = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    both: Floats = first @ then
+    return both
 
 
 def _flat() -> Shape:
@@ -162,6 +164,6 @@ def _known(shape: Shape, pad: Pad, pose: Floats) -> Floats:
     position, axes = split_pose(pose)
     rays = pad.transducers() @ axes.T + position
     ranges = shape.cast(rays, axes[:, 2], pad.thickness)
-    compression = np.clip(pad.thickness - ranges, 0.0, pad.saturation * pad.thickness)
-    shaped: Floats = compression.reshape(pad.rows, pad.cols)
+    compression: Floats = np.clip(pad.thickness - ranges, 0.0, pad.saturation * pad.thickness)
+    shaped: Floats = compression.reshape((pad.rows, pad.cols))
     return shaped

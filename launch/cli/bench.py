@@ -2,19 +2,74 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import click
+
+WHAT = ("explore", "bus", "touch", "effects", "curvature")
 
 
 @click.command("bench")
-@click.argument("what", type=click.Choice(["explore", "bus"]), default="explore")
-@click.option("--quick", is_flag=True, help="A few scenes or messages instead of all.")
-def command(what: str, quick: bool) -> int:
-    """Measure exploring the shipped scenes, or the message BUS alone."""
-    if what == "bus":
-        from palpate.launch.bench_bus import bench_bus
+@click.argument("what", type=click.Choice(WHAT), default="explore")
+@click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
+@click.option(
+    "--figures", type=click.Path(file_okay=False), help="With curvature: write its figures here."
+)
+def command(what: str, quick: bool, figures: str | None) -> int:
+    """Measure one of five things, here and now.
 
-        click.echo(bench_bus(repeats=5 if quick else 100))
-        return 0
+    \b
+    explore    the shipped scenes from start to end: accuracy and time
+    bus        the message bus alone: losses and latency
+    touch      one touch: frames a second, and the error of cast and curvature
+    effects    each effect: its cost, and the error of a contour that it causes
+    curvature  filters and estimators against noise and impulses
+    """
+    if figures is not None and what != "curvature":
+        raise click.UsageError("--figures belongs to curvature")
+    if figures is not None:
+        from palpate.launch.figures_curvature import write_figures
+
+        write_figures(figures)
+    return _benches()[what](quick)
+
+
+def _benches() -> dict[str, Callable[[bool], int]]:
+    return {
+        "explore": _explore,
+        "bus": _bus,
+        "touch": _touch,
+        "effects": _effects,
+        "curvature": _curvature,
+    }
+
+
+def _explore(quick: bool) -> int:
     from palpate.launch.bench import bench
 
     return bench(quick=quick)
+
+
+def _bus(quick: bool) -> int:
+    from palpate.launch.bench_bus import bench_bus
+
+    click.echo(bench_bus(repeats=5 if quick else 100))
+    return 0
+
+
+def _touch(quick: bool) -> int:
+    from palpate.launch.bench_touch import bench_touch
+
+    return bench_touch(quick=quick, echo=click.echo)
+
+
+def _effects(quick: bool) -> int:
+    from palpate.launch.bench_effects import bench_effects
+
+    return bench_effects(quick=quick, echo=click.echo)
+
+
+def _curvature(quick: bool) -> int:
+    from palpate.launch.bench_curvature import bench_curvature
+
+    return bench_curvature(quick=quick, echo=click.echo)

@@ -1,0 +1,96 @@
+"""Fingers, and touches that have come as far as a test wants them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.frames import DOWN, pose_of
+from palpate.core.measure.robot_time import PRESETS
+from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.touch.calibration import Calibration, Signal
+from palpate.core.touch.effect import Stage
+from palpate.core.touch.pad import Pad
+from palpate.core.touch.touch import Finger, Touch
+
+
+@pytest.fixture
+def make_finger() -> Callable[..., Finger]:
+    """A finger; times of flight, 1000 m/s and a flat pad unless told otherwise."""
+
+    def make(signal: Signal = "time", seed: int = 7, number: int = 1, **pad: Any) -> Finger:
+        usual = {"rows": 16, "cols": 16, "pitch": 1e-3, "thickness": 3e-3}
+        made = Pad(**{**usual, "dome": 0.0, "saturation": 0.8, **pad})
+        calibration = Calibration(signal, made.thickness, 1000.0, 0.2e3)
+        return Finger(made, calibration, PRESETS["modern"], number, seed)
+
+    return make
+
+
+def read_only(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        value.setflags(write=False)
+    return value
+
+
+@pytest.fixture
+def make_touch(ball: Superquadric) -> Callable[..., Touch]:
+    """A touch of a ball from 3 mm above it, with read-only arrays.
+
+    Given a compression or a reading it is as if it had been pressed, by as much.
+    """
+
+    def make(number: int = 0, field: Floats | None = None, **more: Any) -> Touch:
+        start = pose_of(np.array([0.0, 0.0, 0.033]), DOWN)
+        given: dict[str, Any] = {"believed": start, "actual": start, "reach": 0.01, "depth": 1e-3}
+        given |= {"begun": float(number), "previous": float(number)}
+        if field is not None:
+            given |= {"indentation": field, "compression": field, "reading": field}
+            given |= {"pressure": 2e8 * field, "outcome": "hit", "time": number + 1.0}
+        given |= more
+        given = {name: read_only(value) for name, value in given.items()}
+        return Touch(shape=ball, number=number, **given)
+
+    return make
+
+
+@pytest.fixture
+def dent() -> Floats:
+    """Compression of a flat pad under a ball of 30 mm, 1 mm deep, not quite in the middle."""
+    axis = (np.arange(16) - 7.5) * 1e-3
+    squares = (axis - 0.7e-3)[None, :] ** 2 + (axis + 0.4e-3)[:, None] ** 2
+    return read_only(np.maximum(1e-3 - squares / 0.06, 0.0))  # type: ignore[no-any-return]
+
+
+@pytest.fixture
+def readings(make_touch: Callable[..., Touch]) -> Callable[..., Floats]:
+    """What a stage makes of the same field in each of many touches, (touches, rows, cols)."""
+
+    def collect(stage: Stage, field: Floats, touches: int) -> Floats:
+        state, found = stage.state, []
+        for number in range(touches):
+            touch = make_touch(number, field)
+            state = stage.act(touch, state)
+            found.append(touch.reading)
+        return np.array(found)
+
+    return collect
+
+
+@pytest.fixture
+def values_of() -> Callable[[Touch], dict[str, Any]]:
+    """All that a touch holds, with arrays as bytes, so that touches can be compared."""
+
+    def values(touch: Touch) -> dict[str, Any]:
+        held = {field.name: getattr(touch, field.name) for field in fields(touch)}
+        return {
+            name: value.tobytes() if isinstance(value, np.ndarray) else value
+            for name, value in held.items()
+        }
+
+    return values
