@@ -141,7 +141,9 @@ def _check_finger(scene: Scene) -> None:
     try:
         build_pipeline(scene.spec.sensor, scene.spec.effects, next(iter(PRESETS.values())))
     except ValueError as error:
-        raise scene.located.error(("effects",), str(error)) from None
+        name = str(error).partition(" ")[0]
+        where = ("effects", name) if name in scene.spec.effects else ("effects",)
+        raise scene.located.error(where, str(error)) from None
 
 
 def _with_mesh(given: Located, scene: Path) -> Located:

@@ -12,14 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array
+from palpate.core.shapes.clip import through_box
+from palpate.core.shapes.first_root import Which, first_roots
 from palpate.core.shapes.icosphere import icosphere
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
 
 LEAST_EXPONENT, LARGEST_EXPONENT = 0.02, 2.0
 TINY = 1e-300
-NEWTON_TOLERANCE = 1e-12
-"""Of the gauge, which is 1 on the surface: below 1e-12 of the object's size."""
-MOST_ITERATIONS = 60
+RANGE_TOLERANCE = 1e-13
+"""Of the smallest semi-axis: some hundred roundings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,32 +67,31 @@ class Superquadric:
 
     def gauge(self, points: Floats) -> Floats:
         """Gauge of points (n, 3): below 1 inside, 1 on the surface, above 1 outside."""
-        return self._gauge_along(points, np.zeros(3))[0]
+        return self.gauge_along(points.T / self.size[:, None], np.zeros((3, 1)))[0]
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
+        towards = direction / self.size
+        places = np.ascontiguousarray(origins.T / self.size[:, None])
+        starts, ends = through_box(places, towards, np.ones(3))
         ranges = np.full(len(origins), MISS)
-        gauge, slope = self._gauge_along(origins, direction)
-        ranges[gauge <= 1.0] = INSIDE
-        active = np.flatnonzero((gauge > 1.0) & (slope < 0.0))
-        travelled = np.zeros(len(active))
-        gauge, slope = gauge[active], slope[active]
-        for _ in range(MOST_ITERATIONS):
-            with np.errstate(over="ignore"):  # nearly parallel to a face: infinitely far
-                travelled = travelled - (gauge - 1.0) / slope
-            going = travelled <= reach  # a Newton point never lies past the surface
-            active, travelled = active[going], travelled[going]
-            if not len(active):
-                break
-            gauge, slope = self._gauge_along(
-                origins[active] + travelled[:, None] * direction, direction
-            )
-            arrived = gauge - 1.0 <= NEWTON_TOLERANCE
-            ranges[active[arrived]] = travelled[arrived]
-            going = ~arrived & (slope < 0.0)
-            active, travelled = active[going], travelled[going]
-            gauge, slope = gauge[going], slope[going]
-        ranges[active] = travelled
+        met = np.flatnonzero(starts <= np.minimum(ends, reach))
+        if not len(met):
+            return ranges
+        places, along = places[:, met], towards[:, None]
+
+        def gauge(travelled: Floats, which: Which) -> tuple[Floats, Floats]:
+            value, slope = self.gauge_along(places[:, which] + along * travelled, along)
+            return value - 1.0, slope
+
+        found = first_roots(
+            gauge,
+            starts[met],
+            np.minimum(ends[met], reach),
+            tolerance=RANGE_TOLERANCE * float(self.size.min()),
+            rise=self.roundness(direction),
+        )
+        ranges[met] = np.where(found == 0.0, INSIDE, found)
         return ranges
 
     def mesh(self, level: int) -> Mesh:
@@ -100,24 +100,53 @@ class Superquadric:
         scaled = directions * self.size
         return Mesh(scaled / self.gauge(scaled)[:, None], faces)
 
-    def _gauge_along(self, points: Floats, direction: Floats) -> tuple[Floats, Floats]:
-        """Gauge at points (n, 3) and its derivative along one direction (3,)."""
-        p, q = 2.0 / self.exponents[1], 2.0 / self.exponents[0]
-        scaled = points / self.size
-        x, y, z = np.abs(scaled).T
-        # Across: the p-norm of x and y, by ratios to the larger.
-        larger = np.maximum(x, y) + TINY
-        x_power, y_power = (x / larger) ** (p - 1), (y / larger) ** (p - 1)
-        total = x_power * (x / larger) + y_power * (y / larger)
-        total = np.where(total > 0.0, total, 1.0)  # on the z axis
-        across = larger * total ** (1 / p)
-        # Along: the q-norm of that and z.
-        largest = np.maximum(across, z) + TINY
-        r_power, z_power = (across / largest) ** (q - 1), (z / largest) ** (q - 1)
-        whole = r_power * (across / largest) + z_power * (z / largest)
-        whole = np.where(whole > 0.0, whole, 1.0)  # at the centre
-        gauge = largest * whole ** (1 / q)
-        step = np.sign(scaled) * (direction / self.size)
-        across_slope = total ** (1 / p - 1) * (x_power * step[:, 0] + y_power * step[:, 1])
-        slope = whole ** (1 / q - 1) * (r_power * across_slope + z_power * step[:, 2])
-        return gauge, slope
+    def roundness(self, direction: Floats) -> float:
+        """Most that the gauge's second derivative along a direction (3,) is outside, 1/m2.
+
+        Infinite for exponents above 1: the gauge then has creases across the axes' planes.
+
+        Notes
+        -----
+        A norm composed of powers p, q >= 2 is smooth with the constant max(p, q) - 1: Ball,
+        Carlen and Lieb, *Sharp uniform convexity and smoothness inequalities*, 1994.
+        """
+        if self.exponents.max() > 1.0:
+            return np.inf
+        speed = float(self.gauge(direction[None])[0])
+        return (2.0 / float(self.exponents.min()) - 1.0) * speed * speed
+
+    def gauge_along(self, scaled: Floats, direction: Floats) -> tuple[Floats, Floats]:
+        """Gauge and its derivative along directions, in coordinates divided by the semi-axes.
+
+        Parameters
+        ----------
+        scaled : (3, n) array
+            Points, by coordinate, 1.
+        direction : (3, n) or (3, 1) array
+            Directions, scaled likewise.
+
+        Returns
+        -------
+        gauge, slope : (n,) arrays
+            A slope where the gauge has a crease is one of those between its two sides.
+        """
+        p, q = 2.0 / float(self.exponents[1]), 2.0 / float(self.exponents[0])
+        x, y, z = np.abs(scaled)
+        dx, dy, dz = np.copysign(1.0, scaled) * direction
+        across, across_slope = _norm_along(x, y, dx, dy, p)
+        return _norm_along(across, z, across_slope, dz, q)
+
+
+def _norm_along(x: Floats, y: Floats, dx: Floats, dy: Floats, p: float) -> tuple[Floats, Floats]:
+    """The p-norm of x and y, not negative, and its slope: by the ratio, so that nothing overflows.
+
+    With s the smaller and l the larger: l (1 + (s/l)^p)^(1/p).
+    """
+    first = x >= y
+    larger = np.maximum(x, y)
+    ratio = np.minimum(x, y) / (larger + TINY)
+    weight = ratio ** (p - 1.0)
+    total = 1.0 + weight * ratio
+    stretch = total ** (1.0 / p)
+    slope = (np.where(first, dx, dy) + weight * np.where(first, dy, dx)) * (stretch / total)
+    return larger * stretch, slope

@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.touch.calibration import Calibration
@@ -35,6 +36,8 @@ SWEEPS = 8
 FIRST_POSE, FIRST_TILT = 0.1e-3, 2e-3
 """Spread of the pose's error with which the estimate begins, m and rad."""
 LEAST_SPREAD = 1e-9
+UNIT = 1e-3
+"""Compressions are counted in mm where gains are solved for, so that all columns are alike."""
 
 Places = NDArray[np.signedinteger]
 
@@ -76,6 +79,8 @@ class Estimate:
     """Standard deviation of the arm's error along the pad's normal, m."""
     residual: float
     """Root mean square of what is left of the readings used, m."""
+    condition: float
+    """Of the system that was solved."""
 
 
 def estimate_calibration(
@@ -146,53 +151,52 @@ class _Fit:
         self.nuisance: Floats = np.zeros((len(presses.known), 3))
         self.gain: Floats = np.ones(self.count)
         self.offset: Floats = self.rest.copy()
-        self.covariance: Floats = np.zeros((2 * self.count, 2 * self.count))
-        self.residual = 0.0
+        self.covariance: Floats = np.zeros((0, 0))
+        self.residual, self.condition = 0.0, 0.0
 
     def sweep(self) -> None:
         """Linearise about the last nuisances, solve, drop outliers, learn the spreads."""
         touch, taxel = np.nonzero(self.used)
         known = self.presses.known[touch, taxel]
         shift = np.einsum("ij,ij->i", self.nuisance[touch], self.basis[taxel])
-        at, pressed = self.number[taxel], known + shift
-        # (a c + o) with c = known + nuisance, linear in a, o and the nuisance's change.
+        # a (known + nuisance) + o, linear in gain, offset and nuisance about the last one.
         left = self.presses.read[touch, taxel] - known
-        rows = np.arange(len(touch))
-        system = np.zeros((len(touch), 2 * self.count + self.nuisance.size))
-        system[rows, at] = pressed
-        system[rows, self.count + at] = 1.0
-        first = 2 * self.count + 3 * touch
-        for k in range(3):
-            system[rows, first + k] = self.basis[taxel, k]
-        solution, inverse = self._solve(system, left)
-        self.gain = 1.0 + solution[: self.count]
+        system = self._system(touch, taxel, (known + shift) / UNIT)
+        solution, self.covariance = self._solve(system, left)
+        self.gain = 1.0 + solution[: self.count] / UNIT
         self.offset = solution[self.count : 2 * self.count]
         self.nuisance = solution[2 * self.count :].reshape(-1, 3)
         self._judge(touch, taxel, left - system @ solution)
-        taxel_part = inverse[: 2 * self.count]
-        self.covariance = taxel_part @ taxel_part.T
-        variance = (inverse[2 * self.count :] ** 2).sum(axis=1).reshape(-1, 3)
+        variance = np.diag(self.covariance)[2 * self.count :].reshape(-1, 3)
         learnt = np.sqrt((self.nuisance**2 + variance).mean(axis=0))
         self.spread = np.maximum(learnt, LEAST_SPREAD)
 
-    def _solve(self, system: Floats, left: Floats) -> tuple[Floats, Floats]:
-        """Solution, and the inverse of the triangle R, by QR of all weighted equations."""
+    def _system(self, touch: Places, taxel: Places, pressed: Floats) -> csr_array:
+        """One row a reading: its taxel's gain and offset, its touch's three nuisances."""
+        at, first = self.number[taxel], 2 * self.count + 3 * touch
+        columns = np.stack([at, self.count + at, first, first + 1, first + 2], axis=-1)
+        values = np.column_stack([pressed, np.ones_like(pressed), self.basis[taxel]])
+        ends = np.arange(0, values.size + 1, 5)
+        width = 2 * self.count + self.nuisance.size
+        return csr_array((values.ravel(), columns.ravel(), ends), shape=(len(touch), width))
+
+    def _solve(self, system: csr_array, left: Floats) -> tuple[Floats, Floats]:
+        """Solution and covariance, by Cholesky.
+
+        The free frames hold the offsets and the prior the nuisances, so the system is
+        definite; its condition is kept.
+        """
         frames = len(self.presses.free)
-        gauge = np.zeros((self.count, system.shape[1]))
-        gauge[np.arange(self.count), self.count + np.arange(self.count)] = np.sqrt(frames)
-        prior = np.zeros((self.nuisance.size, system.shape[1]))
-        prior[:, 2 * self.count :] = np.diag(np.tile(self.noise / self.spread, len(self.nuisance)))
-        whole = np.concatenate([system, gauge, prior]) / self.noise
-        right = np.concatenate([left, np.sqrt(frames) * self.rest, np.zeros(self.nuisance.size)])
-        factor, reflections, _, _ = lapack.dgeqrf(whole)
-        turned, _, _ = lapack.dormqr(
-            "L", "T", factor, reflections, right[:, None] / self.noise, 64 * whole.shape[1]
-        )
-        size = whole.shape[1]
-        triangle = np.triu(factor[:size])
-        solution = solve_triangular(triangle, turned[:size, 0])
-        inverse = solve_triangular(triangle, np.eye(size))
-        return np.asarray(solution), np.asarray(inverse)
+        held = np.zeros(system.shape[1])
+        held[self.count : 2 * self.count] = frames
+        held[2 * self.count :] = np.tile((self.noise / self.spread) ** 2, len(self.nuisance))
+        right = system.T @ left
+        right[self.count : 2 * self.count] += frames * self.rest
+        matrix = (system.T @ system).toarray() + np.diag(held)
+        factor = cho_factor(matrix)
+        self.condition = float(np.linalg.cond(matrix))
+        inverse = cho_solve(factor, np.eye(len(matrix)))
+        return cho_solve(factor, right), self.noise**2 * inverse
 
     def _judge(self, touch: Places, taxel: Places, residual: Floats) -> None:
         """Drop what stands off; keep the root mean square of the rest."""
@@ -215,7 +219,7 @@ def _estimate(
     mean = float(fit.gain.mean())
     # The taxels are taken to be right on average; how far their mean is off is a matter of luck.
     luck = float(fit.gain.var()) / count
-    mean_error = math.sqrt(float(covariance[:count, :count].mean()) + luck)
+    mean_error = math.sqrt(float(covariance[:count, :count].mean()) / UNIT**2 + luck)
     by_time = data_sheet.signal == "time"
     ratio = 1.0 / mean if by_time else 1.0  # of the speed to that of the data sheet
     answer, rest = np.full(len(reached), 1.0 / ratio), offset.copy()
@@ -225,8 +229,8 @@ def _estimate(
     gain_error = np.where(trusted, np.nan, 0.0)
     offset_error = np.where(trusted, noise / np.sqrt(len(fit.presses.free)), 0.0)
     errors = np.sqrt(np.diag(covariance))
-    gain_error[fit.taxels] = errors[:count] / (ratio * fit.gain**2)
-    offset_error[fit.taxels] = errors[count:] / fit.gain
+    gain_error[fit.taxels] = errors[:count] / UNIT / (ratio * fit.gain**2)
+    offset_error[fit.taxels] = errors[count : 2 * count] / fit.gain
     return Estimate(
         gain=gain,
         gain_error=gain_error,
@@ -239,6 +243,7 @@ def _estimate(
         reached=trusted & reached,
         pose_error=float(fit.spread[0]),
         residual=fit.residual,
+        condition=fit.condition,
     )
 
 

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.touch.effects.drift import Drift
+from palpate.core.touch.touch import Finger, Touch
+
+MakeFinger = Callable[..., Finger]
+MakeTouch = Callable[..., Touch]
+
+
+def walked(finger: Finger, make_touch: MakeTouch, times: Floats, rate: float = 2e-6) -> Floats:
+    """Zeros after each of these times, (touches, rows * cols)."""
+    stage = Drift(rate=rate).prepare(finger)
+    state, found = stage.state, []
+    for number, time in enumerate(times.tolist()):
+        touch = make_touch(number, np.zeros((finger.pad.rows, finger.pad.cols)), time=time)
+        state = stage.act(touch, state)
+        found.append(touch.reading.ravel())
+    return np.array(found)
+
+
+def test_the_variance_grows_as_time_does(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+    times = np.array([1.0, 4.0, 20.0, 100.0, 300.0])
+    zeros = np.concatenate(
+        [walked(make_finger(number=number), make_touch, times) for number in range(1, 9)], axis=1
+    )
+    ratio = zeros.var(axis=1) / (2e-6**2 * times)
+    assert (np.abs(ratio - 1.0) < 5 * np.sqrt(2 / zeros.shape[1])).all()
+
+
+def test_steps_are_independent_and_as_long_as_their_time(
+    make_finger: MakeFinger, make_touch: MakeTouch
+) -> None:
+    waits = np.tile([0.5, 2.0, 1.0], 60)
+    zeros = walked(make_finger(), make_touch, np.cumsum(waits))
+    steps = np.diff(zeros, axis=0, prepend=0.0) / (2e-6 * np.sqrt(waits)[:, None])
+    assert abs(steps.var() - 1.0) < 5 * np.sqrt(2 / steps.size)
+    for lag in (1, 2, 3):
+        assert abs(np.mean(steps[lag:] * steps[:-lag])) < 5 / np.sqrt(steps[lag:].size)
+    neighbours = steps.reshape(-1, 16, 16)
+    assert abs(np.mean(neighbours[:, :, 1:] * neighbours[:, :, :-1])) < 5 / np.sqrt(steps.size)
+
+
+def test_no_time_no_drift(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+    assert (walked(make_finger(), make_touch, np.zeros(3)) == 0.0).all()
+
+
+def test_a_step_does_not_depend_on_what_was_felt(
+    make_finger: MakeFinger, make_touch: MakeTouch, dent: Floats
+) -> None:
+    stage = Drift().prepare(make_finger())
+    hit, miss = make_touch(3, dent, time=5.0), make_touch(3, 0.0 * dent, outcome="miss", time=5.0)
+    assert np.array_equal(stage.act(hit, stage.state)[1], stage.act(miss, stage.state)[1])
