@@ -10,7 +10,7 @@ from msgspec import Meta, Struct
 
 from palpate.core.explore.aim import PRESS
 from palpate.core.touch.calibration import Calibration, Signal
-from palpate.core.touch.pad import Pad
+from palpate.core.touch.pad import SPRINGS, Face, Pad
 from palpate.messages.types import SensorInfo
 
 LEAST_WIDTH, LARGEST_WIDTH = 12.0e-3, 20.0e-3
@@ -120,7 +120,7 @@ def data_sheet(sensor: SensorSpec) -> Calibration:
     )
 
 
-def info_of(sensor: SensorSpec, noise: float) -> SensorInfo:
+def info_of(sensor: SensorSpec, noise: float, face: Face = SPRINGS) -> SensorInfo:
     """What the listeners are told: the calibration, or the data sheet and its noise, m."""
     pad, found = pad_of_spec(sensor), sensor.calibration
     shape = (pad.rows, pad.cols)
@@ -136,6 +136,8 @@ def info_of(sensor: SensorSpec, noise: float) -> SensorInfo:
         taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
         gain=np.ones(shape) if found is None else np.array(found.gain, np.float64),
         offset=np.zeros(shape) if found is None else np.array(found.offset, np.float64),
+        face=face.kind,
+        face_decay=face.decay,
         noise=noise if found is None else found.noise,
     )
 
@@ -149,6 +151,7 @@ def pad_of_info(info: SensorInfo) -> Pad:
         thickness=info.thickness,
         dome=info.dome,
         saturation=info.saturation,
+        face=Face(info.face, info.face_decay),
     )
 
 

@@ -74,7 +74,7 @@ def start(params: Params) -> tuple[State, Outputs]:
     floor_vertices, floor_faces = shape.mesh(FLOOR_LEVEL)
     return State(shape, pipeline, pipeline.begin()), [
         ("/world", World(platform=low[2], reach=params.reach, fingers=1, seed=params.seed)),
-        ("/touch/info", info_of(params.sensor, pipeline.noise)),
+        ("/touch/info", info_of(params.sensor, pipeline.noise, pipeline.face)),
         (
             "/truth",
             Truth(

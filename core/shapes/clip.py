@@ -29,10 +29,10 @@ def through_box(origins: Floats, direction: Floats, half: Floats) -> tuple[Float
     starts, ends : (n,) arrays
         Ranges, at least 0; a ray that misses the box starts after its end.
     """
-    away = direction < 0
-    towards = np.where(away, np.minimum(direction, -LEAST_DIRECTION), direction)
-    towards = np.where(away, towards, np.maximum(towards, LEAST_DIRECTION))
-    near = np.where(away, half, -half) * (1.0 + ROOM)
-    entries = (near[:, None] - origins) / towards[:, None]
-    exits = (-near[:, None] - origins) / towards[:, None]
-    return np.maximum(entries.max(axis=0), 0.0), exits.min(axis=0)
+    slowness = 1.0 / np.where(np.abs(direction) < LEAST_DIRECTION, LEAST_DIRECTION, direction)
+    middle = origins * -slowness[:, None]
+    halfway = (np.abs(slowness) * half * (1.0 + ROOM))[:, None]
+    x, y, z = middle - halfway
+    starts = np.maximum(np.maximum(x, y), np.maximum(z, 0.0))
+    x, y, z = middle + halfway
+    return starts, np.minimum(np.minimum(x, y), z)

@@ -84,12 +84,13 @@ class Superquadric:
             value, slope = self.gauge_along(places[:, which] + along * travelled, along)
             return value - 1.0, slope
 
+        speed = float(np.abs(towards).sum())  # no norm of it is larger
         found = first_roots(
             gauge,
             starts[met],
             np.minimum(ends[met], reach),
             tolerance=RANGE_TOLERANCE * float(self.size.min()),
-            rise=self.roundness(direction),
+            rise=self.smoothness() * speed**2,
         )
         ranges[met] = np.where(found == 0.0, INSIDE, found)
         return ranges
@@ -100,10 +101,10 @@ class Superquadric:
         scaled = directions * self.size
         return Mesh(scaled / self.gauge(scaled)[:, None], faces)
 
-    def roundness(self, direction: Floats) -> float:
-        """Most that the gauge's second derivative along a direction (3,) is outside, 1/m2.
+    def smoothness(self) -> float:
+        """A number c: outside, the gauge's second derivative is at most c times speed squared.
 
-        Infinite for exponents above 1: the gauge then has creases across the axes' planes.
+        Infinite for exponents above 1: the gauge then has creases in the axes' planes.
 
         Notes
         -----
@@ -112,8 +113,7 @@ class Superquadric:
         """
         if self.exponents.max() > 1.0:
             return np.inf
-        speed = float(self.gauge(direction[None])[0])
-        return (2.0 / float(self.exponents.min()) - 1.0) * speed * speed
+        return 2.0 / float(self.exponents.min()) - 1.0
 
     def gauge_along(self, scaled: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Gauge and its derivative along directions, in coordinates divided by the semi-axes.

@@ -13,6 +13,9 @@ from palpate.core.arrays import Floats
 class Taper:
     """Widens x and y in proportion to the height: Fung, 1999, (2.7).
 
+    Beyond the ends of what is tapered the widths are those of the ends, so that all of space
+    is mapped one to one.
+
     Parameters
     ----------
     along_x, along_y : float
@@ -39,11 +42,14 @@ class Taper:
 
     def __call__(self, points: Floats) -> Floats:
         """Points (n, 3), tapered."""
-        share = points[:, 2] / self.half_height
+        return points * self._widths(points[:, 2])
+
+    def inverse(self, points: Floats) -> Floats:
+        """Where tapered points (n, 3) were before."""
+        return points / self._widths(points[:, 2])
+
+    def _widths(self, height: Floats) -> Floats:
+        share = np.clip(height / self.half_height, -1.0, 1.0)
         return np.column_stack(
-            [
-                points[:, 0] * (1.0 + self.along_x * share),
-                points[:, 1] * (1.0 + self.along_y * share),
-                points[:, 2],
-            ]
+            [1.0 + self.along_x * share, 1.0 + self.along_y * share, np.ones_like(share)]
         )

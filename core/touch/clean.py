@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
+from palpate.core.touch.contact import touched
 from palpate.core.touch.filters import adaptive_wiener, median_filter
 from palpate.core.touch.pad import Pad
 
@@ -34,5 +35,5 @@ def clean(pad: Pad, compression: Floats, noise: float, contact: float, order: Or
     """Filter a frame and mark what is touched."""
     smoothed = adaptive_wiener(compression, noise**2)
     cleaned, impulses = median_filter(smoothed, step=TIP * pad.pitch)
-    touched = cleaned > max(contact, CONTACT_SPREADS * noise)
-    return Cleaned(cleaned, touched, int(np.count_nonzero(impulses)))
+    found = touched(pad, cleaned, max(contact, CONTACT_SPREADS * noise))
+    return Cleaned(cleaned, found, int(np.count_nonzero(impulses)))

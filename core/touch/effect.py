@@ -12,6 +12,7 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from palpate.core.touch.pad import Face
 from palpate.core.touch.touch import Finger, Touch
 
 
@@ -44,6 +45,8 @@ class Stage(NamedTuple):
     """The state in which the finger begins; None if there is nothing to remember."""
     noise: float = 0.0
     """What it adds to the standard deviation of one taxel, as a calibration would find it, m."""
+    face: Face | None = None
+    """How it lets the pad's face yield beside a contact; None if it leaves that as it was."""
 
 
 class Effect(Protocol):

@@ -20,6 +20,24 @@ from palpate.core.shapes.protocol import Shape
 Outcome = Literal["hit", "miss", "inside", "bottomed"]
 
 
+Yielding = Literal["springs", "membrane", "half_space"]
+"""What the face does beside a contact: nothing, or it slopes back like a membrane on springs,
+or like the surface of a deep elastic body."""
+
+
+class Face(NamedTuple):
+    """How the pad's face yields beside a contact."""
+
+    kind: Yielding
+    """In which way."""
+    decay: float = 0.0
+    """Length in which a membrane falls to 1/e, m; 0 for the others."""
+
+
+SPRINGS = Face("springs")
+"""Each taxel is a spring of its own (Winkler)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Pad:
     """Array and pad."""
@@ -36,6 +54,8 @@ class Pad:
     """Curvature of the face at its middle, 1/m; 0 for a flat pad."""
     saturation: float
     """Largest compression, as a share of the thickness."""
+    face: Face = SPRINGS
+    """How the face yields beside a contact, as a data sheet has it."""
 
     def grid(self) -> tuple[Floats, Floats]:
         """Coordinates x and y of the taxels, (rows, cols) each, m; read-only."""

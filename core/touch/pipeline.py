@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from palpate.core.touch.cast import one_ray_each
 from palpate.core.touch.effect import Effect, Place, Stage
+from palpate.core.touch.pad import SPRINGS, Face
 from palpate.core.touch.touch import Finger, Touch
 
 States = tuple[Any, ...]
@@ -33,6 +34,12 @@ class Pipeline(NamedTuple):
     def noise(self) -> float:
         """Standard deviation of one taxel, as a calibration would find it, m."""
         return math.hypot(*(stage.noise for stage in self.stages), 0.0)
+
+    @property
+    def face(self) -> Face:
+        """How the pad's face yields beside a contact."""
+        said = [stage.face for stage in self.stages if stage.face is not None]
+        return said[-1] if said else SPRINGS
 
     def feel(self, touch: Touch, states: States) -> States:
         """Carry out a touch: fills it in, and gives what the stages remember next."""

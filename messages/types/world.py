@@ -80,5 +80,10 @@ class SensorInfo:
     """What is then added to it; all 0 if there is nothing to correct."""
     saturation: Ratio
     """Largest compression as a share of the thickness."""
+    face: Literal["springs", "membrane", "half_space"]
+    """What the pad's face does beside a contact: nothing, or it slopes back like a membrane on
+    springs, or like the surface of a deep elastic body."""
+    face_decay: Metres
+    """Length in which a membrane falls to 1/e; 0 for the others."""
     noise: Metres
     """Standard deviation of one taxel's compression; 0 if it is ideal."""

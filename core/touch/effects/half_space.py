@@ -11,7 +11,8 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.ranges import Range, check_ranges
 from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.pad import Pad
+from palpate.core.touch.love import displacements
+from palpate.core.touch.pad import Face
 from palpate.core.touch.touch import Finger, Touch
 
 TOLERANCE = 1e-7
@@ -50,7 +51,7 @@ class HalfSpace:
         Its act raises `ArithmeticError` if the contact is not found within `MOST_STEPS`.
         """
         size = (finger.pad.rows, finger.pad.cols)
-        kernel = _displacements(finger.pad)
+        kernel = displacements(finger.pad)
         # No part of a matrix of positive numbers has a larger norm than its largest row sum.
         most = float(kernel.sum(axis=1).max())
         kernel /= most
@@ -69,27 +70,7 @@ class HalfSpace:
             face = np.maximum(deepest * (pushed @ columns), indentation)
             touch.pressure, touch.compression = pressure.reshape(size), face.reshape(size)
 
-        return Stage(act)
-
-
-def _displacements(pad: Pad) -> Floats:
-    """Displacement of each taxel's middle under unit pressure on another, (n, n), m.
-
-    The factor ``(1 - nu^2) / (pi E)`` is left out.
-    """
-    x = pad.pitch * np.arange(pad.cols, dtype=np.float64)[None, :]
-    y = pad.pitch * np.arange(pad.rows, dtype=np.float64)[:, None]
-    half = 0.5 * pad.pitch
-
-    def corner(x: Floats, y: Floats) -> Floats:
-        part: Floats = x * np.arcsinh(y / np.abs(x)) + y * np.arcsinh(x / np.abs(y))
-        return part
-
-    table = corner(x + half, y + half) - corner(x - half, y + half)
-    table += corner(x - half, y - half) - corner(x + half, y - half)
-    row, col = np.divmod(np.arange(pad.rows * pad.cols), pad.cols)
-    kernel: Floats = table[np.abs(row[:, None] - row), np.abs(col[:, None] - col)]
-    return kernel
+        return Stage(act, face=Face("half_space"))
 
 
 def _contact(kernel: Floats, wanted: Floats) -> Floats:

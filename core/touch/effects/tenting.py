@@ -10,7 +10,7 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats
 from palpate.core.ranges import Range, check_ranges
 from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.pad import Pad
+from palpate.core.touch.pad import Face, Pad
 from palpate.core.touch.touch import Finger, Touch
 
 
@@ -44,7 +44,7 @@ class Tenting:
                 skirt = _tent(membrane, rim, touch.compression[rim])
                 touch.compression = np.where(contact, touch.compression, np.maximum(skirt, 0.0))
 
-        return Stage(act)
+        return Stage(act, face=Face("membrane", self.decay))
 
 
 class _Membrane(NamedTuple):

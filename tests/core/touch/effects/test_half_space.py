@@ -25,13 +25,17 @@ def paraboloid(finger: Finger, radius: float = RADIUS, depth: float = DEPTH) -> 
 
 
 def solved(finger: Finger, make_touch: MakeTouch, indentation: Floats) -> Touch:
-    touch = make_touch(field=indentation, compression=np.maximum(indentation, 0.0))
+    springs = np.maximum(indentation, 0.0)
+    touch = make_touch(field=indentation, compression=springs, pressure=2e8 * springs)
     HalfSpace().prepare(finger).act(touch, None)
     return touch
 
 
-def displacement(finger: Finger, pressure: Floats, fine: int = 40) -> Floats:
-    """Displacement of each taxel's middle, by point loads on a fine grid (Boussinesq)."""
+def displacement(finger: Finger, pressure: Floats, fine: int = 12) -> Floats:
+    """Displacement of each taxel's middle, by point loads on a fine grid (Boussinesq).
+
+    In the middle of its own square the mean of 1 / r is 4 asinh(1) over the side.
+    """
     pitch = finger.pad.pitch
     parts = ((np.arange(fine) + 0.5) / fine - 0.5) * pitch
     x, y = finger.pad.grid()
@@ -40,6 +44,7 @@ def displacement(finger: Finger, pressure: Floats, fine: int = 40) -> Floats:
         dx = x[..., None, None] - x[i, j] - parts
         dy = y[..., None, None] - y[i, j] - parts[:, None]
         mean_inverse = (1.0 / np.hypot(dx, dy)).mean(axis=(2, 3))
+        mean_inverse[i, j] = 4.0 * math.asinh(1.0) / pitch
         found += pressure[i, j] * pitch**2 * mean_inverse / (math.pi * STIFFNESS)
     return found
 
@@ -116,7 +121,7 @@ def test_nothing_pulls_nothing_enters_and_what_pushes_touches(
     assert np.abs(touch.compression - indentation)[pressing].max() <= 2 * allowed
     # The pressures do make that face: independently of the kernel that found them.
     face = displacement(finger, touch.pressure)
-    assert np.allclose(face, touch.compression, rtol=0.0, atol=0.003 * face.max())
+    assert np.allclose(face, touch.compression, rtol=1e-3, atol=0.0)
 
 
 def test_displacements_under_a_square_are_those_of_point_loads_all_over_it(
@@ -126,11 +131,7 @@ def test_displacements_under_a_square_are_those_of_point_loads_all_over_it(
     indentation = np.full((5, 9), -np.inf)
     indentation[1, 2] = 1e-3
     touch = solved(finger, make_touch, indentation)
-    face = displacement(finger, touch.pressure, fine=200)
-    # On the square itself the grid of points misses a little of the peak.
-    assert np.allclose(touch.compression, face, rtol=5e-3)
-    others = np.isinf(indentation)
-    assert np.allclose(touch.compression[others], face[others], rtol=1e-5)
+    assert np.allclose(touch.compression, displacement(finger, touch.pressure, 200), rtol=1e-5)
 
 
 def test_a_stiffer_pad_presses_harder_and_is_touched_alike(
@@ -157,7 +158,7 @@ def test_contacts_of_all_sizes_are_found_alike(
 def test_an_untouched_pad_stays_as_it_is(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
     touch = solved(make_finger(), make_touch, np.full((16, 16), -np.inf))
     assert (touch.compression == 0.0).all()
-    assert (touch.pressure <= 0.0).all()
+    assert (touch.pressure == 0.0).all()
 
 
 def test_a_contact_that_is_not_found_is_said(

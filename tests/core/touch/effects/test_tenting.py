@@ -40,11 +40,11 @@ def by_elimination(field: Floats, contact: Bools, stiffness: float) -> Floats:
 
 
 def contacts(size: tuple[int, int]) -> list[Bools]:
-    rng, (rows, cols) = np.random.default_rng(2), size
+    rng = np.random.default_rng(2)
     rim = np.ones(size, dtype=bool)
     rim[2:-2, 2:-2] = False
     single = np.zeros(size, dtype=bool)
-    single[0, cols - 1] = True
+    single[0, -1] = True
     checks = np.indices(size).sum(axis=0) % 2 == 0
     return [rim, single, checks, ~single, rng.random(size) < 0.5, rng.random(size) < 0.05]
 
