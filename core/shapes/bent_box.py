@@ -12,8 +12,6 @@ from palpate.core.shapes.bend import LEAST_CURVATURE
 from palpate.core.shapes.clip import ROOM, through_box
 from palpate.core.shapes.first_root import Gap
 
-NOWHERE = np.inf, -np.inf
-EVERYWHERE = -np.inf, np.inf
 LEAST_SQUARE = 1e-200
 """Stands for a vanishing coefficient of t^2, so that no quotient is 0 / 0."""
 
@@ -48,15 +46,75 @@ def through_bent_box(
     """
     if abs(curvature) < LEAST_CURVATURE:
         return Clipped(*through_box(origins, direction, half), ())
-    half = half * (1.0 + ROOM)
-    outer, inner = _ring(origins, direction, float(half[0]), curvature)
-    side = _between(origins[1], float(direction[1]), float(half[1]))
-    starts = np.maximum(np.maximum(outer[0], side[0]), 0.0)
-    ends = np.minimum(outer[1], side[1])
-    above, below = _ends(origins, direction, float(half[2]), curvature)
-    if abs(curvature) * half[2] < 0.5 * math.pi:
-        starts = np.maximum(starts, np.maximum(above[0], below[0]))
-        ends = np.minimum(ends, np.minimum(above[1], below[1]))
-        return Clipped(starts, ends, (inner,))
-    # More than half a circle: what is left out is a wedge, between the two ends.
-    return Clipped(starts, ends, (inner, _gap(_meet(_rest(above), _rest(below)))))
+    inwards, aside, height = half * (1.0 + ROOM)
+    starts, ends = _part_between(origins[1], direction[1], aside)
+    begin, end = _part_in_circle(origins, direction, curvature, inwards)
+    starts, ends = np.maximum(np.maximum(starts, begin), 0.0), np.minimum(ends, end)
+    gaps = [_part_in_circle(origins, direction, curvature, -inwards)]
+    if abs(curvature) * height < 0.5 * math.pi:
+        begin, end = _part_between_ends(origins, direction, curvature, height, 1.0)
+        starts, ends = np.maximum(starts, begin), np.minimum(ends, end)
+    else:  # more than half a circle: what is left out between the ends is the wedge
+        gaps.append(_part_between_ends(origins, direction, curvature, height, -1.0))
+    return Clipped(starts, ends, tuple(gaps))
+
+
+def _part_between(origin: Floats, slope: float, half: float) -> Gap:
+    """Where rays are within `half` on both sides of a plane."""
+    first = _part_above(origin + half, slope)
+    second = _part_above(half - origin, -slope)
+    return _common(first, second)
+
+
+def _part_between_ends(
+    origins: Floats, direction: Floats, curvature: float, height: float, sign: float
+) -> Gap:
+    """Where rays are on the body's side of both its end planes; of neither if `sign` is -1.
+
+    The planes meet in the axis of the bend, and are level for no bend.
+    """
+    angle = curvature * height
+    lever, tilt = height * math.sin(angle) / angle, math.cos(angle)
+    level, slope = (1.0 - curvature * origins[0]) * lever, -curvature * direction[0] * lever
+    rise, climb = origins[2] * tilt, direction[2] * tilt
+    below = _part_above(sign * (level - rise), sign * (slope - climb))
+    above = _part_above(sign * (level + rise), sign * (slope + climb))
+    return _common(below, above)
+
+
+def _part_above(value: Floats, slope: float) -> Gap:
+    """Where value + slope t is not negative."""
+    never, ever = np.full(len(value), np.inf), np.full(len(value), -np.inf)
+    if slope > 0.0:
+        return -value / slope, never
+    if slope < 0.0:
+        return ever, -value / slope
+    return np.where(value >= 0.0, ever, never), np.where(value >= 0.0, never, ever)
+
+
+def _common(first: Gap, second: Gap) -> Gap:
+    begin, end = np.maximum(first[0], second[0]), np.minimum(first[1], second[1])
+    return begin, np.where(begin < end, end, -np.inf)
+
+
+def _part_in_circle(
+    origins: Floats, direction: Floats, curvature: float, outwards: float
+) -> Gap:
+    """Where rays are in the cylinder about the bend's axis, `outwards` from its bent axis.
+
+    In the square of the distance divided by the curvature, so that a circle may be a line.
+    """
+    k, sign = abs(curvature), math.copysign(1.0, curvature)
+    across, _, up = direction
+    x, _, z = origins
+    a = max(k * (across * across + up * up), LEAST_SQUARE)
+    b = k * (x * across + z * up) - sign * across
+    c = k * (x * x + z * z) - sign * 2.0 * x - outwards * (2.0 + k * outwards)
+    inner = b * b - a * c
+    root = b + np.copysign(np.sqrt(np.maximum(inner, 0.0)), b)
+    root = np.where(root == 0.0, LEAST_SQUARE, root)
+    with np.errstate(over="ignore"):
+        first, second = -root / a, -c / root
+    met = inner > 0.0
+    begin = np.where(met, np.minimum(first, second), np.inf)
+    return begin, np.where(met, np.maximum(first, second), -np.inf)

@@ -7,24 +7,24 @@ from collections.abc import Callable
 import click
 
 WHAT = ("explore", "bus", "touch", "effects", "curvature")
+HELP = """Measure one of five things, here and now.
+
+\b
+explore    the shipped scenes from start to end: accuracy and time
+bus        the message bus alone: losses and latency
+touch      one touch: frames a second, and the error of cast and curvature
+effects    each effect: its cost, and the error of a contour that it causes
+curvature  filters and estimators against noise and impulses
+"""
 
 
-@click.command("bench")
+@click.command("bench", help=HELP)
 @click.argument("what", type=click.Choice(WHAT), default="explore")
 @click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
 @click.option(
     "--figures", type=click.Path(file_okay=False), help="With curvature: write its figures here."
 )
 def command(what: str, quick: bool, figures: str | None) -> int:
-    """Measure one of five things, here and now.
-
-    \b
-    explore    the shipped scenes from start to end: accuracy and time
-    bus        the message bus alone: losses and latency
-    touch      one touch: frames a second, and the error of cast and curvature
-    effects    each effect: its cost, and the error of a contour that it causes
-    curvature  filters and estimators against noise and impulses
-    """
     if figures is not None and what != "curvature":
         raise click.UsageError("--figures belongs to curvature")
     if figures is not None:
