@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import fields
 from typing import Any
 
 from palpate.core.ranges import ranges_of
+from palpate.core.touch.effects.catalogue import NAMES, effect_type
 from palpate.launch.scene import SceneSpec
 from palpate.nodes.effects import describe_effects
 from palpate.nodes.sensor import SensorSpec
@@ -48,3 +50,23 @@ def _parameters(effect: Any) -> str:
 
 def _mm(metres: float) -> str:
     return f"{1000.0 * metres:g} mm"
+
+
+def effects_known() -> str:
+    """Every effect that palpate has, with its parameters, their ranges and defaults."""
+    lines = []
+    for name in NAMES:
+        kind = effect_type(name)
+        lines.append(f"{name}: {title_of(name)}")
+        allowed = ranges_of(kind)
+        for field in fields(kind):  # type: ignore[arg-type]
+            given = "" if field.default is None else f"{field.default}"
+            span = str(allowed[field.name]) if field.name in allowed else ""
+            lines.append(f"  {field.name:<14}{given:<10}{span}".rstrip())
+    return "\n".join(lines)
+
+
+def title_of(name: str) -> str:
+    """What an effect is, in one line."""
+    module = sys.modules[effect_type(name).__module__]
+    return (module.__doc__ or "").strip().partition("\n")[0]

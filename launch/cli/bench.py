@@ -25,6 +25,7 @@ curvature  filters and estimators against noise and impulses
     "--figures", type=click.Path(file_okay=False), help="With curvature: write its figures here."
 )
 def command(what: str, quick: bool, figures: str | None) -> int:
+    """Measure one thing; `HELP` says which there are."""
     if figures is not None and what != "curvature":
         raise click.UsageError("--figures belongs to curvature")
     if figures is not None:

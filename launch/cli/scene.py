@@ -35,3 +35,11 @@ def check(scene: str) -> None:
     size = " x ".join(f"{1000.0 * side:.1f}" for side in object_size(plan.described.scene))
     click.echo(f"{path}: can be explored; the object measures {size} mm")
     click.echo(simulated(plan.described.scene.spec))
+
+
+@command.command("effects")
+def effects() -> None:
+    """Name the effects that a scene may list, their parameters, defaults and ranges."""
+    from palpate.launch.scene_report import effects_known
+
+    click.echo(effects_known())
