@@ -1,20 +1,8 @@
-"""A superquadric that is tapered, then bent, cast exactly.
-
-Bent back and untapered, a straight ray is a curve c(t), and the superquadric is where the
-gauge N(c) is below 1. Multiplied by the section's width w, which clears the denominators,
-
-    f(t) = N(w c) - w
-
-is convex but for the curve's own bending: N is a norm, so f'' >= -N((w c)'') - |w''|, which is
-bounded in terms of the solid alone. With that bound no root is passed, however thin the part
-of the solid that a ray meets.
-"""
+"""A superquadric that is tapered, then bent: cast exactly, without a mesh."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,11 +11,15 @@ from palpate.core.shapes.bend import Bend
 from palpate.core.shapes.bent_box import through_bent_box
 from palpate.core.shapes.first_root import Which, first_roots
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
+from palpate.core.shapes.straighten import Straightening
 from palpate.core.shapes.superquadric import RANGE_TOLERANCE, Superquadric
 from palpate.core.shapes.taper import Taper
 
 LARGEST_SHARE = 0.98
-"""Of the bend at which the inner side is squeezed to nothing, or the ends meet."""
+"""Of the bend that would squeeze the inner side to nothing, or close the axis to a ring."""
+BOUNDS_LEVEL = 6
+"""82k faces."""
+NO_BEND = Bend(0.0)
 
 
 class WarpedSuperquadric:
@@ -45,29 +37,112 @@ class WarpedSuperquadric:
     Raises
     ------
     ValueError
-        If a taper collapses the solid, or the bend squeezes its inner side to nothing or
-        closes it to a ring.
-
-    Notes
-    -----
-    Taper, then bend: in the other order they give another solid.
+        If a taper collapses the solid, or the bend folds it or closes it to a ring.
     """
 
     def __init__(self, base: Superquadric, taper: Floats, bend: Bend = NO_BEND):
-        self._base = base
+        self._base, self._bend = base, bend
         self._taper = Taper(float(taper[0]), float(taper[1]), float(base.size[2]))
-        self._bend = bend
-        self._half = bend_box(base, taper, bend.direction)
         most = most_bend(base, taper, bend.direction)
         if not abs(bend.curvature) <= most:
             raise ValueError(
-                f"bend must lie between {-most:.4g} and {most:.4g} 1/m for a solid of this size and "
-                f"taper, or it folds: got {bend.curvature:g}"
+                f"bend must lie between {-most:.4g} and {most:.4g} 1/m, or this solid folds, "
+                f"got {bend.curvature:g}"
             )
+        self._half = _half_box(base, taper, bend.direction)
+        self._straightening = Straightening(base.size, taper, bend)
         cosine, sine = bend.towards
-        self._turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        self._axes = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
     def bounds(self) -> Floats:
         """Smallest and largest coordinates of a fine tessellation, (2, 3), m."""
         vertices = self.mesh(BOUNDS_LEVEL).vertices
         return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+
+    def gauge(self, points: Floats) -> Floats:
+        """The base's gauge of points (n, 3), straightened: below 1 inside, above 1 outside."""
+        return self._base.gauge(self._taper.inverse(self._bend.inverse(points)))
+
+    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+        """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
+        places, towards = self._axes.T @ origins.T, self._axes.T @ direction
+        curvature = self._bend.curvature
+        starts, ends, gaps = through_bent_box(places, towards, self._half, curvature)
+        ends = np.minimum(ends, reach)
+        ranges = np.full(len(origins), MISS)
+        met = np.flatnonzero(starts <= ends)
+        if not len(met):
+            return ranges
+        places, along = places[:, met], towards[:, None]
+
+        def height(travelled: Floats, which: Which) -> tuple[Floats, Floats]:
+            return self._height(places[:, which] + along * travelled, towards)
+
+        dip, rise = self._bends(towards)
+        found = first_roots(
+            height,
+            starts[met],
+            ends[met],
+            tolerance=RANGE_TOLERANCE * float(self._base.size.min()),
+            dip=dip,
+            rise=rise,
+            gaps=tuple((begin[met], end[met]) for begin, end in gaps),
+        )
+        ranges[met] = np.where(found == 0.0, INSIDE, found)
+        return ranges
+
+    def mesh(self, level: int) -> Mesh:
+        """The base's tessellation, tapered and bent: see `Shape.mesh`."""
+        vertices, faces = self._base.mesh(level)
+        return Mesh(self._bend(self._taper(vertices)), faces)
+
+    def _height(self, places: Floats, direction: Floats) -> tuple[Floats, Floats]:
+        """A function that is 0 on the surface and its slope along rays: `Straightening`."""
+        place, slope, width, width_slope = self._straightening.along(places, direction)
+        gauge, gauge_slope = self._base.gauge_along(place, slope)
+        return gauge - width, gauge_slope - width_slope
+
+    def _bends(self, direction: Floats) -> tuple[float, float]:
+        """How much that function bends down, and up, at most where it is positive, 1/m2."""
+        place, width, least_width = self._straightening.bound(direction, self._half)
+        most = np.array(place)[:, 1:]  # slope and curve of each coordinate
+        speed, down = self._base.gauge_along(most, np.zeros((3, 1)))[0].tolist()
+        dip = down + width.curve
+        return dip, self._base.smoothness() * speed**2 / least_width + dip
+
+
+def most_bend(base: Superquadric, taper: Floats, direction: float) -> float:
+    """Largest curvature to which a tapered superquadric is bent, 1/m.
+
+    Parameters
+    ----------
+    base : Superquadric
+        What is tapered and bent.
+    taper : (2,) array
+        Widening of x and y at the top.
+    direction : float
+        Azimuth of the bend, rad.
+    """
+    inwards, _, height = _half_box(base, taper, direction).tolist()
+    return LARGEST_SHARE * float(min(1.0 / inwards, math.pi / height))
+
+
+def _half_box(base: Superquadric, taper: Floats, direction: float) -> Floats:
+    """Half edges of a box about the tapered solid, turned to the direction of the bend.
+
+    How far a section reaches in a direction is the dual of the norm of which it is the ball.
+    """
+    width, depth = (base.size[:2] * (1.0 + np.abs(taper))).tolist()
+    cosine, sine = math.cos(direction), math.sin(direction)
+    e2 = float(base.exponents[1])
+    inwards = _dual_norm(width * cosine, depth * sine, e2)
+    return np.array([inwards, _dual_norm(width * sine, depth * cosine, e2), base.size[2]])
+
+
+def _dual_norm(x: float, y: float, e2: float) -> float:
+    small, large = sorted((abs(x), abs(y)))
+    if e2 == 2.0:
+        return large
+    power = 2.0 / (2.0 - e2)
+    result: float = large * (1.0 + (small / large) ** power) ** (1.0 / power)
+    return result

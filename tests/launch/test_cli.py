@@ -74,6 +74,11 @@ def test_the_version_is_said(capsys: Output) -> None:
         (["scene", "check", "none.yaml"], "none.yaml: the scene does not exist"),
         (["node", "info", "plannet"], "there is no kind of node 'plannet'; did you mean 'planner'"),
         (["bench", "bux"], "'bux' is not one of"),
+        (["bench", "touch", "--figures", "x"], "--figures belongs to curvature"),
+        (["init", "effect", "Hum"], "'Hum' cannot name a module"),
+        (["init", "efect", "hum"], "No such command 'efect'"),
+        (["calibrate"], "Missing argument 'SCENE'"),
+        (["calibrate", "vaes"], "there is no scene 'vaes'; did you mean 'vase'?"),
     ],
 )
 def test_a_wrong_command_line_is_refused_in_one_sentence(
@@ -95,6 +100,24 @@ BAD_SCENES = {
     "not finite": (
         "object: {superquadric: {size: [1, .nan, 1], exponents: [1, 1]}}",
         "size[1] is nan; a number must be finite",
+    ),
+    "unknown effect": (
+        "object: {superquadric: {size: [1, 1, 1], exponents: [1, 1]}}\neffects: [drifft]",
+        "did you mean 'drift'?",
+    ),
+    "effect out of range": (
+        "object: {superquadric: {size: [1, 1, 1], exponents: [1, 1]}}\n"
+        "effects:\n- drift: {rate: 9}",
+        "rate is 9 m/sqrt(s); expected 0 to 0.0001 m/sqrt(s)",
+    ),
+    "array too small": (
+        "object: {superquadric: {size: [1, 1, 1], exponents: [1, 1]}}\nsensor: {rows: 3}",
+        "sensor.rows is 3; expected whole number >= 4",
+    ),
+    "pad too thin": (
+        "object: {superquadric: {size: [1, 1, 1], exponents: [1, 1]}}\n"
+        "sensor: {pad: {thickness: 0.001}}",
+        "it must be at least 0.00125 m, to be pressed by 0.001 m",
     ),
     "mesh missing": ("object: {mesh: {file: no.ply, unit: mm}}", "no.ply: the mesh cannot be read"),
     "mesh empty": ("object: {mesh: {file: empty.ply, unit: mm}}", "the mesh file is empty"),
@@ -240,3 +263,37 @@ def test_json_is_all_that_json_prints(
     assert play.play(plan, composed=False, as_json=False, quiet=True) == 3
     assert capsys.readouterr() == ("", "palpate: died: the tracer fell\n")
     assert asked == [True, False]
+
+
+def test_a_scene_is_checked_and_told(capsys: Output) -> None:
+    assert cli.run(["scene", "check", "worn_sensor"]) == 0
+
+    first, sensor, simulated, *effects = capsys.readouterr().out.splitlines()
+    assert first.endswith("can be explored; the object measures 60.0 x 52.0 x 90.0 mm")
+    assert "16 x 16 taxels" in sensor
+    assert "7 of its effects" in simulated
+    assert effects[0].split() == ["aim", "pose_error", *effects[0].split()[2:]]
+    assert "sigma 0.0001 m, rotation 0.05 deg" in effects[0]
+
+
+def test_a_calibration_is_written_and_told(write: Write, home: Path, capsys: Output) -> None:
+    write("s.yaml", "object: {superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}}")
+    assert cli.run(["calibrate", "s.yaml", "--out", "found.yaml", "--quiet"]) == 0
+
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "256 calibrated, 0 not reached, 0 not trusted" in out
+    assert (home / "found.yaml").exists()
+    assert cli.run(["calibrate", "s.yaml", "--out", "found.yaml"]) == 2
+    assert sentence(capsys) == "palpate: found.yaml: is there already; choose another name\n"
+
+
+def test_an_effect_is_begun(home: Path, capsys: Output) -> None:
+    assert cli.run(["init", "effect", "hum"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "  - hum:Hum"
+    assert (home / "hum.py").exists()
+
+
+def test_the_effects_are_listed(capsys: Output) -> None:
+    assert cli.run(["scene", "effects"]) == 0
+    assert "\ngaussian_noise: Noise of the electronics" in capsys.readouterr().out

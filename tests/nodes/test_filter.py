@@ -16,7 +16,7 @@ from palpate.launch.scene import load_scene
 from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.filter import Params, calibrate, take_frame
 from palpate.nodes.object import build_shape
-from palpate.nodes.sensor import calibration_of_info, pad_of_spec
+from palpate.nodes.sensor import SensorSpec, calibration_of_info, info_of, pad_of_spec
 
 
 def frame_of(compression: Floats, pose: Floats, info: SensorInfo, **changes: Any) -> TactileFrame:
@@ -109,3 +109,32 @@ def test_no_clean_frame_of_a_shipped_scene_holds_an_impulse(scene: str) -> None:
             start = pose_of(np.array([*middle[:2], height]) - 0.12 * axes[:, 2], axes)
             pressed = press(shape, pad, start, 0.2, 2.2e-3)
             assert not median_filter(pressed.compression, TIP * pad.pitch)[1].any()
+
+
+def test_a_frame_that_comes_twice_is_taken_once(
+    info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
+) -> None:
+    frame = frame_of(bump, sideways(0.0), info)
+    state, _ = calibrate(Params(), None, info)
+    state, first = take_frame(Params(), state, frame)
+    state, again = take_frame(Params(), state, frame)
+    _, following = take_frame(Params(), state, replace(frame, touch=5))
+    assert [len(first), len(again), len(following)] == [1, 0, 1]
+
+
+def test_forces_are_read_by_the_stiffness_of_a_taxel(
+    bump: Floats, sideways: Callable[[float], Floats]
+) -> None:
+    info = info_of(SensorSpec(signal="force"), noise=0.0)
+    frame = frame_of(bump, sideways(0.0), info)
+    assert frame.array.max() == pytest.approx(info.taxel_stiffness * bump.max())
+    assert np.allclose(cleaned(info, frame).compression, bump, rtol=0, atol=1e-15)
+
+
+def test_gain_and_offset_of_the_calibration_are_applied(
+    info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
+) -> None:
+    gain = np.random.default_rng(2).uniform(0.9, 1.1, bump.shape)
+    found = replace(info, gain=gain, offset=np.full(bump.shape, 1e-5))
+    image = cleaned(found, frame_of((bump - 1e-5) / gain, sideways(0.0), info))
+    assert np.allclose(image.compression, bump, rtol=0, atol=1e-15)

@@ -136,19 +136,129 @@ def test_an_object_that_cannot_be_is_refused(wrong: dict[str, Any], words: str) 
         msgspec.convert(wrong, ObjectSpec)
 
 
-def test_an_analytic_scene_imports_neither_meshes_nor_random_numbers() -> None:
-    script = (
-        "import sys\n"
-        "from palpate.nodes.object import ObjectSpec, SuperquadricSpec\n"
-        "from palpate.nodes.simulator import Params, start\n"
-        "ball = SuperquadricSpec(size=(0.03,) * 3, exponents=(1.0, 1.0))\n"
-        "start(Params(object=ObjectSpec(superquadric=ball)))\n"
-        "print([m for m in ('numpy.random', 'scipy', 'trimesh', 'embreex') if m in sys.modules])\n"
-    )
+IDEAL_TOUCH = """
+import sys
+import numpy as np
+from palpate.core.frames import pad_rotation, pose_of
+from palpate.messages.types import TouchGoal
+from palpate.nodes.object import ObjectSpec, SuperquadricSpec
+from palpate.nodes.simulator import Params, start, touch
+ball = SuperquadricSpec(size=(0.03,) * 3, exponents=(1.0, 1.0))
+params = Params(object=ObjectSpec(superquadric=ball), effects={effects})
+state, _ = start(params)
+pose = pose_of(np.array([0.1, 0.0, 0.0]), pad_rotation(0.0, 0.0))
+up = np.array([0.0, 0.0, 1.0])
+goal = dict(goal=0, touch=0, finger=1, pose=pose, reach=0.15, depth=0.001, direction=up)
+touch(params, state, TouchGoal(**goal, not_before=0.0))
+"""
+
+
+def modules_after(effects: dict[str, Any]) -> set[str]:
+    """What a process has imported once it has simulated a touch."""
+    script = IDEAL_TOUCH.replace("{effects}", repr(effects)) + "print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
     )
-    assert done.stdout.strip() == "[]"
+    return set(done.stdout.split())
+
+
+EFFECTS = "palpate.core.touch.effects."
+
+
+def test_an_ideal_analytic_scene_imports_neither_effects_meshes_nor_random_numbers() -> None:
+    modules = modules_after({})
+    assert not {"numpy.random", "scipy", "trimesh", "embreex"} & modules
+    assert {name for name in modules if name.startswith(EFFECTS)} == {EFFECTS + "catalogue"}
+
+
+def test_of_the_effects_only_what_is_listed_is_imported() -> None:
+    modules = modules_after({"crosstalk": {}, "saturation": {"share": 0.3}})
+    found = {name.removeprefix(EFFECTS) for name in modules if name.startswith(EFFECTS)}
+    assert found == {"catalogue", "crosstalk", "saturation"}
+    assert "numpy.random" not in modules  # neither of them draws
+
+
+def frames_of(ball: ObjectSpec, pose: Floats, effects: dict[str, Any]) -> list[Any]:
+    params = Params(object=ball, effects=effects, seed=11)
+    state, _ = start(params)
+    frames = []
+    for _ in range(3):
+        state, said = touch(params, state, goal_at(pose))
+        frames += [encode(frame) for _, frame in said]  # type: ignore[misc]
+    return frames
+
+
+def test_the_order_of_the_list_does_not_matter(ball: ObjectSpec, sideways: Pose) -> None:
+    effects = {"quantisation": {}, "gaussian_noise": {}, "creep": {}, "pose_error": {}}
+    backwards = dict(reversed(effects.items()))
+    pose = sideways(0.03)
+    assert frames_of(ball, pose, effects) == frames_of(ball, pose, backwards)
+    assert frames_of(ball, pose, effects) != frames_of(ball, pose, {})
+
+
+def test_an_effect_without_strength_leaves_the_frames_byte_for_byte(
+    ball: ObjectSpec, sideways: Pose
+) -> None:
+    pose = sideways(0.03)
+    listed = {"gaussian_noise": {"sigma": 0.0}, "salt_and_pepper": {"rate": 0.0}}
+    assert frames_of(ball, pose, listed) == frames_of(ball, pose, {})
+
+
+def test_adding_an_effect_leaves_the_draws_of_the_others(ball: ObjectSpec, sideways: Pose) -> None:
+    def reading(effects: dict[str, Any]) -> Floats:
+        params = Params(object=ball, effects=effects, seed=11)
+        state, _ = start(params)
+        state, _ = touch(params, state, goal_at(sideways(0.2)))  # a miss draws as well
+        _, [(_, frame)] = touch(params, state, goal_at(sideways(0.03)))  # type: ignore[misc]
+        return np.asarray(frame.array)
+
+    noise, offset = {"gaussian_noise": {}}, {"gain_offset": {"sigma_gain": 0.0}}
+    alone = reading(noise) - reading({})
+    beside = reading({**noise, **offset}) - reading(offset)
+    assert np.abs(alone).max() > 1e-9
+    assert np.allclose(alone, beside, rtol=0, atol=1e-20)
+
+
+def test_a_frame_is_sent_as_often_as_the_link_delivers_it(ball: ObjectSpec, sideways: Pose) -> None:
+    params = Params(object=ball, effects={"transport": {"duplicate": 1.0, "drop": 0.0}})
+    state, _ = start(params)
+    _, said = touch(params, state, goal_at(sideways(0.03)))
+    assert [encode(frame) for _, frame in said] == [encode(said[0][1])] * 2  # type: ignore
+
+
+def test_the_arm_says_where_it_believes_to_be(ball: ObjectSpec, sideways: Pose) -> None:
+    pose = sideways(0.03)
+    believed = {}
+    for name, effects in {"ideal": {}, "off": {"pose_error": {"sigma": 1e-3}}}.items():
+        params = Params(object=ball, effects=effects)
+        state, _ = start(params)
+        _, [(_, frame)] = touch(params, state, goal_at(pose))  # type: ignore[misc]
+        believed[name] = frame
+    # Only the way along the normal, which the move measures, can tell.
+    assert np.allclose(believed["ideal"].pose[1:], believed["off"].pose[1:], atol=1e-15)
+    assert not np.allclose(believed["ideal"].array, believed["off"].array, atol=1e-8)
+
+
+def test_listeners_are_told_of_noise_and_of_a_face_that_yields(ball: ObjectSpec) -> None:
+    listed = {"gaussian_noise": {"sigma": 3e-6}, "tenting": {"decay": 2e-3}}
+    _, said = start(Params(object=ball, effects=listed))
+    info = dict(said)["/touch/info"]  # type: ignore[arg-type]
+    assert info.noise == pytest.approx(3e-6)
+    assert (info.face, info.face_decay) == ("membrane", 2e-3)
+
+
+@pytest.mark.parametrize(
+    ("effects", "words"),
+    [
+        ({"noise": {}}, "there is no effect 'noise'"),
+        ({"drift": {"rat": 1}}, "effects.drift has no parameter 'rat'; it has"),
+        ({"drift": {"rate": "x"}}, "effects.drift: Expected `float`, got `str`"),
+        ({"drift": {"rate": -1.0}}, "rate is -1 m/sqrt"),
+    ],
+)
+def test_a_bad_effect_is_refused(ball: ObjectSpec, effects: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Params(object=ball, effects=effects)
 
 
 def test_the_node_declares_what_its_handlers_take() -> None:

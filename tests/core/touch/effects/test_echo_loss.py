@@ -59,7 +59,7 @@ def test_the_slope_is_that_of_the_pad_and_not_of_what_the_array_reads(
 
 
 def test_a_wide_lobe_loses_nothing(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
-    touch = make_touch(field=plane(1.55, 0.3))
+    touch = make_touch(field=plane(1.57, 0.3))
     EchoLoss(angle=60.0, threshold=0.1).prepare(make_finger()).act(touch, None)
     assert np.array_equal(touch.reading, touch.compression)
 

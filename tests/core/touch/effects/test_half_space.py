@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from palpate.core.arrays import Floats
 from palpate.core.touch.effects import half_space
@@ -107,8 +108,9 @@ def shapes(finger: Finger) -> list[Floats]:
 
 @pytest.mark.parametrize("which", range(10))
 def test_nothing_pulls_nothing_enters_and_what_pushes_touches(
-    which: int, make_finger: MakeFinger, make_touch: MakeTouch
+    which: int, make_finger: MakeFinger, make_touch: MakeTouch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(half_space, "MOST_STEPS", 60)  # of a thousand
     finger = make_finger()
     indentation = shapes(finger)[which]
     touch = solved(finger, make_touch, indentation)
@@ -122,6 +124,22 @@ def test_nothing_pulls_nothing_enters_and_what_pushes_touches(
     # The pressures do make that face: independently of the kernel that found them.
     face = displacement(finger, touch.pressure)
     assert np.allclose(face, touch.compression, rtol=1e-3, atol=0.0)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_pressures_are_those_of_another_method(
+    seed: int, make_finger: MakeFinger, make_touch: MakeTouch
+) -> None:
+    """Lawson and Hanson's: least squares with a factor of the energy, x >= 0."""
+    finger, rng = make_finger(rows=8, cols=10), np.random.default_rng(seed)
+    units = np.eye(80).reshape(80, 8, 10)
+    kernel = np.array([displacement(finger, unit, 60).ravel() for unit in units])
+    indentation = rng.normal(0.2e-3, 1e-3, (8, 10)) * rng.uniform(0.01, 1.0, (8, 10)) ** 3
+    factor = np.linalg.cholesky(kernel * 1e9)
+    wanted = np.linalg.solve(factor, indentation.ravel() * 1e6)
+    expected = nnls(factor.T, wanted)[0].reshape(8, 10) * 1e3
+    touch = solved(finger, make_touch, indentation)
+    assert np.allclose(touch.pressure, expected, rtol=0.0, atol=1e-3 * expected.max())
 
 
 def test_displacements_under_a_square_are_those_of_point_loads_all_over_it(

@@ -66,3 +66,6 @@ def test_an_array_of_forces_is_refused(make_finger: MakeFinger) -> None:
 def test_sound_that_would_lose_half_its_speed_is_refused(make_finger: MakeFinger) -> None:
     with pytest.raises(ValueError, match="rise times coefficient is -600 m/s; expected more than"):
         Temperature(rise=60.0, coefficient=-10.0).prepare(make_finger())
+    with pytest.raises(ValueError, match="rise times coefficient is -500 m/s"):
+        Temperature(rise=50.0, coefficient=-10.0).prepare(make_finger())
+    Temperature(rise=49.9, coefficient=-10.0).prepare(make_finger())

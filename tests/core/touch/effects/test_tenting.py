@@ -36,7 +36,8 @@ def by_elimination(field: Floats, contact: Bools, stiffness: float) -> Floats:
                 if 0 <= k < rows and 0 <= m < cols:
                     matrix[here, here] += 1.0
                     matrix[here, k * cols + m] = -1.0
-    return np.linalg.solve(matrix, right).reshape(rows, cols)
+    solved: Floats = np.linalg.solve(matrix, right).reshape(rows, cols)
+    return solved
 
 
 def contacts(size: tuple[int, int]) -> list[Bools]:
