@@ -13,7 +13,7 @@ MISS = float("inf")
 
 
 class Mesh(NamedTuple):
-    """A closed triangle mesh."""
+    """A triangle mesh."""
 
     vertices: Floats
     """(n, 3), m."""
@@ -47,3 +47,24 @@ class Shape(Protocol):
 
     def mesh(self, level: int) -> Mesh:
         """A tessellation; each level has four times the faces of the one before."""
+
+
+class ImplicitShape(Shape, Protocol):
+    """A solid that is known by a function, not only by its facets."""
+
+    def enclosure(self) -> Floats:
+        """Corners of an upright box that holds the solid, (2, 3); not always the smallest."""
+
+    def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """A function that is negative inside, 0 on the surface and positive outside.
+
+        Parameters
+        ----------
+        points, directions : (n, 3) arrays
+            Where, near the solid, and the direction of its derivative, m.
+
+        Returns
+        -------
+        value, slope : (n,) arrays
+            The function and its derivative, 1 and 1/m.
+        """

@@ -4,46 +4,58 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.core.arrays import Floats, Ints
+from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
-from palpate.core.shapes.zbuffer import ZBuffer
+from palpate.core.shapes.winding import is_closed, is_inside_out
+from palpate.core.shapes.zbuffer import Hits, ZBuffer
 
 try:
-    from embreex.mesh_construction import TriangleMesh as _EmbreeMesh
-    from embreex.rtcore_scene import EmbreeScene
+    from palpate.core.shapes.embree import Embree
 except ImportError:  # there is no wheel for this machine
-    EmbreeScene = None
+    Embree = None
+
+MOST_LAYERS = 64
+"""Back faces that a ray goes through on its way to a front face."""
+NUDGE = 1e-6
+"""How far behind a back face the ray starts anew, as a share of the mesh's extent: some ten
+times what single precision can tell apart."""
 
 
 class TriangleShape:
-    """A closed triangle mesh.
+    """A triangle mesh.
+
+    A mesh that is inside out is turned. A ray that starts inside a closed mesh says so, however
+    far its exit lies. A mesh with holes has no inside: its faces are met from outside alone.
 
     Parameters
     ----------
     vertices : (n, 3) array
         m.
     faces : (m, 3) array
-        Counter-clockwise seen from outside. That the mesh is closed and turned the right way
-        is for the reader of the file to check.
+        Corners, by number; neighbours turned alike.
     embree : bool
         False for the z-buffer, which needs nothing but numpy.
-
-    Notes
-    -----
-    A ray starts inside if the first surface that it meets, however far, is seen from behind.
-    Embree works in single precision: ranges are right to about 1e-7 of the object's size.
     """
 
-    def __init__(self, vertices: Floats, faces: Ints, embree: bool = EmbreeScene is not None):
+    def __init__(self, vertices: Floats, faces: Ints, embree: bool = Embree is not None):
+        self._flipped = is_inside_out(vertices, faces)
+        self._closed = is_closed(faces)
+        faces = np.ascontiguousarray(faces[:, ::-1]) if self._flipped else faces
         self._mesh = Mesh(vertices, faces)
-        corners = vertices[faces]
-        self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        if embree:
-            self._scene = EmbreeScene()
-            self._kept = _EmbreeMesh(self._scene, corners.astype(np.float32))
-        else:
-            self._zbuffer = ZBuffer(vertices, faces)
-        self._embree = embree
+        a, b, c = vertices[faces].transpose(1, 0, 2)
+        self._normals = np.cross(b - a, c - a)
+        self._nudge = NUDGE * float(np.ptp(vertices, axis=0).max())
+        self._backend = Embree(vertices, faces) if embree else ZBuffer(vertices, faces)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the mesh has no holes."""
+        return self._closed
+
+    @property
+    def flipped(self) -> bool:
+        """Whether the faces were given inside out."""
+        return self._flipped
 
     def bounds(self) -> Floats:
         """Smallest and largest coordinates, (2, 3), m."""
@@ -51,24 +63,37 @@ class TriangleShape:
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
-        if self._embree:
-            ranges, faces = self._cast_embree(origins, direction)
-        else:
-            ranges, faces = self._zbuffer.first_hits(origins, direction)
-        met = faces >= 0
-        behind = np.zeros(len(origins), bool)
-        behind[met] = self._normals[faces[met]] @ direction > 0.0
-        result = np.where(met & (ranges <= reach), ranges, MISS)
-        result[behind] = INSIDE
-        return result
+        ranges = self.first_hits(origins, direction).ranges
+        return np.where(ranges <= reach, ranges, MISS)
 
     def mesh(self, level: int) -> Mesh:
-        """The mesh itself, whatever the level."""
+        """The mesh itself, turned outwards, whatever the level."""
         return self._mesh
 
-    def _cast_embree(self, origins: Floats, direction: Floats) -> tuple[Floats, Ints]:
-        towards = np.broadcast_to(direction.astype(np.float32), origins.shape)
-        hits = self._scene.run(
-            origins.astype(np.float32), np.ascontiguousarray(towards), query="INTERSECT", output=1
-        )
-        return hits["tfar"].astype(np.float64), hits["primID"]
+    def first_hits(self, origins: Floats, direction: Floats) -> Hits:
+        """First faces met from outside along parallel rays, however far.
+
+        The range is `INSIDE` where a ray starts inside.
+        """
+        hits = self._backend.first_hits(origins, direction)
+        behind = np.flatnonzero(self._from_behind(hits, direction))
+        if self._closed and len(behind):
+            # A ray along a silhouette may show the back of an edge: look the other way too.
+            back = self._backend.first_hits(origins[behind], -direction)
+            inside = self._from_behind(back, -direction)
+            hits.ranges[behind[inside]] = INSIDE
+            behind = behind[~inside]
+        for _ in range(MOST_LAYERS):
+            if not len(behind):
+                return hits
+            way = hits.ranges[behind] + self._nudge
+            beyond = self._backend.first_hits(origins[behind] + way[:, None] * direction, direction)
+            hits.ranges[behind] = way + beyond.ranges
+            hits.faces[behind], hits.weights[behind] = beyond.faces, beyond.weights
+            behind = behind[self._from_behind(beyond, direction)]
+        hits.ranges[behind], hits.faces[behind] = MISS, -1
+        return hits
+
+    def _from_behind(self, hits: Hits, direction: Floats) -> Bools:
+        result: Bools = (hits.faces >= 0) & (self._normals[hits.faces] @ direction > 0.0)
+        return result

@@ -77,8 +77,8 @@ def test_the_catalogue_is_in_order_of_place() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_an_effect_is_a_frozen_value_with_defaults(name: str) -> None:
     kind: Any = effect_type(name)
-    assert is_dataclass(kind)
-    effect = kind()
+    assert is_dataclass(kind())
+    effect: Any = kind()
     assert effect == kind()
     assert all(field.kw_only for field in fields(kind))
     with pytest.raises(AttributeError):

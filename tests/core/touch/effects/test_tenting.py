@@ -36,8 +36,7 @@ def by_elimination(field: Floats, contact: Bools, stiffness: float) -> Floats:
                 if 0 <= k < rows and 0 <= m < cols:
                     matrix[here, here] += 1.0
                     matrix[here, k * cols + m] = -1.0
-    solved: Floats = np.linalg.solve(matrix, right).reshape(rows, cols)
-    return solved
+    return np.array(np.linalg.solve(matrix, right), dtype=np.float64).reshape(rows, cols)
 
 
 def contacts(size: tuple[int, int]) -> list[Bools]:
