@@ -70,7 +70,8 @@ def speed_rows(frames: int, rounds: int) -> Iterable[Row]:
     vertices, faces = _solid().mesh(MESH_LEVEL)
     mesh = ObjectSpec(mesh=encode_mesh(vertices, faces))
     worn = load_scene(WORN).spec.effects
-    quiet = {name: value for name, value in worn.items() if name != "salt_and_pepper"}
+    # A dead taxel under the contact looks like an impulse.
+    quiet = {name: worn[name] for name in worn if name not in ("salt_and_pepper", "dead_taxels")}
     chains = {
         "ideal": Chain(simulator.Params(object=exact)),
         "mesh": Chain(simulator.Params(object=mesh)),

@@ -64,14 +64,17 @@ def _corrected(found: Calibrated, read: Floats) -> Floats:
 
 def _radius(found: Calibrated, read: Callable[[Floats], Floats]) -> str:
     pad, noise = found.pad, found.estimate.noise
-    radii = []
+    curvatures, weights = [], []
     for one in found.on_ball:
         cleaned = clean(pad, read(one.read), noise, CONTACT, "auto")
         height = np.where(cleaned.touched, -(cleaned.compression + pad.sag()), 0.0)
         patch = feel_patch(pad, height, cleaned.touched, UP, noise)
         if patch.kind == "smooth":
-            radii.append(2e3 / sum(patch.principal))
-    if len(radii) < 2:
+            curvatures.append(patch.mean)
+            weights.append(1.0 / sum(error**2 for error in patch.principal_error))
+    if len(curvatures) < 2:
         return "no"
-    error = float(np.std(radii, ddof=1)) / len(radii) ** 0.5
-    return f"{float(np.mean(radii)):.2f} +- {error:.2f}"
+    mean, total = float(np.average(curvatures, weights=weights)), float(np.sum(weights))
+    spread = float(np.sum(np.multiply(weights, (np.array(curvatures) - mean) ** 2)))
+    error = (spread / (total * (len(curvatures) - 1))) ** 0.5
+    return f"{1e3 / mean:.2f} +- {1e3 * error / mean**2:.2f}"

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from palpate.core.arrays import Bools
 from palpate.core.touch.calibration import Calibration
 from palpate.core.touch.clean import Order, clean
 from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
@@ -18,8 +19,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
     order: Order = "auto"
-    """Which filters, and which of them first: auto, none, wiener, median, median-first,
-    wiener-first or robust. auto leaves a frame as it is unless it shows impulses."""
+    """Which filters, and which of them first: auto, none, wiener, median, median-first or
+    wiener-first. auto leaves a frame as it is unless it shows impulses; then it fits robustly."""
     contact: Annotated[float, Meta(gt=0, le=0.001)] = 50e-6
     """Least compression that counts as touched, m, however quiet the sensor is."""
 
@@ -32,6 +33,8 @@ class State:
     """The sensor."""
     calibration: Calibration
     """What its signal means."""
+    lost: Bools | None
+    """Taxels that it does not trust, (rows, cols); None if it trusts all."""
     last: tuple[int, int] = (-1, -1)
     """Goal and touch of the last frame: a link may deliver a frame twice."""
 
@@ -43,7 +46,8 @@ def start(params: Params) -> tuple[State | None, Outputs]:
 
 def calibrate(params: Params, state: State | None, info: SensorInfo) -> tuple[State, Outputs]:
     """Remember the sensor."""
-    return State(info, calibration_of_info(info)), []
+    lost = info.gain == 0.0
+    return State(info, calibration_of_info(info), lost if lost.any() else None), []
 
 
 def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State, Outputs]:
@@ -56,6 +60,7 @@ def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State
         state.info.noise,
         contact=params.contact,
         order=params.order,
+        lost=state.lost,
     )
     image = TactileImage(
         goal=frame.goal,

@@ -102,9 +102,7 @@ class Bend:
         stretch = np.sqrt(rise * rise + level * level)
         before = (2.0 * inwards - k * (inwards * inwards + height * height)) / (1.0 + stretch)
         centre = np.maximum(stretch, LEAST_CURVATURE)
-        return Unbent(
-            before, np.arctan2(rise, level) / k, stretch, level / centre, rise / centre
-        )
+        return Unbent(before, np.arctan2(rise, level) / k, stretch, level / centre, rise / centre)
 
     def _check(self, inwards: Floats, height: Floats) -> None:
         k = self.curvature

@@ -12,8 +12,8 @@ from palpate.core.shapes.bend import LEAST_CURVATURE
 from palpate.core.shapes.clip import ROOM, through_box
 from palpate.core.shapes.first_root import Gap
 
-LEAST_SQUARE = 1e-200
-"""Stands for a vanishing coefficient of t^2, so that no quotient is 0 / 0."""
+LEAST = 1e-200
+"""Stands for a vanishing divisor, so that no quotient is 0 / 0 or overflows."""
 
 
 class Clipped(NamedTuple):
@@ -24,12 +24,10 @@ class Clipped(NamedTuple):
     ends: Floats
     """Where they leave for good, (n,), m."""
     gaps: tuple[Gap, ...]
-    """Where they are outside in between."""
+    """Where they are outside in between; no two of a ray meet."""
 
 
-def through_bent_box(
-    origins: Floats, direction: Floats, half: Floats, curvature: float
-) -> Clipped:
+def through_bent_box(origins: Floats, direction: Floats, half: Floats, curvature: float) -> Clipped:
     """Where parallel rays enter and leave a box that was bent with its axis.
 
     Parameters
@@ -50,13 +48,23 @@ def through_bent_box(
     starts, ends = _part_between(origins[1], direction[1], aside)
     begin, end = _part_in_circle(origins, direction, curvature, inwards)
     starts, ends = np.maximum(np.maximum(starts, begin), 0.0), np.minimum(ends, end)
-    gaps = [_part_in_circle(origins, direction, curvature, -inwards)]
+    hole = _part_in_circle(origins, direction, curvature, -inwards)
     if abs(curvature) * height < 0.5 * math.pi:
         begin, end = _part_between_ends(origins, direction, curvature, height, 1.0)
-        starts, ends = np.maximum(starts, begin), np.minimum(ends, end)
-    else:  # more than half a circle: what is left out between the ends is the wedge
-        gaps.append(_part_between_ends(origins, direction, curvature, height, -1.0))
-    return Clipped(starts, ends, tuple(gaps))
+        return Clipped(np.maximum(starts, begin), np.minimum(ends, end), (hole,))
+    # More than half a circle: what is left out between the ends is the wedge.
+    wedge = _part_between_ends(origins, direction, curvature, height, -1.0)
+    return Clipped(starts, ends, _joined(hole, wedge))
+
+
+def _joined(first: Gap, second: Gap) -> tuple[Gap, Gap]:
+    """Two gaps; those that meet are both the whole of them."""
+    meet = (first[0] <= second[1]) & (second[0] <= first[1])
+    begin, end = np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
+    return (
+        (np.where(meet, begin, first[0]), np.where(meet, end, first[1])),
+        (np.where(meet, begin, second[0]), np.where(meet, end, second[1])),
+    )
 
 
 def _part_between(origin: Floats, slope: float, half: float) -> Gap:
@@ -85,21 +93,20 @@ def _part_between_ends(
 def _part_above(value: Floats, slope: float) -> Gap:
     """Where value + slope t is not negative."""
     never, ever = np.full(len(value), np.inf), np.full(len(value), -np.inf)
-    if slope > 0.0:
+    if slope > LEAST:
         return -value / slope, never
-    if slope < 0.0:
+    if slope < -LEAST:
         return ever, -value / slope
     return np.where(value >= 0.0, ever, never), np.where(value >= 0.0, never, ever)
 
 
 def _common(first: Gap, second: Gap) -> Gap:
     begin, end = np.maximum(first[0], second[0]), np.minimum(first[1], second[1])
-    return begin, np.where(begin < end, end, -np.inf)
+    empty = begin >= end
+    return np.where(empty, np.inf, begin), np.where(empty, -np.inf, end)
 
 
-def _part_in_circle(
-    origins: Floats, direction: Floats, curvature: float, outwards: float
-) -> Gap:
+def _part_in_circle(origins: Floats, direction: Floats, curvature: float, outwards: float) -> Gap:
     """Where rays are in the cylinder about the bend's axis, `outwards` from its bent axis.
 
     In the square of the distance divided by the curvature, so that a circle may be a line.
@@ -107,12 +114,12 @@ def _part_in_circle(
     k, sign = abs(curvature), math.copysign(1.0, curvature)
     across, _, up = direction
     x, _, z = origins
-    a = max(k * (across * across + up * up), LEAST_SQUARE)
+    a = max(k * (across * across + up * up), LEAST)
     b = k * (x * across + z * up) - sign * across
     c = k * (x * x + z * z) - sign * 2.0 * x - outwards * (2.0 + k * outwards)
     inner = b * b - a * c
     root = b + np.copysign(np.sqrt(np.maximum(inner, 0.0)), b)
-    root = np.where(root == 0.0, LEAST_SQUARE, root)
+    root = np.where(root == 0.0, LEAST, root)
     with np.errstate(over="ignore"):
         first, second = -root / a, -c / root
     met = inner > 0.0

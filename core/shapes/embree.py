@@ -40,9 +40,7 @@ class Embree:
         weights = np.column_stack([found["u"], found["v"]]).astype(np.float64)
         return Hits(self._refined(origins, direction, ranges, faces), faces, weights)
 
-    def _refined(
-        self, origins: Floats, direction: Floats, ranges: Floats, faces: Ints
-    ) -> Floats:
+    def _refined(self, origins: Floats, direction: Floats, ranges: Floats, faces: Ints) -> Floats:
         normals = self._normals[faces]
         with np.errstate(divide="ignore", invalid="ignore"):
             exact = np.einsum("ni,ni->n", self._places[faces] - origins, normals) / (

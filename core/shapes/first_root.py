@@ -50,7 +50,8 @@ def first_roots(
     dip, rise : float
         The second derivatives lie between -`dip` and `rise`.
     gaps : tuple of gaps
-        Where nothing needs to be looked for, and the two bounds need not hold.
+        Where nothing needs to be looked for, and the two bounds need not hold. No two of a
+        function may meet.
 
     Returns
     -------
@@ -76,18 +77,31 @@ def first_roots(
                 gaps = tuple((begin[going], end[going]) for begin, end in gaps)
                 going = np.ones(left, bool)
             value, slope = function(places, which)
-            steep = np.abs(slope) if dip == 0.0 else np.sqrt(slope * slope + 2 * dip * value)
-            step = 2 * value / (steep - slope)
-            step[value <= 0.0] = 0.0
+            step = _safe_step(value, slope, dip)
             last = (step <= tolerance) | (rise * step * step <= -tolerance * slope)
             after = places + step
-            arrived = going & last & (after <= ends)
-            found[rows[arrived]] = after[arrived]
+            if np.count_nonzero(last):
+                arrived = going & last & (after <= ends)
+                found[rows[arrived]] = after[arrived]
+                going = going & ~last
             for gap in gaps:
                 after = _across(gap, places, after)
-            going = going & ~last & (after <= ends)
+            going = going & (after <= ends)
             places = after
     return found
+
+
+def _safe_step(value: Floats, slope: Floats, dip: float) -> Floats:
+    """To the first root of the parabola below, in the form that does not cancel; else 0."""
+    if dip == 0.0:
+        step = 2.0 * value / (np.abs(slope) - slope)
+    else:
+        steep = np.sqrt(slope * slope + 2.0 * dip * value)
+        step = np.where(slope > 0.0, (steep + slope) / dip, 2.0 * value / (steep - slope))
+    there = value <= 0.0
+    if np.count_nonzero(there):
+        step[there] = 0.0
+    return step
 
 
 def _across(gap: Gap, before: Floats, after: Floats) -> Floats:

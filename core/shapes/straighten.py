@@ -91,9 +91,7 @@ class Straightening:
         width, slope = wide * deep, dwide * deep + wide * ddeep
         return Curve(
             np.stack([x * deep, y * wide, z * width]),
-            np.stack(
-                [dx * deep + x * ddeep, dy * wide + y * dwide, dz * width + z * slope]
-            ),
+            np.stack([dx * deep + x * ddeep, dy * wide + y * dwide, dz * width + z * slope]),
             width,
             slope,
         )

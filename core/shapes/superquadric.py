@@ -65,6 +65,17 @@ class Superquadric:
         """Smallest and largest coordinates, (2, 3), m."""
         return np.stack([-self.size, self.size])
 
+    def enclosure(self) -> Floats:
+        """The bounds: see `ImplicitShape.enclosure`."""
+        return self.bounds()
+
+    def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """The gauge less 1, and its slope: see `ImplicitShape.inside_out`."""
+        value, slope = self.gauge_along(
+            points.T / self.size[:, None], directions.T / self.size[:, None]
+        )
+        return value - 1.0, slope
+
     def gauge(self, points: Floats) -> Floats:
         """Gauge of points (n, 3): below 1 inside, 1 on the surface, above 1 outside."""
         return self.gauge_along(points.T / self.size[:, None], np.zeros((3, 1)))[0]

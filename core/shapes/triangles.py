@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+from typing import Protocol
+
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints
@@ -9,16 +12,20 @@ from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
 from palpate.core.shapes.winding import is_closed, is_inside_out
 from palpate.core.shapes.zbuffer import Hits, ZBuffer
 
-try:
-    from palpate.core.shapes.embree import Embree
-except ImportError:  # there is no wheel for this machine
-    Embree = None
-
+HAS_EMBREE = find_spec("embreex") is not None
+"""False where there is no wheel for this machine."""
 MOST_LAYERS = 64
 """Back faces that a ray goes through on its way to a front face."""
 NUDGE = 1e-6
 """How far behind a back face the ray starts anew, as a share of the mesh's extent: some ten
 times what single precision can tell apart."""
+
+
+class Backend(Protocol):
+    """What finds the faces that rays meet."""
+
+    def first_hits(self, origins: Floats, direction: Floats) -> Hits:
+        """First faces along parallel rays, seen from either side."""
 
 
 class TriangleShape:
@@ -37,7 +44,7 @@ class TriangleShape:
         False for the z-buffer, which needs nothing but numpy.
     """
 
-    def __init__(self, vertices: Floats, faces: Ints, embree: bool = Embree is not None):
+    def __init__(self, vertices: Floats, faces: Ints, embree: bool = HAS_EMBREE):
         self._flipped = is_inside_out(vertices, faces)
         self._closed = is_closed(faces)
         faces = np.ascontiguousarray(faces[:, ::-1]) if self._flipped else faces
@@ -45,7 +52,7 @@ class TriangleShape:
         a, b, c = vertices[faces].transpose(1, 0, 2)
         self._normals = np.cross(b - a, c - a)
         self._nudge = NUDGE * float(np.ptp(vertices, axis=0).max())
-        self._backend = Embree(vertices, faces) if embree else ZBuffer(vertices, faces)
+        self._backend = _backend(vertices, faces, embree)
 
     @property
     def closed(self) -> bool:
@@ -97,3 +104,11 @@ class TriangleShape:
     def _from_behind(self, hits: Hits, direction: Floats) -> Bools:
         result: Bools = (hits.faces >= 0) & (self._normals[hits.faces] @ direction > 0.0)
         return result
+
+
+def _backend(vertices: Floats, faces: Ints, embree: bool) -> Backend:
+    if not embree:
+        return ZBuffer(vertices, faces)
+    from palpate.core.shapes.embree import Embree
+
+    return Embree(vertices, faces)

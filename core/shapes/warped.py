@@ -12,7 +12,7 @@ from palpate.core.shapes.bent_box import through_bent_box
 from palpate.core.shapes.first_root import Which, first_roots
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
 from palpate.core.shapes.straighten import Straightening
-from palpate.core.shapes.superquadric import RANGE_TOLERANCE, Superquadric
+from palpate.core.shapes.superquadric import RANGE_TOLERANCE, TINY, Superquadric
 from palpate.core.shapes.taper import Taper
 
 LARGEST_SHARE = 0.98
@@ -59,6 +59,28 @@ class WarpedSuperquadric:
         vertices = self.mesh(BOUNDS_LEVEL).vertices
         return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
+    def enclosure(self) -> Floats:
+        """An upright box about the solid: see `ImplicitShape.enclosure`."""
+        inwards, _, height = self._half.tolist()
+        # A bend moves sideways most at the ends; up most there, or where it turns level.
+        turned = 0.5 * math.pi / max(abs(self._bend.curvature), TINY)
+        edge, rise = np.array([-inwards, inwards] * 3), [0.0, min(height, turned), height]
+        corners = np.column_stack([edge, 0.0 * edge, np.repeat(rise, 2)])
+        bent = Bend(self._bend.curvature)(corners)
+        moved = np.outer(bent[:, 0] - edge, self._bend.towards)
+        width, depth = self._base.size[:2] * (1.0 + np.abs(self._straightening.taper))
+        top = float(bent[:, 2].max())
+        return np.array(
+            [
+                [-width + moved[:, 0].min(), -depth + moved[:, 1].min(), -top],
+                [width + moved[:, 0].max(), depth + moved[:, 1].max(), top],
+            ]
+        )
+
+    def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """The gauge less 1, times the section's width: see `ImplicitShape.inside_out`."""
+        return self._height(self._axes.T @ points.T, self._axes.T @ directions.T)
+
     def gauge(self, points: Floats) -> Floats:
         """The base's gauge of points (n, 3), straightened: below 1 inside, above 1 outside."""
         return self._base.gauge(self._taper.inverse(self._bend.inverse(points)))
@@ -78,7 +100,7 @@ class WarpedSuperquadric:
         def height(travelled: Floats, which: Which) -> tuple[Floats, Floats]:
             return self._height(places[:, which] + along * travelled, towards)
 
-        dip, rise = self._bends(towards)
+        dip, rise = self._dip_and_rise(towards)
         found = first_roots(
             height,
             starts[met],
@@ -102,7 +124,7 @@ class WarpedSuperquadric:
         gauge, gauge_slope = self._base.gauge_along(place, slope)
         return gauge - width, gauge_slope - width_slope
 
-    def _bends(self, direction: Floats) -> tuple[float, float]:
+    def _dip_and_rise(self, direction: Floats) -> tuple[float, float]:
         """How much that function bends down, and up, at most where it is positive, 1/m2."""
         place, width, least_width = self._straightening.bound(direction, self._half)
         most = np.array(place)[:, 1:]  # slope and curve of each coordinate

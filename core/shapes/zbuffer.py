@@ -42,9 +42,7 @@ class ZBuffer:
         near = self._faces_near(seen, rays)
         count = len(origins)
         if not len(near):
-            return Hits(
-                np.full(count, np.inf), np.full(count, -1, np.int32), np.zeros((count, 2))
-            )
+            return Hits(np.full(count, np.inf), np.full(count, -1, np.int32), np.zeros((count, 2)))
         depth, second, third = _depths(seen[self._faces[near]], rays)
         first = np.arange(count), depth.argmin(axis=1)
         ranges = depth[first]

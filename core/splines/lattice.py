@@ -58,16 +58,21 @@ class Lattice:
         along, x, y = self._bases(points)
         return self._combine(along, x, y)
 
-    def jacobian_determinant(self, points: Floats) -> Floats:
-        """Local change of volume (n,): 1 where nothing is deformed, negative in a fold."""
+    def jacobian(self, points: Floats) -> Floats:
+        """Derivative of `deform` at points (n, 3): (n, 3, 3), a column for each of x, y, z."""
         along, x, y = self._bases(points)
         local = (points - self.low) / self.extent
         layers, columns, rows = self.control.shape[:3]
         by_x = self._combine(along, clamped_slopes(local[:, 0], columns), y)
         by_y = self._combine(along, x, clamped_slopes(local[:, 1], rows))
         by_z = self._combine(clamped_slopes(local[:, 2], layers), x, y)
-        volume = np.einsum("ni,ni->n", np.cross(by_x, by_y), by_z)
-        result: Floats = volume / np.prod(self.extent)
+        result: Floats = np.stack([by_x, by_y, by_z], axis=2) / self.extent
+        return result
+
+    def jacobian_determinant(self, points: Floats) -> Floats:
+        """Local change of volume (n,): 1 where nothing is deformed, negative in a fold."""
+        by_x, by_y, by_z = self.jacobian(points).transpose(2, 0, 1)
+        result: Floats = np.einsum("ni,ni->n", np.cross(by_x, by_y), by_z)
         return result
 
     def _bases(self, points: Floats) -> tuple[Floats, Floats, Floats]:

@@ -8,44 +8,81 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.touch.jet import Jet, fit_jet
+from palpate.core.touch.curvature_errors import graph_errors
+from palpate.core.touch.forms import ShapeOperator, curvature_along, graph_shape, principal
+from palpate.core.touch.jet import Jet
+from palpate.core.touch.jet_fit import JetFit, fit_jet
 from palpate.core.touch.pad import Pad
+from palpate.core.touch.strays import strays
+from palpate.core.touch.verdict import judge
 
-Kind = Literal["smooth", "edge", "insufficient", "miss"]
+Kind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
 
-EDGE_SPREADS = 4.0
-"""A jet that misses its taxels by more than 4 standard deviations of the noise, and by more
-than `EDGE_MISFIT`, has met an edge: no curvature can be had there."""
-EDGE_MISFIT = 0.04
-"""In pitches: what a quartic leaves over on the tightest curve that a pad resolves."""
-
-
-EDGE_CURVATURE = 0.5
-"""In 1 / pitches: what curves within two pitches is an edge to this array, however well a
-polynomial passes through the few taxels that touch it."""
+TRUSTED = 0.04
+"""In pitches: a misfit of this size, or of 4 standard deviations of the noise, halves the
+trust."""
+TRUSTED_SPREADS = 4.0
+DIRECTED = 3.0
+"""Standard deviations by which k1 and k2 must differ before their directions mean anything."""
+AWAY: Floats = np.array([0.0, 0.0, -1.0])
+"""Normal of a patch of which nothing is known: that of the pad."""
+AWAY.setflags(write=False)
+NOWHERE: Floats = np.zeros(3)
+"""Principal direction where there is none."""
+NOWHERE.setflags(write=False)
 
 
 class Patch(NamedTuple):
-    """A felt patch of surface, in the pad's frame."""
+    """A felt patch of surface, in the pad's frame.
+
+    Curvatures and their errors are 0 unless the patch is smooth.
+    """
 
     kind: Kind
     """What it is."""
-    jet: Jet | None
+    jet: Jet | None = None
     """The fitted jet; None if too few taxels were touched for any."""
-    normal: Floats
+    normal: Floats = AWAY
     """Outward unit normal at the middle of the contact, (3,)."""
-    principal: tuple[float, float]
-    """Principal curvatures k1 >= k2, 1/m; convex is positive; 0 unless smooth."""
-    across: float
-    """Normal curvature along the asked direction, 1/m; 0 unless smooth."""
-    trust: float
-    """From 0 to 1."""
-    residual: float
+    principal: tuple[float, float] = (0.0, 0.0)
+    """Principal curvatures k1 >= k2, 1/m; convex is positive."""
+    across: float = 0.0
+    """Normal curvature along the asked direction, 1/m."""
+    trust: float = 0.0
+    """From 0 to 1: share of the taxels that touch, damped by the misfit of the jet."""
+    residual: float = 0.0
     """Root mean square misfit of the jet, m."""
+    gaussian: float = 0.0
+    """Product of the principal curvatures, 1/m^2."""
+    mean: float = 0.0
+    """Their mean, 1/m."""
+    principal_direction: Floats = NOWHERE
+    """Unit tangent along which the curvature is k1, (3,); zero unless the patch is smooth."""
+    umbilic: bool = True
+    """Whether k1 and k2 are the same within their errors: then any direction would do."""
+    normal_error: float = math.pi
+    """Standard deviation of the normal's angle, rad; pi if nothing is known of it."""
+    principal_error: tuple[float, float] = (0.0, 0.0)
+    """Standard deviations of the principal curvatures, 1/m."""
+    across_error: float = 0.0
+    """Standard deviation of `across`, 1/m."""
+    place: Floats = NOWHERE
+    """Where on the surface all this holds: over the middle of the contact, (3,), m."""
+    shape: ShapeOperator | None = None
+    """The shape operator there; None unless the patch is smooth."""
+    shape_covariance: Floats | None = None
+    """Covariance of its three parts, (3, 3), 1/m^2; None unless the patch is smooth."""
 
 
-def feel_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, noise: float) -> Patch:
-    """Normal and curvatures of the touched surface.
+def feel_patch(
+    pad: Pad,
+    height: Floats,
+    touched: Bools,
+    direction: Floats,
+    noise: float,
+    weights: Floats | None = None,
+) -> Patch:
+    """Normal and curvatures of the touched surface, each with its standard error.
 
     Parameters
     ----------
@@ -54,59 +91,86 @@ def feel_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, nois
     height : (rows, cols) array
         Surface over the plane of the pad's face, m.
     touched : (rows, cols) array of bool
-        Where the pad touches.
+        Where the pad touches, impulses left out.
     direction : (3,) array
-        Direction in which `across` is wanted, pad frame.
+        Direction in which `across` is wanted, pad frame; its part in the tangent plane counts.
     noise : float
-        Standard deviation of one taxel, m.
+        Standard deviation of one taxel, m, as far as known. Errors are for the larger of this
+        and what the misfit shows.
+    weights : (rows, cols) array, optional
+        How much each taxel counts, from 0 to 1.
 
     Notes
     -----
     Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns
     every taxel's noise into curvature. A convex surface has positive curvature, as (3.1)
-    expects and (3.15) does not give. The principal curvatures are the eigenvalues of the
-    shape operator made symmetric by the Cholesky factor of the first form, so that umbilics
-    cannot make a discriminant negative.
+    expects and (3.15) does not give.
     """
-    away = np.array([0.0, 0.0, -1.0])
     if not touched.any():
-        return Patch("miss", None, away, (0.0, 0.0), 0.0, 0.0, 0.0)
-    x, y = pad.grid()
-    fitted = fit_jet(x, y, height, touched, scale=0.5 * pad.pitch * pad.cols)
-    share = float(touched.mean())
-    if fitted is None:
-        return Patch("insufficient", None, away, (0.0, 0.0), 0.0, 0.0, 0.0)
-    jet, residual = fitted
-    middle = x[touched].mean(keepdims=True), y[touched].mean(keepdims=True)
-    slope_x, slope_y = (float(s[0]) for s in jet.slopes(*middle))
-    normal = np.array([slope_x, slope_y, -1.0]) / math.sqrt(slope_x**2 + slope_y**2 + 1.0)
-    limit = max(EDGE_SPREADS * noise, EDGE_MISFIT * pad.pitch)
-    trust = share / (1.0 + (residual / limit) ** 2)
-    if residual > limit or jet.degree < 2:
-        kind: Kind = "edge" if residual > limit else "insufficient"
-        return Patch(kind, jet, normal, (0.0, 0.0), 0.0, trust, residual)
-    by_xx, by_xy, by_yy = (float(s[0]) for s in jet.second_derivatives(*middle))
-    k1, k2, across = _curvatures((slope_x, slope_y), (by_xx, by_xy, by_yy), direction)
-    if max(abs(k1), abs(k2)) * pad.pitch > EDGE_CURVATURE:
-        return Patch("edge", jet, normal, (0.0, 0.0), 0.0, trust, residual)
-    return Patch("smooth", jet, normal, (k1, k2), across, trust, residual)
+        return Patch("miss")
+    used = touched if weights is None else touched & (weights > 0.0)
+    fit = fit_jet(pad, height, used, weights, noise)
+    if fit is None:
+        return Patch("insufficient")
+    kind, shape = _judged(pad, height, used, fit, noise)
+    if kind in ("edge", "corner") and (single := strays(fit, used, noise)) is not None:
+        less = used & ~single
+        again = fit_jet(pad, height, less, weights, noise)
+        if again is not None:
+            called, there = _judged(pad, height, less, again, noise)
+            if called == "smooth":
+                kind, shape, fit = called, there, again
+    return _patch(pad, touched, direction, noise, kind, shape, fit)
 
 
-def _curvatures(
-    slopes: tuple[float, float], seconds: tuple[float, float, float], direction: Floats
-) -> tuple[float, float, float]:
-    """Principal curvatures, and that along `direction`, of a graph with these derivatives."""
-    (p, q), (r, s, t) = slopes, seconds
-    steep = math.sqrt(1.0 + p * p + q * q)
-    r, s, t = r / steep, s / steep, t / steep
-    # The first form is L L^T; the shape operator is L^-1 II L^-T, symmetric.
-    l11 = math.sqrt(1.0 + p * p)
-    l21, l22 = p * q / l11, steep / l11
-    a11 = r / (l11 * l11)
-    a12 = (s - l21 * r / l11) / (l11 * l22)
-    a22 = (t - 2.0 * l21 * s / l11 + l21 * l21 * r / (l11 * l11)) / (l22 * l22)
-    mean, spread = 0.5 * (a11 + a22), math.hypot(0.5 * (a11 - a22), a12)
-    u, v = float(direction[0]), float(direction[1])
-    length = (1.0 + p * p) * u * u + 2.0 * p * q * u * v + (1.0 + q * q) * v * v
-    across = (r * u * u + 2.0 * s * u * v + t * v * v) / length if length > 0.0 else 0.0
-    return mean + spread, mean - spread, across
+def _judged(
+    pad: Pad, height: Floats, used: Bools, fit: JetFit, noise: float
+) -> tuple[Kind, ShapeOperator]:
+    """What a jet was fitted to, and the jet's shape operator at the middle of the contact."""
+    by_x, by_y, by_xx, by_xy, by_yy = fit.derivatives.tolist()
+    shape = graph_shape((by_x, by_y), (by_xx, by_xy, by_yy))
+    if fit.jet.degree < 2:
+        return "insufficient", shape
+    k1, k2, *_ = principal(shape)
+    return judge(pad, height, used, fit, max(abs(k1), abs(k2)), noise), shape
+
+
+def _patch(
+    pad: Pad,
+    touched: Bools,
+    direction: Floats,
+    noise: float,
+    kind: Kind,
+    shape: ShapeOperator,
+    fit: JetFit,
+) -> Patch:
+    """All that a jet says, as far as its kind allows."""
+    errors = graph_errors(
+        fit.derivatives, fit.derivative_factor, max(noise, fit.deviation), shape, direction
+    )
+    limit = max(TRUSTED_SPREADS * noise, TRUSTED * pad.pitch)
+    trust = float(touched.mean()) / (1.0 + (fit.residual / limit) ** 2)
+    patch = Patch(
+        kind,
+        fit.jet,
+        shape.normal,
+        trust=0.0 if fit.jet.degree < 2 else trust,
+        residual=fit.residual,
+        normal_error=min(errors.normal, math.pi),
+        place=np.array(fit.middle),
+    )
+    if kind != "smooth":
+        return patch
+    k1, k2, along_k1, umbilic = principal(shape)
+    return patch._replace(
+        principal=(k1, k2),
+        across=curvature_along(shape, direction),
+        gaussian=k1 * k2,
+        mean=0.5 * (k1 + k2),
+        principal_direction=along_k1,
+        umbilic=umbilic or 0.5 * (k1 - k2) <= DIRECTED * errors.difference,
+        principal_error=errors.principal,
+        across_error=errors.across,
+        shape=shape,
+        shape_covariance=errors.parts,
+    )

@@ -9,8 +9,6 @@ from palpate.core.arrays import Bools, Floats
 
 WINDOW = 3
 """Taxels along a side of the neighbourhood."""
-OTHERS = [i for i in range(WINDOW * WINDOW) if i != WINDOW * WINDOW // 2]
-"""The neighbourhood without its middle."""
 IMPULSE_SPREADS = 6.0
 """An impulse stands off by more than this many standard deviations of the frame."""
 MAD_TO_SIGMA = 1.4826
@@ -30,11 +28,12 @@ def adaptive_wiener(image: Floats, noise_variance: float) -> Floats:
     Notes
     -----
     Fung, 1999, (3.4) to (3.9); variances stand where (3.6) prints deviations, borders are
-    reflected, and a neighbourhood without any variance keeps its mean instead of 0/0.
+    reflected, and a neighbourhood without any variance keeps its mean instead of 0/0. The
+    variance is taken about the mean, so that a large offset costs no digits.
     """
     if noise_variance <= 0.0:
         return image
-    around = _neighbourhoods(image)
+    around = neighbourhoods(image)
     mean = around.mean(axis=-1)
     variance = ((around - mean[..., None]) ** 2).mean(axis=-1)
     signal = np.maximum(variance - noise_variance, 0.0)
@@ -43,14 +42,36 @@ def adaptive_wiener(image: Floats, noise_variance: float) -> Floats:
     return result
 
 
-def median_filter(image: Floats, step: float) -> tuple[Floats, Bools]:
-    """Replace impulses by the median of their neighbourhood.
+def median_filter(image: Floats) -> Floats:
+    """The median of each taxel and the eight around it, borders reflected.
 
-    A taxel is an impulse if it stands above all of its neighbours, or below all of them, by
-    more than `step` and by more than 6 standard deviations of the frame (robustly estimated).
-    All others stay as they are: a median taken everywhere makes plateaus, and no curvature
-    survives those; and the steepest slope has a higher neighbour on one side and a lower one
-    on the other.
+    Fung, 1999, section 3.4.2. It takes out what stands alone and keeps steps; but it cuts
+    tops and makes plateaus, of which no curvature can be taken.
+    """
+    result: Floats = np.median(neighbourhoods(image), axis=-1)
+    return result
+
+
+def wiener_then_median(image: Floats, noise_variance: float) -> Floats:
+    """Both filters in the order that Fung, 1999, prefers (figure 3.5).
+
+    Impulses reach the Wiener filter, which takes them for signal and smears them.
+    """
+    return median_filter(adaptive_wiener(image, noise_variance))
+
+
+def median_then_wiener(image: Floats, noise_variance: float) -> Floats:
+    """Both filters in the order of figure 3.6: impulses are gone before noise is looked at."""
+    return adaptive_wiener(median_filter(image), noise_variance)
+
+
+def find_impulses(image: Floats, step: float) -> Bools:
+    """Taxels that stand above all of their neighbours, or below all, by more than `step`.
+
+    They must also stand off by more than 6 standard deviations of the frame (robustly
+    estimated). The steepest slope has a higher neighbour on one side and a lower one on the
+    other, and is never an impulse. Neither are two impulses side by side: see
+    `robust_clean`.
 
     Parameters
     ----------
@@ -58,29 +79,46 @@ def median_filter(image: Floats, step: float) -> tuple[Floats, Bools]:
         m.
     step : float
         The largest difference that a surface can show between a taxel and all around it, m.
-
-    Returns
-    -------
-    filtered : (rows, cols) array
-        m.
-    impulses : (rows, cols) array of bool
-        What was replaced.
     """
-    around = _neighbourhoods(image)
-    beside = around[..., OTHERS] - image[..., None]
-    alone = np.maximum(beside.min(axis=-1), -beside.max(axis=-1))
-    impulses = alone > step
-    if not impulses.any():  # most frames: the medians are worth as much as the rest of a touch
+    padded = _reflected(image)
+    # The largest and smallest of the eight: rows of three, then without the middle.
+    above, level, below = padded[:-2], padded[1:-1], padded[2:]
+    high, low = np.maximum(above, below), np.minimum(above, below)
+    highest = np.maximum(np.maximum(high[:, :-2], high[:, 2:]), high[:, 1:-1])
+    np.maximum(highest, np.maximum(level[:, :-2], level[:, 2:]), out=highest)
+    lowest = np.minimum(np.minimum(low[:, :-2], low[:, 2:]), low[:, 1:-1])
+    np.minimum(lowest, np.minimum(level[:, :-2], level[:, 2:]), out=lowest)
+    alone = np.maximum(lowest - image, image - highest)
+    impulses: Bools = alone > step
+    if impulses.any():  # most frames have none, and a median costs more than all of the above
+        median = median_filter(image)
+        spread = MAD_TO_SIGMA * float(np.median(np.abs(image - median)))
+        impulses &= alone > IMPULSE_SPREADS * spread
+    return impulses
+
+
+def replace_impulses(image: Floats, step: float) -> tuple[Floats, Bools]:
+    """The image with the median in place of its impulses, and where they were.
+
+    All other taxels stay as they are. Parameters as for `find_impulses`.
+    """
+    impulses = find_impulses(image, step)
+    if not impulses.any():
         return image, impulses
-    median = np.median(around, axis=-1)
-    spread = MAD_TO_SIGMA * float(np.median(np.abs(image - median)))
-    impulses &= alone > IMPULSE_SPREADS * spread
-    return np.where(impulses, median, image), impulses
+    return np.where(impulses, median_filter(image), image), impulses
 
 
-def _neighbourhoods(image: Floats) -> Floats:
+def neighbourhoods(image: Floats) -> Floats:
     """The taxels around each taxel, (rows, cols, 9); reflected at the borders."""
-    half = WINDOW // 2
-    padded = np.pad(image, half, mode="reflect")
-    windows = sliding_window_view(padded, (WINDOW, WINDOW))
+    windows = sliding_window_view(_reflected(image), (WINDOW, WINDOW))
     return windows.reshape(*image.shape, WINDOW * WINDOW)
+
+
+def _reflected(image: Floats) -> Floats:
+    """The image with one taxel more on each side, mirrored about the border taxels."""
+    rows, cols = image.shape
+    padded = np.empty((rows + 2, cols + 2))
+    padded[1:-1, 1:-1] = image
+    padded[0, 1:-1], padded[-1, 1:-1] = image[1], image[-2]
+    padded[:, 0], padded[:, -1] = padded[:, 2], padded[:, -3]
+    return padded

@@ -1,4 +1,4 @@
-"""A local jet: a polynomial fitted to the touched part of a tactile image."""
+"""A local jet: a polynomial z(x, y) about the pad's middle."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from functools import cache
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.arrays import Floats, Ints
 
-LEAST_TAXELS = 8
-"""Below this there is no telling a slope from a corner."""
-DEGREES = ((45, 4), (30, 3), (12, 2), (LEAST_TAXELS, 1))
-"""Least number of taxels for each degree: about three for each coefficient."""
-COUNT_OF_DEGREE = {3: 1, 6: 2, 10: 3, 15: 4}
+COUNTS = (1, 3, 6, 10, 15)
+"""Coefficients of a polynomial of each degree."""
+UP_TO_SECOND = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+"""How often z, z_x, z_y, z_xx, z_xy, z_yy are differentiated by x and y."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,53 +45,32 @@ class Jet:
     @property
     def degree(self) -> int:
         """Total degree of the polynomial."""
-        return COUNT_OF_DEGREE[len(self.coefficients)]
+        return COUNTS.index(len(self.coefficients))
 
     def _derivatives(self, x: Floats, y: Floats, *orders: tuple[int, int]) -> list[Floats]:
         degree, scale = self.degree, self.scale
         in_x, in_y = _powers(x / scale, degree), _powers(y / scale, degree)
         return [
-            _monomials(in_x, in_y, degree, by_x, by_y) @ self.coefficients / scale ** (by_x + by_y)
-            for by_x, by_y in orders
+            _monomials(in_x, in_y, degree, order) @ self.coefficients / scale ** sum(order)
+            for order in orders
         ]
 
 
-def fit_jet(
-    x: Floats, y: Floats, height: Floats, touched: Bools, scale: float
-) -> tuple[Jet, float] | None:
-    """Jet of the touched taxels and its root mean square misfit, m.
+def monomials(x: Floats, y: Floats, degree: int) -> Floats:
+    """Monomials at places x, y (n,) in units of the jet's scale: (n, m), as in a jet."""
+    return _monomials(_powers(x, degree), _powers(y, degree), degree, (0, 0))
 
-    Parameters
-    ----------
-    x, y, height : (rows, cols) arrays
-        Where the surface is, pad frame, m.
-    touched : (rows, cols) array of bool
-        Which taxels count.
-    scale : float
-        Half the pad's width: coordinates are divided by it, m.
 
-    Returns
-    -------
-    None if fewer than 8 taxels are touched, or they lie on a line.
+def derivative_rows(x: float, y: float, degree: int) -> Floats:
+    """What gives z, z_x, z_y, z_xx, z_xy, z_yy at a place from the coefficients, (6, m).
 
-    Notes
-    -----
-    Least squares by SVD; the degree follows the number of taxels.
+    All in units of the jet's scale.
     """
-    count = int(touched.sum())
-    degree = next((degree for least, degree in DEGREES if count >= least), 0)
-    z = height[touched]
-    in_x, in_y = _powers(x[touched] / scale, degree), _powers(y[touched] / scale, degree)
-    while degree:
-        basis = _monomials(in_x, in_y, degree, 0, 0)
-        coefficients, _, rank, _ = np.linalg.lstsq(basis, z, rcond=1e-9)
-        if rank == basis.shape[1]:
-            misfit = basis @ coefficients - z
-            return Jet(np.asarray(coefficients, np.float64), scale), float(
-                np.sqrt(np.mean(misfit**2))
-            )
-        degree -= 1
-    return None
+    of_x, of_y, factor = _up_to_second(degree)
+    in_x = np.array([x**power for power in range(degree + 1)])
+    in_y = np.array([y**power for power in range(degree + 1)])
+    rows: Floats = in_x[of_x] * in_y[of_y] * factor
+    return rows
 
 
 def _powers(x: Floats, degree: int) -> Floats:
@@ -103,11 +81,11 @@ def _powers(x: Floats, degree: int) -> Floats:
     return powers
 
 
-def _monomials(in_x: Floats, in_y: Floats, degree: int, by_x: int, by_y: int) -> Floats:
-    """Monomials, differentiated so often by x and y: (n, coefficients)."""
-    of_x, of_y, factor = _exponents(degree, by_x, by_y)
+def _monomials(in_x: Floats, in_y: Floats, degree: int, order: tuple[int, int]) -> Floats:
+    """Monomials, differentiated so often by x and y: (n, m)."""
+    of_x, of_y, factor = _exponents(degree, *order)
     product: Floats = in_x[:, of_x] * in_y[:, of_y]
-    return product if by_x == by_y == 0 else product * factor
+    return product if order == (0, 0) else product * factor
 
 
 @cache
@@ -117,3 +95,11 @@ def _exponents(degree: int, by_x: int, by_y: int) -> tuple[Ints, Ints, Floats]:
     of_x, of_y = np.array(pairs).T
     factor = [float(math.perm(i, by_x) * math.perm(j, by_y)) for i, j in pairs]
     return np.maximum(of_x - by_x, 0), np.maximum(of_y - by_y, 0), np.array(factor)
+
+
+@cache
+def _up_to_second(degree: int) -> tuple[Ints, Ints, Floats]:
+    """Exponents and factors of the height and its five derivatives, (6, m) each."""
+    six = [_exponents(degree, *order) for order in UP_TO_SECOND]
+    of_x, of_y, factor = zip(*six, strict=True)
+    return np.stack(of_x), np.stack(of_y), np.stack(factor)

@@ -117,7 +117,8 @@ class SurfacePatch:
     k2_error: PerMetre
     """Standard error of `k2`; 0 unless `kind` is smooth."""
     principal_direction: Direction
-    """Unit tangent in which the curvature is `k1`, world frame; its sign means nothing."""
+    """Unit tangent in which the curvature is `k1`, world frame; its sign means nothing. 0 unless
+    `kind` is smooth."""
     umbilic: bool
     """Whether `k1` and `k2` are too alike for that direction to mean anything."""
     curvature_across: PerMetre

@@ -8,7 +8,7 @@ from palpate.core.arrays import Floats
 from palpate.core.frames import pose_of
 from palpate.core.rebuild.felt_points import felt_points, stack_points
 from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.touch.jet import fit_jet
+from palpate.core.touch.jet_fit import fit_jet
 from palpate.core.touch.pad import Pad, press
 
 
@@ -20,9 +20,9 @@ def test_touched_taxels_lie_on_the_ball_with_its_normals(
             end = press(ball, pad, pose_of(-0.05 * axes[:, 2], axes), 0.05, 1e-3)
             touched = end.compression > 0
             surface = -(end.compression + pad.sag())
-            fitted = fit_jet(*pad.grid(), surface, touched, 8e-3)
+            fitted = fit_jet(pad, surface, touched)
             assert fitted is not None
-            felt = felt_points(pad, end.pose, surface, touched, fitted[0])
+            felt = felt_points(pad, end.pose, surface, touched, fitted.jet)
             assert felt.points.shape == felt.normals.shape == (touched.sum(), 3)
             assert np.allclose(np.linalg.norm(felt.points, axis=1), 0.03, rtol=1e-12)
             assert np.allclose(felt.normals, felt.points / 0.03, atol=5e-3)

@@ -2,9 +2,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from palpate.core.arrays import Floats
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
@@ -67,6 +70,82 @@ def test_rays_agree_with_bisection_for_all_exponents() -> None:
         assert np.allclose(found[clear], wanted[clear], rtol=0, atol=1e-11)
         hits += int(clear.sum())
     assert hits > 1000
+
+
+def test_rays_agree_with_extended_precision_to_12_digits(oracle: Any) -> None:
+    rng = np.random.default_rng(21)
+    met_in_all = 0
+    for _ in range(60):
+        size, exponents = rng.uniform(0.01, 0.06, 3), np.exp(rng.uniform(math.log(0.02), 0.69, 2))
+        shape = Superquadric(size, exponents)
+        direction = rng.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        surface = shape.mesh(3).vertices
+        spread = np.repeat([0.0, 1e-5, 1e-3], 8)[:, None] * rng.normal(size=(24, 3))
+        origins = surface[rng.integers(len(surface), size=24)] + spread - 0.1 * direction
+        found = shape.cast(origins, direction, 0.3)
+        wanted = oracle(size, exponents).entries(origins, direction, 0.3)
+        clear = np.abs(wanted.least) > 1e-12
+        assert np.array_equal(np.isfinite(found)[clear], np.isfinite(wanted.ranges)[clear])
+        met = np.isfinite(found) & np.isfinite(wanted.ranges)
+        assert np.abs(found[met] - wanted.ranges[met]).max() < 1e-12 * size.max()
+        met_in_all += int(met.sum())
+    assert met_in_all > 900
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    e1=st.floats(0.02, 2.0),
+    e2=st.floats(0.02, 2.0),
+    place=st.tuples(*[st.floats(-1.2, 1.2)] * 3),
+    towards=st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda d: max(map(abs, d)) > 1e-3),
+    reach=st.floats(0.0, 0.3),
+)
+def test_a_hit_has_gauge_1_and_a_longer_reach_changes_no_hit(
+    e1: float,
+    e2: float,
+    place: tuple[float, float, float],
+    towards: tuple[float, float, float],
+    reach: float,
+) -> None:
+    shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array([e1, e2]))
+    direction = np.array(towards) / np.linalg.norm(towards)
+    origins = np.array([place]) * shape.size - np.array([[0.0], [0.1]]) * direction
+    found, longer = shape.cast(origins, direction, reach), shape.cast(origins, direction, 0.6)
+    assert ((found == longer) | ((found == MISS) & (longer > reach))).all()
+    assert np.array_equal(found == INSIDE, shape.gauge(origins) <= 1.0)
+    met = np.isfinite(longer)
+    at = shape.gauge(origins[met] + longer[met, None] * direction)
+    assert np.allclose(at, 1.0, rtol=0, atol=1e-12)
+
+
+def test_the_gauge_bends_no_more_than_its_smoothness_allows() -> None:
+    rng = np.random.default_rng(4)
+    for exponents in ([1.0, 1.0], [0.1, 0.1], [0.05, 1.0], [1.0, 0.05], [0.3, 0.7]):
+        shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array(exponents))
+        points = shape.mesh(4).vertices
+        direction = rng.normal(size=3)
+        towards = np.broadcast_to(direction, points.shape)
+        step = 1e-7
+        second = (
+            shape.inside_out(points + step * direction, towards)[1]
+            - shape.inside_out(points, towards)[1]
+        ) / step
+        speed = shape.gauge(direction[None])[0]
+        assert second.max() <= shape.smoothness() * speed**2 * (1 + 1e-3)
+        assert second.max() > 1e-3 * shape.smoothness() * speed**2
+    assert Superquadric(np.ones(3), np.array([1.0, 1.01])).smoothness() == np.inf
+
+
+def test_the_function_is_negative_inside_and_its_slope_that_of_differences() -> None:
+    shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array([0.4, 1.7]))
+    points = shape.mesh(3).vertices * np.random.default_rng(0).uniform(0.5, 1.5, (642, 1))
+    directions = np.random.default_rng(1).normal(size=points.shape)
+    value, slope = shape.inside_out(points, directions)
+    assert np.allclose(value, shape.gauge(points) - 1.0, atol=1e-15)
+    ahead, back = (shape.gauge(points + step * directions) for step in (1e-8, -1e-8))
+    clear = np.abs(points).min(axis=1) > 1e-6  # away from the creases
+    assert np.allclose(slope[clear], (ahead - back)[clear] / 2e-8, rtol=1e-4, atol=1e-3)
 
 
 @pytest.mark.parametrize("exponent", [0.02, 0.1, 1.0, 2.0])
@@ -158,6 +237,7 @@ def test_the_mesh_is_closed_turned_outwards_and_on_the_surface(
 
 def test_the_bounds_are_the_semi_axes(box: Superquadric) -> None:
     assert box.bounds().tolist() == [[-0.03, -0.02, -0.04], [0.03, 0.02, 0.04]]
+    assert box.enclosure().tolist() == box.bounds().tolist()
 
 
 @pytest.mark.parametrize(

@@ -22,11 +22,16 @@ def test_no_taper_moves_nothing() -> None:
     assert np.array_equal(Taper(0.0, 0.0, 1.0)(points), points)
 
 
-def test_it_can_be_undone_below_1() -> None:
-    points = np.random.default_rng(0).uniform(-1, 1, (100, 3))
-    moved = Taper(0.999, -0.999, 1.0)(points)
-    widths = 1.0 + np.outer(moved[:, 2], [0.999, -0.999])
-    assert np.allclose(moved[:, :2] / widths, points[:, :2], atol=1e-12)
+@pytest.mark.parametrize("share", [0.0, 0.4, -0.7, 0.999, -0.999, 1 - 1e-9])
+def test_it_can_be_undone_below_1(share: float) -> None:
+    points = np.random.default_rng(0).uniform(-2, 2, (200, 3))
+    taper = Taper(share, -share, 1.0)
+    assert np.allclose(taper.inverse(taper(points)), points, rtol=1e-15, atol=0)
+
+
+def test_beyond_the_ends_the_widths_are_those_of_the_ends() -> None:
+    moved = Taper(0.5, -0.5, 1.0)(np.array([[1.0, 1.0, 3.0], [1.0, 1.0, -3.0]]))
+    assert moved.tolist() == [[1.5, 0.5, 3.0], [0.5, 1.5, -3.0]]
 
 
 @pytest.mark.parametrize("share", [1.0, -1.0, 1.5, math.nan])

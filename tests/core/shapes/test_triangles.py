@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
@@ -10,15 +11,15 @@ from palpate.core.arrays import Floats
 from palpate.core.shapes.icosphere import icosphere
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
 from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.shapes.triangles import TriangleShape
+from palpate.core.shapes.triangles import MOST_LAYERS, TriangleShape
 
 NO_EMBREE = find_spec("embreex") is None
 BACKENDS = [
     False,
     pytest.param(True, marks=pytest.mark.skipif(NO_EMBREE, reason="no Embree here")),
 ]
-SINGLE = 3e-7
-"""Of the distances, some 0.2 m, that Embree adds up in single precision."""
+PLANE = 1e-13
+"""Ranges are those of the faces' planes in double precision, m."""
 
 
 def some_rays(count: int) -> list[tuple[Floats, Floats]]:
@@ -42,7 +43,7 @@ def test_embree_and_the_z_buffer_agree(box: Superquadric) -> None:
         second = zbuffer.cast(0.05 * origins, direction, 0.4)
         met = np.isfinite(first)
         assert np.array_equal(met, np.isfinite(second))
-        assert np.allclose(first[met], second[met], rtol=0, atol=SINGLE)
+        assert np.allclose(first[met], second[met], rtol=0, atol=1e-9)
         hits += int(met.sum())
     assert hits > 100
 
@@ -63,8 +64,8 @@ def test_facets_stand_off_from_the_ball_by_no_more_than_their_sag(
         assert np.isfinite(exact[met]).all()  # the facets lie within the ball
         place = 0.03 * origins[met] + found[met, None] * direction
         depth = 0.03 - np.linalg.norm(place, axis=1)
-        assert (depth > -SINGLE).all()
-        assert (depth < sag + SINGLE).all()
+        assert (depth > -1e-9).all()
+        assert (depth < sag + 1e-9).all()
 
 
 @pytest.mark.parametrize("embree", BACKENDS)
@@ -81,7 +82,7 @@ def test_a_ray_stops_at_its_reach_and_does_not_look_back(embree: bool, ball: Sup
     facets = TriangleShape(*ball.mesh(3), embree)
     origin, up = np.array([[0.0, 0.0, -0.1]]), np.array([0.0, 0.0, 1.0])
     assert facets.cast(origin, up, 0.0699)[0] == MISS
-    assert facets.cast(origin, up, 0.0701)[0] == pytest.approx(0.07, abs=SINGLE)
+    assert facets.cast(origin, up, 0.0701)[0] == pytest.approx(0.07, abs=PLANE)
     assert facets.cast(origin, -up, 1.0)[0] == MISS
     assert facets.cast(origin + np.array([0.05, 0, 0]), up, 1.0)[0] == MISS
 
@@ -118,3 +119,67 @@ def test_bounds_and_mesh_are_those_given(embree: bool, box: Superquadric) -> Non
     ]
     assert facets.mesh(0) == Mesh(*mesh)
     assert math.isclose(facets.bounds()[1, 2], 0.04)
+
+
+@pytest.mark.parametrize("embree", BACKENDS)
+def test_first_hits_tell_the_face_and_the_place_in_it(embree: bool, box: Superquadric) -> None:
+    facets = TriangleShape(*box.mesh(4), embree)
+    for origins, direction in some_rays(5):
+        hits = facets.first_hits(0.05 * origins, direction)
+        met = np.isfinite(hits.ranges)
+        assert np.array_equal(met, hits.faces >= 0)
+        corners = box.mesh(4).vertices[box.mesh(4).faces[hits.faces[met]]]
+        second, third = hits.weights[met].T
+        weights = np.stack([1 - second - third, second, third])
+        place = np.einsum("kn,nkc->nc", weights, corners)
+        wanted = 0.05 * origins[met] + hits.ranges[met, None] * direction
+        assert np.allclose(place, wanted, rtol=0, atol=1e-6)
+        assert met.sum() > 5
+
+
+@pytest.mark.parametrize("embree", BACKENDS)
+def test_a_closed_mesh_has_an_inside_and_one_with_holes_has_none(
+    embree: bool, ball: Superquadric
+) -> None:
+    vertices, faces = ball.mesh(3)
+    origin, up = np.zeros((1, 3)), np.array([0.0, 0.0, 1.0])
+    whole, holed = (TriangleShape(vertices, some, embree) for some in (faces, faces[1:]))
+    assert (whole.closed, holed.closed) == (True, False)
+    assert (whole.cast(origin, up, 1.0)[0], holed.cast(origin, up, 1.0)[0]) == (INSIDE, MISS)
+    outside = np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.1]])
+    assert holed.cast(outside, up, 1.0)[0] == whole.cast(outside, up, 1.0)[0]
+    assert holed.cast(outside, up, 1.0)[1] == MISS
+
+
+@pytest.mark.parametrize("embree", BACKENDS)
+def test_a_mesh_given_inside_out_is_turned_wherever_it_stands(
+    embree: bool, ball: Superquadric, signed_volume: Callable[[Mesh], float]
+) -> None:
+    vertices, faces = ball.mesh(3)
+    for shift in (0.0, 5.0):
+        for some in (faces, faces[9:]):
+            right = TriangleShape(vertices + shift, some, embree)
+            turned = TriangleShape(vertices + shift, some[:, ::-1], embree)
+            assert (right.flipped, turned.flipped) == (False, True)
+            assert np.array_equal(turned.mesh(0).faces, some)
+            origins = vertices[:200] * [1, 1, 0] + [shift, shift, shift + 0.1]
+            first, second = (s.cast(origins, -np.eye(3)[2], 1.0) for s in (right, turned))
+            met = np.isfinite(first)
+            assert np.array_equal(met, np.isfinite(second))
+            assert np.allclose(first[met], second[met], rtol=0, atol=1e-9)
+            assert met.sum() > 100
+
+
+@pytest.mark.parametrize("embree", BACKENDS)
+def test_after_many_back_faces_a_ray_gives_up(embree: bool) -> None:
+    triangle = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    count = MOST_LAYERS + 2
+    sheets = np.concatenate([triangle + [0.0, 0.0, 0.1 * i] for i in range(count)])
+    faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    wall = TriangleShape(sheets, faces, embree)
+    assert not wall.closed
+    up = np.array([0.0, 0.0, 1.0])
+    seen_from = up if (wall._normals[0] @ up) > 0 else -up
+    origin = np.array([[0.0, -0.2, -1.0 if seen_from[2] > 0 else 0.1 * count]])
+    hits = wall.first_hits(origin, seen_from)
+    assert (hits.ranges[0], hits.faces[0]) == (MISS, -1)

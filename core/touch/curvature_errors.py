@@ -1,0 +1,120 @@
+"""Standard errors of a normal and of curvatures, from those of the derivatives."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.touch.forms import ShapeOperator, steepest_way, tangent_part
+
+
+class Errors(NamedTuple):
+    """How sure the geometry at one place is."""
+
+    normal: float
+    """Standard deviation of the normal's angle, rad."""
+    principal: tuple[float, float]
+    """Standard deviations of k1 and k2, 1/m."""
+    across: float
+    """Standard deviation of the normal curvature along a direction, 1/m."""
+    parts: Floats
+    """Covariance of the shape operator's S11, S12, S22, (3, 3), 1/m^2."""
+    difference: float
+    """Standard deviation of half of k1 - k2 if these were equal, 1/m."""
+
+
+def graph_errors(
+    derivatives: Floats, factor: Floats, deviation: float, shape: ShapeOperator, direction: Floats
+) -> Errors:
+    """Errors of what `graph_shape` says.
+
+    Parameters
+    ----------
+    derivatives : (5,) array
+        z_x, z_y, z_xx, z_xy, z_yy.
+    factor : (5, m) array
+        Square root of their covariance for unit noise.
+    deviation : float
+        Noise of one taxel, m.
+    shape : ShapeOperator
+        From `graph_shape` for these derivatives.
+    direction : (3,) array
+        Along which the normal curvature is wanted.
+
+    Notes
+    -----
+    First order (delta method) for everything but the principal curvatures where they are
+    nearly equal: there their difference is the length of a vector that noise may turn, and
+    the part of it across counts by its second order, at most by its full size.
+    """
+    slopes = float(derivatives[0]), float(derivatives[1])
+    (c, s), p = steepest_way(slopes)
+    turned = _turn(c, s) @ factor
+    root = deviation * (_how_parts_change(p, shape.parts) @ turned)
+    parts = root @ root.T
+    w = math.hypot(1.0, p)
+    up, level = (deviation * math.sqrt(float(row @ row)) for row in turned[:2])
+    u, v = tangent_part(shape, direction) or (0.0, 0.0)
+    along = np.array([u * u, 2.0 * u * v, v * v]) @ root
+    first, second, difference = _principal_errors(shape, parts)
+    return Errors(
+        normal=math.hypot(up / w / w, level / w),
+        principal=(first, second),
+        across=math.sqrt(float(along @ along)),
+        parts=parts,
+        difference=difference,
+    )
+
+
+def _turn(c: float, s: float) -> Floats:
+    """Turns derivatives into those along and across the direction (c, s), (5, 5)."""
+    turn = np.zeros((5, 5))
+    turn[:2, :2] = (c, s), (-s, c)
+    turn[2:, 2:] = (
+        (c * c, 2.0 * c * s, s * s),
+        (-c * s, c * c - s * s, c * s),
+        (s * s, -2.0 * c * s, c * c),
+    )
+    return turn
+
+
+def _how_parts_change(p: float, parts: tuple[float, float, float]) -> Floats:
+    """Derivatives of S11, S12, S22 by the turned derivatives of the graph, (3, 5).
+
+    ``parts`` are r / w^3, s / w^2 and t / w with w^2 = 1 + p^2.
+    """
+    w = math.hypot(1.0, p)
+    share = p / w / w
+    s11, s12, s22 = parts
+    return np.array(
+        [
+            [-3.0 * share * s11, 0.0, 1.0 / w**3, 0.0, 0.0],
+            [-2.0 * share * s12, -share * w * s11, 0.0, 1.0 / w**2, 0.0],
+            [-share * s22, -2.0 * share * w * s12, 0.0, 0.0, 1.0 / w],
+        ]
+    )
+
+
+def _principal_errors(shape: ShapeOperator, parts: Floats) -> tuple[float, float, float]:
+    """Errors of k1 and k2, and that of half their difference at an umbilic."""
+    s11, s12, s22 = shape.parts
+    half, spread = 0.5 * (s11 - s22), math.hypot(0.5 * (s11 - s22), s12)
+    c, s = (half / spread, s12 / spread) if spread > 0.0 else (1.0, 0.0)
+    (v11, v12, v13), (_, v22, v23), (_, _, v33) = parts.tolist()
+    of_mean = 0.25 * (v11 + v33) + 0.5 * v13
+    of_half = 0.25 * (v11 + v33) - 0.5 * v13
+    half_and_twist = 0.5 * (v12 - v23)
+    ahead = c * c * of_half + 2.0 * c * s * half_and_twist + s * s * v22
+    aside = s * s * of_half - 2.0 * c * s * half_and_twist + c * c * v22
+    with_mean = c * 0.25 * (v11 - v33) + s * 0.5 * (v12 + v23)
+    # Half of the square of a small step aside over the spread, or the whole step.
+    bent = aside * min(1.0, 0.75 * aside / spread**2) if spread > 0.0 else aside
+    first, second = of_mean + ahead + 2.0 * with_mean, of_mean + ahead - 2.0 * with_mean
+    return (
+        math.sqrt(max(first, 0.0) + bent),
+        math.sqrt(max(second, 0.0) + bent),
+        math.sqrt(0.5 * (of_half + v22)),
+    )

@@ -1,0 +1,188 @@
+"""Impulses in a frame, single ones and close together, told from edges, corners and tips.
+
+A surface, however sharp, is even along some lines of three taxels through each taxel: along
+an edge, down a face, on the level beside a step. An impulse is even along none. So impulses are
+the taxels that a robust jet misses and that no line of three supports; a whole face that the
+jet misses supports itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Bools, Floats
+from palpate.core.touch.filters import neighbourhoods
+from palpate.core.touch.jet import monomials
+from palpate.core.touch.jet_design import LEAST_TAXELS
+from palpate.core.touch.jet_fit import MAD_TO_SIGMA, fit_robust_jet
+from palpate.core.touch.pad import Pad
+
+UNEVEN = 0.25
+"""In pitches: what bends a line of three by less, or stands off a jet by less, is left to the
+fit. It is half of what the tightest curve that has a curvature bends."""
+STANDS_OFF = 0.5
+"""In pitches: what stands off a jet by more is looked at, however badly the jet fits."""
+FAR = 6.0
+"""In between, robust deviations from the jet."""
+SPREADS = 2.0 * math.sqrt(6.0)
+"""Deviations of a taxel by which noise alone may bend a line of three: two of its own."""
+OWN_MISFIT = 0.5
+"""A line supports a taxel if it bends by less than this share of how far the taxel is off."""
+CORE_LINES = 3
+"""Even lines of a taxel that can support others: the outermost of a step's corner has three,
+and so has the middle of five in a row. Impulses are seldom that many in a row."""
+STRAIGHT = 0.05
+"""In pitches: what a line of three may bend, beside noise, to count as straight."""
+ALSO_OFF = 0.5
+"""What holds a suspect is itself off by this share of what makes one: the rest of a ridge that
+the jet misses. From the even surface beside it an impulse gets no support."""
+LEVEL = 0.15
+"""In pitches: a taxel as high as one beside it that is no impulse is none: the end of a ridge."""
+WAYS = ((0, 1), (1, 0), (1, 1), (1, -1))
+"""Directions of the lines, in rows and columns."""
+
+
+class Mended(NamedTuple):
+    """An image without its impulses."""
+
+    image: Floats
+    """What the surface would have given in place of the impulses, (rows, cols), m."""
+    impulses: Bools
+    """Which taxels were impulses, (rows, cols): a fit should leave them out."""
+
+
+def robust_clean(pad: Pad, image: Floats, contact: float, noise: float) -> Mended:
+    """Find and mend the impulses of a frame.
+
+    Parameters
+    ----------
+    pad : Pad
+        The array.
+    image : (rows, cols) array
+        Compression; about 0 where the pad does not touch, m.
+    contact : float
+        Least compression that counts as touched, m.
+    noise : float
+        Standard deviation of one taxel, m.
+
+    Notes
+    -----
+    A frame all of whose taxels lie on even lines is returned as it is. For the others a jet
+    is fitted with Tukey's weights, beginning with the supported taxels. Where there is no
+    surface to fit, what stands alone is an impulse, and four touched taxels in a square are
+    a tip.
+    """
+    by_noise = SPREADS * noise
+    supported = _supported(pad, image, math.hypot(UNEVEN * pad.pitch, by_noise), by_noise)
+    if supported.all():
+        return Mended(image, ~supported)
+    touched = image > contact
+    if np.count_nonzero(touched & supported) < LEAST_TAXELS:
+        impulses = touched & ~supported & ~_in_squares(touched)
+        off = image
+    else:
+        off, spread = _misfit(pad, image, touched, supported, noise)
+        far = min(max(FAR * spread, UNEVEN * pad.pitch), STANDS_OFF * pad.pitch)
+        suspect = np.abs(off) > far
+        allowed = np.maximum(OWN_MISFIT * np.abs(off), by_noise)
+        impulses = suspect & ~_supported(
+            pad, image, allowed, by_noise, np.abs(off) > ALSO_OFF * far
+        )
+        impulses &= ~_level(image, impulses, math.hypot(LEVEL * pad.pitch, by_noise))
+    if not impulses.any():
+        return Mended(image, impulses)
+    expected = np.maximum(image - off + _median_of_others(off, impulses), 0.0)
+    return Mended(np.where(impulses, expected, image), impulses)
+
+
+def _misfit(
+    pad: Pad, image: Floats, touched: Bools, supported: Bools, noise: float
+) -> tuple[Floats, float]:
+    """Image less robust jet all over the pad, and the spread of that where it touches."""
+    fit = fit_robust_jet(pad, image, touched, noise, supported.astype(np.float64))
+    if fit is None:  # touched on a line
+        return image, noise
+    x, y = (axis.ravel() / fit.jet.scale for axis in pad.grid())
+    expected = monomials(x, y, fit.jet.degree) @ fit.jet.coefficients
+    spread = MAD_TO_SIGMA * float(np.median(np.abs(fit.misfit[supported[touched]])))
+    # Beyond the contact the jet means nothing, and a pad is compressed by nothing.
+    beside = neighbourhoods((touched & supported).astype(np.float64)).any(axis=-1)
+    expected = np.where(beside, np.maximum(expected.reshape(image.shape), 0.0), 0.0)
+    return image - expected, max(spread, noise)
+
+
+def _supported(
+    pad: Pad,
+    image: Floats,
+    allowed: Floats | float,
+    by_noise: float,
+    holding: Bools | None = None,
+) -> Bools:
+    """Which taxels lie on three even lines, or on one or two with others that do.
+
+    A line is even for a taxel if it bends by no more than is allowed for that taxel. One line
+    may be so by chance; it is enough if it is straight but for noise. An impulse up and one
+    down lie evenly about what is between them, but neither lies on three lines.
+    """
+    bends = np.full((3 * len(WAYS), *image.shape), np.inf)
+    for way, places in enumerate(_lines(*image.shape)):
+        first, middle, last = (image[place] for place in places)
+        bend = np.abs(first + last - 2.0 * middle)
+        for role, place in enumerate(places):
+            bends[3 * way + role][place] = bend
+    even = bends <= allowed
+    core: Bools = even.sum(axis=0) >= CORE_LINES
+    if core.all():
+        return core
+    hold = core if holding is None else core & holding
+    worth = even.astype(np.int64) + (bends <= math.hypot(STRAIGHT * pad.pitch, by_noise))
+    leaning = np.zeros(image.shape, np.int64)
+    for way, places in enumerate(_lines(*image.shape)):
+        one, between, other = (hold[place] for place in places)
+        others = (between & other, one & other, one & between)
+        for role, (place, held) in enumerate(zip(places, others, strict=True)):
+            leaning[place] += held * worth[3 * way + role][place]
+    supported: Bools = core | (leaning >= 2)
+    return supported
+
+
+def _lines(rows: int, cols: int) -> Iterator[list[tuple[slice, slice]]]:
+    """For each direction the first, middle and last taxels of all lines of three."""
+    for down, right in WAYS:
+        start, width = max(-2 * right, 0), cols - 2 * abs(right)
+        yield [
+            np.s_[
+                step * down : step * down + rows - 2 * down,
+                start + step * right : start + step * right + width,
+            ]
+            for step in range(3)
+        ]
+
+
+def _level(image: Floats, impulses: Bools, least: float) -> Bools:
+    """Which taxels are as high as one around them that is no impulse."""
+    around = neighbourhoods(np.where(impulses, np.inf, image))
+    nearest = np.abs(around - image[..., None]).min(axis=-1)
+    found: Bools = nearest < least
+    return found
+
+
+def _in_squares(touched: Bools) -> Bools:
+    """Which touched taxels belong to a square of four."""
+    whole = touched[:-1, :-1] & touched[1:, :-1] & touched[:-1, 1:] & touched[1:, 1:]
+    found = np.zeros_like(touched)
+    for corner in (np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[:-1, 1:], np.s_[1:, 1:]):
+        found[corner] |= whole
+    return found
+
+
+def _median_of_others(off: Floats, impulses: Bools) -> Floats:
+    """Median misfit of the taxels around each that are no impulses; 0 if all are."""
+    around = np.sort(neighbourhoods(np.where(impulses, np.inf, off)), axis=-1)
+    count = np.isfinite(around).sum(axis=-1)
+    middle = np.take_along_axis(around, np.maximum(count - 1, 0)[..., None] // 2, axis=-1)[..., 0]
+    return np.where(count > 0, middle, 0.0)
