@@ -66,8 +66,10 @@ def test_the_ball_is_felt_truer_with_the_calibration(
 ) -> None:
     ball = report(calibrated, worn.sensor).splitlines()[-1]
     felt, by_sheet = (part.split(" +- ") for part in ball.partition("felt as ")[2].split("; "))
-    assert float(felt[1].split()[0]) < 0.5 * float(by_sheet[1].split()[0])
-    assert abs(float(felt[0]) - 30.0) < 0.5
+    radius, error = float(felt[0]), float(felt[1].split()[0])
+    radius_by_sheet, error_by_sheet = float(by_sheet[0]), float(by_sheet[1].split()[0])
+    assert abs(radius - 30.0) < 0.5 * abs(radius_by_sheet - 30.0)
+    assert error < error_by_sheet
 
 
 def test_a_flat_pad_that_sends_forces_is_calibrated_too(worn: SceneSpec, write: Write) -> None:
