@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats
+from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.touch.filters import neighbourhoods
 from palpate.core.touch.jet import monomials
 from palpate.core.touch.jet_design import LEAST_TAXELS
@@ -42,6 +42,10 @@ ALSO_OFF = 0.5
 the jet misses. From the even surface beside it an impulse gets no support."""
 LEVEL = 0.15
 """In pitches: a taxel as high as one beside it that is no impulse is none: the end of a ridge."""
+BEYOND = 0.45
+"""In pitches: how far an impulse in the outermost rings stands beyond all that is about it."""
+MOST_BRINKS = 16
+"""Rounds in which those that do not are given up."""
 WAYS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Directions of the lines, in rows and columns."""
 
@@ -73,7 +77,7 @@ def robust_clean(pad: Pad, image: Floats, contact: float, noise: float) -> Mende
     -----
     A frame all of whose taxels lie on even lines is returned as it is. For the others a jet
     is fitted with Tukey's weights, beginning with the supported taxels. Where there is no
-    surface to fit, what stands alone is an impulse, and four touched taxels in a square are
+    surface to fit, what stands alone is an impulse, and four touched taxels together are
     a tip.
     """
     by_noise = SPREADS * noise
@@ -82,7 +86,7 @@ def robust_clean(pad: Pad, image: Floats, contact: float, noise: float) -> Mende
         return Mended(image, ~supported)
     touched = image > contact
     if np.count_nonzero(touched & supported) < LEAST_TAXELS:
-        impulses = touched & ~supported & ~_in_squares(touched)
+        impulses = touched & ~supported & ~_in_tips(touched)
         off = image
     else:
         off, spread = _misfit(pad, image, touched, supported, noise)
@@ -92,9 +96,11 @@ def robust_clean(pad: Pad, image: Floats, contact: float, noise: float) -> Mende
         impulses = suspect & ~_supported(
             pad, image, allowed, by_noise, np.abs(off) > ALSO_OFF * far
         )
+        impulses &= ~_in_squares(impulses, image, UNEVEN * pad.pitch)
         impulses &= ~_level(image, impulses, math.hypot(LEVEL * pad.pitch, by_noise))
     if not impulses.any():
         return Mended(image, impulses)
+    impulses &= ~_on_the_brink(image, impulses, BEYOND * pad.pitch)
     expected = np.maximum(image - off + _median_of_others(off, impulses), 0.0)
     return Mended(np.where(impulses, expected, image), impulses)
 
@@ -171,13 +177,53 @@ def _level(image: Floats, impulses: Bools, least: float) -> Bools:
     return found
 
 
-def _in_squares(touched: Bools) -> Bools:
-    """Which touched taxels belong to a square of four."""
-    whole = touched[:-1, :-1] & touched[1:, :-1] & touched[:-1, 1:] & touched[1:, 1:]
-    found = np.zeros_like(touched)
-    for corner in (np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[:-1, 1:], np.s_[1:, 1:]):
+def _on_the_brink(image: Floats, marked: Bools, step: float) -> Bools:
+    """Marked taxels of the two outermost rings that are not the highest or lowest about them.
+
+    They lie on few lines, and a contact that runs off the array is steep there: they must
+    stand beyond all their neighbours by a step, those left out that do so themselves.
+    """
+    ring = np.ones(image.shape, np.bool_)
+    ring[2:-2, 2:-2] = False
+    kept = marked.copy()
+    for _ in range(MOST_BRINKS):
+        around = neighbourhoods(np.where(kept, np.nan, image))
+        high = np.nan_to_num(around, nan=-np.inf).max(axis=-1)
+        low = np.nan_to_num(around, nan=np.inf).min(axis=-1)
+        given_up = kept & ring & (image <= high + step) & (image >= low - step)
+        if not given_up.any():
+            break
+        kept &= ~given_up
+    return marked & ~kept
+
+
+def _in_squares(marked: Bools, image: Floats, most: float) -> Bools:
+    """Which marked taxels belong to a square of four marked ones that differ by less than that.
+
+    So do the four at the top of a cone, and hardly ever impulses.
+    """
+    corners = (np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[:-1, 1:], np.s_[1:, 1:])
+    high = np.maximum.reduce([image[corner] for corner in corners])
+    low = np.minimum.reduce([image[corner] for corner in corners])
+    whole = np.logical_and.reduce([marked[corner] for corner in corners]) & (high - low < most)
+    found = np.zeros_like(marked)
+    for corner in corners:
         found[corner] |= whole
     return found
+
+
+def _in_tips(touched: Bools) -> Bools:
+    """Which touched taxels make a contact of four or more: a square, a T or a cross, and theirs."""
+    middle = _in_squares(touched, touched.astype(np.float64), 1.0)
+    middle |= touched & (_beside(touched) >= 3)
+    found: Bools = touched & (middle | (_beside(middle) > 0))
+    return found
+
+
+def _beside(marked: Bools) -> Ints:
+    """How many of the four taxels beside each are marked."""
+    padded = np.pad(marked.astype(np.int32), 1)
+    return padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
 
 
 def _median_of_others(off: Floats, impulses: Bools) -> Floats:

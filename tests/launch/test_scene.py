@@ -22,8 +22,17 @@ def test_every_shipped_scene_loads_and_stands_on_the_ground(name: str) -> None:
     assert 0.05 <= max(object_size(scene)) <= 0.15
 
 
-def test_six_scenes_are_shipped() -> None:
-    assert shipped_scenes() == ("box", "cylinder", "egg", "from_mesh", "sphere", "vase")
+def test_eight_scenes_are_shipped() -> None:
+    assert shipped_scenes() == (
+        "box",
+        "cylinder",
+        "egg",
+        "from_mesh",
+        "sphere",
+        "twisted",
+        "vase",
+        "worn_sensor",
+    )
 
 
 def test_a_scene_fills_in_its_defaults(write: Write) -> None:

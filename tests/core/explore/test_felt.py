@@ -9,7 +9,7 @@ from palpate.core.arrays import Bools, Floats
 from palpate.core.explore.felt import LEAN, Felt, feel_slice
 from palpate.core.frames import pad_rotation, pose_of
 from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.touch.jet import fit_jet
+from palpate.core.touch.jet_fit import fit_jet
 from palpate.core.touch.pad import Pad, press
 
 RADIUS = 0.03
@@ -23,8 +23,8 @@ def touch(pad: Pad, shape: Superquadric, heading: float, tilt: float, height: fl
     end = press(shape, pad, pose_of(-0.05 * axes[:, 2], axes), 0.05, 1e-3)
     touched = end.compression > 0
     surface = np.where(touched, -(end.compression + pad.sag()), 0.0)
-    fitted = fit_jet(*pad.grid(), surface, touched, 8e-3)
-    return feel_slice(pad, end.pose, surface, touched, fitted[0] if fitted else None, height)
+    fitted = fit_jet(pad, surface, touched)
+    return feel_slice(pad, end.pose, surface, touched, fitted.jet if fitted else None, height)
 
 
 def level_pad(surface: Floats, touched: Bools, pad: Pad, height: float) -> Felt | None:
