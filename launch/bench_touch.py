@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
+import timeit
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
@@ -13,10 +14,23 @@ from palpate.core.arrays import Floats
 from palpate.core.frames import pad_rotation, pose_of
 from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.shapes.triangles import TriangleShape
+from palpate.core.touch.jet_fit import fit_jet
+from palpate.launch.bench_curvature import (
+    COLUMNS,
+    MOST_ERROR,
+    MOST_PARTIAL,
+    OURS,
+    QUICK_TRIALS,
+    THESIS,
+    TRIALS,
+    estimator_rows,
+    partial_rows,
+)
 from palpate.launch.scene import load_scene
 from palpate.messages.types import SurfacePatch, TactileFrame, TouchGoal
 from palpate.nodes import curvature, filter, simulator
 from palpate.nodes.object import ObjectSpec, SuperquadricSpec, encode_mesh
+from palpate.nodes.sensor import PadSpec, SensorSpec, pad_of_spec
 
 WORN = "worn_sensor"
 """The scene with all the faults of 1999."""
@@ -58,7 +72,12 @@ def bench_touch(*, quick: bool, echo: Echo = print) -> int:
     """
     frames, rounds = (FRAMES // 5, 3) if quick else (FRAMES, ROUNDS)
     missed = False
-    for row in (*speed_rows(frames, rounds), *exactness_rows(frames)):
+    rows = (
+        *speed_rows(frames, rounds),
+        *exactness_rows(frames),
+        *curvature_rows(QUICK_TRIALS if quick else TRIALS),
+    )
+    for row in rows:
         missed = missed or not row.holds
         echo(f"{row.name:<52}{row.value:>14}  {row.target}{'' if row.holds else '   MISSED'}")
     return int(missed)
@@ -113,6 +132,29 @@ def exactness_rows(frames: int) -> Iterable[Row]:
         f"<= {1e6 * bound:.2f} um, their sag",
         off <= bound + 1e-8,  # Embree works in single precision
     )
+
+
+def curvature_rows(trials: int) -> Iterable[Row]:
+    """Cost of a plain jet, and errors of the curvatures: the whole is ``bench curvature``."""
+    yield _at_most("plain jet of a full pad", _jet_seconds(), 10)
+    rows = {row.name: row for row in estimator_rows(trials)}
+    ours, thesis = rows[OURS].errors, rows[THESIS].errors
+    for column, most in MOST_ERROR.items():
+        noise, impulses = COLUMNS[column]
+        name = f"error of curvatures, noise {noise:g}, impulses {impulses:.0%}"
+        error = ours[column]
+        yield Row(name, f"{1e3 * error:.2f}e-3", f"<= {1e3 * most:.1f}e-3 /pitch", error <= most)
+    gain = min(theirs / mine for theirs, mine in zip(thesis, ours, strict=True))
+    yield Row("error of the thesis's chain to ours, at least", f"{gain:.0f}", ">= 20", gain >= 20)
+    worst = max(row.errors["palpate"] or np.inf for row in partial_rows(trials) if row.taxels >= 32)
+    yield Row("the same, 32 taxels or more touched", f"{worst:.1%}", "< 5 %", worst < MOST_PARTIAL)
+
+
+def _jet_seconds() -> float:
+    pad = pad_of_spec(SensorSpec(pad=PadSpec(radius=None)))
+    x, y = pad.grid()
+    height, everywhere = (x * x + y * y) / 0.04, np.ones((pad.rows, pad.cols), bool)
+    return min(timeit.repeat(lambda: fit_jet(pad, height, everywhere), number=500, repeat=9)) / 500
 
 
 class Chain:

@@ -24,6 +24,8 @@ trust."""
 TRUSTED_SPREADS = 4.0
 DIRECTED = 3.0
 """Standard deviations by which k1 and k2 must differ before their directions mean anything."""
+LEVEL = 1e-9
+"""In 1 / pads' widths: k1 and k2 that differ by less are equal but for rounding."""
 AWAY: Floats = np.array([0.0, 0.0, -1.0])
 """Normal of a patch of which nothing is known: that of the pad."""
 AWAY.setflags(write=False)
@@ -113,7 +115,8 @@ def feel_patch(
     if fit is None:
         return Patch("insufficient")
     kind, shape = _judged(pad, height, used, fit, noise)
-    if kind in ("edge", "corner") and (single := strays(fit, used, noise)) is not None:
+    single = strays(pad, height, used, fit, noise) if kind in ("edge", "corner") else None
+    if single is not None:
         less = used & ~single
         again = fit_jet(pad, height, less, weights, noise)
         if again is not None:
@@ -162,13 +165,14 @@ def _patch(
     if kind != "smooth":
         return patch
     k1, k2, along_k1, umbilic = principal(shape)
+    rounding = LEVEL / (pad.pitch * pad.cols)
     return patch._replace(
         principal=(k1, k2),
         across=curvature_along(shape, direction),
         gaussian=k1 * k2,
         mean=0.5 * (k1 + k2),
         principal_direction=along_k1,
-        umbilic=umbilic or 0.5 * (k1 - k2) <= DIRECTED * errors.difference,
+        umbilic=umbilic or 0.5 * (k1 - k2) <= max(DIRECTED * errors.difference, rounding),
         principal_error=errors.principal,
         across_error=errors.across,
         shape=shape,

@@ -53,12 +53,12 @@ def graph_errors(
     slopes = float(derivatives[0]), float(derivatives[1])
     (c, s), p = steepest_way(slopes)
     turned = _turn(c, s) @ factor
-    root = deviation * (_how_parts_change(p, shape.parts) @ turned)
+    change = _how_parts_change(p, shape.parts)
+    root = deviation * (change @ turned)
     parts = root @ root.T
     w = math.hypot(1.0, p)
     up, level = (deviation * math.sqrt(float(row @ row)) for row in turned[:2])
-    u, v = tangent_part(shape, direction) or (0.0, 0.0)
-    along = np.array([u * u, 2.0 * u * v, v * v]) @ root
+    along = deviation * (_how_it_changes_along(shape, direction, w, change) @ turned)
     first, second, difference = _principal_errors(shape, parts)
     return Errors(
         normal=math.hypot(up / w / w, level / w),
@@ -91,11 +91,35 @@ def _how_parts_change(p: float, parts: tuple[float, float, float]) -> Floats:
     s11, s12, s22 = parts
     return np.array(
         [
-            [-3.0 * share * s11, 0.0, 1.0 / w**3, 0.0, 0.0],
-            [-2.0 * share * s12, -share * w * s11, 0.0, 1.0 / w**2, 0.0],
+            [-3.0 * share * s11, 0.0, 1.0 / w / w / w, 0.0, 0.0],
+            [-2.0 * share * s12, -share * w * s11, 0.0, 1.0 / w / w, 0.0],
             [-share * s22, -2.0 * share * w * s12, 0.0, 0.0, 1.0 / w],
         ]
     )
+
+
+def _how_it_changes_along(
+    shape: ShapeOperator, direction: Floats, w: float, change: Floats
+) -> Floats:
+    """Derivatives of the curvature along a direction by the turned derivatives, (5,).
+
+    The shape operator changes, and so does the direction's part in the tangent plane as that
+    plane leans.
+    """
+    part = tangent_part(shape, direction)
+    if part is None:
+        return np.zeros(5)
+    u, v = part
+    s11, s12, s22 = shape.parts
+    curvature = s11 * u * u + 2.0 * s12 * u * v + s22 * v * v
+    found: Floats = np.array([u * u, 2.0 * u * v, v * v]) @ change
+    lost = float(direction @ shape.normal)
+    kept = math.sqrt(max(float(direction @ direction) - lost * lost, 0.0))
+    if kept > 0.0:
+        lean = 2.0 * lost / kept
+        found[0] -= lean * (s11 * u + s12 * v - curvature * u) / w / w
+        found[1] -= lean * (s12 * u + s22 * v - curvature * v) / w
+    return found
 
 
 def _principal_errors(shape: ShapeOperator, parts: Floats) -> tuple[float, float, float]:

@@ -47,8 +47,8 @@ class JetFit(NamedTuple):
     residual: float
     """Root mean square misfit of the taxels that count, m."""
     deviation: float
-    """One taxel's noise as the misfit shows it, m: what the coefficients took up is given
-    back."""
+    """Noise of a taxel of weight 1 as the misfit shows it, m: what the coefficients took up
+    is given back."""
     weights: Floats | None
     """From 0 to 1 for each touched taxel, (n,); None if all count alike."""
 
@@ -86,8 +86,8 @@ def fit_jet(
     one degree apart, as on two rows.
 
     A quartic follows a tight curve and a quadric is steadier on a flat one; shrinking by
-    James and Stein, *Estimation with quadratic loss*, 1961, is between the two whichever the
-    surface is, and on average nowhere worse than the quartic.
+    James and Stein, *Estimation with quadratic loss*, 1961, goes between the two whichever the
+    surface is, and over all coefficients it is on average nowhere worse than the quartic.
     """
     if weights is not None:
         touched = touched & (weights > 0.0)
@@ -151,7 +151,10 @@ def fit_robust_jet(
         return None
     z = height.ravel()[design.places]
     before = np.ones(len(z)) if start is None else start.ravel()[design.places]
-    fit = _weighted(design, z, before) or _weighted(design, z, np.ones(len(z)))
+    fit = _weighted(design, z, before)
+    if fit is None:  # the start leaves too few
+        before = np.ones(len(z))
+        fit = fit_jet(pad, height, touched)
     for _ in range(MOST_ROUNDS):
         if fit is None:
             break
@@ -185,11 +188,10 @@ def _weighted(
     design: Design, z: Floats, weights: Floats, noise: float | None = None
 ) -> JetFit | None:
     """By a factorisation of the weighted rows; the degree falls if the weights leave too few."""
-    count = float(weights.sum())
-    most = largest_degree(count)
+    count = int(np.count_nonzero(weights))
     root = np.sqrt(weights)
     basis, triangle = factorised(design.monomials * root[:, None])
-    degree = seen_degree(triangle, min(most, COUNTS.index(len(triangle))), count)
+    degree = seen_degree(triangle, min(largest_degree(count), COUNTS.index(len(triangle))), count)
     if degree == 0:
         return None
     m = COUNTS[degree]
@@ -198,7 +200,7 @@ def _weighted(
     monomial = design.monomials[:, :m]
     misfit = z - monomial @ (inverse @ inner)
     squares = float(weights @ (misfit * misfit))
-    deviation = math.sqrt(squares / max(count - m, 1.0))
+    deviation = math.sqrt(squares / max(count - m, 1))
     factor: Floats = inverse
     if noise is not None and m > COUNTS[2]:
         shares = _shares(inner, max(noise, deviation))
@@ -214,7 +216,7 @@ def _weighted(
         derivative_factor=design.rows[1:, :m] @ factor,
         factor=factor,
         misfit=misfit,
-        residual=math.sqrt(squares / count),
+        residual=math.sqrt(squares / float(weights.sum())),
         deviation=deviation,
         weights=weights,
     )
