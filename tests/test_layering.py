@@ -32,6 +32,7 @@ ALLOWED = {
     "palpate.launch.launcher": LAUNCH | {"zmq"},
     "palpate.launch.processes": LAUNCH | {"zmq"},
     "palpate.launch.bench_bus": LAUNCH | {"zmq"},
+    "palpate.launch.figures_curvature": LAUNCH | {"matplotlib"},
 }
 
 CLOCKS = (

@@ -42,8 +42,9 @@ ALSO_OFF = 0.5
 the jet misses. From the even surface beside it an impulse gets no support."""
 LEVEL = 0.15
 """In pitches: a taxel as high as one beside it that is no impulse is none: the end of a ridge."""
-BEYOND = 0.45
-"""In pitches: how far an impulse in the outermost rings stands beyond all that is about it."""
+BEYOND, BEYOND_IN_CORNERS = 0.15, 0.45
+"""In pitches: how far an impulse in the outermost rings stands beyond all that is about it; the
+array's own corners have three neighbours only."""
 MOST_BRINKS = 16
 """Rounds in which those that do not are given up."""
 WAYS = ((0, 1), (1, 0), (1, 1), (1, -1))
@@ -77,8 +78,8 @@ def robust_clean(pad: Pad, image: Floats, contact: float, noise: float) -> Mende
     -----
     A frame all of whose taxels lie on even lines is returned as it is. For the others a jet
     is fitted with Tukey's weights, beginning with the supported taxels. Where there is no
-    surface to fit, what stands alone is an impulse, and four touched taxels together are
-    a tip.
+    surface to fit, what stands alone is an impulse, and three touched taxels side by
+    side are a tip.
     """
     by_noise = SPREADS * noise
     supported = _supported(pad, image, math.hypot(UNEVEN * pad.pitch, by_noise), by_noise)
@@ -100,7 +101,7 @@ def robust_clean(pad: Pad, image: Floats, contact: float, noise: float) -> Mende
         impulses &= ~_level(image, impulses, math.hypot(LEVEL * pad.pitch, by_noise))
     if not impulses.any():
         return Mended(image, impulses)
-    impulses &= ~_on_the_brink(image, impulses, BEYOND * pad.pitch)
+    impulses &= ~_on_the_brink(pad, image, impulses)
     expected = np.maximum(image - off + _median_of_others(off, impulses), 0.0)
     return Mended(np.where(impulses, expected, image), impulses)
 
@@ -177,7 +178,7 @@ def _level(image: Floats, impulses: Bools, least: float) -> Bools:
     return found
 
 
-def _on_the_brink(image: Floats, marked: Bools, step: float) -> Bools:
+def _on_the_brink(pad: Pad, image: Floats, marked: Bools) -> Bools:
     """Marked taxels of the two outermost rings that are not the highest or lowest about them.
 
     They lie on few lines, and a contact that runs off the array is steep there: they must
@@ -185,6 +186,8 @@ def _on_the_brink(image: Floats, marked: Bools, step: float) -> Bools:
     """
     ring = np.ones(image.shape, np.bool_)
     ring[2:-2, 2:-2] = False
+    step = np.full(image.shape, BEYOND * pad.pitch)
+    step[:: pad.rows - 1, :: pad.cols - 1] = BEYOND_IN_CORNERS * pad.pitch
     kept = marked.copy()
     for _ in range(MOST_BRINKS):
         around = neighbourhoods(np.where(kept, np.nan, image))
@@ -213,9 +216,8 @@ def _in_squares(marked: Bools, image: Floats, most: float) -> Bools:
 
 
 def _in_tips(touched: Bools) -> Bools:
-    """Which touched taxels make a contact of four or more: a square, a T or a cross, and theirs."""
-    middle = _in_squares(touched, touched.astype(np.float64), 1.0)
-    middle |= touched & (_beside(touched) >= 3)
+    """Which touched taxels make a contact of three or more, side by side."""
+    middle = touched & (_beside(touched) >= 2)
     found: Bools = touched & (middle | (_beside(middle) > 0))
     return found
 
