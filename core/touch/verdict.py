@@ -59,11 +59,14 @@ def judge(
     freedom = max(len(fit.misfit) - fit.jet.coefficients.size, 1)
     by_noise = noise * (1.0 + SURE / math.sqrt(2.0 * freedom))
     sharp = sharpness * pad.pitch > SHARPEST
-    if not sharp and fit.deviation <= math.hypot(by_noise, QUIET * pad.pitch):
+    explained = math.hypot(by_noise, QUIET * pad.pitch)
+    if not sharp and fit.deviation <= explained:
         return "smooth"
     unexplained = fit.deviation > math.hypot(by_noise, UNEXPLAINED * pad.pitch)
     cells = slopes_of_cells(pad, height, touched)
     two = fit_faces(pad, height, touched, cells, 2)
+    if two is not None and two.deviation < min(explained, PIECES_WIN * fit.deviation):
+        return "edge"  # two flat faces are all there is: the costlier models need not be tried
     three = fit_faces(pad, height, touched, cells, 3)
     if two is None or three is None:
         return "edge" if sharp or unexplained else "smooth"
