@@ -17,7 +17,16 @@ from typing import Any, NamedTuple
 
 from palpate.launch.bench_bus import rows as bus_rows
 
-SCENES = ("vase", "sphere", "box", "cylinder", "egg", "from_mesh")
+SCENES = (
+    "vase",
+    "sphere",
+    "box",
+    "cylinder",
+    "egg",
+    "twisted",
+    "from_mesh",
+    "worn_sensor",
+)
 REPEATS = 5
 MOST_SECONDS = 300.0
 """A run that takes longer has hung, s."""
@@ -145,7 +154,7 @@ def _row(outcome: Outcome, faults: Sequence[str]) -> str:
 
 
 def _line(*cells: str) -> str:
-    widths = (10, 9, 9, 9, 8, 6, 8, 5)
+    widths = (12, 9, 9, 9, 8, 6, 8, 5)
     parts = [f"{cells[0]:<{widths[0]}}"]
     parts += [f"{cell:>{width}}" for cell, width in zip(cells[1:8], widths[1:], strict=True)]
     return ("".join(parts) + "  " + cells[8]).rstrip()
