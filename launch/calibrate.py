@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,14 +16,18 @@ from palpate.core.measure.robot_time import PRESETS
 from palpate.core.shapes.posed import PosedShape
 from palpate.core.shapes.protocol import Shape
 from palpate.core.shapes.superquadric import LEAST_EXPONENT, Superquadric
-from palpate.core.touch.calibrate import Estimate, Presses, estimate_calibration
+from palpate.core.touch.calibrate import Estimate, estimate_calibration
 from palpate.core.touch.calibration import Calibration
+from palpate.core.touch.contact import touched
 from palpate.core.touch.pad import Pad
 from palpate.core.touch.pipeline import Pipeline, States
+from palpate.core.touch.taxel_fit import Presses
 from palpate.core.touch.touch import Touch
 from palpate.launch.scene import SceneSpec
-from palpate.nodes.effects import build_pipeline
+from palpate.nodes.effects import build_pipeline, felt_face
 
+ROBOT = "modern"
+"""Preset of the robot's speeds."""
 BALL = 0.03
 """Radius of the known ball, m."""
 LEANS = 5
@@ -31,6 +36,8 @@ DEPTHS = (0.4 * PRESS, 0.7 * PRESS, PRESS)
 FREE_FRAMES = 40
 HEIGHT, REACH = 0.03, 0.05
 """The pad's middle starts this high over what is pressed, and goes this far at most, m."""
+CONTACT = 50e-6
+"""Least compression that counts as touched, m."""
 PAUSE = 3.0
 """Between two presses, s: a pad that creeps has come to rest."""
 
@@ -45,7 +52,7 @@ class Felt(NamedTuple):
     read: Floats
     """What the data sheet makes of the signal, (rows, cols), m."""
     known: Floats
-    """Compression that the known shape makes there, (rows, cols), m."""
+    """Compression that the known shape makes there, (rows, cols), m; 0 where it does not press."""
 
 
 class Calibrated(NamedTuple):
@@ -54,7 +61,7 @@ class Calibrated(NamedTuple):
     estimate: Estimate
     """The calibration."""
     pad: Pad
-    """The array."""
+    """The array, and what its data sheet says of its face."""
     sheet: Calibration
     """What it was read by."""
     on_ball: tuple[Felt, ...]
@@ -73,7 +80,7 @@ def calibrate(scene: SceneSpec, progress: Progress) -> Calibrated:
     ValueError
         If too few taxels could be pressed.
     """
-    pipeline = build_pipeline(scene.sensor, scene.effects, PRESETS["modern"], seed=scene.seed)
+    pipeline = build_pipeline(scene.sensor, scene.effects, PRESETS[ROBOT], seed=scene.seed)
     finger = _Finger(pipeline)
     pad = pipeline.finger.pad
     free = [finger.touch(_flat(), lean, 0.0).read for lean in _leans(pad)[:1] * FREE_FRAMES]
@@ -87,8 +94,10 @@ def calibrate(scene: SceneSpec, progress: Progress) -> Calibrated:
         free=np.stack([one.ravel() for one in free]),
     )
     x, y = pad.grid()
+    progress(f"all done; fitting {len(felt)} presses")
     estimate = estimate_calibration(presses, x.ravel(), y.ravel(), pipeline.finger.calibration)
     sheet = pipeline.finger.calibration
+    pad = replace(pad, face=felt_face(pipeline))
     return Calibrated(estimate, pad, sheet, on_ball, finger.touches, finger.clock)
 
 
@@ -96,7 +105,8 @@ class _Finger:
     """A finger on its way through the presses."""
 
     def __init__(self, pipeline: Pipeline):
-        self._pipeline = pipeline
+        self._pipeline, self._face = pipeline, felt_face(pipeline)
+        self.pad = pipeline.finger.pad
         self._states: States = pipeline.begin()
         self.touches, self.clock = 0, 0.0
 
@@ -116,11 +126,17 @@ class _Finger:
         self._states = self._pipeline.feel(touch, self._states)
         self.touches, self.clock = self.touches + 1, touch.time
         read = sheet.decode(sheet.encode(touch.reading))
-        return Felt(touch.believed, read, _known(shape, pad, touch.believed))
+        known = _known(shape, pad, touch.believed)
+        if self._face.kind != "springs":
+            # It is touched by less of the shape than that would cut through it.
+            listener = replace(self.pad, face=self._face)
+            loaded = touched(listener, read, CONTACT, self._pipeline.noise)
+            known = np.where(loaded, known, 0.0)
+        return Felt(touch.believed, read, known)
 
 
 def _presses(finger: _Finger, shape: Shape, progress: Progress, name: str) -> Iterator[Felt]:
-    leans = _leans(finger._pipeline.finger.pad)
+    leans = _leans(finger.pad)
     for depth in DEPTHS:
         for lean in leans:
             yield finger.touch(shape, lean, depth)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import io
+import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from msgspec import field, to_builtins
 from ruamel.yaml import YAML
 
@@ -46,6 +46,20 @@ def read_calibration(path: Path) -> CalibrationSpec:
     )
 
 
+def check_place(path: Path) -> None:
+    """Refuse a path to which no calibration can be written, before anything is pressed.
+
+    Raises
+    ------
+    InputError
+        If there is something already, or no folder to put it in.
+    """
+    if path.exists():
+        raise InputError(f"{path}: is there already; choose another name")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
+
+
 def write_calibration(path: Path, estimate: Estimate, pad: Pad) -> None:
     """Write a calibration whole, or not at all.
 
@@ -72,12 +86,13 @@ def write_calibration(path: Path, estimate: Estimate, pad: Pad) -> None:
     yaml.default_flow_style = None
     yaml.width = 1000
     yaml.dump(document, text)
+    check_place(path)
+    whole = path.with_name(path.name + ".part")
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text.getvalue())
-    except FileExistsError:
-        raise InputError(f"{path}: is there already; choose another name") from None
+        whole.write_text(text.getvalue(), encoding="utf-8")
+        whole.replace(path)
     except OSError as error:
+        whole.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
@@ -107,9 +122,11 @@ def with_calibration(given: Located, folder: Path) -> Located:
     return Located(value, given.source, given.places)
 
 
-def _table(flat: Floats, shape: tuple[int, int]) -> list[list[float]]:
-    finite = np.where(np.isfinite(flat), flat, 0.0)
-    return [[_rounded(value) for value in row] for row in finite.reshape(shape).tolist()]
+def _table(flat: Floats, shape: tuple[int, int]) -> list[list[float | None]]:
+    return [
+        [_rounded(value) if math.isfinite(value) else None for value in row]
+        for row in flat.reshape(shape).tolist()
+    ]
 
 
 def _rounded(value: float) -> float:

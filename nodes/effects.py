@@ -14,6 +14,7 @@ import msgspec
 from palpate.core.measure.robot_time import Preset
 from palpate.core.touch.effect import Effect
 from palpate.core.touch.effects.catalogue import effect_type, rank
+from palpate.core.touch.pad import SPRINGS, Face
 from palpate.core.touch.pipeline import Pipeline, assemble
 from palpate.core.touch.touch import Finger
 from palpate.nodes.sensor import SensorSpec, data_sheet, pad_of_spec
@@ -51,6 +52,12 @@ def build_pipeline(
     """
     owner = Finger(pad_of_spec(sensor), data_sheet(sensor), robot, finger, seed)
     return assemble(owner, tuple(describe_effects(listed).values()))
+
+
+def felt_face(pipeline: Pipeline) -> Face:
+    """How the pad's face yields in what the array sends: forces show no skirt about a contact."""
+    by_force = pipeline.finger.calibration.signal == "force"
+    return SPRINGS if by_force else pipeline.face
 
 
 def _described(name: str, parameters: Mapping[str, Any]) -> Effect:

@@ -14,7 +14,7 @@ from palpate.core.shapes.protocol import Shape
 from palpate.core.touch.pipeline import Pipeline, States
 from palpate.core.touch.touch import Touch
 from palpate.messages.types import SensorInfo, TactileFrame, TouchGoal, Truth, World
-from palpate.nodes.effects import EffectSpecs, build_pipeline
+from palpate.nodes.effects import EffectSpecs, build_pipeline, felt_face
 from palpate.nodes.node import Node, Outputs
 from palpate.nodes.object import Length, ObjectSpec, Seed, build_shape
 from palpate.nodes.sensor import SensorSpec, info_of
@@ -74,7 +74,7 @@ def start(params: Params) -> tuple[State, Outputs]:
     floor_vertices, floor_faces = shape.mesh(FLOOR_LEVEL)
     return State(shape, pipeline, pipeline.begin()), [
         ("/world", World(platform=low[2], reach=params.reach, fingers=1, seed=params.seed)),
-        ("/touch/info", info_of(params.sensor, pipeline.noise, pipeline.face)),
+        ("/touch/info", info_of(params.sensor, pipeline.noise, felt_face(pipeline))),
         (
             "/truth",
             Truth(

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.touch.contact import touched
+from palpate.core.touch.contact import SPREADS, touched
 from palpate.core.touch.filters import (
     adaptive_wiener,
     median_filter,
@@ -20,10 +20,6 @@ from palpate.core.touch.pad import Pad
 
 Order = Literal["auto", "none", "wiener", "median", "median-first", "wiener-first"]
 """Which filters, and which of two comes first."""
-
-CONTACT_SPREADS = 5.0
-"""A taxel counts as touched from 5 standard deviations of its noise on: at 3, one in a
-thousand untouched ones would put a point where there is no surface."""
 
 
 class Cleaned(NamedTuple):
@@ -70,13 +66,13 @@ def clean(
     if lost is not None:
         cleaned = clean(pad, _filled(compression, lost), noise, contact, order)
         return cleaned._replace(touched=cleaned.touched & ~lost)
-    least = max(contact, CONTACT_SPREADS * noise)
     if order == "auto":
+        least = max(contact, SPREADS * noise)
         mended, impulses = robust_clean(pad, compression, least, noise)
-        found = touched(pad, mended, least) & ~impulses
+        found = touched(pad, mended, contact, noise) & ~impulses
         return Cleaned(mended, found, int(np.count_nonzero(impulses)))
     filtered = _filtered(compression, noise**2, order)
-    return Cleaned(filtered, touched(pad, filtered, least), 0)
+    return Cleaned(filtered, touched(pad, filtered, contact, noise), 0)
 
 
 def _filtered(image: Floats, variance: float, order: Order) -> Floats:

@@ -7,16 +7,24 @@ local or a well-conditioned answer; where there is no load there is no contact.
 
 from __future__ import annotations
 
-from functools import cache
+import math
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.touch.love import displacements
-from palpate.core.touch.pad import Pad
+from palpate.core.touch.pad import SPRINGS, Pad
+
+SPREADS = 5.0
+"""A taxel counts as touched from 5 standard deviations of its noise on: at 3, one in a
+thousand untouched ones would put a point where there is no surface."""
+KEPT_OPERATORS = 4
+"""Of large arrays each takes up to 134 MB."""
 
 
-def touched(pad: Pad, compression: Floats, least: float) -> Bools:
+def touched(pad: Pad, compression: Floats, contact: float, noise: float) -> Bools:
     """Taxels under load, (rows, cols).
 
     Parameters
@@ -25,9 +33,10 @@ def touched(pad: Pad, compression: Floats, least: float) -> Bools:
         With what its data sheet says of its face.
     compression : (rows, cols) array
         m.
-    least : float
-        What counts: compression from here on, m, under a load that would press a lone taxel
-        as deep, with noise in proportion.
+    contact : float
+        Least compression that counts, m; also as the load of a pad that is pressed evenly.
+    noise : float
+        Standard deviation of one taxel, m.
 
     Notes
     -----
@@ -35,37 +44,41 @@ def touched(pad: Pad, compression: Floats, least: float) -> Bools:
     ``u - decay^2 lap(u)``, taken at the pitch with free borders. On a half-space the load is
     the inverse of Love's displacements; those of a 16 by 16 array have a condition of 27. A
     contact that runs off the array presses from outside as well, and adds load at the border,
-    where it is a contact anyway.
+    where it is a contact anyway. Noise counts as the operator magnifies it: a skin that is
+    stiff over many taxels needs a quiet array.
     """
-    moved = compression > least
+    moved = compression > max(contact, SPREADS * noise)
     if pad.face.kind == "springs" or not moved.any():
         return moved
-    loads, noise = _loads(pad)
-    load = (loads @ compression.ravel()).reshape(compression.shape)
-    result: Bools = moved & (load > least * noise)
-    return result
-
-
-@cache
-def _loads(pad: Pad) -> tuple[Floats, float]:
-    """Operator from the face's shape to its load, (n, n), and how it magnifies noise."""
     if pad.face.kind == "membrane":
-        loads = np.eye(pad.rows * pad.cols) - pad.face.decay**2 * _laplacian(pad)
+        share = (pad.face.decay / pad.pitch) ** 2
+        load = compression - share * _laplacian(compression)
+        even, magnified = 1.0, math.hypot(1.0 + 4.0 * share, 2.0 * share)
     else:
-        kernel = displacements(pad)
-        loads = np.linalg.inv(kernel / kernel[0, 0])
-    return loads, float(np.sqrt((loads**2).sum(axis=1)).max())
-
-
-def _laplacian(pad: Pad) -> Floats:
-    """Five-point Laplacian over the taxels, (n, n), 1/m2; level at the borders."""
-    along_rows = np.kron(np.eye(pad.rows), _second_difference(pad.cols))
-    along_columns = np.kron(_second_difference(pad.rows), np.eye(pad.cols))
-    result: Floats = (along_rows + along_columns) / pad.pitch**2
+        operator, even, magnified = _half_space_loads(replace(pad, face=SPRINGS))
+        load = (operator @ compression.ravel()).reshape(compression.shape)
+    result: Bools = moved & (load > max(contact * even, SPREADS * noise * magnified))
     return result
 
 
-def _second_difference(count: int) -> Floats:
-    matrix: Floats = np.eye(count, k=1) + np.eye(count, k=-1) - 2.0 * np.eye(count)
-    matrix[0, 0] = matrix[-1, -1] = -1.0
-    return matrix
+@lru_cache(maxsize=KEPT_OPERATORS)
+def _half_space_loads(pad: Pad) -> tuple[Floats, float, float]:
+    """Operator from the face's shape to its load, (n, n), and what it does to extremes.
+
+    These are the least load of an even shape, and the factor by which noise is magnified.
+    """
+    kernel = displacements(pad)
+    loads = np.linalg.inv(kernel / kernel[0, 0])
+    loads.setflags(write=False)
+    return loads, float(loads.sum(axis=1).min()), float(np.sqrt((loads**2).sum(axis=1)).max())
+
+
+def _laplacian(image: Floats) -> Floats:
+    """Sum of the four neighbours' differences; level at the borders."""
+    result = np.zeros_like(image)
+    down, across = np.diff(image, axis=0), np.diff(image, axis=1)
+    result[:-1] += down
+    result[1:] -= down
+    result[:, :-1] += across
+    result[:, 1:] -= across
+    return result

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.touch.filters import neighbourhoods
+from palpate.core.touch.filters import MAD_TO_SIGMA, neighbourhoods
 from palpate.core.touch.jet import monomials
 from palpate.core.touch.jet_design import LEAST_TAXELS
-from palpate.core.touch.jet_fit import MAD_TO_SIGMA, fit_robust_jet
+from palpate.core.touch.jet_fit import fit_robust_jet
 from palpate.core.touch.pad import Pad
 
 UNEVEN = 0.25

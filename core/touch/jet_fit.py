@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
+from palpate.core.touch.filters import MAD_TO_SIGMA
 from palpate.core.touch.jet import COUNTS, Jet
 from palpate.core.touch.jet_design import (
     Design,
@@ -21,8 +22,6 @@ from palpate.core.touch.pad import Pad
 
 TUKEY = 4.685
 """Deviations beyond which a taxel has no weight: 95 % efficient for normal noise."""
-MAD_TO_SIGMA = 1.4826
-"""Median absolute deviation to standard deviation, for normal noise."""
 MOST_ROUNDS = 8
 """Of reweighting; weights that move by less than `SETTLED` end it before."""
 SETTLED = 1e-3

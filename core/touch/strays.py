@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.touch.filters import neighbourhoods
-from palpate.core.touch.jet_fit import MAD_TO_SIGMA, JetFit, fit_robust_jet
+from palpate.core.touch.filters import MAD_TO_SIGMA, neighbourhoods
+from palpate.core.touch.jet_fit import JetFit, fit_robust_jet
 from palpate.core.touch.pad import Pad
 
 FAR = 5.0

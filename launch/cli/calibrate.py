@@ -11,29 +11,35 @@ import click
 @click.argument("scene")
 @click.option("--out", type=click.Path(path_type=Path), help="Write the calibration here, as YAML.")
 @click.option("--quiet", is_flag=True, help="No progress.")
-def command(scene: str, out: Path | None, quiet: bool) -> None:
+def command(scene: str, out: Path | None, quiet: bool) -> int:
     """Press a known flat and a known ball with the sensor of SCENE, with its effects.
 
     Estimates the speed of sound, and gain and offset of each taxel, each with its standard
     error. A scene in the same folder reads the file: sensor: {calibration: FILE}.
     """
     from palpate.launch.calibrate import calibrate
-    from palpate.launch.calibrate_report import report
-    from palpate.launch.calibration_file import write_calibration
+    from palpate.launch.calibrate_report import doubts, report
+    from palpate.launch.calibration_file import check_place, write_calibration
     from palpate.launch.located import InputError
     from palpate.launch.scene import load_scene
 
-    if out is not None and out.exists():
-        raise InputError(f"{out}: is there already; choose another name")
+    if out is not None:
+        check_place(out)
     spec = load_scene(scene).spec
     try:
         found = calibrate(spec, _silent if quiet else _said)
     except ValueError as error:
         raise InputError(f"{scene}: cannot be calibrated: {error}") from None
     click.echo(report(found, spec.sensor))
-    if out is not None:
+    reasons = doubts(found)
+    for reason in reasons:
+        click.echo(f"{'doubtful':<13}{reason}")
+    if out is not None and not reasons:
         write_calibration(out, found.estimate, found.pad)
         click.echo(f"{'written':<13}{out}")
+    elif out is not None:
+        click.echo(f"{'not written':<13}{out}: see what is doubtful")
+    return 1 if reasons else 0
 
 
 def _said(text: str) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.launch.calibrate import Calibrated, calibrate
-from palpate.launch.calibrate_report import report
+from palpate.launch.calibrate_report import doubts, report
 from palpate.launch.calibration_file import read_calibration, write_calibration
 from palpate.launch.located import InputError
 from palpate.launch.scene import SceneSpec, load_scene
@@ -43,12 +43,12 @@ def test_every_taxel_of_a_domed_pad_is_reached_but_for_the_dead(calibrated: Cali
     assert 0 < (~estimate.trusted).sum() < 10
 
 
-def test_errors_are_a_fifth_of_what_the_data_sheet_leaves(calibrated: Calibrated) -> None:
+def test_errors_are_a_quarter_of_what_the_data_sheet_leaves(calibrated: Calibrated) -> None:
     estimate = calibrated.estimate
     used = estimate.reached
     assert np.std(estimate.gain[used]) > 0.025  # the scene's sensor is 3 % off
-    assert np.median(estimate.gain_error[used]) < 0.2 * 0.03
-    assert np.median(estimate.offset_error[used]) < 0.2 * 10e-6
+    assert np.median(estimate.gain_error[used]) < 0.25 * 0.03
+    assert np.median(estimate.offset_error[used]) < 0.25 * 10e-6
     assert abs(estimate.sound_speed - 1000.0) < 4 * estimate.sound_speed_error
     assert estimate.noise == pytest.approx(10e-6, rel=0.1)
 
@@ -102,7 +102,7 @@ def test_a_file_that_is_there_is_not_overwritten(calibrated: Calibrated, tmp_pat
 
 
 def test_a_file_that_cannot_be_written_is_told(calibrated: Calibrated, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written: No such file or directory"):
+    with pytest.raises(InputError, match="cannot be written: there is no folder"):
         write_calibration(tmp_path / "no" / "x.yaml", calibrated.estimate, calibrated.pad)
 
 
@@ -126,3 +126,32 @@ def test_a_bad_calibration_is_refused_in_one_sentence(
         load_scene(write("bad.yaml", WORN.lstrip() + f"sensor: {sensor}\n"))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_worn_sensor_can_be_calibrated() -> None:
+    spec = load_scene("worn_sensor").spec
+    found = calibrate(spec, lambda text: None)
+    assert doubts(found) == []
+    assert found.estimate.noise == pytest.approx(12.3e-6, rel=0.15)  # 10 um, and steps of 25
+    assert 0 < (~found.estimate.trusted).sum() < 10
+
+
+def test_pads_that_yield_are_calibrated_by_what_they_touch(write: Write) -> None:
+    text = WORN.replace("- dead_taxels", "- half_space")
+    found = calibrate(load_scene(write("s.yaml", text)).spec, lambda text: None)
+    assert doubts(found) == []
+    assert abs(found.estimate.sound_speed - 1000.0) < 4 * found.estimate.sound_speed_error
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        ("saturation: {share: 0.1}", "a speed of sound of"),
+        ("gain_offset: {sigma_gain: 0.3, sigma_offset: 1.0e-3}", "taxels do not answer"),
+        ("tenting: {decay: 0.02}", "not felt as a ball"),
+    ],
+)
+def test_what_makes_no_sense_is_doubted(effect: str, words: str, write: Write) -> None:
+    text = WORN.partition("effects")[0] + f"effects:\n  - {effect}\n  - gaussian_noise\nseed: 1\n"
+    found = calibrate(load_scene(write("s.yaml", text)).spec, lambda text: None)
+    assert any(words in doubt for doubt in doubts(found))

@@ -45,7 +45,7 @@ def test_the_skirt_about_a_contact_is_not_a_contact(
     effect: HalfSpace | Tenting, surface: str, make_finger: MakeFinger, make_touch: MakeTouch
 ) -> None:
     pad, reading, truly = pressed(effect, make_finger(), make_touch, surface)
-    found = touched(pad, reading, LEAST)
+    found = touched(pad, reading, LEAST, 0.0)
     assert ((reading > LEAST) & ~truly).sum() > 5  # there is a skirt to be taken in by
     assert not (found & ~truly).any()
     # A taxel at the rim that the surface touches without pressing it is given up.
@@ -56,7 +56,7 @@ def test_the_skirt_about_a_contact_is_not_a_contact(
 def test_on_springs_what_is_compressed_is_touched(make_finger: MakeFinger) -> None:
     pad = make_finger().pad
     reading = SURFACES["ball"](*pad.grid())
-    assert np.array_equal(touched(pad, reading, LEAST), reading > LEAST)
+    assert np.array_equal(touched(pad, reading, LEAST, 0.0), reading > LEAST)
 
 
 @pytest.mark.parametrize("face", [Face("membrane", 1e-3), Face("half_space")])
@@ -64,7 +64,7 @@ def test_noise_over_nothing_is_not_a_contact(face: Face, make_finger: MakeFinger
     pad = replace(make_finger().pad, face=face)
     rng = np.random.default_rng(0)
     noise = 10e-6 * rng.standard_normal((200, pad.rows, pad.cols))
-    assert not any(touched(pad, frame, 5 * 10e-6).any() for frame in noise)
+    assert not any(touched(pad, frame, LEAST, 10e-6).any() for frame in noise)
 
 
 @pytest.mark.parametrize("face", [Face("membrane", 1e-3), Face("half_space")])
@@ -75,6 +75,6 @@ def test_noise_beside_a_contact_is_not_a_contact(
     pad, reading, truly = pressed(effect, make_finger(), make_touch, "ball")
     rng = np.random.default_rng(1)
     for _ in range(50):
-        found = touched(pad, reading + 10e-6 * rng.standard_normal(reading.shape), 5 * 10e-6)
+        found = touched(pad, reading + 10e-6 * rng.standard_normal(reading.shape), LEAST, 10e-6)
         assert not (found & ~truly).any()
         assert found.sum() >= 0.5 * truly.sum()
