@@ -131,7 +131,7 @@ def _choices(kind: inspect.Type, path: KeyPath) -> list[object]:
         return [choice for one in kind.types for choice in _choices(one, path)]
     if isinstance(kind, inspect.LiteralType) and not path:
         return list(kind.values)
-    if isinstance(kind, inspect.StructType) and path:
+    if isinstance(kind, _KEYED) and path:
         found = [field.type for field in kind.fields if field.encode_name == path[0]]
         return [choice for one in found for choice in _choices(one, path[1:])]
     return []

@@ -33,6 +33,7 @@ def with_effects(given: Located) -> Located:
     if not isinstance(listed, list):
         raise given.error(("effects",), "effects must be a list: - gaussian_noise: {sigma: 1e-5}")
     effects: dict[str, Any] = {}
+    kinds: dict[type, str] = {}
     places = dict(given.places)
     for i, entry in enumerate(listed):
         name, parameters = _entry(given, i, entry)
@@ -40,7 +41,10 @@ def with_effects(given: Located) -> Located:
             raise given.error(("effects", i), f"effects lists {name!r} twice; list it once")
         where: KeyPath = ("effects", i, name) if isinstance(entry, Mapping) else ("effects", i)
         part = Located(parameters, given.place(where), _within(given, where))
-        described_effect(part, name)
+        kind = type(described_effect(part, name))
+        if kind in kinds:
+            raise given.error(("effects", i), f"{name!r} and {kinds[kind]!r} are the same effect")
+        kinds[kind] = name
         effects[name] = parameters
         places.update({("effects", name, *key): at for key, at in part.places.items()})
         places["effects", name] = part.source
@@ -79,8 +83,8 @@ def _within(given: Located, where: KeyPath) -> dict[KeyPath, str]:
 
 def _type(parameters: Located, name: str) -> type[Effect]:
     here = str(Path.cwd())
-    if ":" in name and here not in sys.path:  # as ``python -m`` has it
-        sys.path.insert(0, here)
+    if ":" in name and here not in sys.path:
+        sys.path.append(here)
     try:
         return effect_type(name)
     except LookupError:

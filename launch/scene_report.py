@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import fields
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 from palpate.core.ranges import ranges_of
 from palpate.core.touch.effects.catalogue import NAMES, effect_type
@@ -43,8 +43,10 @@ def _parameters(effect: Any) -> str:
     said = []
     for field in fields(effect):
         value, unit = getattr(effect, field.name), units.get(field.name, "1")
+        if value is None:  # left out, and so without meaning
+            continue
         text = f"{value:g}" if isinstance(value, float) else str(value)
-        said.append(f"{field.name} {text}" + ("" if unit == "1" or value is None else f" {unit}"))
+        said.append(f"{field.name} {text}" + ("" if unit == "1" else f" {unit}"))
     return ", ".join(said)
 
 
@@ -61,9 +63,15 @@ def effects_known() -> str:
         allowed = ranges_of(kind)
         for field in fields(kind):  # type: ignore[arg-type]
             given = "" if field.default is None else f"{field.default}"
-            span = str(allowed[field.name]) if field.name in allowed else ""
+            span = str(allowed[field.name]) if field.name in allowed else _choices(kind, field.name)
             lines.append(f"  {field.name:<14}{given:<10}{span}".rstrip())
     return "\n".join(lines)
+
+
+def _choices(kind: type, name: str) -> str:
+    """What a parameter without a range may be."""
+    hint = get_type_hints(kind)[name]
+    return "true or false" if hint is bool else " or ".join(map(str, get_args(hint)))
 
 
 def title_of(name: str) -> str:

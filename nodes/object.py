@@ -93,7 +93,7 @@ class ObjectSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     lattice: Annotated[tuple[LayerSpec, ...], Meta(min_length=4, max_length=64)] | None = None
     """Layers of 4 by 4 control points, from the bottom to the top; after taper and bend."""
     exact: bool = False
-    """Whether rays meet the surface that a lattice deforms, not facets of it; some 30 times
+    """Whether rays meet the surface that a lattice deforms, not facets of it; some six times
     slower."""
     mesh: MeshSpec | None = None
     """The solid as triangles."""

@@ -46,7 +46,7 @@ class DeformedShape:
     deformation : Deformation
         How; it must fold nothing.
     exact : bool
-        Whether rays are taken from the facets to the exact surface, at some twenty times the
+        Whether rays are taken from the facets to the exact surface, at some six times the
         cost. Rays that pass a facet by still miss.
     """
 

@@ -65,7 +65,8 @@ class Patch(NamedTuple):
     normal_error: float = math.pi
     """Standard deviation of the normal's angle, rad; pi if nothing is known of it."""
     principal_error: tuple[float, float] = (0.0, 0.0)
-    """Standard deviations of the principal curvatures, 1/m."""
+    """Standard deviations of the principal curvatures by noise alone, 1/m: what a quartic
+    cannot follow, on balls below 20 pitches, comes on top."""
     across_error: float = 0.0
     """Standard deviation of `across`, 1/m."""
     place: Floats = NOWHERE

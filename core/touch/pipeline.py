@@ -9,11 +9,15 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from palpate.core.touch.cast import one_ray_each
 from palpate.core.touch.effect import Effect, Place, Stage
 from palpate.core.touch.pad import SPRINGS, Face
 from palpate.core.touch.touch import Finger, Touch
 
+MOST_COPIES = 100
+"""Of one frame."""
 States = tuple[Any, ...]
 """What each stage remembers between touches, in the order of the stages."""
 
@@ -25,6 +29,8 @@ class Pipeline(NamedTuple):
     """Whose they are."""
     stages: tuple[Stage, ...]
     """In the order in which they act."""
+    names: tuple[str, ...]
+    """Whose each stage is."""
 
     def begin(self) -> States:
         """What the stages remember before the first touch."""
@@ -42,10 +48,30 @@ class Pipeline(NamedTuple):
         return said[-1] if said else SPRINGS
 
     def feel(self, touch: Touch, states: States) -> States:
-        """Carry out a touch: fills it in, and gives what the stages remember next."""
-        return tuple(
-            stage.act(touch, state) for stage, state in zip(self.stages, states, strict=True)
-        )
+        """Carry out a touch: fills it in, and gives what the stages remember next.
+
+        Raises
+        ------
+        ValueError
+            If a stage fails, with the name of its effect, or leaves a touch that cannot be.
+        """
+        following = []
+        for stage, name, state in zip(self.stages, self.names, states, strict=True):
+            try:
+                following.append(stage.act(touch, state))
+            except Exception as error:  # an effect may be anybody's: whose it was must be said
+                kind = type(error).__name__
+                raise ValueError(f"the effect {name} failed: {kind}: {error}") from error
+        shape = (self.finger.pad.rows, self.finger.pad.cols)
+        if np.shape(touch.reading) != shape or not np.isfinite(touch.reading).all():
+            raise ValueError(f"the effects left a reading that is no finite {shape} image")
+        if not touch.previous <= touch.time < math.inf or not 1 <= touch.copies <= MOST_COPIES:
+            raise ValueError(
+                f"the effects left a touch that ends at {touch.time} s and is sent {touch.copies} "
+                f"times; it must not end before {touch.previous} s, nor be sent more than "
+                f"{MOST_COPIES} times"
+            )
+        return tuple(following)
 
 
 def assemble(finger: Finger, effects: Sequence[Effect]) -> Pipeline:
@@ -60,12 +86,32 @@ def assemble(finger: Finger, effects: Sequence[Effect]) -> Pipeline:
     if len(casts) > 1:
         names = " and ".join(type(effect).__name__ for effect in casts)
         raise ValueError(f"{names} both say how a taxel sees the surface; list one of them")
-    stages = [(effect.place, effect.prepare(finger)) for effect in effects]
+    stages = [
+        (effect.place, type(effect).__name__, _prepared(effect, finger)) for effect in effects
+    ]
     if not casts:
-        stages.append((Place.CAST, _cast(finger)))
-    stages.append((Place.ARM, _transduce(finger)))
+        stages.append((Place.CAST, "cast", _cast(finger)))
+    stages.append((Place.ARM, "transducer", _transduce(finger)))
     stages.sort(key=lambda placed: placed[0])  # stable: within a place the order stays
-    return Pipeline(finger, tuple(stage for _, stage in stages))
+    return Pipeline(
+        finger, tuple(stage for _, _, stage in stages), tuple(name for _, name, _ in stages)
+    )
+
+
+def _prepared(effect: Effect, finger: Finger) -> Stage:
+    name = type(effect).__name__
+    try:
+        stage = effect.prepare(finger)
+    except ValueError:
+        raise
+    except Exception as error:  # an effect may be anybody's: whose it was must be said
+        kind = type(error).__name__
+        raise ValueError(f"the effect {name} cannot be prepared: {kind}: {error}") from error
+    if not isinstance(stage, Stage):
+        raise ValueError(f"the effect {name} prepares a {type(stage).__name__}, not a Stage")
+    if not (isinstance(stage.noise, (int, float)) and 0.0 <= stage.noise < math.inf):
+        raise ValueError(f"the effect {name} has a noise of {stage.noise!r}; expected metres, >= 0")
+    return stage
 
 
 def _cast(finger: Finger) -> Stage:

@@ -65,9 +65,11 @@ def run(arguments: Sequence[str]) -> int:
         return BAD_INPUT
     except click.ClickException as error:
         return _say(_usage(error), BAD_INPUT)
-    except SystemExit:
-        # Click's own answer to a pipe that was closed while it wrote.
-        return DONE
+    except SystemExit as error:
+        # With 1 it is click's own answer to a pipe that was closed while it wrote.
+        if error.code == 1:
+            return DONE
+        return _say(f"something in the program called exit({error.code}); nothing is done", DIED)
     except (KeyboardInterrupt, click.Abort):
         return _say("interrupted", INTERRUPTED)
     except BrokenPipeError:

@@ -5,13 +5,13 @@ import pytest
 
 from palpate.core.touch.effects.catalogue import NAMES
 from palpate.launch import bench_effects
-from palpate.launch.bench_effects import BODIES, PRESET, frame_seconds, trace
+from palpate.launch.bench_effects import BODIES, WORN, frame_seconds, trace
 
 
 def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor() -> None:
     lines: list[str] = []
     bench_effects.bench_effects(quick=True, echo=lines.append)
-    assert [line.split()[0] for line in lines[1:-1]] == ["(ideal)", *NAMES, PRESET]
+    assert [line.split()[0] for line in lines[1:-1]] == ["(ideal)", *NAMES, WORN]
     ideal = lines[1].split()
     assert ideal[1:3] == ["0.0", "1.00"]
 

@@ -297,3 +297,18 @@ def test_an_effect_is_begun(home: Path, capsys: Output) -> None:
 def test_the_effects_are_listed(capsys: Output) -> None:
     assert cli.run(["scene", "effects"]) == 0
     assert "\ngaussian_noise: Noise of the electronics" in capsys.readouterr().out
+
+
+def test_a_program_that_exits_from_within_is_no_success(
+    monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    command_that(monkeypatch, SystemExit(0))
+    assert cli.run(["run"]) == 3
+    assert "called exit(0)" in sentence(capsys)
+
+
+def test_a_word_that_is_none_of_a_few_is_refused_with_those(write: Write, capsys: Output) -> None:
+    ball = "object: {superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}}\n"
+    write("s.yaml", ball + "effects:\n  - aperture: {reading: median}\n")
+    assert cli.run(["scene", "check", "s.yaml"]) == 2
+    assert "reading is 'median'; expected one of max, mean" in sentence(capsys)

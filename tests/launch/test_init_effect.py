@@ -35,6 +35,12 @@ def test_a_new_effect_can_be_listed_at_once(
         ("mains-hum", "'mains-hum' cannot name a module"),
         ("../hum", "cannot name a module"),
         ("drift", "'drift' is an effect that palpate has"),
+        ("_", "'_' cannot name a module"),
+        ("if", "'if' cannot name a module"),
+        ("none", "the class None of 'none' has a meaning already"),
+        ("stage", "the class Stage of 'stage' has a meaning already"),
+        ("signal", "'signal' is a module that Python has"),
+        ("numpy", "'numpy' is a module that Python has"),
     ],
 )
 def test_a_bad_name_is_refused(name: str, words: str, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -37,6 +38,8 @@ def test_a_scene_without_effects_has_none(write: Write, text: str) -> None:
         ("drift", "bad.yaml:3: effects must be a list"),
         ("{drift: {}}", "bad.yaml:3: effects must be a list"),
         ("[drift, drift]", "bad.yaml:3: effects lists 'drift' twice"),
+        ("['.x:Y']", "must name its module in full"),
+        ("[drift, 'palpate.core.touch.effects.drift:EFFECT']", "are the same effect"),
         ("[no.such:Module]", "bad.yaml:3: the effect 'no.such:Module' cannot be imported"),
         ("['os.path:join']", "'os.path:join' is no effect: 'join' must be a dataclass"),
     ],
@@ -113,3 +116,30 @@ class Ringing:
             touch.reading = touch.reading + self.size
         return Stage(act)
 """
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("def (", "cannot be imported: SyntaxError"),
+        ("1 / 0", "cannot be imported: ZeroDivisionError"),
+        ("import sys; sys.exit(0)", "cannot be imported: SystemExit"),
+        (OWN.replace("place: ClassVar = Place.SIGNAL", "pass"), "its place must be one of Place"),
+        (OWN.replace("Place.SIGNAL", "6"), "its place must be one of Place"),
+        (OWN.replace("Annotated[float", "Annotated[flaot"), "cannot be imported: NameError"),
+        (OWN.replace("return Stage(act)", "return None"), "prepares a NoneType, not a Stage"),
+    ],
+)
+def test_a_module_that_is_no_effect_is_refused_in_one_sentence(
+    source: str, words: str, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    name = f"odd_{abs(hash((source, words)))}"
+    write(f"{name}.py", source)
+    text = BALL + f"effects:\n  - {name}:Ringing\n"
+    with pytest.raises(InputError) as caught:
+        load_scene(write("s.yaml", text))
+    assert words in str(caught.value)
+    assert re.search(r"s\.yaml:[34]: ", str(caught.value))
+    assert "\n" not in str(caught.value)

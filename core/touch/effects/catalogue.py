@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import is_dataclass
 from importlib import import_module
-from typing import cast
+from typing import cast, get_type_hints
 
-from palpate.core.touch.effect import Effect
+from palpate.core.touch.effect import Effect, Place
 
 NAMES = (
     "pose_error",
@@ -48,12 +48,18 @@ def effect_type(name: str) -> type[Effect]:
         module, colon, attribute = name.partition(":")
         if not colon:
             raise LookupError(f"there is no effect {name!r}")
+    if module.startswith("."):
+        raise ValueError(f"the effect {name!r} must name its module in full, without a leading dot")
     try:
         found = getattr(import_module(module), attribute, None)
-    except (ImportError, ValueError) as error:
-        raise ValueError(f"the effect {name!r} cannot be imported: {error}") from None
+        get_type_hints(found) if is_dataclass(found) else None
+    except (Exception, SystemExit) as error:  # a user's module may do anything when imported
+        kind = type(error).__name__
+        raise ValueError(f"the effect {name!r} cannot be imported: {kind}: {error}") from None
     if not is_dataclass(found) or not isinstance(found, type) or not hasattr(found, "prepare"):
         raise ValueError(f"{name!r} is no effect: {attribute!r} must be a dataclass with prepare()")
+    if not isinstance(getattr(found, "place", None), Place):
+        raise ValueError(f"{name!r} is no effect: its place must be one of Place, as Place.SIGNAL")
     return cast("type[Effect]", found)
 
 

@@ -31,7 +31,8 @@ class HalfSpace:
     surface indents the face by ``g``, and the free face about the contact is drawn down. ``K`` is
     the displacement under uniformly loaded squares (Love, 1929; Johnson, *Contact mechanics*,
     1985, 3.3). On a sphere this is Hertz's contact, whose radius is 0.71 of that of a bed of
-    springs. It replaces the springs' pressures, so it matters for forces and for what is felt
+    springs. It replaces the springs' pressures, so it matters for forces, which then
+    no longer tell the compression by (1.2), and for what is felt
     around a contact; the truth for a thin bonded pad lies between the two.
     """
 

@@ -20,7 +20,7 @@ class Transport:
     every frame of a touch is the same. Losses are independent, so their number is geometric,
     ``P(n) = drop^n (1 - drop)``. A frame may also arrive twice; its copies bear the same number,
     and a listener must take only one. Engineering values of a serial line. It costs robot time
-    and no accuracy.
+    and no accuracy: that the pad creeps on while a frame is waited for is left out.
     """
 
     place: ClassVar = Place.LINK

@@ -128,10 +128,9 @@ def test_an_effect_of_the_cast_takes_its_place(
 ) -> None:
     notes: list[str] = []
     pipeline = assemble(make_finger(), [Mark(Place.CAST, "cast", notes)])  # type: ignore[list-item]
-    (touch,) = felt(pipeline, [make_touch()])
+    with pytest.raises(ValueError, match="no finite"):  # nobody has cast anything
+        felt(pipeline, [make_touch()])
     assert notes == ["cast"]
-    assert touch.outcome == "miss"
-    assert touch.reading.size == 0
 
 
 def test_two_effects_of_the_cast_are_refused(make_finger: MakeFinger) -> None:
@@ -199,3 +198,70 @@ def test_an_effect_that_is_added_does_not_change_the_draws_of_another(
     found = noise_beside(other, finger, touches) / 10e-6
     # Readings are of millimetres, and the sums of them and the noise are rounded as such.
     assert np.allclose(found, expected, rtol=0.0, atol=1e-10)
+
+
+@dataclass(frozen=True)
+class Odd:
+    """An effect that does one thing wrong."""
+
+    wrong: str = ""
+    place: ClassVar = Place.LINK
+
+    def prepare(self, finger: Finger) -> Any:
+        if self.wrong == "prepare":
+            raise KeyError("gone")
+        if self.wrong == "nothing":
+            return None
+        return Stage(self.act, noise=float("nan") if self.wrong == "noise" else 0.0)
+
+    def act(self, touch: Touch, state: None) -> None:
+        if self.wrong == "act":
+            raise ZeroDivisionError("boom")
+        if self.wrong == "nan":
+            touch.reading = np.full_like(touch.reading, np.nan)
+        if self.wrong == "shape":
+            touch.reading = touch.reading[:4]
+        if self.wrong == "time":
+            touch.time = -5.0
+        if self.wrong == "copies":
+            touch.copies = 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ("prepare", "the effect Odd cannot be prepared: KeyError: 'gone'"),
+        ("nothing", "the effect Odd prepares a NoneType, not a Stage"),
+        ("noise", "the effect Odd has a noise of nan"),
+    ],
+)
+def test_an_effect_that_cannot_be_prepared_is_named(
+    wrong: str, words: str, make_finger: Callable[..., Finger]
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        assemble(make_finger(), [Odd(wrong)])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ("act", "the effect Odd failed: ZeroDivisionError: boom"),
+        ("nan", "left a reading that is no finite"),
+        ("shape", "left a reading that is no finite"),
+        ("time", "left a touch that ends at -5.0 s"),
+        ("copies", "is sent 0 times"),
+    ],
+)
+def test_what_an_effect_leaves_is_checked(
+    wrong: str,
+    words: str,
+    make_finger: Callable[..., Finger],
+    make_touch: Callable[..., Touch],
+) -> None:
+    pipeline = assemble(make_finger(), [Odd(wrong)])
+    with pytest.raises(ValueError, match=words):
+        pipeline.feel(make_touch(), pipeline.begin())
+
+
+def test_every_stage_has_a_name(make_finger: Callable[..., Finger]) -> None:
+    assert assemble(make_finger(), [Odd()]).names == ("cast", "transducer", "Odd")
