@@ -18,9 +18,8 @@ class ArmBacklash:
     ``x`` is where the arm goes, ``y`` where the pad starts: it stays behind by half the width,
     and does not move at all until the arm has turned back by the whole of it. The play begins
     in its middle. A rate-independent hysteresis: Visintin, *Differential models of
-    hysteresis*, 1994. Of the approach
-    itself nothing is seen: it always goes the same way, and takes up the same play. It matters
-    where contours are traced to and fro.
+    hysteresis*, 1994. The approach itself is taken to be free of it: it always goes the same
+    way, and takes up the same play. It matters where contours are traced to and fro.
     """
 
     place: ClassVar = Place.AIM

@@ -20,10 +20,10 @@ class Tenting:
 
     About a straight edge ``u`` falls as ``exp(-x / l)`` with ``l = sqrt(T / k)``; at the border of
     the array it ends level. Five-point Laplacian at the pitch, solved exactly. The contact is
-    where there is pressure: listed together with a half-space, that says where and how hard the
-    pad is touched, and this how its face falls beside it. An engineering value, and the strongest disturbance of edges and
-    corners: the skirt reads as a rounding of half a millimetre, and can be traced as if it
-    were the object.
+    where there is pressure: listed together with a half-space, that says where and how hard
+    the pad is touched, and this how its face falls beside it. An engineering value. At edges
+    and corners the skirt reads as a rounding of half a millimetre, which would be traced as if
+    it were the object by a listener who does not know of it.
     """
 
     place: ClassVar = Place.PAD
