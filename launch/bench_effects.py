@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 import time
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -24,9 +25,9 @@ from palpate.nodes.simulator import Params
 
 WORN = "worn_sensor"
 """The scene whose effects are measured together."""
-FRAMES = 200
-"""Touches on which costs are measured."""
-REPEATS = 5
+FRAMES = 40
+"""Touches on which a cost is measured at a time."""
+REPEATS = 15
 SEED = 5
 
 Echo = Callable[[str], None]
@@ -45,6 +46,17 @@ BODIES: Mapping[str, Body] = {
     "ball": Body((0.03, 0.03, 0.03), (1.0, 1.0)),
     "box": Body((0.03, 0.02, 0.04), (0.1, 0.1)),
 }
+
+
+class Cost(NamedTuple):
+    """Time of a frame."""
+
+    ideal: float
+    """Without effects, s."""
+    added: float
+    """What the effects add, s."""
+    ratio: float
+    """Of the frame with effects to that without."""
 
 
 class Traced(NamedTuple):
@@ -75,31 +87,43 @@ def bench_effects(*, quick: bool, echo: Echo = print) -> int:
     int
         0 if every contour was closed, else 1.
     """
-    frames, repeats = (FRAMES // 10, 3) if quick else (FRAMES, REPEATS)
+    frames, repeats = (FRAMES // 2, 3) if quick else (FRAMES, REPEATS)
     sets: dict[str, EffectSpecs] = {"(ideal)": {}, **{name: {name: {}} for name in NAMES}}
     sets[WORN] = load_scene(WORN).spec.effects
-    costs = frame_seconds(sets, frames, repeats)
-    ideal = costs["(ideal)"]
+    costs = frame_costs(sets, frames, repeats)
     echo(_HEAD)
     closed = True
     for name, effects in sets.items():
-        added = 1e6 * (costs[name] - ideal)
+        cost = costs[name]
         traced = [trace(body, effects) for body in BODIES.values()]
         closed = closed and all(one.status == "closed" for one in traced)
         cells = "".join(_cells(one) for one in traced)
-        echo(f"{name:<16}{added:>9.1f}{costs[name] / ideal:>8.2f}{cells}".rstrip())
+        echo(f"{name:<16}{1e6 * cost.added:>9.1f}{cost.ratio:>8.2f}{cells}".rstrip())
+    ideal = statistics.median(cost.ideal for cost in costs.values())
     echo(f"the ideal frame takes {1e6 * ideal:.0f} us: a superquadric, {_taxels()} rays")
     return 0 if closed else 1
 
 
-def frame_seconds(sets: Mapping[str, EffectSpecs], frames: int, repeats: int) -> dict[str, float]:
-    """Least time of a frame with each set of effects, measured in turn, s."""
+def frame_costs(sets: Mapping[str, EffectSpecs], frames: int, repeats: int) -> dict[str, Cost]:
+    """What each set of effects adds to an ideal frame.
+
+    Each is timed in pairs with the ideal frame, by turns: machines change their speed. The
+    medians over the pairs are given.
+    """
+    ideal = _pipeline({})
     pipelines = {name: _pipeline(effects) for name, effects in sets.items()}
-    found: dict[str, list[float]] = {name: [] for name in sets}
+    pairs: dict[str, list[tuple[float, float]]] = {name: [] for name in sets}
     for _ in range(repeats):
         for name, pipeline in pipelines.items():
-            found[name].append(_time(pipeline, frames))
-    return {name: min(seconds) for name, seconds in found.items()}
+            pairs[name].append((_time(ideal, frames), _time(pipeline, frames)))
+    return {
+        name: Cost(
+            ideal=statistics.median(bare for bare, _ in found),
+            added=statistics.median(full - bare for bare, full in found),
+            ratio=statistics.median(full / bare for bare, full in found),
+        )
+        for name, found in pairs.items()
+    }
 
 
 def trace(body: Body, effects: EffectSpecs, height: float = 0.0) -> Traced:
