@@ -37,7 +37,7 @@ WORN = "worn_sensor"
 SIZE, EXPONENTS = (0.03, 0.025, 0.04), (0.7, 0.9)
 MESH_LEVEL = 5
 """20k faces."""
-FRAMES, ROUNDS = 200, 7
+FRAMES, ROUNDS = 40, 31
 
 Echo = Callable[[str], None]
 
@@ -70,7 +70,7 @@ def bench_touch(*, quick: bool, echo: Echo = print) -> int:
     int
         0 if every demand is met, else 1.
     """
-    frames, rounds = (FRAMES // 5, 3) if quick else (FRAMES, ROUNDS)
+    frames, rounds = (FRAMES, 5) if quick else (FRAMES, ROUNDS)
     missed = False
     rows = (
         *speed_rows(frames, rounds),
