@@ -1,0 +1,71 @@
+"""Effects in the whole program: one's own among them, in processes of their own or composed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.graph
+SECONDS = 60.0
+
+SCENE = """
+object:
+  superquadric: {size: [0.03, 0.026, 0.04], exponents: [0.8, 0.9]}
+  pose: {position: [0.0, 0.0, 0.04]}
+effects:
+  - hum:Hum: {size: 2.0e-6}
+  - transport: {drop: 0.1, duplicate: 0.2}
+  - salt_and_pepper
+  - drift
+  - creep
+  - pose_error
+explore: {contours: 5}
+seed: 5
+"""
+
+
+def palpate(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "palpate", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=SECONDS)
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an effect of one's own, and a scene that lists it."""
+    folder = tmp_path_factory.mktemp("lab")
+    assert palpate("init", "effect", "hum", folder=folder).returncode == 0
+    (folder / "scene.yaml").write_text(SCENE)
+    return folder
+
+
+def explored(lab: Path, name: str, *flags: str) -> dict[str, Any]:
+    done = palpate("run", "scene.yaml", "--quiet", "--out", name, *flags, folder=lab)
+    assert done.returncode == 0, done.stderr
+    summary: dict[str, Any] = json.loads((lab / name / "summary.json").read_text())
+    return summary
+
+
+def test_a_disturbed_run_is_the_same_in_one_process_and_in_many_and_can_be_replayed(
+    lab: Path,
+) -> None:
+    separate, composed = explored(lab, "many"), explored(lab, "one", "--composed")
+
+    assert separate["mesh_sha256"] == composed["mesh_sha256"]
+    assert (separate["status"], separate["gaps"]) == ("finished", 0)
+    assert separate["chamfer_m"] < 0.01 * separate["size_m"]
+    nodes = "simulator,filter,curvature"
+    replayed = palpate("replay", "many/topics.mcap", "--nodes", nodes, folder=lab)
+    assert replayed.returncode == 0, replayed.stdout + replayed.stderr
+    assert replayed.stdout.count("identical") == 3
+
+
+def test_another_seed_is_another_sensor(lab: Path) -> None:
+    few = ("--composed", "--set", "planner.contours=1")
+    hashes = {explored(lab, f"s{n}", *few, "--seed", n)["mesh_sha256"] for n in "12"}
+
+    assert len(hashes) == 2
