@@ -30,7 +30,7 @@ def test_an_effect_is_seen_in_the_contour() -> None:
 
 
 def test_costs_are_told_for_each_set() -> None:
-    found = frame_costs({"none": {}, "aperture": {"aperture": {}}}, frames=5, repeats=3)
+    found = frame_costs({"none": {}, "aperture": {"aperture": {}}}, frames=20, repeats=5)
     assert set(found) == {"none", "aperture"}
     assert all(cost.ideal > 0.0 for cost in found.values())
     assert found["aperture"].added > 0.0  # nine casts for one
