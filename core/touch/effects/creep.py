@@ -21,9 +21,10 @@ class Creep:
     A share ``b`` of the answer relaxes while the pad is held, and is missing in the next touch
     if the pad had no time to recover. Solved in closed form for what a touch does: free, pressed
     at a constant rate, as long in every taxel as in the deepest, held, let go at once, and free
-    on its way back. A free face feels nothing, never less. The pressure falls in the same proportion. Christensen, *Theory of
-    viscoelasticity*, 1982; the values are engineering values. It matters after short rests and
-    short dwells: a tenth of the depth is the largest error of a contour next to the arm's.
+    on its way back. A free face feels nothing, never less. The pressure falls in the same
+    proportion. Christensen, *Theory of viscoelasticity*, 1982; the values are engineering
+    values. It matters after short rests and short dwells: a tenth of the depth is the largest
+    error of a contour next to the arm's.
     """
 
     place: ClassVar = Place.PAD
