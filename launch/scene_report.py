@@ -19,12 +19,16 @@ def simulated(scene: SceneSpec) -> str:
     effects = describe_effects(scene.effects)
     if not effects:
         return "\n".join([*lines, "simulated  exact contact, and no effects"])
-    lines.append(f"simulated  exact contact, and {len(effects)} of its effects, in this order:")
+    lines.append(f"simulated  exact contact, and {_counted(len(effects))}, in this order:")
     width = max(len(name) for name in effects)
     for name, effect in effects.items():
         place = effect.place.name.lower()
         lines.append(f"  {place:<7} {name:<{width}}  {_parameters(effect)}".rstrip())
     return "\n".join(lines)
+
+
+def _counted(effects: int) -> str:
+    return "1 effect" if effects == 1 else f"{effects} effects"
 
 
 def _sensor(sensor: SensorSpec) -> str:

@@ -271,7 +271,7 @@ def test_a_scene_is_checked_and_told(capsys: Output) -> None:
     first, sensor, simulated, *effects = capsys.readouterr().out.splitlines()
     assert first.endswith("can be explored; the object measures 60.0 x 52.0 x 90.0 mm")
     assert "16 x 16 taxels" in sensor
-    assert "7 of its effects" in simulated
+    assert "and 7 effects, in this order:" in simulated
     assert effects[0].split() == ["aim", "pose_error", *effects[0].split()[2:]]
     assert "sigma 0.0001 m, rotation 0.05 deg" in effects[0]
 
