@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from palpate.core.touch.curvature import feel_patch
-from palpate.core.touch.filters import adaptive_wiener, find_impulses, median_filter
+from palpate.core.touch.filters import adaptive_wiener, median_filter
 from palpate.core.touch.impulses import robust_clean
 from palpate.core.touch.jet_design import design_of
 from palpate.core.touch.jet_fit import fit_jet, fit_robust_jet
@@ -24,10 +24,6 @@ ROOF = 0.5 * np.abs(X + 0.2 * Y) + NOISE * RNG.normal(size=X.shape)
 ALL = np.ones((16, 16), bool)
 PART = np.hypot(X, Y) < 6e-3
 ACROSS = np.array([0.0, 1.0, 0.0])
-
-
-def bench_find_impulses_in_a_clean_frame(benchmark: Any) -> None:
-    assert not benchmark(find_impulses, IMAGE, 5e-4).any()
 
 
 def bench_robust_clean_of_a_clean_frame(benchmark: Any) -> None:

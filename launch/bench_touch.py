@@ -6,7 +6,7 @@ import statistics
 import time
 import timeit
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -27,8 +27,9 @@ from palpate.launch.bench_curvature import (
     partial_rows,
 )
 from palpate.launch.scene import load_scene
-from palpate.messages.types import SurfacePatch, TactileFrame, TouchGoal
+from palpate.messages.types import SensorInfo, SurfacePatch, TactileFrame, TactileImage, TouchGoal
 from palpate.nodes import curvature, filter, simulator
+from palpate.nodes.node import Outputs
 from palpate.nodes.object import ObjectSpec, SuperquadricSpec, encode_mesh
 from palpate.nodes.sensor import PadSpec, SensorSpec, pad_of_spec
 
@@ -40,6 +41,7 @@ MESH_LEVEL = 5
 FRAMES, ROUNDS = 40, 31
 
 Echo = Callable[[str], None]
+Message = TypeVar("Message")
 
 
 class Row(NamedTuple):
@@ -163,25 +165,28 @@ class Chain:
     def __init__(self, params: simulator.Params):
         self._params = params
         self._state, said = simulator.start(params)
-        info: Any = dict(said)["/touch/info"]  # type: ignore[arg-type]
+        info = _only(said, SensorInfo)
         self._filter, _ = filter.calibrate(filter.Params(), None, info)
         self._sensor, _ = curvature.know_sensor(curvature.Params(), None, info)
 
     def simulate(self, goal: TouchGoal) -> TactileFrame:
         """One raw frame."""
         self._state, said = simulator.touch(self._params, self._state, goal)
-        frame: Any = said[0][1]  # type: ignore[index]
-        assert isinstance(frame, TactileFrame)
-        return frame
+        return _only(said, TactileFrame)
 
     def feel(self, goal: TouchGoal) -> SurfacePatch:
         """One raw frame, and what is made of it."""
         frame = self.simulate(goal)
-        _, [(_, image)] = filter.take_frame(filter.Params(), self._filter, frame)  # type: ignore
+        _, said = filter.take_frame(filter.Params(), self._filter, frame)
         assert self._sensor is not None
-        _, [(_, patch)] = curvature.feel(curvature.Params(), self._sensor, image)  # type: ignore
-        assert isinstance(patch, SurfacePatch)
-        return patch
+        _, said = curvature.feel(curvature.Params(), self._sensor, _only(said, TactileImage))
+        return _only(said, SurfacePatch)
+
+
+def _only(said: Outputs, kind: type[Message]) -> Message:
+    """The one message of a kind among what a node said."""
+    (message,) = (out[1] for out in said if isinstance(out, tuple) and isinstance(out[1], kind))
+    return message
 
 
 def _goals(count: int) -> Iterable[TouchGoal]:

@@ -24,20 +24,21 @@ from palpate.core.touch.pipeline import Pipeline, States
 from palpate.core.touch.taxel_fit import Presses
 from palpate.core.touch.touch import Touch
 from palpate.launch.scene import SceneSpec
+from palpate.nodes import filter
 from palpate.nodes.effects import build_pipeline, felt_face
 
 ROBOT = "modern"
 """Preset of the robot's speeds."""
 BALL = 0.03
 """Radius of the known ball, m."""
-LEANS = 5
+LEANS = 7
 """Ways to lean along each axis."""
 DEPTHS = (0.4 * PRESS, 0.7 * PRESS, PRESS)
 FREE_FRAMES = 40
 HEIGHT, REACH = 0.03, 0.05
 """The pad's middle starts this high over what is pressed, and goes this far at most, m."""
-CONTACT = 50e-6
-"""Least compression that counts as touched, m."""
+CONTACT = filter.Params().contact
+"""Least compression that counts as touched, m: what the filter takes."""
 PAUSE = 3.0
 """Between two presses, s: a pad that creeps has come to rest."""
 

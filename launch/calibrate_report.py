@@ -16,7 +16,7 @@ from palpate.launch.calibrate import BALL, CONTACT, ROBOT, Calibrated
 from palpate.nodes.sensor import SensorSpec
 
 MOST_LOST = 0.35
-"""Share of taxels that may be lost before the calibration is doubted."""
+"""Share of taxels that may be lost or not reached before the calibration is doubted."""
 LEAST_SPEED, MOST_SPEED = 100.0, 5000.0
 MOST_GAIN = 10.0
 MOST_POSE = 0.6e-3
@@ -69,9 +69,9 @@ def doubts(found: Calibrated) -> list[str]:
     """Reasons not to trust a calibration, in words; none if there is nothing to say."""
     estimate = found.estimate
     said = []
-    lost = int((~estimate.trusted).sum())
-    if lost > MOST_LOST * len(estimate.trusted):
-        said.append(f"{lost} of {len(estimate.trusted)} taxels do not answer as they should")
+    lost = int((~estimate.reached).sum())
+    if lost > MOST_LOST * len(estimate.reached):
+        said.append(f"{lost} of {len(estimate.reached)} taxels could not be calibrated")
     if not LEAST_SPEED <= estimate.sound_speed <= MOST_SPEED:
         said.append(f"a speed of sound of {estimate.sound_speed:.0f} m/s is none of rubber's")
     if estimate.gain.max() > MOST_GAIN:

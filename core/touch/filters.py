@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from palpate.core.arrays import Bools, Floats
+from palpate.core.arrays import Floats
 
 WINDOW = 3
 """Taxels along a side of the neighbourhood."""
-IMPULSE_SPREADS = 6.0
-"""An impulse stands off by more than this many standard deviations of the frame."""
 MAD_TO_SIGMA = 1.4826
 """Median absolute deviation to standard deviation, for normal noise."""
 
@@ -63,49 +61,6 @@ def wiener_then_median(image: Floats, noise_variance: float) -> Floats:
 def median_then_wiener(image: Floats, noise_variance: float) -> Floats:
     """Both filters in the order of figure 3.6: impulses are gone before noise is looked at."""
     return adaptive_wiener(median_filter(image), noise_variance)
-
-
-def find_impulses(image: Floats, step: float) -> Bools:
-    """Taxels that stand above all of their neighbours, or below all, by more than `step`.
-
-    They must also stand off by more than 6 standard deviations of the frame (robustly
-    estimated). The steepest slope has a higher neighbour on one side and a lower one on the
-    other, and is never an impulse. Neither are two impulses side by side: see
-    `robust_clean`.
-
-    Parameters
-    ----------
-    image : (rows, cols) array
-        m.
-    step : float
-        The largest difference that a surface can show between a taxel and all around it, m.
-    """
-    padded = _reflected(image)
-    # The largest and smallest of the eight: rows of three, then without the middle.
-    above, level, below = padded[:-2], padded[1:-1], padded[2:]
-    high, low = np.maximum(above, below), np.minimum(above, below)
-    highest = np.maximum(np.maximum(high[:, :-2], high[:, 2:]), high[:, 1:-1])
-    np.maximum(highest, np.maximum(level[:, :-2], level[:, 2:]), out=highest)
-    lowest = np.minimum(np.minimum(low[:, :-2], low[:, 2:]), low[:, 1:-1])
-    np.minimum(lowest, np.minimum(level[:, :-2], level[:, 2:]), out=lowest)
-    alone = np.maximum(lowest - image, image - highest)
-    impulses: Bools = alone > step
-    if impulses.any():  # most frames have none, and a median costs more than all of the above
-        median = median_filter(image)
-        spread = MAD_TO_SIGMA * float(np.median(np.abs(image - median)))
-        impulses &= alone > IMPULSE_SPREADS * spread
-    return impulses
-
-
-def replace_impulses(image: Floats, step: float) -> tuple[Floats, Bools]:
-    """The image with the median in place of its impulses, and where they were.
-
-    All other taxels stay as they are. Parameters as for `find_impulses`.
-    """
-    impulses = find_impulses(image, step)
-    if not impulses.any():
-        return image, impulses
-    return np.where(impulses, median_filter(image), image), impulses
 
 
 def neighbourhoods(image: Floats) -> Floats:

@@ -43,12 +43,12 @@ def test_every_taxel_of_a_domed_pad_is_reached_but_for_the_dead(calibrated: Cali
     assert 0 < (~estimate.trusted).sum() < 10
 
 
-def test_errors_are_a_quarter_of_what_the_data_sheet_leaves(calibrated: Calibrated) -> None:
+def test_errors_are_a_fifth_of_what_the_data_sheet_leaves(calibrated: Calibrated) -> None:
     estimate = calibrated.estimate
     used = estimate.reached
     assert np.std(estimate.gain[used]) > 0.025  # the scene's sensor is 3 % off
-    assert np.median(estimate.gain_error[used]) < 0.25 * 0.03
-    assert np.median(estimate.offset_error[used]) < 0.25 * 10e-6
+    assert np.median(estimate.gain_error[used]) < 0.2 * 0.03
+    assert np.median(estimate.offset_error[used]) < 0.2 * 10e-6
     assert abs(estimate.sound_speed - 1000.0) < 4 * estimate.sound_speed_error
     assert estimate.noise == pytest.approx(10e-6, rel=0.1)
 
@@ -147,8 +147,9 @@ def test_pads_that_yield_are_calibrated_by_what_they_touch(write: Write) -> None
     ("effect", "words"),
     [
         ("saturation: {share: 0.1}", "a speed of sound of"),
-        ("gain_offset: {sigma_gain: 0.3, sigma_offset: 1.0e-3}", "taxels do not answer"),
-        ("tenting: {decay: 0.02}", "not felt as a ball"),
+        ("gain_offset: {sigma_gain: 0.3, sigma_offset: 1.0e-3}", "taxels could not be calibrated"),
+        ("tenting: {decay: 0.02}", "taxels could not be calibrated"),
+        ("saturation: {share: 0.1}", "not felt as a ball"),
     ],
 )
 def test_what_makes_no_sense_is_doubted(effect: str, words: str, write: Write) -> None:

@@ -48,8 +48,10 @@ def test_the_skirt_about_a_contact_is_not_a_contact(
     found = touched(pad, reading, LEAST, 0.0)
     assert ((reading > LEAST) & ~truly).sum() > 5  # there is a skirt to be taken in by
     assert not (found & ~truly).any()
-    # A taxel at the rim that the surface touches without pressing it is given up.
-    assert found.sum() >= 0.4 * (truly & (reading > LEAST)).sum()
+    # A taxel at the rim that the surface touches without pressing it is given up: of the two
+    # rows on a ridge's back the deeper one carries a stiff skin alone.
+    least = 0.5 if surface == "ridge" else 0.6
+    assert found.sum() >= least * (truly & (reading > LEAST)).sum()
     assert found[np.unravel_index(reading.argmax(), reading.shape)]
 
 
@@ -77,4 +79,4 @@ def test_noise_beside_a_contact_is_not_a_contact(
     for _ in range(50):
         found = touched(pad, reading + 10e-6 * rng.standard_normal(reading.shape), LEAST, 10e-6)
         assert not (found & ~truly).any()
-        assert found.sum() >= 0.5 * truly.sum()
+        assert found.sum() >= 0.6 * truly.sum()

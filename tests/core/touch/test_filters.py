@@ -8,17 +8,14 @@ from palpate.core.frames import DOWN, pose_of
 from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.touch.filters import (
     adaptive_wiener,
-    find_impulses,
     median_filter,
     median_then_wiener,
     neighbourhoods,
-    replace_impulses,
     wiener_then_median,
 )
 from palpate.core.touch.pad import Pad, press
 
 NOISE = 10e-6
-STEP = 0.5e-3
 
 
 def on_a_ball(pad: Pad, radius: float) -> Floats:
@@ -76,52 +73,6 @@ def test_wiener_pulls_towards_the_mean_and_never_beyond() -> None:
         filtered = adaptive_wiener(image, variance)
         assert filtered.min() >= image.min()
         assert filtered.max() <= image.max()
-
-
-@pytest.mark.parametrize("place", [(0, 0), (0, 7), (15, 15), (8, 3), (1, 1), (15, 0)])
-@pytest.mark.parametrize("value", [0.0, 2.4e-3])
-def test_a_single_impulse_is_found_and_mended_wherever_it_is(
-    place: tuple[int, int], value: float, flat: Pad
-) -> None:
-    clean = 1.2e-3 + 0.3 * on_a_ball(flat, 0.1)
-    image = clean.copy()
-    image[place] = value
-    mended, impulses = replace_impulses(image, STEP)
-    assert np.argwhere(impulses).tolist() == [list(place)]
-    assert mended[place] == pytest.approx(clean[place], abs=0.05e-3)
-    assert np.array_equal(mended[~impulses], image[~impulses])
-
-
-def test_scattered_salt_and_pepper_goes_and_the_surface_stays(flat: Pad) -> None:
-    clean = 1.2e-3 + 0.3 * on_a_ball(flat, 0.1)
-    image = clean.copy()
-    image[2::5, 1::5] = 2.4e-3
-    image[4::5, 3::5] = 0.0
-    mended, impulses = replace_impulses(image, STEP)
-    assert np.array_equal(impulses, image != clean)
-    assert np.abs(mended - clean).max() < 0.05e-3
-
-
-def test_clean_frames_come_back_as_they_are(flat: Pad, domed: Pad) -> None:
-    x, y = flat.grid()
-    frames = [on_a_ball(pad, radius) for pad in (flat, domed) for radius in (0.004, 0.03, 0.3)]
-    frames += [np.zeros((16, 16)), np.full((16, 16), 1e-3), 0.49 * (x + y), -2.0 * x]
-    frames += [np.where(x > 0, 1e-3, 0.0), np.where((x > 0) & (y > 0), 1e-3, 0.0)]
-    for frame in frames:
-        filtered, impulses = replace_impulses(frame, STEP)
-        assert not impulses.any()
-        assert np.array_equal(filtered, frame)
-
-
-def test_the_tip_of_a_needle_that_presses_four_taxels_is_left_alone(flat: Pad) -> None:
-    tip = on_a_ball(flat, 0.001)
-    assert (tip > 0).sum() == 4
-    assert np.array_equal(replace_impulses(tip, STEP)[0], tip)
-
-
-def test_noise_alone_has_no_impulses() -> None:
-    noise = np.random.default_rng(5).normal(scale=NOISE, size=(100, 16, 16))
-    assert not any(find_impulses(frame, 0.0).any() for frame in noise)
 
 
 def test_the_median_of_a_neighbourhood_is_that_of_its_nine_with_reflected_borders() -> None:
