@@ -8,10 +8,11 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import zmq
 
+from palpate.launch.bench_row import Row
 from palpate.launch.bench_toy import Params, frame, settle, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes.nursery import no_script
@@ -26,19 +27,6 @@ LAPS = 2000
 _DEADLINE_MS = 10_000
 
 
-class Row(NamedTuple):
-    """One line of the table."""
-
-    name: str
-    """What was measured or tried."""
-    value: str
-    """What came out."""
-    target: str
-    """What is demanded; empty if nothing is."""
-    holds: bool
-    """Whether the demand is met."""
-
-
 def bench_bus(repeats: int = 100) -> str:
     """Table of losses and costs of the bus.
 
@@ -47,13 +35,7 @@ def bench_bus(repeats: int = 100) -> str:
     repeats : int
         How often each test of loss is run.
     """
-    lines = rows(repeats)
-    name, value, target = (max(len(str(row[i])) for row in lines) for i in range(3))
-    return "\n".join(
-        f"{row.name:<{name}}  {row.value:>{value}}  {row.target:<{target}}  "
-        f"{'' if row.holds else 'MISSED'}".rstrip()
-        for row in lines
-    )
+    return "\n".join(str(row) for row in rows(repeats))
 
 
 def rows(repeats: int = 5, laps: int = LAPS) -> list[Row]:

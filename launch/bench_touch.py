@@ -6,7 +6,7 @@ import statistics
 import time
 import timeit
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from palpate.launch.bench_curvature import (
     estimator_rows,
     partial_rows,
 )
+from palpate.launch.bench_row import Row
 from palpate.launch.scene import load_scene
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileFrame, TactileImage, TouchGoal
 from palpate.nodes import curvature, filter, simulator
@@ -42,19 +43,6 @@ FRAMES, ROUNDS = 40, 31
 
 Echo = Callable[[str], None]
 Message = TypeVar("Message")
-
-
-class Row(NamedTuple):
-    """One figure."""
-
-    name: str
-    """What was measured."""
-    value: str
-    """With its unit."""
-    target: str
-    """What is demanded."""
-    holds: bool
-    """Whether it is met."""
 
 
 def bench_touch(*, quick: bool, echo: Echo = print) -> int:
@@ -81,7 +69,7 @@ def bench_touch(*, quick: bool, echo: Echo = print) -> int:
     )
     for row in rows:
         missed = missed or not row.holds
-        echo(f"{row.name:<52}{row.value:>14}  {row.target}{'' if row.holds else '   MISSED'}")
+        echo(str(row))
     return int(missed)
 
 

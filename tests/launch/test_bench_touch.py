@@ -6,7 +6,8 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.shapes.superquadric import Superquadric
 from palpate.launch import bench_touch
-from palpate.launch.bench_touch import Row, curvature_rows, exactness_rows, speed_rows
+from palpate.launch.bench_row import Row
+from palpate.launch.bench_touch import curvature_rows, exactness_rows, speed_rows
 
 
 def test_casts_are_as_exact_as_is_demanded() -> None:
