@@ -9,7 +9,6 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core.arrays import Floats
-from palpate.core.contour import contour_middle
 from palpate.core.explore.phases import Cap, Slices, Summit, Top
 from palpate.core.explore.uniform import (
     CLEARANCE,
@@ -22,6 +21,7 @@ from palpate.core.explore.uniform import (
     uncovered_height,
 )
 from palpate.core.frames import IDENTITY
+from palpate.core.plane.area_centroid import area_centroid
 from palpate.messages.types import (
     Contour,
     ContourGoal,
@@ -149,7 +149,7 @@ def _begin_slices(params: Params, state: State, probe: Probe) -> tuple[State, Ou
 def _feel_summit(params: Params, state: State, heights: tuple[float, ...]) -> tuple[State, Outputs]:
     """Touch the top over the middle of the first contour, unless that has been done."""
     assert state.world is not None
-    middle = contour_middle(state.contours[0].points)
+    middle = area_centroid(state.contours[0].points)
     if np.linalg.norm(middle - state.probes[0].point[:2]) < SAME_PLACE:
         return _trace_next(params, replace(state, phase=Slices(heights, top_is_sure=True)))
     height = state.world.platform + state.world.reach

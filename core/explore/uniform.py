@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.contour import contour_middle
 from palpate.core.explore.aim import PRESS
 from palpate.core.frames import DOWN, pose_of
+from palpate.core.plane.area_centroid import area_centroid
 
 END_SHARE = 0.03
 """The first and the last slice lie this share of the height inside the ends."""
@@ -81,7 +81,7 @@ def cap_places(contour: Floats, pad_width: float) -> list[Floats]:
 
     None where the contour is so small that the first touch has felt all of it.
     """
-    middle = contour_middle(contour)
+    middle = area_centroid(contour)
     away = contour[:, :2] - middle
     radius = np.linalg.norm(away, axis=1)
     if radius.mean() < 0.5 * pad_width:
@@ -116,7 +116,7 @@ def approach(
         The contours, m.
     """
     nearest = int(np.argmin([abs(one - height) for one in heights]))
-    middle = contour_middle(contours[nearest])
+    middle = area_centroid(contours[nearest])
     widest = max(float(np.linalg.norm(points[:, :2] - middle, axis=1).max()) for points in contours)
     return middle, widest + APPROACH
 

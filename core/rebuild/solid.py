@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.contour import contour_middle
+from palpate.core.plane.area_centroid import area_centroid
 from palpate.core.rebuild.caps import LEAST_SITES, Profile, cap_rings, fit_profile, thin_out
 from palpate.core.rebuild.felt_points import FeltPoints, stack_points
 from palpate.core.rebuild.prism import PrismFit, fit_prism
@@ -91,7 +91,7 @@ def rebuild(evidence: Evidence) -> Solid:
     top = _top(evidence)
     spine = fit_spine(
         np.array([one.height for one in contours]),
-        np.array([contour_middle(one.points) for one in contours]),
+        np.array([area_centroid(one.points) for one in contours]),
     )
     felt = stack_points([evidence.side, evidence.cap])
     skin = fit_skin(felt, spine, evidence.platform, top)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.contour import contour_middle
 from palpate.core.explore.uniform import (
     APPROACH,
     CAP_SHARE,
@@ -21,6 +20,7 @@ from palpate.core.explore.uniform import (
     uncovered_height,
 )
 from palpate.core.frames import DOWN, split_pose
+from palpate.core.plane.area_centroid import area_centroid
 
 
 def polygon(azimuth: Floats, radius: Floats | float, middle: tuple[float, float]) -> Floats:
@@ -59,7 +59,7 @@ def test_the_plan_is_the_same_in_millimetres_and_metres() -> None:
     assert np.allclose(1e3 * np.array(metres), millimetres, rtol=1e-12)
     assert 1e3 * retry_height(0.02, 0.01, 0.08, 7) == pytest.approx(retry_height(20, 10, 80, 7))
     contour = square(0.02, 30)
-    assert np.allclose(1e3 * contour_middle(contour), contour_middle(1e3 * contour))
+    assert np.allclose(1e3 * area_centroid(contour), area_centroid(1e3 * contour))
     assert np.allclose(
         1e3 * np.array(cap_places(contour, 0.015)), cap_places(1e3 * contour, 15.0), rtol=1e-12
     )
@@ -108,32 +108,32 @@ def test_the_middle_of_an_unevenly_felt_circle_is_its_centre() -> None:
     rng = np.random.default_rng(0)
     azimuth = np.sort(np.concatenate([rng.uniform(0, 2 * np.pi, 60), rng.uniform(0, 0.5, 300)]))
     contour = polygon(azimuth, 0.03, (0.1, -0.2))
-    assert np.linalg.norm(contour_middle(contour) - [0.1, -0.2]) < 0.01 * 0.03
+    assert np.linalg.norm(area_centroid(contour) - [0.1, -0.2]) < 0.01 * 0.03
     assert np.linalg.norm(contour[:, :2].mean(axis=0) - [0.1, -0.2]) > 0.5 * 0.03
 
 
 def test_the_middle_does_not_depend_on_direction_or_start_or_a_repeated_end() -> None:
     azimuth = np.sort(np.random.default_rng(1).uniform(0, 2 * np.pi, 40))
     contour = polygon(azimuth, 0.03 + 0.01 * np.cos(3 * azimuth), (1.0, 2.0))
-    middle = contour_middle(contour)
+    middle = area_centroid(contour)
     for other in (
         contour[::-1],
         np.roll(contour, 13, axis=0),
         np.concatenate([contour, contour[:1]]),
     ):
-        assert np.allclose(contour_middle(other), middle, rtol=0, atol=1e-15)
+        assert np.allclose(area_centroid(other), middle, rtol=0, atol=1e-15)
 
 
 def test_the_middle_of_a_small_ring_far_away_keeps_its_digits() -> None:
     azimuth = np.linspace(0, 2 * np.pi, 50, endpoint=False)
     contour = polygon(azimuth, 1e-6, (1e3, -1e3))
-    assert np.linalg.norm(contour_middle(contour) - [1e3, -1e3]) < 1e-11
+    assert np.linalg.norm(area_centroid(contour) - [1e3, -1e3]) < 1e-11
 
 
 @pytest.mark.parametrize("count", [1, 2, 40])
 def test_points_that_enclose_nothing_have_the_middle_of_the_points(count: int) -> None:
     on_a_line = np.outer(np.linspace(1.0, 2.0, count), [0.01, 0.02, 0.0])
-    assert np.allclose(contour_middle(on_a_line), on_a_line.mean(axis=0)[:2], atol=1e-15)
+    assert np.allclose(area_centroid(on_a_line), on_a_line.mean(axis=0)[:2], atol=1e-15)
 
 
 def test_touches_from_above_lie_inside_the_contour_towards_its_corners() -> None:

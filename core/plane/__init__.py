@@ -1,0 +1,1 @@
+"""Figures in the plane: what contours enclose, and what fits into them."""

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.plane.azimuth_match import azimuth_match
+from palpate.core.plane.edge_distance import edge_distance
+from palpate.core.plane.radial_match import radial_match
+
+AZIMUTHS = 2 * np.pi * np.arange(80) / 80
+
+
+def test_where_each_ray_meets_the_contour_once_both_matches_agree(
+    three_lobes: Callable[..., Floats],
+) -> None:
+    contour, middle = three_lobes(0.4) + [3.0, -2.0], np.array([3.05, -2.02])
+    radial, match = (
+        radial_match(contour, middle, AZIMUTHS),
+        azimuth_match(contour, middle, AZIMUTHS),
+    )
+    assert (radial.meetings == 1).all()
+    assert match.one_to_one
+    assert match.inside
+    assert np.allclose(match.points, radial.points, rtol=0, atol=1e-5)
+
+
+def test_where_a_ray_meets_the_contour_is_on_it(u_shape: Floats) -> None:
+    found = radial_match(u_shape, np.array([0.5, 0.5]), AZIMUTHS)
+    assert (found.meetings >= 1).all()
+    assert np.allclose(edge_distance(u_shape, found.points), 0.0, atol=1e-14)
+    missed = radial_match(u_shape, np.array([9.0, 0.5]), np.array([0.0]))
+    assert missed.meetings[0] == 0
+    assert np.array_equal(missed.points[0], [9.0, 0.5])
+
+
+def test_azimuths_of_more_than_a_turn_begin_again(three_lobes: Callable[..., Floats]) -> None:
+    contour = three_lobes(0.3)
+    once = azimuth_match(contour, np.zeros(2), AZIMUTHS)
+    again = azimuth_match(contour, np.zeros(2), AZIMUTHS + 4 * np.pi)
+    assert np.allclose(once.points, again.points, rtol=0, atol=1e-12)
+
+
+def test_the_match_does_not_depend_on_the_first_vertex(
+    u_shape: Floats, refined: Callable[..., Floats]
+) -> None:
+    contour, middle = refined(u_shape), np.array([0.5, 0.5])
+    wanted = azimuth_match(contour, middle, AZIMUTHS).points
+    for shift in (1, 130, 399):
+        found = azimuth_match(np.roll(contour, shift, axis=0), middle, AZIMUTHS).points
+        assert np.allclose(found, wanted, rtol=0, atol=1e-9)
+
+
+def test_too_few_vertices_or_a_nan_are_refused() -> None:
+    with pytest.raises(ValueError, match="polygon must have at least 3 vertices, got 2"):
+        azimuth_match(np.zeros((2, 2)), np.zeros(2), AZIMUTHS)
+    with pytest.raises(ValueError, match="azimuths must be finite"):
+        azimuth_match(np.eye(3, 2), np.zeros(2), np.array([np.nan]))

@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.core.arrays import Floats
+from palpate.core.splines.closed_curve_thesis import fit_closed_thesis
+from palpate.core.splines.curve_fit import closed_places
+from palpate.core.splines.curve_interpolation import interpolate_closed
+from palpate.core.splines.curve_noise import local_noise
+from palpate.core.splines.curve_parameters import curve_parameters, gap_ratio, moved_parameters
+from palpate.core.splines.curve_points import area_vector, order_points
+from palpate.core.splines.curve_smoothing import STRENGTHS, choose_smoothing
+
+SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+
+
+def circle(count: int) -> Floats:
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def test_the_closing_chord_is_counted() -> None:
+    assert curve_parameters(SQUARE, "chord").tolist() == [0.0, 0.25, 0.5, 0.75]
+
+
+def test_square_roots_are_taken_only_where_there_are_corners() -> None:
+    uneven = np.array([[0, 0], [0.5, 0], [0.9, 0], [1, 0], [1, 0.5], [1, 1], [0.5, 1], [0, 1.0]])
+    edges = np.concatenate(
+        [
+            np.linspace(a, b, 9, endpoint=False)
+            for a, b in zip(SQUARE, np.roll(SQUARE, -1, axis=0), strict=True)
+        ]
+    )
+    edges[1] = [0.02, 0.0]
+    kinds = ("auto", "chord", "centripetal")
+    for points, same in ((edges, "centripetal"), (uneven, "chord"), (circle(30) * [1, 3], "chord")):
+        auto, chord, centripetal = (curve_parameters(points, kind) for kind in kinds)
+        assert np.array_equal(auto, chord if same == "chord" else centripetal)
+        assert not np.allclose(chord, centripetal, atol=1e-3)
+
+
+def test_the_gap_ratio_is_that_of_the_chords() -> None:
+    assert gap_ratio(np.array([[0, 0], [1, 0], [1, 0.1], [0, 0.1]])) == pytest.approx(10.0)
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(st.integers(4, 40), st.integers(0, 10**6), st.floats(0.0, 100.0))
+def test_moved_parameters_keep_their_order_however_far_the_points_lie(
+    count: int, seed: int, far: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    parameters = np.sort(rng.random(count))
+    if (np.diff(parameters) == 0.0).any():
+        return
+    points, places, slopes = far * rng.normal(size=(3, count, 2))
+    moved = moved_parameters(parameters, points, places, slopes)
+    assert (np.diff(moved, append=moved[0] + 1.0) > 0.0).all()
+
+
+def test_a_small_move_is_that_to_the_nearest_place() -> None:
+    parameters = np.arange(8) / 8
+    places, slopes = circle(8), 2 * np.pi * np.roll(circle(8) @ [[0, 1], [-1, 0]], 0, axis=0)
+    moved = moved_parameters(parameters, places + 1e-3 * slopes, places, slopes)
+    assert np.allclose(moved, parameters + 1e-3)
+
+
+def test_where_the_curve_stands_still_parameters_stay() -> None:
+    parameters = np.arange(4) / 4
+    still = moved_parameters(parameters, SQUARE + 1.0, SQUARE, np.zeros((4, 2)))
+    assert np.array_equal(still, parameters)
+
+
+def test_noise_between_neighbours_is_measured() -> None:
+    turn = np.arange(400) / 400
+    clean = circle(400)
+    assert local_noise(clean, turn) == 0.0
+    for sigma in (1e-6, 1e-3, 0.02):
+        across = clean * sigma * np.random.default_rng(0).normal(size=(400, 1))
+        assert local_noise(clean + across, turn) == pytest.approx(sigma, rel=0.15)
+
+
+def test_corners_are_not_noise() -> None:
+    turn = np.arange(80) / 80
+    around = np.vstack([SQUARE, SQUARE[:1]])
+    points = np.column_stack(
+        [np.interp(turn, np.linspace(0, 1, 5), around[:, axis]) for axis in (0, 1)]
+    )
+    assert local_noise(points, turn) < 1e-12
+
+
+def test_too_few_points_show_no_noise() -> None:
+    assert local_noise(np.random.default_rng(0).normal(size=(7, 2)), np.arange(7) / 7) == 0.0
+
+
+@pytest.mark.parametrize("count", [3, 4, 5, 40])
+def test_the_interpolating_spline_passes_its_points_at_any_parameters(count: int) -> None:
+    rng = np.random.default_rng(count)
+    parameters = np.concatenate([[0.0], np.sort(rng.uniform(0.01, 0.99, count - 1))])
+    points = rng.normal(size=(count, 2))
+    fit = interpolate_closed(points, parameters)
+    assert np.allclose(closed_places(fit.control, fit.knots, parameters), points, atol=1e-11)
+    for order in range(3):
+        first, last = closed_places(fit.control, fit.knots, np.array([0.0, 1.0]), order)
+        assert np.allclose(first, last, rtol=1e-9, atol=1e-9)
+
+
+def test_the_condition_of_even_interpolation_is_3() -> None:
+    fit = interpolate_closed(circle(40), np.arange(40) / 40)
+    assert fit.condition == pytest.approx(3.0, abs=1e-9)
+
+
+def test_smoothing_of_pure_noise_is_strong_and_of_a_clean_curve_weak() -> None:
+    rng = np.random.default_rng(0)
+    basis = np.repeat(np.eye(20), 4, axis=0)
+    second = np.roll(np.eye(20), 1, axis=1) - 2 * np.eye(20) + np.roll(np.eye(20), -1, axis=1)
+    bending = second.T @ second / 6
+    noise = rng.normal(size=(80, 1))
+    wave = np.repeat(np.sin(6 * np.pi * np.arange(20) / 20), 4)[:, None]
+    assert choose_smoothing(basis, bending, noise) > 10.0
+    assert choose_smoothing(basis, bending, wave + 1e-6 * noise) == STRENGTHS[0]
+
+
+def test_smoothing_is_chosen_where_control_points_see_no_point() -> None:
+    basis = np.eye(6, 12)
+    second = np.roll(np.eye(12), 1, axis=1) - 2 * np.eye(12) + np.roll(np.eye(12), -1, axis=1)
+    chosen = choose_smoothing(basis, second.T @ second / 6, np.arange(6.0)[:, None])
+    assert STRENGTHS[0] <= chosen <= STRENGTHS[-1]
+
+
+def test_constraints_and_pseudo_vertices_of_clamped_knots_contradict_each_other() -> None:
+    fit = fit_closed_thesis(circle(40), np.arange(40) / 40, 16)
+    first, last = closed_places(fit.control, fit.knots, np.array([0.0, 1.0]))
+    assert np.linalg.norm(first - last) > 0.05
+
+
+def test_the_ring_is_the_same_wherever_two_points_tie() -> None:
+    twice = np.array([[1, 0], [0, 1], [-1, 0], [1, 0], [0, -1], [-1, -1.0]])
+    wanted = order_points(twice).points
+    for shift in range(6):
+        for way in (1, -1):
+            assert np.array_equal(order_points(np.roll(twice, shift, axis=0)[::way]).points, wanted)
+
+
+def test_the_ring_remembers_which_points_it_is_made_of() -> None:
+    points = np.array([[0, 0], [np.nan, 0], [2, 0], [2, 0], [2, 1], [0, 1], [0, 0.0]])
+    ring = order_points(points)
+    assert ring.dropped == 1
+    assert len(ring.rows) == 4
+    assert np.allclose(ring.middle + ring.size * ring.points, points[ring.rows])
+    assert area_vector(ring.points)[0] > 0.0
