@@ -197,7 +197,9 @@ def _moves(
     slope = np.einsum("bmp,bm->bp", jacobian, running.residuals)
     curve = jacobian.transpose(0, 2, 1) @ jacobian
     length = np.sqrt(np.einsum("bpp->bp", curve))
-    length = np.maximum(length, LEAST_COLUMN * length.max(axis=1, keepdims=True) + 1e-300)
+    longest = length.max(axis=1, keepdims=True)
+    # Where no parameter moves anything, any length will do: the step is none.
+    length = np.maximum(length, LEAST_COLUMN * np.where(longest > 0.0, longest, 1.0))
     held = ((parameters <= low) & (slope > 0.0)) | ((parameters >= high) & (slope < 0.0))
     cosine = np.where(held, 0.0, np.abs(slope) / length)
     size = np.sqrt(np.einsum("bm,bm->b", running.residuals, running.residuals))

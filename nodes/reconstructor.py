@@ -133,17 +133,17 @@ def _points_of(state: State, goals: tuple[int, ...]) -> FeltPoints:
 
 def _model(goal: ModelGoal | PlanDone, solid: Solid | None) -> ShapeModel:
     """The message for a solid; an empty one if there was nothing to rebuild."""
-    lattice = None if solid is None else solid.prism.lattice
+    frame = None if solid is None else solid.prism.frame
     return ShapeModel(
         number=goal.number,
         contours=goal.contours,
         probes=goal.probes,
         dropped=(),
         dropped_why=(),
-        control=np.zeros((0, 0, 0, 3)) if lattice is None else lattice.control,
+        control=np.zeros((0, 0, 0, 3)) if solid is None else solid.prism.lattice.control,
         half_extent=np.zeros(2) if solid is None else solid.prism.half_extent,
-        bottom=0.0 if lattice is None else float(lattice.low[2]),
-        top=0.0 if lattice is None else float(lattice.low[2] + lattice.extent[2]),
+        bottom=0.0 if frame is None else float(frame.corner[2]),
+        top=0.0 if frame is None else float(frame.corner[2] + frame.edges[2, 2]),
         vertices=np.zeros((0, 3)) if solid is None else solid.vertices,
         faces=np.zeros((0, 3), np.int32) if solid is None else solid.faces,
         uncertainty_height=np.zeros(0) if solid is None else solid.band_heights,

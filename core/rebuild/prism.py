@@ -13,11 +13,14 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from palpate.core.arrays import Floats
-from palpate.core.splines.basis import clamped_matrix
-from palpate.core.splines.lattice import Lattice, undeformed_control
+from palpate.core.splines.basis import clamped_basis
+from palpate.core.splines.frame import Frame, upright_frame
+from palpate.core.splines.lattice import Lattice
+from palpate.core.splines.volume import Volume
 
 LAYERS, SIDE = 32, 9
 """Control points along the height, and across each way."""
+ALONG, ACROSS = clamped_basis(LAYERS), clamped_basis(SIDE)
 STIFFNESS = 1e-6
 """Weight of squared second differences, relative to the data's mean weight: enough to settle
 the control points that a section's rim cannot see, and to keep most folds away."""
@@ -28,7 +31,9 @@ class PrismFit(NamedTuple):
     """A solved lattice."""
 
     lattice: Lattice
-    """The lattice; its box is the prism's."""
+    """The lattice."""
+    frame: Frame
+    """Its undeformed box, which is the prism's."""
     half_extent: Floats
     """Semi-axes of the prism's section, (2,), m."""
     rms: float
@@ -39,11 +44,11 @@ class PrismFit(NamedTuple):
     def side(self, heights: Floats, turns: Floats) -> Floats:
         """The deformed prism's side on a grid, (heights, turns, 3), m."""
         across = _section(turns)
-        along = clamped_matrix((heights - self.lattice.low[2]) / self.lattice.extent[2], LAYERS)
-        control = self.lattice.control.reshape(LAYERS, SIDE * SIDE, 3)
-        layers = (along @ control.reshape(LAYERS, -1)).reshape(len(heights), SIDE * SIDE, 3)
-        result: Floats = np.einsum("ts,hsc->htc", across, layers)
-        return result
+        along = ALONG.matrix((heights - self.frame.corner[2]) / self.frame.edges[2, 2])
+        control = self.lattice.control.reshape(SIDE * SIDE, LAYERS, 3)
+        columns = (across @ control.reshape(SIDE * SIDE, -1)).reshape(len(turns), LAYERS, 3)
+        rows = along @ columns.transpose(1, 0, 2).reshape(LAYERS, -1)
+        return rows.reshape(len(heights), len(turns), 3)
 
     def folded_share(self, samples: int = 24) -> float:
         """Share of the prism's volume that the deformation turns inside out."""
@@ -51,8 +56,8 @@ class PrismFit(NamedTuple):
         radii = np.sqrt((np.arange(6) + 0.5) / 6)
         rim = np.stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=-1)
         across = (radii[:, None, None] * rim).reshape(-1, 2) * self.half_extent
-        middle = self.lattice.low[:2] + 0.5 * self.lattice.extent[:2]
-        heights = self.lattice.low[2] + self.lattice.extent[2] * np.linspace(0.02, 0.98, LAYERS)
+        middle = self.frame.points(np.full(3, 0.5))[:2]
+        heights = self.frame.corner[2] + self.frame.edges[2, 2] * np.linspace(0.02, 0.98, LAYERS)
         places = np.repeat(across + middle, len(heights), axis=0)
         points = np.column_stack([places, np.tile(heights, len(across))])
         return float((self.lattice.jacobian_determinant(points) <= 0.0).mean())
@@ -77,29 +82,29 @@ def fit_prism(heights: Floats, turns: Floats, surface: Floats) -> PrismFit:
     """
     low = surface.min(axis=(0, 1))
     half_extent = 0.5 * (surface.max(axis=(0, 1)) - low)
-    box_low = np.array([*low, heights[0]])
-    box = np.array([*(2.0 * half_extent), heights[-1] - heights[0]])
-    along = clamped_matrix((heights - heights[0]) / box[2], LAYERS).toarray()
+    height = heights[-1] - heights[0]
+    frame = upright_frame(np.array([*low, heights[0]]), np.array([*(2.0 * half_extent), height]))
+    bases = (ACROSS, ACROSS, ALONG)
+    along = ALONG.matrix((heights - heights[0]) / height).toarray()
     across = _section(turns)
-    undeformed = undeformed_control(box_low, box, (LAYERS, SIDE, SIDE))
-    prism = across @ undeformed[0].reshape(-1, 3)[:, :2]
+    control = frame.greville_control(bases)
+    prism = across @ control[:, :, 0, :2].reshape(-1, 2)
     offset = surface - prism
     by_layer, condition_along = _solve(along, _bend(LAYERS), offset.reshape(len(heights), -1))
     by_layer = by_layer.reshape(LAYERS, len(turns), 2).transpose(1, 0, 2)
     moved, condition_across = _solve(across, _bend_section(), by_layer.reshape(len(turns), -1))
-    moved = moved.reshape(SIDE * SIDE, LAYERS, 2).transpose(1, 0, 2)
-    control = undeformed.copy()
-    control[..., :2] += moved.reshape(LAYERS, SIDE, SIDE, 2)
+    control[..., :2] += moved.reshape(SIDE, SIDE, LAYERS, 2)
     condition = float(f"{max(condition_along, condition_across):.2g}")
-    fit = PrismFit(Lattice(control, box_low, box), half_extent, 0.0, condition)
+    lattice = Lattice(Volume(control, bases), frame)
+    fit = PrismFit(lattice, frame, half_extent, 0.0, condition)
     misfit = fit.side(heights, turns)[..., :2] - surface
     return fit._replace(rms=float(np.sqrt(np.mean(np.sum(misfit**2, axis=-1)))))
 
 
 def _section(turns: Floats) -> Floats:
     """Basis of a section at the rim's points, (turns, side * side)."""
-    x = clamped_matrix(0.5 + 0.5 * np.cos(2 * np.pi * turns), SIDE).toarray()
-    y = clamped_matrix(0.5 + 0.5 * np.sin(2 * np.pi * turns), SIDE).toarray()
+    x = ACROSS.matrix(0.5 + 0.5 * np.cos(2 * np.pi * turns)).toarray()
+    y = ACROSS.matrix(0.5 + 0.5 * np.sin(2 * np.pi * turns)).toarray()
     basis: Floats = (x[:, :, None] * y[:, None, :]).reshape(len(turns), SIDE * SIDE)
     return basis
 

@@ -18,7 +18,7 @@ from scipy.sparse import csr_array, diags_array, kron
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.felt_points import FeltPoints
 from palpate.core.rebuild.spine import Spine
-from palpate.core.splines.basis import clamped_matrix, clamped_slopes, periodic_matrix
+from palpate.core.splines.basis import PeriodicBasis, clamped_basis
 
 ALONG, AROUND = 32, 48
 """Coefficients along the height and around."""
@@ -55,15 +55,15 @@ class Skin:
 
     def squared(self, heights: Floats, turns: Floats) -> Floats:
         """Squared distance from the axis on a grid, (heights, turns), m^2."""
-        along = clamped_matrix(self._local(heights), ALONG)
-        around = periodic_matrix(turns, AROUND)
+        along = clamped_basis(ALONG).matrix(self._local(heights))
+        around = PeriodicBasis(AROUND).matrix(turns)
         squared: Floats = np.maximum((around @ (along @ self.coefficients).T).T, self.least)
         return squared
 
     def slope(self, height: float, turns: Floats) -> Floats:
         """Derivative of the squared distance by the height, (turns,), m."""
-        along = clamped_slopes(self._local(np.array([height])), ALONG) / (self.high - self.low)
-        result: Floats = periodic_matrix(turns, AROUND) @ (along @ self.coefficients)[0]
+        along = clamped_basis(ALONG).matrix(self._local(np.array([height])), 1) @ self.coefficients
+        result: Floats = PeriodicBasis(AROUND).matrix(turns) @ along[0] / (self.high - self.low)
         return result
 
     def deviation(self, heights: Floats, turns: Floats) -> Floats:
@@ -72,8 +72,8 @@ class Skin:
         The posterior of the penalised fit (Wahba, *Bayesian confidence intervals*, 1983):
         noise and what the penalty lets move, not features narrower than the knots.
         """
-        along = clamped_matrix(self._local(heights), ALONG)
-        rows = kron(along, periodic_matrix(turns, AROUND)).toarray()
+        along = clamped_basis(ALONG).matrix(self._local(heights))
+        rows = kron(along, PeriodicBasis(AROUND).matrix(turns)).toarray()
         spread = np.linalg.norm(solve_triangular(self.factor, rows.T, lower=True), axis=0)
         distance = np.sqrt(self.squared(heights, turns)).ravel()
         deviation = (self.rms * spread / (2.0 * distance)).reshape(len(heights), len(turns))
@@ -81,7 +81,8 @@ class Skin:
         return pooled
 
     def _local(self, heights: Floats) -> Floats:
-        return (heights - self.low) / (self.high - self.low)
+        local: Floats = np.clip((heights - self.low) / (self.high - self.low), 0.0, 1.0)
+        return local
 
 
 def fit_skin(felt: FeltPoints, spine: Spine, low: float, high: float) -> Skin:
@@ -115,7 +116,7 @@ def fit_skin(felt: FeltPoints, spine: Spine, low: float, high: float) -> Skin:
     local = (felt.points[within, 2] - low) / (high - low)
     # Next to the axis the first order is worth nothing: no point counts more than those there.
     weights = facing / (2.0 * np.maximum(distance, LEAST_DISTANCE * np.median(distance)))
-    basis = _tensor_rows(clamped_matrix(local, ALONG), periodic_matrix(turns, AROUND))
+    basis = _tensor_rows(clamped_basis(ALONG).matrix(local), PeriodicBasis(AROUND).matrix(turns))
     rows = csr_array(diags_array(weights) @ basis)
     target = weights * distance**2
     system = _penalised(rows)

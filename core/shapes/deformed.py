@@ -21,8 +21,8 @@ class Deformation(Protocol):
     def deform(self, points: Floats) -> Floats:
         """Where points (n, 3) go, m."""
 
-    def jacobian(self, points: Floats) -> Floats:
-        """Derivative of that, (n, 3, 3), a column for each of x, y, z."""
+    def deform_with_jacobian(self, points: Floats) -> tuple[Floats, Floats]:
+        """That, and its derivative (n, 3, 3), a column for each of x, y, z."""
 
 
 class Polished(NamedTuple):

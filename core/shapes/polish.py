@@ -61,8 +61,9 @@ def polish(
     ways, first = np.zeros(len(places)), places
     lost = np.zeros(len(places), bool)
     for _ in range(MOST_STEPS):
-        residual = starts + ways[:, None] * direction - deformation.deform(places)
-        aside, along = _solved(deformation.jacobian(places), residual, direction)
+        reached, slopes = deformation.deform_with_jacobian(places)
+        residual = starts + ways[:, None] * direction - reached
+        aside, along = _solved(slopes, residual, direction)
         value, slope_aside = base.inside_out(places, aside)
         slope = base.inside_out(places, along)[1]
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # those are lost

@@ -1,8 +1,9 @@
-"""Free-form deformation by a B-spline control lattice.
+"""Free-form deformation: what stands in a control lattice moves as its control points do.
 
-A box is spanned by a grid of control points; a point in the box moves as they do. With the
-control points at the Greville abscissae the deformation is the identity, so that the
-displacement of the control points from there is all that deforms.
+A point keeps its parameters: those that it has in the undeformed lattice are put into the
+deformed one. Over a parallelepiped with control points at the Greville abscissae they are the
+point's coordinates along the edges, and the displacement of the control points from there is
+all that deforms.
 """
 
 from __future__ import annotations
@@ -11,90 +12,183 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.core.arrays import Floats, finite_array
-from palpate.core.splines.basis import clamped_matrix, clamped_slopes, greville
+from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.splines.basis import clamped_basis
+from palpate.core.splines.determinant import slope_determinant
+from palpate.core.splines.frame import Frame, upright_frame
+from palpate.core.splines.invert import invert
+from palpate.core.splines.knots import CUBIC
+from palpate.core.splines.surface import deformed_normals, same_winding
+from palpate.core.splines.volume import Volume
+
+MEAN_STEPS = 12
+"""Along each axis, over which an undeformed lattice's determinant is averaged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lattice:
-    """A control lattice over an upright box.
+    """A control lattice.
 
     Parameters
     ----------
-    control : (layers, columns, rows, 3) array
-        Control points, m; at least 4 along z, x and y: the basis is cubic.
+    volume : Volume
+        The deformed solid.
+    undeformed : Frame or Volume
+        What it was: a parallelepiped with control points at the Greville abscissae, or control
+        points anywhere, by which lattices of any shape can stand side by side (Coquillart,
+        *Extended free-form deformation*, 1990) or at even steps (Fung, 1999, (2.19)).
+
+    Notes
+    -----
+    Fung, 1999, section 2.4. Points outside, by more than rounding, are refused.
+    """
+
+    volume: Volume
+    undeformed: Frame | Volume
+
+    @property
+    def control(self) -> Floats:
+        """Control points (l, m, n, 3) along s, t, u, m."""
+        return self.volume.control
+
+    def with_control(self, control: Floats, weights: Floats | None = None) -> Lattice:
+        """The same lattice with its control points (l, m, n, 3) elsewhere, and other weights.
+
+        Raises
+        ------
+        ValueError
+            If their shape differs, one is not finite, or a weight is not positive.
+        """
+        weights = self.volume.weights if weights is None else weights
+        return Lattice(Volume(control, self.volume.bases, weights), self.undeformed)
+
+    def local(self, points: Floats) -> Floats:
+        """Parameters s, t, u (n, 3) of points (n, 3) in the undeformed lattice.
+
+        Raises
+        ------
+        ValueError
+            If points are not finite or lie outside: how many, and the worst of them.
+        """
+        points = finite_array("points", points, (None, 3))
+        if isinstance(self.undeformed, Volume):
+            found = invert(self.undeformed, points)
+            _refuse(points, np.where(found.converged, 0.0, found.residual), "m")
+            return found.parameters
+        local = self.undeformed.local(points)
+        clipped: Floats = np.clip(local, 0.0, 1.0)
+        if (clipped != local).any():
+            beyond = np.abs(local - clipped).max(axis=1)
+            beyond[beyond <= self.undeformed.rounding(points)] = 0.0
+            _refuse(points, beyond, "of an edge")
+        return clipped
+
+    def deform(self, points: Floats) -> Floats:
+        """Where points (n, 3) of the undeformed lattice go, m.
+
+        Raises
+        ------
+        ValueError
+            If points lie outside, here and below.
+        """
+        return self.volume.at(self.local(points))
+
+    def jacobian(self, points: Floats) -> Floats:
+        """Derivative of `deform` at points (n, 3): (n, 3, 3), a column for each of x, y, z.
+
+        Where an undeformed lattice without parallelepiped is itself squeezed flat, directions
+        that it does not span count as held.
+        """
+        return self.deform_with_jacobian(points)[1]
+
+    def deform_with_jacobian(self, points: Floats) -> tuple[Floats, Floats]:
+        """What `deform` and `jacobian` give, for little more than one of them costs."""
+        local = self.local(points)
+        moved, slopes = self.volume.first(local)
+        if isinstance(self.undeformed, Frame):
+            return moved, slopes @ self.undeformed.inverse.T
+        before = self.undeformed.first(local)[1]
+        return moved, slopes @ np.linalg.pinv(before)
+
+    def jacobian_determinant(self, points: Floats) -> Floats:
+        """Local change of volume (n,): 1 where nothing is deformed, negative in a fold."""
+        x, y, z = self.jacobian(points).transpose(2, 0, 1)
+        determinant: Floats = np.einsum("ni,ni->n", np.cross(x, y), z)
+        return determinant
+
+    @property
+    def unit(self) -> float:
+        """Mean determinant of the undeformed lattice's slopes, m^3: a change of volume of 1."""
+        if isinstance(self.undeformed, Frame):
+            return self.undeformed.volume
+        steps = (np.arange(MEAN_STEPS) + 0.5) / MEAN_STEPS
+        return float(slope_determinant(self.undeformed, steps, steps, steps).mean())
+
+    def change_on_grid(self, s: Floats, t: Floats, u: Floats) -> Floats:
+        """Local change of volume on a grid of parameters (a,), (b,), (c,): (a, b, c).
+
+        Against the mean of the undeformed lattice where that is no parallelepiped.
+        """
+        return slope_determinant(self.volume, s, t, u) / self.unit
+
+    def deform_normals(self, points: Floats, normals: Floats) -> Floats:
+        """Unit normals (n, 3) of a deformed surface, from normals (n, 3) at points (n, 3).
+
+        Outwards stays outwards. They are finite where the lattice is squeezed flat, too.
+
+        Raises
+        ------
+        ValueError
+            If points lie outside, or a normal has no direction.
+        """
+        normals = finite_array("normals", normals, (len(points), 3))
+        if not np.abs(normals).max(axis=1, initial=0.0).all():
+            raise ValueError("normals must have a direction, got zero")
+        return deformed_normals(self.jacobian(points), normals)
+
+    def deform_mesh(self, vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+        """Vertices (n, 3) and triangles (m, 3) of a deformed surface.
+
+        The triangles are turned round if the lattice mirrors, so that a closed surface keeps
+        its outside.
+        """
+        moved = self.deform(vertices)
+        return moved, same_winding(vertices, moved, faces)
+
+
+def box_lattice(
+    low: Floats, extent: Floats, counts: tuple[int, int, int], degree: int = CUBIC
+) -> Lattice:
+    """An undeformed lattice over an upright box, with clamped uniform knots.
+
+    Parameters
+    ----------
     low : (3,) array
-        Smallest coordinates of the undeformed box, m.
+        Smallest coordinates, m.
     extent : (3,) array
-        Its edge lengths, m.
+        Edge lengths, m.
+    counts : tuple of three integers
+        Control points along x, y and z.
+    degree : int
+        Of all three bases; one less than a count makes them Bernstein polynomials there.
 
     Raises
     ------
     ValueError
-        If there are fewer than 4 control points along an axis, or the box is flat.
-
-    Notes
-    -----
-    Fung, 1999, section 2.4, with edge vectors instead of the unit vectors of (2.17) to (2.19).
+        If a length is not positive, or a count not larger than the degree.
     """
-
-    control: Floats
-    low: Floats
-    extent: Floats
-
-    def __post_init__(self) -> None:
-        control = finite_array("control", self.control, (None, None, None, 3))
-        if min(control.shape[:3]) < 4:
-            raise ValueError(f"control needs 4 points along each axis, got {control.shape[:3]}")
-        extent = finite_array("extent", self.extent, (3,))
-        if not (extent > 0).all():
-            raise ValueError(f"extent must be positive, got {extent.tolist()} m")
-        object.__setattr__(self, "control", control)
-        object.__setattr__(self, "low", finite_array("low", self.low, (3,)))
-        object.__setattr__(self, "extent", extent)
-
-    def deform(self, points: Floats) -> Floats:
-        """Where points (n, 3) of the box go; points outside move as the nearest face does."""
-        along, x, y = self._bases(points)
-        return self._combine(along, x, y)
-
-    def jacobian(self, points: Floats) -> Floats:
-        """Derivative of `deform` at points (n, 3): (n, 3, 3), a column for each of x, y, z."""
-        along, x, y = self._bases(points)
-        local = (points - self.low) / self.extent
-        layers, columns, rows = self.control.shape[:3]
-        by_x = self._combine(along, clamped_slopes(local[:, 0], columns), y)
-        by_y = self._combine(along, x, clamped_slopes(local[:, 1], rows))
-        by_z = self._combine(clamped_slopes(local[:, 2], layers), x, y)
-        result: Floats = np.stack([by_x, by_y, by_z], axis=2) / self.extent
-        return result
-
-    def jacobian_determinant(self, points: Floats) -> Floats:
-        """Local change of volume (n,): 1 where nothing is deformed, negative in a fold."""
-        by_x, by_y, by_z = self.jacobian(points).transpose(2, 0, 1)
-        result: Floats = np.einsum("ni,ni->n", np.cross(by_x, by_y), by_z)
-        return result
-
-    def _bases(self, points: Floats) -> tuple[Floats, Floats, Floats]:
-        layers, columns, rows = self.control.shape[:3]
-        local = (points - self.low) / self.extent
-        return (
-            clamped_matrix(local[:, 2], layers).toarray(),
-            clamped_matrix(local[:, 0], columns).toarray(),
-            clamped_matrix(local[:, 1], rows).toarray(),
-        )
-
-    def _combine(self, along: Floats, x: Floats, y: Floats) -> Floats:
-        layers, columns, rows = self.control.shape[:3]
-        section = (x[:, :, None] * y[:, None, :]).reshape(len(x), columns * rows)
-        by_layer = section @ self.control.reshape(layers, columns * rows, 3)  # (layers, n, 3)
-        result: Floats = np.einsum("nl,lnc->nc", along, by_layer)
-        return result
+    frame = upright_frame(low, extent)
+    s, t, u = (clamped_basis(count, degree) for count in counts)
+    return Lattice(Volume(frame.greville_control((s, t, u)), (s, t, u)), frame)
 
 
-def undeformed_control(low: Floats, extent: Floats, counts: tuple[int, int, int]) -> Floats:
-    """Control points (layers, columns, rows, 3) that deform nothing; counts in that order."""
-    layers, columns, rows = (greville(count) for count in counts)
-    z, x, y = np.meshgrid(layers, columns, rows, indexing="ij")
-    result: Floats = low + extent * np.stack([x, y, z], axis=-1)
-    return result
+def _refuse(points: Floats, beyond: Floats, unit: str) -> None:
+    """Refuse points that lie beyond the lattice."""
+    if not beyond.any():
+        return
+    worst = int(beyond.argmax())
+    x, y, z = points[worst]
+    raise ValueError(
+        f"points must lie in the lattice, got {np.count_nonzero(beyond)} of {len(points)} "
+        f"outside, the worst ({x:g}, {y:g}, {z:g}) m by {beyond[worst]:g} {unit}"
+    )

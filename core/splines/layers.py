@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.splines.lattice import Lattice, undeformed_control
+from palpate.core.splines.lattice import Lattice, box_lattice
 
 SIDE = 4
 """Control points across a layer, each way: the fewest that a cubic basis takes."""
@@ -40,18 +40,18 @@ def layered_lattice(box: Floats, layers: Sequence[Layer]) -> Lattice:
     layers : sequence of layers
         From the bottom to the top; at least 4.
     """
-    low, extent = box[0], box[1] - box[0]
-    control = undeformed_control(low, extent, (len(layers), SIDE, SIDE))
-    for points, layer in zip(control, layers, strict=True):
+    lattice = box_lattice(box[0], box[1] - box[0], (SIDE, SIDE, len(layers)))
+    control = lattice.control.copy()
+    for number, layer in enumerate(layers):
         cosine, sine = math.cos(layer.turn), math.sin(layer.turn)
         turn = np.array([[cosine, sine], [-sine, cosine]])
-        points[..., :2] = layer.scale * points[..., :2] @ turn + np.array(layer.shift)
-    return Lattice(control, low, extent)
+        across = control[:, :, number, :2]
+        control[:, :, number, :2] = layer.scale * across @ turn + np.array(layer.shift)
+    return lattice.with_control(control)
 
 
-def folded_share(lattice: Lattice) -> float:
+def flattened_share(lattice: Lattice) -> float:
     """Share of a lattice's box that is turned inside out or squeezed flat, 0 for a sound one."""
     across, along = np.linspace(0.0, 1.0, ACROSS), np.linspace(0.0, 1.0, ALONG)
-    grid = np.stack(np.meshgrid(across, across, along, indexing="ij"), axis=-1).reshape(-1, 3)
-    change = lattice.jacobian_determinant(lattice.low + grid * lattice.extent)
+    change = lattice.change_on_grid(across, across, along)
     return float((change <= LEAST_CHANGE).mean())

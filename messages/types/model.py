@@ -104,7 +104,7 @@ class ShapeModel:
     dropped_why: tuple[str, ...]
     """One reason for each dropped contour."""
     control: ControlPoints
-    """Control points of the lattice, (layers, columns, rows, 3), world frame."""
+    """Control points of the lattice, (columns, rows, layers, 3), world frame."""
     half_extent: Place
     """Half the extent of the undeformed prism's elliptic section."""
     bottom: Metres

@@ -23,7 +23,7 @@ def test_an_elliptic_prism_is_not_deformed() -> None:
     assert fit.rms < 1e-12
     assert np.allclose(fit.half_extent, [0.04, 0.02])
     assert fit.folded_share() == 0.0
-    points = fit.lattice.low + fit.lattice.extent * np.random.default_rng(0).random((50, 3))
+    points = fit.frame.points(np.random.default_rng(0).random((50, 3)))
     assert np.allclose(fit.lattice.deform(points), points, rtol=0, atol=1e-9)
 
 
@@ -45,7 +45,7 @@ def test_a_given_smooth_side_is_reproduced(bulge: float, bound: float, folds: fl
 def test_the_side_is_the_deformed_prism() -> None:
     radius = 0.03 + 0.005 * np.cos(2 * AZIMUTH)[None, :] * np.sin(40 * HEIGHTS)[:, None]
     fit = fit_prism(HEIGHTS, TURNS, side_of(radius) + np.array([0.1, -0.2]))
-    middle = fit.lattice.low[:2] + 0.5 * fit.lattice.extent[:2]
+    middle = fit.frame.points(np.full(3, 0.5))[:2]
     rim = middle + fit.half_extent * np.stack([np.cos(AZIMUTH), np.sin(AZIMUTH)], axis=-1)
     for row in (0, 40, 96):
         undeformed = np.column_stack([rim, np.full(160, HEIGHTS[row])])
@@ -62,7 +62,7 @@ def test_a_leaning_side_is_sheared_not_refused() -> None:
 def test_control_points_stay_near_the_object() -> None:
     rounded = 0.02 / (np.cos(AZIMUTH) ** 4 + np.sin(AZIMUTH) ** 4) ** 0.25
     fit = fit_prism(HEIGHTS, TURNS, side_of(np.broadcast_to(rounded, (97, 160))))
-    assert fit.lattice.control.shape == (LAYERS, SIDE, SIDE, 3)
+    assert fit.lattice.control.shape == (SIDE, SIDE, LAYERS, 3)
     assert np.abs(fit.lattice.control[..., :2]).max() < 4 * 0.02
     assert fit.rms < 1e-3 * 0.02
 

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.splines.determinant import determinant_pieces, halve, slope_determinant
+from palpate.core.splines.folds import fold_report
+from palpate.core.splines.lattice import Lattice, box_lattice
+from palpate.core.splines.volume import Volume
+
+LOW, EXTENT = np.array([1.0, -2.0, 0.5]), np.array([0.5, 0.25, 2.0])
+AXES = np.linspace(0, 1, 30), np.linspace(0, 1, 31), np.linspace(0, 1, 32)
+
+
+def lattice(counts: tuple[int, int, int] = (5, 4, 6), degree: int = 3) -> Lattice:
+    return box_lattice(LOW, EXTENT, counts, degree)
+
+
+def disturbed(amount: float, seed: int, weighted: bool = False) -> Lattice:
+    """Each control point moves by that share of the way to its neighbours, about."""
+    plain, rng = lattice(), np.random.default_rng(seed)
+    noise = amount * EXTENT / np.array([4, 3, 5]) * rng.normal(size=plain.control.shape)
+    weights = rng.uniform(0.5, 2.0, (5, 4, 6)) if weighted else None
+    return plain.with_control(plain.control + noise, weights)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_the_coefficients_of_every_piece_enclose_the_determinant(
+    degree: int, weighted: bool
+) -> None:
+    counts = (degree + 1, degree + 3, degree + 2)
+    plain, rng = box_lattice(np.zeros(3), np.ones(3), counts, degree), np.random.default_rng(0)
+    weights = rng.uniform(0.5, 2.0, counts) if weighted else None
+    volume = plain.with_control(rng.normal(size=plain.control.shape), weights).volume
+    for layer in determinant_pieces(volume):
+        for pieces in (layer, halve(layer)):
+            for low, width, found in zip(*pieces[:3], strict=True):
+                axes = low[:, None] + width[:, None] * np.linspace(0.0, 1.0, 5)
+                axes = np.clip(axes, low[:, None] + 1e-12, low[:, None] + width[:, None] - 1e-12)
+                values = slope_determinant(volume, *axes)
+                if weights is not None:
+                    values = values * weight_of(volume, axes) ** 4
+                slack = 1e-9 * np.abs(values).max()
+                assert found.min() <= values.min() + slack
+                assert found.max() >= values.max() - slack
+                ends = found[np.ix_([0, -1], [0, -1], [0, -1])]
+                corners = values[np.ix_([0, -1], [0, -1], [0, -1])]
+                assert np.allclose(ends, corners, rtol=0, atol=1e-7 * np.abs(values).max())
+
+
+def weight_of(volume: Volume, axes: Floats) -> Floats:
+    s, t, u = (b.matrix(x).toarray() for b, x in zip(volume.bases, axes, strict=True))
+    assert volume.weights is not None
+    return np.asarray(np.einsum("abc,sa,tb,uc->stu", volume.weights, s, t, u))
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_verdict_is_never_contradicted_by_samples(seed: int, weighted: bool) -> None:
+    for amount in (0.05, 0.15, 0.3):
+        found = disturbed(amount, seed, weighted)
+        report = fold_report(found)
+        least = found.change_on_grid(*AXES).min()
+        assert (report.verdict == "sound") <= (least > 0.0)
+        assert report.verdict != "undecided"
+        there = found.change_on_grid(*report.where[:, None])[0, 0, 0]
+        assert there == pytest.approx(report.least, rel=1e-9, abs=1e-12)
+        assert (report.verdict == "folded") == (report.least < 0.0)
+
+
+def test_an_undeformed_lattice_is_sound_and_changes_no_volume() -> None:
+    report = fold_report(lattice())
+    assert report.verdict == "sound"
+    assert report.least == pytest.approx(1.0)
+    assert report.share == 0.0
+
+
+def test_a_lattice_whose_frame_is_left_handed_is_sound() -> None:
+    plain = lattice()
+    before = Volume(plain.control * [-1, 1, 1], plain.volume.bases)
+    assert fold_report(Lattice(before, before)).verdict == "sound"
+    assert fold_report(Lattice(plain.volume, before)).verdict == "folded"
+
+
+def test_a_mirrored_lattice_is_folded_everywhere() -> None:
+    report = fold_report(lattice().with_control(lattice().control[::-1]))
+    assert report.verdict == "folded"
+    assert report.share == 1.0
+    assert report.least == pytest.approx(-1.0)
+
+
+def test_a_fold_that_no_sample_sees_is_found() -> None:
+    control = lattice().control.copy()
+    control[0, 0, 0] += 1.2 * (control[1, 0, 0] - control[0, 0, 0])  # past its neighbour
+    report = fold_report(lattice().with_control(control))
+    assert report.verdict == "folded"
+    assert report.where.tolist() == [0.0, 0.0, 0.0]
+    assert report.least < 0.0
+    assert report.share < 0.001
+
+
+def test_a_lattice_that_is_flat_at_a_face_is_neither_sound_nor_folded() -> None:
+    control = lattice().control.copy()
+    control[:, :, 0] = control[:, :, 1]  # the slope along u vanishes there
+    report = fold_report(lattice().with_control(control))
+    assert report.verdict == "undecided"
+    assert report.least == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_share_is_that_of_the_points_given() -> None:
+    control = lattice().control.copy()
+    control[..., 2] = np.abs(control[..., 2] - 1.5)  # the lower half turned over the upper
+    folded = lattice().with_control(control)
+    below, above = (LOW + EXTENT * np.array([[0.5, 0.5, u]]) for u in (0.1, 0.9))
+    assert fold_report(folded, below).share == 1.0
+    assert fold_report(folded, above).share == 0.0
+    report = fold_report(folded, np.concatenate([below, above, above]))
+    assert report.share == pytest.approx(1 / 3)
+    assert report.verdict == "folded"
+    assert fold_report(folded, np.zeros((0, 3))).share == 0.0
+
+
+def test_the_report_is_the_same_in_any_unit() -> None:
+    for amount in (0.1, 0.3):
+        here = disturbed(amount, 1)
+        scaled = box_lattice(1e-3 * LOW, 1e-3 * EXTENT, (5, 4, 6))
+        there = fold_report(scaled.with_control(1e-3 * here.control))
+        report = fold_report(here)
+        assert there.verdict == report.verdict
+        assert there.least == pytest.approx(report.least, rel=1e-6, abs=1e-9)
+
+
+def test_points_outside_are_refused() -> None:
+    with pytest.raises(ValueError, match="points must lie in the lattice"):
+        fold_report(lattice(), np.zeros((1, 3)))

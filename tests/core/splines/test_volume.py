@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.splines.basis import Basis, bernstein_basis, clamped_basis
+from palpate.core.splines.frame import Bases
+from palpate.core.splines.knots import uniform_knots
+from palpate.core.splines.volume import Volume
+
+RNG = np.random.default_rng(7)
+BASES: Bases = (clamped_basis(6), bernstein_basis(2), Basis(uniform_knots(5, 2), 2))
+CONTROL = RNG.normal(size=(6, 3, 5, 3))
+WEIGHTS = RNG.uniform(0.3, 3.0, (6, 3, 5))
+AT = np.concatenate([RNG.random((40, 3)), [[0, 0, 0], [1, 1, 1], [0, 1, 0.5]]])
+VOLUMES = [Volume(CONTROL, BASES), Volume(CONTROL, BASES, WEIGHTS)]
+KINDS = ["polynomial", "rational"]
+
+
+@pytest.mark.parametrize("volume", VOLUMES, ids=KINDS)
+def test_points_are_means_of_the_control_points_by_their_shares(volume: Volume) -> None:
+    shares = volume.shares(AT)
+    assert np.allclose(shares.sum(axis=1), 1.0, rtol=0, atol=1e-14)
+    assert (shares.data >= 0.0).all()
+    assert np.allclose(volume.at(AT), shares @ CONTROL.reshape(-1, 3), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("volume", VOLUMES, ids=KINDS)
+def test_slopes_and_second_derivatives_are_difference_quotients(volume: Volume) -> None:
+    at, step = RNG.uniform(0.01, 0.99, (30, 3)), 1e-6
+    points, slopes, bends = volume.second(at)
+    assert np.allclose(points, volume.at(at), rtol=0, atol=1e-14)
+    assert np.allclose(volume.first(at)[1], slopes, rtol=0, atol=1e-12)
+    for axis, way in enumerate(np.eye(3)):
+        (high, high_slopes), (low, low_slopes) = (
+            volume.first(at + k * step * way) for k in (1, -1)
+        )
+        assert np.allclose(slopes[:, :, axis], (high - low) / (2 * step), rtol=0, atol=1e-6)
+        quotient = (high_slopes - low_slopes) / (2 * step)
+        assert np.allclose(bends[:, :, :, axis], quotient, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("volume", VOLUMES, ids=KINDS)
+def test_a_grid_holds_the_points_of_its_places(volume: Volume) -> None:
+    axes = np.linspace(0, 1, 4), np.linspace(0, 1, 3), np.linspace(0, 1, 5)
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    wanted = volume.at(places.reshape(-1, 3)).reshape(places.shape)
+    assert np.allclose(volume.grid(*axes), wanted, rtol=0, atol=1e-14)
+
+
+def test_weights_that_are_all_alike_change_nothing() -> None:
+    alike = Volume(CONTROL, BASES, np.full((6, 3, 5), 7.0))
+    assert np.allclose(alike.at(AT), VOLUMES[0].at(AT), rtol=0, atol=1e-14)
+
+
+def test_a_heavy_control_point_draws_its_surroundings() -> None:
+    heavy = np.ones((6, 3, 5))
+    heavy[2, 1, 2] = 1e6
+    at = np.array([[0.3, 0.5, 0.5]])
+    drawn = Volume(CONTROL, BASES, heavy).at(at)[0]
+    assert np.linalg.norm(drawn - CONTROL[2, 1, 2]) < 1e-4
+
+
+def test_a_rational_quadratic_makes_an_exact_quarter_of_a_cylinder() -> None:
+    arc = np.array([[1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    control = np.zeros((2, 3, 2, 3))
+    control[0, :, :, :2], control[1, :, :, :2] = arc[:, None], 2.0 * arc[:, None]
+    control[:, :, 1, 2] = 1.0
+    weights = np.broadcast_to(np.array([1.0, math.sqrt(0.5), 1.0])[None, :, None], (2, 3, 2))
+    bases = bernstein_basis(1), bernstein_basis(2), bernstein_basis(1)
+    points = Volume(control, bases, weights).at(AT)
+    assert np.allclose(np.hypot(points[:, 0], points[:, 1]), 1.0 + AT[:, 0], rtol=0, atol=1e-14)
+
+
+def test_an_affine_image_of_the_control_points_is_one_of_all_points() -> None:
+    matrix, shift = RNG.normal(size=(3, 3)), RNG.normal(size=3)
+    for volume in VOLUMES:
+        image = Volume(CONTROL @ matrix + shift, BASES, volume.weights)
+        assert np.allclose(image.at(AT), volume.at(AT) @ matrix + shift, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("control", "bases", "weights", "words"),
+    [
+        (CONTROL[:5], BASES, None, r"control must have shape \(6, 3, 5, 3\), got \(5, 3, 5, 3\)"),
+        (CONTROL * math.nan, BASES, None, "control must be finite"),
+        (CONTROL, BASES, WEIGHTS[:, :, :4], r"weights must have shape \(6, 3, 5\)"),
+        (CONTROL, BASES, WEIGHTS * math.inf, "weights must be finite"),
+        (
+            CONTROL,
+            (Basis(2.0 * clamped_basis(6).knots, 3), *BASES[1:]),
+            None,
+            r"basis along s must span 0 to 1, got \(0.0, 2.0\)",
+        ),
+    ],
+)
+def test_what_is_no_volume_is_refused(
+    control: Floats, bases: Bases, weights: Floats | None, words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        Volume(control, bases, weights)
+
+
+def test_parameters_outside_are_refused() -> None:
+    outside = np.array([[0.5, 0.5, 1.1]])
+    for ask in (VOLUMES[0].at, VOLUMES[0].first, VOLUMES[0].second, VOLUMES[0].shares):
+        with pytest.raises(ValueError, match="x must lie in the domain from 0 to 1"):
+            ask(outside)
+        with pytest.raises(ValueError, match=r"must have shape \(any, 3\), got \(1, 2\)"):
+            ask(outside[:, :2])
+
+
+def test_a_volume_keeps_arrays_that_nobody_can_write() -> None:
+    for array in (VOLUMES[1].control, VOLUMES[1].weights, VOLUMES[1].spline):
+        assert array is not None
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
