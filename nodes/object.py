@@ -12,53 +12,37 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core.frames import rotation_matrix
 from palpate.core.shapes.posed import PosedShape
 from palpate.core.shapes.protocol import Shape
-from palpate.core.shapes.superquadric import Superquadric
+from palpate.nodes.object_boolean import PartSpec, build_boolean
+from palpate.nodes.object_models import (
+    GeneralisedCylinderSpec,
+    HyperquadricSpec,
+    PolyhedronSpec,
+    build_generalised_cylinder,
+    build_hyperquadric,
+    build_polyhedron,
+)
+from palpate.nodes.object_superquadric import SuperquadricSpec, build_superquadric
+from palpate.nodes.object_units import Length, PoseSpec, Seed, only_one, pose_array
 
 if TYPE_CHECKING:  # what only some scenes need is imported where they need it
     from palpate.core.shapes.protocol import ImplicitShape
     from palpate.core.splines.lattice import Lattice
 
-Length = Annotated[float, Meta(gt=0, le=10, description="m")]
-Exponent = Annotated[float, Meta(ge=0.02, le=2, description="1")]
-TaperShare = Annotated[float, Meta(gt=-1, lt=1, description="1")]
-Seed = Annotated[int, Meta(ge=0, le=1 << 53)]
-Position = tuple[float, float, float]
+__all__ = [
+    "Length",
+    "ObjectSpec",
+    "PoseSpec",
+    "Seed",
+    "SuperquadricSpec",
+    "build_shape",
+    "encode_mesh",
+]
 
-
-class PoseSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the object's own frame stands in the world."""
-
-    position: Position = (0.0, 0.0, 0.0)
-    """x, y, z, m."""
-    rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-    """Unit quaternion x, y, z, w."""
-
-    def __post_init__(self) -> None:
-        if not np.isfinite([*self.position, *self.rotation]).all():
-            raise ValueError("position and rotation must be finite")
-        rotation_matrix(np.array(self.rotation))
-
-
-class SuperquadricSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A superquadric about its frame's origin."""
-
-    size: tuple[Length, Length, Length]
-    """Semi-axes along x, y, z, m."""
-    exponents: tuple[Exponent, Exponent]
-    """e1 along z and e2 across: 0.02 nearly a box, 1 an ellipsoid, 2 an octahedron."""
-    taper: tuple[TaperShare, TaperShare] = (0.0, 0.0)
-    """Widening of x and y at the top, as a share."""
-    bend: float = 0.0
-    """Curvature to which the tapered solid's axis is bent, 1/m."""
-    bend_direction: Annotated[float, Meta(ge=-360, le=360)] = 0.0
-    """Azimuth towards which its ends are bent, degrees."""
-
-    def __post_init__(self) -> None:
-        if self.bend != 0.0:
-            _superquadric(self)  # which refuses to fold it
+SOLIDS = ("superquadric", "hyperquadric", "generalised_cylinder", "boolean", "polyhedron", "mesh")
+FACETED = ("polyhedron", "mesh")
+"""Solids without a function: they are nothing but their faces."""
 
 
 class LayerSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -86,38 +70,47 @@ class MeshSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class ObjectSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One solid: a superquadric, perhaps deformed by a control lattice, or a mesh."""
+    """One solid of one kind, perhaps deformed by a control lattice."""
 
     superquadric: SuperquadricSpec | None = None
-    """The solid, or what the lattice deforms."""
+    """A superquadric, perhaps tapered and bent."""
+    hyperquadric: HyperquadricSpec | None = None
+    """A sum of powers, perhaps with dents."""
+    generalised_cylinder: GeneralisedCylinderSpec | None = None
+    """A section moved along an axis."""
+    boolean: PartSpec | None = None
+    """A combination of solids."""
+    polyhedron: PolyhedronSpec | None = None
+    """A surface of polygons."""
+    mesh: MeshSpec | None = None
+    """The solid as triangles."""
     lattice: Annotated[tuple[LayerSpec, ...], Meta(min_length=4, max_length=64)] | None = None
     """Layers of 4 by 4 control points, from the bottom to the top; after taper and bend."""
     exact: bool = False
     """Whether rays meet the surface that a lattice deforms, not facets of it; some six times
     slower."""
-    mesh: MeshSpec | None = None
-    """The solid as triangles."""
     pose: PoseSpec = PoseSpec()
     """Where it stands."""
 
     def __post_init__(self) -> None:
-        if (self.superquadric is None) == (self.mesh is None):
-            raise ValueError("an object is either a superquadric or a mesh: give exactly one")
-        if self.mesh is not None and self.lattice is not None:
-            raise ValueError("a lattice deforms a superquadric, not a mesh: leave one out")
+        kind = only_one(self, "an object", SOLIDS)
+        faceted = kind in FACETED
+        if self.lattice is not None and faceted:
+            raise ValueError(f"a lattice deforms no {kind}, which is only faces: leave one out")
         if self.exact and self.lattice is None:
             raise ValueError(
-                "exact is for an object with a lattice: leave it out, "
-                + ("a mesh is cast as it is" if self.mesh else "a superquadric is exact anyway")
+                "exact is for an object with a lattice: leave it out, a "
+                f"{kind.replace('_', ' ')} is {'cast as it is' if faceted else 'exact anyway'}"
             )
+        if self.boolean is not None:
+            build_boolean(self.boolean)  # which refuses what is unbounded or empty
         if self.lattice is not None:
-            _check_folds(self)
+            _check_folds(self, self.lattice)
 
 
 def build_shape(spec: ObjectSpec) -> Shape:
     """The solid that a description stands for, where it stands."""
-    pose = np.array([*spec.pose.position, *spec.pose.rotation])
-    return PosedShape(_shape_in_its_frame(spec), pose)
+    return PosedShape(_shape_in_its_frame(spec), pose_array(spec.pose))
 
 
 def _shape_in_its_frame(spec: ObjectSpec) -> Shape:
@@ -127,8 +120,9 @@ def _shape_in_its_frame(spec: ObjectSpec) -> Shape:
         vertices = np.frombuffer(spec.mesh.vertices, "<f8").reshape(-1, 3)
         faces = np.frombuffer(spec.mesh.faces, "<i4").reshape(-1, 3)
         return TriangleShape(vertices, faces)
-    assert spec.superquadric is not None
-    base = _superquadric(spec.superquadric)
+    if spec.polyhedron is not None:
+        return build_polyhedron(spec.polyhedron)
+    base = _implicit(spec)
     if spec.lattice is None:
         return base
     from palpate.core.shapes.deformed import DeformedShape
@@ -136,16 +130,16 @@ def _shape_in_its_frame(spec: ObjectSpec) -> Shape:
     return DeformedShape(base, _lattice(base, spec.lattice), spec.exact)
 
 
-def _superquadric(spec: SuperquadricSpec) -> ImplicitShape:
-    base = Superquadric(np.array(spec.size), np.array(spec.exponents))
-    if spec.bend == 0.0 and spec.taper == (0.0, 0.0):
-        return base
-    from palpate.core.shapes.bend import Bend
-    from palpate.core.shapes.warped import WarpedSuperquadric
-
-    return WarpedSuperquadric(
-        base, np.array(spec.taper), Bend(spec.bend, math.radians(spec.bend_direction))
-    )
+def _implicit(spec: ObjectSpec) -> ImplicitShape:
+    """The solid before a lattice deforms it."""
+    if spec.hyperquadric is not None:
+        return build_hyperquadric(spec.hyperquadric)
+    if spec.generalised_cylinder is not None:
+        return build_generalised_cylinder(spec.generalised_cylinder)
+    if spec.boolean is not None:
+        return build_boolean(spec.boolean)
+    assert spec.superquadric is not None
+    return build_superquadric(spec.superquadric)
 
 
 def _lattice(base: ImplicitShape, layers: tuple[LayerSpec, ...]) -> Lattice:
@@ -155,12 +149,11 @@ def _lattice(base: ImplicitShape, layers: tuple[LayerSpec, ...]) -> Lattice:
     return layered_lattice(base.enclosure(), made)
 
 
-def _check_folds(spec: ObjectSpec) -> None:
+def _check_folds(spec: ObjectSpec, layers: tuple[LayerSpec, ...]) -> None:
     """Refuse a lattice that turns a part of the solid inside out, or squeezes it flat."""
-    from palpate.core.splines.layers import folded_share
+    from palpate.core.splines.layers import flattened_share
 
-    assert spec.superquadric is not None and spec.lattice is not None
-    share = folded_share(_lattice(_superquadric(spec.superquadric), spec.lattice))
+    share = flattened_share(_lattice(_implicit(spec), layers))
     if share > 0.0:
         raise ValueError(
             f"the lattice folds or flattens {share:.1%} of its box: bring the layers' scale, "

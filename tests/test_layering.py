@@ -20,7 +20,7 @@ LAUNCH = {"palpate", "numpy", "msgspec", "ruamel", "click", "rich", "trimesh", "
 # The longest prefix of a module's name decides what it may import beside the standard library.
 ALLOWED = {
     "palpate.core": CORE,
-    "palpate.core.shapes": CORE | {"trimesh", "embreex"},
+    "palpate.core.shapes": CORE | {"trimesh", "embreex", "manifold3d"},
     "palpate.core.measure": CORE | {"trimesh", "embreex"},
     "palpate.messages": MESSAGES,
     "palpate.messages.bus": MESSAGES | {"zmq"},
@@ -44,7 +44,20 @@ CLOCKS = (
 """Modules that may read a clock begin like this; for all others there is robot time alone."""
 CLOCK_MODULES = frozenset({"time", "datetime"})
 
-SHARED = ("node", "wiring", "ending", "object", "sensor", "effects", "composed", "recording")
+SHARED = (
+    "node",
+    "wiring",
+    "ending",
+    "object",
+    "object_units",
+    "object_superquadric",
+    "object_models",
+    "object_boolean",
+    "sensor",
+    "effects",
+    "composed",
+    "recording",
+)
 """Modules of ``nodes`` that are no node; any of them may be imported by a node."""
 
 BANNED = frozenset({"pickle", "marshal", "shelve", "dill"})

@@ -14,6 +14,7 @@ import numpy as np
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.shapes.clip import through_box
 from palpate.core.shapes.first_root import Which, first_roots
+from palpate.core.shapes.gauge import gauge_of
 from palpate.core.shapes.icosphere import icosphere
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
 
@@ -80,6 +81,16 @@ class Superquadric:
         """Gauge of points (n, 3): below 1 inside, 1 on the surface, above 1 outside."""
         return self.gauge_along(points.T / self.size[:, None], np.zeros((3, 1)))[0]
 
+    def normals(self, points: Floats) -> Floats:
+        """Outward unit normals (n, 3) of the scaled surfaces through points (n, 3).
+
+        Across a crease, which exponents above 1 have in the coordinate planes, it is the mean of
+        the two sides; at the centre, which has none, it is upwards.
+        """
+        slope = gauge_of(points / self.size, self.exponents)[1] / self.size
+        slope[~slope.any(axis=1), 2] = 1.0
+        return np.asarray(slope / np.sqrt(np.einsum("ni,ni->n", slope, slope))[:, None])
+
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
         towards = direction / self.size
@@ -105,6 +116,12 @@ class Superquadric:
         )
         ranges[met] = np.where(found == 0.0, INSIDE, found)
         return ranges
+
+    def spans(self, origins: Floats, direction: Floats) -> Floats:
+        """Where parallel rays are inside, (n, 1, 2): see `spans`."""
+        from palpate.core.shapes.spans import convex_spans
+
+        return convex_spans(self, origins, direction)
 
     def mesh(self, level: int) -> Mesh:
         """Icosphere projected along its radii: see `Shape.mesh`."""
@@ -144,11 +161,11 @@ class Superquadric:
         p, q = 2.0 / float(self.exponents[1]), 2.0 / float(self.exponents[0])
         x, y, z = np.abs(scaled)
         dx, dy, dz = np.copysign(1.0, scaled) * direction
-        across, across_slope = _norm_along(x, y, dx, dy, p)
-        return _norm_along(across, z, across_slope, dz, q)
+        across, across_slope = norm_along(x, y, dx, dy, p)
+        return norm_along(across, z, across_slope, dz, q)
 
 
-def _norm_along(x: Floats, y: Floats, dx: Floats, dy: Floats, p: float) -> tuple[Floats, Floats]:
+def norm_along(x: Floats, y: Floats, dx: Floats, dy: Floats, p: float) -> tuple[Floats, Floats]:
     """The p-norm of x and y, not negative, and its slope: by the ratio, so that nothing overflows.
 
     With s the smaller and l the larger: l (1 + (s/l)^p)^(1/p).

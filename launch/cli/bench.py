@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import click
 
-WHAT = ("explore", "bus", "touch", "effects", "curvature")
-HELP = """Measure one of five things, here and now.
+WHAT = ("explore", "bus", "touch", "effects", "curvature", "shapes")
+HELP = """Measure one of six things, here and now.
 
 \b
 explore    the shipped scenes from start to end: accuracy and time
@@ -15,6 +15,7 @@ bus        the message bus alone: losses and latency
 touch      one touch: frames a second, and the error of cast and curvature
 effects    each effect: its cost, and the error of a contour that it causes
 curvature  filters and estimators against noise and impulses
+shapes     superquadrics, splines and other models: exactness, recoveries, costs
 """
 
 
@@ -42,6 +43,7 @@ def _benches() -> dict[str, Callable[[bool], int]]:
         "touch": _touch,
         "effects": _effects,
         "curvature": _curvature,
+        "shapes": _shapes,
     }
 
 
@@ -74,3 +76,9 @@ def _curvature(quick: bool) -> int:
     from palpate.launch.bench_curvature import bench_curvature
 
     return bench_curvature(quick=quick, echo=click.echo)
+
+
+def _shapes(quick: bool) -> int:
+    from palpate.launch.bench_shapes import bench_shapes
+
+    return bench_shapes(quick=quick, echo=click.echo)

@@ -16,7 +16,7 @@ def list_scenes() -> None:
     from palpate.launch.scene import scene_title, shipped_scenes
 
     for name in shipped_scenes():
-        click.echo(f"{name:<12}{scene_title(name)}")
+        click.echo(f"{name:<12} {scene_title(name)}")
 
 
 @command.command("check")

@@ -161,7 +161,7 @@ def test_the_scenes_are_listed_with_what_they_are(capsys: Output) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == sorted(p.stem for p in SHIPPED.glob("*.yaml"))
     assert all(len(line) <= 80 for line in lines)
-    assert any(line.startswith("vase        A vase of 100 mm") for line in lines)
+    assert any(line.startswith("vase         A vase of 100 mm") for line in lines)
 
 
 def test_the_kinds_of_node_are_listed_and_described(capsys: Output) -> None:

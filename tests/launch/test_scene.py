@@ -22,12 +22,18 @@ def test_every_shipped_scene_loads_and_stands_on_the_ground(name: str) -> None:
     assert 0.05 <= max(object_size(scene)) <= 0.15
 
 
-def test_eight_scenes_are_shipped() -> None:
+def test_fourteen_scenes_are_shipped() -> None:
     assert shipped_scenes() == (
+        "bottle",
         "box",
         "cylinder",
+        "dented",
         "egg",
         "from_mesh",
+        "gem",
+        "hyperquadric",
+        "notched",
+        "oblique",
         "sphere",
         "twisted",
         "vase",
@@ -73,7 +79,10 @@ def test_a_mesh_is_read_into_the_scene_in_metres() -> None:
             "object:\n  superquadric: {size: [0.04, .inf, 0.05], exponents: [1, 1]}",
             "bad.yaml:2: object.superquadric.size[1] is inf; a number must be finite",
         ),
-        ("object: {}", "bad.yaml:1: object: an object is either a superquadric or a mesh"),
+        (
+            "object: {}",
+            "bad.yaml:1: object: an object is exactly one of superquadric, hyperquadric",
+        ),
         (BALL + "seed: -1", "bad.yaml:3: seed is -1; expected whole number >= 0"),
         (BALL + "world: {reach: 0.05}", "but the finger reaches 0.05 m; enlarge world.reach"),
         (
@@ -91,6 +100,31 @@ def test_a_mesh_is_read_into_the_scene_in_metres() -> None:
         ),
         ("object:\n  mesh: {file: /etc/x.ply, unit: mm}", "must lie in the scene's own folder"),
         ("object: 3", "bad.yaml:1: object is 3; expected map"),
+        (
+            "object:\n  hyperquadric:\n    terms:\n      - {plane: [30, 0, 0, 0], exponent: 4}\n"
+            "      - {plane: [0, 30, 0, 0], exponent: 4}\n      - {plan: [0, 0, 1, 0]}",
+            "bad.yaml:6: unknown key 'plan' in object.hyperquadric.terms[2]; did you mean 'plane'?",
+        ),
+        (
+            "object:\n  generalised_cylinder:\n    section: {size: [0.03, 0.03]}\n"
+            "    sweep: [[0.0, 1.0], [0.0, 0.5]]",
+            "bad.yaml:2: object.generalised_cylinder: heights must increase, got [0.0, 0.0] m",
+        ),
+        (
+            "object:\n  polyhedron:\n    vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
+            "    faces: [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 3, 2]]",
+            "bad.yaml:2: object.polyhedron: faces[1] and faces[3] both walk the edge from vertex 1",
+        ),
+        (
+            "object:\n  boolean:\n    union:\n"
+            "      - superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
+            "      - half_space: {normal: [0, 0, 1]}",
+            "bad.yaml:1: object: the half-space that is union[1] of the tree is unbounded",
+        ),
+        (
+            "object:\n  boolean:\n    union:\n      - {}\n      - half_space: {normal: [0, 0, 1]}",
+            "bad.yaml:4: object.boolean.union[0]: a part of a boolean is exactly one of",
+        ),
     ],
 )
 def test_a_bad_scene_is_refused_in_one_sentence(write: Write, text: str, words: str) -> None:

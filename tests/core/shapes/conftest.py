@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -109,3 +110,43 @@ def _log_norm(x: Any, y: Any, e: Any) -> Any:
 @pytest.fixture
 def oracle() -> type[Oracle]:
     return Oracle
+
+
+Level = Callable[[Any], Any]
+"""Points (..., 3) in extended precision to values, positive outside."""
+
+
+def entries_of(level: Level, origins: Floats, direction: Floats, reach: float) -> Any:
+    """Ranges at which rays first enter, by many samples and bisection; inf if none is seen."""
+    start, along = origins.astype(Wide), direction.astype(Wide)
+    ways = np.linspace(Wide(0), Wide(reach), 900)
+    seen = level(start[:, None] + ways[:, None] * along) <= 0
+    first = np.where(seen.any(axis=1), seen.argmax(axis=1), 0)
+    found = np.where(seen[:, 0], -np.inf, np.where(first > 0, Wide(0), Wide(np.inf)))
+    met = np.flatnonzero(first > 0)
+    near, far = ways[first[met] - 1], ways[first[met]]
+    for _ in range(62):
+        middle = (near + far) / 2
+        within = level(start[met] + middle[:, None] * along) <= 0
+        near, far = np.where(within, near, middle), np.where(within, middle, far)
+    found[met] = far
+    return found
+
+
+def check_cast(shape: Any, level: Level, origins: Floats, direction: Floats, reach: float) -> int:
+    """Check a cast against samples: nothing seen is passed, and all that is met is there."""
+    found = shape.cast(origins, direction, reach)
+    wanted = entries_of(level, origins, direction, reach)
+    inside = wanted == -np.inf
+    assert np.array_equal(found == -np.inf, inside)
+    assert (found[~inside] <= wanted[~inside] + 1e-11).all()
+    # What the samples did not see, or saw later, must be a thin part of the solid.
+    early = np.flatnonzero(~inside & (found < wanted - 1e-11))
+    places = origins[early] + found[early, None] * direction
+    assert np.abs(level(places.astype(Wide)).astype(float)).max(initial=0.0) < 1e-9
+    return int(np.isfinite(found).sum())
+
+
+@pytest.fixture
+def cast_check() -> Callable[[Any, Level, Floats, Floats, float], int]:
+    return check_cast

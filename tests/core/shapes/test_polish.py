@@ -16,10 +16,10 @@ class Shear:
         x, y, z = points.T
         return np.column_stack([x + 3.0 * z * z, y, z])
 
-    def jacobian(self, points: Floats) -> Floats:
-        result = np.tile(np.eye(3), (len(points), 1, 1))
-        result[:, 0, 2] = 6.0 * points[:, 2]
-        return result
+    def deform_with_jacobian(self, points: Floats) -> tuple[Floats, Floats]:
+        slopes = np.tile(np.eye(3), (len(points), 1, 1))
+        slopes[:, 0, 2] = 6.0 * points[:, 2]
+        return self.deform(points), slopes
 
 
 def test_rays_come_to_the_surface_from_above_and_from_below(ball: Superquadric) -> None:

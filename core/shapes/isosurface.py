@@ -1,0 +1,132 @@
+"""A closed mesh of any solid that is known by a function: marching tetrahedra.
+
+A grid's cells are each cut into six tetrahedra about a common diagonal (Kuhn, 1960), so that
+neighbouring cells agree on their common face. A tetrahedron has no ambiguous case: the surface
+that results has no hole, and each of its edges has two faces. Vertices are roots of the
+function on the tetrahedra's edges, not interpolated ones.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.shapes.bracketed_root import bracketed_roots
+from palpate.core.shapes.protocol import Mesh
+
+LEAST_CELLS = 16
+MARGINS = (0.0231, 0.0257)
+"""Shares of the box by which the grid begins before it and ends after it: uneven, so that no
+plane of symmetry is a plane of the grid."""
+ROOT_TOLERANCE = 1e-12
+"""Of a cell's edge."""
+
+Longs = NDArray[np.int64]
+InsideOut = Callable[[Floats, Floats], tuple[Floats, Floats]]
+"""As `ImplicitShape.inside_out`."""
+
+
+def isosurface(inside_out: InsideOut, box: Floats, level: int) -> Mesh:
+    """The surface on which a function is 0, negative inside.
+
+    Parameters
+    ----------
+    inside_out : function
+        Gives values and slopes: see `ImplicitShape.inside_out`.
+    box : (2, 3) array
+        Corners of a box that holds the solid, m.
+    level : int
+        The box is cut into 2^level cells along its longest side, and at least 16.
+
+    Returns
+    -------
+    Mesh
+        Closed, turned outwards. Parts that are thinner than a cell may be missing.
+    """
+    cells = max(2**level, LEAST_CELLS)
+    extent = box[1] - box[0]
+    low = box[0] - MARGINS[0] * extent
+    edge = float(extent.max()) * (1.0 + sum(MARGINS)) / cells
+    shape = np.ceil(extent * (1.0 + sum(MARGINS)) / edge - 1e-9).astype(int) + 1
+    axes = [low[axis] + edge * np.arange(shape[axis]) for axis in range(3)]
+    tetrahedra, within = _crossed(_inside(inside_out, axes))
+    lines, faces = _cut(tetrahedra, within)
+    ends = np.column_stack(np.unravel_index(lines.ravel(), shape)).reshape(-1, 2, 3)
+    first, last = low + edge * ends[:, 0], low + edge * ends[:, 1]  # inside, outside
+    way = first - last
+
+    def along(share: Floats) -> tuple[Floats, Floats]:
+        return inside_out(last + share[:, None] * way, way)
+
+    share = bracketed_roots(along, np.zeros(len(way)), np.ones(len(way)), ROOT_TOLERANCE)
+    return Mesh(last + share[:, None] * way, faces)
+
+
+def _inside(inside_out: InsideOut, axes: list[Floats]) -> Bools:
+    """Whether each node of the grid is inside, by layers, which fit into memory."""
+    y, z = np.meshgrid(axes[1], axes[2], indexing="ij")
+    layer = np.column_stack([np.zeros(y.size), y.ravel(), z.ravel()])
+    still = np.zeros_like(layer)
+    inside = np.zeros((len(axes[0]), *y.shape), bool)
+    for i, x in enumerate(axes[0]):
+        layer[:, 0] = x
+        inside[i] = (inside_out(layer, still)[0] <= 0.0).reshape(y.shape)
+    return inside
+
+
+def _crossed(inside: Bools) -> tuple[Longs, Bools]:
+    """Tetrahedra that the surface may cross: nodes (n, 4), and which of them are inside."""
+    counts = np.array(inside.shape)
+    corners = [inside[tuple(slice(o, n - 1 + o) for o, n in zip(offset, counts, strict=True))]
+               for offset in itertools.product((0, 1), repeat=3)]  # fmt: skip
+    some, every = np.logical_or.reduce(corners), np.logical_and.reduce(corners)
+    cells = np.column_stack(np.nonzero(some & ~every))
+    strides = np.array([counts[1] * counts[2], counts[2], 1])
+    tetrahedra: Longs = ((cells @ strides)[:, None, None] + _kuhn() @ strides).reshape(-1, 4)
+    return tetrahedra, inside.ravel()[tetrahedra]
+
+
+def _kuhn() -> Ints:
+    """Corners (6, 4, 3) of the six tetrahedra of a unit cube, all turned alike."""
+    found = []
+    for order in itertools.permutations(range(3)):
+        corners = np.cumsum([np.zeros(3, int), *np.eye(3, dtype=int)[list(order)]], axis=0)
+        odd = np.linalg.det(corners[1:].astype(float)) < 0.0
+        found.append(corners[[0, 2, 1, 3]] if odd else corners)
+    return np.array(found)
+
+
+def _cut(tetrahedra: Longs, within: Bools) -> tuple[Longs, Ints]:
+    """Edges (m, 2) that the surface crosses, node inside first, and triangles between them."""
+    pattern = within @ np.array([1, 2, 4, 8])
+    pieces = []
+    for mask in range(1, 15):
+        nodes = tetrahedra[pattern == mask]
+        pieces += [nodes[:, triangle] for triangle in _triangles(mask)]
+    ends = np.concatenate(pieces).reshape(-1, 2)  # three edges for each triangle
+    count = int(tetrahedra.max(initial=0)) + 1
+    keys, corners = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True)
+    return np.column_stack([keys // count, keys % count]), corners.reshape(-1, 3).astype(np.int32)
+
+
+def _triangles(mask: int) -> list[Ints]:
+    """Edges (3, 2) of each triangle that cuts off the corners in `mask`, seen from outside."""
+    own = [corner for corner in range(4) if mask >> corner & 1]
+    other = [corner for corner in range(4) if not mask >> corner & 1]
+    if _odd([*own, *other]):
+        pair = own if len(own) > 1 else other
+        pair[:2] = pair[1::-1]
+    if len(own) == 2:
+        (i, j), (k, m) = own, other
+        rings = [[(i, k), (i, m), (j, m)], [(i, k), (j, m), (j, k)]]
+    else:
+        rings = [[(i, o) for i in own for o in other]]
+    return [np.array(ring) for ring in rings]
+
+
+def _odd(order: list[int]) -> bool:
+    return sum(a > b for a, b in itertools.combinations(order, 2)) % 2 == 1

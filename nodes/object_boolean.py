@@ -1,0 +1,125 @@
+"""The words with which scenes combine solids: a tree of unions, intersections, differences."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from palpate.core.frames import IDENTITY, compose, split_pose
+from palpate.nodes.object_models import (
+    GeneralisedCylinderSpec,
+    HyperquadricSpec,
+    build_generalised_cylinder,
+    build_hyperquadric,
+)
+from palpate.nodes.object_superquadric import SuperquadricSpec, plain_superquadric
+from palpate.nodes.object_units import Coordinate, PoseSpec, only_one, pose_array
+
+if TYPE_CHECKING:  # what only some scenes need is imported where they need it
+    from palpate.core.shapes.boolean import BooleanShape
+    from palpate.core.shapes.boolean_tree import Tree
+    from palpate.core.shapes.half_space import HalfSpace
+    from palpate.core.shapes.spans import BoundedSolid
+
+WORDS = (
+    "superquadric",
+    "hyperquadric",
+    "generalised_cylinder",
+    "half_space",
+    "union",
+    "intersection",
+    "difference",
+    "complement",
+)
+
+
+class HalfSpaceSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All that lies behind a plane."""
+
+    normal: tuple[float, float, float]
+    """Outwards, of any length."""
+    offset: Coordinate = 0.0
+    """Distance of the plane from the origin along the normal, m."""
+
+    def __post_init__(self) -> None:
+        _half_space(self)
+
+
+class PartSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A solid of a tree, or a combination of others."""
+
+    superquadric: SuperquadricSpec | None = None
+    """Neither tapered nor bent."""
+    hyperquadric: HyperquadricSpec | None = None
+    generalised_cylinder: GeneralisedCylinderSpec | None = None
+    half_space: HalfSpaceSpec | None = None
+    union: Parts | None = None
+    """All that is in any of these."""
+    intersection: Parts | None = None
+    """All that is in each of these."""
+    difference: Parts | None = None
+    """All that is in the first and in no other."""
+    complement: PartSpec | None = None
+    """All that is not in this."""
+    pose: PoseSpec = PoseSpec()
+    """Where it stands in what it is a part of."""
+
+    def __post_init__(self) -> None:
+        only_one(self, "a part of a boolean", WORDS)
+        if self.superquadric is not None and not self.superquadric.plain:
+            raise ValueError("superquadric must be neither tapered nor bent within a boolean")
+
+
+Parts = Annotated[tuple[PartSpec, ...], Meta(min_length=2, max_length=32)]
+
+
+def build_boolean(spec: PartSpec) -> BooleanShape:
+    """The solid that a tree stands for.
+
+    Raises
+    ------
+    ValueError
+        If it is unbounded or empty.
+    """
+    from palpate.core.shapes.boolean import BooleanShape
+
+    return BooleanShape(_tree(spec, IDENTITY))
+
+
+def _tree(spec: PartSpec, outer: np.ndarray) -> Tree:
+    from palpate.core.shapes import boolean_tree
+
+    pose = compose(outer, pose_array(spec.pose))
+    if spec.union is not None:
+        return boolean_tree.Union(tuple(_tree(part, pose) for part in spec.union))
+    if spec.intersection is not None:
+        return boolean_tree.Intersection(tuple(_tree(part, pose) for part in spec.intersection))
+    if spec.difference is not None:
+        return boolean_tree.difference(*(_tree(part, pose) for part in spec.difference))
+    if spec.complement is not None:
+        return boolean_tree.complement(_tree(spec.complement, pose))
+    if spec.half_space is not None:
+        return _half_space(spec.half_space, pose)
+    from palpate.core.shapes.posed_solid import PosedSolid
+
+    return PosedSolid(_solid(spec), pose)
+
+
+def _solid(spec: PartSpec) -> BoundedSolid:
+    if spec.hyperquadric is not None:
+        return build_hyperquadric(spec.hyperquadric)
+    if spec.generalised_cylinder is not None:
+        return build_generalised_cylinder(spec.generalised_cylinder)
+    assert spec.superquadric is not None
+    return plain_superquadric(spec.superquadric)
+
+
+def _half_space(spec: HalfSpaceSpec, pose: np.ndarray = IDENTITY) -> HalfSpace:
+    from palpate.core.shapes.half_space import HalfSpace
+
+    own = HalfSpace(np.array(spec.normal), spec.offset)
+    position, axes = split_pose(pose)
+    normal = axes @ own.normal
+    return HalfSpace(normal, own.offset + float(normal @ position))

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import pytest
+
+from palpate.launch import bench_shapes_recovery
+from palpate.launch.bench_shapes_recovery import (
+    BENT,
+    BOTH,
+    OUTLIERS,
+    RIGID,
+    TAPERED,
+    Kind,
+    Outcome,
+    both_ways,
+    outcomes,
+    recovery_rows,
+    success,
+)
+
+TRIALS = 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "least"),
+    [(RIGID, 0.97), (OUTLIERS, 0.95), (TAPERED, 0.98), (BENT, 0.98), (BOTH, 0.98)],
+)
+def test_random_solids_are_recovered(kind: Kind, least: float) -> None:
+    found = outcomes(kind, TRIALS)
+    # One in thirty may fail by chance; two are too many.
+    assert success(found) >= min(least, 1 - 1.5 / TRIALS)
+    assert both_ways(found) >= min(least, 1 - 1.5 / TRIALS)
+
+
+def test_the_table_names_each_figure_once_and_says_what_was_missed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bad = Outcome(one_sided=0.5, chamfer=0.5, doubted=True, seconds=9.0)
+    monkeypatch.setattr(bench_shapes_recovery, "outcomes", lambda kind, trials: [bad] * 3)
+    rows = list(recovery_rows(quick=True))
+    assert len({row.name for row in rows}) == len(rows) >= 25
+    recovered = [row for row in rows if row.name.startswith("recovery")]
+    assert not any(row.holds for row in recovered)
+    assert all("MISSED" in str(row) for row in recovered)
+    (logarithm,) = (row for row in rows if row.name.startswith("log F"))
+    assert logarithm.holds
