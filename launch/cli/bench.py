@@ -23,17 +23,25 @@ shapes     superquadrics, splines and other models: exactness, recoveries, costs
 @click.argument("what", type=click.Choice(WHAT), default="explore")
 @click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
 @click.option(
-    "--figures", type=click.Path(file_okay=False), help="With curvature: write its figures here."
+    "--figures",
+    type=click.Path(file_okay=False),
+    help="With curvature or shapes: write their figures here.",
 )
 def command(what: str, quick: bool, figures: str | None) -> int:
     """Measure one thing; `HELP` says which there are."""
-    if figures is not None and what != "curvature":
-        raise click.UsageError("--figures belongs to curvature")
     if figures is not None:
-        from palpate.launch.figures_curvature import write_figures
-
-        write_figures(figures)
+        _write_figures(what, figures)
     return _benches()[what](quick)
+
+
+def _write_figures(what: str, folder: str) -> None:
+    if what == "curvature":
+        from palpate.launch.figures_curvature import write_figures
+    elif what == "shapes":
+        from palpate.launch.figures_shapes import write_figures
+    else:
+        raise click.UsageError("--figures belongs to curvature and shapes")
+    write_figures(folder)
 
 
 def _benches() -> dict[str, Callable[[bool], int]]:

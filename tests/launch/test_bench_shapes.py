@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.launch import bench_shapes
+from palpate.launch.bench_row import Row
+from palpate.launch.bench_shapes_curves import curve_rows
+from palpate.launch.figures_shapes import closed_curves, draw_curves, draw_models
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+@pytest.mark.parametrize(("holds", "code"), [(True, 0), (False, 1)])
+def test_a_missed_demand_is_said_and_told_by_the_exit_code(
+    holds: bool, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = Row("something", "3 us", "<= 2 us", holds)
+    monkeypatch.setattr(bench_shapes, "GROUPS", (lambda _: [row], lambda _: []))
+    lines: list[str] = []
+
+    assert bench_shapes.bench_shapes(quick=True, echo=lines.append) == code
+    assert ("MISSED" in lines[0]) != holds
+
+
+def test_every_part_of_the_library_has_its_figures() -> None:
+    assert len(bench_shapes.GROUPS) == 4
+
+
+def test_the_curves_of_the_figure_show_the_gap_that_the_thesis_leaves() -> None:
+    for points, thesis, ours in closed_curves().values():
+        assert thesis.closure_gap > 0.05 * np.ptp(points)
+        assert ours.closure_gap == 0.0
+        assert len(ours.control) == len(thesis.control)
+
+
+def test_the_figures_can_be_drawn(tmp_path: Path) -> None:
+    draw_models(["gem"]).savefig(tmp_path / "models.png", dpi=30)
+    draw_curves().savefig(tmp_path / "curves.png", dpi=30)
+
+    assert all((tmp_path / name).stat().st_size > 1000 for name in ("models.png", "curves.png"))
+
+
+def test_the_documentation_shows_figures_that_are_there() -> None:
+    page = (ROOT / "docs" / "shapes.md").read_text()
+    for name in ("models.png", "closed_curves.png"):
+        assert f"figures/{name}" in page
+        assert (ROOT / "docs" / "figures" / name).is_file()
+    assert "palpate bench shapes --figures docs/figures" in page
+
+
+def test_curves_are_as_exact_as_is_demanded() -> None:
+    rows = [row for row in curve_rows(True) if " ms" not in row.value]
+    assert len(rows) >= 3
+    assert all(row.holds for row in rows)
