@@ -24,6 +24,12 @@ SCENES = (
     "cylinder",
     "egg",
     "twisted",
+    "hyperquadric",
+    "dented",
+    "bottle",
+    "oblique",
+    "notched",
+    "gem",
     "from_mesh",
     "worn_sensor",
 )

@@ -1,0 +1,1 @@
+"""From points to a superquadric: size, exponents, pose, taper and bend."""

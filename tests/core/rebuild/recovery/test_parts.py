@@ -1,0 +1,93 @@
+"""Outliers, certainty, cover and canonical descriptions: small parts of the recovery."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.core.rebuild.recovery.canonical import Solid, canonical
+from palpate.core.rebuild.recovery.certainty import certainty
+from palpate.core.rebuild.recovery.cover import uncovered
+from palpate.core.rebuild.recovery.outliers import outlyingness
+from palpate.core.rotation import rotations_of_vectors
+from palpate.core.shapes.bend import Bend
+from palpate.core.shapes.icosphere import icosphere
+from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.shapes.warped import WarpedSuperquadric
+
+
+def test_points_far_from_the_others_are_outlying_whichever_way_they_are_turned() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(60, 3)) * [1.0, 0.5, 0.1]
+    points[:9] = rng.uniform(-1, 1, (9, 3)) * 5 + [0, 0, 3]
+    apart = outlyingness(points)
+    assert apart[:9].min() > np.quantile(apart[9:], 0.9)
+    turn = rotations_of_vectors(np.array([[0.3, -1.0, 2.0]]))[0]
+    assert np.allclose(outlyingness(1e-3 * points @ turn.T + 0.1), apart, rtol=1e-6)
+
+
+def test_flat_and_identical_points_have_finite_distances() -> None:
+    flat = np.random.default_rng(0).normal(size=(30, 3)) * [1.0, 1.0, 0.0]
+    assert np.isfinite(outlyingness(flat)).all()
+    assert np.isfinite(outlyingness(np.ones((30, 3)))).all()
+
+
+def test_the_covariance_is_that_of_linear_least_squares() -> None:
+    jacobian = np.random.default_rng(1).normal(size=(200, 4))
+    known = certainty(jacobian, 1e-3, np.ones(4, bool))
+    assert known.rank == 4
+    assert known.condition < 2.0
+    assert np.allclose(known.covariance, 1e-6 * np.linalg.inv(jacobian.T @ jacobian), rtol=1e-4)
+
+
+def test_what_the_points_do_not_determine_keeps_a_bounded_variance() -> None:
+    jacobian = np.random.default_rng(1).normal(size=(200, 4))
+    jacobian[:, 1], jacobian[:, 3] = 0.0, jacobian[:, 2]
+    known = certainty(jacobian, 1e-3, np.ones(4, bool))
+    assert known.rank == 2
+    assert known.covariance[1, 1] == pytest.approx(1.0)
+    assert known.covariance[2, 2] == pytest.approx(0.5, rel=1e-3)
+    assert np.isfinite(certainty(jacobian, 0.0, np.ones(4, bool)).covariance).all()
+
+
+def test_what_was_not_fitted_has_no_variance() -> None:
+    jacobian = np.random.default_rng(1).normal(size=(200, 3))
+    known = certainty(jacobian, 1e-3, np.array([True, False, True]))
+    assert known.rank == 2
+    assert not known.covariance[1].any()
+    assert known.covariance[2, 2] > 0
+
+
+def test_half_a_ball_without_points_is_half_uncovered() -> None:
+    surface, area = icosphere(3)[0], 4 * np.pi
+    points = np.random.default_rng(2).normal(size=(200, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    assert uncovered(surface, area, points, 0.0) < 0.06  # exp(-pi) is 0.043
+    upper = points[points[:, 2] > 0]
+    assert 0.3 < uncovered(surface, area, upper, 0.0) < 0.5
+    assert uncovered(surface, area, points[:1], 10.0) == 0.0
+
+
+@pytest.mark.parametrize("vector", [[0.1, 0.2, 0.3], [3.0, 0.1, 0.0], [1.0, 1.0, -2.0]])
+def test_the_canonical_description_is_of_the_same_solid_and_the_least_turned(
+    vector: list[float],
+) -> None:
+    given = Solid(
+        np.array([0.2, 0.5, 0.6]),
+        np.array([0.4, 1.2]),
+        rotations_of_vectors(np.array([vector]))[0],
+        np.array([0.4, -0.2]),
+        np.array([0.3, 0.7]),
+    )
+    found = canonical(given)
+    assert found.size.tolist() == [0.5, 0.2, 0.6]
+    assert np.linalg.det(found.axes) == pytest.approx(1.0)
+    again = canonical(found)
+    assert np.array_equal(again.axes, found.axes)
+
+    def solid(one: Solid) -> WarpedSuperquadric:
+        bend = Bend(float(np.hypot(*one.bend)), float(np.arctan2(one.bend[1], one.bend[0])))
+        return WarpedSuperquadric(Superquadric(one.size, one.exponents), one.taper, bend)
+
+    places = solid(found).mesh(2).vertices @ found.axes.T
+    assert np.abs(solid(given).gauge(places @ given.axes) - 1.0).max() < 1e-13

@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.frames import split_pose
+from palpate.core.rebuild.recovery.choices import CHOICES
+from palpate.core.rebuild.recovery.recover import recover
+from palpate.core.shapes.bend import Bend
+from palpate.core.shapes.superquadric import Superquadric
+
+Made = Callable[..., Any]
+Draw = Callable[[int], Floats]
+
+
+@pytest.mark.parametrize("exponents", [[0.1, 0.1], [0.3, 1.2], [1.0, 1.0], [1.0, 0.2], [1.7, 0.6]])
+def test_exact_points_give_the_solid_back(cloud: Made, exponents: list[float]) -> None:
+    made = cloud([0.3, 0.2, 0.5], exponents, noise=0.0)
+    found = recover(made.points)
+    assert found.doubts == ()
+    assert found.rms < 1e-9
+    assert np.sort(found.size) == pytest.approx([0.2, 0.3, 0.5], rel=1e-6)
+    assert np.allclose(found.shape().bounds(), made.truth.bounds(), rtol=0, atol=1e-3)
+
+
+def test_a_tapered_and_bent_solid_is_recovered(cloud: Made, chamfer: Made) -> None:
+    made = cloud(
+        [0.3, 0.2, 0.6], [0.4, 1.1], count=100, noise=0.002, taper=[0.5, -0.3], bend=Bend(0.9, 0.4)
+    )
+    found = recover(made.points, taper=True, bend=True)
+    assert found.doubts == ()
+    assert found.names[11:] == ("taper x", "taper y", "bend x", "bend y")
+    assert chamfer(found, made) < 0.004
+    assert abs(found.bend.curvature) == pytest.approx(0.9, abs=5 * 0.05)
+    assert np.sort(np.abs(found.taper)) == pytest.approx([0.3, 0.5], abs=0.06)
+
+
+def test_what_is_not_asked_for_is_not_fitted(cloud: Made) -> None:
+    made = cloud([0.3, 0.2, 0.5], [0.5, 1.0])
+    found = recover(made.points)
+    assert not found.taper.any()
+    assert found.bend.curvature == 0.0
+    assert found.covariance.shape == (11, 11)
+    assert len(found.names) == len(found.deviations()) == 11
+    only = recover(made.points, bend=True)
+    assert only.names[11:] == ("bend x", "bend y")
+    assert not only.taper.any()
+
+
+def test_the_choice_of_the_thesis_is_among_three_shapes(cloud: Made, chamfer: Made) -> None:
+    for name, exponents in CHOICES.items():
+        made = cloud([0.3, 0.25, 0.5], exponents)
+        found = recover(made.points, choice="thesis")
+        assert found.choice == name
+        assert tuple(found.exponents.tolist()) == exponents
+        assert found.rank == 9 or name == "sphere"
+        assert found.deviations()["e1"] == 0.0
+        assert chamfer(found, made) < 0.01
+    assert recover(made.points).choice is None
+
+
+def test_the_deviations_are_those_of_repeated_fits(cloud: Made) -> None:
+    fits = [
+        recover(cloud([0.3, 0.2, 0.5], [0.5, 0.8], seed=seed, turned=False).points)
+        for seed in range(30)
+    ]
+    for name, value in (("e1", [fit.exponents[0] for fit in fits]), ("e2", None)):
+        value = value or [fit.exponents[1] for fit in fits]
+        said = float(np.mean([fit.deviations()[name] for fit in fits]))
+        assert 0.5 < float(np.std(value)) / said < 2.0
+
+
+def test_points_that_lie_elsewhere_are_named_outliers(cloud: Made, chamfer: Made) -> None:
+    made = cloud([0.3, 0.2, 0.5], [0.4, 0.9], noise=0.005)
+    points, rng = made.points.copy(), np.random.default_rng(7)
+    middle = points.mean(axis=0)
+    points[:8] = middle + rng.uniform(-0.7, 0.7, (8, 3))
+    found = recover(points, outliers=True, noise=0.005)
+    assert found.inliers[8:].mean() > 0.9
+    assert found.inliers[:8].sum() <= 2
+    assert chamfer(found, made) < 0.02
+    assert chamfer(recover(points), made) > 0.02
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ({"size": [0.3, 0.2, 0.5], "exponents": [0.4, 1.3]}, {}),
+        ({"size": [1.0, 1.0, 1.0], "exponents": [0.1, 0.1]}, {}),
+        ({"size": [1.0, 1.0, 0.05], "exponents": [1.0, 1.0]}, {}),
+        ({"size": [0.3, 0.2, 0.5], "exponents": [0.4, 1.3]}, {"outliers": True}),
+        (
+            {"size": [0.3, 0.2, 0.5], "exponents": [0.4, 0.9], "count": 100, "taper": [0.4, 0.2]},
+            {"taper": True},
+        ),
+    ],
+)
+def test_the_solid_does_not_depend_on_where_it_stands_nor_on_the_unit(
+    cloud: Made, rotations: Draw, kind: dict[str, Any], options: dict[str, Any]
+) -> None:
+    made = cloud(**kind)
+    first = recover(made.points, **options)
+    vertices = first.shape().mesh(3).vertices
+    for which, turn in enumerate(rotations(24 if not options else 6)):
+        unit, shift = (1e-3, 1.0, 1e3)[which % 3], np.array([1.0, -2.0, 3.0]) * which
+        found = recover(unit * (made.points @ turn.T + shift), **options)
+        position, axes = split_pose(found.pose)
+        there = (unit * (vertices @ turn.T + shift) - position) @ axes
+        base = Superquadric(found.size, found.exponents)
+        share = 1.0 + np.outer(there[:, 2] / found.size[2], found.taper)
+        there[:, :2] /= share
+        assert np.abs(base.gauge(there) - 1.0).max() < 1e-5
+        assert found.size == pytest.approx(unit * first.size, rel=1e-5)
+
+
+def test_the_points_order_does_not_matter(cloud: Made) -> None:
+    made = cloud([0.3, 0.2, 0.5], [0.4, 1.3])
+    first, second = recover(made.points), recover(made.points[::-1])
+    assert second.size == pytest.approx(first.size, rel=1e-8)
+    assert second.residuals[::-1] == pytest.approx(first.residuals, abs=1e-9)
+
+
+def test_a_solid_about_points_in_one_place_has_no_shape() -> None:
+    with pytest.raises(ValueError, match="size must be positive"):
+        recover(np.ones((20, 3))).shape()
+
+
+@pytest.mark.parametrize(
+    ("points", "options", "words"),
+    [
+        (np.ones((20, 2)), {}, r"points must have shape \(any, 3\), got \(20, 2\)"),
+        (np.full((20, 3), np.nan), {}, "points must be finite"),
+        (np.ones((20, 3)), {"noise": 0.0}, "noise must be positive and finite, got 0.0 m"),
+        (np.ones((20, 3)), {"choice": "cube"}, "choice must be 'thesis' or None, got 'cube'"),
+    ],
+)
+def test_what_cannot_be_recovered_from_is_refused(
+    points: Floats, options: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        recover(points, **options)
