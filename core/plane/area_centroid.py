@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.plane.closed_polygon import closed_polygon
 from palpate.core.plane.signed_area import signed_area
 
 FLAT = 1e-9
@@ -21,9 +22,15 @@ def area_centroid(contour: Floats) -> Floats:
     ----------
     contour : (n, 2) or (n, 3) array
         Around it, in either direction, m; a third coordinate is ignored.
+
+    Raises
+    ------
+    ValueError
+        If the contour has no point, or is not finite (n, 2) or (n, 3).
     """
-    middle = contour[:, :2].mean(axis=0)
-    near = contour[:, :2] - middle
+    polygon = closed_polygon(np.asarray(contour)[..., :2])
+    middle = polygon.mean(axis=0)
+    near = polygon - middle
     size = float(np.abs(near).max())
     near = near / size if size > 0.0 else near
     area = signed_area(near)

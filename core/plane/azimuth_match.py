@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.plane.angle_between import turn_between
+from palpate.core.plane.closed_polygon import closed_polygon
 
 LENGTH_SHARE = 0.1
 """How much of the length's even pace is mixed in where the azimuth does not always rise."""
@@ -51,11 +52,9 @@ def azimuth_match(polygon: Floats, middle: Floats, azimuths: Floats) -> AzimuthM
     it several times. Here the azimuth is replaced by the middle between the largest one so
     far and the least one still to come, which never falls.
     """
-    polygon = finite_array("polygon", polygon, (None, 2))
+    polygon = closed_polygon(polygon, least=3)
     middle = finite_array("middle", middle, (2,))
     azimuths = finite_array("azimuths", azimuths, (None,))
-    if len(polygon) < 3:
-        raise ValueError(f"polygon must have at least 3 vertices, got {len(polygon)}")
     around = np.vstack([polygon, polygon[:1]])
     lengths = np.linalg.norm(np.diff(around, axis=0), axis=1)
     turns = np.concatenate([[0.0], np.cumsum(lengths)])

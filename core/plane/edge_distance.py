@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Floats, finite_array
+from palpate.core.plane.closed_polygon import closed_polygon
 
 
 def edge_distance(polygon: Floats, points: Floats) -> Floats:
     """Distance (k,) of points (k, 2) to the nearest edge of a closed polygon (n, 2), m.
 
     To the edges, not to the lines that they lie on.
+
+    Raises
+    ------
+    ValueError
+        If the polygon has no vertex, or something is not finite or of another shape.
     """
+    polygon, points = closed_polygon(polygon), finite_array("points", points, (None, 2))
     along = np.roll(polygon, -1, axis=0) - polygon
     squares = np.einsum("nd,nd->n", along, along)
     away = points[:, None, :] - polygon

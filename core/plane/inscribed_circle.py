@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Floats, finite_array
+from palpate.core.arrays import Floats
+from palpate.core.plane.closed_polygon import closed_polygon
 from palpate.core.plane.edge_distance import edge_distance
 from palpate.core.plane.winding import winding_number
 
@@ -52,9 +53,7 @@ def inscribed_circle(polygon: Floats) -> Circle:
     one to a tolerance of 1e-3 of the polygon's size, however many local ones there are. Then
     its middle climbs on by steps to ever nearer places.
     """
-    polygon = finite_array("polygon", polygon, (None, 2))
-    if len(polygon) < 3:
-        raise ValueError(f"polygon must have at least 3 vertices, got {len(polygon)}")
+    polygon = closed_polygon(polygon, least=3)
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     size = float((high - low).max())
     best = Circle(0.5 * (low + high), 0.0)

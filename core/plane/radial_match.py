@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Floats, Ints
+from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.plane.closed_polygon import closed_polygon
 
 
 class RadialMatch(NamedTuple):
@@ -23,7 +24,14 @@ def radial_match(polygon: Floats, middle: Floats, azimuths: Floats) -> RadialMat
 
     Kept for comparison; `azimuth_match` gives a match where a ray meets the contour several
     times or not at all.
+
+    Raises
+    ------
+    ValueError
+        If the polygon has no vertex, or something is not finite or of another shape.
     """
+    polygon, middle = closed_polygon(polygon), finite_array("middle", middle, (2,))
+    azimuths = finite_array("azimuths", azimuths, (None,))
     starts = polygon - middle
     ends = np.roll(starts, -1, axis=0)
     rays = np.column_stack([np.cos(azimuths), np.sin(azimuths)])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.core.arrays import Floats, Ints
+from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.plane.closed_polygon import closed_polygon
 
 
 def winding_number(polygon: Floats, points: Floats) -> Ints:
@@ -12,7 +13,13 @@ def winding_number(polygon: Floats, points: Floats) -> Ints:
 
     Positive counter-clockwise. Edges that cross the level of a point to its right are counted,
     so that no angle is ever taken: Sunday, *Inclusion of a point in a polygon*, 2001.
+
+    Raises
+    ------
+    ValueError
+        If the polygon has no vertex, or something is not finite or of another shape.
     """
+    polygon, points = closed_polygon(polygon), finite_array("points", points, (None, 2))
     starts, ends = polygon, np.roll(polygon, -1, axis=0)
     along = ends - starts
     away = points[:, None, :] - starts

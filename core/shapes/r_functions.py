@@ -77,7 +77,7 @@ def disjunction(f1: ArrayLike, f2: ArrayLike, omega: float = 0.0, *, smoothness:
         # Unscaled, for a value far smaller than the other one must not be lost.
         value = np.where(total >= 0.0, added, 2.0 * (larger / safe) * smaller)
         if smoothness:
-            value = value * np.hypot(first, second) ** smoothness
+            value = value * np.minimum(np.hypot(first, second) ** smoothness, LARGEST)
     sign = np.where(total >= 0.0, (factor > 0.0).astype(float), np.sign(smaller))
     return np.asarray(sign * np.clip(np.abs(value), LEAST, LARGEST))
 

@@ -19,7 +19,7 @@ from palpate.core.splines.curve_choice import LEAST_CONTROL, UNEVEN, Smoothing, 
 from palpate.core.splines.curve_fit import CurveFit, closed_places
 from palpate.core.splines.curve_noise import local_noise
 from palpate.core.splines.curve_parameters import Parameters, curve_parameters, gap_ratio
-from palpate.core.splines.curve_points import Ring, order_points
+from palpate.core.splines.curve_points import ROUNDING, Ring, order_points
 from palpate.core.splines.knots import CUBIC, periodic_knots
 
 Method = Literal["periodic", "thesis"]
@@ -93,15 +93,18 @@ class ClosedCurve:
         """What it encloses, m^2, as often as it is gone round; None if the curve is not plane."""
         turns, weights = self._nodes()
         middle = self.control.mean(axis=0)
-        places, slopes = self.at(turns) - middle, self.at(turns, 1)
+        size = float(np.ptp(self.control, axis=0).max())
+        if size == 0.0:
+            return 0.0
+        places, slopes = (self.at(turns) - middle) / size, self.at(turns, 1) / size
         if places.shape[1] == 2:
-            return 0.5 * float(
-                weights @ (places[:, 0] * slopes[:, 1] - places[:, 1] * slopes[:, 0])
-            )
+            twice = weights @ (places[:, 0] * slopes[:, 1] - places[:, 1] * slopes[:, 0])
+            return 0.5 * float(twice) * size * size
         vector = 0.5 * weights @ np.cross(places, slopes)
         area = float(np.linalg.norm(vector))
-        off = np.abs((self.control - middle) @ vector).max(initial=0.0)
-        return area if off <= FLAT * area * float(np.ptp(self.control, axis=0).max()) else None
+        off = float(np.abs((self.control - middle) @ vector).max()) / size
+        rounding = ROUNDING * float(np.abs(self.control).max()) / size
+        return area * size * size if off <= (FLAT + rounding) * area else None
 
     @property
     def closure_gap(self) -> float:

@@ -14,6 +14,8 @@ from palpate.core.splines.knots import periodic_knots
 
 LEAST_SMOOTHING = 1e-5
 """Always there: it keeps the system positive definite wherever points are missing."""
+MOST_SMOOTHING = 1e9
+"""More changes nothing: the curve has long become a point, and the system loses its digits."""
 MOVES = 3
 """Times that parameters are moved to the nearest points of the curve, if nothing is smoothed."""
 
@@ -31,7 +33,7 @@ def fit_closed(points: Floats, parameters: Floats, count: int, smoothing: float 
         Control points.
     smoothing : float or None
         Weight of the bending against the mean weight of the points; None chooses it by
-        cross-validation. It is never below `LEAST_SMOOTHING`.
+        cross-validation. It is never below `LEAST_SMOOTHING` nor above `MOST_SMOOTHING`.
     """
     periodic = PeriodicBasis(count)
     bending = _bending(count)
@@ -39,7 +41,7 @@ def fit_closed(points: Floats, parameters: Floats, count: int, smoothing: float 
         strength = choose_smoothing(_dense(periodic, parameters)[0], bending, points)
     else:
         strength = smoothing
-    strength = max(strength, LEAST_SMOOTHING)
+    strength = min(max(strength, LEAST_SMOOTHING), MOST_SMOOTHING)
     # Of noisy points the nearest places on the curve say nothing of where they belong.
     moves = MOVES if smoothing is not None and smoothing <= LEAST_SMOOTHING else 0
     for move in range(moves + 1):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats, Ints
 
@@ -12,6 +13,7 @@ SAME = 1e-12
 """Points nearer to each other, as a share of the curve's size, are one."""
 ROUNDING = 64 * float(np.finfo(float).eps)
 """Of the coordinates: points that spread no farther are one, told apart by rounding."""
+LARGEST = float(np.finfo(float).max)
 
 
 class Ring(NamedTuple):
@@ -47,7 +49,7 @@ def order_points(points: Floats) -> Ring:
     Raises
     ------
     ValueError
-        If no row is finite.
+        If no row is finite, or they spread farther than a number can say.
     """
     rows = np.flatnonzero(np.isfinite(points).all(axis=1)).astype(np.int32)
     dropped = len(points) - len(rows)
@@ -57,7 +59,9 @@ def order_points(points: Floats) -> Ring:
     low, high = found.min(axis=0), found.max(axis=0)
     # The middle of the box: a mean would round differently in another order.
     middle = 0.5 * low + 0.5 * high
-    size = float(np.max(high - low))
+    size = 2.0 * float(np.max(0.5 * high - 0.5 * low))
+    if size == np.inf:
+        raise ValueError(f"points must spread less than {LARGEST:g} m, got {low} to {high} m")
     if size <= ROUNDING * float(np.abs(found).max()):
         return Ring(np.zeros((1, points.shape[1])), rows[:1], middle, 0.0, dropped)
     scaled = (found - middle) / size
@@ -81,15 +85,29 @@ def area_vector(points: Floats) -> Floats:
 def _canonical(points: Floats) -> Ints:
     """Order (m,) that is the same however the points were begun and whichever way they run."""
     count = len(points)
-    last = points[np.lexsort(points.T[::-1])[-1]]
     around = np.arange(count)
-    ways = [
-        (start + sign * around) % count
-        for start in np.flatnonzero((points == last).all(axis=1))
-        for sign in (1, -1)
-    ]
-    best = max(ways, key=lambda way: points[way].tolist())
+    order = np.lexsort(points.T[::-1])
+    other = (points[order[1:]] != points[order[:-1]]).any(axis=1)
+    rank = np.zeros(count, np.int64)
+    rank[order[1:]] = np.cumsum(other)
+    onwards = (_begin(rank) + around) % count
+    backwards = (count - 1 - _begin(rank[::-1]) - around) % count
+    best = max(onwards, backwards, key=lambda way: rank[way].tolist())
     normal = area_vector(points[best])
     if normal[np.argmax(np.abs(normal))] < 0.0:
         best = best[-around]
     return best.astype(np.int32)
+
+
+def _begin(rank: NDArray[np.int64]) -> int:
+    """Where to begin so that the ranks (m,), read around, come last in alphabetical order.
+
+    Where several places may do, they are told apart by what follows, and by twice as much of
+    it each time.
+    """
+    reach = 1
+    while reach < len(rank) and np.count_nonzero(rank == rank.max()) > 1:
+        rank = rank * len(rank) + np.roll(rank, -reach)
+        rank = np.unique(rank, return_inverse=True)[1]
+        reach *= 2
+    return int(rank.argmax())

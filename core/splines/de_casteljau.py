@@ -27,9 +27,12 @@ def de_casteljau(control: Floats, at: Floats) -> Floats:
     Raises
     ------
     ValueError
-        If something is not finite, or `at` has another number of axes or lies outside 0 to 1.
+        If something is not finite, there is no control point, or `at` has another number of axes
+        or lies outside 0 to 1.
     """
     control = finite_array("control", control, (None,) * np.ndim(control))
+    if 0 in control.shape[:-1] or not control.ndim:
+        raise ValueError(f"control must have shape (n_1, ..., n_d, c), got {control.shape}")
     at = finite_array("at", at, (None, control.ndim - 1))
     if at.min(initial=0.0) < 0.0 or at.max(initial=1.0) > 1.0:
         raise ValueError(f"at must lie between 0 and 1, got {at.min():g} to {at.max():g}")

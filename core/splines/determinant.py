@@ -22,6 +22,9 @@ from palpate.core.splines.volume import FIRST, Volume
 SAFETY = 16 * float(np.finfo(float).eps)
 """Rounding of a coefficient, times how much the conversion may enlarge it."""
 
+MEAN_STEPS = 12
+"""Along each axis, over which a determinant is averaged."""
+
 
 class Pieces(NamedTuple):
     """Polynomial pieces of the determinant."""
@@ -34,6 +37,23 @@ class Pieces(NamedTuple):
     """(k, a + 1, b + 1, c + 1): the piece lies between the least and the largest of them."""
     rounding: float
     """How far a coefficient may be off."""
+
+
+def mean_determinant(volume: Volume) -> float:
+    """Mean determinant of a volume's slopes, m^3: negative if most of it is a mirror image."""
+    steps = (np.arange(MEAN_STEPS) + 0.5) / MEAN_STEPS
+    return float(slope_determinant(volume, steps, steps, steps).mean())
+
+
+def scaled(volume: Volume, origin: Floats, size: float) -> Volume:
+    """A volume about an origin (3,) and over a size, so that no product leaves the range."""
+    return Volume((volume.control - origin) / size, volume.bases, volume.weights)
+
+
+def extent(volume: Volume) -> float:
+    """Longest side of the box around the control points, m; 1 where they are one point."""
+    size = float(np.ptp(volume.control.reshape(-1, 3), axis=0).max())
+    return size if size > 0.0 else 1.0
 
 
 def slope_determinant(volume: Volume, s: Floats, t: Floats, u: Floats) -> Floats:

@@ -14,8 +14,8 @@ SAMPLES = 25
 """Along each axis, in the middle of equal steps, if no points are given."""
 ROUNDS = 4
 """How often undecided pieces are halved."""
-MOST_PIECES = 2048
-"""Of one layer that are halved: more would take too much room."""
+MOST_NUMBERS = 1 << 22
+"""Coefficients of the pieces of one layer that are halved: more would take too much room."""
 
 Verdict = Literal["sound", "folded", "undecided"]
 
@@ -75,10 +75,8 @@ def fold_report(lattice: Lattice, points: Floats | None = None) -> FoldReport:
 
 def _judge(lattice: Lattice) -> tuple[Verdict, Floats]:
     """The verdict, and the corner (3,) of a piece at which the determinant is least."""
-    sign = 1.0 if lattice.unit > 0.0 else -1.0
     undecided, deepest, where = False, np.inf, np.full(3, 0.5)
-    for layer in determinant_pieces(lattice.volume):
-        pieces = layer._replace(coefficients=sign * layer.coefficients)
+    for pieces in determinant_pieces(lattice.relative):
         for number in range(ROUNDS + 1):
             corner, place = _least_corner(pieces)
             if corner < deepest:
@@ -88,7 +86,9 @@ def _judge(lattice: Lattice) -> tuple[Verdict, Floats]:
             pieces = _keep(pieces, _may_fold(pieces))
             if not len(pieces.low):
                 break
-            if number == ROUNDS or len(pieces.low) > MOST_PIECES:
+            # Halving makes no coefficient larger: what rounding hides stays hidden.
+            hidden = np.abs(pieces.coefficients).max() <= pieces.rounding
+            if hidden or number == ROUNDS or pieces.coefficients.size > MOST_NUMBERS:
                 undecided = True
                 break
             pieces = halve(pieces)

@@ -26,7 +26,7 @@ def insert_knots(basis: Basis, control: Floats, new: Floats, axis: int = 0) -> t
     ------
     ValueError
         If a new knot lies outside the domain, or would occur more often than the degree allows;
-        if there are not as many coefficients as the basis has functions.
+        if there are not as many coefficients as the basis has functions, or one is not finite.
 
     Notes
     -----
@@ -34,7 +34,7 @@ def insert_knots(basis: Basis, control: Floats, new: Floats, axis: int = 0) -> t
     two old ones.
     """
     degree = basis.degree
-    control = np.moveaxis(control, axis, 0)
+    control = np.moveaxis(finite_array("control", control, (None,) * np.ndim(control)), axis, 0)
     if len(control) != basis.count:
         raise ValueError(f"control must have {basis.count} coefficients, got {len(control)}")
     for knot in clip_to_domain(finite_array("new", new, (None,)), basis.domain):

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.splines.determinant import extent, mean_determinant, scaled
 from palpate.core.splines.volume import Volume
 
 EPSILON = float(np.finfo(float).eps)
@@ -15,7 +16,7 @@ ENOUGH = 1e-12
 CONVERGED = 1e-9
 """Of the volume's size: a larger residual is no answer."""
 FLAT = 1e-12
-"""Of the product of the slopes' lengths: a determinant below that is none."""
+"""Of the product of the slopes' largest components: a determinant below that is none."""
 
 
 class Inversion(NamedTuple):
@@ -44,12 +45,16 @@ def tolerance(volume: Volume) -> float:
     return _of_size(volume, CONVERGED, 64)
 
 
-def is_folded(slopes: Floats, orientation: float) -> Bools:
-    """Where slopes (n, 3, 3) have no determinant of the volume's own sign."""
-    s, t, u = slopes.transpose(2, 0, 1)
+def is_folded(volume: Volume, slopes: Floats) -> Bools:
+    """Where slopes (n, 3, 3) of a volume have no determinant of its own sign.
+
+    That is the sign of the mean: a volume may run round a ring and yet fold nowhere.
+    """
+    own = mean_determinant(scaled(volume, volume.control[0, 0, 0], extent(volume)))
+    largest = np.abs(slopes).max(axis=1, keepdims=True)
+    s, t, u = (slopes / np.where(largest > 0.0, largest, 1.0)).transpose(2, 0, 1)
     determinant = np.einsum("ni,ni->n", np.cross(s, t), u)
-    lengths = np.linalg.norm(slopes, axis=1).prod(axis=1)
-    folded: Bools = orientation * determinant <= FLAT * lengths
+    folded: Bools = (determinant if own >= 0.0 else -determinant) <= FLAT
     return folded
 
 

@@ -28,8 +28,8 @@ def invert_general(volume: Volume, points: Floats) -> Inversion:
     samples. Newton's method on the derivative of the distance, as in Fung, 1999, (4.12),
     squares the condition number and has roots that are no answers.
     """
-    fit = affine_fit(volume)
-    guess = np.clip(points @ fit.matrix[:3] + fit.matrix[3], 0.0, 1.0)
+    matrix = affine_fit(volume)
+    guess = np.clip(points @ matrix[:3] + matrix[3], 0.0, 1.0)
     parameters, residual, steps = _from(volume, points, guess)
     failed = residual > tolerance(volume)
     if failed.any():
@@ -44,7 +44,7 @@ def invert_general(volume: Volume, points: Floats) -> Inversion:
             steps[rows] += more
             better = left < residual[rows]
             parameters[rows[better]], residual[rows[better]] = other[better], left[better]
-    folded = is_folded(volume.first(parameters)[1], fit.orientation)
+    folded = is_folded(volume, volume.first(parameters)[1])
     return Inversion(parameters, residual, residual <= tolerance(volume), folded, steps)
 
 

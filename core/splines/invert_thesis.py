@@ -29,10 +29,10 @@ def invert_thesis(volume: Volume, points: Floats) -> Inversion:
     any of the three in the next. A singular matrix of (4.9) ends the iteration without an
     answer.
     """
-    fit = affine_fit(volume)
+    matrix = affine_fit(volume)
     size = float(np.ptp(volume.control.reshape(-1, 3), axis=0).max())
     close = max(COINCIDENCE * size, enough(volume))
-    parameters = np.clip(points @ fit.matrix[:3] + fit.matrix[3], 0.0, 1.0)
+    parameters = np.clip(points @ matrix[:3] + matrix[3], 0.0, 1.0)
     steps = np.zeros(len(points), np.int32)
     going = np.arange(len(points))
     for _ in range(MOST_STEPS):
@@ -50,7 +50,7 @@ def invert_thesis(volume: Volume, points: Floats) -> Inversion:
         going = going[regular & moves]
     reached, slopes = volume.first(parameters)
     residual = np.linalg.norm(reached - points, axis=1)
-    folded = is_folded(slopes, fit.orientation)
+    folded = is_folded(volume, slopes)
     return Inversion(parameters, residual, residual <= close, folded, steps)
 
 

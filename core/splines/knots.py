@@ -23,8 +23,7 @@ def check_knots(knots: Floats, degree: int) -> Floats:
         they fall anywhere, one of them occurs more than ``degree + 1`` times, or the domain is
         empty.
     """
-    if degree < 1:
-        raise ValueError(f"degree must be at least 1, got {degree}")
+    _check_degree(degree)
     checked = finite_array("knots", knots, (None,)).copy()
     if len(checked) < 2 * degree + 2:
         raise ValueError(
@@ -98,7 +97,7 @@ def averaged_knots(sites: Floats, degree: int = CUBIC) -> Floats:
     Raises
     ------
     ValueError
-        If there are not more sites than the degree, or they do not increase.
+        If the degree is below 1, there are not more sites than it, or they do not increase.
 
     Notes
     -----
@@ -107,6 +106,7 @@ def averaged_knots(sites: Floats, degree: int = CUBIC) -> Floats:
     singular.
     """
     sites = finite_array("sites", sites, (None,))
+    _check_degree(degree)
     if len(sites) <= degree:
         raise ValueError(f"sites must be more than the degree {degree}, got {len(sites)}")
     if not (np.diff(sites) > 0.0).all():
@@ -128,9 +128,13 @@ def greville(knots: Floats, degree: int) -> Floats:
     return _averages(check_knots(knots, degree)[1:-1], degree)
 
 
-def _check_count(count: int, degree: int) -> None:
+def _check_degree(degree: int) -> None:
     if degree < 1:
         raise ValueError(f"degree must be at least 1, got {degree}")
+
+
+def _check_count(count: int, degree: int) -> None:
+    _check_degree(degree)
     if count <= degree:
         raise ValueError(f"count must be larger than the degree {degree}, got {count}")
 

@@ -14,15 +14,12 @@ import numpy as np
 
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.splines.basis import clamped_basis
-from palpate.core.splines.determinant import slope_determinant
+from palpate.core.splines.determinant import extent, mean_determinant, scaled, slope_determinant
 from palpate.core.splines.frame import Frame, upright_frame
 from palpate.core.splines.invert import invert
 from palpate.core.splines.knots import CUBIC
 from palpate.core.splines.surface import deformed_normals, same_winding
 from palpate.core.splines.volume import Volume
-
-MEAN_STEPS = 12
-"""Along each axis, over which an undeformed lattice's determinant is averaged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,19 +114,27 @@ class Lattice:
         return determinant
 
     @property
-    def unit(self) -> float:
-        """Mean determinant of the undeformed lattice's slopes, m^3: a change of volume of 1."""
+    def relative(self) -> Volume:
+        """The deformed volume in such units that its slopes' determinant is the change of volume.
+
+        Against the mean of the undeformed lattice where that is no parallelepiped; against 1
+        where it is squeezed flat.
+        """
         if isinstance(self.undeformed, Frame):
-            return self.undeformed.volume
-        steps = (np.arange(MEAN_STEPS) + 0.5) / MEAN_STEPS
-        return float(slope_determinant(self.undeformed, steps, steps, steps).mean())
+            local = self.undeformed.local(self.control)
+            return Volume(local, self.volume.bases, self.volume.weights)
+        origin, size = self.undeformed.control[0, 0, 0], extent(self.undeformed)
+        mean = mean_determinant(scaled(self.undeformed, origin, size))
+        moved = scaled(self.volume, origin, size)
+        unit = np.array([mean if mean else 1.0, 1.0, 1.0])
+        return Volume(moved.control / unit, moved.bases, moved.weights)
 
     def change_on_grid(self, s: Floats, t: Floats, u: Floats) -> Floats:
         """Local change of volume on a grid of parameters (a,), (b,), (c,): (a, b, c).
 
         Against the mean of the undeformed lattice where that is no parallelepiped.
         """
-        return slope_determinant(self.volume, s, t, u) / self.unit
+        return slope_determinant(self.relative, s, t, u)
 
     def deform_normals(self, points: Floats, normals: Floats) -> Floats:
         """Unit normals (n, 3) of a deformed surface, from normals (n, 3) at points (n, 3).
@@ -151,7 +156,18 @@ class Lattice:
 
         The triangles are turned round if the lattice mirrors, so that a closed surface keeps
         its outside.
+
+        Raises
+        ------
+        ValueError
+            If vertices lie outside, or a triangle has not three of them.
         """
+        vertices, faces = finite_array("vertices", vertices, (None, 3)), np.asarray(faces)
+        if faces.shape[1:] != (3,):
+            raise ValueError(f"faces must have shape (any, 3), got {faces.shape}")
+        unknown = faces[(faces < 0) | (faces >= len(vertices))]
+        if len(unknown):
+            raise ValueError(f"faces must name the {len(vertices)} vertices, got {unknown[0]}")
         moved = self.deform(vertices)
         return moved, same_winding(vertices, moved, faces)
 

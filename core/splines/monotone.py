@@ -40,7 +40,7 @@ def invert_rising(basis: Basis, coefficients: Floats, values: Floats) -> Roots:
     Raises
     ------
     ValueError
-        If the coefficients are not `count` finite numbers that rise.
+        If the coefficients are not `count` finite numbers that rise, or a value is NaN.
 
     Notes
     -----
@@ -50,6 +50,9 @@ def invert_rising(basis: Basis, coefficients: Floats, values: Floats) -> Roots:
     drive it away again.
     """
     coefficients = finite_array("coefficients", coefficients, (basis.count,))
+    values = np.asarray(values, np.float64)
+    if np.isnan(values).any():
+        raise ValueError(f"values must be numbers, got {np.count_nonzero(np.isnan(values))} nan")
     if not (np.diff(coefficients) > 0.0).all():
         raise ValueError("coefficients must rise")
     breaks = np.unique(np.clip(basis.knots, *basis.domain))

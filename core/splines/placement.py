@@ -23,15 +23,6 @@ class Regular(NamedTuple):
     """Where the planes cut the frame's edges, rising from 0 to 1: (l,), (m,), (n,)."""
 
 
-class AffineFit(NamedTuple):
-    """The affine map nearest to a volume."""
-
-    matrix: Floats
-    """(4, 3): points with a 1 behind, times this, are parameters."""
-    orientation: float
-    """1, or -1 if the volume is a mirror image."""
-
-
 def affine_image(volume: Volume) -> Frame | None:
     """The parallelepiped of which a volume is an undeformed lattice, or None.
 
@@ -72,8 +63,11 @@ def regular_planes(volume: Volume) -> Regular | None:
     return Regular(frame, planes) if rising and off <= _allowed(control) else None
 
 
-def affine_fit(volume: Volume) -> AffineFit:
-    """The affine map from points to parameters that fits the control points best."""
+def affine_fit(volume: Volume) -> Floats:
+    """The affine map from points to parameters that fits the control points best.
+
+    (4, 3): points with a 1 behind, times this, are parameters.
+    """
     places = np.meshgrid(*(basis.greville() for basis in volume.bases), indexing="ij")
     wanted = np.stack(places, axis=-1).reshape(-1, 3)
     points = volume.control.reshape(-1, 3)
@@ -83,8 +77,7 @@ def affine_fit(volume: Volume) -> AffineFit:
     solution = np.linalg.lstsq(rows, wanted, rcond=1e-12)[0]
     matrix = np.concatenate([solution[:3] / size, solution[3:]])
     matrix[3] -= middle @ matrix[:3]
-    mirrored = np.linalg.det(solution[:3]) < 0.0
-    return AffineFit(matrix, -1.0 if mirrored else 1.0)
+    return matrix
 
 
 def _allowed(control: Floats) -> float:

@@ -47,10 +47,15 @@ def same_winding(before: Floats, after: Floats, faces: Ints) -> Ints:
 
     A closed surface that enclosed its volume counter-clockwise still does.
     """
-    mirrored = _signed_volume(before, faces) * _signed_volume(after, faces) < 0.0
+    mirrored = _handedness(before, faces) * _handedness(after, faces) < 0.0
     return faces[:, ::-1] if mirrored else faces
 
 
-def _signed_volume(vertices: Floats, faces: Ints) -> float:
-    a, b, c = (vertices - vertices.mean(axis=0))[faces].transpose(1, 0, 2)
-    return float(np.einsum("ni,ni->", a, np.cross(b, c)))
+def _handedness(vertices: Floats, faces: Ints) -> float:
+    """1, or -1 where faces enclose their volume clockwise; 0 where they enclose none."""
+    if not len(faces):
+        return 0.0
+    size = float(np.ptp(vertices, axis=0).max())
+    near = (vertices - vertices.mean(axis=0)) / (size if size > 0.0 else 1.0)
+    a, b, c = near[faces].transpose(1, 0, 2)
+    return float(np.sign(np.einsum("ni,ni->", a, np.cross(b, c))))

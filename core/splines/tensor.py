@@ -43,11 +43,11 @@ def evaluate(
     Raises
     ------
     ValueError
-        If shapes do not fit, or a parameter is not finite or lies outside the domain by more
-        than rounding.
+        If shapes do not fit, a coefficient or parameter is not finite, a parameter lies outside
+        the domain by more than rounding, or an order is negative.
     """
     at = finite_array("at", at, (None, len(bases)))
-    _check_counts(bases, control)
+    control = _checked(bases, control, orders)
     result = np.empty((len(orders), len(at), control.shape[-1]))
     reach = int(np.prod([basis.degree + 1 for basis in bases])) * control.shape[-1]
     step = max(BLOCK // reach, 1)
@@ -80,12 +80,14 @@ def evaluate_grid(
     Raises
     ------
     ValueError
-        If shapes do not fit, or a parameter is not finite or lies outside the domain by more
-        than rounding.
+        If shapes do not fit, a coefficient or parameter is not finite, a parameter lies outside
+        the domain by more than rounding, or an order is negative.
     """
-    _check_counts(bases, control)
-    values = control
-    for basis, x, order in zip(bases, axes, orders or (0,) * len(bases), strict=True):
+    orders = (0,) * len(bases) if orders is None else orders
+    values = _checked(bases, control, [orders])
+    if len(axes) != len(bases):
+        raise ValueError(f"axes must be {len(bases)}, one for each basis, got {len(axes)}")
+    for basis, x, order in zip(bases, axes, orders, strict=True):
         rows = basis.matrix(x, order) @ values.reshape(basis.count, -1)
         # The axis that is done goes to the end; after the last one the components are first.
         values = rows.reshape(len(x), *values.shape[1:])
@@ -94,12 +96,12 @@ def evaluate_grid(
     return result
 
 
-def _check_counts(bases: Sequence[Basis], control: Floats) -> None:
+def _checked(bases: Sequence[Basis], control: Floats, orders: Sequence[Orders]) -> Floats:
     counts = tuple(basis.count for basis in bases)
-    if control.shape[:-1] != counts:
-        raise ValueError(
-            f"control must have {counts} coefficients along its axes, got {control.shape[:-1]}"
-        )
+    for order in orders:
+        if len(order) != len(bases) or min(order) < 0:
+            raise ValueError(f"orders must be 0 or more for each of {len(bases)} axes, got {order}")
+    return finite_array("control", control, (*counts, None))
 
 
 def _evaluate_block(
@@ -108,7 +110,7 @@ def _evaluate_block(
     numbers = np.zeros((len(at), 1), np.int64)
     weights = []
     for axis, basis in enumerate(bases):
-        local = basis.nonzero(at[:, axis], max(order[axis] for order in orders))
+        local = basis.nonzero(at[:, axis], max((order[axis] for order in orders), default=0))
         columns = local.columns()
         numbers = (numbers[:, :, None] * basis.count + columns[:, None, :]).reshape(len(at), -1)
         weights.append(np.ascontiguousarray(local.values.transpose(1, 0, 2)))

@@ -59,6 +59,8 @@ class Volume:
     """What the bases multiply: the control points, or (l, m, n, 4) with weights."""
 
     def __post_init__(self) -> None:
+        if len(self.bases) != 3:
+            raise ValueError(f"bases must be three, for s, t and u, got {len(self.bases)}")
         counts = tuple(basis.count for basis in self.bases)
         control = finite_array("control", self.control, (*counts, 3)).copy()
         for name, basis in zip("stu", self.bases, strict=True):
@@ -126,8 +128,9 @@ class Volume:
         values = np.ones((n, 1))
         for axis, basis in enumerate(self.bases):
             local = basis.nonzero(parameters[:, axis])
-            columns = (columns[:, :, None] * basis.count + local.columns()[:, None]).reshape(n, -1)
-            values = (values[:, :, None] * local.values[0][:, None]).reshape(n, -1)
+            wide = n, columns.shape[1] * (basis.degree + 1)
+            columns = (columns[:, :, None] * basis.count + local.columns()[:, None]).reshape(wide)
+            values = (values[:, :, None] * local.values[0][:, None]).reshape(wide)
         if self.weights is not None:
             values = values * self.weights.ravel()[columns]
             values = values / values.sum(axis=1, keepdims=True)

@@ -58,3 +58,10 @@ def test_too_few_vertices_or_a_nan_are_refused() -> None:
         azimuth_match(np.zeros((2, 2)), np.zeros(2), AZIMUTHS)
     with pytest.raises(ValueError, match="azimuths must be finite"):
         azimuth_match(np.eye(3, 2), np.zeros(2), np.array([np.nan]))
+
+
+def test_no_polygon_meets_no_ray() -> None:
+    with pytest.raises(ValueError, match="polygon must have at least 1 vertex, got 0"):
+        radial_match(np.zeros((0, 2)), np.zeros(2), AZIMUTHS)
+    with pytest.raises(ValueError, match="azimuths must be finite"):
+        radial_match(np.eye(3, 2), np.zeros(2), np.array([np.nan]))

@@ -62,6 +62,12 @@ def test_turns_are_positive_counter_clockwise() -> None:
     assert np.array_equal(angle_between(np.array([east, north]), east), [0.0, np.pi / 2])
 
 
+def test_half_a_turn_is_positive_whatever_the_sign_of_zero() -> None:
+    for zero in (0.0, -0.0):
+        for x in (1.0, -1.0):
+            assert turn_between(np.array([x, zero]), np.array([-x, 0.0])) == np.pi
+
+
 def test_a_direction_of_no_length_makes_no_angle() -> None:
     assert angle_between(np.zeros(3), np.array([1.0, 2.0, 3.0])) == 0.0
 
@@ -119,3 +125,43 @@ def test_a_polygon_that_touches_itself_meets_itself(three_lobes: Callable[..., F
     assert not crosses_itself(SQUARE)
     assert not crosses_itself(three_lobes(0.9))
     assert crosses_itself(SQUARE[[0, 2, 1, 3]])
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-9, 1.0, 1e200])
+def test_vertices_that_come_twice_are_no_touch(scale: float) -> None:
+    closed = scale * np.vstack([SQUARE, SQUARE[:1]])
+    assert not crosses_itself(closed)
+    assert not crosses_itself(np.repeat(closed, 3, axis=0))
+    assert crosses_itself(closed[[0, 2, 1, 3, 0]])
+    assert not crosses_itself(np.zeros((9, 2)))
+
+
+@pytest.mark.parametrize("count", [33, 64, 65, 1000])
+def test_one_crossing_among_many_edges_is_found_wherever_it_is(count: int) -> None:
+    turn = 2 * np.pi * np.arange(count) / count
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    assert not crosses_itself(circle)
+    for place in range(0, count, max(count // 33, 1)):
+        crossed = np.roll(circle, place, axis=0)
+        crossed[[5, 6]] = crossed[[6, 5]]
+        assert crosses_itself(crossed)
+
+
+def test_no_polygon_and_what_is_not_finite_are_refused() -> None:
+    origin, nan = np.zeros((1, 2)), np.full((1, 2), math.nan)
+    for measure in (signed_area, area_centroid):
+        with pytest.raises(ValueError, match="polygon must have at least 1 vertex, got 0"):
+            measure(np.zeros((0, 2)))
+    with pytest.raises(ValueError, match="polygon must be finite"):
+        crosses_itself(nan)
+    for relate in (edge_distance, winding_number):
+        with pytest.raises(ValueError, match="polygon must have at least 1 vertex, got 0"):
+            relate(np.zeros((0, 2)), origin)
+        with pytest.raises(ValueError, match="points must be finite"):
+            relate(SQUARE, nan)
+    with pytest.raises(ValueError, match="second must be finite"):
+        angle_between(SQUARE[1], nan)
+    with pytest.raises(ValueError, match=r"first must have shape \(..., 2\), got \(3,\)"):
+        turn_between(np.zeros(3), SQUARE[1])
+    with pytest.raises(ValueError, match=r"first must have shape \(..., 2\) or \(..., 3\)"):
+        angle_between(np.zeros(4), np.zeros(4))

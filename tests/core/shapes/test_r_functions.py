@@ -145,6 +145,12 @@ def test_a_value_that_leaves_the_range_of_floats_keeps_its_sign() -> None:
     assert 0.0 < conjunction(1e-200, 1e-200, smoothness=1) < 1e-300
 
 
+@pytest.mark.parametrize("smoothness", [2, 50])
+def test_where_one_value_is_none_and_the_other_huge_there_is_no_nan(smoothness: int) -> None:
+    assert conjunction(0.0, 1e200, smoothness=smoothness) == 0.0
+    assert disjunction(0.0, -1e200, smoothness=smoothness) == 0.0
+
+
 def test_arrays_broadcast() -> None:
     column, row = np.arange(3.0)[:, None], np.arange(4.0)
     assert conjunction(column, row).shape == (3, 4)

@@ -225,3 +225,22 @@ def test_what_was_asked_for_wrongly_is_refused() -> None:
         fit_closed_curve(np.full((2, 2), np.nan))
     with pytest.raises(ValueError, match="derivatives must be 0 or more, got -1"):
         fit_closed_curve(points).at(0.0, -1)
+
+
+def test_the_area_of_a_huge_curve_is_no_nan() -> None:
+    for scale, area in ((1e150, 1e300), (1e300, np.inf), (1e-300, 0.0)):
+        found = fit_closed_curve(scale * ellipse(np.arange(60) / 60)).area
+        assert found == pytest.approx(2 * np.pi * area, rel=1e-3)
+
+
+def test_a_tilted_contour_far_away_is_plane_but_for_rounding() -> None:
+    circle = ellipse(np.arange(60) / 60) * [0.5, 1.0]
+    tilted = np.column_stack([circle, 0.3 * circle[:, 1]])
+    area = fit_closed_curve(1e8 + tilted).area
+    assert area == pytest.approx(np.pi * np.hypot(1.0, 0.3), rel=1e-4)
+
+
+def test_any_amount_of_smoothing_leaves_a_curve() -> None:
+    for amount in (1e6, 1e12, 1e300):
+        curve = fit_closed_curve(ellipse(np.arange(20) / 20), smoothing=amount)
+        assert np.allclose(curve.control, 0.0, rtol=0, atol=1e-3)

@@ -151,3 +151,18 @@ def test_the_ring_remembers_which_points_it_is_made_of() -> None:
     assert len(ring.rows) == 4
     assert np.allclose(ring.middle + ring.size * ring.points, points[ring.rows])
     assert area_vector(ring.points)[0] > 0.0
+
+
+def test_a_ring_that_comes_back_to_its_first_point_begins_at_one_place() -> None:
+    spokes = np.array([[0, 0], [3, 1], [0, 2], [3, 1], [1, -1], [3, 1], [0, 0], [3, 1.0]])
+    for points in (spokes, np.tile(spokes[:2], (500, 1))):
+        wanted = order_points(points).points
+        for shift in (1, 2, 5, 7):
+            for way in (1, -1):
+                found = order_points(np.roll(points, shift, axis=0)[::way])
+                assert np.array_equal(found.points, wanted)
+
+
+def test_points_that_spread_too_far_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"points must spread less than 1\.79769e\+308 m"):
+        order_points(1e308 * SQUARE - 1e308 * (1.0 - SQUARE))

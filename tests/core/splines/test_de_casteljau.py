@@ -36,3 +36,9 @@ def test_parameters_that_are_none_are_refused(at: Floats, words: str) -> None:
 def test_control_points_that_are_not_finite_are_refused() -> None:
     with pytest.raises(ValueError, match="control must be finite"):
         de_casteljau(np.array([[0.0], [np.nan]]), np.array([[0.5]]))
+
+
+@pytest.mark.parametrize("shape", [(0, 3), ()])
+def test_no_control_points_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"control must have shape \(n_1, ..., n_d, c\), got"):
+        de_casteljau(np.zeros(shape), np.array([[0.5]]))

@@ -84,6 +84,21 @@ def test_a_lattice_whose_frame_is_left_handed_is_sound() -> None:
     assert fold_report(Lattice(plain.volume, before)).verdict == "folded"
 
 
+@pytest.mark.parametrize("scale", [1e-150, 1e150])
+@pytest.mark.parametrize("amount", [0.05, 0.3])
+def test_the_unit_changes_no_report(scale: float, amount: float) -> None:
+    here = disturbed(amount, 0)
+    plain = box_lattice(np.zeros(3), scale * EXTENT, (5, 4, 6))
+    before = Volume(plain.control, plain.volume.bases)
+    wanted = fold_report(here)
+    moved = plain.control + scale * (here.control - lattice().control)
+    for undeformed in (plain.undeformed, before):
+        found = fold_report(Lattice(Volume(moved, plain.volume.bases), undeformed))
+        assert found.verdict == wanted.verdict
+        assert found.share == wanted.share
+        assert found.least == pytest.approx(wanted.least, rel=1e-9)
+
+
 def test_a_mirrored_lattice_is_folded_everywhere() -> None:
     report = fold_report(lattice().with_control(lattice().control[::-1]))
     assert report.verdict == "folded"
@@ -135,3 +150,11 @@ def test_the_report_is_the_same_in_any_unit() -> None:
 def test_points_outside_are_refused() -> None:
     with pytest.raises(ValueError, match="points must lie in the lattice"):
         fold_report(lattice(), np.zeros((1, 3)))
+
+
+def test_where_rounding_hides_the_sign_nothing_is_claimed() -> None:
+    plain = box_lattice(np.zeros(3), np.ones(3), (7, 7, 7), 6)
+    report = fold_report(plain)
+    assert report.verdict == "undecided"
+    assert report.least == pytest.approx(1.0)
+    assert fold_report(plain.with_control(plain.control[::-1])).verdict == "undecided"

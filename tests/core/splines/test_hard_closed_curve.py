@@ -122,6 +122,9 @@ def test_a_figure_of_eight_and_a_curve_that_touches_itself_are_flagged() -> None
     assert eight.area == pytest.approx(0.0, abs=1e-3)
     limacon = (1.0 + 1.3 * np.cos(angle))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     assert fit_closed_curve(limacon).flags.self_intersecting
+    right = np.column_stack([1 - np.cos(angle), np.sin(angle)])
+    touching = fit_closed_curve(np.vstack([right, -right[::-1]]))  # round 0 both times as far
+    assert touching.flags.self_intersecting
     assert not fit_closed_curve(bean(np.arange(80) / 80)).flags.self_intersecting
 
 

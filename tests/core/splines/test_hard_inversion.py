@@ -102,7 +102,7 @@ def test_32_a_start_at_the_solution_takes_no_step(method: Method) -> None:
     assert np.isfinite(found.parameters).all()
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1e9])
+@pytest.mark.parametrize("scale", [1e-140, 1e-9, 1e9, 1e140])
 def test_33_the_unit_changes_neither_the_steps_nor_the_answer(scale: float) -> None:
     here = noisy(0.2)
     there = Volume(scale * here.control, BASES)
@@ -111,3 +111,4 @@ def test_33_the_unit_changes_neither_the_steps_nor_the_answer(scale: float) -> N
     assert np.array_equal(found.steps, metres.steps)
     assert found.converged.all()
     assert np.allclose(found.parameters, metres.parameters, rtol=0, atol=1e-9)
+    assert np.array_equal(found.folded, metres.folded)

@@ -57,3 +57,8 @@ def test_knots_that_cannot_be_inserted_are_refused(new: list[float], words: str)
 def test_coefficients_of_another_basis_are_refused() -> None:
     with pytest.raises(ValueError, match="control must have 6 coefficients, got 5"):
         insert_knots(clamped_basis(6), np.zeros((5, 1)), np.array([0.5]))
+
+
+def test_coefficients_that_are_not_finite_are_refused() -> None:
+    with pytest.raises(ValueError, match="control must be finite"):
+        insert_knots(clamped_basis(6), np.full((6, 1), np.nan), np.array([0.5]))

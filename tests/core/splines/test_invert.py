@@ -101,6 +101,23 @@ def test_a_mirrored_volume_is_not_folded() -> None:
     assert not invert(volume, volume.at(AT)).folded.any()
 
 
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+def test_a_volume_that_runs_round_a_ring_is_not_folded(hand: float) -> None:
+    bases = clamped_basis(17), clamped_basis(4), clamped_basis(4)
+    angle, radius, height = np.meshgrid(
+        1.98 * np.pi * np.linspace(0, 1, 17),
+        np.linspace(1, 2, 4),
+        np.linspace(0, 1, 4),
+        indexing="ij",
+    )
+    ring = np.stack([radius * np.cos(angle), hand * radius * np.sin(angle), height], axis=-1)
+    volume = Volume(ring, bases)
+    found = invert(volume, volume.at(AT[:100]))
+    assert found.converged.all()
+    assert not found.folded.any()
+    assert np.allclose(found.parameters, AT[:100], rtol=0, atol=1e-9)
+
+
 def test_points_outside_a_skewed_lattice_are_answered_with_the_nearest() -> None:
     volume = Volume(SKEWED.greville_control(BASES), BASES)
     points = SKEWED.points(np.array([[1.2, 1.3, 0.5], [0.5, 0.5, 0.5], [-0.4, 0.2, 1.2]]))

@@ -108,3 +108,8 @@ def test_too_few_coefficients_are_refused(make: type) -> None:
 def test_sites_that_allow_no_knots_are_refused(sites: list[float], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         averaged_knots(np.array(sites))
+
+
+def test_averages_of_no_sites_are_refused() -> None:
+    with pytest.raises(ValueError, match="degree must be at least 1, got 0"):
+        averaged_knots(np.arange(5.0), 0)

@@ -12,6 +12,7 @@ from palpate.core.arrays import Floats
 from palpate.core.shapes.protocol import Mesh
 from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.splines.basis import clamped_basis
+from palpate.core.splines.determinant import mean_determinant
 from palpate.core.splines.frame import Frame
 from palpate.core.splines.lattice import Lattice, box_lattice
 from palpate.core.splines.volume import Volume
@@ -136,8 +137,22 @@ def test_the_change_of_volume_on_a_grid_is_that_at_its_points() -> None:
 
 
 def test_the_unit_of_change_is_the_undeformed_volume() -> None:
-    assert bent().unit == pytest.approx(EXTENT.prod())
-    assert wedge().unit == pytest.approx(EXTENT.prod() * 1.39, rel=1e-3)  # 1 + .3 z on average
+    before = wedge().undeformed
+    assert isinstance(before, Volume)
+    assert mean_determinant(before) == pytest.approx(EXTENT.prod() * 1.39, rel=1e-3)  # 1 + .3 z
+    still = Lattice(before, before)
+    assert mean_determinant(still.relative) == pytest.approx(1.0)
+    assert mean_determinant(undeformed().relative) == pytest.approx(1.0)
+    wider = Lattice(Volume(2.0 * before.control, before.bases, before.weights), before)
+    assert mean_determinant(wider.relative) == pytest.approx(8.0)
+
+
+def test_a_lattice_that_was_flat_changes_no_volume() -> None:
+    plain = undeformed()
+    flat = Volume(plain.control * [1, 1, 0], plain.volume.bases)
+    assert np.array_equal(
+        Lattice(flat, flat).change_on_grid(*np.full((3, 2), 0.3)), np.zeros((2, 2, 2))
+    )
 
 
 def test_a_mirrored_lattice_is_a_fold_everywhere() -> None:
@@ -243,6 +258,26 @@ def test_a_deformed_mesh_keeps_its_outside(
         found = Mesh(*plain.with_control(control).deform_mesh(*mesh))
         assert is_closed(found)
         assert signed_volume(found) == pytest.approx(2 * signed_volume(mesh))
+
+
+@pytest.mark.parametrize("scale", [1e-110, 1e-60, 1.0, 1e110])
+def test_a_mirrored_mesh_is_turned_round_in_any_unit(scale: float) -> None:
+    vertices = scale * np.vstack([np.zeros(3), np.eye(3)])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
+    plain = box_lattice(np.zeros(3), np.full(3, scale), (4, 4, 4))
+    mirrored = plain.with_control(plain.control * [1, 1, -1])
+    assert np.array_equal(plain.deform_mesh(vertices, faces)[1], faces)
+    assert np.array_equal(mirrored.deform_mesh(vertices, faces)[1], faces[:, ::-1])
+    assert mirrored.deform_mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))[1].shape == (0, 3)
+
+
+def test_triangles_of_vertices_that_are_not_there_are_refused() -> None:
+    plain = box_lattice(np.zeros(3), np.ones(3), (4, 4, 4))
+    for number in (3, -1):
+        with pytest.raises(ValueError, match=f"faces must name the 3 vertices, got {number}"):
+            plain.deform_mesh(np.eye(3), np.array([[0, 1, number]], np.int32))
+    with pytest.raises(ValueError, match=r"faces must have shape \(any, 3\), got \(1, 4\)"):
+        plain.deform_mesh(np.eye(3), np.array([[0, 1, 2, 0]], np.int32))
 
 
 def test_moved_control_points_must_be_as_many_as_before() -> None:

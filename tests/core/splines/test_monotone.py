@@ -80,3 +80,8 @@ def test_unclamped_ends_are_where_the_spline_ends_not_its_coefficients() -> None
 def test_coefficients_that_do_not_rise_are_refused(coefficients: list[float], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         invert_rising(clamped_basis(4), np.array(coefficients, float), np.zeros(1))
+
+
+def test_values_that_are_no_numbers_are_refused() -> None:
+    with pytest.raises(ValueError, match="values must be numbers, got 1 nan"):
+        invert_rising(clamped_basis(6), np.arange(6.0), np.array([1.0, np.nan]))

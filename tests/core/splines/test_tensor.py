@@ -73,10 +73,27 @@ def test_places_outside_are_refused() -> None:
 
 def test_coefficients_and_places_that_do_not_fit_the_bases_are_refused() -> None:
     control = np.zeros((6, 3, 5, 3))
-    words = r"control must have \(6, 3, 5\) coefficients along its axes, got \(5, 3, 6\)"
+    words = r"control must have shape \(6, 3, 5, any\), got \(5, 3, 6, 3\)"
     with pytest.raises(ValueError, match=words):
         evaluate(BASES, control.swapaxes(0, 2), np.zeros((1, 3)), [(0, 0, 0)])
     with pytest.raises(ValueError, match=words):
         evaluate_grid(BASES, control.swapaxes(0, 2), [np.zeros(1)] * 3)
     with pytest.raises(ValueError, match=r"at must have shape \(any, 3\)"):
         evaluate(BASES, control, np.zeros((1, 2)), [(0, 0, 0)])
+
+
+def test_coefficients_orders_and_axes_that_are_none_are_refused() -> None:
+    control = np.zeros((6, 3, 5, 1))
+    at, axes = np.full((1, 3), 0.5), [np.full(1, 0.5)] * 3
+    for order in ((0, -1, 0), (0, 0)):
+        with pytest.raises(ValueError, match="orders must be 0 or more for each of 3 axes, got"):
+            evaluate(BASES, control, at, [(1, 1, 1), order])
+        with pytest.raises(ValueError, match="orders must be 0 or more for each of 3 axes, got"):
+            evaluate_grid(BASES, control, axes, order)
+    with pytest.raises(ValueError, match="axes must be 3, one for each basis, got 2"):
+        evaluate_grid(BASES, control, axes[:2])
+    control[0, 0, 0, 0] = np.nan
+    with pytest.raises(ValueError, match="control must be finite"):
+        evaluate(BASES, control, at, [(0, 0, 0)])
+    with pytest.raises(ValueError, match="control must be finite"):
+        evaluate_grid(BASES, control, axes)

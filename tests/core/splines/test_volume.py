@@ -104,6 +104,15 @@ def test_what_is_no_volume_is_refused(
         Volume(control, bases, weights)
 
 
+def test_a_volume_has_three_bases() -> None:
+    with pytest.raises(ValueError, match="bases must be three, for s, t and u, got 2"):
+        Volume(CONTROL[:, :, 0], BASES[:2])  # type: ignore[arg-type]
+
+
+def test_no_points_have_no_shares() -> None:
+    assert VOLUMES[1].shares(np.zeros((0, 3))).shape == (0, 90)
+
+
 def test_parameters_outside_are_refused() -> None:
     outside = np.array([[0.5, 0.5, 1.1]])
     for ask in (VOLUMES[0].at, VOLUMES[0].first, VOLUMES[0].second, VOLUMES[0].shares):
