@@ -104,8 +104,7 @@ def _complaint(given: Located, wanted: type, name: str, text: str) -> InputError
     """Turn msgspec's ``Expected ... - at `$.a[0]``` into a sentence with place, path and value."""
     what, _, at = text.partition(" - at `$")
     # A key of a map with free keys is told as [...]: the complaint is then about the map.
-    steps = _STEP.findall(at.rstrip("`").partition("[...]")[0])
-    path: KeyPath = tuple(int(index) if index else key for key, index in steps)
+    path = _steps(at.rstrip("`").partition("[...]")[0])
     what = what.replace("`", "")
     where = dotted((name, *path) if name else path) or "the document"
     if what.startswith("Object missing required field "):
@@ -119,10 +118,15 @@ def _complaint(given: Located, wanted: type, name: str, text: str) -> InputError
         return given.error(path, f"{where} is {_shown(value)}; expected one of {allowed}")
     # A Struct that checks itself names field and value in its own words.
     if not what.startswith("Expected"):
-        name = what.partition(" ")[0]
-        at_fault = (*path, name) if isinstance(value, Mapping) and name in value else path
-        return given.error(at_fault, f"{where}: {what}")
+        at_fault = _steps(f".{what.partition(' ')[0].rstrip(':,')}")
+        known = isinstance(value, Mapping) and bool(at_fault) and at_fault[0] in value
+        return given.error((*path, *at_fault) if known else path, f"{where}: {what}")
     return given.error(path, f"{where} is {_shown(value)}; {_plain(what)}")
+
+
+def _steps(text: str) -> KeyPath:
+    """The path that is written as ``.key[0]``."""
+    return tuple(int(index) if index else key for key, index in _STEP.findall(text))
 
 
 def _choices(kind: inspect.Type, path: KeyPath) -> list[object]:

@@ -13,6 +13,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from palpate.core.arrays import Floats
 from palpate.core.shapes.protocol import Mesh
 from palpate.core.splines.closed_curve import ClosedCurve, fit_closed_curve
+from palpate.launch.bench_shapes_curves import COUNT, POINTS, SHAPES
 from palpate.launch.scene import load_scene
 from palpate.nodes.object import build_shape
 
@@ -20,8 +21,6 @@ MODELS = ("twisted", "hyperquadric", "dented", "bottle", "oblique", "notched", "
 LEVEL = 5
 LIGHT = np.array([0.15, -0.75, 0.65])
 """Towards the light, from over the viewer's shoulder."""
-VERTICES = 16
-"""Control points of the curves that are compared."""
 DPI = 110
 
 
@@ -53,20 +52,13 @@ def draw_models(scenes: Sequence[str]) -> Figure:
 
 def closed_curves() -> Mapping[str, tuple[Floats, ClosedCurve, ClosedCurve]]:
     """Points around plane figures, the thesis's curve and ours, with as many control points."""
-    turn = 2.0 * np.pi * np.arange(80) / 80
-    x, y = np.cos(turn), np.sin(turn)
-    radius = 1.0 + 0.35 * np.cos(2 * turn) + 0.1 * np.sin(3 * turn)
-    stretched = (np.abs(x) ** (2 / 0.3) + np.abs(y) ** (2 / 0.3)) ** -0.15
-    plane = {
-        "ellipse 2:1": np.column_stack([2.0 * x, y]),
-        "superellipse, e = 0.3": stretched[:, None] * np.column_stack([x, y]),
-        "bean": radius[:, None] * np.column_stack([x, y]),
-    }
+    turns = np.arange(POINTS - 1) / (POINTS - 1)
+    plane = {name: shape(turns) for name, shape in SHAPES.items()}
     return {
         name: (
             points,
-            fit_closed_curve(points, count=VERTICES, method="thesis"),
-            fit_closed_curve(points, count=VERTICES),
+            fit_closed_curve(points, count=COUNT, method="thesis"),
+            fit_closed_curve(points, count=COUNT),
         )
         for name, points in plane.items()
     }

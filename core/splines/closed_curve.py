@@ -144,10 +144,10 @@ def fit_closed_curve(
     smoothing : {"auto", "gcv"}, float or None
         Weight of the bending against the mean weight of the points; "gcv" chooses it by
         cross-validation, None smooths nothing (with a `count`: next to nothing). "auto" does
-        as "gcv" does where neighbouring points deviate from a smooth course in opposite
-        directions, as None does otherwise; and where half as many control points turn out to
-        leave residuals larger than that noise, they cannot follow the shape, and all points
-        are passed.
+        as "gcv" does where there are 25 points or more, and neighbours deviate from a smooth
+        course in opposite directions; as None does otherwise. Where half as many control
+        points turn out to leave residuals larger than that noise, they cannot follow the
+        shape, and all points are passed.
     method : {"periodic", "thesis"}
         The latter for comparison: `fit_closed_thesis`, with 16 vertices unless told.
 

@@ -118,6 +118,9 @@ def test_poses_of_a_tree_are_composed() -> None:
         ),
         ({"intersection": [BALL, {"complement": {"half_space": {"normal": [0, 0, -1]}}}]}, 0.1),
         ({"difference": [BALL, {"union": [DRILL, SMALL]}]}, 0.11),
+        ({"union": [{"superquadric": {**BALL["superquadric"], "taper": [0.5, 0.2]}}, SMALL]}, 0.07),
+        ({"union": [{"superquadric": {**BALL["superquadric"], "bend": 5.0}}, SMALL]}, 0.07),
+        ({"difference": [BALL, {"polyhedron": TETRAHEDRON}]}, 0.1),
     ],
 )  # fmt: skip
 def test_trees_combine_what_they_say(tree: dict[str, Any], middle: float) -> None:
@@ -160,10 +163,9 @@ def test_a_polyhedron_is_cast_as_it_is() -> None:
         ),
         ({"boolean": {"difference": [BALL, BALL]}}, "the tree leaves nothing"),
         ({"boolean": {"half_space": {"normal": [0, 0, 0]}}}, "normal must have a length"),
-        (
-            {"boolean": {"superquadric": {**BALL["superquadric"], "taper": [0.1, 0.0]}}},
-            "superquadric must be neither tapered nor bent within a boolean",
-        ),
+        ({"boolean": {"union": [{"union": [BALL, BALL]}] * 22}}, "at most 64 parts in all"),
+        ({**BALL, "pose": {"position": [0, 0, 2000]}}, "<= 1000.0"),
+        ({**BALL, "pose": {"rotation": [0, 0, 0, 2]}}, "<= 1.0"),
         ({"polyhedron": TETRAHEDRON, "lattice": LAYERS}, "a lattice deforms no polyhedron"),
         ({"polyhedron": TETRAHEDRON, "exact": True}, "leave it out, a polyhedron is cast as it is"),
         (

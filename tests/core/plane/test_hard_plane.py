@@ -20,7 +20,6 @@ AZIMUTHS = 2 * np.pi * np.arange(80) / 80
 
 
 def test_an_unevenly_sampled_circle_has_its_centroid_in_the_middle() -> None:
-    """Hard case 43."""
     # Three quarters of the points lie on one quarter of the circle.
     angle = np.concatenate(
         [
@@ -37,7 +36,6 @@ def test_an_unevenly_sampled_circle_has_its_centroid_in_the_middle() -> None:
 def test_a_concave_slice_is_matched_in_order_or_flagged_where_rays_miss_or_meet_it_often(
     u_shape: Floats, refined: Callable[..., Floats]
 ) -> None:
-    """Hard case 44."""
     contour = refined(u_shape)
     outside, inside = area_centroid(u_shape), inscribed_circle(u_shape).middle
     assert winding_number(u_shape, outside[None])[0] == 0
@@ -62,7 +60,6 @@ def test_a_concave_slice_is_matched_in_order_or_flagged_where_rays_miss_or_meet_
 def test_the_largest_circle_in_a_u_lies_inside_where_the_middle_of_its_box_does_not(
     u_shape: Floats,
 ) -> None:
-    """Hard case 45."""
     box = 0.5 * (u_shape.min(axis=0) + u_shape.max(axis=0))
     assert winding_number(u_shape, box[None])[0] == 0
     middle, radius = inscribed_circle(u_shape)
@@ -72,7 +69,6 @@ def test_the_largest_circle_in_a_u_lies_inside_where_the_middle_of_its_box_does_
 
 
 def test_an_angle_of_a_nanoradian_is_found() -> None:
-    """Hard case 70."""
     first, second = np.array([1.0, 0.0]), np.array([math.cos(1e-9), math.sin(1e-9)])
     assert math.acos(min(float(first @ second), 1.0)) == 0.0
     assert angle_between(first, second) == pytest.approx(1e-9, rel=1e-12)
@@ -81,7 +77,6 @@ def test_an_angle_of_a_nanoradian_is_found() -> None:
 def test_the_ellipse_in_a_polygon_with_hollows_is_not_cut_by_lines_beyond_its_edges(
     three_lobes: Callable[..., Floats],
 ) -> None:
-    """Hard case 71."""
     polygon = three_lobes(0.45, 16)
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     middle, axes = 0.5 * (low + high), 0.5 * (high - low)
@@ -96,7 +91,6 @@ def test_the_ellipse_in_a_polygon_with_hollows_is_not_cut_by_lines_beyond_its_ed
 def test_the_largest_ellipse_comes_in_closed_form_where_the_search_has_no_branch(
     three_lobes: Callable[..., Floats], u_shape: Floats
 ) -> None:
-    """Hard case 72."""
     polygon, axes = three_lobes(0.5, 90) * [2.0, 1.0], np.array([2.0, 1.0])
     around = 2 * np.pi * np.arange(20000) / 20000
     circle = axes * np.column_stack([np.cos(around), np.sin(around)])

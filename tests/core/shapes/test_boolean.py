@@ -20,14 +20,18 @@ from palpate.core.shapes.boolean_tree import (
     difference,
     enclosure,
 )
+from palpate.core.shapes.bend import Bend
 from palpate.core.shapes.dent import Dent
 from palpate.core.shapes.generalised_cylinder import GeneralisedCylinder
 from palpate.core.shapes.half_space import HalfSpace
 from palpate.core.shapes.hyperquadric import Hyperquadric
+from palpate.core.shapes.polyhedron import Polyhedron
 from palpate.core.shapes.posed_solid import PosedSolid
 from palpate.core.shapes.protocol import INSIDE, MISS
 from palpate.core.shapes.section import SplineSection
 from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.shapes.warped import WarpedSuperquadric
+from palpate.core.shapes.winding import is_closed
 
 DOWN, R = np.array([0.0, 0.0, -1.0]), 0.03
 UPPER = HalfSpace(np.array([0.0, 0.0, -1.0]), 0.0)
@@ -45,6 +49,17 @@ def block(x: float, y: float, z: float) -> Intersection:
     return Intersection(
         (*faces, *(HalfSpace(n, s) for n, s in zip(np.eye(3), (x, y, z), strict=True)))
     )
+
+
+def union_of(pairs: int) -> Tree:
+    return Union(tuple(Union((ball(), ball(0.01))) for _ in range(pairs)))
+
+
+def nested(levels: int) -> Tree:
+    tree: Tree = ball()
+    for _ in range(levels):
+        tree = Complement(tree)
+    return tree
 
 
 DENTED = Hyperquadric(
@@ -215,6 +230,8 @@ def test_balls_however_combined_have_the_spans_of_the_definition(
         (Intersection((ball(), ball(0.2))), "the tree leaves nothing"),
         (Intersection((ball(), ball(0.05, 0.05))), "the tree leaves nothing"),
         (difference(ball(), ball(radius=0.04)), "the tree leaves nothing"),
+        (union_of(33), "the tree must have at most 64 parts in all"),
+        (nested(2000), "the tree must have at most 64 parts in all"),
         (Intersection((UPPER, HalfSpace(DOWN, -1.0), HalfSpace(-DOWN, -1.0), ball())), "nothing"),
     ],
 )
@@ -234,6 +251,48 @@ def test_what_is_unbounded_or_empty_is_refused(tree: Tree, sentence: str) -> Non
 def test_too_few_parts_are_refused(make: Callable[[], Tree], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         make()
+
+
+def test_what_complements_and_nesting_bound_is_bounded() -> None:
+    lens = complement(Union((complement(ball(-0.02)), complement(ball(0.02)))))
+    assert np.allclose(enclosure(lens), [[-0.01, -R, -R], [0.01, R, R]])
+    assert BooleanShape(lens).bounds()[1, 0] == pytest.approx(0.01, rel=1e-3)
+    walls = [HalfSpace(np.array(n, float), 0.02) for n in ([1, 1, 0], [-1, 1, 0], [0, -1, 0])]
+    prism = Intersection((Intersection((walls[0], walls[1])), Intersection((walls[2], ball()))))
+    assert np.allclose(enclosure(prism), [[-R, -0.02, -R], [R, 0.02 * math.sqrt(2), R]])
+    slab = difference(ball(), Union((UPPER, HalfSpace(DOWN * -1.0, -0.01))))
+    assert np.allclose(enclosure(slab)[:, 2], [-0.01, 0.0])
+
+
+def test_facets_are_no_larger_on_planes_than_elsewhere() -> None:
+    vertices, faces = BooleanShape(TREES["block"]).mesh(4)
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    longest = max(np.linalg.norm(one - two, axis=1).max() for one, two in ((a, b), (b, c), (c, a)))
+    assert longest <= math.hypot(0.05, 0.04, 0.03) / 16 * (1 + 1e-9)
+
+
+def test_many_solids_have_no_more_facets_than_a_few() -> None:
+    few, many = (
+        BooleanShape(Union(tuple(ball(0.1 * i) for i in range(n)))).mesh(5) for n in (7, 8)
+    )
+    assert len(many.faces) < 0.3 * len(few.faces)
+
+
+def test_polyhedra_and_warped_superquadrics_are_combined() -> None:
+    box = Polyhedron(*BooleanShape(block(0.04, 0.04, 0.04)).mesh(0))
+    pear = WarpedSuperquadric(
+        Superquadric(np.array([0.02, 0.02, 0.03]), np.ones(2)), np.array([0.3, 0.3]), Bend(5.0)
+    )
+    shape = BooleanShape(difference(box, pear, ball(0.04, 0.04, 0.04, 0.01)))
+    rng = np.random.default_rng(6)
+    points = rng.uniform(-0.005, 0.045, (400, 3))
+    level = shape.inside_out(points, np.zeros_like(points))[0]
+    for towards in (DOWN, np.array([0.48, 0.6, 0.64])):
+        inside = shape.cast(points, towards, 1.0) == INSIDE
+        assert np.array_equal(inside, level < 0.0)
+    vertices, faces = shape.mesh(4)
+    assert is_closed(faces)
+    assert np.abs(shape.inside_out(vertices, vertices)[0]).max() < 0.02
 
 
 def test_half_spaces_cut_the_enclosure() -> None:

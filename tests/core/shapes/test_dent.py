@@ -65,6 +65,8 @@ def test_the_dip_of_a_round_dent_is_exact_and_a_crease_has_none() -> None:
         (1.0, PLANES, [2, 0.05], "exponents must lie between 0.1 and 100"),
         (1.0, PLANES, [2, 101], "exponents must lie between 0.1 and 100"),
         (1.0, np.full((2, 4), np.inf), [2, 2], "planes must be finite"),
+        (1.0, PLANES * [[1], [0]], [2, 2], r"planes\[1\] must face somewhere: .* long, got 0"),
+        (1.0, PLANES * [[1e-300], [1]], [2, 2], r"planes\[0\] must face somewhere"),
     ],
 )
 def test_what_cannot_be_is_refused(

@@ -210,3 +210,22 @@ def test_points_beyond_the_ends_are_outside() -> None:
     points: Floats = np.array([[0.0, 0, 0.11], [0.0, 0, -0.01], [0.0, 0, 0.1], [0.0, 0, 0.05]])
     value = CYLINDER.inside_out(points, np.zeros((4, 3)))[0]
     assert np.array_equal(np.sign(value), [1.0, 1.0, 0.0, -1.0])
+
+
+def test_a_ray_that_leaves_through_a_slanting_side_is_seen_to_leave() -> None:
+    # The gauge of a rhombus has creases, and this ray gains on its scale only slowly.
+    spindle = GeneralisedCylinder(
+        SuperellipseSection(np.array([0.0325, 0.0164]), 2.0),
+        np.array([-0.022, 0.002, 0.01, 0.035]),
+        np.array([0.0, 0.32, 0.6, 1.03]),
+    )
+    rng = np.random.default_rng(5)
+    ways = np.linspace(0.0, 0.2, 2001)
+    for direction in rng.normal(size=(8, 3)):
+        towards = direction / np.linalg.norm(direction)
+        origins = rng.uniform([-0.02, -0.01, 0.0], [0.02, 0.01, 0.03], (50, 3)) - 0.1 * towards
+        spans = spindle.spans(origins, towards)
+        points = (origins[:, None] + ways[:, None] * towards).reshape(-1, 3)
+        level = spindle.inside_out(points, np.zeros_like(points))[0].reshape(50, -1)
+        within = ((spans[..., :1] <= ways) & (ways <= spans[..., 1:])).any(axis=1)
+        assert (within == (level <= 0.0))[np.abs(level) > 1e-9].all()

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -54,3 +56,9 @@ def test_what_is_no_half_space_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=sentence):
         HalfSpace(np.array(normal), offset)
+
+
+@pytest.mark.parametrize("length", [5e-324, 1e-300, 1e300])
+def test_a_normal_of_any_length_is_one(length: float) -> None:
+    normal = HalfSpace(np.array([length, 0.0, -length]), 0.0).normal
+    assert np.allclose(normal, [math.sqrt(0.5), 0.0, -math.sqrt(0.5)], rtol=1e-15)

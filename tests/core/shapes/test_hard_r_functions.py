@@ -16,7 +16,6 @@ from palpate.core.shapes.r_functions import (
 def test_a_large_and_a_small_value_an_omega_near_its_end_huge_values_and_none_keep_all_digits() -> (
     None
 ):
-    """Hard case 69."""
     # As printed, the difference of two numbers near 1e8 leaves 1.49e-8.
     assert conjunction(1e8, 1e-8) == pytest.approx(1e-8, rel=1e-15)
     assert disjunction(-1e8, -1e-8) == pytest.approx(-1e-8, rel=1e-15)

@@ -210,3 +210,9 @@ def test_what_is_too_thin_to_be_meshed_is_refused() -> None:
     planes = np.column_stack([normals, [0.0, 0.0, 0.0, 1e-7, 0.0, 0.0]])
     with pytest.raises(ValueError, match="planes leave so little inside that a grid of 16 cells"):
         Hyperquadric(planes, np.full(6, 0.15))
+
+
+def test_a_solid_that_is_far_longer_than_wide_is_bounded() -> None:
+    thin = np.column_stack([np.diag([1e6, 1.0, 1e-6]), np.zeros(3)])
+    low, high = Hyperquadric(thin, np.full(3, 2.0)).enclosure()
+    assert np.allclose(high - low, [2e-6, 2.0, 2e6], rtol=1e-12)

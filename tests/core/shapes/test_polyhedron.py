@@ -168,3 +168,33 @@ def test_a_face_that_crosses_itself_or_has_no_area_is_refused() -> None:
     line = [[0, 0], [0.02, 0], [0.04, 0]]
     with pytest.raises(ValueError, match=r"faces\[0\] has no area"):
         Polyhedron(*prism(line, 0.03))
+
+
+def test_a_polyhedron_that_encloses_nothing_is_refused_however_it_lies() -> None:
+    sheet = np.array([[0, 0, 0], [0.04, 0, 0.03], [0.04, 0.04, 0.07], [0, 0.04, 0.04]])
+    with pytest.raises(ValueError, match="faces enclose nothing"):
+        Polyhedron(sheet, [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+
+
+def test_the_function_is_the_distance_and_its_slope() -> None:
+    cube = Polyhedron(CORNERS, CUBE)
+    low, high = cube.enclosure()
+    rng = np.random.default_rng(7)
+    points = rng.uniform(low - 0.02, high + 0.02, (200, 3))
+    away = np.abs(points - (low + high) / 2) - (high - low) / 2
+    wanted = np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
+    value, slope = cube.inside_out(points, rng.normal(size=(200, 3)))
+    assert np.allclose(value, wanted, rtol=0, atol=1e-15)
+    towards, step = rng.normal(size=(200, 3)), 1e-7
+    ahead, behind = (cube.inside_out(points + s * towards, towards)[0] for s in (step, -step))
+    numeric = (ahead - behind) / (2 * step)
+    assert np.median(np.abs(cube.inside_out(points, towards)[1] - numeric)) < 1e-8
+
+
+def test_on_a_face_the_slope_is_that_along_its_normal() -> None:
+    cube = Polyhedron(CORNERS, CUBE)
+    low, high = cube.enclosure()
+    on_top = np.append((0.6 * low + 0.4 * high)[:2], high[2])[None]
+    value, slope = cube.inside_out(on_top, np.array([[3.0, 1.0, 2.0]]))
+    assert abs(value[0]) < 1e-15
+    assert slope[0] == pytest.approx(2.0)

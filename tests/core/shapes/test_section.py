@@ -82,6 +82,7 @@ def test_no_chord_shows_a_section_hollower_than_it_says(radii: list[float]) -> N
         ([0.03, 0.03], "radii must be 3 to 64, got 2"),
         ([0.03] * 65, "radii must be 3 to 64, got 65"),
         ([0.03, 0.0, 0.03], "radii must be positive"),
+        ([1e-320] * 3, "radii must be positive, 1e-09 m or more"),
         ([0.03, math.inf, 0.03], "radii must be finite"),
         ([1.0, 1.0, 0.001, 0.001, 0.001, 1.0], "the curve through them reaches the axis"),
     ],
@@ -95,6 +96,7 @@ def test_radii_that_make_no_section_are_refused(radii: list[float], sentence: st
     ("size", "exponent", "sentence"),
     [
         ([0.03, 0.0], 1.0, "size must be positive"),
+        ([0.03, 1e-320], 1.0, "size must be positive, 1e-09 m or more"),
         ([0.03], 1.0, r"size must have shape \(2\)"),
         ([0.03, 0.02], 2.5, "exponent must lie between 0.02 and 2.0, got 2.5"),
         ([0.03, 0.02], math.nan, "exponent must lie between"),

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.core.arrays import Floats
+from palpate.core.splines.closed_curve import fit_closed_curve
 from palpate.core.splines.closed_curve_thesis import fit_closed_thesis
 from palpate.core.splines.curve_fit import closed_places
 from palpate.core.splines.curve_interpolation import interpolate_closed
@@ -166,3 +167,17 @@ def test_a_ring_that_comes_back_to_its_first_point_begins_at_one_place() -> None
 def test_points_that_spread_too_far_are_refused() -> None:
     with pytest.raises(ValueError, match=r"points must spread less than 1\.79769e\+308 m"):
         order_points(1e308 * SQUARE - 1e308 * (1.0 - SQUARE))
+
+
+@pytest.mark.parametrize("side", [2, 3, 4, 6])
+def test_the_corners_of_a_square_of_few_points_are_not_taken_for_noise(side: int) -> None:
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    sides = [
+        np.linspace(corner, following, side, endpoint=False)
+        for corner, following in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    ]
+
+    curve = fit_closed_curve(np.concatenate(sides))
+
+    assert curve.smoothing == 0.0
+    assert curve.residual < 1e-15

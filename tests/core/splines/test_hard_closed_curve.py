@@ -40,7 +40,6 @@ def hausdorff(found: Floats, wanted: Floats) -> float:
 
 @pytest.mark.parametrize("many", [1, 40])
 def test_points_in_one_place_give_that_place_and_are_flagged(many: int) -> None:
-    """Hard case 34."""
     curve = fit_closed_curve(np.tile([0.1, -0.2], (many, 1)))
     assert curve.flags.degenerate
     assert np.array_equal(curve.at([0.0, 0.3]), [[0.1, -0.2], [0.1, -0.2]])
@@ -51,7 +50,6 @@ def test_points_in_one_place_give_that_place_and_are_flagged(many: int) -> None:
 
 @pytest.mark.parametrize("count", [None, 16])
 def test_duplicates_an_open_end_and_a_closed_one_give_one_curve(count: int | None) -> None:
-    """Hard case 35."""
     open_end = bean(np.arange(60) / 60)
     closed = np.vstack([open_end, open_end[:1]])
     doubled = np.repeat(closed, 3, axis=0)
@@ -63,7 +61,7 @@ def test_duplicates_an_open_end_and_a_closed_one_give_one_curve(count: int | Non
 
 
 def test_as_many_control_points_as_points_do_no_harm() -> None:
-    """Hard case 36: with even knots and no bending the error is 3000 times the noise."""
+    # With even knots and no bending the error is 3000 times the noise.
     noise = 0.026 * np.random.default_rng(0).normal(size=(80, 2))
     curve = fit_closed_curve(bean(np.arange(80) / 80) + noise, count=80, smoothing=None)
     away = cKDTree(bean(MANY)).query(curve.at(FINE))[0]
@@ -76,7 +74,6 @@ def test_as_many_control_points_as_points_do_no_harm() -> None:
 def test_most_points_in_a_twentieth_of_the_curve_leave_the_rest_right(
     shape: Callable[[Floats], Floats], count: int | None
 ) -> None:
-    """Hard case 37."""
     rng = np.random.default_rng(0)
     turns = np.sort(np.concatenate([rng.uniform(0, 0.05, 60), rng.uniform(0.05, 1, 20)]))
     curve = fit_closed_curve(shape(turns), count=count)
@@ -86,7 +83,6 @@ def test_most_points_in_a_twentieth_of_the_curve_leave_the_rest_right(
 
 @pytest.mark.parametrize("count", [None, 40])
 def test_the_corners_of_a_square_are_kept_without_overshoot(count: int | None) -> None:
-    """Hard case 38."""
     curve = fit_closed_curve(square(np.arange(80) / 80), count=count)
     places = curve.at(FINE)
     assert hausdorff(places, square(MANY)) < 0.008
@@ -99,7 +95,7 @@ def test_the_corners_of_a_square_are_kept_without_overshoot(count: int | None) -
 def test_a_tiny_ring_far_away_and_a_huge_one_are_as_good_as_any(
     scale: float, offset: float, count: int | None
 ) -> None:
-    """Hard case 39: summed about the origin the area of the first is 12.0 instead of 3.14."""
+    # Summed about the origin the area of the first is 12.0 instead of 3.14.
     ring = bean(np.arange(80) / 80)
     usual = fit_closed_curve(ring, count=count)
     curve = fit_closed_curve(offset + scale * ring, count=count)
@@ -114,7 +110,7 @@ def test_a_tiny_ring_far_away_and_a_huge_one_are_as_good_as_any(
 
 
 def test_a_figure_of_eight_and_a_curve_that_touches_itself_are_flagged() -> None:
-    """Hard case 40: the area of the first is next to 0."""
+    # The area of the first is next to 0.
     angle = 2 * np.pi * np.arange(80) / 80
     eight = fit_closed_curve(np.column_stack([np.sin(angle), np.sin(2 * angle)]))
     assert eight.flags.self_intersecting
@@ -129,7 +125,6 @@ def test_a_figure_of_eight_and_a_curve_that_touches_itself_are_flagged() -> None
 
 
 def test_rows_that_are_not_finite_are_dropped_and_counted() -> None:
-    """Hard case 41."""
     points = bean(np.arange(60) / 60)
     holed = np.insert(points, [3, 30, 60], [[np.nan, 0.0], [np.inf, 1.0], [0.0, -np.inf]], axis=0)
     curve = fit_closed_curve(holed)
@@ -144,7 +139,6 @@ def test_rows_that_are_not_finite_are_dropped_and_counted() -> None:
 def test_neither_the_beginning_nor_the_direction_changes_the_curve(
     count: int | None, noise: float, space: bool
 ) -> None:
-    """Hard case 42."""
     points = bean(np.arange(60) / 60)
     points += noise * np.random.default_rng(0).normal(size=points.shape)
     if space:

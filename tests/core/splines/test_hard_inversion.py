@@ -27,7 +27,7 @@ def places(count: int) -> Floats:
     return np.random.default_rng(0).random((count, 3))
 
 
-def test_28_a_flat_lattice_gives_finite_parameters_and_says_that_they_are_not_unique() -> None:
+def test_a_flat_lattice_gives_finite_parameters_and_says_that_they_are_not_unique() -> None:
     flat = Volume(GREVILLE * [1.0, 1.0, 0.0], BASES)
     found = invert(flat, flat.at(places(100)))
     assert np.isfinite(found.parameters).all()
@@ -38,7 +38,7 @@ def test_28_a_flat_lattice_gives_finite_parameters_and_says_that_they_are_not_un
 
 @pytest.mark.parametrize("method", ["auto", "thesis"])
 @pytest.mark.parametrize("squeeze", [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-def test_28_a_lattice_on_a_line_or_a_point_gives_finite_parameters(
+def test_a_lattice_on_a_line_or_a_point_gives_finite_parameters(
     squeeze: list[float], method: Method
 ) -> None:
     volume = Volume(GREVILLE * squeeze, BASES)
@@ -52,7 +52,7 @@ def test_28_a_lattice_on_a_line_or_a_point_gives_finite_parameters(
         assert one.folded.all()
 
 
-def test_29_a_lattice_of_which_17_per_cent_is_folded_loses_at_most_1_per_cent() -> None:
+def test_a_lattice_of_which_17_per_cent_is_folded_loses_at_most_1_per_cent() -> None:
     volume = noisy(0.85, seed=9)
     points, slopes = volume.first(places(3000))
     share = (np.linalg.det(slopes) < 0.0).mean()
@@ -66,7 +66,7 @@ def test_29_a_lattice_of_which_17_per_cent_is_folded_loses_at_most_1_per_cent() 
     assert np.array_equal(found.folded, there)
 
 
-def test_30_a_point_outside_has_not_converged_and_gets_the_nearest_point_of_a_face() -> None:
+def test_a_point_outside_has_not_converged_and_gets_the_nearest_point_of_a_face() -> None:
     volume = noisy(0.1)
     away = np.random.default_rng(1).normal(size=(100, 3))
     points = 3.0 * away / np.linalg.norm(away, axis=1, keepdims=True)
@@ -81,7 +81,7 @@ def test_30_a_point_outside_has_not_converged_and_gets_the_nearest_point_of_a_fa
     assert (found.residual <= 1.03 * nearest).all()
 
 
-def test_31_points_on_faces_edges_and_corners_are_exact_in_8_steps() -> None:
+def test_points_on_faces_edges_and_corners_are_exact_in_8_steps() -> None:
     volume = noisy(0.1)
     face = np.column_stack([np.zeros(100), places(100)[:, 1:]])
     edge = np.column_stack([np.ones(100), np.zeros(100), places(100)[:, 0]])
@@ -94,7 +94,7 @@ def test_31_points_on_faces_edges_and_corners_are_exact_in_8_steps() -> None:
 
 
 @pytest.mark.parametrize("method", ["auto", "general", "thesis"])
-def test_32_a_start_at_the_solution_takes_no_step(method: Method) -> None:
+def test_a_start_at_the_solution_takes_no_step(method: Method) -> None:
     volume = Volume(GREVILLE, BASES)  # of which the affine guess is the answer
     found = invert(volume, volume.at(places(100)), method=method)
     assert not found.steps.any()
@@ -103,7 +103,7 @@ def test_32_a_start_at_the_solution_takes_no_step(method: Method) -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-140, 1e-9, 1e9, 1e140])
-def test_33_the_unit_changes_neither_the_steps_nor_the_answer(scale: float) -> None:
+def test_the_unit_changes_neither_the_steps_nor_the_answer(scale: float) -> None:
     here = noisy(0.2)
     there = Volume(scale * here.control, BASES)
     metres = invert(here, here.at(places(300)))

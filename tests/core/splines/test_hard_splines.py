@@ -11,7 +11,7 @@ from palpate.core.splines.knots import averaged_knots
 from palpate.core.splines.volume import Volume
 
 
-def test_21_the_functions_sum_to_one_at_the_last_knot() -> None:
+def test_the_functions_sum_to_one_at_the_last_knot() -> None:
     for degree in (1, 2, 3, 5):
         basis = clamped_basis(degree + 4, degree)
         ends = basis.matrix(np.array([0.0, 1.0])).toarray()
@@ -20,7 +20,7 @@ def test_21_the_functions_sum_to_one_at_the_last_knot() -> None:
         assert slopes[0] == pytest.approx(1.0, abs=1e-14)
 
 
-def test_22_a_place_outside_by_rounding_is_the_end_and_by_more_is_refused() -> None:
+def test_a_place_outside_by_rounding_is_the_end_and_by_more_is_refused() -> None:
     basis = clamped_basis(6)
     just_outside = np.array([-1e-16, 1.0 + 2.3e-16])
     assert np.array_equal(basis.matrix(just_outside).toarray(), np.eye(6)[[0, -1]])
@@ -33,7 +33,7 @@ def test_22_a_place_outside_by_rounding_is_the_end_and_by_more_is_refused() -> N
         large.matrix(np.array([1e9 + 1.0]))
 
 
-def test_23_at_a_knot_of_full_multiplicity_the_right_limit_is_taken_without_a_nan() -> None:
+def test_at_a_knot_of_full_multiplicity_the_right_limit_is_taken_without_a_nan() -> None:
     basis = Basis(np.array([0, 0, 0, 0, 0.5, 0.5, 0.5, 0.5, 1, 1, 1, 1]), 3)
     for order in range(4):
         here, right = basis.matrix(np.array([0.5, 0.5 + 1e-13]), order).toarray()
@@ -44,7 +44,7 @@ def test_23_at_a_knot_of_full_multiplicity_the_right_limit_is_taken_without_a_na
     assert np.argmax(left) == 3  # the curve jumps there
 
 
-def test_24_the_highest_derivative_is_piecewise_constant_and_those_above_are_0() -> None:
+def test_the_highest_derivative_is_piecewise_constant_and_those_above_are_0() -> None:
     basis = clamped_basis(7, 3)
     x = np.array([0.01, 0.1, 0.2, 0.26, 0.49, 0.99, 1.0])
     third = basis.matrix(x, 3).toarray()
@@ -57,7 +57,7 @@ def test_24_the_highest_derivative_is_piecewise_constant_and_those_above_are_0()
         assert not basis.matrix(x, order).toarray().any()
 
 
-def test_25_averaged_knots_rise_and_their_system_has_a_condition_of_4() -> None:
+def test_averaged_knots_rise_and_their_system_has_a_condition_of_4() -> None:
     sites = np.linspace(0.0, 1.0, 9)
     basis = Basis(averaged_knots(sites, 3), 3)
     assert (np.diff(basis.knots) >= 0.0).all()
@@ -65,7 +65,7 @@ def test_25_averaged_knots_rise_and_their_system_has_a_condition_of_4() -> None:
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_26_a_lattice_without_length_along_an_edge_is_refused(axis: int) -> None:
+def test_a_lattice_without_length_along_an_edge_is_refused(axis: int) -> None:
     edges = np.eye(3)
     edges[axis] = 0.0
     with pytest.raises(ValueError, match="edges must have a length"):
@@ -73,7 +73,7 @@ def test_26_a_lattice_without_length_along_an_edge_is_refused(axis: int) -> None
 
 
 @pytest.mark.parametrize(("weight", "words"), [(0.0, "got 0"), (-1.0, "got -1")])
-def test_27_weights_that_are_zero_or_negative_are_refused(weight: float, words: str) -> None:
+def test_weights_that_are_zero_or_negative_are_refused(weight: float, words: str) -> None:
     bases = clamped_basis(4), clamped_basis(4), clamped_basis(4)
     weights = np.ones((4, 4, 4))
     weights[1, 2, 3] = weight
