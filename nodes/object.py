@@ -103,7 +103,7 @@ class ObjectSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 f"{kind.replace('_', ' ')} is {'cast as it is' if faceted else 'exact anyway'}"
             )
         if self.boolean is not None:
-            build_boolean(self.boolean)  # which refuses what is unbounded or empty
+            _check_tree(self.boolean)
         if self.lattice is not None:
             _check_folds(self, self.lattice)
 
@@ -147,6 +147,14 @@ def _lattice(base: ImplicitShape, layers: tuple[LayerSpec, ...]) -> Lattice:
 
     made = [Layer(said.scale, math.radians(said.turn), said.shift) for said in layers]
     return layered_lattice(base.enclosure(), made)
+
+
+def _check_tree(tree: PartSpec) -> None:
+    """Refuse a tree that is unbounded, empty or too large."""
+    try:
+        build_boolean(tree)
+    except ValueError as error:
+        raise ValueError(f"boolean: {error}") from None
 
 
 def _check_folds(spec: ObjectSpec, layers: tuple[LayerSpec, ...]) -> None:

@@ -11,10 +11,12 @@ from palpate.core.frames import IDENTITY, compose, split_pose
 from palpate.nodes.object_models import (
     GeneralisedCylinderSpec,
     HyperquadricSpec,
+    PolyhedronSpec,
     build_generalised_cylinder,
     build_hyperquadric,
+    build_polyhedron,
 )
-from palpate.nodes.object_superquadric import SuperquadricSpec, plain_superquadric
+from palpate.nodes.object_superquadric import SuperquadricSpec, build_superquadric
 from palpate.nodes.object_units import Coordinate, PoseSpec, only_one, pose_array
 
 if TYPE_CHECKING:  # what only some scenes need is imported where they need it
@@ -27,6 +29,7 @@ WORDS = (
     "superquadric",
     "hyperquadric",
     "generalised_cylinder",
+    "polyhedron",
     "half_space",
     "union",
     "intersection",
@@ -51,9 +54,9 @@ class PartSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A solid of a tree, or a combination of others."""
 
     superquadric: SuperquadricSpec | None = None
-    """Neither tapered nor bent."""
     hyperquadric: HyperquadricSpec | None = None
     generalised_cylinder: GeneralisedCylinderSpec | None = None
+    polyhedron: PolyhedronSpec | None = None
     half_space: HalfSpaceSpec | None = None
     union: Parts | None = None
     """All that is in any of these."""
@@ -67,12 +70,22 @@ class PartSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where it stands in what it is a part of."""
 
     def __post_init__(self) -> None:
-        only_one(self, "a part of a boolean", WORDS)
-        if self.superquadric is not None and not self.superquadric.plain:
-            raise ValueError("superquadric must be neither tapered nor bent within a boolean")
+        word = only_one(self, "a part of a boolean", WORDS)
+        if word in ("union", "intersection", "difference"):
+            _refuse_twins(word, getattr(self, word))
 
 
 Parts = Annotated[tuple[PartSpec, ...], Meta(min_length=2, max_length=32)]
+
+
+def _refuse_twins(word: str, parts: tuple[PartSpec, ...]) -> None:
+    """Refuse the same part in the same place, which says nothing and takes long to mesh."""
+    for i, part in enumerate(parts):
+        if part in parts[:i]:
+            raise ValueError(
+                f"{word}[{i}] is the same as {word}[{parts.index(part)}], in the same place; "
+                "move one, or leave it out"
+            )
 
 
 def build_boolean(spec: PartSpec) -> BooleanShape:
@@ -112,8 +125,10 @@ def _solid(spec: PartSpec) -> BoundedSolid:
         return build_hyperquadric(spec.hyperquadric)
     if spec.generalised_cylinder is not None:
         return build_generalised_cylinder(spec.generalised_cylinder)
+    if spec.polyhedron is not None:
+        return build_polyhedron(spec.polyhedron)
     assert spec.superquadric is not None
-    return plain_superquadric(spec.superquadric)
+    return build_superquadric(spec.superquadric)
 
 
 def _half_space(spec: HalfSpaceSpec, pose: np.ndarray = IDENTITY) -> HalfSpace:

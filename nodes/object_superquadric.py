@@ -12,7 +12,7 @@ from palpate.core.shapes.superquadric import Superquadric
 from palpate.nodes.object_units import Degrees, Exponent, Length
 
 if TYPE_CHECKING:
-    from palpate.core.shapes.protocol import ImplicitShape
+    from palpate.core.shapes.warped import WarpedSuperquadric
 
 TaperShare = Annotated[float, Meta(gt=-1, lt=1, description="1")]
 
@@ -41,7 +41,7 @@ class SuperquadricSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return self.bend == 0.0 and self.taper == (0.0, 0.0)
 
 
-def build_superquadric(spec: SuperquadricSpec) -> ImplicitShape:
+def build_superquadric(spec: SuperquadricSpec) -> Superquadric | WarpedSuperquadric:
     """The solid, tapered, then bent."""
     base = plain_superquadric(spec)
     if spec.plain:

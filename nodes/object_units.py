@@ -14,15 +14,18 @@ Coordinate = Annotated[float, Meta(ge=-10, le=10, description="m")]
 Degrees = Annotated[float, Meta(ge=-360, le=360, description="degrees")]
 Exponent = Annotated[float, Meta(ge=0.02, le=2, description="1")]
 Seed = Annotated[int, Meta(ge=0, le=1 << 53)]
-Position = tuple[float, float, float]
+Place = Annotated[float, Meta(ge=-1000, le=1000, description="m")]
+"""Farther off, a solid would lose the digits that its surface needs."""
+Turn = Annotated[float, Meta(ge=-10, le=10)]
+"""Of a quaternion; so that its length, which must be 1, can be worked out."""
 
 
 class PoseSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where the object's own frame stands in the world."""
 
-    position: Position = (0.0, 0.0, 0.0)
+    position: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)
     """x, y, z, m."""
-    rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    rotation: tuple[Turn, Turn, Turn, Turn] = (0.0, 0.0, 0.0, 1.0)
     """Unit quaternion x, y, z, w."""
 
     def __post_init__(self) -> None:

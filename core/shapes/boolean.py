@@ -18,6 +18,11 @@ CHECK_LEVEL = 3
 LEAST_VOLUME = 1e-9
 """Of the box about it; what has less is rounding."""
 BOUNDS_LEVEL = 6
+MANY_LEAVES = 8
+"""Of so many solids and more, each is meshed a level coarser, and again for four times as many:
+together they have no more facets than a few."""
+MOST_PARTS = 64
+"""Solids and combinations of a tree."""
 
 
 class BooleanShape:
@@ -31,7 +36,7 @@ class BooleanShape:
     Raises
     ------
     ValueError
-        If the whole is unbounded or empty.
+        If the tree has more than 64 parts, or the whole is unbounded or empty.
 
     Notes
     -----
@@ -40,6 +45,8 @@ class BooleanShape:
     """
 
     def __init__(self, tree: Tree):
+        if boolean_tree.has_more_parts(tree, MOST_PARTS):
+            raise ValueError(f"the tree must have at most {MOST_PARTS} parts in all, got more")
         self._tree = tree
         self._leaves = tuple(boolean_tree.leaves(tree))
         self._box = boolean_tree.enclosure(tree)
@@ -86,10 +93,13 @@ class BooleanShape:
         """The combination of the leaves' tessellations: see `Shape.mesh`."""
         from palpate.core.shapes.boolean_mesh import combined_mesh
 
-        return combined_mesh(self._tree, self._box, level)
+        coarser = sum(len(self._leaves) >= many for many in (MANY_LEAVES, 4 * MANY_LEAVES))
+        return combined_mesh(self._tree, self._box, max(level - coarser, 0))
 
     def _is_thin(self) -> bool:
-        vertices, faces = self.mesh(CHECK_LEVEL)
+        from palpate.core.shapes.boolean_mesh import combined_mesh
+
+        vertices, faces = combined_mesh(self._tree, self._box, CHECK_LEVEL)
         a, b, c = (vertices - self._box[0])[faces].transpose(1, 0, 2)
         volume = float(np.einsum("ni,ni->", a, np.cross(b, c))) / 6.0
         return volume <= LEAST_VOLUME * float(np.prod(self._box[1] - self._box[0]))

@@ -8,7 +8,13 @@ import manifold3d
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.shapes.boolean_tree import Complement, Intersection, Tree, Union
+from palpate.core.shapes.boolean_tree import (
+    Complement,
+    Intersection,
+    Tree,
+    Union,
+    turned_outwards,
+)
 from palpate.core.shapes.half_space import HalfSpace
 from palpate.core.shapes.protocol import Mesh
 
@@ -33,14 +39,17 @@ def combined_mesh(tree: Tree, box: Floats, level: int) -> Mesh:
     ValueError
         If a leaf's tessellation is not closed.
     """
-    solid = _combined(tree, box.mean(axis=0), ROOM * float(np.linalg.norm(box[1] - box[0])), level)
-    mesh = solid.to_mesh64()
+    extent = float(np.linalg.norm(box[1] - box[0]))
+    solid = _combined(tree, box.mean(axis=0), ROOM * extent, level)
+    # A plane needs few facets, but not if it is bent afterwards.
+    mesh = solid.refine_to_length(extent / 2**level).to_mesh64()
     return Mesh(
         np.array(mesh.vert_properties[:, :3], np.float64), np.array(mesh.tri_verts, np.int32)
     )
 
 
 def _combined(tree: Tree, middle: Floats, size: float, level: int) -> Any:
+    tree = turned_outwards(tree)
     if isinstance(tree, Complement):
         return _cube(middle, size) - _combined(tree.part, middle, size, level)
     if isinstance(tree, Union):

@@ -69,6 +69,14 @@ def complement(part: Tree) -> Tree:
     return part.complement() if isinstance(part, HalfSpace) else Complement(part)
 
 
+def turned_outwards(tree: Tree) -> Tree:
+    """The same whole, outermost a complement only if it is that of a solid (De Morgan)."""
+    if isinstance(tree, Complement) and isinstance(tree.part, (Union, Intersection)):
+        parts = tuple(complement(part) for part in tree.part.parts)
+        return Intersection(parts) if isinstance(tree.part, Union) else Union(parts)
+    return tree
+
+
 def leaves(tree: Tree) -> Iterator[Leaf]:
     """The solids of a tree, in the order in which all functions here take them."""
     if isinstance(tree, Complement):
@@ -78,6 +86,19 @@ def leaves(tree: Tree) -> Iterator[Leaf]:
             yield from leaves(part)
     else:
         yield tree
+
+
+def has_more_parts(tree: Tree, most: int) -> bool:
+    """Whether a tree has more solids and combinations than that, however deep it is."""
+    count, ahead = 0, [tree]
+    while ahead and count <= most:
+        part = ahead.pop()
+        count += 1
+        if isinstance(part, Complement):
+            ahead.append(part.part)
+        elif isinstance(part, (Union, Intersection)):
+            ahead.extend(part.parts)
+    return count > most
 
 
 def within(tree: Tree, states: Iterator[Bools]) -> Bools:
@@ -118,14 +139,16 @@ def value_and_slope(tree: Tree, points: Floats, directions: Floats) -> tuple[Flo
 
 def enclosure(tree: Tree) -> Floats:
     """Corners of an upright box about the whole, (2, 3), infinite where it is unbounded, m."""
+    tree = turned_outwards(tree)
     if isinstance(tree, Complement):
         return np.array([[-np.inf] * 3, [np.inf] * 3])
     if not isinstance(tree, (Union, Intersection)):
         return tree.enclosure()
-    boxes = np.array([enclosure(part) for part in tree.parts])
+    parts = tuple(_factors(tree)) if isinstance(tree, Intersection) else tree.parts
+    boxes = np.array([enclosure(part) for part in parts])
     if isinstance(tree, Union):
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
-    return _cut_box(np.stack([boxes[:, 0].max(axis=0), boxes[:, 1].min(axis=0)]), tree.parts)
+    return _cut_box(np.stack([boxes[:, 0].max(axis=0), boxes[:, 1].min(axis=0)]), parts)
 
 
 def unbounded_part(tree: Tree, name: str = "the tree") -> str:
@@ -136,6 +159,16 @@ def unbounded_part(tree: Tree, name: str = "the tree") -> str:
                 return unbounded_part(part, f"union[{number}] of {name}")
     kinds = {Union: "union", Intersection: "intersection", Complement: "complement"}
     return f"the {kinds.get(type(tree), 'half-space')} that is {name}"
+
+
+def _factors(tree: Tree) -> Iterator[Tree]:
+    """What is intersected in the whole, however it is nested."""
+    tree = turned_outwards(tree)
+    if isinstance(tree, Intersection):
+        for part in tree.parts:
+            yield from _factors(part)
+    else:
+        yield tree
 
 
 def _cut_box(box: Floats, parts: tuple[Tree, ...]) -> Floats:

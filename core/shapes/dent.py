@@ -17,6 +17,8 @@ from palpate.core.shapes.powers import (
 )
 
 LEAST_EXPONENT, LARGEST_EXPONENT = 0.1, 100.0
+LEAST_NORMAL, LARGEST_NORMAL = 1e-9, 1e9
+"""1/m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +37,8 @@ class Dent:
     Raises
     ------
     ValueError
-        If a number is not finite, an exponent out of range, or there is no plane.
+        If a number is not finite, an exponent out of range, there is no plane, or one of them
+        faces nowhere.
 
     Notes
     -----
@@ -116,11 +119,19 @@ def checked_terms(planes: Floats, exponents: Floats) -> tuple[Floats, Floats]:
     Raises
     ------
     ValueError
-        If there is none, their numbers differ, or an exponent is out of range.
+        If there is none, their numbers differ, an exponent is out of range, or a plane faces
+        nowhere.
     """
     planes = finite_array("planes", planes, (None, 4))
     if not len(planes):
         raise ValueError("planes must be at least one, got none")
+    length = np.hypot(np.hypot(planes[:, 0], planes[:, 1]), planes[:, 2])
+    bad = ~((length >= LEAST_NORMAL) & (length <= LARGEST_NORMAL))
+    if bad.any():
+        raise ValueError(
+            f"planes[{bad.argmax()}] must face somewhere: (a, b, c) must be {LEAST_NORMAL:g} to "
+            f"{LARGEST_NORMAL:g} 1/m long, got {length[bad][0]:g}"
+        )
     exponents = finite_array("exponents", exponents, (len(planes),))
     if not ((exponents >= LEAST_EXPONENT) & (exponents <= LARGEST_EXPONENT)).all():
         raise ValueError(

@@ -24,6 +24,8 @@ from palpate.core.shapes.superquadric import TINY
 MOST_TILT = math.radians(75.0)
 """Beyond it the section's plane nearly holds the axis, and the solid is flat."""
 MOST_HEIGHTS = 64
+LEAST_STEP = 1e-9
+"""Between two heights, m."""
 BOUNDS_LEVEL = 6
 RANGE_TOLERANCE = 1e-13
 """Of the solid's height or least radius."""
@@ -175,13 +177,20 @@ class GeneralisedCylinder:
             x, y, z = places[:, which] + towards[:, None] * travelled
             scale, slope, bends, lengths = self._scale_along(z, float(towards[2]), lengths)
             gauge, gauge_slope = self._section.gauge_along(x, y, *towards[:2, None])
+            dip: Floats = np.maximum(-bends[0], 0.0)
+            if traits.hollow == 0.0:  # a convex gauge lies below its chord
+                after = self._section.gauge_along(
+                    x + towards[0] * lengths, y + towards[1] * lengths, *towards[:2, None]
+                )[0]
+                rise = np.minimum((after - gauge) / (lengths + TINY), traits.steepest * speed)
+                return Floor(scale - gauge, slope - rise, dip, lengths, np.zeros_like(scale))
             near = _nearest(x, y, towards, speed, lengths)
             with np.errstate(over="ignore", invalid="ignore"):
                 bulge = np.nan_to_num(traits.bulge * (speed * speed / near), posinf=np.inf)
                 # Near the axis the gauge is a cone: there its steepest slope says more.
                 tangent = gauge_slope + 0.5 * bulge * lengths <= traits.steepest * speed
             rise = np.where(tangent, gauge_slope, traits.steepest * speed)
-            dip = np.maximum(-bends[0], 0.0) + np.where(tangent, bulge, 0.0)
+            dip = dip + np.where(tangent, bulge, 0.0)
             return Floor(scale - gauge, slope - rise, dip, lengths, np.zeros_like(scale))
 
         return floor
@@ -221,8 +230,10 @@ def _checked_scale(heights: Floats, scales: Floats, smooth: bool) -> PiecewiseCu
     scales = finite_array("scales", scales, (len(heights),))
     if not 2 <= len(heights) <= MOST_HEIGHTS:
         raise ValueError(f"heights must be 2 to {MOST_HEIGHTS}, got {len(heights)}")
-    if not (np.diff(heights) > 0.0).all():
-        raise ValueError(f"heights must increase, got {heights.tolist()} m")
+    if not (np.diff(heights) >= LEAST_STEP).all():
+        raise ValueError(
+            f"heights must increase, by {LEAST_STEP:g} m or more, got {heights.tolist()} m"
+        )
     if not ((scales[1:-1] > 0.0).all() and min(scales[0], scales[-1]) >= 0.0 < scales.max()):
         raise ValueError(f"scales must be positive, but for 0 at an end, got {scales.tolist()}")
     curve = natural_spline(heights, scales) if smooth else straight_pieces(heights, scales)

@@ -26,10 +26,11 @@ class HalfSpace:
 
     def __init__(self, normal: Floats, offset: float):
         normal = finite_array("normal", normal, (3,))
-        length = float(np.linalg.norm(normal))
-        if not length > 0.0:
+        largest = float(np.abs(normal).max())
+        if not largest > 0.0:
             raise ValueError("normal must have a length, got [0, 0, 0]")
-        self.normal: Floats = normal / length
+        normal = normal / largest  # so that no square overflows, or is lost
+        self.normal: Floats = normal / np.linalg.norm(normal)
         self.offset = float(finite_array("offset", offset, ()))
 
     def enclosure(self) -> Floats:

@@ -55,7 +55,8 @@ class Hyperquadric:
         planes, exponents = checked_terms(planes, exponents)
         if len(planes) > MOST_TERMS:
             raise ValueError(f"planes must be at most {MOST_TERMS}, got {len(planes)}")
-        if np.linalg.matrix_rank(planes[:, :3]) < 3:
+        lengths = np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+        if np.linalg.matrix_rank(planes[:, :3] / lengths) < 3:
             raise ValueError(
                 "planes must face in three independent directions, or the solid is unbounded; "
                 f"got normals {planes[:, :3].tolist()}"

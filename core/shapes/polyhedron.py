@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.shapes.crossed_mesh import CrossedMesh
 from palpate.core.shapes.polygon import triangulated
 from palpate.core.shapes.protocol import Mesh
 from palpate.core.shapes.triangles import HAS_EMBREE, TriangleShape
 from palpate.core.shapes.winged_edge import WingedEdges, winged_edges
+
+if TYPE_CHECKING:  # only lattices ask for distances
+    from palpate.core.measure.nearest import NearestSearch
 
 PLANE = 1e-4
 """Share of the polyhedron's extent by which a corner may lie beside its face's plane: the
 digits that people type."""
 LEAST_EDGE = 1e-6
 """Of its extent."""
+LEAST_VOLUME = 1e-9
+"""Of a cube as large as its extent."""
+ASKEW = np.array([0.36, 0.48, 0.8])
+"""Direction in which it is asked whether points are inside."""
 FEW_TRIANGLES = 500
 """So many are looked at one by one, in double precision; of more, Embree finds the first."""
 
@@ -37,8 +47,8 @@ class Polyhedron:
     Raises
     ------
     ValueError
-        If the surface is not closed, in one piece and of plane faces with an area: the
-        sentence names the face, the edge or the vertex.
+        If the surface is not closed, in one piece and of plane faces with an area, or encloses
+        nothing: the sentence names the face, the edge or the vertex.
 
     Notes
     -----
@@ -54,6 +64,8 @@ class Polyhedron:
         normals = self._normals(edges)
         triangles = triangulated(self._vertices, edges.begins, edges.corners, normals)
         volume = _volume(self._vertices, triangles)
+        if abs(volume) <= LEAST_VOLUME * self._extent**3:
+            raise ValueError("faces enclose nothing: those on the two sides lie on one another")
         if volume < 0.0:
             edges = winged_edges([face[::-1] for face in faces], len(self._vertices))
             triangles, volume = np.ascontiguousarray(triangles[:, ::-1]), -volume
@@ -78,6 +90,31 @@ class Polyhedron:
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
         return self._triangles.cast(origins, direction, reach)
+
+    def enclosure(self) -> Floats:
+        """The bounds: see `ImplicitShape.enclosure`."""
+        return self.bounds()
+
+    def spans(self, origins: Floats, direction: Floats) -> Floats:
+        """Where parallel rays are inside: see `spans`."""
+        return self._crossings.spans(origins, direction)
+
+    def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Distance from the surface, negative inside, and its slope (n,), m and 1."""
+        from palpate.core.measure.nearest import nearest_points
+
+        mesh = self._triangles.mesh(0)
+        near = nearest_points(self._search, points)
+        inside = self._crossings.spans(points, ASKEW)[:, 0, 0] < 0.0
+        sign = np.where(inside, -1.0, 1.0)
+        a, b, c = mesh.vertices[mesh.faces[near.faces]].transpose(1, 0, 2)
+        normal = np.cross(b - a, c - a)
+        away = sign[:, None] * (points - near.points)
+        # On the surface there is no way to it, from which to tell the direction.
+        there = near.distances <= LEAST_EDGE * self._extent
+        away = np.where(there[:, None], normal, away)
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        return sign * near.distances, np.einsum("ni,ni->n", away, directions)
 
     def mesh(self, level: int) -> Mesh:
         """The faces as triangles, whatever the level."""
@@ -114,6 +151,17 @@ class Polyhedron:
                 f"beside it, at most {PLANE * self._extent:.3g} m will do; split the face"
             )
         return np.asarray(normals)
+
+    @cached_property
+    def _crossings(self) -> CrossedMesh:
+        return CrossedMesh(*self._triangles.mesh(0))
+
+    @cached_property
+    def _search(self) -> NearestSearch:
+        from palpate.core.measure.nearest import search_of
+
+        vertices, faces = self._triangles.mesh(0)
+        return search_of(vertices[faces])
 
     @property
     def _extent(self) -> float:

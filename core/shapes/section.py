@@ -22,6 +22,8 @@ from palpate.core.shapes.superquadric import (
 )
 
 LEAST_RADII, MOST_RADII = 3, 64
+LEAST_RADIUS = 1e-9
+"""m."""
 SPLITS = 64
 """Parts of each piece of the outline over which its bend is bounded."""
 
@@ -71,8 +73,10 @@ class SplineSection:
         radii = finite_array("radii", radii, (None,))
         if not LEAST_RADII <= len(radii) <= MOST_RADII:
             raise ValueError(f"radii must be {LEAST_RADII} to {MOST_RADII}, got {len(radii)}")
-        if not (radii > 0.0).all():
-            raise ValueError(f"radii must be positive, got {radii.tolist()} m")
+        if not (radii >= LEAST_RADIUS).all():
+            raise ValueError(
+                f"radii must be positive, {LEAST_RADIUS:g} m or more, got {radii.tolist()} m"
+            )
         knots = np.linspace(0.0, 2 * math.pi, len(radii) + 1)
         self._rho = periodic_spline(knots, radii)
         least = self._rho.value_range()[0]
@@ -120,8 +124,10 @@ class SuperellipseSection:
 
     def __init__(self, size: Floats, exponent: float):
         size = finite_array("size", size, (2,))
-        if not (size > 0.0).all():
-            raise ValueError(f"size must be positive, got {size.tolist()} m")
+        if not (size >= LEAST_RADIUS).all():
+            raise ValueError(
+                f"size must be positive, {LEAST_RADIUS:g} m or more, got {size.tolist()} m"
+            )
         if not LEAST_EXPONENT <= exponent <= LARGEST_EXPONENT:
             raise ValueError(
                 f"exponent must lie between {LEAST_EXPONENT} and {LARGEST_EXPONENT}, got {exponent}"

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Floats, Ints
 from palpate.core.shapes.bend import Bend
 from palpate.core.shapes.bent_box import through_bent_box
 from palpate.core.shapes.first_root import Which, first_roots
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
-from palpate.core.shapes.straighten import Straightening
+from palpate.core.shapes.straighten import Curve, Straightening
 from palpate.core.shapes.superquadric import RANGE_TOLERANCE, TINY, Superquadric
 from palpate.core.shapes.taper import Taper
 
@@ -112,6 +112,27 @@ class WarpedSuperquadric:
         )
         ranges[met] = np.where(found == 0.0, INSIDE, found)
         return ranges
+
+    def spans(self, origins: Floats, direction: Floats) -> Floats:
+        """Where parallel rays are inside: see `spans`."""
+        from palpate.core.shapes.spans import marched_spans
+        from palpate.core.shapes.warped_spans import inside_below, outside_below
+
+        places, towards = self._axes.T @ origins.T, self._axes.T @ direction
+        starts, ends, gaps = through_bent_box(places, towards, self._half, self._bend.curvature)
+        along = towards[:, None]
+
+        def curve(travelled: Floats, which: Ints) -> Curve:
+            return self._straightening.along(places[:, which] + along * travelled, towards)
+
+        dip = self._dip_and_rise(towards)[0]
+        return marched_spans(
+            outside_below(curve, self._base.gauge_along, dip, gaps),
+            inside_below(curve, self._base.gauge_along, dip),
+            starts,
+            ends,
+            RANGE_TOLERANCE * float(self._base.size.min()),
+        )
 
     def mesh(self, level: int) -> Mesh:
         """The base's tessellation, tapered and bent: see `Shape.mesh`."""

@@ -108,18 +108,18 @@ def test_a_mesh_is_read_into_the_scene_in_metres() -> None:
         (
             "object:\n  generalised_cylinder:\n    section: {size: [0.03, 0.03]}\n"
             "    sweep: [[0.0, 1.0], [0.0, 0.5]]",
-            "bad.yaml:2: object.generalised_cylinder: heights must increase, got [0.0, 0.0] m",
+            "bad.yaml:2: object.generalised_cylinder: heights must increase, by 1e-09 m or more",
         ),
         (
             "object:\n  polyhedron:\n    vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
             "    faces: [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 3, 2]]",
-            "bad.yaml:2: object.polyhedron: faces[1] and faces[3] both walk the edge from vertex 1",
+            "bad.yaml:4: object.polyhedron: faces[1] and faces[3] both walk the edge from vertex 1",
         ),
         (
             "object:\n  boolean:\n    union:\n"
             "      - superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
             "      - half_space: {normal: [0, 0, 1]}",
-            "bad.yaml:1: object: the half-space that is union[1] of the tree is unbounded",
+            "bad.yaml:2: object: boolean: the half-space that is union[1] of the tree is unbounded",
         ),
         (
             "object:\n  boolean:\n    union:\n      - {}\n      - half_space: {normal: [0, 0, 1]}",

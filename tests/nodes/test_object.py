@@ -18,7 +18,7 @@ from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.shapes.taper import Taper
 from palpate.core.shapes.triangles import TriangleShape
 from palpate.core.shapes.warped import WarpedSuperquadric
-from palpate.nodes.object import ObjectSpec, build_shape, encode_mesh
+from palpate.nodes.object import ObjectSpec, PoseSpec, build_shape, encode_mesh
 
 SIZE, EXPONENTS = [0.03, 0.025, 0.05], [0.4, 0.8]
 VASE = [{"scale": 0.8}, {"scale": 1.2, "turn": 10.0}, {"shift": [0.001, 0.0]}, {"scale": 1.1}]
@@ -132,7 +132,7 @@ def test_a_mesh_is_cast_as_it_is() -> None:
         ),
         ({"lattice": [{}] * 3}, "length >= 4"),
         ({"lattice": [{"shift": [math.nan, 0.0]}, {}, {}, {}]}, "shift must be finite"),
-        ({"pose": {"position": [math.nan, 0, 0]}}, "position and rotation must be finite"),
+        ({"pose": {"position": [math.nan, 0, 0]}}, ">= -1000.0"),
     ],
 )
 def test_what_cannot_be_is_refused_with_a_sentence(words: dict[str, Any], sentence: str) -> None:
@@ -163,3 +163,8 @@ def test_a_tapered_or_bent_superquadric_needs_numpy_alone(bend: float) -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_a_pose_that_a_program_gives_must_be_finite() -> None:
+    with pytest.raises(ValueError, match="position and rotation must be finite"):
+        PoseSpec(position=(math.nan, 0.0, 0.0))

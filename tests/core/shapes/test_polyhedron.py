@@ -183,7 +183,7 @@ def test_the_function_is_the_distance_and_its_slope() -> None:
     points = rng.uniform(low - 0.02, high + 0.02, (200, 3))
     away = np.abs(points - (low + high) / 2) - (high - low) / 2
     wanted = np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
-    value, slope = cube.inside_out(points, rng.normal(size=(200, 3)))
+    value = cube.inside_out(points, rng.normal(size=(200, 3)))[0]
     assert np.allclose(value, wanted, rtol=0, atol=1e-15)
     towards, step = rng.normal(size=(200, 3)), 1e-7
     ahead, behind = (cube.inside_out(points + s * towards, towards)[0] for s in (step, -step))
