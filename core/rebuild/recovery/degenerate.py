@@ -16,6 +16,8 @@ NO_EXTENT = 1e-6
 """Of the largest extent."""
 ROUNDING = 1e-14
 """Of the distance from the origin: points that are nearer together are one."""
+LEAST = 1e-150
+"""m: so are points nearer together than this, whose squares would underflow."""
 THINNEST = 1e-3
 """Of the largest extent: no ellipsoid is given thinner than this."""
 
@@ -26,13 +28,17 @@ def degeneracy(points: Floats, needed: int) -> Doubt | None:
         return "too few points"
     centred = points - points.mean(axis=0)
     widths = np.ptp(centred @ principal_axes(centred), axis=0)
-    away = float(np.abs(points).max(initial=0.0))
-    if not widths.max() > ROUNDING * away:
+    if together(float(widths.max()), points):
         return "identical points"
     thin = int((widths <= NO_EXTENT * widths.max()).sum())
     if thin:
         return "collinear points" if thin == 2 else "coplanar points"
     return "too few points" if len(points) < needed else None
+
+
+def together(extent: float, points: Floats) -> bool:
+    """True if some of points (n, 3), of this extent, are in one place."""
+    return not extent > max(ROUNDING * float(np.abs(points).max()), LEAST)
 
 
 def unfitted(points: Floats, warps: Warps, doubt: Doubt) -> Recovery:
@@ -58,6 +64,7 @@ def unfitted(points: Floats, warps: Warps, doubt: Doubt) -> Recovery:
         rank=0,
         condition=0.0,
         uncovered=1.0,
+        looseness=unit,
         converged=False,
         doubts=(doubt,),
         choice=None,
@@ -83,6 +90,6 @@ def _ellipsoid_about(points: Floats) -> tuple[Floats, Floats, Floats]:
     places = (points - mean) @ axes
     low, high = places.min(axis=0), places.max(axis=0)
     size = 0.5 * (high - low)
-    if size.max() <= ROUNDING * float(np.abs(points).max()):
+    if together(2.0 * float(size.max()), points):
         return np.zeros(3), axes, mean
     return np.maximum(size, THINNEST * size.max()), axes, mean + axes @ (0.5 * (low + high))

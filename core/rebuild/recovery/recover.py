@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import finite_array, positive
@@ -21,6 +22,9 @@ from palpate.core.rebuild.recovery.outliers import core_of
 from palpate.core.rebuild.recovery.recovery import Recovery
 from palpate.core.rebuild.recovery.report import reported, scaled_down
 from palpate.core.rebuild.recovery.search import TRIMMED, search, search_among_outliers
+
+FARTHEST = 1e150
+"""m: squares beyond it overflow."""
 
 
 def recover(
@@ -56,10 +60,15 @@ def recover(
     Raises
     ------
     ValueError
-        If points are not finite or not of shape (n, 3), the noise is not positive, or the choice
-        is unknown.
+        If points are not finite, not of shape (n, 3) or so far away that their squares overflow,
+        the noise is not positive, or the choice is unknown.
     """
     places = finite_array("points", points, (None, 3))
+    farthest = float(np.abs(places).max(initial=0.0))
+    if farthest > FARTHEST:
+        raise ValueError(
+            f"points must lie within {FARTHEST:g} m, got a coordinate of {farthest:g} m"
+        )
     if noise is not None:
         positive("noise", noise, "m")
     if choice not in (None, "thesis"):
@@ -70,7 +79,7 @@ def recover(
         return unfitted(places, warps, doubt)
     scaled = scaled_down(places, core_of(places, max(TRIMMED)) if outliers else None)
     pairs = None if choice is None else tuple(CHOICES.values())
-    spread = None if noise is None else noise / scaled.unit
+    spread = None if noise is None else min(noise, scaled.unit) / scaled.unit
     if outliers:
         found = search_among_outliers(scaled.points, warps, pairs, spread)
     else:

@@ -24,11 +24,13 @@ Doubt = Literal[
     "folded",
     "flat",
     "one-sided",
+    "loose",
 ]
 """Why not to believe a fit. The first four: nothing was fitted, the solid is an ellipsoid about
 the points. *at a bound*: size, place or turn left what the extents of the points allow.
 *folded*: the bend folds the solid. *flat*: not clearly thicker than the points scatter.
-*one-sided*: part of the surface has no points near it."""
+*one-sided*: part of the surface has no points near it. *loose*: the points are so few, or scatter
+so much, that the surface may be off by more than 2 % of the diameter."""
 NAMES = (
     *("log size x", "log size y", "log size z", "e1", "e2"),
     *("turn x", "turn y", "turn z", "position x", "position y", "position z"),
@@ -69,6 +71,9 @@ class Recovery:
     those that are nothing left out; 0 if nothing was fitted."""
     uncovered: float
     """Share of the surface with no inlier as near as the spacing of the points explains."""
+    looseness: float
+    """Standard deviation of the surface along its normals, root mean square over it, m: how far off
+    the scatter of the points lets it be."""
     converged: bool
     doubts: tuple[Doubt, ...]
     """Why not to believe the fit; empty if there is no reason."""

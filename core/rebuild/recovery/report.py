@@ -12,6 +12,8 @@ from palpate.core.rebuild.recovery.canonical import Solid, canonical
 from palpate.core.rebuild.recovery.certainty import certainty
 from palpate.core.rebuild.recovery.choices import name_of
 from palpate.core.rebuild.recovery.cover import SAMPLES, uncovered
+from palpate.core.rebuild.recovery.degenerate import together
+from palpate.core.rebuild.recovery.looseness import caution, looseness
 from palpate.core.rebuild.recovery.normal_distance import Warps, normal_distances
 from palpate.core.rebuild.recovery.recovery import Doubt, Recovery, bend_of, names_of, units_of
 from palpate.core.rebuild.recovery.search import Found
@@ -24,6 +26,10 @@ COVER_LEVEL = 2
 """320 facets: enough to draw a few hundred places from."""
 FLAT = 3.0
 """Root mean square residuals that the least semi-axis must exceed."""
+LOOSE = 0.02
+"""Of the points' diameter: what a surface may be off and still be recovered."""
+UNKNOWN = 1.0
+"""Of the points' diameter: the scatter of points that are no more than the parameters."""
 
 
 class Scaled(NamedTuple):
@@ -40,12 +46,13 @@ class Scaled(NamedTuple):
 def scaled_down(points: Floats, core: Bools | None = None) -> Scaled:
     """Points (n, 3) about the mean of some, divided by twice these' largest distance from it.
 
-    `core` says which; with None it is all of them.
+    `core` says which; with None, or if those are all in one place, it is all of them.
     """
-    which = slice(None) if core is None else core
-    middle = points[0] + (points[which] - points[0]).mean(axis=0)
+    if core is None or together(float(np.ptp(points[core], axis=0).max()), points):
+        core = np.ones(len(points), bool)
+    middle = points[0] + (points[core] - points[0]).mean(axis=0)
     away = points - middle
-    unit = 2.0 * float(np.sqrt(np.einsum("ni,ni->n", away, away)[which].max()))
+    unit = 2.0 * float(np.sqrt(np.einsum("ni,ni->n", away, away)[core].max()))
     return Scaled(away / unit, middle, unit)
 
 
@@ -67,20 +74,21 @@ def reported(
     chosen : bool
         Whether the exponents were chosen, not fitted.
     """
-    points, middle, unit = scaled
+    (points, middle, unit), inliers = scaled, found.inliers
     solid, place = _solid(found, warps), found.place()
     parameters = _parameters(solid, place, warps)
-    distances, jacobian = normal_distances(parameters[None], points, solid.axes[None], warps)
-    residuals, inliers = distances[0], found.inliers
-    count = int(inliers.sum())
+    (residuals,), (jacobian,) = normal_distances(parameters[None], points, solid.axes[None], warps)
     rms = float(np.sqrt(np.mean(residuals[inliers] ** 2)))
-    free = np.ones(warps.total, bool)
-    free[3:5] = not chosen
-    spread = noise or rms * float(np.sqrt(count / max(count - int(free.sum()), 1)))
-    known = certainty(jacobian[0][inliers], spread, free)
-    units = np.diag(units_of(warps, unit))
-    units[8:11, 8:11] = unit * solid.axes  # positions were along these
-    share = 1.0 if found.folded else _uncovered(solid, place, points[inliers], rms)
+    free = _free(warps, chosen=chosen)
+    left = int(inliers.sum()) - int(free.sum())
+    known = certainty(jacobian[inliers], noise or _scatter(residuals[inliers], left), free)
+    share, loose = 1.0, 1.0  # of what is folded, nothing is known
+    if not found.folded:
+        places, area = _surface(solid, place)
+        share = uncovered(places, area, points[inliers], rms)
+        slopes = normal_distances(parameters[None], places, solid.axes[None], warps)[1][0]
+        loose = looseness(slopes, known.covariance, solid.exponents)
+    cautious = loose * (caution(left) if noise is None else 1.0)
     return Recovery(
         size=unit * solid.size,
         exponents=solid.exponents,
@@ -90,17 +98,39 @@ def reported(
         residuals=unit * residuals,
         inliers=inliers,
         rms=unit * rms,
-        covariance=units @ known.covariance @ units.T,
+        covariance=_in_metres(known.covariance, solid.axes, warps, unit),
         names=names_of(warps),
         rank=known.rank,
         condition=known.condition,
         uncovered=share,
+        looseness=unit * loose,
         converged=found.converged,
-        doubts=_doubts(found, solid, rms, share),
+        doubts=_doubts(found, solid, rms, share, cautious),
         choice=name_of(solid.exponents) if chosen else None,
         starts=found.starts,
         steps=found.steps,
     )
+
+
+def _free(warps: Warps, *, chosen: bool) -> Bools:
+    """Which parameters were fitted, (p,)."""
+    free = np.ones(warps.total, bool)
+    free[3:5] = not chosen
+    return free
+
+
+def _in_metres(covariance: Floats, axes: Floats, warps: Warps, unit: float) -> Floats:
+    """A covariance (p, p) of parameters in a unit of length, with positions along `axes`."""
+    units = np.diag(units_of(warps, unit))
+    units[8:11, 8:11] = unit * axes
+    return np.asarray(units @ covariance @ units.T)
+
+
+def _scatter(residuals: Floats, left: int) -> float:
+    """Standard deviation of points, from what a fit left of it; unknown if it bent to them all."""
+    if left <= 0:
+        return UNKNOWN
+    return float(np.sqrt(residuals @ residuals / left))
 
 
 def _solid(found: Found, warps: Warps) -> Solid:
@@ -123,20 +153,24 @@ def _parameters(solid: Solid, place: Floats, warps: Warps) -> Floats:
     return np.concatenate(parts)
 
 
-def _uncovered(solid: Solid, place: Floats, points: Floats, noise: float) -> float:
+def _surface(solid: Solid, place: Floats) -> tuple[Floats, float]:
+    """Places spread evenly over a solid, and its area."""
     base = Superquadric(solid.size, solid.exponents)
     surface = surface_of(base, solid.taper, bend_of(solid.bend), COVER_LEVEL)
     # The same places each time: nothing here is left to chance.
     sampled = area_samples(surface, SAMPLES, np.random.default_rng(0))
-    return uncovered(sampled @ solid.axes.T + place, surface.area, points, noise)
+    return sampled @ solid.axes.T + place, surface.area
 
 
-def _doubts(found: Found, solid: Solid, rms: float, share: float) -> tuple[Doubt, ...]:
+def _doubts(
+    found: Found, solid: Solid, rms: float, share: float, loose: float
+) -> tuple[Doubt, ...]:
     doubts: list[tuple[bool, Doubt]] = [
         (not found.converged, "not converged"),
         (found.bounded, "at a bound"),
         (found.folded, "folded"),
         (float(solid.size.min()) < FLAT * rms, "flat"),
         (share > MOST_UNCOVERED, "one-sided"),
+        (loose > LOOSE, "loose"),
     ]
     return tuple(doubt for applies, doubt in doubts if applies)

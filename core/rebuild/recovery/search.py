@@ -2,7 +2,8 @@
 
 All starts take a few steps; those that have come farthest are solved to their ends; the smallest
 solid of those that fit best is polished. With outliers, a robust loss leads to the neighbourhood,
-and plain least squares over the points that are near the solid end it.
+and plain least squares over the points that are near the solid end it. Of very many points, some
+are enough to find the neighbourhood.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ DROPPED, FEWEST = 3, 48
 """One in so many starts goes on after the first steps, but at least this many."""
 KEPT, KEPT_ROBUST = 4, 8
 """Starts that are solved to the end."""
+TURN = slice(5, 8)
+"""Where the rotation vector is among the parameters."""
+MANY = 200
+"""Points among which the best start is found; all of them end it."""
 ROUGH, FINE = 1e-6, 1e-9
 """Tolerances: see `minimise`."""
 SCALES = (0.02, 0.01)
@@ -60,7 +65,7 @@ class Found(NamedTuple):
     folded: bool
     """True if no start led to a solid that its bend does not fold; this one does."""
     bounded: bool
-    """True if a size, the place or the turn is at the end of what its start allows."""
+    """True if a size, the place, a widening or the bend is at the end of what its start allows."""
     starts: int
     """Starts tried."""
     steps: int
@@ -79,10 +84,10 @@ class Found(NamedTuple):
 
 def search(points: Floats, warps: Warps, choice: Exponents | None) -> Found:
     """Fit points (n, 3), of diameter about 1, that have no outliers."""
-    starts = starts_of(points, warps, choice)
-    first, costs = _narrowed(points, starts, warps, linear)
+    starts, some = starts_of(points, warps, choice), _some(points)
+    first, costs = _narrowed(some, starts, warps, linear)
     best = first.starts.take(_distinct(costs)[:KEPT])
-    fits, folded = _unfolded(_smallest(*_solved(points, best, warps, linear, NEXT_STEPS)), warps)
+    fits, folded = _unfolded(_smallest(*_solved(some, best, warps, linear, NEXT_STEPS)), warps)
     return _ended(points, fits, warps, np.ones(len(points), bool), folded, len(starts.axes))
 
 
@@ -101,12 +106,21 @@ def search_among_outliers(
         ]
     )
     rough, fine = (cauchy(max(scale, noise or 0.0)) for scale in SCALES)
-    first = _narrowed(points, starts, warps, rough)[0].starts
-    distances = distances_alone(first.parameters, points, first.axes, warps)
+    some = _some(points)
+    first = _narrowed(some, starts, warps, rough)[0].starts
+    distances = distances_alone(first.parameters, some, first.axes, warps)
     best = first.take(_distinct(fine(distances**2)[0].sum(axis=1))[:KEPT_ROBUST])
-    fits, folded = _unfolded(_solved(points, best, warps, fine, NEXT_STEPS)[0], warps)
+    fits, folded = _unfolded(_solved(some, best, warps, fine, NEXT_STEPS)[0], warps)
     inliers, fits = _refitted(points, fits, warps, noise)
     return _ended(points, fits, warps, inliers, folded, len(starts.axes))
+
+
+def _some(points: Floats) -> Floats:
+    """Not too many of points (n, 3), in no order that they may have; the same ones each time."""
+    if len(points) <= MANY:
+        return points
+    result: Floats = points[np.random.default_rng(0).permutation(len(points))[:MANY]]
+    return result
 
 
 class _Fits(NamedTuple):
@@ -199,7 +213,7 @@ def _refitted(
     for turn in range(REFITS):
         starts = fits.starts
         distances = np.abs(distances_alone(starts.parameters, points, starts.axes, warps)[0])
-        spread = noise or MAD * float(np.median(distances[inliers]))
+        spread = noise or _spread(distances[inliers], warps.total)
         near = distances <= FAR * max(spread, LEAST_NOISE)
         if near.sum() <= warps.total or (turn > 0 and np.array_equal(near, inliers)):
             break
@@ -208,11 +222,21 @@ def _refitted(
     return inliers, fits
 
 
+def _spread(distances: Floats, fitted: int) -> float:
+    """Standard deviation of the points that a fit of some parameters left these distances."""
+    left = max(len(distances) - fitted, 1)
+    return MAD * float(np.median(distances)) * float(np.sqrt(len(distances) / left))
+
+
 def _ended(
     points: Floats, fits: _Fits, warps: Warps, inliers: Bools, folded: bool, tried: int
 ) -> Found:
-    """One fit, solved to the last digits."""
-    last = _solved(points[inliers], fits.starts, warps, linear, LAST_STEPS, FINE)[0]
+    """One fit, solved to the last digits; its turn need no longer keep it apart from others."""
+    starts = fits.starts
+    low, high = starts.low.copy(), starts.high.copy()
+    low[:, TURN], high[:, TURN] = -np.inf, np.inf
+    starts = starts._replace(low=low, high=high)
+    last = _solved(points[inliers], starts, warps, linear, LAST_STEPS, FINE)[0]
     parameters, low, high, axes = (part[0] for part in last.starts)
     if not folded and warps.bend:
         folded = folds(parameters, warps)

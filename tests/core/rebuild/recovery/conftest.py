@@ -20,7 +20,7 @@ from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.shapes.taper import Taper
 from palpate.core.shapes.warped import WarpedSuperquadric
 
-LEVEL, SAMPLES = 4, 800
+LEVEL, SAMPLES = 3, 500
 
 
 class Cloud(NamedTuple):

@@ -8,6 +8,7 @@ import pytest
 from palpate.core.rebuild.recovery.canonical import Solid, canonical
 from palpate.core.rebuild.recovery.certainty import certainty
 from palpate.core.rebuild.recovery.cover import uncovered
+from palpate.core.rebuild.recovery.looseness import caution, looseness
 from palpate.core.rebuild.recovery.outliers import outlyingness
 from palpate.core.rotation import rotations_of_vectors
 from palpate.core.shapes.bend import Bend
@@ -91,3 +92,24 @@ def test_the_canonical_description_is_of_the_same_solid_and_the_least_turned(
 
     places = solid(found).mesh(2).vertices @ found.axes.T
     assert np.abs(solid(given).gauge(places @ given.axes) - 1.0).max() < 1e-13
+
+
+def test_the_scatter_of_few_points_may_be_far_larger_than_found() -> None:
+    factors = [caution(left) for left in (1, 2, 9, 49, 5000)]
+    assert factors == sorted(factors, reverse=True)
+    assert factors[0] == pytest.approx(1.0 / 0.1257, rel=1e-3)  # of a normal deviate, one in ten
+    assert factors[-1] == pytest.approx(1.0, abs=0.02)
+    assert caution(0) == 1.0
+
+
+def test_looseness_is_the_deviation_along_the_normal() -> None:
+    jacobian, covariance = np.zeros((2, 11)), np.diag(np.arange(1.0, 12.0))
+    jacobian[0, 0], jacobian[1, 8] = 3.0, 2.0
+    assert looseness(jacobian, covariance, np.ones(2)) == pytest.approx(np.sqrt((9 + 36) / 2))
+
+
+def test_an_exponent_near_0_that_might_be_anything_makes_nothing_loose() -> None:
+    jacobian, covariance = np.zeros((1, 11)), np.zeros((11, 11))
+    jacobian[0, 3] = covariance[3, 3] = 1.0
+    assert looseness(jacobian, covariance, np.array([0.02, 1.0])) == pytest.approx(0.02)
+    assert looseness(jacobian, covariance, np.array([1.5, 1.0])) == pytest.approx(1.0)
