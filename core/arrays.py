@@ -18,9 +18,10 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     Raises
     ------
     ValueError
-        If `value` has another shape or holds a NaN or an infinity.
+        If `value` holds anything but real numbers, has another shape, or holds a NaN or an
+        infinity.
     """
-    array = np.asarray(value, dtype=np.float64)
+    array = _real_numbers(name, value)
     fits = array.ndim == len(shape) and all(
         want is None or want == have for want, have in zip(shape, array.shape, strict=True)
     )
@@ -30,6 +31,16 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     if not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite")
     return array
+
+
+def _real_numbers(name: str, value: ArrayLike) -> Floats:
+    try:
+        array = np.asarray(value)
+    except ValueError as error:  # rows of unequal length
+        raise ValueError(f"{name} must be an array of numbers, got rows of many lengths") from error
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must be an array of real numbers, got {array.dtype}")
+    return array.astype(np.float64, copy=False)
 
 
 def positive(name: str, value: float, unit: str) -> float:

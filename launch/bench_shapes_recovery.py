@@ -41,6 +41,8 @@ class Trial(NamedTuple):
     """(n, 3), noisy, in the world's frame, m."""
     surface: Floats
     """Triangles of the true surface in the world's frame, (m, 3, 3), m."""
+    finer: Floats
+    """The same surface in four times as many triangles."""
     diameter: float
 
 
@@ -51,6 +53,8 @@ class Outcome(NamedTuple):
     """Root mean square distance of places of the true surface from the model."""
     chamfer: float
     """Mean of the mean distances of places of each surface from the other."""
+    floor: float
+    """The same between two tessellations of the truth."""
     doubted: bool
     seconds: float
 
@@ -96,16 +100,17 @@ def draw(kind: Kind, rng: np.random.Generator) -> Trial:
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     axes[:, 0] *= np.linalg.det(axes)
     place = rng.normal(size=3)
-    vertices, faces = shape.mesh(LEVEL)
-    vertices = bend(tapering(vertices))
+    coarse, fine = shape.mesh(LEVEL), shape.mesh(LEVEL + 1)
+    vertices = bend(tapering(coarse.vertices))
     rays = rng.normal(size=(kind.points, 3)) * size
     points = bend(tapering(rays / shape.gauge(rays)[:, None]))
     diameter = float(np.ptp(vertices, axis=0).max())
     points = points + kind.noise * diameter * rng.normal(size=points.shape)
     stray = rng.random(kind.points) < kind.outliers
     points[stray] = rng.uniform(-1.5, 1.5, (int(stray.sum()), 3)) * size.max()
-    surface = (vertices @ axes.T + place)[faces]
-    return Trial(size, exponents, taper, bend, points @ axes.T + place, surface, diameter)
+    surface = (vertices @ axes.T + place)[coarse.faces]
+    finer = (bend(tapering(fine.vertices)) @ axes.T + place)[fine.faces]
+    return Trial(size, exponents, taper, bend, points @ axes.T + place, surface, finer, diameter)
 
 
 def attempt(kind: Kind, rng: np.random.Generator) -> Outcome:
@@ -115,13 +120,14 @@ def attempt(kind: Kind, rng: np.random.Generator) -> Outcome:
     found = recover(trial.points, taper=kind.taper, bend=kind.bend, outliers=kind.outliers > 0.0)
     seconds = time.perf_counter() - begin
     if not found.fitted or "folded" in found.doubts:
-        return Outcome(np.inf, np.inf, True, seconds)
+        return Outcome(np.inf, np.inf, np.inf, True, seconds)
     vertices, faces = found.shape().mesh(LEVEL)
     there = _distances(trial.surface, vertices[faces], rng)
     back = _distances(vertices[faces], trial.surface, rng)
     return Outcome(
         float(np.sqrt(np.mean(there**2))) / trial.diameter,
         0.5 * float(there.mean() + back.mean()) / trial.diameter,
+        _floor(trial, rng),
         bool(found.doubts),
         seconds,
     )
@@ -141,6 +147,12 @@ def success(found: list[Outcome]) -> float:
 def both_ways(found: list[Outcome]) -> float:
     """Share of solids whose Chamfer distance to the model is small."""
     return float(np.mean([one.chamfer < GOOD for one in found]))
+
+
+def _floor(trial: Trial, rng: np.random.Generator) -> float:
+    there = _distances(trial.surface, trial.finer, rng)
+    back = _distances(trial.finer, trial.surface, rng)
+    return 0.5 * float(there.mean() + back.mean()) / trial.diameter
 
 
 def _distances(places: Floats, surface: Floats, rng: np.random.Generator) -> Floats:
@@ -170,23 +182,28 @@ def recovery_rows(quick: bool) -> Iterable[Row]:
     for name, kind in (("cube, exponents 0.05", CUBE), ("flat box, 1 : 20", FLAT_BOX)):
         yield from _rows(name, outcomes(kind, hard), 0.95, None)
     for name, kind in (("disc, 1 : 20", DISC), ("needle, 20 : 1", NEEDLE)):
-        worst = max(one.chamfer for one in outcomes(kind, hard))
-        shown = f"{100 * worst:.2f} %"
-        yield Row(f"recovery, {name}: worst Chamfer distance", shown, "< 2 %", worst < GOOD)
+        worst = max(outcomes(kind, hard), key=lambda one: one.chamfer)
+        yield _chamfer_row(f"{name}: worst Chamfer distance", worst.chamfer, worst.floor)
     yield slope_row()
 
 
 def _rows(name: str, found: list[Outcome], least: float, most: float | None) -> Iterator[Row]:
     share, both = success(found), both_ways(found)
-    typical = 100 * statistics.median(one.chamfer for one in found)
+    typical = statistics.median(one.chamfer for one in found)
+    floor = statistics.median(one.floor for one in found)
     target = f">= {100 * least:.0f} %"
     yield Row(f"recovery, {name}: one way", f"{100 * share:.1f} %", target, share >= least)
     shown = f"{100 * both:.1f} %"
     yield Row(f"recovery, {name}: both ways", shown, target, both >= least)
-    yield Row(f"recovery, {name}: Chamfer distance", f"{typical:.2f} %", "< 2 %", typical < 2.0)
+    yield _chamfer_row(f"{name}: Chamfer distance", typical, floor)
     if most is not None:
         cost = 1e3 * statistics.median(one.seconds for one in found)
         yield Row(f"recovery, {name}: time", f"{cost:.0f} ms", f"<= {most:.0f} ms", cost <= most)
+
+
+def _chamfer_row(name: str, distance: float, floor: float) -> Row:
+    target = f"< 2 %, floor {100 * floor:.3f} %"
+    return Row(f"recovery, {name}", f"{100 * distance:.2f} %", target, distance < GOOD)
 
 
 def logarithm_row() -> Row:

@@ -14,9 +14,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.shapes.gauge import LEAST, Norm, norm
-
-LARGEST_EXPONENT = 2.0
-"""Above it the solid is pinched and the gauge no norm."""
+from palpate.core.shapes.superquadric import LARGEST_EXPONENT
 
 
 class InsideOutside(NamedTuple):

@@ -19,6 +19,7 @@ from palpate.core.shapes.icosphere import icosphere
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
 
 LEAST_EXPONENT, LARGEST_EXPONENT = 0.02, 2.0
+"""Above the largest the solid is pinched, and the gauge no norm."""
 TINY = 1e-300
 RANGE_TOLERANCE = 1e-13
 """Of the smallest semi-axis: some hundred roundings."""

@@ -42,3 +42,17 @@ def test_positive_numbers_pass_as_floats(value: float) -> None:
 def test_what_is_not_positive_and_finite_is_refused(value: float) -> None:
     with pytest.raises(ValueError, match=rf"pitch must be positive and finite, got {value} m$"):
         positive("pitch", value, "m")
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ([[1.0, 2.0], [3.0]], "size must be an array of numbers, got rows of many lengths"),
+        (["1", "2"], "size must be an array of real numbers, got <U1"),
+        ([1.0, 2.0 + 1.0j], "size must be an array of real numbers, got complex128"),
+        ([None, 1.0], "size must be an array of real numbers, got object"),
+    ],
+)
+def test_what_is_no_array_of_real_numbers_is_refused(value: object, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        finite_array("size", value, (None,))  # type: ignore[arg-type]

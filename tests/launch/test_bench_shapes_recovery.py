@@ -35,7 +35,7 @@ def test_random_solids_are_recovered(kind: Kind, least: float) -> None:
 def test_the_table_names_each_figure_once_and_says_what_was_missed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    bad = Outcome(one_sided=0.5, chamfer=0.5, doubted=True, seconds=9.0)
+    bad = Outcome(one_sided=0.5, chamfer=0.5, floor=1e-4, doubted=True, seconds=9.0)
     monkeypatch.setattr(bench_shapes_recovery, "outcomes", lambda kind, trials: [bad] * 3)
     rows = list(recovery_rows(quick=True))
     assert len({row.name for row in rows}) == len(rows) >= 25
