@@ -25,6 +25,8 @@ RETRY_SHIFT = 0.25
 middle."""
 APPROACH = 30.0e-3
 """The pad approaches a slice from this far outside the widest contour so far, m."""
+ROUNDING = 1e-9
+"""Of the height: stretches that are wider by less are not."""
 CLEARANCE = 5e-3
 """Start of a touch from above over the highest point known, m."""
 
@@ -137,4 +139,6 @@ def uncovered_height(bottom: float, top: float, count: int, traced: Sequence[flo
         return 0.0
     widest = max(np.diff(sorted([bottom, top, *slice_heights(bottom, top, count)])))
     gaps = np.diff(sorted([bottom, top, *traced]))
-    return float(sum(max(gap - widest, 0.0) for gap in gaps))
+    beyond = gaps - widest
+    # Heights are measured: a stretch that differs in its last digit is as wide as was planned.
+    return float(beyond[beyond > ROUNDING * (top - bottom)].sum())

@@ -166,7 +166,13 @@ def test_a_pad_from_above_starts_clear_of_the_height_and_looks_down() -> None:
 
 def test_nothing_is_uncovered_when_every_slice_is_traced() -> None:
     heights = slice_heights(0.0, 0.1, 9)
-    assert uncovered_height(0.0, 0.1, 9, heights) == pytest.approx(0.0, abs=1e-12)
+    assert uncovered_height(0.0, 0.1, 9, heights) == 0.0
+
+
+@pytest.mark.parametrize("shift", [1e-17, -1e-17, 1e-16])
+def test_a_slice_that_is_off_by_a_rounding_leaves_nothing_uncovered(shift: float) -> None:
+    heights = [height + shift for height in slice_heights(0.0, 0.08, 9)]
+    assert uncovered_height(0.0, 0.08, 9, heights) == 0.0
 
 
 def test_a_missing_slice_leaves_its_stretch_uncovered() -> None:
