@@ -78,9 +78,7 @@ def read_mesh(path: Path, unit: str) -> tuple[Vertices, Faces]:
     InputError
         If the file cannot be read or is not one closed, outward-facing surface of fitting size.
     """
-    mesh = _load(path)
-    vertices, faces = _merged(path, mesh)
-    vertices *= METRES[unit]
+    vertices, faces = read_surface(path, unit)
     _check_closed(path, faces)
     _check_size(path, vertices, unit)
     found = solidity(vertices, faces)
@@ -98,6 +96,35 @@ def read_mesh(path: Path, unit: str) -> tuple[Vertices, Faces]:
     return vertices, faces
 
 
+def read_surface(path: Path, unit: str) -> tuple[Vertices, Faces]:
+    """The surface in a file, closed or not, of any size; arguments and arrays as of `read_mesh`.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds no triangles.
+    """
+    found = _load(path)
+    if not isinstance(found, _trimesh().Trimesh):
+        raise InputError(f"{path}: holds a {type(found).__name__}, not a triangle mesh")
+    vertices, faces = _merged(path, found)
+    return vertices * METRES[unit], faces
+
+
+def read_cloud(path: Path, unit: str) -> Vertices | None:
+    """The points (n, 3) in a file that holds nothing else, in m; None if it holds more.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    found = _load(path)
+    if not isinstance(found, _trimesh().PointCloud):
+        return None
+    return np.array(found.vertices, dtype=np.float64).reshape(-1, 3) * METRES[unit]
+
+
 def _load(path: Path) -> Any:
     kind = path.suffix.lower().lstrip(".")
     if kind not in SUFFIXES:
@@ -112,8 +139,7 @@ def _load(path: Path) -> Any:
         raise InputError(f"{path}: the mesh file is empty")
     if len(data) > MAX_BYTES:
         raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, the most that is read")
-    import trimesh
-
+    trimesh = _trimesh()
     try:
         # From memory and without a resolver, so that the file cannot have others read.
         found = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
@@ -126,9 +152,13 @@ def _load(path: Path) -> Any:
         if len(parts) != 1:
             raise InputError(f"{path}: holds {len(parts)} meshes; there must be exactly one")
         found = parts[0]
-    if not isinstance(found, trimesh.Trimesh):
-        raise InputError(f"{path}: holds a {type(found).__name__}, not a triangle mesh")
     return found
+
+
+def _trimesh() -> Any:
+    import trimesh
+
+    return trimesh
 
 
 def _merged(path: Path, mesh: Any) -> tuple[Vertices, Faces]:

@@ -1,0 +1,151 @@
+"""What can be scored, read from files: surfaces, and points that were measured."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core.measure.triangles import corners_of
+from palpate.launch.export import Y_UP
+from palpate.launch.located import InputError
+from palpate.launch.mesh_file import MAX_BYTES, METRES, read_cloud, read_surface
+
+OWN_UNITS = {".stl": "mm"}
+"""Unit of a format if the user does not say, where it is not the metre: as palpate writes it."""
+POINTS = (".csv", ".xyz", ".txt")
+"""Formats that hold points alone."""
+FEWEST = 6
+"""Points, so that they say anything."""
+
+
+class Shape(NamedTuple):
+    """A surface or points, in m."""
+
+    vertices: NDArray[np.float64]
+    """(n, 3)."""
+    faces: NDArray[np.int32]
+    """(m, 3); none for points."""
+    unit: str
+    """As which the file was read."""
+
+
+def read_shape(path: Path, unit: str | None) -> Shape:
+    """What a file holds.
+
+    Parameters
+    ----------
+    path : Path
+        A surface (PLY, STL, OBJ, OFF, GLB, or a run's ``model.npz``), closed or not; or points
+        (CSV, or a PLY without faces).
+    unit : str or None
+        Unit of its coordinates: ``m``, ``cm`` or ``mm``; as palpate writes it if None, which is
+        mm for STL and m for all others.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or holds neither.
+    """
+    kind = path.suffix.lower()
+    taken = unit if unit is not None else OWN_UNITS.get(kind, "m")
+    none = np.zeros((0, 3), np.int32)
+    if kind in POINTS:
+        return Shape(_enough(path, _read_csv(path) * METRES[taken]), none, taken)
+    if kind == ".npz":
+        vertices, faces = _read_model(path)
+        return Shape(vertices * METRES[taken], faces, taken)
+    if kind == ".ply" and (points := read_cloud(path, taken)) is not None:
+        return Shape(_enough(path, points), none, taken)
+    vertices, faces = read_surface(path, taken)
+    if kind == ".glb":
+        vertices = vertices @ Y_UP  # glTF has y up, here z is
+    return Shape(vertices, faces, taken)
+
+
+def _enough(path: Path, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    if len(points) < FEWEST:
+        raise InputError(f"{path}: holds {len(points)} points; at least {FEWEST} are needed")
+    if not np.isfinite(points).all():
+        bad = int(np.argmin(np.isfinite(points).all(axis=1)))
+        raise InputError(f"{path}: point {bad} is not finite")
+    return points
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    if len(data) > MAX_BYTES:
+        raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, the most that is read")
+    return data
+
+
+def _read_csv(path: Path) -> NDArray[np.float64]:
+    """The columns x, y and z if a header names them, else the first three."""
+    try:
+        text = _bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is no text in UTF-8") from None
+    lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
+    if not lines:
+        raise InputError(f"{path}: holds no points")
+    delimiter = next((mark for mark in (",", ";", "\t") if mark in lines[0]), None)
+    header = [name.strip().strip('"').lower() for name in lines[0].split(delimiter)]
+    named = not all(_is_number(name) for name in header)
+    columns = [0, 1, 2]
+    if named and {"x", "y", "z"} <= set(header):
+        columns = [header.index(name) for name in "xyz"]
+    if len(header) < 3:
+        raise InputError(f"{path}: has {len(header)} columns; x, y and z are needed")
+    rows = lines[1:] if named else lines
+    if not rows:
+        raise InputError(f"{path}: holds no points under its header")
+    try:
+        found = np.loadtxt(rows, delimiter=delimiter, usecols=columns, ndmin=2, comments=None)
+    except ValueError as error:
+        raise InputError(f"{path}: is no table of numbers: {error}") from None
+    return np.asarray(found, np.float64)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Vertices, m, and faces of a model as a run leaves it."""
+    data = io.BytesIO(_bytes(path))
+    try:
+        with zipfile.ZipFile(data) as archive:
+            size = sum(part.file_size for part in archive.infolist())
+        if size > 4 * MAX_BYTES:
+            raise InputError(f"{path}: unpacks to {size >> 20} MiB, more than is read")
+        with np.load(data, allow_pickle=False) as arrays:
+            vertices, faces = arrays["vertices"], arrays["faces"]
+    except (zipfile.BadZipFile, EOFError, OSError):
+        raise InputError(f"{path}: is no NPZ file") from None
+    except KeyError as error:
+        raise InputError(f"{path}: is no model: it lacks {error.args[0]}") from None
+    except ValueError as error:
+        raise _no_surface(path, error) from None
+    if not len(faces):
+        raise InputError(f"{path}: the model has no surface; nothing could be rebuilt")
+    try:
+        corners_of(vertices, faces)
+    except (ValueError, TypeError) as error:
+        raise _no_surface(path, error) from None
+    return np.asarray(vertices, np.float64), faces.astype(np.int32)
+
+
+def _no_surface(path: Path, error: Exception) -> InputError:
+    return InputError(f"{path}: is no model: {error}")
