@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from palpate.core.rebuild.reconstruct import reconstruct as reconstruct
     from palpate.launch.explore import explore as explore
     from palpate.launch.run import Run as Run
     from palpate.launch.scene import Scene as Scene
     from palpate.launch.scene import load_scene as load_scene
 
 __version__ = "0.1.0"
-__all__ = ["Run", "Scene", "__version__", "explore", "load_scene"]
+__all__ = ["Run", "Scene", "__version__", "explore", "load_scene", "reconstruct"]
 
 # Imported when first asked for: a node that starts must not pay for what notebooks use.
 _HOMES = {
@@ -19,6 +20,7 @@ _HOMES = {
     "Scene": "palpate.launch.scene",
     "explore": "palpate.launch.explore",
     "load_scene": "palpate.launch.scene",
+    "reconstruct": "palpate.core.rebuild.reconstruct",
 }
 
 

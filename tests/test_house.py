@@ -105,7 +105,14 @@ def test_the_folders_are_linked_under_the_import_name() -> None:
 def test_the_top_module_offers_its_names_and_no_others() -> None:
     assert palpate.load_scene("sphere").name == "sphere"
     assert callable(palpate.explore)
-    assert set(dir(palpate)) == {"Run", "Scene", "__version__", "explore", "load_scene"}
+    assert set(dir(palpate)) == {
+        "Run",
+        "Scene",
+        "__version__",
+        "explore",
+        "load_scene",
+        "reconstruct",
+    }
     with pytest.raises(AttributeError, match="has no attribute 'exlpore'"):
         palpate.exlpore  # noqa: B018
 

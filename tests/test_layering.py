@@ -33,6 +33,7 @@ ALLOWED = {
     "palpate.launch.processes": LAUNCH | {"zmq"},
     "palpate.launch.bench_bus": LAUNCH | {"zmq"},
     "palpate.launch.figures_curvature": LAUNCH | {"matplotlib"},
+    "palpate.launch.figures_rebuild": LAUNCH | {"matplotlib", "mpl_toolkits"},
     "palpate.launch.figures_shapes": LAUNCH | {"matplotlib", "mpl_toolkits"},
 }
 

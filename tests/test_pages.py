@@ -3,11 +3,14 @@ from __future__ import annotations
 import doctest
 from pathlib import Path
 
-PAGE = Path(__file__).parent.parent / "docs" / "shapes.md"
+import pytest
+
+DOCS = Path(__file__).parent.parent / "docs"
 
 
-def test_the_examples_of_the_page_are_right() -> None:
-    outcome = doctest.testfile(str(PAGE), module_relative=False)
+@pytest.mark.parametrize(("page", "least"), [("shapes.md", 25), ("rebuild.md", 7)])
+def test_the_examples_of_the_page_are_right(page: str, least: int) -> None:
+    outcome = doctest.testfile(str(DOCS / page), module_relative=False)
 
     assert outcome.failed == 0
-    assert outcome.attempted >= 25
+    assert outcome.attempted >= least

@@ -139,7 +139,7 @@ def fit_closed_curve(
     count : int or None
         Control points, at least 4, with even knots. None: as many as points, through all of
         them, if nothing is smoothed; otherwise half as many, at most 100.
-    parameters : {"auto", "chord", "centripetal"}
+    parameters : {"auto", "chord", "centripetal", "even"}
         How parameters are set; see `curve_parameters`.
     smoothing : {"auto", "gcv"}, float or None
         Weight of the bending against the mean weight of the points; "gcv" chooses it by
@@ -183,7 +183,8 @@ def _check(count: int | None, parameters: Parameters, smoothing: Smoothing, meth
     if count is not None and count < LEAST_CONTROL:
         raise ValueError(f"count must be at least {LEAST_CONTROL}, got {count}")
     if parameters not in get_args(Parameters):
-        raise ValueError(f"parameters must be auto, chord or centripetal, got {parameters!r}")
+        words = ", ".join(get_args(Parameters))
+        raise ValueError(f"parameters must be one of {words}, got {parameters!r}")
     if method not in get_args(Method):
         raise ValueError(f"method must be periodic or thesis, got {method!r}")
     if isinstance(smoothing, str):

@@ -8,12 +8,16 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 
-Parameters = Literal["auto", "chord", "centripetal"]
+Parameters = Literal["auto", "chord", "centripetal", "even"]
 
 CORNER = np.pi / 3
 """A point at which the polygon turns farther is a corner, rad."""
 MOST_CORNERS = 0.2
 """Of the points: where more of them turn like that, it is noise, not corners."""
+EVEN_GAP = 2.0
+"""Points at equal distances along a curve have no chord longer than the usual one by this,"""
+EVEN_MIDDLE = 1.25
+"""and the middle half of their chords within this factor: only across corners are they short."""
 MOST_MOVE = 0.45
 """Of the gap to a neighbour: two points that move towards each other do not meet."""
 
@@ -23,9 +27,13 @@ def curve_parameters(points: Floats, kind: Parameters) -> Floats:
 
     In proportion to the chords between neighbours, (4.28), or to their square roots, (4.18) of
     Fung, 1999; both with the chord that closes the curve, which the text leaves out. "auto"
-    takes square roots where a few of the points are corners: there chords overshoot.
+    takes square roots where a few of the points are corners: there chords overshoot. "even"
+    takes equal steps where the points were felt at equal distances along the curve, which a
+    chord across a corner tells too short, and chords otherwise.
     """
     chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    if kind == "even" and _are_even(chords):
+        return np.arange(len(points)) / len(points)
     if kind == "centripetal" or (kind == "auto" and _has_corners(points)):
         chords = np.sqrt(chords)
     ends = np.cumsum(chords)
@@ -61,6 +69,11 @@ def moved_parameters(parameters: Floats, points: Floats, places: Floats, slopes:
     step = np.clip(step, -MOST_MOVE * np.roll(ahead, 1), MOST_MOVE * ahead)
     moved: Floats = parameters + step
     return moved
+
+
+def _are_even(chords: Floats) -> bool:
+    tenth, quarter, most = np.quantile(chords, [0.1, 0.25, 0.75])
+    return bool(chords.max() <= EVEN_GAP * tenth and most <= EVEN_MIDDLE * quarter)
 
 
 def _has_corners(points: Floats) -> bool:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import click
 
-WHAT = ("explore", "bus", "touch", "effects", "curvature", "shapes")
-HELP = """Measure one of six things, here and now.
+WHAT = ("explore", "bus", "touch", "effects", "curvature", "shapes", "rebuild")
+HELP = """Measure one of seven things, here and now.
 
 \b
 explore    the shipped scenes from start to end: accuracy and time
@@ -16,6 +16,7 @@ touch      one touch: frames a second, and the error of cast and curvature
 effects    each effect: its cost, and the error of a contour that it causes
 curvature  filters and estimators against noise and impulses
 shapes     superquadrics, splines and other models: exactness, recoveries, costs
+rebuild    solids from contours: errors, trust, costs, and the thesis's method
 """
 
 
@@ -25,7 +26,7 @@ shapes     superquadrics, splines and other models: exactness, recoveries, costs
 @click.option(
     "--figures",
     type=click.Path(file_okay=False),
-    help="With curvature or shapes: write their figures here.",
+    help="With curvature, shapes or rebuild: write their figures here.",
 )
 def command(what: str, quick: bool, figures: str | None) -> int:
     """Measure one thing; `HELP` says which there are."""
@@ -39,8 +40,10 @@ def _write_figures(what: str, folder: str) -> None:
         from palpate.launch.figures_curvature import write_figures
     elif what == "shapes":
         from palpate.launch.figures_shapes import write_figures
+    elif what == "rebuild":
+        from palpate.launch.figures_rebuild import write_figures
     else:
-        raise click.UsageError("--figures belongs to curvature and shapes")
+        raise click.UsageError("--figures belongs to curvature, shapes and rebuild")
     write_figures(folder)
 
 
@@ -52,6 +55,7 @@ def _benches() -> dict[str, Callable[[bool], int]]:
         "effects": _effects,
         "curvature": _curvature,
         "shapes": _shapes,
+        "rebuild": _rebuild,
     }
 
 
@@ -87,6 +91,14 @@ def _curvature(quick: bool) -> int:
 
 
 def _shapes(quick: bool) -> int:
-    from palpate.launch.bench_shapes import bench_shapes
+    from palpate.launch.bench_row import print_groups
+    from palpate.launch.bench_shapes import GROUPS
 
-    return bench_shapes(quick=quick, echo=click.echo)
+    return print_groups(GROUPS, quick=quick, echo=click.echo)
+
+
+def _rebuild(quick: bool) -> int:
+    from palpate.launch.bench_rebuild import GROUPS
+    from palpate.launch.bench_row import print_groups
+
+    return print_groups(GROUPS, quick=quick, echo=click.echo)

@@ -3,26 +3,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from palpate.launch import bench_shapes
-from palpate.launch.bench_row import Row
 from palpate.launch.bench_shapes_curves import curve_rows
 from palpate.launch.figures_shapes import closed_curves, draw_curves, draw_models
 
 ROOT = Path(__file__).parent.parent.parent
-
-
-@pytest.mark.parametrize(("holds", "code"), [(True, 0), (False, 1)])
-def test_a_missed_demand_is_said_and_told_by_the_exit_code(
-    holds: bool, code: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    row = Row("something", "3 us", "<= 2 us", holds)
-    monkeypatch.setattr(bench_shapes, "GROUPS", (lambda _: [row], lambda _: []))
-    lines: list[str] = []
-
-    assert bench_shapes.bench_shapes(quick=True, echo=lines.append) == code
-    assert ("MISSED" in lines[0]) != holds
 
 
 def test_every_part_of_the_library_has_its_figures() -> None:

@@ -74,7 +74,10 @@ def test_the_version_is_said(capsys: Output) -> None:
         (["scene", "check", "none.yaml"], "none.yaml: the scene does not exist"),
         (["node", "info", "plannet"], "there is no kind of node 'plannet'; did you mean 'planner'"),
         (["bench", "bux"], "'bux' is not one of"),
-        (["bench", "touch", "--figures", "x"], "--figures belongs to curvature and shapes"),
+        (
+            ["bench", "touch", "--figures", "x"],
+            "--figures belongs to curvature, shapes and rebuild",
+        ),
         (["init", "effect", "Hum"], "'Hum' cannot name a module"),
         (["init", "efect", "hum"], "No such command 'efect'"),
         (["calibrate"], "Missing argument 'SCENE'"),

@@ -43,6 +43,25 @@ def test_square_roots_are_taken_only_where_there_are_corners() -> None:
         assert not np.allclose(chord, centripetal, atol=1e-3)
 
 
+def test_points_at_even_lengths_are_even_though_chords_across_corners_are_short() -> None:
+    closed = np.vstack([SQUARE, SQUARE[:1]])
+    at = (np.arange(26) + 0.3) / 26
+    points = np.column_stack([np.interp(at, np.linspace(0, 1, 5), one) for one in closed.T])
+    even = np.arange(26) / 26
+    assert np.array_equal(curve_parameters(points, "even"), even)
+    assert np.abs(curve_parameters(points, "chord") - even).max() > 0.005
+    noisy = points + 0.01 * np.random.default_rng(0).normal(size=points.shape)
+    assert np.array_equal(curve_parameters(noisy, "even"), even)
+
+
+def test_points_at_uneven_lengths_take_their_chords() -> None:
+    for points in (circle(30) * [1, 3], np.delete(circle(30), [4, 5], axis=0), SQUARE * [1, 3]):
+        even, chord, auto = (curve_parameters(points, kind) for kind in ("even", "chord", "auto"))
+        assert np.array_equal(even, auto)
+        assert not np.allclose(even, np.arange(len(points)) / len(points), atol=1e-3)
+        assert np.array_equal(chord, auto) or len(points) == 4
+
+
 def test_the_gap_ratio_is_that_of_the_chords() -> None:
     assert gap_ratio(np.array([[0, 0], [1, 0], [1, 0.1], [0, 0.1]])) == pytest.approx(10.0)
 

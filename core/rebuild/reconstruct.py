@@ -1,0 +1,157 @@
+"""From contours to a closed solid: slices, what corresponds, a skin through them, its ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core.arrays import Floats, finite_array, positive
+from palpate.core.rebuild.bad_contours import bad_contours
+from palpate.core.rebuild.contour_skin import Uncertainty
+from palpate.core.rebuild.contour_solid import ContourSolid, close_contours
+from palpate.core.rebuild.correspondence import Correspondence, match_slices
+from palpate.core.rebuild.prism import PrismFit, fit_prism
+from palpate.core.rebuild.slices import Slices, slices_of
+from palpate.core.rebuild.surface import Surface
+from palpate.core.rebuild.surface_measures import Measures, measure_surface
+from palpate.core.rebuild.surface_mesh import SurfaceMesh, mesh_surface
+from palpate.core.rebuild.surface_nearest import SurfaceSearch, search_surface
+
+FEWEST, MOST = 24, 160
+"""Places around a contour that are matched: as many as it has points, within these."""
+LATTICE_ROWS, LATTICE_COLUMNS = 97, 160
+"""Places of the side for which a control lattice is solved."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rebuilt:
+    """A closed solid, and how it came about; lengths in the unit of the contours."""
+
+    surface: Surface
+    """Exact at every place: points, normals, curvatures, in no resolution."""
+    solid: ContourSolid
+    """Its side and its ends."""
+    slices: Slices
+    """The contours that were used, and those that were not, and why."""
+    correspondence: Correspondence
+    """Which places of them belong together."""
+
+    def mesh(self, tolerance: float | None = None) -> SurfaceMesh:
+        """Triangles that leave the surface by at most a tolerance: see `mesh_surface`."""
+        return mesh_surface(self.surface, tolerance)
+
+    def measures(self) -> Measures:
+        """Volume, centroid, second moments, inertia and area."""
+        return measure_surface(self.surface)
+
+    def search(self) -> SurfaceSearch:
+        """Nearest points, signed distances and what lies inside: prepared once for many points."""
+        return search_surface(self.surface)
+
+    def uncertainty(self) -> Uncertainty:
+        """What the error of the side stays below, and what is narrower than could be seen."""
+        return self.solid.skin.uncertainty()
+
+    @property
+    def uncovered(self) -> tuple[float, float]:
+        """By how much the object may go on below and above, and nobody can know."""
+        return self.solid.bottom.uncovered, self.solid.top.uncovered
+
+    def control_lattice(self) -> PrismFit:
+        """The control lattice that makes an elliptic prism of the side: Fung, 1999, 4.4."""
+        surface = self.solid.skin.surface
+        heights = np.linspace(self.slices.heights[0], self.slices.heights[-1], LATTICE_ROWS)
+        turns = np.arange(LATTICE_COLUMNS) / LATTICE_COLUMNS
+        return fit_prism(heights, turns, surface.at(heights[:, None], turns[None]))
+
+    def health(self) -> dict[str, float]:
+        """Figures of the fit, by name."""
+        skin = self.solid.skin.health
+        return {
+            "contours": float(len(self.slices.heights)),
+            "dropped": float(len(self.slices.dropped)),
+            "tilted": float(self.slices.tilted.sum()),
+            "not_starlike": float((~self.slices.star).sum()),
+            "self_intersecting": float(self.slices.self_intersecting.sum()),
+            "outlying_points": float(skin.outlying),
+            "sigma": skin.sigma,
+            "degrees_of_freedom": skin.freedom,
+            "condition": skin.condition,
+            "uncovered_below": self.uncovered[0],
+            "uncovered_above": self.uncovered[1],
+        }
+
+
+def reconstruct(
+    contours: Sequence[ArrayLike],
+    tops: ArrayLike | None = None,
+    *,
+    heights: ArrayLike | None = None,
+    noise: float | None = None,
+) -> Rebuilt:
+    """Rebuild a solid from contours.
+
+    Parameters
+    ----------
+    contours : sequence of (n, 3) arrays, or of (n, 2) arrays with `heights`
+        At least 2 closed curves around the z axis, in any order, each begun anywhere, in either
+        direction, of any number of points and in any unit. Rows that are not finite are left
+        out.
+    tops : (k, 3) array, optional
+        Where single touches found the ends: those above the middle of the contours the upper
+        one, those below it the lower one. An end that nobody touched is closed where the
+        contours say where, else level on the last contour; see `Rebuilt.uncovered`.
+    heights : (m,) array, optional
+        Of plane contours.
+    noise : float, optional
+        Standard deviation of a coordinate; estimated if left out.
+
+    Returns
+    -------
+    Rebuilt
+
+    Raises
+    ------
+    ValueError
+        If fewer than 2 contours can be used, or an argument has no use: the sentence says why.
+
+    Notes
+    -----
+    Fung, 1999, 4.2 and 4.4, with a smoothed skin through the contours in place of the shell and
+    core, which are kept in `rebuild_thesis`.
+    """
+    if noise is not None:
+        positive("noise", noise, "in the unit of the contours")
+    slices = slices_of(contours, heights)
+    matched = _matched(slices)
+    found = bad_contours(slices.heights, matched.grid)
+    if found.bad.any():
+        slices = slices.without(found.bad, "unlike its neighbours")
+        matched = _matched(slices)
+    if len(slices.heights) < 2:
+        dropped = "; ".join(f"contour {one.which}: {one.why}" for one in slices.dropped)
+        raise ValueError(f"contours must leave at least 2 to rebuild from, got 1 ({dropped})")
+    bottom, top = _ends(tops, slices)
+    solid = close_contours(slices.heights, matched.grid, bottom=bottom, top=top, noise=noise)
+    return Rebuilt(solid.surface, solid, slices, matched)
+
+
+def _matched(slices: Slices) -> Correspondence:
+    usual = int(np.median([len(points) for points in slices.points]))
+    return match_slices(slices, min(max(usual, FEWEST), MOST))
+
+
+def _ends(tops: ArrayLike | None, slices: Slices) -> tuple[float | None, float | None]:
+    """Heights of the touched ends, below and above."""
+    if tops is None:
+        return None, None
+    touched: Floats = finite_array("tops", tops, (None, 3))[:, 2]
+    middle = 0.5 * float(slices.heights[0] + slices.heights[-1])
+    below, above = touched[touched < middle], touched[touched >= middle]
+    return (
+        float(below.min()) if len(below) else None,
+        float(above.max()) if len(above) else None,
+    )

@@ -1,0 +1,10 @@
+"""Rebuilding from contours, measured: errors, how far the band can be trusted, and costs."""
+
+from __future__ import annotations
+
+from palpate.launch.bench_rebuild_band import band_rows
+from palpate.launch.bench_rebuild_thesis import thesis_rows
+from palpate.launch.bench_row import Group
+
+GROUPS: tuple[Group, ...] = (band_rows, thesis_rows)
+"""What ``palpate bench rebuild`` measures."""

@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.measure.distance import compare, prepare
+from palpate.core.measure.solidity import solidity
+from palpate.core.rebuild.reconstruct import reconstruct
+
+RADIUS, HALF = 30.0, 50.0
+TOPS = np.array([[0.0, 0.0, HALF], [1.0, 2.0, -HALF]])
+
+
+def ball(count: int, around: int, seed: int = 0, noise: float = 0.0) -> list[Floats]:
+    """Contours of a ball of 100 mm, begun anywhere, in either direction and in no order."""
+    rng = np.random.default_rng(seed)
+    contours = []
+    for height in np.linspace(-HALF + 0.5, HALF - 0.5, count):
+        many = int(rng.integers(around, around + around // 4))
+        turn = 2 * np.pi * (np.arange(many) / many + rng.random())
+        radius = np.sqrt(HALF**2 - height**2)
+        ring = np.column_stack(
+            [radius * np.cos(turn), radius * np.sin(turn), np.full(many, height)]
+        )
+        contours.append((ring + noise * rng.normal(size=ring.shape))[:: rng.choice([-1, 1])])
+    return [contours[i] for i in rng.permutation(count)]
+
+
+def prism(count: int) -> list[Floats]:
+    turn = 2 * np.pi * np.arange(60) / 60
+    ring = RADIUS * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(60)])
+    return [ring + [0.0, 0.0, height] for height in np.linspace(-HALF + 0.5, HALF - 0.5, count)]
+
+
+def test_a_ball_comes_back_from_contours_in_any_order_and_direction() -> None:
+    rebuilt = reconstruct(ball(15, 60), TOPS)
+
+    measures = rebuilt.measures()
+    assert measures.moments.volume == pytest.approx(4 / 3 * np.pi * HALF**3, rel=1e-4)
+    assert measures.area == pytest.approx(4 * np.pi * HALF**2, rel=1e-4)
+    assert (rebuilt.solid.bottom.kind, rebuilt.solid.top.kind) == ("conic", "conic")
+
+
+def test_the_mesh_is_closed_of_one_piece_and_as_fine_as_asked_for() -> None:
+    rebuilt = reconstruct(ball(15, 60), TOPS)
+
+    coarse, fine = rebuilt.mesh(1.0), rebuilt.mesh(0.1)
+
+    assert len(fine.faces) > 2 * len(coarse.faces)
+    for mesh in (coarse, fine):
+        found = solidity(mesh.vertices, mesh.faces)
+        assert found.watertight and found.genus == 0
+    exact = rebuilt.search().nearest(0.5 * (fine.vertices[0] + fine.vertices[1])[None])
+    assert np.isfinite(exact.distances).all()
+
+
+def test_noise_is_smoothed_and_estimated() -> None:
+    rebuilt = reconstruct(ball(27, 80, noise=0.2), TOPS)
+
+    mesh = rebuilt.mesh(0.02)
+    radii = np.linalg.norm(mesh.vertices, axis=1)
+    assert rebuilt.health()["sigma"] == pytest.approx(0.2, rel=0.15)
+    assert np.sqrt(np.mean((radii - HALF) ** 2)) < 0.1
+
+
+def test_a_touched_end_is_where_it_was_touched_and_an_untouched_flat_one_is_doubted() -> None:
+    touched, open_ended = reconstruct(prism(11), TOPS), reconstruct(prism(11))
+
+    assert np.ptp(touched.mesh().vertices[:, 2]) == pytest.approx(2 * HALF)
+    assert touched.uncovered == (0.0, 0.0)
+    assert np.ptp(open_ended.mesh().vertices[:, 2]) == pytest.approx(2 * HALF - 1.0)
+    assert min(open_ended.uncovered) == pytest.approx(9.9)
+
+
+def test_a_contour_that_went_wrong_is_left_out_and_said() -> None:
+    contours = ball(27, 60)
+    heights = np.array([contour[0, 2] for contour in contours])
+    wrong = int(np.argsort(heights)[13])
+    contours[wrong] = contours[wrong] * [1.3, 1.3, 1.0]
+
+    rebuilt = reconstruct(contours, TOPS)
+
+    assert [one.which for one in rebuilt.slices.dropped] == [wrong]
+    assert rebuilt.health()["dropped"] == 1.0
+    radii = np.linalg.norm(rebuilt.mesh().vertices, axis=1)
+    assert np.abs(radii - HALF).max() < 0.1
+
+
+def test_the_unit_and_the_place_change_nothing() -> None:
+    near = reconstruct(ball(15, 60), TOPS)
+    offset = np.array([7.0, -3.0, 2.0])
+    far = reconstruct([1e-3 * c + offset for c in ball(15, 60)], 1e-3 * TOPS + offset)
+
+    volume = far.measures().moments.volume
+    assert volume == pytest.approx(1e-9 * near.measures().moments.volume, rel=1e-9)
+    assert far.measures().moments.centroid == pytest.approx(offset, abs=1e-6)
+
+
+def test_a_control_lattice_takes_the_shape_of_the_side() -> None:
+    lattice = reconstruct(ball(15, 60), TOPS).control_lattice()
+
+    assert lattice.rms < 1e-3 * HALF
+    assert lattice.folded_share() == 0.0
+
+
+def test_two_contours_are_enough() -> None:
+    rebuilt = reconstruct(prism(2), TOPS)
+
+    assert rebuilt.measures().moments.volume == pytest.approx(
+        np.pi * RADIUS**2 * 2 * HALF, rel=1e-3
+    )
+
+
+def test_the_distance_to_the_truth_stands_beside_what_can_be_told_apart() -> None:
+    mesh = reconstruct(ball(15, 60), TOPS).mesh(0.02)
+    finer, coarser = (reconstruct(ball(15, 60), TOPS).mesh(t) for t in (0.02, 0.04))
+
+    found = compare(prepare(mesh.vertices, mesh.faces), prepare(finer.vertices, finer.faces))
+    floor = compare(prepare(coarser.vertices, coarser.faces), prepare(finer.vertices, finer.faces))
+
+    assert found.chamfer <= floor.chamfer
+
+
+@pytest.mark.parametrize(
+    ("contours", "tops", "words"),
+    [
+        ([], None, "contours must"),
+        ([np.zeros((5, 3))], None, "contours must"),
+        (prism(1), None, "contours must leave at least 2"),
+        (prism(4), [[0.0, 0.0]], "tops must have shape"),
+        (prism(4), [[0.0, 0.0, np.nan]], "tops must be finite"),
+        (prism(4), [[0.0, 0.0, 10.0]], "top must not lie within the contours"),
+    ],
+)
+def test_what_cannot_be_rebuilt_is_refused(
+    contours: list[Floats], tops: list[list[float]] | None, words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        reconstruct(contours, tops)
+
+
+def test_a_noise_of_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="noise must be positive"):
+        reconstruct(prism(4), noise=0.0)
