@@ -21,6 +21,8 @@ POINTS = (".csv", ".xyz", ".txt")
 """Formats that hold points alone."""
 FEWEST = 6
 """Points, so that they say anything."""
+FARTHEST = 1e30
+"""Coordinate, m, of which powers are still numbers."""
 
 
 class Shape(NamedTuple):
@@ -51,6 +53,14 @@ def read_shape(path: Path, unit: str | None) -> Shape:
     InputError
         If the file cannot be read, or holds neither.
     """
+    shape = _read(path, unit)
+    size = float(np.abs(shape.vertices).max(initial=0.0))
+    if len(shape.vertices) and np.isfinite(size) and not size <= FARTHEST:
+        raise InputError(f"{path}: reaches {size:g} m from the origin; at most {FARTHEST:g} m can")
+    return shape
+
+
+def _read(path: Path, unit: str | None) -> Shape:
     kind = path.suffix.lower()
     taken = unit if unit is not None else OWN_UNITS.get(kind, "m")
     none = np.zeros((0, 3), np.int32)
@@ -73,6 +83,8 @@ def _enough(path: Path, points: NDArray[np.float64]) -> NDArray[np.float64]:
     if not np.isfinite(points).all():
         bad = int(np.argmin(np.isfinite(points).all(axis=1)))
         raise InputError(f"{path}: point {bad} is not finite")
+    if not np.ptp(points, axis=0).any():
+        raise InputError(f"{path}: all {len(points)} points are in one place")
     return points
 
 
@@ -135,7 +147,7 @@ def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     except (zipfile.BadZipFile, EOFError, OSError):
         raise InputError(f"{path}: is no NPZ file") from None
     except KeyError as error:
-        raise InputError(f"{path}: is no model: it lacks {error.args[0]}") from None
+        raise InputError(f"{path}: is no model: it lacks {str(error.args[0]).split()[0]}") from None
     except ValueError as error:
         raise _no_surface(path, error) from None
     if not len(faces):

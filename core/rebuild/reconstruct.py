@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array, positive
+from palpate.core.plane.signed_area import signed_area
 from palpate.core.rebuild.bad_contours import bad_contours
 from palpate.core.rebuild.contour_skin import Uncertainty
 from palpate.core.rebuild.contour_solid import ContourSolid, close_contours
@@ -24,6 +25,10 @@ FEWEST, MOST = 24, 160
 """Places around a contour that are matched: as many as it has points, within these."""
 LATTICE_ROWS, LATTICE_COLUMNS = 97, 160
 """Places of the side for which a control lattice is solved."""
+NO_AREA = 1e-6
+"""Of the square of its perimeter: a contour that meets itself around less has no inside."""
+LEAST_SIZE, MOST_SIZE = 1e-50, 1e50
+"""Of what is rebuilt: the fifth power of a length, as in an inertia, must be a number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +65,20 @@ class Rebuilt:
         """By how much the object may go on below and above, and nobody can know."""
         return self.solid.bottom.uncovered, self.solid.top.uncovered
 
+    @property
+    def overshoot(self) -> float:
+        """How far the side leaves the box around its contours, as a share of the box's width.
+
+        More than some hundredths: contours close together, too unlike for a smooth side.
+        """
+        fine = self.slices.fine
+        low, high = fine.min(axis=(0, 1)), fine.max(axis=(0, 1))
+        heights = np.linspace(self.slices.heights[0], self.slices.heights[-1], LATTICE_ROWS)
+        turns = np.arange(LATTICE_COLUMNS) / LATTICE_COLUMNS
+        side = self.solid.skin.at(heights[:, None], turns[None])
+        beyond = np.maximum(low - side, side - high).max()
+        return float(max(beyond, 0.0) / (high - low).max())
+
     def control_lattice(self) -> PrismFit:
         """The control lattice that makes an elliptic prism of the side: Fung, 1999, 4.4."""
         surface = self.solid.skin.surface
@@ -80,6 +99,7 @@ class Rebuilt:
             "sigma": skin.sigma,
             "degrees_of_freedom": skin.freedom,
             "condition": skin.condition,
+            "overshoot": self.overshoot,
             "uncovered_below": self.uncovered[0],
             "uncovered_above": self.uncovered[1],
         }
@@ -126,6 +146,9 @@ def reconstruct(
     if noise is not None:
         positive("noise", noise, "in the unit of the contours")
     slices = slices_of(contours, heights)
+    ends = _ends(tops, slices)
+    _check_size(slices, ends)
+    slices = _around_areas(slices)
     matched = _matched(slices)
     found = bad_contours(slices.heights, matched.grid)
     if found.bad.any():
@@ -133,8 +156,9 @@ def reconstruct(
         matched = _matched(slices)
     if len(slices.heights) < 2:
         dropped = "; ".join(f"contour {one.which}: {one.why}" for one in slices.dropped)
-        raise ValueError(f"contours must leave at least 2 to rebuild from, got 1 ({dropped})")
-    bottom, top = _ends(tops, slices)
+        why = f" ({dropped})" if dropped else ""
+        raise ValueError(f"contours must leave at least 2 to rebuild from, got 1{why}")
+    bottom, top = ends
     solid = close_contours(slices.heights, matched.grid, bottom=bottom, top=top, noise=noise)
     return Rebuilt(solid.surface, solid, slices, matched)
 
@@ -144,9 +168,28 @@ def _matched(slices: Slices) -> Correspondence:
     return match_slices(slices, min(max(usual, FEWEST), MOST))
 
 
+def _check_size(slices: Slices, ends: tuple[float | None, float | None]) -> None:
+    reached = [float(slices.heights[0]), float(slices.heights[-1])]
+    reached += [end for end in ends if end is not None]
+    size = max(float(slices.perimeter.max()), max(reached) - min(reached))
+    if not LEAST_SIZE <= size <= MOST_SIZE:
+        raise ValueError(
+            f"contours and tops must span from {LEAST_SIZE:g} to {MOST_SIZE:g}, got {size:g}"
+        )
+
+
+def _around_areas(slices: Slices) -> Slices:
+    """Without figures of eight whose halves cancel: nobody can say which way they run."""
+    areas = np.array([signed_area(one) for one in slices.fine])
+    none = slices.self_intersecting & (np.abs(areas) < NO_AREA * slices.perimeter**2)
+    if none.all():
+        raise ValueError("contours must run around an area, got none but figures of eight")
+    return slices.without(none, "around no area") if none.any() else slices
+
+
 def _ends(tops: ArrayLike | None, slices: Slices) -> tuple[float | None, float | None]:
     """Heights of the touched ends, below and above."""
-    if tops is None:
+    if tops is None or (isinstance(tops, list | tuple) and not tops):
         return None, None
     touched: Floats = finite_array("tops", tops, (None, 3))[:, 2]
     middle = 0.5 * float(slices.heights[0] + slices.heights[-1])

@@ -17,6 +17,7 @@ Reason = Literal[
     "too few points",
     "in one place",
     "on one line",
+    "around no area",
     "repeats another at its height",
     "inside another at its height",
     "crosses another at its height",

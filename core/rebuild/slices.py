@@ -142,12 +142,16 @@ def slices_of(contours: Sequence[ArrayLike], heights: ArrayLike | None = None) -
 
 def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None) -> list[Floats]:
     """The contours as (n, 3) arrays, of their finite rows."""
+    if isinstance(contours, str) or not isinstance(contours, Sequence | np.ndarray):
+        raise ValueError(f"contours must be a sequence of arrays, got {type(contours).__name__}")
     if not len(contours):
         raise ValueError("contours must be at least one, got none")
     columns = 3 if heights is None else 2
     found = []
     for which, contour in enumerate(contours):
-        points = np.asarray(contour, np.float64)
+        points = _numbers(which, contour)
+        if not points.size:
+            points = points.reshape(0, columns)
         if points.ndim != 2 or points.shape[1] != columns:
             raise ValueError(
                 f"contour {which} must have shape (any, {columns}), got {points.shape}"
@@ -160,6 +164,16 @@ def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None) -> list[Flo
             for points, level in zip(found, levels, strict=True)
         ]
     return [points[np.isfinite(points).all(axis=1)] for points in found]
+
+
+def _numbers(which: int, contour: ArrayLike) -> Floats:
+    try:
+        points = np.asarray(contour)
+        if np.iscomplexobj(points):
+            raise ValueError("complex ones")
+        return points.astype(np.float64, copy=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"contour {which} must be an array of real numbers: {error}") from None
 
 
 def _loop(which: int, points: Floats) -> Loop | Dropped:

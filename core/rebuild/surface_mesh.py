@@ -24,8 +24,8 @@ SAMPLE_ROWS, SAMPLE_TURNS = 33, 128
 """Places of each piece at which second derivatives are taken."""
 GRID_SHARE = 0.65
 """Of the tolerance, for rows and columns; the rest is for thinner rings."""
-FEWEST = 16
-"""Columns."""
+FEWEST = 24
+"""Columns: thinned to the last, a ring still has 3 points."""
 HALVINGS = 3
 """Rings near a pole have down to this power of a half of the others' points."""
 SLENDER = 4.0
@@ -207,14 +207,13 @@ def _levels(grid: Floats, tolerance: float) -> Ints:
     for level in range(1, HALVINGS + 1):
         off = _off_chords(grid, 1 << level)
         allowed[(off <= tolerance) & (allowed == level - 1)] = level
-    widest = len(grid) // 2
-    levels = np.zeros(len(grid), np.int32)
-    for order in (range(widest, len(grid)), range(widest, -1, -1)):
-        last = 0
+    allowed[len(grid) // 2] = 0
+    # From both ends: neighbours differ by one at most, whether rings thin out or fill up again.
+    for order in (range(1, len(grid)), range(len(grid) - 2, -1, -1)):
         for row in order:
-            last = int(min(allowed[row], last + 1)) if row != widest else 0
-            levels[row] = last
-    return levels
+            before = row - order.step
+            allowed[row] = min(allowed[row], allowed[before] + 1)
+    return allowed
 
 
 def _off_chords(grid: Floats, step: int) -> Floats:

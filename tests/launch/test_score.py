@@ -196,6 +196,9 @@ def test_points_are_read_however_the_table_is_written(
         ("p.csv", "1,2,3\n4,5\n", "p.csv: is no table of numbers"),
         ("p.csv", "1,2,3\n4,5,6\n", "p.csv: holds 2 points; at least 6 are needed"),
         ("p.csv", "1,2,3\n" * 6 + "nan,0,0\n", "p.csv: point 6 is not finite"),
+        ("p.csv", "1,2,3\n" * 6, "p.csv: all 6 points are in one place"),
+        ("p.csv", "0,0,0\n" + "1,2,3e200\n" * 6, "p.csv: reaches 3e.200 m from the origin"),
+        ("m.obj", "v 0 0 0\nv 1e99 0 0\nv 0 1 0\nf 1 2 3\n", "m.obj: reaches 1e.99 m from"),
         ("m.npz", "hello", "m.npz: is no NPZ file"),
         ("m.ply", "hello", "m.ply: is no mesh in PLY"),
         ("m.doc", "hello", "m.doc: 'doc' is no mesh format"),
@@ -230,7 +233,7 @@ def test_a_file_that_is_too_large_is_refused(
 @pytest.mark.parametrize(
     ("arrays", "words"),
     [
-        ({"vertices": np.eye(3)}, "is no model: it lacks faces"),
+        ({"vertices": np.eye(3)}, "is no model: it lacks faces$"),
         (
             {"vertices": np.eye(3), "faces": np.zeros((0, 3), int)},
             "the model has no surface; nothing could be rebuilt",

@@ -33,6 +33,11 @@ def prism(count: int) -> list[Floats]:
     return [ring + [0.0, 0.0, height] for height in np.linspace(-HALF + 0.5, HALF - 0.5, count)]
 
 
+def eight(height: float) -> Floats:
+    turn = 2 * np.pi * np.arange(60) / 60
+    return np.column_stack([RADIUS * np.sin(turn), RADIUS * np.sin(2 * turn), np.full(60, height)])
+
+
 def test_a_ball_comes_back_from_contours_in_any_order_and_direction() -> None:
     rebuilt = reconstruct(ball(15, 60), TOPS)
 
@@ -127,7 +132,11 @@ def test_the_distance_to_the_truth_stands_beside_what_can_be_told_apart() -> Non
     [
         ([], None, "contours must"),
         ([np.zeros((5, 3))], None, "contours must"),
-        (prism(1), None, "contours must leave at least 2"),
+        (prism(1), None, "contours must leave at least 2 to rebuild from, got 1$"),
+        ([1e-300 * one for one in prism(4)], None, "contours and tops must span from 1e-50"),
+        ([1e60 * one for one in prism(4)], None, "contours and tops must span from 1e-50"),
+        (prism(4), [[0.0, 0.0, 1e300]], "contours and tops must span from 1e-50"),
+        ([eight(-HALF), eight(HALF)], None, "contours must run around an area"),
         (prism(4), [[0.0, 0.0]], "tops must have shape"),
         (prism(4), [[0.0, 0.0, np.nan]], "tops must be finite"),
         (prism(4), [[0.0, 0.0, 10.0]], "top must not lie within the contours"),
@@ -143,3 +152,37 @@ def test_what_cannot_be_rebuilt_is_refused(
 def test_a_noise_of_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match="noise must be positive"):
         reconstruct(prism(4), noise=0.0)
+
+
+def test_a_figure_of_eight_is_left_out() -> None:
+    rebuilt = reconstruct([*prism(2), eight(0.0)])
+
+    assert [tuple(one) for one in rebuilt.slices.dropped] == [(2, "around no area")]
+
+
+def test_no_tops_may_be_an_empty_list() -> None:
+    assert reconstruct(prism(4), []).uncovered == reconstruct(prism(4)).uncovered
+
+
+def test_a_side_that_swings_out_between_contours_close_together_is_told() -> None:
+    even = reconstruct(ball(15, 60), TOPS)
+    low, high = prism(2)
+    narrow = np.array([0.6, 0.6, 1.0])
+    step = reconstruct(
+        [low, high * [1.0, 1.0, 0.0], narrow * high * [1.0, 1.0, 0.02], narrow * high]
+    )
+
+    assert even.overshoot < 0.01
+    assert step.health()["overshoot"] == step.overshoot > 0.5
+
+
+@pytest.mark.parametrize("share", [0.002, 0.01, 0.05, 1.0, 100.0])
+def test_a_wild_side_is_meshed_however_coarsely(share: float) -> None:
+    wide = prism(9)
+    contours = [one * [0.1, 0.1, 1.0] if row % 2 else one for row, one in enumerate(wide)]
+    rebuilt = reconstruct(contours)
+
+    mesh = rebuilt.mesh(share * rebuilt.surface.size)
+
+    found = solidity(mesh.vertices, mesh.faces)
+    assert found.watertight and found.genus == 0

@@ -223,6 +223,11 @@ def test_unit_place_and_direction_of_the_object_change_nothing(
         ([np.zeros((4, 3))], [0.0], r"contour 0 must have shape \(any, 2\), got \(4, 3\)"),
         ([np.zeros((4, 2))], [0.0, 1.0], r"heights must have shape \(1\), got \(2,\)"),
         ([np.zeros((4, 2))], [np.nan], "heights must be finite"),
+        ("ring", None, "contours must be a sequence of arrays, got str"),
+        (None, None, "contours must be a sequence of arrays, got NoneType"),
+        ([[[0, 0, 0], [1, 1]]], None, "contour 0 must be an array of real numbers"),
+        ([["a"]], None, "contour 0 must be an array of real numbers"),
+        ([np.zeros((4, 3), complex)], None, "contour 0 must be an array of real numbers"),
         (
             [np.zeros((4, 3)), np.zeros((1, 3))],
             None,
@@ -231,7 +236,12 @@ def test_unit_place_and_direction_of_the_object_change_nothing(
     ],
 )
 def test_what_is_no_stack_of_contours_is_refused(
-    contours: list[Floats], heights: list[float] | None, words: str
+    contours: Any, heights: list[float] | None, words: str
 ) -> None:
     with pytest.raises(ValueError, match=words):
         slices_of(contours, heights)
+
+
+def test_a_contour_without_points_is_left_out() -> None:
+    slices = slices_of([circle(1.0, 0.0), [], circle(1.0, 1.0)])
+    assert reasons(slices) == {1: "too few points"}
