@@ -219,8 +219,10 @@ def _beyond_seams(surface: Surface, points: Floats, run: _Run) -> _Run:
         turns = run.turns[rows] + np.where(pole, 0.5, 0.0)
         tried = _newton(surface, points[rows], piece, v, turns)
         nearer = tried.square < run.square[rows]
-        for whole, part in zip(run, tried, strict=True):
-            whole[rows[nearer]] = part[nearer]
+        better = rows[nearer]
+        run.piece[better], run.converged[better] = tried.piece[nearer], tried.converged[nearer]
+        run.v[better], run.turns[better] = tried.v[nearer], tried.turns[nearer]
+        run.square[better] = tried.square[nearer]
     return run
 
 
