@@ -15,15 +15,8 @@ from msgspec import Meta, Struct
 from palpate.core.shapes.posed import PosedShape
 from palpate.core.shapes.protocol import Shape
 from palpate.nodes.object_boolean import PartSpec, build_boolean
-from palpate.nodes.object_models import (
-    GeneralisedCylinderSpec,
-    HyperquadricSpec,
-    PolyhedronSpec,
-    build_generalised_cylinder,
-    build_hyperquadric,
-    build_polyhedron,
-)
-from palpate.nodes.object_superquadric import SuperquadricSpec, build_superquadric
+from palpate.nodes.object_solid import SolidSpec, build_solid
+from palpate.nodes.object_superquadric import SuperquadricSpec
 from palpate.nodes.object_units import Length, PoseSpec, Seed, only_one, pose_array
 
 if TYPE_CHECKING:  # what only some scenes need is imported where they need it
@@ -69,19 +62,11 @@ class MeshSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """(m, 3) int32, little endian."""
 
 
-class ObjectSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ObjectSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One solid of one kind, perhaps deformed by a control lattice."""
 
-    superquadric: SuperquadricSpec | None = None
-    """A superquadric, perhaps tapered and bent."""
-    hyperquadric: HyperquadricSpec | None = None
-    """A sum of powers, perhaps with dents."""
-    generalised_cylinder: GeneralisedCylinderSpec | None = None
-    """A section moved along an axis."""
     boolean: PartSpec | None = None
     """A combination of solids."""
-    polyhedron: PolyhedronSpec | None = None
-    """A surface of polygons."""
     mesh: MeshSpec | None = None
     """The solid as triangles."""
     lattice: Annotated[tuple[LayerSpec, ...], Meta(min_length=4, max_length=64)] | None = None
@@ -89,8 +74,6 @@ class ObjectSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     exact: bool = False
     """Whether rays meet the surface that a lattice deforms, not facets of it; some six times
     slower."""
-    pose: PoseSpec = PoseSpec()
-    """Where it stands."""
 
     def __post_init__(self) -> None:
         kind = only_one(self, "an object", SOLIDS)
@@ -120,8 +103,6 @@ def _shape_in_its_frame(spec: ObjectSpec) -> Shape:
         vertices = np.frombuffer(spec.mesh.vertices, "<f8").reshape(-1, 3)
         faces = np.frombuffer(spec.mesh.faces, "<i4").reshape(-1, 3)
         return TriangleShape(vertices, faces)
-    if spec.polyhedron is not None:
-        return build_polyhedron(spec.polyhedron)
     base = _implicit(spec)
     if spec.lattice is None:
         return base
@@ -132,14 +113,7 @@ def _shape_in_its_frame(spec: ObjectSpec) -> Shape:
 
 def _implicit(spec: ObjectSpec) -> ImplicitShape:
     """The solid before a lattice deforms it."""
-    if spec.hyperquadric is not None:
-        return build_hyperquadric(spec.hyperquadric)
-    if spec.generalised_cylinder is not None:
-        return build_generalised_cylinder(spec.generalised_cylinder)
-    if spec.boolean is not None:
-        return build_boolean(spec.boolean)
-    assert spec.superquadric is not None
-    return build_superquadric(spec.superquadric)
+    return build_solid(spec) if spec.boolean is None else build_boolean(spec.boolean)
 
 
 def _lattice(base: ImplicitShape, layers: tuple[LayerSpec, ...]) -> Lattice:

@@ -8,22 +8,13 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core.frames import IDENTITY, compose, split_pose
-from palpate.nodes.object_models import (
-    GeneralisedCylinderSpec,
-    HyperquadricSpec,
-    PolyhedronSpec,
-    build_generalised_cylinder,
-    build_hyperquadric,
-    build_polyhedron,
-)
-from palpate.nodes.object_superquadric import SuperquadricSpec, build_superquadric
-from palpate.nodes.object_units import Coordinate, PoseSpec, only_one, pose_array
+from palpate.nodes.object_solid import SolidSpec, build_solid
+from palpate.nodes.object_units import Coordinate, only_one, pose_array
 
 if TYPE_CHECKING:  # what only some scenes need is imported where they need it
     from palpate.core.shapes.boolean import BooleanShape
     from palpate.core.shapes.boolean_tree import Tree
     from palpate.core.shapes.half_space import HalfSpace
-    from palpate.core.shapes.spans import BoundedSolid
 
 WORDS = (
     "superquadric",
@@ -50,13 +41,9 @@ class HalfSpaceSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         _half_space(self)
 
 
-class PartSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PartSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A solid of a tree, or a combination of others."""
 
-    superquadric: SuperquadricSpec | None = None
-    hyperquadric: HyperquadricSpec | None = None
-    generalised_cylinder: GeneralisedCylinderSpec | None = None
-    polyhedron: PolyhedronSpec | None = None
     half_space: HalfSpaceSpec | None = None
     union: Parts | None = None
     """All that is in any of these."""
@@ -66,8 +53,6 @@ class PartSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All that is in the first and in no other."""
     complement: PartSpec | None = None
     """All that is not in this."""
-    pose: PoseSpec = PoseSpec()
-    """Where it stands in what it is a part of."""
 
     def __post_init__(self) -> None:
         word = only_one(self, "a part of a boolean", WORDS)
@@ -117,18 +102,7 @@ def _tree(spec: PartSpec, outer: np.ndarray) -> Tree:
         return _half_space(spec.half_space, pose)
     from palpate.core.shapes.posed_solid import PosedSolid
 
-    return PosedSolid(_solid(spec), pose)
-
-
-def _solid(spec: PartSpec) -> BoundedSolid:
-    if spec.hyperquadric is not None:
-        return build_hyperquadric(spec.hyperquadric)
-    if spec.generalised_cylinder is not None:
-        return build_generalised_cylinder(spec.generalised_cylinder)
-    if spec.polyhedron is not None:
-        return build_polyhedron(spec.polyhedron)
-    assert spec.superquadric is not None
-    return build_superquadric(spec.superquadric)
+    return PosedSolid(build_solid(spec), pose)
 
 
 def _half_space(spec: HalfSpaceSpec, pose: np.ndarray = IDENTITY) -> HalfSpace:

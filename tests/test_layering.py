@@ -54,6 +54,7 @@ SHARED = (
     "object_units",
     "object_superquadric",
     "object_models",
+    "object_solid",
     "object_boolean",
     "sensor",
     "effects",

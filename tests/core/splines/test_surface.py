@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from palpate.core.splines.lattice import box_lattice
 from palpate.core.splines.surface import deformed_normals, same_winding
 
 RNG = np.random.default_rng(2)
@@ -42,3 +44,23 @@ def test_triangles_of_a_mirrored_surface_are_turned_round() -> None:
     assert np.array_equal(same_winding(corners, 2.0 * corners + 1e3, faces), faces)
     mirrored = same_winding(corners, corners * [-1, 1, 1], faces)
     assert np.array_equal(mirrored, faces[:, ::-1])
+
+
+@pytest.mark.parametrize("scale", [1e-110, 1e-60, 1.0, 1e110])
+def test_a_mirrored_mesh_is_turned_round_in_any_unit(scale: float) -> None:
+    vertices = scale * np.vstack([np.zeros(3), np.eye(3)])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
+    plain = box_lattice(np.zeros(3), np.full(3, scale), (4, 4, 4))
+    mirrored = plain.with_control(plain.control * [1, 1, -1])
+    assert np.array_equal(plain.deform_mesh(vertices, faces)[1], faces)
+    assert np.array_equal(mirrored.deform_mesh(vertices, faces)[1], faces[:, ::-1])
+    assert mirrored.deform_mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))[1].shape == (0, 3)
+
+
+def test_triangles_of_vertices_that_are_not_there_are_refused() -> None:
+    plain = box_lattice(np.zeros(3), np.ones(3), (4, 4, 4))
+    for number in (3, -1):
+        with pytest.raises(ValueError, match=f"faces must name the 3 vertices, got {number}"):
+            plain.deform_mesh(np.eye(3), np.array([[0, 1, number]], np.int32))
+    with pytest.raises(ValueError, match=r"faces must have shape \(any, 3\), got \(1, 4\)"):
+        plain.deform_mesh(np.eye(3), np.array([[0, 1, 2, 0]], np.int32))
