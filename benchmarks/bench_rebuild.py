@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from palpate.core.measure.distance import compare, prepare
-from palpate.core.rebuild.felt_points import FeltPoints
-from palpate.core.rebuild.solid import Evidence, FeltContour, rebuild
+from palpate.core.rebuild.felt.felt_points import FeltPoints
+from palpate.core.rebuild.felt.felt_solid import Evidence, FeltContour, rebuild
 from palpate.core.shapes.superquadric import Superquadric
 
 RADIUS = 0.04

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.contour_skin import ContourSkin, fit_contour_skin
+from palpate.core.rebuild.skin.contour_skin import ContourSkin, fit_contour_skin
 from palpate.launch.bench_row import Row
 from palpate.launch.rebuild_objects import HEIGHT, OBJECTS, WAVY, RoundObject
 

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from palpate.core.arrays import Floats
 from palpate.core.measure.distance import Prepared, compare, prepare
 from palpate.core.measure.solidity import solidity
-from palpate.core.rebuild.rings import close_rings
+from palpate.core.rebuild.surface.rings import close_rings
 from palpate.core.shapes.protocol import Mesh
 
 SIZE = 2.0

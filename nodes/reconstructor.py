@@ -12,8 +12,8 @@ from types import MappingProxyType
 import numpy as np
 from msgspec import Struct
 
-from palpate.core.rebuild.felt_points import FeltPoints, felt_points, stack_points
-from palpate.core.rebuild.solid import Evidence, FeltContour, Solid, rebuild
+from palpate.core.rebuild.felt.felt_points import FeltPoints, felt_points, stack_points
+from palpate.core.rebuild.felt.felt_solid import Evidence, FeltContour, Solid, rebuild
 from palpate.core.touch.jet import Jet
 from palpate.core.touch.pad import Pad
 from palpate.messages.types import (

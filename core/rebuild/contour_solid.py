@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.rebuild.contour_skin import ContourSkin, fit_contour_skin
-from palpate.core.rebuild.contour_surface import SidePatch
-from palpate.core.rebuild.ends import End, close_ends
-from palpate.core.rebuild.surface import Surface, close_surface
+from palpate.core.rebuild.ends.ends import End, close_ends
+from palpate.core.rebuild.skin.contour_skin import ContourSkin, fit_contour_skin
+from palpate.core.rebuild.skin.contour_surface import SidePatch
+from palpate.core.rebuild.surface.surface import Surface, close_surface
 
 POINT = 1e-9
 """Of the widest contour: one that is narrower is a point."""

@@ -10,16 +10,16 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array, positive
 from palpate.core.plane.signed_area import signed_area
-from palpate.core.rebuild.bad_contours import bad_contours
-from palpate.core.rebuild.contour_skin import Uncertainty
 from palpate.core.rebuild.contour_solid import ContourSolid, close_contours
-from palpate.core.rebuild.correspondence import Correspondence, match_slices
-from palpate.core.rebuild.prism import PrismFit, fit_prism
-from palpate.core.rebuild.slices import Slices, slices_of
-from palpate.core.rebuild.surface import Surface
-from palpate.core.rebuild.surface_measures import Measures, measure_surface
-from palpate.core.rebuild.surface_mesh import SurfaceMesh, mesh_surface
-from palpate.core.rebuild.surface_nearest import SurfaceSearch, search_surface
+from palpate.core.rebuild.correspondence.correspondence import Correspondence, match_slices
+from palpate.core.rebuild.lattice.prism import PrismFit, fit_prism
+from palpate.core.rebuild.skin.contour_skin import Uncertainty
+from palpate.core.rebuild.slices.bad_contours import bad_contours
+from palpate.core.rebuild.slices.slices import Slices, slices_of
+from palpate.core.rebuild.surface.surface import Surface
+from palpate.core.rebuild.surface.surface_measures import Measures, measure_surface
+from palpate.core.rebuild.surface.surface_mesh import SurfaceMesh, mesh_surface
+from palpate.core.rebuild.surface.surface_nearest import SurfaceSearch, search_surface
 
 FEWEST, MOST = 24, 160
 """Places around a contour that are matched: as many as it has points, within these."""

@@ -12,7 +12,7 @@ from palpate.core.arrays import Floats
 from palpate.core.explore.aim import Aim
 from palpate.core.explore.felt import Felt, feel_slice
 from palpate.core.explore.trace import Slice, Status, Trace, after_touch, next_aim
-from palpate.core.rebuild.felt_points import FeltPoints, felt_points
+from palpate.core.rebuild.felt.felt_points import FeltPoints, felt_points
 from palpate.core.shapes.protocol import Mesh, Shape
 from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.touch.curvature import feel_patch

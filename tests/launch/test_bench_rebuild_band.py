@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.core.rebuild.contour_skin import fit_contour_skin
+from palpate.core.rebuild.skin.contour_skin import fit_contour_skin
 from palpate.launch.bench_rebuild_band import band_rows, judge
 from palpate.launch.rebuild_objects import OBJECTS
 

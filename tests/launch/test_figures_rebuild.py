@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.core.rebuild.rings import close_rings
+from palpate.core.rebuild.surface.rings import close_rings
 from palpate.core.shapes.protocol import Mesh
 from palpate.launch import figures_rebuild
 from palpate.launch.figures_rebuild import section_lines, write_figures

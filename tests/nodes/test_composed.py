@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from palpate.core.rebuild import skin
+from palpate.core.rebuild.felt import felt_skin as skin
 from palpate.messages.types import ShapeModel
 from palpate.nodes.composed import run_composed
 from palpate.nodes.object import ObjectSpec

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.measure.solidity import solidity
-from palpate.core.rebuild.rings import close_rings
+from palpate.core.rebuild.surface.rings import close_rings
 from palpate.core.shapes.protocol import Mesh
 from palpate.core.splines.lattice import Lattice
 

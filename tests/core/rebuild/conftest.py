@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.felt_points import FeltPoints, stack_points
-from palpate.core.rebuild.solid import Evidence, FeltContour
+from palpate.core.rebuild.felt.felt_points import FeltPoints, stack_points
+from palpate.core.rebuild.felt.felt_solid import Evidence, FeltContour
 from palpate.core.shapes.superquadric import Superquadric
 
 BAND = 6e-3

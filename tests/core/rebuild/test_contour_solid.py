@@ -7,9 +7,9 @@ from palpate.core.arrays import Floats
 from palpate.core.measure.distance import Prepared, compare, prepare
 from palpate.core.measure.solidity import solidity
 from palpate.core.rebuild.contour_solid import close_contours
-from palpate.core.rebuild.rings import close_rings
-from palpate.core.rebuild.surface_measures import measure_surface
-from palpate.core.rebuild.surface_mesh import mesh_surface
+from palpate.core.rebuild.surface.rings import close_rings
+from palpate.core.rebuild.surface.surface_measures import measure_surface
+from palpate.core.rebuild.surface.surface_mesh import mesh_surface
 
 K = 60
 EXPONENTS = {"ball": 2.0, "rounded": 10.0, "cylinder": np.inf}

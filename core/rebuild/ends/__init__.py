@@ -1,0 +1,1 @@
+"""How a solid goes on beyond its first and last contours."""

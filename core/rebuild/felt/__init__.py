@@ -1,0 +1,1 @@
+"""A side fitted to every touched taxel."""

@@ -1,0 +1,1 @@
+"""A smooth surface through contours that correspond, and how far it can be trusted."""

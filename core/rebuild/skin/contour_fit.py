@@ -1,0 +1,158 @@
+"""A smooth surface through the rows of a grid, in the parameter along the axis that suits it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.skin.bending import bending_along, bending_around
+from palpate.core.rebuild.skin.contour_rows import ContourRows
+from palpate.core.rebuild.skin.latitude import Latitude, basis_along
+from palpate.core.rebuild.skin.smoother import Axis, Smoothed, smooth, smoothing_axis
+from palpate.core.splines.basis import Basis, PeriodicBasis
+
+MOST_AROUND = 128
+"""Coefficients around."""
+LEAST_ROWS = 5
+"""With fewer rows and poles nothing tells whether the ends are round; those with a pole are."""
+CAUTION = 1.2
+"""Of the choice of strengths, where residuals of different rows do not resemble each other."""
+MANY_ROWS, ALIKE = 12, 0.25
+"""Rows from which on that can be told, and the correlation above which they do."""
+STILL = 1e-9
+"""Slope around, over the size, of a contour that is a point."""
+
+
+class ContourFit(NamedTuple):
+    """A smoothed grid and what its coefficients belong to."""
+
+    latitude: Latitude
+    """Parameter along the axis."""
+    caution: float
+    """Of the choice of strengths."""
+    along: Basis
+    """Splines along it."""
+    sites: Floats
+    """Parameters (m,) of rows and poles, rising."""
+    smoothed: Smoothed
+    """The smoothing, of the rows about the line between the poles."""
+    control: Floats
+    """Coefficients (n, k, 2), those of the poles among them."""
+    axis: Floats
+    """Places (m, 2) of the line between the poles at the rows; 0 without poles."""
+
+    def fitted(self) -> Floats:
+        """The smoothed rows, (m, k, 2)."""
+        return self.smoothed.fitted + self.axis[:, None]
+
+    def across(self) -> Floats:
+        """Unit vectors (m, k, 2) across the smoothed rows, outwards; 0 where a row is a point."""
+        kept = self.smoothed.kept * self.smoothed.parts
+        rows = self.smoothed.along.modes.shapes @ kept / self.smoothed.along.roots[:, None]
+        around = self.smoothed.around
+        slopes = _periodic_slopes(len(around.roots)) @ around.modes.control
+        x, y = rows @ slopes.T
+        length = np.hypot(x, y)
+        moving = length > STILL
+        length = np.where(moving, length, 1.0)
+        return np.stack([y / length * moving, -x / length * moving], axis=-1)
+
+    def likeness(self, grid: Floats) -> float:
+        """Correlation of the residuals of neighbouring rows, given the rows (m, k, 2).
+
+        Noise is another in every row, even where it is shared along a row because its points
+        were taken off a curve through others; what is smoothed away of a shape is not.
+        """
+        off = np.einsum("mkd,mkd->mk", grid - self.fitted(), self.across())
+        below, above = off[:-1], off[1:]
+        size = np.sqrt(np.square(below).sum() * np.square(above).sum())
+        return float((below * above).sum() / max(size, np.finfo(float).tiny))
+
+
+def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) -> ContourFit:
+    """Fit rows in the height, or in the latitude, with which they agree better.
+
+    The third way is to be round only where there is a pole. Each end by itself is not left to
+    the rows to decide: there the choice costs more than it gains.
+
+    Parameters
+    ----------
+    rows : ContourRows
+        The rows.
+    low, high : float
+        Heights of the ends, m.
+    noise : float or None
+        Standard deviation of a coordinate in the unit of the rows, if it is known.
+    """
+    below, above = (pole is not None for pole in rows.poles)
+    trials = [(below, above)]
+    if len(rows.heights) + below + above >= LEAST_ROWS:
+        trials += [both for both in ((False, False), (True, True)) if both != trials[0]]
+    latitudes = [Latitude(low, high, ends) for ends in trials]
+    if noise is None and len(rows.heights) >= MANY_ROWS:
+        fit = _best(rows, latitudes, noise, CAUTION)
+        if abs(fit.likeness(rows.grid)) < ALIKE:
+            return fit
+    return _best(rows, latitudes, noise, 1.0)
+
+
+def fit_latitude(
+    rows: ContourRows, latitude: Latitude, noise: float | None, caution: float = 1.0
+) -> ContourFit:
+    """Fit rows in a given parameter; `caution` is that of `smooth`."""
+    below, above = rows.poles
+    ends = latitude.of(np.array([latitude.low, latitude.high]))
+    places = latitude.of(rows.heights)
+    sites = np.concatenate([ends[:1][: below is not None], places, ends[1:][: above is not None]])
+    along = basis_along(sites, (float(ends[0]), float(ends[1])))
+    inner = slice(int(below is not None), along.count - int(above is not None))
+    matrix = along.matrix(places).toarray()
+    root = bending_along(along, 1 if len(sites) == 1 else 2)
+    line = _line(along, below, above)
+    smoothed = smooth(
+        rows.grid - (matrix @ line)[:, None],
+        smoothing_axis(matrix[:, inner], root[:, inner], rows.weights),
+        around_axis(rows.grid.shape[1]),
+        noise=noise,
+        caution=caution,
+    )
+    control = np.repeat(line[:, None], smoothed.around.weight.shape[0], axis=1)
+    control[inner] += smoothed.coefficients
+    return ContourFit(latitude, caution, along, sites, smoothed, control, matrix @ line)
+
+
+@lru_cache(maxsize=8)
+def around_axis(count: int) -> Axis:
+    """The axis around of a grid with so many even turns."""
+    periodic = PeriodicBasis(min(count, MOST_AROUND))
+    basis = periodic.matrix(np.arange(count) / count).toarray()
+    return smoothing_axis(basis, bending_around(periodic.count))
+
+
+@lru_cache(maxsize=8)
+def _periodic_slopes(count: int) -> Floats:
+    periodic = PeriodicBasis(min(count, MOST_AROUND))
+    slopes: Floats = periodic.matrix(np.arange(count) / count, 1).toarray()
+    slopes.setflags(write=False)
+    return slopes
+
+
+def _best(
+    rows: ContourRows, latitudes: list[Latitude], noise: float | None, caution: float
+) -> ContourFit:
+    fits = [fit_latitude(rows, latitude, noise, caution) for latitude in latitudes]
+    return min(fits, key=lambda fit: fit.smoothed.score)
+
+
+def _line(along: Basis, below: Floats | None, above: Floats | None) -> Floats:
+    """Coefficients (n, 2) of the line between the poles; it bends nothing."""
+    start, end = below if below is not None else above, above if above is not None else below
+    if start is None or end is None:
+        return np.zeros((along.count, 2))
+    greville = along.greville()
+    share = (greville - greville[0]) / (greville[-1] - greville[0])
+    line: Floats = start + share[:, None] * (end - start)
+    return line

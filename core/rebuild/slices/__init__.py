@@ -1,0 +1,1 @@
+"""Contours as level slices of an object, and what is wrong with them."""

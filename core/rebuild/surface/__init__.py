@@ -1,0 +1,1 @@
+"""A closed surface, exact at every place: points, meshes, measures, nearest points."""

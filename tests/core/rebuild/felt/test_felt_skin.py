@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.felt.felt_points import FeltPoints, stack_points
+from palpate.core.rebuild.felt.felt_skin import fit_skin
+from palpate.core.rebuild.felt.spine import Spine, fit_spine
+
+Make = Callable[..., Any]
+HEIGHT = 0.06
+TURNS = np.linspace(0.0, 1.0, 24, endpoint=False)
+
+
+def upright() -> Spine:
+    return fit_spine(np.array([0.0]), np.zeros((1, 2)))
+
+
+def everywhere(ellipsoid: Any) -> FeltPoints:
+    felt: FeltPoints = ellipsoid.felt(
+        np.concatenate([ellipsoid.section(s) for s in np.linspace(-0.98, 0.98, 49)])
+    )
+    return felt
+
+
+def ellipse(heights: Floats, turns: Floats, a: float, b: float) -> Floats:
+    """Squared distance from the axis of an ellipsoid that stands on height 0."""
+    azimuth = 2 * np.pi * turns
+    level = 1 - (heights / (HEIGHT / 2) - 1) ** 2
+    return np.asarray(level[:, None] / ((np.cos(azimuth) / a) ** 2 + (np.sin(azimuth) / b) ** 2))
+
+
+def test_the_skin_of_an_ellipsoid_is_the_ellipsoid(oracle: Make) -> None:
+    felt = everywhere(oracle([0.04, 0.025, 0.03], [1.0, 1.0]))
+    skin = fit_skin(felt, upright(), 0.0, HEIGHT)
+    heights = np.linspace(0.003, 0.057, 40)
+    wanted = ellipse(heights, TURNS, 0.04, 0.025)
+    error = np.sqrt(skin.squared(heights, TURNS)) - np.sqrt(wanted)
+    assert np.abs(error).max() < 5e-6
+    assert skin.rms < 2e-6
+    assert 1.0 < skin.condition < 1e8
+
+
+def test_the_slope_is_the_derivative_by_the_height(oracle: Make) -> None:
+    skin = fit_skin(everywhere(oracle([0.03] * 3, [1.0, 1.0])), upright(), 0.0, HEIGHT)
+    for height in (0.01, 0.03, 0.052):
+        step = 1e-7
+        squared = skin.squared(np.array([height - step, height + step]), TURNS)
+        differences = (squared[1] - squared[0]) / (2 * step)
+        assert np.allclose(skin.slope(height, TURNS), differences, rtol=0, atol=1e-7)
+        assert np.allclose(skin.slope(height, TURNS), HEIGHT - 2 * height, rtol=0, atol=1e-4)
+
+
+def test_the_skin_is_taken_about_a_leaning_axis() -> None:
+    heights = np.repeat(np.linspace(0.0, HEIGHT, 30), 60)
+    turn = np.tile(2 * np.pi * np.arange(60) / 60, 30)
+    axis = np.column_stack([0.2 * heights, -0.1 * heights])
+    rim = np.column_stack([np.cos(turn), np.sin(turn)])
+    points = np.column_stack([axis + 0.02 * rim, heights])
+    normals = np.column_stack([rim, np.zeros(len(rim))])
+    ends = np.array([0.0, HEIGHT])
+    spine = fit_spine(ends, np.column_stack([0.2 * ends, -0.1 * ends]))
+    skin = fit_skin(FeltPoints(points, normals), spine, 0.0, HEIGHT)
+    squared = skin.squared(np.linspace(0, HEIGHT, 20), TURNS)
+    assert np.allclose(np.sqrt(squared), 0.02, rtol=0, atol=1e-9)
+
+
+def test_a_band_that_was_not_felt_is_bridged_smoothly(oracle: Make) -> None:
+    ball = oracle([0.03] * 3, [1.0, 1.0])
+    felt = stack_points([ball.band(share) for share in (-0.8, 0.8)] + [ball.top()])
+    skin = fit_skin(felt, upright(), 0.0, HEIGHT)
+    radius = np.sqrt(skin.squared(np.linspace(0.01, 0.05, 30), TURNS))
+    wanted = np.sqrt(ellipse(np.linspace(0.01, 0.05, 30), TURNS, 0.03, 0.03))
+    assert np.abs(radius - wanted).max() < 1e-3
+    assert np.isfinite(radius).all()
+
+
+def test_the_deviation_is_large_where_nothing_was_felt(oracle: Make) -> None:
+    ball = oracle([0.03] * 3, [1.0, 1.0])
+    felt = stack_points([ball.band(-0.7), ball.band(0.7)])
+    noise = np.random.default_rng(0).normal(scale=2e-5, size=(len(felt.points), 1))
+    noisy = FeltPoints(felt.points + noise * felt.normals, felt.normals)
+    skin = fit_skin(noisy, upright(), 0.0, HEIGHT)
+    at_bands, between = skin.deviation(np.array([0.009, 0.03]), TURNS)
+    assert 0.0 < at_bands < 2e-5
+    assert between > 10 * at_bands
+
+
+def test_noise_is_averaged_and_the_deviation_says_how_well(oracle: Make) -> None:
+    ball = oracle([0.03] * 3, [1.0, 1.0])
+    felt, sigma = everywhere(ball), 5e-5
+    noise = np.random.default_rng(1).normal(scale=sigma, size=(len(felt.points), 1))
+    noisy = FeltPoints(felt.points + noise * felt.normals, felt.normals)
+    skin = fit_skin(noisy, upright(), 0.0, HEIGHT)
+    heights = np.linspace(0.01, 0.05, 30)
+    error = np.sqrt(skin.squared(heights, TURNS)) - np.sqrt(ellipse(heights, TURNS, 0.03, 0.03))
+    along_normal = error * (np.sqrt(ellipse(heights, TURNS, 0.03, 0.03)) / 0.03)
+    assert skin.rms == pytest.approx(sigma, rel=0.2)
+    pooled = float(np.sqrt(np.mean(along_normal**2)))
+    assert pooled < 0.6 * sigma
+    said = float(np.sqrt(np.mean(skin.deviation(heights, TURNS) ** 2)))
+    assert 0.5 < said / pooled < 2.0
+
+
+def test_points_on_level_faces_and_outside_the_heights_are_left_out(oracle: Make) -> None:
+    ball = oracle([0.03] * 3, [1.0, 1.0])
+    felt = everywhere(ball)
+    level = FeltPoints(np.array([[0.001, 0.0, 0.03]] * 50), np.array([[0.0, 0.0, 1.0]] * 50))
+    beyond = FeltPoints(np.array([[0.5, 0.0, 0.09]] * 50), np.array([[1.0, 0.0, 0.0]] * 50))
+    on_axis = FeltPoints(np.array([[0.0, 0.0, 0.03]]), np.array([[1.0, 0.0, 0.0]]))
+    alone = fit_skin(felt, upright(), 0.0, HEIGHT)
+    with_them = fit_skin(stack_points([felt, level, beyond, on_axis]), upright(), 0.0, HEIGHT)
+    assert np.array_equal(alone.coefficients, with_them.coefficients)
+
+
+def test_a_skin_without_any_point_on_the_side_is_refused() -> None:
+    up = FeltPoints(np.array([[0.01, 0.0, 0.03]]), np.array([[0.0, 0.0, 1.0]]))
+    for felt in (up, stack_points([])):
+        with pytest.raises(
+            ValueError, match=r"no felt point lies on the side between 0 and 0.06 m"
+        ):
+            fit_skin(felt, upright(), 0.0, HEIGHT)
+
+
+def test_the_squared_distance_never_falls_below_its_least(oracle: Make) -> None:
+    ball = oracle([0.03] * 3, [1.0, 1.0])
+    skin = fit_skin(ball.band(0.0), upright(), 0.0, HEIGHT)
+    assert skin.squared(np.linspace(-1.0, 1.0, 50), TURNS).min() >= skin.least > 0.0

@@ -1,0 +1,35 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.core.rebuild.felt.spine import fit_spine
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
+def test_the_axis_passes_through_middles_that_lie_on_a_polynomial(count: int) -> None:
+    heights = np.linspace(0.01, 0.07, count)
+    degree = min(3, count - 1)
+    x = sum(0.001 * (heights / 0.03) ** k for k in range(degree + 1))
+    middles = np.column_stack([x, -2 * np.asarray(x)])
+    spine = fit_spine(heights, middles)
+    assert np.allclose(spine.at(heights), middles, rtol=0, atol=1e-15)
+
+
+def test_beyond_the_contours_the_axis_goes_straight_up() -> None:
+    spine = fit_spine(np.array([0.01, 0.03]), np.array([[0.0, 0.0], [0.004, 0.002]]))
+    assert np.allclose(spine.at(np.array([0.02])), [[0.002, 0.001]])
+    assert np.allclose(spine.at(np.array([-1.0, 0.01])), 0.0, atol=1e-17)
+    assert np.allclose(spine.at(np.array([0.03, 9.0])), [0.004, 0.002])
+
+
+def test_repeated_heights_share_one_middle() -> None:
+    spine = fit_spine(np.full(3, 0.02), np.array([[0.0, 0.0], [0.003, 0.0], [0.0, 0.003]]))
+    assert np.allclose(spine.at(np.array([0.0, 0.02, 1.0])), 0.001, atol=1e-17)
+
+
+def test_the_axis_is_the_same_in_millimetres() -> None:
+    rng = np.random.default_rng(0)
+    heights, middles = np.sort(rng.random(7)), rng.random((7, 2))
+    there = fit_spine(1e3 * heights, 1e3 * middles).at(1e3 * heights)
+    assert np.allclose(there, 1e3 * fit_spine(heights, middles).at(heights), rtol=1e-12)

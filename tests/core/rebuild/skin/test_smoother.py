@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.skin.bending import bending_along, bending_around
+from palpate.core.rebuild.skin.smoother import Axis, Smoothed, smooth, smoothing_axis
+from palpate.core.splines.basis import Basis, PeriodicBasis, clamped_basis
+
+LINES, TURNS = 15, 24
+
+
+def bases(count: int = LINES) -> tuple[Basis, PeriodicBasis]:
+    return clamped_basis(count), PeriodicBasis(TURNS)
+
+
+def axes(weights: Floats | None = None, count: int = LINES) -> tuple[Axis, Axis]:
+    along, around = bases(count)
+    places = np.linspace(0.0, 1.0, LINES)
+    return (
+        smoothing_axis(along.matrix(places).toarray(), bending_along(along), weights),
+        smoothing_axis(around.matrix(np.arange(TURNS) / TURNS).toarray(), bending_around(TURNS)),
+    )
+
+
+def wavy() -> Floats:
+    z, t = np.linspace(0.0, 1.0, LINES)[:, None], 2 * np.pi * np.arange(TURNS) / TURNS
+    radius = (1.0 + 0.3 * np.sin(4.0 * z)) * (1.0 + 0.1 * np.cos(2.0 * t))
+    return np.stack([radius * np.cos(t), radius * np.sin(t)], axis=-1)
+
+
+def dense(smoothed: Smoothed) -> Floats:
+    """The smoother as one matrix, by solving along and around."""
+    matrices = []
+    for axis, strength in zip((smoothed.along, smoothed.around), smoothed.strengths, strict=True):
+        modes = axis.modes
+        basis = modes.shapes @ np.linalg.pinv(modes.control)
+        scale = np.trace(basis.T @ basis) / basis.shape[1]
+        system = basis.T @ basis / scale + strength * axis.bending
+        matrices.append(basis @ np.linalg.solve(system, basis.T / scale))
+    return np.asarray(np.kron(*matrices))
+
+
+def test_the_fit_the_freedom_and_the_score_are_those_of_the_whole_system() -> None:
+    values = wavy() + 0.01 * np.random.default_rng(0).normal(size=(LINES, TURNS, 2))
+    found = smooth(values, *axes(count=12))
+    whole = dense(found)
+    flat = values.reshape(-1, 2)
+    assert np.allclose(found.fitted.reshape(-1, 2), whole @ flat, atol=1e-9)
+    assert found.freedom == pytest.approx(np.trace(whole), rel=1e-8)
+    squares = np.square(flat - whole @ flat).sum()
+    assert found.score == pytest.approx(squares / found.spare**2, rel=1e-6)
+    assert found.sigma == pytest.approx(np.sqrt(squares / (2 * found.spare)), rel=1e-6)
+
+
+def test_no_other_pair_of_strengths_has_a_smaller_score() -> None:
+    values = wavy() + 0.02 * np.random.default_rng(1).normal(size=(LINES, TURNS, 2))
+    along, around = axes()
+    found = smooth(values, along, around)
+    for first in along.strengths[::6]:
+        for second in around.strengths[::6]:
+            p = along.modes.kept(np.array([first]))[0]
+            q = around.modes.kept(np.array([second]))[0]
+            lost = 1.0 - np.outer(p, q)
+            squares = np.square(lost * found.parts).sum()
+            assert squares / lost.sum() ** 2 >= found.score * (1 - 1e-9)
+
+
+def test_the_coefficients_give_the_fit() -> None:
+    values = wavy() + 0.01 * np.random.default_rng(2).normal(size=(LINES, TURNS, 2))
+    found = smooth(values, *axes())
+    along, around = bases()
+    rows = along.matrix(np.linspace(0.0, 1.0, LINES)).toarray()
+    columns = around.matrix(np.arange(TURNS) / TURNS).toarray()
+    fitted = np.einsum("zn,nkd,tk->ztd", rows, found.coefficients, columns)
+    assert np.allclose(fitted, found.fitted, atol=1e-12)
+
+
+def test_clean_values_are_kept_and_noise_is_smoothed_to_its_estimate() -> None:
+    clean = smooth(wavy(), *axes())
+    assert np.abs(clean.fitted - wavy()).max() < 1e-4
+    assert clean.sigma < 1e-4
+    errors, sigmas = [], []
+    for seed in range(10):
+        noise = 0.01 * np.random.default_rng(seed).normal(size=(LINES, TURNS, 2))
+        found = smooth(wavy() + noise, *axes())
+        sigmas.append(found.sigma)
+        errors.append(np.sqrt(np.mean(np.square(found.fitted - wavy()))))
+    assert np.mean(sigmas) == pytest.approx(0.01, rel=0.05)
+    assert np.mean(errors) < 0.006
+
+
+def test_a_known_noise_chooses_what_errs_least() -> None:
+    noise = 0.03 * np.random.default_rng(3).normal(size=(LINES, TURNS, 2))
+    errors = {
+        known: np.sqrt(
+            np.mean(np.square(smooth(wavy() + noise, *axes(), noise=known).fitted - wavy()))
+        )
+        for known in (0.001, 0.03, 0.5)
+    }
+    assert errors[0.03] < min(errors[0.001], errors[0.5])
+
+
+def test_the_posterior_variance_covers_the_error_at_the_points() -> None:
+    along, around = bases()
+    rows = along.matrix(np.linspace(0.0, 1.0, LINES))
+    columns = around.matrix(np.arange(TURNS) / TURNS)
+    covered = []
+    for seed in range(20):
+        noise = 0.02 * np.random.default_rng(seed).normal(size=(LINES, TURNS, 2))
+        found = smooth(wavy() + noise, *axes())
+        deviation = found.sigma * np.sqrt(found.variance(rows, columns))
+        covered.append(np.abs(found.fitted - wavy()) <= 1.96 * deviation[..., None])
+    assert 0.90 <= np.mean(covered) <= 0.99
+
+
+def test_a_line_of_twice_the_weight_counts_like_two() -> None:
+    values = wavy() + 0.05 * np.random.default_rng(4).normal(size=(LINES, TURNS, 2))
+    weights = np.ones(LINES)
+    weights[7] = 1e6
+    found = smooth(values, *axes(weights))
+    plain = smooth(values, *axes())
+    off = np.abs(found.fitted - values).max(axis=(1, 2))
+    assert off[7] < 0.2 * np.abs(plain.fitted - values)[7].max()
+    assert np.delete(off, 7).max() > 0.02
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_the_unit_does_not_matter(unit: float) -> None:
+    values = wavy() + 0.02 * np.random.default_rng(5).normal(size=(LINES, TURNS, 2))
+    found, usual = smooth(unit * values, *axes()), smooth(values, *axes())
+    assert found.strengths == usual.strengths
+    assert np.allclose(found.fitted / unit, usual.fitted, rtol=1e-12)
+
+
+def test_the_condition_is_bounded_and_that_of_the_matrix() -> None:
+    found = smooth(wavy(), *axes())
+    assert found.condition < 1e3
+    weight, strength = found.along.weight, found.strengths[0]
+    root = np.linalg.cholesky(weight + strength * found.along.bending)
+    assert found.along.condition(strength) == pytest.approx(np.linalg.cond(root), rel=1e-6)
+
+
+def test_values_all_in_one_place_stay_there() -> None:
+    found = smooth(np.full((LINES, TURNS, 2), 3.0), *axes())
+    assert np.allclose(found.fitted, 3.0)
+    assert found.sigma < 1e-12
+
+
+def test_without_anything_that_bends_the_values_are_passed() -> None:
+    along = smoothing_axis(np.eye(2), np.zeros((1, 2)))
+    values = np.random.default_rng(6).normal(size=(2, TURNS, 2))
+    around = axes()[1]
+    found = smooth(values, along, around, noise=0.0)
+    assert np.allclose(found.fitted, values, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"weights": np.zeros(3)}, "weights must be positive, got 0"),
+        ({"weights": np.ones(2)}, r"weights must have shape \(3\), got \(2,\)"),
+        ({"root": np.eye(2)}, r"root must have shape \(any, 3\), got \(2, 2\)"),
+        ({"basis": np.full((3, 3), np.nan)}, "basis must be finite"),
+    ],
+)
+def test_an_axis_that_cannot_work_is_refused(change: dict[str, Floats], words: str) -> None:
+    wanted = {"basis": np.eye(3), "root": np.eye(3), **change}
+    with pytest.raises(ValueError, match=words):
+        smoothing_axis(**wanted)
+
+
+def test_caution_smooths_more_and_never_passes_the_values() -> None:
+    noise = 0.02 * np.random.default_rng(7).normal(size=(LINES, TURNS, 2))
+    for values in (wavy(), wavy() + noise):
+        plain, careful = smooth(values, *axes()), smooth(values, *axes(), caution=1.4)
+        assert careful.freedom <= plain.freedom
+        assert careful.freedom < LINES * TURNS / 1.4
+
+
+def test_values_and_noise_that_cannot_be_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"values must have shape \(15, 24, any\)"):
+        smooth(wavy()[1:], *axes())
+    with pytest.raises(ValueError, match="noise must be 0 or more and finite, got -1"):
+        smooth(wavy(), *axes(), noise=-1.0)
+    with pytest.raises(ValueError, match=r"caution must be at least 1 and finite, got 0\.5"):
+        smooth(wavy(), *axes(), caution=0.5)
