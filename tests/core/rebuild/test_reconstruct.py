@@ -39,16 +39,16 @@ def eight(height: float) -> Floats:
 
 
 def test_a_ball_comes_back_from_contours_in_any_order_and_direction() -> None:
-    rebuilt = reconstruct(ball(15, 60), TOPS)
+    rebuilt = reconstruct(ball(15, 60), tops=TOPS)
 
     measures = rebuilt.measures()
     assert measures.moments.volume == pytest.approx(4 / 3 * np.pi * HALF**3, rel=1e-4)
     assert measures.area == pytest.approx(4 * np.pi * HALF**2, rel=1e-4)
-    assert (rebuilt.solid.bottom.kind, rebuilt.solid.top.kind) == ("conic", "conic")
+    assert (rebuilt.closed.bottom.kind, rebuilt.closed.top.kind) == ("conic", "conic")
 
 
 def test_the_mesh_is_closed_of_one_piece_and_as_fine_as_asked_for() -> None:
-    rebuilt = reconstruct(ball(15, 60), TOPS)
+    rebuilt = reconstruct(ball(15, 60), tops=TOPS)
 
     coarse, fine = rebuilt.mesh(1.0), rebuilt.mesh(0.1)
 
@@ -61,7 +61,7 @@ def test_the_mesh_is_closed_of_one_piece_and_as_fine_as_asked_for() -> None:
 
 
 def test_noise_is_smoothed_and_estimated() -> None:
-    rebuilt = reconstruct(ball(27, 80, noise=0.2), TOPS)
+    rebuilt = reconstruct(ball(27, 80, noise=0.2), tops=TOPS)
 
     mesh = rebuilt.mesh(0.02)
     radii = np.linalg.norm(mesh.vertices, axis=1)
@@ -70,7 +70,7 @@ def test_noise_is_smoothed_and_estimated() -> None:
 
 
 def test_a_touched_end_is_where_it_was_touched_and_an_untouched_flat_one_is_doubted() -> None:
-    touched, open_ended = reconstruct(prism(11), TOPS), reconstruct(prism(11))
+    touched, open_ended = reconstruct(prism(11), tops=TOPS), reconstruct(prism(11))
 
     assert np.ptp(touched.mesh().vertices[:, 2]) == pytest.approx(2 * HALF)
     assert touched.uncovered == (0.0, 0.0)
@@ -84,7 +84,7 @@ def test_a_contour_that_went_wrong_is_left_out_and_said() -> None:
     wrong = int(np.argsort(heights)[13])
     contours[wrong] = contours[wrong] * [1.3, 1.3, 1.0]
 
-    rebuilt = reconstruct(contours, TOPS)
+    rebuilt = reconstruct(contours, tops=TOPS)
 
     assert [one.which for one in rebuilt.slices.dropped] == [wrong]
     assert rebuilt.health()["dropped"] == 1.0
@@ -93,9 +93,9 @@ def test_a_contour_that_went_wrong_is_left_out_and_said() -> None:
 
 
 def test_the_unit_and_the_place_change_nothing() -> None:
-    near = reconstruct(ball(15, 60), TOPS)
+    near = reconstruct(ball(15, 60), tops=TOPS)
     offset = np.array([7.0, -3.0, 2.0])
-    far = reconstruct([1e-3 * c + offset for c in ball(15, 60)], 1e-3 * TOPS + offset)
+    far = reconstruct([1e-3 * c + offset for c in ball(15, 60)], tops=1e-3 * TOPS + offset)
 
     volume = far.measures().moments.volume
     assert volume == pytest.approx(1e-9 * near.measures().moments.volume, rel=1e-9)
@@ -103,14 +103,14 @@ def test_the_unit_and_the_place_change_nothing() -> None:
 
 
 def test_a_control_lattice_takes_the_shape_of_the_side() -> None:
-    lattice = reconstruct(ball(15, 60), TOPS).control_lattice()
+    lattice = reconstruct(ball(15, 60), tops=TOPS).lattice
 
     assert lattice.rms < 1e-3 * HALF
     assert lattice.folded_share() == 0.0
 
 
 def test_two_contours_are_enough() -> None:
-    rebuilt = reconstruct(prism(2), TOPS)
+    rebuilt = reconstruct(prism(2), tops=TOPS)
 
     assert rebuilt.measures().moments.volume == pytest.approx(
         np.pi * RADIUS**2 * 2 * HALF, rel=1e-3
@@ -118,8 +118,8 @@ def test_two_contours_are_enough() -> None:
 
 
 def test_the_distance_to_the_truth_stands_beside_what_can_be_told_apart() -> None:
-    mesh = reconstruct(ball(15, 60), TOPS).mesh(0.02)
-    finer, coarser = (reconstruct(ball(15, 60), TOPS).mesh(t) for t in (0.02, 0.04))
+    mesh = reconstruct(ball(15, 60), tops=TOPS).mesh(0.02)
+    finer, coarser = (reconstruct(ball(15, 60), tops=TOPS).mesh(t) for t in (0.02, 0.04))
 
     found = compare(prepare(mesh.vertices, mesh.faces), prepare(finer.vertices, finer.faces))
     floor = compare(prepare(coarser.vertices, coarser.faces), prepare(finer.vertices, finer.faces))
@@ -146,7 +146,7 @@ def test_what_cannot_be_rebuilt_is_refused(
     contours: list[Floats], tops: list[list[float]] | None, words: str
 ) -> None:
     with pytest.raises(ValueError, match=words):
-        reconstruct(contours, tops)
+        reconstruct(contours, tops=tops)
 
 
 def test_a_noise_of_nothing_is_refused() -> None:
@@ -161,11 +161,11 @@ def test_a_figure_of_eight_is_left_out() -> None:
 
 
 def test_no_tops_may_be_an_empty_list() -> None:
-    assert reconstruct(prism(4), []).uncovered == reconstruct(prism(4)).uncovered
+    assert reconstruct(prism(4), tops=[]).uncovered == reconstruct(prism(4)).uncovered
 
 
 def test_a_side_that_swings_out_between_contours_close_together_is_told() -> None:
-    even = reconstruct(ball(15, 60), TOPS)
+    even = reconstruct(ball(15, 60), tops=TOPS)
     low, high = prism(2)
     narrow = np.array([0.6, 0.6, 1.0])
     step = reconstruct(
