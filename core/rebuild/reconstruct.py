@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import positive
+from palpate.core.rebuild.coarse import coarse_patch, fit_coarse
 from palpate.core.rebuild.contour_solid import ContourSolid, close_contours
 from palpate.core.rebuild.evidence import Evidence, gather
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.lattice.prism import PrismFit, fit_prism
 from palpate.core.rebuild.solid import Method, Solid
+from palpate.core.rebuild.surface.surface import closed_surface
+from palpate.core.rebuild.thesis.rebuild import rebuild_thesis
+from palpate.core.rebuild.thesis.surface import thesis_patches
 
 LATTICE_ROWS, LATTICE_COLUMNS = 97, 160
 """Places of the side for which a control lattice is solved."""
@@ -28,6 +32,7 @@ def reconstruct(
     *,
     heights: ArrayLike | None = None,
     noise: float | None = None,
+    faithful: bool = False,
 ) -> Solid:
     """Rebuild a solid from what was felt of it.
 
@@ -53,6 +58,9 @@ def reconstruct(
         Of plane contours.
     noise : float, optional
         Standard deviation of a coordinate; estimated if left out.
+    faithful : bool
+        With the method "thesis", as the program in its appendix has it, faults and all: see
+        `rebuild_thesis`. The contours must then have as many points each.
 
     Returns
     -------
@@ -72,12 +80,45 @@ def reconstruct(
         raise ValueError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
     if noise is not None:
         positive("noise", noise, "in the unit of the contours")
+    if faithful and method != "thesis":
+        raise ValueError(f"faithful goes with the method 'thesis' alone, got {method!r}")
     evidence = gather(contours, tops, felt=patches, heights=heights, noise=noise)
+    if method == "coarse":
+        return _coarse(evidence)
+    if method == "thesis":
+        return _thesis(evidence, faithful)
     closed = _close(evidence)
     lattice = _lattice(closed, evidence) if method == "lattice" else None
     return Solid(
         surface=closed.surface, method=method, evidence=evidence, closed=closed, lattice=lattice
     )
+
+
+def _coarse(evidence: Evidence) -> Solid:
+    slices = evidence.slices
+    points = [
+        np.column_stack([points, np.full(len(points), height)])
+        for points, height in zip(slices.points, slices.heights, strict=True)
+    ]
+    found = fit_coarse(np.concatenate(points), evidence.noise)
+    if not found.fitted:
+        raise ValueError(f"contours must determine a superquadric, got {found.doubts[0]}")
+    surface = closed_surface((coarse_patch(found),))
+    return Solid(surface=surface, method="coarse", evidence=evidence, model=found)
+
+
+def _thesis(evidence: Evidence, faithful: bool) -> Solid:
+    slices = evidence.slices
+    count = evidence.correspondence.grid.shape[1]
+    turns = np.arange(count) / count
+    rings = slices.points if faithful else [curve.at(turns) for curve in slices.curves]
+    contours = [
+        np.column_stack([ring, np.full(len(ring), height)])
+        for ring, height in zip(rings, slices.heights, strict=True)
+    ]
+    found = rebuild_thesis(contours, faithful=faithful)
+    surface = closed_surface(thesis_patches(found))
+    return Solid(surface=surface, method="thesis", evidence=evidence, model=found)
 
 
 def _close(evidence: Evidence) -> ContourSolid:

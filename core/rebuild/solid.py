@@ -13,6 +13,7 @@ from palpate.core.rebuild.lattice.prism import PrismFit
 from palpate.core.rebuild.recovery.recovery import Recovery
 from palpate.core.rebuild.skin.contour_skin import Uncertainty
 from palpate.core.rebuild.slices.slices import Slices
+from palpate.core.rebuild.surface.sampled_patch import SampledPatch
 from palpate.core.rebuild.surface.surface import Surface
 from palpate.core.rebuild.surface.surface_measures import Measures, measure_surface
 from palpate.core.rebuild.surface.surface_mesh import SurfaceMesh, mesh_surface
@@ -110,4 +111,32 @@ class Solid:
                 "condition": skin.condition,
                 "overshoot": self.overshoot,
             }
-        return found
+        return found | _model_health(self.model) | _sampling(self.surface)
+
+
+def _model_health(model: ThesisSolid | Recovery | None) -> dict[str, float]:
+    if isinstance(model, Recovery):
+        return {
+            "rms": model.rms,
+            "rank": float(model.rank),
+            "condition": model.condition,
+            "looseness": model.looseness,
+            "uncovered_share": model.uncovered,
+            "doubts": float(len(model.doubts)),
+        }
+    if isinstance(model, ThesisSolid):
+        health = model.health
+        return {
+            "unmatched_contours": float((~health.one_to_one).sum()),
+            "degenerate_contours": float(health.degenerate.sum()),
+            "cores_moved": float(health.cores_moved.sum()),
+            "core_points_outside": float(health.cores_outside.sum()),
+            "widest_gap": float(health.gaps.max()),
+        }
+    return {}
+
+
+def _sampling(surface: Surface) -> dict[str, float]:
+    """How far splines through samples of a surface may leave it."""
+    misses = [piece.miss for piece in surface.pieces if isinstance(piece, SampledPatch)]
+    return {"sampling": max(misses)} if misses else {}

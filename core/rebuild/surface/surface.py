@@ -129,14 +129,24 @@ def close_surface(side: Patch, bottom: End | None = None, top: End | None = None
     """
     below = end_patches(side, bottom, upper=False) if bottom is not None else ()
     above = end_patches(side, top, upper=True) if top is not None else ()
-    pieces = (*below, side, *above)
-    turns = np.arange(LENGTH_TURNS) / LENGTH_TURNS
+    _check_way(_grid(side, np.linspace(0.0, 1.0, LENGTH_ROWS), _turns()))
+    return closed_surface((*below, side, *above))
+
+
+def closed_surface(pieces: tuple[Patch, ...]) -> Surface:
+    """Pieces, from the lowest to the highest, that make a closed surface.
+
+    Raises
+    ------
+    ValueError
+        If it does not close in a point at both ends.
+    """
+    turns = _turns()
     v = np.linspace(0.0, 1.0, LENGTH_ROWS)
     grid = np.stack([_grid(piece, v, turns) for piece in pieces])
     points = grid.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     size = float(np.linalg.norm(high - low))
-    _check_way(_grid(side, v, turns))
     for name, ring in (("bottom", grid[0, 0]), ("top", grid[-1, -1])):
         width = float(np.ptp(ring, axis=0).max())
         if width > OPEN * size:
@@ -149,6 +159,11 @@ def close_surface(side: Patch, bottom: End | None = None, top: End | None = None
     seams = np.concatenate([[0.0], np.cumsum(shares) / shares.sum()])
     seams[-1] = 1.0
     return Surface(pieces, seams, 0.5 * (low + high), size)
+
+
+def _turns() -> Floats:
+    turns: Floats = np.arange(LENGTH_TURNS) / LENGTH_TURNS
+    return turns
 
 
 def _grid(piece: Patch, v: Floats, turns: Floats) -> Floats:

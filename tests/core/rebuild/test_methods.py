@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.measure.solidity import solidity
+from palpate.core.rebuild.reconstruct import reconstruct
+from palpate.core.rebuild.solid import Method
+
+TURN = 2 * np.pi * np.arange(48) / 48
+VOLUME = 4 / 3 * np.pi * 50.0 * 40.0 * 30.0
+
+
+def egg(heights: Floats, points: int = 48) -> list[Floats]:
+    turn = 2 * np.pi * np.arange(points) / points
+    share = np.sqrt(1.0 - (heights / 30.0) ** 2)
+    return [
+        np.column_stack([50 * s * np.cos(turn), 40 * s * np.sin(turn), np.full(points, z)])
+        for s, z in zip(share, heights, strict=True)
+    ]
+
+
+EGG = egg(np.linspace(-29.5, 29.5, 15))
+
+
+@pytest.mark.parametrize(
+    ("method", "faithful", "off"),
+    [
+        ("lattice", False, 1e-3),
+        ("skin", False, 1e-3),
+        ("thesis", False, 0.06),
+        ("thesis", True, 0.06),
+        ("coarse", False, 1e-6),
+    ],
+)
+def test_every_method_gives_a_closed_solid(method: Method, faithful: bool, off: float) -> None:
+    solid = reconstruct(EGG, method=method, faithful=faithful)
+
+    mesh = solid.mesh()
+    found = solidity(mesh.vertices, mesh.faces)
+    assert (solid.method, found.watertight, found.genus) == (method, True, 0)
+    assert solid.measures().moments.volume == pytest.approx(VOLUME, rel=off)
+    assert solid.search().inside(np.zeros((1, 3))).all()
+    assert all(np.isfinite(value) for value in solid.health().values())
+
+
+def test_what_does_not_come_from_a_skin_claims_no_uncertainty() -> None:
+    said = reconstruct(EGG, method="skin").uncertainty()
+
+    assert said is not None and said.most > 0.0
+    assert reconstruct(EGG, method="coarse").uncertainty() is None
+    assert reconstruct(EGG, method="thesis").uncertainty() is None
+
+
+def test_the_program_differs_from_what_is_right() -> None:
+    right, program = (reconstruct(EGG, method="thesis", faithful=f) for f in (False, True))
+
+    assert program.health()["widest_gap"] > 0.01 > right.health()["widest_gap"]
+
+
+def test_a_superquadric_says_how_well_it_fits() -> None:
+    bulge = [ring * np.array([1 + 0.3 * np.sin(ring[0, 2] / 5), 1, 1]) for ring in EGG]
+
+    fits, misses = (reconstruct(c, method="coarse").health()["rms"] for c in (EGG, bulge))
+
+    assert fits < 1e-9 < 1.0 < misses
+
+
+@pytest.mark.parametrize(
+    ("contours", "options", "sentence"),
+    [
+        (EGG, {"method": "loft"}, "method must be one of lattice, skin, thesis, coarse"),
+        (EGG, {"method": "skin", "faithful": True}, "faithful goes with the method 'thesis'"),
+        (
+            [*EGG[:3], *egg(np.array([10.0]), 40)],
+            {"method": "thesis", "faithful": True},
+            "contours must have as many points each, got 40 to 48",
+        ),
+        (
+            [EGG[7]],
+            {"method": "coarse"},
+            "contours must determine a superquadric, got coplanar points",
+        ),
+    ],
+)
+def test_what_a_method_cannot_do_is_refused(
+    contours: list[Floats], options: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        reconstruct(contours, **options)
