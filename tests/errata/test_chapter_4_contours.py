@@ -5,6 +5,9 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.plane.inscribed_ellipse import ellipse_scale
+from palpate.core.plane.winding import winding_number
+from palpate.core.rebuild.thesis.rebuild import rebuild_thesis
+from palpate.core.rebuild.thesis.rectangle import rectangle_scale
 from palpate.core.splines.basis import PeriodicBasis, clamped_basis
 from palpate.core.splines.closed_curve import fit_closed_curve
 from palpate.core.splines.curve_parameters import curve_parameters, moved_parameters
@@ -144,3 +147,24 @@ def test_the_search_for_the_largest_ellipse_is_not_needed() -> None:
     assert two_points > halvings == 10
     box = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
     assert ellipse_scale(box, np.zeros(2), np.array([1 / 0.37, 1.0])) == pytest.approx(0.37)
+
+
+def test_the_box_around_an_ellipse_that_fits_does_not_fit() -> None:
+    polygon, middle, half_sides = circle(96), np.zeros(2), np.ones(2)
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    around_ellipse = ellipse_scale(polygon, middle, half_sides)
+    fitting = rectangle_scale(polygon, middle, half_sides)
+    assert around_ellipse == pytest.approx(np.sqrt(2.0) * fitting, rel=2e-3)
+    assert (winding_number(polygon, around_ellipse * corners) == 0).all()
+    assert (winding_number(polygon, 0.999 * fitting * corners) != 0).all()
+
+
+def test_the_programs_lattice_knows_nothing_of_the_correspondence() -> None:
+    ring = np.vstack([ellipse(np.arange(24) / 24), ellipse(np.zeros(1))])
+    contours = [np.column_stack([(2 + z) * ring, np.full(25, z)]) for z in np.linspace(-1, 1, 7)]
+    box, ball = (
+        rebuild_thesis(contours, exponents=exponents, faithful=True)
+        for exponents in ((0.15, 0.15), (1.0, 1.0))
+    )
+    assert np.abs(box.parameters - ball.parameters).max() > 0.05
+    assert (box.lattice.control == ball.lattice.control).all()
