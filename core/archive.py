@@ -1,0 +1,223 @@
+"""Any tree of this package's values as flat arrays with names, and back, bit for bit.
+
+The tree's form is one text, which names the class of each node; every array lies beside it under
+its path, ``solid/evidence/noise``. What is read may be from anybody: only dataclasses and named
+tuples of `palpate.core` are built, by their own constructors, and nothing is ever run.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core.archive_classes import class_named, field_names, name_of
+from palpate.core.archive_types import declared, fits
+
+VERSION = 1
+"""Of the format."""
+FORM = "form"
+"""Name of the text that tells the tree's form."""
+ROOT = "solid"
+"""Path of the tree itself."""
+NUMERIC = "fiub"
+"""Kinds of arrays that are kept: floats, integers and truth values."""
+
+Arrays = dict[str, NDArray[np.generic]]
+
+
+def to_arrays(tree: object) -> Arrays:
+    """Flat arrays that hold a whole tree.
+
+    Parameters
+    ----------
+    tree : object
+        Dataclasses and named tuples of `palpate.core`, tuples, lists, dicts with texts as keys,
+        numbers, texts, None and numeric arrays, in any depth.
+
+    Returns
+    -------
+    dict
+        Arrays by path, and the form of the tree under ``form``.
+
+    Raises
+    ------
+    ValueError
+        If something else is in the tree, a function for example: the sentence tells its path.
+    """
+    writer = _Writer()
+    form = {"version": VERSION, "tree": writer.node(tree, ROOT)}
+    text = json.dumps(form, allow_nan=False, separators=(",", ":"))
+    return {FORM: np.array(text), **writer.arrays}
+
+
+def from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> Any:
+    """The tree that `to_arrays` was given.
+
+    Parameters
+    ----------
+    arrays : map
+        What `to_arrays` returned; other arrays may lie beside.
+
+    Raises
+    ------
+    ValueError
+        If there is no form or it is of another version, if an array is missing, if a class is
+        unknown or has other fields here, or if a class refuses what it is given.
+    """
+    if FORM not in arrays or arrays[FORM].dtype.kind != "U" or arrays[FORM].ndim:
+        raise ValueError(f"an archive must have the text {FORM!r}, got none")
+    try:
+        form = json.loads(str(arrays[FORM]))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"the archive's form must be JSON: {error}") from None
+    if not isinstance(form, dict) or form.keys() != {"version", "tree"}:
+        raise ValueError("the archive's form must tell its version and its tree")
+    if form["version"] != VERSION:
+        raise ValueError(f"the archive's version must be {VERSION}, got {form['version']!r:.20}")
+    try:
+        return _Reader(arrays).value(form["tree"], ROOT)
+    except RecursionError:
+        raise ValueError("the archive's tree is nested too deeply to be read") from None
+
+
+class _Writer:
+    """Puts arrays aside while a tree is walked, each only once."""
+
+    def __init__(self) -> None:
+        self.arrays: Arrays = {}
+        # The objects are kept as well, lest a new one gets the number of one that is gone.
+        self._known: dict[int, tuple[str, object]] = {}
+
+    def node(self, value: object, path: str) -> Any:
+        """What the form says of a value."""
+        if value is None or type(value) in (bool, int, str):
+            return value
+        if type(value) is float:
+            return value if math.isfinite(value) else {"float": repr(value)}
+        if id(value) in self._known:
+            return {"same": self._known[id(value)][0]}
+        self._known[id(value)] = (path, value)
+        if isinstance(value, np.ndarray | np.generic):
+            return self._array(value, path)
+        return self._branch(value, path)
+
+    def _branch(self, value: object, path: str) -> Any:
+        if type(value) in (tuple, list):
+            assert isinstance(value, tuple | list)
+            items = [self.node(item, f"{path}/{i}") for i, item in enumerate(value)]
+            return {"tuple" if type(value) is tuple else "list": items}
+        if isinstance(value, Mapping):
+            if not all(type(key) is str for key in value):
+                raise ValueError(f"{path} must have texts as keys, got {list(value)!r:.60}")
+            return {"dict": {key: self.node(item, f"{path}/{key}") for key, item in value.items()}}
+        name = name_of(type(value))
+        if name is None:
+            raise ValueError(f"{path} cannot be kept: it is a {type(value).__qualname__}")
+        parts = {
+            field: self.node(getattr(value, field), f"{path}/{field}")
+            for field in field_names(type(value))
+        }
+        return {"class": name, "fields": parts}
+
+    def _array(self, value: np.ndarray[Any, Any] | np.generic, path: str) -> Any:
+        """An array in the order in which it lies in memory, on which roundings may depend."""
+        if value.dtype.kind not in NUMERIC:
+            raise ValueError(f"{path} must be an array of numbers, got {value.dtype}")
+        kept = np.asarray(value)
+        order = sorted(range(kept.ndim), key=lambda axis: (-abs(kept.strides[axis]), axis))
+        self.arrays[path] = np.ascontiguousarray(kept.transpose(order)).reshape(
+            [kept.shape[axis] for axis in order]
+        )
+        if isinstance(value, np.generic):
+            return {"scalar": path}
+        plain = order == list(range(kept.ndim))
+        return {"array": path} if plain else {"array": path, "order": order}
+
+
+class _Reader:
+    """Builds a tree from its form."""
+
+    def __init__(self, arrays: Mapping[str, NDArray[np.generic]]):
+        self._arrays = arrays
+        self._built: dict[str, object] = {}
+
+    def value(self, node: Any, path: str) -> Any:
+        """What a part of the form stands for."""
+        if node is None or isinstance(node, bool | int | float | str):
+            return node
+        if not isinstance(node, dict) or not node:
+            raise ValueError(f"{path} of the archive has no meaning: {node!r:.60}")
+        self._built[path] = built = self._build(node, path)
+        return built
+
+    def _build(self, node: dict[str, Any], path: str) -> object:
+        match node:
+            case {"same": str(other)} if other in self._built:
+                return self._built[other]
+            case {"float": "inf" | "-inf" | "nan" as text}:
+                return float(text)
+            case {"scalar": str(name)}:
+                return self._array(name, path).reshape(())[()]
+            case {"array": str(name), **rest}:
+                return self._ordered(self._array(name, path), rest.get("order"), path)
+            case {"tuple": list(items)}:
+                return tuple(self._items(items, path))
+            case {"list": list(items)}:
+                return self._items(items, path)
+            case {"dict": dict(items)}:
+                return {key: self.value(item, f"{path}/{key}") for key, item in items.items()}
+            case {"class": str(name), "fields": dict(fields)}:
+                return self._instance(name, fields, path)
+        raise ValueError(f"{path} of the archive has no meaning: {node!r:.60}")
+
+    def _items(self, items: list[Any], path: str) -> list[object]:
+        return [self.value(item, f"{path}/{i}") for i, item in enumerate(items)]
+
+    def _array(self, name: str, path: str) -> NDArray[np.generic]:
+        if name not in self._arrays:
+            raise ValueError(f"{path} of the archive is missing: there is no array {name!r:.80}")
+        found = self._arrays[name]
+        if found.dtype.kind not in NUMERIC:
+            raise ValueError(f"{path} of the archive must be numbers, got {found.dtype}")
+        return found
+
+    def _ordered(self, found: NDArray[np.generic], order: Any, path: str) -> NDArray[np.generic]:
+        if order is None:
+            return found
+        if not isinstance(order, list) or sorted(order, key=repr) != list(range(found.ndim)):
+            raise ValueError(f"{path} of the archive must have its axes in an order, got {order}")
+        return found.transpose(np.argsort(order))
+
+    def _instance(self, name: str, fields: dict[str, Any], path: str) -> object:
+        found = class_named(name)
+        wanted = field_names(found)
+        if set(fields) != set(wanted):
+            odd = ", ".join(sorted(set(fields) ^ set(wanted)))
+            raise ValueError(f"{path} of the archive is a {name} of another version: {odd}")
+        parts = {field: self.value(node, f"{path}/{field}") for field, node in fields.items()}
+        hints = declared(found)
+        for field, value in parts.items():
+            if not fits(value, hints.get(field, Any)):
+                raise ValueError(
+                    f"{path}/{field} of the archive cannot be a {type(value).__name__}"
+                )
+        try:
+            return found(**parts)
+        except (TypeError, AttributeError, IndexError, ArithmeticError) as error:
+            raise ValueError(f"{path} of the archive is no {name}: {error}") from None
+
+
+def equal_trees(one: object, other: object) -> bool:
+    """Whether two trees hold the same to the last bit."""
+    first, second = to_arrays(one), to_arrays(other)
+    return first.keys() == second.keys() and all(
+        here.dtype == second[name].dtype
+        and here.shape == second[name].shape
+        and here.tobytes() == second[name].tobytes()
+        for name, here in first.items()
+    )
