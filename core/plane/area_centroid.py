@@ -6,7 +6,6 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.plane.closed_polygon import closed_polygon
-from palpate.core.plane.signed_area import signed_area
 
 FLAT = 1e-9
 """Area, as a share of the box around the contour, below which it encloses nothing."""
@@ -29,15 +28,28 @@ def area_centroid(contour: Floats) -> Floats:
         If the contour has no point, or is not finite (n, 2) or (n, 3).
     """
     polygon = closed_polygon(np.asarray(contour)[..., :2])
-    middle = polygon.mean(axis=0)
-    near = polygon - middle
-    size = float(np.abs(near).max())
-    near = near / size if size > 0.0 else near
-    area = signed_area(near)
-    if abs(area) <= FLAT * float(np.prod(np.ptp(near, axis=0))):
-        return np.asarray(middle)
-    x, y = near.T
-    following = np.roll(near, -1, axis=0)
-    twice = x * following[:, 1] - following[:, 0] * y
-    shift = ((near + following) * twice[:, None]).sum(axis=0)
-    return np.asarray(middle + size * shift / (6.0 * area))
+    return np.asarray(area_centroids(polygon[None])[0])
+
+
+def area_centroids(contours: Floats) -> Floats:
+    """The same of many contours (m, n, 2) of finite points at once, (m, 2)."""
+    middle = contours.mean(axis=1)
+    near = contours - middle[:, None]
+    size = np.abs(near).max(axis=(1, 2))
+    size = np.where(size > 0.0, size, 1.0)
+    near = near / size[:, None, None]
+    following = np.roll(near, -1, axis=1)
+    first = near[:, :1]  # areas are taken about it, for digits
+    twice = _cross(near - first, following - first)
+    area = 0.5 * twice.sum(axis=1)
+    flat = np.abs(area) <= FLAT * np.prod(np.ptp(near, axis=1), axis=1)
+    shift = ((near + following) * _cross(near, following)[..., None]).sum(axis=1)
+    safe = np.where(flat, 1.0, area)
+    shift = np.where(flat[:, None], 0.0, shift / (6.0 * safe)[:, None])
+    centroids: Floats = middle + size[:, None] * shift
+    return centroids
+
+
+def _cross(first: Floats, second: Floats) -> Floats:
+    cross: Floats = first[..., 0] * second[..., 1] - second[..., 0] * first[..., 1]
+    return cross

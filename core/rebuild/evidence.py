@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,18 @@ from palpate.core.plane.signed_area import signed_area
 from palpate.core.rebuild.correspondence.correspondence import Correspondence, match_slices
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.slices.bad_contours import bad_contours
-from palpate.core.rebuild.slices.slices import Slices, slices_of
+from palpate.core.rebuild.slices.dropped import Dropped
+from palpate.core.rebuild.slices.loops import Loop, curve_again, loops_of
+from palpate.core.rebuild.slices.slices import Slices, restack, stack_loops
+from palpate.core.rebuild.slices.stray_points import stray_points
+from palpate.core.rebuild.slices.suspects import Suspect, perhaps_features, suspicious
 
 FEWEST, MOST = 24, 160
 """Places around a contour that are matched: as many as it has points, within these."""
+POINT = 0.03
+"""Of the widest contour: one at an end that is no wider, and meets itself, is a point."""
+PASSES = 3
+"""Of looking for points that are wrong: contours are judged by those beside them."""
 NO_AREA = 1e-6
 """Of the square of its perimeter: a contour that meets itself around less has no inside."""
 LEAST_SIZE, MOST_SIZE = 1e-50, 1e50
@@ -38,6 +47,38 @@ class Evidence(NamedTuple):
     """All touched taxels."""
     noise: float | None
     """Standard deviation of a coordinate, if it is known."""
+    given: tuple[Loop | Dropped, ...] = ()
+    """Each contour by itself, as it was given: what more evidence is added to."""
+    tops: Floats | None = None
+    """(k, 3): where single touches found the ends, as given."""
+
+    suspects: tuple[Suspect, ...] = ()
+    """Contours that are used, though they are unlike their neighbours."""
+
+    @property
+    def strays(self) -> int:
+        """Single points of the contours that were found to be wrong, and left out."""
+        return int(sum(loop.stray.sum() for loop in self.slices.loops))
+
+    def health(self) -> dict[str, float]:
+        """Figures of what the contours are like, by name: see `Solid.health`."""
+        slices = self.slices
+        return {
+            "contours": float(len(slices.heights)),
+            "dropped": float(len(slices.dropped)),
+            "perhaps_features": float(sum(one.perhaps for one in slices.dropped)),
+            "suspicious": float(len(self.suspects)),
+            "outlying_points": float(self.strays),
+            "tilted": float(slices.tilted.sum()),
+            "not_starlike": float((~slices.star).sum()),
+            "self_intersecting": float(slices.self_intersecting.sum()),
+        }
+
+    def more(self, contour: ArrayLike, height: float | None = None) -> Evidence:
+        """The evidence with one contour more: that of all of them at once."""
+        level = None if height is None else [height]
+        added = loops_of([contour], level, first=len(self.given))
+        return gather_loops((*self.given, *added), self.tops, self.felt, self.noise)
 
 
 def gather(
@@ -49,16 +90,49 @@ def gather(
     noise: float | None = None,
 ) -> Evidence:
     """Put what was felt in order; parameters and errors as of `reconstruct`."""
-    slices = slices_of(contours, heights)
-    bottom, top = _touched_ends(tops, slices)
+    touched = None
+    if tops is not None and not (isinstance(tops, list | tuple) and not tops):
+        touched = finite_array("tops", tops, (None, 3))
+    return gather_loops(loops_of(contours, heights), touched, felt, noise)
+
+
+def gather_loops(
+    given: tuple[Loop | Dropped, ...],
+    tops: Floats | None,
+    felt: FeltPoints | None,
+    noise: float | None,
+) -> Evidence:
+    """The same of contours that have been made into curves, and of checked tops (k, 3)."""
+    slices = stack_loops(given)
+    slices, bottom, top = _ends(slices, tops)
     _check_size(slices, (bottom, top))
     slices = _around_areas(slices)
     matched = _matched(slices)
+    slices, matched = _mended(slices, matched)
     found = bad_contours(slices.heights, matched.grid)
     if found.bad.any():
-        slices = slices.without(found.bad, "unlike its neighbours")
+        perhaps = perhaps_features(matched.grid, slices.star, found.bad)
+        slices = slices.without(found.bad, "unlike its neighbours", found.off, perhaps)
         matched = _matched(slices)
-    return Evidence(slices, matched, bottom, top, felt, noise)
+    off = suspicious(slices.heights, matched.grid)
+    suspects = tuple(
+        Suspect(int(slices.rows[row]), float(slices.heights[row]), float(off[row]))
+        for row in np.flatnonzero(off)
+    )
+    return Evidence(slices, matched, bottom, top, felt, noise, given, tops, suspects)
+
+
+def _mended(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence]:
+    """Without single points that are wrong, which are looked for again once others are mended."""
+    for _ in range(PASSES):
+        strays = stray_points(slices.loops, matched.places)
+        same = zip(slices.loops, strays.masks, strict=True)
+        if all(np.array_equal(loop.stray, mask) for loop, mask in same):
+            break
+        loops = map(curve_again, slices.loops, strays.mended, strays.masks)
+        slices = restack(tuple(loops), slices.dropped)
+        matched = _matched(slices)
+    return slices, matched
 
 
 def _matched(slices: Slices) -> Correspondence:
@@ -85,14 +159,46 @@ def _around_areas(slices: Slices) -> Slices:
     return slices.without(none, "around no area") if none.any() else slices
 
 
-def _touched_ends(tops: ArrayLike | None, slices: Slices) -> tuple[float | None, float | None]:
-    """Heights of the touched ends, below and above."""
-    if tops is None or (isinstance(tops, list | tuple) and not tops):
-        return None, None
-    touched: Floats = finite_array("tops", tops, (None, 3))[:, 2]
-    middle = 0.5 * float(slices.heights[0] + slices.heights[-1])
+def _ends(slices: Slices, tops: Floats | None) -> tuple[Slices, float | None, float | None]:
+    """Heights of the touched ends, below and above; contours that are but points tell of them."""
+    touched = np.zeros(0) if tops is None else tops[:, 2]
+    for row in (0, -1):
+        if _scribble(slices, row):
+            touched = np.append(touched, slices.heights[row])
+            last = np.arange(len(slices.heights)) == np.arange(len(slices.heights))[row]
+            slices = slices.without(last, "in one place: a touch of its end")
+    low, high = float(slices.heights[0]), float(slices.heights[-1])
+    middle = 0.5 * (low + high)
+    told = []
+    for one in slices.dropped:
+        at_end = one.height is not None and not low <= one.height <= high
+        if one.why == "in one place" and at_end and one.height is not None:
+            touched = np.append(touched, one.height)
+            one = one._replace(why="in one place: a touch of its end")
+        told.append(one)
     below, above = touched[touched < middle], touched[touched >= middle]
+    _check_ends(slices.heights, below, above)
     return (
+        replace(slices, dropped=tuple(told)),
         float(below.min()) if len(below) else None,
         float(above.max()) if len(above) else None,
     )
+
+
+def _scribble(slices: Slices, row: int) -> bool:
+    """Whether a contour is a point, drawn large by noise."""
+    width = np.ptp(slices.fine, axis=1).max(axis=1)
+    return bool(slices.self_intersecting[row] and width[row] < POINT * width.max())
+
+
+def _check_ends(heights: Floats, below: Floats, above: Floats) -> None:
+    """An end may lie a little inside the last contour, by noise, but not within the contours."""
+    spacing = float(np.diff(heights)[[0, -1]].min()) if len(heights) > 1 else 0.0
+    for end, rim, way in (
+        (below.min(initial=np.inf), heights[0], -1.0),
+        (above.max(initial=-np.inf), heights[-1], 1.0),
+    ):
+        if np.isfinite(end) and way * (end - rim) < -spacing:
+            raise ValueError(
+                f"tops must not lie within the contours, got {end:g} where the last is at {rim:g}"
+            )

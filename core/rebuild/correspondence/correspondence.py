@@ -13,6 +13,7 @@ from palpate.core.rebuild.correspondence.leave_one_out import neighbour_weights
 from palpate.core.rebuild.correspondence.minimum_twist import begin_turns, minimum_twist
 from palpate.core.rebuild.correspondence.signature import follow_signatures
 from palpate.core.rebuild.correspondence.start_ray import start_ray
+from palpate.core.rebuild.slices.curve_places import chord_places, curve_places
 from palpate.core.rebuild.slices.slice_distance import slice_distance
 from palpate.core.rebuild.slices.slices import Slices
 
@@ -25,6 +26,8 @@ WHOLE = 6
 """Slices from which on only those count that have two neighbours on either side."""
 EXACT = 1e-6
 """Of the perimeter: distances below are not told apart."""
+SCORED = 64
+"""Places around, at least, at which methods are compared."""
 LEAST_SLICES = 3
 """With fewer no slice lies between others."""
 
@@ -82,16 +85,16 @@ def match_slices(
     if method == "auto" and not slices.star.all():
         methods = tuple(one for one in methods if one != "azimuth")
     places = _places(slices, count, methods)
-    grids = _grids(slices, places)
     scores: dict[Method, float] = {}
     best = 0
     if len(slices.heights) >= LEAST_SLICES:
-        found = _scores(slices, grids)
+        found = _scores(slices, places)
         scores = dict(zip(methods, found.tolist(), strict=True))
         nearest = int(found.argmin())
         best = nearest if found[nearest] < CLEARLY * found[0] else 0
     turns = np.mod(places[best, :, 0], 1.0)
-    return Correspondence(grids[best], places[best], turns, methods[best], scores)
+    grid = curve_places(slices.curves, places[best])
+    return Correspondence(grid, places[best], turns, methods[best], scores)
 
 
 def _places(slices: Slices, count: int, methods: tuple[Method, ...]) -> Floats:
@@ -119,27 +122,25 @@ def _places(slices: Slices, count: int, methods: tuple[Method, ...]) -> Floats:
 def _azimuths(slices: Slices, around: Floats) -> Floats:
     """Turns (M, count) at which the curves have given azimuths, in turns, about their middles."""
     found = []
-    for curve, middle in zip(slices.fine, slices.middles, strict=True):
+    for curve, middle, star in zip(slices.fine, slices.middles, slices.star, strict=True):
+        even = np.linspace(0.0, 1.0, len(curve) + 1)
+        if star:
+            away = curve - middle
+            azimuths = np.unwrap(np.arctan2(away[:, 1], away[:, 0])) / (2.0 * np.pi)
+            ahead = np.mod(around - azimuths[0], 1.0)
+            found.append(np.interp(ahead, np.append(azimuths - azimuths[0], 1.0), even))
+            continue
         shares = azimuth_match(curve, middle, 2.0 * np.pi * around).turns
         closed = np.vstack([curve, curve[:1]])
         lengths = np.linalg.norm(np.diff(closed, axis=0), axis=1)
         ends = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()
-        found.append(np.interp(shares, ends, np.linspace(0.0, 1.0, len(ends))))
+        found.append(np.interp(shares, ends, even))
     return np.unwrap(np.stack(found), period=1.0, axis=1)
 
 
-def _grids(slices: Slices, places: Floats) -> Floats:
-    """Points (c, M, count, 2) of the curves at turns (c, M, count)."""
-    methods, count = len(places), places.shape[2]
-    rows = [
-        curve.at(turns.ravel()).reshape(methods, count, 2)
-        for curve, turns in zip(slices.curves, places.transpose(1, 0, 2), strict=True)
-    ]
-    return np.stack(rows, axis=1)
-
-
-def _scores(slices: Slices, grids: Floats) -> Floats:
-    """How well each grid (c, M, count, 2) predicts slices from their neighbours, (c,), m."""
+def _scores(slices: Slices, places: Floats) -> Floats:
+    """How well turns (c, M, count) predict slices from their neighbours, (c,), m."""
+    grids = chord_places(slices.fine, places[:, :, :: max(places.shape[2] // SCORED, 1)])
     margin = 2 if len(slices.heights) >= WHOLE else 1
     inner = slice(margin, -margin)
     weights = neighbour_weights(slices.heights)[inner]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from palpate.core.arrays import Floats
@@ -25,7 +27,13 @@ def neighbour_weights(heights: Floats) -> Floats:
         above, or as many as there are; at either end through the three nearest ones. Rows sum
         to 1; they are 0 where there are fewer than 2 others.
     """
-    count = len(heights)
+    return _weights(tuple(heights.tolist()))
+
+
+@lru_cache(maxsize=64)
+def _weights(levels: tuple[float, ...]) -> Floats:
+    """The same, once for each stack; not to be written to."""
+    heights, count = np.array(levels), len(levels)
     every = np.arange(count)
     weights = np.zeros((count, count))
     for row in range(count):
@@ -35,7 +43,8 @@ def neighbour_weights(heights: Floats) -> Floats:
         else:
             near = np.concatenate([below[-EACH_SIDE:], above[:EACH_SIDE]])
         if len(near) >= 2:
-            weights[row, near] = _lagrange(heights[near], float(heights[row]))
+            weights[row, near] = _lagrange(heights[near], levels[row])
+    weights.setflags(write=False)
     return weights
 
 

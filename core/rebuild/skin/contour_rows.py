@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, Ints, finite_array
-from palpate.core.plane.area_centroid import area_centroid
+from palpate.core.plane.area_centroid import area_centroids
 
 LEAST_TURNS = 4
 SAME_HEIGHT = 1e-3
@@ -115,7 +115,7 @@ def _pole(
         return (finite_array("pole", pole, (2,)) - middle) / size
     if not pole:
         return None
-    middles = np.array([area_centroid(row) for row in rows])
+    middles = area_centroids(rows)
     away = heights - heights.mean()
     spread = float(away @ away)
     lean = away @ (middles - middles.mean(axis=0)) / spread if spread > 0.0 else np.zeros(2)

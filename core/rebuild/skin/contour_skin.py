@@ -47,6 +47,8 @@ class Health(NamedTuple):
     """Contours that were averaged with one at the same height."""
     outlying: int
     """Points that were not used, for they stick out."""
+    swing: float
+    """How far the surface leaves the middle between contours, over how far these differ."""
 
 
 class Uncertainty(NamedTuple):
@@ -185,7 +187,8 @@ def fit_contour_skin(
         Whether the surface closes in a point there, below and above: where the axis leads, or
         at a place, m.
     noise : float or None
-        Standard deviation of a coordinate, m, if it is known; otherwise it is estimated.
+        Standard deviation of a coordinate, m, if it is known; otherwise it is estimated. Of 0,
+        no point is left out.
 
     Raises
     ------
@@ -200,7 +203,10 @@ def fit_contour_skin(
     def again(points: Floats) -> ContourFit:
         return fit_latitude(rows._replace(grid=points), fit.latitude, scaled, fit.caution)
 
-    used, fit, outlying = set_aside(rows.grid, fit, again)
+    if noise == 0.0:  # who knows that there is no noise knows that no point is wrong
+        used, outlying = rows.grid, np.zeros(rows.grid.shape[:2], np.bool_)
+    else:
+        used, fit, outlying = set_aside(rows.grid, fit, again)
     given = Given(
         finite_array("heights", heights, (None,)),
         finite_array("grid", grid, (None, None, 2)),
@@ -211,12 +217,25 @@ def fit_contour_skin(
     return _skin(rows._replace(grid=used), fit, outlying, given)
 
 
+def noise_of(heights: Floats, grid: Floats) -> float:
+    """Standard deviation across contours (M, K, 2), m, by a fit between the outer two."""
+    low, high = float(heights.min()), float(heights.max())
+    rows = contour_rows(heights, grid, low, high, (False, False))
+    fit = fit_rows(rows, low, high, None)
+    return rows.size * _sigma(rows, fit, fit.smoothed.spare)
+
+
+def _sigma(rows: ContourRows, fit: ContourFit, spare: float) -> float:
+    """Standard deviation of the rows across the fit, in their unit."""
+    off = np.einsum("mkd,mkd->mk", rows.grid - fit.fitted(), fit.across())
+    return float(np.sqrt((rows.weights[:, None] * np.square(off)).sum() / spare))
+
+
 def _skin(rows: ContourRows, fit: ContourFit, outlying: Bools, given: Given) -> ContourSkin:
     """What a fit says in the contours' own unit."""
     across = fit.across()
-    off = np.einsum("mkd,mkd->mk", rows.grid - fit.fitted(), across)
     spare = max(fit.smoothed.spare - float(outlying.sum()), 0.5 * fit.smoothed.spare)
-    sigma = float(np.sqrt((rows.weights[:, None] * np.square(off)).sum() / spare))
+    sigma = _sigma(rows, fit, spare)
     if given.noise is not None:
         sigma = given.noise / rows.size
     beside = tuple(int(pole is not None) for pole in rows.poles)
@@ -237,6 +256,7 @@ def _skin(rows: ContourRows, fit: ContourFit, outlying: Bools, given: Given) -> 
             round=fit.latitude.round,
             merged=len(rows.owner) - len(rows.heights),
             outlying=int(outlying.sum()),
+            swing=fit.swing(),
         ),
         given=given,
     )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.rebuild.skin.pace import Pace
 from palpate.core.splines.basis import Basis
 from palpate.core.splines.knots import CUBIC, averaged_knots
 
@@ -33,6 +34,8 @@ class Latitude:
     """Height of the upper end, m."""
     round: tuple[bool, bool]
     """Whether the surface closes there with a slope like a sphere's: below, above."""
+    pace: Pace | None = None
+    """How fast it runs, if not evenly in this."""
 
     def of(self, heights: Floats) -> Floats:
         """Latitudes (n,) of heights (n,), m; those beyond an end are taken to it."""
@@ -48,11 +51,24 @@ class Latitude:
                 latitudes = -np.sqrt(below)
             case _:
                 latitudes = above
-        result: Floats = latitudes
+        result: Floats = latitudes if self.pace is None else self.pace.of(latitudes)
         return result
 
     def height(self, latitudes: Floats, derivative: int = 0) -> Floats:
         """Heights (n,) of latitudes (n,), m, or their first or second derivative."""
+        if self.pace is None:
+            return self._height(latitudes, derivative)
+        even = self.pace.value(latitudes)
+        if derivative == 0:
+            return self._height(even, 0)
+        slope = self.pace.value(latitudes, 1)
+        if derivative == 1:
+            return slope * self._height(even, 1)
+        bend = self.pace.value(latitudes, 2)
+        return slope**2 * self._height(even, 2) + bend * self._height(even, 1)
+
+    def _height(self, latitudes: Floats, derivative: int) -> Floats:
+        """The same where the pace is even."""
         extent = self.high - self.low
         match self.round:
             case (True, True):

@@ -88,6 +88,22 @@ class Smoothed:
         along, around = self.strengths
         return self.along.condition(along) * self.around.condition(around)
 
+    @property
+    def missed(self) -> Floats:
+        """By how much each line along, smoothed around, is foretold wrongly by the others, (m,).
+
+        Root of its sum of squares, from the modes alone: all there is where each line has a
+        coefficient of its own. The strengths stay what they are.
+        """
+        (lost,) = self.along.modes.lost(np.array(self.strengths[:1]))
+        (held,) = self.around.modes.kept(np.array(self.strengths[1:]))
+        shapes = self.along.modes.shapes
+        residual = shapes @ (lost[:, None] * self.parts * held)
+        free = np.square(shapes) @ lost * self.along.roots
+        size = np.sqrt(np.square(residual).sum(axis=(0, 2)))
+        missed: Floats = size / np.maximum(free, np.finfo(float).tiny)
+        return missed
+
     def variance(self, along: csr_array, around: csr_array) -> Floats:
         """Posterior variance of a component over that of the noise, (a, b).
 

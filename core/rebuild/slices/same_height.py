@@ -2,56 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
 
-from palpate.core.arrays import Floats
 from palpate.core.plane.edge_distance import edge_distance
 from palpate.core.plane.signed_area import signed_area
 from palpate.core.plane.winding import winding_number
-from palpate.core.splines.closed_curve import ClosedCurve
-
-Reason = Literal[
-    "too few points",
-    "in one place",
-    "on one line",
-    "around no area",
-    "repeats another at its height",
-    "inside another at its height",
-    "crosses another at its height",
-    "beside another at its height",
-    "unlike its neighbours",
-]
-"""Why a contour is not used."""
+from palpate.core.rebuild.slices.dropped import Reason
+from palpate.core.rebuild.slices.loops import Loop
 
 ALIKE = 0.02
 """Of the perimeter: curves that are apart by less, root mean square, say the same."""
 EACH = 8
 """Every so many places of a fine curve are compared with the other one."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Loop:
-    """One contour with its curve, before the stack is made."""
-
-    which: int
-    """Of the given contours."""
-    height: float
-    """m."""
-    curve: ClosedCurve
-    """Through its points."""
-    points: Floats
-    """(n, 2), those that the curve was made from, in its order, m."""
-    fine: Floats
-    """(k, 2), the curve at even steps of its turn, m."""
-    perimeter: float
-    """m."""
-    tilt: float
-    """Root mean square of its rise and fall, m."""
-    error: float
-    """Standard error of the height, m."""
 
 
 def rivalry(first: Loop, second: Loop) -> tuple[Loop, Reason]:

@@ -186,3 +186,31 @@ def test_values_and_noise_that_cannot_be_are_refused() -> None:
         smooth(wavy(), *axes(), noise=-1.0)
     with pytest.raises(ValueError, match=r"caution must be at least 1 and finite, got 0\.5"):
         smooth(wavy(), *axes(), caution=0.5)
+
+
+def test_what_a_line_is_missed_by_is_what_leaving_it_out_would_cost() -> None:
+    rng = np.random.default_rng(2)
+    sites = np.linspace(0.0, 1.0, 9)
+    basis = clamped_basis(9)
+    matrix, root = basis.matrix(sites).toarray(), bending_along(basis)
+    weights = rng.uniform(0.5, 2.0, 9)
+    around = smoothing_axis(np.eye(4), np.eye(4)[:1])
+    values = rng.normal(size=(9, 4, 2))
+    fit = smooth(values, smoothing_axis(matrix, root, weights), around, noise=0.5)
+
+    form = np.trace(matrix.T @ (weights[:, None] * matrix)) / 9
+    bend = np.trace(root.T @ root) / 9
+    penalty = fit.strengths[0] * form / bend * root.T @ root
+    held = (fit.around.modes.shapes * fit.around.modes.kept(np.array(fit.strengths[1:]))) @ (
+        fit.around.modes.shapes.T
+    )
+    smoothed = np.einsum("kl,mld->mkd", held, values)
+    for out in range(9):
+        stay = np.arange(9) != out
+        rows = matrix[stay]
+        left = np.linalg.solve(
+            rows.T @ (weights[stay, None] * rows) + penalty,
+            rows.T @ (weights[stay, None] * smoothed[stay].reshape(8, -1)),
+        )
+        missed = np.linalg.norm(matrix[out] @ left - smoothed[out].ravel())
+        assert fit.missed[out] == pytest.approx(missed, rel=1e-6)

@@ -142,8 +142,10 @@ def test_traced_contours_are_cleaned_of_a_bad_one_by_all_steps_together(
     contours[11][:, :2] *= 1.3
     slices = slices_of(contours)
     found = bad_contours(slices.heights, match_slices(slices, 60).grid)
-    left = slices.without(found.bad, "unlike its neighbours")
-    assert left.dropped == ((11, "unlike its neighbours"),)
+    left = slices.without(found.bad, "unlike its neighbours", found.off)
+    (dropped,) = left.dropped
+    assert dropped[:2] == (11, "unlike its neighbours")
+    assert dropped.height == slices.heights[11] and dropped.off == found.off[11] > 0.1
     again = bad_contours(left.heights, match_slices(left, 60).grid)
     assert rows(again) == []
 

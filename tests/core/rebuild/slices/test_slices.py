@@ -40,7 +40,7 @@ def test_slices_rise_and_say_which_contour_each_one_is(contours: list[Floats]) -
     assert slices.dropped == ()
     assert [len(points) for points in slices.points] == [len(one) for one in contours]
     assert slices.fine.shape == (9, 512, 2)
-    assert np.array_equal(slices.fine[3], slices.curves[3].at(np.arange(512) / 512))
+    assert np.abs(slices.fine[3] - slices.curves[3].at(np.arange(512) / 512)).max() < 1e-14
     assert slices.star.all()
     assert not slices.self_intersecting.any() and not slices.tilted.any()
 
@@ -207,7 +207,7 @@ def test_unit_place_and_direction_of_the_object_change_nothing(
     wanted = slices_of(given)
     found = slices_of([scale * (one @ motion + shift) for one in given])
     assert np.array_equal(found.rows, wanted.rows)
-    assert found.dropped == wanted.dropped
+    assert [one[:2] for one in found.dropped] == [one[:2] for one in wanted.dropped]
     assert np.array_equal(found.star, wanted.star)
     assert np.allclose(found.perimeter / scale, wanted.perimeter, rtol=1e-9)
     assert np.allclose(found.heights / scale - shift[2], wanted.heights, atol=1e-11)

@@ -1,0 +1,16 @@
+"""Which closed polygons are seen whole from the origin."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.core.arrays import Bools, Floats
+from palpate.core.plane.angle_between import turn_between
+
+
+def are_star_shaped(away: Floats) -> Bools:
+    """Whether polygons (M, n, 2) are seen from the origin in one turn, always onwards."""
+    rises = turn_between(away, np.roll(away, -1, axis=1))
+    once = np.abs(rises.sum(axis=1) - 2.0 * np.pi) < 1.0
+    star: Bools = once & (rises > 0.0).all(axis=1)
+    return star
