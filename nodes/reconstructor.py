@@ -13,7 +13,8 @@ import numpy as np
 from msgspec import Struct
 
 from palpate.core.rebuild.felt.felt_points import FeltPoints, felt_points, stack_points
-from palpate.core.rebuild.felt.felt_solid import Evidence, FeltContour, Solid, rebuild
+from palpate.core.rebuild.reconstruct import reconstruct
+from palpate.core.rebuild.solid import Solid
 from palpate.core.touch.jet import Jet
 from palpate.core.touch.pad import Pad
 from palpate.messages.types import (
@@ -28,6 +29,7 @@ from palpate.messages.types import (
 )
 from palpate.nodes.node import Node, Outputs
 from palpate.nodes.sensor import pad_of_info
+from palpate.nodes.shape_model import shape_model
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -113,46 +115,34 @@ def _is_heard(state: State, goal: ModelGoal | PlanDone) -> bool:
 
 def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
     if not goal.contours:
-        return _model(goal, None)
+        return shape_model(goal, None)
+    try:
+        return shape_model(goal, _rebuild(state, goal))
+    except ValueError as why:  # what was felt is no solid: a result to be told, not a fault
+        return shape_model(goal, None, str(why))
+
+
+def _rebuild(state: State, goal: ModelGoal | PlanDone) -> Solid:
+    """The solid of a set; it stands on the platform, which is a touch of its lower end."""
     contours = [state.contours[id_] for id_ in goal.contours]
-    evidence = Evidence(
-        contours=tuple(FeltContour(one.height, one.points) for one in contours),
-        side=_points_of(state, goal.contours),
-        cap=_points_of(state, goal.probes),
-        platform=state.platform,
+    top = max([_highest(state, id_) for id_ in goal.probes], default=None)
+    standing = np.array([0.0, 0.0, state.platform])
+    tops = [standing] if top is None else [standing, np.array([0.0, 0.0, top])]
+    felt = stack_points(
+        [
+            state.felt[id_][touch]
+            for id_ in (*goal.contours, *goal.probes)
+            for touch in sorted(state.felt[id_])
+        ]
     )
-    return _model(goal, rebuild(evidence))
+    traced = [contour.points for contour in contours]
+    return reconstruct(traced, patches=felt, tops=np.array(tops), method="skin")
 
 
-def _points_of(state: State, goals: tuple[int, ...]) -> FeltPoints:
-    """All taxels of some goals, in the order of goals and touches."""
-    return stack_points(
-        [state.felt[goal][touch] for goal in goals for touch in sorted(state.felt[goal])]
-    )
-
-
-def _model(goal: ModelGoal | PlanDone, solid: Solid | None) -> ShapeModel:
-    """The message for a solid; an empty one if there was nothing to rebuild."""
-    frame = None if solid is None else solid.prism.frame
-    return ShapeModel(
-        number=goal.number,
-        contours=goal.contours,
-        probes=goal.probes,
-        dropped=(),
-        dropped_why=(),
-        control=np.zeros((0, 0, 0, 3)) if solid is None else solid.prism.lattice.control,
-        half_extent=np.zeros(2) if solid is None else solid.prism.half_extent,
-        bottom=0.0 if frame is None else float(frame.corner[2]),
-        top=0.0 if frame is None else float(frame.corner[2] + frame.edges[2, 2]),
-        vertices=np.zeros((0, 3)) if solid is None else solid.vertices,
-        faces=np.zeros((0, 3), np.int32) if solid is None else solid.faces,
-        uncertainty_height=np.zeros(0) if solid is None else solid.band_heights,
-        uncertainty=np.zeros(0) if solid is None else solid.deviation,
-        health={} if solid is None else solid.health,
-        touches=goal.touches,
-        robot_time=goal.robot_time,
-        final=isinstance(goal, PlanDone),
-    )
+def _highest(state: State, probe: int) -> float:
+    """Height of the highest taxel of a probe, or of its point where none was touched, m."""
+    heights = [felt.points[:, 2].max() for felt in state.felt[probe].values() if len(felt.points)]
+    return float(max(heights, default=state.probes[probe].point[2]))
 
 
 NODE = Node(

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.rebuild.ends.ends import End, close_ends
-from palpate.core.rebuild.skin.contour_skin import ContourSkin, fit_contour_skin
+from palpate.core.rebuild.felt.felt_fit import FeltFit
+from palpate.core.rebuild.felt.felt_rows import FeltRows
+from palpate.core.rebuild.skin.contour_skin import (
+    ContourSkin,
+    Uncertainty,
+    fit_contour_skin,
+    noise_of,
+)
 from palpate.core.rebuild.skin.contour_surface import SidePatch
 from palpate.core.rebuild.surface.surface import Surface, close_surface
 
@@ -24,6 +31,12 @@ class ContourSolid:
     skin: ContourSkin
     bottom: End
     top: End
+    felt: FeltFit | None = None
+    """How everything that was felt was fitted, where that took the place of the contours."""
+
+    def uncertainty(self) -> Uncertainty:
+        """What the error of the side stays below, and what is narrower than could be seen."""
+        return self.skin.uncertainty() if self.felt is None else self.felt.uncertainty()
 
 
 def close_contours(
@@ -63,6 +76,18 @@ def close_contours(
         )
     seen = noise if noise is not None else _noise(heights, grid)
     ends = close_ends(heights, grid, bottom=bottom, top=top, noise=seen)
+    return _between_ends(heights, grid, ends, noise)
+
+
+def close_felt(rows: FeltRows) -> ContourSolid:
+    """The closed surface through rows of a skin, which are passed exactly."""
+    closed = _between_ends(rows.heights, rows.grid, rows.ends, 0.0)
+    return replace(closed, felt=rows.fit)
+
+
+def _between_ends(
+    heights: Floats, grid: Floats, ends: tuple[End, End], noise: float | None
+) -> ContourSolid:
     skin = fit_contour_skin(
         heights,
         grid,
@@ -80,8 +105,7 @@ def _noise(heights: Floats, grid: Floats) -> float:
     """Standard deviation of a coordinate: an end can be told from contours only so far."""
     if len(heights) == 1:
         return 0.0
-    low, high = float(heights[0]), float(heights[-1])
-    return fit_contour_skin(heights, grid, low=low, high=high).health.sigma
+    return noise_of(heights, grid)
 
 
 def _points_as_touches(

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import positive
+from palpate.core.arrays import finite_array, positive
 from palpate.core.rebuild.coarse import coarse_patch, fit_coarse
-from palpate.core.rebuild.contour_solid import ContourSolid, close_contours
+from palpate.core.rebuild.contour_solid import ContourSolid, close_contours, close_felt
 from palpate.core.rebuild.evidence import Evidence, gather
-from palpate.core.rebuild.felt.felt_points import FeltPoints
-from palpate.core.rebuild.lattice.prism import PrismFit, fit_prism
+from palpate.core.rebuild.felt.contour_normals import normals_as_points
+from palpate.core.rebuild.felt.felt_points import FeltPoints, checked, stack_points
+from palpate.core.rebuild.felt.felt_rows import felt_rows
+from palpate.core.rebuild.lattice.lattice_solid import lattice_of
 from palpate.core.rebuild.solid import Method, Solid
 from palpate.core.rebuild.surface.surface import closed_surface
 from palpate.core.rebuild.thesis.rebuild import rebuild_thesis
 from palpate.core.rebuild.thesis.surface import thesis_patches
-
-LATTICE_ROWS, LATTICE_COLUMNS = 97, 160
-"""Places of the side for which a control lattice is solved."""
 
 
 def reconstruct(
@@ -32,6 +32,7 @@ def reconstruct(
     *,
     heights: ArrayLike | None = None,
     noise: float | None = None,
+    size: tuple[int, int] | None = None,
     faithful: bool = False,
 ) -> Solid:
     """Rebuild a solid from what was felt of it.
@@ -39,9 +40,9 @@ def reconstruct(
     Parameters
     ----------
     contours : sequence of (n, 3) arrays, or of (n, 2) arrays with `heights`
-        At least 2 closed curves around the z axis, in any order, each begun anywhere, in either
-        direction, of any number of points and in any unit. Rows that are not finite are left
-        out.
+        Closed curves around the z axis, in any order, each begun anywhere, in either direction,
+        of any number of points and in any unit: at least 2, or 1 with `tops` at both ends. Rows
+        that are not finite are left out, and single points that stick out.
     normals : sequence of (n, 3) arrays, optional
         Outward normals at the contours' points, of any length.
     patches : FeltPoints, optional
@@ -58,6 +59,9 @@ def reconstruct(
         Of plane contours.
     noise : float, optional
         Standard deviation of a coordinate; estimated if left out.
+    size : pair of int, optional
+        With the method "lattice": control points across a section each way, and along the axis,
+        at least 4 each; as many as it takes if left out.
     faithful : bool
         With the method "thesis", as the program in its appendix has it, faults and all: see
         `rebuild_thesis`. The contours must then have as many points each.
@@ -69,7 +73,8 @@ def reconstruct(
     Raises
     ------
     ValueError
-        If fewer than 2 contours can be used, or an argument has no use: the sentence says why.
+        If no contour can be used, or one alone without `tops` above and below it, or an
+        argument has no use: the sentence says why.
 
     Notes
     -----
@@ -79,18 +84,62 @@ def reconstruct(
     if method not in get_args(Method):
         raise ValueError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
     if noise is not None:
-        positive("noise", noise, "in the unit of the contours")
+        positive("noise", float(finite_array("noise", noise, ())), "in the unit of the contours")
+    if size is not None and method != "lattice":
+        raise ValueError(f"size must be left out with the method {method}, got {size}")
     if faithful and method != "thesis":
         raise ValueError(f"faithful goes with the method 'thesis' alone, got {method!r}")
-    evidence = gather(contours, tops, felt=patches, heights=heights, noise=noise)
+    felt = _felt(contours, normals, patches, heights)
+    evidence = gather(contours, tops, felt=felt, heights=heights, noise=noise)
+    return _rebuild(evidence, method, size, faithful)
+
+
+def _felt(
+    contours: Sequence[ArrayLike],
+    normals: Sequence[ArrayLike] | None,
+    patches: FeltPoints | None,
+    heights: ArrayLike | None,
+) -> FeltPoints | None:
+    """Everything that was felt but the contours themselves."""
+    parts = [] if patches is None else [checked(patches)]
+    if normals is not None:
+        parts.append(normals_as_points(contours, normals, heights))
+    return stack_points(parts) if parts else None
+
+
+@dataclass(frozen=True, slots=True)
+class Again:
+    """How a solid was rebuilt: a value, so that a solid can be kept in a file."""
+
+    method: Method
+    size: tuple[int, int] | None
+    faithful: bool
+
+    def __call__(self, more: Evidence) -> Solid:
+        """The solid that other evidence tells of."""
+        return _rebuild(more, self.method, self.size, self.faithful)
+
+
+def _rebuild(
+    evidence: Evidence, method: Method, size: tuple[int, int] | None, faithful: bool
+) -> Solid:
+    """The solid that evidence tells of, which knows how to be made again from more of it."""
+    again = Again(method, size, faithful)
     if method == "coarse":
-        return _coarse(evidence)
+        return replace(_coarse(evidence), again=again)
     if method == "thesis":
-        return _thesis(evidence, faithful)
+        return replace(_thesis(evidence, faithful), again=again)
     closed = _close(evidence)
-    lattice = _lattice(closed, evidence) if method == "lattice" else None
+    surface, lattice = closed.surface, None
+    if method == "lattice":
+        surface, lattice = lattice_of(closed, size)
     return Solid(
-        surface=closed.surface, method=method, evidence=evidence, closed=closed, lattice=lattice
+        surface=surface,
+        method=method,
+        evidence=evidence,
+        closed=closed,
+        lattice=lattice,
+        again=again,
     )
 
 
@@ -122,12 +171,20 @@ def _thesis(evidence: Evidence, faithful: bool) -> Solid:
 
 
 def _close(evidence: Evidence) -> ContourSolid:
-    """The skin and its ends."""
+    """The skin and its ends: of all that was felt where that can be, else of the contours."""
     slices = evidence.slices
-    if len(slices.heights) < 2:
+    if evidence.felt is not None:
+        rows = felt_rows(slices, evidence.felt, evidence.bottom, evidence.top)
+        if rows is not None:
+            return close_felt(rows)
+    touched = evidence.bottom is not None and evidence.top is not None
+    if len(slices.heights) < 2 and not touched:
         dropped = "; ".join(f"contour {one.which}: {one.why}" for one in slices.dropped)
         why = f" ({dropped})" if dropped else ""
-        raise ValueError(f"contours must leave at least 2 to rebuild from, got 1{why}")
+        raise ValueError(
+            "contours must leave at least 2 to rebuild from, or 1 with tops that touched both "
+            f"ends, got 1{why}"
+        )
     return close_contours(
         slices.heights,
         evidence.correspondence.grid,
@@ -135,10 +192,3 @@ def _close(evidence: Evidence) -> ContourSolid:
         top=evidence.top,
         noise=evidence.noise,
     )
-
-
-def _lattice(closed: ContourSolid, evidence: Evidence) -> PrismFit:
-    surface, levels = closed.skin.surface, evidence.slices.heights
-    heights = np.linspace(levels[0], levels[-1], LATTICE_ROWS)
-    turns = np.arange(LATTICE_COLUMNS) / LATTICE_COLUMNS
-    return fit_prism(heights, turns, surface.at(heights[:, None], turns[None]))

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from palpate.core.measure.self_intersection import self_intersection
+from palpate.core.measure.solidity import solidity
 from palpate.core.rebuild.contour_solid import ContourSolid
 from palpate.core.rebuild.evidence import Evidence
-from palpate.core.rebuild.lattice.prism import PrismFit
+from palpate.core.rebuild.lattice.lattice_fit import LatticeFit
+from palpate.core.rebuild.lattice.lattice_solid import refine_solid
 from palpate.core.rebuild.recovery.recovery import Recovery
 from palpate.core.rebuild.skin.contour_skin import Uncertainty
 from palpate.core.rebuild.slices.slices import Slices
-from palpate.core.rebuild.surface.sampled_patch import SampledPatch
+from palpate.core.rebuild.solid_health import health_of
 from palpate.core.rebuild.surface.surface import Surface
 from palpate.core.rebuild.surface.surface_measures import Measures, measure_surface
-from palpate.core.rebuild.surface.surface_mesh import SurfaceMesh, mesh_surface
+from palpate.core.rebuild.surface.surface_mesh import DEFAULT, SurfaceMesh, mesh_surface
 from palpate.core.rebuild.surface.surface_nearest import SurfaceSearch, search_surface
 from palpate.core.rebuild.thesis.solid import ThesisSolid
 
@@ -24,6 +29,19 @@ Method = Literal["lattice", "skin", "thesis", "coarse"]
 
 OVERSHOOT_ROWS, OVERSHOOT_TURNS = 97, 160
 """Places of the side at which it is seen whether it swings out."""
+NOISE_SHARE = 0.2
+"""Of the noise: the tolerance of a mesh where none is asked for."""
+
+
+class Check(NamedTuple):
+    """What a solid's mesh is like as a body."""
+
+    watertight: bool
+    """Each edge has two faces, which run along it in opposite directions."""
+    genus: int | None
+    """0 without a hole through it; None unless watertight."""
+    self_intersections: int
+    """Pairs of triangles that cross."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -38,19 +56,55 @@ class Solid:
     """From what."""
     closed: ContourSolid | None = None
     """Skin and ends, with the methods "lattice" and "skin"."""
-    lattice: PrismFit | None = None
+    lattice: LatticeFit | None = None
     """Control lattice and what it deforms, with the method "lattice"."""
     model: ThesisSolid | Recovery | None = None
     """What the methods "thesis" and "coarse" found."""
+    again: Callable[[Evidence], Solid] | None = None
+    """Rebuilds it in the same way from other evidence."""
 
     @property
     def slices(self) -> Slices:
         """The contours that were used, and those that were not, and why."""
         return self.evidence.slices
 
+    def update(self, contour: ArrayLike, *, height: float | None = None) -> Solid:
+        """The solid with one contour more: that of all contours at once, in any order.
+
+        Other contours need not be made into curves again, which is most of the work.
+
+        Parameters
+        ----------
+        contour : (n, 3) array, or (n, 2) with `height`
+            As for `reconstruct`.
+        height : float, optional
+            Of a plane contour.
+
+        Raises
+        ------
+        ValueError
+            As `reconstruct` does; or if the solid was not made by it.
+        """
+        if self.again is None:
+            raise ValueError("solid must be rebuilt by reconstruct to be updated, got another")
+        return self.again(self.evidence.more(contour, height))
+
     def mesh(self, tolerance: float | None = None) -> SurfaceMesh:
-        """Triangles that leave the surface by at most a tolerance: see `mesh_surface`."""
+        """Triangles that leave the surface by at most a tolerance: see `mesh_surface`.
+
+        If none is asked for, noise sets it as well: finer triangles would show nothing more.
+        """
+        if tolerance is None and self.closed is not None:
+            noise = NOISE_SHARE * self.closed.skin.health.sigma
+            tolerance = max(DEFAULT * self.surface.size, noise)
         return mesh_surface(self.surface, tolerance)
+
+    def check(self) -> Check:
+        """What the mesh is like as a body; looking for triangles that cross takes a while."""
+        mesh = self.mesh()
+        body = solidity(mesh.vertices, mesh.faces)
+        crossings = self_intersection(mesh.vertices, mesh.faces).count
+        return Check(body.watertight, body.genus, crossings)
 
     def measures(self) -> Measures:
         """Volume, centroid, second moments, inertia and area."""
@@ -60,12 +114,38 @@ class Solid:
         """Nearest points, signed distances and what lies inside: prepared once for many points."""
         return search_surface(self.surface)
 
+    def refined(
+        self, points: ArrayLike, *, sigma: float | None = None, weights: bool = False
+    ) -> Solid:
+        """The solid after its control lattice was changed so that the side passes points.
+
+        Parameters
+        ----------
+        points : (n, 3) array
+            Further points of the object. Those nearest to an end are counted, not passed.
+        sigma : float, optional
+            Their standard deviation: the side is drawn only as near as that lets it.
+        weights : bool
+            Whether weights of control points may change, too.
+
+        Raises
+        ------
+        ValueError
+            If the method was not "lattice", or a point is not finite.
+        """
+        if self.lattice is None or self.closed is None:
+            raise ValueError(f"method must be lattice for a solid to be refined, got {self.method}")
+        surface, lattice = refine_solid(
+            self.surface, self.lattice, self.closed, points, sigma=sigma, weights=weights
+        )
+        return replace(self, surface=surface, lattice=lattice)
+
     def uncertainty(self) -> Uncertainty | None:
         """What the error of the side stays below, and what is narrower than could be seen.
 
         None with the methods "thesis" and "coarse", which do not say.
         """
-        return None if self.closed is None else self.closed.skin.uncertainty()
+        return None if self.closed is None else self.closed.uncertainty()
 
     @property
     def uncovered(self) -> tuple[float, float]:
@@ -91,52 +171,25 @@ class Solid:
         return float(max(beyond, 0.0) / (high - low).max())
 
     def health(self) -> dict[str, float]:
-        """Figures of the fit, by name."""
-        slices = self.slices
-        found = {
-            "contours": float(len(slices.heights)),
-            "dropped": float(len(slices.dropped)),
-            "tilted": float(slices.tilted.sum()),
-            "not_starlike": float((~slices.star).sum()),
-            "self_intersecting": float(slices.self_intersecting.sum()),
-            "uncovered_below": self.uncovered[0],
-            "uncovered_above": self.uncovered[1],
+        """Figures of the fit, by name; lengths in the unit of the contours.
+
+        Of the contours: how many are used (`contours`) and not (`dropped`, see
+        `Slices.dropped`); how many of the latter may have felt what no other did
+        (`perhaps_features`); how many are used though they are unlike their neighbours
+        (`suspicious`, see `Evidence.suspects`); how many are `tilted`, `not_starlike` and
+        `self_intersecting`; and single points that were left out (`outlying_points`).
+
+        Of the side: the noise (`sigma`), `degrees_of_freedom`, `condition`, the `overshoot`, and
+        the `swing`: how far it leaves the middle between contours, over how far these differ;
+        more than a half is wild. `paced` is 1 where its parameter follows the way along the
+        surface, for contours close together differ much. Of the ends: what nobody could know
+        (`uncovered_below`, `uncovered_above`).
+
+        Of everything that was felt, if it was given: see `FeltFit`; `felt_unused` is 1 where its
+        sections cannot be told by one distance for each turn, so that the contours alone count.
+
+        Of the lattice and of the other methods: see `LatticeFit`, `Recovery`, `ThesisSolid`.
+        """
+        return health_of(self.evidence, self.closed, self.lattice, self.model, self.surface) | {
+            "overshoot": self.overshoot
         }
-        if self.closed is not None:
-            skin = self.closed.skin.health
-            found |= {
-                "outlying_points": float(skin.outlying),
-                "sigma": skin.sigma,
-                "degrees_of_freedom": skin.freedom,
-                "condition": skin.condition,
-                "overshoot": self.overshoot,
-            }
-        return found | _model_health(self.model) | _sampling(self.surface)
-
-
-def _model_health(model: ThesisSolid | Recovery | None) -> dict[str, float]:
-    if isinstance(model, Recovery):
-        return {
-            "rms": model.rms,
-            "rank": float(model.rank),
-            "condition": model.condition,
-            "looseness": model.looseness,
-            "uncovered_share": model.uncovered,
-            "doubts": float(len(model.doubts)),
-        }
-    if isinstance(model, ThesisSolid):
-        health = model.health
-        return {
-            "unmatched_contours": float((~health.one_to_one).sum()),
-            "degenerate_contours": float(health.degenerate.sum()),
-            "cores_moved": float(health.cores_moved.sum()),
-            "core_points_outside": float(health.cores_outside.sum()),
-            "widest_gap": float(health.gaps.max()),
-        }
-    return {}
-
-
-def _sampling(surface: Surface) -> dict[str, float]:
-    """How far splines through samples of a surface may leave it."""
-    misses = [piece.miss for piece in surface.pieces if isinstance(piece, SampledPatch)]
-    return {"sampling": max(misses)} if misses else {}

@@ -11,7 +11,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.ends.end_profiles import Profile, conic, flat, superellipse, trend_of
+from palpate.core.rebuild.ends.end_profiles import (
+    Profile,
+    conic,
+    flared,
+    flat,
+    superellipse,
+    trend_of,
+)
 
 FEWEST = 12
 """With fewer contours they lie too far apart for a test by the last one."""
@@ -20,16 +27,24 @@ SLACK = 0.004
 taken."""
 NOISES = 2.0
 """The same in standard deviations of a mean radius."""
+LEFT_OUT = (1, 1), (5, 8)
+"""Contours that are left out for the test, at least and at most: of contours, and of dense ones,
+where it is those that lie the end's own way before the last."""
 STANDS = 0.5
 """Squared radius, as a share of the last contour's, that is carried on to a flat end."""
 
-Kind = Literal["flat", "conic", "superellipse"]
-FAMILIES: dict[Kind, Callable[[Floats, Floats, float], Profile]] = {
+Kind = Literal["flat", "conic", "superellipse", "flared"]
+Family = Callable[[Floats, Floats, float], Profile]
+FAMILIES: dict[Kind, Family] = {
     "flat": flat,
     "conic": conic,
     "superellipse": superellipse,
 }
 """The plainest first."""
+DENSE: dict[Kind, Family] = {"flat": flat, "conic": conic, "flared": flared}
+"""Those for contours so close together that they show how a leaning wall is rounded."""
+DENSE_SLACK = 5e-4
+"""As `SLACK`, for those."""
 
 
 class Choice(NamedTuple):
@@ -41,7 +56,9 @@ class Choice(NamedTuple):
     """By how much each family missed the last contour's radius; none with few contours."""
 
 
-def choose_profile(depths: Floats, radii: Floats, end: float, scatter: float) -> Choice:
+def choose_profile(
+    depths: Floats, radii: Floats, end: float, scatter: float, *, dense: bool = False
+) -> Choice:
     """Profile of an end whose height is known.
 
     Parameters
@@ -54,23 +71,36 @@ def choose_profile(depths: Floats, radii: Floats, end: float, scatter: float) ->
         Outward coordinate of the end, beyond the last contour.
     scatter : float
         Standard deviation of a mean radius.
+    dense : bool
+        Whether the contours are rows of a surface, as close together as one likes.
     """
+    families, slack = (DENSE, DENSE_SLACK) if dense else (FAMILIES, SLACK)
     if len(depths) < FEWEST:
         carried = trend_of(depths, radii)
         stands = carried.at(end - float(depths[-1])) > STANDS * carried.square
         kind: Kind = "flat" if stands else "conic"
         misses: dict[Kind, float] = {}
     else:
-        misses = _misses(depths, radii, end)
-        enough = min(misses.values()) + max(NOISES * scatter, SLACK * float(radii.max()))
+        misses = _misses(families, depths, radii, end, LEFT_OUT[dense])
+        enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
         kind = next(name for name, miss in misses.items() if miss <= enough)
-    return Choice(kind, FAMILIES[kind](depths, radii, end), misses)
+    return Choice(kind, families[kind](depths, radii, end), misses)
 
 
-def _misses(depths: Floats, radii: Floats, end: float) -> dict[Kind, float]:
-    known, seen = depths[:-1], radii[:-1]
+def _misses(
+    families: dict[Kind, Family],
+    depths: Floats,
+    radii: Floats,
+    end: float,
+    left_out: tuple[int, int],
+) -> dict[Kind, float]:
+    """By how much the last radius is missed, from those that are not left out."""
+    far = int(np.searchsorted(depths, 2.0 * depths[-1] - end, side="right"))
+    least, most = left_out
+    kept = max(min(far, len(depths) - least), len(depths) - most)
+    known, seen = depths[:kept], radii[:kept]
     way = np.array([(depths[-1] - known[-1]) / (end - known[-1])])
     return {
         name: abs(float(seen[-1] * family(known, seen, end).shares(way)[0] - radii[-1]))
-        for name, family in FAMILIES.items()
+        for name, family in families.items()
     }

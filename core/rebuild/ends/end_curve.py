@@ -62,9 +62,10 @@ class Round:
     def at(self, way: Floats, by: int = 0) -> Floats:
         """See `Curve.at`."""
         zeta, radius = self._begin()
-        first = math.atan2(zeta, radius)
+        first = math.atan2(zeta, radius / (1.0 + self._trend * zeta))
         rate = 0.5 * math.pi - first
-        found = self._polar(first + rate * way)[by] * rate**by
+        polar = self._polar(first + rate * way)
+        found = (polar[by] if self._trend == 0.0 else self._flared(*polar)[by]) * rate**by
         if by == 0:
             found = found - np.array([zeta, 0.0])
         return np.asarray(found / np.array([1.0 - zeta, radius]))
@@ -73,8 +74,26 @@ class Round:
         """Height and radius at the rim, from the curve's centre."""
         if isinstance(self.profile, Conic):
             return 0.0, 1.0
-        _, p, q = self.profile
-        return self.profile.begin, float(shoulder(np.array(self.profile.begin), p, q))
+        begin, p, q, trend = self.profile
+        return begin, float(shoulder(np.array(begin), p, q)) * (1.0 + trend * begin)
+
+    @property
+    def _trend(self) -> float:
+        return 0.0 if isinstance(self.profile, Conic) else self.profile.trend
+
+    def _flared(self, place: Floats, first: Floats, second: Floats) -> tuple[Floats, ...]:
+        """The same with radii that change along the height besides: the product rule."""
+        more = 1.0 + self._trend * place[:, :1]
+        along = self._trend * first[:, :1]
+        radius = (
+            place[:, 1:] * more,
+            first[:, 1:] * more + place[:, 1:] * along,
+            second[:, 1:] * more
+            + 2.0 * first[:, 1:] * along
+            + place[:, 1:] * self._trend * second[:, :1],
+        )
+        heights = place[:, :1], first[:, :1], second[:, :1]
+        return tuple(np.concatenate(pair, axis=1) for pair in zip(heights, radius, strict=True))
 
     def _polar(self, angle: Floats) -> tuple[Floats, Floats, Floats]:
         """Places and their first two derivatives by the angle, (n, 2) each.
@@ -99,7 +118,7 @@ class Round:
         if isinstance(self.profile, Conic):
             slope = self.profile.slope
             return np.asarray(1.0 / (np.hypot(cosine, (1.0 + slope) * sine) - slope * sine))
-        _, p, q = self.profile
+        _, p, q, _ = self.profile
         distance = 1.0 / np.maximum(sine, cosine)
         for _ in range(ROUNDS):  # convex and rising: no step goes past the root
             up, out = (distance * sine) ** p, (distance * cosine) ** q
@@ -117,7 +136,7 @@ class Round:
             curve = 2.0 * (1.0 + 2.0 * slope)
             gradient = np.stack([curve * zeta - 2.0 * slope, 2.0 * radius], axis=-1)
             return gradient, np.broadcast_to(np.array([curve, 2.0]), place.shape)
-        _, p, q = self.profile
+        _, p, q, _ = self.profile
         gradient = np.stack([p * zeta ** (p - 1.0), q * radius ** (q - 1.0)], axis=-1)
         zeta, radius = np.maximum(zeta, LEAST_SHARE), np.maximum(radius, LEAST_SHARE)
         second = p * (p - 1.0) * zeta ** (p - 2.0), q * (q - 1.0) * radius ** (q - 2.0)

@@ -26,6 +26,10 @@ SHOULDER_REACH = 10
 EXPONENTS = np.geomspace(1.0, 32.0, 41)
 """Exponents of superellipses that are tried, along the height and across: eight from each to its
 double, so that those of a ball are among them."""
+FLARED = np.geomspace(1.0, 128.0, 57)
+"""Those that are tried where contours lie so close together that they show sharper edges."""
+LEAST_TREND, MOST_TREND = -0.9, 2.0
+"""Of a wall: it must be there when the end comes."""
 NEAR_END = 1e-9
 """A contour lies at least this share before the end."""
 
@@ -56,7 +60,7 @@ class Conic(NamedTuple):
 
 
 class Superellipse(NamedTuple):
-    """A shoulder: (1 - zeta^p)^(1/q), with zeta = 1 at the end."""
+    """A shoulder: (1 - zeta^p)^(1/q) (1 + trend zeta), with zeta = 1 at the end."""
 
     begin: float
     """zeta at the last contour."""
@@ -64,14 +68,18 @@ class Superellipse(NamedTuple):
     """Exponent along the height."""
     q: float
     """Exponent across."""
+    trend: float = 0.0
+    """Change of the radius besides, as a share: of a wall that flares or narrows."""
 
     def shares(self, way: Floats) -> Floats:
         """Radius (n,) as a share of the last contour's."""
         zeta = self.begin + (1.0 - self.begin) * np.asarray(way)
-        shares: Floats = shoulder(zeta, self.p, self.q) / shoulder(
-            np.array(self.begin), self.p, self.q
-        )
+        shares: Floats = self._radius(zeta) / self._radius(np.array(self.begin))
         return shares
+
+    def _radius(self, zeta: Floats) -> Floats:
+        radius: Floats = shoulder(zeta, self.p, self.q) * (1.0 + self.trend * zeta)
+        return radius
 
 
 Profile = Flat | Conic | Superellipse
@@ -147,6 +155,30 @@ def superellipse(depths: Floats, radii: Floats, end: float) -> Profile:
     misfit = np.sum((scale[:, :, None] * shares - seen) ** 2, axis=-1)
     p, q = np.unravel_index(int(misfit.argmin()), misfit.shape)
     return Superellipse(float(zeta[-1]), float(EXPONENTS[p]), float(EXPONENTS[q]))
+
+
+def flared(depths: Floats, radii: Floats, end: float) -> Profile:
+    """Superellipse on a wall that flares or narrows; parameters as of `superellipse`.
+
+    It follows all the contours that are given, which have to lie close together.
+
+    Notes
+    -----
+    For each pair of exponents width and trend follow by orthogonal projection (QR), for all
+    pairs at once.
+    """
+    begin = depths[0]
+    zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - NEAR_END)
+    shares = shoulder(zeta, FLARED[:, None, None], FLARED[:, None])
+    basis = np.stack([shares, shares * zeta], axis=-1)
+    directions, triangle = np.linalg.qr(basis)
+    along = np.einsum("pqnk,n->pqk", directions, radii)
+    misfit = np.sum((radii - np.einsum("pqnk,pqk->pqn", directions, along)) ** 2, axis=-1)
+    best = np.unravel_index(int(misfit.argmin()), misfit.shape)
+    width, change = np.linalg.solve(triangle[best], along[best])
+    trend = float(np.clip(change / width, LEAST_TREND, MOST_TREND)) if width > 0.0 else 0.0
+    p, q = best
+    return Superellipse(float(zeta[-1]), float(FLARED[p]), float(FLARED[q]), trend)
 
 
 def shoulder(zeta: Floats, p: Floats | float, q: Floats | float) -> Floats:

@@ -8,12 +8,13 @@ from typing import Literal
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.plane.area_centroid import area_centroid
+from palpate.core.plane.area_centroid import area_centroids
 from palpate.core.rebuild.ends.end_choice import choose_profile
-from palpate.core.rebuild.ends.end_profiles import Flat, Profile, conic
+from palpate.core.rebuild.ends.end_profiles import Flat, Profile, conic, superellipse
 from palpate.core.rebuild.ends.free_pole import free_pole
+from palpate.core.rebuild.ends.free_shoulder import free_shoulder
 
-Kind = Literal["flat", "conic", "superellipse", "pole", "fan"]
+Kind = Literal["flat", "conic", "superellipse", "flared", "pole", "fan"]
 
 LEAN_CONTOURS = 3
 """Contours whose middles say which way the axis leans."""
@@ -30,6 +31,7 @@ class End:
     kind: Kind
     """flat: a wall and a level disc; conic, pole: closes in a point as a conic does, at the
     height that was touched or at the one that the contours tell; superellipse: a shoulder;
+    flared: a shoulder on a wall that leans;
     fan: a level disc on the last contour, for want of knowledge."""
     rim: float
     """Height of the last contour."""
@@ -37,7 +39,8 @@ class End:
     """Height at which the solid ends; the rim's for a fan."""
     uncovered: float
     """The solid may go on by up to this much, and nobody can know: one spacing of the
-    contours for a fan, else 0."""
+    contours for a fan, as much as the end lies beyond them for a superellipse that nobody
+    touched, else 0."""
     profile: Profile
     """Radius over the last contour's, by the share of the way from `rim` to `height`."""
     middle: Floats
@@ -65,6 +68,7 @@ def close_ends(
     bottom: float | None = None,
     top: float | None = None,
     noise: float = 0.0,
+    dense: bool = False,
 ) -> tuple[End, End]:
     """Both ends of a stack of contours.
 
@@ -78,6 +82,8 @@ def close_ends(
         Heights at which a touch found the ends; left out where nobody touched.
     noise : float
         Standard deviation of a point, in the same unit.
+    dense : bool
+        Whether the contours are rows of a surface, as close together as one likes.
 
     Returns
     -------
@@ -95,7 +101,7 @@ def close_ends(
         raise ValueError(f"heights must ascend, and be at least one, got {heights.tolist()}")
     if not 0.0 <= noise < np.inf:
         raise ValueError(f"noise must be 0 or more and finite, got {noise}")
-    middles = np.array([area_centroid(ring) for ring in grid])
+    middles = area_centroids(grid)
     radii = np.sqrt(np.mean(np.sum((grid - middles[:, None]) ** 2, axis=2), axis=1))
     if not (radii > 0.0).all():
         raise ValueError(f"contours must have a width, got radius 0 in {int((radii <= 0).sum())}")
@@ -103,7 +109,7 @@ def close_ends(
     whole = [_starlike(grid[row] - middles[row]) for row in (0, -1)]
     up = _Stack(heights, radii, middles, scatter, 1.0, whole[1])
     down = _Stack(-heights[::-1], radii[::-1], middles[::-1], scatter, -1.0, whole[0])
-    return _end("bottom", down, bottom), _end("top", up, top)
+    return _end("bottom", down, bottom, dense), _end("top", up, top, dense)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,12 +153,12 @@ def _starlike(ring: Floats) -> bool:
     return bool(turned[-1] - turned[0] > 3.0 * np.pi and back <= BACK)
 
 
-def _end(name: str, stack: _Stack, touched: float | None) -> End:
+def _end(name: str, stack: _Stack, touched: float | None, dense: bool) -> End:
     last = float(stack.depths[-1])
     if touched is None:
         beyond = free_pole(stack.depths, stack.radii, stack.scatter)
         if beyond is None:
-            return stack.end("fan", last, Flat(0.0), stack.spacing)
+            return _rounded_or_open(stack)
         profile = conic(stack.depths, stack.radii, last + beyond)
         return stack.end("pole", last + beyond, profile)
     depth = stack.sign * float(finite_array(name, touched, ()))
@@ -163,5 +169,15 @@ def _end(name: str, stack: _Stack, touched: float | None) -> End:
         )
     if depth - last <= LEAST_GAP * max(last - float(stack.depths[0]), stack.spacing):
         return stack.end("flat", last, Flat(0.0))
-    choice = choose_profile(stack.depths, stack.radii, depth, stack.scatter)
+    choice = choose_profile(stack.depths, stack.radii, depth, stack.scatter, dense=dense)
     return stack.end(choice.kind, depth, choice.profile)
+
+
+def _rounded_or_open(stack: _Stack) -> End:
+    """An end that nobody touched and that is no conic's."""
+    last = float(stack.depths[-1])
+    beyond = free_shoulder(stack.depths, stack.radii, stack.scatter)
+    if beyond is None:
+        return stack.end("fan", last, Flat(0.0), stack.spacing)
+    profile = superellipse(stack.depths, stack.radii, last + beyond)
+    return stack.end("superellipse", last + beyond, profile, beyond)

@@ -1,4 +1,4 @@
-"""Everything that one touch felt, as points on the surface with their normals."""
+"""Everything that touches felt, as points on the surface with their normals."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats
+from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.frames import split_pose
 from palpate.core.touch.jet import Jet
 from palpate.core.touch.pad import Pad
@@ -17,14 +17,17 @@ class FeltPoints(NamedTuple):
 
     points: Floats
     """(n, 3), m."""
-    normals: Floats
-    """Outward unit normals, (n, 3)."""
+    normals: Floats | None
+    """Outward unit normals, (n, 3); None where nobody measured them."""
+    touch: Ints
+    """The touch that felt each point, (n,), not negative: those of one touch share the error of
+    its pose."""
 
 
 def felt_points(
     pad: Pad, pose: Floats, surface: Floats, touched: Bools, jet: Jet | None
 ) -> FeltPoints:
-    """Surface points under the touched taxels, (n, 3), and normals from the jet.
+    """Surface points under the touched taxels of one touch, and normals from the jet.
 
     Parameters
     ----------
@@ -47,11 +50,48 @@ def felt_points(
         slope_x, slope_y = jet.slopes(local[:, 0], local[:, 1])
     outward = np.column_stack([slope_x, slope_y, -np.ones(len(local))])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    return FeltPoints(local @ axes.T + position, outward @ axes.T)
+    one = np.zeros(len(local), np.int32)
+    return FeltPoints(local @ axes.T + position, outward @ axes.T, one)
 
 
 def stack_points(parts: list[FeltPoints]) -> FeltPoints:
-    """All points of several touches."""
+    """All points of several touches, or of stacks of them; no two parts share a touch.
+
+    Without normals if a part has none.
+    """
     if not parts:
-        return FeltPoints(np.zeros((0, 3)), np.zeros((0, 3)))
-    return FeltPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        return FeltPoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int32))
+    counts = [int(part.touch.max(initial=-1)) + 1 for part in parts]
+    firsts = np.cumsum([0, *counts[:-1]])
+    touch = [part.touch + first for part, first in zip(parts, firsts, strict=True)]
+    normals = [part.normals for part in parts if part.normals is not None]
+    return FeltPoints(
+        np.concatenate([part.points for part in parts]),
+        np.concatenate(normals) if len(normals) == len(parts) else None,
+        np.concatenate(touch).astype(np.int32),
+    )
+
+
+def checked(felt: FeltPoints) -> FeltPoints:
+    """The same, once it is known that it can be used.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a number is not finite, a normal has no length, or a touch is
+        negative or no whole number.
+    """
+    points = finite_array("patches.points", felt.points, (None, 3))
+    touch = finite_array("patches.touch", felt.touch, (len(points),))
+    if len(touch) and not (touch.min() >= 0.0 and (touch == np.round(touch)).all()):
+        raise ValueError(
+            f"patches.touch must be whole numbers from 0 on, got {touch.min():g} to {touch.max():g}"
+        )
+    numbers = np.unique(touch, return_inverse=True)[1].astype(np.int32)
+    if felt.normals is None:
+        return FeltPoints(points, None, numbers)
+    normals = finite_array("patches.normals", felt.normals, points.shape)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    if not (length > 0.0).all():
+        raise ValueError(f"patches.normals must have a length, got {int((length == 0).sum())} of 0")
+    return FeltPoints(points, normals / length, numbers)

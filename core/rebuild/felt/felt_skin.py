@@ -8,32 +8,44 @@ at the poles, where the distance itself rises with an infinite one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.linalg.lapack import dpocon
-from scipy.sparse import csr_array, diags_array, kron
+from scipy.sparse import kron
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.felt.felt_points import FeltPoints
+from palpate.core.rebuild.felt.side_rows import SideRows, side_rows, tensor_rows
+from palpate.core.rebuild.felt.side_system import SideSystem, side_system
 from palpate.core.rebuild.felt.spine import Spine
 from palpate.core.splines.basis import PeriodicBasis, clamped_basis
 
-ALONG, AROUND = 32, 48
+ALONG, AROUND = 48, 96
 """Coefficients along the height and around."""
-STIFFNESS_ALONG, STIFFNESS_AROUND = 1e-5, 1e-5
-"""Weight of squared second differences, relative to the data's mean weight."""
-RIDGE = 1e-10
-"""Bounds the condition of the system."""
-LEAST_DISTANCE = 0.05
-"""Least distance from the axis in a point's weight, as a share of the median."""
-LEAST_FACING = 0.05
-"""Least radial part of a normal: a point on a level face says nothing of the distance."""
+FELT, UNFELT = 1e-3, 1e-1
+"""Strength of bending along, where the side was felt all around and where it was not: there so
+strong that what lies farther off bridges the gap, not the last points before it alone."""
+BESIDE = 2
+"""Spans between knots on either side of one that was not felt for which the same holds."""
+SECTORS, HOLES = 24, 0.1
+"""Parts of a turn, and the share of them that may be without a point in a span that was felt."""
+BENDING_AROUND = 1e-2
+"""Strength of bending around."""
+LEAST = 1e-6
+"""Smallest squared distance ever given, over that of the median."""
+STIFFER, MOST_STIFFER = 10.0, 5
+"""Steps by which the bending is made to cost more where there is noise, and how many at most."""
+UNBENT = 6
+"""Coefficients' combinations that do not bend."""
+PROBES = 2
+"""Random signs by which the freedom is estimated."""
+LEAST_SPARE = 0.05
+"""Least share of the points' freedom that is taken as left."""
+MEDIAN = 0.6745
+"""Median size of an error of deviation 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Skin:
+class FeltSkin:
     """A fitted side surface."""
 
     spine: Spine
@@ -44,127 +56,159 @@ class Skin:
     """Height at which it ends, m."""
     coefficients: Floats
     """(along, around), m^2."""
-    least: float
-    """Smallest squared distance ever given, m^2."""
-    rms: float
-    """Root mean square normal distance of the points, m."""
-    condition: float
-    """Estimate of the system's condition number, to 2 digits."""
-    factor: Floats
-    """Cholesky factor of the system in the lower triangle; the upper one is of no meaning."""
+    middle: float
+    """Median distance of the points from the axis, m."""
+    rows: SideRows
+    """What it was fitted to."""
+    system: SideSystem
+    """The system it solves."""
+    stiffness: float
+    """Times the strengths of bending."""
 
-    def squared(self, heights: Floats, turns: Floats) -> Floats:
-        """Squared distance from the axis on a grid, (heights, turns), m^2."""
-        along = clamped_basis(ALONG).matrix(self._local(heights))
-        around = PeriodicBasis(AROUND).matrix(turns)
-        squared: Floats = np.maximum((around @ (along @ self.coefficients).T).T, self.least)
-        return squared
+    def squared(self, heights: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Squared distance from the axis on a grid, (heights, turns), m^2, or a derivative."""
+        along = clamped_basis(ALONG).matrix(self._local(heights), by[0])
+        around = PeriodicBasis(AROUND).matrix(turns, by[1])
+        squared = (around @ (along @ self.coefficients).T).T
+        if by == (0, 0):
+            return np.asarray(np.maximum(squared, LEAST * self.middle**2))
+        return np.asarray(squared / (self.high - self.low) ** by[0])
 
-    def slope(self, height: float, turns: Floats) -> Floats:
-        """Derivative of the squared distance by the height, (turns,), m."""
-        along = clamped_basis(ALONG).matrix(self._local(np.array([height])), 1) @ self.coefficients
-        result: Floats = PeriodicBasis(AROUND).matrix(turns) @ along[0] / (self.high - self.low)
-        return result
+    def rings(self, heights: Floats, turns: Floats) -> Floats:
+        """Places on a grid, (heights, turns, 2), m."""
+        angle = 2.0 * np.pi * turns
+        rim = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        radius = np.sqrt(self.squared(heights, turns))
+        return np.asarray(self.spine.at(heights)[:, None] + radius[..., None] * rim)
+
+    def misfits(self) -> Floats:
+        """Distances (n,) of the points along their normals, m."""
+        return np.asarray(self.rows.target - self.rows.matrix @ self.coefficients.ravel())
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom spent, estimated with random signs (Hutchinson, 1989)."""
+        rng = np.random.default_rng(0)
+        signs = rng.choice([-1.0, 1.0], (PROBES, len(self.rows.target)))
+        seen = [self.rows.matrix.T @ sign for sign in signs]
+        return float(np.mean([one @ self.system.solve(one) for one in seen]))
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of a point, from the median misfit and the freedom spent, m."""
+        spare = max(1.0 - self.freedom / len(self.rows.target), LEAST_SPARE)
+        return float(np.median(np.abs(self.misfits()))) / MEDIAN / float(np.sqrt(spare))
+
+    @property
+    def score(self) -> float:
+        """Restricted likelihood of the stiffness, but for what it has in common with others.
+
+        Twice its negative logarithm (Wahba, *A comparison of GCV and GML*, 1985).
+        """
+        rows, flat = self.rows, self.coefficients.ravel()
+        square = rows.target @ self.misfits()
+        count, size = len(rows.target) - UNBENT, len(flat) - UNBENT
+        bends = size * np.log(self.stiffness)
+        return float(count * np.log(square) + self.system.log_determinant - bends)
 
     def deviation(self, heights: Floats, turns: Floats) -> Floats:
-        """Root mean square over `turns` of the surface's standard deviation, (heights,), m.
+        """Standard deviation of the surface across its rings on a grid, (heights, turns), m.
 
         The posterior of the penalised fit (Wahba, *Bayesian confidence intervals*, 1983):
         noise and what the penalty lets move, not features narrower than the knots.
         """
         along = clamped_basis(ALONG).matrix(self._local(heights))
         rows = kron(along, PeriodicBasis(AROUND).matrix(turns)).toarray()
-        spread = np.linalg.norm(solve_triangular(self.factor, rows.T, lower=True), axis=0)
-        distance = np.sqrt(self.squared(heights, turns)).ravel()
-        deviation = (self.rms * spread / (2.0 * distance)).reshape(len(heights), len(turns))
-        pooled: Floats = np.sqrt(np.mean(deviation**2, axis=1))
-        return pooled
+        spread = self.system.spread(rows).reshape(len(heights), len(turns))
+        square = np.mean(self.misfits() ** 2) / max(
+            1.0 - self.freedom / len(self.rows.target), LEAST_SPARE
+        )
+        return np.asarray(np.sqrt(square) * spread / (2.0 * np.sqrt(self.squared(heights, turns))))
 
     def _local(self, heights: Floats) -> Floats:
         local: Floats = np.clip((heights - self.low) / (self.high - self.low), 0.0, 1.0)
         return local
 
 
-def fit_skin(felt: FeltPoints, spine: Spine, low: float, high: float) -> Skin:
+def fit_skin(
+    felt: FeltPoints, spine: Spine, low: float, high: float, stiffness: float = 1.0
+) -> FeltSkin:
     """Fit the side surface between two heights to felt points.
-
-    Each point counts by its distance along its own normal: to first order that is the misfit
-    of q, times the radial part of the normal, over twice the distance from the axis.
 
     Parameters
     ----------
     felt : FeltPoints
-        Points and normals; those outside the heights, or on level faces, are left out.
+        With normals; those outside the heights, or on level faces, are left out.
     spine : Spine
         The axis.
     low, high : float
         Heights, m.
+    stiffness : float
+        How much more bending costs than it does without noise.
 
     Raises
     ------
     ValueError
         If no point is left.
     """
+    along, around = clamped_basis(ALONG), PeriodicBasis(AROUND)
+    rows = side_rows(felt, spine, low, high, along, around)
+    strengths = stiffness * _strengths(rows.places, ALONG - along.degree)
+    system = side_system(rows.matrix, (ALONG, AROUND), strengths, stiffness * BENDING_AROUND)
+    found = system.solve(rows.matrix.T @ rows.target).reshape(ALONG, AROUND)
+    return FeltSkin(spine, low, high, found, rows.middle, rows, system, stiffness)
+
+
+def calmed(felt: FeltPoints, skin: FeltSkin) -> FeltSkin:
+    """The skin as stiff as its points ask for: at least as stiff as it is."""
+    for _ in range(MOST_STIFFER):
+        stiffer = fit_skin(felt, skin.spine, skin.low, skin.high, STIFFER * skin.stiffness)
+        if not stiffer.score < skin.score:
+            break
+        skin = stiffer
+    return skin
+
+
+def _strengths(places: Floats, spans: int) -> Floats:
+    """Strength of bending along in each span, from the points' places (n, 2) along and around."""
+    span = np.minimum((places[:, 0] * spans).astype(int), spans - 1)
+    sector = (np.mod(places[:, 1], 1.0) * SECTORS).astype(int) % SECTORS
+    felt = np.zeros((spans, SECTORS), np.bool_)
+    felt[span, sector] = True
+    unfelt = np.mean(~felt, axis=1) > HOLES
+    near = np.convolve(unfelt, np.ones(2 * BESIDE + 1), mode="same") > 0.5
+    return np.where(near, UNFELT, FELT)
+
+
+def with_normals(felt: FeltPoints, spine: Spine, low: float, high: float) -> FeltPoints:
+    """Felt points with normals: where nobody measured them, those of a fit to the points.
+
+    That fit takes them to be radial. Parameters and errors as of `fit_skin`.
+    """
+    if felt.normals is not None:
+        return felt
     away = felt.points[:, :2] - spine.at(felt.points[:, 2])
-    distance = np.linalg.norm(away, axis=1)
-    facing = np.einsum("ni,ni->n", felt.normals[:, :2], away) / np.maximum(distance, 1e-12)
-    within = (felt.points[:, 2] >= low) & (felt.points[:, 2] <= high) & (facing > LEAST_FACING)
-    if not within.any():
-        raise ValueError(f"no felt point lies on the side between {low:g} and {high:g} m")
-    away, distance, facing = away[within], distance[within], facing[within]
+    length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), np.finfo(float).tiny)
+    level = np.concatenate([away / length, np.zeros((len(away), 1))], axis=1)
+    first = fit_skin(felt._replace(normals=level), spine, low, high)
+    return felt._replace(normals=_gradient_normals(first, felt.points))
+
+
+def _gradient_normals(skin: FeltSkin, points: Floats) -> Floats:
+    """Outward unit normals (n, 3) of a skin at points next to it."""
+    away = points[:, :2] - skin.spine.at(points[:, 2])
     turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi)
-    local = (felt.points[within, 2] - low) / (high - low)
-    # Next to the axis the first order is worth nothing: no point counts more than those there.
-    weights = facing / (2.0 * np.maximum(distance, LEAST_DISTANCE * np.median(distance)))
-    basis = _tensor_rows(clamped_basis(ALONG).matrix(local), PeriodicBasis(AROUND).matrix(turns))
-    rows = csr_array(diags_array(weights) @ basis)
-    target = weights * distance**2
-    system = _penalised(rows)
-    factor, _ = cho_factor(system, lower=True)
-    solution = cho_solve((factor, True), rows.T @ target)
-    misfit = target - rows @ solution
-    reciprocal, _ = dpocon(factor, np.abs(system).sum(axis=0).max(), uplo="L")
-    return Skin(
-        spine=spine,
-        low=low,
-        high=high,
-        coefficients=solution.reshape(ALONG, AROUND),
-        least=1e-6 * float(np.median(distance)) ** 2,
-        rms=float(np.sqrt(np.mean(misfit**2))),
-        # The last digits of the estimate differ from call to call; bodies must not.
-        condition=float(f"{1.0 / max(float(reciprocal), np.finfo(float).tiny):.2g}"),
-        factor=factor,
-    )
-
-
-def _penalised(rows: csr_array) -> Floats:
-    """Normal matrix with the penalty: positive definite, its condition bounded by the ridge."""
-    normal: Floats = (rows.T @ rows).toarray()
-    scale = float(np.trace(normal)) / len(normal)
-    return normal + scale * _penalty()
-
-
-@cache
-def _penalty() -> Floats:
-    """Squared second differences along and around, and the ridge."""
-    bend_along = np.diff(np.eye(ALONG), 2, axis=0)
-    unit = np.eye(AROUND)
-    bend_around = np.roll(unit, 1, axis=1) - 2.0 * unit + np.roll(unit, -1, axis=1)
-    along = STIFFNESS_ALONG * np.kron(bend_along.T @ bend_along, unit)
-    around = STIFFNESS_AROUND * np.kron(np.eye(ALONG), bend_around.T @ bend_around)
-    penalty: Floats = along + around + RIDGE * np.eye(ALONG * AROUND)
-    penalty.setflags(write=False)
-    return penalty
-
-
-def _tensor_rows(first: csr_array, second: csr_array) -> csr_array:
-    """Row by row product of two sparse bases, (n, first columns * second columns)."""
-    counts = np.diff(first.indptr)[0], np.diff(second.indptr)[0]
-    n = first.shape[0]
-    values = first.data.reshape(n, counts[0], 1) * second.data.reshape(n, 1, counts[1])
-    columns = first.indices.reshape(n, counts[0], 1) * second.shape[1] + second.indices.reshape(
-        n, 1, counts[1]
-    )
-    pointers = np.arange(0, n * counts[0] * counts[1] + 1, counts[0] * counts[1])
-    shape = (n, first.shape[1] * second.shape[1])
-    return csr_array((values.ravel(), columns.ravel(), pointers), shape=shape)
+    local = skin._local(points[:, 2])
+    flat = skin.coefficients.ravel()
+    along, around = clamped_basis(ALONG), PeriodicBasis(AROUND)
+    extent = skin.high - skin.low
+    by_height = tensor_rows(along.matrix(local, 1), around.matrix(turns)) @ flat / extent
+    by_turn = tensor_rows(along.matrix(local), around.matrix(turns, 1)) @ flat / (2.0 * np.pi)
+    distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)[:, None]
+    out = away / distance
+    beside = np.stack([-out[:, 1], out[:, 0]], axis=-1)
+    level = 2.0 * distance * out - by_turn[:, None] / distance * beside
+    leaning = np.einsum("ni,ni->n", away, skin.spine.slope(points[:, 2]))
+    gradient = np.column_stack([level, -2.0 * leaning - by_height])
+    normals: Floats = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+    return normals

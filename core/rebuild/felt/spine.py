@@ -28,6 +28,14 @@ class Spine:
         local = (np.clip(heights, self.low, self.high) - 0.5 * (self.low + self.high)) / half
         return np.stack([np.polyval(column, local) for column in self.coefficients.T], axis=-1)
 
+    def slope(self, heights: Floats) -> Floats:
+        """Derivatives (n, 2) of those places by the height; 0 where the axis is upright."""
+        half = max(0.5 * (self.high - self.low), np.finfo(float).tiny)
+        local = (heights - 0.5 * (self.low + self.high)) / half
+        inside = np.abs(local) <= 1.0
+        slopes = [np.polyval(np.polyder(column), local) for column in self.coefficients.T]
+        return np.where(inside[:, None], np.stack(slopes, axis=-1) / half, 0.0)
+
 
 def fit_spine(heights: Floats, middles: Floats) -> Spine:
     """Axis through the middles (n, 2) of contours at heights (n,), m.

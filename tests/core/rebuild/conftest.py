@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.felt.felt_points import FeltPoints, stack_points
-from palpate.core.rebuild.felt.felt_solid import Evidence, FeltContour
+from palpate.core.rebuild.reconstruct import reconstruct
+from palpate.core.rebuild.solid import Solid
 from palpate.core.shapes.superquadric import Superquadric
 
 BAND = 6e-3
@@ -47,12 +49,8 @@ class Oracle:
             ],
             axis=-1,
         )
-        return FeltPoints(points, gradient / np.linalg.norm(gradient, axis=1, keepdims=True))
-
-    def slice(self, share: float) -> FeltContour:
-        """A contour."""
-        felt = self.felt(self.section(share))
-        return FeltContour(float(felt.points[0, 2]), felt.points)
+        normals = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+        return FeltPoints(points, normals, np.zeros(len(points), np.int32))
 
     def band(self, share: float) -> FeltPoints:
         """What the touches along a contour feel above and below it."""
@@ -69,14 +67,21 @@ class Oracle:
         ranges = self.shape.cast(origins, np.array([0.0, 0.0, -1.0]), 9 * self.shape.size[2])
         return self.felt(origins - ranges[:, None] * [0.0, 0.0, 1.0] + self.middle)
 
-    def evidence(self, shares: Sequence[float], top: bool = True) -> Evidence:
-        """Contours at these heights, all that was felt along them, and touches from above."""
-        return Evidence(
-            contours=tuple(self.slice(share) for share in shares),
-            side=stack_points([self.band(share) for share in shares]),
-            cap=self.top() if top else stack_points([]),
-            platform=0.0,
-        )
+    def rebuilt(self, shares: Sequence[float], top: bool = True, **options: Any) -> Solid:
+        """From contours at these heights, all that was felt along them, and touches from above."""
+        contours, felt, tops = self.evidence(shares, top)
+        options = {"method": "skin", **options}
+        return reconstruct(contours, patches=felt, tops=tops, **options)
+
+    def evidence(
+        self, shares: Sequence[float], top: bool = True
+    ) -> tuple[list[Floats], FeltPoints, Floats]:
+        """Contours, everything that was felt, and touches of the ends."""
+        height = 2.0 * self.middle[2]
+        parts = [self.band(share) for share in shares]
+        tops = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, height]])[: 1 + top]
+        felt = stack_points([*parts, self.top()] if top else parts)
+        return [self.section(share) for share in shares], felt, tops
 
     def distances(self, points: Floats) -> Floats:
         """Radial distance of points (n, 3) from the surface, m."""

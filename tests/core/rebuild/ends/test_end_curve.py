@@ -14,6 +14,8 @@ PROFILES = [
     Superellipse(0.1, 1.0, 1.0),
     Superellipse(0.6, 30.0, 12.0),
     Superellipse(0.4, 5.0, 1.5),
+    Superellipse(0.4, 5.0, 2.5, 0.6),
+    Superellipse(0.8, 3.0, 4.0, -0.3),
     Flat(0.2),
     Flat(-1.0),
 ]

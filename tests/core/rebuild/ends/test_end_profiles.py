@@ -9,6 +9,7 @@ from palpate.core.rebuild.ends.end_profiles import (
     Flat,
     Superellipse,
     conic,
+    flared,
     flat,
     superellipse,
     trend_of,
@@ -88,3 +89,27 @@ def test_a_trend_is_of_the_degree_that_the_contours_can_tell(count: int, at_end:
     trend = trend_of(np.array([-2.0, -1.0, 0.0])[-count:], radii[-count:])
 
     assert trend.at(1.5) == pytest.approx(at_end)
+
+
+@pytest.mark.parametrize("trend", [-0.5, 0.0, 0.4])
+def test_a_shoulder_on_a_wall_that_leans_is_found(trend: float) -> None:
+    truth = Superellipse(0.0, 4.0, 2.0, trend)
+    depths = np.linspace(0.3, 0.9, 14)
+    zeta = (depths - 0.3) / 0.7
+    radii = 3.0 * truth.shares(zeta)
+    found = flared(depths, radii, 1.0)
+    assert isinstance(found, Superellipse)
+    assert (found.p, found.q) == pytest.approx((4.0, 2.0))
+    assert found.trend == pytest.approx(trend, abs=1e-9)
+    expected = truth.shares(0.857142857 + (1.0 - 0.857142857) * WAY) / truth.shares(zeta[-1:])
+    np.testing.assert_allclose(found.shares(WAY), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("height", [0.003, 0.006])
+def test_a_frustum_of_some_millimetres_is_followed_to_its_end(height: float) -> None:
+    depths = np.linspace(0.0, 0.9 * height, 14)
+    radii = 0.02 - 0.5 * depths
+    for family in (flat, flared):
+        shares = family(depths, radii, height).shares(WAY)
+        expected = (radii[-1] - 0.5 * WAY * 0.1 * height) / radii[-1]
+        np.testing.assert_allclose(shares[:-1], expected[:-1], atol=2e-3)

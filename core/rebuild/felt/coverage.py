@@ -1,0 +1,38 @@
+"""What of the side was felt: from where to where, and where nothing was."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+
+SECTORS = 24
+"""Parts of a turn, each of which is looked at by itself."""
+
+
+class Coverage(NamedTuple):
+    """Of the side, m."""
+
+    low: float
+    """Height from which on it was felt all around."""
+    high: float
+    """Height up to which it was."""
+    gap: float
+    """The highest stretch between them in which nothing was felt on some azimuth."""
+
+
+def coverage_of(heights: Floats, turns: Floats) -> Coverage | None:
+    """Coverage of points at heights (n,) and turns (n,); None if a sector has no point."""
+    sector = (np.mod(turns, 1.0) * SECTORS).astype(np.int32) % SECTORS
+    if len(np.unique(sector)) < SECTORS:
+        return None
+    lows, highs = np.full(SECTORS, np.inf), np.full(SECTORS, -np.inf)
+    np.minimum.at(lows, sector, heights)
+    np.maximum.at(highs, sector, heights)
+    order = np.lexsort((heights, sector))
+    step = np.diff(heights[order])
+    same = np.diff(sector[order]) == 0
+    gap = float(step[same].max(initial=0.0))
+    return Coverage(float(lows.max()), float(highs.min()), gap)

@@ -1,0 +1,119 @@
+"""A closed surface from all that was felt: rows of the felt skin take the place of contours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.plane.area_centroid import area_centroid
+from palpate.core.rebuild.ends.ends import End
+from palpate.core.rebuild.felt.coverage import Coverage, coverage_of
+from palpate.core.rebuild.felt.felt_ends import felt_end, felt_top
+from palpate.core.rebuild.felt.felt_fit import FeltFit, felt_fit
+from palpate.core.rebuild.felt.felt_points import FeltPoints
+from palpate.core.rebuild.felt.felt_skin import FeltSkin, fit_skin, with_normals
+from palpate.core.rebuild.felt.side_rows import looks_inward
+from palpate.core.rebuild.felt.spine import fit_spine
+from palpate.core.rebuild.felt.touch_offsets import fit_shifted_skin, pose_sigma
+from palpate.core.rebuild.slices.slices import Slices
+
+ROWS, TURNS = 65, 160
+"""Rows taken of the skin, and points of each: closer together than its knots."""
+NEAREST = 2e-3
+"""Of the height: rows come no nearer to an end, where the side may turn level."""
+FEWEST = 200
+"""Points on the side: with fewer the contours alone say more."""
+LEAST_SIDE = 0.05
+"""Least height of the side, as a share of the object's."""
+
+
+class FeltRows(NamedTuple):
+    """Rows of a skin through felt points, their ends, and how they came about."""
+
+    heights: Floats
+    """(m,), ascending, m."""
+    grid: Floats
+    """(m, k, 2), m."""
+    ends: tuple[End, End]
+    """Below and above."""
+    fit: FeltFit
+    """How the skin was fitted."""
+
+
+def felt_rows(
+    slices: Slices, felt: FeltPoints, bottom: float | None, top: float | None
+) -> FeltRows | None:
+    """Rows of the skin through all felt points, over the heights that were felt.
+
+    Parameters
+    ----------
+    slices : Slices
+        The contours; they say where the axis is.
+    felt : FeltPoints
+        All touched taxels, checked.
+    bottom, top : float or None
+        Heights at which a touch found the ends, m.
+
+    Returns
+    -------
+    FeltRows or None
+        None where the contours alone say more: where sections are not star-shaped about the
+        axis, or hardly anything was felt, or not all around.
+    """
+    spine = fit_spine(slices.heights, np.array([area_centroid(fine) for fine in slices.fine]))
+    # Normals tell more surely than curves, which noise may turn back at an edge.
+    starlike = slices.star.all() if felt.normals is None else not looks_inward(felt, spine)
+    if not starlike:
+        return None
+    height = felt.points[:, 2]
+    if len(height) < FEWEST:
+        return None
+    low = float(height.min()) if bottom is None else min(bottom, float(slices.heights[0]))
+    high = max(float(height.max()), float(slices.heights[-1]), -np.inf if top is None else top)
+    felt = with_normals(felt, spine, low, high)
+    plain = fit_skin(felt, spine, low, high)
+    places = plain.rows.places
+    seen = coverage_of(low + (high - low) * places[:, 0], places[:, 1])
+    if len(places) < FEWEST or seen is None:
+        return None
+    shifted = fit_shifted_skin(felt, plain)
+    pose = pose_sigma(shifted)
+    found = felt_top(felt, float(slices.heights[-1]), pose or 0.0)
+    if found is not None:
+        # Without noise the highest is the truest; with it, the mean of what may be one height.
+        top = found if pose is not None or top is None else max(found, top)
+    return _rows(shifted.skin, slices, (bottom, top), seen, pose)
+
+
+def _rows(
+    skin: FeltSkin,
+    slices: Slices,
+    ends: tuple[float | None, float | None],
+    seen: Coverage,
+    pose: float | None,
+) -> FeltRows:
+    lowest, highest = float(slices.heights[0]), float(slices.heights[-1])
+    bottom = skin.low if ends[0] is None else ends[0]
+    top = skin.high if ends[1] is None else max(ends[1], highest)
+    low, high = min(seen.low, lowest), max(seen.high, highest)
+    extent = top - bottom
+    low, high = max(low, bottom + NEAREST * extent), min(high, top - NEAREST * extent)
+    missing = max(0.5 * (LEAST_SIDE * extent - (high - low)), 0.0)
+    low, high = max(low - missing, 0.5 * (low + bottom)), min(high + missing, 0.5 * (high + top))
+    turns = np.arange(TURNS) / TURNS
+    heights = np.linspace(low, high, ROWS)
+    noise = float(np.hypot(skin.sigma, pose or 0.0))
+    spacing = (highest - lowest) / max(len(slices.heights) - 1, 1)
+    below = _honest(felt_end(skin, turns, low, high - low, ends[0], noise), spacing)
+    touched = None if ends[1] is None else top
+    above = _honest(felt_end(skin, turns, high, low - high, touched, noise), spacing)
+    fit = felt_fit(skin, seen, pose, (low, high), missing > 0.0)
+    return FeltRows(heights, skin.rings(heights, turns), (below, above), fit)
+
+
+def _honest(end: End, spacing: float) -> End:
+    """An end that nobody touched, as far as the contours' distance says that it may go on."""
+    return replace(end, uncovered=spacing) if end.kind == "fan" else end
