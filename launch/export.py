@@ -1,4 +1,4 @@
-"""The rebuilt solid as files that other programs read."""
+"""The solid of a run as files that other programs read."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.core.archive_bytes import unpack
+from palpate.launch.mesh_export import write_mesh
 from palpate.messages.types import ShapeModel
 
-MILLIMETRES = 1000.0
-"""STL has no unit; programs that slice it for printing assume mm."""
-Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""Turns z up, as everywhere here, into y up, as glTF demands."""
+MESHES = ("mesh.ply", "mesh.stl", "mesh.glb")
+"""Files of the surface."""
+PACKED = "archive"
+"""The field that is unpacked, not kept as it is."""
 
 
 def export_model(model: ShapeModel, folder: Path) -> tuple[str, ...]:
@@ -26,27 +28,20 @@ def export_model(model: ShapeModel, folder: Path) -> tuple[str, ...]:
         What was rebuilt.
     folder : Path
         Gets ``mesh.ply`` (m), ``mesh.stl`` (mm), ``mesh.glb`` (m, y up) and ``model.npz``
-        (everything that the model says).
+        (everything that the model says, and the solid itself for `palpate.load`).
 
     Returns
     -------
     tuple of str
         Names of the files.
     """
-    np.savez(folder / "model.npz", allow_pickle=False, **_arrays(model))
+    archived = unpack(model.archive) if len(model.archive) else {}
+    np.savez(folder / "model.npz", allow_pickle=False, **_arrays(model), **archived)
     if len(model.faces) == 0:
         return ("model.npz",)
-    import trimesh
-
-    meshes = {
-        "mesh.ply": model.vertices,
-        "mesh.stl": model.vertices * MILLIMETRES,
-        "mesh.glb": model.vertices @ Y_UP.T,
-    }
-    for name, vertices in meshes.items():
-        mesh = trimesh.Trimesh(vertices, model.faces, process=False)
-        mesh.export(folder / name)
-    return (*meshes, "model.npz")
+    for name in MESHES:
+        write_mesh(folder / name, model.vertices, model.faces)
+    return (*MESHES, "model.npz")
 
 
 def mesh_sha256(model: ShapeModel) -> str:
@@ -59,6 +54,8 @@ def _arrays(model: ShapeModel) -> dict[str, NDArray[np.generic]]:
     """Every field as an array that can be read without pickle."""
     found: dict[str, NDArray[np.generic]] = {}
     for field in fields(ShapeModel):
+        if field.name == PACKED:
+            continue
         value = getattr(model, field.name)
         if isinstance(value, dict):
             found[f"{field.name}_names"] = np.array(list(value), dtype=np.str_)

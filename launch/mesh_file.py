@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.core.measure.solidity import solidity
 from palpate.launch.located import InputError
+from palpate.launch.mesh_export import Y_UP
 
 MAX_BYTES = 64 << 20
 """Largest file."""
@@ -99,6 +100,8 @@ def read_mesh(path: Path, unit: str) -> tuple[Vertices, Faces]:
 def read_surface(path: Path, unit: str) -> tuple[Vertices, Faces]:
     """The surface in a file, closed or not, of any size; arguments and arrays as of `read_mesh`.
 
+    GLB files have y up, and are turned so that z is.
+
     Raises
     ------
     InputError
@@ -108,6 +111,8 @@ def read_surface(path: Path, unit: str) -> tuple[Vertices, Faces]:
     if not isinstance(found, _trimesh().Trimesh):
         raise InputError(f"{path}: holds a {type(found).__name__}, not a triangle mesh")
     vertices, faces = _merged(path, found)
+    if path.suffix.lower() == ".glb":
+        vertices = vertices @ Y_UP
     return vertices * METRES[unit], faces
 
 

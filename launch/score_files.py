@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.core.archive import FORM
 from palpate.core.measure.triangles import corners_of
-from palpate.launch.export import Y_UP
 from palpate.launch.located import InputError
 from palpate.launch.mesh_file import MAX_BYTES, METRES, read_cloud, read_surface
+from palpate.launch.solid_file import load
 
 OWN_UNITS = {".stl": "mm"}
 """Unit of a format if the user does not say, where it is not the metre: as palpate writes it."""
@@ -42,8 +43,8 @@ def read_shape(path: Path, unit: str | None) -> Shape:
     Parameters
     ----------
     path : Path
-        A surface (PLY, STL, OBJ, OFF, GLB, or a run's ``model.npz``), closed or not; or points
-        (CSV, or a PLY without faces).
+        A surface (PLY, STL, OBJ, OFF, GLB, or an NPZ file of a run or of `palpate.save`),
+        closed or not; or points (CSV, or a PLY without faces).
     unit : str or None
         Unit of its coordinates: ``m``, ``cm`` or ``mm``; as palpate writes it if None, which is
         mm for STL and m for all others.
@@ -71,10 +72,7 @@ def _read(path: Path, unit: str | None) -> Shape:
         return Shape(vertices * METRES[taken], faces, taken)
     if kind == ".ply" and (points := read_cloud(path, taken)) is not None:
         return Shape(_enough(path, points), none, taken)
-    vertices, faces = read_surface(path, taken)
-    if kind == ".glb":
-        vertices = vertices @ Y_UP  # glTF has y up, here z is
-    return Shape(vertices, faces, taken)
+    return Shape(*read_surface(path, taken), taken)
 
 
 def _enough(path: Path, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -135,7 +133,7 @@ def _is_number(text: str) -> bool:
 
 
 def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Vertices, m, and faces of a model as a run leaves it."""
+    """Vertices, m, and faces of a model as a run or `palpate.save` leaves it."""
     data = io.BytesIO(_bytes(path))
     try:
         with zipfile.ZipFile(data) as archive:
@@ -143,6 +141,8 @@ def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         if size > 4 * MAX_BYTES:
             raise InputError(f"{path}: unpacks to {size >> 20} MiB, more than is read")
         with np.load(data, allow_pickle=False) as arrays:
+            if FORM in arrays and "vertices" not in arrays:
+                return _meshed(path)
             vertices, faces = arrays["vertices"], arrays["faces"]
     except (zipfile.BadZipFile, EOFError, OSError):
         raise InputError(f"{path}: is no NPZ file") from None
@@ -157,6 +157,12 @@ def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     except (ValueError, TypeError) as error:
         raise _no_surface(path, error) from None
     return np.asarray(vertices, np.float64), faces.astype(np.int32)
+
+
+def _meshed(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """The mesh of a solid that `save` wrote, as fine as meshes are by themselves."""
+    mesh = load(path).mesh()
+    return mesh.vertices, mesh.faces
 
 
 def _no_surface(path: Path, error: Exception) -> InputError:

@@ -59,3 +59,5 @@ RatioImage = Annotated[Floats, Array("<f8", (None, None), "1")]
 LengthImage = Annotated[Floats, Array("<f8", (None, None), "m")]
 Mask = Annotated[NDArray[np.bool_], Array("|b1", (None, None), "1")]
 ControlPoints = Annotated[Floats, Array("<f8", (None, None, None, 3), "m")]
+Packed = Annotated[NDArray[np.uint8], Array("|u1", (None,), "1")]
+"""Bytes that mean something only to who packed them."""

@@ -10,17 +10,30 @@ if TYPE_CHECKING:
     from palpate.launch.run import Run as Run
     from palpate.launch.scene import Scene as Scene
     from palpate.launch.scene import load_scene as load_scene
+    from palpate.launch.solid_file import load as load
+    from palpate.launch.solid_file import save as save
 
 __version__ = "0.1.0"
-__all__ = ["Run", "Scene", "__version__", "explore", "load_scene", "reconstruct"]
+__all__ = [
+    "Run",
+    "Scene",
+    "__version__",
+    "explore",
+    "load",
+    "load_scene",
+    "reconstruct",
+    "save",
+]
 
 # Imported when first asked for: a node that starts must not pay for what notebooks use.
 _HOMES = {
     "Run": "palpate.launch.run",
     "Scene": "palpate.launch.scene",
     "explore": "palpate.launch.explore",
+    "load": "palpate.launch.solid_file",
     "load_scene": "palpate.launch.scene",
     "reconstruct": "palpate.core.rebuild.reconstruct",
+    "save": "palpate.launch.solid_file",
 }
 
 

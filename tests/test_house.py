@@ -110,8 +110,10 @@ def test_the_top_module_offers_its_names_and_no_others() -> None:
         "Scene",
         "__version__",
         "explore",
+        "load",
         "load_scene",
         "reconstruct",
+        "save",
     }
     with pytest.raises(AttributeError, match="has no attribute 'exlpore'"):
         palpate.exlpore  # noqa: B018

@@ -29,10 +29,12 @@ ALLOWED = {
     "palpate.nodes.composed": NODES | {"threadpoolctl"},
     "palpate.launch": LAUNCH,
     "palpate.launch.replay": LAUNCH | {"threadpoolctl"},
+    "palpate.launch.one_thread": LAUNCH | {"threadpoolctl"},
     "palpate.launch.launcher": LAUNCH | {"zmq"},
     "palpate.launch.processes": LAUNCH | {"zmq"},
     "palpate.launch.bench_bus": LAUNCH | {"zmq"},
     "palpate.launch.figures_curvature": LAUNCH | {"matplotlib"},
+    "palpate.launch.figures_peers": LAUNCH | {"matplotlib", "mpl_toolkits"},
     "palpate.launch.figures_rebuild": LAUNCH | {"matplotlib", "mpl_toolkits"},
     "palpate.launch.figures_shapes": LAUNCH | {"matplotlib", "mpl_toolkits"},
 }

@@ -16,7 +16,8 @@ touch      one touch: frames a second, and the error of cast and curvature
 effects    each effect: its cost, and the error of a contour that it causes
 curvature  filters and estimators against noise and impulses
 shapes     superquadrics, splines and other models: exactness, recoveries, costs
-rebuild    solids from contours: errors, trust, costs, and the thesis's method
+rebuild    solids from contours: errors over those of lofts, radial functions and the
+           thesis on eight objects, disorder, stray points, trust and costs
 """
 
 
@@ -41,7 +42,10 @@ def _write_figures(what: str, folder: str) -> None:
     elif what == "shapes":
         from palpate.launch.figures_shapes import write_figures
     elif what == "rebuild":
+        from palpate.launch.figures_peers import write_figures as write_peers
         from palpate.launch.figures_rebuild import write_figures
+
+        write_peers(folder)
     else:
         raise click.UsageError("--figures belongs to curvature, shapes and rebuild")
     write_figures(folder)

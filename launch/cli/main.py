@@ -33,6 +33,7 @@ command = Verbs(
         "node": "List the kinds of node and what they hear and say.",
         "init": "Begin an effect of your own.",
         "calibrate": "Press a known flat and ball, and say what each taxel means.",
+        "rebuild": "Rebuild a solid from contours that anybody measured.",
         "score": "Measure a solid against a CAD model or measured points.",
         "bench": "Measure speed and accuracy.",
     },

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
+
+import numpy as np
 
 from palpate.messages.quantity import (
     Array,
@@ -13,6 +15,7 @@ from palpate.messages.quantity import (
     Floats,
     Lengths,
     Metres,
+    Packed,
     PerMetre,
     Place,
     Points,
@@ -127,6 +130,8 @@ class ShapeModel:
     """Robot time spent when the model was asked for."""
     final: bool
     """True for the model that the exploration ends with."""
+    archive: Packed = field(default_factory=lambda: np.zeros(0, np.uint8))
+    """The solid with everything that belongs to it, packed; nothing if it is not sent along."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -4,9 +4,15 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pytest
 import trimesh
 
+import palpate
+from palpate.core.archive import equal_trees
+from palpate.core.archive_bytes import pack
 from palpate.launch.export import export_model, mesh_sha256
+from palpate.launch.located import InputError
+from palpate.messages.codec import decode, encode
 from palpate.messages.types import ShapeModel
 
 
@@ -42,8 +48,29 @@ def test_the_arrays_can_be_read_without_pickle(tetrahedron: ShapeModel, tmp_path
     health = dict(zip(arrays["health_names"], arrays["health_values"], strict=True))
     assert health == {"condition": 3.5, "fallbacks": 0.0}
     assert bool(arrays["final"]) is True
-    names = {field.name for field in dataclasses.fields(ShapeModel)} - {"health"}
+    names = {field.name for field in dataclasses.fields(ShapeModel)} - {"health", "archive"}
     assert names | {"health_names", "health_values"} == set(arrays)
+
+
+def test_the_solid_itself_lies_beside_the_arrays(tetrahedron: ShapeModel, tmp_path: Path) -> None:
+    turn = 2 * np.pi * np.arange(24) / 24
+    rings = [np.column_stack([np.cos(turn), np.sin(turn), 0 * turn + z]) for z in range(5)]
+    solid = palpate.reconstruct(rings, method="skin")
+    sent = decode(ShapeModel, encode(dataclasses.replace(tetrahedron, archive=pack(solid))))
+    export_model(sent, tmp_path)
+
+    assert equal_trees(palpate.load(tmp_path / "model.npz"), solid)
+    with np.load(tmp_path / "model.npz", allow_pickle=False) as arrays:
+        np.testing.assert_array_equal(arrays["vertices"], tetrahedron.vertices)
+
+
+def test_a_model_without_the_solid_itself_is_not_loaded(
+    tetrahedron: ShapeModel, tmp_path: Path
+) -> None:
+    export_model(tetrahedron, tmp_path)
+
+    with pytest.raises(InputError, match="holds no solid"):
+        palpate.load(tmp_path / "model.npz")
 
 
 def test_a_model_without_a_surface_leaves_no_mesh(tetrahedron: ShapeModel, tmp_path: Path) -> None:

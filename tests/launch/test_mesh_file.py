@@ -115,6 +115,18 @@ def test_two_meshes_in_one_file_are_refused(tmp_path: Path) -> None:
         read_mesh(tmp_path / "x.glb", "mm")
 
 
+def test_a_file_with_y_up_is_turned(tmp_path: Path) -> None:
+    import trimesh
+
+    upright = trimesh.creation.box([1.0, 3.0, 2.0])
+    upright.apply_translation([0.0, 10.0, 0.0])
+    upright.export(tmp_path / "x.glb")
+
+    vertices, _ = read_mesh(tmp_path / "x.glb", "mm")
+    assert vertices.min(axis=0) == pytest.approx([-0.0005, -0.001, 0.0085])
+    assert vertices.max(axis=0) == pytest.approx([0.0005, 0.001, 0.0115])
+
+
 def test_points_without_triangles_are_refused(write: Write) -> None:
     header = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
     path = write("x.ply", header + "property float z\nend_header\n0 0 0\n")

@@ -1,0 +1,103 @@
+"""A control lattice as a file: arrays, or a grid that ParaView shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.solid import Solid
+from palpate.core.splines.lattice import Lattice
+from palpate.core.splines.volume import Volume
+
+SUFFIXES = (".npz", ".vtk")
+AXES = "stu"
+
+
+class LatticeParts(NamedTuple):
+    """What a lattice is, in arrays."""
+
+    control: Floats
+    """Deformed control points along s, t, u, (l, m, n, 3), m."""
+    undeformed: Floats
+    """The same before, m."""
+    weights: Floats
+    """(l, m, n)."""
+    knots: dict[str, Floats]
+    """By axis."""
+    degrees: dict[str, int]
+    """By axis."""
+
+
+def lattice_of(solid: Solid) -> Lattice | None:
+    """The control lattice of a solid, if its method has one."""
+    for part in (solid.lattice, solid.model):
+        lattice = getattr(part, "lattice", None)
+        if isinstance(lattice, Lattice):
+            return lattice
+    return None
+
+
+def lattice_parts(lattice: Lattice) -> LatticeParts:
+    """Its control points, before and after, with weights, knots and degrees."""
+    volume, before = lattice.volume, lattice.undeformed
+    return LatticeParts(
+        control=volume.control,
+        undeformed=before.control
+        if isinstance(before, Volume)
+        else before.greville_control(volume.bases),
+        weights=np.ones(volume.control.shape[:3]) if volume.weights is None else volume.weights,
+        knots={axis: basis.knots for axis, basis in zip(AXES, volume.bases, strict=True)},
+        degrees={axis: basis.degree for axis, basis in zip(AXES, volume.bases, strict=True)},
+    )
+
+
+def write_lattice(path: Path, lattice: Lattice) -> None:
+    """Write a lattice; the suffix is one of `SUFFIXES`."""
+    parts = lattice_parts(lattice)
+    if path.suffix.lower() == ".vtk":
+        path.write_text(_vtk(parts), encoding="ascii")
+        return
+    arrays: dict[str, NDArray[np.generic]] = {
+        "control": parts.control,
+        "undeformed": parts.undeformed,
+        "weights": parts.weights,
+    }
+    for axis in AXES:
+        arrays[f"knots_{axis}"] = parts.knots[axis]
+        arrays[f"degree_{axis}"] = np.array(parts.degrees[axis])
+    with path.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+
+
+def _vtk(parts: LatticeParts) -> str:
+    """A structured grid of the deformed points, which know their weights and where they were."""
+    l, m, n = parts.weights.shape  # noqa: E741 (the letters of the text)
+    count = l * m * n
+    lines = [
+        "# vtk DataFile Version 3.0",
+        "palpate control lattice, lengths in m",
+        "ASCII",
+        "DATASET STRUCTURED_GRID",
+        f"DIMENSIONS {l} {m} {n}",
+        f"POINTS {count} double",
+        *_rows(parts.control),
+        f"POINT_DATA {count}",
+        "SCALARS weight double 1",
+        "LOOKUP_TABLE default",
+        *(repr(float(weight)) for weight in parts.weights.ravel(order="F")),
+        "VECTORS undeformed double",
+        *_rows(parts.undeformed),
+        "VECTORS displacement double",
+        *_rows(parts.control - parts.undeformed),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _rows(points: Floats) -> list[str]:
+    """Points with the first axis fastest, as the format has it, to the last bit."""
+    flat = points.transpose(2, 1, 0, 3).reshape(-1, 3)
+    return [" ".join(map(repr, row)) for row in flat.tolist()]

@@ -1,0 +1,198 @@
+"""From a file of points to a solid, as ``palpate rebuild`` does it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.solid import Method, Solid
+from palpate.core.rebuild.surface.surface_mesh import SurfaceMesh
+from palpate.launch.lattice_export import SUFFIXES as LATTICES
+from palpate.launch.lattice_export import lattice_of, write_lattice
+from palpate.launch.located import InputError
+from palpate.launch.mesh_export import UNITS as MESHES
+from palpate.launch.mesh_export import write_mesh
+from palpate.launch.mesh_file import METRES
+from palpate.launch.one_thread import one_thread
+from palpate.launch.points_file import read_points, read_tops
+from palpate.launch.points_found import PointsFound
+from palpate.launch.solid_file import SUFFIX, save
+from palpate.launch.whole_files import Write, write_whole
+
+UNITS: Mapping[str, float] = {**METRES, "in": 0.0254}
+"""Metres in each unit that a file may have."""
+RECORDED = (".mcap", "")
+"""Endings whose unit is known."""
+HUGE, TINY = 10.0, 1e-3
+"""Sizes, m, beyond which the unit is doubted."""
+
+Say = Callable[[str], None]
+
+
+class Wanted(NamedTuple):
+    """What is asked for; lengths in the unit of the points."""
+
+    unit: str | None = None
+    """Of the points; m if None."""
+    method: Method = "lattice"
+    """See `palpate.reconstruct`."""
+    tops: Path | None = None
+    """File of points at which the ends were touched."""
+    bottom: float | None = None
+    """Height of the lower end."""
+    top: float | None = None
+    """Height of the upper end."""
+    noise: float | None = None
+    """Standard deviation of a coordinate."""
+    tolerance: float | None = None
+    """Of the mesh."""
+
+
+class Rebuilt(NamedTuple):
+    """A solid, and how it came about; in m."""
+
+    solid: Solid
+    mesh: SurfaceMesh
+    found: PointsFound
+    """What was read."""
+    unit: str
+    """As which it was read."""
+    assumed: bool
+    """Whether nobody said so."""
+    doubts: tuple[str, ...]
+    """About what was read, in sentences."""
+
+
+def rebuild(points: Path, wanted: Wanted, say: Say) -> Rebuilt:
+    """Read points and rebuild a solid from them.
+
+    Parameters
+    ----------
+    points : Path
+        See `read_points`.
+    wanted : Wanted
+        What is asked for.
+    say : callable
+        Told in some words what is being done.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or no solid can be made of it: the sentence says why.
+    """
+    # Heavy, and not needed by those who ask for help.
+    from palpate.core.rebuild.reconstruct import reconstruct
+
+    unit, assumed = _unit(points, wanted.unit)
+    say("reading the points")
+    found = read_points(points).scaled(UNITS[unit])
+    tops = _tops(found, wanted, UNITS[unit])
+    say(f"rebuilding from {len(found.contours)} contours")
+    try:
+        with one_thread():
+            solid = reconstruct(
+                found.contours,
+                found.normals,
+                found.felt,
+                tops=tops,
+                method=wanted.method,
+                noise=None if wanted.noise is None else UNITS[unit] * wanted.noise,
+            )
+            say("meshing")
+            mesh = solid.mesh(None if wanted.tolerance is None else UNITS[unit] * wanted.tolerance)
+    except ValueError as error:
+        raise InputError(f"{points}: {error}") from None
+    return Rebuilt(solid, mesh, found, unit, assumed, _doubts(mesh.vertices, unit))
+
+
+def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, method: Method) -> None:
+    """Refuse names of files that cannot be written, before anything is done.
+
+    Raises
+    ------
+    InputError
+        If an ending is unknown, a folder is not there, there will be no lattice, or the points
+        would be overwritten.
+    """
+    known = (*MESHES, SUFFIX)
+    for path in outs:
+        if path.suffix.lower() not in known:
+            raise InputError(f"-o {path}: must end in one of {', '.join(known)}")
+    if lattice is not None:
+        if lattice.suffix.lower() not in LATTICES:
+            raise InputError(f"--lattice {lattice}: must end in one of {', '.join(LATTICES)}")
+        if method not in ("lattice", "thesis"):
+            raise InputError(f"--lattice {lattice}: the method {method} has no control lattice")
+    everything = [*outs, *([] if lattice is None else [lattice])]
+    for path in everything:
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
+        if path.resolve() == points.resolve():
+            raise InputError(f"{path}: is the file that is read; write to another")
+    if len(set(everything)) < len(everything):
+        raise InputError("each file that is written must have a name of its own")
+
+
+def write_outputs(rebuilt: Rebuilt, outs: Sequence[Path], lattice: Path | None) -> None:
+    """Write all files, or none.
+
+    Raises
+    ------
+    InputError
+        If one cannot be written.
+    """
+    files: dict[Path, Write] = {}
+    mesh, solid = rebuilt.mesh, rebuilt.solid
+    for path in outs:
+        if path.suffix.lower() == SUFFIX:
+            files[path] = lambda part: save(solid, part)
+        else:
+            files[path] = lambda part: write_mesh(part, mesh.vertices, mesh.faces)
+    control = None if lattice is None else lattice_of(solid)
+    if lattice is not None:
+        if control is None:
+            raise InputError(f"--lattice {lattice}: this solid has no control lattice")
+        grid = control
+        files[lattice] = lambda part: write_lattice(part, grid)
+    write_whole(files)
+
+
+def _unit(points: Path, unit: str | None) -> tuple[str, bool]:
+    recorded = points.suffix.lower() in RECORDED
+    if recorded and unit not in (None, "m"):
+        raise InputError(f"--unit {unit}: recordings are in m")
+    return unit or "m", unit is None and not recorded
+
+
+def _tops(found: PointsFound, wanted: Wanted, metres: float) -> Floats | None:
+    """Touched ends from all sources; heights beyond the contours, each on its side."""
+    parts = [] if found.tops is None else [found.tops]
+    if wanted.tops is not None:
+        parts.append(metres * read_tops(wanted.tops))
+    levels = [float(np.nanmean(one[:, 2])) for one in found.contours if np.isfinite(one).any()]
+    if levels:
+        _check_ends(wanted, min(levels) / metres, max(levels) / metres)
+    for height in (wanted.bottom, wanted.top):
+        if height is not None:
+            parts.append(np.array([[0.0, 0.0, metres * height]]))
+    return np.concatenate(parts) if parts else None
+
+
+def _check_ends(wanted: Wanted, low: float, high: float) -> None:
+    for name, height, way in (("--bottom", wanted.bottom, -1.0), ("--top", wanted.top, 1.0)):
+        if height is not None and not (low if way < 0.0 else high) * way <= height * way:
+            raise InputError(
+                f"{name} {height:g}: must lie beyond the contours, which go from {low:.6g} "
+                f"to {high:.6g}"
+            )
+
+
+def _doubts(vertices: Floats, unit: str) -> tuple[str, ...]:
+    size = float(np.ptp(vertices, axis=0).max())
+    if TINY <= size <= HUGE:
+        return ()
+    return (f"the solid is {size:.3g} m in size when read in {unit}: is the unit right?",)

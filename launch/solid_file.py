@@ -1,0 +1,102 @@
+"""A rebuilt solid as one file that holds everything, and back, bit for bit."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core.archive import FORM, from_arrays, to_arrays
+from palpate.core.rebuild.solid import Solid
+from palpate.launch.located import InputError
+from palpate.launch.whole_files import write_whole
+
+SUFFIX = ".npz"
+MAX_BYTES = 512 << 20
+"""Largest file, packed and unpacked."""
+
+Arrays = dict[str, NDArray[np.generic]]
+
+
+def save(solid: Solid, path: str | Path) -> None:
+    """Write everything that there is to a solid.
+
+    Parameters
+    ----------
+    solid : Solid
+        What `palpate.reconstruct` returned.
+    path : str or Path
+        A name that ends in ``.npz``. It is replaced as a whole.
+
+    Raises
+    ------
+    InputError
+        If the name ends otherwise, or the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix != SUFFIX:
+        raise InputError(f"{path}: must end in {SUFFIX}, got {path.suffix or 'no suffix'!r}")
+    arrays = to_arrays(solid)
+    write_whole({path: lambda part: write_arrays(part, arrays)})
+
+
+def load(path: str | Path) -> Solid:
+    """The solid that `save` wrote, or that a run left in its ``model.npz``.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file. It may be from anybody: nothing in it is ever run.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or holds no solid, or one of another version.
+    """
+    path = Path(path)
+    arrays = read_arrays(path)
+    if FORM not in arrays:
+        raise InputError(f"{path}: holds no solid: it was not written by palpate.save")
+    try:
+        found = from_arrays(arrays)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    if not isinstance(found, Solid):
+        raise InputError(f"{path}: holds a {type(found).__name__}, not a solid")
+    return found
+
+
+def write_arrays(path: Path, arrays: Arrays) -> None:
+    """An NPZ file of arrays, the same bytes for the same arrays."""
+    with path.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+
+
+def read_arrays(path: Path) -> Arrays:
+    """All arrays of an NPZ file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is too large, or holds objects.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as parts:
+            size = sum(part.file_size for part in parts.infolist())
+        if max(size, len(data)) > MAX_BYTES:
+            raise InputError(f"{path}: unpacks to {size >> 20} MiB, more than is read")
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return {name: np.asarray(arrays[name]) for name in arrays.files}
+    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, zlib.error):
+        raise InputError(f"{path}: is no NPZ file") from None
+    except (ValueError, TypeError, SyntaxError) as error:
+        raise InputError(f"{path}: is no NPZ file of numbers: {error!s:.120}") from None
