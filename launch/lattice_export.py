@@ -3,33 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
+from palpate.core.rebuild.lattice.lattice_grid import LatticeGrid, lattice_grid
 from palpate.core.rebuild.solid import Solid
 from palpate.core.splines.lattice import Lattice
-from palpate.core.splines.volume import Volume
 
 SUFFIXES = (".npz", ".vtk")
 AXES = "stu"
-
-
-class LatticeParts(NamedTuple):
-    """What a lattice is, in arrays."""
-
-    control: Floats
-    """Deformed control points along s, t, u, (l, m, n, 3), m."""
-    undeformed: Floats
-    """The same before, m."""
-    weights: Floats
-    """(l, m, n)."""
-    knots: dict[str, Floats]
-    """By axis."""
-    degrees: dict[str, int]
-    """By axis."""
 
 
 def lattice_of(solid: Solid) -> Lattice | None:
@@ -41,23 +25,9 @@ def lattice_of(solid: Solid) -> Lattice | None:
     return None
 
 
-def lattice_parts(lattice: Lattice) -> LatticeParts:
-    """Its control points, before and after, with weights, knots and degrees."""
-    volume, before = lattice.volume, lattice.undeformed
-    return LatticeParts(
-        control=volume.control,
-        undeformed=before.control
-        if isinstance(before, Volume)
-        else before.greville_control(volume.bases),
-        weights=np.ones(volume.control.shape[:3]) if volume.weights is None else volume.weights,
-        knots={axis: basis.knots for axis, basis in zip(AXES, volume.bases, strict=True)},
-        degrees={axis: basis.degree for axis, basis in zip(AXES, volume.bases, strict=True)},
-    )
-
-
 def write_lattice(path: Path, lattice: Lattice) -> None:
     """Write a lattice; the suffix is one of `SUFFIXES`."""
-    parts = lattice_parts(lattice)
+    parts = lattice_grid(lattice)
     if path.suffix.lower() == ".vtk":
         path.write_text(_vtk(parts), encoding="ascii")
         return
@@ -66,14 +36,14 @@ def write_lattice(path: Path, lattice: Lattice) -> None:
         "undeformed": parts.undeformed,
         "weights": parts.weights,
     }
-    for axis in AXES:
-        arrays[f"knots_{axis}"] = parts.knots[axis]
-        arrays[f"degree_{axis}"] = np.array(parts.degrees[axis])
+    for axis, knots, degree in zip(AXES, parts.knots, parts.degrees, strict=True):
+        arrays[f"knots_{axis}"] = knots
+        arrays[f"degree_{axis}"] = np.array(degree)
     with path.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
 
 
-def _vtk(parts: LatticeParts) -> str:
+def _vtk(parts: LatticeGrid) -> str:
     """A structured grid of the deformed points, which know their weights and where they were."""
     l, m, n = parts.weights.shape  # noqa: E741 (the letters of the text)
     count = l * m * n

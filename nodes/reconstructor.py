@@ -136,7 +136,7 @@ def _rebuild(state: State, goal: ModelGoal | PlanDone) -> Solid:
         ]
     )
     traced = [contour.points for contour in contours]
-    return reconstruct(traced, patches=felt, tops=np.array(tops), method="skin")
+    return reconstruct(traced, patches=felt, tops=np.array(tops))
 
 
 def _highest(state: State, probe: int) -> float:

@@ -6,27 +6,26 @@ from typing import Any
 
 import numpy as np
 
+from palpate.core.archive_bytes import pack
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.lattice.prism import PrismFit, fit_prism
+from palpate.core.rebuild.lattice.lattice_grid import lattice_grid
 from palpate.core.rebuild.solid import Solid
 from palpate.core.rebuild.surface.surface_mesh import SurfaceMesh
 from palpate.messages.types import ModelGoal, PlanDone, ShapeModel
 
 FACES = 45_000
 """Of a mesh, about, if it takes as many."""
-COARSE, FINE = 4e-4, 5e-5
-"""Of the size: tolerance of the mesh that tells how many faces it takes, and the least one."""
-LATTICE_ROWS, LATTICE_COLUMNS = 97, 160
-"""Places of the side for which the control lattice is solved."""
-LEAST_SIDE = 0.02
-"""Of the side: contours that lie closer together leave the lattice all of it."""
+COARSE, FINE = 2e-4, 5e-5
+"""Of the size: tolerance of the meshes on the way, and the least one of the final mesh."""
 BANDS, BAND_TURNS = 25, 8
 """Heights at which the uncertainty is given, and turns over which it is averaged."""
+NOTHING = np.zeros(0, np.uint8)
 EMPTY: dict[str, Any] = {
     "control": np.zeros((0, 0, 0, 3)),
-    "half_extent": np.zeros(2),
-    "bottom": 0.0,
-    "top": 0.0,
+    "undeformed": np.zeros((0, 0, 0, 3)),
+    "knots_columns": np.zeros(0),
+    "knots_rows": np.zeros(0),
+    "knots_layers": np.zeros(0),
     "vertices": np.zeros((0, 3)),
     "faces": np.zeros((0, 3), np.int32),
     "uncertainty_height": np.zeros(0),
@@ -53,7 +52,8 @@ def shape_model(goal: ModelGoal | PlanDone, solid: Solid | None, why: str = "") 
         dropped = {one.which: one.why for one in solid.slices.dropped}
     elif why:
         dropped = dict.fromkeys(range(len(goal.contours)), why)
-    parts = EMPTY if solid is None else _parts(solid)
+    final = isinstance(goal, PlanDone)
+    parts = EMPTY if solid is None else _parts(solid, final)
     return ShapeModel(
         number=goal.number,
         contours=goal.contours,
@@ -63,50 +63,37 @@ def shape_model(goal: ModelGoal | PlanDone, solid: Solid | None, why: str = "") 
         **parts,
         touches=goal.touches,
         robot_time=goal.robot_time,
-        final=isinstance(goal, PlanDone),
+        final=final,
+        archive=pack(solid) if solid is not None and final else NOTHING,
     )
 
 
-def _parts(solid: Solid) -> dict[str, Any]:
+def _parts(solid: Solid, final: bool) -> dict[str, Any]:
     """Everything of a model that is the solid's."""
-    prism, mesh = _lattice(solid), _mesh(solid)
+    assert solid.lattice is not None
+    grid, mesh = lattice_grid(solid.lattice.lattice), _mesh(solid, final)
     heights, deviation = _band(solid)
-    corner, edges = prism.frame.corner, prism.frame.edges
-    fit = {
-        "lattice_rms": prism.rms,
-        "lattice_condition": prism.condition,
-        "lattice_folded": prism.folded_share(),
-    }
     return {
-        "control": prism.lattice.control,
-        "half_extent": prism.half_extent,
-        "bottom": float(corner[2]),
-        "top": float(corner[2] + edges[2, 2]),
+        "control": grid.control,
+        "undeformed": grid.undeformed,
+        "knots_columns": grid.knots[0],
+        "knots_rows": grid.knots[1],
+        "knots_layers": grid.knots[2],
         "vertices": mesh.vertices,
         "faces": mesh.faces,
         "uncertainty_height": heights,
         "uncertainty": deviation,
-        "health": {name: _stable(value) for name, value in (solid.health() | fit).items()},
+        "health": {name: _stable(value) for name, value in solid.health().items()},
     }
 
 
-def _mesh(solid: Solid) -> SurfaceMesh:
-    """About as many triangles whatever the shape: the first mesh tells how fine they may be."""
+def _mesh(solid: Solid, final: bool) -> SurfaceMesh:
+    """At the end about as many triangles whatever the shape: a first mesh tells how fine."""
     coarse = COARSE * solid.surface.size
     first = solid.mesh(coarse)
-    return solid.mesh(max(coarse * min(len(first.faces) / FACES, 1.0), FINE * solid.surface.size))
-
-
-def _lattice(solid: Solid) -> PrismFit:
-    """Control lattice that takes the shape of the side between the outermost contours."""
-    assert solid.closed is not None
-    surface, levels = solid.closed.skin.surface, solid.slices.heights
-    reach = surface.reach
-    if levels[-1] - levels[0] > LEAST_SIDE * (reach[1] - reach[0]):
-        reach = float(levels[0]), float(levels[-1])
-    heights = np.linspace(*reach, LATTICE_ROWS)
-    turns = np.arange(LATTICE_COLUMNS) / LATTICE_COLUMNS
-    return fit_prism(heights, turns, surface.at(heights[:, None], turns[None]))
+    if not final or len(first.faces) >= FACES:
+        return first
+    return solid.mesh(max(coarse * len(first.faces) / FACES, FINE * solid.surface.size))
 
 
 def _band(solid: Solid) -> tuple[Floats, Floats]:

@@ -59,6 +59,7 @@ SHARED = (
     "object_solid",
     "object_boolean",
     "sensor",
+    "shape_model",
     "effects",
     "composed",
     "recording",

@@ -108,7 +108,8 @@ def gather_loops(
     _check_size(slices, (bottom, top))
     slices = _around_areas(slices)
     matched = _matched(slices)
-    slices, matched = _mended(slices, matched)
+    if felt is None:  # else it is not the contours that the surface goes through
+        slices, matched = _mended(slices, matched)
     found = bad_contours(slices.heights, matched.grid)
     if found.bad.any():
         perhaps = perhaps_features(matched.grid, slices.star, found.bad)

@@ -15,9 +15,9 @@ from palpate.messages.quantity import (
     Floats,
     Lengths,
     Metres,
+    Numbers,
     Packed,
     PerMetre,
-    Place,
     Points,
     Pose,
     Ratio,
@@ -108,12 +108,14 @@ class ShapeModel:
     """One reason for each dropped contour."""
     control: ControlPoints
     """Control points of the lattice, (columns, rows, layers, 3), world frame."""
-    half_extent: Place
-    """Half the extent of the undeformed prism's elliptic section."""
-    bottom: Metres
-    """Height at which the lattice begins."""
-    top: Metres
-    """Height at which the lattice ends."""
+    undeformed: ControlPoints
+    """Where they were before, around an upright prism."""
+    knots_columns: Numbers
+    """Knots of the cubic splines along the columns."""
+    knots_rows: Numbers
+    """Along the rows."""
+    knots_layers: Numbers
+    """Along the layers."""
     vertices: Points
     """Vertices of the closed surface, world frame; none if nothing could be rebuilt."""
     faces: Triangles

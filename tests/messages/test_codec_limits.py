@@ -103,7 +103,7 @@ def test_a_type_may_allow_larger_bodies(example: Make) -> None:
 
     assert decode(ShapeModel, encode(model)).vertices.shape == (100_000, 3)
     object.__setattr__(model, "vertices", np.zeros((1_500_000, 3)))
-    with pytest.raises(CodecError, match=r"not a ShapeModel: 36000.* bytes, at most 33554432"):
+    with pytest.raises(CodecError, match=r"not a ShapeModel: 3600\d+ bytes, at most 33554432"):
         encode(model)
 
 

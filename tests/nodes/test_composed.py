@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from palpate.core.rebuild.felt import felt_rows
 from palpate.core.rebuild.felt import felt_skin as skin
 from palpate.messages.types import ShapeModel
 from palpate.nodes import shape_model
@@ -41,7 +42,10 @@ def coarse_skin(monkeypatch: pytest.MonkeyPatch) -> None:
     """A skin with few coefficients and a coarse mesh, which take a tenth of the time."""
     monkeypatch.setattr(skin, "ALONG", 12)
     monkeypatch.setattr(skin, "AROUND", 16)
-    monkeypatch.setattr(shape_model, "FACES", 1000)
+    monkeypatch.setattr(shape_model, "FACES", 100)
+    monkeypatch.setattr(shape_model, "COARSE", 5e-3)
+    monkeypatch.setattr(felt_rows, "ROWS", 17)
+    monkeypatch.setattr(felt_rows, "TURNS", 32)
 
 
 @pytest.mark.slow

@@ -32,7 +32,7 @@ def lattice_of(
     size, grasp
         As for `fit_lattice`.
     """
-    tolerance = MISFIT * closed.skin.uncertainty().rms
+    tolerance = MISFIT * closed.uncertainty().rms
     fit = fit_lattice(closed.skin.surface, tolerance, size=size, grasp=grasp)
     return _closed(fit, closed), fit
 
