@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import finite_array, positive
 from palpate.core.rebuild.coarse import coarse_patch, fit_coarse
 from palpate.core.rebuild.contour_solid import ContourSolid, close_contours, close_felt
-from palpate.core.rebuild.evidence import Evidence, gather
+from palpate.core.rebuild.evidence import Evidence, gather, gather_loops
 from palpate.core.rebuild.felt.contour_normals import normals_as_points
 from palpate.core.rebuild.felt.felt_points import FeltPoints, checked, stack_points
 from palpate.core.rebuild.felt.felt_rows import felt_rows
@@ -129,7 +129,7 @@ def _rebuild(
         return replace(_coarse(evidence), again=again)
     if method == "thesis":
         return replace(_thesis(evidence, faithful), again=again)
-    closed = _close(evidence)
+    evidence, closed = _close(evidence)
     surface, lattice = closed.surface, None
     if method == "lattice":
         surface, lattice = lattice_of(closed, size)
@@ -170,13 +170,19 @@ def _thesis(evidence: Evidence, faithful: bool) -> Solid:
     return Solid(surface=surface, method="thesis", evidence=evidence, model=found)
 
 
-def _close(evidence: Evidence) -> ContourSolid:
+def _close(evidence: Evidence) -> tuple[Evidence, ContourSolid]:
     """The skin and its ends: of all that was felt where that can be, else of the contours."""
+    if evidence.felt is None:
+        return evidence, _close_contours(evidence)
+    rows = felt_rows(evidence.slices, evidence.felt, evidence.bottom, evidence.top)
+    if rows is not None:
+        return evidence, close_felt(rows)
+    alone = gather_loops(evidence.given, evidence.tops, None, evidence.noise)
+    return alone._replace(felt=evidence.felt), _close_contours(alone)
+
+
+def _close_contours(evidence: Evidence) -> ContourSolid:
     slices = evidence.slices
-    if evidence.felt is not None:
-        rows = felt_rows(slices, evidence.felt, evidence.bottom, evidence.top)
-        if rows is not None:
-            return close_felt(rows)
     touched = evidence.bottom is not None and evidence.top is not None
     if len(slices.heights) < 2 and not touched:
         dropped = "; ".join(f"contour {one.which}: {one.why}" for one in slices.dropped)
