@@ -16,10 +16,11 @@ from palpate.core.rebuild.reconstruct import reconstruct
 from palpate.core.shapes.protocol import Mesh
 from palpate.launch.bench_row import Row
 from palpate.launch.one_thread import one_thread
+from palpate.launch.poisson_peer import PACKAGE, poisson_installed
 from palpate.launch.rebuild_peers import (
     Peer,
     loft,
-    missing_packages,
+    poisson_surface,
     radial_functions,
     shell_and_core,
     smoothed_loft,
@@ -57,6 +58,7 @@ Found = Mapping[str, Mapping[str, Errors]]
 """Way to object to errors, means over seeds."""
 
 LOFT, SMOOTHED = Peer("loft", loft), Peer("smoothed loft", smoothed_loft)
+POISSON = Peer("Poisson surface", poisson_surface)
 THESIS, RADIAL = Peer("thesis", shell_and_core), Peer("radial functions", radial_functions)
 CASES = (
     Case((27, 81), 0.0, (LOFT, THESIS), 0.85, 0.45, 2.0),
@@ -86,8 +88,8 @@ def _peer_rows(noisy: int) -> Iterable[Row]:
     for case in CASES:
         seeds = noisy if case.noise else 1
         yield from case_rows(case, errors_of(case, SHAPES, seeds))
-    for name in missing_packages():
-        yield Row(f"Poisson surface of {name}", "not installed", "for comparison", True)
+    if not poisson_installed():
+        yield Row(f"Poisson surface of {PACKAGE}", "not installed", "for comparison", True)
 
 
 def case_rows(case: Case, found: Found) -> Iterable[Row]:
@@ -155,7 +157,7 @@ def _meshes(
         tops = np.array([[0.0, 0.0, shape.low], [0.0, 0.0, shape.high]])
         tops += case.noise * rng.normal(size=tops.shape)
         yield TOUCHED, rebuilt(list(contours), tops)
-    for peer in case.peers:
+    for peer in (*case.peers, *((POISSON,) if poisson_installed() else ())):
         yield peer.name, peer.build(contours)
 
 

@@ -23,7 +23,7 @@ SMALLEST = 1e-4
 """Smallest extent of an object, m."""
 LARGEST = 10.0
 """Largest extent of an object, m."""
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 """Metres in each unit."""
 SUFFIXES = ("ply", "stl", "obj", "off", "glb")
 """Formats that are read."""

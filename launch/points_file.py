@@ -16,11 +16,13 @@ from palpate.launch.located import InputError
 from palpate.launch.mesh_file import read_cloud
 from palpate.launch.points_found import PointsFound, felt_of
 from palpate.launch.points_recording import read_recording
-from palpate.launch.points_table import CONTOUR, NORMAL, PLACE, TOUCH, read_table
+from palpate.launch.points_table import CONTOUR, MOST_NUMBER, NORMAL, PLACE, TOUCH, read_table
 from palpate.launch.solid_file import read_arrays
 
 NUMBERED = re.compile(r"contour_(\d+)")
 """Name of one contour's array."""
+RECORDING = "topics.mcap"
+"""Name of the recording in the folder of a run."""
 LEAST_CLOUD = 6
 """Points of a cloud: two contours of three."""
 
@@ -38,8 +40,12 @@ def read_points(path: Path) -> PointsFound:
     InputError
         If it cannot be read or holds no contours; the sentence tells the file and the line.
     """
+    if not path.exists():
+        raise InputError(f"{path}: cannot be read: No such file or directory")
     if path.is_dir():
-        path = path / "topics.mcap"
+        path = path / RECORDING
+        if not path.exists():
+            raise InputError(f"{path.parent}: is no folder of a run: it holds no {RECORDING}")
     kind = path.suffix.lower()
     if kind not in READERS:
         known = ", ".join(READERS)
@@ -153,14 +159,14 @@ def _stacked(path: Path, arrays: Mapping[str, Any]) -> PointsFound:
         raise InputError(
             f"{path}: contours are ({len(points)}, 3) points; contour must number them"
         )
-    rows = _rows_by_number(_array(path, arrays, CONTOUR, None, len(points)))
+    rows = _rows_by_number(_whole(path, arrays, CONTOUR, len(points)))
     contours = tuple(points[part] for part in rows.values())
     normals = felt = None
     if "normals" in arrays:
         stacked = _array(path, arrays, "normals", 3, len(points))
         normals = tuple(stacked[part] for part in rows.values())
     if TOUCH in arrays:
-        numbers = _array(path, arrays, TOUCH, None, len(points)).astype(np.int32)
+        numbers = _whole(path, arrays, TOUCH, len(points)).astype(np.int32)
         felt = felt_of(contours, normals, numbers[np.concatenate(list(rows.values()))])
     names = tuple(f"contour {number}" for number in rows)
     return PointsFound(contours, names, normals, felt)
@@ -184,6 +190,19 @@ def _array(
     if length is not None and len(found) != length:
         raise InputError(f"{path}: {name} must have {length} rows, as contours, got {len(found)}")
     return np.asarray(found, np.float64)
+
+
+def _whole(path: Path, arrays: Mapping[str, NDArray[Any]], name: str, length: int) -> Floats:
+    """One array of whole numbers, of a length."""
+    numbers = _array(path, arrays, name, None, length)
+    bad = ~(np.abs(numbers) <= MOST_NUMBER) | (numbers != np.round(numbers))
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(
+            f"{path}: {name} must hold whole numbers up to {MOST_NUMBER}, "
+            f"got {numbers[row]:g} in row {row}"
+        )
+    return numbers
 
 
 def _check_lengths(

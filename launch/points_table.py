@@ -18,6 +18,8 @@ PLACE, NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 CONTOUR, TOUCH = "contour", "touch"
 KNOWN = (*PLACE, CONTOUR, *NORMAL, TOUCH)
 """Columns that mean something; others are passed over."""
+MOST_NUMBER = 2**31 - 1
+"""Largest number of a contour or a touch."""
 SHOWN = 6
 """Most line numbers in a sentence."""
 
@@ -112,8 +114,13 @@ def _values(
         value = _number(cell.strip().strip('"')) if name in KNOWN else 0.0
         if value is None:
             raise InputError(f"{path}:{line}: {name} must be a number, got {cell.strip()!r:.40}")
-        if name in (CONTOUR, TOUCH) and math.isfinite(value) and value != int(value):
-            raise InputError(f"{path}:{line}: {name} must be a whole number, got {value:g}")
+        if name in (CONTOUR, TOUCH) and math.isfinite(value):
+            if value != int(value):
+                raise InputError(f"{path}:{line}: {name} must be a whole number, got {value:g}")
+            if abs(value) > MOST_NUMBER:
+                raise InputError(
+                    f"{path}:{line}: {name} must be at most {MOST_NUMBER}, got {value:g}"
+                )
         values.append(value)
     return values
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,12 +25,10 @@ from palpate.launch.points_found import PointsFound
 from palpate.launch.solid_file import SUFFIX, save
 from palpate.launch.whole_files import Write, write_whole
 
-UNITS: Mapping[str, float] = {**METRES, "in": 0.0254}
-"""Metres in each unit that a file may have."""
-RECORDED = (".mcap", "")
-"""Endings whose unit is known."""
-HUGE, TINY = 10.0, 1e-3
-"""Sizes, m, beyond which the unit is doubted."""
+RECORDED = ".mcap"
+"""Ending of a file whose unit is known; a folder is that of a run, which holds such a file."""
+NUMBER = re.compile(r"\bcontour (\d+)\b")
+"""A contour by its place among those that were read."""
 
 Say = Callable[[str], None]
 
@@ -63,8 +63,6 @@ class Rebuilt(NamedTuple):
     """As which it was read."""
     assumed: bool
     """Whether nobody said so."""
-    doubts: tuple[str, ...]
-    """About what was read, in sentences."""
 
 
 def rebuild(points: Path, wanted: Wanted, say: Say) -> Rebuilt:
@@ -87,10 +85,11 @@ def rebuild(points: Path, wanted: Wanted, say: Say) -> Rebuilt:
     # Heavy, and not needed by those who ask for help.
     from palpate.core.rebuild.reconstruct import reconstruct
 
+    _check_lengths(wanted)
     unit, assumed = _unit(points, wanted.unit)
     say("reading the points")
-    found = read_points(points).scaled(UNITS[unit])
-    tops = _tops(found, wanted, UNITS[unit])
+    found = read_points(points).scaled(METRES[unit])
+    tops = _tops(found, wanted, METRES[unit])
     say(f"rebuilding from {len(found.contours)} contours")
     try:
         with one_thread():
@@ -100,13 +99,34 @@ def rebuild(points: Path, wanted: Wanted, say: Say) -> Rebuilt:
                 found.felt,
                 tops=tops,
                 method=wanted.method,
-                noise=None if wanted.noise is None else UNITS[unit] * wanted.noise,
+                noise=None if wanted.noise is None else METRES[unit] * wanted.noise,
             )
             say("meshing")
-            mesh = solid.mesh(None if wanted.tolerance is None else UNITS[unit] * wanted.tolerance)
+            mesh = _meshed(solid, wanted.tolerance, unit)
     except ValueError as error:
-        raise InputError(f"{points}: {error}") from None
-    return Rebuilt(solid, mesh, found, unit, assumed, _doubts(mesh.vertices, unit))
+        raise InputError(f"{points}: {_named(str(error), found)}") from None
+    return Rebuilt(solid, mesh, found, unit, assumed)
+
+
+def _meshed(solid: Solid, tolerance: float | None, unit: str) -> SurfaceMesh:
+    if tolerance is None:
+        return solid.mesh()
+    try:
+        return solid.mesh(METRES[unit] * tolerance)
+    except ValueError:
+        # The surface speaks in m, and whoever asks in the unit of the points.
+        raise InputError(
+            f"--tolerance {tolerance:g}: {tolerance:g} {unit} would take more triangles than a "
+            "mesh may have; try a larger one"
+        ) from None
+
+
+def _named(text: str, found: PointsFound) -> str:
+    """A sentence with contours called as in the file, where each has a number and lines."""
+    places = found.places
+    return NUMBER.sub(
+        lambda match: places[int(match[1])] if int(match[1]) < len(places) else match[0], text
+    )
 
 
 def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, method: Method) -> None:
@@ -161,10 +181,17 @@ def write_outputs(rebuilt: Rebuilt, outs: Sequence[Path], lattice: Path | None) 
     write_whole(files)
 
 
+def _check_lengths(wanted: Wanted) -> None:
+    for name in ("bottom", "top", "noise", "tolerance"):
+        value = getattr(wanted, name)
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"--{name} {value:g}: must be a finite number")
+
+
 def _unit(points: Path, unit: str | None) -> tuple[str, bool]:
-    recorded = points.suffix.lower() in RECORDED
+    recorded = points.is_dir() or points.suffix.lower() == RECORDED
     if recorded and unit not in (None, "m"):
-        raise InputError(f"--unit {unit}: recordings are in m")
+        raise InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
     return unit or "m", unit is None and not recorded
 
 
@@ -175,11 +202,22 @@ def _tops(found: PointsFound, wanted: Wanted, metres: float) -> Floats | None:
         parts.append(metres * read_tops(wanted.tops))
     levels = [float(np.nanmean(one[:, 2])) for one in found.contours if np.isfinite(one).any()]
     if levels:
+        _check_noise(wanted, found, metres)
         _check_ends(wanted, min(levels) / metres, max(levels) / metres)
     for height in (wanted.bottom, wanted.top):
         if height is not None:
             parts.append(np.array([[0.0, 0.0, metres * height]]))
     return np.concatenate(parts) if parts else None
+
+
+def _check_noise(wanted: Wanted, found: PointsFound, metres: float) -> None:
+    points = np.concatenate(found.contours)
+    size = float((np.nanmax(points, axis=0) - np.nanmin(points, axis=0)).max()) / metres
+    if wanted.noise is not None and wanted.noise >= size:
+        raise InputError(
+            f"--noise {wanted.noise:g}: must be less than the object is large, "
+            f"{size:.3g} {wanted.unit or 'm'}"
+        )
 
 
 def _check_ends(wanted: Wanted, low: float, high: float) -> None:
@@ -189,10 +227,3 @@ def _check_ends(wanted: Wanted, low: float, high: float) -> None:
                 f"{name} {height:g}: must lie beyond the contours, which go from {low:.6g} "
                 f"to {high:.6g}"
             )
-
-
-def _doubts(vertices: Floats, unit: str) -> tuple[str, ...]:
-    size = float(np.ptp(vertices, axis=0).max())
-    if TINY <= size <= HUGE:
-        return ()
-    return (f"the solid is {size:.3g} m in size when read in {unit}: is the unit right?",)

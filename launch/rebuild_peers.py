@@ -6,7 +6,6 @@ radial basis functions; and the thesis's own shell and core.
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -17,6 +16,7 @@ from palpate.core.arrays import Floats
 from palpate.core.rebuild.surface.rings import close_rings
 from palpate.core.rebuild.thesis.rebuild import rebuild_thesis
 from palpate.core.shapes.protocol import Mesh
+from palpate.launch.poisson_peer import poisson
 
 ROWS, COLUMNS = 121, 180
 """Of the lofts' meshes."""
@@ -76,10 +76,9 @@ def shell_and_core(contours: Floats) -> Mesh:
     return rebuild_thesis(level).mesh(ROWS, COLUMNS)
 
 
-def missing_packages() -> list[str]:
-    """Those of Open3D and PyMeshLab, for Poisson surfaces, that are not installed."""
-    known = {"Open3D": "open3d", "PyMeshLab": "pymeshlab"}
-    return [name for name, module in known.items() if importlib.util.find_spec(module) is None]
+def poisson_surface(contours: Floats) -> Mesh:
+    """A Poisson surface of the points, with normals from differences between neighbours."""
+    return poisson(contours, _normals(contours))
 
 
 def _closed(rings: Floats) -> Mesh:

@@ -36,7 +36,11 @@ def save(solid: Solid, path: str | Path) -> None:
     ------
     InputError
         If the name ends otherwise, or the file cannot be written.
+    TypeError
+        If it is no solid.
     """
+    if not isinstance(solid, Solid):
+        raise TypeError(f"solid must be a Solid, as reconstruct returns it, got {solid!r:.60}")
     path = Path(path)
     if path.suffix != SUFFIX:
         raise InputError(f"{path}: must end in {SUFFIX}, got {path.suffix or 'no suffix'!r}")

@@ -28,6 +28,8 @@ def write_whole(files: Mapping[Path, Write]) -> None:
     for path in files:
         if path.is_dir():
             raise InputError(f"{path}: cannot be written: it is a folder")
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
     parts = {path: path.with_name(f".{os.getpid()}.part.{path.name}") for path in files}
     try:
         for path, write in files.items():

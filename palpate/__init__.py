@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from palpate.core.rebuild.felt.felt_points import FeltPoints as FeltPoints
     from palpate.core.rebuild.reconstruct import reconstruct as reconstruct
     from palpate.launch.explore import explore as explore
     from palpate.launch.run import Run as Run
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
+    "FeltPoints",
     "Run",
     "Scene",
     "__version__",
@@ -27,6 +29,7 @@ __all__ = [
 
 # Imported when first asked for: a node that starts must not pay for what notebooks use.
 _HOMES = {
+    "FeltPoints": "palpate.core.rebuild.felt.felt_points",
     "Run": "palpate.launch.run",
     "Scene": "palpate.launch.scene",
     "explore": "palpate.launch.explore",

@@ -17,6 +17,7 @@ from palpate.core.rebuild.skin.contour_skin import (
     noise_of,
 )
 from palpate.core.rebuild.skin.contour_surface import SidePatch
+from palpate.core.rebuild.skin.through_axis import runs_through_axis
 from palpate.core.rebuild.surface.surface import Surface, close_surface
 
 POINT = 1e-9
@@ -88,17 +89,32 @@ def close_felt(rows: FeltRows) -> ContourSolid:
 def _between_ends(
     heights: Floats, grid: Floats, ends: tuple[End, End], noise: float | None
 ) -> ContourSolid:
-    skin = fit_contour_skin(
-        heights,
-        grid,
-        low=ends[0].height,
-        high=ends[1].height,
-        pole=[end.middle if end.round else False for end in ends],
-        noise=noise,
-    )
+    skin = _skin(heights, grid, ends, noise)
+    through = [end.round and runs_through_axis(skin.surface, end.rim, end.height) for end in ends]
+    if any(through):
+        bottom, top = (
+            replace(end, apart=end.apart or one) for end, one in zip(ends, through, strict=True)
+        )
+        ends = bottom, top
+        skin = _skin(heights, grid, ends, noise)
     below, above = (None if end.round else end for end in ends)
     side = SidePatch(skin.surface)
     return ContourSolid(close_surface(side, below, above), skin, *ends)
+
+
+def _skin(
+    heights: Floats, grid: Floats, ends: tuple[End, End], noise: float | None
+) -> ContourSkin:
+    """The skin, which runs on to a point where an end is round, else ends at its last contour."""
+    low, high = (end.rim if end.apart else end.height for end in ends)
+    return fit_contour_skin(
+        heights,
+        grid,
+        low=low,
+        high=high,
+        pole=[end.middle if end.round else False for end in ends],
+        noise=noise,
+    )
 
 
 def _noise(heights: Floats, grid: Floats) -> float:

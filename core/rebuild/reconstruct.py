@@ -17,10 +17,15 @@ from palpate.core.rebuild.felt.contour_normals import normals_as_points
 from palpate.core.rebuild.felt.felt_points import FeltPoints, checked, stack_points
 from palpate.core.rebuild.felt.felt_rows import felt_rows
 from palpate.core.rebuild.lattice.lattice_solid import lattice_of
+from palpate.core.rebuild.recovery.recovery import Recovery
+from palpate.core.rebuild.slices.dropped import reasons
 from palpate.core.rebuild.solid import Method, Solid
 from palpate.core.rebuild.surface.surface import closed_surface
 from palpate.core.rebuild.thesis.rebuild import rebuild_thesis
 from palpate.core.rebuild.thesis.surface import thesis_patches
+
+LEAST, WIDEST = 4, 64
+"""Control points of a lattice: the fewest each way, and the most across."""
 
 
 def reconstruct(
@@ -33,6 +38,7 @@ def reconstruct(
     heights: ArrayLike | None = None,
     noise: float | None = None,
     size: tuple[int, int] | None = None,
+    grasp: Recovery | None = None,
     faithful: bool = False,
 ) -> Solid:
     """Rebuild a solid from what was felt of it.
@@ -61,7 +67,10 @@ def reconstruct(
         Standard deviation of a coordinate; estimated if left out.
     size : pair of int, optional
         With the method "lattice": control points across a section each way, and along the axis,
-        at least 4 each; as many as it takes if left out.
+        from 4 to 64 and from 4 to 512; as many as it takes if left out.
+    grasp : Recovery, optional
+        With the method "lattice": the superquadric that a grasp found, whose section the lattice
+        is put around; fitted to the contours if left out.
     faithful : bool
         With the method "thesis", as the program in its appendix has it, faults and all: see
         `rebuild_thesis`. The contours must then have as many points each.
@@ -85,13 +94,24 @@ def reconstruct(
         raise ValueError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
     if noise is not None:
         positive("noise", float(finite_array("noise", noise, ())), "in the unit of the contours")
-    if size is not None and method != "lattice":
-        raise ValueError(f"size must be left out with the method {method}, got {size}")
+    if method != "lattice" and not (size is None and grasp is None):
+        raise ValueError(f"size and grasp must be left out with the method {method!r}")
+    if size is not None:
+        _check_lattice(size)
     if faithful and method != "thesis":
         raise ValueError(f"faithful goes with the method 'thesis' alone, got {method!r}")
     felt = _felt(contours, normals, patches, heights)
     evidence = gather(contours, tops, felt=felt, heights=heights, noise=noise)
-    return _rebuild(evidence, method, size, faithful)
+    return Again(method, size, grasp, faithful)(evidence)
+
+
+def _check_lattice(size: tuple[int, int]) -> None:
+    whole = isinstance(size, tuple) and all(isinstance(count, int) for count in size)
+    if not (whole and len(size) == 2 and min(size) >= LEAST and size[0] <= WIDEST >= size[1] // 8):
+        raise ValueError(
+            f"size must be two whole numbers, from {LEAST} to {WIDEST} across and to {8 * WIDEST} "
+            f"along, got {size}"
+        )
 
 
 def _felt(
@@ -109,38 +129,31 @@ def _felt(
 
 @dataclass(frozen=True, slots=True)
 class Again:
-    """How a solid was rebuilt: a value, so that a solid can be kept in a file."""
+    """How a solid is rebuilt: a value, so that a solid can be kept in a file."""
 
     method: Method
     size: tuple[int, int] | None
+    grasp: Recovery | None
     faithful: bool
 
-    def __call__(self, more: Evidence) -> Solid:
-        """The solid that other evidence tells of."""
-        return _rebuild(more, self.method, self.size, self.faithful)
-
-
-def _rebuild(
-    evidence: Evidence, method: Method, size: tuple[int, int] | None, faithful: bool
-) -> Solid:
-    """The solid that evidence tells of, which knows how to be made again from more of it."""
-    again = Again(method, size, faithful)
-    if method == "coarse":
-        return replace(_coarse(evidence), again=again)
-    if method == "thesis":
-        return replace(_thesis(evidence, faithful), again=again)
-    evidence, closed = _close(evidence)
-    surface, lattice = closed.surface, None
-    if method == "lattice":
-        surface, lattice = lattice_of(closed, size)
-    return Solid(
-        surface=surface,
-        method=method,
-        evidence=evidence,
-        closed=closed,
-        lattice=lattice,
-        again=again,
-    )
+    def __call__(self, evidence: Evidence) -> Solid:
+        """The solid that evidence tells of, which can be made again from more of it."""
+        if self.method == "coarse":
+            return replace(_coarse(evidence), again=self)
+        if self.method == "thesis":
+            return replace(_thesis(evidence, self.faithful), again=self)
+        evidence, closed = _close(evidence)
+        surface, lattice = closed.surface, None
+        if self.method == "lattice":
+            surface, lattice = lattice_of(closed, self.size, self.grasp)
+        return Solid(
+            surface=surface,
+            method=self.method,
+            evidence=evidence,
+            closed=closed,
+            lattice=lattice,
+            again=self,
+        )
 
 
 def _coarse(evidence: Evidence) -> Solid:
@@ -185,8 +198,7 @@ def _close_contours(evidence: Evidence) -> ContourSolid:
     slices = evidence.slices
     touched = evidence.bottom is not None and evidence.top is not None
     if len(slices.heights) < 2 and not touched:
-        dropped = "; ".join(f"contour {one.which}: {one.why}" for one in slices.dropped)
-        why = f" ({dropped})" if dropped else ""
+        why = f" ({reasons(slices.dropped)})" if slices.dropped else ""
         raise ValueError(
             "contours must leave at least 2 to rebuild from, or 1 with tops that touched both "
             f"ends, got 1{why}"

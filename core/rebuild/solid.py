@@ -183,7 +183,9 @@ class Solid:
         the `swing`: how far it leaves the middle between contours, over how far these differ;
         more than a half is wild. `paced` is 1 where its parameter follows the way along the
         surface, for contours close together differ much. Of the ends: what nobody could know
-        (`uncovered_below`, `uncovered_above`).
+        (`uncovered_below`, `uncovered_above`), and how much of a level end lies on itself, over
+        its area (`folded_below`, `folded_above`): more than 0 where no place sees the last
+        contour whole, so that the mesh has faces on faces there, and the area is too large.
 
         Of everything that was felt, if it was given: see `FeltFit`; `felt_unused` is 1 where its
         sections cannot be told by one distance for each turn, so that the contours alone count.

@@ -6,6 +6,7 @@ from palpate.core.rebuild.contour_solid import ContourSolid
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice.lattice_fit import LatticeFit
 from palpate.core.rebuild.recovery.recovery import Recovery
+from palpate.core.rebuild.surface.patches import EndPatch
 from palpate.core.rebuild.surface.sampled_patch import SampledPatch
 from palpate.core.rebuild.surface.surface import Surface
 from palpate.core.rebuild.thesis.solid import ThesisSolid
@@ -34,7 +35,7 @@ def health_of(
         found |= _of_recovery(model)
     if isinstance(model, ThesisSolid):
         found |= _of_thesis(model)
-    return found | _of_samples(surface)
+    return found | _of_ends(surface) | _of_samples(surface)
 
 
 def _of_side(closed: ContourSolid) -> Figures:
@@ -48,6 +49,15 @@ def _of_side(closed: ContourSolid) -> Figures:
         "condition": skin.condition,
         "swing": skin.swing,
         "paced": float(closed.skin.surface.latitude.pace is not None),
+    }
+
+
+def _of_ends(surface: Surface) -> Figures:
+    """How much of the level ends lies on itself."""
+    ends = [piece for piece in surface.pieces if isinstance(piece, EndPatch)]
+    return {
+        f"folded_{name}": sum(end.folded for end in ends if end.upper == upper)
+        for name, upper in (("below", False), ("above", True))
     }
 
 

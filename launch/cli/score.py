@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-UNITS = click.Choice(["m", "cm", "mm"])
+UNITS = click.Choice(["m", "cm", "mm", "in"])
 HELP = """Measure the solid MODEL against REFERENCE.
 
-MODEL is a PLY, STL, OBJ, OFF or GLB file, or the model.npz of a run. REFERENCE is such a file, a
-CAD model's mesh say, or measured points: a CSV file, or a PLY file without faces. Against points
-the distances are one-sided, from each point to the model.
+MODEL is a PLY, STL, OBJ, OFF or GLB file, or the model.npz of a run or of palpate rebuild.
+REFERENCE is such a file, a CAD model's mesh say, or measured points: a CSV, TXT or XYZ file, or a
+PLY file without faces. Against points the distances are one-sided, from each point to the model.
 
 A file does not say its unit: it is taken for what palpate writes, mm for STL and m for all
 others, unless told otherwise. GLB files have y up, and are turned.

@@ -78,6 +78,7 @@ def test_points_that_are_not_finite_are_left_out_and_their_lines_told(tmp_path: 
         ("x,y,z\n1,2,3\n\n1,2\n", "a.csv:4: has 2 columns where 3 are named"),
         ("x,y,z\n1,two,3\n", "a.csv:2: y must be a number, got 'two'"),
         ("x,y,z,contour\n1,2,3,1.5\n", "a.csv:2: contour must be a whole number, got 1.5"),
+        ("x,y,z,touch\n1,2,3,1e20\n", "a.csv:2: touch must be at most 2147483647, got 1e+20"),
         ("x,y,z,contour\nnan,2,3,1\n", "a.csv: holds no points"),
         ("x,y,z\n1,2,3\n", "a.csv: holds 1 points; at least 6 are needed"),
     ],
@@ -97,6 +98,7 @@ def test_a_file_that_is_no_text_is_refused_with_its_line(tmp_path: Path) -> None
 
 
 def test_files_of_other_kinds_and_files_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.stl").touch()
     with pytest.raises(InputError, match=r"'.stl' is no format of points; known: .npz"):
         read_points(tmp_path / "a.stl")
     with pytest.raises(InputError, match=r"a.csv: cannot be read: No such file"):
@@ -221,3 +223,16 @@ def test_tops_are_read_from_a_table(tmp_path: Path) -> None:
     ]
     with pytest.raises(InputError, match="holds no points that are finite"):
         read_tops(write(tmp_path, "u.csv", "0 0 nan\n"))
+
+
+@pytest.mark.parametrize("wrong", [np.nan, 0.5, 1e20])
+@pytest.mark.parametrize("name", ["contour", "touch"])
+def test_numbers_of_contours_and_touches_must_be_whole(
+    tmp_path: Path, name: str, wrong: float
+) -> None:
+    numbers = np.repeat([0.0, 1.0], 24)
+    arrays: dict[str, Any] = {"contour": numbers, "touch": numbers}
+    arrays[name] = np.where(np.arange(48) == 7, wrong, numbers)
+    np.savez(tmp_path / "a.npz", contours=np.concatenate([ring(0.0), ring(1.0)]), **arrays)
+    with pytest.raises(InputError, match=f"{name} must hold whole numbers up to .* in row 7"):
+        read_points(tmp_path / "a.npz")

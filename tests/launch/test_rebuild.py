@@ -10,6 +10,7 @@ import trimesh
 
 import palpate
 from palpate.core.archive import equal_trees
+from palpate.core.measure.self_intersection import SelfIntersection
 from palpate.launch.cli import main as cli
 from palpate.launch.located import InputError
 from palpate.launch.score_files import read_shape
@@ -77,10 +78,10 @@ def test_what_was_read_left_out_and_doubted_is_told(table: Path, capsys: Output)
     table.write_text("\n".join(lines))
     assert run(table, "--unit", "mm") == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "11 contours, 301 points, in mm" in said
+    assert "11 contours, 301 points, unit mm" in said
     assert "left out 1 point not finite, line 6" in said
     assert "dropped contour 77 (lines 302 to 303): too few points" in said
-    assert "watertight yes, genus 0" in said
+    assert "watertight yes, holes through it 0" in said
     assert "root mean square" in said
 
 
@@ -94,7 +95,7 @@ def test_ends_that_nobody_touched_are_doubted_and_touched_ones_not(
     np.savez(home / "tin.npz", **parts)
     assert run("tin.npz") == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "in m (assumed; --unit says otherwise)" in said
+    assert "unit m (assumed; if not, give --unit)" in said
     assert "--bottom or --tops says where" in said
     assert "--top or --tops says where" in said
     (home / "tops.csv").write_text("0 0 0\n0 0 1\n")
@@ -170,7 +171,11 @@ def test_the_control_lattice_is_written(table: Path, home: Path, suffix: str) ->
         (["--noise", "-1"], "--noise"),
         (["--unit", "ft"], "--unit"),
         (["--tops", "no.csv"], "no.csv: cannot be read"),
-        (["--tolerance", "1e-9"], "tolerance"),
+        (["--tolerance", "1e-9", "--unit", "mm"], "--tolerance 1e-09: 1e-09 mm would take more"),
+        (["--tolerance", "nan"], "--tolerance nan: must be a finite number"),
+        (["--noise", "inf"], "--noise inf: must be a finite number"),
+        (["--noise", "1e6", "--unit", "cm"], "--noise 1e+06: must be less than the object is"),
+        (["--top", "inf"], "--top inf: must be a finite number"),
     ],
 )
 def test_bad_input_is_one_sentence_and_nothing_is_written(
@@ -205,6 +210,65 @@ def test_a_recording_that_is_none_is_refused(home: Path, capsys: Output) -> None
     sentence(capsys)
     assert run("a.mcap", "--unit", "mm") == cli.BAD_INPUT
     assert "recordings are in m" in sentence(capsys)
+    assert run("missing", "--unit", "mm") == cli.BAD_INPUT
+    assert "missing: cannot be read: No such file" in sentence(capsys)
+    (home / "empty").mkdir()
+    assert run("empty") == cli.BAD_INPUT
+    assert "empty: is no folder of a run: it holds no topics.mcap" in sentence(capsys)
+
+
+def test_an_end_far_beyond_the_contours_is_a_guess(table: Path, capsys: Output) -> None:
+    assert run(table, "--unit", "mm", "--top", 100, "--bottom", -50) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "the top lies 55 mm above the highest contour, where contours are at most 10 mm" in said
+    assert "the bottom lies" not in said
+
+
+def test_a_touched_end_that_the_method_does_not_reach_is_told(table: Path, capsys: Output) -> None:
+    assert run(table, "--unit", "mm", "--top", 50, "--bottom", -50, "--method", "thesis") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "the top was touched at z = 50 mm, and the solid ends at 4" in said
+    assert "the bottom was touched at z = -50 mm, and the solid ends at -4" in said
+
+
+def test_doubts_of_the_superquadric_are_told(table: Path, capsys: Output) -> None:
+    lines = [line for line in table.read_text().splitlines() if not line.endswith(tuple("56789"))]
+    table.write_text("\n".join(lines))
+    assert run(table, "--unit", "mm", "--method", "coarse") == 0
+    assert "the superquadric's fit is" in capsys.readouterr().out
+
+
+def test_contours_that_are_odd_but_used_are_named(home: Path, capsys: Output) -> None:
+    star = 1.0 + 0.9 * np.cos(5 * TURN)
+    lines = ["x,y,z,contour"]
+    for number, z in enumerate(np.linspace(0.0, 1.0, 4)):
+        wide = 1.0 if number != 2 else star
+        ring = np.column_stack([wide * np.cos(TURN) + 0.8 * (number == 2), wide * np.sin(TURN)])
+        lines += [f"{x:.6f},{y:.6f},{z:.6f},{number + 17}" for x, y in ring]
+    (home / "odd.csv").write_text("\n".join(lines))
+    assert run("odd.csv") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "doubtful contour 19 (lines 62 to 91)" in said
+
+
+def test_crossings_of_the_surface_are_told(
+    table: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    two = SelfIntersection(np.zeros((2, 2), np.int32), np.zeros((2, 3)))
+    monkeypatch.setattr("palpate.launch.rebuild_text.self_intersection", lambda *_: two)
+    assert run(table, "--unit", "mm") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "holes through it 0, crossings with itself 2" in said
+    assert "the surface passes through itself: 2 pairs of triangles cross" in said
+
+
+def test_contours_that_cannot_be_used_are_called_as_in_the_file(home: Path, capsys: Output) -> None:
+    rows = [f"{i},0,{k},{k + 17}" for k in range(9) for i in range(2)]
+    (home / "few.csv").write_text("\n".join(["x,y,z,contour", *rows]))
+    assert run("few.csv") == cli.BAD_INPUT
+    said = sentence(capsys)
+    assert "contour 17 (lines 2 to 3): too few points; contour 18" in said
+    assert said.endswith("; and 3 more\n")
 
 
 def test_a_solid_is_saved_and_loaded_whole(table: Path, home: Path, capsys: Output) -> None:
@@ -217,6 +281,11 @@ def test_a_solid_is_saved_and_loaded_whole(table: Path, home: Path, capsys: Outp
         save(solid, "a.ply")
     with pytest.raises(InputError, match="cannot be written"):
         save(solid, "nowhere/a.npz")
+    (home / "file").touch()
+    with pytest.raises(InputError, match="there is no folder file"):
+        save(solid, "file/a.npz")
+    with pytest.raises(TypeError, match="solid must be a Solid, as reconstruct returns it, got 3"):
+        save(3, "a.npz")  # type: ignore[arg-type]
 
 
 def test_what_holds_no_solid_is_not_loaded(home: Path) -> None:

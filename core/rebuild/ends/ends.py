@@ -48,11 +48,14 @@ class End:
     starlike: bool
     """Whether the last contour is seen whole from its middle; where it is not, an end that is
     drawn from the rim to the middle folds over itself."""
+    apart: bool = False
+    """Whether it is a piece of its own though it closes in a point, for the side would have run
+    through its own axis on the way there."""
 
     @property
     def round(self) -> bool:
         """Whether the side itself should run on to a point at `height` and `middle`."""
-        return self.kind in ("conic", "pole")
+        return self.kind in ("conic", "pole") and not self.apart
 
     def shares(self, heights: Floats) -> Floats:
         """Radius (n,) at heights between rim and end, as a share of the last contour's."""

@@ -72,15 +72,18 @@ def stack_points(parts: list[FeltPoints]) -> FeltPoints:
     )
 
 
-def checked(felt: FeltPoints) -> FeltPoints:
+def checked(felt: object) -> FeltPoints:
     """The same, once it is known that it can be used.
 
     Raises
     ------
     ValueError
-        If shapes do not fit, a number is not finite, a normal has no length, or a touch is
-        negative or no whole number.
+        If it is nothing of the kind, shapes do not fit, a number is not finite, a normal has no
+        length, or a touch is negative or no whole number.
     """
+    if not isinstance(felt, FeltPoints):
+        kind = type(felt).__name__
+        raise ValueError(f"patches must be FeltPoints(points, normals, touch), got {kind}")
     points = finite_array("patches.points", felt.points, (None, 3))
     touch = finite_array("patches.touch", felt.touch, (len(points),))
     if len(touch) and not (touch.min() >= 0.0 and (touch == np.round(touch)).all()):

@@ -34,6 +34,9 @@ SLIGHT = 0.05
 """Of the size: swings below half of that are noise."""
 STILL = 1e-9
 """Slope around, over the size, of a contour that is a point."""
+LEAST_PACED, FAR_BETTER = 8, 0.72
+"""Rows from which on the way along the surface is tried as the parameter without need, and how
+much better it must foretell rows."""
 
 
 class ContourFit(NamedTuple):
@@ -121,13 +124,26 @@ def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) ->
     fit = _careful(rows, latitudes, noise)
     swing = fit.swing()
     if swing <= SWINGS:
-        return fit
+        return _far_better_paced(rows, latitudes, noise, fit)
     attempts = [
         _careful(rows, [paced_latitude(rows, latitude, power) for latitude in latitudes], noise)
         for power in POWERS
     ]
     paced = min(attempts, key=ContourFit.swing)
     return paced if paced.swing() < CALMER * swing else fit
+
+
+def _far_better_paced(
+    rows: ContourRows, latitudes: list[Latitude], noise: float | None, fit: ContourFit
+) -> ContourFit:
+    """A fit that follows the way along the surface, as steps ask for, if it foretells far better.
+
+    Where it is but somewhat better, it is as often worse between the rows.
+    """
+    if len(rows.heights) < LEAST_PACED:
+        return fit
+    paced = _careful(rows, [paced_latitude(rows, one, 1.0) for one in latitudes], noise)
+    return paced if _foresight(paced) < FAR_BETTER * _foresight(fit) else fit
 
 
 def paced_latitude(rows: ContourRows, latitude: Latitude, power: float) -> Latitude:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
+
+SHOWN = 6
+"""Most contours that a sentence names."""
 
 Reason = Literal[
     "too few points",
@@ -33,3 +37,9 @@ class Dropped(NamedTuple):
     """It is unlike them in its size alone, and whole: it may as well have felt what no other
     contour did, a neck or a groove, and nothing tells. It is left out, for a wrong contour
     costs more than a groove that is missed."""
+
+
+def reasons(dropped: Sequence[Dropped]) -> str:
+    """Which contours are not used, and why, as one sentence of bearable length."""
+    told = "; ".join(f"contour {one.which}: {one.why}" for one in dropped[:SHOWN])
+    return told + (f"; and {len(dropped) - SHOWN} more" if len(dropped) > SHOWN else "")

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.plane.area_centroid import area_centroids
-from palpate.core.rebuild.slices.dropped import Dropped, Reason
+from palpate.core.rebuild.slices.dropped import Dropped, Reason, reasons
 from palpate.core.rebuild.slices.loops import Loop, loops_of
 from palpate.core.rebuild.slices.same_height import rivalry
 from palpate.core.splines.closed_curve import ClosedCurve
@@ -147,7 +147,7 @@ def stack_loops(given: Sequence[Loop | Dropped]) -> Slices:
     dropped = [one for one in given if isinstance(one, Dropped)]
     loops = [one for one in given if isinstance(one, Loop)]
     if not loops:
-        found = "; ".join(f"contour {one.which}: {one.why}" for one in dropped) or "none"
+        found = reasons(dropped) or "none"
         raise ValueError(f"contours must hold at least one of 3 points around an area, got {found}")
     # Ties are decided by what the contours are like, for the order in which they came must not.
     loops, rivals = _one_at_each_height(sorted(loops, key=_rank))

@@ -9,6 +9,7 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.measure.solidity import solidity
 from palpate.core.rebuild.reconstruct import reconstruct
+from palpate.core.rebuild.recovery.recovery import Recovery
 from palpate.core.rebuild.solid import Method
 
 TURN = 2 * np.pi * np.arange(48) / 48
@@ -92,3 +93,27 @@ def test_what_a_method_cannot_do_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=re.escape(sentence)):
         reconstruct(contours, **options)
+
+
+@pytest.mark.parametrize("size", [(6,), (3, 12), (500, 500), (8, 8.0), "ab", (16, 600)])
+def test_a_lattice_of_no_size_or_of_too_much_is_refused(size: Any) -> None:
+    with pytest.raises(ValueError, match="size must be two whole numbers, from 4 to 64 across"):
+        reconstruct(EGG, size=size)
+
+
+def test_the_lattice_is_put_around_the_section_that_a_grasp_found() -> None:
+    found = reconstruct(EGG, method="coarse").model
+    assert isinstance(found, Recovery)
+
+    fitted, grasped = reconstruct(EGG), reconstruct(EGG, grasp=found)
+
+    assert fitted.lattice is not None and grasped.lattice is not None
+    assert grasped.lattice.section.half_extent == pytest.approx(found.size[:2], rel=0.02)
+    assert grasped.measures().moments.volume == pytest.approx(VOLUME, rel=1e-3)
+    with pytest.raises(ValueError, match="size and grasp must be left out"):
+        reconstruct(EGG, method="skin", grasp=found)
+
+
+def test_what_is_no_patches_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"patches must be FeltPoints\(.*\), got int"):
+        reconstruct(EGG, patches=3)  # type: ignore[arg-type]
