@@ -102,9 +102,7 @@ def _between_ends(
     return ContourSolid(close_surface(side, below, above), skin, *ends)
 
 
-def _skin(
-    heights: Floats, grid: Floats, ends: tuple[End, End], noise: float | None
-) -> ContourSkin:
+def _skin(heights: Floats, grid: Floats, ends: tuple[End, End], noise: float | None) -> ContourSkin:
     """The skin, which runs on to a point where an end is round, else ends at its last contour."""
     low, high = (end.rim if end.apart else end.height for end in ends)
     return fit_contour_skin(

@@ -186,6 +186,8 @@ class Solid:
         (`uncovered_below`, `uncovered_above`), and how much of a level end lies on itself, over
         its area (`folded_below`, `folded_above`): more than 0 where no place sees the last
         contour whole, so that the mesh has faces on faces there, and the area is too large.
+        `apart_below` and `apart_above` are 1 where the touched point lies so far out that the
+        side would have run through its own axis: the end is a piece of its own there.
 
         Of everything that was felt, if it was given: see `FeltFit`; `felt_unused` is 1 where its
         sections cannot be told by one distance for each turn, so that the contours alone count.

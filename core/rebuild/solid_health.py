@@ -43,6 +43,8 @@ def _of_side(closed: ContourSolid) -> Figures:
     return {
         "uncovered_below": closed.bottom.uncovered,
         "uncovered_above": closed.top.uncovered,
+        "apart_below": float(closed.bottom.apart),
+        "apart_above": float(closed.top.apart),
         "outlying_points": float(skin.outlying),
         "sigma": skin.sigma,
         "degrees_of_freedom": skin.freedom,

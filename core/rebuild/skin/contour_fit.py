@@ -133,6 +133,20 @@ def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) ->
     return paced if paced.swing() < CALMER * swing else fit
 
 
+def fit_heights_or_round(rows: ContourRows, low: float, high: float) -> ContourFit:
+    """Fit rows in the height or in the latitude, without regard to poles, steps and shared noise.
+
+    Parameters
+    ----------
+    rows : ContourRows
+        The rows.
+    low, high : float
+        Heights of the ends, m.
+    """
+    both = [Latitude(low, high, ends) for ends in ((False, False), (True, True))]
+    return _best(rows, both if len(rows.heights) >= LEAST_ROWS else both[:1], None, 1.0)
+
+
 def _far_better_paced(
     rows: ContourRows, latitudes: list[Latitude], noise: float | None, fit: ContourFit
 ) -> ContourFit:

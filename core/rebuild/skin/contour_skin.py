@@ -16,7 +16,12 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, finite_array
 from palpate.core.rebuild.skin.between_contours import BetweenContours, between_contours
-from palpate.core.rebuild.skin.contour_fit import ContourFit, fit_latitude, fit_rows
+from palpate.core.rebuild.skin.contour_fit import (
+    ContourFit,
+    fit_heights_or_round,
+    fit_latitude,
+    fit_rows,
+)
 from palpate.core.rebuild.skin.contour_rows import ContourRows, Pole, contour_rows
 from palpate.core.rebuild.skin.contour_surface import ContourSurface
 from palpate.core.rebuild.skin.outlying_points import set_aside
@@ -221,7 +226,7 @@ def noise_of(heights: Floats, grid: Floats) -> float:
     """Standard deviation across contours (M, K, 2), m, by a fit between the outer two."""
     low, high = float(heights.min()), float(heights.max())
     rows = contour_rows(heights, grid, low, high, (False, False))
-    fit = fit_rows(rows, low, high, None)
+    fit = fit_heights_or_round(rows, low, high)
     return rows.size * _sigma(rows, fit, fit.smoothed.spare)
 
 

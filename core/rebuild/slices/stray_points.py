@@ -74,15 +74,18 @@ def stray_points(loops: tuple[Loop, ...], places: Floats) -> Strays:
     all_ = _in_a_row(loops)
     steps = np.array([1.0 / len(loop.points) for loop in loops])
     sizes = np.array([loop.perimeter for loop in loops])
+    least = LEAST * sizes[all_.owner]
+    if not known.any() and _smooth(points, least, all_):
+        untouched = tuple(loop.points for loop in loops)
+        return Strays(tuple(np.zeros(len(one), np.bool_) for one in untouched), untouched)
     shared = shared_course(np.stack([loop.fine for loop in loops]), places, steps, sizes)
     there = shared.at(all_.owner, all_.turns)
-    least = LEAST * sizes[all_.owner]
     mended = np.concatenate([loop.points for loop in loops])
     stray = np.concatenate([loop.stray for loop in loops])
     for number in range(ROUNDS):
         course = off_course(mended[all_.near], _turns_beside(all_))
         off = course.off - there.off
-        over = _over(off, _allowed(off, there, least, all_))
+        over = _over(off, _allowed(off, there.most, least, all_))
         new = (over > 1.0) & (over >= over[all_.near].max(axis=1))
         new = (known & ~stray) if number == 0 and (known & ~stray).any() else new & ~stray
         if not new.any():
@@ -98,6 +101,12 @@ def stray_points(loops: tuple[Loop, ...], places: Floats) -> Strays:
         mended[stray] = course.foretold(there.bend)[stray]
     ends = np.cumsum([len(loop.points) for loop in loops])[:-1]
     return Strays(tuple(np.split(stray, ends)), tuple(np.split(mended, ends)))
+
+
+def _smooth(points: Floats, least: Floats, all_: _Points) -> bool:
+    """Whether no point sticks out of its own contour, whatever those beside it do."""
+    off = off_course(points[all_.near], _turns_beside(all_)).off
+    return not (_over(off, _allowed(off, np.zeros(len(off)), least, all_)) > 1.0).any()
 
 
 def _in_a_row(loops: tuple[Loop, ...]) -> _Points:
@@ -124,7 +133,7 @@ def _turns_beside(all_: _Points) -> Floats:
     return np.where(all_.judged[:, None], ahead, np.arange(-BESIDE, BESIDE + 1))
 
 
-def _allowed(off: Floats, there: Around, least: Floats, all_: _Points) -> Floats:
+def _allowed(off: Floats, shared: Floats, least: Floats, all_: _Points) -> Floats:
     """How far good points may be off, along and across, (N, 2), by how far they are, (N, 2)."""
     size = np.abs(off)
     ends = np.flatnonzero(np.diff(all_.owner)) + 1
@@ -132,7 +141,7 @@ def _allowed(off: Floats, there: Around, least: Floats, all_: _Points) -> Floats
     scale = medians[all_.owner]
     if all_.judged.any():
         scale = np.maximum(scale, np.median(size[all_.judged], axis=0))
-    allowed: Floats = CLEARLY / MEDIAN * scale + (SHARED * there.most + least)[:, None]
+    allowed: Floats = CLEARLY / MEDIAN * scale + (SHARED * shared + least)[:, None]
     return np.where(all_.judged[:, None], allowed, np.inf)
 
 
@@ -147,7 +156,7 @@ def _still_off(
 ) -> Bools:
     """Those that stray which do so as well once their neighbours have been mended."""
     beside, ahead = mended[all_.near], _turns_beside(all_)
-    allowed = _allowed(off_course(beside, ahead).off - there.off, there, least, all_)
+    allowed = _allowed(off_course(beside, ahead).off - there.off, there.most, least, all_)
     allowed[:, 0] += SLACK * all_.slack
     beside[:, BESIDE] = points
     return stray & (_over(off_course(beside, ahead).off - there.off, allowed) > 1.0)
