@@ -35,6 +35,17 @@ class ContourSolid:
     felt: FeltFit | None = None
     """How everything that was felt was fitted, where that took the place of the contours."""
 
+    def deviation(self, heights: Floats, turns: Floats) -> Floats:
+        """Standard deviation of the side along its normal, m, on a grid (a, b).
+
+        See `ContourSkin.deviation`; of what was felt, at each height the mean around.
+        """
+        if self.felt is None:
+            return self.skin.deviation(heights, turns)
+        levels = np.interp(heights, self.felt.band_heights, self.felt.band)
+        deviation: Floats = np.repeat(levels[:, None], len(turns), axis=1)
+        return deviation
+
     def uncertainty(self) -> Uncertainty:
         """What the error of the side stays below, and what is narrower than could be seen."""
         return self.skin.uncertainty() if self.felt is None else self.felt.uncertainty()

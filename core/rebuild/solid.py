@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.core.arrays import Floats, finite_array
 from palpate.core.measure.self_intersection import self_intersection
 from palpate.core.measure.solidity import solidity
 from palpate.core.rebuild.contour_solid import ContourSolid
@@ -139,6 +140,28 @@ class Solid:
             self.surface, self.lattice, self.closed, points, sigma=sigma, weights=weights
         )
         return replace(self, surface=surface, lattice=lattice)
+
+    def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats | None:
+        """Standard deviation of the side along its normal, on a grid (a, b).
+
+        None with the methods "thesis" and "coarse", which do not say. Ends are not in it: of
+        them `uncovered` tells what nobody could know.
+
+        Parameters
+        ----------
+        heights, turns : (a,), (b,) arrays
+            A whole turn is 1.
+
+        Raises
+        ------
+        ValueError
+            If a number is not finite.
+        """
+        if self.closed is None:
+            return None
+        return self.closed.deviation(
+            finite_array("heights", heights, (None,)), finite_array("turns", turns, (None,))
+        )
 
     def uncertainty(self) -> Uncertainty | None:
         """What the error of the side stays below, and what is narrower than could be seen.

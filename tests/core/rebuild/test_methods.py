@@ -8,6 +8,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.measure.solidity import solidity
+from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.reconstruct import reconstruct
 from palpate.core.rebuild.recovery.recovery import Recovery
 from palpate.core.rebuild.solid import Method
@@ -117,3 +118,18 @@ def test_the_lattice_is_put_around_the_section_that_a_grasp_found() -> None:
 def test_what_is_no_patches_is_refused() -> None:
     with pytest.raises(ValueError, match=r"patches must be FeltPoints\(.*\), got int"):
         reconstruct(EGG, patches=3)  # type: ignore[arg-type]
+
+
+def test_the_side_says_its_deviation_place_by_place() -> None:
+    heights, turns = np.linspace(-20.0, 20.0, 5), np.arange(4) / 4
+
+    traced, coarse = reconstruct(EGG), reconstruct(EGG, method="coarse")
+    rng = np.random.default_rng(0)
+    points = np.concatenate(EGG) + 0.05 * rng.normal(size=(sum(map(len, EGG)), 3))
+    numbers = np.repeat(np.arange(len(EGG), dtype=np.int32), [len(ring) for ring in EGG])
+    felt = reconstruct(EGG, patches=FeltPoints(points, None, numbers))
+
+    for solid in (traced, felt):
+        said = solid.deviation(heights, turns)
+        assert said is not None and said.shape == (5, 4) and (said >= 0.0).all()
+    assert coarse.deviation(heights, turns) is None
