@@ -106,6 +106,7 @@ def test_the_top_module_offers_its_names_and_no_others() -> None:
     assert palpate.load_scene("sphere").name == "sphere"
     assert callable(palpate.explore)
     assert set(dir(palpate)) == {
+        "FeltPoints",
         "Run",
         "Scene",
         "__version__",

@@ -17,6 +17,7 @@ from palpate.core.rebuild.slices.bad_contours import bad_contours
 from palpate.core.rebuild.slices.dropped import Dropped
 from palpate.core.rebuild.slices.loops import Loop, curve_again, loops_of
 from palpate.core.rebuild.slices.slices import Slices, restack, stack_loops
+from palpate.core.rebuild.slices.star_shaped import are_nearly_star_shaped
 from palpate.core.rebuild.slices.stray_points import stray_points
 from palpate.core.rebuild.slices.suspects import Suspect, perhaps_features, suspicious
 
@@ -63,6 +64,7 @@ class Evidence(NamedTuple):
     def health(self) -> dict[str, float]:
         """Figures of what the contours are like, by name: see `Solid.health`."""
         slices = self.slices
+        away = slices.fine - slices.middles[:, None]
         return {
             "contours": float(len(slices.heights)),
             "dropped": float(len(slices.dropped)),
@@ -70,7 +72,7 @@ class Evidence(NamedTuple):
             "suspicious": float(len(self.suspects)),
             "outlying_points": float(self.strays),
             "tilted": float(slices.tilted.sum()),
-            "not_starlike": float((~slices.star).sum()),
+            "not_starlike": float((~are_nearly_star_shaped(away)).sum()),
             "self_intersecting": float(slices.self_intersecting.sum()),
         }
 

@@ -206,7 +206,8 @@ class Solid:
         the `swing`: how far it leaves the middle between contours, over how far these differ;
         more than a half is wild. `paced` is 1 where its parameter follows the way along the
         surface, for contours close together differ much. Of the ends: what nobody could know
-        (`uncovered_below`, `uncovered_above`), and how much of a level end lies on itself, over
+        (`uncovered_below`, `uncovered_above`), how high they are beyond the contours or what was
+        felt (`unseen_below`, `unseen_above`), and how much of a level end lies on itself, over
         its area (`folded_below`, `folded_above`): more than 0 where no place sees the last
         contour whole, so that the mesh has faces on faces there, and the area is too large.
         `apart_below` and `apart_above` are 1 where the touched point lies so far out that the

@@ -43,6 +43,8 @@ def _of_side(closed: ContourSolid) -> Figures:
     return {
         "uncovered_below": closed.bottom.uncovered,
         "uncovered_above": closed.top.uncovered,
+        "unseen_below": closed.bottom.unseen,
+        "unseen_above": closed.top.unseen,
         "apart_below": float(closed.bottom.apart),
         "apart_above": float(closed.top.apart),
         "outlying_points": float(skin.outlying),
@@ -89,6 +91,7 @@ def _of_lattice(lattice: LatticeFit) -> Figures:
             "refined_beyond": float(refined.beyond),
             "refined_before": refined.before,
             "refined_after": refined.after,
+            "refined_moved": refined.moved,
             "lattice_folded": refined.folded,
         }
     return found

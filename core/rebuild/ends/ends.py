@@ -13,13 +13,12 @@ from palpate.core.rebuild.ends.end_choice import choose_profile
 from palpate.core.rebuild.ends.end_profiles import Flat, Profile, conic, superellipse
 from palpate.core.rebuild.ends.free_pole import free_pole
 from palpate.core.rebuild.ends.free_shoulder import free_shoulder
+from palpate.core.rebuild.slices.star_shaped import are_nearly_star_shaped
 
 Kind = Literal["flat", "conic", "superellipse", "flared", "pole", "fan"]
 
 LEAN_CONTOURS = 3
 """Contours whose middles say which way the axis leans."""
-BACK = 0.1
-"""Angle by which a contour may go back around its middle, rad: noise does."""
 LEAST_GAP = 1e-6
 """Of the contours' range: an end that lies nearer to the last contour lies on it."""
 
@@ -51,6 +50,11 @@ class End:
     apart: bool = False
     """Whether it is a piece of its own though it closes in a point, for the side would have run
     through its own axis on the way there."""
+
+    @property
+    def unseen(self) -> float:
+        """How high it is: no contour has seen it."""
+        return abs(self.height - self.rim)
 
     @property
     def round(self) -> bool:
@@ -109,7 +113,8 @@ def close_ends(
     if not (radii > 0.0).all():
         raise ValueError(f"contours must have a width, got radius 0 in {int((radii <= 0).sum())}")
     scatter = noise / np.sqrt(grid.shape[1])
-    whole = [_starlike(grid[row] - middles[row]) for row in (0, -1)]
+    last = [0, -1]
+    whole = are_nearly_star_shaped(grid[last] - middles[last, None]).tolist()
     up = _Stack(heights, radii, middles, scatter, 1.0, whole[1])
     down = _Stack(-heights[::-1], radii[::-1], middles[::-1], scatter, -1.0, whole[0])
     return _end("bottom", down, bottom, dense), _end("top", up, top, dense)
@@ -141,19 +146,13 @@ class _Stack:
         """Middle at an outward coordinate, on the line through the last middles."""
         last, middles = self.depths[-LEAN_CONTOURS:], self.middles[-LEAN_CONTOURS:]
         beyond = last - last[-1]
+        # Far beyond the contours nobody knows whether it leans on.
+        ahead = min(depth - self.depths[-1], self.depths[-1] - self.depths[0])
         away = beyond - beyond.mean()
         square = float(away @ away)
         lean = away @ (middles - middles.mean(axis=0)) / square if square else np.zeros(2)
-        axis: Floats = self.middles[-1] + (depth - self.depths[-1]) * lean
+        axis: Floats = self.middles[-1] + ahead * lean
         return axis
-
-
-def _starlike(ring: Floats) -> bool:
-    """Whether a ring (k, 2) goes once around the origin and hardly ever back."""
-    around = np.concatenate([ring, ring, ring[:1]])
-    turned = np.unwrap(np.arctan2(around[:, 1], around[:, 0]))
-    back = float((np.maximum.accumulate(turned) - turned).max())
-    return bool(turned[-1] - turned[0] > 3.0 * np.pi and back <= BACK)
 
 
 def _end(name: str, stack: _Stack, touched: float | None, dense: bool) -> End:

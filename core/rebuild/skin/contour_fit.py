@@ -154,7 +154,7 @@ def _far_better_paced(
 
     Where it is but somewhat better, it is as often worse between the rows.
     """
-    if len(rows.heights) < LEAST_PACED:
+    if len(rows.heights) < LEAST_PACED or noise == 0.0:  # rows of a surface are close enough
         return fit
     paced = _careful(rows, [paced_latitude(rows, one, 1.0) for one in latitudes], noise)
     return paced if _foresight(paced) < FAR_BETTER * _foresight(fit) else fit

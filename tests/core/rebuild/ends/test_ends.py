@@ -254,3 +254,16 @@ def test_contours_that_have_no_ends_are_refused(change: dict[str, object], words
 
     with pytest.raises(ValueError, match=words):
         close_ends(**given)  # type: ignore[arg-type]
+
+
+def test_far_beyond_the_contours_the_axis_leans_no_further() -> None:
+    heights = np.linspace(0.0, 1.0, 9)
+    turn = 2 * np.pi * np.arange(48) / 48
+    ring = 0.3 * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    grid = ring + 0.5 * heights[:, None, None] * np.array([1.0, 0.0])
+
+    near, far = (close_ends(heights, grid, bottom=-0.1, top=top)[1] for top in (1.2, 10.0))
+
+    assert near.middle == pytest.approx([0.6, 0.0], abs=1e-9)
+    assert far.middle == pytest.approx([1.0, 0.0], abs=1e-9)
+    assert (near.unseen, far.unseen) == pytest.approx((0.2, 9.0))
