@@ -29,6 +29,9 @@ PASSES = 3
 """Of looking for points that are wrong: contours are judged by those beside them."""
 NO_AREA = 1e-6
 """Of the square of its perimeter: a contour that meets itself around less has no inside."""
+MANY = 12
+"""Contours from which on one that differs from its neighbours in size alone is left out: a wrong
+one costs more then than a groove that is missed. Of fewer, far apart, each says more."""
 LEAST_SIZE, MOST_SIZE = 1e-50, 1e50
 """Of what is rebuilt: the fifth power of a length, as in an inertia, must be a number."""
 
@@ -112,17 +115,31 @@ def gather_loops(
     matched = _matched(slices)
     if felt is None:  # else it is not the contours that the surface goes through
         slices, matched = _mended(slices, matched)
-    found = bad_contours(slices.heights, matched.grid)
-    if found.bad.any():
-        perhaps = perhaps_features(matched.grid, slices.star, found.bad)
-        slices = slices.without(found.bad, "unlike its neighbours", found.off, perhaps)
-        matched = _matched(slices)
-    off = suspicious(slices.heights, matched.grid)
+    slices, matched, kept = _without_bad(slices, matched)
+    off = np.maximum(suspicious(slices.heights, matched.grid), kept)
     suspects = tuple(
         Suspect(int(slices.rows[row]), float(slices.heights[row]), float(off[row]))
         for row in np.flatnonzero(off)
     )
     return Evidence(slices, matched, bottom, top, felt, noise, given, tops, suspects)
+
+
+def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence, Floats]:
+    """Without contours that their neighbours contradict.
+
+    Of few contours those that may as well be features of the object stay: (M,) tells by how much
+    these are off, and 0 of all others.
+    """
+    found = bad_contours(slices.heights, matched.grid)
+    if not found.bad.any():
+        return slices, matched, np.zeros(len(found.bad))
+    perhaps = perhaps_features(matched.grid, slices.star, found.bad)
+    bad = found.bad if len(perhaps) >= MANY else found.bad & ~perhaps
+    kept = np.where(found.bad & ~bad, found.off, 0.0)[~bad]
+    if bad.any():
+        slices = slices.without(bad, "unlike its neighbours", found.off, perhaps)
+        matched = _matched(slices)
+    return slices, matched, kept
 
 
 def _mended(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence]:

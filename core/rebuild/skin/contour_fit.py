@@ -37,6 +37,8 @@ STILL = 1e-9
 LEAST_PACED, FAR_BETTER = 8, 0.72
 """Rows from which on the way along the surface is tried as the parameter without need, and how
 much better it must foretell rows."""
+FORETOLD = 0.01
+"""Of the size: rows that are foretold as well as this lie close enough together."""
 
 
 class ContourFit(NamedTuple):
@@ -154,7 +156,8 @@ def _far_better_paced(
 
     Where it is but somewhat better, it is as often worse between the rows.
     """
-    if len(rows.heights) < LEAST_PACED or noise == 0.0:  # rows of a surface are close enough
+    off = _foresight(fit) ** 2 / np.sqrt(rows.grid.shape[1])
+    if len(rows.heights) < LEAST_PACED or off < FORETOLD:
         return fit
     paced = _careful(rows, [paced_latitude(rows, one, 1.0) for one in latitudes], noise)
     return paced if _foresight(paced) < FAR_BETTER * _foresight(fit) else fit

@@ -196,3 +196,26 @@ def test_a_wild_side_is_meshed_however_coarsely(share: float) -> None:
 
     found = solidity(mesh.vertices, mesh.faces)
     assert found.watertight and found.genus == 0
+
+
+@pytest.mark.parametrize("count", [9, 11, 12, 15])
+def test_of_few_contours_a_neck_that_one_alone_has_felt_stays_and_is_listed(count: int) -> None:
+    contours = prism(count)
+    which = count // 2
+    contours[which] = contours[which] * [0.8, 0.8, 1.0]
+
+    rebuilt = reconstruct(contours, tops=TOPS, method="skin")
+
+    listed = [one.which for one in rebuilt.evidence.suspects]
+    dropped = [(one.which, one.perhaps) for one in rebuilt.slices.dropped]
+    assert (listed, dropped) == (([which], []) if count < 12 else ([], [(which, True)]))
+
+
+def test_of_few_contours_one_of_another_shape_goes() -> None:
+    contours = prism(9)
+    turn = 2 * np.pi * np.arange(60) / 60
+    contours[4] = contours[4] * (1 + 0.3 * np.cos(3 * turn))[:, None] ** [1, 1, 0]
+
+    dropped = reconstruct(contours, tops=TOPS, method="skin").slices.dropped
+
+    assert [(one.which, one.perhaps) for one in dropped] == [(4, False)]
