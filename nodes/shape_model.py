@@ -15,7 +15,7 @@ from palpate.messages.types import ModelGoal, PlanDone, ShapeModel
 
 FACES = 45_000
 """Of a mesh, about, if it takes as many."""
-COARSE, FINE = 2e-4, 5e-5
+COARSE, FINE = 5e-4, 5e-5
 """Of the size: tolerance of the meshes on the way, and the least one of the final mesh."""
 BANDS, BAND_TURNS = 25, 8
 """Heights at which the uncertainty is given, and turns over which it is averaged."""
