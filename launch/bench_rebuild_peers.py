@@ -15,6 +15,7 @@ from palpate.core.arrays import Floats
 from palpate.core.rebuild.reconstruct import reconstruct
 from palpate.core.shapes.protocol import Mesh
 from palpate.launch.bench_row import Row
+from palpate.launch.mesh_truth import Errors
 from palpate.launch.one_thread import one_thread
 from palpate.launch.poisson_peer import PACKAGE, poisson_installed
 from palpate.launch.rebuild_peers import (
@@ -25,7 +26,7 @@ from palpate.launch.rebuild_peers import (
     shell_and_core,
     smoothed_loft,
 )
-from palpate.launch.rebuild_shapes import HEIGHT, SHAPES, Errors, RebuiltShape, truth_of
+from palpate.launch.rebuild_shapes import HEIGHT, SHAPES, RebuiltShape, truth_of
 
 INSIDE = 0.005
 """Of the height: how far inside the first and the last contour lie."""

@@ -17,6 +17,7 @@ from palpate.core.shapes.protocol import Mesh
 from palpate.core.splines.invert import invert
 from palpate.core.splines.volume import Volume
 from palpate.launch.bench_row import Row
+from palpate.launch.mesh_truth import Errors
 from palpate.launch.thesis_examples import (
     COLUMNS,
     EXAMPLES,
@@ -25,7 +26,6 @@ from palpate.launch.thesis_examples import (
     FLOOR_ROWS,
     ROWS,
     SIZE,
-    Errors,
     loft,
     truth_of,
 )

@@ -13,14 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.measure.distance import Prepared, compare, prepare
-from palpate.core.measure.facet_sag import facet_sag
-from palpate.core.measure.solidity import solidity
 from palpate.core.rebuild.surface.rings import close_rings
 from palpate.core.shapes.bend import Bend
 from palpate.core.shapes.protocol import Mesh
 from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.shapes.taper import Taper
+from palpate.launch.mesh_truth import Truth, truth_of_mesh
 
 HEIGHT = 100.0
 """Of every object, mm; it lies from -50 to 50, the bent one nearly."""
@@ -57,35 +55,6 @@ class RebuiltShape(NamedTuple):
         return _rings(self.radius, self.axis, heights, angles)
 
 
-class Errors(NamedTuple):
-    """How far a mesh is from the truth."""
-
-    chamfer: float
-    """mm."""
-    hausdorff: float
-    """mm."""
-    normal_deg: float
-    """Mean angle between normals, degrees."""
-    volume: float
-    """Over the true one, less 1."""
-
-
-class Truth(NamedTuple):
-    """A true surface, ready to be compared with."""
-
-    surface: Prepared
-    volume: float
-    """mm3."""
-    floor: float
-    """What its own facets are off by on average, mm: less cannot be told."""
-
-    def errors_of(self, mesh: Mesh) -> Errors:
-        """How far a closed mesh is from it."""
-        found = compare(prepare(mesh.vertices, mesh.faces), self.surface)
-        volume = solidity(mesh.vertices, mesh.faces).volume / self.volume - 1.0
-        return Errors(found.chamfer, found.hausdorff, found.normal_deg, volume)
-
-
 def straight(z: Floats) -> Floats:
     """The axis through the origin."""
     return np.zeros((*np.shape(z), 2))
@@ -93,10 +62,8 @@ def straight(z: Floats) -> Floats:
 
 @cache
 def truth_of(name: str) -> Truth:
-    """The true surface of one of the `SHAPES`, prepared once."""
-    mesh = SHAPES[name].true_mesh()
-    volume = solidity(mesh.vertices, mesh.faces).volume
-    return Truth(prepare(*mesh), volume, facet_sag(mesh.vertices, mesh.faces))
+    """The true surface of one of the `SHAPES`, in mm, prepared once."""
+    return truth_of_mesh(SHAPES[name].true_mesh())
 
 
 def _rings(

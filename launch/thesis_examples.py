@@ -14,10 +14,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from palpate.core.arrays import Floats
-from palpate.core.measure.distance import Prepared, compare, prepare
-from palpate.core.measure.solidity import solidity
 from palpate.core.rebuild.surface.rings import close_rings
 from palpate.core.shapes.protocol import Mesh
+from palpate.launch.mesh_truth import Truth, truth_of_mesh
 
 SIZE = 2.0
 """Height of both objects; all figures are over it, so that its unit does not matter."""
@@ -56,41 +55,9 @@ class Example(NamedTuple):
         return np.stack([radius * np.cos(azimuths), radius * np.sin(azimuths), level], axis=-1)
 
 
-class Errors(NamedTuple):
-    """How far a solid is from the truth."""
-
-    chamfer: float
-    """Over the object's height."""
-    hausdorff: float
-    """Over the object's height."""
-    normal_deg: float
-    """Mean angle between normals, degrees."""
-    volume: float
-    """Over the true one, less 1."""
-
-
-class Truth(NamedTuple):
-    """An object, ready to be compared with."""
-
-    surface: Prepared
-    volume: float
-    """Of the object."""
-
-    def errors_of(self, mesh: Mesh) -> Errors:
-        """How far a mesh is from it."""
-        distances = compare(prepare(*mesh), self.surface)
-        return Errors(
-            distances.chamfer / SIZE,
-            distances.hausdorff / SIZE,
-            distances.normal_deg,
-            solidity(*mesh).volume / self.volume - 1.0,
-        )
-
-
 def truth_of(example: Example) -> Truth:
-    """The example's own surface, finely meshed."""
-    mesh = example.mesh(TRUE_ROWS, TRUE_COLUMNS)
-    return Truth(prepare(*mesh), solidity(*mesh).volume)
+    """The example's own surface, finely meshed; errors are over its height."""
+    return truth_of_mesh(example.mesh(TRUE_ROWS, TRUE_COLUMNS), SIZE)
 
 
 def loft(contours: Floats) -> Mesh:

@@ -15,6 +15,7 @@ from palpate.launch.bench_rebuild_peers import (
     felt_contours,
 )
 from palpate.launch.bench_rebuild_whole import ratio_of, shuffled, strayed
+from palpate.launch.mesh_truth import Errors
 from palpate.launch.rebuild_peers import (
     Peer,
     loft,
@@ -22,7 +23,7 @@ from palpate.launch.rebuild_peers import (
     shell_and_core,
     smoothed_loft,
 )
-from palpate.launch.rebuild_shapes import SHAPES, Errors, truth_of
+from palpate.launch.rebuild_shapes import SHAPES, truth_of
 
 ONE = {"vase": SHAPES["vase"]}
 PEERS = [loft, smoothed_loft, radial_functions, shell_and_core]
