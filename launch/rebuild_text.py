@@ -15,6 +15,9 @@ from palpate.launch.rebuild_doubts import doubts_of
 
 WIDTH, TITLE = 88, 11
 
+TIED = "\N{NO-BREAK SPACE}"
+"""Between what must stay on one line."""
+
 
 def rebuild_record(
     rebuilt: Rebuilt, points: Path, outs: Sequence[Path], lattice: Path | None = None
@@ -87,7 +90,7 @@ def rebuild_text(record: Mapping[str, Any]) -> str:
     lines += _line("trust", _trust(record))
     for text in record["warnings"]:
         lines += _line("doubtful", text)
-    figures = [f"{name} {value:.3g}" for name, value in record["health"].items()]
+    figures = [f"{name}{TIED}{value:.3g}" for name, value in record["health"].items()]
     lines += _line("health", "  ".join(figures))
     for one in record["written"]:
         lines += _line("wrote", f"{one['file']} ({one['holds']})")
@@ -108,4 +111,5 @@ def _line(title: str, text: str) -> list[str]:
     """Text behind a title, broken where it is too long."""
     parts = textwrap.wrap(text, WIDTH - TITLE, break_long_words=False, break_on_hyphens=False)
     heads = [f"{title:<{TITLE}}", *[" " * TITLE] * len(parts)]
+    parts = [part.replace(TIED, " ") for part in parts]
     return [f"{head}{part}" for head, part in zip(heads, parts or [""], strict=False)]

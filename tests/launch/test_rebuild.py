@@ -11,6 +11,7 @@ import trimesh
 import palpate
 from palpate.core.archive import equal_trees
 from palpate.core.measure.self_intersection import SelfIntersection
+from palpate.launch import rebuild_text
 from palpate.launch.cli import main as cli
 from palpate.launch.located import InputError
 from palpate.launch.score_files import read_shape
@@ -323,3 +324,13 @@ def test_several_files_are_written_together_or_not_at_all(home: Path) -> None:
     assert (home / "a").read_text() == "old"
     write_whole({home / "a": lambda path: path.write_text("new")})
     assert (home / "a").read_text() == "new"
+
+
+def test_what_belongs_together_stays_on_one_line() -> None:
+    pairs = [f"figure_{number}{rebuild_text.TIED}{number}" for number in range(40)]
+
+    lines = rebuild_text._line("health", "  ".join(pairs))
+
+    assert len(lines) > 3
+    assert not any(line[rebuild_text.TITLE :][0].isdigit() for line in lines)
+    assert rebuild_text.TIED not in "".join(lines)
