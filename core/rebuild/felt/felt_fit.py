@@ -14,6 +14,9 @@ from palpate.core.splines.knots import CUBIC
 
 BANDS, BAND_TURNS = 25, 4
 """Heights at which the deviation is given, and turns over which it is averaged."""
+POSE_LEFT = 0.4
+"""Of the touches' pose error: what it leaves in the surface, for shifts are known against each
+other alone. Measured on shipped scenes with 5 and 9 contours, where it makes the 95 % band true."""
 
 
 class FeltFit(NamedTuple):
@@ -85,5 +88,5 @@ def felt_fit(
         unfelt_gap=seen.gap,
         stretched=stretched,
         band_heights=heights,
-        band=np.sqrt(np.mean(deviation**2, axis=1)),
+        band=np.sqrt(np.mean(deviation**2, axis=1) + (POSE_LEFT * (pose or 0.0)) ** 2),
     )

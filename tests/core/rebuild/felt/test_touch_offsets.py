@@ -3,6 +3,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.rebuild.felt.coverage import coverage_of
+from palpate.core.rebuild.felt.felt_fit import felt_fit
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.felt.felt_skin import FeltSkin, fit_skin
 from palpate.core.rebuild.felt.spine import Spine, fit_spine
@@ -48,6 +50,21 @@ def test_shifts_of_touches_are_found_with_the_surface() -> None:
     sigma = pose_sigma(shifted)
     assert sigma is not None
     assert 0.6 * POSE < sigma < 1.3 * POSE
+
+
+def test_the_band_of_a_shifted_skin_holds_the_surface() -> None:
+    within = []
+    for seed in range(4):
+        felt = patches(seed)
+        shifted = fit_shifted_skin(felt, fit_skin(felt, upright(), 0.0, HEIGHT))
+        x, y, z = felt.points.T
+        seen = coverage_of(z, np.arctan2(y, x) / (2 * np.pi))
+        assert seen is not None
+        fit = felt_fit(shifted.skin, seen, pose_sigma(shifted), (0.008, 0.052), False)
+        wanted = np.sqrt(0.03**2 - (fit.band_heights - 0.03) ** 2)[:, None]
+        off = np.sqrt(shifted.skin.squared(fit.band_heights, TURNS)) - wanted
+        within.append(np.abs(off * wanted / 0.03) < 1.96 * fit.band[:, None])
+    assert 0.9 < np.mean(within) <= 1.0
 
 
 def test_without_noise_no_shift_is_looked_for() -> None:
