@@ -72,11 +72,12 @@ def test_a_contour_of_another_size_is_left_out_and_a_clean_one_is_not(felt: Maki
 
 
 def test_strong_noise_is_not_followed(felt: Making) -> None:
-    one = felt("lobed", noise=0.015 * SIZE / 2)
+    one = felt("lobed", noise=0.015 * SIZE)
 
     solid = reconstruct(one.contours())
 
-    assert rms(one, solid) < 4e-3 * 2
+    # A fit to points that correspond leaves 0.003 of the size; raw points cost as much again.
+    assert rms(one, solid) < 0.6 * 0.015
     assert np.abs(solid.lattice.lattice.control).max() < 2 * SIZE
 
 
@@ -87,7 +88,7 @@ def test_a_top_contour_that_is_a_point_closes_there(felt: Making) -> None:
     solid = reconstruct(contours)
 
     assert is_closed(solid)
-    assert solid.mesh(0.02).vertices[:, 2].max() == pytest.approx(0.99, abs=0.0101)
+    assert solid.mesh(0.02).vertices[:, 2].max() == pytest.approx(1.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("rows", [2, 3])
