@@ -52,6 +52,10 @@ Directions = Annotated[Floats, Array("<f8", (None, 3), "1")]
 Triangles = Annotated[NDArray[np.int32], Array("<i4", (None, 3), "#")]
 Lengths = Annotated[Floats, Array("<f8", (None,), "m")]
 Numbers = Annotated[Floats, Array("<f8", (None,), "1")]
+Fingers = Annotated[NDArray[np.int32], Array("<i4", (None,), "#")]
+Move = Annotated[Floats, Array("<f8", (5,), "s, m, rad, m, m")]
+"""What the time of a move was made of: the wait, the way from the last start pose and the turn, the
+approach, and the way from the last contact along the surface, -1 where there was none."""
 Curvatures = Annotated[Floats, Array("<f8", (None,), "1/m")]
 SignalImage = Annotated[Floats, Array("<f8", (None, None), "s or N")]
 """Times of flight or forces, as the SensorInfo says."""

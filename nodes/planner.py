@@ -36,6 +36,8 @@ from palpate.nodes.node import Node, Outputs
 
 SAME_PLACE = 4.0e-3
 """A touch from above this near to a contour's middle has felt the top, m."""
+USABLE = ("closed", "occluded")
+"""Endings after which a contour with points is of use."""
 HIGHER = 0.01
 """A top higher by more than this share of the height has the slices planned anew."""
 SPACING = 12.0e-3
@@ -116,7 +118,7 @@ def take_contour(params: Params, state: State, contour: Contour) -> tuple[State,
     state = replace(state, touches=state.touches + contour.touches, clock=contour.robot_time)
     outputs: Outputs = []
     following = Slices(slices.heights[1:], top_is_sure=slices.top_is_sure)
-    if contour.status == "closed":
+    if contour.status in USABLE and len(contour.points):
         state = replace(state, contours=(*state.contours, contour), models=state.models + 1)
         outputs = [("/model/goal", _model_goal(state))]
     elif not slices.retried:

@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
 
 from palpate.core.arrays import Floats
 from palpate.core.frames import split_pose, turn_angle
-from palpate.core.measure.robot_time import PRESETS, free_seconds
+from palpate.core.measure.robot_time import PRESETS, contact_seconds, free_seconds
 from palpate.core.shapes.protocol import Shape
 from palpate.core.touch.pipeline import Pipeline, States
 from palpate.core.touch.touch import Touch
-from palpate.messages.types import SensorInfo, TactileFrame, TouchGoal, Truth, World
+from palpate.messages.types import (
+    GraspContacts,
+    GraspGoal,
+    SensorInfo,
+    TactileFrame,
+    TouchGoal,
+    Truth,
+    World,
+)
 from palpate.nodes.effects import EffectSpecs, build_pipeline, felt_face
 from palpate.nodes.node import Node, Outputs
 from palpate.nodes.object import Length, ObjectSpec, Seed, build_shape
 from palpate.nodes.sensor import SensorSpec, info_of
 
+HAND = 1001
+"""Number of the hand's first finger: it chooses other random numbers than the exploring ones."""
+LIFTED = -1.0
+"""Way along the surface where there was none."""
 TRUTH_LEVEL, FLOOR_LEVEL = 6, 5
 """82k and 20k faces."""
 
@@ -45,6 +58,28 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         build_pipeline(self.sensor, self.effects, PRESETS[self.robot])
 
 
+class Met(NamedTuple):
+    """Where a touch met the object."""
+
+    goal: int
+    """Contour or probe that it belonged to."""
+    place: Floats
+    """Where the pad then was, (3,), m."""
+
+
+class HandState(NamedTuple):
+    """The hand, and what its fingertips remember."""
+
+    fingers: tuple[Pipeline, ...]
+    """With the effects of the scene, each with its own random numbers; the palm is last."""
+    remembered: tuple[States, ...]
+    """What their stages remember of the closings before."""
+    closings: int
+    """Closings made."""
+    resting: Floats | None
+    """Pose of the hand at the last of them."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """The object, the finger, and what the finger remembers."""
@@ -61,6 +96,12 @@ class State:
     """Robot time, s."""
     resting: Floats | None = None
     """Pose from which the last touch started: the finger returns to it."""
+    met: Met | None = None
+    """Where the last touch ended, if it met the object."""
+    hand: HandState | None = None
+    """The hand, once it was used."""
+    platform: float = 0.0
+    """Height on which the object stands, m."""
 
 
 def start(params: Params) -> tuple[State, Outputs]:
@@ -72,7 +113,7 @@ def start(params: Params) -> tuple[State, Outputs]:
     low, high = shape.bounds()
     vertices, faces = shape.mesh(TRUTH_LEVEL)
     floor_vertices, floor_faces = shape.mesh(FLOOR_LEVEL)
-    return State(shape, pipeline, pipeline.begin()), [
+    return State(shape, pipeline, pipeline.begin(), platform=float(low[2])), [
         ("/world", World(platform=low[2], reach=params.reach, fingers=1, seed=params.seed)),
         ("/touch/info", info_of(params.sensor, pipeline.noise, felt_face(pipeline))),
         (
@@ -90,7 +131,9 @@ def start(params: Params) -> tuple[State, Outputs]:
 
 def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs]:
     """One guarded move and its frame, sent as often as the link delivers it."""
-    pipeline = state.pipeline
+    pipeline, begun = state.pipeline, max(state.clock, goal.not_before)
+    travel, turn = _between(state.resting, goal.pose)
+    starts = begun + free_seconds(PRESETS[params.robot], travel=travel, turn=turn)
     felt = Touch(
         shape=state.shape,
         number=state.touches,
@@ -98,10 +141,13 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
         actual=goal.pose,
         reach=goal.reach,
         depth=goal.depth,
-        begun=max(state.clock, goal.not_before) + _way_there(params, state, goal),
+        begun=starts,
         previous=state.clock,
     )
     remembered = pipeline.feel(felt, state.remembered)
+    late = max(felt.time - starts - contact_seconds(PRESETS[params.robot], felt.advance), 0.0)
+    met = Met(goal.goal, felt.believed[:3]) if felt.outcome in ("hit", "bottomed") else None
+    ways = (travel, turn, felt.advance, _along(state.met, met))
     frame = TactileFrame(
         goal=goal.goal,
         touch=goal.touch,
@@ -110,6 +156,7 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
         pose=felt.believed,
         outcome=felt.outcome,
         array=pipeline.finger.calibration.encode(felt.reading),
+        move=np.array([begun - state.clock + late, *ways]),
         robot_time=felt.time,
     )
     state = replace(
@@ -118,21 +165,67 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
         touches=state.touches + 1,
         clock=felt.time,
         resting=goal.pose,
+        met=met,
     )
     return state, [("/touch/raw", frame)] * felt.copies
 
 
-def _way_there(params: Params, state: State, goal: TouchGoal) -> float:
-    """Robot time from where the finger rests to where the move starts, s."""
-    if state.resting is None:
-        return 0.0
-    position, axes = split_pose(goal.pose)
-    before, axes_before = split_pose(state.resting)
-    return free_seconds(
-        PRESETS[params.robot],
-        travel=float(np.linalg.norm(position - before)),
-        turn=turn_angle(axes_before, axes),
+def take_grasp(params: Params, state: State, goal: GraspGoal) -> tuple[State, Outputs]:
+    """Close the hand, and say where it met the object."""
+    from palpate.core.explore.grasp.closing import Closing, close_hand
+    from palpate.core.explore.grasp.hand import Hand
+
+    shape = Hand(fingers=goal.fingers, opening=goal.opening, reach=goal.reach)
+    hand = _hand(params, state, goal.fingers)
+    robot, begun = PRESETS[params.robot], max(state.clock, goal.not_before)
+    travel, turn = _between(hand.resting, goal.pose)
+    closing = Closing(
+        hand.closings, begun + free_seconds(robot, travel=travel, turn=turn), state.clock
     )
+    grasp, remembered = close_hand(
+        state.shape, hand.fingers, hand.remembered, shape, goal.pose, state.platform, closing
+    )
+    clock = closing.begun + contact_seconds(robot, grasp.advance)
+    contacts = GraspContacts(
+        number=goal.number,
+        points=grasp.points,
+        normals=grasp.normals,
+        fingers=np.array(grasp.fingers, np.int32),
+        missed=grasp.missed,
+        blocked=grasp.blocked,
+        move=np.array([begun - state.clock, travel, turn, grasp.advance, LIFTED]),
+        robot_time=clock,
+    )
+    used = HandState(hand.fingers, remembered, hand.closings + 1, goal.pose)
+    return replace(state, hand=used, clock=clock), [("/hand/contacts", contacts)]
+
+
+def _hand(params: Params, state: State, fingers: int) -> HandState:
+    """The hand as it was left, or a new one if it has another number of fingers."""
+    if state.hand is not None and len(state.hand.fingers) == fingers + 1:
+        return state.hand
+    robot = PRESETS[params.robot]
+    made = tuple(
+        build_pipeline(params.sensor, params.effects, robot, finger=number, seed=params.seed)
+        for number in range(HAND, HAND + fingers + 1)
+    )
+    return HandState(made, tuple(one.begin() for one in made), 0, None)
+
+
+def _along(before: Met | None, now: Met | None) -> float:
+    """Way from the last contact to this one, m; `LIFTED` if the surface does not join them."""
+    if before is None or now is None or before.goal != now.goal:
+        return LIFTED
+    return float(np.linalg.norm(now.place - before.place))
+
+
+def _between(before: Floats | None, pose: Floats) -> tuple[float, float]:
+    """Way and turn from one pose to another, m and rad; none if there was none before."""
+    if before is None:
+        return 0.0, 0.0
+    position, axes = split_pose(pose)
+    place, turned = split_pose(before)
+    return float(np.linalg.norm(position - place)), turn_angle(turned, axes)
 
 
 NODE = Node(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -10,6 +11,7 @@ from msgspec import Meta, Struct
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.aim import PRESS, Aim
+from palpate.core.explore.cut import Cut
 from palpate.core.explore.felt import Felt, deepest_point, feel_slice
 from palpate.core.explore.trace import Slice, Status, Trace, after_touch, next_aim
 from palpate.core.frames import compose, inverse, split_pose, transform
@@ -28,8 +30,9 @@ from palpate.messages.types import (
 from palpate.nodes.node import Node, Outputs
 from palpate.nodes.sensor import pad_of_info
 
-BACK_OFF = 14.0e-3
-"""A touch that started inside the object is repeated from this much farther away, m."""
+BACK_OFF = 14.0 / 15.0
+"""A touch that started inside the object is repeated from this much farther away, in widths of
+the pad."""
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -95,9 +98,9 @@ def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State
     if isinstance(job.goal, ProbeGoal):
         return _finish(params, state, _probe(state, job.goal, patch), patch.robot_time)
     assert job.trace is not None and job.aim is not None and state.pad is not None
-    started_inside = patch.outcome == "inside"
-    if started_inside and job.aim.standoff < BACK_OFF:
-        farther = job.aim._replace(standoff=job.aim.standoff + BACK_OFF)
+    back_off = BACK_OFF * Cut(state.pad, job.goal.height).width
+    if patch.outcome == "inside" and job.aim.standoff < back_off:
+        farther = job.aim._replace(standoff=job.aim.standoff + back_off)
         return _send(state, replace(job, aim=farther), job.goal, patch.robot_time)
     felt = _felt(state.pad, job.goal, patch)
     return _trace(params, state, job, after_touch(job.trace, felt), patch.robot_time)
@@ -184,10 +187,17 @@ def _contour(job: Job, goal: ContourGoal, trace: Trace, status: Status, now: flo
         normals=empty if path is None else path.normals @ axes.T,
         curvature=np.zeros(0) if path is None else path.across,
         status=status,
-        gaps=np.sort(np.array(trace.gaps)),
+        gap_starts=_placed(goal, [gap.start for gap in trace.gaps]),
+        gap_ends=_placed(goal, [gap.end for gap in trace.gaps]),
+        gap_whys=tuple(gap.why for gap in trace.gaps),
         touches=job.touches,
         robot_time=now,
     )
+
+
+def _placed(goal: ContourGoal, points: Sequence[Floats]) -> Floats:
+    """Points of the slicing frame in the world, (n, 3), m."""
+    return transform(goal.frame, np.reshape(points, (-1, 3)))
 
 
 def _probe(state: State, goal: ProbeGoal, patch: SurfacePatch) -> tuple[str, Probe]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,8 @@ class Stance(NamedTuple):
     """True once a search has found a stance that works: it is then kept for the contour."""
     failed_searches: int = 0
     """Searches in a row that found none."""
+    contact: float = math.inf
+    """Half the length of the arc that a searched stance felt first, m."""
 
 
 UPRIGHT = Stance()

@@ -3,81 +3,117 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.aim import MOST_TILT, UPRIGHT, Aim, Stance
+from palpate.core.explore.cut import Cut
 from palpate.core.explore.felt import Felt
 from palpate.core.explore.routine import Routine
-from palpate.core.explore.seek import LEAST_ARC, seek
+from palpate.core.explore.seek import Target, has_arc, seek
 
-AZIMUTHS = (0.0, 90.0, 180.0, -90.0, 45.0, 135.0, -45.0, -135.0)
-"""Directions from which the object is approached, degrees: until one succeeds."""
+AZIMUTHS = tuple(np.radians([0, 90, 180, -90, 45, 135, -45, -135]).tolist())
+"""Directions from which the object is approached, rad: until one succeeds."""
 MOST_REPEATS = 5
 """Touches from one direction while the pad still stands askew."""
 ASKEW = 0.12
 """Angle to the surface above which the first arc is felt again, rad."""
-STANDOFF, REACH = 12.0e-3, 14.0e-3
+STANDOFF, REACH = 12.0 / 15.0, 14.0 / 15.0
+"""Ways of a repeated touch before and past the place, in widths of the pad."""
+PAST = 0.2
+"""A touch from above goes this far past the slice, in widths of the pad."""
+
+NoArc = Literal["no_contact", "occluded", "pole"]
+"""Why there is no first arc: nothing was touched; only what keeps the pad off the slice was;
+or the object ends below the slice."""
 
 
 class Start(NamedTuple):
     """Where a contour begins."""
 
-    felt: Felt | None
-    """The first arc; None if there was none."""
+    felt: Felt
+    """The first arc."""
     heading: float
     """Azimuth of the outward normal there, rad."""
     stance: Stance
     """How the pad was held."""
-    contact: bool
-    """True if anything was felt at all."""
 
 
-def begin(centre: Floats, radius: float, height: float) -> Routine[Start]:
+def begin(cut: Cut, centre: Floats, radius: float) -> Routine[Start | NoArc]:
     """Approach the slice from one direction after the other until an arc is felt.
 
     Parameters
     ----------
+    cut : Cut
+        The slice and the pad.
     centre : (2,) array
         Where the object's axis is expected, m.
     radius : float
         Distance from which the pad approaches, m.
-    height : float
-        Height of the slice, m.
+
+    Notes
+    -----
+    A pad that meets the object below the slice is held off, or the object ends there. One touch
+    from above tells them apart.
     """
-    contact = False
+    held_off = 0
     for azimuth in AZIMUTHS:
-        heading = math.radians(azimuth)
-        place = centre + radius * np.array([math.cos(heading), math.sin(heading)])
-        felt = yield Aim(place, heading, 0.0, radius, UPRIGHT)
-        if felt is None:
+        found = yield from approach(cut, centre, radius, azimuth, held_off)
+        if isinstance(found, Start):
+            return found
+        if found is None:
             continue
-        contact = True
-        found, stance = yield from _refine(felt, heading, height)
-        if found is not None:
-            return Start(found, heading, stance, contact)
-    return Start(None, 0.0, UPRIGHT, contact)
+        if not held_off and found.below > found.above:
+            ends = yield from _ends_below(cut, centre, radius)
+            if ends:
+                return "pole"
+        held_off += 1
+    return "occluded" if held_off else "no_contact"
 
 
-def _refine(felt: Felt, heading: float, height: float) -> Routine[tuple[Felt | None, Stance]]:
+def approach(
+    cut: Cut, centre: Floats, radius: float, azimuth: float, held_off: int = 0
+) -> Routine[Start | Felt | None]:
+    """Come from outside: the arc there, or else what was felt first, or None for a miss.
+
+    The more often the pad has been held off, the fewer stances are tried.
+    """
+    place = centre + radius * np.array([math.cos(azimuth), math.sin(azimuth)])
+    felt = yield Aim(place, azimuth, 0.0, radius, UPRIGHT)
+    if felt is None:
+        return None
+    found, stance = yield from _refine(cut, felt, azimuth, held_off)
+    return felt if found is None else Start(found, azimuth, stance)
+
+
+def _refine(
+    cut: Cut, felt: Felt, heading: float, held_off: int
+) -> Routine[tuple[Felt | None, Stance]]:
     """Touch again until the pad lies against the surface."""
-    stance, best = UPRIGHT, None
+    stance, best = UPRIGHT._replace(failed_searches=held_off), None
     for repeat in range(MOST_REPEATS):
-        has_arc = len(felt.points) >= LEAST_ARC
-        place = felt.points[len(felt.points) // 2] if len(felt.points) else felt.pad
         askew = math.atan(felt.slope)
-        if has_arc and (stance.frozen or abs(askew) < ASKEW):
-            return felt, stance
-        if has_arc:
+        if has_arc(felt):
             best = felt
-        if has_arc and repeat == 0:  # from then on the search follows the slope itself
-            stance = stance._replace(tilt=max(-MOST_TILT, min(MOST_TILT, -askew)))
-        again, stance = yield from seek(
-            stance, place[:2], heading, STANDOFF, REACH, height, first=True
-        )
-        if again is None:
+            if stance.frozen or abs(askew) < ASKEW:
+                break
+            if repeat == 0:  # from then on the search follows the slope itself
+                stance = stance._replace(tilt=max(-MOST_TILT, min(MOST_TILT, -askew)))
+        place = felt.points[len(felt.points) // 2] if len(felt.points) else felt.pad
+        target = Target(place[:2], heading, STANDOFF * cut.width, REACH * cut.width)
+        again, stance = yield from seek(cut, stance, target, first=True)
+        if again is None or not has_arc(again):
             break
         felt = again
-    return (felt if len(felt.points) >= LEAST_ARC else best), stance
+    else:
+        best = felt
+    return best, stance
+
+
+def _ends_below(cut: Cut, centre: Floats, radius: float) -> Routine[bool]:
+    """Whether a touch from above finds the object's top below the slice, or nothing."""
+    from_above = UPRIGHT._replace(tilt=0.5 * math.pi)
+    felt = yield Aim(centre, 0.0, radius, PAST * cut.width, from_above)
+    return felt is None or felt.above == 0

@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
+from palpate.core.explore.crossing import crossings
 from palpate.core.frames import split_pose
 from palpate.core.touch.jet import Jet
 from palpate.core.touch.pad import Pad
 
-STEEP = 2.0
-"""Two neighbouring taxels belong to one surface if they differ by less than this many pitches."""
+NEIGHBOURS = 8
+"""Pairs of taxels that tell the slope nearest to the slice."""
 LEAN = 0.36
 """Slope to assume where only an edge of the pad touches: 20 degrees."""
 
@@ -29,15 +30,16 @@ class Felt(NamedTuple):
     """Normal curvature across the contour along it, (n,), 1/m; convex is positive; 0 where the
     surface is not smooth."""
     slope: float
-    """Slope of the surface against the pad along the pad's y axis."""
-    deepest: Floats
-    """The point of deepest compression, (3,)."""
+    """Slope of the surface against the pad along the pad's y axis, where it is nearest to the
+    slice."""
+    nearest: Floats
+    """The touched point nearest to the slice in height, (3,)."""
     pad: Floats
     """Middle of the pad's face, (3,)."""
-    plus: int
-    """Touched taxels in the half of the pad with positive y."""
-    minus: int
-    """Touched taxels in the half with negative y."""
+    above: int
+    """Touched taxels above the slice."""
+    below: int
+    """Touched taxels below it."""
 
 
 def feel_slice(
@@ -71,18 +73,13 @@ def feel_slice(
     Returns
     -------
     None if nothing is touched.
-
-    Notes
-    -----
-    Along each column of taxels the surface's height above the slice changes its sign between
-    two rows; the arc's point is interpolated linearly between them.
     """
     if not touched.any():
         return None
     position, axes = split_pose(pose)
     x, y = pad.grid()
     above = position[2] + axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * surface - height
-    local = _crossings(pad, above, surface, touched)
+    local = crossings(pad, above, surface, touched)
     if len(local) and jet is not None:
         slope_x, slope_y = jet.slopes(local[:, 0], local[:, 1])
         curve = jet.second_derivatives(local[:, 0], local[:, 1])[2]
@@ -94,11 +91,11 @@ def feel_slice(
         points=local @ axes.T + position,
         normals=outward @ axes.T,
         across=curve / (steepness * (1.0 + slope_y**2)) * smooth,
-        slope=float(np.median(slope_y)) if len(local) else _slope(pad, surface, touched),
-        deepest=axes @ deepest_point(pad, surface, touched) + position,
+        slope=float(np.median(slope_y)) if len(local) else _slope(pad, above, surface, touched),
+        nearest=axes @ _nearest(pad, above, surface, touched) + position,
         pad=position,
-        plus=int((touched & (y > 0.25 * pad.pitch)).sum()),
-        minus=int((touched & (y < -0.25 * pad.pitch)).sum()),
+        above=int((touched & (above > 0.0)).sum()),
+        below=int((touched & (above < 0.0)).sum()),
     )
 
 
@@ -110,31 +107,20 @@ def deepest_point(pad: Pad, surface: Floats, touched: Bools) -> Floats:
     return np.array([x[row, col], y[row, col], surface[row, col]])
 
 
-def _crossings(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Floats:
-    """Where the surface meets the slice, pad frame, (n, 3): at most one point a column."""
+def _nearest(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Floats:
+    """The surface's point (3,) nearest to the slice in height, pad frame, m."""
     x, y = pad.grid()
-    rise = surface[1:] - surface[:-1]
-    meets = (above[:-1] <= 0.0) != (above[1:] <= 0.0)
-    one_surface = touched[:-1] & touched[1:] & (np.abs(rise) < STEEP * pad.pitch)
-    row, col = np.nonzero(meets & one_surface)
-    share = above[row, col] / (above[row, col] - above[row + 1, col])
-    found = np.column_stack(
-        [
-            x[row, col],
-            y[row, col] + share * pad.pitch,
-            surface[row, col] + share * rise[row, col],
-        ]
-    )
-    found = found[np.lexsort((np.abs(found[:, 1]), found[:, 0]))]
-    first = np.ones(len(found), bool)
-    first[1:] = np.diff(found[:, 0]) > 0.5 * pad.pitch
-    return found[first]
+    nearest = np.where(touched, np.abs(above), np.inf).argmin()
+    row, col = np.unravel_index(int(nearest), surface.shape)
+    return np.array([x[row, col], y[row, col], surface[row, col]])
 
 
-def _slope(pad: Pad, surface: Floats, touched: Bools) -> float:
-    """Slope along y where the slice was not met."""
+def _slope(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> float:
+    """Slope along y at the touched rows nearest to the slice, which was not met."""
     both = touched[:-1] & touched[1:]
-    if both.sum() >= 2:
-        return float(np.median((surface[1:] - surface[:-1])[both]) / pad.pitch)
-    mean_y = float(pad.grid()[1][touched].mean())
-    return -math.copysign(LEAN, mean_y)
+    if both.sum() < 2:
+        mean_y = float(pad.grid()[1][touched].mean())
+        return -math.copysign(LEAN, mean_y)
+    away = np.abs(above[1:] + above[:-1])[both]
+    rise = (surface[1:] - surface[:-1])[both] / pad.pitch
+    return float(np.median(rise[np.argsort(away, kind="stable")[:NEIGHBOURS]]))

@@ -7,28 +7,42 @@ that is under way is resumed over that (see `routine`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.aim import UPRIGHT, Aim, Stance
-from palpate.core.explore.begin import begin
+from palpate.core.explore.begin import NoArc, Start, begin
+from palpate.core.explore.course import Course, course_at_end
+from palpate.core.explore.cut import Cut
 from palpate.core.explore.felt import Felt
-from palpate.core.explore.march import JOINED, Course, Path, Stride, course_at_end, extend
-from palpate.core.explore.routine import resume
+from palpate.core.explore.fill import fill
+from palpate.core.explore.leap import leap
+from palpate.core.explore.march import Stride, extend
+from palpate.core.explore.path import Gap, Path, path_of, winding
+from palpate.core.explore.routine import Routine, resume
 from palpate.core.touch.pad import Pad
 
-Status = Literal["closed", "no_contact", "no_arc", "stuck", "overrun", "out_of_touches"]
+Status = Literal["closed", "occluded", "pole", "stuck", "overrun", "budget", "no_contact"]
+"""How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the
+object ends below the slice; there is no way on; it goes in circles; the touches are spent;
+nothing was touched."""
 
 AROUND = math.radians(260.0)
 """A loop can only close after winding this far about its own middle."""
 OVERRUN = math.radians(420.0)
 """Winding this far without closing is going in circles."""
-CLOSED = 1.0e-3
-"""The loop is closed when the new arc passes the start at this distance, m."""
-LEAST_POINTS = 10
+CLOSED = 1.0 / 15.0
+"""The loop is closed when the new arc passes the start at this distance, in widths of the pad."""
+VERTICAL = 0.97
+"""A surface whose normals are steeper than this has left the slice, or nearly."""
+TINY, MANY = 0.2, 30
+"""A path that is no longer than this, in widths of the pad, after so many touches goes round a
+pole that one touch has felt."""
+MOST_LEAPS = 4
+"""Stretches that cannot be followed, on one contour."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,8 +75,10 @@ class Trace:
     """What was felt since the last accepted arc."""
     touches: int = 0
     """Touches made."""
-    gaps: tuple[float, ...] = field(default=())
-    """Gaps in the path, m."""
+    gaps: tuple[Gap, ...] = ()
+    """Stretches that could not be felt, in the direction of travel."""
+    leaps: int = 0
+    """Stretches that could not be followed."""
 
 
 def next_aim(pad: Pad, trace: Trace) -> tuple[Trace, Aim | Status]:
@@ -70,15 +86,16 @@ def next_aim(pad: Pad, trace: Trace) -> tuple[Trace, Aim | Status]:
 
     Call it once at the start, then with the trace that `after_touch` gives.
     """
+    cut = Cut(pad, trace.slice.height)
     found: Aim | Status | None = None
     while found is None:
         if trace.path is None or trace.course is None:
-            trace, found = _begin(trace)
+            trace, found = _begin(cut, trace)
         else:
-            trace, found = _march(pad, trace, trace.path, trace.course)
-    if isinstance(found, Aim) and trace.touches >= trace.slice.most_touches:
-        return trace, "out_of_touches"
-    return trace, found
+            trace, found = _march(cut, trace, trace.path, trace.course)
+    if isinstance(found, Aim):
+        return trace, "budget" if trace.touches >= trace.slice.most_touches else found
+    return trace, _honest(trace, found)
 
 
 def after_touch(trace: Trace, felt: Felt | None) -> Trace:
@@ -86,73 +103,76 @@ def after_touch(trace: Trace, felt: Felt | None) -> Trace:
     return replace(trace, felt=(*trace.felt, felt), touches=trace.touches + 1)
 
 
-def _begin(trace: Trace) -> tuple[Trace, Aim | Status | None]:
+def _begin(cut: Cut, trace: Trace) -> tuple[Trace, Aim | Status | None]:
     """Go on looking for the first arc."""
     wanted = trace.slice
-    start = resume(lambda: begin(wanted.centre, wanted.radius, wanted.height), trace.felt)
+    start = resume(lambda: _first(cut, wanted), trace.felt)
     if isinstance(start, Aim):
         return trace, start
-    felt, heading, stance, contact = start.result
-    if felt is None:
-        return trace, "no_arc" if contact else "no_contact"
-    path = Path(felt.points, felt.normals, felt.across)
-    course = course_at_end(path, heading)
-    return replace(trace, path=path, course=course, stance=stance, felt=()), None
+    if not isinstance(start.result, Stride):
+        return trace, start.result
+    path, heading, stance, gaps, _ = start.result
+    course = course_at_end(path, heading, cut.width)
+    return replace(trace, path=path, course=course, stance=stance, gaps=gaps, felt=()), None
 
 
-def _march(pad: Pad, trace: Trace, path: Path, course: Course) -> tuple[Trace, Aim | Status | None]:
+def _first(cut: Cut, wanted: Slice) -> Routine[Stride | NoArc]:
+    """The first arc, its gaps probed."""
+    start = yield from begin(cut, wanted.centre, wanted.radius)
+    if not isinstance(start, Start):
+        return start
+    path, gaps = yield from fill(cut, path_of(start.felt), start.stance)
+    return Stride(path, start.heading, start.stance, gaps)
+
+
+def _march(cut: Cut, trace: Trace, path: Path, course: Course) -> tuple[Trace, Aim | Status | None]:
     """Go on looking for the next arc."""
-    stride = resume(lambda: extend(pad, path, course, trace.stance, trace.slice.height), trace.felt)
+    stride = resume(lambda: _onwards(cut, trace, path, course), trace.felt)
     if isinstance(stride, Aim):
         return trace, stride
     if stride.result is None:
         return trace, "stuck"
-    return _with_stride(trace, path, stride.result)
+    return _with_stride(cut, trace, path, stride.result)
 
 
-def _with_stride(trace: Trace, path: Path, stride: Stride) -> tuple[Trace, Status | None]:
+def _onwards(cut: Cut, trace: Trace, path: Path, course: Course) -> Routine[Stride | None]:
+    """The next arc: along the contour, or beyond what cannot be followed."""
+    stride = yield from extend(cut, path, course, trace.stance)
+    if stride is None and trace.leaps < MOST_LEAPS:
+        stride = yield from leap(cut, path, trace.slice.centre, trace.slice.radius)
+        return None if stride is None else stride._replace(leapt=True)
+    return stride
+
+
+def _with_stride(cut: Cut, trace: Trace, path: Path, stride: Stride) -> tuple[Trace, Status | None]:
     """The trace with one more arc, and whether that has ended it."""
-    ahead = np.concatenate([path.points[-1:], stride.new.points])
-    gaps = _gaps(ahead)
-    winding = _winding(path)
-    if winding > AROUND:
-        closing = _closing_point(ahead, path.points[0])
+    longer = path.joined(stride.new)
+    swept = winding(longer.points)
+    if swept > AROUND:
+        closing = _closing_point(cut, path, stride.new)
         if closing is not None:
             last = path.joined(stride.new.part(slice(0, closing)))
-            ending = _gaps(np.concatenate([last.points[-1:], last.points[:1]]))
-            closed = replace(
-                trace, path=last, gaps=trace.gaps + _gaps(ahead[: closing + 1]) + ending
-            )
-            return closed, "closed"
-    if winding > OVERRUN:
+            gaps = _gaps_up_to(stride, closing, path.points[0])
+            trace = replace(trace, path=last, gaps=trace.gaps + gaps)
+            return trace, "closed"
+    if swept > OVERRUN:
         return trace, "overrun"
-    longer = path.joined(stride.new)
+    if trace.touches > MANY and np.ptp(longer.points, axis=0).max() < TINY * cut.width:
+        return trace, "pole"
     return replace(
         trace,
         path=longer,
-        course=course_at_end(longer, stride.heading),
+        course=course_at_end(longer, stride.heading, cut.width),
         stance=stride.stance,
         felt=(),
-        gaps=trace.gaps + gaps,
+        gaps=trace.gaps + stride.gaps,
+        leaps=trace.leaps + stride.leapt,
     ), None
 
 
-def _gaps(points: Floats) -> tuple[float, ...]:
-    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return tuple(lengths[lengths > JOINED].tolist())
-
-
-def _winding(path: Path) -> float:
-    """Angle swept about the path's own middle, rad."""
-    if len(path.points) <= LEAST_POINTS:
-        return 0.0
-    away = path.points[:, :2] - path.points[:, :2].mean(axis=0)
-    angle = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
-    return float(angle[-1] - angle[0])
-
-
-def _closing_point(ahead: Floats, start: Floats) -> int | None:
+def _closing_point(cut: Cut, path: Path, new: Path) -> int | None:
     """How many of the new points come before the start; None if the start is not passed."""
+    ahead, start = np.concatenate([path.points[-1:], new.points]), path.points[0]
     ways = np.diff(ahead[:, :2], axis=0)
     to_start = start[:2] - ahead[:-1, :2]
     share = np.einsum("ni,ni->n", to_start, ways) / np.maximum(
@@ -161,4 +181,22 @@ def _closing_point(ahead: Floats, start: Floats) -> int | None:
     nearest = ahead[:-1, :2] + np.clip(share, 0.0, 1.0)[:, None] * ways
     distance = np.linalg.norm(nearest - start[:2], axis=1)
     closest = int(distance.argmin())
-    return closest if distance[closest] < CLOSED else None
+    return closest if distance[closest] < CLOSED * cut.width else None
+
+
+def _gaps_up_to(stride: Stride, closing: int, start: Floats) -> tuple[Gap, ...]:
+    """A closing stride's gaps; the one that the start lies in ends there."""
+    order = {point.tobytes(): number for number, point in enumerate(stride.new.points)}
+    gaps = [(order[gap.end.tobytes()], gap) for gap in stride.gaps]
+    before = [gap for number, gap in gaps if number < closing]
+    return (*before, *(gap._replace(end=start) for number, gap in gaps if number == closing))
+
+
+def _honest(trace: Trace, status: Status) -> Status:
+    """The status, knowing what was felt."""
+    if status == "closed":
+        return "occluded" if trace.gaps else "closed"
+    if status in ("stuck", "overrun") and trace.path is not None:
+        steep = float(np.median(np.abs(trace.path.normals[:, 2])))
+        return "pole" if steep > VERTICAL else status
+    return status

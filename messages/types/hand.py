@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate.messages.quantity import Count, Directions, Metres, Points, Pose, Seconds
+from palpate.messages.quantity import (
+    Count,
+    Directions,
+    Fingers,
+    Metres,
+    Move,
+    Points,
+    Pose,
+    Seconds,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -14,7 +23,11 @@ class GraspGoal:
     number: Count
     """Counts up by one."""
     pose: Pose
-    """Pose of the hand: it closes about its z axis."""
+    """Pose of the hand: its fingers close about its z axis, its palm moves along it."""
+    fingers: Count
+    """Fingers beside the palm."""
+    opening: Metres
+    """Distance of the fingertips and of the palm from the middle of the open hand."""
     reach: Metres
     """Longest way of a finger."""
     not_before: Seconds
@@ -31,7 +44,13 @@ class GraspContacts:
     """Contact points, world frame."""
     normals: Directions
     """Outward unit normals at the contacts."""
+    fingers: Fingers
+    """The finger of each contact, from 0; the palm is the last."""
     missed: Count
-    """Fingers that closed on nothing."""
+    """Fingers that closed on nothing, or on what they could not tell."""
+    blocked: Count
+    """Fingers that did not close, for the platform or the object was in their way."""
+    move: Move
+    """What the hand's way was made of: the approach is that of the finger that went farthest."""
     robot_time: Seconds
     """Robot time when the hand had opened again."""

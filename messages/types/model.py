@@ -20,6 +20,7 @@ from palpate.messages.quantity import (
     PerMetre,
     Points,
     Pose,
+    Radians,
     Ratio,
     Seconds,
     Triangles,
@@ -81,6 +82,10 @@ class Superquadric:
     """Taper along x and y."""
     bend: PerMetre
     """Curvature of the bent axis."""
+    bend_direction: Radians
+    """Azimuth towards which both ends are bent, its own frame."""
+    doubts: tuple[str, ...]
+    """Why not to believe the fit; none if there is no reason."""
     residual: Metres
     """Root mean square distance of the contacts."""
     rank: Count

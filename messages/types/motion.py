@@ -10,7 +10,6 @@ from palpate.messages.quantity import (
     Curvatures,
     Direction,
     Directions,
-    Lengths,
     Metres,
     Place,
     Points,
@@ -20,9 +19,12 @@ from palpate.messages.quantity import (
 )
 from palpate.messages.types.touch import Outcome
 
-Status = Literal["closed", "no_contact", "no_arc", "stuck", "overrun", "out_of_touches"]
-"""How tracing ended: the loop closed; nothing felt; felt but never on the slice; no way on;
-wound round too far without closing; the allowance of touches is spent."""
+Status = Literal["closed", "occluded", "pole", "stuck", "overrun", "budget", "no_contact"]
+"""How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object
+ends below the slice; no way on; wound round too far without closing; the allowance of touches is
+spent; nothing felt."""
+Why = Literal["bridged", "missed"]
+"""The pad touched beside a stretch, or over it, but not in it; or it touched nothing there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -65,8 +67,12 @@ class Contour:
     """Normal curvature across the contour at the points; convex is positive; 0 at edges."""
     status: Status
     """How tracing ended."""
-    gaps: Lengths
-    """Distances between neighbouring points that the pad could not bridge, longest last."""
+    gap_starts: Points
+    """Last points before the stretches that could not be felt, world frame."""
+    gap_ends: Points
+    """First points after them."""
+    gap_whys: tuple[Why, ...]
+    """What the pad felt there."""
     touches: Count
     """Touches made."""
     robot_time: Seconds

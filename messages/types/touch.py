@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+import numpy as np
 
 from palpate.messages.quantity import (
     Count,
     Direction,
+    Floats,
     LengthImage,
     Mask,
     Metres,
+    Move,
     Numbers,
     PerMetre,
     Pose,
@@ -23,6 +27,12 @@ from palpate.messages.quantity import (
 Outcome = Literal["hit", "miss", "inside", "bottomed"]
 """``hit``: pressed to the asked depth. ``miss``: nothing within reach. ``inside``: the start
 pose lay inside the object. ``bottomed``: the pad saturated before the asked depth."""
+
+
+def unmoved() -> Floats:
+    """The move of a frame that no arm made."""
+    return np.array([0.0, 0.0, 0.0, 0.0, -1.0])
+
 
 Kind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
 """What the touched surface is: smooth enough for curvatures, an edge, a corner, too few
@@ -50,6 +60,8 @@ class TactileFrame:
 
     Row i lies at y = (i - (rows - 1) / 2) * pitch.
     """
+    move: Move = field(default_factory=unmoved)
+    """What its robot time was made of."""
     robot_time: Seconds
     """Robot time at the end of the touch."""
 

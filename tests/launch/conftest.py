@@ -109,7 +109,9 @@ def contour() -> Contour:
         normals=np.array([[1.0, 0, 0]]),
         curvature=np.zeros(1),
         status="closed",
-        gaps=np.zeros(0),
+        gap_starts=np.zeros((0, 3)),
+        gap_ends=np.zeros((0, 3)),
+        gap_whys=(),
         touches=30,
         robot_time=15.0,
     )

@@ -59,7 +59,9 @@ def contour(goal: ContourGoal, status: Any = "closed", radius: float = 0.03) -> 
         normals=rim,
         curvature=np.zeros(90),
         status=status,
-        gaps=np.zeros(0),
+        gap_starts=np.zeros((0, 3)),
+        gap_ends=np.zeros((0, 3)),
+        gap_whys=(),
         touches=20,
         robot_time=float(goal.id + 1),
     )
@@ -172,7 +174,7 @@ def test_a_slice_that_fails_is_tried_once_more_nearer_to_the_middle(
 
 
 def test_without_a_closed_contour_the_end_says_so(looking: tuple[State, ProbeGoal]) -> None:
-    said = explored(Params(contours=3), *looking, lambda goal: contour(goal, "no_arc"))
+    said = explored(Params(contours=3), *looking, lambda goal: contour(goal, "pole"))
     [done] = of(said, "/plan/done")
     assert (done.reason, done.contours) == ("no contour could be closed", ())
 

@@ -122,7 +122,7 @@ def test_a_contour_is_given_up_when_its_touches_are_spent(ready: State, finger: 
     params = Params(most_touches=10)
     state, outputs = take_goal(params, ready, contour_goal())
     [contour] = followed(state, outputs, finger, most_touches=10)
-    assert contour.status == "out_of_touches"
+    assert contour.status == "budget"
     assert contour.touches <= 11
 
 
@@ -180,4 +180,11 @@ def test_a_touch_that_starts_inside_is_repeated_from_farther_away(
     assert patch.outcome == "inside"
     _, [(_, second)] = take_patch(Params(), state, patch)  # type: ignore[misc]
     moved = np.linalg.norm(second.pose[:2]) - np.linalg.norm(first.pose[:2])
-    assert moved == pytest.approx(tracer.BACK_OFF)
+    assert moved == pytest.approx(tracer.BACK_OFF * 15e-3)
+
+
+@pytest.mark.parametrize("over", [1e-3, 5e-3])
+def test_a_slice_over_the_pole_says_so(over: float, ready: State, finger: Finger) -> None:
+    state, outputs = take_goal(Params(), ready, contour_goal(height=0.06 + over))
+    [contour] = followed(state, outputs, finger)
+    assert (contour.status, len(contour.points)) == ("pole", 0)

@@ -8,24 +8,28 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.aim import DEEP_PRESS, MOST_TILT, PRESS, UPRIGHT, Aim, Stance
+from palpate.core.explore.cut import Cut
 from palpate.core.explore.felt import Felt
 from palpate.core.explore.routine import Done, resume
-from palpate.core.explore.seek import LEAST_ARC, seek, settled
+from palpate.core.explore.seek import LEAST_ARC, Target, seek, settled
 from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.touch.pad import Pad
 
 Found = tuple[Felt | None, Stance]
 
 
-def felt_of(slope: float, arc: int = 0, plus: int = 0, minus: int = 9, rise: float = 0.0) -> Felt:
+PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
+
+
+def felt_of(slope: float, arc: int = 0, above: int = 0, below: int = 9, rise: float = 0.0) -> Felt:
     points, normals = np.zeros((arc, 3)), np.tile([1.0, 0.0, 0.0], (arc, 1))
-    deepest = np.array([0.03, 0.0, rise])
-    return Felt(points, normals, np.zeros(arc), slope, deepest, deepest, plus, minus)
+    nearest = np.array([0.03, 0.0, rise])
+    return Felt(points, normals, np.zeros(arc), slope, nearest, nearest, above, below)
 
 
 def search(felt: list[Felt | None], stance: Stance = UPRIGHT) -> Aim | Done[Found]:
     place: Floats = np.array([0.03, 0.0])
-    return resume(lambda: seek(stance, place, 0.0, 3e-3, 3e-3, 0.0), felt)
+    return resume(lambda: seek(Cut(PAD, 0.0), stance, Target(place, 0.0, 3e-3, 3e-3)), felt)
 
 
 def test_an_arc_at_the_first_touch_ends_the_search() -> None:
@@ -46,12 +50,10 @@ def test_a_miss_ends_the_search_with_nothing() -> None:
 def test_a_pad_beside_the_slice_walks_to_it(
     height: float, finger: Any, flat: Pad, ball: Superquadric
 ) -> None:
-    hand = finger(ball, flat)
+    hand, target = finger(ball, flat), Target(np.array([0.03, 0.0]), 0.0, 14e-3, 30e-3)
     felt: list[Felt | None] = []
     while True:
-        found = resume(
-            lambda: seek(UPRIGHT, np.array([0.03, 0.0]), 0.0, 14e-3, 30e-3, height), felt
-        )
+        found = resume(lambda: seek(Cut(flat, height), UPRIGHT, target), felt)
         if isinstance(found, Done):
             break
         assert len(felt) < 8
@@ -65,7 +67,7 @@ def test_a_pad_beside_the_slice_walks_to_it(
 
 
 def test_a_bridge_is_searched_with_deep_touches_until_one_feels_an_arc() -> None:
-    bridged = felt_of(0.0, plus=20, minus=20)
+    bridged = felt_of(0.0, above=20, below=20)
     aim = search([bridged])
     assert isinstance(aim, Aim)
     assert aim.stance.depth == DEEP_PRESS
@@ -76,14 +78,14 @@ def test_a_bridge_is_searched_with_deep_touches_until_one_feels_an_arc() -> None
 
 
 def test_a_search_that_finds_nothing_says_so_and_is_shorter_after_three() -> None:
-    bridged = felt_of(0.0, plus=20, minus=20)
+    bridged = felt_of(0.0, above=20, below=20)
     lengths = []
     for failed in range(5):
         felt: list[Felt | None] = [bridged]
         stance = UPRIGHT._replace(failed_searches=failed)
         while not isinstance(found := search(felt, stance), Done):
             felt.append(None)
-        assert found.result == (None, stance._replace(failed_searches=failed + 1))
+        assert found.result == (bridged, stance._replace(failed_searches=failed + 1))
         lengths.append(len(felt) - 1)
     assert lengths == [9, 9, 9, 3, 3]
 

@@ -1,0 +1,1 @@
+"""Grasp by containment: the first coarse knowledge of size, place and axis."""

@@ -1,0 +1,87 @@
+"""What no pad has felt, and where there is room for one slice more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.explore.planners.choice import first_and_last
+from palpate.core.explore.planners.known import Known
+
+ROWS = 8
+"""Heights per feature at which it is asked whether anything was felt."""
+OPEN = 0.15
+"""A height counts as unfelt where more than this share of its azimuths is."""
+
+
+class Run(NamedTuple):
+    """A stretch of the side."""
+
+    low: float
+    """m."""
+    high: float
+    """m."""
+
+    @property
+    def length(self) -> float:
+        """High less low, m."""
+        return self.high - self.low
+
+    @property
+    def middle(self) -> float:
+        """Half-way, m."""
+        return 0.5 * (self.low + self.high)
+
+
+def unfelt_runs(known: Known) -> list[Run]:
+    """Stretches between the first and the last height that no slice has felt, from below."""
+    bottom, top = first_and_last(known)
+    count = max(int(np.ceil(ROWS * (top - bottom) / known.feature)), 1)
+    edges = np.linspace(bottom, top, count + 1)
+    rows = 0.5 * (edges[:-1] + edges[1:])[:, None]
+    usable = [one for one in known.slices if one.usable]
+    if not usable:
+        return [Run(bottom, top)]
+    felt = np.zeros((count, len(usable[0].radii)), dtype=bool)
+    for one in usable:
+        felt |= (rows >= one.felt_low) & (rows <= one.felt_high)
+    unfelt = np.mean(~felt, axis=1) > OPEN
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], unfelt, [False]]).astype(np.int8)))
+    return [Run(*pair) for pair in edges[turns].reshape(-1, 2).tolist()]
+
+
+def longest_first(runs: Sequence[Run], unit: float) -> list[Run]:
+    """Longest first; of runs as long as each other, to a millionth of `unit`, the lowest first."""
+    return sorted(runs, key=lambda run: -round(run.length / unit, 6))
+
+
+def free_height(known: Known, wanted: float, within: Run) -> float | None:
+    """The height nearest to the wanted one that is a feature away from all that were tried.
+
+    Parameters
+    ----------
+    known : Known
+        What is known; heights at which other fingers are at work count as tried.
+    wanted : float
+        m.
+    within : Run
+        Where it must lie.
+
+    Returns
+    -------
+    float or None
+        m; None if there is no room.
+    """
+    room = known.feature * (1.0 - 1e-9)
+    tried = [(one.height, room) for one in known.slices]
+    tried += [(height, max(known.apart, room)) for height in known.taken]
+    reach = int(np.ceil(within.length / (0.25 * known.feature)))
+    steps = sorted(range(-reach, reach + 1), key=lambda step: (abs(step), -step))
+    for step in steps:
+        height = wanted + 0.25 * known.feature * step
+        inside = within.low <= height <= within.high
+        if inside and all(abs(height - other) >= gap for other, gap in tried):
+            return height
+    return None

@@ -1,0 +1,118 @@
+"""The planner that foretells the error: it cuts where that is largest, and leaves nothing unfelt.
+
+A coarse cover first, of an odd number, so that the middle is among it. Then, while the error
+that the slices foretell is too large, the height that brings it down with the fewest slices; when
+it is small enough, the middle of what no pad has felt. An error foretold says nothing about what
+lies between two pads, which is why both are asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from palpate.core.explore.planners.choice import (
+    Choice,
+    Height,
+    Stop,
+    Wait,
+    first_and_last,
+    spent,
+)
+from palpate.core.explore.planners.cover import (
+    Run,
+    free_height,
+    longest_first,
+    unfelt_runs,
+)
+from palpate.core.explore.planners.cuts import Costs, best_cut
+from palpate.core.explore.planners.foretold import Foretold, foretell
+from palpate.core.explore.planners.intervals import profile_of
+from palpate.core.explore.planners.known import Known
+from palpate.core.ranges import Range, check_ranges
+
+COVER_REACH = 0.12
+"""A slice so near to where one of the cover was wanted stands for it; of the height."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Predicted:
+    """The default planner."""
+
+    cover: Annotated[int, Range(3, 99, "1")] = 3
+    """Slices before any error is foretold; odd."""
+    suspicion: Annotated[float, Range(0.0, 1.0, "1")] = 0.04
+    """Error that an unfelt stretch may hide, over the height, by the square of its share."""
+    order: Annotated[float, Range(1.0, 6.0, "1")] = 3.0
+    """An interval cut into m parts is expected to err by m to this power less."""
+    travel: Annotated[float, Range(0.0, 1.0, "1")] = 0.02
+    """Cost of moving by the whole height, over that of a slice."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.cover % 2 == 0:
+            raise ValueError(f"cover must be odd, so that the middle is in it, got {self.cover}")
+
+    def next(self, known: Known) -> Choice:
+        """The next slice, or that the demand is met, or that nothing more can be done."""
+        profile = profile_of(known)
+        foretold = foretell(known, profile) if len(profile.heights) > 1 else None
+        bound = None if foretold is None else foretold.bound * known.extent
+        runs = unfelt_runs(known)
+        unfelt = max((run.length for run in runs), default=0.0)
+        over = spent(known)
+        if over is not None:
+            return Stop(over, False, bound, unfelt)
+        height = self._covering(known)
+        if height is not None:
+            return Height(height, "the coarse cover")
+        if foretold is not None and foretold.wants_cut(known.tolerance / known.extent):
+            costs = Costs(self.suspicion, self.order, self.travel)
+            height = best_cut(known, profile.heights, foretold, runs, costs)
+            if height is not None:
+                return Height(height, "the foretold error is largest there")
+        for run in longest_first(runs, known.feature) if foretold else []:
+            height = free_height(known, run.middle, run) if run.length > known.feature else None
+            if height is not None:
+                return Height(height, "nothing has felt what lies there")
+        if known.taken:
+            return Wait("other fingers are at work where there is something left to do")
+        return _end(known, foretold, unfelt)
+
+    def _covering(self, known: Known) -> float | None:
+        """The first height of the cover, from the middle, for which no slice stands yet."""
+        low, high = first_and_last(known)
+        heights = np.linspace(low, high, self.cover)
+        reach = min(COVER_REACH * known.extent, 0.4 * (high - low) / (self.cover - 1))
+        there = [*(one.height for one in known.slices if one.usable), *known.taken]
+        middle = self.cover // 2
+        for i in sorted(range(self.cover), key=lambda i: (abs(i - middle), -i)):
+            wanted = float(heights[i])
+            part = Run(max(low, wanted - reach), min(high, wanted + reach))
+            if any(part.low <= one <= part.high for one in there):
+                continue
+            height = free_height(known, wanted, part)
+            if height is not None:
+                return height
+        return None
+
+
+def _end(known: Known, foretold: Foretold | None, unfelt: float) -> Stop:
+    if foretold is None:
+        return Stop("fewer than two slices could be traced", False, None, unfelt)
+    bound, noise = foretold.bound * known.extent, foretold.noise * known.extent
+    small, felt = bound <= known.tolerance, unfelt <= known.feature
+    if small and felt:
+        said = "the error is within tolerance, and nothing larger than a feature is unfelt"
+    elif small:
+        said = "the error is within tolerance, but what is left unfelt cannot be reached"
+    elif noise > known.tolerance:
+        said = "the noise of the slices is beyond the tolerance, and no further slice takes it away"
+    else:
+        said = "the slices lie as close as they may, and the error is not within tolerance"
+    return Stop(said, small and felt, bound, unfelt)
+
+
+PLANNER = Predicted

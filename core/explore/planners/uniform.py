@@ -1,0 +1,88 @@
+"""The uniform planner: slices at even heights, in an order of one's choice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+
+from palpate.core.explore.planners.choice import (
+    Choice,
+    Height,
+    Stop,
+    Wait,
+    blocked,
+    first_and_last,
+    spent,
+)
+from palpate.core.explore.planners.known import Known
+from palpate.core.ranges import Range, check_ranges
+
+TRIES = 2
+"""For each height; the second one is a quarter of the spacing nearer to the middle."""
+REACH = 0.3
+"""Of the spacing: slices so near to a height were meant for it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uniform:
+    """So many slices, whatever they bring."""
+
+    count: Annotated[int, Range(1, 200, "1")] = 9
+    """Slices."""
+    order: Literal["sweep", "nested"] = "sweep"
+    """From the middle up and then from it down; or nested, so that every beginning is even."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.order not in ("sweep", "nested"):
+            raise ValueError(f"order must be sweep or nested, got {self.order!r}")
+
+    def next(self, known: Known) -> Choice:
+        """The first height in the order that has neither its slice nor all its tries."""
+        over = spent(known)
+        if over is not None:
+            return Stop(over, None)
+        low, high = first_and_last(known)
+        middle = 0.5 * (low + high)
+        heights = np.linspace(low, high, self.count) if self.count > 1 else np.array([middle])
+        spacing = (high - low) / max(self.count - 1, 1)
+        waits = False
+        for i in sweep(self.count) if self.order == "sweep" else nested(self.count):
+            wanted = float(heights[i])
+            tries = [one for one in known.slices if abs(one.height - wanted) <= REACH * spacing]
+            under_way = any(abs(other - wanted) <= REACH * spacing for other in known.taken)
+            if any(one.usable for one in tries) or len(tries) >= TRIES or under_way:
+                continue
+            if tries:
+                wanted += 0.25 * spacing * (1.0 if wanted < middle else -1.0)
+            if not blocked(known, wanted):
+                return Height(wanted, f"slice {i + 1} of {self.count} even ones")
+            waits = True
+        if waits:
+            return Wait("other fingers are too near to the heights that are left")
+        return Stop(f"all {self.count} heights have been visited", None)
+
+
+def sweep(count: int) -> list[int]:
+    """Places from the middle up, then from below it down."""
+    middle = count // 2
+    return [*range(middle, count), *range(middle - 1, -1, -1)]
+
+
+def nested(count: int) -> list[int]:
+    """The middle, both ends, and then the middles of what is between."""
+    middle = count // 2
+    order = [middle, count - 1, 0]
+    pairs = [(middle, count - 1), (0, middle)]
+    while pairs:
+        low, high = pairs.pop(0)
+        if high - low > 1:
+            between = (low + high) // 2
+            order.append(between)
+            pairs += [(between, high), (low, between)]
+    return list(dict.fromkeys(order))
+
+
+PLANNER = Uniform

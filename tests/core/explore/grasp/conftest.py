@@ -1,0 +1,77 @@
+"""A hand with ideal or disturbed fingertips, and contacts of whatever it closes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.grasp.closing import Closing, Grasp, close_hand
+from palpate.core.explore.grasp.hand import Hand
+from palpate.core.explore.grasp.poses import next_pose, search_pose
+from palpate.core.measure.robot_time import PRESETS
+from palpate.core.shapes.protocol import Shape
+from palpate.core.touch.calibration import Calibration
+from palpate.core.touch.effect import Effect
+from palpate.core.touch.pad import Pad
+from palpate.core.touch.pipeline import Pipeline, assemble
+from palpate.core.touch.touch import Finger
+
+PLACES = [np.array([x, y]) for x, y in ((0.0, 0.0), (0.04, 0.0), (-0.04, 0.0), (0.0, 0.04))]
+
+
+@pytest.fixture
+def fingers_of(flat: Pad) -> Callable[..., list[Pipeline]]:
+    """Fingertips of a hand, the palm last, with these effects."""
+
+    def make(hand: Hand, *effects: Effect, seed: int = 3) -> list[Pipeline]:
+        sheet = Calibration("time", flat.thickness, 1000.0, 0.2e3)
+        return [
+            assemble(Finger(flat, sheet, PRESETS["modern"], 100 + i, seed), effects)
+            for i in range(hand.fingers + 1)
+        ]
+
+    return make
+
+
+@pytest.fixture
+def close(fingers_of: Callable[..., list[Pipeline]]) -> Callable[..., Grasp]:
+    """One closing of a fresh hand about a shape."""
+
+    def closed(shape: Shape, pose: Floats, hand: Hand, *effects: Effect, **more: Any) -> Grasp:
+        fingers = fingers_of(hand, *effects)
+        states = [one.begin() for one in fingers]
+        platform, number = more.get("platform", -1.0), more.get("number", 0)
+        when = Closing(number, 0.0, 0.0)
+        return close_hand(shape, fingers, states, hand, pose, platform, when)[0]
+
+    return closed
+
+
+@pytest.fixture
+def grasped(fingers_of: Callable[..., list[Pipeline]]) -> Callable[..., tuple[Floats, Floats]]:
+    """At least so many contacts of a shape that stands on height 0, and their normals."""
+
+    def collect(shape: Shape, wanted: int, *effects: Effect) -> tuple[Floats, Floats]:
+        hand = Hand()
+        fingers = fingers_of(hand, *effects)
+        states: tuple[Any, ...] = tuple(one.begin() for one in fingers)
+        points, normals, number = np.zeros((0, 3)), np.zeros((0, 3)), 0
+        while len(points) < wanted:
+            assert number < 40
+            if len(points):
+                pose: Floats | None = next_pose(hand, points, normals, 0.0)
+            else:
+                pose = search_pose(PLACES, number, 0.0)
+            assert pose is not None
+            when = Closing(number, 0.0, 0.0)
+            grasp, states = close_hand(shape, fingers, states, hand, pose, 0.0, when)
+            points = np.vstack([points, grasp.points])
+            normals = np.vstack([normals, grasp.normals])
+            number += 1
+        return points, normals
+
+    return collect

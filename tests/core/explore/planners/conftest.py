@@ -1,0 +1,125 @@
+"""What is known of objects with a simple formula, without a touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.explore.planners.choice import Height, Planner, Stop
+from palpate.core.explore.planners.known import Known, Outcome, Slice
+
+HEIGHT = 0.09
+TURNS = 16
+BAND = 7e-3
+STEP = 1e-4
+
+Side = Callable[[float], float]
+MakeSlice = Callable[..., Slice]
+MakeKnown = Callable[..., Known]
+Walk = Callable[..., tuple[list[float], Stop | None]]
+
+
+def round_slice(side: Side, share: float, unit: float = 1.0, **changes: Any) -> Slice:
+    """A slice of a round body: radii over height as shares of the height, in any unit."""
+    size = HEIGHT * unit
+    below, here, above = (side(share + d) for d in (-STEP, 0.0, STEP))
+    slope = (above - below) / (2.0 * STEP)
+    bend = -(above - 2.0 * here + below) / STEP**2 / (1.0 + slope**2) ** 1.5
+    reach = BAND * unit / np.sqrt(1.0 + slope**2)
+    fields: dict[str, Any] = {
+        "height": share * size,
+        "outcome": Outcome.CLOSED,
+        "radii": np.full(TURNS, here * size),
+        "slopes": np.full(TURNS, slope),
+        "curvatures": np.full(TURNS, bend / size),
+        "felt_low": np.full(TURNS, share * size - reach),
+        "felt_high": np.full(TURNS, share * size + reach),
+    }
+    return Slice(**(fields | changes))
+
+
+def failed_slice(height: float, outcome: Outcome = Outcome.FAILED) -> Slice:
+    none = np.zeros(0)
+    return Slice(
+        height=height,
+        outcome=outcome,
+        radii=none,
+        slopes=none,
+        curvatures=none,
+        felt_low=none,
+        felt_high=none,
+    )
+
+
+def known_of(slices: Sequence[Slice] = (), unit: float = 1.0, **changes: Any) -> Known:
+    fields: dict[str, Any] = {
+        "low": 0.0,
+        "high": HEIGHT * unit,
+        "tolerance": 0.0025 * HEIGHT * unit,
+        "resolution": 1e-5 * unit,
+        "feature": 2.5e-3 * unit,
+        "slices": tuple(slices),
+    }
+    return Known(**(fields | changes))
+
+
+def walk_over(
+    planner: Planner, side: Side, unit: float = 1.0, top: float = 1.0, **changes: Any
+) -> tuple[list[float], Stop | None]:
+    """Heights asked for, as shares, and the end; None if there was none within 60 slices."""
+    slices: list[Slice] = []
+    while len(slices) < 60:
+        choice = planner.next(known_of(slices, unit, **changes))
+        if not isinstance(choice, Height):
+            assert isinstance(choice, Stop)
+            return [one.height / (HEIGHT * unit) for one in slices], choice
+        share = choice.height / (HEIGHT * unit)
+        if share < top:
+            slices.append(round_slice(side, share, unit))
+        else:
+            slices.append(failed_slice(choice.height, Outcome.LOST))
+    return [one.height / (HEIGHT * unit) for one in slices], None
+
+
+@pytest.fixture
+def slice_of() -> MakeSlice:
+    return round_slice
+
+
+@pytest.fixture
+def failed() -> Callable[..., Slice]:
+    return failed_slice
+
+
+@pytest.fixture
+def known() -> MakeKnown:
+    return known_of
+
+
+@pytest.fixture
+def explored() -> Walk:
+    return walk_over
+
+
+def _vase(z: float) -> float:
+    return float(0.28 + 0.09 * np.sin(8.5 * z + 0.4))
+
+
+def _bottle(z: float) -> float:
+    return float(0.35 - 0.11 * (1.0 + np.tanh((z - 0.7) / 0.04)))
+
+
+def _ball(z: float) -> float:
+    return float(np.sqrt(max(z * (1.0 - z), 1e-9)))
+
+
+def _cylinder(z: float) -> float:
+    return 0.3
+
+
+@pytest.fixture
+def sides() -> dict[str, Side]:
+    return {"vase": _vase, "bottle": _bottle, "ball": _ball, "cylinder": _cylinder}

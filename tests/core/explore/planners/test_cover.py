@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.core.explore.planners.cover import Run, free_height, longest_first, unfelt_runs
+from palpate.core.explore.planners.cuts import parts_needed
+from palpate.core.explore.planners.known import Known, Slice
+
+MakeSlice = Callable[..., Slice]
+MakeKnown = Callable[..., Known]
+
+
+def test_without_a_slice_the_whole_side_is_unfelt(known: MakeKnown) -> None:
+    (run,) = unfelt_runs(known())
+    assert run == pytest.approx((0.03 * 0.09, 0.97 * 0.09))
+    assert run.middle == pytest.approx(0.045)
+
+
+def test_what_lies_between_the_felt_bands_is_unfelt(slice_of: MakeSlice, known: MakeKnown) -> None:
+    slices = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.5, 0.97)]
+    runs = unfelt_runs(known(slices))
+    np.testing.assert_allclose(runs, [(0.0097, 0.038), (0.052, 0.0803)], atol=2.5e-3 / 8)
+
+
+def test_an_azimuth_or_two_may_stay_unfelt_and_more_may_not(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    for open_azimuths, whole in ((2, True), (3, False)):
+        low = np.full(16, 0.0)
+        low[:open_azimuths] = 0.09
+        one = slice_of(lambda z: 0.3, 0.5, felt_low=low, felt_high=np.full(16, 0.09))
+        assert (unfelt_runs(known([one])) == []) == whole
+
+
+def test_the_longest_run_comes_first_and_of_equal_ones_the_lowest() -> None:
+    runs = [Run(0.0, 1.0), Run(2.0, 3.0 + 1e-9), Run(5.0, 7.0)]
+    assert longest_first(runs, 1.0) == [runs[2], runs[0], runs[1]]
+
+
+@settings(derandomize=True, deadline=None, max_examples=50)
+@given(
+    wanted=st.floats(0.01, 0.08),
+    tried=st.lists(st.floats(0.0, 0.09), max_size=12),
+    taken=st.lists(st.floats(0.0, 0.09), max_size=2),
+)
+def test_a_free_height_keeps_its_distance_from_all_others(
+    wanted: float, tried: list[float], taken: list[float]
+) -> None:
+    none = np.zeros(0)
+    slices = [
+        Slice(
+            height=height,
+            outcome="failed",  # type: ignore[arg-type]
+            radii=none,
+            slopes=none,
+            curvatures=none,
+            felt_low=none,
+            felt_high=none,
+        )
+        for height in tried
+    ]
+    known = Known(
+        low=0.0,
+        high=0.09,
+        tolerance=1e-4,
+        resolution=1e-5,
+        feature=2.5e-3,
+        slices=tuple(slices),
+        taken=tuple(taken),
+        apart=0.01,
+    )
+    height = free_height(known, wanted, Run(0.01, 0.08))
+    if height is not None:
+        assert 0.01 <= height <= 0.08
+        assert all(abs(height - other) >= 2.4999e-3 for other in tried)
+        assert all(abs(height - other) >= 0.01 for other in taken)
+        assert tried or taken or height == wanted
+
+
+def test_the_fewest_parts_are_planned_and_equal_intervals_get_equal_parts() -> None:
+    assert parts_needed(np.array([1.0, 1.0]), 0.1, 3.0).tolist() == [3, 3]
+    assert parts_needed(np.array([1e-4, 1e-4]), 0.1, 3.0).tolist() == [1, 1]
+    parts = parts_needed(np.array([1.0, 1e-3, 0.1]), 0.05, 2.0)
+    variances = np.array([1.0, 1e-3, 0.1])
+    assert (variances * parts**-4.0).sum() <= 0.05**2
+    assert parts[0] > parts[2] > parts[1]

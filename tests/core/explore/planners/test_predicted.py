@@ -1,0 +1,249 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from palpate.core.explore.planners.choice import Height, Stop, Wait
+from palpate.core.explore.planners.foretold import foretell
+from palpate.core.explore.planners.intervals import hermite, profile_of
+from palpate.core.explore.planners.known import Budget, Known, Outcome, Slice
+from palpate.core.explore.planners.predicted import Predicted
+
+Sides = dict[str, Callable[[float], float]]
+Walk = Callable[..., tuple[list[float], Stop | None]]
+MakeSlice = Callable[..., Slice]
+MakeKnown = Callable[..., Known]
+COVER = (0.5, 0.97, 0.03)
+
+
+def rms_error(known: Known, side: Callable[[float], float]) -> float:
+    """Of the side between the first slice and the last, over the height, along the radius."""
+    shares = np.linspace(0.03, 0.97, 301)
+    squares = hermite(profile_of(known), shares)[:, 0]
+    truth = np.array([side(share) for share in shares])
+    return float(np.sqrt(np.mean((np.sqrt(np.maximum(squares, 0.0)) - truth) ** 2)))
+
+
+def test_the_cover_comes_first_from_the_middle(sides: Sides, explored: Walk) -> None:
+    heights, _ = explored(Predicted(), sides["bottle"])
+    np.testing.assert_allclose(heights[:3], COVER)
+    heights, _ = explored(Predicted(cover=5), sides["bottle"])
+    np.testing.assert_allclose(heights[:5], [0.5, 0.735, 0.265, 0.97, 0.03])
+
+
+@pytest.mark.parametrize("name", ["vase", "bottle", "ball", "cylinder"])
+def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(
+    name: str, sides: Sides, explored: Walk
+) -> None:
+    metres, stop = explored(Predicted(), sides[name])
+    millimetres, other = explored(Predicted(), sides[name], 1000.0)
+
+    np.testing.assert_allclose(millimetres, metres, rtol=1e-9)
+    assert stop is not None
+    assert other is not None
+    assert other.reason == stop.reason
+    assert (other.bound or 0.0) == pytest.approx(1000.0 * (stop.bound or 0.0))
+
+
+def test_case_66_a_bottles_neck_is_not_stepped_over(
+    sides: Sides, explored: Walk, slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    heights, stop = explored(Predicted(), sides["bottle"])
+    found = known([slice_of(sides["bottle"], share) for share in heights])
+
+    assert stop is not None
+    assert stop.within
+    assert rms_error(found, sides["bottle"]) < 0.0025
+    np.testing.assert_allclose([min(heights), max(heights)], [0.03, 0.97])
+    assert sum(0.62 < height < 0.82 for height in heights) >= 3
+
+
+@pytest.mark.parametrize("name", ["cylinder", "ball"])
+def test_case_67_flat_tops_and_poles_end_the_plan(name: str, sides: Sides, explored: Walk) -> None:
+    heights, stop = explored(Predicted(), sides[name])
+    assert stop is not None
+    assert stop.within
+    assert len(heights) <= 11
+
+
+def test_case_67_a_height_beyond_the_top_is_not_asked_for_again(
+    sides: Sides, explored: Walk
+) -> None:
+    heights, stop = explored(Predicted(), sides["cylinder"], top=0.93)
+    assert stop is not None
+    assert len(set(heights)) == len(heights)
+    assert sum(height > 0.93 for height in heights) <= 3
+
+
+def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
+    explored: Walk, slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    def grooved(z: float) -> float:
+        return 0.3 - 0.03 * float(np.exp(-(((z - 0.26) / 0.035) ** 2)))
+
+    cover = known([slice_of(grooved, share) for share in COVER])
+    assert foretell(cover, profile_of(cover)).bound < 0.0025
+    assert rms_error(cover, grooved) > 0.003
+
+    heights, stop = explored(Predicted(), grooved)
+    found = known([slice_of(grooved, share) for share in heights])
+    assert stop is not None
+    assert stop.within
+    assert rms_error(found, grooved) < 0.0025
+
+
+def test_the_side_of_an_ellipsoid_is_exact_from_two_slices(
+    sides: Sides, slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    two = known([slice_of(sides["ball"], share) for share in (0.03, 0.97)])
+    assert rms_error(two, sides["ball"]) < 1e-5
+
+
+def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides: Sides, explored: Walk) -> None:
+    _, stop = explored(Predicted(), sides["vase"])
+    assert stop is not None
+    assert stop.reason == (
+        "the error is within tolerance, and nothing larger than a feature is unfelt"
+    )
+    assert stop.bound is not None
+    assert stop.unfelt is not None
+    assert 1e-5 <= stop.bound <= 0.0025 * 0.09
+    assert stop.unfelt <= 2.5e-3
+
+
+@pytest.mark.parametrize(
+    ("budget", "words"),
+    [
+        (Budget(most_touches=80, touches=60), "60 of 80 touches"),
+        (Budget(most_seconds=100.0, seconds=90.0), "90 of 100 s of robot time"),
+    ],
+)
+def test_a_slice_that_would_overrun_the_budget_is_not_begun(
+    budget: Budget, words: str, sides: Sides, slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    cover = [slice_of(sides["bottle"], share, touches=25, seconds=30.0) for share in COVER[:2]]
+    stop = Predicted().next(known(cover, budget=budget))
+    assert isinstance(stop, Stop)
+    assert words in stop.reason
+    assert stop.within is False
+    assert stop.bound is not None
+    assert stop.unfelt is not None
+    assert stop.unfelt > 0.02
+
+
+def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(
+    sides: Sides, slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    slices: list[Slice] = []
+    while isinstance(choice := Predicted().next(known(slices)), Height):
+        slices.append(slice_of(sides["vase"], choice.height / 0.09, deviation=1e-3))
+    assert isinstance(choice, Stop)
+    assert choice.reason.startswith("the noise of the slices is beyond the tolerance")
+    assert choice.within is False
+    assert len(slices) <= 11
+
+
+def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(
+    explored: Walk,
+) -> None:
+    def zigzag(z: float) -> float:
+        return 0.3 + 0.02 * math.asin(math.sin(60.0 * z))
+
+    heights, stop = explored(Predicted(), zigzag, tolerance=1e-5)
+    assert stop is not None
+    assert stop.reason.startswith("the slices lie as close as they may")
+    assert min(np.diff(sorted(heights))) >= 2.5e-3 / 0.09 * (1.0 - 1e-6)
+
+
+def test_what_the_pad_cannot_reach_is_left_and_said(
+    sides: Sides, slice_of: MakeSlice, failed: Callable[..., Slice], known: MakeKnown
+) -> None:
+    slices: list[Slice] = []
+    while isinstance(choice := Predicted().next(known(slices)), Height):
+        share = choice.height / 0.09
+        hidden = 0.6 < share < 0.9
+        slices.append(failed(choice.height) if hidden else slice_of(sides["cylinder"], share))
+        assert len(slices) < 60
+    assert isinstance(choice, Stop)
+    assert choice.reason == (
+        "the error is within tolerance, but what is left unfelt cannot be reached"
+    )
+    assert choice.unfelt is not None
+    assert choice.unfelt > 2.5e-3
+
+
+def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(
+    failed: Callable[..., Slice], known: MakeKnown
+) -> None:
+    slices: list[Slice] = []
+    while isinstance(choice := Predicted().next(known(slices)), Height):
+        slices.append(failed(choice.height))
+        assert len(slices) < 60
+    assert isinstance(choice, Stop)
+    assert choice.reason == "fewer than two slices could be traced"
+    assert choice.bound is None
+    assert choice.unfelt == pytest.approx(0.94 * 0.09)
+
+
+def test_occluded_slices_count_as_far_as_they_were_felt(
+    sides: Sides, slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    shares = np.linspace(0.03, 0.97, 8)
+    whole = [slice_of(sides["cylinder"], share) for share in shares]
+    assert isinstance(Predicted().next(known(whole)), Stop)
+    gap = whole[4]
+    low = gap.felt_low.copy()
+    low[:6] = gap.felt_high[:6] + 1.0  # nothing felt on six of sixteen azimuths
+    whole[4] = slice_of(sides["cylinder"], shares[4], outcome=Outcome.OCCLUDED, felt_low=low)
+    choice = Predicted().next(known(whole))
+    assert isinstance(choice, Height)
+    assert choice.reason == "nothing has felt what lies there"
+    assert abs(choice.height / 0.09 - shares[4]) < 0.09
+
+
+def test_fingers_get_heights_of_their_own_and_wait_when_there_is_none(
+    sides: Sides, slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    taken: list[float] = []
+    while isinstance(choice := Predicted().next(known(taken=tuple(taken), apart=0.02)), Height):
+        taken.append(choice.height)
+    np.testing.assert_allclose(np.array(taken) / 0.09, COVER)
+    assert isinstance(choice, Wait)
+    cover = [slice_of(sides["bottle"], share) for share in COVER]
+    first = Predicted().next(known(cover))
+    assert isinstance(first, Height)
+    other = Predicted().next(known(cover, taken=(first.height,), apart=0.02))
+    assert isinstance(other, Height)
+    assert abs(other.height - first.height) >= 0.02
+    both = known(cover, taken=(first.height, other.height), apart=0.04)
+    assert isinstance(Predicted().next(both), Wait)
+
+
+def test_of_two_heights_worth_the_same_the_nearer_is_taken(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    def wavy(z: float) -> float:
+        return 0.3 + 0.05 * math.cos(4.0 * math.pi * (z - 0.5))
+
+    for last, first in ((0.97, 0.5), (0.03, 0.5)):
+        order = [slice_of(wavy, share) for share in (1.0 - last, first, last)]
+        choice = Predicted().next(known(order))
+        assert isinstance(choice, Height)
+        assert (choice.height / 0.09 > 0.5) == (last > 0.5)
+
+
+def test_uncertain_ends_are_kept_away_from(known: MakeKnown, slice_of: MakeSlice) -> None:
+    middle = [slice_of(lambda z: 0.3, 0.5)]
+    choice = Predicted().next(known(middle, high_deviation=5e-3))
+    assert isinstance(choice, Height)
+    assert choice.height == pytest.approx(0.09 - 0.01)
+
+
+def test_an_even_cover_is_refused() -> None:
+    with pytest.raises(ValueError, match="cover must be odd, so that the middle is in it, got 4"):
+        Predicted(cover=4)
+    with pytest.raises(ValueError, match="suspicion is 2"):
+        Predicted(suspicion=2.0)
