@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, get_args, get_origin
+from types import NoneType, UnionType
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 import numpy as np
 
@@ -58,6 +59,9 @@ def rule_of(hint: Any) -> Rule:
 
 def _compound_rule(plain: Any) -> Rule:
     origin, args = get_origin(plain), get_args(plain)
+    if origin in (Union, UnionType) and len(args) == 2 and args[1] is NoneType:
+        pack, unpack, described = rule_of(args[0])
+        return Rule(_or_none(pack), _or_none(unpack), {"anyOf": [described, {"type": "null"}]})
     if origin is Literal:
         one_of = _one_of(frozenset(args))
         return Rule(one_of, one_of, {"enum": list(args)})
@@ -124,6 +128,13 @@ def _one_of(allowed: frozenset[str]) -> Convert:
         return value
 
     return check
+
+
+def _or_none(convert: Convert) -> Convert:
+    def convert_some(value: Any) -> Any:
+        return None if value is None else convert(value)
+
+    return convert_some
 
 
 def _tuple_of(item: Convert, kinds: tuple[type, ...]) -> Convert:

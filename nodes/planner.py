@@ -230,6 +230,7 @@ def _model_goal(state: State) -> ModelGoal:
         number=state.models,
         contours=tuple(contour.id for contour in state.contours),
         probes=tuple(probe.id for probe in state.probes),
+        closings=0,
         touches=state.touches,
         robot_time=state.clock,
     )
@@ -244,6 +245,9 @@ def _done(params: Params, state: State, reason: str) -> tuple[State, Outputs]:
         touches=state.touches,
         robot_time=state.clock,
         reason=reason,
+        within=None,
+        bound=None,
+        unfelt=None,
         uncovered=uncovered_height(
             state.world.platform if state.world else 0.0,
             state.top,

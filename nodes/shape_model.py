@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.core.archive_bytes import pack
 from palpate.core.arrays import Floats
+from palpate.core.frames import IDENTITY
 from palpate.core.rebuild.lattice.lattice_grid import lattice_grid
 from palpate.core.rebuild.solid import Solid
 from palpate.core.rebuild.surface.surface_mesh import SurfaceMesh
@@ -60,6 +61,8 @@ def shape_model(goal: ModelGoal | PlanDone, solid: Solid | None, why: str = "") 
         probes=goal.probes,
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_why=tuple(dropped.values()),
+        frame=IDENTITY,
+        deviation=0.0,
         **parts,
         touches=goal.touches,
         robot_time=goal.robot_time,

@@ -186,6 +186,8 @@ def _contour(job: Job, goal: ContourGoal, trace: Trace, status: Status, now: flo
         points=empty if path is None else transform(goal.frame, path.points),
         normals=empty if path is None else path.normals @ axes.T,
         curvature=np.zeros(0) if path is None else path.across,
+        felt_low=np.zeros(0 if path is None else len(path.points)),
+        felt_high=np.zeros(0 if path is None else len(path.points)),
         status=status,
         gap_starts=_placed(goal, [gap.start for gap in trace.gaps]),
         gap_ends=_placed(goal, [gap.end for gap in trace.gaps]),

@@ -5,13 +5,21 @@ from __future__ import annotations
 from palpate.messages.types.graph import LogRecord, NodeStatus
 from palpate.messages.types.hand import GraspContacts, GraspGoal
 from palpate.messages.types.model import ModelGoal, PlanDone, Score, ShapeModel, Superquadric
-from palpate.messages.types.motion import Contour, ContourGoal, Probe, ProbeGoal, TouchGoal
+from palpate.messages.types.motion import (
+    Contour,
+    ContourGoal,
+    FingerClock,
+    Probe,
+    ProbeGoal,
+    TouchGoal,
+)
 from palpate.messages.types.touch import SurfacePatch, TactileFrame, TactileImage
 from palpate.messages.types.world import SensorInfo, Truth, World
 
 __all__ = [
     "Contour",
     "ContourGoal",
+    "FingerClock",
     "GraspContacts",
     "GraspGoal",
     "LogRecord",

@@ -40,6 +40,9 @@ class ModelGoal:
     """Contours in the order in which the planner took them."""
     probes: Ids
     """Probes in the order in which the planner took them."""
+    closings: Count
+    """Closings of the hand that there were; without contours and probes, the coarse model is
+    fitted to their contacts."""
     touches: Count
     """Touches spent so far, failed contours included."""
     robot_time: Seconds
@@ -62,8 +65,15 @@ class PlanDone:
     """Robot time spent."""
     reason: str
     """Why it is over."""
+    within: bool | None
+    """Whether the tolerance was met, as far as can be told; null where nobody looked."""
+    bound: Metres | None
+    """The root mean square error of the solid is below this in 95 of 100 runs; null where nobody
+    can tell."""
+    unfelt: Metres | None
+    """Height of the largest stretch of the side that nothing has felt; null where nobody looked."""
     uncovered: Metres
-    """Height in stretches without a contour, beyond the widest that was planned."""
+    """Height of stretches of the side that no touch could reach."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -88,6 +98,8 @@ class Superquadric:
     """Why not to believe the fit; none if there is no reason."""
     residual: Metres
     """Root mean square distance of the contacts."""
+    residuals: Lengths
+    """Distance of each contact, in the order of the closings; negative inside."""
     rank: Count
     """Rank of the fit's Jacobian."""
 
@@ -125,6 +137,10 @@ class ShapeModel:
     """Vertices of the closed surface, world frame; none if nothing could be rebuilt."""
     faces: Triangles
     """Triangles, counter-clockwise seen from outside."""
+    frame: Pose
+    """Slicing frame in the world, along whose z axis heights count."""
+    deviation: Metres
+    """Standard deviation of the surface, root mean square over all of it, ends included."""
     uncertainty_height: Lengths
     """Heights at which `uncertainty` is given."""
     uncertainty: Lengths

@@ -10,6 +10,7 @@ from palpate.messages.quantity import (
     Curvatures,
     Direction,
     Directions,
+    Lengths,
     Metres,
     Place,
     Points,
@@ -65,6 +66,10 @@ class Contour:
     """Outward unit normals at the points."""
     curvature: Curvatures
     """Normal curvature across the contour at the points; convex is positive; 0 at edges."""
+    felt_low: Lengths
+    """Lowest height along the frame's z axis that was felt below each point, without a break."""
+    felt_high: Lengths
+    """Highest height that was felt above it."""
     status: Status
     """How tracing ended."""
     gap_starts: Points
@@ -135,3 +140,13 @@ class TouchGoal:
     """Direction across the contour, world frame."""
     not_before: Seconds
     """Robot time before which the move must not start."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FingerClock:
+    """How far a finger has come. Tracer to planner on ``/finger/clock``, if there are several."""
+
+    finger: Count
+    """The finger."""
+    robot_time: Seconds
+    """Robot time of its last touch."""

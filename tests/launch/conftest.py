@@ -112,6 +112,8 @@ def contour() -> Contour:
         gap_starts=np.zeros((0, 3)),
         gap_ends=np.zeros((0, 3)),
         gap_whys=(),
+        felt_low=np.zeros(0),
+        felt_high=np.zeros(0),
         touches=30,
         robot_time=15.0,
     )

@@ -62,6 +62,8 @@ def contour(goal: ContourGoal, status: Any = "closed", radius: float = 0.03) -> 
         gap_starts=np.zeros((0, 3)),
         gap_ends=np.zeros((0, 3)),
         gap_whys=(),
+        felt_low=np.zeros(0),
+        felt_high=np.zeros(0),
         touches=20,
         robot_time=float(goal.id + 1),
     )
