@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from msgspec import Struct
 
+from palpate.core.frames import IDENTITY
 from palpate.launch.located import Located
 from palpate.launch.yaml_file import parse_yaml
 from palpate.messages.types import Contour, Score, ShapeModel
@@ -88,6 +89,8 @@ def tetrahedron() -> ShapeModel:
         knots_layers=np.zeros(8),
         vertices=np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, 0, 0.03]]),
         faces=np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32),
+        frame=IDENTITY,
+        deviation=0.0,
         uncertainty_height=np.array([0.0]),
         uncertainty=np.array([0.001]),
         health={"condition": 3.5, "fallbacks": 0.0},

@@ -26,7 +26,11 @@ def contour(number: int, status: Status = "closed") -> Contour:
         normals=np.tile([1.0, 0.0, 0.0], (4, 1)),
         curvature=np.zeros(4),
         status=status,
-        gaps=np.zeros(0),
+        felt_low=np.full(4, 0.1 * number),
+        felt_high=np.full(4, 0.1 * number),
+        gap_starts=np.zeros((0, 3)),
+        gap_ends=np.zeros((0, 3)),
+        gap_whys=(),
         touches=4,
         robot_time=1.0,
     )

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.core.frames import IDENTITY
 from palpate.core.measure.distance import compare, prepare
 from palpate.core.shapes.icosphere import icosphere
 from palpate.messages.codec import encode
@@ -49,6 +50,8 @@ def model() -> Model:
             knots_layers=np.zeros(6),
             vertices=radius * directions,
             faces=faces,
+            frame=IDENTITY,
+            deviation=0.0,
             uncertainty_height=np.zeros(0),
             uncertainty=np.zeros(0),
             health={},

@@ -85,7 +85,10 @@ def test_nothing_to_rebuild_gives_an_empty_model() -> None:
         touches=19,
         robot_time=30.0,
         reason="nothing was felt from above",
-        within=None, bound=None, unfelt=None, uncovered=0.0,
+        within=None,
+        bound=None,
+        unfelt=None,
+        uncovered=0.0,
     )
     [model] = models([("/plan/done", done)])
     assert (len(model.vertices), model.final, model.touches) == (0, True, 19)
