@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, NamedTuple, get_type_hints
+from numbers import Integral, Real
+from types import NoneType
+from typing import Any, NamedTuple, get_args, get_type_hints
 
 
 class Range(NamedTuple):
@@ -34,16 +36,22 @@ def check_ranges(value: Any) -> None:
     Raises
     ------
     ValueError
-        With the field, its value, the range and the unit.
+        With the field, its value, the range and the unit; also if it is no number, or should be a
+        whole one.
     """
     described: type = type(value)
     for name, allowed in _ranges_of(described).items():
-        number = getattr(value, name)
-        if number is None:  # an optional number that was left out
+        number, members = getattr(value, name), _members_of(described)[name]
+        if number is None and NoneType in members:  # an optional number that was left out
             continue
-        if not math.isfinite(number) or not allowed.low <= number <= allowed.high:
+        whole = float not in members
+        of_kind = isinstance(number, Real) and not isinstance(number, bool)
+        if of_kind and not (math.isfinite(number) and allowed.low <= number <= allowed.high):
             unit = "" if allowed.unit == "1" else f" {allowed.unit}"
             raise ValueError(f"{name} is {number:g}{unit}; expected {allowed}")
+        if not of_kind or (whole and not isinstance(number, Integral)):
+            what = "a whole number" if whole else "a number"
+            raise ValueError(f"{name} is {number!r}; expected {what}, {allowed}")
 
 
 @cache
@@ -54,3 +62,10 @@ def _ranges_of(described: type) -> Mapping[str, Range]:
             if isinstance(note, Range):
                 found[name] = note
     return found
+
+
+@cache
+def _members_of(described: type) -> Mapping[str, tuple[type, ...]]:
+    """What each field may be by its annotation: ``int | None`` may be two things."""
+    hints = get_type_hints(described)
+    return {name: get_args(kind) or (kind,) for name, kind in hints.items()}

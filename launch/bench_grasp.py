@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.explore.approach import search_places
 from palpate.core.explore.grasp.closing import Closing, close_hand
-from palpate.core.explore.grasp.coarse import coarse_of
 from palpate.core.explore.grasp.hand import Hand
 from palpate.core.explore.grasp.moments import Body, body_of
 from palpate.core.explore.grasp.poses import next_pose, search_pose
 from palpate.core.explore.slicing_frame import SlicingFrame, slicing_frame
-from palpate.core.explore.uniform import search_places
 from palpate.core.frames import pose_of, split_pose
 from palpate.core.measure.robot_time import PRESETS, contact_seconds, free_seconds
+from palpate.core.rebuild.coarse import fit_coarse
 from palpate.core.shapes.posed import PosedShape
 from palpate.core.shapes.protocol import Shape
 from palpate.launch.bench_row import Group, Row
@@ -114,7 +114,7 @@ def _contacts(shape: Shape, sigma: float, seed: int) -> tuple[Floats, Floats, in
 def judge(trial: Trial, count: int) -> Outcome:
     """What the first contacts tell of an object, against the truth."""
     points, normals = trial.points[:count], trial.normals[:count]
-    found = slicing_frame(coarse_of(points, NOISE), points, normals, 0.0, NOISE)
+    found = slicing_frame(fit_coarse(points, NOISE), points, normals, 0.0, NOISE)
     origin, axes = split_pose(found.pose)
     axis = axes[:, 2]
     off = 0.0 if found.ambiguous else _degrees(axis, _true_axis(trial.body, found))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.explore.planners.choice import END_SHARE, Planner
+from palpate.core.explore.planners.cover import unfelt_runs
 from palpate.core.explore.planners.foretold import foretell
 from palpate.core.explore.planners.fuzzy import Fuzzy
 from palpate.core.explore.planners.intervals import profile_of
@@ -197,8 +198,8 @@ def told(trial: Trial, tolerance: float) -> Told:
     """Let the default planner work until it stops, and compare its word with the truth."""
     slices, _ = run(Predicted(), trial, tolerance, most=40)
     bounds = [
-        foretell(known, profile_of(known)).bound if len(known.slices) > 2 else 1.0
-        for known in (known_of(slices[: i + 1], tolerance) for i in range(len(slices)))
+        foretell(one, profile_of(one), unfelt_runs(one)).bound if len(one.slices) > 2 else 1.0
+        for one in (known_of(slices[: i + 1], tolerance) for i in range(len(slices)))
     ]
     errors = errors_of(trial, slices)
     first_true, first_bound = _first(errors, tolerance), _first(bounds, tolerance)

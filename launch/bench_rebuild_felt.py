@@ -98,13 +98,15 @@ def felt_rows(quick: bool) -> Iterable[Row]:
 def explored(scene: str, count: int, noisy: bool) -> Felt:
     """Feel a shipped scene along so many contours, in this process."""
     args = {"scene": Located(str(find_scene(scene)), "scene"), "record": Located(False, "record")}
-    settings: dict[str, Located] = {"planner.contours": Located(count, "contours")}
+    settings = {
+        "planner.planner": Located("uniform", "planner"),
+        "planner.settings": Located({"count": count}, "count"),
+    }
     if noisy:
         settings["simulator.effects"] = Located(NOISE, "effects")
     folder = choose_run_dir("bench", None)  # chosen, never made
     graph = override(describe(EXPLORE, args, folder.path).graph, settings)
-    left_out = ("reconstructor", "evaluator")
-    wirings = [one for one in graph.wirings() if one.name not in left_out]
+    wirings = [one for one in graph.wirings() if one.name != "evaluator"]
     ears = Ears()
     run_composed(wirings, ends="planner", hear=HEARD, watcher=ears)
     return _felt(ears.said)

@@ -46,11 +46,22 @@ def _result(summary: Mapping[str, Any]) -> list[str]:
         f"volume {100.0 * summary['volume_error']:+.2f} %",
         f"watertight {'yes' if summary['watertight'] else 'NO'}",
     ]
-    return [*_row("result", near), *_row("", rest)]
+    return [*_row("result", near), *_row("", rest), *_promise(summary)]
+
+
+def _promise(summary: Mapping[str, Any]) -> list[str]:
+    """What the run says of its own error, beside the truth."""
+    if summary["bound_m"] is None:
+        return []
+    parts = [f"rms below {_mm(summary['bound_m'])} (95 %), in truth {_mm(summary['rms_m'])}"]
+    if summary["unfelt_m"] is not None:
+        parts.append(f"unfelt at most {_mm(summary['unfelt_m'])}")
+    return _row("promise", parts)
 
 
 def _time(summary: Mapping[str, Any]) -> list[str]:
     parts = [
+        f"{summary['contacts']} contacts",
         f"{summary['contours']} contours",
         f"{summary['touches']} touches",
         f"robot {summary['robot_time_s']:.1f} s",

@@ -39,7 +39,7 @@ def convert(given: Located, wanted: type[Wanted], name: str = "") -> Wanted:
         A ``msgspec.Struct``, or a dataclass.
     name : str
         Where the document as a whole belongs, put before each path: ``planner`` makes
-        ``planner.contours``.
+        ``planner.tolerance``.
 
     Raises
     ------

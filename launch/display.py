@@ -24,6 +24,8 @@ def open_display(*, quiet: bool) -> Display:
 
 def progress_text(progress: Progress) -> str:
     """Progress in one line of at most 70 columns."""
+    if not progress.touches:
+        return f"{progress.contacts} contacts of the hand  {progress.wall:.0f} s"
     parts = [f"{progress.contours} contours", f"{progress.touches} touches"]
     if progress.touches_per_s is not None:
         parts.append(f"{progress.touches_per_s:.0f}/s")

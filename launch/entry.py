@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,6 +11,9 @@ from palpate.launch.located import InputError, KeyPath, Located
 
 KINDS = "palpate.nodes"
 """A kind without a dot is a module of this package."""
+
+
+_FINGER = re.compile(r"finger_([1-9])")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +29,8 @@ class Entry:
     remap: Mapping[str, str] = field(default_factory=dict)
     """Topic as the node calls it, to the topic on the wire; a namespace does not touch it."""
     namespace: str = ""
-    """Put before the node's topics: ``finger_1`` makes ``/finger_1/touch/raw``."""
+    """Put before the node's topics: ``finger_1`` makes ``/finger_1/touch/raw``, except of those
+    that the node shares with the other fingers'."""
     nice: int = 0
     """How far its process stands back when the processor is busy, from 0 to 19."""
     source: str = ""
@@ -38,6 +43,17 @@ class Entry:
         """Module that holds the node."""
         kind = self.kind or self.name
         return kind if "." in kind else f"{KINDS}.{kind}"
+
+    @property
+    def finger(self) -> int:
+        """The finger in whose namespace it stands; 0 if in none."""
+        found = _FINGER.fullmatch(self.namespace)
+        return int(found[1]) if found else 0
+
+    @property
+    def group(self) -> str:
+        """What it and its like of the other fingers are called together."""
+        return self.name.removesuffix(f"_{self.finger}") if self.finger else self.name
 
     @property
     def settings(self) -> Located:

@@ -17,6 +17,7 @@ def explore(
     scene: str | Path = "vase",
     *,
     seed: int | None = None,
+    fingers: int | None = None,
     settings: Mapping[str, Any] | None = None,
     out: str | Path | None = None,
     composed: bool = False,
@@ -31,8 +32,10 @@ def explore(
         Name of a shipped scene, or path of a scene file.
     seed : int, optional
         Overrides the scene's seed.
+    fingers : int, optional
+        So many explore at once, 1 to 8; one if left out.
     settings : map, optional
-        ``{"planner.contours": 9}``: parameters of single nodes.
+        ``{"planner.tolerance": 0.1e-3}``: parameters of single nodes.
     out : str or Path, optional
         The run directory; a new one in ``runs/`` if left out.
     composed : bool
@@ -56,6 +59,8 @@ def explore(
     args = {"scene": Located(str(path), "scene"), "record": Located(record, "record")}
     if seed is not None:
         args["seed"] = Located(seed, "seed")
+    if fingers is not None:
+        args["fingers"] = Located(fingers, "fingers")
     plan = plan_run(
         EXPLORE,
         args,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from palpate.launch.entry import Entry
 from palpate.launch.located import InputError
 from palpate.launch.nearest import hint
-from palpate.launch.placing import Placed, Publisher, place, publishers
+from palpate.launch.placing import Placed, Publisher, is_left_out, place, publishers
 from palpate.messages.types import Truth
 from palpate.nodes.node import Node, Sink
 from palpate.nodes.wiring import Input, Wiring
@@ -103,6 +103,8 @@ def _inputs(
     else:
         found = []
         for local, (wanted, _) in one.node.inputs.items():
+            if is_left_out(one.entry, one.node, local):
+                continue
             for topic in _sources(one.entry, one.node, local, said, placed):
                 _check_type(one.entry, topic, wanted, said[topic])
                 found.append(_input(one, topic, local, said))

@@ -9,20 +9,10 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.lattice.lattice_grid import LatticeGrid, lattice_grid
-from palpate.core.rebuild.solid import Solid
 from palpate.core.splines.lattice import Lattice
 
 SUFFIXES = (".npz", ".vtk")
 AXES = "stu"
-
-
-def lattice_of(solid: Solid) -> Lattice | None:
-    """The control lattice of a solid, if its method has one."""
-    for part in (solid.lattice, solid.model):
-        lattice = getattr(part, "lattice", None)
-        if isinstance(lattice, Lattice):
-            return lattice
-    return None
 
 
 def write_lattice(path: Path, lattice: Lattice) -> None:

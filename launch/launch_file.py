@@ -15,14 +15,17 @@ from msgspec import Meta, Struct, field
 from palpate.launch.convert import convert
 from palpate.launch.entry import Entry
 from palpate.launch.graph import Graph
-from palpate.launch.located import InputError, KeyPath, Located
+from palpate.launch.located import InputError, Located
 from palpate.launch.nearest import hint
 from palpate.launch.scene import Scene, load_scene
 from palpate.launch.substitute import substitute
 from palpate.launch.yaml_file import read_yaml
+from palpate.nodes.node import MOST_FINGERS
 
 EXPLORE = Path(__file__).parent / "explore.yaml"
 """The launch file that comes with palpate."""
+RESERVED = {"out": "the run directory", "finger": "the number of a finger"}
+"""What ``$(name)`` stands for without an argument of that name."""
 
 
 class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -34,6 +37,8 @@ class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Its parameters."""
     remap: dict[str, str] = {}
     """Topic as the node calls it, to the topic on the wire."""
+    fingers: int | None = None
+    """One such node for each of so many fingers, whose number is ``$(finger)``."""
     namespace: str = ""
     """Put before its topics."""
     nice: Annotated[int, Meta(ge=0, le=19)] = 0
@@ -89,8 +94,7 @@ def describe(path: Path, args: Mapping[str, Located], out: Path) -> Described:
         return Described(describe_python(path, args, out), None, plain)
     given = read_yaml(path)
     known, scene = _arguments(given, args, out)
-    body = {key: value for key, value in given.value.items() if key != "args"}
-    graph = _graph(substitute(Located(body, given.source, given.places), known))
+    graph = _graph(given, known)
     return Described(graph, scene, {name: value.value for name, value in known.items()})
 
 
@@ -125,10 +129,8 @@ def _arguments(
     known = {"out": Located(str(out), "")}
     scene = None
     for name in declared:
-        if name in known:
-            raise given.error(
-                ("args", name), f"$({name}) is the run directory; choose another name"
-            )
+        if name in RESERVED:
+            raise given.error(("args", name), f"$({name}) is {RESERVED[name]}; choose another name")
         known[name] = args.get(name) or substitute(given.part(("args", name)), known)
         if name == "scene":
             scene = load_scene(str(known[name].value))
@@ -136,33 +138,56 @@ def _arguments(
     return known, scene
 
 
-def _graph(given: Located) -> Graph:
-    spec = convert(given, LaunchSpec)
+def _graph(given: Located, known: Mapping[str, Located]) -> Graph:
+    """The graph; the nodes are filled in one by one, for each may mean another finger."""
+    rest = {key: value for key, value in given.value.items() if key not in ("args", "nodes")}
+    filled = substitute(Located(rest, given.source, given.places), known)
+    nodes = {key: value for key, value in given.value.items() if key == "nodes"}
+    spec = convert(Located({**filled.value, **nodes}, given.source, filled.places), LaunchSpec)
     entries = [
-        _entry(given, name, node) for name, node in _nodes(given, spec).items() if node.wanted
+        entry for name in spec.nodes for entry in _entries(name, given.part(("nodes", name)), known)
     ]
-    return Graph(tuple(entries), spec.ends, given.place(("ends",)))
+    return Graph(tuple(entries), spec.ends, filled.place(("ends",)))
 
 
-def _nodes(given: Located, spec: LaunchSpec) -> dict[str, NodeSpec]:
-    """The nodes one by one, so that a complaint can name its node."""
-    found = {}
-    for name in spec.nodes:
-        part = given.part(("nodes", name))
-        found[name] = NodeSpec() if part.value is None else convert(part, NodeSpec, f"nodes.{name}")
-    return found
+def _entries(name: str, given: Located, known: Mapping[str, Located]) -> list[Entry]:
+    """What a node of the file comes to: one entry, one for each finger, or none."""
+    if not (isinstance(given.value, dict) and "fingers" in given.value):
+        return _wanted(name, name, substitute(given, known))
+    if "namespace" in given.value:
+        raise given.error(
+            ("namespace",), f"node {name!r}: a node with fingers has its namespace from them"
+        )
+    fingers = _fingers(substitute(given.part(("fingers",)), known))
+    entries = []
+    for finger in range(1, fingers + 1):
+        number = Located(finger, given.place(("fingers",)))
+        one = substitute(given, {**known, "finger": number})
+        if fingers > 1:
+            own = {"kind": name, **one.value, "namespace": f"finger_{finger}"}
+            one = Located(own, one.source, one.places)
+        entries += _wanted(name, f"{name}_{finger}" if fingers > 1 else name, one)
+    return entries
 
 
-def _entry(given: Located, name: str, spec: NodeSpec) -> Entry:
-    path: KeyPath = ("nodes", name, "params")
-    size = len(path)
-    return Entry(
+def _fingers(given: Located) -> int:
+    value = given.value
+    if type(value) is not int or not 1 <= value <= MOST_FINGERS:
+        raise given.error((), f"fingers must be 1 to {MOST_FINGERS}, got {value!r:.60}")
+    return value
+
+
+def _wanted(key: str, name: str, given: Located) -> list[Entry]:
+    """The entry of a filled-in node, unless it is left out; the file has it under the key."""
+    spec = NodeSpec() if given.value is None else convert(given, NodeSpec, f"nodes.{key}")
+    entry = Entry(
         name=name,
         kind=spec.kind,
         params=spec.params,
         remap=spec.remap,
         namespace=spec.namespace,
         nice=spec.nice,
-        source=given.place(("nodes", name)),
-        places={key[size:]: at for key, at in given.places.items() if key[:size] == path},
+        source=given.source,
+        places=given.part(("params",)).places if spec.params else {},
     )
+    return [entry] if spec.wanted else []

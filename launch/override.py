@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from msgspec import to_builtins
 
@@ -22,7 +23,8 @@ def override(graph: Graph, settings: Mapping[str, Located]) -> Graph:
     graph : Graph
         The graph as described.
     settings : map
-        ``node.param`` to its value.
+        ``node.param`` to its value; where there is one such node for each finger, its name
+        without the number means all of them.
 
     Raises
     ------
@@ -31,13 +33,18 @@ def override(graph: Graph, settings: Mapping[str, Located]) -> Graph:
         with the graph.
     """
     entries = {entry.name: entry for entry in graph.entries}
+    groups: dict[str, list[str]] = {name: [name] for name in entries}
+    for name, entry in entries.items():
+        if entry.finger:
+            groups.setdefault(entry.group, []).append(name)
     for target, value in settings.items():
         node, _, param = target.partition(".")
         if not param:
-            raise value.error((), "must look like planner.contours=9")
-        if node not in entries:
-            raise value.error((), f"there is no node {node!r}; {hint(node, entries)}")
-        entries[node] = _with(entries[node], param, value)
+            raise value.error((), "must look like planner.tolerance=0.2e-3")
+        if node not in groups:
+            raise value.error((), f"there is no node {node!r}; {hint(node, groups)}")
+        for name in groups[node]:
+            entries[name] = _with(entries[name], param, value)
     return replace(graph, entries=tuple(entries.values()))
 
 
@@ -53,7 +60,7 @@ def read_settings(texts: Iterable[str]) -> dict[str, Located]:
     for text in texts:
         target, equals, value = text.partition("=")
         if not equals:
-            raise InputError(f"--set {text}: must look like planner.contours=9")
+            raise InputError(f"--set {text}: must look like planner.tolerance=0.2e-3")
         found[target] = option(value, f"--set {text}")
     return found
 
@@ -81,9 +88,21 @@ def option(text: str, source: str) -> Located:
 
 
 def _with(entry: Entry, param: str, value: Located) -> Entry:
+    keys = tuple(param.split("."))
     params = to_builtins(entry.params, builtin_types=(bytes,))
     return replace(
         entry,
-        params={**params, param: value.value},
-        places={**entry.places, (param,): value.source},
+        params=_nested(params, keys, value),
+        places={**entry.places, keys: value.source},
     )
+
+
+def _nested(params: Mapping[str, Any], keys: tuple[str, ...], value: Located) -> dict[str, Any]:
+    """Parameters with one of them set, maybe within a map that they hold."""
+    first, *rest = keys
+    if not rest:
+        return {**params, first: value.value}
+    inner = params.get(first) or {}
+    if not isinstance(inner, Mapping):
+        raise value.error((), f"{first} is {inner!r:.40}, which has no {'.'.join(rest)} to set")
+    return {**params, first: _nested(inner, tuple(rest), value)}

@@ -52,7 +52,7 @@ def place(entries: Iterable[Entry]) -> tuple[Placed, ...]:
         _check_name(entry, placed)
         node = node_of(entry)
         _check_remap(entry, node)
-        outputs = {} if isinstance(node, Sink) else {t: on_wire(entry, t) for t in node.outputs}
+        outputs = {} if isinstance(node, Sink) else _outputs(entry, node)
         placed[entry.name] = Placed(entry, node, _params(entry, node.params), outputs)
     return tuple(placed.values())
 
@@ -80,11 +80,22 @@ def publishers(placed: Iterable[Placed]) -> dict[str, Publisher]:
     return found
 
 
-def on_wire(entry: Entry, topic: str) -> str:
-    """The topic on the wire for what the entry's node calls `topic`."""
+def is_left_out(entry: Entry, node: Node, topic: str) -> bool:
+    """Whether another finger's node hears or says this topic for all of them."""
+    return entry.finger > 1 and topic in node.shared
+
+
+def _outputs(entry: Entry, node: Node) -> dict[str, str]:
+    """The topic as the node calls it, to the topic on the wire."""
+    said = [topic for topic in node.outputs if not is_left_out(entry, node, topic)]
+    return {topic: _on_wire(entry, node, topic) for topic in said}
+
+
+def _on_wire(entry: Entry, node: Node, topic: str) -> str:
     if topic in entry.remap:
         return entry.remap[topic]
-    return f"/{entry.namespace}{topic}" if entry.namespace else topic
+    outside = not entry.namespace or (entry.finger and topic in node.shared)
+    return topic if outside else f"/{entry.namespace}{topic}"
 
 
 def _check_name(entry: Entry, placed: Mapping[str, Placed]) -> None:

@@ -7,24 +7,47 @@ wanted, neither a launch file nor a socket is.
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from palpate.core.frames import IDENTITY
 from palpate.messages.types import Contour, ContourGoal
 from palpate.nodes import curvature, filter, simulator, tracer
-from palpate.nodes.node import Finished, Outputs
+from palpate.nodes.node import Finished, Node, Outputs
 
 APPROACH = 0.02
 """The finger comes from this far outside of the object, m."""
 
+EVERY = 0
+"""A message of no single finger: all hear it."""
 
-_NODES = (simulator.NODE, filter.NODE, curvature.NODE, tracer.NODE)
+
+class Seat(NamedTuple):
+    """A node of one finger."""
+
+    finger: int
+    """The finger, from 1."""
+    node: Node
+    """What it does."""
+    params: Any
+    """Instance of the node's own parameter type."""
+
+
+class Said(NamedTuple):
+    """A message under way."""
+
+    finger: int
+    """The finger whose nodes hear it, or `EVERY`."""
+    topic: str
+    """As the nodes call it."""
+    message: object
+    """What was said."""
 
 
 class Loop:
-    """Simulator, filter, curvature and tracer: each hearing what the others say.
+    """Simulator, filter, curvature and tracer of each finger: each hearing what the others say.
 
     Parameters
     ----------
@@ -32,44 +55,68 @@ class Loop:
         Object, sensor, effects and seed.
     filtered : filter.Params
         How frames are cleaned.
+    fingers : int
+        How many fingers there are.
     """
 
-    def __init__(self, simulated: simulator.Params, filtered: filter.Params | None = None):
-        params = (simulated, filtered or filter.Params(), curvature.Params(), tracer.Params())
-        self._nodes = tuple(zip(_NODES, params, strict=True))
-        started = [node.start(given) for node, given in self._nodes]
+    def __init__(
+        self,
+        simulated: simulator.Params,
+        filtered: filter.Params | None = None,
+        fingers: int = 1,
+    ) -> None:
+        self._seats = [
+            seat
+            for finger in range(1, fingers + 1)
+            for seat in (
+                Seat(finger, simulator.NODE, replace(simulated, finger=finger, fingers=fingers)),
+                Seat(finger, filter.NODE, filtered or filter.Params()),
+                Seat(finger, curvature.NODE, curvature.Params()),
+                Seat(finger, tracer.NODE, tracer.Params(finger=finger)),
+            )
+        ]
+        started = [seat.node.start(seat.params) for seat in self._seats]
         self._states: list[Any] = [state for state, _ in started]
-        self._deliver([said for _, outputs in started for said in _messages(outputs)])
+        outputs = [outputs for _, outputs in started]
+        self._deliver(
+            [
+                one
+                for seat, said in zip(self._seats, outputs, strict=True)
+                for one in _said(seat, said)
+            ]
+        )
 
-    def trace(self, height: float, radius: float, number: int = 0) -> Contour:
+    def trace(self, height: float, radius: float, number: int = 0, finger: int = 1) -> Contour:
         """Trace the slice at a height about the world's axis; radius of the object there, m."""
         goal = ContourGoal(
             id=number,
-            finger=1,
+            finger=finger,
             frame=IDENTITY,
             height=height,
             centre=np.zeros(2),
             radius=radius + APPROACH,
             not_before=0.0,
         )
-        said = self._deliver([("/contour/goal", goal)])
+        said = self._deliver([Said(EVERY, "/contour/goal", goal)])
         contour = said["/contour/traced"]
         assert isinstance(contour, Contour)
         return contour
 
-    def _deliver(self, first: list[tuple[str, object]]) -> dict[str, object]:
+    def _deliver(self, first: list[Said]) -> dict[str, object]:
         """Hand every message to who hears its topic, first in, first out; the last of each."""
-        waiting, said = deque(first), dict[str, object]()
+        waiting, last = deque(first), dict[str, object]()
         while waiting:
-            topic, message = waiting.popleft()
-            said[topic] = message
-            for i, (node, params) in enumerate(self._nodes):
-                if topic in node.inputs:
-                    _, handler = node.inputs[topic]
-                    self._states[i], outputs = handler(params, self._states[i], message)
-                    waiting += _messages(outputs)
-        return said
+            said = waiting.popleft()
+            last[said.topic] = said.message
+            for i, seat in enumerate(self._seats):
+                if said.topic in seat.node.inputs and said.finger in (EVERY, seat.finger):
+                    _, handler = seat.node.inputs[said.topic]
+                    self._states[i], outputs = handler(seat.params, self._states[i], said.message)
+                    waiting += _said(seat, outputs)
+        return last
 
 
-def _messages(outputs: Outputs) -> list[tuple[str, object]]:
-    return [said for said in outputs if not isinstance(said, Finished)]
+def _said(seat: Seat, outputs: Outputs) -> list[Said]:
+    said = [one for one in outputs if not isinstance(one, Finished)]
+    shared = seat.node.shared
+    return [Said(EVERY if t in shared else seat.finger, t, message) for t, message in said]

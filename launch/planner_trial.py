@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.explore.planners.asking import ask
 from palpate.core.explore.planners.choice import END_SHARE, Height, Planner, Stop
 from palpate.core.explore.planners.intervals import hermite, stack_slices
 from palpate.core.explore.planners.known import Known, Outcome, Slice
@@ -148,10 +149,15 @@ def run(
         Root mean square error asked for, over the object's height.
     most : int
         Slices at most.
+
+    Raises
+    ------
+    ValueError
+        If its answer is none to act on; see `palpate.core.explore.planners.asking.ask`.
     """
     slices: tuple[Slice, ...] = ()
     while True:
-        choice = planner.next(known_of(slices, tolerance))
+        choice = ask(planner, known_of(slices, tolerance))
         if isinstance(choice, Stop):
             return slices, choice
         if len(slices) >= most or not isinstance(choice, Height):

@@ -23,15 +23,21 @@ class PointsFound(NamedTuple):
     """Everything that was touched with the number of its touch, if that is known."""
     tops: Floats | None = None
     """(k, 3): where the ends were touched."""
+    frame: Floats | None = None
+    """Pose (7,) of the slicing frame, around whose z axis the contours run, in that of the points;
+    the same if None."""
     notes: tuple[str, ...] = ()
     """What was done that a user should know, in sentences."""
 
     def scaled(self, metres: float) -> PointsFound:
         """Lengths times so much."""
         tops = None if self.tops is None else metres * self.tops
+        frame = self.frame
+        if frame is not None:
+            frame = np.concatenate([metres * frame[:3], frame[3:]])
         felt = None if self.felt is None else self.felt._replace(points=metres * self.felt.points)
         contours = tuple(metres * one for one in self.contours)
-        return self._replace(contours=contours, tops=tops, felt=felt)
+        return self._replace(contours=contours, tops=tops, felt=felt, frame=frame)
 
 
 def felt_of(

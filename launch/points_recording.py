@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.core.frames import split_pose
 from palpate.core.rebuild.felt.felt_points import FeltPoints, felt_points, stack_points
 from palpate.core.touch.jet import Jet
 from palpate.launch.located import InputError
@@ -15,6 +16,7 @@ from palpate.launch.points_found import PointsFound
 from palpate.messages.codec import decode
 from palpate.messages.fields import CodecError
 from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, World
+from palpate.nodes.reconstructor_set import frame_of, is_upright, touched_ends
 from palpate.nodes.sensor import pad_of_info
 
 KINDS: Mapping[str, type] = {
@@ -86,7 +88,7 @@ def found_in(path: Path, heard: Heard) -> PointsFound:
     Raises
     ------
     InputError
-        If no contour is closed; it names the path.
+        If no contour is closed, or they were not traced in one frame; it names the path.
     """
     contours, probes = heard.contours, heard.probes
     if heard.done is not None:
@@ -96,32 +98,42 @@ def found_in(path: Path, heard: Heard) -> PointsFound:
     if not closed:
         raise InputError(f"{path}: holds no closed contour, of {len(contours)} that were traced")
     hits = [one for one in probes if one.outcome == "hit"]
-    felt = _felt(heard, {one.id for one in closed} | {one.id for one in hits})
+    touches = _touches(heard, {one.id for one in closed} | {one.id for one in hits})
+    felt = stack_points([one for each in touches.values() for one in each]) if touches else None
     notes = [] if felt is None else [f"{len(felt.points)} taxels of {felt.touch.max() + 1} touches"]
     if len(closed) < len(contours):
         notes.append(f"left out {len(contours) - len(closed)} contours that were not closed")
-    tops = [one.point for one in hits]
-    if heard.world is not None:
-        tops.append(np.array([0.0, 0.0, heard.world.platform]))
+    platform = None if heard.world is None else heard.world.platform
+    try:
+        frame = frame_of(closed)
+        tops = touched_ends(closed, hits, touches, platform)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    if not is_upright(frame):
+        lean = np.degrees(np.arccos(np.clip(split_pose(frame)[1][2, 2], -1.0, 1.0)))
+        notes.append(f"sliced along an axis that leans by {lean:.1f} deg")
+    elif platform is not None:
         notes.append("the object stands on its platform, which is a touch of its lower end")
     return PointsFound(
         contours=tuple(np.array(one.points) for one in closed),
         places=tuple(f"contour {one.id}" for one in closed),
         normals=tuple(np.array(one.normals) for one in closed),
         felt=felt,
-        tops=np.array(tops) if tops else None,
+        tops=tops,
+        frame=np.array(frame),
         notes=tuple(notes),
     )
 
 
-def _felt(heard: Heard, goals: set[int]) -> FeltPoints | None:
-    """All taxels of the touches of some goals, as the reconstructor takes them."""
+def _touches(heard: Heard, goals: set[int]) -> dict[int, list[FeltPoints]]:
+    """What each touch of some goals felt, by goal, as the reconstructor takes it."""
     if heard.sensor is None:
-        return None
+        return {}
     pad = pad_of_info(heard.sensor)
-    parts = []
+    found: dict[int, list[FeltPoints]] = {}
     for patch in sorted(heard.patches, key=lambda patch: (patch.goal, patch.touch)):
         if patch.goal in goals and patch.mask.any():
             jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
-            parts.append(felt_points(pad, patch.pose, patch.height, patch.mask, jet))
-    return stack_points(parts) if parts else None
+            points = felt_points(pad, patch.pose, patch.height, patch.mask, jet)
+            found.setdefault(patch.goal, []).append(points)
+    return found

@@ -10,6 +10,7 @@ from typing import Protocol, TextIO
 
 from palpate.messages.types import (
     Contour,
+    GraspContacts,
     LogRecord,
     NodeStatus,
     PlanDone,
@@ -18,18 +19,22 @@ from palpate.messages.types import (
     ShapeModel,
 )
 
-GATHERED = (Contour, PlanDone, Probe, Score, ShapeModel)
+GATHERED = (Contour, GraspContacts, PlanDone, Probe, Score, ShapeModel)
 """Types of the messages that are gathered."""
+TRACED = ("closed", "occluded")
+"""Endings of a contour that is of use."""
 
 
 @dataclass(slots=True)
 class Progress:
     """Everything worth telling while a run goes on and when it is over."""
 
+    contacts: int = 0
+    """Contacts of the closing hand."""
     contours: int = 0
-    """Contours closed."""
+    """Contours traced, those with gaps that the pad cannot reach among them."""
     failed: int = 0
-    """Contours that could not be closed."""
+    """Slices of which nothing came."""
     done: PlanDone | None = None
     """Why the exploration was over."""
     touches: int = 0
@@ -101,11 +106,15 @@ class Gatherer:
         self._stamp()
         if isinstance(message, (Contour, Probe)):
             if isinstance(message, Contour):
-                progress.contours += message.status == "closed"
-                progress.failed += message.status != "closed"
+                traced = message.status in TRACED and len(message.points) > 0
+                progress.contours += traced
+                progress.failed += not traced
             progress.touches += message.touches
             progress.robot_time = max(progress.robot_time, message.robot_time)
             progress.reports.append((progress.wall, progress.touches))
+        elif isinstance(message, GraspContacts):
+            progress.contacts += len(message.points)
+            progress.robot_time = max(progress.robot_time, message.robot_time)
         elif isinstance(message, PlanDone):
             progress.done = message
         elif isinstance(message, ShapeModel):

@@ -11,10 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.frames import transform
+from palpate.core.rebuild.slicing import into_frame
 from palpate.core.rebuild.solid import Method, Solid
 from palpate.core.rebuild.surface.surface_mesh import SurfaceMesh
 from palpate.launch.lattice_export import SUFFIXES as LATTICES
-from palpate.launch.lattice_export import lattice_of, write_lattice
+from palpate.launch.lattice_export import write_lattice
 from palpate.launch.located import InputError
 from palpate.launch.mesh_export import UNITS as MESHES
 from palpate.launch.mesh_export import write_mesh
@@ -99,6 +101,7 @@ def rebuild(points: Path, wanted: Wanted, say: Say) -> Rebuilt:
                 found.felt,
                 tops=tops,
                 method=wanted.method,
+                frame=found.frame,
                 noise=None if wanted.noise is None else METRES[unit] * wanted.noise,
             )
             say("meshing")
@@ -172,7 +175,7 @@ def write_outputs(rebuilt: Rebuilt, outs: Sequence[Path], lattice: Path | None) 
             files[path] = lambda part: save(solid, part)
         else:
             files[path] = lambda part: write_mesh(part, mesh.vertices, mesh.faces)
-    control = None if lattice is None else lattice_of(solid)
+    control = None if lattice is None else solid.control_lattice
     if lattice is not None:
         if control is None:
             raise InputError(f"--lattice {lattice}: this solid has no control lattice")
@@ -200,13 +203,15 @@ def _tops(found: PointsFound, wanted: Wanted, metres: float) -> Floats | None:
     parts = [] if found.tops is None else [found.tops]
     if wanted.tops is not None:
         parts.append(metres * read_tops(wanted.tops))
-    levels = [float(np.nanmean(one[:, 2])) for one in found.contours if np.isfinite(one).any()]
+    seen = [into_frame(found.frame, one) for one in found.contours if np.isfinite(one).any()]
+    levels = [float(np.nanmean(one[:, 2])) for one in seen]
     if levels:
         _check_noise(wanted, found, metres)
         _check_ends(wanted, min(levels) / metres, max(levels) / metres)
     for height in (wanted.bottom, wanted.top):
         if height is not None:
-            parts.append(np.array([[0.0, 0.0, metres * height]]))
+            point = np.array([[0.0, 0.0, metres * height]])
+            parts.append(point if found.frame is None else transform(found.frame, point))
     return np.concatenate(parts) if parts else None
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.recovery.recovery import Recovery
+from palpate.core.rebuild.slicing import into_frame
 from palpate.core.rebuild.solid import Solid
 from palpate.core.rebuild.surface.surface_mesh import SurfaceMesh
 from palpate.launch.points_found import PointsFound
@@ -124,7 +125,9 @@ def _names(places: Sequence[str], rows: Iterable[int]) -> str:
 
 def _ends(solid: Solid, vertices: Floats) -> list[str]:
     """Ends that nobody touched, that lie far off, and that the surface does not reach."""
-    low, high = float(vertices[:, 2].min()), float(vertices[:, 2].max())
+    heights = into_frame(solid.frame, vertices)[:, 2]
+    low, high = float(heights.min()), float(heights.max())
+    axis = "z =" if solid.frame is None else "height"
     levels = solid.slices.heights
     least = UNKNOWN_END * (high - low)
     step = float(np.diff(levels).max()) if len(levels) > 1 else 0.0
@@ -144,7 +147,7 @@ def _ends(solid: Solid, vertices: Floats) -> list[str]:
             continue
         if abs(touched - made) > least:
             said.append(
-                f"the {end} was touched at z = {1e3 * touched:.5g} mm, and the solid ends at "
+                f"the {end} was touched at {axis} {1e3 * touched:.5g} mm, and the solid ends at "
                 f"{1e3 * made:.5g} mm"
             )
         if step and abs(touched - rim) > FAR * step:

@@ -1,10 +1,9 @@
 """Runs nodes again on what they heard, and compares what they say with what they said.
 
-A node is a pure function of its inputs in their order. The order in a recording is that in
-which the recorder heard them: within one publisher it is the order of sending, between two
-publishers another node may have heard it otherwise. So nodes that hear one publisher beside
-their needs (simulator, filter, curvature, evaluator) are replayed exactly, and are those that
-are replayed if none is named.
+A node is a pure function of its inputs in their order. They are handed over in the order in which
+they were sent, so that no effect comes before its cause; but of two publishers another one may
+have been heard first. So nodes that heard one publisher beside their needs (filter, curvature,
+evaluator) are replayed exactly, and are those that are replayed if none is named.
 """
 
 from __future__ import annotations
@@ -71,7 +70,8 @@ def _play(recording: Recording, players: Sequence[_Player]) -> None:
     for player in players:
         player.begin()
     sequence: dict[str, int] = {}
-    for kept in recording.messages():
+    # Processes of one machine share the clock; the recorder may have heard them in another order.
+    for kept in sorted(recording.messages(), key=lambda kept: kept.sent_ns):
         _check_sequence(recording, sequence, kept)
         for player in players:
             player.hear(kept)
@@ -90,7 +90,7 @@ def _chosen(recording: Recording, names: Sequence[str]) -> list[tuple[Recorded, 
         if not names and not one.module.startswith(OURS):
             continue
         node = load_node(one.module)
-        if isinstance(node, Node) and (names or _is_exact(one, node)):
+        if isinstance(node, Node) and (names or _is_exact(one, node, recording)):
             chosen.append((one, node))
         elif names:
             raise ValueError(f"{one.name} is a sink: it says nothing that could be compared")
@@ -99,9 +99,10 @@ def _chosen(recording: Recording, names: Sequence[str]) -> list[tuple[Recorded, 
     return chosen
 
 
-def _is_exact(place: Recorded, node: Node) -> bool:
+def _is_exact(place: Recorded, node: Node, recording: Recording) -> bool:
     """Whether the recorded order is sure to be the order in which the node heard."""
-    return len({one.publisher for one in place.inputs if one.local not in node.needs}) <= 1
+    heard = [one for one in place.inputs if recording.counts.get(one.topic)]
+    return len({one.publisher for one in heard if one.local not in node.needs}) <= 1
 
 
 def _check_sequence(recording: Recording, sequence: dict[str, int], kept: Kept) -> None:

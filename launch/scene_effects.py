@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from palpate.core.touch.effect import Effect
@@ -12,6 +10,7 @@ from palpate.core.touch.effects.catalogue import NAMES, effect_type
 from palpate.launch.convert import convert
 from palpate.launch.located import InputError, KeyPath, Located
 from palpate.launch.nearest import hint
+from palpate.launch.own_modules import look_here
 
 
 def with_effects(given: Located) -> Located:
@@ -82,9 +81,7 @@ def _within(given: Located, where: KeyPath) -> dict[KeyPath, str]:
 
 
 def _type(parameters: Located, name: str) -> type[Effect]:
-    here = str(Path.cwd())
-    if ":" in name and here not in sys.path:
-        sys.path.append(here)
+    look_here(name)
     try:
         return effect_type(name)
     except LookupError:

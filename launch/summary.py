@@ -45,6 +45,10 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "scene": scene,
         "seed": seed,
         **_distances(progress.score),
+        "bound_m": None if progress.done is None else progress.done.bound,
+        "within": None if progress.done is None else progress.done.within,
+        "unfelt_m": None if progress.done is None else progress.done.unfelt,
+        "contacts": progress.contacts,
         "contours": progress.contours,
         "contours_failed": progress.failed,
         "uncovered_m": None if progress.done is None else progress.done.uncovered,
@@ -130,4 +134,5 @@ def _point(seconds: float, score: Score) -> Summary:
         "robot_time_s": score.robot_time,
         "wall_s": seconds,
         "chamfer_m": score.chamfer,
+        "rms_m": score.rms,
     }

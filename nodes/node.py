@@ -8,9 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
+
+from msgspec import Meta
 
 from palpate.messages.header import Header
+
+MOST_FINGERS = 8
+"""Fingers that one graph may have."""
+
+Finger = Annotated[int, Meta(ge=1, le=MOST_FINGERS)]
+"""Number of a finger, or of fingers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +51,9 @@ class Node:
     """Latched inputs without which no other input is handed over."""
     many: tuple[str, ...] = ()
     """Inputs with one publisher in each finger's namespace."""
+    shared: tuple[str, ...] = ()
+    """Topics that stay outside the fingers' namespaces: where there is such a node for each finger,
+    that of the first finger alone hears and says them."""
 
 
 class Writer(Protocol):

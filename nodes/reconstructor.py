@@ -1,6 +1,7 @@
-"""Reconstructor node: rebuilds exactly the sets of contours and probes that it is asked for.
+"""Reconstructor node: rebuilds exactly the sets that it is asked for.
 
-A set is fitted once every touch of it has been heard, whichever input brings the last one.
+A set of contours and probes gives a solid; closings of the hand alone give a superquadric. It is
+fitted once all of it has been heard, whichever input brings the last of it.
 """
 
 from __future__ import annotations
@@ -8,26 +9,30 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import TypeGuard
 
 import numpy as np
 from msgspec import Struct
 
-from palpate.core.rebuild.felt.felt_points import FeltPoints, felt_points, stack_points
-from palpate.core.rebuild.reconstruct import reconstruct
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.felt.felt_points import FeltPoints, felt_points
 from palpate.core.rebuild.solid import Solid
 from palpate.core.touch.jet import Jet
 from palpate.core.touch.pad import Pad
 from palpate.messages.types import (
     Contour,
+    GraspContacts,
     ModelGoal,
     PlanDone,
     Probe,
     SensorInfo,
     ShapeModel,
+    Superquadric,
     SurfacePatch,
     World,
 )
 from palpate.nodes.node import Node, Outputs
+from palpate.nodes.reconstructor_set import coarse_model, rebuilt_from
 from palpate.nodes.sensor import pad_of_info
 from palpate.nodes.shape_model import shape_model
 
@@ -49,7 +54,9 @@ class State:
     pad: Pad | None = None
     """The sensor's array."""
     felt: Touches = field(default_factory=lambda: MappingProxyType({}))
-    """Every touch."""
+    """Every touch; goals are numbered for all fingers together."""
+    contacts: Mapping[int, Floats] = field(default_factory=lambda: MappingProxyType({}))
+    """Where the hand met the object, by the number of the closing."""
     contours: Mapping[int, Contour] = field(default_factory=lambda: MappingProxyType({}))
     """By number."""
     probes: Mapping[int, Probe] = field(default_factory=lambda: MappingProxyType({}))
@@ -82,6 +89,12 @@ def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State
     return _fit_ready(replace(state, felt={**state.felt, patch.goal: of_goal}))
 
 
+def take_contacts(params: Params, state: State, heard: GraspContacts) -> tuple[State, Outputs]:
+    """Keep what the hand met."""
+    contacts = {**state.contacts, heard.number: heard.points}
+    return _fit_ready(replace(state, contacts=contacts))
+
+
 def take_contour(params: Params, state: State, contour: Contour) -> tuple[State, Outputs]:
     """Keep a contour."""
     return _fit_ready(replace(state, contours={**state.contours, contour.id: contour}))
@@ -102,15 +115,31 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
     outputs: Outputs = []
     asked = sorted(state.asked, key=lambda goal: goal.number)
     while asked and _is_heard(state, asked[0]):
-        outputs.append(("/model/shape", _fit(state, asked.pop(0))))
+        goal = asked.pop(0)
+        if _is_coarse(goal):
+            outputs.append(("/model/coarse", _coarse(state, goal)))
+        else:
+            outputs.append(("/model/shape", _fit(state, goal)))
     return replace(state, asked=tuple(asked)), outputs
 
 
+def _is_coarse(goal: ModelGoal | PlanDone) -> TypeGuard[ModelGoal]:
+    """Whether a superquadric is asked for."""
+    return isinstance(goal, ModelGoal) and not (goal.contours or goal.probes)
+
+
 def _is_heard(state: State, goal: ModelGoal | PlanDone) -> bool:
-    """Whether every touch of a set is there."""
+    """Whether all of a set is there."""
+    if _is_coarse(goal):
+        return all(number in state.contacts for number in range(goal.closings))
     wanted: list[Contour | Probe | None] = [state.contours.get(id_) for id_ in goal.contours]
     wanted += [state.probes.get(id_) for id_ in goal.probes]
     return all(one is not None and len(state.felt.get(one.id, {})) == one.touches for one in wanted)
+
+
+def _coarse(state: State, goal: ModelGoal) -> Superquadric:
+    contacts = [state.contacts[number] for number in range(goal.closings)]
+    return coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
 
 
 def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
@@ -123,26 +152,16 @@ def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
 
 
 def _rebuild(state: State, goal: ModelGoal | PlanDone) -> Solid:
-    """The solid of a set; it stands on the platform, which is a touch of its lower end."""
-    contours = [state.contours[id_] for id_ in goal.contours]
-    top = max([_highest(state, id_) for id_ in goal.probes], default=None)
-    standing = np.array([0.0, 0.0, state.platform])
-    tops = [standing] if top is None else [standing, np.array([0.0, 0.0, top])]
-    felt = stack_points(
-        [
-            state.felt[id_][touch]
-            for id_ in (*goal.contours, *goal.probes)
-            for touch in sorted(state.felt[id_])
-        ]
+    felt = {
+        id_: [state.felt[id_][touch] for touch in sorted(state.felt.get(id_, {}))]
+        for id_ in (*goal.contours, *goal.probes)
+    }
+    return rebuilt_from(
+        [state.contours[id_] for id_ in goal.contours],
+        [state.probes[id_] for id_ in goal.probes],
+        felt,
+        state.platform,
     )
-    traced = [contour.points for contour in contours]
-    return reconstruct(traced, patches=felt, tops=np.array(tops))
-
-
-def _highest(state: State, probe: int) -> float:
-    """Height of the highest taxel of a probe, or of its point where none was touched, m."""
-    heights = [felt.points[:, 2].max() for felt in state.felt[probe].values() if len(felt.points)]
-    return float(max(heights, default=state.probes[probe].point[2]))
 
 
 NODE = Node(
@@ -151,12 +170,14 @@ NODE = Node(
     inputs={
         "/world": (World, know_world),
         "/touch/info": (SensorInfo, know_sensor),
+        "/hand/contacts": (GraspContacts, take_contacts),
         "/touch/patch": (SurfacePatch, take_patch),
         "/contour/traced": (Contour, take_contour),
         "/probe/traced": (Probe, take_probe),
         "/model/goal": (ModelGoal, take_goal),
         "/plan/done": (PlanDone, take_goal),
     },
-    outputs={"/model/shape": ShapeModel},
+    outputs={"/model/coarse": Superquadric, "/model/shape": ShapeModel},
     needs=("/world", "/touch/info"),
+    many=("/touch/patch", "/contour/traced", "/probe/traced"),
 )

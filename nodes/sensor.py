@@ -13,8 +13,9 @@ from palpate.core.touch.calibration import Calibration, Signal
 from palpate.core.touch.pad import SPRINGS, Face, Pad
 from palpate.messages.types import SensorInfo
 
-LEAST_WIDTH, LARGEST_WIDTH = 12.0e-3, 20.0e-3
-"""Widths of an array that the tracer can follow a contour with, m."""
+LEAST_WIDTH, LARGEST_WIDTH = 5.0e-3, 40.0e-3
+"""Widths of an array, m: with those that were tried between them, domed and flat, contours of a
+ball, a box and a vase of 80 to 100 mm close."""
 
 
 Gain = Annotated[float, Meta(ge=0, le=10, description="1")]
@@ -70,7 +71,8 @@ class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         if min(widths) < LEAST_WIDTH or max(widths) > LARGEST_WIDTH:
             raise ValueError(
                 f"rows, cols and pitch make an array of {1e3 * widths[0]:.3g} by "
-                f"{1e3 * widths[1]:.3g} mm; the tracer's steps are made for 12 to 20 mm"
+                f"{1e3 * widths[1]:.3g} mm; contours are followed with {1e3 * LEAST_WIDTH:g} "
+                f"to {1e3 * LARGEST_WIDTH:g} mm"
             )
         corner = 0.5 * math.hypot(*widths)
         if self.pad.radius is not None and self.pad.radius <= corner:

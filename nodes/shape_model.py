@@ -61,8 +61,8 @@ def shape_model(goal: ModelGoal | PlanDone, solid: Solid | None, why: str = "") 
         probes=goal.probes,
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_why=tuple(dropped.values()),
-        frame=IDENTITY,
-        deviation=0.0,
+        frame=IDENTITY if solid is None or solid.frame is None else solid.frame,
+        deviation=0.0 if solid is None else solid.whole_deviation() or 0.0,
         **parts,
         touches=goal.touches,
         robot_time=goal.robot_time,
@@ -73,8 +73,9 @@ def shape_model(goal: ModelGoal | PlanDone, solid: Solid | None, why: str = "") 
 
 def _parts(solid: Solid, final: bool) -> dict[str, Any]:
     """Everything of a model that is the solid's."""
-    assert solid.lattice is not None
-    grid, mesh = lattice_grid(solid.lattice.lattice), _mesh(solid, final)
+    lattice = solid.control_lattice
+    assert lattice is not None
+    grid, mesh = lattice_grid(lattice), _mesh(solid, final)
     heights, deviation = _band(solid)
     return {
         "control": grid.control,
@@ -100,7 +101,7 @@ def _mesh(solid: Solid, final: bool) -> SurfaceMesh:
 
 
 def _band(solid: Solid) -> tuple[Floats, Floats]:
-    """Heights, and the side's standard deviation there."""
+    """Heights along the slicing axis, and the side's standard deviation there."""
     assert solid.closed is not None
     if solid.closed.felt is not None:
         return solid.closed.felt.band_heights, solid.closed.felt.band

@@ -24,7 +24,7 @@ from palpate.messages.types import (
     World,
 )
 from palpate.nodes.effects import EffectSpecs, build_pipeline, felt_face
-from palpate.nodes.node import Node, Outputs
+from palpate.nodes.node import Finger, Node, Outputs
 from palpate.nodes.object import Length, ObjectSpec, Seed, build_shape
 from palpate.nodes.sensor import SensorSpec, info_of
 
@@ -51,8 +51,14 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Preset of the robot's speeds: modern or puma."""
     seed: Seed = 0
     """The run's seed."""
+    finger: Finger = 1
+    """The finger that it moves; the first has the hand as well, and tells what all may know."""
+    fingers: Finger = 1
+    """How many fingers there are, each with a simulator of its own."""
 
     def __post_init__(self) -> None:
+        if self.finger > self.fingers:
+            raise ValueError(f"finger must be at most fingers, {self.fingers}, got {self.finger}")
         if self.robot not in PRESETS:
             raise ValueError(f"robot must be one of {sorted(PRESETS)}, got {self.robot!r}")
         build_pipeline(self.sensor, self.effects, PRESETS[self.robot])
@@ -105,32 +111,43 @@ class State:
 
 
 def start(params: Params) -> tuple[State, Outputs]:
-    """Build the object and tell what a robot would know, and the truth."""
+    """Build the object; the first finger's tells what a robot would know, and the truth."""
     shape = build_shape(params.object)
     pipeline = build_pipeline(
-        params.sensor, params.effects, PRESETS[params.robot], seed=params.seed
+        params.sensor, params.effects, PRESETS[params.robot], params.finger, params.seed
     )
+    platform = float(shape.bounds()[0, 2])
+    state = State(shape, pipeline, pipeline.begin(), platform=platform)
+    if params.finger > 1:
+        return state, []
+    world = World(platform=platform, reach=params.reach, fingers=params.fingers, seed=params.seed)
+    return state, [
+        ("/world", world),
+        ("/touch/info", info_of(params.sensor, pipeline.noise, felt_face(pipeline))),
+        ("/truth", _truth(shape)),
+    ]
+
+
+def _truth(shape: Shape) -> Truth:
     low, high = shape.bounds()
     vertices, faces = shape.mesh(TRUTH_LEVEL)
     floor_vertices, floor_faces = shape.mesh(FLOOR_LEVEL)
-    return State(shape, pipeline, pipeline.begin(), platform=float(low[2])), [
-        ("/world", World(platform=low[2], reach=params.reach, fingers=1, seed=params.seed)),
-        ("/touch/info", info_of(params.sensor, pipeline.noise, felt_face(pipeline))),
-        (
-            "/truth",
-            Truth(
-                vertices=vertices,
-                faces=faces,
-                floor_vertices=floor_vertices,
-                floor_faces=floor_faces,
-                height=high[2] - low[2],
-            ),
-        ),
-    ]
+    return Truth(
+        vertices=vertices,
+        faces=faces,
+        floor_vertices=floor_vertices,
+        floor_faces=floor_faces,
+        height=high[2] - low[2],
+    )
 
 
 def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs]:
     """One guarded move and its frame, sent as often as the link delivers it."""
+    if goal.finger != params.finger:
+        raise ValueError(
+            f"touch {goal.touch} of goal {goal.goal} is for finger {goal.finger}, "
+            f"but this is finger {params.finger}"
+        )
     pipeline, begun = state.pipeline, max(state.clock, goal.not_before)
     travel, turn = _between(state.resting, goal.pose)
     starts = begun + free_seconds(PRESETS[params.robot], travel=travel, turn=turn)
@@ -231,11 +248,13 @@ def _between(before: Floats | None, pose: Floats) -> tuple[float, float]:
 NODE = Node(
     params=Params,
     start=start,
-    inputs={"/finger/goal": (TouchGoal, touch)},
+    inputs={"/finger/goal": (TouchGoal, touch), "/hand/goal": (GraspGoal, take_grasp)},
     outputs={
         "/world": World,
         "/truth": Truth,
         "/touch/info": SensorInfo,
         "/touch/raw": TactileFrame,
+        "/hand/contacts": GraspContacts,
     },
+    shared=("/world", "/truth", "/touch/info", "/hand/goal", "/hand/contacts"),
 )

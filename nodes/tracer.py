@@ -20,6 +20,7 @@ from palpate.core.touch.pad import Pad
 from palpate.messages.types import (
     Contour,
     ContourGoal,
+    FingerClock,
     Probe,
     ProbeGoal,
     SensorInfo,
@@ -27,7 +28,7 @@ from palpate.messages.types import (
     TouchGoal,
     World,
 )
-from palpate.nodes.node import Node, Outputs
+from palpate.nodes.node import Finger, Node, Outputs
 from palpate.nodes.sensor import pad_of_info
 
 BACK_OFF = 14.0 / 15.0
@@ -40,6 +41,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     most_touches: Annotated[int, Meta(ge=10, le=10_000)] = 150
     """Touches after which a contour is given up."""
+    finger: Finger = 1
+    """The finger that it leads: it takes the goals that name this one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +63,8 @@ class Job:
 class State:
     """What the node remembers between two messages."""
 
+    fingers: int = 1
+    """How many there are."""
     pad: Pad | None = None
     """The sensor's array."""
     job: Job | None = None
@@ -74,8 +79,8 @@ def start(params: Params) -> tuple[State, Outputs]:
 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
-    """Hear that there is a world: goals come after it."""
-    return state, []
+    """Remember how many fingers there are: goals come after it."""
+    return replace(state, fingers=world.fingers), []
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
@@ -84,14 +89,29 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 
 def take_goal(params: Params, state: State, goal: ContourGoal | ProbeGoal) -> tuple[State, Outputs]:
-    """Begin with a goal, or queue it behind the one under way."""
+    """Begin with a goal of this finger, or queue it behind the one under way."""
+    if not 1 <= goal.finger <= state.fingers:
+        raise ValueError(
+            f"goal {goal.id} is for finger {goal.finger}; the fingers are 1 to {state.fingers}"
+        )
+    if goal.finger != params.finger:
+        return state, []
     if state.job is not None:
         return replace(state, waiting=(*state.waiting, goal)), []
     return _begin(params, state, goal, 0.0)
 
 
 def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
-    """Go on with the goal under way, knowing what the last touch felt."""
+    """Go on with the goal under way, and tell the other fingers' planner what time it is."""
+    state, outputs = _go_on(params, state, patch)
+    if state.fingers > 1:
+        clock = FingerClock(finger=params.finger, robot_time=patch.robot_time)
+        outputs = [*outputs, ("/finger/clock", clock)]
+    return state, outputs
+
+
+def _go_on(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
+    """Take up what the last touch felt."""
     job = state.job
     if job is None or (patch.goal, patch.touch) != (job.goal.id, job.touches - 1):
         raise ValueError(f"nobody asked for touch {patch.touch} of goal {patch.goal}")
@@ -186,8 +206,8 @@ def _contour(job: Job, goal: ContourGoal, trace: Trace, status: Status, now: flo
         points=empty if path is None else transform(goal.frame, path.points),
         normals=empty if path is None else path.normals @ axes.T,
         curvature=np.zeros(0) if path is None else path.across,
-        felt_low=np.zeros(0 if path is None else len(path.points)),
-        felt_high=np.zeros(0 if path is None else len(path.points)),
+        felt_low=np.zeros(0) if path is None else path.low,
+        felt_high=np.zeros(0) if path is None else path.high,
         status=status,
         gap_starts=_placed(goal, [gap.start for gap in trace.gaps]),
         gap_ends=_placed(goal, [gap.end for gap in trace.gaps]),
@@ -233,6 +253,11 @@ NODE = Node(
         "/probe/goal": (ProbeGoal, take_goal),
         "/touch/patch": (SurfacePatch, take_patch),
     },
-    outputs={"/finger/goal": TouchGoal, "/contour/traced": Contour, "/probe/traced": Probe},
+    outputs={
+        "/finger/goal": TouchGoal,
+        "/finger/clock": FingerClock,
+        "/contour/traced": Contour,
+        "/probe/traced": Probe,
+    },
     needs=("/world", "/touch/info"),
 )

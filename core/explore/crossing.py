@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,17 @@ ROUNDS = 3
 """Newton steps from the straight line's crossing: the next changes less than rounding."""
 
 
+class Crossings(NamedTuple):
+    """Where columns meet the slice, in their order."""
+
+    places: Floats
+    """Pad frame, (n, 3), m."""
+    rows: Indices
+    """The row before each, (n,)."""
+    columns: Indices
+    """Its column, (n,)."""
+
+
 def _coefficients(first: int, count: int) -> Floats:
     """What gives a polynomial's coefficients from its values on the rows, (4, 4)."""
     nodes = first + np.arange(count)
@@ -31,8 +44,8 @@ def _coefficients(first: int, count: int) -> Floats:
 _OF_WINDOW = np.stack([_coefficients(*window) for window in WINDOWS])
 
 
-def crossings(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Floats:
-    """Where the surface meets the slice, pad frame, (n, 3), in the order of the columns, m.
+def crossings(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Crossings:
+    """Where the surface meets the slice, at most once in each column.
 
     Parameters
     ----------
@@ -52,9 +65,7 @@ def crossings(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Float
     """
     x, y = pad.grid()
     meets = (above[:-1] <= 0.0) != (above[1:] <= 0.0)
-    one_surface = touched[:-1] & touched[1:]
-    one_surface &= np.abs(surface[1:] - surface[:-1]) < STEEP * pad.pitch
-    row, col = np.nonzero(meets & one_surface)
+    row, col = np.nonzero(meets & one_surface(pad, surface, touched))
     rows, window = _windows(touched, row, col)
     share = above[row, col] / (above[row, col] - above[row + 1, col])
     rise, depth = (_polynomials(field, rows, col, window) for field in (above, surface))
@@ -65,10 +76,17 @@ def crossings(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Float
     share = np.where((share >= 0.0) & (share <= 1.0), share, straight)
     up = y[row, col] + share * pad.pitch
     found = np.column_stack([x[row, col], up, _values(depth, share)[0]])
-    found = found[np.lexsort((np.abs(found[:, 1]), found[:, 0]))]
+    order = np.lexsort((np.abs(found[:, 1]), col))
     first = np.ones(len(found), bool)
-    first[1:] = np.diff(found[:, 0]) > 0.5 * pad.pitch
-    return found[first]
+    first[1:] = np.diff(col[order]) > 0
+    chosen = order[first]
+    return Crossings(found[chosen], row[chosen], col[chosen])
+
+
+def one_surface(pad: Pad, surface: Floats, touched: Bools) -> Bools:
+    """Whether two neighbouring rows touch one surface, (rows - 1, cols)."""
+    level: Bools = np.abs(surface[1:] - surface[:-1]) < STEEP * pad.pitch
+    return touched[:-1] & touched[1:] & level
 
 
 def _windows(touched: Bools, row: Indices, col: Indices) -> tuple[Indices, Indices]:

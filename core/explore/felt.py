@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.explore.crossing import crossings
+from palpate.core.explore.band import felt_bands
+from palpate.core.explore.crossing import crossings, one_surface
 from palpate.core.frames import split_pose
 from palpate.core.touch.jet import Jet
 from palpate.core.touch.pad import Pad
@@ -29,6 +30,10 @@ class Felt(NamedTuple):
     across: Floats
     """Normal curvature across the contour along it, (n,), 1/m; convex is positive; 0 where the
     surface is not smooth."""
+    low: Floats
+    """Lowest height felt below each of its points without a break, (n,), m."""
+    high: Floats
+    """Highest height felt above them, (n,), m."""
     slope: float
     """Slope of the surface against the pad along the pad's y axis, where it is nearest to the
     slice."""
@@ -79,7 +84,9 @@ def feel_slice(
     position, axes = split_pose(pose)
     x, y = pad.grid()
     above = position[2] + axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * surface - height
-    local = crossings(pad, above, surface, touched)
+    found = crossings(pad, above, surface, touched)
+    low, high = felt_bands(above, one_surface(pad, surface, touched), found)
+    local = found.places
     if len(local) and jet is not None:
         slope_x, slope_y = jet.slopes(local[:, 0], local[:, 1])
         curve = jet.second_derivatives(local[:, 0], local[:, 1])[2]
@@ -91,6 +98,8 @@ def feel_slice(
         points=local @ axes.T + position,
         normals=outward @ axes.T,
         across=curve / (steepness * (1.0 + slope_y**2)) * smooth,
+        low=height + low,
+        high=height + high,
         slope=float(np.median(slope_y)) if len(local) else _slope(pad, above, surface, touched),
         nearest=axes @ _nearest(pad, above, surface, touched) + position,
         pad=position,

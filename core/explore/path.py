@@ -41,6 +41,10 @@ class Path(NamedTuple):
     """(n, 3)."""
     across: Floats
     """(n,), 1/m."""
+    low: Floats
+    """Lowest height felt below each point, (n,), m."""
+    high: Floats
+    """Highest height felt above it, (n,), m."""
 
     def joined(self, other: Path) -> Path:
         """Append another path."""
@@ -48,12 +52,22 @@ class Path(NamedTuple):
 
     def part(self, chosen: Bools | Ints | slice) -> Path:
         """Take some of its points."""
-        return Path(self.points[chosen], self.normals[chosen], self.across[chosen])
+        return Path(*(field[chosen] for field in self))
+
+    def felt_again(self, felt: Felt, near: float) -> Path:
+        """Stretch the bands to what another touch has felt within `near` of the points, m."""
+        if not len(felt.points):
+            return self
+        apart = np.linalg.norm(self.points[:, None, :2] - felt.points[None, :, :2], axis=2)
+        met, nearest = apart.min(axis=1) < near, apart.argmin(axis=1)
+        low = np.where(met, np.minimum(self.low, felt.low[nearest]), self.low)
+        high = np.where(met, np.maximum(self.high, felt.high[nearest]), self.high)
+        return self._replace(low=low, high=high)
 
 
 def path_of(felt: Felt) -> Path:
     """The arc of a touch."""
-    return Path(felt.points, felt.normals, felt.across)
+    return Path(felt.points, felt.normals, felt.across, felt.low, felt.high)
 
 
 def winding(points: Floats) -> float:

@@ -13,10 +13,10 @@ import numpy as np
 
 from palpate.core.arrays import Floats, finite_array, positive
 from palpate.core.explore.grasp.ends import Touched, ends_along
+from palpate.core.explore.grasp.fit import Fit
 from palpate.core.explore.grasp.misfit import Corrected, corrected
 from palpate.core.explore.grasp.revolution import ROUND, Revolution, revolution
 from palpate.core.frames import pose_of
-from palpate.core.rebuild.recovery.recovery import Recovery
 
 Axis = Literal["revolution", "longest", "shortest", "none"]
 """Which axis: that about which the surface was turned, a principal axis, or no axis of its own."""
@@ -37,8 +37,11 @@ SLENDER = 1.25
 """The longest principal axis is taken if it is by this ratio longer than the next; else that which
 differs more."""
 LEAST_SNAP, MOST_SNAP = math.radians(1.0), math.radians(3.0)
-"""An axis within two standard deviations of the vertical, but at least and at most this, is the
-vertical: objects stand on platforms."""
+"""An axis of revolution within two standard deviations of the vertical, but at least and at most
+this, is the vertical: objects stand on platforms."""
+PRINCIPAL_SNAP = math.radians(15.0)
+"""So is a principal axis that leans less: features that no contact has met turn the axes of vases
+and twisted columns by as much, and slices that lean less are as good."""
 FEWEST = 11
 """Contacts below which there is no axis."""
 TIE = 1e-9
@@ -85,7 +88,7 @@ class _Line(NamedTuple):
 
 
 def slicing_frame(
-    found: Recovery, points: Floats, normals: Floats, platform: float, noise: float
+    found: Fit, points: Floats, normals: Floats, platform: float, noise: float
 ) -> SlicingFrame:
     """The frame for an object that was grasped.
 
@@ -121,7 +124,7 @@ def slicing_frame(
     return _framed(line, solid, found, Touched(points, normals), platform)
 
 
-def _on_platform(found: Recovery, points: Floats, platform: float, noise: float) -> Corrected:
+def _on_platform(found: Fit, points: Floats, platform: float, noise: float) -> Corrected:
     """The solid through its contacts, the lowest of which it has with the platform."""
     mesh = found.shape().mesh(LEVEL)
     lowest = int(mesh.vertices[:, 2].argmin())
@@ -149,11 +152,12 @@ def _line(solid: Corrected, turned: Revolution, strain: float) -> _Line:
 
 
 def _framed(
-    line: _Line, solid: Corrected, found: Recovery, touched: Touched, platform: float
+    line: _Line, solid: Corrected, found: Fit, touched: Touched, platform: float
 ) -> SlicingFrame:
     axis = _upwards(line.axis)
     lean = math.atan2(math.hypot(axis[0], axis[1]), axis[2])
-    upright = lean <= min(max(2.0 * line.error, LEAST_SNAP), MOST_SNAP)
+    snap = min(max(2.0 * line.error, LEAST_SNAP), MOST_SNAP)
+    upright = lean <= (snap if line.kind == "revolution" else PRINCIPAL_SNAP)
     pose = pose_of(line.point, np.eye(3) if upright else _turn_to(axis))
     ends = ends_along(pose, solid, found, touched, platform)
     # An upright frame has the world's heights.

@@ -7,6 +7,7 @@ that is under way is resumed over that (see `routine`).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -41,6 +42,8 @@ VERTICAL = 0.97
 TINY, MANY = 0.2, 30
 """A path that is no longer than this, in widths of the pad, after so many touches goes round a
 pole that one touch has felt."""
+SAME = 0.75
+"""A touch has felt a point's column again where it has felt one this near, in pitches."""
 MOST_LEAPS = 4
 """Stretches that cannot be followed, on one contour."""
 
@@ -112,6 +115,7 @@ def _begin(cut: Cut, trace: Trace) -> tuple[Trace, Aim | Status | None]:
     if not isinstance(start.result, Stride):
         return trace, start.result
     path, heading, stance, gaps, _ = start.result
+    path = _felt_again(cut, path, trace.felt)
     course = course_at_end(path, heading, cut.width)
     return replace(trace, path=path, course=course, stance=stance, gaps=gaps, felt=()), None
 
@@ -146,12 +150,12 @@ def _onwards(cut: Cut, trace: Trace, path: Path, course: Course) -> Routine[Stri
 
 def _with_stride(cut: Cut, trace: Trace, path: Path, stride: Stride) -> tuple[Trace, Status | None]:
     """The trace with one more arc, and whether that has ended it."""
-    longer = path.joined(stride.new)
+    longer = _felt_again(cut, path.joined(stride.new), trace.felt)
     swept = winding(longer.points)
     if swept > AROUND:
         closing = _closing_point(cut, path, stride.new)
         if closing is not None:
-            last = path.joined(stride.new.part(slice(0, closing)))
+            last = longer.part(slice(0, len(path.points) + closing))
             gaps = _gaps_up_to(stride, closing, path.points[0])
             trace = replace(trace, path=last, gaps=trace.gaps + gaps)
             return trace, "closed"
@@ -168,6 +172,13 @@ def _with_stride(cut: Cut, trace: Trace, path: Path, stride: Stride) -> tuple[Tr
         gaps=trace.gaps + stride.gaps,
         leaps=trace.leaps + stride.leapt,
     ), None
+
+
+def _felt_again(cut: Cut, path: Path, felt: Sequence[Felt | None]) -> Path:
+    """The path, its bands as wide as all of these touches have felt."""
+    for one in felt:
+        path = path if one is None else path.felt_again(one, SAME * cut.pad.pitch)
+    return path
 
 
 def _closing_point(cut: Cut, path: Path, new: Path) -> int | None:

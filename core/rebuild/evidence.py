@@ -20,6 +20,7 @@ from palpate.core.rebuild.slices.slices import Slices, restack, stack_loops
 from palpate.core.rebuild.slices.star_shaped import are_nearly_star_shaped
 from palpate.core.rebuild.slices.stray_points import stray_points
 from palpate.core.rebuild.slices.suspects import Suspect, perhaps_features, suspicious
+from palpate.core.rebuild.slicing import into_frame
 
 FEWEST, MOST = 24, 160
 """Places around a contour that are matched: as many as it has points, within these."""
@@ -37,7 +38,10 @@ LEAST_SIZE, MOST_SIZE = 1e-50, 1e50
 
 
 class Evidence(NamedTuple):
-    """Everything that is known of an object, lengths in the unit of its contours."""
+    """Everything that is known of an object, lengths in the unit of its contours.
+
+    All of it is seen from the slicing frame.
+    """
 
     slices: Slices
     """The contours that are used, and those that are not, and why."""
@@ -54,10 +58,12 @@ class Evidence(NamedTuple):
     given: tuple[Loop | Dropped, ...] = ()
     """Each contour by itself, as it was given: what more evidence is added to."""
     tops: Floats | None = None
-    """(k, 3): where single touches found the ends, as given."""
+    """(k, 3): where single touches found the ends."""
 
     suspects: tuple[Suspect, ...] = ()
     """Contours that are used, though they are unlike their neighbours."""
+    frame: Floats | None = None
+    """Pose (7,) of the slicing frame in the world; None if it is the world's own."""
 
     @property
     def strays(self) -> int:
@@ -80,10 +86,10 @@ class Evidence(NamedTuple):
         }
 
     def more(self, contour: ArrayLike, height: float | None = None) -> Evidence:
-        """The evidence with one contour more: that of all of them at once."""
+        """The evidence with one contour of the world more: that of all of them at once."""
         level = None if height is None else [height]
-        added = loops_of([contour], level, first=len(self.given))
-        return gather_loops((*self.given, *added), self.tops, self.felt, self.noise)
+        added = loops_of([contour], level, len(self.given), self.frame)
+        return gather_loops((*self.given, *added), self.tops, self.felt, self.noise, self.frame)
 
 
 def gather(
@@ -93,12 +99,16 @@ def gather(
     felt: FeltPoints | None = None,
     heights: ArrayLike | None = None,
     noise: float | None = None,
+    frame: Floats | None = None,
 ) -> Evidence:
-    """Put what was felt in order; parameters and errors as of `reconstruct`."""
+    """Put what was felt in order; parameters and errors as of `reconstruct`.
+
+    The felt points are seen from the frame already.
+    """
     touched = None
     if tops is not None and not (isinstance(tops, list | tuple) and not tops):
-        touched = finite_array("tops", tops, (None, 3))
-    return gather_loops(loops_of(contours, heights), touched, felt, noise)
+        touched = into_frame(frame, finite_array("tops", tops, (None, 3)))
+    return gather_loops(loops_of(contours, heights, 0, frame), touched, felt, noise, frame)
 
 
 def gather_loops(
@@ -106,8 +116,9 @@ def gather_loops(
     tops: Floats | None,
     felt: FeltPoints | None,
     noise: float | None,
+    frame: Floats | None = None,
 ) -> Evidence:
-    """The same of contours that have been made into curves, and of checked tops (k, 3)."""
+    """The same of contours made into curves and of tops (k, 3), both seen from the frame."""
     slices = stack_loops(given)
     slices, bottom, top = _ends(slices, tops)
     _check_size(slices, (bottom, top))
@@ -121,7 +132,7 @@ def gather_loops(
         Suspect(int(slices.rows[row]), float(slices.heights[row]), float(off[row]))
         for row in np.flatnonzero(off)
     )
-    return Evidence(slices, matched, bottom, top, felt, noise, given, tops, suspects)
+    return Evidence(slices, matched, bottom, top, felt, noise, given, tops, suspects, frame)
 
 
 def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence, Floats]:

@@ -9,7 +9,8 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import finite_array, positive
+from palpate.core.arrays import Floats, finite_array, positive
+from palpate.core.frames import compose, inverse
 from palpate.core.rebuild.coarse import coarse_patch, fit_coarse
 from palpate.core.rebuild.contour_solid import ContourSolid, close_contours, close_felt
 from palpate.core.rebuild.evidence import Evidence, gather, gather_loops
@@ -19,8 +20,9 @@ from palpate.core.rebuild.felt.felt_rows import felt_rows
 from palpate.core.rebuild.lattice.lattice_solid import lattice_of
 from palpate.core.rebuild.recovery.recovery import Recovery
 from palpate.core.rebuild.slices.dropped import reasons
+from palpate.core.rebuild.slicing import felt_into_frame, slicing_pose
 from palpate.core.rebuild.solid import Method, Solid
-from palpate.core.rebuild.surface.surface import closed_surface
+from palpate.core.rebuild.surface.surface import closed_surface, placed
 from palpate.core.rebuild.thesis.rebuild import rebuild_thesis
 from palpate.core.rebuild.thesis.surface import thesis_patches
 
@@ -35,6 +37,7 @@ def reconstruct(
     tops: ArrayLike | None = None,
     method: Method = "lattice",
     *,
+    frame: ArrayLike | None = None,
     heights: ArrayLike | None = None,
     noise: float | None = None,
     size: tuple[int, int] | None = None,
@@ -46,23 +49,28 @@ def reconstruct(
     Parameters
     ----------
     contours : sequence of (n, 3) arrays, or of (n, 2) arrays with `heights`
-        Closed curves around the z axis, in any order, each begun anywhere, in either direction,
-        of any number of points and in any unit: at least 2, or 1 with `tops` at both ends. Rows
-        that are not finite are left out, and single points that stick out.
+        Closed curves around the z axis of the slicing frame, in any order, each begun anywhere,
+        in either direction, of any number of points and in any unit: at least 2, or 1 with `tops`
+        at both ends. Rows that are not finite are left out, and single points that stick out.
     normals : sequence of (n, 3) arrays, optional
         Outward normals at the contours' points, of any length.
     patches : FeltPoints, optional
         Everything that touched, as points with the numbers of their touches.
     tops : (k, 3) array, optional
-        Where single touches found the ends: those above the middle of the contours the upper
-        one, those below it the lower one. An end that nobody touched is closed where the
-        contours say where, else level on the last contour; see `Solid.uncovered`.
+        Where single touches found the ends: those above the middle of the contours, along the
+        slicing axis, the upper one, those below it the lower one. An end that nobody touched is
+        closed where the contours say where, else level on the last contour; see
+        `Solid.uncovered`.
     method : {"lattice", "skin", "thesis", "coarse"}
         "skin": a smooth surface through what was felt. "lattice": the same as a control lattice
         that deforms a prism, which can be edited and refined. "thesis": the shell and core of
         Fung, 1999, 4.4, to compare with. "coarse": a superquadric, tapered and bent.
+    frame : (7,) array, optional
+        Pose of the slicing frame in the world: position, then a unit quaternion x, y, z, w. All
+        that is given here is given in the world, and the solid answers in the world; heights
+        count along the frame's z axis. The world's own frame if left out.
     heights : (m,) array, optional
-        Of plane contours.
+        Of plane contours; without `frame`.
     noise : float, optional
         Standard deviation of a coordinate; estimated if left out.
     size : pair of int, optional
@@ -100,8 +108,11 @@ def reconstruct(
         _check_lattice(size)
     if faithful and method != "thesis":
         raise ValueError(f"faithful goes with the method 'thesis' alone, got {method!r}")
-    felt = _felt(contours, normals, patches, heights)
-    evidence = gather(contours, tops, felt=felt, heights=heights, noise=noise)
+    pose = slicing_pose(frame)
+    if grasp is not None and pose is not None:
+        grasp = replace(grasp, pose=compose(inverse(pose), grasp.pose))
+    felt = _felt(contours, normals, patches, heights, pose)
+    evidence = gather(contours, tops, felt=felt, heights=heights, noise=noise, frame=pose)
     return Again(method, size, grasp, faithful)(evidence)
 
 
@@ -119,11 +130,12 @@ def _felt(
     normals: Sequence[ArrayLike] | None,
     patches: FeltPoints | None,
     heights: ArrayLike | None,
+    frame: Floats | None,
 ) -> FeltPoints | None:
-    """Everything that was felt but the contours themselves."""
-    parts = [] if patches is None else [checked(patches)]
+    """Everything that was felt but the contours themselves, seen from the frame."""
+    parts = [] if patches is None else [felt_into_frame(frame, checked(patches))]
     if normals is not None:
-        parts.append(normals_as_points(contours, normals, heights))
+        parts.append(normals_as_points(contours, normals, heights, frame))
     return stack_points(parts) if parts else None
 
 
@@ -139,9 +151,14 @@ class Again:
     def __call__(self, evidence: Evidence) -> Solid:
         """The solid that evidence tells of, which can be made again from more of it."""
         if self.method == "coarse":
-            return replace(_coarse(evidence), again=self)
-        if self.method == "thesis":
-            return replace(_thesis(evidence, self.faithful), again=self)
+            solid = _coarse(evidence)
+        elif self.method == "thesis":
+            solid = _thesis(evidence, self.faithful)
+        else:
+            solid = self._from_skin(evidence)
+        return replace(solid, surface=placed(solid.surface, evidence.frame), again=self)
+
+    def _from_skin(self, evidence: Evidence) -> Solid:
         evidence, closed = _close(evidence)
         surface, lattice = closed.surface, None
         if self.method == "lattice":
@@ -152,7 +169,6 @@ class Again:
             evidence=evidence,
             closed=closed,
             lattice=lattice,
-            again=self,
         )
 
 
@@ -190,7 +206,7 @@ def _close(evidence: Evidence) -> tuple[Evidence, ContourSolid]:
     rows = felt_rows(evidence.slices, evidence.felt, evidence.bottom, evidence.top)
     if rows is not None:
         return evidence, close_felt(rows)
-    alone = gather_loops(evidence.given, evidence.tops, None, evidence.noise)
+    alone = gather_loops(evidence.given, evidence.tops, None, evidence.noise, evidence.frame)
     return alone._replace(felt=evidence.felt), _close_contours(alone)
 
 

@@ -16,15 +16,19 @@ from palpate.core.rebuild.contour_solid import ContourSolid
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice.lattice_fit import LatticeFit
 from palpate.core.rebuild.lattice.lattice_solid import refine_solid
+from palpate.core.rebuild.lattice.moved_lattice import moved_lattice
 from palpate.core.rebuild.recovery.recovery import Recovery
 from palpate.core.rebuild.skin.contour_skin import Uncertainty
 from palpate.core.rebuild.slices.slices import Slices
+from palpate.core.rebuild.slicing import into_frame
 from palpate.core.rebuild.solid_health import health_of
-from palpate.core.rebuild.surface.surface import Surface
+from palpate.core.rebuild.surface.surface import Surface, placed
 from palpate.core.rebuild.surface.surface_measures import Measures, measure_surface
 from palpate.core.rebuild.surface.surface_mesh import DEFAULT, SurfaceMesh, mesh_surface
 from palpate.core.rebuild.surface.surface_nearest import SurfaceSearch, search_surface
 from palpate.core.rebuild.thesis.solid import ThesisSolid
+from palpate.core.rebuild.whole_deviation import whole_deviation
+from palpate.core.splines.lattice import Lattice
 
 Method = Literal["lattice", "skin", "thesis", "coarse"]
 
@@ -47,10 +51,15 @@ class Check(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Solid:
-    """A closed solid, and how it came about; lengths in the unit of the contours."""
+    """A closed solid, and how it came about; lengths in the unit of the contours.
+
+    What it answers is in the world, but heights, which count along the z axis of the slicing
+    frame. What is kept of how it came about is seen from that frame: evidence, skin and ends,
+    lattice, model.
+    """
 
     surface: Surface
-    """Exact at every place: points, normals, curvatures, in no resolution."""
+    """Exact at every place: points, normals, curvatures, in no resolution. In the world."""
     method: Method
     """How it was rebuilt."""
     evidence: Evidence
@@ -58,7 +67,7 @@ class Solid:
     closed: ContourSolid | None = None
     """Skin and ends, with the methods "lattice" and "skin"."""
     lattice: LatticeFit | None = None
-    """Control lattice and what it deforms, with the method "lattice"."""
+    """Control lattice and what it deforms, with the method "lattice"; see `control_lattice`."""
     model: ThesisSolid | Recovery | None = None
     """What the methods "thesis" and "coarse" found."""
     again: Callable[[Evidence], Solid] | None = None
@@ -69,6 +78,17 @@ class Solid:
         """The contours that were used, and those that were not, and why."""
         return self.evidence.slices
 
+    @property
+    def frame(self) -> Floats | None:
+        """Pose (7,) of the slicing frame in the world; None if it is the world's own."""
+        return self.evidence.frame
+
+    @property
+    def control_lattice(self) -> Lattice | None:
+        """The control lattice in the world; None with the methods "skin" and "coarse"."""
+        part = self.model if isinstance(self.model, ThesisSolid) else self.lattice
+        return None if part is None else moved_lattice(part.lattice, self.frame)
+
     def update(self, contour: ArrayLike, *, height: float | None = None) -> Solid:
         """The solid with one contour more: that of all contours at once, in any order.
 
@@ -77,9 +97,9 @@ class Solid:
         Parameters
         ----------
         contour : (n, 3) array, or (n, 2) with `height`
-            As for `reconstruct`.
+            As for `reconstruct`, in the world.
         height : float, optional
-            Of a plane contour.
+            Of a plane contour, if there is no slicing frame.
 
         Raises
         ------
@@ -123,7 +143,8 @@ class Solid:
         Parameters
         ----------
         points : (n, 3) array
-            Further points of the object. Those nearest to an end are counted, not passed.
+            Further points of the object, in the world. Those nearest to an end are counted, not
+            passed.
         sigma : float, optional
             Their standard deviation: the side is drawn only as near as that lets it.
         weights : bool
@@ -136,10 +157,11 @@ class Solid:
         """
         if self.lattice is None or self.closed is None:
             raise ValueError(f"method must be lattice for a solid to be refined, got {self.method}")
+        seen = into_frame(self.frame, finite_array("points", points, (None, 3)))
         surface, lattice = refine_solid(
-            self.surface, self.lattice, self.closed, points, sigma=sigma, weights=weights
+            self.lattice, self.closed, seen, sigma=sigma, weights=weights
         )
-        return replace(self, surface=surface, lattice=lattice)
+        return replace(self, surface=placed(surface, self.frame), lattice=lattice)
 
     def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats | None:
         """Standard deviation of the side along its normal, on a grid (a, b).
@@ -150,7 +172,7 @@ class Solid:
         Parameters
         ----------
         heights, turns : (a,), (b,) arrays
-            A whole turn is 1.
+            Heights along the z axis of the slicing frame; a whole turn is 1.
 
         Raises
         ------
@@ -170,9 +192,20 @@ class Solid:
         """
         return None if self.closed is None else self.closed.uncertainty()
 
+    def whole_deviation(self) -> float | None:
+        """Standard deviation of the whole surface, root mean square over its area, ends included.
+
+        None with the methods "thesis" and "coarse", which do not say. See `whole_deviation` for
+        what an end is thought to hide.
+        """
+        return None if self.closed is None else whole_deviation(self.closed, self.evidence.felt)
+
     @property
     def uncovered(self) -> tuple[float, float]:
-        """By how much the object may go on below and above, and nobody can know."""
+        """By how much the object may go on below and above, and nobody can know.
+
+        Along the slicing axis, of which "below" is the end that is smaller in z.
+        """
         if self.closed is None:
             return 0.0, 0.0
         return self.closed.bottom.uncovered, self.closed.top.uncovered

@@ -6,11 +6,13 @@ from collections.abc import Callable
 
 import click
 
-WHAT = ("explore", "bus", "touch", "effects", "curvature", "shapes", "rebuild")
-HELP = """Measure one of seven things, here and now.
+WHAT = ("scenes", "explore", "bus", "touch", "effects", "curvature", "shapes", "rebuild")
+HELP = """Measure one of eight things, here and now.
 
 \b
-explore    the shipped scenes from start to end: accuracy and time
+scenes     the shipped scenes from start to end: accuracy and time
+explore    tracing, grasps and planners; whole explorations of sixteen objects, and whether
+           what a run says of its error is so; takes hours without --quick or --only
 bus        the message bus alone: losses and latency
 touch      one touch: frames a second, and the error of cast and curvature
 effects    each effect: its cost, and the error of a contour that it causes
@@ -22,17 +24,23 @@ rebuild    solids from contours: errors over those of lofts, radial functions an
 
 
 @click.command("bench", help=HELP)
-@click.argument("what", type=click.Choice(WHAT), default="explore")
+@click.argument("what", type=click.Choice(WHAT), default="scenes")
 @click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
 @click.option(
     "--figures",
     type=click.Path(file_okay=False),
     help="With curvature, shapes or rebuild: write their figures here.",
 )
-def command(what: str, quick: bool, figures: str | None) -> int:
+@click.option("--only", metavar="GROUP", help="With explore: one group of figures.")
+@click.option("--json", "as_json", is_flag=True, help="With explore: one JSON object a line.")
+def command(what: str, quick: bool, figures: str | None, only: str | None, as_json: bool) -> int:
     """Measure one thing; `HELP` says which there are."""
     if figures is not None:
         _write_figures(what, figures)
+    if what == "explore":
+        return _explore(quick, only, as_json)
+    if only is not None or as_json:
+        raise click.UsageError("--only and --json belong to explore")
     return _benches()[what](quick)
 
 
@@ -53,7 +61,7 @@ def _write_figures(what: str, folder: str) -> None:
 
 def _benches() -> dict[str, Callable[[bool], int]]:
     return {
-        "explore": _explore,
+        "scenes": _scenes,
         "bus": _bus,
         "touch": _touch,
         "effects": _effects,
@@ -63,10 +71,18 @@ def _benches() -> dict[str, Callable[[bool], int]]:
     }
 
 
-def _explore(quick: bool) -> int:
+def _scenes(quick: bool) -> int:
     from palpate.launch.bench import bench
 
     return bench(quick=quick)
+
+
+def _explore(quick: bool, only: str | None, as_json: bool) -> int:
+    from palpate.launch.bench_explore import GROUPS, bench
+
+    if only is not None and only not in GROUPS:
+        raise click.UsageError(f"there is no group {only!r}; there are {', '.join(GROUPS)}")
+    return bench(quick=quick, only=only, as_json=as_json, echo=click.echo)
 
 
 def _bus(quick: bool) -> int:

@@ -21,3 +21,15 @@ def effect(name: str) -> None:
     path, listed = init_effect(name, Path())
     click.echo(f"{path}: written; list it in a scene, and start palpate in this folder:")
     click.echo(f"effects:\n  - {listed}")
+
+
+@command.command("planner")
+@click.argument("name")
+def planner(name: str) -> None:
+    """Write NAME.py and test_NAME.py here: a planner that works, to be changed."""
+    from palpate.launch.init_planner import init_planner
+
+    path, test, named = init_planner(name, Path())
+    click.echo(f"{path}: written, and what must hold of it: python -m pytest {test}")
+    click.echo("name it in a scene, and start palpate in this folder:")
+    click.echo(f"explore:\n  planner: {named}")

@@ -11,6 +11,7 @@ import click
 @click.argument("scene", default="vase")
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; new or empty.")
 @click.option("--seed", type=click.IntRange(0, 1 << 53), help="Overrides the scene's seed.")
+@click.option("--fingers", type=int, help="Fingers that explore at once, 1 to 8.")
 @click.option("--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="Repeatable.")
 @click.option("--composed", is_flag=True, help="All nodes in one process.")
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
@@ -20,6 +21,7 @@ def command(
     scene: str,
     out: Path | None,
     seed: int | None,
+    fingers: int | None,
     settings: tuple[str, ...],
     composed: bool,
     no_record: bool,
@@ -38,5 +40,7 @@ def command(
     args = {"scene": Located(str(path), ""), "record": Located(not no_record, "--no-record")}
     if seed is not None:
         args["seed"] = Located(seed, "--seed")
+    if fingers is not None:
+        args["fingers"] = Located(fingers, "--fingers")
     plan = plan_run(EXPLORE, args, read_settings(settings), name=path.stem, out=out)
     return play(plan, composed=composed, as_json=as_json, quiet=quiet)

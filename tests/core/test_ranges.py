@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
+import numpy as np
 import pytest
 
 from palpate.core.ranges import Range, check_ranges, ranges_of
@@ -41,6 +42,26 @@ def test_both_ends_of_a_range_belong_to_it() -> None:
 
 def test_a_number_that_was_left_out_is_not_checked() -> None:
     assert Described(count=None).count is None
+
+
+def test_any_kind_of_number_is_one() -> None:
+    Described(length=0, share=np.float64(0.5), count=np.int64(3))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"length": "1e-3"}, "length is '1e-3'; expected a number, 0 to 0.002 m"),
+        ({"length": None}, "length is None; expected a number, 0 to 0.002 m"),
+        ({"share": [0.5]}, "share is [0.5]; expected a number, 0.1 to 0.9"),
+        ({"count": 2.0}, "count is 2.0; expected a whole number, 1 to 32"),
+        ({"count": True}, "count is True; expected a whole number, 1 to 32"),
+    ],
+)
+def test_what_is_no_number_or_no_whole_one_is_refused(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        Described(**given)
+    assert str(caught.value) == said
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,7 @@ def make_node(monkeypatch: pytest.MonkeyPatch) -> MakeNode:
         says: Mapping[str, type] | None = None,
         params: type = NoParams,
         many: tuple[str, ...] = (),
+        shared: tuple[str, ...] = (),
         value: object = None,
     ) -> str:
         node = Node(
@@ -46,6 +47,7 @@ def make_node(monkeypatch: pytest.MonkeyPatch) -> MakeNode:
             inputs={topic: (said, _quiet) for topic, said in (hears or {}).items()},
             outputs=says or {},
             many=many,
+            shared=shared,
         )
         made = ModuleType(module)
         made.NODE = node if value is None else value  # type: ignore[attr-defined]

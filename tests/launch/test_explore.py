@@ -28,14 +28,15 @@ def test_exploring_from_python_is_what_run_does(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(module, "plan_run", plan)
     monkeypatch.setattr(module, "perform", perform)
 
-    done = explore("vase", seed=3, settings={"planner.contours": 5}, out="here", composed=True)
+    settings = {"planner.tolerance": 1e-4}
+    done = explore("vase", seed=3, fingers=2, settings=settings, out="here", composed=True)
 
     assert done == "the run"  # type: ignore[comparison-overlap]
     assert asked["plan"] == "the plan"
     assert (asked["path"], asked["name"], asked["out"]) == (EXPLORE, "vase", Path("here"))
     assert Path(asked["args"].pop("scene")).name == "vase.yaml"
-    assert asked["args"] == {"record": True, "seed": 3}
-    assert asked["settings"]["planner.contours"].value == 5
+    assert asked["args"] == {"record": True, "seed": 3, "fingers": 2}
+    assert asked["settings"]["planner.tolerance"].value == 1e-4
     assert asked["composed"] is True
     assert isinstance(asked["display"], Silence)
 

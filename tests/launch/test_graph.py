@@ -76,6 +76,51 @@ def test_an_input_that_is_many_hears_every_namespace(make_node: MakeNode) -> Non
     ]
 
 
+def test_what_a_node_shares_is_heard_and_said_by_the_first_finger_alone(
+    make_node: MakeNode,
+) -> None:
+    make_node(
+        "t.a",
+        hears={"/x": LogRecord, "/ask": LogRecord},
+        says={"/y": LogRecord, "/told": LogRecord},
+        shared=("/ask", "/told"),
+    )
+    make_node("t.b", hears={"/told": LogRecord}, says={"/x": LogRecord})
+    make_node("t.c", hears={"/y": LogRecord}, says={"/ask": LogRecord}, many=("/y",))
+
+    a1, a2, b1, b2, c = graph_of(
+        *(
+            Entry(name=f"{kind}_{finger}", kind=f"t.{kind}", namespace=f"finger_{finger}")
+            for kind in "ab"
+            for finger in (1, 2)
+        ),
+        Entry(name="c", kind="t.c"),
+        ends="c",
+    ).wirings()
+
+    assert a1.outputs == {"/y": "/finger_1/y", "/told": "/told"}
+    assert a2.outputs == {"/y": "/finger_2/y"}
+    heard = [{i.local: (i.publisher, i.topic) for i in one.inputs} for one in (a1, a2, b1, b2)]
+    assert heard == [
+        {"/x": ("b_1", "/finger_1/x"), "/ask": ("c", "/ask")},
+        {"/x": ("b_2", "/finger_2/x")},
+        {"/told": ("a_1", "/told")},
+        {"/told": ("a_1", "/told")},
+    ]
+    assert a1.listeners["/told"] == ("b_1", "b_2")
+    assert [i.topic for i in c.inputs] == ["/finger_1/y", "/finger_2/y"]
+
+
+def test_in_any_other_namespace_a_node_keeps_what_it_shares(make_node: MakeNode) -> None:
+    make_node("t.a", says={"/told": LogRecord}, shared=("/told",))
+
+    spaces = ("", "lab", "finger_0", "finger_10")
+    entries = [Entry(name=f"a{n}", kind="t.a", namespace=one) for n, one in enumerate(spaces)]
+    said = [one.outputs["/told"] for one in graph_of(*entries, ends="a0").wirings()]
+
+    assert said == ["/told", "/lab/told", "/finger_0/told", "/finger_10/told"]
+
+
 def test_remapping_renames_a_topic_on_the_wire(pair: tuple[Entry, Entry]) -> None:
     a = changed(pair[0], remap={"/x": "/z"}, namespace="one")
     b = changed(pair[1], remap={"/x": "/z"})

@@ -7,6 +7,7 @@ import pytest
 
 from palpate.launch.launch_file import EXPLORE, Described, describe, find_launch_file
 from palpate.launch.located import InputError, Located
+from palpate.launch.resolved import resolved_text
 
 Write = Callable[[str, str], Path]
 
@@ -68,13 +69,13 @@ def test_what_the_scene_says_of_the_planner_is_placed_in_the_scene(write: Write)
     scene = write(
         "s.yaml",
         "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
-        "explore:\n  contours: 5\n",
+        "explore:\n  tolerance: 0.5e-3\n",
     )
 
     entries = {e.name: e for e in described(EXPLORE, scene=str(scene)).graph.entries}
 
-    assert entries["planner"].params == {"contours": 5}
-    assert entries["planner"].places["contours",] == f"{scene}:4"
+    assert entries["planner"].params == {"tolerance": 0.5e-3}
+    assert entries["planner"].places["tolerance",] == f"{scene}:4"
 
 
 @pytest.mark.parametrize(
@@ -90,6 +91,21 @@ def test_what_the_scene_says_of_the_planner_is_placed_in_the_scene(write: Write)
         ("ends: a\nnodes: {a: {if: 3}}", "nodes.a.if is 3; expected true or false"),
         ("args: [x]\nends: a\nnodes: {}", "f.yaml:1: args must be a map"),
         ("args: {out: x}\nends: a\nnodes: {}", "f.yaml:1: $(out) is the run directory"),
+        ("args: {finger: x}\nends: a\nnodes: {}", "f.yaml:1: $(finger) is the number of a finger"),
+        ("ends: a\nnodes:\n  a:\n    fingers: 9", "f.yaml:4: fingers must be 1 to 8, got 9"),
+        ("ends: a\nnodes: {a: {fingers: 0}}", "f.yaml:2: fingers must be 1 to 8, got 0"),
+        ("ends: a\nnodes: {a: {fingers: 2.0}}", "fingers must be 1 to 8, got 2.0"),
+        ("ends: a\nnodes: {a: {fingers: true}}", "fingers must be 1 to 8, got True"),
+        ("ends: a\nnodes: {a: {fingers: }}", "fingers must be 1 to 8, got None"),
+        (
+            "ends: a\nnodes:\n  a:\n    fingers: 1\n    namespace: b",
+            "f.yaml:5: node 'a': a node with fingers has its namespace from them",
+        ),
+        (
+            "ends: a\nnodes: {a: {fingers: 2, nise: 1}}",
+            "f.yaml:2: unknown key 'nise' in nodes.a; did you mean 'nice'?",
+        ),
+        ("ends: a\nnodes: {a: {params: {n: $(finger)}}}", "f.yaml:2: $(finger) is not known"),
         ("args: {a: 1}\nends: $(b)\nnodes: {}", "f.yaml:2: $(b) is not known; known: a, out"),
         ("args: {a: {b: 1}}\nends: $(a.c)\nnodes: {}", "$(a.c): there is no 'c'; known: b"),
         ("args: {a: 1}\nends: $(a.c)\nnodes: {}", "$(a.c): there is no 'c'"),
@@ -101,6 +117,68 @@ def test_a_wrong_launch_file_is_refused(write: Write, text: str, words: str) -> 
         described(write("f.yaml", text))
 
     assert words in str(caught.value)
+
+
+EACH = """
+args:
+  hands: 2
+nodes:
+  a:
+    fingers: $(hands)
+    params: {number: $(finger), of: $(hands), label: finger $(finger)}
+    nice: 3
+  b: {kind: t.b}
+ends: b
+"""
+
+
+def test_there_is_a_node_for_each_finger(write: Write) -> None:
+    one, two, b = described(write("f.yaml", EACH)).graph.entries
+
+    assert (one.name, one.module, one.namespace) == ("a_1", "palpate.nodes.a", "finger_1")
+    assert (two.name, two.module, two.namespace) == ("a_2", "palpate.nodes.a", "finger_2")
+    assert [entry.finger for entry in (one, two, b)] == [1, 2, 0]
+    assert [entry.group for entry in (one, two, b)] == ["a", "a", "b"]
+    assert two.params == {"number": 2, "of": 2, "label": "finger 2"}
+    assert (one.nice, two.nice) == (3, 3)
+    assert one.source.endswith("f.yaml:5") and two.source.endswith("f.yaml:5")
+    assert two.places["label",].endswith("f.yaml:7")
+    assert (b.name, b.namespace) == ("b", "")
+
+
+def test_a_single_finger_has_no_namespace(write: Write) -> None:
+    a, _ = described(write("f.yaml", EACH), hands=1).graph.entries
+
+    assert (a.name, a.namespace, a.finger) == ("a", "", 0)
+    assert a.params == {"number": 1, "of": 1, "label": "finger 1"}
+
+
+def test_a_wrong_number_of_fingers_is_refused_with_where_it_was_given(write: Write) -> None:
+    with pytest.raises(InputError, match=r"^hands: fingers must be 1 to 8, got 12$"):
+        described(write("f.yaml", EACH), hands=12)
+
+
+def test_only_the_sensing_nodes_of_the_shipped_launch_file_are_there_for_each_finger() -> None:
+    found = {
+        entry.name: entry for entry in described(EXPLORE, scene="vase", fingers=3).graph.entries
+    }
+
+    each = ("simulator", "filter", "curvature", "tracer")
+    assert set(found) == {f"{kind}_{n}" for kind in each for n in (1, 2, 3)} | {
+        *("planner", "reconstructor", "evaluator", "recorder")
+    }
+    assert [found[f"tracer_{n}"].params["finger"] for n in (1, 2, 3)] == [1, 2, 3]
+    assert (found["simulator_3"].params["finger"], found["simulator_3"].params["fingers"]) == (3, 3)
+
+
+def test_the_resolved_graph_of_several_fingers_is_a_launch_file_of_the_same_graph(
+    write: Write,
+) -> None:
+    graph = described(EXPLORE, scene="sphere", fingers=2, record=False).graph
+
+    text = resolved_text(graph, graph.wirings())
+
+    assert described(write("again.yaml", text)).graph.wirings() == graph.wirings()
 
 
 def test_an_unknown_argument_is_refused_with_the_nearest(write: Write) -> None:

@@ -31,11 +31,35 @@ def test_a_setting_is_laid_over_a_struct_too() -> None:
     assert a.params == {"name": "y", "turns": [1, 2]}
 
 
+def test_a_setting_reaches_into_a_map_that_a_parameter_holds() -> None:
+    graph = Graph((Entry(name="a", params={"numbers": {"count": 3, "most": 9}, "turns": 1}),), "a")
+
+    (a,) = override(graph, read_settings(["a.numbers.count=5", "a.more.x=2"])).entries
+
+    assert a.params == {"numbers": {"count": 5, "most": 9}, "turns": 1, "more": {"x": 2}}
+    assert a.settings.place(("numbers", "count")) == "--set a.numbers.count=5"
+    with pytest.raises(InputError, match="turns is 1, which has no x to set"):
+        override(graph, read_settings(["a.turns.x=5"]))
+
+
+def test_a_setting_reaches_the_nodes_of_all_fingers_or_that_of_one() -> None:
+    names = ("a_1", "a_2", "b_1")
+    entries = tuple(Entry(name=name, kind="k", namespace=f"finger_{name[-1]}") for name in names)
+
+    found = override(Graph(entries, "a"), read_settings(["a.turns=5", "a_2.turns=6", "a_2.name=z"]))
+
+    assert [entry.params for entry in found.entries] == [
+        {"turns": 5},
+        {"turns": 6, "name": "z"},
+        {},
+    ]
+
+
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("a.turns", "--set a.turns: must look like planner.contours=9"),
-        ("turns=3", "--set turns=3: must look like planner.contours=9"),
+        ("a.turns", "--set a.turns: must look like planner.tolerance=0.2e-3"),
+        ("turns=3", "--set turns=3: must look like planner.tolerance=0.2e-3"),
         ("simulater.x=3", "there is no node 'simulater'; did you mean 'simulator'?"),
         ("a.turns=[", "--set a.turns=[:1: is not YAML"),
     ],

@@ -6,6 +6,7 @@ import pytest
 from palpate.launch.plain_calls import Loop
 from palpate.nodes import filter
 from palpate.nodes.object import ObjectSpec, PoseSpec, SuperquadricSpec
+from palpate.nodes.sensor import LARGEST_WIDTH, LEAST_WIDTH, PadSpec, SensorSpec
 from palpate.nodes.simulator import Params
 
 BALL = ObjectSpec(
@@ -26,6 +27,29 @@ def test_several_contours_follow_each_other() -> None:
     first, second = loop.trace(0.03, 0.03, number=0), loop.trace(0.04, 0.028, number=1)
     assert [first.id, second.id] == [0, 1]
     assert second.robot_time > first.robot_time
+
+
+def test_two_fingers_have_clocks_and_errors_of_their_own() -> None:
+    noisy = Params(object=BALL, effects={"pose_error": {}})
+    loop = Loop(noisy, fingers=2)
+    first, second = (loop.trace(0.03, 0.03, number, number + 1) for number in (0, 1))
+    assert [first.finger, second.finger] == [1, 2]
+    assert second.robot_time == pytest.approx(first.robot_time, rel=0.2)
+    assert first.points[0] != pytest.approx(second.points[0], abs=1e-6)
+    assert Loop(noisy).trace(0.03, 0.03).points == pytest.approx(first.points, abs=0)
+
+
+@pytest.mark.parametrize("width", [LEAST_WIDTH, LARGEST_WIDTH])
+@pytest.mark.parametrize("domed", [False, True])
+@pytest.mark.parametrize("exponent", [1.0, 0.1])
+def test_the_narrowest_and_the_widest_array_close_contours(
+    width: float, domed: bool, exponent: float
+) -> None:
+    pad = PadSpec(radius=width if domed else None)
+    sensor = SensorSpec(pitch=width / 15, pad=pad)
+    solid = SuperquadricSpec(size=(0.035, 0.03, 0.04), exponents=(exponent, exponent))
+    contour = Loop(Params(object=ObjectSpec(superquadric=solid), sensor=sensor)).trace(0.01, 0.05)
+    assert contour.status == "closed"
 
 
 @pytest.mark.parametrize("effects", [{"transport": {"duplicate": 0.5, "drop": 0.3}}, {"creep": {}}])

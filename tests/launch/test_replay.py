@@ -198,6 +198,24 @@ def test_a_recording_that_was_never_closed_is_replayed_as_far_as_it_goes(
     assert lines[1] == "adder: identical, 2 on /sum"
 
 
+def test_messages_are_handed_over_in_the_order_in_which_they_were_sent(
+    tmp_path: Path, wiring: Wiring, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Without needs, the world must come before the number, though it was recorded after it.
+    hasty = Node(
+        params=Params, start=ADDER.start, inputs=ADDER.inputs, outputs=ADDER.outputs, needs=()
+    )
+    monkeypatch.setattr(sys.modules["adding"], "NODE", hasty)
+    path = tmp_path / "topics.mcap"
+    writer = RecordingWriter(path, TYPES, {}, {"graph": describe_wirings([wiring]).decode()})
+    for (topic, seq, message), sent in zip(GOOD[:4], (1, 3, 2, 4), strict=True):
+        header = Header(1, 0, seq, sent, 0.0, schema_hash(type(message)))
+        writer.write(topic, header, encode(message))
+    writer.close()
+
+    assert replay(path, ["adder"], lambda line: None) == 0
+
+
 @pytest.mark.parametrize(
     ("nodes", "words"),
     [

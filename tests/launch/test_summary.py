@@ -16,7 +16,7 @@ from palpate.nodes.ending import Ending
 KEYS = {
     "palpate", "status", "reason", "scene", "seed", "chamfer_m", "rms_m", "hausdorff_m", "p95_m",
     "normal_deg", "volume_error", "sampling_floor_m", "size_m", "watertight", "genus", "contours",
-    "contours_failed", "uncovered_m",
+    "contours_failed", "uncovered_m", "bound_m", "within", "unfelt_m", "contacts",
     "touches", "robot_time_s", "ready_s", "wall_s", "compute_s", "touches_per_s", "mesh_sha256",
     "final", "gaps", "duplicates", "nodes", "numerics", "curve",
 }  # fmt: skip
@@ -56,7 +56,7 @@ def test_the_keys_are_stable_whatever_happened(progress: Progress) -> None:
     assert set(summarise(ending("died"), Progress(), None, None)) == KEYS
 
 
-def test_a_summary_holds_the_figures_of_the_run(progress: Progress) -> None:
+def test_a_summary_holds_the_figures_of_the_run(progress: Progress, score: Score) -> None:
     found = summarise(ending(), progress, "vase", 7)
 
     assert found["chamfer_m"] == 0.0003
@@ -67,7 +67,8 @@ def test_a_summary_holds_the_figures_of_the_run(progress: Progress) -> None:
     }  # fmt: skip
     assert found["numerics"] == {"condition": 3.5, "fallbacks": 0.0}
     assert found["curve"] == [
-        {"contours": 2, "touches": 40, "robot_time_s": 20.0, "wall_s": 3.0, "chamfer_m": 0.0003}
+        {"contours": 2, "touches": 40, "robot_time_s": 20.0, "wall_s": 3.0,
+         "chamfer_m": 0.0003, "rms_m": score.rms}
     ]
     assert json.loads(json.dumps(found, allow_nan=False)) == found
 

@@ -261,14 +261,45 @@ def test_a_bad_effect_is_refused(ball: ObjectSpec, effects: dict[str, Any], word
         Params(object=ball, effects=effects)
 
 
+def test_only_the_first_finger_tells_what_all_may_know(ball: ObjectSpec) -> None:
+    _, said = start(Params(object=ball, finger=1, fingers=2))
+    assert dict(said)["/world"].fingers == 2  # type: ignore[arg-type]
+    assert [topic for topic, _ in said] == ["/world", "/touch/info", "/truth"]  # type: ignore[misc]
+    assert start(Params(object=ball, finger=2, fingers=2))[1] == []
+
+
+def test_fingers_have_random_numbers_of_their_own(ball: ObjectSpec, sideways: Pose) -> None:
+    frames = []
+    for finger in (1, 2):
+        params = Params(object=ball, effects={"gaussian_noise": {}}, finger=finger, fingers=2)
+        goal = goal_at(sideways(0.03), finger=finger)
+        _, [(_, frame)] = touch(params, start(params)[0], goal)  # type: ignore[misc]
+        frames.append(frame)
+    assert [frame.finger for frame in frames] == [1, 2]
+    assert not np.array_equal(frames[0].array, frames[1].array)
+
+
+def test_a_finger_that_is_not_there_is_refused(ball: ObjectSpec) -> None:
+    with pytest.raises(ValueError, match="finger must be at most fingers, 2, got 3"):
+        Params(object=ball, finger=3, fingers=2)
+
+
+def test_a_touch_for_another_finger_is_refused(ball: ObjectSpec, sideways: Pose) -> None:
+    params = Params(object=ball)
+    asked = goal_at(sideways(0.03), goal=4, finger=2)
+    with pytest.raises(ValueError, match="touch 0 of goal 4 is for finger 2, but this is finger 1"):
+        touch(params, start(params)[0], asked)
+
+
 def test_the_node_declares_what_its_handlers_take() -> None:
-    assert set(NODE.inputs) == {"/finger/goal"}
+    assert set(NODE.inputs) == {"/finger/goal", "/hand/goal"}
 
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"rows": 8, "cols": 8}, "an array of 7 by 7 mm; the tracer's steps are made for 12 to 20"),
+        ({"rows": 5}, "an array of 4 by 15 mm; contours are followed with 5 to 40 mm"),
+        ({"cols": 42}, "an array of 15 by 41 mm; contours are followed with 5 to 40 mm"),
         ({"pad": {"radius": 0.01}}, "a dome over this array needs more than 0.0106 m"),
         ({"pad": {"thickness": 0.001}}, "it must be at least 0.00125 m, to be pressed by 0.001 m"),
     ],

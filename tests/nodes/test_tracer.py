@@ -8,10 +8,27 @@ import pytest
 
 from palpate.core.frames import DOWN, IDENTITY, pose_of
 from palpate.messages.codec import encode
-from palpate.messages.types import Contour, ContourGoal, Probe, ProbeGoal, SensorInfo, TouchGoal
+from palpate.messages.types import (
+    Contour,
+    ContourGoal,
+    FingerClock,
+    Probe,
+    ProbeGoal,
+    SensorInfo,
+    TouchGoal,
+    World,
+)
 from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.object import ObjectSpec
-from palpate.nodes.tracer import Params, State, know_sensor, start, take_goal, take_patch
+from palpate.nodes.tracer import (
+    Params,
+    State,
+    know_sensor,
+    know_world,
+    start,
+    take_goal,
+    take_patch,
+)
 
 
 def contour_goal(**changes: Any) -> ContourGoal:
@@ -188,3 +205,35 @@ def test_a_slice_over_the_pole_says_so(over: float, ready: State, finger: Finger
     state, outputs = take_goal(Params(), ready, contour_goal(height=0.06 + over))
     [contour] = followed(state, outputs, finger)
     assert (contour.status, len(contour.points)) == ("pole", 0)
+
+
+TWO = World(platform=0.0, reach=0.15, fingers=2, seed=0)
+
+
+def test_a_goal_for_another_finger_is_left_to_it(ready: State) -> None:
+    state, _ = know_world(Params(), ready, TWO)
+    for goal in (contour_goal(finger=2), probe_goal(finger=2)):
+        assert take_goal(Params(), state, goal) == (state, [])
+        assert dict(take_goal(Params(finger=2), state, goal)[1]).keys() == {"/finger/goal"}  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("finger", "most"), [(0, 1), (2, 1), (3, 2)])
+def test_a_goal_for_a_finger_that_is_not_there_is_refused(
+    finger: int, most: int, ready: State
+) -> None:
+    state = ready if most == 1 else know_world(Params(), ready, TWO)[0]
+    with pytest.raises(ValueError, match=f"goal 0 is for finger {finger}; .* are 1 to {most}"):
+        take_goal(Params(), state, contour_goal(finger=finger))
+
+
+def test_where_there_are_several_fingers_each_touch_tells_the_time(
+    ready: State, finger: Finger
+) -> None:
+    state, _ = know_world(Params(), ready, TWO)
+    state, outputs = take_goal(Params(), state, probe_goal())
+    patch = finger.touch(dict(outputs)["/finger/goal"])  # type: ignore[arg-type]
+    said = dict(take_patch(Params(), state, patch)[1])  # type: ignore[arg-type]
+    clock = said["/finger/clock"]
+    assert isinstance(clock, FingerClock)
+    assert (clock.finger, clock.robot_time) == (1, patch.robot_time)
+    assert said["/probe/traced"].robot_time == patch.robot_time

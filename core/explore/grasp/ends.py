@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
+from palpate.core.explore.grasp.fit import Fit
 from palpate.core.explore.grasp.misfit import Corrected
 from palpate.core.frames import inverse, split_pose, transform
-from palpate.core.rebuild.recovery.recovery import Recovery
 
 FACING = 0.9
 """Cosine to the axis from which on a contact's normal says where the end is."""
@@ -66,7 +66,7 @@ class Ends(NamedTuple):
 
 
 def ends_along(
-    pose: Floats, solid: Corrected, found: Recovery, touched: Touched, platform: float
+    pose: Floats, solid: Corrected, found: Fit, touched: Touched, platform: float
 ) -> Ends:
     """Extent along the z axis of a frame.
 

@@ -62,4 +62,7 @@ def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
         raise ValueError(
             f"the planner {name!r} has no {', '.join(unknown)}; it has {', '.join(sorted(known))}"
         )
-    return described(**settings)
+    try:
+        return described(**settings)
+    except TypeError as error:  # one that must be given is missing, say
+        raise ValueError(f"the planner {name!r} cannot be made: {error}") from None

@@ -81,6 +81,12 @@ def spent(known: Known) -> str | None:
     return None
 
 
+def tried(known: Known, height: float) -> bool:
+    """Whether a slice was asked for at this height, whatever came of it."""
+    heights = (*(one.height for one in known.slices), *known.taken)
+    return any(abs(height - one) <= SAME * known.extent for one in heights)
+
+
 def blocked(known: Known, height: float) -> bool:
     """Whether another finger is too near to this height."""
     return any(abs(height - other) < known.apart for other in known.taken)

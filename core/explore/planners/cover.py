@@ -8,11 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.explore.planners.choice import first_and_last
-from palpate.core.explore.planners.known import Known
+from palpate.core.explore.planners.known import Known, Outcome
 
 ROWS = 8
 """Heights per feature at which it is asked whether anything was felt."""
-OPEN = 0.15
+ROUNDING = 1e-9
+"""Of a slice: more than this, and it takes another one."""
+OPEN = 0.1
 """A height counts as unfelt where more than this share of its azimuths is."""
 
 
@@ -50,6 +52,33 @@ def unfelt_runs(known: Known) -> list[Run]:
     unfelt = np.mean(~felt, axis=1) > OPEN
     turns = np.flatnonzero(np.diff(np.concatenate([[False], unfelt, [False]]).astype(np.int8)))
     return [Run(*pair) for pair in edges[turns].reshape(-1, 2).tolist()]
+
+
+def uncovered(known: Known) -> float:
+    """Height of the unfelt stretches in which a slice was tried that no finger could trace, m."""
+    failed = [one.height for one in known.slices if one.outcome == Outcome.FAILED]
+    runs = unfelt_runs(known)
+    return sum(run.length for run in runs if any(run.low <= at <= run.high for at in failed))
+
+
+def evenly_within(known: Known, run: Run) -> float:
+    """Where to begin in an unfelt run, so that as few slices as can be feel it evenly, m.
+
+    Each is expected to feel a band as high as those before it did. Where only contours count, what
+    is felt beside them tells nothing, and the middle is as good as any place.
+    """
+    if not known.taxels:
+        return run.middle
+    bands = [np.quantile(one.felt_high - one.felt_low, OPEN) for one in known.slices if one.usable]
+    band = float(np.median(bands)) if bands else 0.0
+    count = max(int(np.ceil((run.length - known.feature) / (band + known.feature) - ROUNDING)), 1)
+    gap = (run.length - count * band) / (count + 1)
+    return run.low + gap + 0.5 * band + (count // 2) * (band + gap)
+
+
+def longest_unfelt(runs: Sequence[Run], low: float, high: float) -> float:
+    """Longest unfelt stretch between two heights, m."""
+    return max([min(run.high, high) - max(run.low, low) for run in runs] + [0.0])
 
 
 def longest_first(runs: Sequence[Run], unit: float) -> list[Run]:

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.explore.planners.cover import Run, free_height
+from palpate.core.explore.planners.choice import first_and_last
+from palpate.core.explore.planners.cover import Run, free_height, longest_unfelt
 from palpate.core.explore.planners.foretold import Foretold
 from palpate.core.explore.planners.known import Known
 
@@ -62,12 +63,15 @@ def best_cut(
     variances = _variances(known, pairs, foretold, runs, costs.suspicion)
     parts = parts_needed(variances, known.tolerance / known.extent / AMPLE, costs.order)
     last = known.slices[-1].height
+    bottom, top = first_and_last(known)
     offers = []
     for i, (low, high) in enumerate(pairs):
         if any(low < taken < high for taken in known.taken):
             continue  # another finger cuts it at this moment
         share = _place(int(parts[i]), float(foretold.signs.pull[i]))
-        height = free_height(known, low + (high - low) * share, Run(low, high))
+        inside = Run(max(low, bottom), min(high, top))  # a slice may lie beyond an end that moved
+        wanted = min(max(low + (high - low) * share, inside.low), inside.high)
+        height = free_height(known, wanted, inside)
         if height is not None:
             away = abs(height - last) / known.extent
             offers.append((float(variances[i]) / (1.0 + costs.travel * away), away, height))
@@ -108,7 +112,7 @@ def _variances(
     suspicion: float,
 ) -> Floats:
     """Squared errors of the intervals by their shares of the area, with what may be hidden."""
-    hidden = np.array([_longest(runs, *pair) for pair in pairs]) / known.extent
+    hidden = np.array([longest_unfelt(runs, *pair) for pair in pairs]) / known.extent
     found: Floats = foretold.shares * (foretold.errors**2 + (suspicion * hidden**2) ** 2)
     return found
 
@@ -118,8 +122,3 @@ def _place(parts: int, pull: float) -> float:
     count = max(parts, 2)
     border = count // 2 if pull < 0.5 - NEAR else count - count // 2
     return (border + PULLED * (2.0 * pull - 1.0)) / count
-
-
-def _longest(runs: Sequence[Run], low: float, high: float) -> float:
-    """Longest unfelt stretch between two heights, m."""
-    return max([min(run.high, high) - max(run.low, low) for run in runs] + [0.0])

@@ -9,11 +9,14 @@ of true errors, interval by interval, and the factor of the bound to whole runs.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.explore.planners.cover import Run, longest_unfelt
 from palpate.core.explore.planners.intervals import Profile, Signs, signs_of
 from palpate.core.explore.planners.known import Known
 
@@ -23,6 +26,10 @@ SAFETY = 1.1
 """Bound of 95 % over the foretold error of the whole."""
 NOISE = 0.87
 """Of a slice's deviation that is left in the surface between two, with its own margin."""
+UNFELT_ORDER = 3.0
+"""An interval of which all but a share was felt errs by that share to this power less."""
+DEVIATION = 1.0
+"""Bound of 95 % over the deviation that a solid of all that was felt states itself."""
 SETTLED = 0.5
 """Where noise alone is beyond the tolerance, slices stop when they add less than this of it."""
 
@@ -39,7 +46,7 @@ class Foretold(NamedTuple):
     curve: float
     """Bound of the error of the whole that comes of too few slices, in 95 of 100 runs."""
     noise: float
-    """That which comes of the slices' own deviations: no further slice takes it away."""
+    """That which comes of the slices' own deviations, or that the solid states itself."""
 
     @property
     def bound(self) -> float:
@@ -47,21 +54,38 @@ class Foretold(NamedTuple):
         return math.hypot(self.curve, self.noise)
 
     def wants_cut(self, tolerance: float) -> bool:
-        """Whether further slices would bring the error down, and have to."""
+        """Whether further slices would bring down what too few slices leave, and have to."""
         if self.noise < tolerance:
             return self.bound > tolerance
         return self.curve > SETTLED * self.noise
 
+    def wants_average(self, tolerance: float, slices: int, room: int) -> bool:
+        """Whether noise is too large, but so many slices would average it away, and there is room.
 
-def foretell(known: Known, profile: Profile) -> Foretold:
-    """The errors that at least two slices foretell."""
+        Of a solid rebuilt from all that was felt, noise falls with the root of their number.
+        """
+        return self.noise > tolerance and self.noise * math.sqrt(slices / room) <= tolerance
+
+
+def foretell(known: Known, profile: Profile, runs: Sequence[Run]) -> Foretold:
+    """The errors that at least two slices foretell, and unfelt runs between them."""
     signs = signs_of(profile)
     errors = np.hypot(HIGHER * signs.higher, CLASH * signs.clash)
+    if known.taxels:
+        heights = (known.low + known.extent * profile.heights).tolist()
+        unfelt = np.array([longest_unfelt(runs, *pair) for pair in pairwise(heights)])
+        errors *= (unfelt / (known.extent * signs.width)) ** UNFELT_ORDER
     wide = profile.radii.mean(axis=1)
     long = np.sqrt(1.0 + (profile.slopes**2).mean(axis=1))
     areas = signs.width * (wide[:-1] * long[:-1] + wide[1:] * long[1:])
     shares = areas / areas.sum()
-    resolution = known.resolution / known.extent
     curve = SAFETY * math.sqrt(float((shares * errors**2).sum()))
-    noise = NOISE * math.sqrt(float((shares * signs.noise**2).sum()))
-    return Foretold(signs, errors, shares, curve, math.hypot(noise, resolution))
+    return Foretold(signs, errors, shares, curve, _noise(known, signs, shares))
+
+
+def _noise(known: Known, signs: Signs, shares: Floats) -> float:
+    """Bound of what is left of the noise, over the extent."""
+    resolution = known.resolution / known.extent
+    if known.taxels and known.deviation is not None:
+        return math.hypot(DEVIATION * known.deviation / known.extent, resolution)
+    return math.hypot(NOISE * math.sqrt(float((shares * signs.noise**2).sum())), resolution)

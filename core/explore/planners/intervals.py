@@ -9,15 +9,20 @@ All figures are shares of the object's height.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.explore.planners.choice import SAME
 from palpate.core.explore.planners.known import Known, Slice
 
 MOST_BEND = 8.0
 """Of the radius' second derivative times the interval: curvatures beyond are edges."""
+MOST = 1e6
+"""Radius over the height, slope, and curvature times the height: beyond, the power that is taken of
+them would be no number. Of a radius, the inverse is the least."""
 LEAST_BEND = 0.02
 """Second derivative of the squared radius below which nothing bends."""
 
@@ -48,11 +53,17 @@ def profile_of(known: Known) -> Profile:
 
 
 def stack_slices(slices: Sequence[Slice], low: float, extent: float) -> Profile:
-    """Usable slices, sorted by height, as arrays."""
+    """Usable slices, sorted by height, as arrays; of two at one height the later."""
+    slices = [
+        one
+        for one, above in zip_longest(slices, slices[1:])
+        if above is None or above.height - one.height > SAME * extent
+    ]
     heights = np.array([(one.height - low) / extent for one in slices])
-    radii = np.array([one.radii for one in slices]) / extent
-    slopes = np.array([one.slopes for one in slices])
-    curvatures = np.array([one.curvatures for one in slices]) * extent
+    radii = np.clip(np.array([one.radii for one in slices]) / extent, 1.0 / MOST, MOST)
+    slopes = np.clip(np.array([one.slopes for one in slices]), -MOST, MOST)
+    limit = MOST / extent
+    curvatures = np.clip([one.curvatures for one in slices], -limit, limit) * extent
     second = -curvatures * (1.0 + slopes**2) ** 1.5
     return Profile(
         heights=heights,

@@ -13,6 +13,8 @@ from enum import StrEnum
 from palpate.core.arrays import Floats, finite_array, positive
 
 LEAST_AZIMUTHS = 4
+LEAST_FEATURE = 1e-4
+"""Of the object's height: finer than any pad feels, and than what was felt could be counted."""
 
 
 class Outcome(StrEnum):
@@ -127,12 +129,22 @@ class Known:
     """Heights at which other fingers are at work, m."""
     apart: float = 0.0
     """Height that two fingers keep between them, m."""
+    taxels: bool = False
+    """Whether the solid is rebuilt from all that was felt, and not from contours alone."""
+    deviation: float | None = None
+    """Standard deviation of the whole surface of that solid, ends included, m; None without one."""
 
     def __post_init__(self) -> None:
         if not -math.inf < self.low < self.high < math.inf:
             raise ValueError(f"high must lie above low {self.low} m, got {self.high} m")
         for name in ("tolerance", "resolution", "feature"):
             positive(name, getattr(self, name), "m")
+        if self.feature < LEAST_FEATURE * self.extent:
+            raise ValueError(
+                f"feature must be at least {LEAST_FEATURE:g} of the height {self.extent:g} m, "
+                f"got {self.feature} m"
+            )
+        finite_array("taken", self.taken, (None,))
         if self.tolerance < self.resolution:
             raise ValueError(
                 f"tolerance must be at least the sensor's resolution {self.resolution} m, "
@@ -142,6 +154,8 @@ class Known:
             if not 0.0 <= getattr(self, name) < math.inf:
                 value = getattr(self, name)
                 raise ValueError(f"{name} must be 0 or more and finite, got {value} m")
+        if self.deviation is not None and not 0.0 <= self.deviation < math.inf:
+            raise ValueError(f"deviation must be 0 or more and finite, got {self.deviation} m")
         counts = {len(one.radii) for one in self.slices if one.usable}
         if len(counts) > 1:
             raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")

@@ -9,6 +9,7 @@ lies between two pads, which is why both are asked for.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -23,6 +24,7 @@ from palpate.core.explore.planners.choice import (
 )
 from palpate.core.explore.planners.cover import (
     Run,
+    evenly_within,
     free_height,
     longest_first,
     unfelt_runs,
@@ -33,6 +35,8 @@ from palpate.core.explore.planners.intervals import profile_of
 from palpate.core.explore.planners.known import Known
 from palpate.core.ranges import Range, check_ranges
 
+ROOM = 2.0
+"""Slices that only average noise lie at least so many features apart."""
 COVER_REACH = 0.12
 """A slice so near to where one of the cover was wanted stands for it; of the height."""
 
@@ -57,10 +61,9 @@ class Predicted:
 
     def next(self, known: Known) -> Choice:
         """The next slice, or that the demand is met, or that nothing more can be done."""
-        profile = profile_of(known)
-        foretold = foretell(known, profile) if len(profile.heights) > 1 else None
+        profile, runs = profile_of(known), unfelt_runs(known)
+        foretold = foretell(known, profile, runs) if len(profile.heights) > 1 else None
         bound = None if foretold is None else foretold.bound * known.extent
-        runs = unfelt_runs(known)
         unfelt = max((run.length for run in runs), default=0.0)
         over = spent(known)
         if over is not None:
@@ -74,9 +77,17 @@ class Predicted:
             if height is not None:
                 return Height(height, "the foretold error is largest there")
         for run in longest_first(runs, known.feature) if foretold else []:
-            height = free_height(known, run.middle, run) if run.length > known.feature else None
+            height = (
+                free_height(known, evenly_within(known, run), run)
+                if run.length > known.feature
+                else None
+            )
             if height is not None:
                 return Height(height, "nothing has felt what lies there")
+        if foretold is not None and known.taxels and _may_average(known, foretold):
+            height = _widest_free(known)
+            if height is not None:
+                return Height(height, "noise is averaged there")
         if known.taken:
             return Wait("other fingers are at work where there is something left to do")
         return _end(known, foretold, unfelt)
@@ -97,6 +108,22 @@ class Predicted:
             if height is not None:
                 return height
         return None
+
+
+def _may_average(known: Known, foretold: Foretold) -> bool:
+    usable = sum(one.usable for one in known.slices)
+    room = int(known.extent / (ROOM * known.feature))
+    return foretold.wants_average(known.tolerance / known.extent, usable, max(room, usable))
+
+
+def _widest_free(known: Known) -> float | None:
+    """Middle of the widest stretch between slices that has room for one more, m."""
+    bottom, top = first_and_last(known)
+    between = (*(one.height for one in known.slices), *known.taken)
+    heights = sorted({bottom, top, *(one for one in between if bottom < one < top)})
+    runs = [Run(*pair) for pair in pairwise(heights)]
+    found = (free_height(known, run.middle, run) for run in longest_first(runs, known.feature))
+    return next((height for height in found if height is not None), None)
 
 
 def _end(known: Known, foretold: Foretold | None, unfelt: float) -> Stop:

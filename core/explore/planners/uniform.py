@@ -15,6 +15,7 @@ from palpate.core.explore.planners.choice import (
     blocked,
     first_and_last,
     spent,
+    tried,
 )
 from palpate.core.explore.planners.known import Known
 from palpate.core.ranges import Range, check_ranges
@@ -51,12 +52,14 @@ class Uniform:
         waits = False
         for i in sweep(self.count) if self.order == "sweep" else nested(self.count):
             wanted = float(heights[i])
-            tries = [one for one in known.slices if abs(one.height - wanted) <= REACH * spacing]
+            visits = [one for one in known.slices if abs(one.height - wanted) <= REACH * spacing]
             under_way = any(abs(other - wanted) <= REACH * spacing for other in known.taken)
-            if any(one.usable for one in tries) or len(tries) >= TRIES or under_way:
+            if any(one.usable for one in visits) or len(visits) >= TRIES or under_way:
                 continue
-            if tries:
+            if visits:
                 wanted += 0.25 * spacing * (1.0 if wanted < middle else -1.0)
+            if tried(known, wanted):
+                continue  # the ends have been moved since, and another height with them
             if not blocked(known, wanted):
                 return Height(wanted, f"slice {i + 1} of {self.count} even ones")
             waits = True

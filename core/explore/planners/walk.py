@@ -21,6 +21,7 @@ from palpate.core.explore.planners.choice import (
     blocked,
     first_and_last,
     spent,
+    tried,
 )
 from palpate.core.explore.planners.known import Known, Outcome, Slice
 
@@ -87,8 +88,10 @@ def _onwards(known: Known, steps: Steps, ends: Ends, direction: float) -> float 
     usable = [start, *(one for one in way if one.usable)]
     last = usable[-1]
     failures = next((i for i, one in enumerate(reversed(way)) if one.usable), len(way))
-    end = first_and_last(known)[1 if direction > 0.0 else 0]
-    if failures >= MOST_FAILURES or (end - last.height) * direction <= SAME * known.extent:
+    bottom, top = first_and_last(known)
+    # The ends may have been moved since; where a slice lies beyond them, the way begins at them.
+    here, end = min(max(last.height, bottom), top), top if direction > 0.0 else bottom
+    if failures >= MOST_FAILURES or (end - here) * direction <= SAME * known.extent:
         return None
     if 2.0 * math.pi * float(last.radii.mean()) < ends.perimeter * known.extent:
         return None
@@ -100,11 +103,10 @@ def _onwards(known: Known, steps: Steps, ends: Ends, direction: float) -> float 
         step = steps.later(bend, change, len(usable) - 1)
         if direction > 0.0 and step < ends.threshold:
             return None
-    step = min(step * known.extent * 0.5**failures, (end - last.height) * direction)
-    failed = [one.height for one in way if not one.usable]
+    step = min(step * known.extent * 0.5**failures, (end - here) * direction)
     for shorter in SHORTER:
-        height = last.height + direction * step * shorter
-        if all(abs(height - one) > SAME * known.extent for one in failed):
+        height = here + direction * step * shorter
+        if not tried(known, height):
             return height
     return None
 

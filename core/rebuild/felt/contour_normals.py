@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.rebuild.felt.felt_points import FeltPoints, stack_points
+from palpate.core.rebuild.slicing import into_frame, turned_into_frame
 
 STEP = 0.02
 """Of the mean distance of contours: how far above and below the further points lie."""
@@ -23,7 +24,10 @@ LEVEL = 0.05
 
 
 def normals_as_points(
-    contours: Sequence[ArrayLike], normals: Sequence[ArrayLike], heights: ArrayLike | None = None
+    contours: Sequence[ArrayLike],
+    normals: Sequence[ArrayLike],
+    heights: ArrayLike | None = None,
+    frame: Floats | None = None,
 ) -> FeltPoints:
     """Felt points of contours with normals; every point is a touch by itself.
 
@@ -35,6 +39,9 @@ def normals_as_points(
         Outward, of any length; rows that are not finite or of length 0 are left out.
     heights : (m,) array, optional
         Of plane contours.
+    frame : (7,) array, optional
+        Pose in the world of the frame in which the felt points are to be; the contours and
+        normals are given in the world.
 
     Raises
     ------
@@ -57,7 +64,8 @@ def normals_as_points(
             )
         length = np.linalg.norm(beside, axis=1)
         good = np.isfinite(points).all(axis=1) & np.isfinite(length) & (length > 0.0)
-        parts.append((points[good], beside[good] / length[good, None]))
+        unit = turned_into_frame(frame, beside[good] / length[good, None])
+        parts.append((into_frame(frame, points[good]), unit))
     step = _step([points for points, _ in parts if len(points)])
     return stack_points([_stretches(points, unit, step) for points, unit in parts])
 

@@ -10,6 +10,8 @@ from palpate.core.arrays import Floats
 
 SECTORS = 24
 """Parts of a turn, each of which is looked at by itself."""
+TINY = 0.02
+"""Of the height that was felt: a stretch without a point that is lower is none."""
 
 
 class Coverage(NamedTuple):
@@ -21,6 +23,13 @@ class Coverage(NamedTuple):
     """Height up to which it was."""
     gap: float
     """The highest stretch between them in which nothing was felt on some azimuth."""
+    lows: Floats
+    """Lowest height that was felt in each sector, (24,)."""
+    highs: Floats
+    """Highest one, (24,)."""
+    gaps: Floats
+    """Heights of all stretches in which nothing was felt, in any sector, (n,); tiny ones are left
+    out."""
 
 
 def coverage_of(heights: Floats, turns: Floats) -> Coverage | None:
@@ -34,5 +43,7 @@ def coverage_of(heights: Floats, turns: Floats) -> Coverage | None:
     order = np.lexsort((heights, sector))
     step = np.diff(heights[order])
     same = np.diff(sector[order]) == 0
-    gap = float(step[same].max(initial=0.0))
-    return Coverage(float(lows.max()), float(highs.min()), gap)
+    step = step[same]
+    gaps = step[step > TINY * float(np.ptp(heights))]
+    gap = float(step.max(initial=0.0))
+    return Coverage(float(lows.max()), float(highs.min()), gap, lows, highs, gaps)

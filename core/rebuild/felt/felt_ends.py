@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.ends.ends import End, close_ends
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.felt.felt_skin import FeltSkin
 
 UPRIGHT = 0.9
-"""Upward part of a normal from which on a taxel lies on the top."""
+"""Part of a normal along the axis from which on a taxel lies on an end."""
 NOISES = 2.0
 """Standard deviations of a pose by which touches of one level top may differ."""
 ROWS = 14
@@ -19,10 +19,12 @@ STRETCH = 0.15
 """Share of the side over which they lie."""
 
 
-def felt_top(felt: FeltPoints, last: float, pose: float) -> float | None:
-    """Height of the top, m; None if nobody touched it.
+def touched_end(
+    felt: FeltPoints, last: float, way: float, pose: float | None, given: float | None
+) -> float | None:
+    """Height of an end, m, from the taxels that touched it; as given, if none did.
 
-    Each touch's highest taxel errs by its pose, and the highest of many by the luckiest one's:
+    Each touch's farthest taxel errs by its pose, and the farthest of many by the luckiest one's:
     so those that may be one height are averaged.
 
     Parameters
@@ -30,20 +32,36 @@ def felt_top(felt: FeltPoints, last: float, pose: float) -> float | None:
     felt : FeltPoints
         All taxels.
     last : float
-        Height of the last contour, m: what lies lower tells nothing of the top.
-    pose : float
-        Standard deviation of a touch's height, m.
+        Height of the last contour, m: what does not lie beyond tells nothing of the end.
+    way : float
+        1 for the upper end, -1 for the lower one.
+    pose : float or None
+        Standard deviation of a touch's height, m; None if there is no noise to be seen.
+    given : float or None
+        Height at which the end was touched by whatever means, m.
     """
+    beyond = on_end(felt, last, way)
+    if not beyond.any():
+        return given
+    touch = felt.touch[beyond]
+    farthest = np.full(int(touch.max()) + 1, -np.inf)
+    np.maximum.at(farthest, touch, way * felt.points[beyond, 2])
+    farthest = farthest[np.isfinite(farthest)]
+    within = NOISES * (pose or 0.0)
+    found = float(farthest[farthest >= farthest.max() - within].mean())
+    if given is None:
+        return way * found
+    # Without noise the farthest is the truest; with it, the mean of what may be one height.
+    is_one = pose is not None and way * given - found <= within
+    return way * (found if is_one else max(found, way * given))
+
+
+def on_end(felt: FeltPoints, last: float, way: float) -> Bools:
+    """Which taxels (n,) lie on an end, way 1 or -1, beyond the last contour at a height, m."""
     if felt.normals is None:
-        return None
-    above = (felt.normals[:, 2] > UPRIGHT) & (felt.points[:, 2] > last)
-    if not above.any():
-        return None
-    touch = felt.touch[above]
-    highest = np.full(int(touch.max()) + 1, -np.inf)
-    np.maximum.at(highest, touch, felt.points[above, 2])
-    highest = highest[np.isfinite(highest)]
-    return float(highest[highest >= highest.max() - NOISES * pose].mean())
+        return np.zeros(len(felt.points), np.bool_)
+    found: Bools = (way * felt.normals[:, 2] > UPRIGHT) & (way * (felt.points[:, 2] - last) > 0.0)
+    return found
 
 
 def felt_end(

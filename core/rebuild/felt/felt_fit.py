@@ -38,6 +38,12 @@ class FeltFit(NamedTuple):
     """The highest stretch of the side in which nothing was felt on some azimuth."""
     stretched: bool
     """Whether the side had to be drawn higher than it was felt."""
+    lows: Floats
+    """Lowest height that was felt in each of 24 even sectors, (24,)."""
+    highs: Floats
+    """Highest one, (24,)."""
+    gaps: Floats
+    """Heights of the stretches in which nothing was felt, in any of the sectors, (n,)."""
     band_heights: Floats
     """(25,)."""
     band: Floats
@@ -46,9 +52,9 @@ class FeltFit(NamedTuple):
     @property
     def figures(self) -> dict[str, float]:
         """Figures of the fit, by name."""
-        numbers = self._asdict()
-        names = [name for name in self._fields if not name.startswith("band")]
-        return {f"felt_{name}": float(numbers[name]) for name in names}
+        numbers = self._asdict().items()
+        single = {name: value for name, value in numbers if not isinstance(value, np.ndarray)}
+        return {f"felt_{name}": float(value) for name, value in single.items()}
 
     def uncertainty(self) -> Uncertainty:
         """The whole side in three numbers."""
@@ -87,6 +93,9 @@ def felt_fit(
         condition=skin.system.condition,
         unfelt_gap=seen.gap,
         stretched=stretched,
+        lows=seen.lows,
+        highs=seen.highs,
+        gaps=seen.gaps,
         band_heights=heights,
         band=np.sqrt(np.mean(deviation**2, axis=1) + (POSE_LEFT * (pose or 0.0)) ** 2),
     )

@@ -11,7 +11,7 @@ from palpate.core.arrays import Floats
 from palpate.core.plane.area_centroid import area_centroid
 from palpate.core.rebuild.ends.ends import End
 from palpate.core.rebuild.felt.coverage import Coverage, coverage_of
-from palpate.core.rebuild.felt.felt_ends import felt_end, felt_top
+from palpate.core.rebuild.felt.felt_ends import felt_end, on_end, touched_end
 from palpate.core.rebuild.felt.felt_fit import FeltFit, felt_fit
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.felt.felt_skin import FeltSkin, fit_skin, with_normals
@@ -68,11 +68,9 @@ def felt_rows(
     starlike = slices.star.all() if felt.normals is None else not looks_inward(felt, spine)
     if not starlike:
         return None
-    height = felt.points[:, 2]
-    if len(height) < FEWEST:
+    if len(felt.points) < FEWEST:
         return None
-    low = float(height.min()) if bottom is None else min(bottom, float(slices.heights[0]))
-    high = max(float(height.max()), float(slices.heights[-1]), -np.inf if top is None else top)
+    low, high = _reach(felt, slices, bottom, top)
     felt = with_normals(felt, spine, low, high)
     plain = fit_skin(felt, spine, low, high)
     places = plain.rows.places
@@ -81,11 +79,28 @@ def felt_rows(
         return None
     shifted = fit_shifted_skin(felt, plain)
     pose = pose_sigma(shifted)
-    found = felt_top(felt, float(slices.heights[-1]), pose or 0.0)
-    if found is not None:
-        # Without noise the highest is the truest; with it, the mean of what may be one height.
-        top = found if pose is not None or top is None else max(found, top)
+    bottom = touched_end(felt, float(slices.heights[0]), -1.0, pose, bottom)
+    top = touched_end(felt, float(slices.heights[-1]), 1.0, pose, top)
     return _rows(shifted.skin, slices, (bottom, top), seen, pose)
+
+
+def _reach(
+    felt: FeltPoints, slices: Slices, bottom: float | None, top: float | None
+) -> tuple[float, float]:
+    """Heights between which the skin is fitted.
+
+    All that was felt is between them, but for what seems to lie beyond an end that is known from
+    elsewhere, as a platform is.
+    """
+    reached = []
+    for end, last, way in ((bottom, slices.heights[0], -1.0), (top, slices.heights[-1], 1.0)):
+        heights = [way * float(last)]
+        if end is not None:
+            heights.append(way * end)
+        if end is None or on_end(felt, float(last), way).any():
+            heights.append(float((way * felt.points[:, 2]).max()))
+        reached.append(way * max(heights))
+    return reached[0], reached[1]
 
 
 def _rows(
@@ -96,7 +111,7 @@ def _rows(
     pose: float | None,
 ) -> FeltRows:
     lowest, highest = float(slices.heights[0]), float(slices.heights[-1])
-    bottom = skin.low if ends[0] is None else ends[0]
+    bottom = skin.low if ends[0] is None else min(ends[0], lowest)
     top = skin.high if ends[1] is None else max(ends[1], highest)
     low, high = min(seen.low, lowest), max(seen.high, highest)
     extent = top - bottom
@@ -107,9 +122,11 @@ def _rows(
     heights = np.linspace(low, high, ROWS)
     noise = float(np.hypot(skin.sigma, pose or 0.0))
     spacing = (highest - lowest) / max(len(slices.heights) - 1, 1)
-    below = _honest(felt_end(skin, turns, low, high - low, ends[0], noise), spacing)
-    touched = None if ends[1] is None else top
-    above = _honest(felt_end(skin, turns, high, low - high, touched, noise), spacing)
+    lower, upper = (
+        None if end is None else told for end, told in zip(ends, (bottom, top), strict=True)
+    )
+    below = _honest(felt_end(skin, turns, low, high - low, lower, noise), spacing)
+    above = _honest(felt_end(skin, turns, high, low - high, upper, noise), spacing)
     fit = felt_fit(skin, seen, pose, (low, high), missing > 0.0)
     return FeltRows(heights, skin.rings(heights, turns), (below, above), fit)
 

@@ -38,7 +38,6 @@ def lattice_of(
 
 
 def refine_solid(
-    surface: Surface,
     fit: LatticeFit,
     closed: ContourSolid,
     points: ArrayLike,
@@ -54,6 +53,7 @@ def refine_solid(
         If a point is not finite, or the standard deviation `sigma` is not positive.
     """
     points = finite_array("points", points, (None, 3))
+    surface = _closed(fit, closed)
     if sigma is not None:
         positive("sigma", sigma, "m")
     foot = search_surface(surface).nearest(points)

@@ -13,6 +13,7 @@ from palpate.core.rebuild.slices.dropped import Dropped
 from palpate.core.rebuild.slices.height_sway import height_sway
 from palpate.core.rebuild.slices.slice_curve import LEAST_POINTS, slice_curve
 from palpate.core.rebuild.slices.stray_heights import stray_heights
+from palpate.core.rebuild.slicing import into_frame
 from palpate.core.splines.closed_curve import ClosedCurve
 
 
@@ -47,7 +48,10 @@ class Loop:
 
 
 def loops_of(
-    contours: Sequence[ArrayLike], heights: ArrayLike | None = None, first: int = 0
+    contours: Sequence[ArrayLike],
+    heights: ArrayLike | None = None,
+    first: int = 0,
+    frame: Floats | None = None,
 ) -> tuple[Loop | Dropped, ...]:
     """Each contour as a closed curve, or why it is none; see `slices_of`.
 
@@ -59,13 +63,19 @@ def loops_of(
         z of plane contours, m.
     first : int
         Number of the first of them.
+    frame : (7,) array, optional
+        Pose of the frame around whose z axis they run, in the world in which they are given.
 
     Raises
     ------
     ValueError
-        If a shape is another, or a height is not finite.
+        If a shape is another, a height is not finite, or there are heights in a frame.
     """
-    given = _given(contours, heights, first)
+    if frame is not None and heights is not None:
+        raise ValueError(
+            "heights must be left out with a frame, for contours are then points of the world"
+        )
+    given = [into_frame(frame, points) for points in _given(contours, heights, first)]
     return tuple(_loop(which, points) for which, points in enumerate(given, first))
 
 

@@ -6,12 +6,13 @@ end; around it runs the turn. The pieces meet at seams, where it may have an edg
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.frames import split_pose, transform
 from palpate.core.plane.signed_area import signed_area
 from palpate.core.rebuild.ends.ends import End
 from palpate.core.rebuild.surface.patches import Patch, end_patches
@@ -40,6 +41,8 @@ class Surface:
     """About the middle of its box, (3,)."""
     size: float
     """Diagonal of its box, about."""
+    frame: Floats | None = None
+    """Pose (7,) of the frame in which the pieces are; None if they are where the surface is."""
 
     def at(self, v: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (..., 3), or derivatives of them.
@@ -85,6 +88,10 @@ class Surface:
         low, high = self.seams[piece], self.seams[piece + 1]
         local = np.clip((v - low) / (high - low), 0.0, 1.0)
         found = self.pieces[piece].at(local, turns, by)
+        if self.frame is not None:
+            position, axes = split_pose(self.frame)
+            found = found @ axes.T
+            found = found + position if by == (0, 0) else found
         return found / (high - low) ** by[0] if by[0] else found
 
     def normals(self, v: ArrayLike, turns: ArrayLike) -> Floats:
@@ -159,6 +166,14 @@ def closed_surface(pieces: tuple[Patch, ...]) -> Surface:
     seams = np.concatenate([[0.0], np.cumsum(shares) / shares.sum()])
     seams[-1] = 1.0
     return Surface(pieces, seams, 0.5 * (low + high), size)
+
+
+def placed(surface: Surface, frame: Floats | None) -> Surface:
+    """A surface that is where its pieces are, carried along by a frame of this pose (7,)."""
+    if frame is None:
+        return surface
+    middle = transform(frame, surface.middle[None])[0]
+    return replace(surface, middle=middle, frame=frame)
 
 
 def _turns() -> Floats:

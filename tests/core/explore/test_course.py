@@ -15,7 +15,8 @@ def arc(radius: float, begin: float, end: float, count: int) -> Path:
     """Points of a circle about the origin, counter-clockwise, with their normals."""
     azimuth = np.linspace(begin, end, count)
     away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(count)])
-    return Path(radius * away, away, np.zeros(count))
+    flat = np.zeros(count)
+    return Path(radius * away, away, flat, flat, flat)
 
 
 @pytest.mark.parametrize("radius", [0.005, 0.01, 0.03, 0.2])
@@ -31,7 +32,7 @@ def test_the_course_of_a_circle_is_its_tangent_and_curvature(radius: float, azim
 
 def test_a_hollow_has_negative_curvature() -> None:
     points = arc(0.02, 3.0, 2.5, 12)
-    path = Path(points.points, -points.normals, points.across)
+    path = points._replace(normals=-points.normals)
     assert course_at_end(path, 2.5 - math.pi, WIDTH).curvature == pytest.approx(-50.0, rel=0.1)
 
 

@@ -13,7 +13,7 @@ def met(pad: Pad, surface: Floats, first: int = 0, last: int = 15) -> Floats:
     _, y = pad.grid()
     rows = np.arange(16)[:, None]
     touched = (rows >= first) & (rows <= last) & np.ones((16, 16), bool)
-    return crossings(pad, 0.8 * y + surface, surface, touched)
+    return crossings(pad, 0.8 * y + surface, surface, touched).places
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 15), (7, 15), (0, 8), (6, 9), (5, 8), (7, 10)])
@@ -55,17 +55,19 @@ def test_an_edge_between_two_rows_moves_no_point_off_its_rows(flat: Pad) -> None
 def test_columns_are_met_in_their_order_and_once(flat: Pad) -> None:
     x, y = flat.grid()
     found = crossings(flat, np.sin(y / 1.1e-3), 0.0 * x, np.ones((16, 16), bool))
-    assert np.array_equal(found[:, 0], x[0])
-    assert np.allclose(found[:, 1], 0.0, atol=1e-5)
+    assert np.array_equal(found.places[:, 0], x[0])
+    assert np.allclose(found.places[:, 1], 0.0, atol=1e-5)
+    assert found.columns.tolist() == list(range(16))
+    assert (found.rows == 7).all()
 
 
 def test_two_rows_that_differ_too_much_are_not_one_surface(flat: Pad) -> None:
     _, y = flat.grid()
     jump = np.where(y > 0, STEEP * flat.pitch, 0.0)
-    assert len(crossings(flat, y, 0.99 * jump, np.ones((16, 16), bool))) == 16
-    assert len(crossings(flat, y, 1.01 * jump, np.ones((16, 16), bool))) == 0
+    assert len(crossings(flat, y, 0.99 * jump, np.ones((16, 16), bool)).places) == 16
+    assert len(crossings(flat, y, 1.01 * jump, np.ones((16, 16), bool)).places) == 0
 
 
 def test_nothing_touched_is_met_nowhere(flat: Pad) -> None:
     _, y = flat.grid()
-    assert crossings(flat, y, y, np.zeros((16, 16), bool)).shape == (0, 3)
+    assert crossings(flat, y, y, np.zeros((16, 16), bool)).places.shape == (0, 3)

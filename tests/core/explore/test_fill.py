@@ -19,7 +19,8 @@ Filled = tuple[Path, tuple[Gap, ...]]
 def chain(*places: float) -> Path:
     """Points along y on a wall that looks along x."""
     points = np.array([[0.03, place, 0.0] for place in places])
-    return Path(points, np.tile([1.0, 0.0, 0.0], (len(points), 1)), np.zeros(len(points)))
+    flat = np.zeros(len(points))
+    return Path(points, np.tile([1.0, 0.0, 0.0], (len(points), 1)), flat, flat, flat)
 
 
 def felt_at(*places: float) -> Felt:

@@ -20,7 +20,8 @@ def arc(begin: float, end: float) -> Path:
     """Points of a circle of 30 mm."""
     azimuth = np.linspace(begin, end, max(int(30 * (end - begin)), 2))
     away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
-    return Path(0.03 * away, away, np.zeros(len(azimuth)))
+    flat = np.zeros(len(azimuth))
+    return Path(0.03 * away, away, flat, flat, flat)
 
 
 def leapt(pad: Pad, path: Path, felt: Sequence[Felt | None]) -> Aim | Done[Stride | None]:

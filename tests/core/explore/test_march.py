@@ -21,13 +21,15 @@ def arc(radius: float, begin: float, end: float, count: int) -> Path:
     """Points of a circle about the origin, counter-clockwise, with their normals."""
     azimuth = np.linspace(begin, end, count)
     away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(count)])
-    return Path(radius * away, away, np.zeros(count))
+    flat = np.zeros(count)
+    return Path(radius * away, away, flat, flat, flat)
 
 
 def line(begin: Floats, end: Floats, count: int) -> Path:
     points = np.linspace([*begin, 0.0], [*end, 0.0], count)
     along = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
-    return Path(points, np.tile([along[1], -along[0], 0.0], (count, 1)), np.zeros(count))
+    flat = np.zeros(count)
+    return Path(points, np.tile([along[1], -along[0], 0.0], (count, 1)), flat, flat, flat)
 
 
 def stride(

@@ -12,7 +12,8 @@ from palpate.core.explore.routine import Done, Routine, resume
 
 def felt(slope: float) -> Felt:
     empty = np.zeros((0, 3))
-    return Felt(empty, empty, np.zeros(0), slope, np.zeros(3), np.zeros(3), 1, 1)
+    none = np.zeros(0)
+    return Felt(empty, empty, none, none, none, slope, np.zeros(3), np.zeros(3), 1, 1)
 
 
 def count_hits(most: int) -> Routine[int]:

@@ -24,7 +24,8 @@ PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8
 def felt_of(slope: float, arc: int = 0, above: int = 0, below: int = 9, rise: float = 0.0) -> Felt:
     points, normals = np.zeros((arc, 3)), np.tile([1.0, 0.0, 0.0], (arc, 1))
     nearest = np.array([0.03, 0.0, rise])
-    return Felt(points, normals, np.zeros(arc), slope, nearest, nearest, above, below)
+    flat = np.zeros(arc)
+    return Felt(points, normals, flat, flat, flat, slope, nearest, nearest, above, below)
 
 
 def search(felt: list[Felt | None], stance: Stance = UPRIGHT) -> Aim | Done[Found]:

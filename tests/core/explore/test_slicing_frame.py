@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.grasp.coarse import coarse_of
 from palpate.core.explore.slicing_frame import SlicingFrame, slicing_frame
 from palpate.core.frames import pose_of, split_pose
+from palpate.core.rebuild.coarse import fit_coarse
 from palpate.core.shapes.superquadric import Superquadric
 
 NOISE = 1e-4
@@ -40,7 +40,7 @@ def contacts(shape: Superquadric, turn: Floats, place: Floats) -> tuple[Floats, 
 
 def frame_of(shape: Superquadric, turn: Floats, place: Floats) -> SlicingFrame:
     points, normals, platform = contacts(shape, turn, place)
-    return slicing_frame(coarse_of(points, NOISE), points, normals, platform, NOISE)
+    return slicing_frame(fit_coarse(points, NOISE), points, normals, platform, NOISE)
 
 
 PLACE = np.array([0.03, -0.01, 0.05])
@@ -106,7 +106,7 @@ def test_a_lying_object_points_the_same_way_however_it_was_turned() -> None:
 def test_few_contacts_give_an_upright_frame_about_them() -> None:
     points, normals, platform = contacts(ELLIPSOID, np.eye(3), PLACE)
     few = points[:6]
-    found = slicing_frame(coarse_of(few, NOISE), few, normals[:6], platform, NOISE)
+    found = slicing_frame(fit_coarse(few, NOISE), few, normals[:6], platform, NOISE)
 
     assert found.ambiguous
     assert (found.low, found.high) == (platform, few[:, 2].max())
@@ -115,7 +115,7 @@ def test_few_contacts_give_an_upright_frame_about_them() -> None:
 
 def test_a_fit_that_came_to_a_bound_makes_the_axis_less_certain() -> None:
     points, normals, platform = contacts(ELLIPSOID, about_x(0.5), PLACE)
-    found = coarse_of(points, NOISE)
+    found = fit_coarse(points, NOISE)
     strained = replace(found, doubts=("at a bound",))
     sure, unsure = (
         slicing_frame(fit, points, normals, platform, NOISE) for fit in (found, strained)
@@ -141,7 +141,7 @@ def test_the_same_contacts_give_the_same_frame() -> None:
 )
 def test_what_is_no_grasp_is_refused(count: int, normals: Floats, noise: float, words: str) -> None:
     points = contacts(ELLIPSOID, np.eye(3), PLACE)[0]
-    found = coarse_of(points, NOISE)
+    found = fit_coarse(points, NOISE)
 
     with pytest.raises(ValueError, match=words):
         slicing_frame(found, points[:count], normals, 0.0, noise)

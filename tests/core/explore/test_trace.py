@@ -225,7 +225,8 @@ def arc(begin: float, end: float, growth: float = 0.0) -> Felt:
     azimuth = np.linspace(begin, end, 12)
     away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(12)])
     points = (0.02 + growth * azimuth)[:, None] * away
-    return Felt(points, away, np.zeros(12), 0.0, points[0], points[0], 5, 5)
+    flat = np.zeros(12)
+    return Felt(points, away, flat, flat, flat, 0.0, points[0], points[0], 5, 5)
 
 
 def test_a_gap_that_ends_at_the_start_is_a_gap(flat: Pad) -> None:

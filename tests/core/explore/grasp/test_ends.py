@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.grasp.coarse import coarse_of
 from palpate.core.explore.grasp.ends import Ends, Touched, ends_along
 from palpate.core.explore.grasp.misfit import corrected
 from palpate.core.frames import pose_of
+from palpate.core.rebuild.coarse import fit_coarse
 from palpate.core.shapes.superquadric import Superquadric
 
 Rotations = Callable[[int], Floats]
@@ -32,7 +32,7 @@ def ends(points: Floats, normals: Floats, lean: float = 0.0, rim: float = RADIUS
     turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     platform = -HALF * c - rim * s
     points, normals = points @ turn.T, normals @ turn.T
-    found = coarse_of(points, NOISE)
+    found = fit_coarse(points, NOISE)
     solid = corrected(found.shape().mesh(3), points, found.residuals, found.rms, NOISE)
     pose = pose_of(np.zeros(3), turn)
     return ends_along(pose, solid, found, Touched(points, normals), platform)
@@ -84,7 +84,7 @@ def test_a_solid_that_fits_tells_where_its_untouched_ends_are() -> None:
     normals = points / np.square([0.02, 0.028, 0.042])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     side = np.flatnonzero(np.abs(points[:, 2]) < 0.03)[::8]
-    found = coarse_of(points[side], NOISE)
+    found = fit_coarse(points[side], NOISE)
     solid = corrected(found.shape().mesh(4), points[side], found.residuals, found.rms, NOISE)
     seen = Touched(points[side], normals[side])
     given = ends_along(pose_of(np.zeros(3), np.eye(3)), solid, found, seen, -0.042)

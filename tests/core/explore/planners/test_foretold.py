@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from palpate.core.explore.planners.cover import unfelt_runs
 from palpate.core.explore.planners.foretold import NOISE, Foretold, foretell
 from palpate.core.explore.planners.intervals import hermite, profile_of, signs_of
 from palpate.core.explore.planners.known import Known, Slice
@@ -21,7 +22,7 @@ def wavy(z: float) -> float:
 
 def foretold(side: Side, shares: list[float], make: MakeSlice, known: MakeKnown) -> Foretold:
     all_known = known([make(side, share) for share in shares])
-    return foretell(all_known, profile_of(all_known))
+    return foretell(all_known, profile_of(all_known), unfelt_runs(all_known))
 
 
 def test_positions_and_slopes_are_kept_and_a_cubic_in_the_square_is_exact(
@@ -75,7 +76,7 @@ def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(
     slice_of: MakeSlice, known: MakeKnown
 ) -> None:
     noisy = known([slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)])
-    said = foretell(noisy, profile_of(noisy))
+    said = foretell(noisy, profile_of(noisy), unfelt_runs(noisy))
     assert said.noise == pytest.approx(math.hypot(NOISE * 1e-3, 1e-5 / 0.09), rel=1e-6)
     assert said.bound == math.hypot(said.noise, said.curve)
     assert said.wants_cut(said.bound * 0.99) == (said.noise < said.bound * 0.99)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.core.explore.planners.choice import Height, Stop, Wait
+from palpate.core.explore.planners.cover import unfelt_runs
 from palpate.core.explore.planners.foretold import foretell
 from palpate.core.explore.planners.intervals import hermite, profile_of
 from palpate.core.explore.planners.known import Budget, Known, Outcome, Slice
@@ -85,7 +86,7 @@ def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
         return 0.3 - 0.03 * float(np.exp(-(((z - 0.26) / 0.035) ** 2)))
 
     cover = known([slice_of(grooved, share) for share in COVER])
-    assert foretell(cover, profile_of(cover)).bound < 0.0025
+    assert foretell(cover, profile_of(cover), unfelt_runs(cover)).bound < 0.0025
     assert rms_error(cover, grooved) > 0.003
 
     heights, stop = explored(Predicted(), grooved)

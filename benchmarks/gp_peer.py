@@ -1,0 +1,104 @@
+"""palpate beside a Gaussian process that explores by greatest variance, touch for touch.
+
+Both feel the same objects with the same finger and the same noise, and both solids are measured
+the same way. ``palpate bench explore --only peer`` runs it; by itself: ``python
+benchmarks/gp_peer.py [--quick]``. One line of JSON for each figure.
+
+The kernel, its length and the points of a touch were chosen on the two objects in `TUNED`, the
+best of Matern and thin plate, 0.35 to 2 of the object's extent, 5 and 9 points; these two are
+shown, and do not count.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from gp_explore import Explorer, Tuning
+from gp_finger import Finger
+
+from palpate.core.measure.distance import Prepared, compare, prepare
+from palpate.launch.bench_explore_scene import NOISES, Demand, write_scene
+from palpate.launch.bench_explore_trial import Explored, explore_scene
+from palpate.launch.bench_row import Row
+from palpate.launch.explore_objects import OBJECTS
+from palpate.launch.one_thread import one_thread
+from palpate.launch.scene import load_scene
+from palpate.nodes.object import build_shape
+
+TUNED = ("ellipsoid", "groove")
+COMPARED = ("egg", "box", "vase", "bottle", "twist", "hourglass")
+QUICK = ("egg", "vase")
+PLACE = {"exact": 0.0, "noise": 1e-4}
+"""Standard deviation of a touch's place that the peer is told, m."""
+TUNING = Tuning()
+LEAST = 2.0
+"""Times palpate's error, at the same way of the finger."""
+
+
+class Pair(NamedTuple):
+    """Both on one object; errors are root mean square, % of the object's height."""
+
+    ours: Explored
+    """palpate's run."""
+    way: float
+    """The peer's error after at least as long a way of the finger."""
+    touches: float
+    """And after at least as many touches too."""
+    made: int
+    """Touches that it makes on that way."""
+
+
+def pair(name: str, noise: str, tuning: Tuning = TUNING) -> Pair:
+    """Explore one object in both ways."""
+    with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
+        scene = write_scene(Path(folder), OBJECTS[name], NOISES[noise], Demand())
+        ours = explore_scene(scene)
+        box = build_shape(load_scene(scene).spec.object).bounds()
+        peer = Explorer(Finger(scene), box, PLACE[noise], tuning)
+    truth = prepare(ours.truth.vertices, ours.truth.faces)
+    made = peer.until(lambda state: state.way >= ours.travel).touches
+    at_way = percent_off(peer, truth, ours)
+    peer.until(lambda state: state.touches >= ours.touches)
+    return Pair(ours, at_way, percent_off(peer, truth, ours), made)
+
+
+def percent_off(peer: Explorer, truth: Prepared, ours: Explored) -> float:
+    """Root mean square error of the peer's surface so far, % of the object's height."""
+    return 100.0 * compare(truth, prepare(*peer.mesh())).rms / ours.truth.height
+
+
+def rows(names: Sequence[str]) -> Iterator[Row]:
+    """Figures, object by object, and their means: the tuned objects do not count."""
+    for noise in NOISES:
+        ratios = []
+        for name in (*TUNED, *names):
+            found = pair(name, noise)
+            by_way, by_touches = (e / found.ours.percent for e in (found.way, found.touches))
+            title = f"peer, {name}, {noise}"
+            shown = f"{found.ours.percent:.3f}, {found.way:.3f}, {found.touches:.3f}"
+            yield Row(f"{title}: rms % of palpate, peer by way, by touches", shown, "", True)
+            ways = f"{found.ours.travel:.1f} m, {found.ours.touches}, {found.made}"
+            yield Row(f"{title}: way, touches, the peer's on that way", ways, "", True)
+            if name not in TUNED:
+                ratios.append((by_way, by_touches))
+        way, touches = np.exp(np.mean(np.log(ratios), axis=0)).tolist()
+        title = f"peer, {noise}: its rms over palpate's, geometric mean"
+        yield Row(f"{title}, same way", f"{way:.2f} x", f">= {LEAST:g} x", way >= LEAST)
+        yield Row(f"{title}, same touches", f"{touches:.2f} x", "", True)
+
+
+def main() -> None:
+    """Print each figure as soon as it is known."""
+    with one_thread():
+        for row in rows(QUICK if "--quick" in sys.argv[1:] else COMPARED):
+            print(json.dumps(row._asdict()), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Where to touch an object's ends, off the contours, and when that is enough."""

@@ -1,0 +1,142 @@
+"""Everything that an exploration has found so far, in the slicing frame, as a value.
+
+The planner node keeps one; a rule is told of it as `Known`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.approach import APPROACH, approach
+from palpate.core.explore.planners.known import Budget, Known
+from palpate.core.explore.planners.measured import Traced, measured_slices
+
+APART = 1.5
+"""Height between the slices of two fingers, in widths of a pad."""
+
+
+class Demand(NamedTuple):
+    """What is asked of an exploration."""
+
+    tolerance: float
+    """Root mean square error, m."""
+    feature: float
+    """Largest height that may stay unfelt, m."""
+    most_touches: float
+    """Touches that may be made."""
+    most_seconds: float
+    """Robot time that may pass, s."""
+
+
+class Doubt(NamedTuple):
+    """What the last model says of its own errors."""
+
+    heights: Floats
+    """(n,), m."""
+    deviations: Floats
+    """Standard deviation of the side there, (n,), m."""
+    whole: float
+    """Of the whole surface, ends included, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Survey:
+    """What is known of an object."""
+
+    low: float
+    """Where it begins along the slicing axis, m."""
+    high: float
+    """Where it ends, m."""
+    low_deviation: float
+    """Standard deviation of `low`, m; 0 once it was touched."""
+    high_deviation: float
+    """Of `high`."""
+    radius: float
+    """Largest distance of its surface from the axis, as the first contacts let expect, m."""
+    pad_width: float
+    """Of a finger, m."""
+    resolution: float
+    """Smallest difference that the sensor tells, m."""
+    traced: tuple[Traced, ...] = ()
+    """Slices in the order in which they were taken up."""
+    doubt: Doubt | None = None
+    """Of the last model."""
+
+    def known(
+        self, demand: Demand, *, touches: int, seconds: float, taken: tuple[float, ...] = ()
+    ) -> Known:
+        """What a rule is told.
+
+        Parameters
+        ----------
+        demand : Demand
+            What is asked for.
+        touches, seconds : int, float
+            What is spent; robot time in s.
+        taken : tuple of float
+            Heights at which fingers are at work, m.
+        """
+        budget = Budget(
+            most_touches=demand.most_touches,
+            most_seconds=demand.most_seconds,
+            touches=touches,
+            seconds=seconds,
+        )
+        return Known(
+            low=self.low,
+            high=self.high,
+            low_deviation=self.low_deviation,
+            high_deviation=self.high_deviation,
+            tolerance=demand.tolerance,
+            resolution=self.resolution,
+            feature=demand.feature,
+            budget=budget,
+            slices=measured_slices(self.traced, self._deviations(), demand.feature),
+            taken=taken,
+            apart=self.apart,
+            taxels=True,
+            deviation=None if self.doubt is None else self.doubt.whole,
+        )
+
+    @property
+    def apart(self) -> float:
+        """Height that two fingers keep between them, m."""
+        return APART * self.pad_width
+
+    def approach(self, height: float) -> tuple[Floats, float]:
+        """Where the middle of a slice is expected, (2,), and from how far to come, m."""
+        contours = [one for one in self.traced if one.usable]
+        if not contours:
+            return np.zeros(2), self.radius + APPROACH
+        return approach(height, [one.height for one in contours], [one.points for one in contours])
+
+    def outermost(self, *, upper: bool) -> Traced | None:
+        """The usable contour nearest to an end; None while there is none."""
+        contours = [one for one in self.traced if one.usable]
+        if not contours:
+            return None
+        return (max if upper else min)(contours, key=lambda one: one.height)
+
+    def with_slice(self, traced: Traced) -> Survey:
+        """With one slice more."""
+        return replace(self, traced=(*self.traced, traced))
+
+    def ended(self, height: float, *, upper: bool) -> Survey:
+        """With an end that was touched at this height."""
+        low, high = (self.low, height) if upper else (height, self.high)
+        if not low < high:
+            return self
+        if upper:
+            return replace(self, high=high, high_deviation=0.0)
+        return replace(self, low=low, low_deviation=0.0)
+
+    def _deviations(self) -> tuple[float, ...]:
+        if self.doubt is None or not len(self.doubt.heights):
+            return (0.0,) * len(self.traced)
+        at = [one.height for one in self.traced]
+        found = np.interp(at, self.doubt.heights, self.doubt.deviations)
+        return tuple(found.tolist())

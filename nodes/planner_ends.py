@@ -1,0 +1,89 @@
+"""The planner's probes of the two ends: when they are made, and what they have found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from palpate.core.explore.probing.known import End, EndKnown, Probed, Probing, Wall
+from palpate.core.explore.probing.rule import next_probe
+from palpate.core.explore.survey import Survey
+from palpate.core.frames import inverse, split_pose, transform
+from palpate.messages.types import Probe
+from palpate.nodes.planner_grasp import is_upright
+from palpate.nodes.planner_state import State, Task
+
+ENDS: tuple[End, ...] = ("upper", "lower")
+NEAR = 0.07
+"""Of the extent: an end is felt all over as soon as there is a contour so near to it."""
+
+
+class Touch(NamedTuple):
+    """A single touch of an end."""
+
+    end: End
+    """Which."""
+    height: float
+    """Where that is, m."""
+    probing: Probing
+    """The touch."""
+
+
+def next_touch(state: State, tolerance: float, *, last: bool) -> Touch | None:
+    """The next touch of an end, if one is due.
+
+    At first each end is found; it is felt all over when there is a contour near to it, or when
+    all slices are done. One finger at a time, and away from the others.
+    """
+    survey = state.survey
+    assert survey is not None
+    if any(task.probing for task in state.tasks.values()):
+        return None
+    for end in ENDS:
+        height = survey.high if end == "upper" else survey.low
+        if any(abs(task.height - height) < survey.apart for task in state.tasks.values()):
+            continue
+        found = next_probe(end, _known(state, survey, end, tolerance, last))
+        if isinstance(found, Probing):
+            return Touch(end, height, found)
+    return None
+
+
+def with_probe(state: State, task: Task, probe: Probe) -> State:
+    """The state, knowing what a probe has found."""
+    assert state.survey is not None and state.frame is not None and task.probing is not None
+    end, probing = task.probing
+    into, axes = inverse(state.frame.pose), split_pose(state.frame.pose)[1]
+    made = Probed(
+        probing, probe.outcome, transform(into, probe.point[None])[0], probe.normal @ axes
+    )
+    ends = {**state.ends, end: (*state.ends.get(end, ()), made)}
+    faces = [one for one in ends[end] if one.touched and one.probing.why != "edge"]
+    survey = state.survey
+    if faces:
+        reached = [float(one.point[2]) for one in faces]
+        upper = end == "upper"
+        survey = survey.ended((max if upper else min)(reached), upper=upper)
+    probes = (*state.probes, probe.id) if made.touched else state.probes
+    return replace(state, survey=survey, ends=ends, probes=probes)
+
+
+def _known(state: State, survey: Survey, end: End, tolerance: float, last: bool) -> EndKnown:
+    assert state.frame is not None
+    upper = end == "upper"
+    here, there = (survey.high, survey.low) if upper else (survey.low, survey.high)
+    wall = survey.outermost(upper=upper)
+    due = wall is not None and (last or abs(wall.height - here) < NEAR * (survey.high - survey.low))
+    return EndKnown(
+        height=here,
+        deviation=survey.high_deviation if upper else survey.low_deviation,
+        other=there,
+        radius=survey.radius,
+        width=survey.pad_width,
+        tolerance=tolerance,
+        standing=not upper and is_upright(state.frame),
+        wall=Wall(wall.points, wall.normals, wall.felt_low, wall.felt_high)
+        if wall is not None and due
+        else None,
+        probes=state.ends.get(end, ()),
+    )

@@ -1,0 +1,99 @@
+"""The planner's first part: the hand closes until the object is known well enough to slice it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.core.explore.approach import search_places
+from palpate.core.explore.grasp.fit import CoarseFit
+from palpate.core.explore.grasp.hand import Hand
+from palpate.core.explore.grasp.poses import next_pose, search_pose
+from palpate.core.explore.slicing_frame import SlicingFrame, slicing_frame
+from palpate.core.explore.survey import Survey
+from palpate.core.frames import split_pose
+from palpate.core.shapes.bend import Bend
+from palpate.messages.types import GraspContacts, GraspGoal, Superquadric
+from palpate.nodes.planner_state import Grasped, State
+
+CONTACTS = 60
+"""Contacts after which the hand has felt enough."""
+MOST_GRIPS = 30
+"""Times that it closes on the object at most."""
+SPACING = 12.0e-3
+"""Distance of the places at which the object is looked for, m: less than a pad."""
+OPENING = 0.8
+"""Of the reach: how far the hand's fingers open."""
+CONTACT_ERROR = 0.1e-3
+"""Standard deviation of a contact, m."""
+
+
+def grasp_goal(state: State) -> GraspGoal | None:
+    """The next closing of the hand; None once it has felt enough, or looked everywhere."""
+    assert state.world is not None
+    grasped, world = state.grasped, state.world
+    hand = Hand(opening=OPENING * world.reach, reach=OPENING * world.reach)
+    if len(grasped.points) >= CONTACTS or grasped.grips >= MOST_GRIPS:
+        return None
+    if len(grasped.points):
+        pose = next_pose(hand, grasped.points, grasped.normals, world.platform)
+    else:
+        places = search_places(world.reach, SPACING)
+        found = search_pose(places, grasped.closings, world.platform)
+        if found is None:
+            return None
+        pose = found
+    return GraspGoal(
+        number=grasped.closings,
+        pose=pose,
+        fingers=hand.fingers,
+        opening=hand.opening,
+        reach=hand.reach,
+        not_before=state.clock,
+    )
+
+
+def with_contacts(state: State, contacts: GraspContacts) -> State:
+    """The state, knowing what the hand met."""
+    before = state.grasped
+    points = np.concatenate([before.points, contacts.points])
+    grasped = Grasped(
+        points=points,
+        normals=np.concatenate([before.normals, contacts.normals]),
+        closings=before.closings + 1,
+        grips=before.grips + bool(len(points)),
+    )
+    return replace(state, grasped=grasped, clock=contacts.robot_time)
+
+
+def with_frame(state: State, coarse: Superquadric) -> State:
+    """The state with the slicing frame that the coarse model lets choose."""
+    assert state.world is not None
+    grasped = state.grasped
+    fit = CoarseFit(
+        size=coarse.size,
+        exponents=coarse.exponents,
+        pose=coarse.pose,
+        taper=coarse.taper,
+        bend=Bend(coarse.bend, coarse.bend_direction if coarse.bend else 0.0),
+        residuals=coarse.residuals,
+        rms=coarse.residual,
+        doubts=coarse.doubts,
+    )
+    frame = slicing_frame(fit, grasped.points, grasped.normals, state.world.platform, CONTACT_ERROR)
+    survey = Survey(
+        low=state.world.platform if is_upright(frame) else frame.low,
+        high=frame.high,
+        low_deviation=0.0 if is_upright(frame) else frame.extent_error,
+        high_deviation=frame.extent_error,
+        radius=frame.radius,
+        pad_width=state.pad_width,
+        resolution=state.resolution,
+    )
+    return replace(state, frame=frame, survey=survey)
+
+
+def is_upright(frame: SlicingFrame) -> bool:
+    """Whether its heights are the world's, so that the object stands on its lower end."""
+    return float(split_pose(frame.pose)[1][2, 2]) == 1.0

@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.core.explore.probing.known import (
+    Done,
+    End,
+    EndKnown,
+    Probed,
+    Probing,
+    Wall,
+    turned_over,
+    turned_probing,
+)
+from palpate.core.explore.probing.rule import next_probe
+from palpate.core.frames import IDENTITY, pose_of, split_pose
+from palpate.core.rotation import rotations_of_vectors
+from palpate.core.shapes.posed import PosedShape
+from palpate.core.shapes.protocol import Shape
+from palpate.core.shapes.superquadric import Superquadric
+
+Run = Callable[[Shape, End, EndKnown], tuple[Done, tuple[Probed, ...]]]
+Ring = Callable[..., Wall]
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def _ball() -> Superquadric:
+    return Superquadric(np.array([0.03, 0.03, 0.04]), np.array([1.0, 1.0]))
+
+
+def _column(radius: float = 0.025) -> Superquadric:
+    return Superquadric(np.array([radius, radius, 0.04]), np.array([0.1, 1.0]))
+
+
+def _whys(probes: tuple[Probed, ...]) -> str:
+    return "".join(one.probing.why[0] for one in probes)
+
+
+def test_an_end_is_found_by_one_touch_before_any_contour(probed: Run, known: EndKnown) -> None:
+    done, probes = probed(_ball(), "upper", known)
+    assert len(probes) == 1 and done.reason == "the end is found"
+    np.testing.assert_allclose(probes[0].point[2], 0.04, atol=5e-5)
+
+
+def test_a_pole_takes_one_touch(probed: Run, known: EndKnown, ring: Ring) -> None:
+    wall = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
+    done, probes = probed(_ball(), "upper", replace(known, wall=wall))
+    assert _whys(probes) == "s" and done.reason == "nothing larger than a pad is unfelt"
+    assert done.unfelt < 0.01
+
+
+def test_a_flat_top_takes_five_that_lie_all_over_it(
+    probed: Run, known: EndKnown, ring: Ring
+) -> None:
+    done, probes = probed(_column(), "upper", replace(known, wall=ring(0.024, 0.037, above=2e-3)))
+    assert _whys(probes) == "sffff" and done.reason == "5 touches lie in one plane"
+    turns = np.sort([math.atan2(one.point[1], one.point[0]) for one in probes[1:]])
+    assert np.diff(turns, append=turns[0] + 2.0 * math.pi).max() < math.radians(150.0)
+
+
+def test_a_narrow_flat_top_takes_one(probed: Run, known: EndKnown, ring: Ring) -> None:
+    done, probes = probed(
+        _column(0.014), "upper", replace(known, wall=ring(0.0138, 0.037, above=2e-3))
+    )
+    assert _whys(probes) == "s" and done.unfelt < 0.0105
+
+
+def test_an_edge_below_which_the_band_ends_is_touched_at_45_degrees(
+    probed: Run, known: EndKnown, ring: Ring
+) -> None:
+    wall = ring(0.025, 0.03, above=3e-3)
+    _, probes = probed(_column(), "upper", replace(known, wall=wall))
+    assert _whys(probes) == "sffffeeee"
+    for one in probes[5:]:
+        assert one.touched and abs(one.normal[2] - math.sqrt(0.5)) < 0.2
+
+
+def test_a_lower_end_is_an_upper_one_turned_over(probed: Run, known: EndKnown, ring: Ring) -> None:
+    upper = replace(known, wall=ring(0.025, 0.03, above=3e-3))
+    done, probes = probed(_column(), "upper", upper)
+    for count in range(len(probes) + 1):
+        upper = replace(upper, probes=probes[:count])
+        lower = next_probe("lower", turned_over(upper))
+        wanted = next_probe("upper", upper)
+        if isinstance(wanted, Done):
+            assert lower == wanted == done
+            continue
+        assert isinstance(lower, Probing)
+        wanted = turned_probing(wanted)
+        np.testing.assert_allclose(lower.pose[:3], wanted.pose[:3], atol=1e-12)
+        np.testing.assert_allclose(split_pose(lower.pose)[1], split_pose(wanted.pose)[1], atol=1e-9)
+        np.testing.assert_allclose(lower.aim, wanted.aim, atol=1e-12)
+        assert (lower.reach, lower.why) == (pytest.approx(wanted.reach), wanted.why)
+
+
+def test_an_end_on_which_it_stands_takes_none(known: EndKnown, ring: Ring) -> None:
+    below = replace(known, height=-0.04, other=0.04, standing=True)
+    assert next_probe("lower", below) == Done("it stands on the platform", 0.0)
+    found = next_probe("lower", replace(below, wall=ring(0.025, -0.03, below=6e-3)))
+    assert isinstance(found, Done) and found.unfelt == pytest.approx(4e-3)
+
+
+def test_an_end_that_is_lower_than_thought_is_found(probed: Run, known: EndKnown) -> None:
+    done, probes = probed(_ball(), "upper", replace(known, height=0.06))
+    assert done.reason == "the end is found" and len(probes) == 1
+
+
+def test_an_end_that_is_higher_than_thought_is_found(probed: Run, known: EndKnown) -> None:
+    done, probes = probed(_ball(), "upper", replace(known, height=0.02))
+    outcomes = [one.outcome for one in probes]
+    assert outcomes == ["inside", "hit"] and done.reason == "the end is found"
+
+
+def test_a_touch_that_begins_inside_again_and_again_is_given_up(known: EndKnown) -> None:
+    probes: tuple[Probed, ...] = ()
+    for _ in range(5):
+        found = next_probe("upper", replace(known, probes=probes))
+        assert isinstance(found, Probing)
+        probes = (*probes, Probed(found, "inside", np.zeros(3), UP))
+    first, last = probes[0].probing, probes[-1].probing
+    assert last.pose[2] - first.pose[2] == pytest.approx(4 * known.width)
+    found = next_probe("upper", replace(known, probes=probes))
+    assert isinstance(found, Probing) and np.linalg.norm(found.pose[:2]) > 0.01
+
+
+def test_an_object_off_the_axis_is_looked_for_around_it(probed: Run, known: EndKnown) -> None:
+    aside = PosedShape(_column(0.01), pose_of(np.array([0.02, 0.0, 0.0]), np.eye(3)))
+    done, probes = probed(aside, "upper", known)
+    assert done.reason == "the end is found"
+    assert [one.outcome for one in probes] == ["miss", "hit"]
+
+
+@pytest.mark.parametrize("contour", [False, True], ids=["no contour", "a contour"])
+def test_where_nothing_is_the_search_ends(
+    probed: Run, known: EndKnown, ring: Ring, contour: bool
+) -> None:
+    far = PosedShape(_ball(), pose_of(np.array([1.0, 0.0, 0.0]), np.eye(3)))
+    known = replace(known, wall=ring(0.025, 0.03) if contour else None)
+    done, probes = probed(far, "upper", known)
+    assert done.reason == "nothing was felt" and 1 < len(probes) <= 19
+    assert done.unfelt >= 0.05
+
+
+def test_a_top_that_is_no_plane_is_felt_all_over(known: EndKnown, ring: Ring) -> None:
+    known = replace(known, wall=ring(0.028, 0.037, above=3e-3))
+    while isinstance(found := next_probe("upper", known), Probing):
+        away = float(np.linalg.norm(found.aim[:2]))
+        point = np.array([*found.aim[:2], 0.036 + 4.0 * away**2])
+        known = replace(known, probes=(*known.probes, Probed(found, "hit", point, UP)))
+    assert 5 < len(known.probes) <= 14 and found.reason == "nothing larger than a pad is unfelt"
+
+
+def test_a_top_too_wide_to_be_felt_all_over_says_so(known: EndKnown, ring: Ring) -> None:
+    known = replace(known, wall=ring(0.09, 0.037, above=3e-3))
+    while isinstance(found := next_probe("upper", known), Probing):
+        point = np.array([*found.aim[:2], 0.04 + 1e-3 * len(known.probes)])
+        known = replace(known, probes=(*known.probes, Probed(found, "hit", point, UP)))
+    assert len(known.probes) == 14 and found.unfelt > known.width
+    assert found.reason == "14 touches have not felt all of it"
+
+
+def test_a_leaning_face_is_touched_along_its_normal(known: EndKnown, ring: Ring) -> None:
+    known = replace(known, wall=ring(0.025, 0.02))
+    normal = np.array([math.sin(0.3), 0.0, math.cos(0.3)])
+    first = next_probe("upper", known)
+    assert isinstance(first, Probing)
+    made = Probed(first, "hit", np.array([0.0, 0.0, 0.035]), normal)
+    found = next_probe("upper", replace(known, probes=(made,)))
+    assert isinstance(found, Probing) and found.why == "face"
+    np.testing.assert_allclose(split_pose(found.pose)[1][:, 2], -normal, atol=1e-6)
+
+
+def test_a_pole_beside_the_first_touch_is_looked_for(
+    probed: Run, known: EndKnown, ring: Ring
+) -> None:
+    turned = rotations_of_vectors(np.array([[0.0, math.radians(12.0), 0.0]]))[0]
+    tip = Superquadric(np.array([0.015, 0.015, 0.045]), np.array([1.0, 1.0]))
+    shape = PosedShape(tip, pose_of(np.zeros(3), turned))
+    wall = ring(0.0115, 0.03, lean=math.radians(35.0), above=2e-3)
+    _, probes = probed(shape, "upper", replace(known, wall=wall))
+    highest = max(one.point[2] for one in probes)
+    assert highest == pytest.approx(shape.bounds()[1, 2], abs=1e-4) and 2 <= len(probes) <= 3
+
+
+def test_an_end_on_the_wrong_side_is_refused(known: EndKnown) -> None:
+    with pytest.raises(ValueError, match="height of the lower end must lie beyond the other one's"):
+        next_probe("lower", known)
+
+
+def test_a_touch_of_the_edge_alone_tells_of_no_face(known: EndKnown, ring: Ring) -> None:
+    probing = Probing(IDENTITY, 0.01, "edge", np.zeros(3))
+    made = Probed(probing, "hit", np.zeros(3), UP)
+    found = next_probe("upper", replace(known, wall=ring(0.02, 0.03), probes=(made,)))
+    assert isinstance(found, Done) and found.reason == "only its edge was touched"
+
+
+@settings(derandomize=True, deadline=None, max_examples=20)
+@given(
+    st.tuples(st.floats(0.008, 0.06), st.floats(0.008, 0.06)),
+    st.tuples(st.floats(0.1, 1.6), st.floats(0.1, 1.6)),
+    st.floats(-1.0, 1.0),
+    st.integers(0, 99),
+)
+def test_every_end_is_done_after_at_most_24_touches(
+    probed: Run, size: tuple[float, float], exponents: tuple[float, float], lean: float, seed: int
+) -> None:
+    turned = rotations_of_vectors(np.array([[0.4 * lean, 0.3 * lean, 0.0]]))[0]
+    solid = Superquadric(np.array([*size, 0.04]), np.array(exponents))
+    shape = PosedShape(solid, pose_of(np.zeros(3), turned))
+    low, high = shape.bounds()[:, 2]
+    turn = 2.0 * np.pi * np.arange(48) / 48
+    out = np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])
+    level = low + 0.9 * (high - low)
+    ways = [shape.cast((out[i] * 0.2 + [0, 0, level])[None], -out[i], 0.4)[0] for i in range(48)]
+    hits = np.flatnonzero(np.isfinite(ways))
+    wall = None
+    if len(hits) > 2:
+        points = out[hits] * (0.2 - np.array(ways)[hits, None]) + [0.0, 0.0, level]
+        band = np.full(len(hits), level)
+        wall = Wall(points, out[hits], band - 5e-3, band + 3e-3)
+    known = EndKnown(
+        height=float(high),
+        deviation=1e-3,
+        other=float(low),
+        radius=0.06,
+        width=0.015,
+        tolerance=2e-4,
+        noise=1e-4,
+        wall=wall,
+    )
+    done, probes = probed(shape, "upper", known)
+    assert len(probes) <= 24 and done.unfelt >= 0.0
+    if wall is not None and done.reason != "nothing was felt":
+        assert max(one.point[2] for one in probes if one.touched) <= high + 1e-6

@@ -1,0 +1,173 @@
+"""Several fingers at once: the same bytes, however their messages travel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.launch.display import Silence
+from palpate.launch.launch_file import describe
+from palpate.launch.located import Located
+from palpate.launch.replay import replay
+from palpate.launch.run import perform, plan_run
+from palpate.messages.codec import decode, encode
+from palpate.messages.recording.reader import open_recording
+from palpate.messages.types import Contour, ContourGoal
+from palpate.nodes import curvature, filter, simulator, tracer
+from palpate.nodes.composed import run_composed
+from palpate.nodes.wiring import Wiring
+
+TOYS = Path(__file__).parent / "toys"
+FILE = TOYS / "fingers.yaml"
+KINDS = (simulator, filter, curvature, tracer)
+FINGERS = 3
+SCHEDULES = 20
+NODES = ["planner", *(f"{kind}_{n}" for kind in ("simulator", "tracer") for n in (1, 2, 3))]
+EACH = ("/touch/raw", "/touch/image", "/touch/patch", "/finger/goal", "/finger/clock")
+
+Bodies = dict[str, list[bytes]]
+
+
+def explored(out: Path, *, composed: bool, fingers: int = FINGERS) -> Bodies:
+    """Every message of a run, by topic, in the order in which it was said."""
+    args = {"fingers": Located(fingers, "fingers")}
+    run = perform(
+        plan_run(FILE, args, {}, name="fingers", out=out), composed=composed, display=Silence()
+    )
+    assert run.ending.status == "finished", run.ending.reason
+    assert (run.ending.gaps, run.ending.duplicates) == (0, 0)
+    said: Bodies = {}
+    for kept in open_recording(out / "topics.mcap").messages():
+        said.setdefault(kept.topic, []).append(kept.body)
+    return said
+
+
+@pytest.fixture(scope="module")
+def composed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Bodies]:
+    """Recording of a run in one process, and what it holds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(TOYS.parent))
+        out = tmp_path_factory.mktemp("fingers") / "run"
+        return out / "topics.mcap", explored(out, composed=True)
+
+
+@pytest.fixture(autouse=True)
+def _toys(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(TOYS.parent))
+
+
+def wirings(out: Path, fingers: int) -> tuple[Wiring, ...]:
+    args = {"fingers": Located(fingers, ""), "record": Located(False, "")}
+    return describe(FILE, args, out).graph.wirings()
+
+
+def heard(said: Bodies, topic: str) -> list[Any]:
+    """The messages of a topic."""
+    kinds = {local: kind for one in KINDS for local, kind in one.NODE.outputs.items()}
+    kind = kinds["/" + topic.split("/", 2)[-1] if topic.startswith("/finger_") else topic]
+    return [decode(kind, body) for body in said[topic]]
+
+
+def contours_of(said: Bodies) -> list[Contour]:
+    topics = [topic for topic in said if topic.endswith("/contour/traced")]
+    return [contour for topic in topics for contour in heard(said, topic)]
+
+
+def test_every_finger_has_topics_of_its_own_and_the_rest_is_said_once(
+    composed: tuple[Path, Bodies],
+) -> None:
+    _, said = composed
+    for finger in range(1, FINGERS + 1):
+        for topic in EACH:
+            assert said[f"/finger_{finger}{topic}"], topic
+    assert {topic for topic in said if not topic.startswith("/finger_")} == {
+        *("/world", "/truth", "/touch/info", "/hand/goal", "/hand/contacts", "/contour/goal"),
+    }
+    assert [len(said[topic]) for topic in ("/world", "/truth", "/touch/info")] == [1, 1, 1]
+
+
+def test_the_fingers_share_out_the_heights_and_close_every_contour(
+    composed: tuple[Path, Bodies],
+) -> None:
+    found = contours_of(composed[1])
+    assert {contour.status for contour in found} == {"closed"}
+    assert sorted(contour.id for contour in found) == list(range(5))
+    assert {contour.finger for contour in found} == {1, 2, 3}
+
+
+def test_what_a_finger_does_takes_no_time_of_the_others(
+    composed: tuple[Path, Bodies], tmp_path: Path
+) -> None:
+    alone = contours_of(explored(tmp_path / "run", composed=True, fingers=1))
+    ends = {1: max(contour.robot_time for contour in alone)}
+    ends[FINGERS] = max(contour.robot_time for contour in contours_of(composed[1]))
+    # Five contours of much the same length: two, two and one of them.
+    assert ends[FINGERS] < 0.6 * ends[1]
+
+
+def test_every_finger_has_errors_of_its_own(composed: tuple[Path, Bodies]) -> None:
+    first = [heard(composed[1], f"/finger_{n}/touch/raw")[0] for n in (1, 2, 3)]
+    # They begin at heights that mirror each other on a ball, but not with the same noise.
+    assert len({frame.array.tobytes() for frame in first}) == FINGERS
+    assert [frame.finger for frame in first] == [1, 2, 3]
+
+
+def test_a_clock_follows_every_touch_and_only_grows(composed: tuple[Path, Bodies]) -> None:
+    for finger in range(1, FINGERS + 1):
+        clocks = heard(composed[1], f"/finger_{finger}/finger/clock")
+        patches = heard(composed[1], f"/finger_{finger}/touch/patch")
+        times = [patch.robot_time for patch in patches]
+        assert [clock.robot_time for clock in clocks] == times == sorted(times)
+        assert {clock.finger for clock in clocks} == {finger}
+
+
+def test_no_finger_starts_before_the_decision(composed: tuple[Path, Bodies]) -> None:
+    _, said = composed
+    begun = {
+        goal.id: goal.not_before for goal in (decode(ContourGoal, b) for b in said["/contour/goal"])
+    }
+    for finger in range(1, FINGERS + 1):
+        for frame in heard(said, f"/finger_{finger}/touch/raw"):
+            assert frame.robot_time > begun[frame.goal]
+    # The first three at once, the others when a contour was taken up.
+    assert len(set(begun.values())) == 1 + 2
+
+
+def test_one_finger_has_neither_namespace_nor_clock(tmp_path: Path) -> None:
+    said = explored(tmp_path / "run", composed=True, fingers=1)
+    assert not [topic for topic in said if topic.startswith("/finger_")]
+    assert "/finger/clock" not in said
+    assert len(said["/contour/traced"]) == 5
+
+
+def test_no_order_of_the_edges_changes_a_byte(
+    composed: tuple[Path, Bodies], tmp_path: Path, watcher: Any
+) -> None:
+    graph = wirings(tmp_path, FINGERS)
+    hear = tuple(topic for one in graph for topic in one.outputs.values())
+    for schedule in range(SCHEDULES):
+        watcher.messages.clear()
+        ending = run_composed(graph, ends="planner", hear=hear, watcher=watcher, schedule=schedule)
+        assert ending.status == "finished", ending.reason
+        said: Bodies = {}
+        for topic, message in watcher.messages:
+            said.setdefault(topic, []).append(encode(message))
+        assert said == composed[1]
+
+
+def test_replaying_it_says_the_same_again(composed: tuple[Path, Bodies]) -> None:
+    lines: list[str] = []
+
+    assert replay(composed[0], NODES, lines.append) == 0
+
+    assert [line.partition(", ")[0] for line in lines] == [f"{name}: identical" for name in NODES]
+
+
+@pytest.mark.graph
+def test_separate_processes_say_the_same_to_the_last_byte(
+    composed: tuple[Path, Bodies], tmp_path: Path
+) -> None:
+    assert explored(tmp_path / "run", composed=False) == composed[1]
+    assert replay(tmp_path / "run" / "topics.mcap", NODES, lambda line: None) == 0
