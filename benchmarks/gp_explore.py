@@ -43,11 +43,11 @@ class Tuning(NamedTuple):
 
     kernel: str = "matern"
     """Matern or thin plate."""
-    length: float = 0.7
+    length: float = 1.0
     """Of the kernel, over the object's largest extent."""
     points: int = 9
     """Of each touch."""
-    travel: float = 0.0
+    travel: float = 0.01
     """How much deviation a metre of travel outweighs, m; 0 for the greatest variance alone."""
 
 

@@ -58,16 +58,13 @@ class Finger:
             seed=spec.seed,
         )
         given = ((simulator, params), (filter, filter.Params()), (curvature, curvature.Params()))
-        self._nodes = [(module.NODE, params) for module, params in given]
-        self._states: list[Any] = []
-        for node, own in self._nodes:
-            state, said = node.start(own)
-            self._states.append(state)
-            for topic, message in [one for one in said if not isinstance(one, Finished)]:
-                self._latched = {**getattr(self, "_latched", {}), topic: message}
-        for index in range(len(self._nodes)):
-            if "/touch/info" in self._nodes[index][0].inputs:
-                self._hear(index, "/touch/info", self._latched["/touch/info"])
+        self._nodes = [(module.NODE, own) for module, own in given]
+        started = [node.start(own) for node, own in self._nodes]
+        self._states: list[Any] = [state for state, _ in started]
+        said = [one for _, outputs in started for one in outputs if not isinstance(one, Finished)]
+        info = dict(said)["/touch/info"]
+        for index in (1, 2):
+            self._hear(index, "/touch/info", info)
 
     def touch(self, place: Floats, normal: Floats, standoff: float, beyond: float) -> Touched:
         """Come along a normal from before a place, and go no farther than behind it.
@@ -93,7 +90,7 @@ class Finger:
             not_before=0.0,
         )
         self._made += 1
-        [frame] = self._hear(0, "/finger/goal", goal)[:1]
+        frame, *_ = self._hear(0, "/finger/goal", goal)  # a link may deliver it twice
         [image] = self._hear(1, "/touch/raw", frame)
         [patch] = self._hear(2, "/touch/image", image)
         return self._touched(frame, patch)

@@ -4,9 +4,9 @@ Both feel the same objects with the same finger and the same noise, and both sol
 the same way. ``palpate bench explore --only peer`` runs it; by itself: ``python
 benchmarks/gp_peer.py [--quick]``. One line of JSON for each figure.
 
-The kernel, its length and the points of a touch were chosen on the two objects in `TUNED`, the
-best of Matern and thin plate, 0.35 to 2 of the object's extent, 5 and 9 points; these two are
-shown, and do not count.
+What `Tuning` holds was chosen on the two objects in `TUNED`, with noise and 6 m of way: of a
+Matern and a thin-plate kernel, of lengths from 0.35 to 2 of the object's extent, of 5 and 9 points
+for each touch, and of nearer places preferred or not. These two are shown and do not count.
 """
 
 from __future__ import annotations

@@ -113,13 +113,13 @@ class Implicit:
         """
         half = self._bare.half(block(self._kernel, self._places, places, False))
         prior = self._kernel(np.zeros(1)).k
-        return np.sqrt(np.maximum(prior - np.einsum("ij,ij->j", half, half), 0.0))
+        return np.asarray(np.sqrt(np.maximum(prior - np.einsum("ij,ij->j", half, half), 0.0)))
 
     def mesh(self, box: Floats, floor: float) -> Mesh:
         """The surface within a box (2, 3), cut off at the height of what the object stands on."""
 
         size = np.ceil((box[1] - box[0]) / CELL).astype(int) + 1
-        axes = [np.linspace(*box[:, axis], size[axis]) for axis in range(3)]
+        axes = [np.linspace(box[0, i], box[1, i], size[i]) for i in range(3)]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         field = spline_filter(self.at(grid.reshape(-1, 3))[0].reshape(size))
         scale = (size - 1) / (box[1] - box[0])

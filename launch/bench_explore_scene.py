@@ -22,7 +22,7 @@ NOISY: tuple[Mapping[str, Any], ...] = (
 )
 """The default noise: a place that is off by 0.1 mm along each axis, taxels by 10 um."""
 NOISES = {"exact": EXACT, "noise": NOISY}
-FEATURE = 2.5e-3
+FEATURE = 3.0e-3
 """What may stay unfelt, m."""
 MESH = "object.ply"
 

@@ -12,6 +12,7 @@ from palpate.launch.entry import Entry
 from palpate.launch.graph import Graph
 from palpate.launch.located import InputError, Located
 from palpate.launch.nearest import hint
+from palpate.launch.own_modules import look_here
 from palpate.launch.yaml_file import parse_yaml
 
 
@@ -88,6 +89,8 @@ def option(text: str, source: str) -> Located:
 
 
 def _with(entry: Entry, param: str, value: Located) -> Entry:
+    if isinstance(value.value, str):
+        look_here(value.value)  # a planner of one's own
     keys = tuple(param.split("."))
     params = to_builtins(entry.params, builtin_types=(bytes,))
     return replace(

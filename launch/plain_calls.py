@@ -75,16 +75,13 @@ class Loop:
                 Seat(finger, tracer.NODE, tracer.Params(finger=finger)),
             )
         ]
-        started = [seat.node.start(seat.params) for seat in self._seats]
-        self._states: list[Any] = [state for state, _ in started]
-        outputs = [outputs for _, outputs in started]
-        self._deliver(
-            [
-                one
-                for seat, said in zip(self._seats, outputs, strict=True)
-                for one in _said(seat, said)
-            ]
-        )
+        self._states: list[Any] = []
+        first: list[Said] = []
+        for seat in self._seats:
+            state, outputs = seat.node.start(seat.params)
+            self._states.append(state)
+            first += _said(seat, outputs)
+        self._deliver(first)
 
     def trace(self, height: float, radius: float, number: int = 0, finger: int = 1) -> Contour:
         """Trace the slice at a height about the world's axis; radius of the object there, m."""

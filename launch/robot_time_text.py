@@ -25,7 +25,7 @@ def robot_time_text(costs: Costs) -> str:
 
 def _recorded(costs: Costs) -> list[str]:
     recorded = costs["recorded"]
-    robot, ended, moves = recorded["robot"], recorded["robot_time_s"], recorded["moves_s"]
+    robot, ended = recorded["robot"], recorded["robot_time_s"]
     if recorded["agrees"]:
         lines = [_line("recorded", f"{robot}, {ended:.1f} s: its moves add up to that")]
     elif recorded["agrees"] is None:
@@ -36,7 +36,9 @@ def _recorded(costs: Costs) -> list[str]:
     else:
         lines = [
             _line("recorded", f"{robot}, {ended:.1f} s"),
-            _line("doubtful", f"its moves add up to {moves:.1f} s: some are not in the recording"),
+            _line(
+                "doubtful", f"its moves miss that by {recorded['missing_s']:.3g} s: some are lost"
+            ),
         ]
     if not costs["complete"]:
         lines.append(_line("doubtful", "the recording was never closed: its end may be missing"))

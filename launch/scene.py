@@ -19,6 +19,7 @@ from palpate.launch.located import InputError, Located
 from palpate.launch.mesh_file import MeshFile, read_mesh
 from palpate.launch.nearest import hint
 from palpate.launch.scene_effects import with_effects
+from palpate.launch.scene_planner import check_planner
 from palpate.launch.yaml_file import read_yaml
 from palpate.nodes.effects import EffectSpecs, build_pipeline
 from palpate.nodes.object import ObjectSpec, Seed, build_shape, encode_mesh
@@ -38,6 +39,12 @@ class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     reach: Annotated[float, Meta(gt=0, le=10)] = 0.15
     """The finger reaches this far sideways from the axis and up from the
     platform on which the object stands, m."""
+    robot: str = "modern"
+    """Preset of the robot's speeds: modern or puma."""
+
+    def __post_init__(self) -> None:
+        if self.robot not in PRESETS:
+            raise ValueError(f"robot must be one of {sorted(PRESETS)}, got {self.robot!r}")
 
 
 class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -91,6 +98,7 @@ def load_scene(name: str | Path) -> Scene:
     given = read_yaml(path)
     given = with_effects(_with_mesh(given, path))
     given = with_calibration(given, path.resolve().parent)
+    check_planner(given)
     spec = convert(given, SceneSpec)
     located = Located(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
     scene = Scene(path.stem, path, path.read_text(encoding="utf-8"), spec, located)
@@ -139,7 +147,7 @@ def object_size(scene: Scene) -> tuple[float, float, float]:
 def _check_finger(scene: Scene) -> None:
     """Each effect must be one that this sensor can have."""
     try:
-        build_pipeline(scene.spec.sensor, scene.spec.effects, next(iter(PRESETS.values())))
+        build_pipeline(scene.spec.sensor, scene.spec.effects, PRESETS[scene.spec.world.robot])
     except ValueError as error:
         name = str(error).partition(" ")[0]
         where = ("effects", name) if name in scene.spec.effects else ("effects",)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from palpate.core.explore.fingers import next_finished
+from palpate.core.explore.planners.asking import ask
 from palpate.core.explore.planners.choice import Height, Planner, Stop
 from palpate.core.explore.planners.cover import uncovered
 from palpate.core.explore.planners.known import Known
@@ -89,12 +90,13 @@ def _give(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[Sta
     if touch is None:
         if state.is_stale:
             return _ask(state)
-        choice = rule.next(_known(demand, state))
+        known = _known(demand, state)
+        choice = ask(rule, known)
         if isinstance(choice, Height):
             task = Task(state.goals, state.clock, choice.height)
             slice_goal = contour_goal(state, finger, choice.height)
             return _with_task(state, finger, task), [("/contour/goal", slice_goal)]
-        if isinstance(choice, Stop) and not state.tasks:
+        if isinstance(choice, Stop) and not state.tasks and not known.budget.spent:
             touch = next_touch(state, demand.tolerance, last=True)
     if touch is None:
         return state, []
@@ -126,7 +128,7 @@ def _ask(state: State) -> tuple[State, Outputs]:
 def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
     """The end, with what the rule says of it."""
     known = _known(demand, state)
-    stop = rule.next(known)
+    stop = ask(rule, known)
     if not isinstance(stop, Stop):
         raise ValueError(f"nothing is under way, and the planner neither stops nor goes on: {stop}")
     return done(state, stop.reason, known, stop)

@@ -136,7 +136,7 @@ class NodeWork:
         if self._node.outputs.get(local) is not cls:
             raise ContractError(self._undeclared(local, cls))
         if local not in self._wires:
-            raise ContractError(f"{self.name} published {local}, which is not its to say here")
+            raise ContractError(f"{self.name} published {local}, which another finger's node says")
         time_s = float(getattr(message, "robot_time", 0.0))
         return Parcel(self._wires[local], encode(message), time_s, codec_of(cls).hash)
 

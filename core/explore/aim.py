@@ -13,7 +13,7 @@ from palpate.core.frames import pad_rotation, pose_of
 PRESS = 1.5e-3
 """Depth of a plain touch, m: half of the pad. Shallower ones feel less at once: at 1 mm a contour
 takes a fifth more touches, and a band is lower by as much."""
-DEEP_PRESS = 2.2e-3
+DEEP_PRESS = 2.35e-3
 """Depth where a plain one does not reach into a hollow, m."""
 MOST_TILT = 1.45
 """The pad is tilted no farther than this, rad: at a pole a contour has no heading."""

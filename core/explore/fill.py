@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.aim import DEEP_PRESS, UPRIGHT, Stance
+from palpate.core.explore.creep import creeping
 from palpate.core.explore.cut import Cut
 from palpate.core.explore.felt import Felt
 from palpate.core.explore.path import Gap, Path, Why, heading_across, path_of
@@ -19,8 +18,6 @@ STANDOFF, REACH = 6.0 / 15.0, 8.0 / 15.0
 from as far away as they are long."""
 WITHIN = 0.25 / 15.0
 """A point in the gap lies this far from both of its ends, in widths of the pad."""
-TURNS = tuple(np.radians([0.0, 45.0, -45.0, 65.0, -65.0]).tolist())
-"""Deep probes of a gap, after a plain one: straight, then turned with either edge first, rad."""
 SHORTER = 0.25
 """A probe that leaves a gap shorter by less than this many pitches has not helped."""
 
@@ -44,11 +41,12 @@ def fill(cut: Cut, chain: Path, stance: Stance) -> Routine[tuple[Path, tuple[Gap
     gaps: list[Gap] = []
     last = len(chain.points) - 1
     while last > 0:  # from the end, so that what is put in moves no gap that is still to come
-        start, end = chain.points[last - 1], chain.points[last]
+        ends = chain.part(slice(last - 1, last + 1))
+        start, end = ends.points
         if np.linalg.norm(end - start) <= cut.joined:
             last -= 1
             continue
-        between, why = yield from _probe(cut, start, end, stance)
+        between, why = yield from _probe(cut, ends, stance)
         if between is None:
             gaps.append(Gap(start, end, why))
             last -= 1
@@ -59,10 +57,9 @@ def fill(cut: Cut, chain: Path, stance: Stance) -> Routine[tuple[Path, tuple[Gap
     return chain, tuple(reversed(gaps))
 
 
-def _probe(
-    cut: Cut, start: Floats, end: Floats, stance: Stance
-) -> Routine[tuple[Path | None, Why]]:
-    """What is felt between two points: by a plain touch, by deeper ones, by the pad's edges."""
+def _probe(cut: Cut, ends: Path, stance: Stance) -> Routine[tuple[Path | None, Why]]:
+    """What is felt between two points: by a plain touch, a deep one, by the pad's edges."""
+    start, end = ends.points
     deep = UPRIGHT._replace(tilt=stance.tilt, shift=stance.shift, depth=DEEP_PRESS)
     chord = end[:2] - start[:2]
     length = float(np.linalg.norm(chord))
@@ -76,22 +73,12 @@ def _probe(
     between = _between(cut, start, end, felt)
     if felt is None or between is not None:
         return between, "missed"
-    for turn in TURNS:
-        felt = yield _entering(cut, target, turn).aim(deep)
+    for aim in (target.aim(deep), *creeping(cut, ends.points, ends.normals)):
+        felt = yield aim
         between = _between(cut, start, end, felt)
         if between is not None:
             break
     return between, "bridged"
-
-
-def _entering(cut: Cut, target: Target, turn: float) -> Target:
-    """The pad turned, so that one of its edges comes first, and enters where its middle would."""
-    if turn == 0.0:
-        return target
-    heading = target.heading + turn
-    along = np.array([-math.sin(heading), math.cos(heading)])
-    away = math.copysign(0.5 * cut.width, turn)
-    return target._replace(place=target.place - away * along, heading=heading)
 
 
 def _between(cut: Cut, start: Floats, end: Floats, felt: Felt | None) -> Path | None:

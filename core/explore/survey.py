@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.approach import APPROACH, approach
-from palpate.core.explore.planners.known import Budget, Known
+from palpate.core.explore.planners.known import LEAST_FEATURE, Budget, Known
 from palpate.core.explore.planners.measured import Traced, measured_slices
 
 APART = 1.5
@@ -93,7 +93,7 @@ class Survey:
             high_deviation=self.high_deviation,
             tolerance=demand.tolerance,
             resolution=self.resolution,
-            feature=demand.feature,
+            feature=max(demand.feature, LEAST_FEATURE * (self.high - self.low)),
             budget=budget,
             slices=measured_slices(self.traced, self._deviations(), demand.feature),
             taken=taken,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.uniform import slice_heights
+from palpate.core.explore.planners.choice import first_and_last
+from palpate.core.explore.planners.known import Known
 from palpate.core.plane.angle_between import turn_between
 from palpate.core.plane.inscribed_circle import inscribed_circle
 from palpate.core.plane.inscribed_ellipse import ellipse_scale
@@ -167,5 +168,9 @@ def test_the_caps_depend_on_the_unit_of_length() -> None:
     printed = 0.01 / np.array([100.0, 0.1])
     assert printed.tolist() == pytest.approx([1e-4, 0.1])
     # Slices at 3 and 97 % of the height leave 3 % of it, in either unit.
-    left = [1.0 - max(slice_heights(0.0, top, 9)) / top for top in (100.0, 0.1)]
+    left = []
+    for top in (100.0, 0.1):
+        share = 1e-3 * top
+        known = Known(low=0.0, high=top, tolerance=share, resolution=share, feature=share)
+        left.append(1.0 - first_and_last(known)[1] / top)
     assert left == pytest.approx([0.03, 0.03])

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from palpate.launch.display import Silence
-from palpate.launch.launch_file import describe
+from palpate.launch.launch_file import EXPLORE, describe
 from palpate.launch.located import Located
 from palpate.launch.replay import replay
-from palpate.launch.run import perform, plan_run
+from palpate.launch.run import Plan, perform, plan_run
 from palpate.messages.codec import decode, encode
 from palpate.messages.recording.reader import open_recording
-from palpate.messages.types import Contour, ContourGoal
+from palpate.messages.types import Contour, ContourGoal, ShapeModel
 from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.composed import run_composed
 from palpate.nodes.wiring import Wiring
@@ -31,15 +31,18 @@ Bodies = dict[str, list[bytes]]
 
 
 def explored(out: Path, *, composed: bool, fingers: int = FINGERS) -> Bodies:
-    """Every message of a run, by topic, in the order in which it was said."""
+    """Every message of a run of the toy planner."""
     args = {"fingers": Located(fingers, "fingers")}
-    run = perform(
-        plan_run(FILE, args, {}, name="fingers", out=out), composed=composed, display=Silence()
-    )
+    return said_in(plan_run(FILE, args, {}, name="fingers", out=out), composed=composed)
+
+
+def said_in(plan: Plan, *, composed: bool) -> Bodies:
+    """Every message of a run, by topic, in the order in which it was said."""
+    run = perform(plan, composed=composed, display=Silence())
     assert run.ending.status == "finished", run.ending.reason
     assert (run.ending.gaps, run.ending.duplicates) == (0, 0)
     said: Bodies = {}
-    for kept in open_recording(out / "topics.mcap").messages():
+    for kept in open_recording(run.folder / "topics.mcap").messages():
         said.setdefault(kept.topic, []).append(kept.body)
     return said
 
@@ -171,3 +174,17 @@ def test_separate_processes_say_the_same_to_the_last_byte(
 ) -> None:
     assert explored(tmp_path / "run", composed=False) == composed[1]
     assert replay(tmp_path / "run" / "topics.mcap", NODES, lambda line: None) == 0
+
+
+@pytest.mark.graph
+def test_a_whole_exploration_is_the_same_in_processes_and_in_one(tmp_path: Path) -> None:
+    args = {"scene": Located("sphere", ""), "fingers": Located(FINGERS, "")}
+    settings = {"planner.planner": "uniform", "planner.settings": {"count": 3}}
+    given = {key: Located(value, "") for key, value in settings.items()}
+    said = [
+        said_in(plan_run(EXPLORE, args, given, name="sphere", out=tmp_path / how), composed=one)
+        for how, one in (("processes", False), ("composed", True))
+    ]
+    assert said[0] == said[1]
+    assert {contour.finger for contour in contours_of(said[0])} > {1}
+    assert decode(ShapeModel, said[0]["/model/shape"][-1]).final

@@ -25,7 +25,8 @@ def palpate(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 def explored(folder: Path, *flags: str) -> dict[str, Any]:
     """Summary of a short exploration of the sphere into a folder."""
-    few = ("--set", "planner.planner=uniform", "--set", "planner.settings.count=2", "--quiet", "--out", str(folder / "run"))
+    even = ("--set", "planner.planner=uniform", "--set", "planner.settings.count=2")
+    few = (*even, "--quiet", "--out", str(folder / "run"))
     done = palpate("run", "sphere", *few, *flags, folder=folder)
     assert done.returncode == 0, done.stderr
     summary: dict[str, Any] = json.loads((folder / "run" / "summary.json").read_text())

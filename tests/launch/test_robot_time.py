@@ -136,7 +136,9 @@ def test_a_move_that_the_recording_lacks_is_told(record: Record) -> None:
     first, _, *rest = frames()
     found = robot_time(record(*goals(), first, *rest))
     assert found["recorded"]["agrees"] is False
-    assert "some are not in the recording" in robot_time_text(found)
+    lost = seconds(Moves.of_rows(np.array(ROWS)), ROBOTS["modern"])
+    assert found["recorded"]["missing_s"] == pytest.approx(lost[1] - lost[0])
+    assert "its moves miss that by" in robot_time_text(found)
 
 
 @pytest.mark.parametrize("robot", [None, "hydraulic"])
@@ -211,7 +213,6 @@ def test_who_waited_for_something_else_waits_as_long(record: Record) -> None:
     alone = Moves.of_rows(np.array([ROWS[0], ROWS[2]]))
     for name, cost in found["robots"].items():
         assert cost["finger_s"]["2"] == pytest.approx(3.21 + seconds(alone, ROBOTS[name])[-1])
-        assert cost["finger_s"]["1"] >= 0.2
 
 
 def test_nobody_waits_for_who_was_there_before(record: Record) -> None:
@@ -234,8 +235,7 @@ def test_nobody_waits_for_who_was_there_before(record: Record) -> None:
 def test_moves_for_which_no_goal_was_recorded_are_a_phase_of_their_own(record: Record) -> None:
     found = robot_time(record(goals()[0], *frames()))
     assert found["robots"]["modern"]["phases"]["other"]["moves"] == 3
-    whole = robot_time_text(found)
-    assert "probes     other       all" in whole
+    assert "probes     other       all" in robot_time_text(found)
 
 
 def test_a_recording_that_was_never_closed_is_told(record: Record) -> None:

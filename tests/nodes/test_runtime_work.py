@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -115,6 +116,12 @@ def test_finished_is_handed_on_in_its_place() -> None:
 def test_an_output_that_is_not_declared_is_refused(output: object, words: str) -> None:
     with pytest.raises(ContractError, match=words):
         started(output).take(need("n"))
+
+
+def test_an_output_that_another_fingers_node_says_is_refused() -> None:
+    wiring = replace(WIRING, outputs={"/flat": "/a/flat"})
+    with pytest.raises(ContractError, match="node published /out, which another finger's node"):
+        NodeWork(NODE, Params(), wiring).begin()
 
 
 def test_a_message_of_another_schema_is_refused() -> None:

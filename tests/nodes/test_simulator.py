@@ -11,6 +11,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore import trace
+from palpate.core.explore.aim import PRESS
 from palpate.core.touch import curvature as core_curvature
 from palpate.core.touch import pad
 from palpate.messages.codec import encode
@@ -301,7 +302,7 @@ def test_the_node_declares_what_its_handlers_take() -> None:
         ({"rows": 5}, "an array of 4 by 15 mm; contours are followed with 5 to 40 mm"),
         ({"cols": 42}, "an array of 15 by 41 mm; contours are followed with 5 to 40 mm"),
         ({"pad": {"radius": 0.01}}, "a dome over this array needs more than 0.0106 m"),
-        ({"pad": {"thickness": 0.001}}, "it must be at least 0.00125 m, to be pressed by 0.001 m"),
+        ({"pad": {"thickness": 0.001}}, f"it must be at least {PRESS / 0.8:.3g} m, to"),
     ],
 )
 def test_a_sensor_that_could_not_work_is_refused(wrong: dict[str, Any], words: str) -> None:

@@ -102,6 +102,11 @@ class Budget:
             if not 0 <= value < math.inf:
                 raise ValueError(f"{name} must be 0 or more and finite, got {value} {unit}")
 
+    @property
+    def spent(self) -> bool:
+        """Whether nothing is left of it."""
+        return self.touches >= self.most_touches or self.seconds >= self.most_seconds
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Known:

@@ -15,6 +15,7 @@ from typing import Annotated
 import numpy as np
 
 from palpate.core.explore.planners.choice import (
+    END_DEVIATIONS,
     Choice,
     Height,
     Stop,
@@ -130,16 +131,19 @@ def _end(known: Known, foretold: Foretold | None, unfelt: float) -> Stop:
     if foretold is None:
         return Stop("fewer than two slices could be traced", False, None, unfelt)
     bound, noise = foretold.bound * known.extent, foretold.noise * known.extent
-    small, felt = bound <= known.tolerance, unfelt <= known.feature
+    loose = END_DEVIATIONS * max(known.low_deviation, known.high_deviation)
+    small, felt = bound <= known.tolerance, max(unfelt, loose) <= known.feature
     if small and felt:
         said = "the error is within tolerance, and nothing larger than a feature is unfelt"
+    elif small and loose > known.feature:
+        said = "the error of the side is within tolerance, but where the object ends is uncertain"
     elif small:
         said = "the error is within tolerance, but what is left unfelt cannot be reached"
     elif noise > known.tolerance:
         said = "the noise of the slices is beyond the tolerance, and no further slice takes it away"
     else:
         said = "the slices lie as close as they may, and the error is not within tolerance"
-    return Stop(said, small and felt, bound, unfelt)
+    return Stop(said, small and felt, bound, max(unfelt, loose))
 
 
 PLANNER = Predicted

@@ -34,6 +34,7 @@ from palpate.core.explore.probing.search import (
     search_places,
 )
 from palpate.core.frames import DOWN, pad_rotation, pose_of, split_pose
+from palpate.core.plane.winding import winding_number
 
 MOST_BACK = 4
 """Times that a touch which began inside the object is begun a pad's width farther off."""
@@ -46,11 +47,10 @@ SMALL, SMALL_ROUND = 0.35, 0.5
 the end, so that a smooth surface goes on from it."""
 ROUND = 0.5
 """Upward part of the wall's normals, on average, from which on it does."""
-ASIDE, SAME = 0.4, 0.25
-"""Of the pad's width: a highest point so far from the pad's middle lies at its rim, and the end is
-looked for over it unless a pad was as near to it."""
+SAME = 0.25
+"""Of the pad's width: a place is not touched again that lies nearer to a touched one."""
 LEAN = math.radians(5.0)
-"""A face that leans less is touched along the slicing axis."""
+"""A face that leans less is touched along the slicing axis, and a pole is under the pad."""
 MOST_LEAN = math.radians(45.0)
 
 
@@ -127,7 +127,7 @@ def _next_face(
     leans = float(wall.normals[:, 2].mean()) > ROUND
     if len(made) >= MOST_FACE:
         return unfelt
-    summit = _summit(known.width, faces) if leans else None
+    summit = _summit(known.width, wall, faces) if leans else None
     if summit is not None:
         return along_axis(known, summit)._replace(why="face")
     small = SMALL_ROUND if leans else SMALL
@@ -182,13 +182,16 @@ def _onto(known: EndKnown, face: Face, place: Floats) -> Probing:
     return Probing(pose_of(start, axes), reach, "face", target)
 
 
-def _summit(width: float, faces: list[Probed]) -> Floats | None:
-    """Where the end goes on, if its highest point was felt with the rim of a pad; (2,), m."""
+def _summit(width: float, wall: Wall, faces: list[Probed]) -> Floats | None:
+    """Where a round end goes on upwards from its highest touch, (2,), m; None if it does not."""
     highest = max(faces, key=lambda one: float(one.point[2]))
-    place = highest.point[:2]
-    away = [float(np.linalg.norm(one.probing.pose[:2] - place)) for one in faces]
-    aside = float(np.linalg.norm(highest.probing.pose[:2] - place)) > ASIDE * width
-    return place if aside and min(away) > SAME * width else None
+    level = float(np.linalg.norm(highest.normal[:2]))
+    if not level > math.sin(LEAN):
+        return None
+    place = highest.point[:2] - FOOT * width / level * highest.normal[:2]
+    away = np.linalg.norm(np.stack([one.point[:2] for one in faces]) - place, axis=1)
+    within = winding_number(wall.points[:, :2], place[None])[0] != 0
+    return place if within and away.min() > SAME * width else None
 
 
 def _place(one: Probed) -> Floats:

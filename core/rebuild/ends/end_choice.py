@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.ends.end_profiles import (
+    Beyond,
     Profile,
     conic,
     flared,
@@ -57,7 +58,13 @@ class Choice(NamedTuple):
 
 
 def choose_profile(
-    depths: Floats, radii: Floats, end: float, scatter: float, *, dense: bool = False
+    depths: Floats,
+    radii: Floats,
+    end: float,
+    scatter: float,
+    *,
+    dense: bool = False,
+    beyond: Beyond | None = None,
 ) -> Choice:
     """Profile of an end whose height is known.
 
@@ -73,7 +80,11 @@ def choose_profile(
         Standard deviation of a mean radius.
     dense : bool
         Whether the contours are rows of a surface, as close together as one likes.
+    beyond : Beyond, optional
+        What was felt between dense contours and the end: it decides in their place.
     """
+    if beyond is not None:
+        return _choose_felt(depths, radii, end, scatter, beyond)
     families, slack = (DENSE, DENSE_SLACK) if dense else (FAMILIES, SLACK)
     if len(depths) < FEWEST:
         carried = trend_of(depths, radii)
@@ -85,6 +96,22 @@ def choose_profile(
         enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
         kind = next(name for name, miss in misses.items() if miss <= enough)
     return Choice(kind, families[kind](depths, radii, end), misses)
+
+
+def _choose_felt(
+    depths: Floats, radii: Floats, end: float, scatter: float, beyond: Beyond
+) -> Choice:
+    """The plainest family that goes on as was felt beyond the last contour."""
+    profiles: dict[Kind, Profile] = {
+        "flat": flat(depths, radii, end),
+        "conic": conic(depths, radii, end),
+        "flared": flared(depths, radii, end, beyond),
+    }
+    rim, radius = float(depths[-1]), float(radii[-1])
+    misses = {name: beyond.miss(one, rim, end, radius) for name, one in profiles.items()}
+    enough = min(misses.values()) + max(NOISES * scatter, DENSE_SLACK * float(radii.max()))
+    kind = next(name for name, miss in misses.items() if miss <= enough)
+    return Choice(kind, profiles[kind], misses)
 
 
 def _misses(

@@ -85,6 +85,22 @@ class Superellipse(NamedTuple):
 Profile = Flat | Conic | Superellipse
 
 
+class Beyond(NamedTuple):
+    """What was felt of an end beyond the last contour."""
+
+    depths: Floats
+    """Outward coordinates, (n,), between the last contour and the end."""
+    radii: Floats
+    """Mean radii there, (n,), as if the last contour's had shrunk or grown as a whole."""
+    weights: Floats
+    """Level part of the normals, (n,), by which a radius counts."""
+
+    def miss(self, profile: Profile, rim: float, end: float, radius: float) -> float:
+        """Root mean square distance of a profile that has `radius` at the rim."""
+        shares = profile.shares((self.depths - rim) / (end - rim))
+        return float(np.sqrt(np.mean((self.weights * (radius * shares - self.radii)) ** 2)))
+
+
 class Trend(NamedTuple):
     """Squared radius over the outward coordinate, about the last contour."""
 
@@ -157,19 +173,26 @@ def superellipse(depths: Floats, radii: Floats, end: float) -> Profile:
     return Superellipse(float(zeta[-1]), float(EXPONENTS[p]), float(EXPONENTS[q]))
 
 
-def flared(depths: Floats, radii: Floats, end: float) -> Profile:
+def flared(depths: Floats, radii: Floats, end: float, beyond: Beyond | None = None) -> Profile:
     """Superellipse on a wall that flares or narrows; parameters as of `superellipse`.
 
-    It follows all the contours that are given, which have to lie close together.
+    It follows all the contours that are given, which have to lie close together, and what was
+    felt beyond them.
 
     Notes
     -----
     For each pair of exponents width and trend follow by orthogonal projection (QR), for all
     pairs at once.
     """
-    begin = depths[0]
+    begin, last = depths[0], len(depths) - 1
+    weights = np.ones(len(depths))
+    if beyond is not None:
+        depths = np.concatenate([depths, beyond.depths])
+        radii = np.concatenate([radii, beyond.radii])
+        weights = np.concatenate([weights, beyond.weights])
     zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - NEAR_END)
     shares = shoulder(zeta, FLARED[:, None, None], FLARED[:, None])
+    radii, shares = weights * radii, weights * shares
     basis = np.stack([shares, shares * zeta], axis=-1)
     directions, triangle = np.linalg.qr(basis)
     along = np.einsum("pqnk,n->pqk", directions, radii)
@@ -178,7 +201,7 @@ def flared(depths: Floats, radii: Floats, end: float) -> Profile:
     width, change = np.linalg.solve(triangle[best], along[best])
     trend = float(np.clip(change / width, LEAST_TREND, MOST_TREND)) if width > 0.0 else 0.0
     p, q = best
-    return Superellipse(float(zeta[-1]), float(FLARED[p]), float(FLARED[q]), trend)
+    return Superellipse(float(zeta[last]), float(FLARED[p]), float(FLARED[q]), trend)
 
 
 def shoulder(zeta: Floats, p: Floats | float, q: Floats | float) -> Floats:

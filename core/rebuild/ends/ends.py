@@ -10,7 +10,7 @@ import numpy as np
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.plane.area_centroid import area_centroids
 from palpate.core.rebuild.ends.end_choice import choose_profile
-from palpate.core.rebuild.ends.end_profiles import Flat, Profile, conic, superellipse
+from palpate.core.rebuild.ends.end_profiles import Beyond, Flat, Profile, conic, superellipse
 from palpate.core.rebuild.ends.free_pole import free_pole
 from palpate.core.rebuild.ends.free_shoulder import free_shoulder
 from palpate.core.rebuild.slices.star_shaped import are_nearly_star_shaped
@@ -76,6 +76,7 @@ def close_ends(
     top: float | None = None,
     noise: float = 0.0,
     dense: bool = False,
+    beyond: tuple[Beyond | None, Beyond | None] = (None, None),
 ) -> tuple[End, End]:
     """Both ends of a stack of contours.
 
@@ -91,6 +92,8 @@ def close_ends(
         Standard deviation of a point, in the same unit.
     dense : bool
         Whether the contours are rows of a surface, as close together as one likes.
+    beyond : pair of Beyond or None
+        What was felt below and above dense contours, between them and touched ends.
 
     Returns
     -------
@@ -117,7 +120,8 @@ def close_ends(
     whole = are_nearly_star_shaped(grid[last] - middles[last, None]).tolist()
     up = _Stack(heights, radii, middles, scatter, 1.0, whole[1])
     down = _Stack(-heights[::-1], radii[::-1], middles[::-1], scatter, -1.0, whole[0])
-    return _end("bottom", down, bottom, dense), _end("top", up, top, dense)
+    below, above = beyond
+    return _end("bottom", down, bottom, dense, below), _end("top", up, top, dense, above)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +159,9 @@ class _Stack:
         return axis
 
 
-def _end(name: str, stack: _Stack, touched: float | None, dense: bool) -> End:
+def _end(
+    name: str, stack: _Stack, touched: float | None, dense: bool, beyond: Beyond | None
+) -> End:
     last = float(stack.depths[-1])
     if touched is None:
         beyond = free_pole(stack.depths, stack.radii, stack.scatter)
@@ -171,7 +177,9 @@ def _end(name: str, stack: _Stack, touched: float | None, dense: bool) -> End:
         )
     if depth - last <= LEAST_GAP * max(last - float(stack.depths[0]), stack.spacing):
         return stack.end("flat", last, Flat(0.0))
-    choice = choose_profile(stack.depths, stack.radii, depth, stack.scatter, dense=dense)
+    choice = choose_profile(
+        stack.depths, stack.radii, depth, stack.scatter, dense=dense, beyond=beyond
+    )
     return stack.end(choice.kind, depth, choice.profile)
 
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
+from palpate.core.plane.area_centroid import area_centroid
 from palpate.core.rebuild.ends.ends import End, close_ends
+from palpate.core.rebuild.felt.felt_beyond import felt_beyond
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.felt.felt_skin import FeltSkin
 
 UPRIGHT = 0.9
 """Part of a normal along the axis from which on a taxel lies on an end."""
-NOISES = 2.0
-"""Standard deviations of a pose by which touches of one level top may differ."""
+NOISES = 3.0
+"""Standard deviations by which a touch of a level top may lie below the mean of higher ones."""
 ROWS = 14
 """Rows from which an end is told."""
 STRETCH = 0.15
@@ -25,7 +27,7 @@ def touched_end(
     """Height of an end, m, from the taxels that touched it; as given, if none did.
 
     Each touch's farthest taxel errs by its pose, and the farthest of many by the luckiest one's:
-    so those that may be one height are averaged.
+    so those that may be one height are averaged, from the highest on.
 
     Parameters
     ----------
@@ -65,12 +67,20 @@ def on_end(felt: FeltPoints, last: float, way: float) -> Bools:
 
 
 def felt_end(
-    skin: FeltSkin, turns: Floats, rim: float, inwards: float, end: float | None, noise: float
+    felt: FeltPoints,
+    skin: FeltSkin,
+    turns: Floats,
+    rim: float,
+    inwards: float,
+    end: float | None,
+    noise: float,
 ) -> End:
     """How the side goes on from its first or last row.
 
     Parameters
     ----------
+    felt : FeltPoints
+        All taxels.
     skin : FeltSkin
         The side.
     turns : (k,) array
@@ -86,6 +96,13 @@ def felt_end(
     """
     heights = np.sort(rim + STRETCH * inwards * np.arange(ROWS) / (ROWS - 1))
     grid = skin.rings(heights, turns)
+    beyond = None
+    if end is not None:
+        row = grid[0 if inwards > 0.0 else -1]
+        radius = np.sqrt(np.mean(np.sum((row - area_centroid(row)) ** 2, axis=1)))
+        beyond = felt_beyond(felt, skin, rim, end, float(radius))
     if inwards > 0.0:
-        return close_ends(heights, grid, bottom=end, noise=noise, dense=True)[0]
-    return close_ends(heights, grid, top=end, noise=noise, dense=True)[1]
+        below = beyond, None
+        return close_ends(heights, grid, bottom=end, noise=noise, dense=True, beyond=below)[0]
+    above = None, beyond
+    return close_ends(heights, grid, top=end, noise=noise, dense=True, beyond=above)[1]

@@ -81,7 +81,9 @@ def felt_rows(
     pose = pose_sigma(shifted)
     bottom = touched_end(felt, float(slices.heights[0]), -1.0, pose, bottom)
     top = touched_end(felt, float(slices.heights[-1]), 1.0, pose, top)
-    return _rows(shifted.skin, slices, (bottom, top), seen, pose)
+    if shifted.shifts is not None:
+        felt = felt._replace(points=felt.points - shifted.shifts[felt.touch])
+    return _rows(felt, shifted.skin, slices, (bottom, top), seen, pose)
 
 
 def _reach(
@@ -104,6 +106,7 @@ def _reach(
 
 
 def _rows(
+    felt: FeltPoints,
     skin: FeltSkin,
     slices: Slices,
     ends: tuple[float | None, float | None],
@@ -125,8 +128,8 @@ def _rows(
     lower, upper = (
         None if end is None else told for end, told in zip(ends, (bottom, top), strict=True)
     )
-    below = _honest(felt_end(skin, turns, low, high - low, lower, noise), spacing)
-    above = _honest(felt_end(skin, turns, high, low - high, upper, noise), spacing)
+    below = _honest(felt_end(felt, skin, turns, low, high - low, lower, noise), spacing)
+    above = _honest(felt_end(felt, skin, turns, high, low - high, upper, noise), spacing)
     fit = felt_fit(skin, seen, pose, (low, high), missing > 0.0)
     return FeltRows(heights, skin.rings(heights, turns), (below, above), fit)
 

@@ -22,13 +22,13 @@ CONTACT = 0.05e-3
 Explored = tuple[Done, tuple[Probed, ...]]
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def touch() -> Callable[[Shape, Probing], Probed]:
     """Make a touch of a solid."""
     return _touch
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def probed() -> Callable[[Shape, End, EndKnown], Explored]:
     """Touch an end of a solid as the rule says, to its end."""
 
@@ -41,7 +41,7 @@ def probed() -> Callable[[Shape, End, EndKnown], Explored]:
     return run
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def ring() -> Callable[..., Wall]:
     """A round contour of a wall that leans, whose touches felt so far below and above it."""
 
@@ -57,7 +57,7 @@ def ring() -> Callable[..., Wall]:
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def known() -> EndKnown:
     """An upper end at 40 mm of an object of 80 mm, found by nobody yet."""
     return EndKnown(

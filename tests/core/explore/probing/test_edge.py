@@ -90,7 +90,8 @@ def test_a_narrow_edge_takes_fewer(ring: Callable[..., Wall]) -> None:
 
 
 def test_an_edge_that_nobody_met_is_told_as_unfelt(ring: Callable[..., Wall]) -> None:
-    edge, made = _edge(ring(0.035, 0.03)), []
+    edge = _edge(ring(0.035, 0.03))
+    made: list[Probed] = []
     while isinstance(found := next_edge(edge, made, WIDTH, ALLOWED), Probing):
         made.append(Probed(found, "miss", found.aim, np.array([0.0, 0.0, 1.0])))
     assert len(made) == 8 and found == pytest.approx(0.01)

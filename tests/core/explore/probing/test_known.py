@@ -55,7 +55,8 @@ def test_a_contour_that_cannot_be_used_is_refused(known: EndKnown, wall: Wall, w
 
 def test_turned_over_twice_an_end_is_as_it_was(known: EndKnown) -> None:
     rng = np.random.default_rng(3)
-    wall = Wall(*rng.standard_normal((2, 5, 3)), -np.arange(5.0), np.arange(5.0))
+    points, normals = rng.standard_normal((2, 5, 3))
+    wall = Wall(points, normals, -np.arange(5.0), np.arange(5.0))
     probing = along_axis(known, np.array([1e-3, 2e-3]))
     made = Probed(probing, "hit", rng.standard_normal(3), rng.standard_normal(3))
     known = replace(known, wall=wall, probes=(made,))

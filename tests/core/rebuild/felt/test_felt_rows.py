@@ -8,7 +8,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.trace import Slice as Wanted
-from palpate.core.explore.uniform import from_above, slice_heights
+from palpate.core.frames import DOWN, pose_of
 from palpate.core.rebuild.felt.felt_points import FeltPoints, stack_points
 from palpate.core.rebuild.reconstruct import reconstruct
 from palpate.core.rebuild.solid import Solid
@@ -171,12 +171,12 @@ def test_what_a_finger_feels_gives_the_object_back(
     half = float(shape.size[2])
     hand = finger(PosedShape(shape, np.array([0, 0, half, 0, 0, 0, 1.0])), domed)
     contours = []
-    for height in slice_heights(0.0, 2 * half, 9):
+    for height in np.linspace(0.06, 1.94, 9) * half:
         trace, status = hand.contour(Wanted(height, np.zeros(2), 0.1, 150))
         assert status == "closed"
         contours.append(trace.path.points)
-    for place in [(0.0, 0.0), *((x, y) for x in (-0.01, 0.01) for y in (-0.01, 0.01))]:
-        hand.press(from_above(np.array(place), 2 * half), 0.05, 1e-3, 0.0)
+    for x, y in [(0.0, 0.0), *((x, y) for x in (-0.01, 0.01) for y in (-0.01, 0.01))]:
+        hand.press(pose_of(np.array([x, y, 2 * half + 6e-3]), DOWN), 0.05, 1e-3, 0.0)
     tops = np.array([[0, 0, 0.0], [0, 0, 2 * half]])
     solid = reconstruct(contours, patches=stack_points(hand.felt), tops=tops, method="skin")
     error = oracle(shape.size, shape.exponents).distances(places(solid))

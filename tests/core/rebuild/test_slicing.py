@@ -1,0 +1,233 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.archive import equal_trees, from_arrays, to_arrays
+from palpate.core.arrays import Floats
+from palpate.core.frames import IDENTITY, compose, inverse, pose_of, split_pose, transform
+from palpate.core.rebuild.felt.felt_points import FeltPoints
+from palpate.core.rebuild.reconstruct import reconstruct
+from palpate.core.rebuild.recovery.recovery import Recovery
+from palpate.core.rebuild.slicing import into_frame, slicing_pose
+from palpate.core.rebuild.solid import Method, Solid
+
+METHODS: tuple[Method, ...] = ("lattice", "skin", "thesis", "coarse")
+TURN = np.array([0.1, -0.4, 0.3, 0.86])
+POSE = np.concatenate([[0.03, -0.2, 0.05], TURN / np.linalg.norm(TURN)])
+"""Leaning by some 50 degrees."""
+SIZE = 0.1
+HEIGHTS = np.linspace(-0.047, 0.045, 11)
+TOPS = np.array([[0.0, 0.0, -0.05], [0.002, 0.0, 0.05]])
+V, TURNS = np.linspace(0.0, 1.0, 41)[:, None], np.arange(31)[None] / 31
+
+Make = Callable[..., Any]
+
+
+def ring(z: float, count: int = 60) -> Floats:
+    """Of a lobed egg that wanders sideways."""
+    turn = 2 * np.pi * np.arange(count) / count
+    r = 0.03 * np.sqrt(1.001 - (z / 0.05) ** 2) * (1 + 0.08 * np.cos(3 * turn + 20 * z))
+    return np.column_stack([r * np.cos(turn) + 0.1 * z, 0.8 * r * np.sin(turn), np.full(count, z)])
+
+
+CONTOURS = [ring(z, 50 + i) for i, z in enumerate(HEIGHTS)]
+
+
+def moved(points: Floats) -> Floats:
+    return transform(POSE, points)
+
+
+def turned(normals: Floats) -> Floats:
+    return normals @ split_pose(POSE)[1].T
+
+
+@cache
+def upright(method: Method = "lattice") -> Solid:
+    return reconstruct(CONTOURS, tops=TOPS, method=method)
+
+
+@cache
+def tilted(method: Method = "lattice") -> Solid:
+    contours = [moved(one) for one in CONTOURS]
+    return reconstruct(contours, tops=moved(TOPS), method=method, frame=POSE)
+
+
+def places(solid: Solid) -> Floats:
+    return solid.surface.at(V, TURNS).reshape(-1, 3)
+
+
+def apart(one: Solid, other: Solid) -> float:
+    """How far the first, moved, is from the second, over the size."""
+    return float(np.abs(moved(places(one)) - places(other)).max()) / SIZE
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_solid_of_all_that_was_moved_is_the_moved_solid(method: Method) -> None:
+    one, other = upright(method), tilted(method)
+    assert apart(one, other) < 1e-12
+    before, after = one.measures(), other.measures()
+    assert after.area == pytest.approx(before.area, rel=1e-12)
+    assert after.moments.volume == pytest.approx(before.moments.volume, rel=1e-12)
+    centroid = moved(before.moments.centroid[None])[0]
+    assert after.moments.centroid == pytest.approx(centroid, abs=1e-12 * SIZE)
+    assert other.uncovered == pytest.approx(one.uncovered, abs=1e-12)
+    assert one.frame is None and np.array_equal(np.array(other.frame), POSE)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_its_normals_and_curvatures_turn_with_it(method: Method) -> None:
+    v, turns = np.random.default_rng(0).uniform(0.1, 0.9, (2, 50))
+    one, other = upright(method).surface, tilted(method).surface
+    before, after = one.curvatures(v, turns), other.curvatures(v, turns)
+    assert other.normals(v, turns) == pytest.approx(turned(one.normals(v, turns)), abs=1e-9)
+    assert (after.k1, after.k2) == (
+        pytest.approx(before.k1, rel=1e-6, abs=1e-6 / SIZE),
+        pytest.approx(before.k2, rel=1e-6, abs=1e-6 / SIZE),
+    )
+
+
+def test_it_is_searched_and_checked_where_it_is() -> None:
+    points = np.random.default_rng(0).normal(size=(40, 3)) * 0.03
+    before, after = upright().search().nearest(points), tilted().search().nearest(moved(points))
+    assert after.distances == pytest.approx(before.distances, abs=1e-9)
+    assert after.points == pytest.approx(moved(before.points), abs=1e-9)
+    assert tilted().check() == (True, 0, 0)
+    low, high = tilted().mesh().vertices.min(axis=0), tilted().mesh().vertices.max(axis=0)
+    assert (low < POSE[:3]).all() and (high > POSE[:3]).all()
+
+
+def test_everything_that_was_felt_is_taken_into_the_frame(oracle: Make) -> None:
+    contours, felt, tops = oracle([0.03, 0.02, 0.04], [0.5, 0.8]).evidence(
+        np.linspace(-0.9, 0.9, 7)
+    )
+    there = FeltPoints(moved(felt.points), turned(felt.normals), felt.touch)
+    one = reconstruct(contours, patches=felt, tops=tops, method="skin")
+    other = reconstruct(
+        [moved(each) for each in contours],
+        patches=there,
+        tops=moved(tops),
+        method="skin",
+        frame=POSE,
+    )
+    assert one.health()["felt_unused"] == 0.0
+    assert apart(one, other) < 1e-12
+    assert other.whole_deviation() == pytest.approx(one.whole_deviation(), rel=1e-6)
+
+
+def test_normals_at_the_contours_are_taken_into_the_frame(oracle: Make) -> None:
+    true = oracle([0.03, 0.02, 0.04], [1.0, 1.0])
+    contours = [true.section(share) for share in np.linspace(-0.9, 0.9, 5)]
+    normals = [true.felt(one).normals for one in contours]
+    normals[2][7] = np.nan  # one that nobody could tell
+    one = reconstruct(contours, normals, method="skin")
+    other = reconstruct(
+        [moved(each) for each in contours],
+        [turned(each) for each in normals],
+        method="skin",
+        frame=POSE,
+    )
+    assert one.health()["felt_unused"] == 0.0
+    assert apart(one, other) < 1e-12
+
+
+def test_the_deviation_counts_heights_along_the_frame() -> None:
+    heights, turns = np.linspace(-0.04, 0.04, 5), np.arange(4) / 4
+    before, after = upright().deviation(heights, turns), tilted().deviation(heights, turns)
+    assert before is not None and after is not None
+    assert after == pytest.approx(before, rel=1e-6)
+    assert tilted().slices.heights == pytest.approx(upright().slices.heights, abs=1e-14)
+
+
+def test_the_frame_of_the_world_changes_no_bit() -> None:
+    framed = reconstruct(CONTOURS, tops=TOPS, frame=IDENTITY)
+    assert framed.frame is None
+    assert equal_trees(framed, upright())
+
+
+def test_one_contour_more_is_given_in_the_world() -> None:
+    later = reconstruct([moved(one) for one in CONTOURS[:-1]], tops=moved(TOPS), frame=POSE)
+    updated = later.update(moved(CONTOURS[-1]))
+    assert np.array_equal(places(updated), places(tilted()))
+    assert np.array_equal(np.array(updated.frame), POSE)
+
+
+def test_further_points_are_given_in_the_world() -> None:
+    point = np.array([[0.034, 0.0, 0.004], [0.0, 0.03, 0.02]])
+    one = upright().refined(point, weights=True)
+    other = tilted().refined(moved(point), weights=True)
+    assert apart(one, other) < 1e-9
+    assert np.abs(other.search().nearest(moved(point)).distances).max() < 1e-6 * SIZE
+    again = other.refined(moved(point[:1] * 1.02))
+    assert np.array_equal(np.array(again.frame), POSE)
+    with pytest.raises(ValueError, match="points must be finite"):
+        tilted().refined(np.full((1, 3), np.nan))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_solid_with_a_frame_comes_back_the_same_to_the_last_bit(method: Method) -> None:
+    back = from_arrays(to_arrays(tilted(method)))
+    assert equal_trees(back, tilted(method))
+    assert np.array_equal(places(back), places(tilted(method)))
+    assert np.array_equal(back.mesh().vertices, tilted(method).mesh().vertices)
+
+
+def test_a_grasp_is_given_in_the_world() -> None:
+    found = reconstruct(CONTOURS, method="coarse").model
+    assert isinstance(found, Recovery)
+    pose = compose(POSE, found.pose)
+    there = Recovery(**{**{f: getattr(found, f) for f in Recovery.__slots__}, "pose": pose})
+    one = reconstruct(CONTOURS, tops=TOPS, grasp=found)
+    other = reconstruct(
+        [moved(each) for each in CONTOURS], tops=moved(TOPS), grasp=there, frame=POSE
+    )
+    assert apart(one, other) < 1e-9
+
+
+def test_what_is_inside_the_lattice_is_in_the_world() -> None:
+    one, other = upright(), tilted()
+    assert one.lattice is not None and one.control_lattice is one.lattice.lattice
+    there = other.control_lattice
+    assert there is not None
+    inside = one.lattice.prism.points(np.random.default_rng(1).random((20, 3)))
+    deformed = one.lattice.lattice.deform(inside)
+    assert there.deform(moved(inside)) == pytest.approx(moved(deformed), abs=1e-12)
+    assert upright("skin").control_lattice is None is upright("coarse").control_lattice
+
+
+@pytest.mark.parametrize(
+    ("frame", "options", "sentence"),
+    [
+        (np.zeros(6), {}, r"frame must have shape \(7\), got \(6,\)"),
+        (np.full(7, np.nan), {}, "frame must be finite"),
+        (np.zeros(7), {}, "a rotation must be a quaternion of length 1, got length 0"),
+        (
+            POSE,
+            {"heights": HEIGHTS},
+            "heights must be left out with a frame, for contours are then points of the world",
+        ),
+    ],
+)
+def test_what_is_no_frame_is_refused(
+    frame: Floats, options: dict[str, Any], sentence: str
+) -> None:
+    contours = [one[:, :2] for one in CONTOURS] if options else CONTOURS
+    with pytest.raises(ValueError, match=sentence):
+        reconstruct(contours, frame=frame, **options)
+
+
+def test_a_height_is_refused_where_there_is_a_frame() -> None:
+    with pytest.raises(ValueError, match="heights must be left out with a frame"):
+        tilted("skin").update(CONTOURS[3][:, :2], height=0.0)
+
+
+def test_points_are_seen_from_the_frame_as_its_inverse_has_them() -> None:
+    points = np.random.default_rng(0).normal(size=(5, 3))
+    frame = slicing_pose(POSE)
+    assert into_frame(frame, points) == pytest.approx(transform(inverse(POSE), points), abs=1e-14)
+    assert into_frame(None, points) is points
+    assert slicing_pose(pose_of(np.zeros(3), np.eye(3))) is None is slicing_pose(None)
