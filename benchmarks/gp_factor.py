@@ -9,6 +9,7 @@ from palpate.core.arrays import Floats
 
 FIRST = 256
 """Rows for which there is room at first."""
+BLOCK = 128
 
 
 class Factor:
@@ -38,12 +39,22 @@ class Factor:
 
     def half(self, right: Floats) -> Floats:
         """Solve L x = right."""
-        if not self.size:
-            return np.zeros(right.shape)
-        return np.asarray(solve_triangular(self.lower, right, lower=True, check_finite=False))
+        found = np.array(right, float)
+        for some in self._blocks():
+            rest = found[some] - self._room[some, : some.start] @ found[: some.start]
+            found[some] = solve_triangular(self._room[some, some], rest, lower=True)
+        return found
 
     def solve(self, right: Floats) -> Floats:
         """Solve L L' x = right."""
-        return np.asarray(
-            solve_triangular(self.lower, self.half(right), lower=True, trans=1, check_finite=False)
-        )
+        found = self.half(right)
+        for some in reversed(self._blocks()):
+            below = slice(some.stop, self.size)
+            rest = found[some] - self._room[below, some].T @ found[below]
+            found[some] = solve_triangular(self._room[some, some], rest, lower=True, trans=1)
+        return found
+
+    def _blocks(self) -> list[slice]:
+        """Of rows: scipy would copy the whole factor for each solution, of a block it may."""
+        starts = range(0, self.size, BLOCK)
+        return [slice(start, min(start + BLOCK, self.size)) for start in starts]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.launch.closing import closing_text
+from palpate.launch.demand import check_demand
 from palpate.launch.export import export_model
 from palpate.launch.launch_file import Described, describe
 from palpate.launch.located import InputError, Located
@@ -88,7 +89,9 @@ def plan_run(
     found = describe(path, args, folder.path)
     graph = override(found.graph, settings)
     described = Described(graph, found.scene, found.args)
-    return Plan(described, with_description(graph.wirings()), folder)
+    wirings = graph.wirings()
+    check_demand(graph, wirings)
+    return Plan(described, with_description(wirings), folder)
 
 
 def perform(plan: Plan, *, composed: bool, display: Display) -> Run:

@@ -125,6 +125,26 @@ def _pear(height: Floats, azimuth: Floats) -> Floats:
     return 0.03 * np.sqrt(1.0 - share**2) * (1.0 - 0.42 * share)
 
 
+def dented(depth: float, half_width: float) -> Traced:
+    """An upright cylinder of 28 mm with a round dent at mid-height across the touch's way."""
+
+    def radius(height: Floats, azimuth: Floats) -> Floats:
+        beside = 0.028 * (math.pi - np.abs(azimuth))
+        return 0.028 - depth * np.exp(-(((beside**2 + height**2) / half_width**2) ** 2))
+
+    return Traced(RadialSolid(radius, 0.045, 0.028), 0.045)
+
+
+def wedged(depth: float, half_width: float) -> Traced:
+    """An upright cylinder of 28 mm with a sharp wedge cut out of it across the touch's way."""
+
+    def radius(height: Floats, azimuth: Floats) -> Floats:
+        beside = 0.028 * (math.pi - np.abs(azimuth))
+        return 0.028 - depth * np.maximum(1.0 - beside / half_width, 0.0)
+
+    return Traced(RadialSolid(radius, 0.045, 0.028), 0.045)
+
+
 def notched(depth: float, half_width: float) -> Traced:
     """An upright cylinder of 28 mm with one slot across the touch's way."""
 

@@ -8,6 +8,7 @@ as it can be compressed. So one cast answers for all places at which the pad may
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,10 @@ def _stretch(outline: Floats, gap: Gap) -> Floats:
     first, last = (
         int(np.linalg.norm(outline - end[:2], axis=1).argmin()) for end in (gap.start, gap.end)
     )
-    way = np.roll(outline, -first, axis=0)[: (last - first) % len(outline) + 1]
+    count = (last - first) % len(outline)
+    if count > len(outline) // 2:  # on a steep wall the nearest points may change places
+        first, count = last, len(outline) - count
+    way = np.roll(outline, -first, axis=0)[: count + 1]
     length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1)))
     even = np.linspace(0.0, length[-1], max(int(length[-1] / FINE), 2))
     return np.column_stack([np.interp(even, length, one) for one in way.T])
@@ -67,7 +71,7 @@ def _touched(target: Traced, pad: Pad, axes: Floats, points: Floats) -> Bools:
     from scipy.ndimage import grey_dilation, grey_erosion, map_coordinates
 
     local = points @ axes
-    face = _face(pad)
+    face: Any = -_face(pad)  # the stubs know of whole numbers alone
     margin = CELL * np.array(face.shape[::-1])
     low, high = local.min(axis=0)[:2] - margin, local.max(axis=0)[:2] + margin
     columns, rows = (np.arange(a, b, CELL) for a, b in zip(low, high, strict=True))
@@ -78,7 +82,7 @@ def _touched(target: Traced, pad: Pad, axes: Floats, points: Floats) -> Bools:
     depth = before + target.shape.cast(origins @ axes.T, axes[:, 2], FAR + PAST)
     nothing = before + FAR + PAST
     field = np.minimum(depth[: len(x)].reshape(len(rows), len(columns)), nothing)
-    opened = grey_dilation(grey_erosion(field, structure=-face), structure=-face)
+    opened = grey_dilation(grey_erosion(field, structure=face), structure=face)
     cells = (local[:, 1::-1] - low[::-1]) / CELL
     floor = map_coordinates(opened, cells.T, order=1, mode="nearest")
     seen = np.abs(depth[len(x) :] - local[:, 2]) < SEEN

@@ -32,9 +32,8 @@ from palpate.nodes.node import Node, Outputs
 from palpate.nodes.planner_decide import decide, done, take_up
 from palpate.nodes.planner_grasp import grasp_goal, with_contacts, with_frame
 from palpate.nodes.planner_state import State, model_goal
+from palpate.nodes.sensor import resolution_of_info
 
-RESOLUTION = 0.01
-"""Of the pitch: what a sensor without noise can tell; a contour's points are off by so much."""
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 
 
@@ -85,7 +84,7 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
     ValueError
         If the tolerance is below that.
     """
-    resolution = max(RESOLUTION * info.pitch, info.noise)
+    resolution = resolution_of_info(info)
     if params.tolerance < resolution:
         raise ValueError(
             f"tolerance is {params.tolerance} m; it must be at least what the sensor can tell, "

@@ -10,7 +10,6 @@ from palpate.core.explore.probing.rule import next_probe
 from palpate.core.explore.survey import Survey
 from palpate.core.frames import inverse, split_pose, transform
 from palpate.messages.types import Probe
-from palpate.nodes.planner_grasp import is_upright
 from palpate.nodes.planner_state import State, Task
 
 ENDS: tuple[End, ...] = ("upper", "lower")
@@ -69,7 +68,6 @@ def with_probe(state: State, task: Task, probe: Probe) -> State:
 
 
 def _known(state: State, survey: Survey, end: End, tolerance: float, last: bool) -> EndKnown:
-    assert state.frame is not None
     upper = end == "upper"
     here, there = (survey.high, survey.low) if upper else (survey.low, survey.high)
     wall = survey.outermost(upper=upper)
@@ -81,7 +79,7 @@ def _known(state: State, survey: Survey, end: End, tolerance: float, last: bool)
         radius=survey.radius,
         width=survey.pad_width,
         tolerance=tolerance,
-        standing=not upper and is_upright(state.frame),
+        standing=survey.standing and not upper,
         wall=Wall(wall.points, wall.normals, wall.felt_low, wall.felt_high)
         if wall is not None and due
         else None,

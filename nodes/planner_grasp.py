@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.core.arrays import Floats
 from palpate.core.explore.approach import search_places
 from palpate.core.explore.grasp.fit import CoarseFit
 from palpate.core.explore.grasp.hand import Hand
 from palpate.core.explore.grasp.poses import next_pose, search_pose
 from palpate.core.explore.slicing_frame import SlicingFrame, slicing_frame
 from palpate.core.explore.survey import Survey
-from palpate.core.frames import split_pose
+from palpate.core.frames import inverse, split_pose, transform
 from palpate.core.shapes.bend import Bend
 from palpate.messages.types import GraspContacts, GraspGoal, Superquadric
 from palpate.nodes.planner_state import Grasped, State
@@ -83,17 +84,25 @@ def with_frame(state: State, coarse: Superquadric) -> State:
     )
     frame = slicing_frame(fit, grasped.points, grasped.normals, state.world.platform, CONTACT_ERROR)
     survey = Survey(
-        low=state.world.platform if is_upright(frame) else frame.low,
+        low=state.world.platform if _is_upright(frame) else frame.low,
         high=frame.high,
-        low_deviation=0.0 if is_upright(frame) else frame.extent_error,
+        low_deviation=0.0 if _is_upright(frame) else frame.extent_error,
         high_deviation=frame.extent_error,
         radius=frame.radius,
+        standing=_is_upright(frame),
+        reached=_reached(frame, grasped.points),
         pad_width=state.pad_width,
         resolution=state.resolution,
     )
     return replace(state, frame=frame, survey=survey)
 
 
-def is_upright(frame: SlicingFrame) -> bool:
+def _reached(frame: SlicingFrame, points: Floats) -> tuple[float, float]:
+    """Lowest and highest contact along the slicing axis, m: never beyond the expected ends."""
+    heights = transform(inverse(frame.pose), points)[:, 2]
+    return max(float(heights.min()), frame.low), min(float(heights.max()), frame.high)
+
+
+def _is_upright(frame: SlicingFrame) -> bool:
     """Whether its heights are the world's, so that the object stands on its lower end."""
     return float(split_pose(frame.pose)[1][2, 2]) == 1.0

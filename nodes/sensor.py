@@ -16,7 +16,8 @@ from palpate.messages.types import SensorInfo
 LEAST_WIDTH, LARGEST_WIDTH = 5.0e-3, 40.0e-3
 """Widths of an array, m: with those that were tried between them, domed and flat, contours of a
 ball, a box and a vase of 80 to 100 mm close."""
-
+RESOLUTION = 0.01
+"""Of the pitch: points of contours are off by as much where there is no noise."""
 
 Gain = Annotated[float, Meta(ge=0, le=10, description="1")]
 Offset = Annotated[float, Meta(ge=-0.01, le=0.01, description="m")]
@@ -155,6 +156,11 @@ def pad_of_info(info: SensorInfo) -> Pad:
         saturation=info.saturation,
         face=Face(info.face, info.face_decay),
     )
+
+
+def resolution_of_info(info: SensorInfo) -> float:
+    """Smallest difference of a surface that the sensor tells, m."""
+    return max(RESOLUTION * info.pitch, info.noise)
 
 
 def calibration_of_info(info: SensorInfo) -> Calibration:

@@ -52,7 +52,7 @@ def course_at_end(path: Path, heading: float, width: float) -> Course:
         Width of the pad, m.
     """
     tangent = np.array([-math.sin(heading), math.cos(heading)])
-    curvature = 0.0
+    curvature, good = 0.0, False
     end = path.points[-1]
     tail = path.points[-LONGEST_TAIL:]
     distance = np.linalg.norm(tail - end, axis=1)
@@ -61,11 +61,12 @@ def course_at_end(path: Path, heading: float, width: float) -> Course:
         if len(near) < 3:
             break
         tangent, curvature, misfit = _parabola(near)
-        if misfit < GOOD_FIT * width:
+        good = misfit < GOOD_FIT * width
+        if good:
             break
     normal = path.normals[-1]
     level = math.hypot(normal[0], normal[1])
-    if level > LEVEL_NORMAL:
+    if level > LEVEL_NORMAL and not good:
         felt = np.array([-normal[1], normal[0]]) / level
         tangent = felt if felt @ tangent > ALIKE else tangent
     change = math.remainder(heading_across(tangent) - heading, 2 * math.pi)

@@ -32,7 +32,14 @@ class Way(NamedTuple):
     """Of the pad: 0 for an edge, else its upper or its lower corner comes first, rad."""
 
 
-WAYS = (Way(0.9, 0.22, 0.0), Way(0.9, 0.22, 0.7), Way(0.9, 0.22, -0.7), Way(0.7, 0.1, 0.0))
+WAYS = (
+    Way(0.9, 0.22, 0.0),
+    Way(0.9, 0.22, 0.7),
+    Way(0.9, 0.22, -0.7),
+    Way(0.7, 0.1, 0.0),
+    Way(0.5, 0.35, 0.5),
+    Way(0.5, 0.35, -0.5),
+)
 """The likeliest first; each is tried at both ends. Chosen on slots, wedges and dents."""
 
 

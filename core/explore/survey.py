@@ -61,6 +61,10 @@ class Survey:
     """Of a finger, m."""
     resolution: float
     """Smallest difference that the sensor tells, m."""
+    standing: bool
+    """Whether it stands on its lower end, so that this is known."""
+    reached: tuple[float, float]
+    """Lowest and highest height at which anything was felt, m."""
     traced: tuple[Traced, ...] = ()
     """Slices in the order in which they were taken up."""
     doubt: Doubt | None = None
@@ -123,16 +127,19 @@ class Survey:
 
     def with_slice(self, traced: Traced) -> Survey:
         """With one slice more."""
-        return replace(self, traced=(*self.traced, traced))
+        survey = replace(self, traced=(*self.traced, traced))
+        if not traced.usable:
+            return survey
+        low, high = float(traced.felt_low.min()), float(traced.felt_high.max())
+        low, high = min(low, self.reached[0]), max(high, self.reached[1])
+        below = self.low if self.standing else min(self.low, low)
+        return replace(survey, reached=(low, high), low=below, high=max(self.high, high))
 
     def ended(self, height: float, *, upper: bool) -> Survey:
-        """With an end that was touched at this height."""
-        low, high = (self.low, height) if upper else (height, self.high)
-        if not low < high:
-            return self
+        """With an end that was touched at this height; what was felt beyond it still counts."""
         if upper:
-            return replace(self, high=high, high_deviation=0.0)
-        return replace(self, low=low, low_deviation=0.0)
+            return replace(self, high=max(height, self.reached[1]), high_deviation=0.0)
+        return replace(self, low=min(height, self.reached[0]), low_deviation=0.0)
 
     def _deviations(self) -> tuple[float, ...]:
         if self.doubt is None or not len(self.doubt.heights):

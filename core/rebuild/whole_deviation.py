@@ -27,9 +27,9 @@ HIDES = 0.1
 """Of the height of an edge that nobody felt: what its rounding may be wrong by, root mean square
 over the edge and as much of the end. Roundings of any radius up to that height give as much."""
 BULGES = 0.05
-"""What a stretch of the side that nobody felt, between two that were, may be wrong by: so much times
-its height to the fourth power over the third power of half the width, as between two ends with
-slopes. Measured on shipped scenes with 5 contours."""
+"""What a stretch of the side that nobody felt, between two that were, may be wrong by: so much
+times its height to the fourth power over the third power of half the width, as between two ends
+with slopes. Measured on shipped scenes with 5 contours."""
 RING, WAYS = 128, 65
 """Points of a rim, and places from there to the end."""
 

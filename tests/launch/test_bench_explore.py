@@ -25,6 +25,7 @@ from palpate.launch.bench_explore_side import WORST, of_contours, side_of
 from palpate.launch.bench_explore_trial import Explored, explore_object, first_within
 from palpate.launch.bench_row import Row
 from palpate.launch.explore_objects import OBJECTS
+from palpate.launch.planner_trial import MOST
 from palpate.nodes.ending import Ending
 
 COUNT = 2
@@ -93,9 +94,9 @@ def test_contours_are_counted_until_the_side_is_good_enough(explored: Explored) 
     more = explored._replace(contours=2 * explored.contours)
     errors = {2: 1.0, 3: 0.2, 4: 0.1}
     assert first(side, more, lambda side, one, count: errors[count]) == 3
-    assert first(side, explored, lambda side, one, count: 1.0) == bench_explore_planners.MOST
+    assert first(side, explored, lambda side, one, count: 1.0) == MOST
     few = explored._replace(contours=explored.contours[:1])
-    assert at_end(side, few) == bench_explore_planners.MOST
+    assert at_end(side, few) == MOST
 
 
 def test_whole_explorations_are_held_against_error_and_cost(

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from palpate.launch import bench_tracing
-from palpate.launch.bench_tracing import DOMED, FLAT, Noise, off_outline, traced, unfelt
+from palpate.launch.bench_tracing import DOMED, FLAT, Noise, followed, off_outline, traced
 from palpate.launch.tracing_objects import OBJECTS, notched
+from palpate.launch.tracing_reach import hidden
 
 
 @pytest.mark.parametrize("name", sorted(OBJECTS))
@@ -40,8 +41,8 @@ def test_points_off_a_polygon_are_measured_to_its_sides() -> None:
 
 def test_a_ball_is_traced_whole_and_exactly() -> None:
     for pad, most in ((FLAT, 20), (DOMED, 26)):
-        found = traced(OBJECTS["sphere"], 0.3, pad)
-        assert (found.status, found.gaps, found.covered) == ("closed", (), 1.0)
+        found, gaps = followed(OBJECTS["sphere"], 0.3, pad)
+        assert (found.status, gaps, found.covered) == ("closed", (), 1.0)
         assert found.touches <= most
         assert found.worst < 10e-6
 
@@ -55,10 +56,9 @@ def test_noise_moves_the_points_as_far_as_the_pose() -> None:
 
 def test_a_slot_is_occluded_for_as_long_as_nothing_can_be_felt() -> None:
     target = notched(0.010, 0.0025)
-    found = traced(target, 0.0, DOMED)
+    found, [gap] = followed(target, 0.0, DOMED)
     assert found.status == "occluded"
-    [gap] = found.gaps
-    assert gap == pytest.approx(unfelt(target, DOMED), abs=1e-3)
+    assert gap.extent == pytest.approx(hidden(target, DOMED, 0.0, gap), abs=1e-3)
 
 
 def test_every_demand_has_its_rows() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import click
 import pytest
 
+from palpate.core.explore.aim import PRESS
 from palpate.launch.cli import main as cli
 from palpate.launch.kinds import describe_kind, kinds
 from palpate.launch.located import InputError
@@ -122,7 +123,7 @@ BAD_SCENES = {
     "pad too thin": (
         "object: {superquadric: {size: [1, 1, 1], exponents: [1, 1]}}\n"
         "sensor: {pad: {thickness: 0.001}}",
-        "it must be at least 0.00125 m, to be pressed by 0.001 m",
+        f"it must be at least {PRESS / 0.8:.3g} m, to be pressed by {PRESS} m",
     ),
     "mesh missing": ("object: {mesh: {file: no.ply, unit: mm}}", "no.ply: the mesh cannot be read"),
     "mesh empty": ("object: {mesh: {file: empty.ply, unit: mm}}", "the mesh file is empty"),

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -129,12 +130,12 @@ def test_nothing_of_a_convex_side_is_hidden_from_the_dome() -> None:
 def test_a_hollow_rounder_than_the_dome_hides_what_lies_between_both(round_by: float) -> None:
     half = 0.006
 
-    def depth(ball: float) -> Floats:
-        return np.sqrt(ball**2 - half**2) - ball
+    def depth(ball: float) -> float:
+        return math.sqrt(ball**2 - half**2) - ball
 
     def hollow(z: Floats, t: Floats) -> Floats:
         away = np.minimum(np.abs(z - 0.5) * HEIGHT, half)
         bottom = np.sqrt(round_by**2 - away**2) - np.sqrt(round_by**2 - half**2)
-        return 0.3 - bottom / HEIGHT + 0.0 * t
+        return np.asarray(0.3 - bottom / HEIGHT + 0.0 * t)
 
     assert hidden(hollow) == pytest.approx(depth(DOME) - depth(round_by), abs=1e-4)

@@ -1,26 +1,33 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
 
-from palpate.core.frames import IDENTITY
+from palpate.core.arrays import Floats
+from palpate.core.frames import IDENTITY, transform
 from palpate.launch.located import InputError
 from palpate.launch.points_recording import KINDS, Heard, found_in
-from palpate.messages.types import Contour, PlanDone, Probe
+from palpate.messages.types import Contour, PlanDone, Probe, World
 from palpate.messages.types.motion import Status
 from palpate.nodes.reconstructor import NODE
 
 PATH = Path("topics.mcap")
+WORLD = World(platform=-0.3, reach=0.15, fingers=1, seed=0)
 
 
-def contour(number: int, status: Status = "closed") -> Contour:
+TILTED = np.array([0.01, 0.0, 0.05, 0.6, 0.0, 0.0, 0.8])
+"""Leaning by 73.7 degrees."""
+
+
+def contour(number: int, status: Status = "closed", frame: Floats = IDENTITY) -> Contour:
     return Contour(
         id=number,
         finger=1,
-        frame=IDENTITY,
+        frame=frame,
         height=0.1 * number,
         points=np.full((4, 3), 0.1 * number),
         normals=np.tile([1.0, 0.0, 0.0], (4, 1)),
@@ -79,5 +86,38 @@ def test_a_recording_without_closed_contours_is_refused() -> None:
 
 
 def test_the_topics_are_those_of_the_reconstructor() -> None:
-    heard = {topic: kind for topic, (kind, _) in NODE.inputs.items() if topic != "/model/goal"}
+    others = ("/model/goal", "/hand/contacts")
+    heard = {topic: kind for topic, (kind, _) in NODE.inputs.items() if topic not in others}
     assert heard == KINDS
+
+
+def test_the_platform_is_a_touch_of_an_upright_object_alone() -> None:
+    heights = {}
+    for name, frame in (("upright", IDENTITY), ("tilted", TILTED)):
+        found = found_in(
+            PATH, Heard([contour(1, frame=frame), contour(2, frame=frame)], world=WORLD)
+        )
+        assert found.frame is not None and np.array_equal(found.frame, frame)
+        heights[name] = None if found.tops is None else found.tops.tolist()
+        notes = " ".join(found.notes)
+        assert ("stands on its platform" in notes) == (name == "upright")
+        assert ("sliced along an axis that leans by 73.7 deg" in notes) == (name == "tilted")
+    assert heights == {"upright": [[0.0, 0.0, -0.3]], "tilted": None}
+
+
+def test_contours_of_two_frames_are_refused() -> None:
+    with pytest.raises(InputError, match=r"topics\.mcap: contours must be traced in one slicing"):
+        found_in(PATH, Heard([contour(1), contour(2, frame=TILTED)]))
+
+
+def test_probes_touch_the_ends_along_the_axis() -> None:
+    traced = [contour(1, frame=TILTED), contour(2, frame=TILTED)]
+    up, down = (transform(TILTED, np.array([[0.0, 0.0, z]]))[0] for z in (0.4, -0.2))
+    probes = [replace(probe(i, hit=True), point=one) for i, one in enumerate((up, down), 4)]
+    found = found_in(PATH, Heard(traced, probes))
+    assert found.tops is not None and found.tops == pytest.approx(np.array([up, down]))
+
+
+def test_a_frame_has_the_unit_of_its_points() -> None:
+    found = found_in(PATH, Heard([contour(1, frame=TILTED)])).scaled(1000.0)
+    assert found.frame == pytest.approx([10.0, 0.0, 50.0, 0.6, 0.0, 0.0, 0.8])

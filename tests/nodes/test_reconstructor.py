@@ -1,95 +1,305 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
+from palpate.core.archive import from_arrays
+from palpate.core.archive_bytes import unpack
+from palpate.core.arrays import Floats
+from palpate.core.frames import DOWN, IDENTITY, compose, pose_of, transform
 from palpate.messages.codec import encode
-from palpate.messages.types import PlanDone, ShapeModel
-from palpate.nodes.composed import run_composed
-from palpate.nodes.object import ObjectSpec
+from palpate.messages.types import (
+    ContourGoal,
+    GraspContacts,
+    ModelGoal,
+    PlanDone,
+    ProbeGoal,
+    ShapeModel,
+    Superquadric,
+)
+from palpate.messages.types.touch import unmoved
+from palpate.nodes import curvature, filter, simulator, tracer
+from palpate.nodes.object import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.nodes.reconstructor import NODE, Params
-from palpate.nodes.wiring import Wiring
 
-Exploration = Callable[[ObjectSpec, int], tuple[Wiring, ...]]
+RADIUS = 0.03
+MIDDLE = np.array([0.02, -0.01, RADIUS])
+LEAN = np.deg2rad(25.0)
+TILTED = np.concatenate([MIDDLE, [np.sin(LEAN / 2), 0.0, 0.0, np.cos(LEAN / 2)]])
+"""A frame about the ball's middle."""
+UPRIGHT = np.array([0.02, -0.01, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+Heard = list[tuple[str, Any]]
 
 
-@pytest.fixture(scope="module")
-def heard() -> list[tuple[str, Any]]:
-    """What a reconstructor hears of a ball with two contours, in one order that happened."""
-    return []
+def contour_goal(number: int, frame: Floats, height: float) -> ContourGoal:
+    return ContourGoal(
+        id=number, finger=1, frame=frame, height=height, centre=np.zeros(2), radius=0.1,
+        not_before=0.0,
+    )  # fmt: skip
+
+
+def probe_goal(number: int, frame: Floats, pose: Floats) -> ProbeGoal:
+    return ProbeGoal(
+        id=number, finger=1, pose=compose(frame, pose), reach=0.15, not_before=0.0
+    )  # fmt: skip
+
+
+def along(frame: Floats, low: float, high: float) -> list[ContourGoal | ProbeGoal]:
+    """Three slices, and a touch from each end along the axis, but that on which it stands."""
+    heights = np.linspace(low + 0.006, high - 0.006, 3)
+    goals: list[ContourGoal | ProbeGoal] = [
+        contour_goal(number, frame, float(height)) for number, height in enumerate(heights)
+    ]
+    goals.append(probe_goal(3, frame, pose_of(np.array([0.001, 0.0, high + 0.05]), DOWN)))
+    if low < 0.0:
+        goals.append(probe_goal(4, frame, pose_of(np.array([0.0, 0.001, low - 0.05]), np.eye(3))))
+    return goals
+
+
+def felt_by(goals: Iterable[ContourGoal | ProbeGoal]) -> Heard:
+    """Everything that a finger says while it feels a ball, one goal after the other."""
+    ball = ObjectSpec(
+        superquadric=SuperquadricSpec(size=(RADIUS,) * 3, exponents=(1.0, 1.0)),
+        pose=PoseSpec(position=(MIDDLE[0], MIDDLE[1], MIDDLE[2])),
+    )
+    effects = {"pose_error": {"sigma": 2e-5}}
+    params = {module: module.NODE.params() for module in (filter, curvature, tracer)}
+    params[simulator] = simulator.Params(object=ball, effects=effects)
+    states, waiting, said = {}, deque[tuple[str, Any]](), []
+    for module in (simulator, filter, curvature, tracer):
+        states[module], outputs = module.NODE.start(params[module])
+        waiting.extend(outputs)
+    asked = deque(goals)
+    while waiting or asked:
+        if not waiting:
+            goal = asked.popleft()
+            topic = "/contour/goal" if isinstance(goal, ContourGoal) else "/probe/goal"
+            waiting.append((topic, goal))
+        topic, message = waiting.popleft()
+        said.append((topic, message))
+        for module in states:
+            if topic in module.NODE.inputs:
+                handler = module.NODE.inputs[topic][1]
+                states[module], outputs = handler(params[module], states[module], message)
+                waiting.extend(outputs)
+    return [one for one in said if one[0] in NODE.inputs]
+
+
+def model_goal(number: int, contours: Sequence[int], probes: Sequence[int]) -> ModelGoal:
+    return ModelGoal(
+        number=number, contours=tuple(contours), probes=tuple(probes), closings=0, touches=19,
+        robot_time=30.0,
+    )  # fmt: skip
+
+
+def plan_done(number: int, contours: Sequence[int], probes: Sequence[int]) -> PlanDone:
+    return PlanDone(
+        number=number, contours=tuple(contours), probes=tuple(probes), touches=19,
+        robot_time=30.0, reason="enough", within=None, bound=None, unfelt=None, uncovered=0.0,
+    )  # fmt: skip
+
+
+@cache
+def tilted() -> tuple[tuple[str, Any], ...]:
+    """What is heard of a ball in a tilted frame, with a goal after each contour but the first."""
+    felt = felt_by(along(TILTED, -RADIUS, RADIUS))
+    at = [i for i, (topic, _) in enumerate(felt) if topic == "/contour/traced"]
+    felt.insert(at[2] + 1, ("/model/goal", model_goal(2, [1, 0, 2], [])))
+    felt.insert(at[1] + 1, ("/model/goal", model_goal(1, [1, 0], [])))
+    return (*felt, ("/plan/done", plan_done(3, [1, 0, 2], [3, 4])))
+
+
+@cache
+def told() -> tuple[Any, ...]:
+    """What the node says to it."""
+    return tuple(models(tilted()))
 
 
 @pytest.fixture
-def inputs(ball: ObjectSpec, exploration: Exploration, ears: Any, heard: list[Any]) -> list[Any]:
-    if not heard:
-        wirings = exploration(ball, 2)
-        ending = run_composed(wirings, ends="evaluator", hear=tuple(NODE.inputs), watcher=ears)
-        assert ending.status == "finished", ending.reason
-        heard.extend(ears.messages)
-    return list(heard)
+def inputs() -> Heard:
+    return list(tilted())
 
 
-def models(messages: list[tuple[str, Any]]) -> list[ShapeModel]:
+def models(messages: Iterable[tuple[str, Any]]) -> list[Any]:
     """What the node says to these messages, in this order."""
     state, _ = NODE.start(Params())
-    said: list[ShapeModel] = []
+    said: list[Any] = []
     for topic, message in messages:
         state, outputs = NODE.inputs[topic][1](Params(), state, message)
-        said += [model for _, model in outputs]  # type: ignore[misc]
+        for where, model in outputs:  # type: ignore[misc]
+            assert type(model) is NODE.outputs[where]
+            said.append(model)
     return said
 
 
-def test_each_goal_gets_one_model_of_exactly_its_set(inputs: list[Any]) -> None:
+def contacts(number: int, count: int = 12) -> GraspContacts:
+    rng = np.random.default_rng(number)
+    normals = rng.normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return GraspContacts(
+        number=number,
+        points=MIDDLE + RADIUS * normals,
+        normals=normals,
+        fingers=np.zeros(count, np.int32),
+        missed=0,
+        blocked=0,
+        move=unmoved(),
+        robot_time=1.0,
+    )
+
+
+def grasps(closings: int, *order: int) -> Heard:
+    goal = replace(model_goal(0, [], []), closings=closings)
+    return [("/model/goal", goal), *(("/hand/contacts", contacts(number)) for number in order)]
+
+
+def test_each_goal_gets_one_model_of_exactly_its_set(inputs: Heard) -> None:
     goals = [m for t, m in inputs if t in ("/model/goal", "/plan/done")]
-    said = models(inputs)
+    said = told()
     assert [model.number for model in said] == [goal.number for goal in goals]
     assert [model.contours for model in said] == [goal.contours for goal in goals]
     assert [model.final for model in said] == [False, False, True]
 
 
-def test_a_model_can_be_sent_and_is_closed(inputs: list[Any]) -> None:
-    last = models(inputs)[-1]
+def test_a_model_can_be_sent_and_is_closed() -> None:
+    last = told()[-1]
     assert encode(last)
     edges = np.sort(last.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
 
 
-def test_goals_before_their_touches_wait_for_them(inputs: list[Any]) -> None:
+def test_a_solid_sliced_along_a_tilted_axis_is_where_the_object_is() -> None:
+    last = told()[-1]
+    off = np.linalg.norm(last.vertices - MIDDLE, axis=1) - RADIUS
+    assert np.abs(off).max() < 2e-4
+    assert np.array_equal(last.frame, TILTED)
+    along_axis = last.uncertainty_height
+    assert -RADIUS <= along_axis.min() < -0.02 and 0.02 < along_axis.max() <= RADIUS
+    away = np.linalg.norm(last.control.reshape(-1, 3) - MIDDLE, axis=1)
+    assert away.max() < 3.0 * RADIUS
+
+
+def test_both_ends_of_a_tilted_axis_are_those_that_were_probed() -> None:
+    without, both = told()[1:]
+    assert (without.health["uncovered_below"], without.health["uncovered_above"]) > (0.0, 0.0)
+    assert both.health["uncovered_below"] == both.health["uncovered_above"] == 0.0
+    rms = float(np.sqrt(np.mean((np.linalg.norm(both.vertices - MIDDLE, axis=1) - RADIUS) ** 2)))
+    assert rms / 4.0 < both.deviation < without.deviation
+
+
+def test_an_upright_object_is_touched_by_the_platform_on_which_it_stands() -> None:
+    felt = felt_by(along(UPRIGHT, 0.0, 2.0 * RADIUS))
+    [model] = models([*felt, ("/plan/done", plan_done(1, [0, 1, 2], [3]))])
+    assert model.health["uncovered_below"] == 0.0
+    assert model.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+    assert np.array_equal(model.frame, UPRIGHT)
+
+
+def test_the_platform_says_nothing_of_a_tilted_axis(inputs: Heard) -> None:
+    lower = replace(next(m for t, m in inputs if t == "/world"), platform=-0.02)
+    moved = [(t, lower if t == "/world" else m) for t, m in inputs]
+    assert [encode(one) for one in models(moved)] == [encode(one) for one in told()]
+
+
+def test_a_probe_that_missed_touches_no_end(inputs: Heard) -> None:
+    probe = next(m for t, m in inputs if t == "/probe/traced" and m.id == 3)
+    missed = replace(probe, outcome="miss", point=transform(TILTED, np.array([[0, 0, 0.2]]))[0])
+    others = [(t, missed if m is probe else m) for t, m in inputs]
+    last = models(others)[-1]
+    assert np.linalg.norm(last.vertices - MIDDLE, axis=1).max() < 1.2 * RADIUS
+
+
+def test_the_archive_of_the_final_model_is_the_solid() -> None:
+    last = told()[-1]
+    solid = from_arrays(unpack(last.archive))
+    assert np.array_equal(solid.frame, TILTED)
+    grid = solid.control_lattice.control
+    assert np.array_equal(grid, last.control)
+
+
+def test_contours_of_two_frames_are_refused_with_a_sentence(inputs: Heard) -> None:
+    others = [
+        (t, replace(m, frame=IDENTITY) if t == "/contour/traced" and m.id == 2 else m)
+        for t, m in inputs
+    ]
+    last = models(others)[-1]
+    assert len(last.vertices) == 0 and last.dropped == (1, 0, 2)
+    assert set(last.dropped_why) == {
+        "contours must be traced in one slicing frame, but that of contour 2 is not that of "
+        "contour 1"
+    }
+    assert encode(last)
+
+
+def test_goals_before_their_touches_wait_for_them(inputs: Heard) -> None:
     info = [one for one in inputs if one[0] in ("/world", "/touch/info")]
     goals = [one for one in inputs if one[0] in ("/model/goal", "/plan/done")]
     rest = [one for one in inputs if one[0] not in NODE.needs and one not in goals]
     early = models(info + goals + rest)
-    assert [encode(one) for one in early] == [encode(one) for one in models(inputs)]
+    assert [encode(one) for one in early] == [encode(one) for one in told()]
 
 
-def test_touches_after_everything_else_complete_the_sets(inputs: list[Any]) -> None:
+def test_touches_after_everything_else_complete_the_sets(inputs: Heard) -> None:
     patches = [one for one in inputs if one[0] == "/touch/patch"]
     before = [one for one in inputs if one[0] != "/touch/patch"]
     late = models(before + patches)
-    assert [encode(one) for one in late] == [encode(one) for one in models(inputs)]
+    assert [encode(one) for one in late] == [encode(one) for one in told()]
 
 
-def test_a_set_that_lacks_a_touch_is_not_fitted(inputs: list[Any]) -> None:
+def test_a_set_that_lacks_a_touch_is_not_fitted(inputs: Heard) -> None:
     last = max(i for i, (topic, _) in enumerate(inputs) if topic == "/touch/patch")
     assert len(models(inputs[:last] + inputs[last + 1 :])) == 2
 
 
 def test_nothing_to_rebuild_gives_an_empty_model() -> None:
-    done = PlanDone(
-        number=1,
-        contours=(),
-        probes=(),
-        touches=19,
-        robot_time=30.0,
-        reason="nothing was felt from above",
-        within=None,
-        bound=None,
-        unfelt=None,
-        uncovered=0.0,
-    )
-    [model] = models([("/plan/done", done)])
+    [model] = models([("/plan/done", plan_done(1, [], []))])
     assert (len(model.vertices), model.final, model.touches) == (0, True, 19)
+    assert np.array_equal(model.frame, IDENTITY) and model.deviation == 0.0
     assert encode(model)
+
+
+def test_a_goal_without_contours_gets_the_superquadric_of_the_hand() -> None:
+    [coarse] = models(grasps(4, 0, 1, 2, 3))
+    assert isinstance(coarse, Superquadric) and encode(coarse)
+    assert coarse.size == pytest.approx([RADIUS] * 3, rel=0.02)
+    assert coarse.pose[:3] == pytest.approx(MIDDLE, abs=5e-4)
+    assert coarse.residuals.shape == (48,) and coarse.residual < 1e-5
+    assert (coarse.number, coarse.bend) == (0, 0.0)
+
+
+def test_closings_may_be_heard_in_any_order_and_all_are_waited_for() -> None:
+    wanted = [encode(one) for one in models(grasps(4, 0, 1, 2, 3))]
+    goal, *closings = grasps(4, 3, 1, 0, 2)
+    assert [encode(one) for one in models([*closings, goal])] == wanted
+    assert [encode(one) for one in models([*closings[:2], goal, *closings[2:]])] == wanted
+    assert models(grasps(4, 3, 1, 2)) == []
+
+
+def test_later_closings_do_not_count() -> None:
+    wanted = [encode(one) for one in models(grasps(3, 0, 1, 2))]
+    assert [encode(one) for one in models(grasps(3, 3, 2, 1, 0))] == wanted
+
+
+def test_a_hand_that_met_nothing_says_so() -> None:
+    nothing = ("/hand/contacts", contacts(0, 0))
+    goal = grasps(1)[0]
+    [coarse] = models([nothing, goal])
+    assert coarse.doubts == ("too few points",) and encode(coarse)
+
+
+def test_models_follow_their_numbers_whatever_they_are_of(inputs: Heard) -> None:
+    goal, *closings = grasps(2, 0, 1)
+    said = models([*inputs[:2], goal, *inputs[2:], *closings])
+    assert [type(one) for one in said] == [Superquadric, *[ShapeModel] * 3]
+    assert [one.number for one in said] == [0, 1, 2, 3]
+
+
+def test_each_finger_has_its_own_touches_but_the_hand_is_one() -> None:
+    assert NODE.many == ("/touch/patch", "/contour/traced", "/probe/traced")

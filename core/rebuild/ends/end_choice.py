@@ -81,35 +81,24 @@ def choose_profile(
     dense : bool
         Whether the contours are rows of a surface, as close together as one likes.
     beyond : Beyond, optional
-        What was felt between dense contours and the end: it decides in their place.
+        What was felt between dense contours and the end: it has to be met as well.
     """
-    if beyond is not None:
-        return _choose_felt(depths, radii, end, scatter, beyond)
     families, slack = (DENSE, DENSE_SLACK) if dense else (FAMILIES, SLACK)
+    profiles = {name: family(depths, radii, end) for name, family in families.items()}
+    if beyond is not None:
+        profiles["flared"] = flared(depths, radii, end, beyond)
     if len(depths) < FEWEST:
         carried = trend_of(depths, radii)
         stands = carried.at(end - float(depths[-1])) > STANDS * carried.square
         kind: Kind = "flat" if stands else "conic"
-        misses: dict[Kind, float] = {}
-    else:
-        misses = _misses(families, depths, radii, end, LEFT_OUT[dense])
-        enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
-        kind = next(name for name, miss in misses.items() if miss <= enough)
-    return Choice(kind, families[kind](depths, radii, end), misses)
-
-
-def _choose_felt(
-    depths: Floats, radii: Floats, end: float, scatter: float, beyond: Beyond
-) -> Choice:
-    """The plainest family that goes on as was felt beyond the last contour."""
-    profiles: dict[Kind, Profile] = {
-        "flat": flat(depths, radii, end),
-        "conic": conic(depths, radii, end),
-        "flared": flared(depths, radii, end, beyond),
-    }
-    rim, radius = float(depths[-1]), float(radii[-1])
-    misses = {name: beyond.miss(one, rim, end, radius) for name, one in profiles.items()}
-    enough = min(misses.values()) + max(NOISES * scatter, DENSE_SLACK * float(radii.max()))
+        return Choice(kind, profiles[kind], {})
+    misses = _misses(families, depths, radii, end, LEFT_OUT[dense])
+    if beyond is not None:
+        rim, radius = float(depths[-1]), float(radii[-1])
+        felt = {name: beyond.miss(one, rim, end, radius) for name, one in profiles.items()}
+        # What was felt beyond says more of the end than any contour that is left out.
+        misses = felt
+    enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
     kind = next(name for name, miss in misses.items() if miss <= enough)
     return Choice(kind, profiles[kind], misses)
 

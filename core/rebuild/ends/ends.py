@@ -164,11 +164,11 @@ def _end(
 ) -> End:
     last = float(stack.depths[-1])
     if touched is None:
-        beyond = free_pole(stack.depths, stack.radii, stack.scatter)
-        if beyond is None:
+        ahead = free_pole(stack.depths, stack.radii, stack.scatter)
+        if ahead is None:
             return _rounded_or_open(stack)
-        profile = conic(stack.depths, stack.radii, last + beyond)
-        return stack.end("pole", last + beyond, profile)
+        profile = conic(stack.depths, stack.radii, last + ahead)
+        return stack.end("pole", last + ahead, profile)
     depth = stack.sign * float(finite_array(name, touched, ()))
     if depth < last - stack.spacing:
         raise ValueError(

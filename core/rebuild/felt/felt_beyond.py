@@ -19,6 +19,11 @@ LEAST_FACING = 0.2
 """Radial part of a normal: a point on a level face says nothing of the radius."""
 SECTORS, FEWEST_SECTORS = 12, 4
 """Parts of a turn, and in how many of them points must be: one side alone may be a feature."""
+REACH = 0.5
+"""Of the way to the end: what was felt less far says the same of all ends, for they begin alike."""
+FEWEST_BINS, REACH = 3, 0.6
+"""Heights with points, at least, and the share of the way to the end up to which they must go: a
+strip beside the last row says nothing of the edge that the row does not say better."""
 TURNS = 192
 """At which the last row is taken."""
 
@@ -54,7 +59,7 @@ def felt_beyond(
     seen = np.zeros((BINS, SECTORS), np.bool_)
     seen[bins, (turns * SECTORS).astype(int)] = True
     enough = seen.sum(axis=1) >= FEWEST_SECTORS
-    if not enough.any():
+    if not enough[int(REACH * BINS) :].any():
         return None
 
     def mean(values: Floats) -> Floats:
