@@ -82,13 +82,13 @@ def rows(names: Sequence[str]) -> Iterator[Row]:
             by_way, by_touches = (e / found.ours.percent for e in (found.way, found.touches))
             title = f"peer, {name}, {noise}"
             shown = f"{found.ours.percent:.3f}, {found.way:.3f}, {found.touches:.3f}"
-            yield Row(f"{title}: rms % of palpate, peer by way, by touches", shown, "", True)
+            yield Row(f"{title}: rms %, ours, its by way, touches", shown, "", True)
             ways = f"{found.ours.travel:.1f} m, {found.ours.touches}, {found.made}"
-            yield Row(f"{title}: way, touches, the peer's on that way", ways, "", True)
+            yield Row(f"{title}: our way, touches, its", ways, "", True)
             if name not in TUNED:
                 ratios.append((by_way, by_touches))
         way, touches = np.exp(np.mean(np.log(ratios), axis=0)).tolist()
-        title = f"peer, {noise}: its rms over palpate's, geometric mean"
+        title = f"peer, {noise}: its rms over ours, geometric mean"
         yield Row(f"{title}, same way", f"{way:.2f} x", f">= {LEAST:g} x", way >= LEAST)
         yield Row(f"{title}, same touches", f"{touches:.2f} x", "", True)
 

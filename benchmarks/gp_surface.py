@@ -24,8 +24,8 @@ UNKNOWN = 1e3
 """Standard deviation of a gradient that nobody measured."""
 CELL = 2e-3
 """Of the grid whose cubic interpolation the mesh is made of, m: far below the kernels' lengths."""
-LEVEL = 6
-"""Of the mesh: cells of 1.5 mm, with their corners on the surface."""
+LEVEL = 7
+"""Of the mesh: cells of 0.8 mm, with their corners on the surface."""
 STEP = 1e-3
 """Of a way along a cell's edge, over which the slope is taken."""
 

@@ -23,6 +23,8 @@ LEVEL_NORMAL = 0.2
 """A normal whose level part is shorter than this has no azimuth."""
 ALIKE = 0.8
 """Cosine of the angle within which the felt normal and the parabola must agree."""
+CLOSE = 0.99
+"""The same where the parabola is good: beside an edge the normals are those of two faces."""
 
 
 class Course(NamedTuple):
@@ -40,7 +42,8 @@ def course_at_end(path: Path, heading: float, width: float) -> Course:
     """Direction and curvature of a path at its last point.
 
     A parabola is fitted to the path's end, or to less of it where that does not fit: a longer
-    window would mix two faces. The felt normal is a better heading than the parabola.
+    window would mix two faces. The felt normal is a better heading than the
+    parabola, unless they contradict each other.
 
     Parameters
     ----------
@@ -66,9 +69,9 @@ def course_at_end(path: Path, heading: float, width: float) -> Course:
             break
     normal = path.normals[-1]
     level = math.hypot(normal[0], normal[1])
-    if level > LEVEL_NORMAL and not good:
+    if level > LEVEL_NORMAL:
         felt = np.array([-normal[1], normal[0]]) / level
-        tangent = felt if felt @ tangent > ALIKE else tangent
+        tangent = felt if felt @ tangent > (CLOSE if good else ALIKE) else tangent
     change = math.remainder(heading_across(tangent) - heading, 2 * math.pi)
     least, most = (bound / width for bound in CURVATURES)
     return Course(tangent, min(max(curvature, least), most), heading + change)

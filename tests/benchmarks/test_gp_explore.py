@@ -9,6 +9,7 @@ import pytest
 
 from palpate.core.measure.distance import compare, prepare
 from palpate.launch.bench_explore_scene import NOISES, Demand, write_scene
+from palpate.launch.bench_row import WIDTH
 from palpate.launch.explore_objects import OBJECTS
 from palpate.launch.scene import load_scene
 from palpate.nodes.object import build_shape
@@ -85,6 +86,7 @@ def test_palpate_must_be_twice_as_good_on_the_same_way(
         monkeypatch.setattr(peer, "pair", lambda name, noise, pair=pair: pair)
         rows = list(peer.rows(peer.QUICK))
         assert len({row.name for row in rows}) == len(rows)
+        assert max(len(row.name) for row in rows) < WIDTH
         demanded = [row for row in rows if row.target]
         assert [row.holds for row in demanded] == [holds, holds]
         assert demanded[0].value == f"{10.0 * error:.2f} x"

@@ -23,7 +23,7 @@ from palpate.launch.bench_explore_planners import Counts, at_end, first, from_al
 from palpate.launch.bench_explore_scene import EXACT, Demand
 from palpate.launch.bench_explore_side import WORST, of_contours, side_of
 from palpate.launch.bench_explore_trial import Explored, explore_object, first_within
-from palpate.launch.bench_row import Row
+from palpate.launch.bench_row import WIDTH, Row
 from palpate.launch.explore_objects import OBJECTS
 from palpate.launch.planner_trial import MOST
 from palpate.nodes.ending import Ending
@@ -112,6 +112,7 @@ def test_whole_explorations_are_held_against_error_and_cost(
     monkeypatch.setattr(bench_explore_whole, "QUICK", ("sphere", "box"))
     rows = list(bench_explore_whole.whole_rows(True))
     assert len({row.name for row in rows}) == len(rows)
+    assert max(len(row.name) for row in rows) < WIDTH
     assert [one.tolerance for one in demands] == pytest.approx([9e-5, 9e-5, 1.8e-4, 1.8e-4])
     good = explored.percent <= 0.2
     assert named(rows, "box, noise: rms").holds == good
