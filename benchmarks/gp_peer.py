@@ -88,7 +88,7 @@ def rows(names: Sequence[str]) -> Iterator[Row]:
             if name not in TUNED:
                 ratios.append((by_way, by_touches))
         way, touches = np.exp(np.mean(np.log(ratios), axis=0)).tolist()
-        title = f"peer, {noise}: its rms over ours, geometric mean"
+        title = f"peer, {noise}: its rms over ours, mean"
         yield Row(f"{title}, same way", f"{way:.2f} x", f">= {LEAST:g} x", way >= LEAST)
         yield Row(f"{title}, same touches", f"{touches:.2f} x", "", True)
 

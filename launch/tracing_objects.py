@@ -140,7 +140,7 @@ def wedged(depth: float, half_width: float) -> Traced:
 
     def radius(height: Floats, azimuth: Floats) -> Floats:
         beside = 0.028 * (math.pi - np.abs(azimuth))
-        return 0.028 - depth * np.maximum(1.0 - beside / half_width, 0.0)
+        return 0.028 - depth * np.maximum(1.0 - np.abs(beside) / half_width, 0.0)
 
     return Traced(RadialSolid(radius, 0.045, 0.028), 0.045)
 

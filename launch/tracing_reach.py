@@ -21,15 +21,15 @@ from palpate.launch.tracing_objects import Traced
 
 TURNS = tuple(np.radians(np.arange(-75.0, 76.0, 12.5)).tolist())
 """Azimuths from which a stretch is touched, against the normal of its chord, rad."""
-TILTS = tuple(np.radians(np.arange(-60.0, 61.0, 20.0)).tolist())
+TILTS = tuple(np.radians(np.arange(-60.0, 61.0, 30.0)).tolist())
 """Elevations, rad."""
-CELL = 0.5e-3
+CELL = 0.75e-3
 """Of the field, m."""
 FINE = 0.1e-3
 """Distance of the outline's points that are asked about, m."""
 SEEN = 0.1e-3
 """A point is seen that is as far away as the first thing in its way, m."""
-FAR, PAST = 0.1, 0.03
+FAR, PAST = 0.07, 0.01
 """Rays begin this far before the stretch and end this far past it, m."""
 
 

@@ -23,7 +23,7 @@ LEVEL_NORMAL = 0.2
 """A normal whose level part is shorter than this has no azimuth."""
 ALIKE = 0.8
 """Cosine of the angle within which the felt normal and the parabola must agree."""
-CLOSE = 0.99
+CLOSE = 0.997
 """The same where the parabola is good: beside an edge the normals are those of two faces."""
 
 

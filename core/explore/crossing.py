@@ -18,6 +18,9 @@ WINDOWS = ((-1, 4), (-2, 4), (0, 4), (-1, 3), (0, 3), (0, 2))
 """First row, counted from the one before the slice, and number of rows that a polynomial goes
 through: the first window of which all rows are touched."""
 MOST_ROWS = 4
+AMPLE = 6
+"""Columns with more than two rows that do without those that have two: a corner of the pad in a
+hollow has few of either."""
 ROUNDS = 3
 """Newton steps from the straight line's crossing: the next changes less than rounding."""
 
@@ -67,6 +70,7 @@ def crossings(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Cross
     meets = (above[:-1] <= 0.0) != (above[1:] <= 0.0)
     row, col = np.nonzero(meets & one_surface(pad, surface, touched))
     rows, window = _windows(touched, row, col)
+    row, col, rows, window = _curved(row, col, rows, window)
     share = above[row, col] / (above[row, col] - above[row + 1, col])
     rise, depth = (_polynomials(field, rows, col, window) for field in (above, surface))
     straight = share
@@ -101,6 +105,16 @@ def _windows(touched: Bools, row: Indices, col: Indices) -> tuple[Indices, Indic
         window[whole] = number
     begins = np.array([begin for begin, _ in WINDOWS])[window]
     return np.clip((row + begins)[:, None] + np.arange(MOST_ROWS), 0, last), window
+
+
+def _curved(
+    row: Indices, col: Indices, rows: Indices, window: Indices
+) -> tuple[Indices, Indices, Indices, Indices]:
+    """The crossings without those that only a straight line goes through, if enough remain."""
+    kept = window < len(WINDOWS) - 1
+    if kept.sum() < AMPLE:
+        return row, col, rows, window
+    return row[kept], col[kept], rows[kept], window[kept]
 
 
 def _polynomials(field: Floats, rows: Indices, col: Indices, window: Indices) -> Floats:

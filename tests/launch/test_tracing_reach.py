@@ -7,7 +7,7 @@ import pytest
 
 from palpate.core.explore.path import Gap
 from palpate.core.frames import pose_of
-from palpate.core.touch.pad import press
+from palpate.core.touch.pad import Pad, press
 from palpate.launch.bench_tracing import DOMED, FLAT
 from palpate.launch.tracing_objects import OBJECTS, Traced, dented, notched, wedged
 from palpate.launch.tracing_reach import hidden
@@ -24,8 +24,8 @@ def mouth(target: Traced, half_width: float) -> Gap:
 
 
 @pytest.mark.parametrize("pad", [FLAT, DOMED], ids=["flat", "domed"])
-def test_nothing_of_a_convex_object_is_hidden(pad: object) -> None:
-    assert hidden(OBJECTS["cylinder"], FLAT, 0.0, mouth(OBJECTS["cylinder"], 0.004)) == 0.0
+def test_nothing_of_a_convex_object_is_hidden(pad: Pad) -> None:
+    assert hidden(OBJECTS["cylinder"], pad, 0.0, mouth(OBJECTS["cylinder"], 0.004)) == 0.0
 
 
 def test_a_slot_that_is_deeper_than_it_is_wide_is_hidden_but_for_its_rims() -> None:
@@ -39,7 +39,7 @@ def test_a_dent_shallower_than_the_deepest_press_is_not_hidden() -> None:
     assert hidden(target, FLAT, 0.0, mouth(target, 0.005)) == 0.0
 
 
-def test_a_flat_wedge_that_an_edge_of_the_pad_enters_is_not_hidden() -> None:
+def test_a_blunt_wedge_that_an_edge_of_the_pad_enters_is_not_hidden() -> None:
     target = wedged(0.004, 0.006)
     assert hidden(target, FLAT, 0.0, mouth(target, 0.0065)) == 0.0
 

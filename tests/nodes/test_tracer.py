@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.core.frames import DOWN, IDENTITY, pose_of
+from palpate.core.frames import DOWN, IDENTITY, pose_of, split_pose, transform
 from palpate.messages.codec import encode
 from palpate.messages.types import (
     Contour,
@@ -19,7 +19,7 @@ from palpate.messages.types import (
     World,
 )
 from palpate.nodes import curvature, filter, simulator, tracer
-from palpate.nodes.object import ObjectSpec
+from palpate.nodes.object import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.nodes.tracer import (
     Params,
     State,
@@ -116,6 +116,39 @@ def test_a_contour_in_a_tilted_frame_is_traced_in_it(ready: State, finger: Finge
     assert contour.status == "closed"
     normal = np.array([0.0, -np.sin(2 * half), np.cos(2 * half)])
     assert np.abs((contour.points - [0, 0, 0.03]) @ normal - 0.01).max() < 1e-12
+
+
+@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.6, 0.64, 0.48)])
+def test_a_frame_that_is_turned_with_the_object_changes_no_touch(
+    axis: tuple[float, float, float], ready: State, info: SensorInfo
+) -> None:
+    half = np.radians(25.0) / 2
+    turn = np.concatenate([np.sin(half) * np.array(axis), [np.cos(half)]])
+    frame = np.concatenate([[0.03, -0.02, 0.11], turn])
+    shape = SuperquadricSpec(size=(0.03, 0.02, 0.04), exponents=(0.3, 0.6))
+    contours = []
+    for pose in (IDENTITY, frame):
+        where = PoseSpec(position=tuple(pose[:3].tolist()), rotation=tuple(pose[3:].tolist()))
+        finger = Finger(ObjectSpec(superquadric=shape, pose=where), info)
+        state, outputs = take_goal(Params(), ready, contour_goal(frame=pose, height=0.008))
+        contours += followed(state, outputs, finger)
+    aligned, turned = contours
+    assert aligned.status == turned.status == "closed"
+    assert aligned.touches == turned.touches
+    assert np.allclose(transform(frame, aligned.points), turned.points, rtol=0, atol=1e-9)
+    axes = split_pose(frame)[1]
+    assert np.allclose(aligned.normals @ axes.T, turned.normals, rtol=0, atol=1e-6)
+    assert np.allclose(aligned.felt_low, turned.felt_low, rtol=0, atol=1e-9)
+    assert np.allclose(aligned.felt_high, turned.felt_high, rtol=0, atol=1e-9)
+
+
+def test_a_contour_says_how_far_up_and_down_it_was_felt(ready: State, finger: Finger) -> None:
+    state, outputs = take_goal(Params(), ready, contour_goal(height=0.035))
+    [contour] = followed(state, outputs, finger)
+    assert contour.felt_low.shape == contour.felt_high.shape == (len(contour.points),)
+    assert (contour.felt_low <= 0.035).all()
+    assert (contour.felt_high >= 0.035).all()
+    assert np.median(contour.felt_high - contour.felt_low) > 4e-3
 
 
 def test_touches_are_counted_from_0_without_gaps(ready: State, finger: Finger) -> None:

@@ -7,11 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.core.arrays import Floats
 from palpate.core.explore.planners.choice import first_and_last
+from palpate.core.explore.planners.intervals import hermite, profile_of
 from palpate.core.explore.planners.known import Known, Outcome
 
 ROWS = 8
 """Heights per feature at which it is asked whether anything was felt."""
+FINE = 65
+"""Heights of a run at which a band is looked up."""
 ROUNDING = 1e-9
 """Of a slice: more than this, and it takes another one."""
 OPEN = 0.1
@@ -61,19 +65,47 @@ def uncovered(known: Known) -> float:
     return sum(run.length for run in runs if any(run.low <= at <= run.high for at in failed))
 
 
-def evenly_within(known: Known, run: Run) -> float:
-    """Where to begin in an unfelt run, so that as few slices as can be feel it evenly, m.
+def even_places(known: Known, run: Run) -> list[float]:
+    """Heights at which as few slices as can be feel an unfelt run, m, from below.
 
-    Each is expected to feel a band as high as those before it did. Where only contours count, what
-    is felt beside them tells nothing, and the middle is as good as any place.
+    Where only contours count, what is felt beside them tells nothing: the middle is as good as any
+    place.
     """
-    if not known.taxels:
-        return run.middle
-    bands = [np.quantile(one.felt_high - one.felt_low, OPEN) for one in known.slices if one.usable]
-    band = float(np.median(bands)) if bands else 0.0
-    count = max(int(np.ceil((run.length - known.feature) / (band + known.feature) - ROUNDING)), 1)
-    gap = (run.length - count * band) / (count + 1)
-    return run.low + gap + 0.5 * band + (count // 2) * (band + gap)
+    if not known.taxels or not any(one.usable for one in known.slices):
+        return [run.middle]
+    heights = np.linspace(run.low, run.high, FINE)
+    bands = _expected_bands(known, heights)
+    # In units of a band and a feature, a stretch as long as both is 1 everywhere.
+    step = run.length / (FINE - 1) / (0.5 * (bands[1:] + bands[:-1]) + known.feature)
+    along = np.concatenate([[0.0], np.cumsum(step)])
+    band = float(np.mean(bands / (bands + known.feature)))
+    count = max(int(np.ceil(along[-1] - (1.0 - band) - ROUNDING)), 1)
+    gap = (along[-1] - count * band) / (count + 1)
+    found = np.interp(gap + 0.5 * band + np.arange(count) * (band + gap), along, heights)
+    return [float(height) for height in found]
+
+
+def _expected_bands(known: Known, heights: Floats) -> Floats:
+    """Height (n,) of the band that a slice at each height (n,) is expected to feel, m.
+
+    Along the surface a pad feels as much as its neighbours' pads did; where the surface leans, that
+    is less of the height.
+    """
+    usable = sorted((one for one in known.slices if one.usable), key=lambda one: one.height)
+    felt = [np.quantile(one.felt_high - one.felt_low, OPEN) for one in usable]
+    long = [_steepness(one.slopes) for one in usable]
+    along = np.interp(heights, [one.height for one in usable], np.multiply(felt, long))
+    profile = profile_of(known)
+    if len(profile.heights) < 2:
+        return along
+    shares = np.clip((heights - known.low) / known.extent, *profile.heights[[0, -1]])
+    wide = np.sqrt(np.maximum(hermite(profile, shares), 0.0))
+    slopes = np.gradient(wide, (heights - known.low) / known.extent, axis=0)
+    return np.asarray(along / np.sqrt(1.0 + (slopes**2).mean(axis=1)))
+
+
+def _steepness(slopes: Floats) -> float:
+    return float(np.sqrt(1.0 + (slopes**2).mean()))
 
 
 def longest_unfelt(runs: Sequence[Run], low: float, high: float) -> float:

@@ -8,6 +8,7 @@ lies between two pads, which is why both are asked for.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated
@@ -25,7 +26,7 @@ from palpate.core.explore.planners.choice import (
 )
 from palpate.core.explore.planners.cover import (
     Run,
-    evenly_within,
+    even_places,
     free_height,
     longest_first,
     unfelt_runs,
@@ -76,13 +77,10 @@ class Predicted:
             costs = Costs(self.suspicion, self.order, self.travel)
             height = best_cut(known, profile.heights, foretold, runs, costs)
             if height is not None:
+                height = _along_with(known, runs, height)
                 return Height(height, "the foretold error is largest there")
         for run in longest_first(runs, known.feature) if foretold else []:
-            height = (
-                free_height(known, evenly_within(known, run), run)
-                if run.length > known.feature
-                else None
-            )
+            height = _into(known, run) if run.length > known.feature else None
             if height is not None:
                 return Height(height, "nothing has felt what lies there")
         if foretold is not None and known.taxels and _may_average(known, foretold):
@@ -109,6 +107,24 @@ class Predicted:
             if height is not None:
                 return height
         return None
+
+
+def _into(known: Known, run: Run, wanted: float | None = None) -> float | None:
+    """Where to begin to feel an unfelt run: in its middle, or nearest to a wanted height, m."""
+    places = even_places(known, run)
+    at = places[len(places) // 2]
+    if wanted is not None:
+        at = min(places, key=lambda place: abs(place - wanted))
+    return free_height(known, at, run)
+
+
+def _along_with(known: Known, runs: Sequence[Run], wanted: float) -> float:
+    """A wanted height, moved so that its slice is one of those that feel an unfelt run evenly."""
+    if known.taxels:
+        for run in runs:
+            if run.low <= wanted <= run.high and run.length > known.feature:
+                return _into(known, run, wanted) or wanted
+    return wanted
 
 
 def _may_average(known: Known, foretold: Foretold) -> bool:

@@ -19,11 +19,10 @@ LEAST_FACING = 0.2
 """Radial part of a normal: a point on a level face says nothing of the radius."""
 SECTORS, FEWEST_SECTORS = 12, 4
 """Parts of a turn, and in how many of them points must be: one side alone may be a feature."""
-REACH = 0.5
+REACH = 0.6
 """Of the way to the end: what was felt less far says the same of all ends, for they begin alike."""
-FEWEST_BINS, REACH = 3, 0.6
-"""Heights with points, at least, and the share of the way to the end up to which they must go: a
-strip beside the last row says nothing of the edge that the row does not say better."""
+WALL = 0.4
+"""Mean radial part of the normals: where they lean over the end, nothing is an edge."""
 TURNS = 192
 """At which the last row is taken."""
 
@@ -36,7 +35,7 @@ def felt_beyond(
     Parameters
     ----------
     felt : FeltPoints
-        With normals.
+        With normals; as felt, for shifts that fit the smooth side would hide the edge.
     skin : FeltSkin
         The side.
     rim, end : float
@@ -68,4 +67,6 @@ def felt_beyond(
 
     counts = np.bincount(bins, minlength=BINS)[enough]
     weights = np.bincount(bins, facing[told], BINS)[enough] / counts
+    if weights.mean() < WALL:
+        return None
     return Beyond(sign * rim + mean(depth[told]), radius * mean(share), weights)

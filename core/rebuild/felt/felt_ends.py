@@ -48,14 +48,21 @@ def touched_end(
     touch = felt.touch[beyond]
     farthest = np.full(int(touch.max()) + 1, -np.inf)
     np.maximum.at(farthest, touch, way * felt.points[beyond, 2])
-    farthest = farthest[np.isfinite(farthest)]
     within = NOISES * (pose or 0.0)
-    found = float(farthest[farthest >= farthest.max() - within].mean())
+    found = _one_height(farthest[np.isfinite(farthest)], within)
     if given is None:
         return way * found
     # Without noise the farthest is the truest; with it, the mean of what may be one height.
     is_one = pose is not None and way * given - found <= within
     return way * (found if is_one else max(found, way * given))
+
+
+def _one_height(heights: Floats, within: float) -> float:
+    """Mean of the highest and of those that each lie within so much of the mean of higher ones."""
+    falling = np.sort(heights)[::-1]
+    means = np.cumsum(falling) / np.arange(1, len(falling) + 1)
+    beyond = np.flatnonzero(falling[1:] < means[:-1] - within)
+    return float(means[beyond[0] if len(beyond) else -1])
 
 
 def on_end(felt: FeltPoints, last: float, way: float) -> Bools:

@@ -81,8 +81,6 @@ def felt_rows(
     pose = pose_sigma(shifted)
     bottom = touched_end(felt, float(slices.heights[0]), -1.0, pose, bottom)
     top = touched_end(felt, float(slices.heights[-1]), 1.0, pose, top)
-    if shifted.shifts is not None:
-        felt = felt._replace(points=felt.points - shifted.shifts[felt.touch])
     return _rows(felt, shifted.skin, slices, (bottom, top), seen, pose)
 
 

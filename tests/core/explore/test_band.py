@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.core.explore.aim import PRESS
 from palpate.core.explore.band import felt_bands
 from palpate.core.explore.crossing import crossings, one_surface
 from palpate.core.explore.felt import Felt, feel_slice
@@ -14,6 +15,8 @@ from palpate.core.explore.trace import Slice
 from palpate.core.frames import pad_rotation, pose_of
 from palpate.core.shapes.superquadric import Superquadric
 from palpate.core.touch.pad import Pad
+
+ROUNDING = 1e-15
 
 
 def level(pad: Pad, surface: Any, touched: Any, height: float = 0.0, tilt: float = 0.0) -> Felt:
@@ -109,9 +112,11 @@ def test_a_traced_ball_is_felt_as_far_as_the_contacts_reach(
         assert (path.low <= height).all()
         assert (path.high >= height).all()
         heights = np.concatenate([one.points[:, 2] for one in hand.felt])
-        assert heights.min() <= path.low.min()
-        assert heights.max() >= path.high.max()
-        # A contact of 1 mm is so high on either side of its middle, along the surface.
-        contact = math.sqrt(2 * 1e-3 / (1 / 0.03 + pad.dome)) * math.sqrt(1 - share**2)
+        assert heights.min() <= path.low.min() + ROUNDING
+        assert heights.max() >= path.high.max() - ROUNDING
+        # Half the height of a contact; a flat pad's ends at its edge.
+        contact = min(7.5e-3, math.sqrt(2 * PRESS / (1 / 0.03 + pad.dome))) * math.sqrt(
+            1 - share**2
+        )
         band = np.median(path.high - path.low)
         assert 1.2 * contact < band < 2.1 * contact

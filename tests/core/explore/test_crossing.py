@@ -71,3 +71,21 @@ def test_two_rows_that_differ_too_much_are_not_one_surface(flat: Pad) -> None:
 def test_nothing_touched_is_met_nowhere(flat: Pad) -> None:
     _, y = flat.grid()
     assert crossings(flat, y, y, np.zeros((16, 16), bool)).places.shape == (0, 3)
+
+
+def test_where_columns_have_more_rows_those_with_two_are_left_out(flat: Pad) -> None:
+    _, y = flat.grid()
+    touched = np.zeros((16, 16), bool)
+    touched[7:9] = True
+    lonely = crossings(flat, y - 0.2e-3, 0.0 * y, touched)
+    assert lonely.columns.tolist() == list(range(16))
+    touched[6, 4:12] = True
+    assert crossings(flat, y - 0.2e-3, 0.0 * y, touched).columns.tolist() == list(range(4, 12))
+
+
+def test_where_few_columns_have_more_rows_those_with_two_are_kept(flat: Pad) -> None:
+    _, y = flat.grid()
+    touched = np.zeros((16, 16), bool)
+    touched[7:9] = True
+    touched[6, 4:9] = True
+    assert len(crossings(flat, y - 0.2e-3, 0.0 * y, touched).columns) == 16

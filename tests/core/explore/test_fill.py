@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from palpate.core.explore.aim import DEEP_PRESS, UPRIGHT, Aim
+from palpate.core.explore.creep import WAYS, creeping
 from palpate.core.explore.cut import Cut
 from palpate.core.explore.felt import Felt
-from palpate.core.explore.creep import WAYS, creeping
 from palpate.core.explore.fill import fill
 from palpate.core.explore.path import Gap, Path
 from palpate.core.explore.routine import Done, resume

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.aim import UPRIGHT, Aim
+from palpate.core.explore.aim import PRESS, UPRIGHT, Aim
 from palpate.core.explore.course import course_at_end
 from palpate.core.explore.cut import Cut
 from palpate.core.explore.felt import Felt
@@ -53,9 +53,9 @@ def test_steps_are_as_long_as_contact_and_pad_allow(flat: Pad, domed: Pad) -> No
         aim = stride(pad, path, 0.0, ())
         assert isinstance(aim, Aim)
         ways.append(abs(float(aim.place[1])))
-    # The contact of a press of 1 mm on a contour of radius r is sqrt(2 r 1 mm) wide.
-    assert ways[0] == pytest.approx(1.05 * math.sqrt(2e-3 * 0.003), rel=0.1)
-    assert ways[1] == pytest.approx(1.05 * math.sqrt(2e-3 * 0.006), rel=0.1)
+    # The contact of a press of depth d on a contour of radius r is sqrt(2 r d) wide.
+    assert ways[0] == pytest.approx(1.05 * math.sqrt(2.0 * PRESS * 0.003), rel=0.1)
+    assert ways[1] == pytest.approx(1.05 * math.sqrt(2.0 * PRESS * 0.006), rel=0.1)
     assert ways[2] == ways[3] == pytest.approx(0.69 * 7.5e-3)
 
 

@@ -57,6 +57,24 @@ class Beside:
         raise NotImplementedError
 
 
+class Partly:
+    """A ball that gives way beyond y = -10 mm: nothing is felt there."""
+
+    def __init__(self, ball: Superquadric) -> None:
+        self._ball = ball
+
+    def bounds(self) -> Floats:
+        return self._ball.bounds()
+
+    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+        found = self._ball.cast(origins, direction, reach)
+        place = origins + np.where(np.isfinite(found), found, 0.0)[:, None] * direction
+        return np.where(place[:, 1] > -0.01, found, np.inf)
+
+    def mesh(self, level: int) -> Mesh:
+        raise NotImplementedError
+
+
 @pytest.mark.parametrize("height", [0.018, -0.018, 0.0285, -0.0285])
 def test_a_pad_that_meets_the_object_far_from_the_slice_tilts_towards_it(
     height: float, finger: Any, flat: Pad, domed: Pad, ball: Superquadric
@@ -80,16 +98,17 @@ def test_a_corner_is_marched_around_without_a_hole(
 
 
 def test_past_a_corner_the_heading_is_that_of_the_new_face(
-    finger: Any, flat: Pad, box: Superquadric
+    finger: Any, flat: Pad, domed: Pad, box: Superquadric
 ) -> None:
-    hand, trace, headings = finger(box, flat), Trace(wanted()), []
-    while isinstance((stepped := next_aim(flat, trace))[1], Aim):
-        trace = after_touch(stepped[0], hand.answer(stepped[1], 0.0))
-        course = stepped[0].course
-        if course is not None and abs(stepped[0].path.points[-1, 0]) < 0.02:
-            headings.append(abs(math.sin(course.heading)))
-    assert len(headings) > 4
-    assert min(headings) > math.cos(math.radians(2.0))
+    for pad, most in ((flat, 2.0), (domed, 4.5)):  # degrees
+        hand, trace, headings = finger(box, pad), Trace(wanted()), []
+        while isinstance((stepped := next_aim(pad, trace))[1], Aim):
+            trace = after_touch(stepped[0], hand.answer(stepped[1], 0.0))
+            course = stepped[0].course
+            if course is not None and abs(stepped[0].path.points[-1, 0]) < 0.02:
+                headings.append(abs(math.sin(course.heading)))
+        assert len(headings) > 4
+        assert min(headings) > math.cos(math.radians(most))
 
 
 @pytest.mark.parametrize("share", [0.06, 0.12])
@@ -159,18 +178,65 @@ def test_another_part_of_the_slice_is_not_mixed_in(finger: Any, flat: Pad, domed
 
 
 def test_a_start_inside_the_object_is_repeated_from_outside(
-    finger: Any, flat: Pad, ball: Superquadric
+    finger: Any, flat: Pad, domed: Pad, ball: Superquadric
 ) -> None:
-    trace, status = finger(ball, flat).contour(Slice(0.0, np.zeros(2), 0.025, 150))
-    assert (status, trace.gaps) == ("closed", ())
+    for pad in (flat, domed):
+        trace, status = finger(ball, pad).contour(Slice(0.0, np.zeros(2), 0.025, 150))
+        assert (status, trace.gaps) == ("closed", ())
 
 
 def test_a_loop_that_never_closes_ends_with_its_touches(
-    finger: Any, flat: Pad, ball: Superquadric
+    finger: Any, flat: Pad, domed: Pad, ball: Superquadric
 ) -> None:
-    for most in (4, 9):
-        trace, status = finger(ball, flat).contour(wanted(most=most))
-        assert (status, trace.touches) == ("budget", most)
+    for pad in (flat, domed):
+        for most in (4, 9):
+            trace, status = finger(ball, pad).contour(wanted(most=most))
+            assert (status, trace.touches) == ("budget", most)
+
+
+def test_where_contact_is_lost_the_contour_is_met_again_and_the_loss_is_a_gap(
+    finger: Any, flat: Pad, domed: Pad, ball: Superquadric
+) -> None:
+    for pad in (flat, domed):
+        trace, status = finger(Partly(ball), pad).contour(wanted())
+        assert status == "occluded"
+        assert sum(gap.extent for gap in trace.gaps) == pytest.approx(
+            2 * math.sqrt(0.03**2 - 0.01**2), abs=1.5e-3
+        )
+        assert {gap.why for gap in trace.gaps} == {"missed"}
+        assert (trace.path.points[:, 1] > -0.01).all()
+
+
+@pytest.mark.parametrize("share", [0.97, -0.97])
+def test_slices_near_the_top_and_the_bottom_close(
+    share: float, finger: Any, flat: Pad, domed: Pad, ball: Superquadric, box: Superquadric
+) -> None:
+    for pad in (flat, domed):
+        for shape in (ball, box):
+            height = share * float(shape.size[2])
+            trace, status = finger(shape, pad).contour(wanted(height))
+            off = np.linalg.norm(trace.path.points, axis=1) * (
+                1 - 1 / shape.gauge(trace.path.points)
+            )
+            assert (status, trace.gaps) == ("closed", ())
+            assert np.abs(off).max() < 50e-6
+
+
+def test_a_slice_far_below_the_object_has_no_contact(
+    finger: Any, flat: Pad, domed: Pad, ball: Superquadric
+) -> None:
+    for pad in (flat, domed):
+        trace, status = finger(ball, pad).contour(wanted(-0.06))
+        assert (status, trace.path) == ("no_contact", None)
+        assert trace.touches <= 8
+
+
+def test_a_slice_just_below_the_object_is_not_believed_to_be_there(
+    finger: Any, flat: Pad, domed: Pad, ball: Superquadric
+) -> None:
+    for pad in (flat, domed):
+        trace, status = finger(ball, pad).contour(wanted(-0.032))
+        assert (status, trace.path) == ("occluded", None)
 
 
 @pytest.mark.parametrize("width", [5e-3, 10e-3, 20e-3, 40e-3])
