@@ -56,3 +56,12 @@ def test_what_was_felt_on_one_side_alone_tells_nothing(oracle: Make) -> None:
     kept = (felt.points[:, 2] < RIM) | aside
     less = FeltPoints(felt.points[kept], felt.normals[kept], felt.touch[kept])
     assert felt_beyond(less, skin_of(felt), RIM, END, 0.02) is None
+
+
+def test_a_surface_that_leans_over_the_end_has_no_edge_to_tell_of(oracle: Make) -> None:
+    true = oracle([0.03, 0.03, 0.04], [1.0, 1.0])
+    heights = np.append(np.linspace(0.002, 0.077, 60), np.linspace(0.0772, 0.0798, 14))
+    felt = felt_at(true, heights)
+    skin = skin_of(felt)
+    assert felt_beyond(felt, skin, 0.077, END, 0.01) is None
+    assert felt_beyond(felt, skin, 0.06, END, 0.02) is not None
