@@ -16,6 +16,7 @@ from palpate.launch.located import Located
 from palpate.launch.run import plan_run
 from palpate.messages.types import (
     Contour,
+    ContourGoal,
     GraspContacts,
     LogRecord,
     NodeStatus,
@@ -28,7 +29,7 @@ from palpate.messages.types import (
 from palpate.nodes.composed import run_composed
 from palpate.nodes.ending import Ending
 
-HEARD = (Contour, GraspContacts, PlanDone, Score, ShapeModel, TactileFrame, Truth)
+HEARD = (Contour, ContourGoal, GraspContacts, PlanDone, Score, ShapeModel, TactileFrame, Truth)
 TRAVEL, APPROACH = 1, 3
 """Places in a touch's `move`."""
 
@@ -42,6 +43,8 @@ class Explored(NamedTuple):
     """The object."""
     contours: tuple[Contour, ...]
     """In the order in which they were traced."""
+    reasons: tuple[str, ...]
+    """Why each slice was asked for, in the order in which they were."""
     models: tuple[ShapeModel, ...]
     """In the order in which they were rebuilt."""
     scores: tuple[Score, ...]
@@ -153,6 +156,7 @@ def _explored(ending: Ending, ears: Ears, wall: float) -> Explored:
         ending,
         heard[Truth][0],
         tuple(heard[Contour]),
+        tuple(goal.reason for goal in heard[ContourGoal]),
         tuple(heard[ShapeModel]),
         tuple(heard[Score]),
         heard[PlanDone][-1],

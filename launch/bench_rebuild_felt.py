@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from palpate.core.arrays import Floats
 from palpate.core.measure.distance import Prepared, compare, prepare
 from palpate.core.rebuild.felt.felt_points import FeltPoints, felt_points, stack_points
@@ -20,6 +18,7 @@ from palpate.launch.run_dir import choose_run_dir
 from palpate.launch.scene import find_scene
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.composed import run_composed
+from palpate.nodes.reconstructor_set import frame_of, touched_ends
 from palpate.nodes.sensor import pad_of_info
 
 SMOOTH = ("sphere", "egg", "dented", "twisted", "vase")
@@ -48,7 +47,9 @@ class Felt(NamedTuple):
     """Points (n, 3) each, m."""
     points: FeltPoints
     """All touched taxels."""
-    tops: Floats
+    frame: Floats
+    """Pose of the slicing frame, (7,)."""
+    tops: Floats | None
     """Touches of the ends, (k, 3), m."""
     truth: Prepared
     """The object."""
@@ -115,18 +116,21 @@ def explored(scene: str, count: int, noisy: bool) -> Felt:
 def _felt(said: Mapping[str, list[Any]]) -> Felt:
     [done], [truth], [world] = said["/plan/done"], said["/truth"], said["/world"]
     pad = pad_of_info(said["/touch/info"][-1])
-    parts = []
+    parts: dict[int, list[FeltPoints]] = {}
     for patch in said["/touch/patch"]:
         if patch.goal in (*done.contours, *done.probes):
             jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
-            parts.append(felt_points(pad, patch.pose, patch.height, patch.mask, jet))
-    used = [probe.point for probe in said["/probe/traced"] if probe.id in done.probes]
+            points = felt_points(pad, patch.pose, patch.height, patch.mask, jet)
+            parts.setdefault(patch.goal, []).append(points)
+    contours = [one for one in said["/contour/traced"] if one.id in done.contours]
+    probes = [one for one in said["/probe/traced"] if one.id in done.probes]
     prepared = prepare(truth.vertices, truth.faces)
     floor = compare(prepared, prepare(truth.floor_vertices, truth.floor_faces)).chamfer
     return Felt(
-        contours=[one.points for one in said["/contour/traced"] if one.id in done.contours],
-        points=stack_points(parts),
-        tops=np.array([[0.0, 0.0, world.platform], *used]),
+        contours=[one.points for one in contours],
+        points=stack_points([one for each in parts.values() for one in each]),
+        frame=frame_of(contours),
+        tops=touched_ends(contours, probes, parts, world.platform),
         truth=prepared,
         height=truth.height,
         floor=floor,
@@ -146,6 +150,8 @@ def _row(scene: str, felt: Felt, count: int, noisy: bool, most: float) -> Row:
 
 def _error(felt: Felt, points: FeltPoints | None) -> float:
     """Chamfer distance from the object, m."""
-    solid = reconstruct(felt.contours, patches=points, tops=felt.tops, method="skin")
+    solid = reconstruct(
+        felt.contours, patches=points, tops=felt.tops, frame=felt.frame, method="skin"
+    )
     mesh = solid.mesh(TOLERANCE * felt.height)
     return compare(felt.truth, prepare(mesh.vertices, mesh.faces)).chamfer

@@ -94,7 +94,7 @@ def _give(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[Sta
         choice = ask(rule, known)
         if isinstance(choice, Height):
             task = Task(state.goals, state.clock, choice.height)
-            slice_goal = contour_goal(state, finger, choice.height)
+            slice_goal = contour_goal(state, finger, choice)
             return _with_task(state, finger, task), [("/contour/goal", slice_goal)]
         if isinstance(choice, Stop) and not state.tasks and not known.budget.spent:
             touch = next_touch(state, demand.tolerance, last=True)

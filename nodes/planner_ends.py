@@ -59,10 +59,12 @@ def with_probe(state: State, task: Task, probe: Probe) -> State:
     ends = {**state.ends, end: (*state.ends.get(end, ()), made)}
     faces = [one for one in ends[end] if one.touched and one.probing.why != "edge"]
     survey = state.survey
+    if made.touched:
+        survey = survey.reaching(float(made.point[2]), float(made.point[2]))
     if faces:
-        reached = [float(one.point[2]) for one in faces]
         upper = end == "upper"
-        survey = survey.ended((max if upper else min)(reached), upper=upper)
+        tip = (max if upper else min)((one.point for one in faces), key=lambda point: point[2])
+        survey = survey.ended(tip, upper=upper)
     probes = (*state.probes, probe.id) if made.touched else state.probes
     return replace(state, survey=survey, ends=ends, probes=probes)
 

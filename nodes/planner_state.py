@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.explore.planners.choice import Height
 from palpate.core.explore.planners.measured import Traced
 from palpate.core.explore.probing.known import End, Probed, Probing
 from palpate.core.explore.slicing_frame import SlicingFrame
@@ -104,18 +105,19 @@ class State:
         return bool(self.usable) and self.evidence != self.modelled
 
 
-def contour_goal(state: State, finger: int, height: float) -> ContourGoal:
+def contour_goal(state: State, finger: int, chosen: Height) -> ContourGoal:
     """A slice to trace."""
     assert state.survey is not None and state.frame is not None
-    centre, radius = state.survey.approach(height)
+    centre, radius = state.survey.approach(chosen.height)
     return ContourGoal(
         id=state.goals,
         finger=finger,
         frame=state.frame.pose,
-        height=height,
+        height=chosen.height,
         centre=centre,
         radius=radius,
         not_before=state.clock,
+        reason=chosen.reason,
     )
 
 

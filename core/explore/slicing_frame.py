@@ -1,7 +1,8 @@
 """The frame in which an object is sliced: along the axis that its first contacts let expect.
 
 The axis about which it was turned, if there is one; else the principal axis that differs most from
-the others (Fung, 1999, 6.1); else the world's own z axis, and that is said.
+the others (Fung, 1999, 6.1), or beside it the one along which the surface runs straight; else the
+world's own z axis, and that is said.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from palpate.core.explore.grasp.ends import Touched, ends_along
 from palpate.core.explore.grasp.fit import Fit
 from palpate.core.explore.grasp.misfit import Corrected, corrected
 from palpate.core.explore.grasp.revolution import ROUND, Revolution, revolution
+from palpate.core.explore.grasp.straight import straight_axis
 from palpate.core.frames import pose_of
 
 Axis = Literal["revolution", "longest", "shortest", "none"]
@@ -121,6 +123,9 @@ def slicing_frame(
         return _about_contacts(points, platform)
     strain = STRAINED if "at a bound" in found.doubts else 1.0
     line = _line(solid, revolution(points, normals, solid.body.axes.T), strain)
+    straight = straight_axis(normals, line.axis) if line.kind in ("longest", "shortest") else None
+    if straight is not None:
+        line = line._replace(axis=straight)
     return _framed(line, solid, found, Touched(points, normals), platform)
 
 

@@ -67,6 +67,8 @@ class Survey:
     """Lowest and highest height at which anything was felt, m."""
     traced: tuple[Traced, ...] = ()
     """Slices in the order in which they were taken up."""
+    tips: tuple[Floats, ...] = ()
+    """Where ends were touched, the farthest place of each, (3,), m."""
     doubt: Doubt | None = None
     """Of the last model."""
 
@@ -116,7 +118,8 @@ class Survey:
         contours = [one for one in self.traced if one.usable]
         if not contours:
             return np.zeros(2), self.radius + APPROACH
-        return approach(height, [one.height for one in contours], [one.points for one in contours])
+        heights, points = [one.height for one in contours], [one.points for one in contours]
+        return approach(height, heights, points, self.tips)
 
     def outermost(self, *, upper: bool) -> Traced | None:
         """The usable contour nearest to an end; None while there is none."""
@@ -130,16 +133,23 @@ class Survey:
         survey = replace(self, traced=(*self.traced, traced))
         if not traced.usable:
             return survey
-        low, high = float(traced.felt_low.min()), float(traced.felt_high.max())
+        return survey.reaching(float(traced.felt_low.min()), float(traced.felt_high.max()))
+
+    def reaching(self, low: float, high: float) -> Survey:
+        """With something felt at these heights, m: the object reaches at least as far."""
         low, high = min(low, self.reached[0]), max(high, self.reached[1])
         below = self.low if self.standing else min(self.low, low)
-        return replace(survey, reached=(low, high), low=below, high=max(self.high, high))
+        return replace(self, reached=(low, high), low=below, high=max(self.high, high))
 
-    def ended(self, height: float, *, upper: bool) -> Survey:
-        """With an end that was touched at this height; what was felt beyond it still counts."""
+    def ended(self, tip: Floats, *, upper: bool) -> Survey:
+        """With an end that was touched in this place, (3,); what was felt beyond still counts."""
+        height = float(tip[2])
+        middle = 0.5 * (self.low + self.high)
+        others = tuple(one for one in self.tips if (one[2] > middle) != upper)
+        survey = replace(self, tips=(*others, tip))
         if upper:
-            return replace(self, high=max(height, self.reached[1]), high_deviation=0.0)
-        return replace(self, low=min(height, self.reached[0]), low_deviation=0.0)
+            return replace(survey, high=max(height, self.reached[1]), high_deviation=0.0)
+        return replace(survey, low=min(height, self.reached[0]), low_deviation=0.0)
 
     def _deviations(self) -> tuple[float, ...]:
         if self.doubt is None or not len(self.doubt.heights):

@@ -99,13 +99,15 @@ def _serve() -> None:
     that is forked from it. Blocked, not ignored: a Ctrl-C in this moment still reaches us.
     """
     _CONTEXT.set_forkserver_preload(_PRELOAD)
-    # Started first, for it unblocks signals behind our back.
-    resource_tracker.ensure_running()
-    before = {key: os.environ.get(key) for key in _ENVIRONMENT}
     blocked = {signal.SIGINT, signal.SIGHUP, signal.SIGTERM}
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
-    os.environ.update(_ENVIRONMENT)
+    before = {key: os.environ.get(key) for key in _ENVIRONMENT}
     try:
+        # Started first, for it unblocks the signals that it ignores, behind our back; it does
+        # not ignore a hangup.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
+        os.environ.update(_ENVIRONMENT)
         with no_script():
             forkserver.ensure_running()
     finally:

@@ -46,6 +46,8 @@ class ContourGoal:
     """Approach from this distance to the centre."""
     not_before: Seconds
     """Robot time of the decision."""
+    reason: str = ""
+    """Why there, in words."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -87,11 +87,10 @@ def test_a_replay_of_filter_and_curvature_is_identical(
     ]
 
 
-@pytest.mark.parametrize("flags", [("--no-record",), ("--composed",)])
-def test_another_run_gives_the_same_solid_to_the_last_bit(
-    run: tuple[Path, dict[str, Any]], tmp_path: Path, flags: tuple[str, ...]
+def test_a_run_that_is_not_recorded_gives_the_same_solid_to_the_last_bit(
+    run: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
-    assert explored(tmp_path, *flags)["mesh_sha256"] == run[1]["mesh_sha256"]
+    assert explored(tmp_path, "--no-record")["mesh_sha256"] == run[1]["mesh_sha256"]
 
 
 def test_a_bad_scene_starts_nothing_and_leaves_nothing(tmp_path: Path) -> None:
@@ -104,7 +103,7 @@ def test_a_bad_scene_starts_nothing_and_leaves_nothing(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["scene.yaml"]
 
 
-@pytest.mark.parametrize("lines", [1, 2, 4])
+@pytest.mark.parametrize("lines", [1, 3])
 def test_a_ctrl_c_ends_everything_and_the_recording_can_be_read(
     tmp_path: Path, lines: int, group_is_gone: Callable[[int, float], bool]
 ) -> None:

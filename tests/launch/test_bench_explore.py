@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.core.explore.planners.predicted import COVERING
 from palpate.launch import (
     bench_explore,
     bench_explore_calibration,
@@ -165,7 +166,7 @@ def test_three_fingers_are_held_against_one(
 
     monkeypatch.setattr(bench_explore_fingers, "explore_object", explore)
     monkeypatch.setattr(bench_explore_fingers, "tracing_seconds", lambda one: one.wall)
-    time, _, error = bench_explore_fingers.finger_rows(True)
+    time, _, _, error = bench_explore_fingers.finger_rows(True)
     assert (time.value, time.holds) == ("0.41 x", True)
     assert (error.value, error.holds) == ("1.00 x", True)
 
@@ -179,26 +180,30 @@ def test_a_run_is_near_if_it_ended_within_one_contour(explored: Explored) -> Non
     after = explored.scores[0].contours
     assert first_within(explored.scores, 100.0) == after
     assert first_within(explored.scores, 0.0) is None
-    assert told_of(explored, 0.0) == Told(held=False, near=None, late=None)
+    assert told_of(explored, 0.0) == Told(held=False, late=None, late_felt=None)
     told = told_of(changed(explored, bound=1.0), 100.0)
-    assert told == Told(held=True, near=COUNT - after <= 1, late=COUNT - after)
+    assert told == Told(held=True, late=COUNT - after, late_felt=COUNT - after)
+    covering = explored._replace(reasons=(COVERING,) * COUNT)
+    assert told_of(covering, 100.0).late_felt == 0
 
 
 @pytest.mark.parametrize(("held", "holds"), [(89, False), (90, True), (98, True), (99, False)])
 def test_a_bound_of_95_percent_may_hold_neither_too_seldom_nor_too_often(
     held: int, holds: bool
 ) -> None:
-    told = [Told(i < held, i < 80, 0) for i in range(100)]
+    told = [Told(i < held, 0 if i < 80 else 5, 0) for i in range(100)]
     rows = list(figures(told))
     assert named(rows, "bound of 95 %").holds == holds
-    assert named(rows, "ended within 1 contour").holds
-    fewer = [Told(True, i < 79, 0) for i in range(100)]
-    assert not named(list(figures(fewer)), "ended within 1 contour").holds
+    assert named(rows, "first count within tolerance").holds
+    assert named(rows, "first count and nothing unfelt").holds
+    fewer = list(figures([Told(True, 5, 0 if i < 79 else 2) for i in range(100)]))
+    assert not named(fewer, "first count within tolerance").holds
+    assert not named(fewer, "first count and nothing unfelt").holds
     assert len(list(figures([Told(True, None, None)]))) == 2
 
 
 def test_runs_of_the_calibration_tell_how_far_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench_explore_calibration, "run", lambda number: Told(True, True, 0))
+    monkeypatch.setattr(bench_explore_calibration, "run", lambda number: Told(True, 0, 0))
     rows = list(bench_explore_calibration.calibration_rows(False))
     assert sum("runs so far" in row.name for row in rows) == 9
     assert named(rows, "200 runs").value == "100.0%"

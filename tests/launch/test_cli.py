@@ -177,7 +177,7 @@ def test_the_kinds_of_node_are_listed_and_described(capsys: Output) -> None:
     text = capsys.readouterr().out
     assert "  hears /world  World" in text
     assert "  says  /contour/goal  ContourGoal" in text
-    assert re.search(r"  takes contours  default \d+", text)
+    assert "  takes planner  default 'predicted'" in text
 
 
 def test_a_required_parameter_is_said_to_be_required() -> None:

@@ -46,9 +46,7 @@ def test_a_planner_of_ones_own_is_found_in_the_folder_where_palpate_is_started(
     monkeypatch.setattr(sys, "path", list(sys.path))
     made = check_planner(typed(f"explore:\n  planner: {named}\n  settings: {{most_bow: 2.0}}"))
     assert type(made).__name__ == "FoundHere"
-    with pytest.raises(
-        InputError, match=r"f.yaml:3: explore.settings: most_bow is 0; exp"
-    ):
+    with pytest.raises(InputError, match=r"f.yaml:3: explore.settings: most_bow is 0; exp"):
         check_planner(typed(f"explore:\n  planner: {named}\n  settings: {{most_bow: 0.0}}"))
 
 

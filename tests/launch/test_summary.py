@@ -67,8 +67,14 @@ def test_a_summary_holds_the_figures_of_the_run(progress: Progress, score: Score
     }  # fmt: skip
     assert found["numerics"] == {"condition": 3.5, "fallbacks": 0.0}
     assert found["curve"] == [
-        {"contours": 2, "touches": 40, "robot_time_s": 20.0, "wall_s": 3.0,
-         "chamfer_m": 0.0003, "rms_m": score.rms}
+        {
+            "contours": 2,
+            "touches": 40,
+            "robot_time_s": 20.0,
+            "wall_s": 3.0,
+            "chamfer_m": 0.0003,
+            "rms_m": score.rms,
+        }
     ]
     assert json.loads(json.dumps(found, allow_nan=False)) == found
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -18,6 +19,8 @@ def _value(hint: Any, rng: np.random.Generator) -> Any:
             return (rng.normal(size=shape) * 3).astype(mark.dtype)
     plain = get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
     origin, args = get_origin(plain), get_args(plain)
+    if NoneType in args:
+        return _value(args[0], rng) if rng.integers(4) else None
     if origin is Literal:
         return args[int(rng.integers(len(args)))]
     if origin is tuple:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
@@ -23,6 +24,13 @@ ARRAYS = [
     if isinstance(mark, Array)
 ]
 
+OPTIONAL = [
+    (cls, name)
+    for cls, name in FIELDS
+    if NoneType in get_args(get_type_hints(cls, include_extras=True)[name])
+]
+GIVEN = [field for field in FIELDS if field not in OPTIONAL]
+
 
 def same(one: object, other: object) -> bool:
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
@@ -30,8 +38,14 @@ def same(one: object, other: object) -> bool:
     return type(one) is type(other) and one == other
 
 
-def plain(cls: type, name: str) -> Any:
+def hint_of(cls: type, name: str) -> Any:
+    """The type of a field that is given, with its marks."""
     hint = get_type_hints(cls, include_extras=True)[name]
+    return get_args(hint)[0] if (cls, name) in OPTIONAL else hint
+
+
+def plain(cls: type, name: str) -> Any:
+    hint = hint_of(cls, name)
     return get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
 
 
@@ -73,7 +87,16 @@ def test_a_value_of_a_wrong_kind_is_refused(cls: type, name: str, example: Make)
         encode(message)
 
 
-@pytest.mark.parametrize(("cls", "name"), FIELDS)
+@pytest.mark.parametrize(("cls", "name"), OPTIONAL)
+def test_nothing_comes_back_as_nothing_where_it_may_be_said(
+    cls: type, name: str, example: Make
+) -> None:
+    message = dataclasses.replace(example(cls), **{name: None})
+
+    assert getattr(decode(cls, encode(message)), name) is None
+
+
+@pytest.mark.parametrize(("cls", "name"), GIVEN)
 def test_nothing_is_no_value(cls: type, name: str, example: Make) -> None:
     message = dataclasses.replace(example(cls), **{name: None})
 
@@ -143,10 +166,8 @@ def test_an_array_that_is_not_finite_is_refused(
 
 @pytest.mark.parametrize(("cls", "name"), FIELDS)
 def test_every_number_has_a_unit(cls: type, name: str) -> None:
-    hint = get_type_hints(cls, include_extras=True)[name]
-
     if plain(cls, name) is float:
-        assert any(isinstance(mark, Unit) for mark in hint.__metadata__)
+        assert any(isinstance(mark, Unit) for mark in hint_of(cls, name).__metadata__)
 
 
 @pytest.mark.parametrize("cls", TYPES.values(), ids=TYPES)

@@ -78,11 +78,12 @@ def sideways() -> Callable[[float], Floats]:
 
 
 @pytest.fixture
-def exploration() -> Callable[[ObjectSpec, int], tuple[Wiring, ...]]:
-    """Wirings of the whole loop without recorder: object and number of contours."""
+def exploration() -> Callable[..., tuple[Wiring, ...]]:
+    """Wirings of the whole loop without recorder: object, number of contours, and budget."""
 
-    def wirings(spec: ObjectSpec, contours: int) -> tuple[Wiring, ...]:
-        params = {"simulator": {"object": spec}, "planner": {"contours": contours}}
+    def wirings(spec: ObjectSpec, contours: int, **budget: int) -> tuple[Wiring, ...]:
+        planner = {"planner": "uniform", "settings": {"count": contours}, **budget}
+        params = {"simulator": {"object": spec}, "planner": planner}
         kinds = ["simulator", "filter", "curvature", "tracer", "planner"]
         kinds += ["reconstructor", "evaluator"]
         entries = tuple(Entry(name=kind, params=_plain(params.get(kind, {}))) for kind in kinds)

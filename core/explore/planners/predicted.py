@@ -37,6 +37,8 @@ from palpate.core.explore.planners.intervals import profile_of
 from palpate.core.explore.planners.known import Known
 from palpate.core.ranges import Range, check_ranges
 
+COVERING, FEELING = "the coarse cover", "nothing has felt what lies there"
+"""Reasons of slices that no error has asked for."""
 ROOM = 2.0
 """Slices that only average noise lie at least so many features apart."""
 COVER_REACH = 0.12
@@ -72,7 +74,7 @@ class Predicted:
             return Stop(over, False, bound, unfelt)
         height = self._covering(known)
         if height is not None:
-            return Height(height, "the coarse cover")
+            return Height(height, COVERING)
         if foretold is not None and foretold.wants_cut(known.tolerance / known.extent):
             costs = Costs(self.suspicion, self.order, self.travel)
             height = best_cut(known, profile.heights, foretold, runs, costs)
@@ -82,7 +84,7 @@ class Predicted:
         for run in longest_first(runs, known.feature) if foretold else []:
             height = _into(known, run) if run.length > known.feature else None
             if height is not None:
-                return Height(height, "nothing has felt what lies there")
+                return Height(height, FEELING)
         if foretold is not None and known.taxels and _may_average(known, foretold):
             height = _widest_free(known)
             if height is not None:

@@ -42,7 +42,7 @@ class Edge(NamedTuple):
     """Height between band and face, (n,), m; 0 where there is no edge."""
 
 
-def expected_edge(face: Face, wall: Wall, touched: Floats, foot: float) -> Edge:
+def expected_edge(face: Face, wall: Wall, touched: Floats, foot: float, top: float) -> Edge:
     """Where the wall, gone on with as it leans, meets the face.
 
     Parameters
@@ -55,16 +55,18 @@ def expected_edge(face: Face, wall: Wall, touched: Floats, foot: float) -> Edge:
         Where the face was touched, m: an edge within a `foot` of that has been felt.
     foot : float
         How far around a touched point the pad feels, m.
+    top : float
+        Where the object ends, m: a plane through touches of what is none may rise beyond.
     """
     level = np.linalg.norm(wall.normals[:, :2], axis=1)
     steep = wall.normals[:, 2] < STEEP
     outward = wall.normals[:, :2] / np.where(steep, level, 1.0)[:, None]
     lean = np.where(steep, wall.normals[:, 2] / np.where(steep, level, 1.0), 0.0)
     # Along the wall, a height h lies lean * h inwards; the face there is as high as h.
-    rise = face.at(wall.points[:, :2]) - wall.points[:, 2]
+    rise = np.minimum(face.at(wall.points[:, :2]), top) - wall.points[:, 2]
     height = rise / np.maximum(1.0 + lean * (outward @ face.slopes), 0.5)
     places = wall.points[:, :2] - (lean * height)[:, None] * outward
-    edge = np.column_stack([places, face.at(places)])
+    edge = np.column_stack([places, np.minimum(face.at(places), top)])
     away = np.linalg.norm(edge[:, None] - touched, axis=2).min(axis=1)
     unfelt = np.where(steep & (away > foot), edge[:, 2] - wall.felt_high, 0.0)
     return Edge(edge, np.arctan2(outward[:, 1], outward[:, 0]), np.maximum(unfelt, 0.0))

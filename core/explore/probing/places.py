@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Bools, Floats
 from palpate.core.explore.probing.face import FOOT
 from palpate.core.explore.probing.known import Wall
 from palpate.core.plane.area_centroid import area_centroid
@@ -52,6 +52,13 @@ def heart(wall: Wall) -> Floats:
     if winding_number(outline, middle[None])[0] != 0:
         return middle
     return inscribed_circle(outline).middle
+
+
+def covers(wall: Wall, places: Floats, beside: float) -> Bools:
+    """Which places (n, 2) lie inside a contour, or beside it by no more than so much, m."""
+    outline = wall.points[:, :2]
+    inside = winding_number(outline, places) != 0
+    return np.asarray(inside | (edge_distance(outline, places) <= beside), np.bool_)
 
 
 def largest_gap(outline: Floats, tried: Floats, width: float) -> Gap:

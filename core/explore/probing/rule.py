@@ -1,9 +1,9 @@
 """Where to touch an end next, or that it is felt well enough: a pure function of what is known.
 
-The end is found by one touch along the axis. With a contour beside it, the face that closes it is
-felt where it is farthest from everything felt so far, until no more is left than a pad would see
-beside it, or until touches all over it lie in one plane. Then the edge around it, where the band
-that the contour felt ends below the face.
+The end is found by one touch along the axis, and by a few more uphill where that met a flank. With
+a contour beside it, the face that closes it is felt where it is farthest from everything felt so
+far, until no more is left than a pad would see beside it, or until touches all over it lie in one
+plane. Then the edge around it, where the band that the contour felt ends below the face.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from palpate.core.explore.probing.known import (
     turned_over,
     turned_probing,
 )
-from palpate.core.explore.probing.places import heart, inner_outline, largest_gap
+from palpate.core.explore.probing.places import covers, heart, inner_outline, largest_gap
 from palpate.core.explore.probing.search import (
     CLEARANCE,
     DEEP,
@@ -33,8 +33,8 @@ from palpate.core.explore.probing.search import (
     highest_known,
     search_places,
 )
+from palpate.core.explore.probing.summit import LEAN, uphill
 from palpate.core.frames import DOWN, pad_rotation, pose_of, split_pose
-from palpate.core.plane.winding import winding_number
 
 MOST_BACK = 4
 """Times that a touch which began inside the object is begun a pad's width farther off."""
@@ -47,10 +47,6 @@ SMALL, SMALL_ROUND = 0.35, 0.5
 the end, so that a smooth surface goes on from it."""
 ROUND = 0.5
 """Upward part of the wall's normals, on average, from which on it does."""
-SAME = 0.25
-"""Of the pad's width: a place is not touched again that lies nearer to a touched one."""
-LEAN = math.radians(5.0)
-"""A face that leans less is touched along the slicing axis, and a pole is under the pad."""
 MOST_LEAN = math.radians(45.0)
 
 
@@ -94,7 +90,8 @@ def _upper(known: EndKnown) -> Probing | Done:
     if not known.found:
         return _search(known)
     if known.wall is None:
-        return Done("the end is found", 0.0)
+        higher = uphill(known.found, known.probes, known.width)
+        return Done("the end is found", 0.0) if higher is None else along_axis(known, higher)
     faces = [one for one in known.found if one.probing.why != "edge"]
     if not faces:
         return Done("only its edge was touched", 0.0)
@@ -103,18 +100,41 @@ def _upper(known: EndKnown) -> Probing | Done:
 
 def _with_wall(known: EndKnown, wall: Wall, faces: list[Probed]) -> Probing | Done:
     """The next touch of an end that is found and has a contour beside it."""
-    face = fit_face(faces, known.width)
-    plane = is_plane(face, faces, wall, known.allowed)
-    wanted = _next_face(known, wall, face, faces, plane)
+    over = _over(faces, wall, known.width)
+    if not over:
+        first = _first_over(known, wall)
+        if first is not None:
+            return first
+    told = over or faces
+    face = fit_face(told, known.width)
+    plane = is_plane(face, told, wall, known.allowed)
+    wanted = _next_face(known, wall, face, told, plane)
     if isinstance(wanted, Probing):
         return wanted
     edges = [one for one in known.probes if one.probing.why == "edge"]
     touched = np.stack([one.point for one in faces])
-    edge = expected_edge(face, wall, touched, FOOT * known.width)
+    top = max(float(touched[:, 2].max()), known.height) + known.allowed
+    edge = expected_edge(face, wall, touched, FOOT * known.width, top)
     rest = next_edge(edge, edges, known.width, known.allowed)
     if isinstance(rest, Probing):
         return rest
-    return Done(_reason(known, plane, len(faces), wanted), max(wanted, rest))
+    return Done(_reason(known, plane, len(told), wanted), max(wanted, rest))
+
+
+def _over(faces: list[Probed], wall: Wall, width: float) -> list[Probed]:
+    """Touches of the face that the contour lies around: others met a flank beside it."""
+    places = np.stack([one.point[:2] for one in faces])
+    inside = covers(wall, places, FOOT * width)
+    return [one for one, is_in in zip(faces, inside, strict=True) if is_in]
+
+
+def _first_over(known: EndKnown, wall: Wall) -> Probing | None:
+    """A touch of the face's middle, unless that was made and met nothing there."""
+    place = heart(wall)
+    made = [one.probing.pose[:2] for one in known.probes if one.probing.why != "edge"]
+    if min(np.linalg.norm(place - one) for one in made) <= FOOT * known.width:
+        return None
+    return along_axis(known, place)._replace(why="face")
 
 
 def _next_face(
@@ -127,8 +147,8 @@ def _next_face(
     leans = float(wall.normals[:, 2].mean()) > ROUND
     if len(made) >= MOST_FACE:
         return unfelt
-    summit = _summit(known.width, wall, faces) if leans else None
-    if summit is not None:
+    summit = uphill(faces, made, known.width) if leans or not plane else None
+    if summit is not None and covers(wall, summit[None], FOOT * known.width)[0]:
         return along_axis(known, summit)._replace(why="face")
     small = SMALL_ROUND if leans else SMALL
     if gap.radius <= small * known.width or (plane and len(faces) >= PLANE):
@@ -180,18 +200,6 @@ def _onto(known: EndKnown, face: Face, place: Floats) -> Probing:
     start = target - standoff * axes[:, 2]
     reach = standoff + DEEP * (known.height - known.other)
     return Probing(pose_of(start, axes), reach, "face", target)
-
-
-def _summit(width: float, wall: Wall, faces: list[Probed]) -> Floats | None:
-    """Where a round end goes on upwards from its highest touch, (2,), m; None if it does not."""
-    highest = max(faces, key=lambda one: float(one.point[2]))
-    level = float(np.linalg.norm(highest.normal[:2]))
-    if not level > math.sin(LEAN):
-        return None
-    place = highest.point[:2] - FOOT * width / level * highest.normal[:2]
-    away = np.linalg.norm(np.stack([one.point[:2] for one in faces]) - place, axis=1)
-    within = winding_number(wall.points[:, :2], place[None])[0] != 0
-    return place if within and away.min() > SAME * width else None
 
 
 def _place(one: Probed) -> Floats:

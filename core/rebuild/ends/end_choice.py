@@ -20,6 +20,7 @@ from palpate.core.rebuild.ends.end_profiles import (
     superellipse,
     trend_of,
 )
+from palpate.core.rebuild.ends.rounded import ROWS, rounded
 
 FEWEST = 12
 """With fewer contours they lie too far apart for a test by the last one."""
@@ -34,7 +35,7 @@ where it is those that lie the end's own way before the last."""
 STANDS = 0.5
 """Squared radius, as a share of the last contour's, that is carried on to a flat end."""
 
-Kind = Literal["flat", "conic", "superellipse", "flared"]
+Kind = Literal["flat", "conic", "superellipse", "flared", "rounded"]
 Family = Callable[[Floats, Floats, float], Profile]
 FAMILIES: dict[Kind, Family] = {
     "flat": flat,
@@ -44,6 +45,10 @@ FAMILIES: dict[Kind, Family] = {
 """The plainest first."""
 DENSE: dict[Kind, Family] = {"flat": flat, "conic": conic, "flared": flared}
 """Those for contours so close together that they show how a leaning wall is rounded."""
+LEVEL = ("flat", "flared")
+"""Families in whose place a wall that an arc rounds off is taken, if it follows the rows better."""
+CLEARLY, CLOSELY = 0.5, 8e-4
+"""By how much better, and how well, as a share of the radius: a superellipse looks like an arc."""
 DENSE_SLACK = 5e-4
 """As `SLACK`, for those."""
 
@@ -100,7 +105,42 @@ def choose_profile(
         misses = felt
     enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
     kind = next(name for name, miss in misses.items() if miss <= enough)
+    if kind in LEVEL and dense:
+        arc = _arc_instead(profiles[kind], depths, radii, end, scatter, beyond)
+        if arc is not None:
+            return Choice("rounded", arc, misses)
     return Choice(kind, profiles[kind], misses)
+
+
+def _arc_instead(
+    profile: Profile,
+    depths: Floats,
+    radii: Floats,
+    end: float,
+    scatter: float,
+    beyond: Beyond | None,
+) -> Profile | None:
+    """A wall that an arc rounds off, if it follows the rows clearly better than a profile."""
+    arc = rounded(depths, radii, end)
+    if arc is None:
+        return None
+    strays = _strays(arc, depths, radii, end, beyond)
+    clearly = strays < CLEARLY * _strays(profile, depths, radii, end, beyond)
+    closely = strays < CLOSELY * float(radii[-1]) + NOISES * scatter
+    return arc if clearly and closely else None
+
+
+def _strays(
+    profile: Profile, depths: Floats, radii: Floats, end: float, beyond: Beyond | None
+) -> float:
+    """Root mean square distance of the last rows, and of what was felt beyond, from a profile."""
+    rim, last = float(depths[-1]), float(radii[-1])
+    way = (depths[-ROWS:] - rim) / (end - rim)
+    missed = [last * profile.shares(way) - radii[-ROWS:]]
+    if beyond is not None:
+        shares = profile.shares((beyond.depths - rim) / (end - rim))
+        missed.append(beyond.weights * (last * shares - beyond.radii))
+    return float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
 
 
 def _misses(

@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.ends.end_profiles import Conic, Flat, Profile, Superellipse, shoulder
+from palpate.core.rebuild.ends.rounded import Arc, Rounded
 
 ROUNDS = 60
 """Most steps of Newton's method; from its start it converges from one side."""
@@ -153,6 +154,9 @@ def curves_of(profile: Profile, gap: float) -> tuple[Curve, ...]:
     gap : float
         Way from rim to end; where there is none, all that is left is a disc.
     """
+    if isinstance(profile, Rounded):
+        leaves = float(profile.shares(np.array([1.0]))[0])
+        return Arc(profile), Line((1.0, leaves), (1.0, 0.0))
     if not isinstance(profile, Flat):
         return (Round(profile),)
     if not abs(gap) > 0.0:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.rebuild.ends.rounded import Rounded
 
 TREND_CONTOURS = 3
 """Contours through which the squared radius is carried on."""
@@ -82,7 +83,7 @@ class Superellipse(NamedTuple):
         return radius
 
 
-Profile = Flat | Conic | Superellipse
+Profile = Flat | Conic | Superellipse | Rounded
 
 
 class Beyond(NamedTuple):

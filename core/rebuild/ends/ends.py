@@ -15,7 +15,7 @@ from palpate.core.rebuild.ends.free_pole import free_pole
 from palpate.core.rebuild.ends.free_shoulder import free_shoulder
 from palpate.core.rebuild.slices.star_shaped import are_nearly_star_shaped
 
-Kind = Literal["flat", "conic", "superellipse", "flared", "pole", "fan"]
+Kind = Literal["flat", "conic", "superellipse", "flared", "rounded", "pole", "fan"]
 
 LEAN_CONTOURS = 3
 """Contours whose middles say which way the axis leans."""
@@ -30,7 +30,7 @@ class End:
     kind: Kind
     """flat: a wall and a level disc; conic, pole: closes in a point as a conic does, at the
     height that was touched or at the one that the contours tell; superellipse: a shoulder;
-    flared: a shoulder on a wall that leans;
+    flared: a shoulder on a wall that leans; rounded: a wall, an arc and a level disc;
     fan: a level disc on the last contour, for want of knowledge."""
     rim: float
     """Height of the last contour."""

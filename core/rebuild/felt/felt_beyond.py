@@ -28,7 +28,7 @@ TURNS = 192
 
 
 def felt_beyond(
-    felt: FeltPoints, skin: FeltSkin, rim: float, end: float, radius: float
+    felt: FeltPoints, skin: FeltSkin, rim: float, end: float, radius: float, lean: Floats
 ) -> Beyond | None:
     """Mean radii between the last row and the end; None where too little was felt.
 
@@ -42,11 +42,14 @@ def felt_beyond(
         Heights of its last row, and of the end, m.
     radius : float
         Mean radius of that row, m.
+    lean : (2,) array
+        How far aside of that row's middle the end's middle lies, m.
     """
     assert felt.normals is not None
     sign = 1.0 if end > rim else -1.0
     depth = sign * (felt.points[:, 2] - rim)
-    away = felt.points[:, :2] - skin.spine.at(felt.points[:, 2])
+    way = np.clip(depth / abs(end - rim), 0.0, 1.0)
+    away = felt.points[:, :2] - skin.spine.at(felt.points[:, 2]) - way[:, None] * lean
     distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
     facing = np.einsum("ni,ni->n", felt.normals[:, :2], away) / distance
     told = (depth > 0.0) & (depth < abs(end - rim)) & (facing > LEAST_FACING)

@@ -7,6 +7,7 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats
 from palpate.core.plane.area_centroid import area_centroid
 from palpate.core.rebuild.ends.ends import End, close_ends
+from palpate.core.rebuild.felt.end_middle import with_felt_middle
 from palpate.core.rebuild.felt.felt_beyond import felt_beyond
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.felt.felt_skin import FeltSkin
@@ -19,6 +20,8 @@ ROWS = 14
 """Rows from which an end is told."""
 STRETCH = 0.15
 """Share of the side over which they lie."""
+LEANS = 0.15
+"""Of the last row's radius: an end whose middle lies farther aside is seen about its own axis."""
 
 
 def touched_end(
@@ -103,13 +106,21 @@ def felt_end(
     """
     heights = np.sort(rim + STRETCH * inwards * np.arange(ROWS) / (ROWS - 1))
     grid = skin.rings(heights, turns)
-    beyond = None
-    if end is not None:
-        row = grid[0 if inwards > 0.0 else -1]
-        radius = np.sqrt(np.mean(np.sum((row - area_centroid(row)) ** 2, axis=1)))
-        beyond = felt_beyond(felt, skin, rim, end, float(radius))
-    if inwards > 0.0:
-        below = beyond, None
-        return close_ends(heights, grid, bottom=end, noise=noise, dense=True, beyond=below)[0]
-    above = None, beyond
-    return close_ends(heights, grid, top=end, noise=noise, dense=True, beyond=above)[1]
+    row = grid[0 if inwards > 0.0 else -1]
+    radius = float(np.sqrt(np.mean(np.sum((row - area_centroid(row)) ** 2, axis=1))))
+
+    def closed(lean: Floats) -> End:
+        beyond = None if end is None else felt_beyond(felt, skin, rim, end, radius, lean)
+        if inwards > 0.0:
+            below = beyond, None
+            ends = close_ends(heights, grid, bottom=end, noise=noise, dense=True, beyond=below)
+            return with_felt_middle(ends[0], row, felt)
+        above = None, beyond
+        ends = close_ends(heights, grid, top=end, noise=noise, dense=True, beyond=above)
+        return with_felt_middle(ends[1], row, felt)
+
+    upright = closed(np.zeros(2))
+    lean = upright.middle - area_centroid(row)
+    if end is None or float(np.hypot(*lean)) < LEANS * radius:
+        return upright
+    return closed(lean)

@@ -123,7 +123,11 @@ class FeltSkin:
         square = np.mean(self.misfits() ** 2) / max(
             1.0 - self.freedom / len(self.rows.target), LEAST_SPARE
         )
-        return np.asarray(np.sqrt(square) * spread / (2.0 * np.sqrt(self.squared(heights, turns))))
+        # What one standard deviation more of the squared distance adds: spread over twice the
+        # distance, but finite where the surface runs through the axis.
+        squared = self.squared(heights, turns)
+        more = np.sqrt(square) * spread
+        return np.asarray(more / (np.sqrt(squared + more) + np.sqrt(squared)))
 
     def _local(self, heights: Floats) -> Floats:
         local: Floats = np.clip((heights - self.low) / (self.high - self.low), 0.0, 1.0)

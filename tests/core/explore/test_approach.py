@@ -26,3 +26,14 @@ def test_a_slice_is_approached_from_outside_all_contours_about_the_nearest() -> 
     middle, distance = approach(0.08, [0.02, 0.07], [low, high])
     assert middle == pytest.approx([0.01, 0.0], abs=1e-12)
     assert distance == pytest.approx(0.03 + APPROACH)
+
+
+def test_a_slice_on_the_way_to_a_tip_aside_is_expected_on_that_way() -> None:
+    turn = 2 * np.pi * np.arange(60) / 60
+    rim = 0.02 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    aside, over = np.array([0.05, 0.0, 0.1]), np.array([0.01, 0.0, 0.1])
+    middle, distance = approach(0.09, [0.05], [rim], [aside])
+    assert middle == pytest.approx([0.04, 0.0], abs=1e-12)
+    assert distance == pytest.approx(0.06 + APPROACH)
+    for height, tip in ((0.09, over), (0.02, aside), (0.05, aside)):
+        assert approach(height, [0.05], [rim], [tip])[0] == pytest.approx([0.0, 0.0], abs=1e-12)

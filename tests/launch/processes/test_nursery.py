@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import re
+import signal
+import subprocess
 import sys
 
 import pytest
@@ -25,3 +28,21 @@ def test_the_script_is_hidden_only_for_a_moment() -> None:
     with no_script():
         assert not hasattr(sys.modules["__main__"], "__file__")
     assert sys.modules["__main__"] is script
+
+
+TRACKED = """
+import signal
+from multiprocessing import resource_tracker
+from palpate.launch.processes.nursery import Nursery
+with Nursery():
+    print(open(f"/proc/{resource_tracker._resource_tracker._pid}/status").read())
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_closed_terminal_does_not_reach_the_process_that_keeps_track() -> None:
+    run = [sys.executable, "-c", TRACKED]
+    told = subprocess.run(run, capture_output=True, text=True, timeout=30.0, check=True).stdout
+    [held] = re.findall(r"^SigBlk:\s*(\w+)$", told, re.MULTILINE)
+    assert int(held, 16) >> (signal.SIGHUP - 1) & 1

@@ -16,8 +16,8 @@ LEVEL = Face(0.04, np.zeros(2))
 MIDDLE = np.array([[0.0, 0.0, 0.04]])
 
 
-def _edge(wall: Wall, face: Face = LEVEL) -> Edge:
-    return expected_edge(face, wall, MIDDLE, 5e-3)
+def _edge(wall: Wall, face: Face = LEVEL, top: float = 0.05) -> Edge:
+    return expected_edge(face, wall, MIDDLE, 5e-3, top)
 
 
 def _made(probing: Probing, off: float = 0.0) -> Probed:
@@ -30,6 +30,13 @@ def _all_touches(edge: Edge, off: list[float]) -> tuple[list[Probed], float]:
     while isinstance(found := next_edge(edge, made, WIDTH, ALLOWED), Probing):
         made.append(_made(found, off[len(made) % len(off)]))
     return made, found
+
+
+def test_no_edge_lies_beyond_the_end(ring: Callable[..., Wall]) -> None:
+    rising = Face(0.04, np.array([1.0, 0.0]))
+    edge = _edge(ring(0.025, 0.03, above=4e-3), rising, top=0.045)
+    assert edge.places[:, 2].max() == pytest.approx(0.045)
+    assert edge.unfelt.max() == pytest.approx(0.045 - 0.034)
 
 
 def test_an_upright_wall_meets_a_level_face_over_the_contour(ring: Callable[..., Wall]) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from palpate.core.explore.probing.face import FOOT
 from palpate.core.explore.probing.known import Wall
-from palpate.core.explore.probing.places import heart, inner_outline, largest_gap
+from palpate.core.explore.probing.places import covers, heart, inner_outline, largest_gap
 from palpate.core.plane.winding import winding_number
 
 WIDTH = 0.015
@@ -61,3 +61,8 @@ def test_a_gap_is_empty_and_inside(seed: int, count: int) -> None:
         assert winding_number(outline, gap.place[None])[0] != 0
         reach = FOOT * WIDTH + gap.radius
         assert np.linalg.norm(tried - gap.place, axis=1).min() >= reach - 1e-12
+
+
+def test_a_contour_covers_what_lies_inside_or_close_beside_it(ring: Callable[..., Wall]) -> None:
+    places = np.array([[0.0, 0.0], [0.024, 0.0], [0.029, 0.0], [0.031, 0.0]])
+    assert covers(ring(0.025, 0.03), places, 5e-3).tolist() == [True, True, True, False]

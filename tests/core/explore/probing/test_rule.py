@@ -20,7 +20,7 @@ from palpate.core.explore.probing.known import (
     turned_probing,
 )
 from palpate.core.explore.probing.rule import next_probe
-from palpate.core.frames import IDENTITY, pose_of, split_pose
+from palpate.core.frames import DOWN, IDENTITY, pose_of, split_pose
 from palpate.core.rotation import rotations_of_vectors
 from palpate.core.shapes.posed import PosedShape
 from palpate.core.shapes.protocol import Shape
@@ -47,6 +47,32 @@ def test_an_end_is_found_by_one_touch_before_any_contour(probed: Run, known: End
     done, probes = probed(_ball(), "upper", known)
     assert len(probes) == 1 and done.reason == "the end is found"
     np.testing.assert_allclose(probes[0].point[2], 0.04, atol=5e-5)
+
+
+def test_an_end_beside_the_axis_is_climbed_to(probed: Run, known: EndKnown) -> None:
+    aside = PosedShape(_ball(), pose_of(np.array([0.013, -0.01, 0.0]), np.eye(3)))
+    _, probes = probed(aside, "upper", known)
+    assert probes[0].point[2] < 0.0395
+    assert max(one.point[2] for one in probes) == pytest.approx(0.04, abs=1e-4)
+    assert len(probes) <= 4
+
+
+def test_a_touch_that_no_contour_lies_around_says_nothing_of_the_face(
+    touch: Callable[[Shape, Probing], Probed], known: EndKnown, ring: Ring
+) -> None:
+    around = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
+    aside = touch(_ball(), _over_place(0.022))
+    found = next_probe("upper", replace(known, wall=around, probes=(aside,)))
+    assert isinstance(found, Probing) and found.why == "face"
+    np.testing.assert_allclose(found.aim[:2], 0.0, atol=1e-9)
+    missed = Probed(found, "miss", found.aim, UP)
+    again = next_probe("upper", replace(known, wall=around, probes=(aside, missed)))
+    assert isinstance(again, Done) or np.linalg.norm(again.aim[:2]) > 1e-3
+
+
+def _over_place(x: float) -> Probing:
+    start = np.array([x, 0.0, 0.06])
+    return Probing(pose_of(start, DOWN), 0.05, "search", np.array([x, 0.0, 0.04]))
 
 
 def test_a_pole_takes_one_touch(probed: Run, known: EndKnown, ring: Ring) -> None:

@@ -33,3 +33,23 @@ def test_the_axis_is_the_same_in_millimetres() -> None:
     heights, middles = np.sort(rng.random(7)), rng.random((7, 2))
     there = fit_spine(1e3 * heights, 1e3 * middles).at(1e3 * heights)
     assert np.allclose(there, 1e3 * fit_spine(heights, middles).at(heights), rtol=1e-12)
+
+
+def test_an_axis_that_is_bent_at_one_end_alone_passes_through_all_middles() -> None:
+    heights = np.linspace(0.0, 0.1, 9)
+    middles = np.column_stack([0.03 * (heights > 0.09), np.zeros(9)])
+    spine = fit_spine(heights, middles)
+    assert np.allclose(spine.at(heights), middles, rtol=0, atol=1e-15)
+    step = 1e-6
+    between = np.array([0.033, 0.095])
+    slope = (spine.at(between + step) - spine.at(between - step)) / (2 * step)
+    assert np.allclose(spine.slope(between), slope, rtol=0, atol=1e-6)
+    beyond = np.array([-0.01, 0.11])
+    assert np.array_equal(spine.at(beyond), spine.at(heights[[0, -1]]))
+    assert not spine.slope(beyond).any()
+
+
+def test_a_straight_axis_does_not_follow_noise() -> None:
+    heights = np.linspace(0.0, 0.1, 9)
+    noise = 1e-4 * np.random.default_rng(0).normal(size=(9, 2))
+    assert fit_spine(heights, noise).bent is None
