@@ -131,11 +131,14 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     survey = replace(
         state.survey,
         traced=tuple(one._replace(dropped=number in dropped) for number, one in pairs),
-        doubt=Doubt(model.uncertainty_height, model.uncertainty, model.deviation)
-        if len(model.faces)
-        else None,
+        doubt=_doubt(model) if len(model.faces) else None,
     )
     return decide(params.demand, _rule(params), replace(state, survey=survey, asked=False))
+
+
+def _doubt(model: ShapeModel) -> Doubt:
+    starlike = model.health.get("felt_unused", 0.0) == 0.0
+    return Doubt(model.uncertainty_height, model.uncertainty, model.deviation, starlike)
 
 
 def _rule(params: Params) -> Any:

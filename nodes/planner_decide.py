@@ -88,6 +88,8 @@ def _give(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[Sta
     """Something to do for an idle finger, if there is anything; or a model, to decide by."""
     touch = next_touch(state, demand.tolerance, last=False)
     if touch is None:
+        if state.is_searching:
+            return state, []
         if state.is_stale:
             return _ask(state)
         known = _known(demand, state)
@@ -131,7 +133,19 @@ def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     stop = ask(rule, known)
     if not isinstance(stop, Stop):
         raise ValueError(f"nothing is under way, and the planner neither stops nor goes on: {stop}")
-    return done(state, stop.reason, known, stop)
+    return done(state, stop.reason + _shape(state), known, stop)
+
+
+def _shape(state: State) -> str:
+    """What is to be said of slices that are not star-shaped."""
+    assert state.survey is not None
+    if not state.usable:
+        return ""
+    if state.survey.doubt is None:
+        return "; no solid could be rebuilt from its slices"
+    if not state.survey.doubt.starlike:
+        return "; its slices are not star-shaped: it is rebuilt from contours alone"
+    return ""
 
 
 def _known(demand: Demand, state: State) -> Known:

@@ -100,6 +100,12 @@ class State:
         return len(self.usable), len(self.probes)
 
     @property
+    def is_searching(self) -> bool:
+        """Whether a finger still looks for an end, so that nobody knows where slices should be."""
+        assert self.survey is not None
+        return not self.survey.traced and any(task.probing for task in self.tasks.values())
+
+    @property
     def is_stale(self) -> bool:
         """Whether there is more than the last model knows, and enough for another."""
         return bool(self.usable) and self.evidence != self.modelled

@@ -133,8 +133,8 @@ def _misfit(end: End, way: float, ring: Floats, felt: FeltPoints) -> float:
     if not len(points):
         return 0.0
     middle, rim = ring.mean(axis=0), ring - ring.mean(axis=0)
-    way = np.clip((points[:, 2] - end.rim) / (end.height - end.rim), 0.0, 1.0)
-    away = points[:, :2] - middle - way[:, None] * (end.middle - middle)
+    along = np.clip((points[:, 2] - end.rim) / (end.height - end.rim), 0.0, 1.0)
+    away = points[:, :2] - middle - along[:, None] * (end.middle - middle)
     angles = np.arctan2(rim[:, 1], rim[:, 0])
     order = np.argsort(angles)
     radii = np.interp(

@@ -32,7 +32,7 @@ class Deaf:
 
 @pytest.fixture(scope="module")
 def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Recording of a whole exploration of a ball with one contour."""
+    """Recording of a whole exploration of a ball: one contour, and a probe or two."""
     path = tmp_path_factory.mktemp("explored") / "topics.mcap"
     ball = ObjectSpec(
         superquadric=SuperquadricSpec(size=(0.03,) * 3, exponents=(1.0, 1.0)),
@@ -40,7 +40,7 @@ def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     params = {
         "simulator": {"object": msgspec.to_builtins(ball, builtin_types=(bytes,))},
-        "planner": {"planner": "uniform", "settings": {"count": 1}},
+        "planner": {"planner": "uniform", "settings": {"count": 1}, "most_touches": 22},
         "recorder": {"path": str(path)},
     }
     kinds = ["simulator", "filter", "curvature", "tracer", "planner", "reconstructor"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,14 +10,36 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import pad_rotation, pose_of
+from palpate.core.frames import IDENTITY, pad_rotation, pose_of, transform
 from palpate.launch.graph import Entry, Graph
-from palpate.messages.types import LogRecord, NodeStatus, SensorInfo, World
+from palpate.messages.codec import encode
+from palpate.messages.types import (
+    Contour,
+    ContourGoal,
+    FingerClock,
+    GraspContacts,
+    GraspGoal,
+    LogRecord,
+    ModelGoal,
+    NodeStatus,
+    Probe,
+    ProbeGoal,
+    SensorInfo,
+    ShapeModel,
+    Superquadric,
+    World,
+)
 from palpate.nodes.object import ObjectSpec, PoseSpec, SuperquadricSpec
+from palpate.nodes.planner import NODE, Params
+from palpate.nodes.planner_state import State
 from palpate.nodes.sensor import SensorSpec, info_of
 from palpate.nodes.wiring import Wiring
 
 RADIUS = 0.03
+
+TOP = 0.1
+TOUCHES = 20
+Said = list[tuple[str, Any]]
 
 
 class Ears:
@@ -97,3 +120,172 @@ def _plain(params: dict[str, Any]) -> dict[str, Any]:
 
     plain: dict[str, Any] = msgspec.to_builtins(params, builtin_types=(bytes,))
     return plain
+
+
+class Cylinder:
+    """Answers every goal as an upright cylinder would, each finger after its own time."""
+
+    def __init__(self, status: Callable[[ContourGoal], str] = lambda goal: "closed") -> None:
+        self.status = status
+        self.clocks: dict[int, float] = {}
+        self.contacts = 6
+
+    def answers(self, topic: str, goal: Any) -> Said:
+        if topic == "/hand/goal":
+            return [("/hand/contacts", self.contacts_of(goal))]
+        if topic == "/probe/goal":
+            return [("/probe/traced", self.probe_of(goal))]
+        if topic == "/contour/goal":
+            return [("/contour/traced", self.contour_of(goal))]
+        if topic == "/model/goal":
+            return [self.model_of(goal)]
+        return []
+
+    def spend(self, goal: Any, seconds: float) -> float:
+        begun = max(goal.not_before, self.clocks.get(goal.finger, 0.0))
+        self.clocks[goal.finger] = begun + seconds
+        return self.clocks[goal.finger]
+
+    def contacts_of(self, goal: GraspGoal) -> GraspContacts:
+        turn = 2.0 * np.pi * (np.arange(self.contacts) + 0.1 * goal.number) / max(self.contacts, 1)
+        rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(self.contacts)])
+        height = 0.01 + 0.08 * ((7 * goal.number) % 11) / 11.0
+        return GraspContacts(
+            number=goal.number,
+            points=RADIUS * rim + [0.0, 0.0, height],
+            normals=rim,
+            fingers=np.arange(self.contacts, dtype=np.int32),
+            missed=0,
+            blocked=0,
+            move=np.array([0.0, 0.0, 0.0, 0.0, -1.0]),
+            robot_time=8.0 * (goal.number + 1),
+        )
+
+    def probe_of(self, goal: ProbeGoal) -> Probe:
+        at = goal.pose[:2]
+        hit = bool(np.hypot(*at) < RADIUS)
+        return Probe(
+            id=goal.id,
+            finger=goal.finger,
+            outcome="hit" if hit else "miss",
+            point=np.array([*at, TOP]),
+            normal=np.array([0.0, 0.0, 1.0]),
+            touches=1,
+            robot_time=self.spend(goal, 2.0),
+        )
+
+    def contour_of(self, goal: ContourGoal) -> Contour:
+        status: Any = self.status(goal)
+        count = 90 if status in ("closed", "occluded") else 0
+        turn = 2.0 * np.pi * np.arange(count) / 90
+        rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(count)])
+        return Contour(
+            id=goal.id,
+            finger=goal.finger,
+            frame=goal.frame,
+            height=goal.height,
+            points=transform(goal.frame, RADIUS * rim + [0.0, 0.0, goal.height]),
+            normals=rim,
+            curvature=np.zeros(count),
+            felt_low=np.full(count, goal.height - 4e-3),
+            felt_high=np.full(count, goal.height + 4e-3),
+            status=status,
+            gap_starts=np.zeros((0, 3)),
+            gap_ends=np.zeros((0, 3)),
+            gap_whys=(),
+            touches=TOUCHES,
+            robot_time=self.spend(goal, 20.0 + goal.finger),
+        )
+
+    def model_of(self, goal: ModelGoal) -> tuple[str, Any]:
+        if not goal.contours:
+            return "/model/coarse", Superquadric(
+                number=goal.number,
+                size=np.array([RADIUS, RADIUS, 0.5 * TOP]),
+                exponents=np.array([0.1, 1.0]),
+                pose=np.array([0.0, 0.0, 0.5 * TOP, 0.0, 0.0, 0.0, 1.0]),
+                taper=np.zeros(2),
+                bend=0.0,
+                bend_direction=0.0,
+                doubts=(),
+                residual=1e-5,
+                residuals=np.zeros(self.contacts * goal.closings),
+                rank=11,
+            )
+        return "/model/shape", ShapeModel(
+            number=goal.number,
+            contours=goal.contours,
+            probes=goal.probes,
+            dropped=(),
+            dropped_why=(),
+            control=np.zeros((0, 0, 0, 3)),
+            undeformed=np.zeros((0, 0, 0, 3)),
+            knots_columns=np.zeros(0),
+            knots_rows=np.zeros(0),
+            knots_layers=np.zeros(0),
+            vertices=np.zeros((3, 3)),
+            faces=np.zeros((1, 3), np.int32),
+            frame=IDENTITY,
+            deviation=1e-5,
+            uncertainty_height=np.array([0.0, TOP]),
+            uncertainty=np.full(2, 1e-5),
+            health={},
+            touches=goal.touches,
+            robot_time=goal.robot_time,
+            final=False,
+        )
+
+
+@pytest.fixture
+def cylinder() -> type[Cylinder]:
+    """An upright cylinder of 60 by 100 mm that answers the planner."""
+    return Cylinder
+
+
+@pytest.fixture
+def explored(info: SensorInfo) -> Callable[..., Said]:
+    """Everything that the planner says, each goal answered at once or in any order."""
+
+    def said(
+        params: Params,
+        world: World,
+        shape: Cylinder | None = None,
+        order: random.Random | None = None,
+    ) -> Said:
+        return everything_said(params, info, world, shape or Cylinder(), order)
+
+    return said
+
+
+def everything_said(
+    params: Params,
+    info: SensorInfo,
+    world: World,
+    shape: Cylinder,
+    order: random.Random | None = None,
+) -> Said:
+    """Everything that the planner says, each goal answered at once or in any order."""
+    state, _ = NODE.start(params)
+    said: Said = []
+    waiting: Said = [("/touch/info", info), ("/world", world)]
+    while waiting:
+        # Messages of one publisher on one topic keep their order; others may overtake.
+        fronts: dict[tuple[str, int], int] = {}
+        for i, (topic, message) in enumerate(waiting):
+            fronts.setdefault((topic, getattr(message, "finger", 0)), i)
+        place = order.choice(sorted(fronts.values())) if order and state.world else 0
+        topic, message = waiting.pop(place)
+        state, outputs = NODE.inputs[topic][1](params, state, message)
+        assert encode(message)
+        for one in outputs:
+            said.append(one)
+            answers = shape.answers(*one)
+            waiting += answers
+            if world.fingers > 1:
+                waiting += [
+                    ("/finger/clock", FingerClock(finger=m.finger, robot_time=m.robot_time))
+                    for _, m in answers
+                    if isinstance(m, (Contour, Probe))
+                ]
+    assert isinstance(state, State)
+    return said

@@ -81,10 +81,9 @@ class Predicted:
             if height is not None:
                 height = _along_with(known, runs, height)
                 return Height(height, "the foretold error is largest there")
-        for run in longest_first(runs, known.feature) if foretold else []:
-            height = _into(known, run) if run.length > known.feature else None
-            if height is not None:
-                return Height(height, FEELING)
+        height = _unfelt_height(known, runs) if foretold else None
+        if height is not None:
+            return Height(height, FEELING)
         if foretold is not None and known.taxels and _may_average(known, foretold):
             height = _widest_free(known)
             if height is not None:
@@ -109,6 +108,24 @@ class Predicted:
             if height is not None:
                 return height
         return None
+
+
+def _unfelt_height(known: Known, runs: Sequence[Run]) -> float | None:
+    """Where to feel what was not felt: into the longest run, m.
+
+    Beside other fingers, where the most slices are left so close together that only one finger
+    at a time can trace them: else they are left over for a single one.
+    """
+    wanted = [run for run in longest_first(runs, known.feature) if run.length > known.feature]
+    if not known.taken:
+        found = (_into(known, run) for run in wanted)
+        return next((height for height in found if height is not None), None)
+    places = [place for run in wanted for place in even_places(known, run)]
+    crowds = [sum(abs(place - other) < known.apart for other in places) for place in places]
+    order = sorted(range(len(places)), key=lambda i: -crowds[i])
+    runs_of = [run for run in wanted for _ in even_places(known, run)]
+    tried = (free_height(known, places[i], runs_of[i]) for i in order)
+    return next((height for height in tried if height is not None), None)
 
 
 def _into(known: Known, run: Run, wanted: float | None = None) -> float | None:

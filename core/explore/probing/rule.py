@@ -33,7 +33,7 @@ from palpate.core.explore.probing.search import (
     highest_known,
     search_places,
 )
-from palpate.core.explore.probing.summit import LEAN, uphill
+from palpate.core.explore.probing.summit import uphill
 from palpate.core.frames import DOWN, pad_rotation, pose_of, split_pose
 
 MOST_BACK = 4
@@ -47,6 +47,8 @@ SMALL, SMALL_ROUND = 0.35, 0.5
 the end, so that a smooth surface goes on from it."""
 ROUND = 0.5
 """Upward part of the wall's normals, on average, from which on it does."""
+LEAN = math.radians(5.0)
+"""A face that leans less is touched along the slicing axis."""
 MOST_LEAN = math.radians(45.0)
 
 

@@ -11,8 +11,9 @@ from palpate.core.arrays import Floats
 from palpate.core.explore.probing.face import FOOT
 from palpate.core.explore.probing.known import Probed
 
-LEAN = math.radians(5.0)
-"""Where the surface leans less, a pole is under the pad."""
+LEAN = math.radians(3.0)
+"""Where the surface leans less, a pole is under the pad: of a ridge that goes on beyond the pad,
+what touches leans little more."""
 SAME = 0.25
 """Of the pad's width: a place is not touched again that lies nearer to a touched one."""
 MOST = 8

@@ -3,8 +3,7 @@
 A pose that is believed a tenth of a millimetre off moves a whole patch. Neighbouring patches
 overlap, so that the surface and one small shift of each touch can be found in one system: least
 squares with a block of correlated errors for each touch. Sharp edges look like shifts to a smooth
-surface; so the shifts are only believed if they explain most of what the surface alone leaves,
-and are not far larger than that.
+surface; so the shifts are only believed if they explain most of what the surface alone leaves.
 """
 
 from __future__ import annotations
@@ -25,11 +24,9 @@ STRICTNESS = 0.3
 over the poses' would be a hundredth; but a smooth surface errs by more than the taxels do."""
 EXPLAINED = 0.7
 """Of the median misfit: shifts are believed if they leave no more of it."""
-LARGEST = 3.0
-"""Times the misfit of the surface alone: shifts that are larger are not believed. For true
-errors of poses it is 1.1 to 1.3; far larger shifts have moved the surface with them."""
-WORTHWHILE = 5e-5
-"""Of the height: what is less noise is neither looked into nor smoothed."""
+WORTHWHILE = 1e-4
+"""Of the height: what is less noise is neither looked into nor smoothed. Edges leave half as much
+without any noise, and shifts ten times as large seem to explain it."""
 FEWEST_TOUCHES, FEWEST_TAXELS = 8, 12
 """With fewer touches, or fewer taxels in half of them, shifts cannot be told from the surface."""
 ITERATIONS, ENOUGH = 60, 1e-6
@@ -68,7 +65,7 @@ def fit_shifted_skin(felt: FeltPoints, plain: FeltSkin) -> Shifted:
         shifts += _more_shifts(skin, shifts)
         moved = felt._replace(points=felt.points - shifts[felt.touch])
         skin = fit_skin(moved, plain.spine, plain.low, plain.high)
-    if skin.sigma < EXPLAINED * before and _along_normals(skin, shifts) < LARGEST * before:
+    if skin.sigma < EXPLAINED * before:
         return Shifted(calmed(moved, skin), shifts)
     return Shifted(calmed(felt, plain), None)
 

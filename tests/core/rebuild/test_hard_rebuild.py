@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,11 @@ def skin(contours: Any, tops: Any = TOPS, **more: Any) -> Solid:
     return reconstruct(contours, tops=tops, method="skin", **more)
 
 
+@cache
+def whole() -> Solid:
+    return skin(rings())
+
+
 def volume(solid: Solid) -> float:
     return solid.measures().moments.volume
 
@@ -57,14 +63,14 @@ def same_side(one: Solid, other: Solid) -> float:
 def test_34_forty_points_in_one_place_are_left_out() -> None:
     solid = skin([*rings(), np.tile([1.0, 2.0, 5.0], (40, 1))])
     assert [one[:2] for one in solid.slices.dropped] == [(9, "in one place")]
-    assert same_side(solid, skin(rings())) == 0.0
+    assert same_side(solid, whole()) == 0.0
 
 
 def test_35_points_that_come_twice_and_a_closing_one_change_nothing() -> None:
     twice = [np.repeat(one, 2, axis=0) for one in rings()]
     closing = [np.vstack([one, one[:1]]) for one in rings()]
     for contours in (twice, closing):
-        assert same_side(skin(contours), skin(rings())) < 1e-12
+        assert same_side(skin(contours), whole()) < 1e-12
 
 
 def test_37_points_crowded_in_one_place_do_not_spoil_the_rest() -> None:
@@ -92,7 +98,7 @@ def test_38_a_square_does_not_swing_out_at_its_corners() -> None:
 @pytest.mark.parametrize(("scale", "offset"), [(1e-9, 0.0), (1e9, 0.0), (1.0, 1e3), (1e-3, 1.0)])
 def test_39_unit_and_place_change_nothing(scale: float, offset: float) -> None:
     solid = skin([scale * one + offset for one in rings()], scale * TOPS + offset)
-    assert volume(solid) / scale**3 == pytest.approx(volume(skin(rings())), rel=1e-8)
+    assert volume(solid) / scale**3 == pytest.approx(volume(whole()), rel=1e-8)
 
 
 def test_40_a_contour_that_meets_itself_is_flagged() -> None:
@@ -115,12 +121,12 @@ def test_41_rows_that_are_not_finite_are_left_out() -> None:
     spoilt = rings()
     spoilt[3] = np.insert(spoilt[3], 7, [np.nan, 0.0, 0.0], axis=0)
     spoilt[5] = np.insert(spoilt[5], 0, [0.0, np.inf, 0.0], axis=0)
-    assert same_side(skin(spoilt), skin(rings())) == 0.0
+    assert same_side(skin(spoilt), whole()) == 0.0
 
 
 def test_42_direction_beginning_and_order_change_nothing() -> None:
     others = [np.roll(one, 7 * i, axis=0)[:: 1 - 2 * (i % 2)] for i, one in enumerate(rings())]
-    assert same_side(skin(others[::-1]), skin(rings())) < 1e-12
+    assert same_side(skin(others[::-1]), whole()) < 1e-12
 
 
 def test_43_uneven_points_do_not_pull_the_middle_aside() -> None:
@@ -205,7 +211,7 @@ def test_a_contour_that_is_unlike_few_others_is_kept_and_told() -> None:
     assert [one.which for one in solid.evidence.suspects] == [3]
     assert solid.evidence.suspects[0].off > 0.2 * 30.0
     assert solid.health()["suspicious"] == 1.0
-    assert skin(rings()).health()["suspicious"] == 0.0
+    assert whole().health()["suspicious"] == 0.0
 
 
 def step(seed: int, noise: float) -> list[Floats]:
@@ -258,7 +264,7 @@ def test_a_mesh_of_what_is_mostly_noise_stays_small() -> None:
     rng = np.random.default_rng(0)
     solid = skin([one + 5.0 * rng.normal(size=one.shape) * [1.0, 1.0, 0.0] for one in rings()])
     assert len(solid.mesh().faces) < 100_000
-    assert len(skin(rings()).mesh().faces) > 2_000
+    assert len(whole().mesh().faces) > 2_000
 
 
 @pytest.mark.parametrize(

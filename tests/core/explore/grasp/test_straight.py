@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.grasp.straight import straight_axis
@@ -13,8 +14,9 @@ UP = np.array([0.0, 0.0, 1.0])
 GUESS = np.array([math.sin(0.05), 0.0, math.cos(0.05)])
 
 
-def _sides(turns: Floats, lean: float = 0.0) -> Floats:
+def _sides(turns: ArrayLike, lean: float = 0.0) -> Floats:
     """Normals that lean up and down by as much."""
+    turns = np.asarray(turns, np.float64)
     leans = lean * np.linspace(-1.0, 1.0, len(turns))
     level = np.column_stack([np.cos(turns), np.sin(turns)])
     return np.column_stack([np.cos(leans)[:, None] * level, np.sin(leans)])

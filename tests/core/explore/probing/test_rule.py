@@ -61,7 +61,7 @@ def test_a_touch_that_no_contour_lies_around_says_nothing_of_the_face(
     touch: Callable[[Shape, Probing], Probed], known: EndKnown, ring: Ring
 ) -> None:
     around = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
-    aside = touch(_ball(), _over_place(0.022))
+    aside = touch(_ball(), _over_place(0.027))
     found = next_probe("upper", replace(known, wall=around, probes=(aside,)))
     assert isinstance(found, Probing) and found.why == "face"
     np.testing.assert_allclose(found.aim[:2], 0.0, atol=1e-9)
