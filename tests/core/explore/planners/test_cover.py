@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -7,9 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.explore.planners.cover import Run, free_height, longest_first, unfelt_runs
+from palpate.core.explore.planners.cover import (
+    Run,
+    even_places,
+    free_height,
+    longest_first,
+    uncovered,
+    unfelt_runs,
+)
 from palpate.core.explore.planners.cuts import parts_needed
-from palpate.core.explore.planners.known import Known, Slice
+from palpate.core.explore.planners.known import Known, Outcome, Slice
 
 MakeSlice = Callable[..., Slice]
 MakeKnown = Callable[..., Known]
@@ -89,3 +97,46 @@ def test_the_fewest_parts_are_planned_and_equal_intervals_get_equal_parts() -> N
     variances = np.array([1.0, 1e-3, 0.1])
     assert (variances * parts**-4.0).sum() <= 0.05**2
     assert parts[0] > parts[2] > parts[1]
+
+
+def test_as_few_slices_as_can_be_lie_evenly_in_a_run(slice_of: MakeSlice, known: MakeKnown) -> None:
+    ends = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)]
+    whole = known(ends, taxels=True)
+    [run] = unfelt_runs(whole)
+    places = even_places(whole, run)
+    # Bands of 14 mm, gaps of at most 2.5 mm, in 70.6 mm.
+    assert len(places) == math.ceil((run.length - 2.5e-3) / 16.5e-3) == 5
+    edges = [run.low, *places, run.high]
+    gaps = np.diff(edges) - [7e-3, 14e-3, 14e-3, 14e-3, 14e-3, 7e-3]
+    np.testing.assert_allclose(gaps, gaps[0], atol=1e-9)
+    filled = known([*ends, *(slice_of(lambda z: 0.3, place / 0.09) for place in places)])
+    assert max(one.length for one in unfelt_runs(filled)) <= 2.5e-3 + 0.4e-3  # to a row
+
+
+def test_bands_are_lower_where_the_surface_leans(slice_of: MakeSlice, known: MakeKnown) -> None:
+    def ball(z: float) -> float:
+        return math.sqrt(max(z * (1.0 - z), 1e-9))
+
+    half = known([slice_of(ball, share) for share in (0.03, 0.5)], taxels=True)
+    run = max(unfelt_runs(half), key=lambda one: one.length)
+    places = even_places(half, Run(run.low, 0.5 * 0.09 - 7e-3))
+    steps = np.diff(places)
+    assert (np.diff(steps) > 0.0).all()  # closer together towards the pole
+
+
+def test_where_contours_alone_count_a_run_is_entered_in_its_middle(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    plain = known([slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)])
+    [run] = unfelt_runs(plain)
+    assert even_places(plain, run) == [run.middle]
+
+
+def test_a_stretch_is_uncovered_only_where_a_slice_was_tried_in_vain(
+    slice_of: MakeSlice, known: MakeKnown, failed: Callable[..., Slice]
+) -> None:
+    ends = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)]
+    [run] = unfelt_runs(known(ends))
+    assert uncovered(known(ends)) == 0.0
+    assert uncovered(known([*ends, failed(0.045)])) == pytest.approx(run.length)
+    assert uncovered(known([*ends, failed(0.045, Outcome.LOST)])) == 0.0

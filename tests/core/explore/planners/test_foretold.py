@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.core.explore.planners.cover import unfelt_runs
-from palpate.core.explore.planners.foretold import NOISE, Foretold, foretell
+from palpate.core.explore.planners.foretold import DEVIATION, LEFT, NOISE, Foretold, foretell
 from palpate.core.explore.planners.intervals import hermite, profile_of, signs_of
 from palpate.core.explore.planners.known import Known, Slice
 
@@ -83,3 +83,35 @@ def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(
     assert not said.wants_cut(said.bound * 1.01)
     assert not said.wants_cut(said.noise * 0.5)
     assert said._replace(curve=said.noise).wants_cut(said.noise * 0.5)
+
+
+def test_of_what_was_felt_only_the_unfelt_share_of_an_interval_errs(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 5)]
+    plain, whole = known(slices), known(slices, taxels=True)
+    one = foretell(plain, profile_of(plain), unfelt_runs(plain))
+    all_felt = foretell(whole, profile_of(whole), unfelt_runs(whole))
+    shares = [run.length for run in unfelt_runs(whole)] / (0.09 * one.signs.width)
+    np.testing.assert_allclose(all_felt.errors, one.errors * shares**3, rtol=1e-9)
+
+
+def test_a_solid_of_all_that_was_felt_states_its_own_deviation(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    slices = [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
+    stated = known(slices, taxels=True, deviation=5e-5)
+    said = foretell(stated, profile_of(stated), unfelt_runs(stated))
+    expected = math.hypot(DEVIATION * 5e-5 / 0.09, 1e-5 / 0.09, LEFT)
+    assert said.noise == pytest.approx(expected, rel=1e-9)
+
+
+def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 6)]
+    noisy = known(slices, taxels=True, deviation=4e-4)
+    said = foretell(noisy, profile_of(noisy), unfelt_runs(noisy))
+    assert not said.wants_average(0.99 * said.noise / 2.0, 6, 24)
+    assert said.wants_average(1.01 * said.noise / 2.0, 6, 24)
+    assert not said.wants_average(1.01 * said.noise, 6, 24)
