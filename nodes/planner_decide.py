@@ -9,6 +9,7 @@ from palpate.core.explore.planners.asking import ask
 from palpate.core.explore.planners.choice import Height, Planner, Stop
 from palpate.core.explore.planners.cover import uncovered
 from palpate.core.explore.planners.known import Known
+from palpate.core.explore.planners.measured import widened
 from palpate.core.explore.survey import Demand
 from palpate.messages.types import Contour, PlanDone, Probe
 from palpate.nodes.node import Outputs
@@ -115,8 +116,9 @@ def _with_contour(
     demand: Demand, rule: Planner, state: State, task: Task, contour: Contour
 ) -> tuple[State, Outputs]:
     """Go on with one contour more."""
+    traced = traced_of(contour, task.begun)
     assert state.survey is not None
-    survey = state.survey.with_slice(traced_of(contour, task.begun))
+    survey = state.survey.with_slice(widened(traced, demand.feature))
     state = replace(state, survey=survey, contours=(*state.contours, contour.id))
     return decide(demand, rule, state)
 

@@ -103,7 +103,7 @@ class Survey:
             resolution=self.resolution,
             feature=max(demand.feature, LEAST_FEATURE * (self.high - self.low)),
             budget=budget,
-            slices=measured_slices(self.traced, self._deviations(), demand.feature),
+            slices=measured_slices(self.traced, self._deviations()),
             taken=taken,
             apart=self.apart,
             taxels=True,

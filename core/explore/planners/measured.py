@@ -86,9 +86,7 @@ class Axis(NamedTuple):
     """How the axis moves with the height there, (m, 2)."""
 
 
-def measured_slices(
-    traced: Sequence[Traced], deviations: Sequence[float], feature: float
-) -> tuple[Slice, ...]:
+def measured_slices(traced: Sequence[Traced], deviations: Sequence[float]) -> tuple[Slice, ...]:
     """Slices as a planner takes them, in the same order.
 
     Parameters
@@ -97,16 +95,34 @@ def measured_slices(
         In the order in which they were asked for.
     deviations : sequence of float
         Standard deviation of the model at each height, m.
-    feature : float
-        What is narrower than this may stay unfelt, m: a band reaches half of it aside.
     """
     usable = [one for one in traced if one.usable]
     axis = axis_of(usable)
     seen = iter(zip(axis.places, axis.leans, strict=True))
     return tuple(
-        _seen(one, *next(seen), deviation, 0.5 * feature) if one.usable else _unseen(one)
+        _seen(one, *next(seen), deviation) if one.usable else _unseen(one)
         for one, deviation in zip(traced, deviations, strict=True)
     )
+
+
+def widened(one: Traced, feature: float) -> Traced:
+    """A contour whose bands count half a feature aside: what is narrower may stay unfelt.
+
+    Parameters
+    ----------
+    one : Traced
+        As it was traced.
+    feature : float
+        m.
+    """
+    low, high = one.felt_low, one.felt_high
+    for shift in range(1, MOST_ASIDE + 1):
+        for step in (shift, -shift):
+            away = np.linalg.norm(one.points - np.roll(one.points, step, axis=0), axis=1)
+            near = away <= 0.5 * feature
+            low = np.where(near, np.minimum(low, np.roll(one.felt_low, step)), low)
+            high = np.where(near, np.maximum(high, np.roll(one.felt_high, step)), high)
+    return one._replace(felt_low=low, felt_high=high)
 
 
 def axis_of(contours: Sequence[Traced]) -> Axis:
@@ -135,7 +151,7 @@ def _surrounds(points: Floats, place: Floats) -> bool:
     return abs(turn[-1] - turn[0]) > np.pi and float(np.linalg.norm(away, axis=1).min()) > 0.0
 
 
-def _seen(one: Traced, place: Floats, lean: Floats, deviation: float, aside: float) -> Slice:
+def _seen(one: Traced, place: Floats, lean: Floats, deviation: float) -> Slice:
     away = one.points[:, :2] - place
     radii = np.linalg.norm(away, axis=1)
     outward = away / np.maximum(radii, np.finfo(float).tiny)[:, None]
@@ -153,22 +169,12 @@ def _seen(one: Traced, place: Floats, lean: Floats, deviation: float, aside: flo
         radii=np.maximum(around(radii), np.finfo(float).eps),
         slopes=around(-moved / facing),
         curvatures=around(one.across),
-        felt_low=around(_widest(one.points, one.felt_low, -1.0, aside)),
-        felt_high=around(_widest(one.points, one.felt_high, 1.0, aside)),
+        felt_low=around(one.felt_low),
+        felt_high=around(one.felt_high),
         deviation=deviation,
         touches=one.touches,
         seconds=one.seconds,
     )
-
-
-def _widest(points: Floats, ends: Floats, way: float, aside: float) -> Floats:
-    """Ends (n,) of bands, each carried along the contour to points no farther than `aside`."""
-    widest = way * ends
-    for shift in range(1, MOST_ASIDE + 1):
-        for step in (shift, -shift):
-            near = np.linalg.norm(points - np.roll(points, step, axis=0), axis=1) <= aside
-            widest = np.where(near, np.maximum(widest, way * np.roll(ends, step)), widest)
-    return way * widest
 
 
 def _unseen(one: Traced) -> Slice:

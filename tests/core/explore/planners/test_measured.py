@@ -7,7 +7,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners.known import Outcome
-from palpate.core.explore.planners.measured import Traced, axis_of, measured_slices
+from palpate.core.explore.planners.measured import Traced, axis_of, measured_slices, widened
 
 COUNT = 240
 TURN = 2.0 * np.pi * np.arange(COUNT) / COUNT
@@ -32,7 +32,7 @@ def cone(height: float, lean: Floats | None = None, **changes: object) -> Traced
         "touches": 20,
         "seconds": 25.0,
     }
-    return Traced(**(fields | changes))  # type: ignore[arg-type]
+    return Traced(**(fields | changes))
 
 
 @pytest.mark.parametrize("lean", [(0.0, 0.0), (0.2, -0.1)])
@@ -40,7 +40,7 @@ def test_radii_and_slopes_are_told_about_the_axis_even_if_it_leans(
     lean: tuple[float, float],
 ) -> None:
     traced = [cone(height, np.array(lean)) for height in (0.02, 0.05, 0.08)]
-    slices = measured_slices(traced, [0.0, 1e-5, 0.0], 3e-3)
+    slices = measured_slices(traced, [0.0, 1e-5, 0.0])
     for one, made in zip(slices, traced, strict=True):
         np.testing.assert_allclose(one.radii, 0.03 - 0.2 * made.height, rtol=1e-3)
         np.testing.assert_allclose(one.slopes, -0.2, atol=2e-3)
@@ -64,12 +64,10 @@ def test_a_band_reaches_half_a_feature_aside_and_no_farther() -> None:
     low[60] = 0.04  # felt deep on one azimuth alone
     one = cone(0.05, felt_low=low)
     step = 2.0 * math.pi * 0.02 / COUNT
-    narrow = measured_slices([one], [0.0], 0.9 * step)[0]
-    wide = measured_slices([one], [0.0], 4.1 * step)[0]
-    assert int((narrow.felt_low < 0.0499).sum()) <= 1
-    # Two points to each side, seen every fifth point.
-    assert narrow.felt_low.min() == pytest.approx(0.04)
-    assert wide.felt_low.sum() <= narrow.felt_low.sum()
+    narrow, wide = widened(one, 0.9 * step), widened(one, 4.1 * step)
+    assert np.flatnonzero(narrow.felt_low < 0.05).tolist() == [60]
+    assert np.flatnonzero(wide.felt_low < 0.05).tolist() == [58, 59, 60, 61, 62]
+    assert (wide.felt_high == one.felt_high).all()
 
 
 @pytest.mark.parametrize(
@@ -89,6 +87,6 @@ def test_a_band_reaches_half_a_feature_aside_and_no_farther() -> None:
 def test_what_came_of_a_slice_is_what_a_planner_is_told(changes: object, outcome: Outcome) -> None:
     one = cone(0.05, **changes)  # type: ignore[arg-type]
     assert one.outcome == outcome
-    [told] = measured_slices([one], [0.0], 3e-3)
+    [told] = measured_slices([one], [0.0])
     assert told.usable == one.usable == (outcome in (Outcome.CLOSED, Outcome.OCCLUDED))
     assert (told.touches, told.seconds) == (20, 25.0)
