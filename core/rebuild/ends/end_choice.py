@@ -13,6 +13,7 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.ends.end_profiles import (
     Beyond,
+    Flat,
     Profile,
     conic,
     flared,
@@ -47,8 +48,12 @@ DENSE: dict[Kind, Family] = {"flat": flat, "conic": conic, "flared": flared}
 """Those for contours so close together that they show how a leaning wall is rounded."""
 LEVEL = ("flat", "flared")
 """Families in whose place a wall that an arc rounds off is taken, if it follows the rows better."""
-CLEARLY, CLOSELY = 0.5, 8e-4
-"""By how much better, and how well, as a share of the radius: a superellipse looks like an arc."""
+BY_FAR, CLEARLY, CLOSELY = 0.2, 0.5, 8e-4
+"""By how much better than a sharp edge, and than a superellipse, which looks like an arc; and how
+well it must follow the rows then, as a share of the radius."""
+SEEN, TOGETHER = 1e-4, 3.5
+"""Of the radius: noise that is larger hides the difference, and most made things end in arcs. Rows
+err together, by so many standard deviations of a mean radius."""
 DENSE_SLACK = 5e-4
 """As `SLACK`, for those."""
 
@@ -124,10 +129,12 @@ def _arc_instead(
     arc = rounded(depths, radii, end)
     if arc is None:
         return None
-    strays = _strays(arc, depths, radii, end, beyond)
-    clearly = strays < CLEARLY * _strays(profile, depths, radii, end, beyond)
-    closely = strays < CLOSELY * float(radii[-1]) + NOISES * scatter
-    return arc if clearly and closely else None
+    strays, others = (_strays(one, depths, radii, end, beyond) for one in (arc, profile))
+    if isinstance(profile, Flat):
+        return arc if strays < BY_FAR * others else None
+    radius = float(radii[-1])
+    clearly = strays < (CLEARLY if scatter < SEEN * radius else 1.0) * others
+    return arc if clearly and strays < CLOSELY * radius + TOGETHER * scatter else None
 
 
 def _strays(
