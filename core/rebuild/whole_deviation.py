@@ -23,9 +23,9 @@ from palpate.core.rebuild.surface.patches import Patch
 
 SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16
 """Places of the side, and of each piece of an end, at which areas are taken."""
-HIDES = 0.1
+HIDES = 0.15
 """Of the height of an edge that nobody felt: what its rounding may be wrong by, root mean square
-over the edge and as much of the end. Roundings of any radius up to that height give as much."""
+over the edge and as much of the end. With noise, a superellipse taken for an arc errs by that."""
 BULGES = 0.05
 """What a stretch of the side that nobody felt, between two that were, may be wrong by: so much
 times its height to the fourth power over the third power of half the width, as between two ends
