@@ -9,9 +9,8 @@ from typing import Protocol
 from palpate.core.arrays import Floats
 from palpate.core.shapes.bend import Bend
 from palpate.core.shapes.posed import PosedShape
+from palpate.core.shapes.posed_superquadric import posed_superquadric
 from palpate.core.shapes.protocol import Shape
-from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.shapes.warped import WarpedSuperquadric
 
 
 class Fit(Protocol):
@@ -71,7 +70,4 @@ class CoarseFit:
         ValueError
             If it has no extent, or its bend folds it.
         """
-        base = Superquadric(self.size, self.exponents)
-        if not self.taper.any() and self.bend.curvature == 0.0:
-            return PosedShape(base, self.pose)
-        return PosedShape(WarpedSuperquadric(base, self.taper, self.bend), self.pose)
+        return posed_superquadric(self.size, self.exponents, self.pose, self.taper, self.bend)

@@ -11,8 +11,7 @@ from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.recovery.normal_distance import Warps
 from palpate.core.shapes.bend import Bend
 from palpate.core.shapes.posed import PosedShape
-from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.shapes.warped import WarpedSuperquadric
+from palpate.core.shapes.posed_superquadric import posed_superquadric
 
 Doubt = Literal[
     "too few points",
@@ -97,10 +96,7 @@ class Recovery:
         ValueError
             If it has no extent, as all points were in one place, or its bend folds it.
         """
-        base = Superquadric(self.size, self.exponents)
-        if not self.taper.any() and self.bend.curvature == 0.0:
-            return PosedShape(base, self.pose)
-        return PosedShape(WarpedSuperquadric(base, self.taper, self.bend), self.pose)
+        return posed_superquadric(self.size, self.exponents, self.pose, self.taper, self.bend)
 
     def deviations(self) -> dict[str, float]:
         """Standard deviation of each parameter, by name."""
