@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import is_dataclass
-from importlib import import_module
-from typing import Any, cast, get_type_hints
+from typing import Any, cast
 
 from palpate.core.explore.planners.choice import Planner
+from palpate.core.named_class import class_called
 
 NAMES = ("predicted", "uniform", "thesis", "fuzzy")
 """The default first."""
@@ -23,24 +23,14 @@ def planner_type(name: str) -> type[Planner]:
     ValueError
         If the module cannot be imported, or holds no such planner.
     """
-    if name in NAMES:
-        module, attribute = f"{__package__}.{name}", "PLANNER"
-    else:
-        module, colon, attribute = name.partition(":")
-        if not colon:
-            raise LookupError(f"there is no planner {name!r}; there are {', '.join(NAMES)}")
-    if module.startswith("."):
-        raise ValueError(f"the planner {name!r} must name its module in full, with no leading dot")
-    try:
-        found = getattr(import_module(module), attribute, None)
-        get_type_hints(found) if is_dataclass(found) else None
-    except (Exception, SystemExit) as error:  # a user's module may do anything when imported
-        kind = type(error).__name__
-        raise ValueError(f"the planner {name!r} cannot be imported: {kind}: {error}") from None
+    found = class_called(
+        name, what="planner", names=NAMES, package=str(__package__), attribute="PLANNER"
+    )
+    wanted = name.rpartition(":")[2]
     frozen = is_dataclass(found) and getattr(found, "__dataclass_params__").frozen  # noqa: B009
     if not isinstance(found, type) or not frozen or not callable(getattr(found, "next", None)):
         raise ValueError(
-            f"{name!r} is no planner: {attribute!r} must be a frozen dataclass with next(known)"
+            f"{name!r} is no planner: {wanted!r} must be a frozen dataclass with next(known)"
         )
     return cast("type[Planner]", found)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import is_dataclass
-from importlib import import_module
-from typing import cast, get_type_hints
+from typing import cast
 
+from palpate.core.named_class import class_called
 from palpate.core.touch.effect import Effect, Place
 
 NAMES = (
@@ -42,22 +42,12 @@ def effect_type(name: str) -> type[Effect]:
     ValueError
         If the module cannot be imported, or holds no such effect.
     """
-    if name in NAMES:
-        module, attribute = f"{__package__}.{name}", "EFFECT"
-    else:
-        module, colon, attribute = name.partition(":")
-        if not colon:
-            raise LookupError(f"there is no effect {name!r}")
-    if module.startswith("."):
-        raise ValueError(f"the effect {name!r} must name its module in full, without a leading dot")
-    try:
-        found = getattr(import_module(module), attribute, None)
-        get_type_hints(found) if is_dataclass(found) else None
-    except (Exception, SystemExit) as error:  # a user's module may do anything when imported
-        kind = type(error).__name__
-        raise ValueError(f"the effect {name!r} cannot be imported: {kind}: {error}") from None
+    found = class_called(
+        name, what="effect", names=NAMES, package=str(__package__), attribute="EFFECT"
+    )
+    wanted = name.rpartition(":")[2]
     if not is_dataclass(found) or not isinstance(found, type) or not hasattr(found, "prepare"):
-        raise ValueError(f"{name!r} is no effect: {attribute!r} must be a dataclass with prepare()")
+        raise ValueError(f"{name!r} is no effect: {wanted!r} must be a dataclass with prepare()")
     if not isinstance(getattr(found, "place", None), Place):
         raise ValueError(f"{name!r} is no effect: its place must be one of Place, as Place.SIGNAL")
     return cast("type[Effect]", found)
