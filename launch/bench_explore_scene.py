@@ -36,6 +36,8 @@ class Demand(NamedTuple):
     """Root mean square error, m."""
     settings: Mapping[str, Any] = {}
     """The rule's numbers."""
+    axis: tuple[float, float, float] | None = None
+    """Along which it is sliced; None for the object's own axis."""
 
     def keys(self) -> dict[str, Any]:
         """Its keys in a scene."""
@@ -44,6 +46,7 @@ class Demand(NamedTuple):
             "tolerance": self.tolerance,
             "feature": FEATURE,
             "settings": dict(self.settings),
+            "axis": self.axis,
         }
 
 

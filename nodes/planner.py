@@ -9,8 +9,10 @@ import math
 from dataclasses import replace
 from typing import Annotated, Any
 
+import numpy as np
 from msgspec import Meta, Struct
 
+from palpate.core.arrays import Floats
 from palpate.core.explore.planners.catalogue import make_planner
 from palpate.core.explore.survey import Demand, Doubt
 from palpate.messages.types import (
@@ -30,7 +32,7 @@ from palpate.messages.types import (
 )
 from palpate.nodes.node import Node, Outputs
 from palpate.nodes.planner_decide import decide, done, take_up
-from palpate.nodes.planner_grasp import grasp_goal, with_contacts, with_frame
+from palpate.nodes.planner_grasp import grasp_goal, with_coarse, with_contacts
 from palpate.nodes.planner_state import State, model_goal
 from palpate.nodes.sensor import resolution_of_info
 
@@ -53,12 +55,24 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Touches that may be made; null for as many as it takes."""
     most_seconds: Annotated[float, Meta(gt=0, description="s")] | None = None
     """Robot time that may pass, s; null for as long as it takes."""
+    axis: tuple[float, float, float] | None = None
+    """Along which the object is sliced, in the world, of any length; null for its own axis."""
 
     def __post_init__(self) -> None:
+        if self.axis is not None and not 0.0 < math.hypot(*self.axis) < math.inf:
+            raise ValueError(f"axis must have a length, got {list(self.axis)}")
         try:
             make_planner(self.planner, self.settings)
         except LookupError as error:
             raise ValueError(error.args[0]) from None
+
+    @property
+    def direction(self) -> Floats | None:
+        """The slicing axis that is asked for, a unit vector; None if none is."""
+        if self.axis is None:
+            return None
+        axis = np.array(self.axis)
+        return np.asarray(axis / math.hypot(*self.axis))
 
     @property
     def demand(self) -> Demand:
@@ -106,7 +120,7 @@ def take_contacts(params: Params, state: State, contacts: GraspContacts) -> tupl
 
 def take_coarse(params: Params, state: State, coarse: Superquadric) -> tuple[State, Outputs]:
     """Fix the slicing frame and begin with the slices."""
-    return decide(params.demand, _rule(params), with_frame(state, coarse))
+    return decide(params.demand, _rule(params), with_coarse(state, coarse, params.direction))
 
 
 def take_clock(params: Params, state: State, clock: FingerClock) -> tuple[State, Outputs]:
@@ -138,7 +152,13 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
 
 def _doubt(model: ShapeModel) -> Doubt:
     starlike = model.health.get("felt_unused", 0.0) == 0.0
-    return Doubt(model.uncertainty_height, model.uncertainty, model.deviation, starlike)
+    return Doubt(
+        heights=model.uncertainty_height,
+        deviations=model.uncertainty,
+        whole=model.deviation,
+        pose=model.health.get("felt_pose_sigma", 0.0),
+        starlike=starlike,
+    )
 
 
 def _rule(params: Params) -> Any:

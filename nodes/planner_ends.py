@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from palpate.core.explore.probing.known import End, EndKnown, Probed, Probing, Wall
+from palpate.core.explore.probing.known import TOUCHED, End, EndKnown, Probed, Probing, Wall
 from palpate.core.explore.probing.rule import next_probe
 from palpate.core.explore.survey import Survey
 from palpate.core.frames import inverse, split_pose, transform
 from palpate.messages.types import Probe
+from palpate.nodes.planner_grasp import along_face
 from palpate.nodes.planner_state import State, Task
 
 ENDS: tuple[End, ...] = ("upper", "lower")
@@ -52,21 +53,26 @@ def with_probe(state: State, task: Task, probe: Probe) -> State:
     """The state, knowing what a probe has found."""
     assert state.survey is not None and state.frame is not None and task.probing is not None
     end, probing = task.probing
-    into, axes = inverse(state.frame.pose), split_pose(state.frame.pose)[1]
+    survey, frame = state.survey, state.frame
+    if probe.outcome in TOUCHED:
+        state = replace(state, probes=(*state.probes, probe.id))
+        searching = end == "upper" and not survey.traced
+        better = along_face(state, probe.normal) if searching else None
+        if better is not None:
+            return better
+    into, axes = inverse(frame.pose), split_pose(frame.pose)[1]
     made = Probed(
         probing, probe.outcome, transform(into, probe.point[None])[0], probe.normal @ axes
     )
     ends = {**state.ends, end: (*state.ends.get(end, ()), made)}
     faces = [one for one in ends[end] if one.touched and one.probing.why != "edge"]
-    survey = state.survey
     if made.touched:
         survey = survey.reaching(float(made.point[2]), float(made.point[2]))
     if faces:
         upper = end == "upper"
         tip = (max if upper else min)((one.point for one in faces), key=lambda point: point[2])
         survey = survey.ended(tip, upper=upper)
-    probes = (*state.probes, probe.id) if made.touched else state.probes
-    return replace(state, survey=survey, ends=ends, probes=probes)
+    return replace(state, survey=survey, ends=ends)
 
 
 def _known(state: State, survey: Survey, end: End, tolerance: float, last: bool) -> EndKnown:
@@ -81,6 +87,7 @@ def _known(state: State, survey: Survey, end: End, tolerance: float, last: bool)
         radius=survey.radius,
         width=survey.pad_width,
         tolerance=tolerance,
+        noise=0.0 if survey.doubt is None else survey.doubt.pose,
         standing=survey.standing and not upper,
         wall=Wall(wall.points, wall.normals, wall.felt_low, wall.felt_high)
         if wall is not None and due

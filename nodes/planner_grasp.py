@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.approach import search_places
+from palpate.core.explore.grasp.face_axis import face_axis
 from palpate.core.explore.grasp.fit import CoarseFit
 from palpate.core.explore.grasp.hand import Hand
 from palpate.core.explore.grasp.poses import next_pose, search_pose
@@ -68,10 +70,8 @@ def with_contacts(state: State, contacts: GraspContacts) -> State:
     return replace(state, grasped=grasped, clock=contacts.robot_time)
 
 
-def with_frame(state: State, coarse: Superquadric) -> State:
-    """The state with the slicing frame that the coarse model lets choose."""
-    assert state.world is not None
-    grasped = state.grasped
+def with_coarse(state: State, coarse: Superquadric, axis: Floats | None) -> State:
+    """The state with the slicing frame that the coarse model lets choose, or with a given axis."""
     fit = CoarseFit(
         size=coarse.size,
         exponents=coarse.exponents,
@@ -82,9 +82,17 @@ def with_frame(state: State, coarse: Superquadric) -> State:
         rms=coarse.residual,
         doubts=coarse.doubts,
     )
-    frame = slicing_frame(fit, grasped.points, grasped.normals, state.world.platform, CONTACT_ERROR)
+    return with_frame(replace(state, grasped=replace(state.grasped, fit=fit)), axis)
+
+
+def with_frame(state: State, axis: Floats | None) -> State:
+    """The state at the beginning of the slices, along a given axis or along one that is found."""
+    assert state.world is not None and state.grasped.fit is not None
+    grasped, platform = state.grasped, state.world.platform
+    fit = state.grasped.fit
+    frame = slicing_frame(fit, grasped.points, grasped.normals, platform, CONTACT_ERROR, axis)
     survey = Survey(
-        low=state.world.platform if _is_upright(frame) else frame.low,
+        low=platform if _is_upright(frame) else frame.low,
         high=frame.high,
         low_deviation=0.0 if _is_upright(frame) else frame.extent_error,
         high_deviation=frame.extent_error,
@@ -94,7 +102,20 @@ def with_frame(state: State, coarse: Superquadric) -> State:
         pad_width=state.pad_width,
         resolution=state.resolution,
     )
-    return replace(state, frame=frame, survey=survey)
+    return replace(state, frame=frame, survey=survey, ends=MappingProxyType({}))
+
+
+def along_face(state: State, face: Floats) -> State | None:
+    """The state with a better slicing axis, if the upper end's normal, in the world, tells one.
+
+    None if it does not, or the axis was given: by the user, or by an earlier touch.
+    """
+    assert state.frame is not None
+    if state.frame.axis == "given":
+        return None
+    axis = split_pose(state.frame.pose)[1][:, 2]
+    better = face_axis(axis, face, state.grasped.normals)
+    return None if better is None else with_frame(state, better)
 
 
 def _reached(frame: SlicingFrame, points: Floats) -> tuple[float, float]:

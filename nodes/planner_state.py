@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.explore.grasp.fit import CoarseFit
 from palpate.core.explore.planners.choice import Height
 from palpate.core.explore.planners.measured import Traced
 from palpate.core.explore.probing.known import End, Probed, Probing
@@ -44,6 +45,8 @@ class Grasped:
     """Times that the hand has closed."""
     grips: int = 0
     """Of these, since it first met something."""
+    fit: CoarseFit | None = None
+    """The coarse model through all that, once there is one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,7 +2,7 @@
 
 The axis about which it was turned, if there is one; else the principal axis that differs most from
 the others (Fung, 1999, 6.1), or beside it the one along which the surface runs straight; else the
-world's own z axis, and that is said.
+world's own z axis, and that is said. Who knows better may give the axis.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from palpate.core.explore.grasp.revolution import ROUND, Revolution, revolution
 from palpate.core.explore.grasp.straight import straight_axis
 from palpate.core.frames import pose_of
 
-Axis = Literal["revolution", "longest", "shortest", "none"]
-"""Which axis: that about which the surface was turned, a principal axis, or no axis of its own."""
+Axis = Literal["revolution", "longest", "shortest", "none", "given"]
+"""Which axis: that about which the surface was turned, a principal axis, no axis of its own, or one
+that was given."""
 
 LEVEL = 4
 """Of the tessellation in which volumes are summed."""
@@ -38,6 +39,8 @@ DISTINCT = 1.06
 SLENDER = 1.25
 """The longest principal axis is taken if it is by this ratio longer than the next; else that which
 differs more."""
+EXACT = 1e-9
+"""A given axis that leans less is the vertical, rad."""
 LEAST_SNAP, MOST_SNAP = math.radians(1.0), math.radians(3.0)
 """An axis of revolution within two standard deviations of the vertical, but at least and at most
 this, is the vertical: objects stand on platforms."""
@@ -90,7 +93,12 @@ class _Line(NamedTuple):
 
 
 def slicing_frame(
-    found: Fit, points: Floats, normals: Floats, platform: float, noise: float
+    found: Fit,
+    points: Floats,
+    normals: Floats,
+    platform: float,
+    noise: float,
+    axis: Floats | None = None,
 ) -> SlicingFrame:
     """The frame for an object that was grasped.
 
@@ -104,6 +112,8 @@ def slicing_frame(
         Height on which it stands, m.
     noise : float
         Standard deviation of a contact, m.
+    axis : (3,) array, optional
+        The slicing axis, a unit vector; else it is looked for.
 
     Raises
     ------
@@ -121,6 +131,9 @@ def slicing_frame(
     solid = _on_platform(found, points, platform, noise)
     if not solid.body.sound:
         return _about_contacts(points, platform)
+    if axis is not None:
+        line = _Line(axis, solid.body.centroid, "given", 0.0, solid.shift)
+        return _framed(line, solid, found, Touched(points, normals), platform)
     strain = STRAINED if "at a bound" in found.doubts else 1.0
     line = _line(solid, revolution(points, normals, solid.body.axes.T), strain)
     straight = straight_axis(normals, line.axis) if line.kind in ("longest", "shortest") else None
@@ -161,8 +174,7 @@ def _framed(
 ) -> SlicingFrame:
     axis = _upwards(line.axis)
     lean = math.atan2(math.hypot(axis[0], axis[1]), axis[2])
-    snap = min(max(2.0 * line.error, LEAST_SNAP), MOST_SNAP)
-    upright = lean <= (snap if line.kind == "revolution" else PRINCIPAL_SNAP)
+    upright = lean <= _snap(line)
     pose = pose_of(line.point, np.eye(3) if upright else _turn_to(axis))
     ends = ends_along(pose, solid, found, touched, platform)
     # An upright frame has the world's heights.
@@ -178,6 +190,15 @@ def _framed(
         line.shift,
         ends.error,
     )
+
+
+def _snap(line: _Line) -> float:
+    """By how much an axis may lean and be the vertical, rad."""
+    if line.kind == "given":
+        return EXACT
+    if line.kind == "revolution":
+        return min(max(2.0 * line.error, LEAST_SNAP), MOST_SNAP)
+    return PRINCIPAL_SNAP
 
 
 def _about_contacts(points: Floats, platform: float) -> SlicingFrame:

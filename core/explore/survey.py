@@ -41,6 +41,8 @@ class Doubt(NamedTuple):
     """Standard deviation of the side there, (n,), m."""
     whole: float
     """Of the whole surface, ends included, m."""
+    pose: float = 0.0
+    """Standard deviation of a touch's place, m."""
     starlike: bool = True
     """False if it had to be rebuilt from contours alone, for its slices are not star-shaped."""
 

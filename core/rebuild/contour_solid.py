@@ -18,6 +18,7 @@ from palpate.core.rebuild.skin.contour_skin import (
 )
 from palpate.core.rebuild.skin.contour_surface import SidePatch
 from palpate.core.rebuild.skin.through_axis import runs_through_axis
+from palpate.core.rebuild.slant import Slant
 from palpate.core.rebuild.surface.surface import Surface, close_surface
 
 POINT = 1e-9
@@ -34,6 +35,8 @@ class ContourSolid:
     top: End
     felt: FeltFit | None = None
     """How everything that was felt was fitted, where that took the place of the contours."""
+    slant: Slant | None = None
+    """All this is seen from the space in which both ends are level, if they are not."""
 
     def deviation(self, heights: Floats, turns: Floats) -> Floats:
         """Standard deviation of the side along its normal, m, on a grid (a, b).
@@ -94,7 +97,7 @@ def close_contours(
 def close_felt(rows: FeltRows) -> ContourSolid:
     """The closed surface through rows of a skin, which are passed exactly."""
     closed = _between_ends(rows.heights, rows.grid, rows.ends, 0.0)
-    return replace(closed, felt=rows.fit)
+    return replace(closed, felt=rows.fit, slant=rows.slant)
 
 
 def _between_ends(

@@ -156,7 +156,8 @@ class Again:
             solid = _thesis(evidence, self.faithful)
         else:
             solid = self._from_skin(evidence)
-        return replace(solid, surface=placed(solid.surface, evidence.frame), again=self)
+        slant = None if solid.closed is None else solid.closed.slant
+        return replace(solid, surface=placed(solid.surface, evidence.frame, slant), again=self)
 
     def _from_skin(self, evidence: Evidence) -> Solid:
         evidence, closed = _close(evidence)

@@ -87,7 +87,8 @@ class Solid:
     def control_lattice(self) -> Lattice | None:
         """The control lattice in the world; None with the methods "skin" and "coarse"."""
         part = self.model if isinstance(self.model, ThesisSolid) else self.lattice
-        return None if part is None else moved_lattice(part.lattice, self.frame)
+        slant = None if self.closed is None else self.closed.slant
+        return None if part is None else moved_lattice(part.lattice, self.frame, slant)
 
     def update(self, contour: ArrayLike, *, height: float | None = None) -> Solid:
         """The solid with one contour more: that of all contours at once, in any order.
@@ -158,10 +159,13 @@ class Solid:
         if self.lattice is None or self.closed is None:
             raise ValueError(f"method must be lattice for a solid to be refined, got {self.method}")
         seen = into_frame(self.frame, finite_array("points", points, (None, 3)))
+        slant = self.closed.slant
+        if slant is not None:
+            seen = slant.straightened(seen)
         surface, lattice = refine_solid(
             self.lattice, self.closed, seen, sigma=sigma, weights=weights
         )
-        return replace(self, surface=placed(surface, self.frame), lattice=lattice)
+        return replace(self, surface=placed(surface, self.frame, slant), lattice=lattice)
 
     def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats | None:
         """Standard deviation of the side along its normal, on a grid (a, b).
@@ -245,6 +249,7 @@ class Solid:
         contour whole, so that the mesh has faces on faces there, and the area is too large.
         `apart_below` and `apart_above` are 1 where the touched point lies so far out that the
         side would have run through its own axis: the end is a piece of its own there.
+        `slope_below` and `slope_above` tell how steep ends are that are planes but not level.
 
         Of everything that was felt, if it was given: see `FeltFit`; `felt_unused` is 1 where its
         sections cannot be told by one distance for each turn, so that the contours alone count.

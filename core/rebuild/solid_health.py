@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from palpate.core.rebuild.contour_solid import ContourSolid
+from palpate.core.rebuild.ends.ends import End
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice.lattice_fit import LatticeFit
 from palpate.core.rebuild.recovery.recovery import Recovery
@@ -47,6 +48,8 @@ def _of_side(closed: ContourSolid) -> Figures:
         "unseen_above": closed.top.unseen,
         "apart_below": float(closed.bottom.apart),
         "apart_above": float(closed.top.apart),
+        "slope_below": _slope(closed, closed.bottom),
+        "slope_above": _slope(closed, closed.top),
         "outlying_points": float(skin.outlying),
         "sigma": skin.sigma,
         "degrees_of_freedom": skin.freedom,
@@ -54,6 +57,11 @@ def _of_side(closed: ContourSolid) -> Figures:
         "swing": skin.swing,
         "paced": float(closed.skin.surface.latitude.pace is not None),
     }
+
+
+def _slope(closed: ContourSolid, end: End) -> float:
+    """How steep an end is."""
+    return 0.0 if closed.slant is None else closed.slant.steepness(end.height)
 
 
 def _of_ends(surface: Surface) -> Figures:

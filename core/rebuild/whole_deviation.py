@@ -19,6 +19,7 @@ from palpate.core.rebuild.felt.felt_ends import on_end
 from palpate.core.rebuild.felt.felt_fit import POSE_LEFT
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.skin.contour_surface import SidePatch
+from palpate.core.rebuild.slant import straight
 from palpate.core.rebuild.surface.patches import Patch
 
 SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16
@@ -56,6 +57,7 @@ def whole_deviation(closed: ContourSolid, felt: FeltPoints | None) -> float:
         All touched taxels, seen from the slicing frame; those at the ends tell how well the ends
         fit.
     """
+    felt = None if felt is None else straight(closed.slant, felt)
     pieces = closed.surface.pieces
     side = next(i for i, piece in enumerate(pieces) if isinstance(piece, SidePatch))
     cells = _cells(pieces[side], SIDE_ROWS)

@@ -3,7 +3,8 @@
 The end is found by one touch along the axis, and by a few more uphill where that met a flank. With
 a contour beside it, the face that closes it is felt where it is farthest from everything felt so
 far, until no more is left than a pad would see beside it, or until touches all over it lie in one
-plane. Then the edge around it, where the band that the contour felt ends below the face.
+plane, whose height they tell surely enough. Then the edge around it, where the band that the
+contour felt ends below the face.
 """
 
 from __future__ import annotations
@@ -42,6 +43,9 @@ MOST_FACE = 14
 """Touches of one face."""
 PLANE = 5
 """Touches all over a face that are enough if they lie in one plane."""
+SURE = 0.2
+"""Of the tolerance: how well the height of a plane is to be known, for the mean of its touches errs
+as their poses do."""
 SMALL, SMALL_ROUND = 0.35, 0.5
 """Of the pad's width: radius of a disc in which nothing need be felt; and where the wall leans over
 the end, so that a smooth surface goes on from it."""
@@ -152,8 +156,9 @@ def _next_face(
     summit = uphill(faces, made, known.width) if leans or not plane else None
     if summit is not None and covers(wall, summit[None], FOOT * known.width)[0]:
         return along_axis(known, summit)._replace(why="face")
-    small = SMALL_ROUND if leans else SMALL
-    if gap.radius <= small * known.width or (plane and len(faces) >= PLANE):
+    sure = leans or not plane or len(faces) >= (known.noise / (SURE * known.tolerance)) ** 2
+    small = gap.radius <= (SMALL_ROUND if leans else SMALL) * known.width
+    if sure and (small or (plane and len(faces) >= PLANE)):
         return unfelt
     return _onto(known, face, gap.place)
 

@@ -21,6 +21,9 @@ SECTORS, FEWEST_SECTORS = 12, 4
 """Parts of a turn, and in how many of them points must be: one side alone may be a feature."""
 REACH = 0.6
 """Of the way to the end: what was felt less far says the same of all ends, for they begin alike."""
+NEARLY = 0.95
+"""Of the way to the end: what was felt farther lies on it. A row of taxels over a sharp edge has
+normals between both sides, and would pass for a rounding."""
 WALL = 0.4
 """Mean radial part of the normals: where they lean over the end, nothing is an edge."""
 TURNS = 192
@@ -52,7 +55,7 @@ def felt_beyond(
     away = felt.points[:, :2] - skin.spine.at(felt.points[:, 2]) - way[:, None] * lean
     distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
     facing = np.einsum("ni,ni->n", felt.normals[:, :2], away) / distance
-    told = (depth > 0.0) & (depth < abs(end - rim)) & (facing > LEAST_FACING)
+    told = (depth > 0.0) & (depth < NEARLY * abs(end - rim)) & (facing > LEAST_FACING)
     turns = np.mod(np.arctan2(away[told, 1], away[told, 0]) / (2.0 * np.pi), 1.0)
     at = np.arange(TURNS) / TURNS
     row = np.sqrt(skin.squared(np.array([rim]), at)[0])

@@ -8,6 +8,7 @@ from palpate.core.arrays import Bools, Floats
 from palpate.core.plane.area_centroid import area_centroid
 from palpate.core.rebuild.ends.ends import End, close_ends
 from palpate.core.rebuild.felt.end_middle import with_felt_middle
+from palpate.core.rebuild.felt.end_planes import feet_of
 from palpate.core.rebuild.felt.felt_beyond import felt_beyond
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.felt.felt_skin import FeltSkin
@@ -21,7 +22,8 @@ ROWS = 14
 STRETCH = 0.15
 """Share of the side over which they lie."""
 LEANS = 0.15
-"""Of the last row's radius: an end whose middle lies farther aside is seen about its own axis."""
+"""Of the last row's radius: an end whose middle lies farther aside of where the rows lead is seen
+about its own axis."""
 
 
 def touched_end(
@@ -29,8 +31,8 @@ def touched_end(
 ) -> float | None:
     """Height of an end, m, from the taxels that touched it; as given, if none did.
 
-    Each touch's farthest taxel errs by its pose, and the farthest of many by the luckiest one's:
-    so those that may be one height are averaged, from the highest on.
+    Each touch errs by its pose, and the farthest of many by the luckiest one's: so those that may
+    be one height are averaged, from the highest on.
 
     Parameters
     ----------
@@ -48,16 +50,30 @@ def touched_end(
     beyond = on_end(felt, last, way)
     if not beyond.any():
         return given
-    touch = felt.touch[beyond]
-    farthest = np.full(int(touch.max()) + 1, -np.inf)
-    np.maximum.at(farthest, touch, way * felt.points[beyond, 2])
     within = NOISES * (pose or 0.0)
-    found = _one_height(farthest[np.isfinite(farthest)], within)
-    if given is None:
+    found = _one_height(_touched_heights(felt, beyond, way), within)
+    farthest = float((way * felt.points[beyond, 2]).max())
+    if given is None or way * given <= farthest:
         return way * found
     # Without noise the farthest is the truest; with it, the mean of what may be one height.
     is_one = pose is not None and way * given - found <= within
     return way * (found if is_one else max(found, way * given))
+
+
+def _touched_heights(felt: FeltPoints, beyond: Bools, way: float) -> Floats:
+    """How far touches of an end say that it reaches, (k,), m.
+
+    A flat touch says it by all its taxels, another by the farthest; one across an edge says
+    nothing, nor do a few taxels beside whole touches.
+    """
+    heights = np.full(int(felt.touch.max()) + 1, -np.inf)
+    np.maximum.at(heights, felt.touch[beyond], way * felt.points[beyond, 2])
+    feet = [one for one in feet_of(felt, way) if np.isfinite(heights[one.touch])]
+    for one in feet:
+        if one.kind == "flat":
+            heights[one.touch] = way * float(one.place[2])
+    whole = [one.touch for one in feet if one.kind != "edge"]
+    return heights[whole] if whole else heights[np.isfinite(heights)]
 
 
 def _one_height(heights: Floats, within: float) -> float:
@@ -119,8 +135,17 @@ def felt_end(
         ends = close_ends(heights, grid, top=end, noise=noise, dense=True, beyond=above)
         return with_felt_middle(ends[1], row, felt)
 
-    upright = closed(np.zeros(2))
-    lean = upright.middle - area_centroid(row)
-    if end is None or float(np.hypot(*lean)) < LEANS * radius:
-        return upright
+    ahead = _lean(heights, grid) * (0.0 if end is None else end - rim)
+    first = closed(ahead)
+    lean = first.middle - area_centroid(row)
+    if end is None or float(np.hypot(*(lean - ahead))) < LEANS * radius:
+        return first
     return closed(lean)
+
+
+def _lean(heights: Floats, grid: Floats) -> Floats:
+    """By how much the middles of rows (m, k, 2) move aside along the height, (2,)."""
+    away = heights - heights.mean()
+    middles = np.array([area_centroid(ring) for ring in grid])
+    lean: Floats = away @ middles / float(away @ away)
+    return lean

@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.frames import split_pose
+from palpate.core.rebuild.felt.edge_slopes import edge_slopes
 from palpate.core.touch.jet import Jet
 from palpate.core.touch.pad import Pad
 
@@ -40,14 +41,21 @@ def felt_points(
     touched : (rows, cols) array of bool
         Which taxels count.
     jet : Jet or None
-        Without one the normal is the pad's own.
+        Without one the normal is the pad's own. Next to an edge, which it does not follow,
+        normals are those of the taxels beside it; a taxel whose normal nobody can tell is left out.
     """
     position, axes = split_pose(pose)
     x, y = pad.grid()
-    local = np.column_stack([x[touched], y[touched], surface[touched]])
-    slope_x = slope_y = np.zeros(len(local))
+    slope_x = slope_y = np.zeros(x.shape)
     if jet is not None:
-        slope_x, slope_y = jet.slopes(local[:, 0], local[:, 1])
+        flat = x.ravel(), y.ravel()
+        edge = edge_slopes(surface, jet.height(*flat).reshape(x.shape), touched, pad.pitch)
+        smooth_x, smooth_y = (each.reshape(x.shape) for each in jet.slopes(*flat))
+        slope_x = np.where(edge.edge, edge.slope_x, smooth_x)
+        slope_y = np.where(edge.edge, edge.slope_y, smooth_y)
+        touched = touched & ~edge.unknown
+    local = np.column_stack([x[touched], y[touched], surface[touched]])
+    slope_x, slope_y = slope_x[touched], slope_y[touched]
     outward = np.column_stack([slope_x, slope_y, -np.ones(len(local))])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     one = np.zeros(len(local), np.int32)

@@ -15,6 +15,7 @@ from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.frames import split_pose, transform
 from palpate.core.plane.signed_area import signed_area
 from palpate.core.rebuild.ends.ends import End
+from palpate.core.rebuild.slant import Slant
 from palpate.core.rebuild.surface.patches import Patch, end_patches
 from palpate.core.rebuild.surface.surface_forms import Curvatures, curvatures_of, unit_normals
 
@@ -43,6 +44,8 @@ class Surface:
     """Diagonal of its box, about."""
     frame: Floats | None = None
     """Pose (7,) of the frame in which the pieces are; None if they are where the surface is."""
+    slant: Slant | None = None
+    """How the pieces are slanted before."""
 
     def at(self, v: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (..., 3), or derivatives of them.
@@ -87,12 +90,17 @@ class Surface:
         """Points (n, 3) of one piece, at v (n,) between its seams, or derivatives of them."""
         low, high = self.seams[piece], self.seams[piece + 1]
         local = np.clip((v - low) / (high - low), 0.0, 1.0)
-        found = self.pieces[piece].at(local, turns, by)
+        found = self._slanted(self.pieces[piece], local, turns, by)
         if self.frame is not None:
             position, axes = split_pose(self.frame)
             found = found @ axes.T
             found = found + position if by == (0, 0) else found
         return found / (high - low) ** by[0] if by[0] else found
+
+    def _slanted(self, piece: Patch, v: Floats, turns: Floats, by: tuple[int, int]) -> Floats:
+        if self.slant is None:
+            return piece.at(v, turns, by)
+        return self.slant.carried(lambda order: piece.at(v, turns, order), by)
 
     def normals(self, v: ArrayLike, turns: ArrayLike) -> Floats:
         """Outward unit normals (..., 3); arguments and errors as for `at`.
@@ -168,12 +176,14 @@ def closed_surface(pieces: tuple[Patch, ...]) -> Surface:
     return Surface(pieces, seams, 0.5 * (low + high), size)
 
 
-def placed(surface: Surface, frame: Floats | None) -> Surface:
-    """A surface that is where its pieces are, carried along by a frame of this pose (7,)."""
-    if frame is None:
+def placed(surface: Surface, frame: Floats | None, slant: Slant | None = None) -> Surface:
+    """A surface that is where its pieces are, slanted and carried along by a frame's pose (7,)."""
+    if frame is None and slant is None:
         return surface
-    middle = transform(frame, surface.middle[None])[0]
-    return replace(surface, middle=middle, frame=frame)
+    middle = surface.middle[None] if slant is None else slant.slanted(surface.middle[None])
+    if frame is not None:
+        middle = transform(frame, middle)
+    return replace(surface, middle=middle[0], frame=frame, slant=slant)
 
 
 def _turns() -> Floats:

@@ -1,0 +1,184 @@
+"""The planes in which an object ends, and the slant of the space between them.
+
+Each touch of an end tells how that leans there, whatever the error of its place. Touches that are
+flat and lean alike make a plane.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.felt.felt_points import FeltPoints
+from palpate.core.rebuild.slant import Slant
+
+FACING = 0.8
+"""Part of a normal along the axis from which on a taxel lies on an end, slanted or not."""
+FEWEST = 24
+"""Taxels of a touch: fewer felt but an edge."""
+FLAT, BENT, WORSE = 2e-4, 1.4, 2.0
+"""A touch is flat if its taxels lie no farther off a plane than this share of its width; with
+noise, if a bent surface follows them no better than by the second factor, nor the best touch its
+plane by the third: else it lies across an edge."""
+ALIKE = np.radians(2.0)
+"""By how much touches of one plane may lean otherwise than the outermost of them."""
+TOGETHER = 0.02
+"""Of the extent: how far from its plane they may lie, and anything else may stand out over it."""
+FEW, UNSURE = 3, np.radians(0.25)
+"""Touches that tell themselves how sure their mean is; of fewer, each may be wrong by this."""
+SURE = 3.0
+"""Standard deviations by which a slope must differ from none."""
+LEAST = 1e-4
+"""Of the extent: what heights must be moved by to be worth it."""
+MORE = 0.005
+"""By how much more sides may lean then, as part of their normals: the axis is wrong, not the ends,
+where they lean more."""
+STEEPEST, LEAST_STRETCH = 1.0, 0.25
+"""Slopes, and how far heights may be pressed together, beyond which nothing was understood."""
+
+
+class EndPlane(NamedTuple):
+    """A plane over the slicing frame, z = height + slopes . (x, y)."""
+
+    height: float
+    """At the origin, m."""
+    slopes: Floats
+    """(2,)."""
+    error: float
+    """Standard deviation of a slope."""
+
+    def at(self, places: Floats) -> Floats:
+        """Heights (n,) over places (n, 2), m."""
+        heights: Floats = self.height + places @ self.slopes
+        return heights
+
+
+class Foot(NamedTuple):
+    """A touch of an end."""
+
+    touch: int
+    """Its number."""
+    place: Floats
+    """Mean of its taxels, (3,), m."""
+    slopes: Floats
+    """(2,)."""
+    off: float
+    """How far its taxels lie off a plane, root mean square, m."""
+    width: float
+    """Of its taxels, root mean square from their middle, m."""
+    kind: Literal["flat", "bent", "edge"]
+    """flat: they lie in a plane; bent: a smooth surface follows them better; edge: neither."""
+
+    def has_beside_it(self, other: Foot, beneath: float) -> bool:
+        """Whether another touch leans like it, and lies in its plane but for so much, m."""
+        height = self.place[2] + (other.place - self.place)[:2] @ self.slopes
+        near = abs(float(other.place[2] - height)) < beneath
+        return near and float(np.linalg.norm(other.slopes - self.slopes)) < np.tan(ALIKE)
+
+
+def end_plane(felt: FeltPoints, way: float) -> EndPlane | None:
+    """The plane of an end, way 1 or -1; None if it was not felt to be one."""
+    feet = [one for one in feet_of(felt, way) if one.kind == "flat"]
+    if not feet:
+        return None
+    extent = float(np.ptp(felt.points[:, 2]))
+    first = max(feet, key=lambda foot: way * float(foot.place[2]))
+    alike = [one for one in feet if first.has_beside_it(one, TOGETHER * extent)]
+    slopes = np.stack([one.slopes for one in alike])
+    mean = slopes.mean(axis=0)
+    height = float(np.mean([one.place[2] - one.place[:2] @ mean for one in alike]))
+    scatter = np.sqrt(np.mean((slopes - mean) ** 2)) if len(alike) >= FEW else np.tan(UNSURE)
+    plane = EndPlane(height, mean, float(scatter / np.sqrt(len(alike))))
+    beyond = float((way * (felt.points[:, 2] - plane.at(felt.points[:, :2]))).max())
+    return plane if beyond < TOGETHER * extent else None
+
+
+def slant_between(
+    felt: FeltPoints, middle: Floats, ends: tuple[float | None, float | None]
+) -> Slant | None:
+    """The slant of the space between the ends; None where both are level, or not planes.
+
+    Parameters
+    ----------
+    felt : FeltPoints
+        All taxels, seen from the slicing frame; with normals.
+    middle : (2,) array
+        Of the object, m.
+    ends : pair of float or None
+        Heights of its ends, as touched by whatever means, m: where no taxel was, they are level.
+    """
+    extent = float(np.ptp(felt.points[:, 2]))
+    low, high = end_plane(felt, -1.0), end_plane(felt, 1.0)
+    away = felt.points[:, :2] - middle
+    reach = float(np.linalg.norm(away, axis=1).max())
+    if not any(_slants(plane, reach, extent) for plane in (low, high)):
+        return None
+    below = low or _like(high, felt, -1.0, ends[0])
+    above = high or _like(low, felt, 1.0, ends[1])
+    bottom, top = (float(plane.at(middle[None])[0]) for plane in (below, above))
+    change = (above.slopes - below.slopes) / (top - bottom)
+    slant = Slant(middle, below.slopes - bottom * change, change)
+    steep = max(float(np.linalg.norm(plane.slopes)) for plane in (below, above))
+    sound = top > bottom and steep < STEEPEST and float((1.0 + away @ change).min()) > LEAST_STRETCH
+    return (
+        slant if sound and _leaning(slant.straightened_felt(felt)) < MORE + _leaning(felt) else None
+    )
+
+
+def _leaning(felt: FeltPoints) -> float:
+    """How much the sides lean: the part of their normals along the axis, root mean square."""
+    assert felt.normals is not None
+    upward = felt.normals[:, 2]
+    sides = upward[np.abs(upward) < FACING]
+    return float(np.sqrt(np.mean(sides**2))) if len(sides) else 0.0
+
+
+def feet_of(felt: FeltPoints, way: float) -> list[Foot]:
+    """The touches that face an end, way 1 or -1, with enough taxels to say how it leans there."""
+    assert felt.normals is not None
+    facing = way * felt.normals[:, 2] > FACING
+    counts = np.bincount(felt.touch[facing], minlength=1)
+    numbers = np.flatnonzero(counts >= FEWEST)
+    feet = [_foot(int(each), felt.points[facing & (felt.touch == each)]) for each in numbers]
+    best = min((one.off for one in feet), default=0.0)
+    least = [FLAT * one.width for one in feet]
+    return [
+        one._replace(kind="edge") if one.kind == "flat" and one.off > WORSE * best + small else one
+        for one, small in zip(feet, least, strict=True)
+    ]
+
+
+def _foot(touch: int, points: Floats) -> Foot:
+    """A touch by its taxels (n, 3) that face an end."""
+    place = points.mean(axis=0)
+    x, y, z = (points - place).T
+    rows = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
+    plane, bent = (np.linalg.lstsq(rows[:, :count], z, rcond=None)[0] for count in (3, 6))
+    off = float(np.sqrt(np.mean((z - rows[:, :3] @ plane) ** 2)))
+    left = float(np.sqrt(np.mean((z - rows @ bent) ** 2)))
+    width = float(np.sqrt(np.mean(x * x + y * y)))
+    is_bent = off > BENT * left + FLAT * width
+    return Foot(touch, place, plane[1:], off, width, "bent" if is_bent else "flat")
+
+
+def _slants(plane: EndPlane | None, reach: float, extent: float) -> bool:
+    if plane is None:
+        return False
+    slope = float(np.linalg.norm(plane.slopes))
+    return slope > SURE * plane.error and slope * reach > LEAST * extent
+
+
+def only_given(felt: FeltPoints, way: float, given: float | None) -> bool:
+    """Whether an end lies at a given height beyond all that was felt, as on a platform."""
+    return given is not None and way * given > float((way * felt.points[:, 2]).max())
+
+
+def _like(other: EndPlane | None, felt: FeltPoints, way: float, given: float | None) -> EndPlane:
+    """What stands for an end that is no plane: as the other if taxels felt it, else level."""
+    assert other is not None
+    if given is not None and only_given(felt, way, given):
+        return EndPlane(given, np.zeros(2), 0.0)
+    farthest = way * float((way * felt.points[:, 2]).max())
+    return EndPlane(farthest, other.slopes, other.error)
