@@ -46,7 +46,7 @@ class Demand(NamedTuple):
             "tolerance": self.tolerance,
             "feature": FEATURE,
             "settings": dict(self.settings),
-            "axis": self.axis,
+            "axis": None if self.axis is None else list(self.axis),
         }
 
 

@@ -126,32 +126,53 @@ def test_whole_explorations_are_held_against_error_and_cost(
     assert not named(rows, "box, noise: contours, touches").holds
 
 
-@pytest.mark.parametrize("rows", ["tilted_rows", "direction_rows"])
-def test_an_object_turned_is_held_against_itself(
-    explored: Explored, monkeypatch: pytest.MonkeyPatch, rows: str
+def test_an_object_that_leans_is_held_against_itself(
+    explored: Explored, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     poses: list[Any] = []
 
-    def explore(target: Any, noise: Any, demand: Any, moved: Any = None) -> Explored:
+    def explore(target: Any, noise: Any, demand: Any, seed: int, moved: Any) -> Explored:
         poses.append(moved)
         return explored
 
     monkeypatch.setattr(bench_explore_frames, "explore_object", explore)
-    [row] = list(getattr(bench_explore_frames, rows)(True))
+    [row] = list(bench_explore_frames.tilted_rows(True))
     assert (row.value, row.holds) == ("1.00 x", True)
     assert [pose is None for pose in poses] == [True, False]
-    monkeypatch.setattr(bench_explore_frames, "times", lambda one, other: 1.21)
-    [row] = list(getattr(bench_explore_frames, rows)(True))
-    assert not row.holds
 
 
-def test_a_direction_that_is_much_better_than_the_other_is_a_miss_too(
-    explored: Explored, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("leaning", "value", "holds"), [(1.2, "1.20 x", True), (1.21, "1.21 x", False)]
+)
+def test_a_leaning_object_may_be_a_fifth_worse(
+    monkeypatch: pytest.MonkeyPatch, leaning: float, value: str, holds: bool
 ) -> None:
-    monkeypatch.setattr(bench_explore_frames, "explore_object", lambda *args, **kwargs: explored)
-    monkeypatch.setattr(bench_explore_frames, "times", lambda one, other: 0.8)
+    monkeypatch.setattr(
+        bench_explore_frames,
+        "mean_chamfer",
+        lambda target, demand, quick, moved=None: 1.0 if moved is None else leaning,
+    )
+    [row] = list(bench_explore_frames.tilted_rows(True))
+    assert (row.value, row.holds) == (value, holds)
+
+
+@pytest.mark.parametrize(
+    ("times", "value", "holds"), [(0.9, "1.11 x", True), (0.8, "1.25 x", False)]
+)
+def test_a_direction_that_is_much_better_than_the_other_is_a_miss_too(
+    monkeypatch: pytest.MonkeyPatch, times: float, value: str, holds: bool
+) -> None:
+    asked: list[Any] = []
+
+    def mean(target: Any, demand: Any, quick: bool) -> float:
+        asked.append(demand.axis)
+        return 1.0 if demand.axis is None else times
+
+    monkeypatch.setattr(bench_explore_frames, "mean_chamfer", mean)
     [row] = list(bench_explore_frames.direction_rows(True))
-    assert (row.value, row.holds) == ("1.25 x", False)
+    assert (row.value, row.holds) == (value, holds)
+    assert asked[0] is None
+    assert np.linalg.norm(asked[1]) == pytest.approx(1.0)
 
 
 def test_three_fingers_are_held_against_one(

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from palpate.core.frames import inverse, transform
+from palpate.core.frames import inverse, split_pose, transform
 from palpate.messages.codec import encode
 from palpate.messages.types import ContourGoal, ModelGoal, ShapeModel, World
 from palpate.nodes.planner import Params
@@ -79,6 +79,14 @@ def test_a_flat_top_is_touched_five_times_and_the_platform_never(
     probes = of(said, "/probe/goal")
     assert all(transform(inverse(goal.pose), np.zeros((1, 3)))[0, 2] > 0.0 for goal in probes)
     assert 5 <= len(probes) <= 13
+
+
+def test_the_object_is_sliced_along_the_axis_that_is_asked_for(
+    explored: Explored, world: World
+) -> None:
+    said = explored(Params(axis=(0.0, 0.0, -2.0), planner="uniform", settings={"count": 3}), world)
+    axes = np.stack([split_pose(goal.frame)[1][:, 2] for goal in of(said, "/contour/goal")])
+    assert axes == pytest.approx(np.tile([0.0, 0.0, 1.0], (3, 1)))
 
 
 def test_it_ends_when_the_hand_closes_on_nothing(
@@ -176,6 +184,8 @@ def test_a_tolerance_that_the_sensor_cannot_tell_is_refused(
         ({"planner": "best"}, "there is no planner 'best'; there are predicted, uniform"),
         ({"planner": "uniform", "settings": {"count": 0}}, "count is 0; expected 1 to 200"),
         ({"settings": {"contours": 5}}, "has no contours; it has cover"),
+        ({"axis": [0.0, 0.0, 0.0]}, "axis must have a length, got"),
+        ({"axis": [1.0, 0.0]}, "length 3"),
     ],
 )
 def test_what_cannot_be_asked_for_is_refused(params: Any, words: str) -> None:

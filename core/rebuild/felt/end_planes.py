@@ -32,9 +32,8 @@ SURE = 3.0
 """Standard deviations by which a slope must differ from none."""
 LEAST = 1e-4
 """Of the extent: what heights must be moved by to be worth it."""
-MORE = 0.005
-"""By how much more sides may lean then, as part of their normals: the axis is wrong, not the ends,
-where they lean more."""
+LEVEL = 0.15
+"""Slope up to which an end is nearly level: one of both must be, else it is the axis that leans."""
 STEEPEST, LEAST_STRETCH = 1.0, 0.25
 """Slopes, and how far heights may be pressed together, beyond which nothing was understood."""
 
@@ -120,19 +119,10 @@ def slant_between(
     bottom, top = (float(plane.at(middle[None])[0]) for plane in (below, above))
     change = (above.slopes - below.slopes) / (top - bottom)
     slant = Slant(middle, below.slopes - bottom * change, change)
-    steep = max(float(np.linalg.norm(plane.slopes)) for plane in (below, above))
-    sound = top > bottom and steep < STEEPEST and float((1.0 + away @ change).min()) > LEAST_STRETCH
-    return (
-        slant if sound and _leaning(slant.straightened_felt(felt)) < MORE + _leaning(felt) else None
-    )
-
-
-def _leaning(felt: FeltPoints) -> float:
-    """How much the sides lean: the part of their normals along the axis, root mean square."""
-    assert felt.normals is not None
-    upward = felt.normals[:, 2]
-    sides = upward[np.abs(upward) < FACING]
-    return float(np.sqrt(np.mean(sides**2))) if len(sides) else 0.0
+    stretch = float((1.0 + away @ change).min())
+    steep = sorted(float(np.linalg.norm(plane.slopes)) for plane in (below, above))
+    sound = top > bottom and stretch > LEAST_STRETCH and steep[0] < LEVEL and steep[1] < STEEPEST
+    return slant if sound else None
 
 
 def feet_of(felt: FeltPoints, way: float) -> list[Foot]:

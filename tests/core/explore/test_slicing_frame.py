@@ -77,6 +77,18 @@ def test_an_object_that_stands_upright_is_sliced_in_the_worlds_axes_and_heights(
     assert (found.low, found.high) == pytest.approx((0.008, 0.092), abs=3e-4)
 
 
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
+def test_a_given_axis_is_taken(axis: tuple[float, float, float]) -> None:
+    points, normals, platform = contacts(ELLIPSOID, about_x(0.5), PLACE)
+    fit = fit_coarse(points, NOISE)
+    found = slicing_frame(fit, points, normals, platform, NOISE, np.array(axis))
+
+    assert (found.axis, found.axis_error) == ("given", 0.0)
+    assert split_pose(found.pose)[1][:, 2] == pytest.approx(axis, abs=1e-12)
+    reach = np.linalg.norm(about_x(0.5).T @ axis * [0.02, 0.028, 0.042])
+    assert found.high - found.low == pytest.approx(2.0 * reach, abs=2e-3)
+
+
 def test_a_ball_has_no_axis_and_says_so() -> None:
     found = frame_of(BALL, about_x(0.5), PLACE)
 
