@@ -1,13 +1,13 @@
 """A control lattice carried along by a frame: deformed and undeformed control points alike.
 
-A slant moves the deformed ones alone, for it is part of the deformation. What they control follows
-exactly where both ends are parallel; else as nearly as control points lie close together.
+A slant moves the deformed ones alone, for it is part of the deformation.
 """
 
 from __future__ import annotations
 
 from palpate.core.arrays import Floats
 from palpate.core.frames import split_pose
+from palpate.core.rebuild.lattice.slanted_volume import slanted_volume
 from palpate.core.rebuild.slant import Slant
 from palpate.core.splines.frame import Frame
 from palpate.core.splines.lattice import Lattice
@@ -17,9 +17,7 @@ from palpate.core.splines.volume import Volume
 def moved_lattice(lattice: Lattice, frame: Floats | None, slant: Slant | None = None) -> Lattice:
     """The lattice slanted, and where a frame of this pose (7,) carries it; the same for None."""
     if slant is not None:
-        volume = lattice.volume
-        control = slant.slanted(volume.control.reshape(-1, 3)).reshape(volume.control.shape)
-        lattice = Lattice(Volume(control, volume.bases, volume.weights), lattice.undeformed)
+        lattice = Lattice(slanted_volume(lattice.volume, slant), lattice.undeformed)
     if frame is None:
         return lattice
     position, axes = split_pose(frame)

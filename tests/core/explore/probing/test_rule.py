@@ -91,6 +91,24 @@ def test_a_flat_top_takes_five_that_lie_all_over_it(
     assert np.diff(turns, append=turns[0] + 2.0 * math.pi).max() < math.radians(150.0)
 
 
+@pytest.mark.parametrize("radius", [0.024, 0.014])
+def test_a_flat_top_takes_as_many_touches_as_tell_its_height_in_spite_of_their_noise(
+    probed: Run, known: EndKnown, ring: Ring, radius: float
+) -> None:
+    noisy = replace(known, wall=ring(radius - 2e-4, 0.037, above=2e-3), noise=1e-4)
+    _, probes = probed(_column(radius), "upper", noisy)
+    enough = (noisy.noise / (0.2 * known.tolerance)) ** 2
+    assert len(probes) == max(math.ceil(enough), 5) > 5
+    _, fewer = probed(_column(radius), "upper", replace(noisy, noise=1e-6))
+    assert len(fewer) <= 5
+
+
+def test_a_pole_takes_one_touch_in_spite_of_noise(probed: Run, known: EndKnown, ring: Ring) -> None:
+    wall = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
+    _, probes = probed(_ball(), "upper", replace(known, wall=wall, noise=1e-4))
+    assert _whys(probes) == "s"
+
+
 def test_a_narrow_flat_top_takes_one(probed: Run, known: EndKnown, ring: Ring) -> None:
     done, probes = probed(
         _column(0.014), "upper", replace(known, wall=ring(0.0138, 0.037, above=2e-3))
