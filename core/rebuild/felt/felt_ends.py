@@ -7,12 +7,15 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats
 from palpate.core.plane.area_centroid import area_centroid
 from palpate.core.rebuild.ends.ends import End, close_ends
+from palpate.core.rebuild.felt.crown import crown_height
 from palpate.core.rebuild.felt.end_middle import with_felt_middle
 from palpate.core.rebuild.felt.end_planes import feet_of
 from palpate.core.rebuild.felt.felt_beyond import felt_beyond
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.felt.felt_skin import FeltSkin
 
+FEW = 3
+"""Flat touches that tell the height of an end by themselves."""
 UPRIGHT = 0.9
 """Part of a normal along the axis from which on a taxel lies on an end."""
 NOISES = 3.0
@@ -50,8 +53,13 @@ def touched_end(
     beyond = on_end(felt, last, way)
     if not beyond.any():
         return given
+    crown = None if pose is None else crown_height(felt, beyond, way)
     within = NOISES * (pose or 0.0)
-    found = _one_height(_touched_heights(felt, beyond, way), within)
+    flat, others = _touched_heights(felt, beyond, way)
+    if crown is not None and len(flat) < FEW:
+        found = crown
+    else:
+        found = _one_height(flat if len(flat) >= FEW else np.concatenate([flat, others]), within)
     farthest = float((way * felt.points[beyond, 2]).max())
     if given is None or way * given <= farthest:
         return way * found
@@ -60,8 +68,8 @@ def touched_end(
     return way * (found if is_one else max(found, way * given))
 
 
-def _touched_heights(felt: FeltPoints, beyond: Bools, way: float) -> Floats:
-    """How far touches of an end say that it reaches, (k,), m.
+def _touched_heights(felt: FeltPoints, beyond: Bools, way: float) -> tuple[Floats, Floats]:
+    """How far touches of an end say that it reaches, m: flat ones, and others.
 
     A flat touch says it by all its taxels, another by the farthest; one across an edge says
     nothing, nor do a few taxels beside whole touches.
@@ -69,11 +77,11 @@ def _touched_heights(felt: FeltPoints, beyond: Bools, way: float) -> Floats:
     heights = np.full(int(felt.touch.max()) + 1, -np.inf)
     np.maximum.at(heights, felt.touch[beyond], way * felt.points[beyond, 2])
     feet = [one for one in feet_of(felt, way) if np.isfinite(heights[one.touch])]
-    for one in feet:
-        if one.kind == "flat":
-            heights[one.touch] = way * float(one.place[2])
-    whole = [one.touch for one in feet if one.kind != "edge"]
-    return heights[whole] if whole else heights[np.isfinite(heights)]
+    flat = [way * float(one.place[2]) for one in feet if one.kind == "flat"]
+    bent = [float(heights[one.touch]) for one in feet if one.kind == "bent"]
+    if not flat and not bent:
+        return np.zeros(0), heights[np.isfinite(heights)]
+    return np.array(flat), np.array(bent)
 
 
 def _one_height(heights: Floats, within: float) -> float:
