@@ -51,9 +51,8 @@ LEVEL = ("flat", "flared")
 BY_FAR, CLEARLY, CLOSELY = 0.2, 0.5, 8e-4
 """By how much better than a sharp edge, and than a superellipse, which looks like an arc; and how
 well it must follow the rows then, as a share of the radius."""
-SEEN, TOGETHER = 1e-4, 3.5
-"""Of the radius: noise that is larger hides the difference, and most made things end in arcs. Rows
-err together, by so many standard deviations of a mean radius."""
+TOGETHER = 3.5
+"""Rows err together, by so many standard deviations of a mean radius."""
 DENSE_SLACK = 5e-4
 """As `SLACK`, for those."""
 
@@ -132,9 +131,8 @@ def _arc_instead(
     strays, others = (_strays(one, depths, radii, end, beyond) for one in (arc, profile))
     if isinstance(profile, Flat):
         return arc if strays < BY_FAR * others else None
-    radius = float(radii[-1])
-    clearly = strays < (CLEARLY if scatter < SEEN * radius else 1.0) * others
-    return arc if clearly and strays < CLOSELY * radius + TOGETHER * scatter else None
+    closely = CLOSELY * float(radii[-1]) + TOGETHER * scatter
+    return arc if strays < min(CLEARLY * others, closely) else None
 
 
 def _strays(

@@ -11,7 +11,7 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 
-FACING = 0.97
+FACING = 0.995
 """Part of a normal along the axis from which on a taxel belongs to the crown."""
 DEEP = 0.01
 """Of the extent: how far below the farthest taxel it still does."""

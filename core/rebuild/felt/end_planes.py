@@ -6,6 +6,7 @@ flat and lean alike make a plane.
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -22,12 +23,13 @@ FLAT, BENT, WORSE = 2e-4, 1.4, 2.0
 """A touch is flat if its taxels lie no farther off a plane than this share of its width; with
 noise, if a bent surface follows them no better than by the second factor, nor the best touch its
 plane by the third: else it lies across an edge."""
-ALIKE = np.radians(2.0)
+ALIKE = math.radians(2.0)
 """By how much touches of one plane may lean otherwise than the outermost of them."""
 TOGETHER = 0.02
 """Of the extent: how far from its plane they may lie, and anything else may stand out over it."""
-FEW, UNSURE = 3, np.radians(0.25)
-"""Touches that tell themselves how sure their mean is; of fewer, each may be wrong by this."""
+FEW, UNSURE = 3, math.radians(0.25)
+"""Touches that tell themselves how sure their mean is; of fewer, each may be wrong by this, and
+none that is not flat may lie beside them: a dome looks flat somewhere."""
 SURE = 3.0
 """Standard deviations by which a slope must differ from none."""
 LEAST = 1e-4
@@ -70,25 +72,32 @@ class Foot(NamedTuple):
     kind: Literal["flat", "bent", "edge"]
     """flat: they lie in a plane; bent: a smooth surface follows them better; edge: neither."""
 
-    def has_beside_it(self, other: Foot, beneath: float) -> bool:
-        """Whether another touch leans like it, and lies in its plane but for so much, m."""
+    def misses(self, other: Foot) -> float:
+        """How far another touch lies off its plane, along the axis, m."""
         height = self.place[2] + (other.place - self.place)[:2] @ self.slopes
-        near = abs(float(other.place[2] - height)) < beneath
-        return near and float(np.linalg.norm(other.slopes - self.slopes)) < np.tan(ALIKE)
+        return abs(float(other.place[2] - height))
+
+    def leans_as(self, other: Foot) -> bool:
+        """Whether another touch leans like it."""
+        return float(np.linalg.norm(other.slopes - self.slopes)) < math.tan(ALIKE)
 
 
 def end_plane(felt: FeltPoints, way: float) -> EndPlane | None:
     """The plane of an end, way 1 or -1; None if it was not felt to be one."""
-    feet = [one for one in feet_of(felt, way) if one.kind == "flat"]
-    if not feet:
+    feet = feet_of(felt, way)
+    flat = [one for one in feet if one.kind == "flat"]
+    if not flat:
         return None
     extent = float(np.ptp(felt.points[:, 2]))
-    first = max(feet, key=lambda foot: way * float(foot.place[2]))
-    alike = [one for one in feet if first.has_beside_it(one, TOGETHER * extent)]
+    first = max(flat, key=lambda foot: way * float(foot.place[2]))
+    alike = [one for one in flat if first.leans_as(one) and first.misses(one) < TOGETHER * extent]
+    beside = [one for one in feet if one.kind != "flat" and first.misses(one) < TOGETHER * extent]
+    if beside and len(alike) < FEW:
+        return None
     slopes = np.stack([one.slopes for one in alike])
     mean = slopes.mean(axis=0)
     height = float(np.mean([one.place[2] - one.place[:2] @ mean for one in alike]))
-    scatter = np.sqrt(np.mean((slopes - mean) ** 2)) if len(alike) >= FEW else np.tan(UNSURE)
+    scatter = np.sqrt(np.mean((slopes - mean) ** 2)) if len(alike) >= FEW else math.tan(UNSURE)
     plane = EndPlane(height, mean, float(scatter / np.sqrt(len(alike))))
     beyond = float((way * (felt.points[:, 2] - plane.at(felt.points[:, :2]))).max())
     return plane if beyond < TOGETHER * extent else None
