@@ -1,8 +1,9 @@
 """One number for a whole solid: the standard deviation of its surface, ends included.
 
-The side says its own, and where it was not felt, what may bulge there. An end adds what nobody has
-felt of it: the edge between the last height that was felt and the end, the end's own height, how
-far what touched it lies off it, and, where nobody touched, by how much the object may go on.
+The side says its own, how much farther than by their noise taxels lie off it, as next to sharp
+edges, and where it was not felt, what may bulge there. An end adds what nobody has felt of it: the
+edge between the last height that was felt and the end, the end's own height, how far what touched
+it lies off it, and, where nobody touched, by how much the object may go on.
 """
 
 from __future__ import annotations
@@ -95,8 +96,10 @@ def _side_deviation(closed: ContourSolid, cells: _Cells) -> Floats:
     if closed.felt is None:
         return deviation
     # What was felt is told across the axis; where the side turns level, the poses are left.
-    left: Floats = np.maximum(cells.steep * deviation, POSE_LEFT * closed.felt.pose_sigma)
-    return left
+    left = np.maximum(cells.steep * deviation, POSE_LEFT * closed.felt.pose_sigma)
+    # Taxels that lie farther off than their noise lets them say how far the surface is wrong.
+    off = max(closed.felt.rms**2 - closed.felt.sigma**2, 0.0)
+    return np.asarray(np.sqrt(left**2 + off))
 
 
 def _of_gaps(closed: ContourSolid) -> float:

@@ -13,7 +13,6 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.ends.end_profiles import (
     Beyond,
-    Flat,
     Profile,
     conic,
     flared,
@@ -47,10 +46,10 @@ FAMILIES: dict[Kind, Family] = {
 DENSE: dict[Kind, Family] = {"flat": flat, "conic": conic, "flared": flared}
 """Those for contours so close together that they show how a leaning wall is rounded."""
 LEVEL = ("flat", "flared")
-"""Families in whose place a wall that an arc rounds off is taken, if it follows the rows better."""
+"""Families that end level, as a wall does that an arc rounds off."""
 BY_FAR, CLEARLY, CLOSELY = 0.2, 0.5, 8e-4
-"""By how much better than a sharp edge, and than a superellipse, which looks like an arc; and how
-well it must follow the rows then, as a share of the radius."""
+"""By how much better either must be than a sharp edge, and an arc than a superellipse, which looks
+like one; and how well it must follow the rows then, as a share of the radius."""
 TOGETHER = 3.5
 """Rows err together, by so many standard deviations of a mean radius."""
 DENSE_SLACK = 5e-4
@@ -109,30 +108,34 @@ def choose_profile(
         misses = felt
     enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
     kind = next(name for name, miss in misses.items() if miss <= enough)
-    if kind in LEVEL and dense:
-        arc = _arc_instead(profiles[kind], depths, radii, end, scatter, beyond)
-        if arc is not None:
-            return Choice("rounded", arc, misses)
-    return Choice(kind, profiles[kind], misses)
+    if kind not in LEVEL or not dense:
+        return Choice(kind, profiles[kind], misses)
+    return _level(kind, profiles, depths, radii, end, scatter, beyond)._replace(misses=misses)
 
 
-def _arc_instead(
-    profile: Profile,
+def _level(
+    kind: Kind,
+    profiles: dict[Kind, Profile],
     depths: Floats,
     radii: Floats,
     end: float,
     scatter: float,
     beyond: Beyond | None,
-) -> Profile | None:
-    """A wall that an arc rounds off, if it follows the rows clearly better than a profile."""
+) -> Choice:
+    """A sharp edge, or what follows the rows clearly better: a shoulder, or an arc."""
+
+    def strays(profile: Profile) -> float:
+        return _strays(profile, depths, radii, end, beyond)
+
+    flat, flared = strays(profiles["flat"]), strays(profiles["flared"])
+    if flared < BY_FAR * flat:
+        kind = "flared"
     arc = rounded(depths, radii, end)
     if arc is None:
-        return None
-    strays, others = (_strays(one, depths, radii, end, beyond) for one in (arc, profile))
-    if isinstance(profile, Flat):
-        return arc if strays < BY_FAR * others else None
+        return Choice(kind, profiles[kind], {})
     closely = CLOSELY * float(radii[-1]) + TOGETHER * scatter
-    return arc if strays < min(CLEARLY * others, closely) else None
+    most = BY_FAR * flat if kind == "flat" else min(CLEARLY * flared, closely)
+    return Choice("rounded", arc, {}) if strays(arc) < most else Choice(kind, profiles[kind], {})
 
 
 def _strays(

@@ -49,6 +49,25 @@ def test_it_is_of_the_size_of_the_true_error(shape: Any, oracle: Make) -> None:
     assert 0.4 * error < said(solid) < 4.0 * error
 
 
+def test_sharp_edges_of_the_side_that_taxels_felt_are_owned_up_to() -> None:
+    rng = np.random.default_rng(0)
+    turn, heights = rng.uniform(0.0, 2.0 * np.pi, 20_000), rng.uniform(-0.05, 0.05, 20_000)
+    facet = (np.floor(turn / (np.pi / 3)) + 0.5) * np.pi / 3
+    apothem = 0.026 / np.cos(turn - facet)
+    points = np.column_stack([apothem * np.cos(turn), apothem * np.sin(turn), heights])
+    normals = np.column_stack([np.cos(facet), np.sin(facet), np.zeros(20_000)])
+    felt = FeltPoints(points, normals, np.arange(20_000, dtype=np.int32) // 100)
+    rings = [
+        np.column_stack([points[::200, :2][np.argsort(turn[::200])], np.full(100, z)])
+        for z in np.linspace(-0.045, 0.045, 9)
+    ]
+    solid = reconstruct(rings, patches=felt, tops=ends(-0.05, 0.05), method="skin")
+    assert solid.closed is not None and solid.closed.felt is not None
+    assert solid.closed.felt.rms > 2.0 * solid.closed.felt.sigma
+    error = np.sqrt(np.mean(solid.search().nearest(points[:2000]).distances ** 2))
+    assert 0.5 * error < said(solid) < 4.0 * error
+
+
 def test_an_end_that_nobody_touched_costs_what_it_may_hide() -> None:
     contours = cylinder(np.linspace(-0.045, 0.045, 10))
     one, neither = ends(-0.05, 0.05)[1:], None
