@@ -7,24 +7,15 @@ flat and lean alike make a plane.
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.rebuild.felt.feet import feet_of
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.slant import Slant
 
-FACING = 0.8
-"""Part of a normal along the axis from which on a taxel lies on an end, slanted or not."""
-FEWEST = 24
-"""Taxels of a touch: fewer felt but an edge."""
-FLAT, BENT, WORSE = 2e-4, 1.4, 2.0
-"""A touch is flat if its taxels lie no farther off a plane than this share of its width; with
-noise, if a bent surface follows them no better than by the second factor, nor the best touch its
-plane by the third: else it lies across an edge."""
-ALIKE = math.radians(2.0)
-"""By how much touches of one plane may lean otherwise than the outermost of them."""
 TOGETHER = 0.02
 """Of the extent: how far from its plane they may lie, and anything else may stand out over it."""
 FEW, UNSURE = 3, math.radians(0.25)
@@ -54,32 +45,6 @@ class EndPlane(NamedTuple):
         """Heights (n,) over places (n, 2), m."""
         heights: Floats = self.height + places @ self.slopes
         return heights
-
-
-class Foot(NamedTuple):
-    """A touch of an end."""
-
-    touch: int
-    """Its number."""
-    place: Floats
-    """Mean of its taxels, (3,), m."""
-    slopes: Floats
-    """(2,)."""
-    off: float
-    """How far its taxels lie off a plane, root mean square, m."""
-    width: float
-    """Of its taxels, root mean square from their middle, m."""
-    kind: Literal["flat", "bent", "edge"]
-    """flat: they lie in a plane; bent: a smooth surface follows them better; edge: neither."""
-
-    def misses(self, other: Foot) -> float:
-        """How far another touch lies off its plane, along the axis, m."""
-        height = self.place[2] + (other.place - self.place)[:2] @ self.slopes
-        return abs(float(other.place[2] - height))
-
-    def leans_as(self, other: Foot) -> bool:
-        """Whether another touch leans like it."""
-        return float(np.linalg.norm(other.slopes - self.slopes)) < math.tan(ALIKE)
 
 
 def end_plane(felt: FeltPoints, way: float) -> EndPlane | None:
@@ -132,34 +97,6 @@ def slant_between(
     steep = sorted(float(np.linalg.norm(plane.slopes)) for plane in (below, above))
     sound = top > bottom and stretch > LEAST_STRETCH and steep[0] < LEVEL and steep[1] < STEEPEST
     return slant if sound else None
-
-
-def feet_of(felt: FeltPoints, way: float) -> list[Foot]:
-    """The touches that face an end, way 1 or -1, with enough taxels to say how it leans there."""
-    assert felt.normals is not None
-    facing = way * felt.normals[:, 2] > FACING
-    counts = np.bincount(felt.touch[facing], minlength=1)
-    numbers = np.flatnonzero(counts >= FEWEST)
-    feet = [_foot(int(each), felt.points[facing & (felt.touch == each)]) for each in numbers]
-    best = min((one.off for one in feet), default=0.0)
-    least = [FLAT * one.width for one in feet]
-    return [
-        one._replace(kind="edge") if one.kind == "flat" and one.off > WORSE * best + small else one
-        for one, small in zip(feet, least, strict=True)
-    ]
-
-
-def _foot(touch: int, points: Floats) -> Foot:
-    """A touch by its taxels (n, 3) that face an end."""
-    place = points.mean(axis=0)
-    x, y, z = (points - place).T
-    rows = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
-    plane, bent = (np.linalg.lstsq(rows[:, :count], z, rcond=None)[0] for count in (3, 6))
-    off = float(np.sqrt(np.mean((z - rows[:, :3] @ plane) ** 2)))
-    left = float(np.sqrt(np.mean((z - rows @ bent) ** 2)))
-    width = float(np.sqrt(np.mean(x * x + y * y)))
-    is_bent = off > BENT * left + FLAT * width
-    return Foot(touch, place, plane[1:], off, width, "bent" if is_bent else "flat")
 
 
 def _slants(plane: EndPlane | None, reach: float, extent: float) -> bool:

@@ -9,7 +9,7 @@ from palpate.core.plane.area_centroid import area_centroid
 from palpate.core.rebuild.ends.ends import End, close_ends
 from palpate.core.rebuild.felt.crown import crown_height
 from palpate.core.rebuild.felt.end_middle import with_felt_middle
-from palpate.core.rebuild.felt.end_planes import feet_of
+from palpate.core.rebuild.felt.feet import feet_of
 from palpate.core.rebuild.felt.felt_beyond import felt_beyond
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.felt.felt_skin import FeltSkin

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.felt.end_planes import end_plane, feet_of, only_given, slant_between
+from palpate.core.rebuild.felt.end_planes import end_plane, only_given, slant_between
+from palpate.core.rebuild.felt.feet import feet_of
 from palpate.core.rebuild.felt.felt_points import FeltPoints, stack_points
 from palpate.core.rebuild.slant import Slant
 
@@ -64,6 +65,25 @@ def test_a_touch_across_an_edge_has_no_say() -> None:
     found = end_plane(felt, 1.0)
     assert found is not None
     assert found.slopes == pytest.approx(TOP, abs=1e-3)
+
+
+def test_taxels_in_a_line_say_nothing_of_a_slope() -> None:
+    row = touch((0.0, 0.0), 0.08, TOP)
+    at = np.column_stack([np.linspace(-0.005, 0.005, 49), np.zeros(49)])
+    row.points[:] = np.column_stack([at, 0.08 + at @ TOP])
+    felt = stack_points([felt_top(TOP), row])
+    assert [one.kind for one in feet_of(felt, 1.0)] == ["flat"] * 5 + ["edge"]
+
+
+def test_a_dome_that_one_touch_finds_flat_is_no_plane() -> None:
+    parts = [touch(PLACES[0], 0.08, TOP)]
+    for place in PLACES[1:]:
+        one = touch(place, 0.08, TOP)
+        one.points[:, 2] -= (one.points[:, :2] ** 2).sum(axis=1) / 0.3
+        parts.append(one)
+    felt = stack_points([sides(), *parts])
+    assert [one.kind for one in feet_of(felt, 1.0)] == ["flat"] + ["bent"] * 4
+    assert end_plane(felt, 1.0) is None
 
 
 def test_a_ledge_below_the_top_has_no_say() -> None:
