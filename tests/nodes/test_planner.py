@@ -11,7 +11,14 @@ import pytest
 
 from palpate.core.frames import inverse, split_pose, transform
 from palpate.messages.codec import encode
-from palpate.messages.types import ContourGoal, ModelGoal, ShapeModel, World
+from palpate.messages.types import (
+    ContourGoal,
+    GraspContacts,
+    GraspGoal,
+    ModelGoal,
+    ShapeModel,
+    World,
+)
 from palpate.nodes.planner import Params
 
 TOUCHES = 20
@@ -87,6 +94,24 @@ def test_the_object_is_sliced_along_the_axis_that_is_asked_for(
     said = explored(Params(axis=(0.0, 0.0, -2.0), planner="uniform", settings={"count": 3}), world)
     axes = np.stack([split_pose(goal.frame)[1][:, 2] for goal in of(said, "/contour/goal")])
     assert axes == pytest.approx(np.tile([0.0, 0.0, 1.0], (3, 1)))
+
+
+def test_a_level_top_sets_an_axis_upright_that_contacts_made_lean(
+    explored: Explored, cylinder: Any, world: World
+) -> None:
+    class Oblique(cylinder):
+        """Its sections are level, and lie ever farther aside."""
+
+        def contacts_of(self, goal: GraspGoal) -> GraspContacts:
+            found = super().contacts_of(goal)
+            found.points[:, 0] += 0.6 * (found.points[:, 2] - 0.05)
+            return found
+
+    said = explored(UNIFORM, world, Oblique())
+    axes = np.stack([split_pose(goal.frame)[1][:, 2] for goal in of(said, "/contour/goal")])
+    probes = np.stack([split_pose(goal.pose)[1][:, 2] for goal in of(said, "/probe/goal")])
+    assert probes[0, 2] > -0.95  # along an axis that leans
+    assert np.array_equal(axes, np.tile([0.0, 0.0, 1.0], (len(axes), 1)))
 
 
 def test_it_ends_when_the_hand_closes_on_nothing(
