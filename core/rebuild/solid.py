@@ -54,8 +54,8 @@ class Solid:
     """A closed solid, and how it came about; lengths in the unit of the contours.
 
     What it answers is in the world, but heights, which count along the z axis of the slicing
-    frame. What is kept of how it came about is seen from that frame: evidence, skin and ends,
-    lattice, model.
+    frame; where ends are slanted, over its middle. What is kept of how it came about is seen from
+    that frame: evidence, skin and ends, lattice, model.
     """
 
     surface: Surface
