@@ -71,8 +71,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """The slicing axis that is asked for, a unit vector; None if none is."""
         if self.axis is None:
             return None
-        axis = np.array(self.axis)
-        return np.asarray(axis / math.hypot(*self.axis))
+        axis = np.array(self.axis) / np.abs(self.axis).max()
+        return np.asarray(axis / np.linalg.norm(axis))
 
     @property
     def demand(self) -> Demand:

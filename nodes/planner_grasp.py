@@ -115,7 +115,11 @@ def along_face(state: State, face: Floats) -> State | None:
         return None
     axis = split_pose(state.frame.pose)[1][:, 2]
     better = face_axis(axis, face, state.grasped.normals)
-    return None if better is None else with_frame(state, better)
+    if better is None:
+        return None
+    found = with_frame(state, better)
+    assert found.frame is not None and found.frame.axis == "given"  # so this happens but once
+    return found
 
 
 def _reached(frame: SlicingFrame, points: Floats) -> tuple[float, float]:

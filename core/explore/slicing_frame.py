@@ -127,10 +127,10 @@ def slicing_frame(
     if not len(points):
         raise ValueError("points must hold at least one contact, got none")
     if not found.fitted or len(points) < FEWEST:
-        return _about_contacts(points, platform)
+        return _about_contacts(points, platform, axis)
     solid = _on_platform(found, points, platform, noise)
     if not solid.body.sound:
-        return _about_contacts(points, platform)
+        return _about_contacts(points, platform, axis)
     if axis is not None:
         line = _Line(axis, solid.body.centroid, "given", 0.0, solid.shift)
         return _framed(line, solid, found, Touched(points, normals), platform)
@@ -201,16 +201,25 @@ def _snap(line: _Line) -> float:
     return PRINCIPAL_SNAP
 
 
-def _about_contacts(points: Floats, platform: float) -> SlicingFrame:
-    """An upright frame about contacts that tell no more than where they are."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle = 0.5 * (low + high)
-    away = float(np.hypot(*(points - middle)[:, :2].T).max())
-    size = float((high - low).max())
+def _about_contacts(points: Floats, platform: float, given: Floats | None) -> SlicingFrame:
+    """A frame about contacts that tell but where they are: upright, unless an axis is given."""
+    axis = np.array([0.0, 0.0, 1.0]) if given is None else _upwards(given)
+    kind: Axis = "none" if given is None else "given"
+    turn = np.eye(3) if _is_vertical(axis) else _turn_to(axis)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    here = (points - middle) @ turn
+    low, high = float(here[:, 2].min()), float(here[:, 2].max())
+    away, size = float(np.hypot(*here[:, :2].T).max()), float(np.ptp(points, axis=0).max())
+    if not _is_vertical(axis):
+        return SlicingFrame(pose_of(middle, turn), low, high, away, kind, 0.0, size, size)
+    # An upright frame has the world's heights.
     origin = np.array([middle[0], middle[1], 0.0])
-    return SlicingFrame(
-        pose_of(origin, np.eye(3)), platform, float(high[2]), away, "none", 0.0, size, size
-    )
+    top = float(points[:, 2].max())
+    return SlicingFrame(pose_of(origin, turn), platform, top, away, kind, 0.0, size, size)
+
+
+def _is_vertical(axis: Floats) -> bool:
+    return math.atan2(math.hypot(axis[0], axis[1]), axis[2]) <= EXACT
 
 
 def _upwards(axis: Floats) -> Floats:

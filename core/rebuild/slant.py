@@ -12,9 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 
+LEAST_STRETCH = 0.25
+"""How far heights may be pressed together; farther aside both ends would meet."""
 By = tuple[int, int]
 """How often a surface is differentiated, by each of its two parameters."""
 
@@ -34,6 +36,11 @@ class Slant(NamedTuple):
         away = points[:, :2] - self.middle
         heights = (points[:, 2] - away @ self.slopes) / (1.0 + away @ self.change)
         return np.column_stack([points[:, :2], heights])
+
+    def reaches(self, points: Floats) -> Bools:
+        """Which points (n, 3) it carries: those before the line in which both ends would meet."""
+        before: Bools = 1.0 + (points[:, :2] - self.middle) @ self.change > LEAST_STRETCH
+        return before
 
     def slanted(self, points: Floats) -> Floats:
         """Points (n, 3) of the straight space where they are."""

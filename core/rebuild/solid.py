@@ -154,13 +154,16 @@ class Solid:
         Raises
         ------
         ValueError
-            If the method was not "lattice", or a point is not finite.
+            If the method was not "lattice", a point is not finite, or so far aside of slanted
+            ends that these would have met before.
         """
         if self.lattice is None or self.closed is None:
             raise ValueError(f"method must be lattice for a solid to be refined, got {self.method}")
         seen = into_frame(self.frame, finite_array("points", points, (None, 3)))
         slant = self.closed.slant
         if slant is not None:
+            if not slant.reaches(seen).all():
+                raise ValueError("points must lie beside the object, got one far aside of it")
             seen = slant.straightened(seen)
         surface, lattice = refine_solid(
             self.lattice, self.closed, seen, sigma=sigma, weights=weights

@@ -16,7 +16,10 @@ from palpate.messages.types import (
     GraspContacts,
     GraspGoal,
     ModelGoal,
+    Probe,
+    ProbeGoal,
     ShapeModel,
+    Superquadric,
     World,
 )
 from palpate.nodes.planner import Params
@@ -88,12 +91,47 @@ def test_a_flat_top_is_touched_five_times_and_the_platform_never(
     assert 5 <= len(probes) <= 13
 
 
-def test_the_object_is_sliced_along_the_axis_that_is_asked_for(
+def test_the_object_is_sliced_along_the_axis_that_is_asked_for_whatever_its_top_says(
     explored: Explored, world: World
 ) -> None:
-    said = explored(Params(axis=(0.0, 0.0, -2.0), planner="uniform", settings={"count": 3}), world)
+    said = explored(Params(axis=(0.6, 0.0, 0.8), planner="uniform", settings={"count": 3}), world)
     axes = np.stack([split_pose(goal.frame)[1][:, 2] for goal in of(said, "/contour/goal")])
-    assert axes == pytest.approx(np.tile([0.0, 0.0, 1.0], (3, 1)))
+    assert axes == pytest.approx(np.tile([0.6, 0.0, 0.8], (len(axes), 1)))
+
+
+def test_contacts_that_tell_nothing_and_a_top_that_leans_come_to_an_end(
+    explored: Explored, cylinder: Any, world: World
+) -> None:
+    lean = 0.2
+
+    class Leaning(cylinder):
+        """A box that leans, of which the contacts make no solid."""
+
+        def contacts_of(self, goal: GraspGoal) -> GraspContacts:
+            found = super().contacts_of(goal)
+            turn = np.pi / 2 * (np.arange(len(found.normals)) % 4)
+            across = np.stack([np.cos(lean), 0.0 * lean, -np.sin(lean)])
+            found.normals[:] = np.cos(turn)[:, None] * across
+            found.normals[:, 1] += np.sin(turn)
+            return found
+
+        def probe_of(self, goal: ProbeGoal) -> Probe:
+            found = super().probe_of(goal)
+            found.normal[:] = np.sin(lean), 0.0, np.cos(lean)
+            return found
+
+        def model_of(self, goal: ModelGoal) -> tuple[str, Any]:
+            topic, model = super().model_of(goal)
+            if isinstance(model, Superquadric):
+                fields = {name: getattr(model, name) for name in model.__dataclass_fields__}
+                model = Superquadric(**{**fields, "doubts": ("coplanar points",)})
+            return topic, model
+
+    said = explored(UNIFORM, world, Leaning())
+    assert len(of(said, "/probe/goal")) < 30
+    probes = [goal.id for goal in of(said, "/probe/goal")]
+    [done] = of(said, "/plan/done")
+    assert set(done.probes) <= set(probes) and done.probes[0] == probes[0]
 
 
 def test_a_level_top_sets_an_axis_upright_that_contacts_made_lean(

@@ -36,6 +36,7 @@ from palpate.core.explore.probing.search import (
 )
 from palpate.core.explore.probing.summit import uphill
 from palpate.core.frames import DOWN, pad_rotation, pose_of, split_pose
+from palpate.core.plane.edge_distance import edge_distance
 
 MOST_BACK = 4
 """Times that a touch which began inside the object is begun a pad's width farther off."""
@@ -156,11 +157,16 @@ def _next_face(
     summit = uphill(faces, made, known.width) if leans or not plane else None
     if summit is not None and covers(wall, summit[None], FOOT * known.width)[0]:
         return along_axis(known, summit)._replace(why="face")
-    sure = leans or not plane or len(faces) >= (known.noise / (SURE * known.tolerance)) ** 2
     small = gap.radius <= (SMALL_ROUND if leans else SMALL) * known.width
-    if sure and (small or (plane and len(faces) >= PLANE)):
+    if leans or not plane:
+        return unfelt if small else _onto(known, face, gap.place)
+    # The mean of more touches tells the height of a face on which a whole pad lies.
+    middle = heart(wall)
+    wide = float(edge_distance(inner_outline(wall), middle[None])[0]) > FOOT * known.width
+    sure = not wide or len(faces) >= (known.noise / (SURE * known.tolerance)) ** 2
+    if sure and (small or len(faces) >= PLANE):
         return unfelt
-    return _onto(known, face, gap.place)
+    return _onto(known, face, middle if small else gap.place)
 
 
 def _search(known: EndKnown) -> Probing | Done:

@@ -127,14 +127,14 @@ def _level(
     def strays(profile: Profile) -> float:
         return _strays(profile, depths, radii, end, beyond)
 
-    flat, flared = strays(profiles["flat"]), strays(profiles["flared"])
-    if flared < BY_FAR * flat:
+    by_edge, by_shoulder = strays(profiles["flat"]), strays(profiles["flared"])
+    if by_shoulder < BY_FAR * by_edge:
         kind = "flared"
     arc = rounded(depths, radii, end)
     if arc is None:
         return Choice(kind, profiles[kind], {})
     closely = CLOSELY * float(radii[-1]) + TOGETHER * scatter
-    most = BY_FAR * flat if kind == "flat" else min(CLEARLY * flared, closely)
+    most = BY_FAR * by_edge if kind == "flat" else min(CLEARLY * by_shoulder, closely)
     return Choice("rounded", arc, {}) if strays(arc) < most else Choice(kind, profiles[kind], {})
 
 

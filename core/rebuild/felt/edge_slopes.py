@@ -67,8 +67,10 @@ def edge_slopes(surface: Floats, smooth: Floats, touched: Bools, pitch: float) -
     chosen, followed = off.ravel()[best], smooth_off.ravel()[best]
     found = touched & np.isfinite(chosen)
     edge = found & (followed > WORSE * chosen + LEAST * pitch)
-    usual = float(np.median(chosen[found])) if found.any() else 0.0
-    left = np.where(found, np.fmin(chosen, followed), np.abs(surface - smooth))
+    alone = np.abs(surface - smooth)
+    known = chosen[found] if found.any() else alone[touched]
+    usual = float(np.median(known)) if known.size else 0.0
+    left = np.where(found, np.fmin(chosen, followed), alone)
     unknown = touched & ~edge & (left > UNLIKE * usual + LEAST * pitch)
     return EdgeSlopes(along_x.ravel()[best], along_y.ravel()[best], edge, unknown)
 

@@ -12,23 +12,27 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.felt.feet import feet_of
+from palpate.core.rebuild.felt.feet import FACING, feet_of
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.slant import Slant
 
 TOGETHER = 0.02
 """Of the extent: how far from its plane they may lie, and anything else may stand out over it."""
+OUTER = 0.1
+"""Of the extent: so far below the outermost touch others must not lean otherwise, as on a gable."""
 FEW, UNSURE = 3, math.radians(0.25)
 """Touches that tell themselves how sure their mean is; of fewer, each may be wrong by this, and
 none that is not flat may lie beside them: a dome looks flat somewhere."""
+SHORT = 2e-3
+"""Of the extent: what was felt so near to a given height was felt of that end."""
 SURE = 3.0
 """Standard deviations by which a slope must differ from none."""
 LEAST = 1e-4
 """Of the extent: what heights must be moved by to be worth it."""
 LEVEL = 0.15
 """Slope up to which an end is nearly level: one of both must be, else it is the axis that leans."""
-STEEPEST, LEAST_STRETCH = 1.0, 0.25
-"""Slopes, and how far heights may be pressed together, beyond which nothing was understood."""
+STEEPEST = 1.0
+"""Slope beyond which nothing was understood."""
 
 
 class EndPlane(NamedTuple):
@@ -55,9 +59,11 @@ def end_plane(felt: FeltPoints, way: float) -> EndPlane | None:
         return None
     extent = float(np.ptp(felt.points[:, 2]))
     first = max(flat, key=lambda foot: way * float(foot.place[2]))
-    alike = [one for one in flat if first.leans_as(one) and first.misses(one) < TOGETHER * extent]
-    beside = [one for one in feet if one.kind != "flat" and first.misses(one) < TOGETHER * extent]
-    if beside and len(alike) < FEW:
+    near = [one for one in feet if way * float(first.place[2] - one.place[2]) <= OUTER * extent]
+    alike = [one for one in flat if first.leans_as(one) and first.misses(one) <= TOGETHER * extent]
+    others = [one for one in near if one.kind == "flat" and not first.leans_as(one)]
+    beside = [one for one in near if one.kind != "flat" and first.misses(one) <= TOGETHER * extent]
+    if len(others) >= len(alike) or (beside and len(alike) < FEW):
         return None
     slopes = np.stack([one.slopes for one in alike])
     mean = slopes.mean(axis=0)
@@ -80,7 +86,8 @@ def slant_between(
     middle : (2,) array
         Of the object, m.
     ends : pair of float or None
-        Heights of its ends, as touched by whatever means, m: where no taxel was, they are level.
+        Heights of its ends, as touched by whatever means, m: where no taxel was, they are level;
+        an end of which nothing is known is like the other.
     """
     extent = float(np.ptp(felt.points[:, 2]))
     low, high = end_plane(felt, -1.0), end_plane(felt, 1.0)
@@ -88,14 +95,15 @@ def slant_between(
     reach = float(np.linalg.norm(away, axis=1).max())
     if not any(_slants(plane, reach, extent) for plane in (low, high)):
         return None
-    below = low or _like(high, felt, -1.0, ends[0])
-    above = high or _like(low, felt, 1.0, ends[1])
+    below = low or _like(high, felt, -1.0, ends[0], middle)
+    above = high or _like(low, felt, 1.0, ends[1], middle)
     bottom, top = (float(plane.at(middle[None])[0]) for plane in (below, above))
+    if not top > bottom:
+        return None
     change = (above.slopes - below.slopes) / (top - bottom)
     slant = Slant(middle, below.slopes - bottom * change, change)
-    stretch = float((1.0 + away @ change).min())
     steep = sorted(float(np.linalg.norm(plane.slopes)) for plane in (below, above))
-    sound = top > bottom and stretch > LEAST_STRETCH and steep[0] < LEVEL and steep[1] < STEEPEST
+    sound = bool(slant.reaches(felt.points).all()) and steep[0] < LEVEL and steep[1] < STEEPEST
     return slant if sound else None
 
 
@@ -107,14 +115,21 @@ def _slants(plane: EndPlane | None, reach: float, extent: float) -> bool:
 
 
 def only_given(felt: FeltPoints, way: float, given: float | None) -> bool:
-    """Whether an end lies at a given height beyond all that was felt, as on a platform."""
-    return given is not None and way * given > float((way * felt.points[:, 2]).max())
+    """Whether an end is known by a given height alone, as by a platform: no taxel there faces."""
+    if given is None:
+        return False
+    assert felt.normals is not None
+    heights = way * felt.points[:, 2]
+    there = heights > way * given - SHORT * float(np.ptp(heights))
+    return not bool((way * felt.normals[there, 2] > FACING).any())
 
 
-def _like(other: EndPlane | None, felt: FeltPoints, way: float, given: float | None) -> EndPlane:
-    """What stands for an end that is no plane: as the other if taxels felt it, else level."""
+def _like(
+    other: EndPlane | None, felt: FeltPoints, way: float, given: float | None, middle: Floats
+) -> EndPlane:
+    """What stands for an end that is no plane: level if only given, else as the other one."""
     assert other is not None
     if given is not None and only_given(felt, way, given):
         return EndPlane(given, np.zeros(2), 0.0)
     farthest = way * float((way * felt.points[:, 2]).max())
-    return EndPlane(farthest, other.slopes, other.error)
+    return EndPlane(farthest - float(middle @ other.slopes), other.slopes, other.error)

@@ -25,6 +25,9 @@ noise, if a bent surface follows them no better than by the second factor, nor t
 plane by the third: else it lies across an edge."""
 ALIKE = math.radians(2.0)
 """By how much touches of one plane may lean otherwise than the outermost of them."""
+LEVEL = math.radians(0.5)
+"""A flat touch that leans less is level; of those that lean more each is as high as its highest
+taxel."""
 THIN = 0.1
 """Of its width: what a touch must be wide at least, the other way, to lean in some way."""
 
@@ -51,6 +54,11 @@ class Foot(NamedTuple):
         height = self.place[2] + (other.place - self.place)[:2] @ self.slopes
         return abs(float(other.place[2] - height))
 
+    @property
+    def level(self) -> bool:
+        """Whether all its taxels tell one height."""
+        return self.kind == "flat" and float(np.linalg.norm(self.slopes)) < math.tan(LEVEL)
+
     def leans_as(self, other: Foot) -> bool:
         """Whether another touch leans like it."""
         return float(np.linalg.norm(other.slopes - self.slopes)) < math.tan(ALIKE)
@@ -74,13 +82,15 @@ def feet_of(felt: FeltPoints, way: float) -> list[Foot]:
 def _foot(touch: int, points: Floats) -> Foot:
     """A touch by its taxels (n, 3) that face an end."""
     place = points.mean(axis=0)
-    x, y, z = (points - place).T
+    away, z = (points - place)[:, :2], points[:, 2] - place[2]
+    width = float(np.sqrt(np.mean((away**2).sum(axis=1))))
+    # In its own width, so that the unit of length does not matter.
+    x, y = away.T / (width or 1.0)
     rows = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
     plane, bent = (np.linalg.lstsq(rows[:, :count], z, rcond=None)[0] for count in (3, 6))
     off = float(np.sqrt(np.mean((z - rows[:, :3] @ plane) ** 2)))
     left = float(np.sqrt(np.mean((z - rows @ bent) ** 2)))
-    width = float(np.sqrt(np.mean(x * x + y * y)))
-    narrow = float(np.linalg.eigvalsh(np.cov(x, y))[0]) < (THIN * width) ** 2
+    narrow = float(np.linalg.eigvalsh(np.cov(x, y))[0]) < THIN**2
     is_bent = off > BENT * left + FLAT * width
     kind: Kind = "edge" if narrow else "bent" if is_bent else "flat"
-    return Foot(touch, place, plane[1:], off, width, kind)
+    return Foot(touch, place, plane[1:] / (width or 1.0), off, width, kind)

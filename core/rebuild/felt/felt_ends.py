@@ -15,7 +15,7 @@ from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.felt.felt_skin import FeltSkin
 
 FEW = 3
-"""Flat touches that tell the height of an end by themselves."""
+"""Level touches that tell the height of an end by themselves."""
 UPRIGHT = 0.9
 """Part of a normal along the axis from which on a taxel lies on an end."""
 NOISES = 3.0
@@ -53,13 +53,13 @@ def touched_end(
     beyond = on_end(felt, last, way)
     if not beyond.any():
         return given
-    crown = None if pose is None else crown_height(felt, beyond, way)
     within = NOISES * (pose or 0.0)
-    flat, others = _touched_heights(felt, beyond, way)
-    if crown is not None and len(flat) < FEW:
-        found = crown
-    else:
-        found = _one_height(flat if len(flat) >= FEW else np.concatenate([flat, others]), within)
+    level, others = _touched_heights(felt, beyond, way)
+    told = _one_height(np.concatenate([level, others]), within)
+    # Level touches decide if nothing that was felt reaches over them.
+    is_level = len(level) >= FEW and told <= float(level.max()) + within
+    crown = None if pose is None or is_level else crown_height(felt, beyond, way)
+    found = _one_height(level, within) if is_level else told if crown is None else crown
     farthest = float((way * felt.points[beyond, 2]).max())
     if given is None or way * given <= farthest:
         return way * found
@@ -69,19 +69,19 @@ def touched_end(
 
 
 def _touched_heights(felt: FeltPoints, beyond: Bools, way: float) -> tuple[Floats, Floats]:
-    """How far touches of an end say that it reaches, m: flat ones, and others.
+    """How far touches of an end say that it reaches, m: level ones, and others.
 
-    A flat touch says it by all its taxels, another by the farthest; one across an edge says
+    A level touch says it by all its taxels, another by the farthest; one across an edge says
     nothing, nor do a few taxels beside whole touches.
     """
     heights = np.full(int(felt.touch.max()) + 1, -np.inf)
     np.maximum.at(heights, felt.touch[beyond], way * felt.points[beyond, 2])
     feet = [one for one in feet_of(felt, way) if np.isfinite(heights[one.touch])]
-    flat = [way * float(one.place[2]) for one in feet if one.kind == "flat"]
-    bent = [float(heights[one.touch]) for one in feet if one.kind == "bent"]
-    if not flat and not bent:
+    level = [way * float(one.place[2]) for one in feet if one.level]
+    others = [float(heights[one.touch]) for one in feet if one.kind != "edge" and not one.level]
+    if not level and not others:
         return np.zeros(0), heights[np.isfinite(heights)]
-    return np.array(flat), np.array(bent)
+    return np.array(level), np.array(others)
 
 
 def _one_height(heights: Floats, within: float) -> float:

@@ -125,6 +125,18 @@ def test_few_contacts_give_an_upright_frame_about_them() -> None:
     assert found.extent_error > 0.01
 
 
+@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 0.0, -1.0)])
+def test_an_axis_is_taken_even_if_contacts_tell_nothing(axis: tuple[float, float, float]) -> None:
+    points, normals, platform = contacts(ELLIPSOID, np.eye(3), PLACE)
+    few = points[:6]
+    fit = fit_coarse(few, NOISE)
+    found = slicing_frame(fit, few, normals[:6], platform, NOISE, np.array(axis))
+
+    assert found.axis == "given"
+    assert split_pose(found.pose)[1][:, 2] == pytest.approx(np.abs(axis), abs=1e-12)
+    assert found.high > found.low
+
+
 def test_a_fit_that_came_to_a_bound_makes_the_axis_less_certain() -> None:
     points, normals, platform = contacts(ELLIPSOID, about_x(0.5), PLACE)
     found = fit_coarse(points, NOISE)

@@ -94,6 +94,26 @@ def test_its_control_lattice_and_refinement_know_of_the_slant(solid: Solid) -> N
     assert abs(solid.refined(point).search().nearest(point).distances[0]) < 1e-6
 
 
+def test_points_where_both_ends_would_have_met_are_refused(solid: Solid) -> None:
+    with pytest.raises(ValueError, match="points must lie beside the object"):
+        solid.refined([[-0.4, -0.1, 0.04]])
+
+
+def test_an_end_that_tops_alone_told_stays_where_it_is() -> None:
+    felt = touches()
+    under = felt._replace(
+        points=felt.points * [1.0, 1.0, -1.0], normals=np.asarray(felt.normals) * [1.0, 1.0, -1.0]
+    )
+    top = 2e-5 - float(felt.points[felt.points[:, 2] < 0.01, 2].min())
+    found = reconstruct(
+        [one * [1.0, 1.0, -1.0] for one in contours()], patches=under, tops=np.array([[0, 0, top]])
+    )
+    assert found.closed is not None
+    assert (found.closed.top.kind, found.uncovered[1]) == ("flat", 0.0)
+    assert found.closed.top.height == pytest.approx(top, abs=1e-9)
+    assert found.health()["slope_below"] == pytest.approx(float(np.hypot(*SLOPES)), rel=1e-3)
+
+
 def test_it_can_be_kept_and_more_can_be_added(solid: Solid) -> None:
     again = from_arrays(to_arrays(solid))
     assert equal_trees(solid, again)

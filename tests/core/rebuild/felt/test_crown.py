@@ -45,6 +45,24 @@ def test_the_errors_of_the_poses_average_out() -> None:
     assert errors.std() < 0.55 * POSE  # of the highest alone it is .67, and the mean is off by 1.2
 
 
+def test_noise_that_hides_a_dome_does_not_lower_it() -> None:
+    rng = np.random.default_rng(0)
+    x, y = (1e-3 * part.ravel() for part in np.meshgrid(*2 * (np.arange(-5.0, 6.0),)))
+    off = []
+    for _ in range(60):
+        parts, normals = [], []
+        for place in PLACES:
+            at = np.column_stack([x, y]) + place
+            heights = TOP - (at**2).sum(axis=1) / 1.2 + rng.normal(0.0, POSE)
+            parts.append(np.column_stack([at, heights + rng.normal(0.0, 1e-5, len(x))]))
+            normals.append(np.column_stack([at / 0.6, np.ones(len(x))]))
+        points = np.concatenate([*parts, [[0.08, 0.0, 0.0]]])
+        touch = np.append(np.repeat(np.arange(5), len(x)), 0).astype(np.int32)
+        felt = FeltPoints(points, np.concatenate([*normals, [[1.0, 0.0, 0.0]]]), touch)
+        off.append(touched_end(felt, 0.09, 1.0, POSE, None))
+    assert abs(np.mean(np.array(off, np.float64) - TOP)) < 0.3 * POSE
+
+
 def test_two_touches_are_as_they_are() -> None:
     felt = domed(np.array([0.0, 2e-5]))
     on = np.arange(len(felt.points)) < len(felt.points) - 1

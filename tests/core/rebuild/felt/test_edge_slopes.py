@@ -57,6 +57,16 @@ def test_a_single_row_beyond_an_edge_leans_nobody_knows_how() -> None:
     assert not found.unknown[x > 2e-3].any()
 
 
+@pytest.mark.parametrize("noise", [2e-5, 1e-4])
+def test_of_a_thin_contact_noise_takes_nothing(noise: float) -> None:
+    x, _ = grid()
+    touched = np.abs(x) < 1e-3
+    surface = np.random.default_rng(2).normal(0.0, noise, x.shape)
+    found = edge_slopes(surface, np.zeros(x.shape), touched, PITCH)
+    assert touched.sum() == 32
+    assert not found.unknown.any()
+
+
 def test_an_array_without_a_square_says_nothing() -> None:
     found = edge_slopes(np.zeros((1, 12)), np.ones((1, 12)), np.ones((1, 12), np.bool_), PITCH)
     assert not (found.edge.any() or found.unknown.any())

@@ -146,9 +146,58 @@ def test_an_object_that_leans_as_a_whole_is_not_slanted_but_turned() -> None:
     assert slant_between(leaning, np.zeros(2), (None, None)) is None
 
 
-@pytest.mark.parametrize(("way", "given", "only"), [(-1.0, -1e-3, True), (-1.0, 0.01, False)])
-def test_an_end_beyond_all_that_was_felt_is_only_given(
-    way: float, given: float, only: bool
-) -> None:
-    assert only_given(sides(), way, given) is only
-    assert not only_given(sides(), way, None)
+def test_an_end_that_no_taxel_faces_is_only_given() -> None:
+    level = felt_top(np.zeros(2))
+    assert only_given(level, -1.0, 0.0)
+    assert only_given(level, 1.0, 0.081)
+    assert not only_given(level, 1.0, 0.08)
+    assert not only_given(level, -1.0, None)
+
+
+@pytest.mark.parametrize("low", [0.0, -1e-5])
+def test_a_taxel_of_the_side_on_the_platform_or_below_leaves_that_level(low: float) -> None:
+    felt = felt_top(TOP)
+    one = felt.points[:1] * [1.0, 1.0, 0.0] + [0.0, 0.0, low]
+    more = felt._replace(
+        points=np.concatenate([felt.points, one]),
+        normals=np.concatenate([np.asarray(felt.normals), [[1.0, 0.0, 0.0]]]),
+        touch=np.append(felt.touch, 0).astype(np.int32),
+    )
+    found = slant_between(more, np.zeros(2), (0.0, None))
+    assert found is not None
+    assert found.steepness(0.0) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_both_flanks_of_a_gable_are_no_plane() -> None:
+    flanks = [np.array([0.3, 0.0]), np.array([-0.3, 0.0])]
+    parts = [
+        touch((way * away, 0.004 * k), 0.08, flanks[int(way > 0)])
+        for way in (1.0, -1.0)
+        for k, away in enumerate((0.006, 0.01, 0.014))
+    ]
+    assert end_plane(stack_points([sides(), *parts]), 1.0) is None
+
+
+def test_the_slant_moves_and_grows_with_the_object() -> None:
+    felt, away = felt_top(TOP), np.array([1.0, -2.0, 0.5])
+    one = slant_between(felt, np.zeros(2), (None, None))
+    moved = felt._replace(points=1e3 * (felt.points + away))
+    other = slant_between(moved, 1e3 * away[:2], (None, None))
+    assert one is not None and other is not None
+    expected = 1e3 * (one.straightened(felt.points) + away)
+    found = other.straightened(moved.points)
+    assert np.ptp(found - expected, axis=0) == pytest.approx(np.zeros(3), abs=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-3, 1.0, 1e9])
+def test_a_dome_is_bent_in_any_unit(scale: float) -> None:
+    one = touch((0.0, 0.0), 0.08, np.zeros(2))
+    one.points[:, 2] -= (one.points[:, :2] ** 2).sum(axis=1) / 0.08
+    felt = stack_points([one])
+    [foot] = feet_of(felt._replace(points=scale * felt.points), 1.0)
+    assert foot.kind == "bent"
+
+
+def test_taxels_of_one_height_are_a_plane() -> None:
+    found = end_plane(stack_points([touch(place, 0.0, np.zeros(2)) for place in PLACES]), 1.0)
+    assert found is None or found.slopes == pytest.approx(np.zeros(2), abs=1e-12)

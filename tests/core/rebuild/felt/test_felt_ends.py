@@ -48,3 +48,21 @@ def test_what_is_no_touch_of_the_end_says_nothing_of_it(way: float) -> None:
         assert not on_end(felt, way * LAST, way).any()
         assert touched_end(felt, way * LAST, way, 1e-4, None) is None
         assert touched_end(felt, way * LAST, way, 1e-4, 0.1) == 0.1
+
+
+def test_flat_flanks_do_not_outvote_the_tip_between_them() -> None:
+    x, y = (1e-3 * part.ravel() for part in np.meshgrid(*2 * (np.arange(-3.0, 4.0),)))
+    parts, normals = [], []
+    for place in ((0.0, 0.0), (0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01)):
+        at = np.column_stack([x, y]) + place
+        steep = np.abs(at).argmax(axis=1)
+        slope = np.zeros_like(at)
+        slope[np.arange(len(at)), steep] = -0.3 * np.sign(at[np.arange(len(at)), steep])
+        parts.append(np.column_stack([at, 0.1 + (slope * at).sum(axis=1)]))
+        normals.append(np.column_stack([-slope, np.ones(len(at))]) / np.sqrt(1.09))
+    felt = FeltPoints(
+        np.concatenate([*parts, [[0.05, 0.0, 0.0]]]),
+        np.concatenate([*normals, [[1.0, 0.0, 0.0]]]),
+        np.append(np.repeat(np.arange(5), len(x)), 0).astype(np.int32),
+    )
+    assert touched_end(felt, 0.09, 1.0, None, 0.1) == pytest.approx(0.1, abs=1e-12)
