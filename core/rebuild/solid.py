@@ -252,7 +252,8 @@ class Solid:
         contour whole, so that the mesh has faces on faces there, and the area is too large.
         `apart_below` and `apart_above` are 1 where the touched point lies so far out that the
         side would have run through its own axis: the end is a piece of its own there.
-        `slope_below` and `slope_above` tell how steep ends are that are planes but not level.
+        `slope_below` and `slope_above` tell how steep the space is there in which the solid was
+        fitted: as the ends are, if these are planes but not level.
 
         Of everything that was felt, if it was given: see `FeltFit`; `felt_unused` is 1 where its
         sections cannot be told by one distance for each turn, so that the contours alone count.

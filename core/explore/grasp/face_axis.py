@@ -1,4 +1,8 @@
-"""The slicing axis that a touch of the upper end tells: square to the face that closes it."""
+"""The slicing axis that a touch of the upper end tells: square to the surface there.
+
+One touch does not know whether it met a face. But where the surface is level, sections are best
+taken level; and where all sides run straight along its normal, it is the face that closes them.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +14,8 @@ from palpate.core.arrays import Floats
 from palpate.core.explore.grasp.straight import straight_axis
 
 LEVEL = math.radians(3.0)
-"""A face that leans less lies level: the object stands on a platform and ends level, so that its
-sections are best taken level, however its middles lean."""
+"""A surface that leans less lies level: the object stands on a platform and ends level, however its
+middles lean."""
 SQUARE = math.radians(3.0)
 """The sides run straight along the face's normal if their own axis differs by no more."""
 SAME = math.radians(1.0)
