@@ -28,9 +28,9 @@ NOISE = 0.87
 """Of a slice's deviation that is left in the surface between two, with its own margin."""
 UNFELT_ORDER = 3.0
 """An interval of which all but a share was felt errs by that share to this power less."""
-DEVIATION, LEFT = 0.85, 2.0e-4
+DEVIATION, LEFT = 0.72, 2.0e-4
 """Bound of 95 % over the deviation that a solid of all that was felt states itself, and what edges
-leave that no deviation states, over the extent: from 65 explorations of drawn objects, half of
+leave that no deviation states, over the extent: from 200 explorations of drawn objects, half of
 them with noise."""
 SETTLED = 0.5
 """Where noise alone is beyond the tolerance, slices stop when they add less than this of it."""
