@@ -56,6 +56,22 @@ def test_a_rounded_edge_is_told_from_a_superellipse_by_the_rows_before_it() -> N
     assert isinstance(grown.profile, Superellipse)
 
 
+@pytest.mark.parametrize("noise", [0.0, 5e-6])
+def test_a_shoulder_takes_the_place_of_a_sharp_edge_that_misses_the_rows(noise: float) -> None:
+    zeta = np.linspace(0.78, 0.93, 14)
+    radii = 0.02 * shoulder(zeta, 16.0, 8.0) * (1.0 + 0.1 * zeta)
+    radii += np.random.default_rng(0).normal(0.0, noise, 14)
+    assert choose_profile(0.1 * zeta, radii, 0.1, noise, dense=True).kind == "flared"
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+@pytest.mark.parametrize("lean", [0.0, -0.2])
+def test_a_sharp_edge_stays_sharp(noise: float, lean: float) -> None:
+    wall = RADIUS + lean * (DEPTHS - END)
+    wall += noise * np.sin(np.arange(14) / 3.0)  # rows of a smooth skin err together
+    assert choose_profile(DEPTHS, wall, END, noise, dense=True).kind == "flat"
+
+
 def test_a_ball_ends_as_a_ball() -> None:
     ball = np.sqrt(0.045**2 - (DEPTHS - 0.045) ** 2)
     assert choose_profile(DEPTHS, ball, END, 0.0, dense=True).kind == "conic"
