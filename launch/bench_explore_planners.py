@@ -7,10 +7,13 @@ that was felt. The count of even slices is the fewest that do, known afterwards.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
+from palpate.core.explore.planners.choice import Choice
+from palpate.core.explore.planners.known import Known
+from palpate.core.explore.planners.predicted import Predicted
 from palpate.core.explore.planners.thesis import Thesis
 from palpate.launch.bench_explore_scene import EXACT, Demand
 from palpate.launch.bench_explore_side import Side, of_contours, of_model, side_of
@@ -31,8 +34,20 @@ MOST_EVEN = 14
 QUICK = ("ellipsoid", "groove")
 OVER_UNIFORM, OVER_THESIS, OVER_POSITIONS, MOST_MORE = 0.95, 0.85, 0.70, 1
 
+BY_CONTOURS = f"{__name__}:ByContours"
+"""Name of the default planner where the solid is rebuilt from contours alone."""
+
 Error = Callable[[Side, Explored, int], float]
 """Of the side from the first so many contours of a run, %."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ByContours(Predicted):
+    """The default planner, not counting on what pads feel beside the slices."""
+
+    def next(self, known: Known) -> Choice:
+        """As `Predicted.next`."""
+        return Predicted.next(self, replace(known, taxels=False, deviation=None))
 
 
 class Counts(NamedTuple):
@@ -82,13 +97,14 @@ def best_sets(count: int) -> list[Thesis]:
 def counts_of(target: ExploreObject, sets: Sequence[Thesis]) -> Counts:
     """Contours that an object takes with each planner."""
     foretold = explore_object(target, EXACT, Demand(tolerance=0.01 * PERCENT * HEIGHT))
+    sparse = explore_object(target, EXACT, Demand(BY_CONTOURS, tolerance=0.01 * PERCENT * HEIGHT))
     side = side_of(foretold.truth)
     even = Even(target)
     plans = [explore_object(target, EXACT, Demand("thesis", settings=asdict(one))) for one in sets]
     return Counts(
         positions=even.fewest(side, partial(from_contours, slopes=False)),
         uniform=even.fewest(side, from_contours),
-        predicted=first(side, foretold, from_contours),
+        predicted=first(side, sparse, from_contours),
         thesis=tuple(at_end(side, one) for one in plans),
         uniform_felt=even.fewest(side, from_all),
         predicted_felt=first(side, foretold, from_all),
