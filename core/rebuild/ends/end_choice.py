@@ -49,7 +49,8 @@ LEVEL = ("flat", "flared")
 """Families that end level, as a wall does that an arc rounds off."""
 BY_FAR, CLEARLY, CLOSELY = 0.2, 0.5, 8e-4
 """By how much better either must be than a sharp edge, and an arc than a superellipse, which looks
-like one; and how well it must follow the rows then, as a share of the radius."""
+like one; and how well it must follow the rows where a superellipse does, as a share of the
+radius."""
 TOGETHER = 3.5
 """Rows err together, by so many standard deviations of a mean radius."""
 DENSE_SLACK = 5e-4
@@ -128,14 +129,15 @@ def _level(
         return _strays(profile, depths, radii, end, beyond)
 
     by_edge, by_shoulder = strays(profiles["flat"]), strays(profiles["flared"])
-    if by_shoulder < BY_FAR * by_edge:
-        kind = "flared"
+    most = min(CLEARLY * by_shoulder, CLOSELY * float(radii[-1]) + TOGETHER * scatter)
+    if kind == "flat":
+        is_shoulder = by_shoulder < BY_FAR * by_edge
+        kind = "flared" if is_shoulder else "flat"
+        most = CLEARLY * by_shoulder if is_shoulder else BY_FAR * by_edge
     arc = rounded(depths, radii, end)
-    if arc is None:
-        return Choice(kind, profiles[kind], {})
-    closely = CLOSELY * float(radii[-1]) + TOGETHER * scatter
-    most = BY_FAR * by_edge if kind == "flat" else min(CLEARLY * by_shoulder, closely)
-    return Choice("rounded", arc, {}) if strays(arc) < most else Choice(kind, profiles[kind], {})
+    if arc is not None and strays(arc) < most:
+        return Choice("rounded", arc, {})
+    return Choice(kind, profiles[kind], {})
 
 
 def _strays(
