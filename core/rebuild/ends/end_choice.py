@@ -48,9 +48,9 @@ DENSE: dict[Kind, Family] = {"flat": flat, "conic": conic, "flared": flared}
 LEVEL = ("flat", "flared")
 """Families that end level, as a wall does that an arc rounds off."""
 BY_FAR, CLEARLY, CLOSELY = 0.2, 0.5, 8e-4
-"""By how much better either must be than a sharp edge, and an arc than a superellipse, which looks
-like one; and how well it must follow the rows where a superellipse does, as a share of the
-radius."""
+"""By how much better either must be than a sharp edge where that tells the last row; else an arc
+than a superellipse, which looks like one, and how well it must then follow the rows, as a share of
+the radius."""
 TOGETHER = 3.5
 """Rows err together, by so many standard deviations of a mean radius."""
 DENSE_SLACK = 5e-4
@@ -133,7 +133,7 @@ def _level(
     if kind == "flat":
         is_shoulder = by_shoulder < BY_FAR * by_edge
         kind = "flared" if is_shoulder else "flat"
-        most = CLEARLY * by_shoulder if is_shoulder else BY_FAR * by_edge
+        most = by_shoulder if is_shoulder else BY_FAR * by_edge
     arc = rounded(depths, radii, end)
     if arc is not None and strays(arc) < most:
         return Choice("rounded", arc, {})
