@@ -103,6 +103,14 @@ def test_a_flat_top_takes_as_many_touches_as_tell_its_height_in_spite_of_their_n
     assert len(fewer) <= 5
 
 
+def test_a_top_on_which_no_whole_pad_lies_is_not_touched_again(
+    probed: Run, known: EndKnown, ring: Ring
+) -> None:
+    noisy = replace(known, wall=ring(0.0048, 0.037, above=2e-3), noise=1e-4)
+    _, probes = probed(_column(0.005), "upper", noisy)
+    assert _whys(probes) == "s"
+
+
 def test_a_pole_takes_one_touch_in_spite_of_noise(probed: Run, known: EndKnown, ring: Ring) -> None:
     wall = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     _, probes = probed(_ball(), "upper", replace(known, wall=wall, noise=1e-4))
