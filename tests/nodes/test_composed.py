@@ -19,7 +19,7 @@ from palpate.nodes.object import ObjectSpec
 from palpate.nodes.wiring import Wiring
 
 Exploration = Callable[..., tuple[Wiring, ...]]
-SCHEDULES = 60
+SCHEDULES = 100
 FEW = 26
 """Touches: a contour and a few probes beside it."""
 

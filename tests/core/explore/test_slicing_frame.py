@@ -86,7 +86,8 @@ def test_a_given_axis_is_taken(axis: tuple[float, float, float]) -> None:
     assert (found.axis, found.axis_error) == ("given", 0.0)
     assert split_pose(found.pose)[1][:, 2] == pytest.approx(axis, abs=1e-12)
     reach = np.linalg.norm(about_x(0.5).T @ axis * [0.02, 0.028, 0.042])
-    assert found.high - found.low == pytest.approx(2.0 * reach, abs=2e-3)
+    # Along an axis of no symmetry its ends are less certain, and it says so.
+    assert abs(found.high - found.low - 2.0 * reach) < 2.0 * found.extent_error < 2e-3
 
 
 def test_a_ball_has_no_axis_and_says_so() -> None:
