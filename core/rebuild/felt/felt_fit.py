@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.rebuild.felt.along import SPANS
 from palpate.core.rebuild.felt.coverage import Coverage
-from palpate.core.rebuild.felt.felt_skin import ALONG, FeltSkin
+from palpate.core.rebuild.felt.felt_skin import FeltSkin
 from palpate.core.rebuild.skin.contour_skin import SAFE_MOST, SAFE_RMS, Uncertainty
-from palpate.core.splines.knots import CUBIC
 
 BANDS, BAND_TURNS = 25, 4
 """Heights at which the deviation is given, and turns over which it is averaged."""
@@ -59,7 +59,7 @@ class FeltFit(NamedTuple):
     def uncertainty(self) -> Uncertainty:
         """The whole side in three numbers."""
         extent = float(self.band_heights[-1] - self.band_heights[0])
-        narrow = max(self.unfelt_gap, extent / (ALONG - CUBIC))
+        narrow = max(self.unfelt_gap, extent / SPANS)
         rms = float(np.sqrt(np.mean(self.band**2)))
         return Uncertainty(SAFE_RMS * rms, SAFE_MOST * float(self.band.max()), 0.5 * narrow)
 

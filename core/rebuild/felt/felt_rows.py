@@ -95,9 +95,8 @@ def _rows_between(
     low, high = _reach(felt, levels, bottom, top)
     felt = with_normals(felt, spine, low, high)
     plain = fit_skin(felt, spine, low, high)
-    places = plain.rows.places
-    seen = coverage_of(low + (high - low) * places[:, 0], places[:, 1])
-    if len(places) < FEWEST or seen is None:
+    seen = coverage_of(plain.rows.heights, plain.rows.places[:, 1])
+    if len(plain.rows.heights) < FEWEST or seen is None:
         return None
     shifted = fit_shifted_skin(felt, plain)
     pose = pose_sigma(shifted)

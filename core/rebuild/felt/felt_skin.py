@@ -1,8 +1,8 @@
 """The side surface as a spline, fitted to every felt taxel at once.
 
-The squared distance q from the axis is a tensor product of a clamped spline along the height
-and a periodic one around: squared, because q of an ellipsoid is a parabola with finite slope
-at the poles, where the distance itself rises with an infinite one.
+The squared distance q from the axis is a tensor product of a spline along the height and a
+periodic one around: squared, because q of an ellipsoid is a parabola with finite slope at the
+poles, where the distance itself rises with an infinite one.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ import numpy as np
 from scipy.sparse import kron
 
 from palpate.core.arrays import Floats
+from palpate.core.rebuild.felt.along import SPANS, along_basis, bending_root, even_spans
 from palpate.core.rebuild.felt.felt_points import FeltPoints
 from palpate.core.rebuild.felt.side_rows import SideRows, side_rows, tensor_rows
 from palpate.core.rebuild.felt.side_system import SideSystem, side_system
 from palpate.core.rebuild.felt.spine import Spine
-from palpate.core.splines.basis import PeriodicBasis, clamped_basis
+from palpate.core.splines.basis import PeriodicBasis
 
-ALONG, AROUND = 48, 96
-"""Coefficients along the height and around."""
+AROUND = 96
+"""Coefficients around."""
 FELT, UNFELT = 1e-3, 1e-1
 """Strength of bending along, where the side was felt all around and where it was not: there so
 strong that what lies farther off bridges the gap, not the last points before it alone."""
@@ -65,14 +66,12 @@ class FeltSkin:
     stiffness: float
     """Times the strengths of bending."""
 
-    def squared(self, heights: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Squared distance from the axis on a grid, (heights, turns), m^2, or a derivative."""
-        along = clamped_basis(ALONG).matrix(self._local(heights), by[0])
-        around = PeriodicBasis(AROUND).matrix(turns, by[1])
+    def squared(self, heights: Floats, turns: Floats) -> Floats:
+        """Squared distance from the axis on a grid, (heights, turns), m^2."""
+        along = along_basis().matrix(self._local(heights))
+        around = PeriodicBasis(AROUND).matrix(turns)
         squared = (around @ (along @ self.coefficients).T).T
-        if by == (0, 0):
-            return np.asarray(np.maximum(squared, LEAST * self.middle**2))
-        return np.asarray(squared / (self.high - self.low) ** by[0])
+        return np.asarray(np.maximum(squared, LEAST * self.middle**2))
 
     def rings(self, heights: Floats, turns: Floats) -> Floats:
         """Places on a grid, (heights, turns, 2), m."""
@@ -117,7 +116,7 @@ class FeltSkin:
         The posterior of the penalised fit (Wahba, *Bayesian confidence intervals*, 1983):
         noise and what the penalty lets move, not features narrower than the knots.
         """
-        along = clamped_basis(ALONG).matrix(self._local(heights))
+        along = along_basis().matrix(self._local(heights))
         rows = kron(along, PeriodicBasis(AROUND).matrix(turns)).toarray()
         spread = self.system.spread(rows).reshape(len(heights), len(turns))
         square = np.mean(self.misfits() ** 2) / max(
@@ -155,11 +154,11 @@ def fit_skin(
     ValueError
         If no point is left.
     """
-    along, around = clamped_basis(ALONG), PeriodicBasis(AROUND)
+    along, around = along_basis(), PeriodicBasis(AROUND)
     rows = side_rows(felt, spine, low, high, along, around)
-    strengths = stiffness * _strengths(rows.places, ALONG - along.degree)
-    system = side_system(rows.matrix, (ALONG, AROUND), strengths, stiffness * BENDING_AROUND)
-    found = system.solve(rows.matrix.T @ rows.target).reshape(ALONG, AROUND)
+    bending = stiffness * _strengths(rows.places), bending_root()
+    system = side_system(rows.matrix, AROUND, bending, stiffness * BENDING_AROUND)
+    found = system.solve(rows.matrix.T @ rows.target).reshape(along.count, AROUND)
     return FeltSkin(spine, low, high, found, rows.middle, rows, system, stiffness)
 
 
@@ -173,15 +172,15 @@ def calmed(felt: FeltPoints, skin: FeltSkin) -> FeltSkin:
     return skin
 
 
-def _strengths(places: Floats, spans: int) -> Floats:
+def _strengths(places: Floats) -> Floats:
     """Strength of bending along in each span, from the points' places (n, 2) along and around."""
-    span = np.minimum((places[:, 0] * spans).astype(int), spans - 1)
+    span = np.minimum((places[:, 0] * SPANS).astype(int), SPANS - 1)
     sector = (np.mod(places[:, 1], 1.0) * SECTORS).astype(int) % SECTORS
-    felt = np.zeros((spans, SECTORS), np.bool_)
+    felt = np.zeros((SPANS, SECTORS), np.bool_)
     felt[span, sector] = True
     unfelt = np.mean(~felt, axis=1) > HOLES
     near = np.convolve(unfelt, np.ones(2 * BESIDE + 1), mode="same") > 0.5
-    return np.where(near, UNFELT, FELT)
+    return np.where(near, UNFELT, FELT)[even_spans()]
 
 
 def with_normals(felt: FeltPoints, spine: Spine, low: float, high: float) -> FeltPoints:
@@ -204,7 +203,7 @@ def _gradient_normals(skin: FeltSkin, points: Floats) -> Floats:
     turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi)
     local = skin._local(points[:, 2])
     flat = skin.coefficients.ravel()
-    along, around = clamped_basis(ALONG), PeriodicBasis(AROUND)
+    along, around = along_basis(), PeriodicBasis(AROUND)
     extent = skin.high - skin.low
     by_height = tensor_rows(along.matrix(local, 1), around.matrix(turns)) @ flat / extent
     by_turn = tensor_rows(along.matrix(local), around.matrix(turns, 1)) @ flat / (2.0 * np.pi)

@@ -36,6 +36,8 @@ class SideRows(NamedTuple):
     """(n, 3)."""
     touch: Ints
     """(n,)."""
+    heights: Floats
+    """(n,), m."""
     places: Floats
     """(n, 2): along the heights, from 0 to 1, and around in turns."""
     middle: float
@@ -82,13 +84,15 @@ def side_rows(
     middle = float(np.median(distance))
     # Next to the axis the first order is worth nothing: no point counts more than those there.
     weights = facing / (2.0 * np.maximum(distance, LEAST_DISTANCE * middle))
-    local = np.clip((height[within] - low) / (high - low), 0.0, 1.0)
+    height = height[within]
+    local = np.clip((height - low) / (high - low), 0.0, 1.0)
     basis = tensor_rows(along.matrix(local), around.matrix(turns))
     return SideRows(
         csr_array(diags_array(weights) @ basis),
         weights * distance**2,
         felt.normals[within],
         felt.touch[within],
+        height,
         np.stack([local, turns], axis=-1),
         middle,
     )

@@ -14,8 +14,7 @@ from scipy.linalg.lapack import dtbtrs
 from scipy.sparse import csr_array, eye_array, kron
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.skin.bending import bending_along, bending_around
-from palpate.core.splines.basis import clamped_basis
+from palpate.core.rebuild.skin.bending import bending_around
 from palpate.core.splines.knots import CUBIC
 
 RIDGE = 1e-10
@@ -64,7 +63,7 @@ class SideSystem:
 
 
 def side_system(
-    rows: csr_array, count: tuple[int, int], along: Floats, around: float
+    rows: csr_array, turns: int, along: tuple[Floats, Floats], around: float
 ) -> SideSystem:
     """Least squares of rows, penalised.
 
@@ -72,19 +71,20 @@ def side_system(
     ----------
     rows : (n, along * around) sparse array
         Equations.
-    count : pair of int
-        Coefficients along and around.
-    along : (spans,) array
-        Strength of the bending along, from knot to knot.
+    turns : int
+        Coefficients around.
+    along : pair of arrays
+        Strength of the bending along, from knot to knot, (spans,); and the root of the bending,
+        (r, along).
     around : float
         Strength of the bending around. Of strength 1, a penalty has the mean diagonal of the
         equations.
     """
     normal = csr_array(rows.T @ rows)
-    band = banded(normal, _width(count[1]))
+    band = banded(normal, _width(turns))
     mean = float(band[0].mean())
-    band += mean * around * _bending_around(*count)
-    band += mean * _bending_along(*count, along)
+    band += mean * around * _bending_around(along[1].shape[1], turns)
+    band += mean * _bending_along(*along, turns)
     band[0] += mean * RIDGE
     sums = np.abs(band).sum(axis=0)
     norm = float(2.0 * sums.max())
@@ -106,10 +106,9 @@ def _width(around: int) -> int:
     return (CUBIC + 1) * around - 1
 
 
-def _bending_along(along: int, around: int, strengths: Floats) -> Floats:
-    root = bending_along(clamped_basis(along))
+def _bending_along(strengths: Floats, root: Floats, around: int) -> Floats:
     weighted = np.repeat(np.sqrt(strengths), len(root) // len(strengths))[:, None] * root
-    form = csr_array(weighted.T @ weighted / (np.square(root).sum() / along))
+    form = csr_array(weighted.T @ weighted / (np.square(root).sum() / root.shape[1]))
     return banded(csr_array(kron(form, eye_array(around))), _width(around))
 
 

@@ -45,15 +45,6 @@ def test_the_skin_of_an_ellipsoid_is_the_ellipsoid(oracle: Make) -> None:
     assert 1.0 < skin.system.condition < 1e8
 
 
-def test_derivatives_of_the_squared_distance_are_those_of_differences(oracle: Make) -> None:
-    skin = fit_skin(everywhere(oracle([0.04, 0.025, 0.03], [1.0, 1.0])), upright(), 0.0, HEIGHT)
-    heights, step = np.linspace(0.01, 0.05, 5), 1e-6
-    there, back = (skin.squared(heights + way * step, TURNS) for way in (1, -1))
-    assert np.allclose(skin.squared(heights, TURNS, (1, 0)), (there - back) / (2 * step), atol=1e-7)
-    there, back = (skin.squared(heights, TURNS + way * step) for way in (1, -1))
-    assert np.allclose(skin.squared(heights, TURNS, (0, 1)), (there - back) / (2 * step), atol=1e-8)
-
-
 def test_the_skin_is_taken_about_a_leaning_axis() -> None:
     heights = np.repeat(np.linspace(0.0, HEIGHT, 30), 60)
     turn = np.tile(2 * np.pi * np.arange(60) / 60, 30)
