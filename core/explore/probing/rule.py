@@ -37,6 +37,7 @@ from palpate.core.explore.probing.search import (
 from palpate.core.explore.probing.summit import uphill
 from palpate.core.frames import DOWN, pad_rotation, pose_of, split_pose
 from palpate.core.plane.edge_distance import edge_distance
+from palpate.core.plane.signed_area import signed_area
 
 MOST_BACK = 4
 """Times that a touch which began inside the object is begun a pad's width farther off."""
@@ -44,9 +45,9 @@ MOST_FACE = 14
 """Touches of one face."""
 PLANE = 5
 """Touches all over a face that are enough if they lie in one plane."""
-SURE = 0.2
-"""Of the tolerance: how well the height of a plane is to be known, for the mean of its touches errs
-as their poses do."""
+SURE = 0.065
+"""Of the tolerance: what a plane may add to the error of the whole surface, for the mean of its
+touches errs as their poses do."""
 SMALL, SMALL_ROUND = 0.35, 0.5
 """Of the pad's width: radius of a disc in which nothing need be felt; and where the wall leans over
 the end, so that a smooth surface goes on from it."""
@@ -163,10 +164,19 @@ def _next_face(
     # The mean of more touches tells the height of a face on which a whole pad lies.
     middle = heart(wall)
     wide = float(edge_distance(inner_outline(wall), middle[None])[0]) > FOOT * known.width
-    sure = not wide or len(faces) >= (known.noise / (SURE * known.tolerance)) ** 2
+    sure = not wide or len(faces) >= _asked_by_noise(known, wall)
     if sure and (small or len(faces) >= PLANE):
         return unfelt
     return _onto(known, face, middle if small else gap.place)
+
+
+def _asked_by_noise(known: EndKnown, wall: Wall) -> float:
+    """Touches that tell the height of a plane: the more, the more of the surface it is."""
+    outline = inner_outline(wall)
+    area = abs(signed_area(outline))
+    around = float(np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1).sum())
+    whole = 2.0 * area + around * (known.height - known.other)
+    return area / whole * (known.noise / (SURE * known.tolerance)) ** 2
 
 
 def _search(known: EndKnown) -> Probing | Done:
