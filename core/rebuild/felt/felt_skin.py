@@ -22,7 +22,7 @@ from palpate.core.splines.basis import PeriodicBasis
 
 AROUND = 96
 """Coefficients around."""
-FELT, UNFELT = 1e-3, 1e-1
+FELT, UNFELT = 1e-3, 1e-2
 """Strength of bending along, where the side was felt all around and where it was not: there so
 strong that what lies farther off bridges the gap, not the last points before it alone."""
 BESIDE = 2
