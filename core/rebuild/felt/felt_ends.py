@@ -18,8 +18,9 @@ FEW = 3
 """Level touches that tell the height of an end by themselves."""
 UPRIGHT = 0.9
 """Part of a normal along the axis from which on a taxel lies on an end."""
-NOISES = 3.0
-"""Standard deviations by which a touch of a level top may lie below the mean of higher ones."""
+NOISES = 4.0
+"""Standard deviations by which a touch of a level top may lie below the mean of higher ones, which
+is that of the luckiest."""
 ROWS = 14
 """Rows from which an end is told."""
 STRETCH = 0.15
