@@ -18,9 +18,9 @@ FEW = 3
 """Level touches that tell the height of an end by themselves."""
 UPRIGHT = 0.9
 """Part of a normal along the axis from which on a taxel lies on an end."""
-NOISES = 4.0
-"""Standard deviations by which a touch of a level top may lie below the mean of higher ones, which
-is that of the luckiest."""
+NOISES, LEVEL_NOISES = 3.0, 4.0
+"""Standard deviations by which a touch of one height may lie below the mean of higher ones; and of
+level touches, which scatter, but do not fall away."""
 ROWS = 14
 """Rows from which an end is told."""
 STRETCH = 0.15
@@ -60,7 +60,13 @@ def touched_end(
     # Level touches decide if nothing that was felt reaches over them.
     is_level = len(level) >= FEW and told <= float(level.max()) + within
     crown = None if pose is None or is_level else crown_height(felt, beyond, way)
-    found = _one_height(level, within) if is_level else told if crown is None else crown
+    found = (
+        _one_height(level, LEVEL_NOISES * (pose or 0.0))
+        if is_level
+        else told
+        if crown is None
+        else crown
+    )
     farthest = float((way * felt.points[beyond, 2]).max())
     if given is None or way * given <= farthest:
         return way * found
