@@ -45,7 +45,7 @@ MOST_FACE = 14
 """Touches of one face."""
 PLANE = 5
 """Touches all over a face that are enough if they lie in one plane."""
-SURE = 0.065
+SURE = 0.05
 """Of the tolerance: what a plane may add to the error of the whole surface, for the mean of its
 touches errs as their poses do."""
 SMALL, SMALL_ROUND = 0.35, 0.5
@@ -159,13 +159,14 @@ def _next_face(
     if summit is not None and covers(wall, summit[None], FOOT * known.width)[0]:
         return along_axis(known, summit)._replace(why="face")
     small = gap.radius <= (SMALL_ROUND if leans else SMALL) * known.width
-    if leans or not plane:
-        return unfelt if small else _onto(known, face, gap.place)
-    # The mean of more touches tells the height of a face on which a whole pad lies.
+    enough = len(faces) >= PLANE
+    felt = small or (plane and not leans and enough)
+    # The mean of more touches tells the height of a flat face on which a whole pad lies.
     middle = heart(wall)
     wide = float(edge_distance(inner_outline(wall), middle[None])[0]) > FOOT * known.width
-    sure = not wide or len(faces) >= _asked_by_noise(known, wall)
-    if sure and (small or len(faces) >= PLANE):
+    flat = plane and (enough or not leans)
+    sure = not (flat and wide) or len(faces) >= _asked_by_noise(known, wall)
+    if felt and sure:
         return unfelt
     return _onto(known, face, middle if small else gap.place)
 

@@ -95,10 +95,10 @@ def test_a_flat_top_takes_five_that_lie_all_over_it(
 def test_a_flat_top_takes_as_many_touches_as_its_share_of_the_surface_asks_for_in_noise(
     probed: Run, known: EndKnown, ring: Ring, radius: float
 ) -> None:
-    noisy = replace(known, wall=ring(radius - 2e-4, 0.037, above=2e-3), noise=1.3e-4)
+    noisy = replace(known, wall=ring(radius - 2e-4, 0.037, above=2e-3), noise=1e-4)
     _, probes = probed(_column(radius), "upper", noisy)
     share = radius / (2.0 * (radius + known.height - known.other))
-    enough = share * (noisy.noise / (0.065 * known.tolerance)) ** 2
+    enough = share * (noisy.noise / (0.05 * known.tolerance)) ** 2
     assert abs(len(probes) - max(enough, 5.0)) <= 1.0
     _, fewer = probed(_column(radius), "upper", replace(noisy, noise=1e-6))
     assert len(fewer) <= 5 < enough
