@@ -24,6 +24,8 @@ class Ending:
     """Missing messages over all reliable topics."""
     duplicates: int = 0
     """Messages that came twice over all reliable topics."""
+    restarts: Mapping[str, int] = field(default_factory=dict)
+    """How often each node was started again, of those that were."""
 
 
 class Watcher(Protocol):

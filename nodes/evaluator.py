@@ -100,6 +100,7 @@ def _score(state: State, truth: Prepared, model: ShapeModel) -> Score:
 NODE = Node(
     params=Params,
     start=lambda params: (State(), []),
+    longest=120.0,
     inputs={"/truth": (Truth, hear_truth), "/model/shape": (ShapeModel, hear_model)},
     outputs={"/score": Score},
     needs=("/truth",),

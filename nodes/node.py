@@ -17,6 +17,9 @@ from palpate.messages.header import Header
 MOST_FINGERS = 8
 """Fingers that one graph may have."""
 
+LONGEST = 1.0
+"""A handler takes no longer than this, unless its node says otherwise, s."""
+
 Finger = Annotated[int, Meta(ge=1, le=MOST_FINGERS)]
 """Number of a finger, or of fingers."""
 
@@ -54,6 +57,8 @@ class Node:
     shared: tuple[str, ...] = ()
     """Topics that stay outside the fingers' namespaces: where there is such a node for each finger,
     that of the first finger alone hears and says them."""
+    longest: float = LONGEST
+    """Longest time that a handler may take, s: after it, a node that is at work hangs."""
 
 
 class Writer(Protocol):
@@ -74,3 +79,8 @@ class Sink:
     """Type of the parameters: a frozen ``msgspec.Struct``."""
     open: Callable[[Any, Mapping[str, str]], Writer]
     """``(params, {topic: name of its message type}) -> writer``."""
+    resume: Callable[[Any, Mapping[str, str]], tuple[Writer, Mapping[str, int]]] | None = None
+    """The same after it was killed, with the messages of each topic that it has kept; without it
+    the sink cannot be started again."""
+    longest: float = 10 * LONGEST
+    """Longest time that writing may take, s."""

@@ -179,6 +179,7 @@ def _grasp_on(state: State) -> tuple[State, Outputs]:
 NODE = Node(
     params=Params,
     start=start,
+    longest=20.0,
     inputs={
         "/world": (World, know_world),
         "/touch/info": (SensorInfo, know_sensor),

@@ -167,6 +167,7 @@ def _rebuild(state: State, goal: ModelGoal | PlanDone) -> Solid:
 NODE = Node(
     params=Params,
     start=start,
+    longest=120.0,
     inputs={
         "/world": (World, know_world),
         "/touch/info": (SensorInfo, know_sensor),

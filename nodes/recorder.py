@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 
 from palpate import __version__
+from palpate.messages.recording.parts import counts_of, part_path, parts_of
 from palpate.messages.recording.writer import RecordingWriter
 from palpate.nodes.node import Sink
 from palpate.nodes.recording import publishers_of
@@ -37,8 +38,30 @@ def start_recording(params: Params, types: Mapping[str, str]) -> RecordingWriter
     OSError
         If the file exists or cannot be written.
     """
+    return _recording(params, types, Path(params.path))
+
+
+def resume_recording(
+    params: Params, types: Mapping[str, str]
+) -> tuple[RecordingWriter, Mapping[str, int]]:
+    """Go on in a further file, with what the files before it hold of each topic.
+
+    Raises
+    ------
+    ValueError
+        If a topic's type is unknown.
+    OSError
+        If the file cannot be written.
+    """
+    path = Path(params.path)
+    had = counts_of(path)
+    number = len(parts_of(path)) if path.exists() else 0
+    return _recording(params, types, part_path(path, number)), had
+
+
+def _recording(params: Params, types: Mapping[str, str], path: Path) -> RecordingWriter:
     about = {"version": __version__, "graph": params.graph.decode()}
-    return RecordingWriter(Path(params.path), types, publishers_of(params.graph), about)
+    return RecordingWriter(path, types, publishers_of(params.graph), about)
 
 
-SINK = Sink(params=Params, open=start_recording)
+SINK = Sink(params=Params, open=start_recording, resume=resume_recording)

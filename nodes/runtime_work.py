@@ -159,15 +159,32 @@ class SinkWork:
         Instance of the sink's parameter type.
     wiring : Wiring
         Its place in the graph.
+    again : bool
+        Whether an earlier start of it has written already.
+
+    Raises
+    ------
+    ContractError
+        If it has, and the sink cannot go on with that.
     """
 
-    def __init__(self, sink: Sink, params: Any, wiring: Wiring) -> None:
+    def __init__(self, sink: Sink, params: Any, wiring: Wiring, *, again: bool = False) -> None:
         self._current: Arrival | None = None
         self._otherwise = "opening"
         self.latency = Latency()
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         self.waits: list[str] = []
-        self._writer: Writer = sink.open(params, {one.topic: one.type for one in wiring.inputs})
+        types = {one.topic: one.type for one in wiring.inputs}
+        self.had: Mapping[str, int] = {}
+        """Messages of each topic that an earlier start of it has kept."""
+        if not again:
+            self._writer: Writer = sink.open(params, types)
+            return
+        if sink.resume is None:
+            raise ContractError(f"{wiring.name} cannot go on with what it had written")
+        self._writer, self.had = sink.resume(params, types)
+        for publisher, topic in self.consumed:
+            self.consumed[publisher, topic] = self.had.get(topic, 0)
 
     @property
     def doing(self) -> str:

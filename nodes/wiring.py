@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, Literal
 
-from palpate.nodes.node import Node, Sink
+from palpate.nodes.node import LONGEST, Node, Sink
+
+OnExit = Literal["restart", "stop", "ignore"]
+"""What is done when a node dies: it is started again, the run ends, or it goes on without."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +45,10 @@ class Wiring:
     """Topic on the wire to the names of those who hear it."""
     nice: int = 0
     """How far its process stands back when the processor is busy, from 0 to 19."""
+    on_exit: OnExit = "restart"
+    """What is done when it dies."""
+    longest: float = LONGEST
+    """Longest time for which it may give no sign of life though it works, s."""
 
 
 def load_node(module: str) -> Node | Sink:

@@ -61,6 +61,14 @@ class Census:
         self.round += 1
         self._counts, self._last, self._equal, self._due = {}, None, 0, 0.0
 
+    def drop(self, name: str) -> None:
+        """Count somebody no more, who has died and is done without."""
+        self._names = tuple(one for one in self._names if one != name)
+        self._edges = tuple(
+            edge for edge in self._edges if name not in (edge.listener, edge.publisher)
+        )
+        self.forget()
+
     def to_ask(self, now: float) -> list[str]:
         """Names of those who are to be asked now."""
         if now < self._due:

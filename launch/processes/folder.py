@@ -54,6 +54,7 @@ def place_of(folder: Path, names: Sequence[str], depth: int) -> Place:
         endpoints={name: f"ipc://{folder}/n{index}" for index, name in enumerate(names)},
         taps={name: f"ipc://{folder}/t{index}" for index, name in enumerate(names)},
         control=f"ipc://{folder}/control",
+        journals={name: str(folder / f"j{index}") for index, name in enumerate(names)},
     )
 
 

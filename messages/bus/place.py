@@ -27,3 +27,7 @@ class Place:
     """Name of the node to the address of its tap."""
     control: str
     """Address at which the launcher listens."""
+    journals: Mapping[str, str]
+    """Name of the node to the file in which it puts down what it consumes."""
+    going: bool = False
+    """Whether the graph had been started when this node was started again."""

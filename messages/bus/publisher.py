@@ -2,7 +2,8 @@
 
 Nothing that is sent is ever dropped: a full queue makes the sender wait, and while it waits it
 takes in what others send to it, so that two nodes that send to each other cannot lock up.
-Everything sent is kept, for those who join late.
+Everything sent is kept, for those who join late. A publisher that starts again says
+what it had said once more: not to everybody, but to each listener what that one still lacks.
 """
 
 from __future__ import annotations
@@ -42,6 +43,8 @@ class Publisher:
         Most messages in the queue to one listener.
     drain : callable
         Takes in what has arrived, waiting for a moment; called while a queue is full.
+    again : bool
+        Whether it says once more what an earlier start had said, until `go_live`.
     patience : float
         Longest wait for a full queue, s.
     """
@@ -57,6 +60,7 @@ class Publisher:
         listeners: Mapping[str, tuple[str, ...]],
         depth: int,
         drain: Callable[[], None],
+        again: bool = False,
         patience: float = PATIENCE,
     ) -> None:
         self.name, self.run, self.epoch = name, run, epoch
@@ -65,6 +69,7 @@ class Publisher:
         self._listeners = dict(listeners)
         self._past: dict[str, list[bytes]] = {topic: [] for topic in listeners}
         self._drain, self._patience = drain, patience
+        self._lacks: dict[tuple[bytes, str], int] | None = {} if again else None
         self.socket = context.socket(zmq.XPUB)
         self.socket.setsockopt(zmq.XPUB_NODROP, 1)
         self.socket.setsockopt(zmq.SNDHWM, depth)
@@ -78,6 +83,8 @@ class Publisher:
     def send(self, topic: str, body: bytes, *, robot_time: float, schema: int) -> bytes:
         """Send one message to everybody who hears the topic, and return its frame.
 
+        Before `go_live`, to those alone who have asked for it.
+
         Raises
         ------
         KeyError
@@ -89,8 +96,17 @@ class Publisher:
         header = Header(self.run, self.epoch, len(past), time.monotonic_ns(), robot_time, schema)
         frame = pack_frame(topic, header, body)
         past.append(frame)
-        self._put(frame, topic)
+        if self._lacks is None:
+            self._put(frame, topic)
+        else:
+            self._say_again(self._lacks, topic, header.seq)
         return frame
+
+    def go_live(self) -> None:
+        """All that had been said is said again: from here on everybody hears at once."""
+        lacks, self._lacks = self._lacks, None
+        for call, topic in lacks or ():
+            self._put(join.in_step(call, topic), topic)
 
     def serve(self) -> None:
         """Answer all who have asked to join."""
@@ -118,7 +134,15 @@ class Publisher:
             return
         for seq in range(request.wanted, len(past)):
             self._put(join.again(request.call, past[seq]), request.topic)
-        self._put(join.in_step(request.call, request.topic), request.topic)
+        if self._lacks is None:
+            self._put(join.in_step(request.call, request.topic), request.topic)
+        else:
+            self._lacks[request.call, request.topic] = max(request.wanted, len(past))
+
+    def _say_again(self, lacks: dict[tuple[bytes, str], int], topic: str, seq: int) -> None:
+        for (call, asked), wanted in lacks.items():
+            if asked == topic and seq >= wanted:
+                self._put(join.again(call, self._past[topic][seq]), topic)
 
     def _put(self, frame: bytes, topic: str) -> None:
         copy = len(frame) < LARGE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import zmq
 
@@ -83,6 +83,7 @@ class Station:
             listeners=says,
             depth=depth,
             drain=self._drain,
+            again=place.going,
         )
         self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
         # The publisher by its descriptor: it wakes when a place in a queue has come free.
@@ -122,6 +123,10 @@ class Station:
         """Move all that has arrived into the inbox."""
         while (arrival := self.subscriber.receive()) is not None:
             self._inbox.append(arrival)
+
+    def give_back(self, arrivals: Iterable[Arrival]) -> None:
+        """Have messages handed out again, before all others."""
+        self._inbox.extendleft(reversed(list(arrivals)))
 
     def send(self, topic: str, body: bytes, *, robot_time: float, schema: int) -> None:
         """Publish a message, with a copy for the tap.

@@ -89,6 +89,10 @@ class Subscriber:
             self.socket.connect(endpoints[source])
             self.socket.subscribe(join.call(name, epoch, source))
 
+    def skip(self, topic: str, wanted: int) -> None:
+        """Ask for a topic from a sequence on; before anything has been received."""
+        self._edges[topic].wanted = wanted
+
     @property
     def in_step(self) -> bool:
         """Whether all topics have sent all of their past."""

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from mcap.records import Channel, Message, Metadata, Schema
 
-from palpate.messages.recording.framing import Closed, records
+from palpate.messages.recording.framing import Closed
+from palpate.messages.recording.parts import records_of
 from palpate.messages.recording.writer import ABOUT
 
 
@@ -50,20 +51,20 @@ class Recording:
 
     def messages(self) -> Iterator[Kept]:
         """The messages in the order in which the recorder heard them."""
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Channel] = {}
-        for record in records(self.path):
+        schemas: dict[tuple[Path, int], Schema] = {}
+        channels: dict[tuple[Path, int], Channel] = {}
+        for part, record in records_of(self.path):
             if isinstance(record, Message):
-                channel = channels[record.channel_id]
-                yield _kept(channel, schemas[channel.schema_id], record)
+                channel = channels[part, record.channel_id]
+                yield _kept(channel, schemas[part, channel.schema_id], record)
             elif isinstance(record, Channel):
-                channels[record.id] = record
+                channels[part, record.id] = record
             elif isinstance(record, Schema):
-                schemas[record.id] = record
+                schemas[part, record.id] = record
 
 
 def open_recording(path: Path) -> Recording:
-    """Check a recording from end to end.
+    """Check a recording from end to end, with the parts in which its recorder went on.
 
     Raises
     ------
@@ -71,21 +72,21 @@ def open_recording(path: Path) -> Recording:
         If it is missing, empty, no MCAP file, cut off, damaged, or not written by palpate.
     """
     about: Mapping[str, str] | None = None
-    schemas: set[int] = set()
-    topics: dict[int, str] = {}
+    schemas: set[tuple[Path, int]] = set()
+    topics: dict[tuple[Path, int], str] = {}
     counts: dict[str, int] = {}
     closed = False
-    for record in records(path):
+    for part, record in records_of(path):
         if isinstance(record, Message):
-            if record.channel_id not in topics:
-                raise ValueError(f"recording {path} is damaged: a message without a channel")
-            topic = topics[record.channel_id]
+            if (part, record.channel_id) not in topics:
+                raise ValueError(f"recording {part} is damaged: a message without a channel")
+            topic = topics[part, record.channel_id]
             counts[topic] = counts.get(topic, 0) + 1
         elif isinstance(record, Schema):
-            schemas.add(record.id)
+            schemas.add((part, record.id))
         elif isinstance(record, Channel):
-            _check_channel(path, record, schemas)
-            topics[record.id] = record.topic
+            _check_channel(part, record, (part, record.schema_id) in schemas)
+            topics[part, record.id] = record.topic
         elif isinstance(record, Metadata) and record.name == ABOUT:
             about = record.metadata
         closed = isinstance(record, Closed)
@@ -100,7 +101,7 @@ def open_recording(path: Path) -> Recording:
     )
 
 
-def _check_channel(path: Path, channel: Channel, schemas: set[int]) -> None:
+def _check_channel(path: Path, channel: Channel, has_schema: bool) -> None:
     """Refuse a channel whose messages could not be told apart."""
     about = channel.metadata
     try:
@@ -110,7 +111,7 @@ def _check_channel(path: Path, channel: Channel, schemas: set[int]) -> None:
             f"recording {path} was not written by palpate: "
             f"{channel.topic} lacks its run, epoch or schema hash"
         ) from None
-    if channel.schema_id not in schemas or channel.message_encoding != "msgpack":
+    if not has_schema or channel.message_encoding != "msgpack":
         raise ValueError(f"recording {path} has no schema of msgpack for {channel.topic}")
 
 

@@ -193,3 +193,35 @@ def test_a_malformed_frame_is_refused(bench: Any) -> None:
     publisher.socket.send(b"/talk\0too short")
     with pytest.raises(ValueError, match="not a frame"):
         subscriber.receive()
+
+
+def test_a_publisher_that_says_it_all_again_tells_each_listener_what_it_lacks(
+    bench: Any, tmp_path: Path
+) -> None:
+    endpoint = f"ipc://{tmp_path / 'talker'}"
+    first = bench.publisher(endpoint=endpoint)
+    early = bench.subscriber(endpoints={"talker": endpoint})
+    bench.turn(first, early, lambda: early.in_step)
+    bench.say(first, b"0", b"1")
+    heard: list[Any] = []
+    while len(heard) < 2:
+        assert early.socket.poll(5000)
+        heard += bench.hear(early)
+    first.close(0)
+
+    second = bench.publisher(endpoint=endpoint, epoch=1, again=True)
+    late = bench.subscriber(name="late", endpoints={"talker": endpoint})
+    bench.say(second, b"0")
+    heard += bench.turn(second, early, lambda: early._greeted["talker"] == 1)
+    told = bench.turn(second, late, lambda: "talker" in late._greeted)
+    while len(second._lacks) < 2:
+        second.socket.poll(10)
+        second.serve()
+    bench.say(second, b"1", b"2")
+    assert not early.in_step and not late.in_step
+    second.go_live()
+    bench.say(second, b"3")
+    heard += bench.turn(second, early, lambda: early.in_step and early._edges["/talk"].wanted == 4)
+    told += bench.turn(second, late, lambda: late.in_step and late._edges["/talk"].wanted == 4)
+    assert (seqs(heard), seqs(told)) == ([0, 1, 2, 3], [0, 1, 2, 3])
+    assert (early.gaps, late.gaps, early.duplicates) == (0, 0, 0)
