@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from palpate.launch.located import InputError, KeyPath, Located
+from palpate.nodes.wiring import OnExit
 
 KINDS = "palpate.nodes"
 """A kind without a dot is a module of this package."""
@@ -33,6 +34,8 @@ class Entry:
     that the node shares with the other fingers'."""
     nice: int = 0
     """How far its process stands back when the processor is busy, from 0 to 19."""
+    on_exit: OnExit = "restart"
+    """What is done when its process dies: start it again, stop the run, or go on without it."""
     source: str = ""
     """``file:line`` of the description."""
     places: Mapping[KeyPath, str] = field(default_factory=dict)

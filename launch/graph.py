@@ -60,6 +60,8 @@ class Graph:
                 inputs=inputs[one.entry.name],
                 outputs=dict(one.outputs),
                 nice=one.entry.nice,
+                on_exit=one.entry.on_exit,
+                longest=one.node.longest,
                 listeners={topic: _listeners(topic, inputs) for topic in one.outputs.values()},
             )
             for one in placed

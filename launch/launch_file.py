@@ -21,6 +21,7 @@ from palpate.launch.scene import Scene, load_scene
 from palpate.launch.substitute import substitute
 from palpate.launch.yaml_file import read_yaml
 from palpate.nodes.node import MOST_FINGERS
+from palpate.nodes.wiring import OnExit
 
 EXPLORE = Path(__file__).parent / "explore.yaml"
 """The launch file that comes with palpate."""
@@ -43,6 +44,8 @@ class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Put before its topics."""
     nice: Annotated[int, Meta(ge=0, le=19)] = 0
     """How far the process stands back when the processor is busy, as in nice(1)."""
+    on_exit: OnExit = "restart"
+    """What is done when its process dies: restart, stop (the run) or ignore."""
     wanted: bool = field(default=True, name="if")
     """False leaves the node out; written ``if`` in the file."""
 
@@ -187,6 +190,7 @@ def _wanted(key: str, name: str, given: Located) -> list[Entry]:
         remap=spec.remap,
         namespace=spec.namespace,
         nice=spec.nice,
+        on_exit=spec.on_exit,
         source=given.source,
         places=given.part(("params",)).places if spec.params else {},
     )

@@ -31,6 +31,8 @@ def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
             node["namespace"] = entry.namespace
         if entry.nice:
             node["nice"] = entry.nice
+        if entry.on_exit != "restart":
+            node["on_exit"] = entry.on_exit
         nodes[wiring.name] = node
     stream = io.StringIO()
     yaml = YAML(typ="safe", pure=True)

@@ -62,6 +62,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "final": model is not None and model.final,
         "gaps": ending.gaps,
         "duplicates": ending.duplicates,
+        "restarts": dict(ending.restarts),
         "nodes": {name: _node(status) for name, status in sorted(ending.statuses.items())},
         "numerics": {} if model is None else dict(sorted(model.health.items())),
         "curve": [_point(seconds, score) for seconds, score in progress.scores],

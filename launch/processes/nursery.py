@@ -70,6 +70,14 @@ class Nursery:
         child.join()
         return child.exitcode or 0
 
+    def kill(self, name: str) -> None:
+        """Kill a process at once."""
+        self._children[name].kill()
+
+    def pid(self, name: str) -> int:
+        """Number of the process of a node."""
+        return self._children[name].pid or 0
+
     def end(self) -> None:
         """End all processes: they are asked, and killed if they take too long."""
         living = [child for child in self._children.values() if child.exitcode is None]

@@ -59,6 +59,12 @@ class Roll:
             return [_record(name, "error", self.failed[name]), _record(name, "debug", trace)]
         return []
 
+    def left(self, name: str) -> str | None:
+        """A node's process has ended; what it failed of, if it said so."""
+        self.ready.discard(name)
+        self._alive[name] = time.monotonic()
+        return self.failed.pop(name, None)
+
     def silent(self, now: float) -> list[LogRecord]:
         """Lines for the log about nodes that have not been heard of for long, once each."""
         lines = []

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Literal, NamedTuple
-
-import msgspec
 
 from palpate.launch.processes.census import Census, Count, Edge
 from palpate.launch.processes.desk import Desk
 from palpate.launch.processes.interrupts import Interrupts
-from palpate.launch.processes.nursery import Nursery, how_it_ended
+from palpate.launch.processes.nursery import Nursery
 from palpate.launch.processes.roll import Roll
+from palpate.launch.processes.ward import Ward
 from palpate.messages.bus.place import LAUNCHER, Place
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.ending import Ending, Watcher
@@ -68,7 +66,7 @@ class Supervisor:
         nursery: Nursery,
         interrupts: Interrupts,
     ) -> None:
-        self._wirings, self._ends, self._place = wirings, ends, place
+        self._wirings, self._ends = wirings, ends
         self._watcher, self._desk = watcher, desk
         self._nursery, self._interrupts = nursery, interrupts
         names = [wiring.name for wiring in wirings]
@@ -76,9 +74,9 @@ class Supervisor:
         edges += [Edge(LAUNCHER, source, topic) for source in sources for topic in sources[source]]
         self._census = Census([*names, LAUNCHER], edges)
         self._roll = Roll(names)
-        self._living: dict[int, str] = {}
+        self._ward = Ward(wirings, place, nursery, desk)
         self._finished: str | None = None
-        self._going = False
+        self._going = self._stopping = False
         self._next_tick = 0.0
 
     def run(self, began: float) -> Ending:
@@ -104,19 +102,17 @@ class Supervisor:
             statuses=statuses,
             gaps=ears.gaps + sum(one.gaps for one in statuses.values()),
             duplicates=ears.duplicates + sum(one.duplicates for one in statuses.values()),
+            restarts={name: count for name, count in self._ward.restarts.counts.items() if count},
         )
 
     def _start(self) -> Verdict | None:
-        place = msgspec.msgpack.encode(self._place)
         for wiring in self._wirings:
             if self._interrupts.came:
                 return self._interrupted()
             try:
-                sentinel = self._nursery.bear(wiring.name, _sealed(wiring), place)
+                self._ward.bear(wiring.name)
             except ChildProcessError as error:
                 return Verdict("died", str(error))
-            self._living[sentinel] = wiring.name
-            self._desk.watch(sentinel)
         return None
 
     def _watch(self, began: float) -> Verdict:
@@ -130,18 +126,20 @@ class Supervisor:
             elif self._roll.ready == names and self._desk.ears.in_step:
                 self._going = True
                 self._tell(names, "go")
+                self._ward.let_begin()
                 self._watcher.ready(time.monotonic() - began)
 
     def _stop(self) -> Verdict | None:
         """Stop all nodes at once; returns what went wrong, if anything did."""
-        self._tell(self._living.values(), "stop")
+        self._stopping = True
+        self._tell(self._ward.living, "stop")
         deadline = time.monotonic() + STOP
-        while self._living:
+        while self._ward.living:
             verdict = self._turn()
             if verdict is not None:
                 return verdict
             if time.monotonic() > deadline:
-                late = ", ".join(self._living.values())
+                late = ", ".join(self._ward.living)
                 return Verdict("died", f"{late} did not stop within {STOP:g} s")
         return None
 
@@ -154,21 +152,49 @@ class Supervisor:
         died = [verdict for sentinel in ended if (verdict := self._bury(sentinel))]
         if self._interrupts.came:
             return self._interrupted()
-        for name, text in self._roll.failed.items():
-            return Verdict("died", f"{name} failed while {text}")
+        if LAUNCHER in self._roll.failed:
+            return Verdict("died", f"{LAUNCHER} failed while {self._roll.failed[LAUNCHER]}")
         return died[0] if died else None
 
     def _bury(self, sentinel: int) -> Verdict | None:
-        self._desk.unwatch(sentinel)
-        name = self._living.pop(sentinel)
-        code = self._nursery.exit_code(name)
+        name, code = self._ward.bury(sentinel)
         deadline = time.monotonic() + (LAST_WORDS if code in (0, FAILED) else 0.0)
         while name not in self._roll.failed and name not in self._roll.bye:
             if time.monotonic() >= deadline:
-                return Verdict("died", f"{name} {how_it_ended(code)}")
+                break
             self._desk.wait(10)
             self._hear_nodes()
+        if name in self._roll.bye:
+            return None
+        failed = self._roll.left(name)
+        return self._after_death(name, self._ward.how_it_died(name, code, failed), failed)
+
+    def _after_death(self, name: str, how: str, failed: str | None) -> Verdict | None:
+        """Start a node again that has died, or go on without it, or say why the run must end."""
+        wiring = self._ward.wirings[name]
+        if self._stopping and wiring.outputs:
+            return None  # it had nothing more to say, and holds no file
+        if wiring.on_exit == "ignore":
+            self._warn(name, f"{name} {how}; the run goes on without it")
+            self._census.drop(name)
+            return None
+        refusal: str | None = f"{name} {how}"
+        # Who cannot put away what it holds, or cannot even begin, would not do better again.
+        if failed is None or (self._going and not self._stopping):
+            now = time.monotonic()
+            refusal = self._ward.restarts.refusal(name, how, failed is not None, now)
+        if refusal is not None:
+            return Verdict("died", refusal)
+        self._warn(name, f"{name} {how}; it is started again")
+        try:
+            self._ward.bear(name, going=self._going)
+        except ChildProcessError as error:
+            return Verdict("died", str(error))
         return None
+
+    def _warn(self, name: str, text: str) -> None:
+        record = LogRecord(node=name, level="warning", text=text[:1000], robot_time=0.0)
+        self._watcher.log(record)
 
     def _quiet(self) -> Verdict | None:
         if self._finished is not None and self._census.settled:
@@ -191,6 +217,9 @@ class Supervisor:
                 name, word = heard
                 for line in self._roll.hear(name, word):
                     self._watcher.log(line)
+                self._ward.sign(name, word["kind"])
+                if self._stopping and word["kind"] == "alive":
+                    self._desk.line.send(name, "stop")
                 if word["kind"] == "finished" and name == self._ends and self._finished is None:
                     self._finished = str(word["reason"])
                     self._census.forget()
@@ -221,6 +250,7 @@ class Supervisor:
         now = time.monotonic()
         if now >= self._next_tick:
             self._next_tick = now + TICK
+            self._ward.see_to_hung(now)
             for line in self._roll.silent(now):
                 self._watcher.log(line)
             self._watcher.tick(self._roll.statuses)
@@ -240,8 +270,3 @@ class Supervisor:
     def _tell(self, names: Iterable[str], kind: str) -> None:
         for name in names:
             self._desk.line.send(name, kind)
-
-
-def _sealed(wiring: Wiring) -> bytes:
-    """A wiring in bytes, its parameters once more so: only the node knows their type."""
-    return msgspec.msgpack.encode(replace(wiring, params=msgspec.msgpack.encode(wiring.params)))

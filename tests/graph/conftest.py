@@ -48,6 +48,7 @@ class Toys:
             inputs=(Input(hears, f"/{hears}", "/in", "TactileFrame"),),
             outputs={"/out": "/broken"},
             listeners={},
+            on_exit="stop",
         )
 
     def sink(self, path: Path, hears: str = "source", **params: object) -> Wiring:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import random
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,8 +17,12 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from palpate.messages.recording.reader import open_recording
+
 pytestmark = pytest.mark.graph
 SECONDS = 60.0
+EVEN = ("--set", "planner.planner=uniform", "--set", "planner.settings.count=2")
+KILLS = 5
 
 
 def palpate(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -25,8 +32,7 @@ def palpate(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 def explored(folder: Path, *flags: str) -> dict[str, Any]:
     """Summary of a short exploration of the sphere into a folder."""
-    even = ("--set", "planner.planner=uniform", "--set", "planner.settings.count=2")
-    few = (*even, "--quiet", "--out", str(folder / "run"))
+    few = (*EVEN, "--quiet", "--out", str(folder / "run"))
     done = palpate("run", "sphere", *few, *flags, folder=folder)
     assert done.returncode == 0, done.stderr
     summary: dict[str, Any] = json.loads((folder / "run" / "summary.json").read_text())
@@ -91,6 +97,57 @@ def test_a_run_that_is_not_recorded_gives_the_same_solid_to_the_last_bit(
     run: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
     assert explored(tmp_path, "--no-record")["mesh_sha256"] == run[1]["mesh_sha256"]
+
+
+def nodes_of(launcher: int) -> list[int]:
+    """Processes of the nodes: the launcher's server has forked them."""
+    parents = {}
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdecimal():
+            try:
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+            if fields[0] != "Z":
+                parents[int(folder.name)] = int(fields[1])
+    return sorted(pid for pid, parent in parents.items() if parents.get(parent) == launcher)
+
+
+def kill_some(launcher: subprocess.Popen[str], seed: int) -> int:
+    """Kill nodes at random while it runs; returns how many."""
+    rng, killed = random.Random(seed), 0
+    while killed < KILLS and launcher.poll() is None:
+        time.sleep(rng.uniform(0.3, 1.0))
+        nodes = nodes_of(launcher.pid)
+        if nodes and launcher.poll() is None:
+            os.kill(rng.choice(nodes), signal.SIGKILL)
+            killed += 1
+    return killed
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux says who is whose child")
+def test_a_run_whose_nodes_are_killed_comes_to_the_same_solid(
+    run: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    out, calm = run
+    command = [sys.executable, "-m", "palpate", "run", "sphere", *EVEN, "--quiet", "--out", "run"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    try:
+        killed = kill_some(process, seed=3)
+        _, said = process.communicate(timeout=SECONDS)
+    finally:
+        process.kill()
+        process.communicate()
+    assert (process.returncode, killed) == (0, KILLS), said
+    harmed = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert harmed["mesh_sha256"] == calm["mesh_sha256"]
+    assert (harmed["gaps"], harmed["touches"]) == (0, calm["touches"])
+    assert 0 < sum(harmed["restarts"].values()) <= KILLS and calm["restarts"] == {}
+    kept, other = (
+        {(one.topic, one.seq): one.body for one in open_recording(path / "topics.mcap").messages()}
+        for path in (out, tmp_path / "run")
+    )
+    assert kept == other
 
 
 def test_a_bad_scene_starts_nothing_and_leaves_nothing(tmp_path: Path) -> None:

@@ -105,6 +105,8 @@ def test_what_the_scene_says_of_the_planner_is_placed_in_the_scene(write: Write)
             "ends: a\nnodes: {a: {fingers: 2, nise: 1}}",
             "f.yaml:2: unknown key 'nise' in nodes.a; did you mean 'nice'?",
         ),
+        ("ends: a\nnodes:\n  a:\n    on_exit: respawn", "f.yaml:4: "),
+        ("ends: a\nnodes: {a: {on_exit: respawn}}", "respawn"),
         ("ends: a\nnodes: {a: {params: {n: $(finger)}}}", "f.yaml:2: $(finger) is not known"),
         ("args: {a: 1}\nends: $(b)\nnodes: {}", "f.yaml:2: $(b) is not known; known: a, out"),
         ("args: {a: {b: 1}}\nends: $(a.c)\nnodes: {}", "$(a.c): there is no 'c'; known: b"),
@@ -127,6 +129,7 @@ nodes:
     fingers: $(hands)
     params: {number: $(finger), of: $(hands), label: finger $(finger)}
     nice: 3
+    on_exit: ignore
   b: {kind: t.b}
 ends: b
 """
@@ -141,6 +144,7 @@ def test_there_is_a_node_for_each_finger(write: Write) -> None:
     assert [entry.group for entry in (one, two, b)] == ["a", "a", "b"]
     assert two.params == {"number": 2, "of": 2, "label": "finger 2"}
     assert (one.nice, two.nice) == (3, 3)
+    assert (one.on_exit, two.on_exit, b.on_exit) == ("ignore", "ignore", "restart")
     assert one.source.endswith("f.yaml:5") and two.source.endswith("f.yaml:5")
     assert two.places["label",].endswith("f.yaml:7")
     assert (b.name, b.namespace) == ("b", "")

@@ -18,7 +18,7 @@ KEYS = {
     "normal_deg", "volume_error", "sampling_floor_m", "size_m", "watertight", "genus", "contours",
     "contours_failed", "uncovered_m", "bound_m", "within", "unfelt_m", "contacts",
     "touches", "robot_time_s", "ready_s", "wall_s", "compute_s", "touches_per_s", "mesh_sha256",
-    "final", "gaps", "duplicates", "nodes", "numerics", "curve",
+    "final", "gaps", "duplicates", "restarts", "nodes", "numerics", "curve",
 }  # fmt: skip
 
 

@@ -74,3 +74,12 @@ def test_complaints_name_who_waits_for_what() -> None:
     ]
     answer(one, 0, 0, 1.0)
     assert one.complaints() == ["hearer has heard nothing on /talk (talker)"]
+
+
+def test_who_is_dropped_is_neither_asked_nor_waited_for() -> None:
+    one = Census(["talker", "hearer"], [EDGE, Edge("late", "talker", "/talk")])
+    one.drop("hearer")
+    assert one.to_ask(1.0) == ["talker"]
+    for now in (1.0, 2.0):
+        one.answer("talker", one.round, Count({"/talk": 3}, {}), now, 0.0)
+    assert one.settled

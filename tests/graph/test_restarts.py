@@ -1,0 +1,167 @@
+"""Nodes that are killed, stopped or broken while a graph runs: it must end as if nothing was."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import random
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.launch.bench_toy import Params, toy
+from palpate.launch.launcher import launch
+from palpate.messages.recording.parts import parts_of
+from palpate.messages.recording.reader import open_recording
+from palpate.nodes import recorder
+from palpate.nodes.ending import Ending
+from palpate.nodes.recording import with_description
+from palpate.nodes.wiring import Input, Wiring
+
+pytestmark = pytest.mark.graph
+
+FRAMES = 600
+
+
+class Harm(threading.Thread):
+    """Sends signals to the processes of nodes, one after the other."""
+
+    def __init__(self, names: Sequence[str], signal_: int, seed: int) -> None:
+        super().__init__(daemon=True)
+        self._names, self._signal = list(names), signal_
+        self._rng = random.Random(seed)
+        self.when: list[float] = []
+
+    def run(self) -> None:
+        for name in self._names:
+            time.sleep(self._rng.uniform(0.05, 0.4))
+            while not (
+                found := [one for one in multiprocessing.active_children() if one.name == name]
+            ):
+                time.sleep(0.01)
+            os.kill(found[0].pid or 0, self._signal)
+            self.when.append(time.monotonic())
+
+
+def line(folder: Path) -> list[Wiring]:
+    """A source, one who passes on, one who counts, and a recorder."""
+    wirings = [
+        toy("source", Params(burst=FRAMES)),
+        toy("relay", Params(relay=True, work=1e-3), hears="source"),
+        toy("counter", Params(expects=FRAMES, work=1e-3), hears="relay"),
+    ]
+    kept = Wiring(
+        name="recorder",
+        module="palpate.nodes.recorder",
+        params=recorder.Params(path=str(folder / "topics.mcap")),
+        inputs=tuple(
+            Input(name, f"/{name}", f"/{name}", "TactileFrame") for name in ("source", "relay")
+        ),
+        outputs={},
+        listeners={},
+    )
+    return list(with_description([*wirings, kept]))
+
+
+def run(wirings: list[Wiring], watcher: Any, folder: Path, harm: Harm) -> Ending:
+    harm.start()
+    ending = launch(wirings, ends="counter", hear=["/relay"], watcher=watcher, work_dir=folder)
+    assert multiprocessing.active_children() == []
+    return ending
+
+
+def recorded(folder: Path) -> list[tuple[str, int]]:
+    recording = open_recording(folder / "topics.mcap")
+    assert recording.closed
+    return sorted((kept.topic, kept.seq) for kept in recording.messages())
+
+
+ALL = sorted((topic, seq) for topic in ("/source", "/relay") for seq in range(FRAMES))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nodes_that_are_killed_go_on_where_they_were(
+    seed: int, watcher: Any, tmp_path: Path
+) -> None:
+    names = ["relay", "counter", "source", "recorder"]
+    random.Random(seed).shuffle(names)
+    harm = Harm(names, signal.SIGKILL, seed)
+    ending = run(line(tmp_path), watcher, tmp_path, harm)
+    assert (ending.status, ending.reason) == ("finished", f"{FRAMES} heard")
+    assert sum(ending.restarts.values()) == len(harm.when)
+    assert (ending.gaps, [one.touch for _, one in watcher.messages]) == (0, list(range(FRAMES)))
+    assert recorded(tmp_path) == ALL
+    # A recorder that dies before it has begun its file leaves none.
+    assert len(parts_of(tmp_path / "topics.mcap")) <= 1 + ending.restarts["recorder"]
+    said = [one.text for one in watcher.lines if one.level == "warning"]
+    assert all("was killed by SIGKILL; it is started again" in text for text in said) and said
+
+
+def test_neighbours_that_die_at_once_rebuild_each_other(watcher: Any, tmp_path: Path) -> None:
+    a = toy("a", Params(laps=3000, burst=1), hears="b")
+    b = toy("b", Params(relay=True, expects=3000), hears="a")
+    watch = threading.Thread(target=_kill_both, daemon=True)
+    watch.start()
+    ending = launch([a, b], ends="b", hear=[], watcher=watcher, work_dir=tmp_path)
+    assert (ending.status, ending.reason, ending.gaps) == ("finished", "3000 heard", 0)
+    assert ending.restarts == {"a": 2, "b": 2}
+
+
+def _kill_both() -> None:
+    for _ in range(2):
+        time.sleep(0.4)
+        for child in multiprocessing.active_children():
+            if child.name in "ab":
+                os.kill(child.pid or 0, signal.SIGKILL)
+
+
+def test_a_node_that_is_stopped_is_found_and_started_again(watcher: Any, tmp_path: Path) -> None:
+    harm = Harm(["relay"], signal.SIGSTOP, 1)
+    ending = run(line(tmp_path), watcher, tmp_path, harm)
+    assert (ending.status, ending.restarts) == ("finished", {"relay": 1})
+    [said] = [one.text for one in watcher.lines if one.level == "warning"]
+    assert said.startswith("relay hung: it gave no sign of life for 1.")
+    assert recorded(tmp_path) == ALL
+
+
+def test_a_message_that_breaks_a_node_twice_ends_the_run(
+    watcher: Any, toys: Any, tmp_path: Path
+) -> None:
+    wirings = [toy("source", Params(burst=5)), replace(toys.broken("raise"), on_exit="restart")]
+    ending = launch(wirings, ends="source", hear=[], watcher=watcher, work_dir=tmp_path)
+    assert ending.status == "died"
+    assert ending.reason == (
+        "broken failed while handling /source 2 from source: ZeroDivisionError: "
+        "cannot divide by the number of touches; so it did when it was started again"
+    )
+
+
+def test_a_node_that_dies_again_and_again_ends_the_run(
+    watcher: Any, toys: Any, tmp_path: Path
+) -> None:
+    wirings = [toy("source", Params(burst=5)), replace(toys.broken("kill"), on_exit="restart")]
+    ending = launch(wirings, ends="source", hear=[], watcher=watcher, work_dir=tmp_path)
+    assert (ending.status, ending.restarts) == ("died", {"broken": 3})
+    assert ending.reason == (
+        "broken was killed by SIGKILL, after it had been started again 3 times in 10 s"
+    )
+
+
+def test_the_run_goes_on_without_a_node_that_may_be_missed(
+    watcher: Any, toys: Any, tmp_path: Path
+) -> None:
+    wirings = [
+        toy("source", Params(burst=50)),
+        toy("counter", Params(expects=50, work=1e-2), hears="source"),
+        replace(toys.broken("kill"), on_exit="ignore"),
+    ]
+    ending = launch(wirings, ends="counter", hear=[], watcher=watcher, work_dir=tmp_path)
+    assert (ending.status, ending.reason) == ("finished", "50 heard")
+    [said] = [one.text for one in watcher.lines if one.level == "warning"]
+    assert said == "broken was killed by SIGKILL; the run goes on without it"
