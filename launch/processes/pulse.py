@@ -29,6 +29,7 @@ class Busy(NamedTuple):
 class _Sign(NamedTuple):
     when: float
     used: float
+    begun: bool
 
 
 class Pulse:
@@ -47,7 +48,11 @@ class Pulse:
 
     def sign(self, name: str, now: float, used: float) -> None:
         """A node has given a sign of life, when it had used so much processor time, s."""
-        self._signs[name] = _Sign(now, used)
+        self._signs[name] = _Sign(now, used, True)
+
+    def begin(self, name: str, now: float) -> None:
+        """A node begins: until its next sign, which may take a while, it must not be stopped."""
+        self._signs[name] = _Sign(now, 0.0, False)
 
     def forget(self, name: str) -> None:
         """A node has died, or has said goodbye: nothing more is expected of it."""
@@ -70,16 +75,18 @@ class Pulse:
         return {
             name: now - sign.when
             for name, sign in silent.items()
-            if self._hangs(name, now - sign.when, sign.used, busy(pids[name]))
+            if self._hangs(name, now, sign, busy(pids[name]))
         }
 
-    def _hangs(self, name: str, silence: float, used: float, does: Busy | None) -> bool:
-        longest = max(self._longest[name], SILENT)
-        if does is None:
-            return silence > longest
-        if does.state in "Tt":
+    def _hangs(self, name: str, now: float, sign: _Sign, does: Busy | None) -> bool:
+        if does is not None and does.state in "Tt":
             return True
-        return (does.used - used if does.state == "R" else silence) > longest
+        if not sign.begun:
+            return False
+        silence, longest = now - sign.when, max(self._longest[name], SILENT)
+        if does is not None and does.state == "R":
+            return does.used - sign.used > longest
+        return silence > longest
 
 
 def busy(pid: int) -> Busy | None:

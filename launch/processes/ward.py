@@ -58,6 +58,7 @@ class Ward:
         packed = msgspec.msgpack.encode(place)
         sentinel = self._nursery.bear(name, _sealed(self.wirings[name]), packed)
         self._living[sentinel] = name
+        self._pulse.begin(name, time.monotonic())
         self._desk.watch(sentinel)
 
     def bury(self, sentinel: int) -> tuple[str, int]:
@@ -85,7 +86,7 @@ class Ward:
     def let_begin(self) -> None:
         """All nodes begin: that may take its time, and signs of life count from the next on."""
         for name in self.living:
-            self._pulse.forget(name)
+            self._pulse.begin(name, time.monotonic())
 
     def see_to_hung(self, now: float) -> None:
         """Kill what hangs: it is then buried as others are."""

@@ -2,13 +2,13 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.core.rebuild.felt import felt_rows
+from palpate.core.rebuild.felt import along, felt_rows
 from palpate.core.rebuild.felt import felt_skin as skin
 from palpate.core.rebuild.solid import Solid
 from palpate.core.rebuild.surface.surface_mesh import SurfaceMesh
@@ -77,7 +77,21 @@ def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @pytest.fixture
-def coarse_skin(monkeypatch: pytest.MonkeyPatch) -> None:
+def coarse_spans(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Few spans along the side; what follows from their number is kept no longer than that."""
+    tables = (along.along_basis, along.even_spans, along.bending_root)
+    for module in (along, skin):
+        monkeypatch.setattr(module, "SPANS", 9)
+    monkeypatch.setattr(along, "HALVED", 1)
+    for table in tables:
+        table.cache_clear()
+    yield
+    for table in tables:
+        table.cache_clear()
+
+
+@pytest.fixture
+def coarse_skin(coarse_spans: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """A skin with few coefficients, and places of the surface for a mesh, each computed once."""
     for module, name in (
         (reconstructor, "rebuilt_from"),
@@ -85,7 +99,6 @@ def coarse_skin(monkeypatch: pytest.MonkeyPatch) -> None:
         (planner_grasp, "slicing_frame"),
     ):
         monkeypatch.setattr(module, name, remembered(getattr(module, name)))
-    monkeypatch.setattr(skin, "ALONG", 12)
     monkeypatch.setattr(skin, "AROUND", 16)
     monkeypatch.setattr(shape_model, "_mesh", places_of)
     monkeypatch.setattr(felt_rows, "ROWS", 17)

@@ -62,7 +62,18 @@ def test_nobody_is_blamed_for_the_time_in_which_the_launcher_did_not_run(
     assert "node" in made.hung(61.3, PIDS)
 
 
-def test_nothing_is_expected_of_a_node_before_its_first_sign_and_after_its_last(
+@pytest.mark.parametrize(
+    ("does", "found"), [(Busy("T", 2.0), 1.3), (Busy("S", 2.0), None), (Busy("R", 9.0), None)]
+)
+def test_a_node_that_begins_may_take_its_time_but_must_not_be_stopped(
+    monkeypatch: pytest.MonkeyPatch, does: Busy, found: float | None
+) -> None:
+    made = watched(monkeypatch, does)
+    made.begin("node", 10.0)
+    assert hung_at(made, 5.0) == (None if found is None else pytest.approx(found))
+
+
+def test_nothing_is_expected_of_a_node_that_has_said_goodbye(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made = watched(monkeypatch, Busy("T", 2.0))
