@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -38,6 +39,11 @@ def start_recording(params: Params, types: Mapping[str, str]) -> RecordingWriter
     OSError
         If the file exists or cannot be written.
     """
+    further = part_path(Path(params.path), 1)
+    if further.exists():
+        raise FileExistsError(
+            errno.EEXIST, f"recording {further} is there already, of another run; take it away"
+        )
     return _recording(params, types, Path(params.path))
 
 

@@ -172,6 +172,8 @@ class Supervisor:
     def _after_death(self, name: str, how: str, failed: str | None) -> Verdict | None:
         """Start a node again that has died, or go on without it, or say why the run must end."""
         wiring = self._ward.wirings[name]
+        if self._interrupts.came:
+            return self._interrupted()
         if self._stopping and wiring.outputs:
             return None  # it had nothing more to say, and holds no file
         if wiring.on_exit == "ignore":

@@ -6,6 +6,7 @@ the rest. The process may die at any moment: what the system was handed stays.
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 from collections.abc import Sequence
@@ -59,7 +60,9 @@ class Journal:
         OSError
             If there is no more room for it.
         """
-        os.write(self._file, _ENTRY.pack(self._numbers[publisher, topic], seq))
+        entry = _ENTRY.pack(self._numbers[publisher, topic], seq)
+        if os.write(self._file, entry) < len(entry):
+            raise OSError(errno.ENOSPC, "the journal of what was consumed has no more room")
 
     def close(self) -> None:
         """Close the file."""

@@ -60,6 +60,6 @@ def counts_of(path: Path) -> dict[str, int]:
                 elif isinstance(record, Message):
                     topic = topics[record.channel_id]
                     counts[topic] = max(counts.get(topic, 0), record.sequence + 1)
-        except ValueError:
-            continue
+        except (ValueError, KeyError):
+            continue  # what is damaged holds nothing whole from there on
     return counts

@@ -81,6 +81,10 @@ def open_recording(path: Path) -> Recording:
             if (part, record.channel_id) not in topics:
                 raise ValueError(f"recording {part} is damaged: a message without a channel")
             topic = topics[part, record.channel_id]
+            had = counts.get(topic, 0)
+            if part != path and record.sequence != had:
+                # A part begins where those before it ended: one of them was damaged since.
+                raise ValueError(f"recording {path} is damaged: it lacks {topic} {had}")
             counts[topic] = counts.get(topic, 0) + 1
         elif isinstance(record, Schema):
             schemas.add((part, record.id))

@@ -59,14 +59,12 @@ def touched_end(
     told = _one_height(np.concatenate([level, others]), within)
     # Level touches decide if nothing that was felt reaches over them.
     is_level = len(level) >= FEW and told <= float(level.max()) + within
-    crown = None if pose is None or is_level else crown_height(felt, beyond, way)
-    found = (
-        _one_height(level, LEVEL_NOISES * (pose or 0.0))
-        if is_level
-        else told
-        if crown is None
-        else crown
-    )
+    found = told
+    if is_level:
+        found = _one_height(level, LEVEL_NOISES * (pose or 0.0))
+    elif pose is not None:
+        crown = crown_height(felt, beyond, way)
+        found = told if crown is None else crown
     farthest = float((way * felt.points[beyond, 2]).max())
     if given is None or way * given <= farthest:
         return way * found

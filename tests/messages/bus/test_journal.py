@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -42,3 +43,12 @@ def test_a_journal_of_another_node_is_refused(tmp_path: Path) -> None:
     Journal(tmp_path / "j", EDGES).note("b", "/two", 0)
     with pytest.raises(ValueError, match="speaks of input 1, there are 1"):
         Journal(tmp_path / "j", EDGES[:1])
+
+
+def test_an_entry_for_which_there_is_no_room_is_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = Journal(tmp_path / "j", EDGES)
+    monkeypatch.setattr(os, "write", lambda file, data: len(data) - 1)
+    with pytest.raises(OSError, match="journal of what was consumed has no more room"):
+        journal.note("a", "/one", 0)

@@ -119,10 +119,9 @@ def test_a_frame_before_its_past_is_early_and_comes_again_in_order(bench: Any) -
     assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
 
 
-def test_a_publisher_that_starts_again_is_taken_up_where_it_was_left(
-    bench: Any, tmp_path: Path
-) -> None:
-    endpoint = f"ipc://{tmp_path / 'talker'}"
+def after_death(bench: Any, folder: Path) -> tuple[str, Any, list[Any]]:
+    """Address of a publisher that has died, and who has heard two messages of it."""
+    endpoint = f"ipc://{folder / 'talker'}"
     first = bench.publisher(endpoint=endpoint)
     subscriber = bench.subscriber(endpoints={"talker": endpoint})
     bench.turn(first, subscriber, lambda: subscriber.in_step)
@@ -132,6 +131,13 @@ def test_a_publisher_that_starts_again_is_taken_up_where_it_was_left(
         assert subscriber.socket.poll(5000)
         heard += bench.hear(subscriber)
     first.close(0)
+    return endpoint, subscriber, heard
+
+
+def test_a_publisher_that_starts_again_is_taken_up_where_it_was_left(
+    bench: Any, tmp_path: Path
+) -> None:
+    endpoint, subscriber, heard = after_death(bench, tmp_path)
     second = bench.publisher(endpoint=endpoint, epoch=1)
     bench.say(second, b"0", b"1", b"2")
     heard += bench.turn(
@@ -198,17 +204,7 @@ def test_a_malformed_frame_is_refused(bench: Any) -> None:
 def test_a_publisher_that_says_it_all_again_tells_each_listener_what_it_lacks(
     bench: Any, tmp_path: Path
 ) -> None:
-    endpoint = f"ipc://{tmp_path / 'talker'}"
-    first = bench.publisher(endpoint=endpoint)
-    early = bench.subscriber(endpoints={"talker": endpoint})
-    bench.turn(first, early, lambda: early.in_step)
-    bench.say(first, b"0", b"1")
-    heard: list[Any] = []
-    while len(heard) < 2:
-        assert early.socket.poll(5000)
-        heard += bench.hear(early)
-    first.close(0)
-
+    endpoint, early, heard = after_death(bench, tmp_path)
     second = bench.publisher(endpoint=endpoint, epoch=1, again=True)
     late = bench.subscriber(name="late", endpoints={"talker": endpoint})
     bench.say(second, b"0")

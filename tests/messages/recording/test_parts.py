@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -66,12 +65,36 @@ def test_a_recorder_that_died_before_it_had_a_file_begins_one(tmp_path: Path) ->
     assert had == {} and parts_of(tmp_path / "topics.mcap") == (tmp_path / "topics.mcap",)
 
 
-def test_a_last_part_that_is_cut_off_is_still_refused(
-    tmp_path: Path, writer: object, write: Callable[..., None]
-) -> None:
-    write(writer)
-    writer.close()  # type: ignore[attr-defined]
-    path = tmp_path / "topics.mcap"
-    (tmp_path / "topics.1.mcap").write_bytes(path.read_bytes()[:-20])
+def in_two_parts(path: Path) -> Path:
+    """A recording whose recorder was started again half-way; its second file."""
+    params = Params(path=str(path))
+    first = SINK.open(params, TYPES)
+    say(first, range(COUNT // 2))
+    first.close()
+    assert SINK.resume is not None
+    second, had = SINK.resume(params, TYPES)
+    say(second, range(had["/world"], COUNT))
+    second.close()
+    return part_path(path, 1)
+
+
+def test_a_last_part_that_is_cut_off_is_still_refused(tmp_path: Path) -> None:
+    last = in_two_parts(tmp_path / "topics.mcap")
+    last.write_bytes(last.read_bytes()[:-20])
     with pytest.raises(ValueError, match=r"topics\.1\.mcap is cut off"):
+        open_recording(tmp_path / "topics.mcap")
+
+
+def test_a_first_part_that_was_damaged_since_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "topics.mcap"
+    in_two_parts(path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(ValueError, match="damaged: it lacks /world"):
         open_recording(path)
+
+
+def test_a_recording_does_not_begin_beside_a_further_part_of_another(tmp_path: Path) -> None:
+    (tmp_path / "topics.1.mcap").touch()
+    with pytest.raises(FileExistsError, match=r"topics\.1\.mcap is there already, of another run"):
+        SINK.open(Params(path=str(tmp_path / "topics.mcap")), TYPES)
+    assert not (tmp_path / "topics.mcap").exists()
