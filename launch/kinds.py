@@ -12,10 +12,10 @@ from msgspec import structs
 import palpate.nodes
 from palpate.launch.entry import KINDS, Entry
 from palpate.launch.nearest import hint
-from palpate.nodes.node import Node, Sink
+from palpate.nodes.node import AnyNode, Sink, Source
 from palpate.nodes.wiring import load_node
 
-_HOLDS_NODE = re.compile(r"^(NODE|SINK)\b.*=", re.MULTILINE)
+_HOLDS_NODE = re.compile(r"^(NODE|SOURCE|SINK)\b.*=", re.MULTILINE)
 
 
 def kinds() -> tuple[str, ...]:
@@ -24,7 +24,7 @@ def kinds() -> tuple[str, ...]:
     return tuple(sorted(name for name in names if _holds_node(f"{KINDS}.{name}")))
 
 
-def node_of(entry: Entry) -> Node | Sink:
+def node_of(entry: Entry) -> AnyNode:
     """The node that an entry asks for.
 
     Raises
@@ -53,6 +53,8 @@ def describe_kind(kind: str) -> str:
     lines = [kind]
     if isinstance(node, Sink):
         lines.append("  hears everything")
+    elif isinstance(node, Source):
+        lines.append("  hears nothing; its parameters say what it says")
     else:
         lines += [f"  hears {topic}  {said.__name__}" for topic, (said, _) in node.inputs.items()]
         lines += [f"  says  {topic}  {said.__name__}" for topic, said in node.outputs.items()]

@@ -85,11 +85,11 @@ def publishers_of(graph: bytes) -> Mapping[str, str]:
     return {topic: one.name for one in recorded_wirings(graph) for topic in one.outputs.values()}
 
 
-def with_description(wirings: Sequence[Wiring]) -> tuple[Wiring, ...]:
-    """The same graph, whose recorders have been given its description."""
+def with_description(wirings: Sequence[Wiring], about: Mapping[str, str]) -> tuple[Wiring, ...]:
+    """The same graph, whose recorders have been given its description and other texts about it."""
     graph = describe_wirings(wirings)
     return tuple(
-        replace(one, params=msgspec.structs.replace(one.params, graph=graph))
+        replace(one, params=msgspec.structs.replace(one.params, graph=graph, about=dict(about)))
         if one.module == RECORDER
         else one
         for one in wirings
