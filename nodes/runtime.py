@@ -239,6 +239,7 @@ class Loop:
                 self._ended = True
             elif isinstance(work, SourceWork):
                 self._publish(work.obey(word))
+                line.send("did", ticket=word["ticket"])
 
     def _publish(self, said: Iterable[Parcel | Finished]) -> None:
         for one in said:

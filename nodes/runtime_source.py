@@ -78,7 +78,8 @@ class SourceWork:
             self._doing = "looking for what comes next"
             began = time.perf_counter_ns()
             self._next = next(self._said, _END)
-            self.latency.add(time.perf_counter_ns() - began)
+            if isinstance(self._next, Said):
+                self.latency.add(time.perf_counter_ns() - began)
         if self._next is None:
             return SOON
         if self._next is _END:

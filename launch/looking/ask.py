@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from typing import Any
 
 import zmq
@@ -10,30 +11,57 @@ import zmq
 from palpate.launch.processes.register import Card
 from palpate.messages.bus.control import NodeLine, Word
 
-PATIENCE_MS = 3000
-"""A launcher that does not answer for so long is busy, or stopped."""
+PATIENCE = 5.0
+"""Who does not answer for so long is busy, or stopped, s."""
+AGAIN = 0.02
+"""A node that is not up is asked for again after this long, s."""
+
+
+def tell(card: Card, kind: str, **fields: Any) -> None:
+    """Say a word to the launcher of a running graph, without waiting for an answer."""
+    with zmq.Context() as context:
+        line = _line(context, card)
+        line.send(kind, **fields)
+        line.close()
 
 
 def ask(card: Card, kind: str, **fields: Any) -> Word:
     """Ask the launcher of a running graph, and return what it answers.
+
+    A node that is just being started, or started again, is waited for.
 
     Raises
     ------
     ValueError
         If it refuses, or gives no answer.
     """
+    deadline = time.monotonic() + PATIENCE
     with zmq.Context() as context:
-        line = NodeLine(context, card.tools, name=f"tool {os.getpid()} {os.urandom(4).hex()}")
+        line = _line(context, card)
         try:
-            line.send(kind, **fields)
-            if not line.socket.poll(PATIENCE_MS):
-                raise ValueError(
-                    f"the launcher of {card.run[:6]} ({card.name}) gives no answer within "
-                    f"{PATIENCE_MS / 1000:g} s; it is busy or stopped"
-                )
-            answer = line.receive()
+            while True:
+                line.send(kind, **fields)
+                answer = _answer(line, card, deadline)
+                if not answer.get("soon") or time.monotonic() > deadline:
+                    break
+                time.sleep(AGAIN)
         finally:
             line.socket.close(0)
-    if answer is None or answer["kind"] == "refused":
-        raise ValueError(str(answer["text"]) if answer else "the launcher said nothing")
+    if answer["kind"] == "refused":
+        raise ValueError(str(answer["text"]))
     return answer
+
+
+def _answer(line: NodeLine, card: Card, deadline: float) -> Word:
+    left = deadline - time.monotonic()
+    answer = line.receive() if line.socket.poll(int(1000 * max(left, 0.1))) else None
+    if answer is None:
+        raise ValueError(
+            f"run {card.run[:6]} ({card.name}) gives no answer within {PATIENCE:g} s; "
+            "it is busy or stopped"
+        )
+    return answer
+
+
+def _line(context: zmq.Context[zmq.Socket[bytes]], card: Card) -> NodeLine:
+    return NodeLine(context, card.tools, name=f"tool {os.getpid()} {os.urandom(4).hex()}")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import time
+from itertools import count
 from typing import Any
 
 from palpate.launch.processes.roll import Roll
@@ -16,6 +17,7 @@ from palpate.messages.bus.control import LauncherLine, Word
 TOLD = ("pause", "resume", "step", "publish")
 """What a source may be told to do."""
 _MOST = 8
+_MOST_PENDING = 1000
 
 
 class Reception:
@@ -34,6 +36,8 @@ class Reception:
     def __init__(self, line: LauncherLine, nodes: LauncherLine, ward: Ward, roll: Roll) -> None:
         self._line, self._nodes, self._ward, self._roll = line, nodes, ward, roll
         self._began = time.monotonic()
+        self._pending: dict[int, str] = {}
+        self._tickets = count()
 
     def serve(self) -> None:
         """Answer what has come, but no more than a few at a time."""
@@ -45,13 +49,22 @@ class Reception:
             if asked is None:
                 return
             tool, word = asked
-            self._line.send(tool, **self._answer(word))
+            answer = self._answer(tool, word)
+            if answer is not None:
+                self._line.send(tool, **answer)
 
-    def _answer(self, word: Word) -> dict[str, Any]:
+    def done(self, ticket: int) -> None:
+        """A node has done what a tool had asked for."""
+        tool = self._pending.pop(ticket, None)
+        if tool is not None:
+            self._line.send(tool, "done")
+
+    def _answer(self, tool: str, word: Word) -> dict[str, Any] | None:
+        """What is answered at once; None if a node has to do something first."""
         if word["kind"] == "status":
             return self._status()
         if word["kind"] in TOLD:
-            return self._tell(word)
+            return self._tell(tool, word)
         return _refused(f"the launcher does not know the word {word['kind']!r}")
 
     def _status(self) -> dict[str, Any]:
@@ -72,15 +85,18 @@ class Reception:
             "nodes": nodes,
         }
 
-    def _tell(self, word: Word) -> dict[str, Any]:
-        """Hand a word on to a source that is up."""
-        name = word.get("node")
-        if name not in self._ward.living:
-            return _refused(f"no node {name!r} is up")
+    def _tell(self, tool: str, word: Word) -> dict[str, Any] | None:
+        """Hand a word on to a source, which says when it has done it."""
+        name, ticket = str(word.get("node")), next(self._tickets)
+        if name not in self._ward.wirings:
+            return _refused(f"there is no node {name!r}")
         fields = {key: value for key, value in word.items() if key not in ("kind", "node")}
-        if not self._nodes.send(str(name), word["kind"], **fields):
-            return _refused(f"{name} cannot be reached")
-        return {"kind": "done"}
+        if not self._nodes.send(name, word["kind"], **{**fields, "ticket": ticket}):
+            return {**_refused(f"{name} is not up"), "soon": True}
+        self._pending[ticket] = tool
+        while len(self._pending) > _MOST_PENDING:
+            self._pending.pop(next(iter(self._pending)))
+        return None
 
 
 def _refused(text: str) -> dict[str, Any]:

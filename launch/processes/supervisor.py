@@ -228,6 +228,8 @@ class Supervisor:
                 if word["kind"] == "finished" and name == self._ends and self._finished is None:
                     self._finished = str(word["reason"])
                     self._census.forget()
+                elif word["kind"] == "did":
+                    self._reception.done(word["ticket"])
                 elif word["kind"] == "count":
                     consumed = {(p, t): number for p, t, number in word["consumed"]}
                     count = Count(word["sent"], consumed, tuple(word["waits"]))

@@ -1,7 +1,7 @@
 """The line between a node and the launcher: who is ready, when to go, how much was heard.
 
-Words are small maps with a ``kind``. From the node: ready, alive, finished, count, bye and
-failed; from the launcher: go, count and stop.
+Words are small maps with a ``kind``. From the node: ready, alive, finished, count, did, bye and
+failed; from the launcher: go, count and stop, and what tools ask of a source.
 """
 
 from __future__ import annotations

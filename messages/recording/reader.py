@@ -46,6 +46,10 @@ class Recording:
     """Description of the graph that ran; empty if it has none."""
     counts: Mapping[str, int]
     """Messages by topic."""
+    types: Mapping[str, tuple[str, int]]
+    """Topic to the name of its message type and the hash of that type's schema."""
+    about: Mapping[str, str]
+    """All that the recording says of itself, text by name."""
     closed: bool
     """False if the recorder was killed: then the last messages may be missing."""
 
@@ -72,7 +76,8 @@ def open_recording(path: Path) -> Recording:
         If it is missing, empty, no MCAP file, cut off, damaged, or not written by palpate.
     """
     about: Mapping[str, str] | None = None
-    schemas: set[tuple[Path, int]] = set()
+    schemas: dict[tuple[Path, int], str] = {}
+    types: dict[str, tuple[str, int]] = {}
     topics: dict[tuple[Path, int], str] = {}
     counts: dict[str, int] = {}
     closed = False
@@ -87,10 +92,12 @@ def open_recording(path: Path) -> Recording:
                 raise ValueError(f"recording {path} is damaged: it lacks {topic} {had}")
             counts[topic] = counts.get(topic, 0) + 1
         elif isinstance(record, Schema):
-            schemas.add((part, record.id))
+            schemas[part, record.id] = record.name
         elif isinstance(record, Channel):
             _check_channel(part, record, (part, record.schema_id) in schemas)
             topics[part, record.id] = record.topic
+            name = schemas[part, record.schema_id]
+            types[record.topic] = name, int(record.metadata["schema_hash"], 16)
         elif isinstance(record, Metadata) and record.name == ABOUT:
             about = record.metadata
         closed = isinstance(record, Closed)
@@ -101,6 +108,8 @@ def open_recording(path: Path) -> Recording:
         version=about.get("version", ""),
         graph=about.get("graph", "").encode(),
         counts=counts,
+        types=types,
+        about=about,
         closed=closed,
     )
 

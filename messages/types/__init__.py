@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate.messages.types.graph import LogRecord, NodeStatus
+from palpate.messages.types.graph import Clock, LogRecord, NodeStatus
 from palpate.messages.types.hand import GraspContacts, GraspGoal
 from palpate.messages.types.model import ModelGoal, PlanDone, Score, ShapeModel, Superquadric
 from palpate.messages.types.motion import (
@@ -17,6 +17,7 @@ from palpate.messages.types.touch import SurfacePatch, TactileFrame, TactileImag
 from palpate.messages.types.world import SensorInfo, Truth, World
 
 __all__ = [
+    "Clock",
     "Contour",
     "ContourGoal",
     "FingerClock",
@@ -41,3 +42,9 @@ __all__ = [
 ]
 
 TYPES: dict[str, type] = {name: globals()[name] for name in __all__}
+
+ALL_KEPT = frozenset({Contour, Probe})
+"""Types of latched topics of which each message counts."""
+LATCHED = ALL_KEPT | {SensorInfo, ShapeModel, Superquadric, Truth, World}
+"""Types of latched topics: whoever comes late needs what was said before; of those that are not
+in `ALL_KEPT`, the last message."""

@@ -44,3 +44,11 @@ class LogRecord:
     """What happened, in one sentence."""
     robot_time: Seconds
     """Robot time at which it happened; 0 if none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Clock:
+    """The time of a recording that is played. On ``/clock``."""
+
+    time: Seconds
+    """Time since the recording's first message."""

@@ -1,0 +1,39 @@
+"""Console: says what a user types, so that a graph can be spoken to from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import repeat
+
+from msgspec import Struct
+
+from palpate.messages.types import TYPES
+from palpate.nodes.node import Source
+
+
+class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the launch file may set."""
+
+    topics: dict[str, str]
+    """Topic to the name of its message type."""
+
+    def __post_init__(self) -> None:
+        """Refuse a type that is none."""
+        for topic, name in self.topics.items():
+            if name not in TYPES:
+                raise ValueError(
+                    f"{topic} must be of a known type, got {name!r}; there are {', '.join(TYPES)}"
+                )
+
+
+def outputs(params: Params) -> Mapping[str, type]:
+    """Its topics and their types."""
+    return {topic: TYPES[name] for topic, name in params.topics.items()}
+
+
+def listen(params: Params) -> Iterator[None]:
+    """Nothing of its own, ever."""
+    return repeat(None)
+
+
+SOURCE = Source(params=Params, outputs=outputs, open=listen, repeats=False, outside=True)

@@ -1,0 +1,146 @@
+"""Player: says again what a recording holds, each message when its time has come."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import count
+from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from palpate.messages.codec import schema_hash
+from palpate.messages.recording.reader import Kept, Recording, open_recording
+from palpate.messages.types import ALL_KEPT, LATCHED, TYPES, Clock
+from palpate.nodes.node import Finished, Said, Source
+
+CLOCK = "/clock"
+AGAIN = 1.0
+"""Pause before a recording begins anew, s of the recording."""
+
+
+class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the launch file may set."""
+
+    path: str
+    """The recording."""
+    topics: tuple[str, ...] = ()
+    """Topics to play; all of them if there are none."""
+    rate: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
+    """Seconds of the recording that pass in a second."""
+    loop: bool = False
+    """Whether it begins anew at its end."""
+    start_offset: Annotated[float, Meta(ge=0)] = 0.0
+    """Begins so many s after the recording's first message; latched messages from before that are
+    said first."""
+    until: Annotated[float, Meta(gt=0)] | None = None
+    """Ends so many s after the recording's first message."""
+    clock: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    """Says the recording's time on ``/clock`` so often in a second; 0 never does."""
+    paused: bool = False
+    """Whether it waits at its beginning to be told to go on."""
+
+    def __post_init__(self) -> None:
+        """Refuse an end before the beginning."""
+        if self.until is not None and self.until <= self.start_offset:
+            raise ValueError(
+                f"until must be later than start_offset {self.start_offset:g} s, got {self.until:g}"
+            )
+
+
+def outputs(params: Params) -> Mapping[str, type]:
+    """Topics of the recording that are played, and their types.
+
+    Raises
+    ------
+    ValueError
+        If the recording cannot be read, has no such topic, or its types are of another version.
+    """
+    recording = open_recording(Path(params.path))
+    for topic in params.topics:
+        if topic not in recording.counts:
+            known = ", ".join(sorted(recording.counts)) or "none"
+            raise ValueError(f"recording {params.path} has no topic {topic!r}; it has {known}")
+    said = {topic: _type_of(topic, recording) for topic in sorted(_played(params, recording))}
+    return {**said, CLOCK: Clock} if params.clock else said
+
+
+def play(params: Params) -> Iterator[Said | Finished]:
+    """Say what the recording holds: first what was latched before the beginning, then the rest."""
+    recording = open_recording(Path(params.path))
+    played = _played(params, recording)
+    number, begun = 0, 0.0
+    for turn in count():
+        end = begun
+        for said in _with_clock(_turn(params, recording, played), params):
+            end = begun + said.due / params.rate
+            number += said.topic != CLOCK
+            yield said._replace(due=end)
+        if not params.loop or number == 0:
+            yield Finished(f"played {number} messages" + (f" in {turn + 1} turns" if turn else ""))
+            return
+        begun = end + AGAIN / params.rate
+
+
+def _played(params: Params, recording: Recording) -> frozenset[str]:
+    wanted = frozenset(params.topics or recording.counts)
+    return wanted - {CLOCK} if params.clock else wanted
+
+
+def _type_of(topic: str, recording: Recording) -> type:
+    name, schema = recording.types[topic]
+    cls = TYPES.get(name)
+    if cls is None:
+        raise ValueError(f"{topic} was recorded as {name!r}, which is not known here")
+    if schema_hash(cls) != schema:
+        raise ValueError(
+            f"{topic} was recorded with another version of {name} "
+            f"(schema {schema:08x}, now {schema_hash(cls):08x})"
+        )
+    return cls
+
+
+def _turn(params: Params, recording: Recording, played: frozenset[str]) -> Iterator[Said]:
+    """The recording once; due counts from its beginning, in s of the recording."""
+    before: dict[tuple[str, int], bytes] | None = {}
+    first = latest = 0
+    for kept in recording.messages():
+        first = first or kept.sent_ns
+        latest = max(latest, kept.sent_ns)
+        time = 1e-9 * (latest - first)
+        if params.until is not None and time > params.until:
+            break
+        if kept.topic not in played:
+            continue
+        if time < params.start_offset and before is not None:
+            _remember(before, kept)
+            continue
+        yield from _latched(before)
+        before = None
+        yield Said(time - params.start_offset, kept.topic, kept.body)
+    yield from _latched(before)
+
+
+def _remember(before: dict[tuple[str, int], bytes], kept: Kept) -> None:
+    """Keep a latched message: the last of its topic, or all of them."""
+    cls = TYPES[kept.type]
+    if cls in LATCHED:
+        before[kept.topic, kept.seq if cls in ALL_KEPT else 0] = kept.body
+
+
+def _latched(before: dict[tuple[str, int], bytes] | None) -> Iterator[Said]:
+    return (Said(0.0, topic, body) for (topic, _), body in (before or {}).items())
+
+
+def _with_clock(turn: Iterator[Said], params: Params) -> Iterator[Said]:
+    """Ticks of the clock between the messages; it ticks in the player's own time."""
+    tick, every = 0, params.rate / params.clock if params.clock else 0.0
+    for said in turn:
+        while every and tick * every <= said.due:
+            time = params.start_offset + tick * every
+            yield Said(tick * every, CLOCK, Clock(time=time))
+            tick += 1
+        yield said
+
+
+SOURCE = Source(params=Params, outputs=outputs, open=play, paused=lambda params: params.paused)

@@ -1,0 +1,207 @@
+"""Sources in a graph: recordings that are played, tools that speak, and both through deaths."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.launch.bag.control import control
+from palpate.launch.bench_toy import Params, frame, toy
+from palpate.launch.launcher import launch
+from palpate.launch.located import InputError
+from palpate.launch.looking.publish import publish
+from palpate.launch.processes.register import running
+from palpate.messages.codec import encode, schema_hash
+from palpate.messages.header import Header
+from palpate.messages.recording.writer import RecordingWriter
+from palpate.messages.types import TactileFrame
+from palpate.nodes import console, player
+from palpate.nodes.wiring import Wiring
+from tests.graph.test_restarts import Harm
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.fixture(autouse=True)
+def own_register(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tools shall find the graphs of this test alone."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+
+def bag(path: Path, frames: int, every: float = 1e-3) -> Path:
+    writer = RecordingWriter(path, {"/player": "TactileFrame"}, {}, {"version": "1"})
+    for number in range(frames):
+        header = Header(
+            1, 0, number, 1 + round(1e9 * every * number), 0.0, schema_hash(TactileFrame)
+        )
+        writer.write("/player", header, encode(frame(number)))
+    writer.close()
+    return path
+
+
+def playing(path: Path, **params: Any) -> Wiring:
+    return Wiring(
+        name="player",
+        module="palpate.nodes.player",
+        params=player.Params(path=str(path), **params),
+        inputs=(),
+        outputs={"/player": "/player"},
+        types={"/player": "TactileFrame"},
+        listeners={},
+    )
+
+
+def typing() -> Wiring:
+    return Wiring(
+        name="console",
+        module="palpate.nodes.console",
+        params=console.Params(topics={"/console": "TactileFrame"}),
+        inputs=(),
+        outputs={"/console": "/console"},
+        types={"/console": "TactileFrame"},
+        listeners={},
+        keeps=True,
+    )
+
+
+class Aside(threading.Thread):
+    """Does something while the graph runs, as soon as tools find it."""
+
+    def __init__(self, act: Callable[[], None]) -> None:
+        super().__init__(daemon=True)
+        self._act = act
+        self.failure: Exception | None = None
+
+    def run(self) -> None:
+        while not running():
+            time.sleep(0.005)
+        try:
+            self._act()
+        except Exception as error:
+            self.failure = error
+
+
+def test_a_recording_is_played_to_its_last_message(watcher: Any, tmp_path: Path) -> None:
+    counter = toy("counter", Params(expects=300), hears="player")
+    wirings = [playing(bag(tmp_path / "a.mcap", 300)), counter]
+    ending = launch(wirings, ends="player", hear=["/player"], watcher=watcher)
+    assert (ending.status, ending.reason) == ("finished", "played 300 messages")
+    assert [message.touch for _, message in watcher.messages] == list(range(300))
+    assert ending.statuses["counter"].messages == 300
+
+
+def test_messages_come_at_their_times(watcher: Any, tmp_path: Path) -> None:
+    wirings = [playing(bag(tmp_path / "a.mcap", 21, every=0.02))]
+    times: list[float] = []
+    watcher.heard = lambda *_: times.append(time.monotonic())
+    launch(wirings, ends="player", hear=["/player"], watcher=watcher)
+    assert times[-1] - times[0] > 0.02 * 20 - 0.1
+
+
+def test_a_player_that_is_killed_goes_on_where_it_was(watcher: Any, tmp_path: Path) -> None:
+    harm = Harm(["player", "counter", "player"], signal.SIGKILL, seed=3)
+    counter = toy("counter", Params(expects=900), hears="player")
+    harm.start()
+    wirings = [playing(bag(tmp_path / "a.mcap", 900, every=2e-3)), counter]
+    ending = launch(wirings, ends="player", hear=["/player"], watcher=watcher)
+    assert (ending.status, ending.reason) == ("finished", "played 900 messages")
+    assert [message.touch for _, message in watcher.messages] == list(range(900))
+    assert (ending.gaps, ending.statuses["counter"].messages) == (0, 900)
+    assert ending.restarts["player"] == 2
+
+
+def test_a_player_stands_still_steps_and_goes_on(watcher: Any, tmp_path: Path) -> None:
+    heard: list[int] = []
+
+    def act() -> None:
+        control(None, "step", number=3)
+        while len(watcher.messages) < 4:
+            time.sleep(0.005)
+        heard.append(len(watcher.messages))
+        control(None, "resume")
+
+    aside = Aside(act)
+    aside.start()
+    wirings = [playing(bag(tmp_path / "a.mcap", 50), paused=True)]
+    ending = launch(wirings, ends="player", hear=["/player"], watcher=watcher)
+    assert aside.failure is None
+    assert ending.status == "finished"
+    assert heard == [4]
+    assert len(watcher.messages) == 50
+
+
+BODY = (
+    "{goal: 0, touch: %d, finger: 1, direction: [0, 0, 1], pose: [0, 0, 0, 0, 0, 0, 1], "
+    "outcome: hit, array: [[1e-6, 2e-6]], move: [0, 0, 0, 0, -1], robot_time: 1}"
+)
+
+
+def test_what_a_user_types_is_heard_though_the_console_dies_in_between(
+    watcher: Any, tmp_path: Path
+) -> None:
+    def act() -> None:
+        for number in range(4):
+            publish("/console", BODY % number, rate=1, times=1, run=None, echo=said.append)
+            if number == 1:
+                harm = Harm(["console"], signal.SIGKILL, seed=1)
+                harm.start()
+                harm.join()
+                while not any("started again" in one.text for one in watcher.lines):
+                    time.sleep(0.005)
+
+    said: list[str] = []
+    aside = Aside(act)
+    aside.start()
+    counter = toy("counter", Params(expects=4), hears="console")
+    ending = launch([typing(), counter], ends="counter", hear=["/console"], watcher=watcher)
+    assert aside.failure is None
+    assert (ending.status, ending.reason) == ("finished", "4 heard")
+    assert [message.touch for _, message in watcher.messages] == [0, 1, 2, 3]
+    assert said == ["published TactileFrame on /console"] * 4
+
+
+def test_what_cannot_be_published_is_refused_in_a_sentence(watcher: Any, tmp_path: Path) -> None:
+    refused: list[str] = []
+
+    def act() -> None:
+        for topic, body in [
+            ("/consule", "{}"),
+            ("/counter", "{}"),
+            ("/console", "{goal: 1}"),
+            ("/console", "[1]"),
+            ("/console", (BODY % 0).replace("hit", "hot")),
+            ("/console", (BODY % 0).replace("[0, 0, 1]", "[0, x]")),
+        ]:
+            try:
+                publish(topic, body, rate=1, times=1, run=None, echo=print)
+            except InputError as error:
+                refused.append(str(error))
+        try:
+            control(None, "pause")
+        except InputError as error:
+            refused.append(str(error))
+        publish("/console", BODY % 0, rate=1, times=1, run=None, echo=lambda _: None)
+
+    aside = Aside(act)
+    aside.start()
+    counter = toy("counter", Params(expects=1), hears="console")
+    launch([typing(), counter], ends="counter", hear=[], watcher=watcher)
+    assert aside.failure is None
+    words = [
+        "has no topic '/consule'",
+        "/counter is published by counter, and a topic has one publisher",
+        "a TactileFrame lacks touch, finger",
+        "BODY must be a map of fields",
+        "must be one of ['bottomed', 'hit', 'inside', 'miss'], got 'hot'",
+        "direction must be an array of float64",
+        "must have one player, it has none",
+    ]
+    assert len(refused) == len(words)
+    for text, part in zip(refused, words, strict=True):
+        assert part in text

@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from palpate.messages.bus.journal import Tally
+from palpate.messages.codec import decode, encode
+from palpate.messages.fields import CodecError
+from palpate.messages.types import LogRecord, World
+from palpate.nodes.node import Finished, Said, Source
+from palpate.nodes.runtime_source import SourceWork
+from palpate.nodes.runtime_work import ContractError, Parcel
+from palpate.nodes.wiring import Wiring
+
+
+class Params(msgspec.Struct, frozen=True):
+    says: Any = ()
+    paused: bool = False
+
+
+def line(text: str) -> LogRecord:
+    return LogRecord(node="n", level="info", text=text, robot_time=2.5)
+
+
+def source(**more: Any) -> Source:
+    return Source(
+        params=Params,
+        outputs=lambda params: {"/out": LogRecord},
+        open=lambda params: iter(params.says),
+        paused=lambda params: params.paused,
+        **more,
+    )
+
+
+WIRING = Wiring(
+    name="source", module="", params=b"", inputs=(), outputs={"/out": "/a/out"}, listeners={}
+)
+
+
+def lines(count: int, every: float = 0.0) -> list[Said]:
+    return [Said(every * number, "/out", line(str(number))) for number in range(count)]
+
+
+def work(says: Any, *, paused: bool = False, tally: Tally | None = None, **more: Any) -> SourceWork:
+    made = SourceWork(source(**more), Params(says, paused), WIRING, tally)
+    made.began = made.begin()  # type: ignore[attr-defined]
+    return made
+
+
+def texts(parcels: Any) -> list[str]:
+    return [decode(LogRecord, one.body).text for one in parcels if isinstance(one, Parcel)]
+
+
+def test_what_is_due_is_said_on_the_wire_with_its_robot_time() -> None:
+    [parcel] = work(lines(1)).say_due()
+    assert isinstance(parcel, Parcel)
+    assert (parcel.topic, parcel.robot_time) == ("/a/out", 2.5)
+    assert texts([parcel]) == ["0"]
+
+
+def test_what_is_due_later_is_not_said_yet() -> None:
+    made = work(lines(3, every=60.0))
+    assert texts(made.say_due()) == ["0"]
+    left = made.wait()
+    assert left is not None and 59.0 < left <= 60.0
+    assert made.patience(125) == 125
+
+
+def test_a_short_wait_is_waited_to_its_end() -> None:
+    assert texts(work(lines(3, every=1e-3)).say_due()) == ["0", "1", "2"]
+
+
+def test_encoded_bodies_are_said_as_they_are() -> None:
+    [parcel] = work([Said(0.0, "/out", encode(line("x")))]).say_due()
+    assert texts([parcel]) == ["x"]
+
+
+def test_it_ends_with_its_word_and_has_nothing_to_say_after_it() -> None:
+    made = work([*lines(1), Finished("enough")])
+    assert list(made.say_due())[1:] == [Finished("enough")]
+    assert made.wait() is None
+    assert made.patience(125) == 125
+
+
+def test_where_there_is_nothing_yet_it_is_asked_again_soon() -> None:
+    made = work([None, *lines(1)])
+    assert texts(made.say_due()) == []
+    assert texts(made.say_due()) == ["0"]
+    assert made.latency.count == 1
+
+
+def test_what_an_earlier_start_had_said_is_said_at_once_and_the_rest_in_its_time(
+    tmp_path: Path,
+) -> None:
+    tally = Tally(tmp_path / "tally")
+    first = work(lines(5, every=60.0), tally=tally)
+    assert texts(first.say_due()) == ["0"]
+    first.obey({"kind": "pause"})
+    first.obey({"kind": "step", "number": 2})
+    assert texts(first.say_due()) == ["1", "2"]
+    tally.close()
+    again = work(lines(5, every=60.0), tally=Tally(tmp_path / "tally"))
+    assert texts(again.began) == ["0", "1", "2"]  # type: ignore[attr-defined]
+    left = again.wait()
+    assert left is not None and 59.0 < left <= 60.0
+
+
+def test_it_stands_still_goes_on_and_steps_when_it_is_told_to() -> None:
+    made = work(lines(4, every=1e-3), paused=True)
+    assert texts(made.say_due()) == ["0"]
+    assert made.wait() is None
+    made.obey({"kind": "step", "number": 1})
+    assert texts(made.say_due()) == ["1"]
+    made.obey({"kind": "resume"})
+    assert texts(made.say_due()) == ["2", "3"]
+
+
+def test_tools_may_speak_for_a_source_that_lets_them() -> None:
+    word = {"kind": "publish", "topic": "/a/out", "body": encode(line("typed"))}
+    assert texts(work((), outside=True).obey(word)) == ["typed"]
+    assert work(()).obey(word) == []
+
+
+def test_what_a_tool_says_must_be_of_the_topics_type() -> None:
+    other = encode(World(platform=0.0, reach=0.3, fingers=1, seed=1))
+    with pytest.raises(CodecError, match="not a LogRecord"):
+        work((), outside=True).obey({"kind": "publish", "topic": "/a/out", "body": other})
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        (Said(0.0, "/else", line("x")), "published /else, which it does not declare"),
+        (
+            Said(0.0, "/out", World(platform=0.0, reach=0.3, fingers=1, seed=1)),
+            "published a World on /out, declared as LogRecord",
+        ),
+    ],
+)
+def test_what_is_not_declared_is_refused(said: Said, words: str) -> None:
+    with pytest.raises(ContractError, match=words):
+        list(work([said]).say_due())
+
+
+def test_it_hears_nothing() -> None:
+    from palpate.messages.bus.subscriber import Arrival
+    from palpate.messages.header import Header
+
+    with pytest.raises(ContractError, match="hears nothing, and has heard /in"):
+        work(()).take(Arrival("other", "/in", Header(1, 0, 0, 0, 0.0, 0), b""))
+
+
+def test_what_it_reads_is_let_go_of() -> None:
+    closed = []
+
+    def read() -> Iterator[Said]:
+        try:
+            yield from lines(9, every=60.0)
+        finally:
+            closed.append(True)
+
+    made = work(read())
+    list(made.say_due())
+    made.close()
+    assert closed == [True]
