@@ -165,3 +165,32 @@ def test_the_run_goes_on_without_a_node_that_may_be_missed(
     assert (ending.status, ending.reason) == ("finished", "50 heard")
     [said] = [one.text for one in watcher.lines if one.level == "warning"]
     assert said == "broken was killed by SIGKILL; the run goes on without it"
+
+
+def test_a_node_that_acts_does_nothing_twice_but_what_was_under_way(
+    watcher: Any, toys: Any, tmp_path: Path
+) -> None:
+    actor = Wiring(
+        name="actor",
+        module="palpate_toy_actor",
+        params={"path": str(tmp_path / "dents"), "expects": FRAMES},
+        inputs=(Input("relay", "/relay", "/in", "TactileFrame"),),
+        outputs={"/out": "/actor"},
+        listeners={},
+        keeps=True,
+    )
+    wirings = [
+        toy("source", Params(burst=FRAMES)),
+        toy("relay", Params(relay=True, work=1e-3), hears="source"),
+        actor,
+    ]
+    harm = Harm(["actor", "relay", "actor"], signal.SIGKILL, seed=5)
+    harm.start()
+    ending = launch(wirings, ends="actor", hear=["/actor"], watcher=watcher, work_dir=tmp_path)
+    assert (ending.status, ending.reason) == ("finished", f"{FRAMES} done")
+    assert ending.restarts["actor"] == 2
+    dents = [int(line) for line in (tmp_path / "dents").read_text().split()]
+    heard = [message.touch for _, message in watcher.messages]
+    assert sorted(set(dents)) == sorted(set(heard)) == list(range(FRAMES))
+    assert len(dents) <= FRAMES + 2 and len(heard) <= FRAMES + 2
+    assert heard == sorted(heard)
