@@ -6,9 +6,9 @@ test as plain calls.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol
 
 from msgspec import Meta
 
@@ -84,3 +84,31 @@ class Sink:
     the sink cannot be started again."""
     longest: float = 10 * LONGEST
     """Longest time that writing may take, s."""
+
+
+class Said(NamedTuple):
+    """What a source says, and when."""
+
+    due: float
+    """Seconds after the start at which it is said; 0.0 says it at once."""
+    topic: str
+    """As the node calls it."""
+    message: object
+    """A message, or bytes: its encoded body."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """A node that hears nothing: what it says comes from a file, or from the world outside."""
+
+    params: type
+    """Type of the parameters: a frozen ``msgspec.Struct``."""
+    outputs: Callable[[Any], Mapping[str, type]]
+    """``params -> topic to message type``."""
+    open: Callable[[Any], Iterator[Said | Finished | None]]
+    """``params -> what it says``, in this order; None if there is nothing yet: it is asked again
+    soon. Never blocks longer than 0.1 s."""
+    repeats: bool = True
+    """Says the same when it is opened again, as a file does; False for what comes only once."""
+    longest: float = LONGEST
+    """Longest time that reading may take, s."""
