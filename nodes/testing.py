@@ -28,7 +28,7 @@ Heard = list[tuple[str, Any] | Finished]
 
 def drive(
     node: Node | Source,
-    inputs: Iterable[tuple[str, object]] = (),
+    inputs: Iterable[tuple[str, object] | Finished] = (),
     params: object = None,
     *,
     most: int | None = None,
@@ -40,7 +40,8 @@ def drive(
     node : Node or Source
         What to drive.
     inputs : pairs of str and message
-        Topic, as the node calls it, and message each; nothing of a source.
+        Topic, as the node calls it, and message each; nothing of a source. Finished is passed
+        over, so that what one node says can be given to the next.
     params : map, Struct or None
         Parameters as a launch file has them, or an instance of the node's own type; None for
         all defaults.
@@ -72,7 +73,7 @@ def drive(
     wiring = Wiring(name=NAME, module="", params=given, inputs=heard, outputs=outputs, listeners={})
     work, counts = NodeWork(node, given, wiring), Counter[str]()
     said = work.begin()
-    for topic, message in inputs:
+    for topic, message in (one for one in inputs if not isinstance(one, Finished)):
         said += work.take(_arrival(node, topic, message, counts[topic]))
         counts[topic] += 1
     return opened(node, said, outputs)

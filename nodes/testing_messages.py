@@ -55,6 +55,11 @@ def example(cls: type[Message], **fields: object) -> Message:
     return message
 
 
+def messages_on(said: Sequence[tuple[str, Any] | Finished], topic: str) -> list[Any]:
+    """The messages on one topic, in their order."""
+    return [one[1] for one in said if not isinstance(one, Finished) and one[0] == topic]
+
+
 def assert_same(
     said: Sequence[tuple[str, object] | Finished], expected: Sequence[tuple[str, object] | Finished]
 ) -> None:

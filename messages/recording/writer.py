@@ -42,6 +42,8 @@ class RecordingWriter:
         Topic to the name of the node that publishes it, as far as known.
     about : mapping
         What the recording says of itself: ``version`` and ``graph``.
+    schemas : mapping, optional
+        Name of each message type that palpate does not have, to its JSON schema.
 
     Raises
     ------
@@ -62,10 +64,13 @@ class RecordingWriter:
         types: Mapping[str, str],
         publishers: Mapping[str, str],
         about: Mapping[str, str],
+        schemas: Mapping[str, str] | None = None,
     ) -> None:
-        unknown = sorted(f"{topic} as {name}" for topic, name in types.items() if name not in TYPES)
+        self._texts = dict(schemas or {})
+        known = TYPES.keys() | self._texts.keys()
+        unknown = sorted(f"{topic} as {name}" for topic, name in types.items() if name not in known)
         if unknown:
-            raise ValueError(f"no message type to record {unknown[0]}; known are {sorted(TYPES)}")
+            raise ValueError(f"no message type to record {unknown[0]}; known are {sorted(known)}")
         self._path, self._types, self._publishers = path, types, publishers
         self._file = WholeFile(path)
         self._writer: Writer | None = Writer(
@@ -152,7 +157,7 @@ class RecordingWriter:
 
     def _schema(self, writer: Writer, name: str) -> int:
         if name not in self._schemas:
-            text = json.dumps(schema(TYPES[name])).encode()
+            text = (self._texts.get(name) or json.dumps(schema(TYPES[name]))).encode()
             self._schemas[name] = writer.register_schema(name, "jsonschema", text)
         return self._schemas[name]
 

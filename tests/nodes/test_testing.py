@@ -14,7 +14,7 @@ from palpate.messages.types import LogRecord, SensorInfo, TactileImage, World
 from palpate.nodes import curvature, filter
 from palpate.nodes.node import Finished, Node, Outputs, Said, Source
 from palpate.nodes.runtime_work import ContractError
-from palpate.testing import assert_same, drive, example
+from palpate.testing import assert_same, drive, example, messages_on
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -97,8 +97,9 @@ def test_what_one_node_says_can_be_given_to_the_next(info: SensorInfo) -> None:
         array=np.full((16, 16), 2 * info.thickness / info.sound_speed),
     )
     images = drive(filter.NODE, [("/touch/info", info), ("/touch/raw", frame)])
-    [patch] = drive(curvature.NODE, [("/touch/info", info), *images])  # type: ignore[list-item]
-    assert patch[1].kind == "miss"  # type: ignore[index]
+    patches = drive(curvature.NODE, [("/touch/info", info), *images, Finished("end")])
+    assert [patch.kind for patch in messages_on(patches, "/touch/patch")] == ["miss"]
+    assert messages_on([*patches, Finished("end")], "/touch/image") == []
 
 
 def source(*said: object, **declared: type) -> Source:
