@@ -12,10 +12,13 @@ from msgspec import structs
 import palpate.nodes
 from palpate.launch.entry import KINDS, Entry
 from palpate.launch.nearest import hint
+from palpate.launch.own_modules import look_here
 from palpate.nodes.node import Node, Sink
 from palpate.nodes.wiring import load_node
 
-_HOLDS_NODE = re.compile(r"^(NODE|SINK)\b.*=", re.MULTILINE)
+HELD = ("NODE", "SINK", "SOURCE")
+"""What a module may hold a node as."""
+_HOLDS_NODE = re.compile(rf"^({'|'.join(HELD)})\b.*=", re.MULTILINE)
 
 
 def kinds() -> tuple[str, ...]:
@@ -32,11 +35,15 @@ def node_of(entry: Entry) -> Node | Sink:
     InputError
         If there is no such kind, or its module holds no node.
     """
+    kind = entry.kind or entry.name
+    _, mark, held = kind.partition(":")
+    if mark and held not in HELD:
+        raise entry.error(f"kind is {kind!r}; a module of one's own is named as module:NODE")
+    look_here(kind)
     try:
         return load_node(entry.module)
     except ValueError as error:
-        kind = entry.kind or entry.name
-        if "." in kind or kind in kinds():
+        if mark or "." in kind or kind in kinds():
             raise entry.error(str(error)) from None
         raise entry.error(f"there is no kind of node {kind!r}; {hint(kind, kinds())}") from None
 
