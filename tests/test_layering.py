@@ -73,6 +73,7 @@ SHARED = (
     "testing_messages",
     "testing_recorded",
     "driver_frames",
+    "frame_row",
     "frames_file",
 )
 """Modules of ``nodes`` that are no node; any of them may be imported by a node."""
