@@ -111,8 +111,10 @@ def test_the_top_module_offers_its_names_and_no_others() -> None:
         "Scene",
         "__version__",
         "explore",
+        "feel",
         "load",
         "load_scene",
+        "read_frames",
         "reconstruct",
         "save",
     }
