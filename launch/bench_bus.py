@@ -16,6 +16,7 @@ from palpate.launch.bench_row import Row
 from palpate.launch.bench_toy import Params, frame, settle, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes.nursery import no_script
+from palpate.messages.bus.past import Past
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Subscriber
 from palpate.messages.codec import decode, encode, schema_hash
@@ -109,9 +110,10 @@ def _late_joiner(rng: random.Random) -> int:
             name="source",
             run=1,
             epoch=0,
-            listeners={"/world": ()},
+            listeners={"/world": ("late",)},
             depth=2,
             drain=lambda: None,
+            past=Past(Path(folder) / "past", ["/world"]),
         )
         for touch in range(number):
             publisher.send("/world", encode(frame(touch)), robot_time=0.0, schema=0)

@@ -14,7 +14,7 @@ from palpate.launch.nearest import hint
 from palpate.launch.own_types import check_own_types, own_schema
 from palpate.launch.placing import Placed, Publisher, is_left_out, place, publishers
 from palpate.messages.types import Truth
-from palpate.nodes.node import Node, Sink
+from palpate.nodes.node import Node, Sink, Source
 from palpate.nodes.wiring import Input, Wiring
 
 __all__ = ["Entry", "Graph"]
@@ -64,6 +64,7 @@ class Graph:
                 nice=one.entry.nice,
                 on_exit=one.entry.on_exit,
                 longest=one.node.longest,
+                keeps=one.keeps,
                 listeners={topic: _listeners(topic, inputs) for topic in one.outputs.values()},
             )
             for one in placed
@@ -86,7 +87,7 @@ class Graph:
         return "\n".join((*lines, f"ends with the Finished of {self.ends}"))
 
     def _check_ends(self, placed: Iterable[Placed]) -> None:
-        nodes = [one.entry.name for one in placed if isinstance(one.node, Node)]
+        nodes = [one.entry.name for one in placed if not isinstance(one.node, Sink)]
         if self.ends not in nodes:
             where = f"{self.source}: " if self.source else ""
             raise InputError(
@@ -104,6 +105,8 @@ def _inputs(
 ) -> tuple[Input, ...]:
     if isinstance(one.node, Sink):
         found = [_input(one, topic, topic, said) for topic in said]
+    elif isinstance(one.node, Source):
+        found = []
     else:
         found = []
         for local, (wanted, _) in one.node.inputs.items():

@@ -13,10 +13,10 @@ import palpate.nodes
 from palpate.launch.entry import KINDS, Entry
 from palpate.launch.nearest import hint
 from palpate.launch.own_modules import look_here
-from palpate.nodes.node import Node, Sink
+from palpate.nodes.node import AnyNode, Sink, Source
 from palpate.nodes.wiring import load_node
 
-HELD = ("NODE", "SINK", "SOURCE")
+HELD = ("NODE", "SOURCE", "SINK")
 """What a module may hold a node as."""
 _HOLDS_NODE = re.compile(rf"^({'|'.join(HELD)})\b.*=", re.MULTILINE)
 
@@ -27,7 +27,7 @@ def kinds() -> tuple[str, ...]:
     return tuple(sorted(name for name in names if _holds_node(f"{KINDS}.{name}")))
 
 
-def node_of(entry: Entry) -> Node | Sink:
+def node_of(entry: Entry) -> AnyNode:
     """The node that an entry asks for.
 
     Raises
@@ -60,6 +60,8 @@ def describe_kind(kind: str) -> str:
     lines = [kind]
     if isinstance(node, Sink):
         lines.append("  hears everything")
+    elif isinstance(node, Source):
+        lines.append("  hears nothing; its parameters say what it says")
     else:
         lines += [f"  hears {topic}  {said.__name__}" for topic, (said, _) in node.inputs.items()]
         lines += [f"  says  {topic}  {said.__name__}" for topic, said in node.outputs.items()]

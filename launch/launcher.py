@@ -65,7 +65,7 @@ def launch(
         place = place_of(folder, names, depth)
         with Desk(place, sources) as desk, Nursery() as nursery:
             supervisor = Supervisor(
-                [_with_launcher(wiring, hear) for wiring in wirings],
+                _with_listeners(wirings, hear),
                 ends=ends,
                 sources=sources,
                 watcher=watcher,
@@ -110,9 +110,13 @@ def _sources(wirings: Sequence[Wiring], hear: Sequence[str]) -> dict[str, list[s
     return sources
 
 
-def _with_launcher(wiring: Wiring, hear: Sequence[str]) -> Wiring:
-    listeners = dict(wiring.listeners)
-    for topic in set(hear) & set(wiring.outputs.values()):
-        known = listeners.get(topic, ())
-        listeners[topic] = known if LAUNCHER in known else (*known, LAUNCHER)
-    return replace(wiring, listeners=listeners)
+def _with_listeners(wirings: Sequence[Wiring], hear: Sequence[str]) -> list[Wiring]:
+    """The wirings, each with all who hear what it says."""
+    listeners: dict[str, list[str]] = {topic: [LAUNCHER] for topic in hear}
+    for wiring in wirings:
+        for one in wiring.inputs:
+            listeners.setdefault(one.topic, []).append(wiring.name)
+    return [
+        replace(one, listeners={t: tuple(listeners.get(t, ())) for t in one.outputs.values()})
+        for one in wirings
+    ]

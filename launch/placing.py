@@ -12,7 +12,7 @@ from palpate.launch.entry import Entry
 from palpate.launch.kinds import node_of
 from palpate.launch.nearest import hint
 from palpate.messages.bus.place import LAUNCHER
-from palpate.nodes.node import Node, Sink
+from palpate.nodes.node import AnyNode, Node, Sink, Source
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _TOPIC = re.compile(r"(/[a-z][a-z0-9_]*)+")
@@ -23,11 +23,20 @@ class Placed:
     """An entry whose node is known."""
 
     entry: Entry
-    node: Node | Sink
+    node: AnyNode
     params: Any
     """An instance of the node's own parameter type."""
+    types: Mapping[str, type]
+    """What it says: the topic as the node calls it, to the message type."""
     outputs: Mapping[str, str]
-    """The topic as the node calls it, to the topic on the wire."""
+    """The same topics, to the topic on the wire."""
+
+    @property
+    def keeps(self) -> bool:
+        """Whether what it says comes from the world, and could not be said again."""
+        if isinstance(self.node, Source):
+            return not self.node.repeats
+        return isinstance(self.node, Node) and self.node.acts
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +60,11 @@ def place(entries: Iterable[Entry]) -> tuple[Placed, ...]:
     for entry in entries:
         _check_name(entry, placed)
         node = node_of(entry)
-        _check_remap(entry, node)
-        outputs = {} if isinstance(node, Sink) else _outputs(entry, node)
-        placed[entry.name] = Placed(entry, node, _params(entry, node.params), outputs)
+        params = _params(entry, node.params)
+        types = _types(entry, node, params)
+        _check_remap(entry, node, types)
+        outputs = {topic: _on_wire(entry, node, topic) for topic in types}
+        placed[entry.name] = Placed(entry, node, params, types, outputs)
     return tuple(placed.values())
 
 
@@ -67,8 +78,6 @@ def publishers(placed: Iterable[Placed]) -> dict[str, Publisher]:
     """
     found: dict[str, Publisher] = {}
     for one in placed:
-        if isinstance(one.node, Sink):
-            continue
         for local, topic in one.outputs.items():
             if topic in found:
                 other = found[topic].placed.entry.name
@@ -76,7 +85,7 @@ def publishers(placed: Iterable[Placed]) -> dict[str, Publisher]:
                     f"publishes {topic}, which {other!r} publishes already; "
                     "put one into a namespace or remap the topic"
                 )
-            found[topic] = Publisher(one, one.node.outputs[local])
+            found[topic] = Publisher(one, one.types[local])
     return found
 
 
@@ -85,16 +94,24 @@ def is_left_out(entry: Entry, node: Node, topic: str) -> bool:
     return entry.finger > 1 and topic in node.shared
 
 
-def _outputs(entry: Entry, node: Node) -> dict[str, str]:
-    """The topic as the node calls it, to the topic on the wire."""
-    said = [topic for topic in node.outputs if not is_left_out(entry, node, topic)]
-    return {topic: _on_wire(entry, node, topic) for topic in said}
+def _types(entry: Entry, node: AnyNode, params: Any) -> Mapping[str, type]:
+    """What a node says, by the topic as the node calls it."""
+    if isinstance(node, Sink):
+        return {}
+    if isinstance(node, Node):
+        said = node.outputs.items()
+        return {topic: kind for topic, kind in said if not is_left_out(entry, node, topic)}
+    try:
+        return node.outputs(params)
+    except ValueError as error:
+        raise entry.error(str(error)) from None
 
 
-def _on_wire(entry: Entry, node: Node, topic: str) -> str:
+def _on_wire(entry: Entry, node: AnyNode, topic: str) -> str:
     if topic in entry.remap:
         return entry.remap[topic]
-    outside = not entry.namespace or (entry.finger and topic in node.shared)
+    shared = isinstance(node, Node) and topic in node.shared
+    outside = not entry.namespace or (entry.finger and shared)
     return topic if outside else f"/{entry.namespace}{topic}"
 
 
@@ -111,8 +128,9 @@ def _check_name(entry: Entry, placed: Mapping[str, Placed]) -> None:
         raise entry.error(f"the name is taken{f' by {first}' if first else ''}; choose another")
 
 
-def _check_remap(entry: Entry, node: Node | Sink) -> None:
-    known = () if isinstance(node, Sink) else (*node.inputs, *node.outputs)
+def _check_remap(entry: Entry, node: AnyNode, says: Iterable[str]) -> None:
+    # Of several fingers' nodes, those that leave a topic to the first may have it remapped, too.
+    known = (*node.inputs, *node.outputs) if isinstance(node, Node) else tuple(says)
     for local, topic in entry.remap.items():
         if local not in known:
             raise entry.error(f"has no topic {local!r} to remap; {hint(local, known)}")

@@ -17,6 +17,7 @@ from palpate.launch.progress import GATHERED, Display, Gatherer
 from palpate.launch.resolved import resolved_text
 from palpate.launch.run_dir import RunDir, choose_run_dir
 from palpate.launch.summary import exit_code, summarise
+from palpate.launch.versions import versions
 from palpate.messages.types import ShapeModel
 from palpate.nodes.ending import Ending
 from palpate.nodes.recording import with_description
@@ -33,6 +34,8 @@ class Plan:
     """The nodes, wired."""
     folder: RunDir
     """Where the results will be."""
+    resolved: str
+    """The launch file with every reference and default filled in."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +94,8 @@ def plan_run(
     described = Described(graph, found.scene, found.args)
     wirings = graph.wirings()
     check_demand(graph, wirings)
-    return Plan(described, with_description(wirings), folder)
+    resolved = resolved_text(graph, wirings)
+    return Plan(described, with_description(wirings, _about(described, resolved)), folder, resolved)
 
 
 def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
@@ -115,7 +119,7 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     folder.create()
     if scene is not None:
         folder.write_text("scene.yaml", scene.text)
-    folder.write_text("launch.yaml", resolved_text(plan.described.graph, plan.wirings))
+    folder.write_text("launch.yaml", plan.resolved)
     with (folder.path / "log.jsonl").open("w", encoding="utf-8") as log:
         gatherer = Gatherer(len(plan.wirings), display, log)
         try:
@@ -146,6 +150,15 @@ def _start(plan: Plan, gatherer: Gatherer, *, composed: bool) -> Ending:
         return launch(plan.wirings, ends=ends, hear=hear, watcher=gatherer)
     except ValueError as error:
         raise InputError(str(error)) from None
+
+
+def _about(described: Described, resolved: str) -> dict[str, str]:
+    """What a recording says of its run, beside the graph."""
+    about = {"launch": resolved, "versions": " ".join(f"{k} {v}" for k, v in versions().items())}
+    if described.scene is not None:
+        about |= {"scene": described.scene.text, "scene_name": described.scene.name}
+    seed = _seed(described)
+    return about if seed is None else {**about, "seed": str(seed)}
 
 
 def _seed(described: Described) -> int | None:

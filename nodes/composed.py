@@ -20,12 +20,15 @@ from palpate.messages.codec import decode
 from palpate.messages.header import Header
 from palpate.messages.types import NodeStatus
 from palpate.nodes.ending import Ending, Watcher
-from palpate.nodes.node import Finished, Node
-from palpate.nodes.runtime_work import NodeWork, Parcel, SinkWork, Work
+from palpate.nodes.node import Finished, Node, Source
+from palpate.nodes.runtime_source import SourceWork
+from palpate.nodes.runtime_work import NodeWork, Parcel, SinkWork
 from palpate.nodes.wiring import Wiring, load_node
 
 TICK = 0.1
 """Time between two calls of the watcher's tick, s."""
+
+Work = NodeWork | SourceWork | SinkWork
 
 Edge = tuple[str, str, str]
 """Publisher, topic on the wire, and listener."""
@@ -125,6 +128,10 @@ class Composition:
             if isinstance(node, Node):
                 self._types |= {wire: node.outputs[local] for local, wire in wiring.outputs.items()}
                 made.append((name, NodeWork(node, wiring.params, wiring)))
+            elif isinstance(node, Source):
+                made.append((name, SourceWork(node, wiring.params, wiring)))
+                says = node.outputs(wiring.params)
+                self._types |= {wire: says[local] for local, wire in wiring.outputs.items()}
             else:
                 made.insert(0, (name, SinkWork(node, wiring.params, wiring)))
         return made
@@ -138,7 +145,7 @@ class Composition:
         """Hand over one message; False when none is left."""
         edge = self._next_edge()
         if edge is None:
-            return False
+            return self._ask_sources()
         queue = self._edges[edge]
         arrival = queue.popleft()
         if not queue:
@@ -170,6 +177,16 @@ class Composition:
     def ending(self, status: str, reason: str) -> Ending:
         """What is left to say."""
         return Ending(status=status, reason=reason, statuses=self.statuses())  # type: ignore[arg-type]
+
+    def _ask_sources(self) -> bool:
+        """Have a source say what it has next, when nothing else is left to do."""
+        for name, work in self.works.items():
+            if isinstance(work, SourceWork) and (left := work.wait()) is not None:
+                time.sleep(left)
+                if work.wait() == 0.0:
+                    self._publish(name, lambda work=work: [work.say()])  # type: ignore[misc]
+                return True
+        return False
 
     def _next_edge(self) -> Edge | None:
         if not self._edges:

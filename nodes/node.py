@@ -59,6 +59,42 @@ class Node:
     that of the first finger alone hears and says them."""
     longest: float = LONGEST
     """Longest time that a handler may take, s: after it, a node that is at work hangs."""
+    acts: bool = False
+    """It acts on the world: when it is started again it is not handed once more what it has
+    handled, and begins with a fresh state; what it has said is kept in a file."""
+
+
+class Said(NamedTuple):
+    """What a source says, and when."""
+
+    due: float
+    """Seconds after the source was opened; 0 says it at once."""
+    topic: str
+    """The topic as the node calls it."""
+    message: object
+    """A message, or bytes: a message's encoded body."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """A node that hears nothing: what it says comes from a file, or from the world outside."""
+
+    params: type
+    """Type of the parameters: a frozen ``msgspec.Struct``."""
+    outputs: Callable[[Any], Mapping[str, type]]
+    """``params -> {topic: message type}``."""
+    open: Callable[[Any], Iterator[Said | Finished | None]]
+    """``params -> what it says``, one after the other; None says that there is nothing yet and
+    wants to be asked again soon. It never waits for longer than 0.1 s."""
+    repeats: bool = True
+    """Whether it says the same when it is opened again, as a file does, and goes on behind what it
+    had said; what comes from the world comes once."""
+    paused: Callable[[Any], bool] = lambda params: False
+    """``params ->`` whether it stands still at the beginning until a tool has it go on."""
+    outside: bool = False
+    """Whether tools may publish its topics."""
+    longest: float = LONGEST
+    """Longest time that it may take for one message, s."""
 
 
 class Writer(Protocol):
@@ -67,8 +103,17 @@ class Writer(Protocol):
     def write(self, topic: str, header: Header, body: bytes) -> None:
         """Keep one message, undecoded."""
 
-    def close(self) -> None:
-        """Finish, so that all that was written can be read."""
+    def flush(self) -> None:
+        """Put away what was written so far: nothing more has come for a while."""
+
+    def close(self, missing: Mapping[str, int]) -> None:
+        """Finish, so that all that was written can be read.
+
+        Parameters
+        ----------
+        missing : mapping of str to int
+            Topics to the messages that were sent and never came.
+        """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,29 +131,4 @@ class Sink:
     """Longest time that writing may take, s."""
 
 
-class Said(NamedTuple):
-    """What a source says, and when."""
-
-    due: float
-    """Seconds after the start at which it is said; 0.0 says it at once."""
-    topic: str
-    """As the node calls it."""
-    message: object
-    """A message, or bytes: its encoded body."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
-    """A node that hears nothing: what it says comes from a file, or from the world outside."""
-
-    params: type
-    """Type of the parameters: a frozen ``msgspec.Struct``."""
-    outputs: Callable[[Any], Mapping[str, type]]
-    """``params -> topic to message type``."""
-    open: Callable[[Any], Iterator[Said | Finished | None]]
-    """``params -> what it says``, in this order; None if there is nothing yet: it is asked again
-    soon. Never blocks longer than 0.1 s."""
-    repeats: bool = True
-    """Says the same when it is opened again, as a file does; False for what comes only once."""
-    longest: float = LONGEST
-    """Longest time that reading may take, s."""
+AnyNode = Node | Source | Sink

@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
 from palpate import __version__
 from palpate.messages.recording.parts import counts_of, part_path, parts_of
@@ -22,6 +24,11 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """File to write; it must not exist."""
     graph: bytes = b""
     """Description of the graph, by `describe_wirings`; the launcher fills it in."""
+    about: dict[str, str] = {}
+    """Texts that are kept with the messages, by name; scene, launch file, seed and versions are
+    filled in."""
+    spare: Annotated[int, Meta(ge=0)] = 64 << 20
+    """Bytes that are left free on the disk: before there are fewer, the recording is closed."""
 
     def __post_init__(self) -> None:
         """Refuse a path that names no file."""
@@ -66,9 +73,10 @@ def resume_recording(
 
 
 def _recording(params: Params, types: Mapping[str, str], path: Path) -> RecordingWriter:
-    about = {"version": __version__, "graph": params.graph.decode()}
     graph = params.graph
-    return RecordingWriter(path, types, publishers_of(graph), about, schemas_of(graph))
+    about = {**params.about, "version": __version__, "graph": graph.decode()}
+    said_by, schemas = publishers_of(graph), schemas_of(graph)
+    return RecordingWriter(path, types, said_by, about, params.spare, schemas)
 
 
 SINK = Sink(params=Params, open=start_recording, resume=resume_recording)

@@ -93,11 +93,11 @@ def schemas_of(graph: bytes) -> Mapping[str, str]:
     return {edge.type: edge.schema for edge in heard if edge.schema}
 
 
-def with_description(wirings: Sequence[Wiring]) -> tuple[Wiring, ...]:
-    """The same graph, whose recorders have been given its description."""
+def with_description(wirings: Sequence[Wiring], about: Mapping[str, str]) -> tuple[Wiring, ...]:
+    """The same graph, whose recorders have been given its description and other texts about it."""
     graph = describe_wirings(wirings)
     return tuple(
-        replace(one, params=msgspec.structs.replace(one.params, graph=graph))
+        replace(one, params=msgspec.structs.replace(one.params, graph=graph, about=dict(about)))
         if one.module == RECORDER
         else one
         for one in wirings

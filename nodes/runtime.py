@@ -11,25 +11,31 @@ from pathlib import Path
 
 import msgspec
 
-from palpate.messages.bus.journal import Consumed, Journal
+from palpate.messages.bus.journal import Consumed, Journal, Tally
 from palpate.messages.bus.place import Place
 from palpate.messages.bus.station import Station
 from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import encode
 from palpate.messages.types import LogRecord, NodeStatus
-from palpate.nodes.node import Finished, Node
+from palpate.nodes.node import Finished, Node, Source
 from palpate.nodes.runtime_order import Order
-from palpate.nodes.runtime_work import NodeWork, Parcel, SinkWork, Work, sources_of
+from palpate.nodes.runtime_source import SourceWork
+from palpate.nodes.runtime_work import NodeWork, Parcel, SinkWork, sources_of
 from palpate.nodes.wiring import Wiring, load_node
 
 FAILED = 3
 """Exit code of a node that has told the launcher why it failed."""
 BEAT = 0.25
 """A node gives a sign of life this often, s."""
+IDLE_MS = int(BEAT * 500)
+FLUSH_MS = 20
+"""A sink to which nothing comes for so long puts away what it holds."""
 LAST_WORDS = 1.0
 """A sink that is told to end still writes what has arrived, for at most this long, s."""
 MAX_TRACE = 20_000
 """Longest trace that is sent to the launcher, characters."""
+
+Work = NodeWork | SourceWork | SinkWork
 
 Protect = Callable[[Callable[[], None]], None]
 """Takes what is to be called when the process is asked to end, instead of dying at once."""
@@ -53,11 +59,12 @@ def run(wiring: Wiring, place: Place, protect: Protect) -> int:
         Exit code: 0, or `FAILED` after the launcher has been told why.
     """
     says = {topic: wiring.listeners.get(topic, ()) for topic in wiring.outputs.values()}
-    station = Station(wiring.name, place, hears=sources_of(wiring.inputs), says=says)
+    hears = sources_of(wiring.inputs)
+    station = Station(wiring.name, place, hears=hears, says=says, keeps=wiring.keeps)
     loop = Loop(wiring.name, station, going=place.going)
     try:
-        with closing(_load(wiring, place, loop, protect)) as work, ExitStack() as kept:
-            loop.run(work, _journal(work, wiring, place, kept))
+        with ExitStack() as kept:
+            loop.run(_load(wiring, place, loop, protect, kept))
         loop.say_bye()
     except Exception as error:  # The edge of the process: whatever it was must be told in words.
         loop.say_failed(error)
@@ -67,24 +74,23 @@ def run(wiring: Wiring, place: Place, protect: Protect) -> int:
     return 0
 
 
-def _load(wiring: Wiring, place: Place, loop: Loop, protect: Protect) -> Work:
+def _load(wiring: Wiring, place: Place, loop: Loop, protect: Protect, kept: ExitStack) -> Work:
+    """The node at work; what it holds is put away with the stack."""
     node = load_node(wiring.module)
     params: object = msgspec.msgpack.decode(wiring.params, type=node.params)
+    file = Path(place.journals[wiring.name])
     if isinstance(node, Node):
+        edges = [(one.publisher, one.topic) for one in wiring.inputs]
+        loop.journal = kept.enter_context(closing(Journal(file, edges)))
         loop.work = NodeWork(node, params, wiring)
-        return loop.work
-    protect(loop.end)
-    loop.work = SinkWork(node, params, wiring, again=place.epoch > 0)
-    loop.skip(loop.work.had)
-    return loop.work
-
-
-def _journal(work: Work, wiring: Wiring, place: Place, stack: ExitStack) -> Journal | None:
-    """The node's journal; none of a sink, whose file says itself what it has had."""
-    if isinstance(work, SinkWork):
-        return None
-    edges = [(one.publisher, one.topic) for one in wiring.inputs]
-    return stack.enter_context(closing(Journal(Path(place.journals[wiring.name]), edges)))
+    elif isinstance(node, Source):
+        tally = kept.enter_context(closing(Tally(file))) if node.repeats else None
+        loop.work = SourceWork(node, params, wiring, tally)
+    else:
+        protect(loop.end)
+        loop.work = SinkWork(node, params, wiring, again=place.epoch > 0)
+        loop.skip(loop.work.had)
+    return kept.enter_context(closing(loop.work))
 
 
 class Loop:
@@ -104,6 +110,8 @@ class Loop:
     def __init__(self, name: str, station: Station, *, going: bool = False) -> None:
         self.work: Work | None = None
         """What the node does; None until it is loaded."""
+        self.journal: Journal | None = None
+        """Where it puts down what it handles; only of nodes that could do it again."""
         self._name, self._station = name, station
         self._going, self._ended = going, False
         self._joined: bool | None = None
@@ -118,14 +126,13 @@ class Loop:
         for topic, number in had.items():
             self._station.subscriber.skip(topic, number)
 
-    def run(self, work: Work, journal: Journal | None) -> None:
+    def run(self, work: Work) -> None:
         """Turn until the launcher says stop, or the process is asked to end."""
         station = self._station
         if self._going:
-            self._rehearse(work, journal.before if journal else ())
+            self._go_on(work)
         while not self._ended:
-            busy = self._going and station.waiting
-            heard, told = station.wait(0 if busy else int(BEAT * 500))
+            heard, told = station.wait(self._patience(work))
             if told:
                 self._obey(work)
             if not self._going:
@@ -133,10 +140,15 @@ class Loop:
             elif heard or station.waiting:
                 arrival = station.receive()
                 if arrival is not None:
-                    self._handle(work, journal, arrival)
+                    self._handle(work, arrival)
+            elif isinstance(work, SinkWork) and work.unwritten:
+                work.flush()
+            elif isinstance(work, SourceWork):
+                self._publish(work.say_due())
             self._beat_if_due()
         if isinstance(work, SinkWork):
             self._take_the_rest(work)
+            work.missing = station.subscriber.missing
 
     def say_bye(self) -> None:
         """Tell the launcher the last counters."""
@@ -150,19 +162,47 @@ class Loop:
         trace = "".join(traceback.format_exception(error))[-MAX_TRACE:]
         self._station.line.send("failed", text=text, trace=trace)
 
-    def _handle(self, work: Work, journal: Journal | None, arrival: Arrival) -> None:
-        """Handle a message, once it is put down that it is."""
-        if journal is not None:
-            journal.note(arrival.publisher, arrival.topic, arrival.header.seq)
-        self._publish(work.take(arrival))
+    def _patience(self, work: Work) -> int:
+        """Longest wait for something to arrive, ms."""
+        if self._going:
+            if self._station.waiting:
+                return 0
+            if isinstance(work, SourceWork):
+                return work.patience(IDLE_MS)
+            if isinstance(work, SinkWork) and work.unwritten:
+                return FLUSH_MS
+        return IDLE_MS
+
+    def _handle(self, work: Work, arrival: Arrival) -> None:
+        """Handle a message, once it is put down that it is; if that acts on the world, after it."""
+        if isinstance(work, NodeWork) and work.acts:
+            self._publish(work.take(arrival))
+            self._note(arrival)
+        else:
+            self._note(arrival)
+            self._publish(work.take(arrival))
+
+    def _note(self, arrival: Arrival) -> None:
+        if self.journal is not None:
+            self.journal.note(arrival.publisher, arrival.topic, arrival.header.seq)
+
+    def _go_on(self, work: Work) -> None:
+        """Take up what an earlier start of this node has done."""
+        gc.freeze()
+        before = self.journal.before if self.journal is not None else ()
+        if isinstance(work, NodeWork) and work.acts:
+            self.skip(work.leave_out(before))
+            said = work.begin()
+            self._publish(said if not any(self._station.publisher.sent.values()) else ())
+        else:
+            self._rehearse(work, before)
 
     def _rehearse(self, work: Work, before: Sequence[Consumed]) -> None:
         """Do once more what an earlier start of this node has done, and go on from there."""
         station, order = self._station, Order(before)
-        gc.freeze()
         self._publish(work.begin())
         while order.rehearsing and not self._ended:
-            _, told = station.wait(0 if station.waiting else int(BEAT * 500))
+            _, told = station.wait(0 if station.waiting else IDLE_MS)
             if told:
                 self._obey(work)
             while (come := station.receive()) is not None:
@@ -197,6 +237,8 @@ class Loop:
                 line.send("count", round=word["round"], sent=sent, consumed=consumed, waits=waits)
             elif word["kind"] == "stop":
                 self._ended = True
+            elif isinstance(work, SourceWork):
+                self._publish(work.obey(word))
 
     def _publish(self, said: Iterable[Parcel | Finished]) -> None:
         for one in said:

@@ -8,9 +8,10 @@ its own and one that is composed with others.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+from palpate.messages.bus.journal import Consumed
 from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import codec_of, decode, encode
 from palpate.nodes.node import Finished, Handler, Node, Sink, Writer
@@ -63,7 +64,7 @@ class NodeWork:
             raise ContractError(
                 f"{wiring.name} is wired to {unknown[0]}, which it does not declare"
             )
-        self.name = wiring.name
+        self.name, self.acts = wiring.name, node.acts
         self.latency = Latency()
         """Time of its handlers."""
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
@@ -84,6 +85,18 @@ class NodeWork:
     def waits(self) -> list[str]:
         """Topics without whose first message nothing else is handled."""
         return sorted(self._missing)
+
+    def leave_out(self, before: Iterable[Consumed]) -> dict[str, int]:
+        """Messages of each topic that an earlier start has handled, and that are not handled again.
+
+        What it needs before all else is: its state is a fresh one.
+        """
+        had: dict[str, int] = {}
+        for one in before:
+            if one.topic not in self._missing:
+                had[one.topic] = one.seq + 1
+                self.consumed[one.publisher, one.topic] = one.seq + 1
+        return had
 
     def begin(self) -> list[Parcel | Finished]:
         """Start the node, and return what it says."""
@@ -175,6 +188,10 @@ class SinkWork:
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         self.waits: list[str] = []
         types = {one.topic: one.type for one in wiring.inputs}
+        self.missing: Mapping[str, int] = {}
+        """Messages that were sent and never came, by topic; whoever listens says so."""
+        self.unwritten = False
+        """Whether it has heard something since it was last flushed."""
         self.had: Mapping[str, int] = {}
         """Messages of each topic that an earlier start of it has kept."""
         if not again:
@@ -200,17 +217,20 @@ class SinkWork:
         self._current = arrival
         began = time.perf_counter_ns()
         self._writer.write(arrival.topic, arrival.header, arrival.body)
+        self.unwritten = True
         self.latency.add(time.perf_counter_ns() - began)
         self.consumed[arrival.publisher, arrival.topic] += 1
         return []
 
+    def flush(self) -> None:
+        """Nothing has come for a while: have what was written put away."""
+        self.unwritten = False
+        self._writer.flush()
+
     def close(self) -> None:
         """Close the writer, so that all that was written can be read."""
         self._current, self._otherwise = None, "closing"
-        self._writer.close()
-
-
-Work = NodeWork | SinkWork
+        self._writer.close(self.missing)
 
 
 def sources_of(inputs: tuple[Input, ...]) -> Mapping[str, list[str]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Literal
 
-from palpate.nodes.node import LONGEST, Node, Sink
+from palpate.nodes.node import LONGEST, AnyNode, Node, Sink, Source
 
 OnExit = Literal["restart", "stop", "ignore"]
 """What is done when a node dies: it is started again, the run ends, or it goes on without."""
@@ -36,7 +36,7 @@ class Wiring:
     name: str
     """Name of the node in the graph."""
     module: str
-    """Module that holds ``NODE`` or ``SINK``."""
+    """Module that holds ``NODE``, ``SOURCE`` or ``SINK``."""
     params: Any
     """Parameters: an instance of the node's own type."""
     inputs: tuple[Input, ...]
@@ -51,9 +51,11 @@ class Wiring:
     """What is done when it dies."""
     longest: float = LONGEST
     """Longest time for which it may give no sign of life though it works, s."""
+    keeps: bool = False
+    """Whether what it says is kept beyond its death, for it could not say it again."""
 
 
-def load_node(module: str) -> Node | Sink:
+def load_node(module: str) -> AnyNode:
     """The node that a module holds.
 
     Raises
@@ -67,7 +69,8 @@ def load_node(module: str) -> Node | Sink:
         found = import_module(module)
     except ModuleNotFoundError as error:
         raise ValueError(f"no module {module!r}: {error}") from None
-    value = getattr(found, "NODE", None) or getattr(found, "SINK", None)
-    if not isinstance(value, (Node, Sink)):
-        raise ValueError(f"module {module!r} holds no NODE and no SINK")
-    return value
+    for name in ("NODE", "SOURCE", "SINK"):
+        value = getattr(found, name, None)
+        if isinstance(value, (Node, Source, Sink)):
+            return value
+    raise ValueError(f"module {module!r} holds no NODE, no SOURCE and no SINK")

@@ -55,6 +55,7 @@ def place_of(folder: Path, names: Sequence[str], depth: int) -> Place:
         taps={name: f"ipc://{folder}/t{index}" for index, name in enumerate(names)},
         control=f"ipc://{folder}/control",
         journals={name: str(folder / f"j{index}") for index, name in enumerate(names)},
+        pasts={name: str(folder / f"p{index}") for index, name in enumerate(names)},
     )
 
 

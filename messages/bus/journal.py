@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 _ENTRY = struct.Struct("<IQ")
+_NUMBER = struct.Struct("<Q")
 
 
 class Consumed(NamedTuple):
@@ -79,3 +80,39 @@ class Journal:
         if beyond >= len(edges):
             raise ValueError(f"journal {path} speaks of input {beyond}, there are {len(edges)}")
         return tuple(Consumed._make((*edges[number], seq)) for number, seq in entries)
+
+
+class Tally:
+    """How much a source has said, beyond its death.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is made if there is none.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read or written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        found = os.pread(self._file, _NUMBER.size, 0)
+        self.number: int = _NUMBER.unpack(found)[0] if len(found) == _NUMBER.size else 0
+        """How much has been said."""
+
+    def up(self) -> None:
+        """Count one more.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        self.number += 1
+        os.pwrite(self._file, _NUMBER.pack(self.number), 0)
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._file)

@@ -29,5 +29,7 @@ class Place:
     """Address at which the launcher listens."""
     journals: Mapping[str, str]
     """Name of the node to the file in which it puts down what it consumes."""
+    pasts: Mapping[str, str]
+    """Name of the node to the file in which it keeps what it said and has no memory for."""
     going: bool = False
     """Whether the graph had been started when this node was started again."""

@@ -2,7 +2,9 @@
 
 Nothing that is sent is ever dropped: a full queue makes the sender wait, and while it waits it
 takes in what others send to it, so that two nodes that send to each other cannot lock up.
-Everything sent is kept, for those who join late. A publisher that starts again says
+Everything sent is kept, for those who join late. Its time is later than that of all that the node
+has sent or heard, so that times order effects behind their causes, on several machines too
+(L. Lamport, Comm. ACM 21 (7), 1978). A publisher that starts again says
 what it had said once more: not to everybody, but to each listener what that one still lacks.
 """
 
@@ -14,6 +16,7 @@ from collections.abc import Callable, Mapping
 import zmq
 
 from palpate.messages.bus import join
+from palpate.messages.bus.past import Past
 from palpate.messages.header import Header, pack_frame
 
 PATIENCE = 10.0
@@ -43,6 +46,8 @@ class Publisher:
         Most messages in the queue to one listener.
     drain : callable
         Takes in what has arrived, waiting for a moment; called while a queue is full.
+    past : Past
+        Where what was said is kept.
     again : bool
         Whether it says once more what an earlier start had said, until `go_live`.
     patience : float
@@ -60,14 +65,17 @@ class Publisher:
         listeners: Mapping[str, tuple[str, ...]],
         depth: int,
         drain: Callable[[], None],
+        past: Past,
         again: bool = False,
         patience: float = PATIENCE,
     ) -> None:
         self.name, self.run, self.epoch = name, run, epoch
         self.blocked = 0
         """How often a queue was full."""
+        self.latest_ns = 0
+        """Time of the latest message sent or heard, ns: the next one is sent later."""
         self._listeners = dict(listeners)
-        self._past: dict[str, list[bytes]] = {topic: [] for topic in listeners}
+        self._past = past
         self._drain, self._patience = drain, patience
         self._lacks: dict[tuple[bytes, str], int] | None = {} if again else None
         self.socket = context.socket(zmq.XPUB)
@@ -78,7 +86,7 @@ class Publisher:
     @property
     def sent(self) -> dict[str, int]:
         """Number of messages sent on each topic."""
-        return {topic: len(past) for topic, past in self._past.items()}
+        return self._past.counts
 
     def send(self, topic: str, body: bytes, *, robot_time: float, schema: int) -> bytes:
         """Send one message to everybody who hears the topic, and return its frame.
@@ -92,14 +100,15 @@ class Publisher:
         BlockedError
             If a listener's queue stays full for longer than the patience.
         """
-        past = self._past[topic]
-        header = Header(self.run, self.epoch, len(past), time.monotonic_ns(), robot_time, schema)
+        seq = self._past.count(topic)
+        self.latest_ns = max(time.monotonic_ns(), self.latest_ns + 1)
+        header = Header(self.run, self.epoch, seq, self.latest_ns, robot_time, schema)
         frame = pack_frame(topic, header, body)
-        past.append(frame)
+        self._past.add(topic, frame)
         if self._lacks is None:
             self._put(frame, topic)
         else:
-            self._say_again(self._lacks, topic, header.seq)
+            self._say_again(self._lacks, frame, topic, seq)
         return frame
 
     def go_live(self) -> None:
@@ -122,27 +131,30 @@ class Publisher:
     def close(self, linger: int) -> None:
         """Close, giving what is still queued this long to leave, ms."""
         self.socket.close(linger)
+        self._past.close()
 
     def _answer(self, request: join.Request) -> None:
         if request.epoch is None:
             self._put(join.hello(request.call, self.epoch), "the greeting of a joining node")
             return
-        past = self._past.get(request.topic)
         # A subscriber that reconnects says its old cursors again; those of an earlier start
         # of this node carry that start's epoch.
-        if request.epoch != self.epoch or past is None:
+        if request.epoch != self.epoch or request.topic not in self._listeners:
             return
-        for seq in range(request.wanted, len(past)):
-            self._put(join.again(request.call, past[seq]), request.topic)
+        for frame in self._past.since(request.topic, request.wanted):
+            self._put(join.again(request.call, frame), request.topic)
         if self._lacks is None:
             self._put(join.in_step(request.call, request.topic), request.topic)
         else:
-            self._lacks[request.call, request.topic] = max(request.wanted, len(past))
+            said = self._past.count(request.topic)
+            self._lacks[request.call, request.topic] = max(request.wanted, said)
 
-    def _say_again(self, lacks: dict[tuple[bytes, str], int], topic: str, seq: int) -> None:
+    def _say_again(
+        self, lacks: dict[tuple[bytes, str], int], frame: bytes, topic: str, seq: int
+    ) -> None:
         for (call, asked), wanted in lacks.items():
             if asked == topic and seq >= wanted:
-                self._put(join.again(call, self._past[topic][seq]), topic)
+                self._put(join.again(call, frame), topic)
 
     def _put(self, frame: bytes, topic: str) -> None:
         copy = len(frame) < LARGE

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import zmq
 
 from palpate.messages.bus.control import NodeLine
+from palpate.messages.bus.past import Past
 from palpate.messages.bus.place import Place
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Arrival, Subscriber
@@ -32,6 +34,9 @@ class Station:
     says : mapping of str to tuple of str
         Each topic that the node publishes, with the names of those who hear it.
 
+    keeps : bool
+        Whether what it says is kept beyond the node's death.
+
     Raises
     ------
     zmq.ZMQError
@@ -45,12 +50,20 @@ class Station:
         *,
         hears: Mapping[str, Sequence[str]],
         says: Mapping[str, tuple[str, ...]],
+        keeps: bool = False,
     ) -> None:
+        self._past = Past(
+            Path(place.pasts[name]),
+            [topic for topic, listeners in says.items() if listeners],
+            silent=[topic for topic, listeners in says.items() if not listeners],
+            keep=keeps,
+            epoch=place.epoch,
+        )
         self._context = zmq.Context()
         self._inbox: deque[Arrival] = deque()
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
         try:
-            self._open(name, place, hears, says)
+            self._open(name, place, hears, says, again=place.going and not keeps)
         except zmq.ZMQError:
             self._context.destroy(linger=0)
             raise
@@ -61,6 +74,8 @@ class Station:
         place: Place,
         hears: Mapping[str, Sequence[str]],
         says: Mapping[str, tuple[str, ...]],
+        *,
+        again: bool,
     ) -> None:
         context = self._context
         run, epoch, depth = place.run, place.epoch, place.depth
@@ -83,7 +98,8 @@ class Station:
             listeners=says,
             depth=depth,
             drain=self._drain,
-            again=place.going,
+            past=self._past,
+            again=again,
         )
         self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
         # The publisher by its descriptor: it wakes when a place in a queue has come free.
@@ -117,11 +133,11 @@ class Station:
 
     def receive(self) -> Arrival | None:
         """Return the next message in the order of arrival, or None; never waits."""
-        return self._inbox.popleft() if self._inbox else self.subscriber.receive()
+        return self._inbox.popleft() if self._inbox else self._heard()
 
     def take_in(self) -> None:
         """Move all that has arrived into the inbox."""
-        while (arrival := self.subscriber.receive()) is not None:
+        while (arrival := self._heard()) is not None:
             self._inbox.append(arrival)
 
     def give_back(self, arrivals: Iterable[Arrival]) -> None:
@@ -146,6 +162,12 @@ class Station:
         self.tap.close()
         self.line.close()
         self._context.term()
+
+    def _heard(self) -> Arrival | None:
+        arrival = self.subscriber.receive()
+        if arrival is not None:
+            self.publisher.latest_ns = max(self.publisher.latest_ns, arrival.header.sent_ns)
+        return arrival
 
     def _drain(self) -> None:
         self._blocked.poll(_MOMENT_MS)

@@ -101,7 +101,13 @@ class Subscriber:
     @property
     def gaps(self) -> int:
         """Messages that are missing."""
-        return sum(max(0, edge.newest + 1 - edge.wanted) for edge in self._edges.values())
+        return sum(self.missing.values())
+
+    @property
+    def missing(self) -> dict[str, int]:
+        """Messages that are missing, by topic; topics that miss none are left out."""
+        lacks = {topic: edge.newest + 1 - edge.wanted for topic, edge in self._edges.items()}
+        return {topic: number for topic, number in lacks.items() if number > 0}
 
     def receive(self) -> Arrival | None:
         """Return the next message, or None if none has arrived; never waits.

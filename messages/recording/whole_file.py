@@ -6,6 +6,7 @@ no reader can cross. Here what a failed write left behind is taken back.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 
@@ -56,3 +57,9 @@ class WholeFile:
     def close(self) -> None:
         """Close the file."""
         self._raw.close()
+
+
+def free_bytes(folder: Path) -> int:
+    """Bytes that are free for this user where a folder lies."""
+    found = os.statvfs(folder)
+    return found.f_bavail * found.f_frsize

@@ -6,6 +6,7 @@ after 20 ms of traffic at the latest, so that a recorder that is killed loses no
 
 from __future__ import annotations
 
+import errno
 import json
 from collections import Counter
 from collections.abc import Mapping
@@ -16,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 
 from palpate.messages.codec import schema
 from palpate.messages.header import Header
-from palpate.messages.recording.whole_file import WholeFile
+from palpate.messages.recording.whole_file import WholeFile, free_bytes
 from palpate.messages.types import TYPES
 
 CHUNK_BYTES = 1 << 16
@@ -26,7 +27,9 @@ FLUSH_NS = 20_000_000
 ABOUT = "palpate"
 """Name of the metadata record that opens a recording: version and graph."""
 COUNTS = "counts"
-"""Name of the metadata record that closes it: messages by topic."""
+"""Name of a metadata record that closes it: messages by topic."""
+MISSING = "missing"
+"""Name of the other: messages that were sent and never came, by topic."""
 
 
 class RecordingWriter:
@@ -41,7 +44,9 @@ class RecordingWriter:
     publishers : mapping
         Topic to the name of the node that publishes it, as far as known.
     about : mapping
-        What the recording says of itself: ``version`` and ``graph``.
+        What the recording says of itself, text by name: ``version``, ``graph`` and others.
+    spare : int
+        Bytes that are left free on the disk: before there are fewer, the recording is closed.
     schemas : mapping, optional
         Name of each message type that palpate does not have, to its JSON schema.
 
@@ -64,6 +69,7 @@ class RecordingWriter:
         types: Mapping[str, str],
         publishers: Mapping[str, str],
         about: Mapping[str, str],
+        spare: int = 0,
         schemas: Mapping[str, str] | None = None,
     ) -> None:
         self._texts = dict(schemas or {})
@@ -72,6 +78,7 @@ class RecordingWriter:
         if unknown:
             raise ValueError(f"no message type to record {unknown[0]}; known are {sorted(known)}")
         self._path, self._types, self._publishers = path, types, publishers
+        self._spare = spare
         self._file = WholeFile(path)
         self._writer: Writer | None = Writer(
             cast(IO[bytes], self._file),
@@ -106,16 +113,34 @@ class RecordingWriter:
         self._logged = max(self._logged, header.sent_ns)
         try:
             writer.add_message(channel, self._logged, body, header.sent_ns, header.seq)
+            self._counts[topic] += 1
             if self._logged - self._flushed >= FLUSH_NS:
-                writer.flush()  # type: ignore[no-untyped-call]
-                self._flushed = self._logged
+                self._flush(writer)
         except OSError as error:
             self._give_up()
             raise self._told(error) from error
-        self._counts[topic] += 1
 
-    def close(self) -> None:
+    def flush(self) -> None:
+        """Write what is held.
+
+        Raises
+        ------
+        OSError
+            As `write` does.
+        """
+        try:
+            self._flush(self._open_writer())
+        except OSError as error:
+            self._give_up()
+            raise self._told(error) from error
+
+    def close(self, missing: Mapping[str, int] | None = None) -> None:
         """Write what is held, the counts and the index; closing again does nothing.
+
+        Parameters
+        ----------
+        missing : mapping of str to int, optional
+            Topics to the messages that were sent and never came.
 
         Raises
         ------
@@ -128,11 +153,24 @@ class RecordingWriter:
             self._writer.flush()  # type: ignore[no-untyped-call]
             counts = {topic: str(self._counts[topic]) for topic in sorted(self._types)}
             self._writer.add_metadata(COUNTS, counts)
+            lacks = {topic: str((missing or {}).get(topic, 0)) for topic in sorted(self._types)}
+            self._writer.add_metadata(MISSING, lacks)
             self._writer.finish()  # type: ignore[no-untyped-call]
         except OSError as error:
             raise self._told(error) from error
         finally:
             self._give_up()
+
+    def _flush(self, writer: Writer) -> None:
+        writer.flush()  # type: ignore[no-untyped-call]
+        self._flushed = self._logged
+        left = free_bytes(self._path.parent)
+        if left < self._spare:
+            self.close()
+            raise OSError(
+                errno.ENOSPC,
+                f"only {left >> 20} MiB are free on the disk, {self._spare >> 20} are to stay so",
+            )
 
     def _open_writer(self) -> Writer:
         if self._writer is None:

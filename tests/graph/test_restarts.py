@@ -66,7 +66,7 @@ def line(folder: Path) -> list[Wiring]:
         outputs={},
         listeners={},
     )
-    return list(with_description([*wirings, kept]))
+    return list(with_description([*wirings, kept], {}))
 
 
 def run(wirings: list[Wiring], watcher: Any, folder: Path, harm: Harm) -> Ending:

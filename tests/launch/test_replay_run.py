@@ -47,7 +47,7 @@ def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     entries = tuple(
         Entry(name=kind, params=params.get(kind, {})) for kind in [*kinds, "evaluator", "recorder"]
     )
-    wirings = with_description(Graph(entries, ends="evaluator").wirings())
+    wirings = with_description(Graph(entries, ends="evaluator").wirings(), {})
     ending = run_composed(wirings, ends="evaluator", hear=(), watcher=Deaf())
     assert ending.status == "finished", ending.reason
     return path

@@ -49,12 +49,12 @@ def recorder(path: Path) -> Wiring:
 
 def test_what_is_heard_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "topics.mcap"
-    _, told = with_description([SIMULATOR, recorder(path)])
+    _, told = with_description([SIMULATOR, recorder(path)], {"seed": "7"})
     body = encode(World(platform=0.0, reach=0.3, fingers=1, seed=3))
 
     writer = SINK.open(told.params, {"/f1/world": "World"})
     writer.write("/f1/world", Header(1, 0, 0, 5, 0.0, schema_hash(World)), body)
-    writer.close()
+    writer.close({})
 
     recording = open_recording(path)
     assert recording.version == palpate.__version__
@@ -65,7 +65,7 @@ def test_what_is_heard_is_kept(tmp_path: Path) -> None:
 
 def test_a_recording_without_a_description_is_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "topics.mcap"
-    SINK.open(Params(path=str(path)), {}).close()
+    SINK.open(Params(path=str(path)), {}).close({})
 
     assert open_recording(path).graph == b""
 
@@ -86,10 +86,11 @@ def test_a_description_names_the_publisher_of_each_topic() -> None:
 
 
 def test_only_recorders_are_told(tmp_path: Path) -> None:
-    first, second = with_description([SIMULATOR, recorder(tmp_path / "a.mcap")])
+    first, second = with_description([SIMULATOR, recorder(tmp_path / "a.mcap")], {"seed": "7"})
 
     assert first is SIMULATOR
     assert second.params.graph
+    assert second.params.about == {"seed": "7"}
 
 
 def test_parameters_that_do_not_fit_are_refused() -> None:

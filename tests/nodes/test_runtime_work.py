@@ -159,8 +159,11 @@ class Kept:
     def write(self, topic: str, header: Header, body: bytes) -> None:
         self.entries.append((topic, header.seq, body))
 
-    def close(self) -> None:
-        self.closed = True
+    def flush(self) -> None:
+        self.entries.append(("flush", 0, b""))
+
+    def close(self, missing: Mapping[str, int]) -> None:
+        self.closed, self.missing = True, dict(missing)
 
 
 def test_a_sink_writes_what_it_hears_undecoded() -> None:
@@ -172,9 +175,14 @@ def test_a_sink_writes_what_it_hears_undecoded() -> None:
 
     work = SinkWork(Sink(params=Params, open=open_kept), Params(), WIRING)
     assert work.begin() == [] and work.take(frame("1", 4)) == []
+    assert work.unwritten
+    work.flush()
+    assert not work.unwritten
+    work.missing = {"/a/in": 2}
     work.close()
     [kept] = made
     assert kept.topics == {"/a/in": "LogRecord", "/a/need": "LogRecord"}
-    assert kept.entries == [("/a/in", 4, encode(line("1")))]
+    assert kept.entries == [("/a/in", 4, encode(line("1"))), ("flush", 0, b"")]
     assert kept.closed
+    assert kept.missing == {"/a/in": 2}
     assert work.consumed["other", "/a/in"] == 1

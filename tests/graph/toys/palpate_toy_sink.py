@@ -29,7 +29,10 @@ class Lines:
             time.sleep(self._params.work)
         self._file.write(f"{topic} {header.seq} {len(body)}\n")
 
-    def close(self) -> None:
+    def flush(self) -> None:
+        self._file.flush()
+
+    def close(self, missing: Mapping[str, int]) -> None:
         if self._params.spoilt:
             raise OSError("no space left on device")
         self._file.write("closed\n")

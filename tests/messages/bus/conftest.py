@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 import zmq
 
+from palpate.messages.bus.past import Past
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Arrival, Subscriber
 
@@ -25,6 +27,7 @@ class Bench:
             "listeners": {"/talk": ("hearer",), "/more": ()},
             "depth": 1000,
             "drain": lambda: None,
+            "past": Past(Path("/nowhere"), ["/talk", "/more"]),
         }
         endpoint = more.pop("endpoint", f"inproc://{name}")
         made = Publisher(self.context, endpoint, name=name, **{**settings, **more})

@@ -20,6 +20,7 @@ def place(folder: Path) -> Place:
         taps={name: f"ipc://{folder}/tap_{name}" for name in "ab"},
         control=f"ipc://{folder}/control",
         journals={name: f"{folder}/journal_{name}" for name in "ab"},
+        pasts={name: f"{folder}/past_{name}" for name in "ab"},
     )
 
 

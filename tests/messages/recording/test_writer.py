@@ -56,6 +56,7 @@ def test_metadata_say_what_wrote_it_and_how_much(
     assert found == {
         "palpate": {"version": "1.2.3", "graph": '["a graph"]'},
         "counts": {"/log": "5", "/world": "1"},
+        "missing": {"/log": "0", "/world": "0"},
     }
 
 
@@ -175,7 +176,7 @@ class FullDisk:
         return getattr(self._raw, name)
 
 
-@pytest.mark.parametrize("fails", range(1, 14))
+@pytest.mark.parametrize("fails", range(1, 15))
 def test_a_full_disk_at_any_write_leaves_whole_records(
     fails: int, writer: RecordingWriter, write: Write, tmp_path: Path
 ) -> None:
@@ -199,9 +200,9 @@ def test_a_full_disk_at_any_write_leaves_whole_records(
 def test_the_full_disk_test_reaches_the_end_of_the_file(
     writer: RecordingWriter, write: Write
 ) -> None:
-    # The 14th write is never reached: the parameters above are all writes of such a run.
+    # The 15th write is never reached: the parameters above are all writes of such a run.
     file = writer._file
-    file._raw = FullDisk(file._raw, 14)  # type: ignore[assignment]
+    file._raw = FullDisk(file._raw, 15)  # type: ignore[assignment]
 
     write(writer, 60)
     writer.close()

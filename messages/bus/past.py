@@ -1,0 +1,145 @@
+"""All that one node has said: who joins late, or died, hears it from here.
+
+Frames are held in memory up to a limit, and in a file behind that. What cannot be said again, for
+it came from the world, is kept in the file as well: a node that is started again finds it there.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import struct
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from palpate.messages.header import pack_frame, split_frame
+
+MEMORY = 64 << 20
+"""Most bytes of frames that a node keeps in memory."""
+_LENGTH = struct.Struct("<I")
+
+
+class Past:
+    """What a node has said on its topics.
+
+    Parameters
+    ----------
+    path : Path
+        The file behind the memory; it is made when it is needed.
+    topics : iterable of str
+        The topics that somebody hears: what nobody hears is only counted.
+    silent : iterable of str
+        The topics that nobody hears.
+    memory : int
+        Most bytes of frames in memory.
+    keep : bool
+        Whether every frame is kept in the file, too, and what an earlier start has kept is gone on
+        with.
+    epoch : int
+        Epoch that is put into the frames of an earlier start.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read or written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[str],
+        *,
+        silent: Iterable[str] = (),
+        memory: int = MEMORY,
+        keep: bool = False,
+        epoch: int = 0,
+    ) -> None:
+        self._path, self._room, self._keep = path, memory, keep
+        self._frames: dict[str, list[bytes | tuple[int, int]]] = {topic: [] for topic in topics}
+        self._silent = dict.fromkeys(silent, 0)
+        self._file: int | None = None
+        self._end = 0
+        if keep:
+            self._go_on(epoch)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of messages on each topic."""
+        return {topic: len(frames) for topic, frames in self._frames.items()} | self._silent
+
+    def count(self, topic: str) -> int:
+        """Number of messages on a topic.
+
+        Raises
+        ------
+        KeyError
+            If there is no such topic.
+        """
+        return self._silent[topic] if topic in self._silent else len(self._frames[topic])
+
+    def add(self, topic: str, frame: bytes) -> None:
+        """Keep what is about to be sent.
+
+        Raises
+        ------
+        KeyError
+            If there is no such topic.
+        OSError
+            If the memory is full, and the file cannot be written.
+        """
+        silent, fits = topic in self._silent, len(frame) <= self._room
+        kept: bytes | tuple[int, int] = frame
+        if self._keep or not (silent or fits):
+            place = self._write(frame)
+            kept = frame if fits else place
+        self._hold(topic, kept)
+
+    def since(self, topic: str, wanted: int) -> Iterator[bytes]:
+        """Frames of a topic from a sequence on; none of a topic that nobody hears."""
+        for kept in self._frames.get(topic, ())[wanted:]:
+            yield kept if isinstance(kept, bytes) else self._read(*kept)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def _hold(self, topic: str, kept: bytes | tuple[int, int]) -> None:
+        if topic in self._silent:
+            self._silent[topic] += 1
+            return
+        self._frames[topic].append(kept)
+        if isinstance(kept, bytes):
+            self._room -= len(kept)
+
+    def _write(self, frame: bytes) -> tuple[int, int]:
+        file = self._opened()
+        data = _LENGTH.pack(len(frame)) + frame
+        if os.pwrite(file, data, self._end) < len(data):
+            raise OSError(errno.ENOSPC, "what was said has no more room on the disk")
+        place = self._end + _LENGTH.size, len(frame)
+        self._end += len(data)
+        return place
+
+    def _read(self, start: int, length: int) -> bytes:
+        return os.pread(self._opened(), length, start)
+
+    def _opened(self) -> int:
+        if self._file is None:
+            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
+            self._file = os.open(self._path, flags if self._keep else flags | os.O_TRUNC, 0o600)
+        return self._file
+
+    def _go_on(self, epoch: int) -> None:
+        """Take up what an earlier start has kept; an entry that was cut off was never sent."""
+        size = os.fstat(self._opened()).st_size
+        while self._end + _LENGTH.size <= size:
+            (length,) = _LENGTH.unpack(self._read(self._end, _LENGTH.size))
+            frame = self._read(self._end + _LENGTH.size, length)
+            if len(frame) < length:
+                break
+            topic, header, body = split_frame(frame)
+            self._hold(topic, pack_frame(topic, header._replace(epoch=epoch), body))
+            self._end += _LENGTH.size + length
+        os.ftruncate(self._opened(), self._end)

@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from palpate.messages.bus.journal import Tally
+from palpate.messages.bus.past import Past
+from palpate.messages.header import Header, pack_frame, split_frame
+
+
+def frame(seq: int, size: int = 100, topic: str = "/talk") -> bytes:
+    return pack_frame(topic, Header(1, 0, seq, seq, 0.0, 5), bytes([seq % 256]) * size)
+
+
+def test_what_is_within_the_limit_needs_no_file(tmp_path: Path) -> None:
+    past = Past(tmp_path / "past", ["/talk"])
+    for seq in range(10):
+        past.add("/talk", frame(seq))
+    assert list(past.since("/talk", 7)) == [frame(7), frame(8), frame(9)]
+    assert past.counts == {"/talk": 10}
+    assert not (tmp_path / "past").exists()
+
+
+def test_what_is_beyond_the_limit_is_found_in_the_file(tmp_path: Path) -> None:
+    past = Past(tmp_path / "past", ["/talk"], memory=1000)
+    for seq in range(50):
+        past.add("/talk", frame(seq))
+    assert list(past.since("/talk", 0)) == [frame(seq) for seq in range(50)]
+    held = sum(len(frame(seq)) for seq in range(50)) - (tmp_path / "past").stat().st_size
+    assert 0 < held <= 1000
+    past.close()
+
+
+def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_say_it_again(tmp_path: Path) -> None:
+    for _ in range(2):
+        past = Past(tmp_path / "past", ["/talk"], memory=0)
+        past.add("/talk", frame(0))
+        assert list(past.since("/talk", 0)) == [frame(0)]
+        past.close()
+    assert (tmp_path / "past").stat().st_size == len(frame(0)) + 4
+
+
+def test_what_nobody_hears_is_only_counted(tmp_path: Path) -> None:
+    past = Past(tmp_path / "past", [], silent=["/talk"], memory=0)
+    for seq in range(9):
+        past.add("/talk", frame(seq))
+    assert past.counts == {"/talk": 9}
+    assert list(past.since("/talk", 0)) == []
+    assert not (tmp_path / "past").exists()
+
+
+def test_what_cannot_be_said_again_outlives_its_node(tmp_path: Path) -> None:
+    names = {"silent": ["/mute"], "keep": True}
+    past = Past(tmp_path / "past", ["/talk"], memory=250, **names)  # type: ignore[arg-type]
+    for seq in range(5):
+        past.add("/talk", frame(seq))
+        past.add("/mute", frame(seq, topic="/mute"))
+    past.close()
+    again = Past(tmp_path / "past", ["/talk"], epoch=3, **names)  # type: ignore[arg-type]
+    assert again.counts == {"/talk": 5, "/mute": 5}
+    headers = [split_frame(one)[1] for one in again.since("/talk", 0)]
+    assert [(one.seq, one.epoch) for one in headers] == [(seq, 3) for seq in range(5)]
+    again.add("/talk", frame(5))
+    assert again.counts["/talk"] == 6
+    again.close()
+
+
+@pytest.mark.parametrize("cut", [1, 4, 30])
+def test_a_frame_that_was_cut_off_when_its_node_died_was_never_said(
+    tmp_path: Path, cut: int
+) -> None:
+    path = tmp_path / "past"
+    past = Past(path, ["/talk"], keep=True)
+    for seq in range(3):
+        past.add("/talk", frame(seq))
+    past.close()
+    path.write_bytes(path.read_bytes()[:-cut])
+    again = Past(path, ["/talk"], keep=True)
+    assert again.counts == {"/talk": 2}
+    again.add("/talk", frame(2))
+    again.close()
+    assert Past(path, ["/talk"], keep=True).counts == {"/talk": 3}
+
+
+def test_an_unknown_topic_is_refused(tmp_path: Path) -> None:
+    past = Past(tmp_path / "past", ["/talk"])
+    with pytest.raises(KeyError, match="/elsewhere"):
+        past.count("/elsewhere")
+
+
+def test_a_tally_goes_on_where_it_was(tmp_path: Path) -> None:
+    tally = Tally(tmp_path / "tally")
+    assert tally.number == 0
+    for _ in range(3):
+        tally.up()
+    tally.close()
+    again = Tally(tmp_path / "tally")
+    assert again.number == 3
+    again.close()
