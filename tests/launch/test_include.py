@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -116,21 +115,17 @@ def test_a_wrong_include_is_refused(write: Write, text: str, words: str) -> None
         entries(write("f.yaml", text))
 
 
-def test_a_module_of_ones_own_is_a_kind(
-    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.path", [*sys.path])
+def test_a_module_of_ones_own_is_a_kind(write: Write, here: Path) -> None:
     write("palpate_test_own.py", "from palpate.nodes.filter import NODE as NODE\n")
     path = write("f.yaml", "nodes: {a: {kind: 'palpate_test_own:NODE'}}\nends: a")
-    graph = describe(path, {}, tmp_path).graph
+    graph = describe(path, {}, here).graph
 
     assert graph.entries[0].module == "palpate_test_own"
     with pytest.raises(InputError, match="node 'a': hears /touch/info, which nobody publishes"):
         graph.check()
     wrong = write("g.yaml", "nodes: {a: {kind: 'palpate_test_own:Node'}}\nends: a")
     with pytest.raises(InputError, match=r"is named as module:NODE"):
-        describe(wrong, {}, tmp_path).graph.check()
+        describe(wrong, {}, here).graph.check()
     none = write("h.yaml", "nodes: {a: {kind: 'palpate_test_no:NODE'}}\nends: a")
     with pytest.raises(InputError, match=r"no module 'palpate_test_no'"):
-        describe(none, {}, tmp_path).graph.check()
+        describe(none, {}, here).graph.check()

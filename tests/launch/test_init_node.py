@@ -71,14 +71,6 @@ def test_what_is_new_is_free_of_complaints(tmp_path: Path) -> None:
         assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder in which palpate is started, and whose modules are forgotten afterwards."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.path", [*sys.path])
-    return tmp_path
-
-
 def test_the_new_node_joins_the_graph_of_its_launch_file(here: Path) -> None:
     begun = init_node("joins", here, "node")
 
