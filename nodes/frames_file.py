@@ -5,10 +5,12 @@ from __future__ import annotations
 import io
 import os
 import zipfile
+import zlib
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
 from palpate.nodes.frame_row import (
@@ -102,40 +104,41 @@ def _of_csv(data: bytes, path: Path, shape: Shape | None) -> Frames:
 
 
 def _of_npz(data: bytes, path: Path) -> Frames:
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            size = sum(one.file_size for one in archive.infolist())
-        if size > MAX_BYTES:
-            raise ValueError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MB")
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            found = {name: arrays[name] for name in ARRAYS if name in arrays}
-    except (zipfile.BadZipFile, EOFError, KeyError, OSError, ValueError) as error:
-        if isinstance(error, ValueError) and str(error).startswith(str(path)):
-            raise
-        raise ValueError(f"{path}: is no NPZ file of plain arrays: {error}") from None
-    for name, dimensions in ARRAYS.items():
-        if name not in found:
-            if name == "times":
-                continue
-            raise ValueError(f"{path}: lacks the array {name!r}")
-        array = found[name]
-        if array.dtype.kind not in "fiu" or array.ndim != dimensions:
+    found = _arrays(data, path)
+    for name, array in found.items():
+        if array.dtype.kind not in "fiu" or array.ndim != ARRAYS[name]:
             raise ValueError(
                 f"{path}: {name} is an array of {array.dtype} with {array.ndim} dimensions; "
-                f"expected numbers with {dimensions}"
+                f"expected numbers with {ARRAYS[name]}"
             )
         if not np.isfinite(array).all():
             raise ValueError(f"{path}: {name} must be finite")
         found[name] = np.ascontiguousarray(array, np.float64)
+    for name in ("frames", "poses"):
+        if name not in found:
+            raise ValueError(f"{path}: lacks the array {name!r}")
     images, poses, times = found["frames"], found["poses"], found.get("times")
-    wanted = {"poses": (poses, (len(images), POSE)), "times": (times, (len(images),))}
-    for name, (part, shape) in wanted.items():
-        if part is not None and part.shape != shape:
-            raise ValueError(f"{path}: {name} has shape {part.shape}; expected {shape}")
+    wanted = {"poses": (len(images), POSE), "times": (len(images),)}
+    for name, shape in wanted.items():
+        if name in found and found[name].shape != shape:
+            raise ValueError(f"{path}: {name} has shape {found[name].shape}; expected {shape}")
     if times is not None and (np.diff(times) < 0.0).any():
         raise ValueError(f"{path}: times must not fall")
     turned = [unit_pose(pose, f"{path}: poses[{i}]") for i, pose in enumerate(poses)]
     return Frames(images, np.array(turned).reshape(-1, POSE), times)
+
+
+def _arrays(data: bytes, path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays that mean something, once it is known how large they are."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            size = sum(one.file_size for one in archive.infolist())
+        if size <= MAX_BYTES:
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                return {name: arrays[name] for name in ARRAYS if name in arrays}
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError) as error:
+        raise ValueError(f"{path}: is no NPZ file of plain arrays: {error}") from None
+    raise ValueError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MB")
 
 
 def _check(frames: Frames, path: Path, shape: Shape | None) -> None:
