@@ -61,6 +61,7 @@ class Graph:
                 params=one.params,
                 inputs=inputs[one.entry.name],
                 outputs=dict(one.outputs),
+                types={wire: one.types[local].__name__ for local, wire in one.outputs.items()},
                 nice=one.entry.nice,
                 on_exit=one.entry.on_exit,
                 longest=one.node.longest,

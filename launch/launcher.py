@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from palpate.launch.processes.desk import Desk
-from palpate.launch.processes.folder import place_of, private_folder
+from palpate.launch.processes.folder import past_folder, place_of, private_folder
 from palpate.launch.processes.interrupts import Interrupts
 from palpate.launch.processes.nursery import Nursery
+from palpate.launch.processes.register import Card, announce
 from palpate.launch.processes.supervisor import Supervisor
 from palpate.messages.bus.join import check_name
-from palpate.messages.bus.place import DEPTH, LAUNCHER
+from palpate.messages.bus.place import DEPTH, LAUNCHER, Place
 from palpate.nodes.ending import Ending, Watcher
+from palpate.nodes.recording import describe_wirings, recorded_wirings
 from palpate.nodes.wiring import Wiring
 
 
@@ -24,6 +27,8 @@ def launch(
     ends: str,
     hear: Sequence[str],
     watcher: Watcher,
+    name: str = "graph",
+    run_dir: Path | None = None,
     work_dir: Path | None = None,
     depth: int = DEPTH,
 ) -> Ending:
@@ -39,6 +44,10 @@ def launch(
         Topics of which the watcher is told every message.
     watcher : Watcher
         Is told what happens. What it raises ends the graph, and is raised again.
+    name : str
+        What tools call the run.
+    run_dir : Path, optional
+        The run directory, where nodes put what they have no memory for.
     work_dir : Path, optional
         Where the private folder of the sockets is made; by default where such folders belong.
     depth : int
@@ -61,9 +70,14 @@ def launch(
     _check(wirings, ends)
     sources = _sources(wirings, hear)
     names = [wiring.name for wiring in wirings]
-    with Interrupts() as interrupts, private_folder(work_dir) as folder:
-        place = place_of(folder, names, depth)
+    with (
+        Interrupts() as interrupts,
+        private_folder(work_dir) as folder,
+        past_folder(run_dir, folder) as past,
+    ):
+        place = place_of(folder, names, depth, past)
         with Desk(place, sources) as desk, Nursery() as nursery:
+            announce(folder, _card(wirings, place, name, ends, run_dir))
             supervisor = Supervisor(
                 _with_listeners(wirings, hear),
                 ends=ends,
@@ -75,6 +89,23 @@ def launch(
                 interrupts=interrupts,
             )
             return supervisor.run(began)
+
+
+def _card(
+    wirings: Sequence[Wiring], place: Place, name: str, ends: str, run_dir: Path | None
+) -> Card:
+    """What the graph says of itself to tools."""
+    return Card(
+        run=f"{place.run:016x}",
+        name=name,
+        pid=os.getpid(),
+        began=time.strftime("%Y-%m-%dT%H:%M:%S"),
+        folder="" if run_dir is None else str(run_dir.resolve()),
+        ends=ends,
+        nodes=recorded_wirings(describe_wirings(wirings)),
+        taps=dict(place.taps),
+        tools=place.tools,
+    )
 
 
 def _check(wirings: Sequence[Wiring], ends: str) -> None:

@@ -28,6 +28,8 @@ from palpate.nodes.wiring import Wiring
 class Plan:
     """A run that has passed every check and has left no trace yet."""
 
+    name: str
+    """What tools call it."""
     described: Described
     """The graph and its scene."""
     wirings: tuple[Wiring, ...]
@@ -95,7 +97,8 @@ def plan_run(
     wirings = graph.wirings()
     check_demand(graph, wirings)
     resolved = resolved_text(graph, wirings)
-    return Plan(described, with_description(wirings, _about(described, resolved)), folder, resolved)
+    told = with_description(wirings, _about(described, resolved))
+    return Plan(name, described, told, folder, resolved)
 
 
 def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
@@ -147,7 +150,14 @@ def _start(plan: Plan, gatherer: Gatherer, *, composed: bool) -> Ending:
     from palpate.launch.launcher import launch
 
     try:
-        return launch(plan.wirings, ends=ends, hear=hear, watcher=gatherer)
+        return launch(
+            plan.wirings,
+            ends=ends,
+            hear=hear,
+            watcher=gatherer,
+            name=plan.name,
+            run_dir=plan.folder.path,
+        )
     except ValueError as error:
         raise InputError(str(error)) from None
 

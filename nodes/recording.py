@@ -23,6 +23,8 @@ class Recorded(msgspec.Struct, frozen=True, kw_only=True):
     inputs: tuple[Input, ...]
     outputs: dict[str, str]
     """The topic as the node calls it, to the topic on the wire."""
+    types: dict[str, str] = {}
+    """The topic on the wire to the name of its message type."""
 
     def wiring(self, params: type) -> Wiring:
         """The node's wiring, given the type of its parameters.
@@ -58,6 +60,7 @@ def describe_wirings(wirings: Sequence[Wiring]) -> bytes:
                 "params": one.params,
                 "inputs": one.inputs,
                 "outputs": one.outputs,
+                "types": one.types,
             }
             for one in wirings
         ]

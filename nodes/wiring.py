@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, Literal
 
@@ -45,6 +45,8 @@ class Wiring:
     """The topic as the node calls it, to the topic on the wire."""
     listeners: Mapping[str, tuple[str, ...]]
     """Topic on the wire to the names of those who hear it."""
+    types: Mapping[str, str] = field(default_factory=dict)
+    """Topic on the wire to the name of its message type."""
     nice: int = 0
     """How far its process stands back when the processor is busy, from 0 to 19."""
     on_exit: OnExit = "restart"

@@ -1,4 +1,4 @@
-"""What the launcher hears with: the control lines, some topics, the taps, the processes' ends."""
+"""What the launcher hears with: nodes, tools, some topics, the taps, and the processes' ends."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ class Desk:
     def __init__(self, place: Place, sources: Mapping[str, Sequence[str]]) -> None:
         self._context = zmq.Context()
         self.line = LauncherLine(self._context, place.control)
+        self.tools = LauncherLine(self._context, place.tools)
         self.ears = Subscriber(
             self._context,
             name=LAUNCHER,
@@ -43,7 +44,7 @@ class Desk:
         """Messages heard, by publisher and topic."""
         self._types: dict[int, type] = {}
         self._poller = zmq.Poller()
-        for socket in (self.line.socket, self.ears.socket, self.taps.socket):
+        for socket in (self.line.socket, self.tools.socket, self.ears.socket, self.taps.socket):
             self._poller.register(socket, zmq.POLLIN)
 
     def __enter__(self) -> Desk:
@@ -53,6 +54,7 @@ class Desk:
         self.ears.close()
         self.taps.close()
         self.line.close()
+        self.tools.close()
         self._context.term()
 
     def watch(self, sentinel: int) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import zmq
 
+from palpate.launch.processes.register import PREFIX, held, sweep, where
 from palpate.messages.bus.place import Place
 
 _RUN_BITS = 63
@@ -19,7 +20,9 @@ _RUN_BITS = 63
 
 @contextmanager
 def private_folder(parent: Path | None) -> Iterator[Path]:
-    """Make a folder that only this user can enter, and remove it at the end.
+    """Make a folder that only this user can enter, hold its lock, and remove it at the end.
+
+    What launchers that were killed have left is taken away as well.
 
     Parameters
     ----------
@@ -31,21 +34,44 @@ def private_folder(parent: Path | None) -> Iterator[Path]:
     ValueError
         If it cannot be made, or its path is too long for a socket.
     """
-    where = _default_parent() if parent is None else parent
+    sweep(parent)
     try:
-        folder = Path(tempfile.mkdtemp(prefix="palpate-", dir=where))
+        folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=where(parent)))
     except OSError as error:
         raise ValueError(
-            f"no folder for sockets can be made in {where}: {error.strerror}"
+            f"no folder for sockets can be made in {where(parent)}: {error.strerror}"
         ) from None
     try:
         _check_length(folder / "control")
-        yield folder
+        with held(folder):
+            yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def place_of(folder: Path, names: Sequence[str], depth: int) -> Place:
+@contextmanager
+def past_folder(run_dir: Path | None, folder: Path) -> Iterator[Path]:
+    """Where nodes keep what they have said and have no memory for, removed at the end.
+
+    Parameters
+    ----------
+    run_dir : Path or None
+        The run directory, on a disk that has room; if there is none, the private folder must do.
+    folder : Path
+        The private folder, which may be held in memory.
+    """
+    if run_dir is None:
+        yield folder
+        return
+    past = run_dir / ".said"
+    past.mkdir()
+    try:
+        yield past
+    finally:
+        shutil.rmtree(past, ignore_errors=True)
+
+
+def place_of(folder: Path, names: Sequence[str], depth: int, past: Path) -> Place:
     """Addresses of a run, with short file names for nodes of any name."""
     return Place(
         run=secrets.randbits(_RUN_BITS),
@@ -54,16 +80,10 @@ def place_of(folder: Path, names: Sequence[str], depth: int) -> Place:
         endpoints={name: f"ipc://{folder}/n{index}" for index, name in enumerate(names)},
         taps={name: f"ipc://{folder}/t{index}" for index, name in enumerate(names)},
         control=f"ipc://{folder}/control",
+        tools=f"ipc://{folder}/tools",
         journals={name: str(folder / f"j{index}") for index, name in enumerate(names)},
-        pasts={name: str(folder / f"p{index}") for index, name in enumerate(names)},
+        pasts={name: str(past / f"p{index}") for index, name in enumerate(names)},
     )
-
-
-def _default_parent() -> Path:
-    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
-    if runtime and os.access(runtime, os.W_OK | os.X_OK):
-        return Path(runtime)
-    return Path(tempfile.gettempdir())
 
 
 def _check_length(socket: Path) -> None:

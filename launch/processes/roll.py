@@ -65,6 +65,10 @@ class Roll:
         self._alive[name] = time.monotonic()
         return self.failed.pop(name, None)
 
+    def silence(self, name: str, now: float) -> float:
+        """Time since a node was last heard of, s."""
+        return now - self._alive[name]
+
     def silent(self, now: float) -> list[LogRecord]:
         """Lines for the log about nodes that have not been heard of for long, once each."""
         lines = []

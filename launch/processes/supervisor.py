@@ -10,6 +10,7 @@ from palpate.launch.processes.census import Census, Count, Edge
 from palpate.launch.processes.desk import Desk
 from palpate.launch.processes.interrupts import Interrupts
 from palpate.launch.processes.nursery import Nursery
+from palpate.launch.processes.reception import Reception
 from palpate.launch.processes.roll import Roll
 from palpate.launch.processes.ward import Ward
 from palpate.messages.bus.place import LAUNCHER, Place
@@ -75,6 +76,7 @@ class Supervisor:
         self._census = Census([*names, LAUNCHER], edges)
         self._roll = Roll(names)
         self._ward = Ward(wirings, place, nursery, desk)
+        self._reception = Reception(desk.tools, desk.line, self._ward, self._roll)
         self._finished: str | None = None
         self._going = self._stopping = False
         self._next_tick = 0.0
@@ -148,6 +150,7 @@ class Supervisor:
         ended = self._desk.wait(5 if self._finished else 50)
         self._hear_nodes()
         self._hear_topics()
+        self._reception.serve()
         self._tick()
         died = [verdict for sentinel in ended if (verdict := self._bury(sentinel))]
         if self._interrupts.came:

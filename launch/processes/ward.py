@@ -46,6 +46,10 @@ class Ward:
         """Names of the nodes whose processes have not ended."""
         return list(self._living.values())
 
+    def pid(self, name: str) -> int:
+        """Number of the process of a node."""
+        return self._nursery.pid(name)
+
     def bear(self, name: str, *, going: bool = False) -> None:
         """Start the process of a node, again if the graph is going.
 

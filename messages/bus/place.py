@@ -26,7 +26,9 @@ class Place:
     taps: Mapping[str, str]
     """Name of the node to the address of its tap."""
     control: str
-    """Address at which the launcher listens."""
+    """Address at which the launcher listens to the nodes."""
+    tools: str
+    """Address at which the launcher answers tools."""
     journals: Mapping[str, str]
     """Name of the node to the file in which it puts down what it consumes."""
     pasts: Mapping[str, str]

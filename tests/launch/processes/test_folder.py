@@ -30,8 +30,8 @@ def test_without_a_folder_of_ones_own_the_temporary_one_will_do(
 
 
 def test_nodes_of_any_name_have_addresses_of_their_own(tmp_path: Path) -> None:
-    place = place_of(tmp_path, ["finger_1/filter", "x" * 200], depth=7)
-    addresses = [*place.endpoints.values(), *place.taps.values(), place.control]
-    assert len(set(addresses)) == 5
+    place = place_of(tmp_path, ["finger_1/filter", "x" * 200], depth=7, past=tmp_path)
+    addresses = [*place.endpoints.values(), *place.taps.values(), place.control, place.tools]
+    assert len(set(addresses)) == 6
     assert all(address.startswith(f"ipc://{tmp_path}/") for address in addresses)
     assert place.depth == 7

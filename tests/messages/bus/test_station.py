@@ -19,6 +19,7 @@ def place(folder: Path) -> Place:
         endpoints={name: f"ipc://{folder}/{name}" for name in "ab"},
         taps={name: f"ipc://{folder}/tap_{name}" for name in "ab"},
         control=f"ipc://{folder}/control",
+        tools=f"ipc://{folder}/tools",
         journals={name: f"{folder}/journal_{name}" for name in "ab"},
         pasts={name: f"{folder}/past_{name}" for name in "ab"},
     )
