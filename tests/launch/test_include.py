@@ -126,6 +126,17 @@ def test_a_module_of_ones_own_is_a_kind(write: Write, here: Path) -> None:
     wrong = write("g.yaml", "nodes: {a: {kind: 'palpate_test_own:Node'}}\nends: a")
     with pytest.raises(InputError, match=r"is named as module:NODE"):
         describe(wrong, {}, here).graph.check()
+    for text, words in {
+        "NODE = 1/0": "module 'palpate_test_bad0' breaks: ZeroDivisionError: division by zero",
+        "def": "module 'palpate_test_bad1' breaks: SyntaxError: invalid syntax",
+        "import palpate_test_no": "no module 'palpate_test_bad2': No module named 'palpate_test_",
+        "from palpate.nodes.driver import SOURCE": "module 'palpate_test_bad3' holds no NODE",
+    }.items():
+        name = words.split("'")[1]
+        write(f"{name}.py", text)
+        bad = write("b.yaml", f"nodes: {{a: {{kind: '{name}:NODE'}}}}\nends: a")
+        with pytest.raises(InputError, match=f"b.yaml:1: node 'a': {words}"):
+            describe(bad, {}, here).graph.check()
     none = write("h.yaml", "nodes: {a: {kind: 'palpate_test_no:NODE'}}\nends: a")
     with pytest.raises(InputError, match=r"no module 'palpate_test_no'"):
         describe(none, {}, here).graph.check()
