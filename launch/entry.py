@@ -24,7 +24,8 @@ class Entry:
     name: str
     """Name in the graph: lower case, digits and ``_``."""
     kind: str = ""
-    """A module of ``palpate.nodes``, or a dotted module of one's own; the name if empty."""
+    """A module of ``palpate.nodes``, ``module:NODE`` (or SINK, SOURCE) or a dotted module of one's
+    own; the name if empty."""
     params: Any = field(default_factory=dict)
     """Map of plain values, or an instance of the node's own parameter type."""
     remap: Mapping[str, str] = field(default_factory=dict)
@@ -45,7 +46,8 @@ class Entry:
     def module(self) -> str:
         """Module that holds the node."""
         kind = self.kind or self.name
-        return kind if "." in kind else f"{KINDS}.{kind}"
+        own, mark, _ = kind.partition(":")
+        return own if mark or "." in own else f"{KINDS}.{kind}"
 
     @property
     def finger(self) -> int:

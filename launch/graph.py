@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from palpate.launch.entry import Entry
 from palpate.launch.located import InputError
 from palpate.launch.nearest import hint
+from palpate.launch.own_types import check_own_types, own_schema
 from palpate.launch.placing import Placed, Publisher, is_left_out, place, publishers
 from palpate.messages.types import Truth
 from palpate.nodes.node import Node, Sink, Source
@@ -50,6 +51,7 @@ class Graph:
         """What each process must know; see `check` for what is refused."""
         placed = place(self.entries)
         said = publishers(placed)
+        check_own_types(said)
         inputs = {one.entry.name: _inputs(one, said, placed) for one in placed}
         self._check_ends(placed)
         return tuple(
@@ -125,7 +127,7 @@ def _input(one: Placed, topic: str, local: str, said: Mapping[str, Publisher]) -
             f"hears {topic}, the true shape, which only an evaluator, a view or a recorder may; "
             "take this input away"
         )
-    return Input(heard.placed.entry.name, topic, local, heard.type.__name__)
+    return Input(heard.placed.entry.name, topic, local, heard.type.__name__, own_schema(heard.type))
 
 
 def _sources(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pkgutil
 import re
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -12,10 +13,13 @@ from msgspec import structs
 import palpate.nodes
 from palpate.launch.entry import KINDS, Entry
 from palpate.launch.nearest import hint
+from palpate.launch.own_modules import look_here
 from palpate.nodes.node import AnyNode, Sink, Source
 from palpate.nodes.wiring import load_node
 
-_HOLDS_NODE = re.compile(r"^(NODE|SOURCE|SINK)\b.*=", re.MULTILINE)
+HELD = ("NODE", "SOURCE", "SINK")
+"""What a module may hold a node as."""
+_HOLDS_NODE = re.compile(rf"^({'|'.join(HELD)})\b.*=", re.MULTILINE)
 
 
 def kinds() -> tuple[str, ...]:
@@ -30,15 +34,26 @@ def node_of(entry: Entry) -> AnyNode:
     Raises
     ------
     InputError
-        If there is no such kind, or its module holds no node.
+        If there is no such kind, or its module holds no node, or cannot be imported.
     """
+    kind = entry.kind or entry.name
+    _, mark, held = kind.partition(":")
+    if mark and held not in HELD:
+        raise entry.error(f"kind is {kind!r}; a module of one's own is named as module:NODE")
+    look_here(kind)
     try:
-        return load_node(entry.module)
+        node = load_node(entry.module)
     except ValueError as error:
-        kind = entry.kind or entry.name
-        if "." in kind or kind in kinds():
+        if mark or "." in kind or kind in kinds():
             raise entry.error(str(error)) from None
         raise entry.error(f"there is no kind of node {kind!r}; {hint(kind, kinds())}") from None
+    except Exception as error:  # a module of one's own may break in any way
+        what = next(iter(str(error).splitlines()), "")
+        text = f"module {entry.module!r} breaks: {type(error).__name__}: {what}"
+        raise entry.error(text) from None
+    if mark and getattr(sys.modules[entry.module], held, None) is not node:
+        raise entry.error(f"module {entry.module!r} holds no {held}")
+    return node
 
 
 def describe_kind(kind: str) -> str:

@@ -15,16 +15,18 @@ from msgspec import Meta, Struct, field
 from palpate.launch.convert import convert
 from palpate.launch.entry import Entry
 from palpate.launch.graph import Graph
+from palpate.launch.include import read_with_includes
 from palpate.launch.located import InputError, Located
 from palpate.launch.nearest import hint
 from palpate.launch.scene import Scene, load_scene
 from palpate.launch.substitute import substitute
-from palpate.launch.yaml_file import read_yaml
 from palpate.nodes.node import MOST_FINGERS
 from palpate.nodes.wiring import OnExit
 
-EXPLORE = Path(__file__).parent / "explore.yaml"
-"""The launch file that comes with palpate."""
+SHIPPED = Path(__file__).parent
+"""Where the launch files lie that come with palpate."""
+EXPLORE = SHIPPED / "explore.yaml"
+"""The one that explores a scene."""
 RESERVED = {"out": "the run directory", "finger": "the number of a finger"}
 """What ``$(name)`` stands for without an argument of that name."""
 
@@ -33,7 +35,8 @@ class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One node of a launch file."""
 
     kind: str = ""
-    """A module of palpate.nodes or a dotted module of one's own; the node's name if left out."""
+    """A module of palpate.nodes, ``module:NODE`` or a dotted module of one's own; the node's name
+    if left out."""
     params: dict[str, Any] = {}
     """Its parameters."""
     remap: dict[str, str] = {}
@@ -95,22 +98,23 @@ def describe(path: Path, args: Mapping[str, Located], out: Path) -> Described:
 
         plain = {name: value.value for name, value in args.items()}
         return Described(describe_python(path, args, out), None, plain)
-    given = read_yaml(path)
+    given = read_with_includes(path, find_launch_file)
     known, scene = _arguments(given, args, out)
     graph = _graph(given, known)
     return Described(graph, scene, {name: value.value for name, value in known.items()})
 
 
 def find_launch_file(path: Path) -> Path:
-    """A launch file given by path, or by name if it is the shipped one.
+    """A launch file given by path, or by name if it is a shipped one.
 
     Raises
     ------
     InputError
         If there is no such file, or it is neither YAML nor Python.
     """
-    if not path.is_file() and str(path) in (EXPLORE.name, EXPLORE.stem):
-        return EXPLORE
+    shipped = SHIPPED / f"{path.name.removesuffix('.yaml')}.yaml"
+    if not path.is_file() and path.parent == Path() and shipped.is_file():
+        return shipped
     if path.suffix not in (".yaml", ".yml", ".py"):
         raise InputError(f"{path}: is no launch file; its name must end in .yaml or .py")
     if not path.is_file():

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from threadpoolctl import threadpool_limits
 
+from palpate.launch.own_modules import look_here
 from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import schema_hash
 from palpate.messages.header import Header
@@ -89,6 +90,8 @@ def _chosen(recording: Recording, names: Sequence[str]) -> list[tuple[Recorded, 
     for one in [known[name] for name in names] or known.values():
         if not names and not one.module.startswith(OURS):
             continue
+        if not one.module.startswith(OURS):
+            look_here(f"{one.module}:NODE")
         node = load_node(one.module)
         if isinstance(node, Node) and (names or _is_exact(one, node, recording)):
             chosen.append((one, node))

@@ -14,7 +14,7 @@ from palpate import __version__
 from palpate.messages.recording.parts import counts_of, part_path, parts_of
 from palpate.messages.recording.writer import RecordingWriter
 from palpate.nodes.node import Sink
-from palpate.nodes.recording import publishers_of
+from palpate.nodes.recording import publishers_of, schemas_of
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -73,8 +73,10 @@ def resume_recording(
 
 
 def _recording(params: Params, types: Mapping[str, str], path: Path) -> RecordingWriter:
-    about = {**params.about, "version": __version__, "graph": params.graph.decode()}
-    return RecordingWriter(path, types, publishers_of(params.graph), about, params.spare)
+    graph = params.graph
+    about = {**params.about, "version": __version__, "graph": graph.decode()}
+    said_by, schemas = publishers_of(graph), schemas_of(graph)
+    return RecordingWriter(path, types, said_by, about, params.spare, schemas)
 
 
 SINK = Sink(params=Params, open=start_recording, resume=resume_recording)

@@ -88,6 +88,14 @@ def publishers_of(graph: bytes) -> Mapping[str, str]:
     return {topic: one.name for one in recorded_wirings(graph) for topic in one.outputs.values()}
 
 
+def schemas_of(graph: bytes) -> Mapping[str, str]:
+    """Name of each message type that palpate does not have, to its JSON schema."""
+    if not graph:
+        return {}
+    heard = [edge for one in recorded_wirings(graph) for edge in one.inputs]
+    return {edge.type: edge.schema for edge in heard if edge.schema}
+
+
 def with_description(wirings: Sequence[Wiring], about: Mapping[str, str]) -> tuple[Wiring, ...]:
     """The same graph, whose recorders have been given its description and other texts about it."""
     graph = describe_wirings(wirings)

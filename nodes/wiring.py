@@ -25,6 +25,8 @@ class Input:
     """The topic as the node calls it."""
     type: str
     """Name of the message type."""
+    schema: str = ""
+    """JSON schema of a type that palpate does not have; empty of its own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -70,6 +70,12 @@ SHARED = (
     "effects",
     "composed",
     "recording",
+    "testing",
+    "testing_messages",
+    "testing_recorded",
+    "driver_frames",
+    "frame_row",
+    "frames_file",
 )
 """Modules of ``nodes`` that are no node; any of them may be imported by a node."""
 
@@ -116,7 +122,9 @@ def is_other_node(module: str, name: str) -> bool:
     if not within(module, "palpate.nodes") or not name.startswith("palpate.nodes."):
         return False
     wanted, own = name.split(".")[2], module.split(".")[2]
-    runtime = wanted.startswith("runtime") and own.startswith(("runtime", "composed", "replay"))
+    runtime = wanted.startswith("runtime") and own.startswith(
+        ("runtime", "composed", "replay", "testing")
+    )
     return wanted not in SHARED and wanted != own and not runtime
 
 

@@ -33,7 +33,7 @@ command = Verbs(
         "replay": "Run nodes on a recording and compare what they say.",
         "scene": "List and check scenes.",
         "node": "List the kinds of node and what they hear and say.",
-        "init": "Begin an effect or a planner of your own.",
+        "init": "Begin a node, a driver, an effect or a planner of your own.",
         "calibrate": "Press a known flat and ball, and say what each taxel means.",
         "rebuild": "Rebuild a solid from contours that anybody measured.",
         "score": "Measure a solid against a CAD model or measured points.",

@@ -47,6 +47,8 @@ class RecordingWriter:
         What the recording says of itself, text by name: ``version``, ``graph`` and others.
     spare : int
         Bytes that are left free on the disk: before there are fewer, the recording is closed.
+    schemas : mapping, optional
+        Name of each message type that palpate does not have, to its JSON schema.
 
     Raises
     ------
@@ -68,10 +70,13 @@ class RecordingWriter:
         publishers: Mapping[str, str],
         about: Mapping[str, str],
         spare: int = 0,
+        schemas: Mapping[str, str] | None = None,
     ) -> None:
-        unknown = sorted(f"{topic} as {name}" for topic, name in types.items() if name not in TYPES)
+        self._texts = dict(schemas or {})
+        known = TYPES.keys() | self._texts.keys()
+        unknown = sorted(f"{topic} as {name}" for topic, name in types.items() if name not in known)
         if unknown:
-            raise ValueError(f"no message type to record {unknown[0]}; known are {sorted(TYPES)}")
+            raise ValueError(f"no message type to record {unknown[0]}; known are {sorted(known)}")
         self._path, self._types, self._publishers = path, types, publishers
         self._spare = spare
         self._file = WholeFile(path)
@@ -190,7 +195,7 @@ class RecordingWriter:
 
     def _schema(self, writer: Writer, name: str) -> int:
         if name not in self._schemas:
-            text = json.dumps(schema(TYPES[name])).encode()
+            text = (self._texts.get(name) or json.dumps(schema(TYPES[name]))).encode()
             self._schemas[name] = writer.register_schema(name, "jsonschema", text)
         return self._schemas[name]
 

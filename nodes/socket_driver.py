@@ -1,0 +1,120 @@
+"""Driver of a live sensor: frames come as lines over a plain TCP connection."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import select
+import socket
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Annotated
+
+from msgspec import Meta
+
+from palpate.nodes.driver_frames import OUTPUTS, Sensing, frame_of, sensor_info
+from palpate.nodes.frame_row import is_header, parse_row
+from palpate.nodes.node import Finished, Said, Source
+
+LOOPBACK = "127.0.0.1"
+PATIENCE = 0.1
+"""Longest time for which nothing is said, s."""
+MAX_LINE = 1 << 18
+"""Longest line, bytes: 64 by 64 taxels take some 100 kB."""
+
+
+class Params(Sensing, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the launch file may set."""
+
+    address: str
+    """Where to connect to: a port of this machine, or ``192.0.2.7:5555`` for another one."""
+    rate: Annotated[float, Meta(gt=0, le=1e4, description="Hz")] = 10.0
+    """Frames per second, where the lines have no times, Hz."""
+
+    def __post_init__(self) -> None:
+        end_of(self.address)
+
+
+def end_of(address: str) -> tuple[str, int]:
+    """Address and port, this machine's own if there is none but a port.
+
+    Raises
+    ------
+    ValueError
+        If it is no address in numbers, or no port: names would have to be looked up.
+    """
+    host, _, port = address.rpartition(":")
+    host = host.replace("localhost", LOOPBACK) or LOOPBACK
+    try:
+        if not (port.isascii() and port.isdecimal() and 0 < int(port) < 1 << 16):
+            raise ValueError
+        return str(ipaddress.IPv4Address(host)), int(port)
+    except ValueError:
+        raise ValueError(
+            f"address is {address!r:.60}; expected a port such as 5555, or 192.0.2.7:5555"
+        ) from None
+
+
+def listen(params: Params) -> Iterator[Said | Finished | None]:
+    """The sensor, and each frame as it comes, until the other side closes the connection.
+
+    Raises
+    ------
+    ValueError
+        If nobody answers at the address, the connection breaks, or a line is no frame.
+    """
+    yield Said(0.0, "/touch/info", sensor_info(params))
+    touch, shape, began, first = 0, (params.sensor.rows, params.sensor.cols), 0.0, True
+    for line in _lines(params.address):
+        if line is None:
+            yield None
+            continue
+        header, first = first and is_header(line), False
+        if header or not line.strip():
+            continue
+        row = parse_row(line, f"{params.address}: frame {touch}", shape)
+        time = touch / params.rate if row.time is None else row.time
+        began = time if touch == 0 else began
+        frame = frame_of(params, touch, time - began, row.pose, row.image)
+        yield Said(0.0, "/touch/raw", frame)
+        touch += 1
+    yield Finished(f"{params.address} closed the connection after {touch} frames")
+
+
+def _lines(address: str) -> Iterator[str | None]:
+    """Lines as they come, None whenever none has come for a while."""
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) as line:
+        line.setblocking(False)
+        line.connect_ex(end_of(address))
+        while not select.select((), (line,), (), PATIENCE)[1]:
+            yield None
+        fault = line.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if fault:
+            raise ValueError(f"{address}: cannot be reached: {os.strerror(fault)}")
+        held = b""
+        while True:
+            if not select.select((line,), (), (), PATIENCE)[0]:
+                yield None
+                continue
+            try:
+                come = line.recv(1 << 16)
+            except OSError as error:
+                raise ValueError(f"{address}: the connection broke: {error.strerror}") from None
+            *whole, held = (held + come).split(b"\n")
+            if not come and held:
+                whole.append(held)
+            yield from (_text(one, address) for one in whole)
+            if not come:
+                return
+            if len(held) > MAX_LINE:
+                raise ValueError(f"{address}: sent a line of more than {MAX_LINE >> 10} kB")
+
+
+def _text(line: bytes, address: str) -> str:
+    try:
+        return line.decode()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{address}: sent what is no text: {error.reason}") from None
+
+
+SOURCE = Source(params=Params, outputs=lambda params: OUTPUTS, open=listen, repeats=False)

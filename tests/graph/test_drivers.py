@@ -1,0 +1,89 @@
+"""A sensor of one's own in the simulator's place, and a node of one's own beside it."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.launch.init_node import init_node
+from palpate.messages.types import SurfacePatch
+from palpate.testing import assert_same, recorded
+
+pytestmark = pytest.mark.graph
+FLAT = "sensor:={pad: {radius: null}}"
+
+
+@pytest.fixture
+def frames(tmp_path: Path) -> Path:
+    """Twelve touches of ever smaller balls."""
+    side = (np.arange(16) - 7.5) * 1e-3
+    x, y = np.meshgrid(side, side)
+    rows = [
+        [0, 0, 0, 0, 0, 0, 1, *np.maximum(8e-4 - 0.5 * (x**2 + y**2) / radius, 0.0).ravel()]
+        for radius in np.linspace(0.03, 0.02, 12)
+    ]
+    np.savetxt(tmp_path / "frames.csv", rows, delimiter=",")
+    return tmp_path / "frames.csv"
+
+
+def launched(folder: Path, *words: str) -> Path:
+    """The run directory of a graph that has come to its end."""
+    out = folder / f"run_{len(list(folder.iterdir()))}"
+    command = [sys.executable, "-m", "palpate", "launch", *words, "--quiet", "--out", str(out)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def patches(run: Path) -> list[tuple[str, object]]:
+    return [("/touch/patch", patch) for patch in recorded(run, "/touch/patch", SurfacePatch)]
+
+
+def test_a_file_of_frames_gives_the_same_patches_in_processes_and_in_one(
+    frames: Path, tmp_path: Path
+) -> None:
+    words = ("driver.yaml", f"path:={frames}", FLAT, "rate:=100")
+
+    apart = patches(launched(tmp_path, *words))
+    assert len(apart) == 12
+    assert_same(apart, patches(launched(tmp_path, *words, "--composed")))
+    quick = launched(tmp_path, *words, "at_once:=true")
+    assert_same(apart, patches(quick))
+
+
+def test_a_connection_gives_the_patches_of_its_lines(frames: Path, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            peer, _ = server.accept()
+            with peer:
+                peer.sendall(frames.read_bytes())
+
+        sender = threading.Thread(target=answer, daemon=True)
+        sender.start()
+        address = f"address:=127.0.0.1:{server.getsockname()[1]}"
+        live = launched(tmp_path, "socket_driver.yaml", address, FLAT)
+        sender.join(timeout=10)
+    filed = launched(tmp_path, "driver.yaml", f"path:={frames}", FLAT, "at_once:=true")
+    assert_same(patches(live), patches(filed))
+
+
+def test_a_node_of_ones_own_and_its_type_are_found_by_every_process(
+    frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    init_node("own_bends", tmp_path, "node")
+    (tmp_path / "own.yaml").write_text(
+        "include: driver.yaml\nnodes:\n  own_bends:\n    kind: own_bends:NODE\n"
+    )
+
+    run = launched(tmp_path, "own.yaml", f"path:={frames}", FLAT, "at_once:=true")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    from own_bends import OwnBends  # type: ignore[import-not-found]
+
+    assert [one.touch for one in recorded(run, "/own_bends", OwnBends)] == list(range(12))
