@@ -10,7 +10,7 @@ import pytest
 from palpate.launch.display import Silence
 from palpate.launch.launch_file import EXPLORE, describe
 from palpate.launch.located import Located
-from palpate.launch.replay import replay
+from palpate.launch.replay.again import replay
 from palpate.launch.run import Plan, perform, plan_run
 from palpate.messages.codec import decode, encode
 from palpate.messages.recording.reader import open_recording

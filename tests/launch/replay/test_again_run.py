@@ -8,7 +8,9 @@ import msgspec
 import pytest
 
 from palpate.launch.graph import Entry, Graph
-from palpate.launch.replay import replay
+from palpate.launch.located import InputError
+from palpate.launch.override import read_settings
+from palpate.launch.replay.again import replay
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.composed import run_composed
 from palpate.nodes.node import Node, Outputs
@@ -72,6 +74,34 @@ def test_nodes_of_a_composed_run_that_hear_several_say_the_same_again(
 
     assert replay(explored, [name], lines.append) == 0
     assert lines[0].startswith(f"{name}: identical, ")
+
+
+def test_nodes_that_hear_each_other_say_the_same_again(explored: Path) -> None:
+    names = ["simulator", "filter", "curvature", "tracer", "planner", "reconstructor", "evaluator"]
+    lines: Lines = []
+
+    assert replay(explored, names, lines.append) == 0
+    assert all(": identical, " in line for line in lines)
+
+
+def test_curvature_hears_what_the_filter_says_with_its_new_parameter(explored: Path) -> None:
+    settings = read_settings(["filter.order=median-first"])
+    lines: Lines = []
+
+    assert replay(explored, ["filter", "curvature"], lines.append, settings=settings) == 0
+    assert lines[1].startswith("curvature: differs, /touch/patch ")
+    fields = {tuple(line.split()[:2]) for line in lines[3:]}
+    assert ("/touch/image", "compression") in fields
+    assert ("/touch/patch", "k1") in fields
+    assert ("/touch/patch", "pose[0:3]") not in fields  # where the arm was does not depend on it
+
+
+def test_a_parameter_of_a_node_that_is_not_run_again_is_refused(explored: Path) -> None:
+    lines: Lines = []
+
+    with pytest.raises(InputError, match="'filter' is not among the nodes to run again: curvature"):
+        replay(explored, ["curvature"], lines.append, settings=read_settings(["filter.order=none"]))
+    assert lines == []
 
 
 def test_a_changed_filter_is_found_out(explored: Path, monkeypatch: pytest.MonkeyPatch) -> None:
