@@ -143,7 +143,7 @@ class TopicChanges:
         if then.keys() != now.keys():
             lost, new = sorted(then.keys() - now.keys()), sorted(now.keys() - then.keys())
             self._change(name).note("keys", 1, short(lost), short(new))
-        for key in then.keys() & now.keys():
+        for key in sorted(then.keys() & now.keys()):
             if repr(then[key]) != repr(now[key]):
                 self._change(f"{name}[{key!r}]").measure(then[key], now[key])
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 from palpate.launch.replay.changes import FieldChange, Kind, Note
 from palpate.launch.replay.comparison import TopicComparison
 from palpate.launch.replay.exchange import Shortage
 from palpate.launch.replay.player import Player
 
-HEAD = ("topic", "field", "compared", "differ", "first", "largest", "rms", "unit", "")
-LEFT = (0, 1, 7, 8)
+COUNTS = ("topic", "field", "compared", "differ", "first")
+SIZES = ("largest", "rms", "unit")
+LEFT = ("topic", "field", "unit")
 """Columns of texts; numbers stand to the right."""
 UNITS = {"#": "count"}
 WORDS: dict[Kind, str] = {
@@ -20,6 +22,14 @@ WORDS: dict[Kind, str] = {
     "value": "changed",
     "byte": "with other bytes",
 }
+
+
+class _Row(NamedTuple):
+    """What is told of one field; where it has no size, the note stands in its place."""
+
+    counts: tuple[str, ...]
+    sizes: tuple[str, ...] = ()
+    note: str = ""
 
 
 def verdict(player: Player) -> str:
@@ -36,9 +46,9 @@ def shortage_text(shortage: Shortage) -> str:
     """One line on a topic of which another number was heard than had been recorded."""
     topic, publisher, listeners, fewer, more = shortage
     if fewer:
-        told = f"{_messages(fewer)} less on {topic} than recorded: {publisher} says no more"
+        told = f"{_messages(fewer, 'fewer')} on {topic} than recorded: {publisher} says no more"
     else:
-        told = f"{_messages(more)} more on {topic}, after those recorded: {publisher} says more"
+        told = f"{_messages(more, 'more')} on {topic}, after those recorded: {publisher} says more"
     return f"{', '.join(listeners)}: heard {told}"
 
 
@@ -47,37 +57,44 @@ def table(players: Sequence[Player]) -> Iterator[str]:
     rows = [row for player in players for one in player.says.values() for row in _rows(one)]
     if not rows:
         return
-    rows.insert(0, HEAD)
-    widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
+    rows.insert(0, _Row(COUNTS, SIZES))
+    counts, sizes = _widths(row.counts for row in rows), _widths(row.sizes for row in rows)
     for row in rows:
-        cells = [
-            cell.ljust(width) if i in LEFT else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        yield "  ".join(cells).rstrip()
+        cells = (*_aligned(COUNTS, row.counts, counts), *_aligned(SIZES, row.sizes, sizes))
+        yield "  ".join((*cells, row.note)).rstrip()
 
 
-def _rows(one: TopicComparison) -> Iterator[tuple[str, ...]]:
+def _rows(one: TopicComparison) -> Iterator[_Row]:
     for field, change in one.changes.fields.items():
-        yield (one.topic, field, str(one.compared), *_cells(change))
+        counts = (str(one.compared), str(change.differ), str(change.first))
+        notes = "; ".join(_note(kind, note) for kind, note in change.notes.items())
+        yield _Row((one.topic, field, *counts), _sizes(change), notes)
     if one.fewer or one.more:
         told = f"{one.fewer} fewer" if one.fewer else f"{one.more} more"
-        other = (str(one.compared), "", str(one.compared), "", "", "")
-        yield (one.topic, "messages", *other, f"{told} than recorded")
+        counts = (str(one.compared), "", str(one.compared))
+        yield _Row((one.topic, "messages", *counts), note=f"{told} than recorded")
 
 
-def _cells(change: FieldChange) -> tuple[str, ...]:
-    counts = (str(change.differ), str(change.first))
-    notes = "; ".join(_note(kind, note) for kind, note in change.notes.items())
+def _sizes(change: FieldChange) -> tuple[str, ...]:
     if not change.numbers:
-        return (*counts, "", "", "", notes)
-    sizes = (f"{change.largest:.3g}", f"{change.rms:.3g}")
-    return (*counts, *sizes, UNITS.get(change.unit, change.unit), notes)
+        return ()
+    unit = UNITS.get(change.unit, change.unit)
+    return (f"{change.largest:.3g}", f"{change.rms:.3g}", unit)
+
+
+def _widths(rows: Iterable[tuple[str, ...]]) -> list[int]:
+    """Width of each column; rows may be empty."""
+    return [max(map(len, column)) for column in zip(*filter(None, rows), strict=True)]
+
+
+def _aligned(heads: tuple[str, ...], row: tuple[str, ...], widths: Sequence[int]) -> Iterator[str]:
+    for head, cell, width in zip(heads, row, widths, strict=False):
+        yield cell.ljust(width) if head in LEFT else cell.rjust(width)
 
 
 def _note(kind: Kind, note: Note) -> str:
     return f"{note.count} {WORDS[kind]}, first {note.then} -> {note.now}"
 
 
-def _messages(number: int) -> str:
-    return f"{number} message{'s' if number > 1 else ''}"
+def _messages(number: int, which: str) -> str:
+    return f"{number} {which} message{'s' if number > 1 else ''}"
