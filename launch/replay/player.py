@@ -11,7 +11,7 @@ from palpate.messages.codec import schema_hash
 from palpate.messages.header import Header
 from palpate.messages.recording.reader import Kept
 from palpate.nodes.node import Finished
-from palpate.nodes.runtime_work import NodeWork, Parcel
+from palpate.nodes.runtime_work import ContractError, NodeWork, Parcel
 
 
 class Player:
@@ -21,11 +21,20 @@ class Player:
     ----------
     chosen : Chosen
         The node.
+
+    Raises
+    ------
+    ValueError
+        If it was recorded with topics that it has no more.
     """
 
     def __init__(self, chosen: Chosen) -> None:
         node, wiring = chosen
         self.name = wiring.name
+        try:
+            self._work = NodeWork(node, wiring.params, wiring)
+        except ContractError as error:
+            raise ValueError(f"{error}; it was recorded with another version of it") from None
         self.failure = ""
         """What it raised and when, in words; it hears and says no more after that."""
         self.first = ""
@@ -40,7 +49,6 @@ class Player:
         self._types = {wiring.outputs[local]: node.outputs[local] for local in wiring.outputs}
         self._types |= self.hears
         self._publishers = {one.topic: one.publisher for one in wiring.inputs}
-        self._work = NodeWork(node, wiring.params, wiring)
 
     def begin(self) -> list[Parcel]:
         """Start the node; what it says."""

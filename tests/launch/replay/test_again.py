@@ -289,6 +289,18 @@ def test_a_module_that_is_not_there_is_named(record: Record, wiring: Wiring) -> 
         replay(record(GOOD, graph=graph), ["adder"])
 
 
+@pytest.mark.parametrize(
+    ("then", "gone"), [('"local":"/number"', '"local":"/in"'), ('{"/sum":', '{"/in":')]
+)
+def test_a_node_that_has_other_topics_by_now_is_refused(
+    then: str, gone: str, record: Record, wiring: Wiring
+) -> None:
+    graph = describe_wirings([wiring]).decode().replace(then, gone).encode()
+
+    with pytest.raises(ValueError, match="adder is wired to /in, which it does not declare; it"):
+        replay(record(GOOD, graph=graph), ["adder"])
+
+
 def test_a_lost_message_is_named(record: Record) -> None:
     with pytest.raises(ValueError, match="lacks /number 1: it has 2 instead"):
         replay(record([*GOOD[:4], *GOOD[5:]]), ["adder"])
