@@ -13,6 +13,7 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.explore.robot_time import Moves
 from palpate.launch.located import InputError
+from palpate.launch.run_dir import recording_of
 from palpate.messages.codec import decode
 from palpate.messages.fields import CodecError
 from palpate.messages.recording.reader import Recording, open_recording
@@ -21,8 +22,6 @@ from palpate.nodes.recording import recorded_wirings
 
 Phase = Literal["grasp", "contours", "probes", "other"]
 """What a move was for; other where the recording has no goal for it."""
-RECORDING = "topics.mcap"
-"""Name of the recording in a run's folder."""
 SIMULATOR = "palpate.nodes.simulator"
 HAND = 1
 """The hand is moved by the arm of this finger."""
@@ -115,7 +114,7 @@ def read_moves(run: Path) -> RunMoves:
     InputError
         If it cannot be read, or does not tell its moves.
     """
-    path = run / RECORDING if run.is_dir() else run
+    path = recording_of(run)
     heard = _Heard()
     try:
         recording = open_recording(path)

@@ -16,6 +16,8 @@ RUNS = Path("runs")
 """Where run directories are made, unless the user says otherwise."""
 LATEST = "latest"
 """Link to the last of them."""
+RECORDING = "topics.mcap"
+"""Name of the recording in a run directory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,11 @@ def choose_run_dir(name: str, out: Path | None) -> RunDir:
     if out.is_dir() and any(out.iterdir()):
         raise InputError(f"--out {out}: is not empty; choose a new or an empty folder")
     return RunDir(out, linked=False)
+
+
+def recording_of(run: Path) -> Path:
+    """The recording in a run directory; a path that is no folder is the recording itself."""
+    return run / RECORDING if run.is_dir() else run
 
 
 def _free(path: Path) -> Path:

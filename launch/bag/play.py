@@ -14,11 +14,10 @@ from palpate.launch.launcher import launch
 from palpate.launch.located import InputError
 from palpate.launch.looking.ask import tell
 from palpate.launch.processes.register import running
+from palpate.launch.run_dir import recording_of
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.wiring import Wiring
 
-TOPICS = "topics.mcap"
-"""A run directory's recording."""
 NAME = "player"
 DONE, DIED, INTERRUPTED = 0, 3, 130
 
@@ -42,8 +41,7 @@ def read_remap(pairs: Sequence[str]) -> dict[str, str]:
 
 def player_entry(bag: Path, params: Mapping[str, Any], remap: Mapping[str, str]) -> Entry:
     """The player of a recording, given as a file or as the run directory that holds it."""
-    path = bag / TOPICS if bag.is_dir() else bag
-    return Entry(name=NAME, params={"path": str(path), **params}, remap=remap)
+    return Entry(name=NAME, params={"path": str(recording_of(bag)), **params}, remap=remap)
 
 
 def play(entry: Entry, *, quiet: bool) -> int:

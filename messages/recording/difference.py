@@ -52,9 +52,9 @@ def _difference(one: Any, other: Any) -> tuple[str, str, str] | None:
     if isinstance(one, dict) and one.keys() == other.keys():
         entries = ((f"[{key!r}]", one[key], other[key]) for key in one)
         different = (entry for entry in entries if repr(entry[1]) != repr(entry[2]))
-        return next(((at, _short(a), _short(b)) for at, a, b in different), None)
+        return next(((at, short(a), short(b)) for at, a, b in different), None)
     if not isinstance(one, np.ndarray):
-        return None if repr(one) == repr(other) else ("", _short(one), _short(other))
+        return None if repr(one) == repr(other) else ("", short(one), short(other))
     if one.shape != other.shape:
         return ".shape", str(one.shape), str(other.shape)
     if one.tobytes() == other.tobytes():
@@ -65,9 +65,10 @@ def _difference(one: Any, other: Any) -> tuple[str, str, str] | None:
     first = int((bits[0] != bits[1]).any(axis=1).argmax())
     place = np.unravel_index(first, one.shape)
     at = "[" + ", ".join(str(int(i)) for i in place) + "]"
-    return at, _short(one[place].item()), _short(other[place].item())
+    return at, short(one[place].item()), short(other[place].item())
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
+    """A value as it is written, cut off after `LONGEST` characters."""
     text = repr(value)
     return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
+from palpate.launch.bag_diff import compare
 from palpate.launch.display import Silence
 from palpate.launch.launch_file import EXPLORE, describe
 from palpate.launch.located import Located
-from palpate.launch.replay import replay
+from palpate.launch.replay.again import replay
 from palpate.launch.run import Plan, perform, plan_run
 from palpate.messages.codec import decode, encode
 from palpate.messages.recording.reader import open_recording
@@ -173,6 +174,7 @@ def test_separate_processes_say_the_same_to_the_last_byte(
     composed: tuple[Path, Bodies], tmp_path: Path
 ) -> None:
     assert explored(tmp_path / "run", composed=False) == composed[1]
+    assert compare(composed[0], tmp_path / "run").first == ""
     assert replay(tmp_path / "run" / "topics.mcap", NODES, lambda line: None) == 0
 
 

@@ -12,6 +12,7 @@ command = Verbs(
         "pause": "Have a player stand still.",
         "resume": "Have a player go on.",
         "step": "Have a player that stands still say the next message.",
+        "diff": "Name the first message in which two recordings differ.",
     },
     "Look into recordings, recover, compare, export and play them.",
 )

@@ -9,7 +9,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from palpate.launch.replay import replay
+from palpate.launch.override import read_settings
+from palpate.launch.replay.again import replay
 from palpate.messages.codec import encode, schema_hash
 from palpate.messages.header import Header
 from palpate.messages.recording.writer import RecordingWriter
@@ -63,6 +64,8 @@ INPUTS = (
 )
 TYPES = {"/world": "World", "/number": "LogRecord", "/sum": "LogRecord"}
 
+THREE = read_settings(["adder.factor=3"])
+
 GOOD: list[Message] = [
     ("/sum", 0, log(2.0, "start")),
     ("/number", 0, log(1.0)),  # heard before the world, on which the adder waits
@@ -102,6 +105,7 @@ def record(tmp_path: Path, wiring: Wiring) -> Record:
     def write(messages: list[Message], *, graph: bytes | None = None, schema: int = 0) -> Path:
         path = tmp_path / "topics.mcap"
         about = {"graph": (describe_wirings([wiring]) if graph is None else graph).decode()}
+        path.unlink(missing_ok=True)
         writer = RecordingWriter(path, TYPES, {}, about)
         for topic, seq, message in messages:
             number = schema or schema_hash(type(message))
@@ -151,10 +155,11 @@ def test_the_first_difference_is_shown(messages: list[Message], line: str, recor
 
     code = replay(record(messages), ["adder"], lines.append)
 
-    assert (code, lines) == (1, [line])
+    assert (code, lines[0]) == (1, line)
+    assert lines[1].split()[:4] == ["topic", "field", "compared", "differ"]
 
 
-def test_a_node_that_raises_now_is_a_difference(
+def test_a_node_that_raises_now_has_failed_whatever_was_set(
     record: Record, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(params: Params, state: float, message: LogRecord) -> tuple[float, Outputs]:
@@ -168,7 +173,33 @@ def test_a_node_that_raises_now_is_a_difference(
     code = replay(record(GOOD), ["adder"], lines.append)
 
     assert code == 1
-    assert lines == ["adder: differs, ZeroDivisionError at /number 0: the step is 0"]
+    where = "handling /number 0 from source"
+    assert lines[0] == f"adder: fails, ZeroDivisionError {where}: the step is 0"
+    assert replay(record(GOOD), ["adder"], lines.append, settings=THREE) == 1
+
+
+def test_with_another_parameter_the_table_is_what_was_asked_for(record: Record) -> None:
+    lines: Lines = []
+
+    code = replay(record(GOOD), ["adder"], lines.append, settings=THREE)
+
+    assert code == 0
+    assert lines == [
+        "adder: differs, /sum 0 robot_time: recorded 2.0, now 3.0",
+        "topic  field       compared  differ  first  largest   rms  unit",
+        "/sum   robot_time         3       3      0       15  10.8  s",  # by half of 2, 22 and 30
+    ]
+
+
+def test_the_folder_of_a_run_stands_for_its_recording(record: Record) -> None:
+    assert replay(record(GOOD).parent, ["adder"], lambda line: None) == 0
+
+
+def test_a_node_that_is_named_twice_runs_once(record: Record) -> None:
+    lines: Lines = []
+
+    assert replay(record(GOOD), ["adder", "adder"], lines.append) == 0
+    assert len(lines) == 1
 
 
 def test_finishing_is_not_compared(record: Record) -> None:
@@ -242,7 +273,7 @@ def test_a_recorder_cannot_be_replayed(record: Record) -> None:
         listeners={},
     )
 
-    with pytest.raises(ValueError, match="recorder is a sink: it says nothing"):
+    with pytest.raises(ValueError, match="recorder is no node that hears and says"):
         replay(record(GOOD, graph=describe_wirings([sink])), ["recorder"])
 
 
@@ -255,6 +286,18 @@ def test_a_module_that_is_not_there_is_named(record: Record, wiring: Wiring) -> 
     graph = describe_wirings([wiring]).replace(b'"adding"', b'"gone_away"')
 
     with pytest.raises(ValueError, match="no module 'gone_away'"):
+        replay(record(GOOD, graph=graph), ["adder"])
+
+
+@pytest.mark.parametrize(
+    ("then", "gone"), [('"local":"/number"', '"local":"/in"'), ('{"/sum":', '{"/in":')]
+)
+def test_a_node_that_has_other_topics_by_now_is_refused(
+    then: str, gone: str, record: Record, wiring: Wiring
+) -> None:
+    graph = describe_wirings([wiring]).decode().replace(then, gone).encode()
+
+    with pytest.raises(ValueError, match="adder is wired to /in, which it does not declare; it"):
         replay(record(GOOD, graph=graph), ["adder"])
 
 
