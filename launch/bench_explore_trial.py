@@ -141,10 +141,12 @@ def explore_scene(scene: Path, fingers: int = 1) -> Explored:
         name=scene.stem,
         out=scene.parent / "run",
     )
-    graph, ears = plan.described.graph, Ears()
-    hear = tuple(topic for topic, kind in graph.topics().items() if kind in HEARD)
+    ears = Ears()
+    said = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
+    names = {cls.__name__ for cls in HEARD}
+    hear = tuple(topic for topic, name in said.items() if name in names)
     began = time.perf_counter()
-    ending = run_composed(plan.wirings, ends=graph.ends, hear=hear, watcher=ears)
+    ending = run_composed(plan.wirings, ends=plan.ends, hear=hear, watcher=ears)
     return _explored(ending, ears, time.perf_counter() - began)
 
 

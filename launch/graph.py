@@ -14,7 +14,7 @@ from palpate.launch.nearest import hint
 from palpate.launch.own_types import check_own_types, own_schema
 from palpate.launch.placing import Placed, Publisher, is_left_out, place, publishers
 from palpate.messages.types import Truth
-from palpate.nodes.node import Node, Sink, Source
+from palpate.nodes.node import Node, Sink, Source, keeps
 from palpate.nodes.wiring import Input, Wiring
 
 __all__ = ["Entry", "Graph"]
@@ -65,7 +65,7 @@ class Graph:
                 nice=one.entry.nice,
                 on_exit=one.entry.on_exit,
                 longest=one.node.longest,
-                keeps=one.keeps,
+                keeps=keeps(one.node),
                 listeners={topic: _listeners(topic, inputs) for topic in one.outputs.values()},
             )
             for one in placed

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from palpate.launch.processes.before import Before
 from palpate.launch.processes.desk import Desk
 from palpate.launch.processes.folder import past_folder, place_of, private_folder
 from palpate.launch.processes.interrupts import Interrupts
@@ -31,6 +32,7 @@ def launch(
     run_dir: Path | None = None,
     work_dir: Path | None = None,
     depth: int = DEPTH,
+    before: Before | None = None,
 ) -> Ending:
     """Run a graph until it ends, and leave nothing behind.
 
@@ -52,6 +54,8 @@ def launch(
         Where the private folder of the sockets is made; by default where such folders belong.
     depth : int
         Most messages in a queue between two nodes.
+    before : Before, optional
+        An earlier run, with which this one goes on.
 
     Returns
     -------
@@ -77,6 +81,8 @@ def launch(
     ):
         place = place_of(folder, names, depth, past)
         with Desk(place, sources) as desk, Nursery() as nursery:
+            if before is not None:
+                before.lay(wirings, place)
             announce(folder, _card(wirings, place, name, ends, run_dir))
             supervisor = Supervisor(
                 _with_listeners(wirings, hear),
@@ -87,6 +93,7 @@ def launch(
                 desk=desk,
                 nursery=nursery,
                 interrupts=interrupts,
+                going=before is not None,
             )
             return supervisor.run(began)
 

@@ -12,7 +12,7 @@ from palpate.launch.entry import Entry
 from palpate.launch.kinds import node_of
 from palpate.launch.nearest import hint
 from palpate.messages.bus.place import LAUNCHER
-from palpate.nodes.node import AnyNode, Node, Sink, Source
+from palpate.nodes.node import AnyNode, Node, Sink
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _TOPIC = re.compile(r"(/[a-z][a-z0-9_]*)+")
@@ -30,13 +30,6 @@ class Placed:
     """What it says: the topic as the node calls it, to the message type."""
     outputs: Mapping[str, str]
     """The same topics, to the topic on the wire."""
-
-    @property
-    def keeps(self) -> bool:
-        """Whether what it says comes from the world, and could not be said again."""
-        if isinstance(self.node, Source):
-            return not self.node.repeats
-        return isinstance(self.node, Node) and self.node.acts
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,12 @@ from palpate.launch.export import export_model
 from palpate.launch.launch_file import Described, describe
 from palpate.launch.located import InputError, Located
 from palpate.launch.override import override
+from palpate.launch.processes.before import Before
 from palpate.launch.progress import GATHERED, Display, Gatherer
 from palpate.launch.resolved import resolved_text
 from palpate.launch.run_dir import RunDir, choose_run_dir
 from palpate.launch.summary import exit_code, summarise
-from palpate.launch.versions import versions
+from palpate.launch.versions import versions_text
 from palpate.messages.types import ShapeModel
 from palpate.nodes.ending import Ending
 from palpate.nodes.recording import with_description
@@ -30,14 +31,18 @@ class Plan:
 
     name: str
     """What tools call it."""
-    described: Described
-    """The graph and its scene."""
     wirings: tuple[Wiring, ...]
     """The nodes, wired."""
+    ends: str
+    """The node whose Finished ends the graph."""
+    about: Mapping[str, str]
+    """What it says of itself, text by name: launch file, scene, seed, versions."""
     folder: RunDir
     """Where the results will be."""
-    resolved: str
-    """The launch file with every reference and default filled in."""
+    described: Described | None = None
+    """What its launch file came to, if it comes from one."""
+    before: Before | None = None
+    """An earlier run, if it goes on with one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +101,9 @@ def plan_run(
     described = Described(graph, found.scene, found.args)
     wirings = graph.wirings()
     check_demand(graph, wirings)
-    resolved = resolved_text(graph, wirings)
-    told = with_description(wirings, _about(described, resolved))
-    return Plan(name, described, told, folder, resolved)
+    about = _about(described, resolved_text(graph, wirings))
+    told = with_description(wirings, about)
+    return Plan(name, told, graph.ends, about, folder, described)
 
 
 def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
@@ -118,11 +123,11 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     InputError
         If the run directory cannot be written.
     """
-    folder, scene = plan.folder, plan.described.scene
+    folder, about = plan.folder, plan.about
     folder.create()
-    if scene is not None:
-        folder.write_text("scene.yaml", scene.text)
-    folder.write_text("launch.yaml", plan.resolved)
+    if "scene" in about:
+        folder.write_text("scene.yaml", about["scene"])
+    folder.write_text("launch.yaml", about["launch"])
     with (folder.path / "log.jsonl").open("w", encoding="utf-8") as log:
         gatherer = Gatherer(len(plan.wirings), display, log)
         try:
@@ -130,17 +135,20 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
         finally:
             display.close()
     progress = gatherer.progress
-    summary = summarise(ending, progress, scene.name if scene else None, _seed(plan.described))
+    seed = int(about["seed"]) if "seed" in about else None
+    summary = summarise(ending, progress, about.get("scene_name"), seed)
     if progress.model is not None:
         export_model(progress.model, folder.path)
     folder.write_json("summary.json", summary)
-    code = exit_code(summary, rebuilds=ShapeModel in plan.described.graph.topics().values())
+    types = {name for wiring in plan.wirings for name in wiring.types.values()}
+    code = exit_code(summary, rebuilds=ShapeModel.__name__ in types)
     return Run(folder.path, ending, summary, progress.model, code)
 
 
 def _start(plan: Plan, gatherer: Gatherer, *, composed: bool) -> Ending:
-    graph = plan.described.graph
-    ends, hear = graph.ends, tuple(t for t, said in graph.topics().items() if said in GATHERED)
+    said = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
+    gathered = {cls.__name__ for cls in GATHERED}
+    ends, hear = plan.ends, tuple(topic for topic, name in said.items() if name in gathered)
     if composed:
         from palpate.launch.processes.interrupts import as_ctrl_c
         from palpate.nodes.composed import run_composed
@@ -157,6 +165,7 @@ def _start(plan: Plan, gatherer: Gatherer, *, composed: bool) -> Ending:
             watcher=gatherer,
             name=plan.name,
             run_dir=plan.folder.path,
+            before=plan.before,
         )
     except ValueError as error:
         raise InputError(str(error)) from None
@@ -164,7 +173,7 @@ def _start(plan: Plan, gatherer: Gatherer, *, composed: bool) -> Ending:
 
 def _about(described: Described, resolved: str) -> dict[str, str]:
     """What a recording says of its run, beside the graph."""
-    about = {"launch": resolved, "versions": " ".join(f"{k} {v}" for k, v in versions().items())}
+    about = {"launch": resolved, "versions": versions_text(), "ends": described.graph.ends}
     if described.scene is not None:
         about |= {"scene": described.scene.text, "scene_name": described.scene.name}
     seed = _seed(described)

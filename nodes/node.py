@@ -132,3 +132,10 @@ class Sink:
 
 
 AnyNode = Node | Source | Sink
+
+
+def keeps(node: AnyNode) -> bool:
+    """Whether what a node says comes from the world, and could not be said again."""
+    if isinstance(node, Source):
+        return not node.repeats
+    return isinstance(node, Node) and node.acts

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from palpate.nodes.wiring import Input, Wiring
+from palpate.nodes.wiring import Input, OnExit, Wiring
 
 RECORDER = "palpate.nodes.recorder"
 
@@ -25,6 +25,8 @@ class Recorded(msgspec.Struct, frozen=True, kw_only=True):
     """The topic as the node calls it, to the topic on the wire."""
     types: dict[str, str] = {}
     """The topic on the wire to the name of its message type."""
+    nice: int = 0
+    on_exit: OnExit = "restart"
 
     def wiring(self, params: type) -> Wiring:
         """The node's wiring, given the type of its parameters.
@@ -47,6 +49,9 @@ class Recorded(msgspec.Struct, frozen=True, kw_only=True):
             inputs=self.inputs,
             outputs=self.outputs,
             listeners={},
+            types=self.types,
+            nice=self.nice,
+            on_exit=self.on_exit,
         )
 
 
@@ -61,6 +66,8 @@ def describe_wirings(wirings: Sequence[Wiring]) -> bytes:
                 "inputs": one.inputs,
                 "outputs": one.outputs,
                 "types": one.types,
+                "nice": one.nice,
+                "on_exit": one.on_exit,
             }
             for one in wirings
         ]

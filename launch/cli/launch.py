@@ -35,7 +35,7 @@ def command(
     path = find_launch_file(file)
     args, given = read_arguments(arguments), read_settings(settings)
     plan = plan_run(path, args, given, name=path.stem, out=out)
-    if only_print:
+    if only_print and plan.described is not None:
         click.echo(f"launch file {path}\n{plan.described.graph.table()}")
         return 0
     return play(plan, composed=composed, as_json=as_json, quiet=quiet)

@@ -31,7 +31,7 @@ def check(scene: str) -> None:
 
     path = find_scene(scene)
     plan = plan_run(EXPLORE, {"scene": Located(str(path), "")}, {}, name=path.stem)
-    assert plan.described.scene is not None
+    assert plan.described is not None and plan.described.scene is not None
     size = " x ".join(f"{1000.0 * side:.1f}" for side in object_size(plan.described.scene))
     click.echo(f"{path}: can be explored; the object measures {size} mm")
     click.echo(simulated(plan.described.scene.spec))

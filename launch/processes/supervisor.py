@@ -53,6 +53,8 @@ class Supervisor:
         Is told what happens.
     place, desk, nursery, interrupts
         The addresses, the sockets, the processes and the wish to end.
+    going : bool
+        Whether the nodes go on with what they did in an earlier run, and wait for nobody.
     """
 
     def __init__(
@@ -66,6 +68,7 @@ class Supervisor:
         desk: Desk,
         nursery: Nursery,
         interrupts: Interrupts,
+        going: bool = False,
     ) -> None:
         self._wirings, self._ends = wirings, ends
         self._watcher, self._desk = watcher, desk
@@ -78,7 +81,7 @@ class Supervisor:
         self._ward = Ward(wirings, place, nursery, desk)
         self._reception = Reception(desk.tools, desk.line, self._ward, self._roll)
         self._finished: str | None = None
-        self._going = self._stopping = False
+        self._going, self._stopping = going, False
         self._next_tick = 0.0
 
     def run(self, began: float) -> Ending:
@@ -112,7 +115,7 @@ class Supervisor:
             if self._interrupts.came:
                 return self._interrupted()
             try:
-                self._ward.bear(wiring.name)
+                self._ward.bear(wiring.name, going=self._going)
             except ChildProcessError as error:
                 return Verdict("died", str(error))
         return None

@@ -1,0 +1,123 @@
+"""Explorations that go on from their recording, or go on though nodes are killed."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.launch.bag_diff import compare
+from palpate.launch.display import Silence
+from palpate.launch.located import Located
+from palpate.launch.replay.resume import plan_resume
+from palpate.launch.replay.same import other_past
+from palpate.launch.run import perform, plan_run
+from palpate.messages.bus.journal import Consumed
+from palpate.messages.recording.reader import open_recording
+from tests.graph.test_restarts import Harm
+
+pytestmark = pytest.mark.graph
+
+TOYS = Path(__file__).parent / "toys"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _toys() -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(TOYS.parent))
+        yield
+
+
+def explored(out: Path, fingers: int, *, composed: bool) -> Path:
+    args = {"fingers": Located(fingers, "fingers")}
+    plan = plan_run(TOYS / "fingers.yaml", args, {}, name="fingers", out=out)
+    run = perform(plan, composed=composed, display=Silence())
+    assert run.ending.status == "finished", run.ending.reason
+    return out
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return explored(tmp_path_factory.mktemp("one") / "run", 1, composed=True)
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return explored(tmp_path_factory.mktemp("three") / "run", 3, composed=True)
+
+
+def gone_on(bag: Path, contour: int | None, out: Path) -> Path:
+    plan = plan_resume(bag, contour, nodes=("planner",), out=out)
+    assert plan.before is not None
+    run = perform(plan, composed=False, display=Silence())
+    assert (run.ending.status, run.ending.gaps) == ("finished", 0), run.ending.reason
+    return out
+
+
+def identical(a: Path, b: Path) -> bool:
+    return all(one.identical for one in compare(a, b).topics.values())
+
+
+@pytest.mark.parametrize("contour", [1, 4])
+def test_a_finger_goes_on_from_any_contour_to_the_same_end(
+    contour: int, alone: Path, tmp_path: Path
+) -> None:
+    again = gone_on(alone, contour, tmp_path / "again")
+    assert identical(alone, again)
+    assert other_past(alone, again) == ""
+
+
+def test_three_fingers_go_on_to_the_same_end(three: Path, tmp_path: Path) -> None:
+    assert identical(three, gone_on(three, 2, tmp_path / "again"))
+
+
+def test_a_recording_that_was_never_closed_is_gone_on_with(three: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "topics.mcap"
+    cut.write_bytes(whole_records((three / "topics.mcap").read_bytes()))
+    assert not open_recording(cut).closed
+    assert identical(three, gone_on(cut, None, tmp_path / "again"))
+
+
+def whole_records(data: bytes) -> bytes:
+    """The beginning of a recording, up to the end of a record past its middle."""
+    place = 8
+    while place < len(data) // 2:
+        place += 9 + int.from_bytes(data[place + 1 : place + 9], "little")
+    return data[:place]
+
+
+def test_only_what_was_sent_before_the_contour_is_known(alone: Path, tmp_path: Path) -> None:
+    plan = plan_resume(alone, 2, nodes=("planner",), out=tmp_path / "again")
+    assert plan.before is not None
+    traced = [one for one in plan.before.consumed["planner"] if one.topic == "/contour/traced"]
+    assert traced == [Consumed("tracer", "/contour/traced", seq) for seq in range(2)]
+    assert "recorder" not in plan.before.consumed
+    assert not (tmp_path / "again").exists()
+
+
+def test_more_contours_than_there_are_are_refused(alone: Path, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="has 5 contours, so none to go on from after 9"):
+        plan_resume(alone, 9, nodes=("planner",), out=tmp_path / "again")
+
+
+def test_a_module_that_is_not_ours_must_be_named(alone: Path, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"wants module 'toys.palpate_toy_heights' for"):
+        plan_resume(alone, None, out=tmp_path / "again")
+
+
+def test_another_past_is_told(alone: Path, three: Path) -> None:
+    assert "/world (1 of 1)" in other_past(alone, three)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_three_fingers_whose_nodes_are_killed_come_to_the_same_end(
+    seed: int, three: Path, tmp_path: Path
+) -> None:
+    names = [["tracer_2", "simulator_1", "planner"], ["curvature_3", "filter_2", "recorder"]]
+    harm = Harm(names[seed - 1], signal.SIGKILL, seed)
+    harm.start()
+    killed = explored(tmp_path / "killed", 3, composed=False)
+    assert harm.when
+    assert identical(three, killed)
