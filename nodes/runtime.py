@@ -115,6 +115,7 @@ class Loop:
         self._name, self._station = name, station
         self._going, self._ended = going, False
         self._joined: bool | None = None
+        self._state = "starting"
         self._next_beat = 0.0
 
     def end(self) -> None:
@@ -130,7 +131,9 @@ class Loop:
         """Turn until the launcher says stop, or the process is asked to end."""
         station = self._station
         if self._going:
+            self._state = "rebuilding"
             self._go_on(work)
+            self._state, self._next_beat = "running", 0.0
         while not self._ended:
             heard, told = station.wait(self._patience(work))
             if told:
@@ -226,7 +229,7 @@ class Loop:
         line = self._station.line
         while (word := line.receive()) is not None:
             if word["kind"] == "go" and not self._going:
-                self._going = True
+                self._going, self._state = True, "running"
                 # What was imported stays; looking through it again would hold up messages.
                 gc.freeze()
                 self._publish(work.begin())
@@ -258,7 +261,7 @@ class Loop:
             return
         self._next_beat = time.monotonic() + BEAT
         self._station.tap.refresh()
-        self._station.tap.say(self._status("running" if self._going else "starting"))
+        self._station.tap.say(self._status(self._state))
         self._station.line.send("alive")
 
     def _status(self, state: str) -> NodeStatus:

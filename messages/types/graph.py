@@ -14,8 +14,8 @@ class NodeStatus:
 
     node: str
     """Name of the node."""
-    state: Literal["starting", "running", "ending"]
-    """What the node is doing."""
+    state: Literal["starting", "rebuilding", "running", "ending"]
+    """What the node is doing; rebuilding after it was started again."""
     messages: Count
     """Messages handled so far."""
     sent: Count
