@@ -9,6 +9,8 @@ from mcap.records import Channel, Metadata, Schema
 
 MOST_ENTRIES = 4096
 """Of one table of texts: each costs a hundred times the bytes that it may take in a file."""
+LONGEST_NAME = 256
+"""Characters of a topic or a type."""
 
 _U16 = struct.Struct("<H")
 _U32 = struct.Struct("<I")
@@ -65,6 +67,13 @@ class Content:
         except UnicodeDecodeError:
             raise Fault("is damaged: a text is not Unicode") from None
 
+    def name(self) -> str:
+        """The next text, which can be shown to people."""
+        name = self.text()
+        if len(name) > LONGEST_NAME or not name.isprintable():
+            raise Fault(f"is damaged: {name[:20]!r}... is no name")
+        return name
+
     def table(self) -> dict[str, str]:
         """The next table of texts."""
         part, entries = Content(self.block()), 0
@@ -82,7 +91,7 @@ def schema_of(content: memoryview) -> Schema:
     """The schema that a record declares."""
     parts = Content(content)
     (number,) = parts.numbers(_U16)
-    name, encoding = parts.text(), parts.text()
+    name, encoding = parts.name(), parts.name()
     return Schema(id=number, name=name, encoding=encoding, data=bytes(parts.block()))
 
 
@@ -90,7 +99,7 @@ def channel_of(content: memoryview) -> Channel:
     """The channel that a record declares."""
     parts = Content(content)
     number, schema_id = parts.numbers(_IDS)
-    topic, encoding = parts.text(), parts.text()
+    topic, encoding = parts.name(), parts.name()
     return Channel(
         id=number,
         topic=topic,
@@ -110,7 +119,7 @@ def chunk_of(content: bytes) -> Packed:
     """The chunk of a record, still packed."""
     parts = Content(content)
     _, _, size, checksum = parts.numbers(_CHUNK)
-    return Packed(size, checksum, parts.text(), parts.block(_U64))
+    return Packed(size, checksum, parts.name(), parts.block(_U64))
 
 
 def checksum_of(content: bytes) -> int:
