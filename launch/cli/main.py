@@ -29,6 +29,7 @@ command = Verbs(
         "run": "Explore a scene and rebuild its object.",
         "launch": "Start the graph of a launch file.",
         "replay": "Run nodes on a recording and compare what they say.",
+        "bag": "Look into recordings, recover them, and hand them on.",
         "scene": "List and check scenes.",
         "node": "List the kinds of node and what they hear and say.",
         "init": "Begin an effect or a planner of your own.",

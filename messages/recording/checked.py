@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
-from mcap.records import Channel, Message, Schema
+from mcap.records import Channel, Message, Metadata, Schema
 
-from palpate.messages.recording.framing import Damaged
-from palpate.messages.recording.parts import Found, records_of
+from palpate.messages.recording.framing import Closed, Damaged
+from palpate.messages.recording.parts import Found, parts_of, records_of
+from palpate.messages.recording.writer import ABOUT
+
+NOT_OURS = "was not written by palpate, or ends before it began"
 
 
 def checked_records(path: Path) -> Iterator[Found]:
@@ -20,12 +24,15 @@ def checked_records(path: Path) -> Iterator[Found]:
         If a part cannot be read any further, was not written by palpate, or does not begin where
         those before it end.
     """
+    ours = False
     schemas: set[tuple[Path, int]] = set()
     topics: dict[tuple[Path, int], str] = {}
     counts: dict[str, int] = {}
     for found in records_of(path):
         part, byte, record = found
         if isinstance(record, Message):
+            if not ours:
+                raise Damaged(part, NOT_OURS, byte)
             topic = topics[part, record.channel_id]
             had = counts.get(topic, 0)
             if part != path and record.sequence != had:
@@ -39,7 +46,21 @@ def checked_records(path: Path) -> Iterator[Found]:
             if why:
                 raise Damaged(part, why, byte)
             topics[part, record.id] = record.topic
+        elif isinstance(record, Metadata):
+            ours = ours or record.name == ABOUT
         yield found
+
+
+class End(NamedTuple):
+    """Where the records of a recording end."""
+
+    part: Path
+    """The file in which they end."""
+    byte: int
+    """So many bytes of it are whole."""
+    why: str
+    """Why they end there, as the rest of a sentence that begins with the file; empty if the
+    recording was closed."""
 
 
 class Prefix:
@@ -47,16 +68,23 @@ class Prefix:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.fault: Damaged | None = None
-        """Why there are no more records, once they have been gone through; None if there is no
-        reason."""
+        self.end = End(path, 0, "was not read")
+        """Where they end, once they have been gone through."""
+        self.closed: set[Path] = set()
+        """The parts that were closed, of those that have been gone through."""
 
     def __iter__(self) -> Iterator[Found]:
-        self.fault = None
         try:
-            yield from checked_records(self._path)
+            for found in checked_records(self._path):
+                if isinstance(found.record, Closed):
+                    self.closed.add(found.part)
+                yield found
         except Damaged as error:
-            self.fault = error
+            self.end = End(error.path, error.byte, error.why)
+            return
+        last = parts_of(self._path)[-1]
+        why = "" if last in self.closed else "was never closed"
+        self.end = End(last, last.stat().st_size, why)
 
 
 def _fault(channel: Channel, has_schema: bool) -> str:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from mcap.records import Channel, Message, Metadata, Schema
 
-from palpate.messages.recording.checked import checked_records
+from palpate.messages.recording.checked import NOT_OURS, checked_records
 from palpate.messages.recording.framing import Closed
 from palpate.messages.recording.writer import ABOUT
 
@@ -85,7 +85,7 @@ def open_recording(path: Path) -> Recording:
             about = record.metadata
         closed = isinstance(record, Closed)
     if about is None:
-        raise ValueError(f"recording {path} was not written by palpate, or ends before it began")
+        raise ValueError(f"recording {path} {NOT_OURS}")
     return Recording(
         path=path,
         version=about.get("version", ""),

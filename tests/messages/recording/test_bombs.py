@@ -116,7 +116,10 @@ def bombs() -> dict[str, tuple[bytes, str]]:
         "beyond file": (struct.pack("<BQ", Opcode.CHUNK, 200 * MEBIBYTE), "is cut off at byte 17"),
         "too long": (struct.pack("<BQ", Opcode.METADATA, 1 << 30), "a record of 1073741824 bytes"),
         "entries": (table(500_000), "a table of more than 4096 entries"),
-        "names": (packed(declared([WORLD, *names])), f"channels of more than {DECLARED_BYTES} bytes"),
+        "names": (
+            packed(declared([WORLD, *names])),
+            f"channels of more than {DECLARED_BYTES} bytes",
+        ),
         "zeros": (bytes(10_000), "no record of kind 0 has 0 bytes"),
         "bare message": (SMALLEST, "has a message outside of its chunks"),
         "twice": (
