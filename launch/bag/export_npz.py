@@ -21,11 +21,11 @@ def write_npz(source: Source, path: Path) -> int:
 
     Notes
     -----
-    Arrays are called ``touch_raw.pose``; ``touch_raw.seq`` and ``touch_raw.sent_s`` (since the
-    first message of the recording) are beside them. Where they differ in length they are joined, and
-    ``touch_raw.array.lengths`` says how long each was; where they differ in other axes too they are
-    flattened and joined, and ``.shapes`` says their shapes. Of a table each name is an array of its
-    own. What is missing is NaN.
+    Arrays are called ``touch_raw.pose``; beside them are ``touch_raw.seq``, and
+    ``touch_raw.sent_s`` since the first message of the recording. Where messages differ in length
+    they are joined, and ``touch_raw.array.lengths`` says how long each was; where they differ in
+    other axes too they are flattened and joined, and ``.shapes`` says their shapes. Of a table each
+    name is an array of its own. What is missing is NaN.
     """
     count = 0
     names = stems(source.topics)

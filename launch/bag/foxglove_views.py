@@ -61,8 +61,9 @@ class Views:
                 return [_INSTEAD[type(said.message)](said)]
             case Contour():
                 return [_contour(said)]
-            case SurfacePatch(mask=mask) if self._sensor is not None:
-                fits = mask.shape == (self._sensor.rows, self._sensor.cols)
+            case SurfacePatch() as patch if self._sensor is not None:
+                grid = (self._sensor.rows, self._sensor.cols)
+                fits = patch.mask.shape == patch.height.shape == grid
                 return [_patch(said, self._sensor)] if fits else []
             case TactileFrame():
                 return _finger(said)
