@@ -47,7 +47,7 @@ def test_help_lists_the_verbs_without_importing_one() -> None:
     )
 
     *text, modules = done.stdout.splitlines()
-    for verb in ("run", "launch", "replay", "scene", "node", "bench"):
+    for verb in ("run", "launch", "replay", "bag", "scene", "node", "bench"):
         assert any(line.startswith(f"  {verb} ") for line in text)
     assert not {"numpy", "msgspec", "rich", "palpate.launch.cli.run"} & set(modules.split())
 
@@ -76,6 +76,11 @@ def test_the_version_is_said(capsys: Output) -> None:
         (["replay", "x.mcap"], "recording x.mcap cannot be read: No such file or directory"),
         (["scene", "check", "none.yaml"], "none.yaml: the scene does not exist"),
         (["node", "info", "plannet"], "there is no kind of node 'plannet'; did you mean 'planner'"),
+        (["bag", "inof", "x.mcap"], "there is no verb 'inof'; did you mean 'info'?"),
+        (["bag", "info", "x.mcap"], "x.mcap: the recording does not exist"),
+        (["bag", "recover", "x.mcap"], "x.mcap: the recording does not exist"),
+        (["bag", "export", "x.mcap", "-o", "y"], "Missing option '--format'"),
+        (["bag", "export", "x.mcap", "-o", "y", "--format", "csv"], "x.mcap: the recording does"),
         (["bench", "bux"], "'bux' is not one of"),
         (
             ["bench", "touch", "--figures", "x"],

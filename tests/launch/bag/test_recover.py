@@ -3,6 +3,7 @@ from __future__ import annotations
 import errno
 import os
 import random
+import re
 import struct
 import zlib
 from collections import Counter
@@ -21,6 +22,7 @@ from mcap.writer import CompressionType, Writer
 
 from palpate import __version__
 from palpate.launch.bag.recover import recover, recovered_text
+from palpate.launch.cli import main as cli
 from palpate.launch.located import InputError
 from palpate.messages.recording.checked import Prefix
 from palpate.messages.recording.copy import RecordingCopy
@@ -264,6 +266,26 @@ def test_a_copy_that_is_not_what_was_written_is_not_believed(
 
     with pytest.raises(ValueError, match="does not hold what was written to it"):
         copy.check()
+
+
+def test_the_exit_code_says_whether_anything_was_recovered(
+    record: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = record(MESSAGES), tmp_path / "new.mcap"
+    path.write_bytes(path.read_bytes()[:6000])
+    assert cli.run(["bag", "recover", str(path), "-o", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert re.fullmatch(
+        rf"{out}: \d+ messages on 2 topics; that is up to byte \d+ of topics.mcap, "
+        r"which is cut off at byte 6000\n",
+        said,
+    )
+
+    path.write_bytes(b"")
+    assert cli.run(["bag", "recover", str(path)]) == 2
+    assert capsys.readouterr().err == (
+        f"palpate: {path}: nothing can be recovered: no message comes before its end: it is empty\n"
+    )
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
