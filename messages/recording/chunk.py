@@ -23,8 +23,8 @@ FEW_BYTES = 12 << 20
 """To which any chunk may unpack, be it all zeros: it holds 64 kB of messages and one more, which is
 at most 1 MiB for most types."""
 LARGE_RATIO = 8
-"""Of a larger chunk, unpacked to packed. What is larger is a mesh: lz4 packs those of CAD programs
-to two fifths, others to two thirds."""
+"""Of a larger chunk, unpacked to packed. What is larger is a mesh, and even flat grids
+are packed by lz4 to two fifths only."""
 LZ4_RATIO = 255
 """No byte packed by lz4 becomes more."""
 LEAST_PACKED = 3

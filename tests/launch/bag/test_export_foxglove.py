@@ -3,7 +3,8 @@ from __future__ import annotations
 import base64
 import json
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -223,3 +224,16 @@ def test_a_patch_has_its_size_though_the_sensor_is_not_exported(explored: Path) 
     found = export(explored, ["/touch/patch"])
 
     assert found.keys() == {"/touch/patch", "/touch/patch/points"}
+
+
+@pytest.mark.parametrize("field", ["mask", "height"])
+def test_a_patch_that_is_not_of_the_sensor_is_no_cloud(
+    record: Callable[..., Path], sensor: SensorInfo, patch: SurfacePatch, field: str
+) -> None:
+    other = replace(patch, **{field: np.zeros((3, 3), getattr(patch, field).dtype)})
+
+    found = export(
+        record([("/touch/patch", patch), ("/touch/info", sensor), ("/touch/patch", other)])
+    )
+
+    assert found.keys() == {"/touch/patch", "/touch/info"}

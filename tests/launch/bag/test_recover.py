@@ -24,11 +24,14 @@ from palpate import __version__
 from palpate.launch.bag.recover import recover, recovered_text
 from palpate.launch.cli import main as cli
 from palpate.launch.located import InputError
+from palpate.messages.codec import schema_hash
+from palpate.messages.header import Header
 from palpate.messages.recording.checked import Prefix
 from palpate.messages.recording.copy import RecordingCopy
 from palpate.messages.recording.parts import part_path
 from palpate.messages.recording.reader import Kept, open_recording
 from palpate.messages.recording.whole_file import WholeFile
+from palpate.messages.recording.writer import RecordingWriter
 from palpate.messages.types import LogRecord, World
 
 Record = Callable[..., Path]
@@ -199,6 +202,22 @@ def test_parts_become_one_file_with_every_message_once(record: Record, tmp_path:
     )
 
 
+def test_log_times_never_go_back_from_part_to_part(tmp_path: Path) -> None:
+    path = tmp_path / "topics.mcap"
+    for number, seq, sent in ((0, 0, 50), (1, 1, 40), (1, 2, 60)):
+        part = part_path(path, number)
+        if not part.exists():
+            writer = RecordingWriter(part, {"/world": "World"}, {}, {})
+        writer.write("/world", Header(1, 0, seq, sent, 0.0, schema_hash(World)), b"\x80")
+        if seq != 1:
+            writer.close()
+
+    with recover(path).path.open("rb") as file:
+        found = [message for _, _, message in make_reader(file).iter_messages()]
+    assert [one.log_time for one in found] == [50, 50, 60]
+    assert [one.publish_time for one in found] == [50, 40, 60]
+
+
 def test_parts_between_which_messages_are_missing_are_recovered_up_to_there(
     record: Record,
 ) -> None:
@@ -295,14 +314,24 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
         recover(tmp_path)
 
 
-def test_a_recording_of_others_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("encoding", "told", "words"),
+    [
+        ("ros1", {}, "it was not written by palpate: /chatter lacks its run"),
+        ("msgpack", {"run": "0", "epoch": "0", "schema_hash": "0"}, "ends before it began"),
+    ],
+)
+def test_a_recording_of_others_is_refused(
+    tmp_path: Path, encoding: str, told: dict[str, str], words: str
+) -> None:
     path = tmp_path / "theirs.mcap"
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.LZ4)
         writer.start()
-        channel = writer.register_channel("/chatter", "ros1", 0)
+        schema = writer.register_schema("Chatter", "jsonschema", b"{}")
+        channel = writer.register_channel("/chatter", encoding, schema, told)
         writer.add_message(channel, 0, b"hello", 0)
         writer.finish()  # type: ignore[no-untyped-call]
 
-    with pytest.raises(InputError, match="it was not written by palpate: /chatter lacks its run"):
+    with pytest.raises(InputError, match=words):
         recover(path)
