@@ -12,8 +12,8 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.robot_time import Moves
+from palpate.launch.bag.bag_file import find_bag
 from palpate.launch.located import InputError
-from palpate.launch.run_dir import recording_of
 from palpate.messages.codec import decode
 from palpate.messages.fields import CodecError
 from palpate.messages.recording.reader import Recording, open_recording
@@ -114,7 +114,7 @@ def read_moves(run: Path) -> RunMoves:
     InputError
         If it cannot be read, or does not tell its moves.
     """
-    path = recording_of(run)
+    path = find_bag(run)
     heard = _Heard()
     try:
         recording = open_recording(path)

@@ -87,11 +87,6 @@ def choose_run_dir(name: str, out: Path | None) -> RunDir:
     return RunDir(out, linked=False)
 
 
-def recording_of(run: Path) -> Path:
-    """The recording in a run directory; a path that is no folder is the recording itself."""
-    return run / RECORDING if run.is_dir() else run
-
-
 def _free(path: Path) -> Path:
     """The path, or the first one numbered after it that is free: two runs may share a second."""
     number, free = 1, path

@@ -28,6 +28,7 @@ ALLOWED = {
     "palpate.nodes": NODES,
     "palpate.nodes.composed": NODES | {"threadpoolctl"},
     "palpate.launch": LAUNCH,
+    "palpate.launch.bag": LAUNCH | {"mcap"},
     "palpate.launch.replay": LAUNCH | {"threadpoolctl"},
     "palpate.launch.one_thread": LAUNCH | {"threadpoolctl"},
     "palpate.launch.launcher": LAUNCH | {"zmq"},

@@ -1,1 +1,1 @@
-"""What can be done with recordings: look into them, recover, compare, export and play them."""
+"""Recordings: what they hold, what can be saved of them, other formats, and how they are played."""

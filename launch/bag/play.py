@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from palpate.launch.bag.bag_file import find_bag
 from palpate.launch.bag.keys import RIGHT, SPACE, Keys
 from palpate.launch.entry import Entry
 from palpate.launch.graph import Graph
@@ -14,7 +15,6 @@ from palpate.launch.launcher import launch
 from palpate.launch.located import InputError
 from palpate.launch.looking.ask import tell
 from palpate.launch.processes.register import running
-from palpate.launch.run_dir import recording_of
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.wiring import Wiring
 
@@ -41,7 +41,7 @@ def read_remap(pairs: Sequence[str]) -> dict[str, str]:
 
 def player_entry(bag: Path, params: Mapping[str, Any], remap: Mapping[str, str]) -> Entry:
     """The player of a recording, given as a file or as the run directory that holds it."""
-    return Entry(name=NAME, params={"path": str(recording_of(bag)), **params}, remap=remap)
+    return Entry(name=NAME, params={"path": str(find_bag(bag)), **params}, remap=remap)
 
 
 def play(entry: Entry, *, quiet: bool) -> int:

@@ -28,9 +28,9 @@ command = Verbs(
     {
         "run": "Explore a scene and rebuild its object.",
         "launch": "Start the graph of a launch file.",
-        "bag": "Look into recordings, recover, compare, export and play them.",
         "topic": "Speak on a topic of a running graph.",
         "replay": "Run nodes on a recording and compare what they say.",
+        "bag": "Look into recordings, play, recover and compare them, and hand them on.",
         "scene": "List and check scenes.",
         "node": "List the kinds of node and what they hear and say.",
         "init": "Begin a node, a driver, an effect or a planner of your own.",

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from palpate.launch.bag.bag_file import find_bag
 from palpate.launch.located import Located
 from palpate.launch.replay.chosen import choose
 from palpate.launch.replay.exchange import Exchange
@@ -18,7 +19,6 @@ from palpate.launch.replay.order import in_order_of_sending
 from palpate.launch.replay.player import Player
 from palpate.launch.replay.settings import lay_over
 from palpate.launch.replay.text import shortage_text, table, verdict
-from palpate.launch.run_dir import recording_of
 from palpate.messages.recording.reader import Kept, Recording, open_recording
 
 
@@ -59,7 +59,7 @@ def replay(
     InputError
         If a setting cannot be used.
     """
-    recording = open_recording(recording_of(bag))
+    recording = open_recording(find_bag(bag))
     chosen = lay_over(choose(recording, nodes), recording.graph, settings or {})
     players = [Player(one) for one in chosen]
     if not recording.closed:

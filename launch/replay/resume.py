@@ -12,12 +12,13 @@ from pathlib import Path
 
 import msgspec
 
+from palpate.launch.bag.bag_file import find_bag
 from palpate.launch.own_modules import look_here
 from palpate.launch.processes.before import Before, Spoken
 from palpate.launch.replay.chosen import OURS
 from palpate.launch.replay.order import in_order_of_sending
 from palpate.launch.run import Plan
-from palpate.launch.run_dir import RECORDING, choose_run_dir, recording_of
+from palpate.launch.run_dir import RECORDING, choose_run_dir
 from palpate.launch.versions import versions_text
 from palpate.messages.bus.journal import Consumed
 from palpate.messages.recording.reader import Kept, Recording, open_recording
@@ -53,7 +54,7 @@ def plan_resume(
     InputError
         If the folder cannot be used.
     """
-    recording = open_recording(recording_of(bag))
+    recording = open_recording(find_bag(bag))
     about = {key: text for key, text in recording.about.items() if key not in ("graph", "version")}
     if not recording.graph or "ends" not in about:
         raise ValueError(f"recording {recording.path} does not say which graph made it")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.launch.bag_diff import compare
-from palpate.launch.run_dir import RECORDING, recording_of
+from palpate.launch.bag.bag_file import find_bag
+from palpate.launch.bag.diff import compare
+from palpate.launch.run_dir import RECORDING
 
 
 def other_past(bag: Path, run: Path) -> str:
@@ -26,5 +27,5 @@ def other_past(bag: Path, run: Path) -> str:
         return ""
     return (
         f"{', '.join(differ)} came out otherwise than recorded: other code, or other versions; "
-        f"palpate bag diff {recording_of(bag)} {run} shows it"
+        f"palpate bag diff {find_bag(bag)} {run} shows it"
     )

@@ -1,34 +1,59 @@
 """The records of an MCAP file, read with every length and checksum doubted.
 
-A file may be cut off, damaged, or made to burst: nothing is unpacked before its size is known.
+A file may be cut off, damaged, or made to burst: nothing is unpacked before its size is known, and
+what is of no use here, an attachment say, is passed over in pieces.
 """
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
-from collections.abc import Iterator
-from io import BytesIO
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import IO, NamedTuple, TypeVar
+from typing import IO, NamedTuple
 
-import lz4.frame
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.records import McapRecord
+
+from palpate.messages.recording.chunk import MOST_BYTES, Declared, chunk_records
+from palpate.messages.recording.parsing import Fault, checksum_of, metadata_of
 
 MAGIC = b"\x89MCAP0\r\n"
-MOST_BYTES = 64 << 20
-"""Of a record, packed or unpacked: the largest message is half of that."""
+MOST_HELD: Mapping[int, int] = {
+    Opcode.CHUNK: MOST_BYTES,
+    Opcode.METADATA: 8 << 20,
+    Opcode.DATA_END: 1 << 10,
+}
+"""Most bytes of those records that are held in memory."""
 
-Record = TypeVar("Record", Channel, Chunk, DataEnd, Metadata, Schema)
 _HEAD = struct.Struct("<BQ")
+_PIECE = 1 << 20
+"""Bytes that are passed over at once."""
 
 
 class Closed(NamedTuple):
     """The file's proper end: it was closed."""
+
+
+class Damaged(ValueError):
+    """A recording cannot be read any further, or at all."""
+
+    def __init__(self, path: Path, why: str, byte: int) -> None:
+        super().__init__(f"recording {path} {why}")
+        self.path = path
+        self.why = why
+        """The rest of a sentence that begins with the file."""
+        self.byte = byte
+        """Bytes of the file that are whole."""
+
+
+class Placed(NamedTuple):
+    """A record, and where it was found."""
+
+    byte: int
+    """Where the record begins in the file, or the chunk that holds it."""
+    record: McapRecord | Closed
 
 
 def records(path: Path) -> Iterator[McapRecord | Closed]:
@@ -42,97 +67,108 @@ def records(path: Path) -> Iterator[McapRecord | Closed]:
 
     Raises
     ------
-    ValueError
+    Damaged
         If the file is missing, empty, no MCAP file, cut off within a record, or damaged. What
         was whole before that has been given by then.
     """
+    return (record for _, record in placed_records(path))
+
+
+def placed_records(path: Path) -> Iterator[Placed]:
+    """Give the same with their places, and raise the same."""
+    byte = 0
     try:
-        file = path.open("rb")
+        with path.open("rb") as file:
+            declared = Declared()
+            for byte, opcode, content, checksum in _frames(file):
+                for record in _records(opcode, content, checksum, declared):
+                    yield Placed(byte, record)
     except OSError as error:
-        raise ValueError(f"recording {path} cannot be read: {error.strerror}") from None
-    with file:
-        try:
-            yield from _records(file)
-        except (ValueError, EndOfFile, struct.error, RuntimeError) as error:
-            raise ValueError(f"recording {path} {_why(error)}") from None
+        raise Damaged(path, f"cannot be read: {error.strerror}", byte) from None
+    except Fault as error:
+        place = byte if error.byte is None else error.byte
+        raise Damaged(path, str(error), place) from None
 
 
-class _Fault(ValueError):
-    """What is wrong with a file, as the rest of a sentence about it."""
+def _records(
+    opcode: int, content: bytes, checksum: int, declared: Declared
+) -> Iterator[McapRecord | Closed]:
+    match opcode:
+        case Opcode.CHUNK:
+            yield from chunk_records(content, declared)
+        case Opcode.METADATA:
+            yield metadata_of(content)
+        case Opcode.MESSAGE:
+            raise Fault("has a message outside of its chunks, where no checksum guards it")
+        case Opcode.DATA_END:
+            if checksum_of(content) not in (0, checksum):
+                raise Fault("is damaged: the checksum of its data does not fit")
+        case Opcode.FOOTER:
+            yield Closed()
 
 
-def _why(error: Exception) -> str:
-    if isinstance(error, _Fault):
-        return str(error)
-    return f"is damaged: {error or type(error).__name__}"
+def _frames(file: IO[bytes]) -> Iterator[tuple[int, int, bytes, int]]:
+    """Place, opcode and content of each record, and the checksum of all bytes before it.
 
-
-def _records(file: IO[bytes]) -> Iterator[McapRecord | Closed]:
-    for opcode, content, checksum in _frames(file):
-        match opcode:
-            case Opcode.CHUNK:
-                yield from _unpacked(_parsed(Chunk, content))
-            case Opcode.METADATA:
-                yield _parsed(Metadata, content)
-            case Opcode.DATA_END:
-                stated = _parsed(DataEnd, content).data_section_crc
-                if stated not in (0, checksum):
-                    raise _Fault("is damaged: the checksum of its data does not fit")
-            case Opcode.FOOTER:
-                yield Closed()
-
-
-def _frames(file: IO[bytes]) -> Iterator[tuple[int, bytes, int]]:
-    """Opcode and content of each record, and the checksum of all bytes before it."""
+    The content is empty where it is of no use.
+    """
     magic = file.read(len(MAGIC))
     if not magic:
-        raise _Fault("is empty")
+        raise Fault("is empty", 0)
     if magic != MAGIC:
-        raise _Fault("is not an MCAP file: it begins otherwise")
-    checksum, opcode = zlib.crc32(magic), 0
-    while opcode != Opcode.FOOTER:
-        place = file.tell()
+        raise Fault("is not an MCAP file: it begins otherwise", 0)
+    size = os.fstat(file.fileno()).st_size
+    checksum, opcode, place = zlib.crc32(magic), 0, len(MAGIC)
+    while opcode != Opcode.FOOTER and place < size:
         head = file.read(_HEAD.size)
-        if not head:
-            return
         if len(head) < _HEAD.size:
-            raise _Fault(f"is cut off at byte {place + len(head)}")
+            raise Fault(f"is cut off at byte {place + len(head)}", place)
         opcode, length = _HEAD.unpack(head)
-        if length > MOST_BYTES:
-            raise _Fault(
-                f"is damaged at byte {place}: a record of {length} bytes, at most {MOST_BYTES} "
-                f"are allowed"
-            )
-        content = file.read(length)
-        if len(content) < length:
-            raise _Fault(f"is cut off at byte {place + len(head) + len(content)}")
-        if opcode == Opcode.FOOTER:
-            end = file.read(len(MAGIC))
-            if not end:
-                return
-            if end != MAGIC:
-                raise _Fault("is cut off at its end")
-        yield opcode, content, checksum
-        checksum = zlib.crc32(content, zlib.crc32(head, checksum))
+        _check_head(opcode, length, place, size)
+        before, checksum = checksum, zlib.crc32(head, checksum)
+        if opcode in MOST_HELD:
+            content = file.read(length)
+            checksum, passed = zlib.crc32(content, checksum), len(content)
+        else:
+            content = b""
+            checksum, passed = _pass(file, length, checksum)
+        if passed < length:
+            raise Fault(f"is cut off at byte {place + len(head) + passed}", place)
+        if opcode == Opcode.FOOTER and not _ends(file, place):
+            return
+        yield place, opcode, content, before
+        place += len(head) + length
 
 
-def _parsed(kind: type[Record], content: bytes) -> Record:
-    record: Record = kind.read(ReadDataStream(BytesIO(content)))
-    return record
+def _check_head(opcode: int, length: int, place: int, size: int) -> None:
+    """Refuse a record that cannot be, before a byte of it is read."""
+    most = MOST_HELD.get(opcode, MOST_BYTES)
+    if opcode == 0 or length == 0:
+        why = f"no record of kind {opcode} has {length} bytes"
+        raise Fault(f"is damaged at byte {place}: {why}", place)
+    if length > most:
+        raise Fault(
+            f"is damaged at byte {place}: a record of {length} bytes, at most {most} are allowed",
+            place,
+        )
+    if length > size - place - _HEAD.size:
+        raise Fault(f"is cut off at byte {size}", place)
 
 
-def _unpacked(chunk: Chunk) -> list[McapRecord]:
-    """Records of a chunk, whose size is checked before it is unpacked."""
-    size = chunk.uncompressed_size
-    if size > MOST_BYTES:
-        raise _Fault(f"is damaged: a chunk of {size} bytes, at most {MOST_BYTES} are allowed")
-    if chunk.compression not in ("", "lz4"):
-        raise _Fault(f"has chunks packed by {chunk.compression!r}; only lz4 is read")
-    data = chunk.data
-    if chunk.compression:
-        # One byte more than stated shows a chunk that bursts, and is all that it may take.
-        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
-    if len(data) != size:
-        raise _Fault(f"is damaged: a chunk does not hold the {size} bytes that it states")
-    chunk.data, chunk.compression = data, ""
-    return breakup_chunk(chunk, validate_crc=True)
+def _pass(file: IO[bytes], length: int, checksum: int) -> tuple[int, int]:
+    """Checksum of the next bytes too, and how many of them there are."""
+    left = length
+    while left:
+        piece = file.read(min(left, _PIECE))
+        if not piece:
+            break
+        checksum, left = zlib.crc32(piece, checksum), left - len(piece)
+    return checksum, length - left
+
+
+def _ends(file: IO[bytes], place: int) -> bool:
+    """Whether the file ends as it must behind its footer; false if it ends before that."""
+    end = file.read(len(MAGIC))
+    if end and end != MAGIC:
+        raise Fault("is cut off at its end", place)
+    return bool(end)

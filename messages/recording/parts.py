@@ -9,10 +9,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
+from typing import NamedTuple
 
 from mcap.records import Channel, McapRecord, Message
 
-from palpate.messages.recording.framing import Closed, records
+from palpate.messages.recording.framing import Closed, placed_records, records
+
+
+class Found(NamedTuple):
+    """A record, and where it was found."""
+
+    part: Path
+    byte: int
+    """Where the record begins in the part, or the chunk that holds it."""
+    record: McapRecord | Closed
 
 
 def part_path(path: Path, number: int) -> Path:
@@ -31,21 +41,21 @@ def parts_of(path: Path) -> tuple[Path, ...]:
     return tuple(found) or (path,)
 
 
-def records_of(path: Path) -> Iterator[tuple[Path, McapRecord | Closed]]:
-    """Records of all parts, each with its file; a part that another follows may be cut off.
+def records_of(path: Path) -> Iterator[Found]:
+    """Records of all parts; a part that another follows may be cut off.
 
     Raises
     ------
-    ValueError
+    Damaged
         As `records` does, of the last part.
     """
     parts = parts_of(path)
     for part in parts[:-1]:
         try:
-            yield from ((part, record) for record in records(part))
+            yield from (Found(part, *placed) for placed in placed_records(part))
         except ValueError:
             continue  # its recorder was killed: the next part begins where this one ends
-    yield from ((parts[-1], record) for record in records(parts[-1]))
+    yield from (Found(parts[-1], *placed) for placed in placed_records(parts[-1]))
 
 
 def counts_of(path: Path) -> dict[str, int]:

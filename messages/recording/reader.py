@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from mcap.records import Channel, Message, Metadata, Schema
 
+from palpate.messages.recording.checked import NOT_OURS, checked_records
 from palpate.messages.recording.framing import Closed
-from palpate.messages.recording.parts import records_of
 from palpate.messages.recording.writer import ABOUT
 
 
@@ -57,10 +57,10 @@ class Recording:
         """The messages in the order in which the recorder heard them."""
         schemas: dict[tuple[Path, int], Schema] = {}
         channels: dict[tuple[Path, int], Channel] = {}
-        for part, record in records_of(self.path):
+        for part, _, record in checked_records(self.path):
             if isinstance(record, Message):
                 channel = channels[part, record.channel_id]
-                yield _kept(channel, schemas[part, channel.schema_id], record)
+                yield kept_of(channel, schemas[part, channel.schema_id], record)
             elif isinstance(record, Channel):
                 channels[part, record.id] = record
             elif isinstance(record, Schema):
@@ -81,20 +81,13 @@ def open_recording(path: Path) -> Recording:
     topics: dict[tuple[Path, int], str] = {}
     counts: dict[str, int] = {}
     closed = False
-    for part, record in records_of(path):
+    for part, _, record in checked_records(path):
         if isinstance(record, Message):
-            if (part, record.channel_id) not in topics:
-                raise ValueError(f"recording {part} is damaged: a message without a channel")
             topic = topics[part, record.channel_id]
-            had = counts.get(topic, 0)
-            if part != path and record.sequence != had:
-                # A part begins where those before it ended: one of them was damaged since.
-                raise ValueError(f"recording {path} is damaged: it lacks {topic} {had}")
             counts[topic] = counts.get(topic, 0) + 1
         elif isinstance(record, Schema):
             schemas[part, record.id] = record.name
         elif isinstance(record, Channel):
-            _check_channel(part, record, (part, record.schema_id) in schemas)
             topics[part, record.id] = record.topic
             name = schemas[part, record.schema_id]
             types[record.topic] = name, int(record.metadata["schema_hash"], 16)
@@ -102,7 +95,7 @@ def open_recording(path: Path) -> Recording:
             about = record.metadata
         closed = isinstance(record, Closed)
     if about is None:
-        raise ValueError(f"recording {path} was not written by palpate, or ends before it began")
+        raise ValueError(f"recording {path} {NOT_OURS}")
     return Recording(
         path=path,
         version=about.get("version", ""),
@@ -114,21 +107,8 @@ def open_recording(path: Path) -> Recording:
     )
 
 
-def _check_channel(path: Path, channel: Channel, has_schema: bool) -> None:
-    """Refuse a channel whose messages could not be told apart."""
-    about = channel.metadata
-    try:
-        int(about["run"], 16), int(about["epoch"]), int(about["schema_hash"], 16)
-    except (KeyError, ValueError):
-        raise ValueError(
-            f"recording {path} was not written by palpate: "
-            f"{channel.topic} lacks its run, epoch or schema hash"
-        ) from None
-    if not has_schema or channel.message_encoding != "msgpack":
-        raise ValueError(f"recording {path} has no schema of msgpack for {channel.topic}")
-
-
-def _kept(channel: Channel, schema: Schema, message: Message) -> Kept:
+def kept_of(channel: Channel, schema: Schema, message: Message) -> Kept:
+    """One message with what its channel says of it."""
     about = channel.metadata
     return Kept(
         topic=channel.topic,

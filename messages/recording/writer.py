@@ -24,12 +24,24 @@ CHUNK_BYTES = 1 << 16
 FLUSH_NS = 20_000_000
 """Longest traffic that is held in memory, ns."""
 
+PROFILE = "palpate"
+"""What the file's header says that it holds."""
 ABOUT = "palpate"
 """Name of the metadata record that opens a recording: version and graph."""
 COUNTS = "counts"
 """Name of a metadata record that closes it: messages by topic."""
 MISSING = "missing"
 """Name of the other: messages that were sent and never came, by topic."""
+
+
+def mcap_writer(file: WholeFile) -> Writer:
+    """What writes a recording's records: packed by lz4, with checksums of each chunk and of all."""
+    return Writer(
+        cast(IO[bytes], file),
+        chunk_size=CHUNK_BYTES,
+        compression=CompressionType.LZ4,
+        enable_data_crcs=True,
+    )
 
 
 class RecordingWriter:
@@ -80,18 +92,13 @@ class RecordingWriter:
         self._path, self._types, self._publishers = path, types, publishers
         self._spare = spare
         self._file = WholeFile(path)
-        self._writer: Writer | None = Writer(
-            cast(IO[bytes], self._file),
-            chunk_size=CHUNK_BYTES,
-            compression=CompressionType.LZ4,
-            enable_data_crcs=True,
-        )
+        self._writer: Writer | None = mcap_writer(self._file)
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, int, int, int], int] = {}
         self._counts: Counter[str] = Counter()
         self._logged = self._flushed = 0
         try:
-            self._writer.start(profile="palpate", library=f"palpate {about.get('version', '')}")
+            self._writer.start(profile=PROFILE, library=f"palpate {about.get('version', '')}")
             self._writer.add_metadata(ABOUT, dict(about))
         except OSError as error:
             self._give_up()

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from palpate.launch.bag_diff import compare
+from palpate.launch.bag.diff import compare
 from palpate.launch.display import Silence
 from palpate.launch.launch_file import EXPLORE, describe
 from palpate.launch.located import Located

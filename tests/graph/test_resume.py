@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from palpate.launch.bag_diff import compare
+from palpate.launch.bag.diff import compare
 from palpate.launch.display import Silence
 from palpate.launch.located import Located
 from palpate.launch.replay.resume import plan_resume

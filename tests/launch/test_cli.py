@@ -47,7 +47,7 @@ def test_help_lists_the_verbs_without_importing_one() -> None:
     )
 
     *text, modules = done.stdout.splitlines()
-    for verb in ("run", "launch", "replay", "scene", "node", "bench"):
+    for verb in ("run", "launch", "replay", "bag", "scene", "node", "bench"):
         assert any(line.startswith(f"  {verb} ") for line in text)
     assert not {"numpy", "msgspec", "rich", "palpate.launch.cli.run"} & set(modules.split())
 
@@ -73,13 +73,18 @@ def test_the_version_is_said(capsys: Output) -> None:
         (["launch", "explore.yaml", "scene=box"], "an argument must look like scene:=vase"),
         (["launch", "explore.yaml", "scen:=box"], "has no argument 'scen'; did you mean 'scene'"),
         (["replay"], "Missing argument 'BAG'"),
-        (["replay", "x.mcap"], "recording x.mcap cannot be read: No such file or directory"),
+        (["replay", "x.mcap"], "x.mcap: the recording does not exist"),
         (["replay", "x.mcap", "--set", "x"], "--set x: must look like planner.tolerance=0.2e-3"),
         (["bag", "dif"], "there is no verb 'dif'; did you mean 'diff'?"),
         (["bag", "diff", "x.mcap"], "Missing argument 'B'"),
-        (["bag", "diff", "x.mcap", "y.mcap"], "recording x.mcap cannot be read: No such file"),
+        (["bag", "diff", "x.mcap", "y.mcap"], "x.mcap: the recording does not exist"),
         (["scene", "check", "none.yaml"], "none.yaml: the scene does not exist"),
         (["node", "info", "plannet"], "there is no kind of node 'plannet'; did you mean 'planner'"),
+        (["bag", "inof", "x.mcap"], "there is no verb 'inof'; did you mean 'info'?"),
+        (["bag", "info", "x.mcap"], "x.mcap: the recording does not exist"),
+        (["bag", "recover", "x.mcap"], "x.mcap: the recording does not exist"),
+        (["bag", "export", "x.mcap", "-o", "y"], "Missing option '--format'"),
+        (["bag", "export", "x.mcap", "-o", "y", "--format", "csv"], "x.mcap: the recording does"),
         (["bench", "bux"], "'bux' is not one of"),
         (
             ["bench", "touch", "--figures", "x"],

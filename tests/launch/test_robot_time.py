@@ -258,7 +258,7 @@ def test_what_tells_no_moves_is_refused(record: Record, tmp_path: Path) -> None:
     unmoved = [replace(one, move=np.array([0, 0, 0, 0, LIFTED])) for one in frames()]  # type: ignore[type-var]
     with pytest.raises(InputError, match="holds no moves of an arm"):
         read_moves(record(*goals(), *unmoved))
-    with pytest.raises(InputError, match="cannot be read: No such file"):
+    with pytest.raises(InputError, match="the recording does not exist"):
         read_moves(tmp_path / "none")
     (tmp_path / "text.mcap").write_text("no recording at all")
     with pytest.raises(InputError, match="is not an MCAP file"):

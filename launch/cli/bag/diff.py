@@ -24,8 +24,8 @@ Exits with 0 if they are identical, with 1 if not, with 2 if one cannot be read.
 @click.option("--topics", default="", metavar="/X,/Y", help="Topics to compare; all if none.")
 def command(a: Path, b: Path, topics: str) -> int:
     """Compare two recordings; `HELP` says how."""
-    from palpate.launch.bag_diff import compare
-    from palpate.launch.bag_diff_text import diff_text
+    from palpate.launch.bag.diff import compare
+    from palpate.launch.bag.diff_text import diff_text
 
     names = tuple(name.strip() for name in topics.split(",") if name.strip())
     try:

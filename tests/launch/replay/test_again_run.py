@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from palpate.launch.bag_diff import compare
+from palpate.launch.bag.diff import compare
 from palpate.launch.cli import main as cli
 from palpate.launch.graph import Entry, Graph
 from palpate.launch.located import InputError

@@ -19,7 +19,7 @@ BODY = bytes(100_000)
 MANY = 200
 
 
-def recorded(path: Path, times: Sequence[int], body: bytes = b"") -> Any:
+def recorded(path: Path, times: Sequence[int], body: bytes = b"\x80") -> Any:
     writer = RecordingWriter(path, {"/log": "LogRecord"}, {}, {})
     for seq, sent in enumerate(times):
         writer.write("/log", Header(1, 0, seq, sent, 0.0, schema_hash(LogRecord)), body)
@@ -50,7 +50,8 @@ def test_a_recording_is_not_held(tmp_path: Path) -> None:
     tracemalloc.stop()
 
     assert count == MANY
-    assert peak < 10 * len(BODY)  # a chunk, packed and unpacked, and a message that waits
+    # A few chunks, packed and unpacked, and a message that waits: a tenth of all at the most.
+    assert peak < MANY * len(BODY) / 10
 
 
 @dataclass

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.launch.bag_diff import compare
-from palpate.launch.bag_diff_text import diff_text
+from palpate.launch.bag.diff import compare
+from palpate.launch.bag.diff_text import diff_text
 from palpate.launch.cli import main as cli
 from palpate.messages.codec import encode, schema_hash
 from palpate.messages.header import Header
@@ -182,4 +182,4 @@ def test_the_verb_tells_by_its_exit_code_whether_they_are_identical(
     assert cli.run(["bag", "diff", a, b, "--topics", "/world, /in"]) == 1
     assert capsys.readouterr().out.endswith("identical on 1 of 2 topics\n")
     assert cli.run(["bag", "diff", a, "none.mcap"]) == 2
-    assert "recording none.mcap cannot be read" in capsys.readouterr().err
+    assert "none.mcap: the recording does not exist" in capsys.readouterr().err

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate.launch.bag_diff import Diff
+from palpate.launch.bag.diff import Diff
 
 HEAD = ("topic", "compared", "differ", "only in A", "only in B")
 

@@ -11,8 +11,8 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
 
+from palpate.launch.bag.bag_file import find_bag
 from palpate.launch.nearest import hint
-from palpate.launch.run_dir import recording_of
 from palpate.messages.recording.difference import first_difference
 from palpate.messages.recording.reader import Kept, Recording, open_recording
 from palpate.messages.types import TYPES
@@ -77,7 +77,7 @@ def compare(a: Path, b: Path, topics: Sequence[str] = ()) -> Diff:
     ValueError
         If one of them cannot be read or is out of order, or neither has one of the topics.
     """
-    both = open_recording(recording_of(a)), open_recording(recording_of(b))
+    both = open_recording(find_bag(a)), open_recording(find_bag(b))
     known = {*both[0].counts, *both[1].counts}
     for topic in topics:
         if topic not in known:
