@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from palpate.launch.bag.info import Info, Topic
+from palpate.messages.recording.writer import MISSING
 
-FEW = 6
+FEW = 12
 """Entries of a metadata record that are named one by one."""
 HEAD = ("topic", "type", "publisher", "messages", "bytes", "share")
 
@@ -23,6 +24,8 @@ def info_text(info: Info) -> str:
         _line("nodes", ", ".join(info["nodes"]) or "not known"),
     ]
     for name, values in info["metadata"].items():
+        if name == MISSING:
+            values = {topic: lacks for topic, lacks in values.items() if lacks != "0"}
         lines.append(_line("metadata", f"{name}: {_entries(values)}"))
     return "\n".join([*lines, "", *_table([HEAD, *map(_row, info["topics"])])])
 
@@ -54,9 +57,13 @@ def _closed(info: Info) -> str:
 def _entries(values: dict[str, str | int]) -> str:
     if len(values) > FEW:
         return f"{len(values)} entries"
-    return ", ".join(
-        f"{name} of {value} characters" if isinstance(value, int) else f"{name} {value}"
-        for name, value in values.items()
+    return (
+        "none"
+        if not values
+        else ", ".join(
+            f"{name} of {value} characters" if isinstance(value, int) else f"{name} {value}"
+            for name, value in values.items()
+        )
     )
 
 
