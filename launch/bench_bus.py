@@ -15,7 +15,7 @@ import zmq
 from palpate.launch.bench_row import Row
 from palpate.launch.bench_toy import Params, frame, settle, toy
 from palpate.launch.launcher import launch
-from palpate.launch.processes.nursery import no_script
+from palpate.launch.processes.server import no_script
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Subscriber
 from palpate.messages.codec import decode, encode, schema_hash

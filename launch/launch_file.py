@@ -15,7 +15,7 @@ from msgspec import Meta, Struct, field
 from palpate.launch.convert import convert
 from palpate.launch.entry import Entry
 from palpate.launch.graph import Graph
-from palpate.launch.located import InputError, Located
+from palpate.launch.located import Located
 from palpate.launch.nearest import hint
 from palpate.launch.scene import Scene, load_scene
 from palpate.launch.substitute import substitute
@@ -23,8 +23,6 @@ from palpate.launch.yaml_file import read_yaml
 from palpate.nodes.node import MOST_FINGERS
 from palpate.nodes.wiring import OnExit
 
-EXPLORE = Path(__file__).parent / "explore.yaml"
-"""The launch file that comes with palpate."""
 RESERVED = {"out": "the run directory", "finger": "the number of a finger"}
 """What ``$(name)`` stands for without an argument of that name."""
 
@@ -99,23 +97,6 @@ def describe(path: Path, args: Mapping[str, Located], out: Path) -> Described:
     known, scene = _arguments(given, args, out)
     graph = _graph(given, known)
     return Described(graph, scene, {name: value.value for name, value in known.items()})
-
-
-def find_launch_file(path: Path) -> Path:
-    """A launch file given by path, or by name if it is the shipped one.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or it is neither YAML nor Python.
-    """
-    if not path.is_file() and str(path) in (EXPLORE.name, EXPLORE.stem):
-        return EXPLORE
-    if path.suffix not in (".yaml", ".yml", ".py"):
-        raise InputError(f"{path}: is no launch file; its name must end in .yaml or .py")
-    if not path.is_file():
-        raise InputError(f"{path}: the launch file does not exist")
-    return path
 
 
 def _arguments(

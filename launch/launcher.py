@@ -63,7 +63,8 @@ def launch(
     names = [wiring.name for wiring in wirings]
     with Interrupts() as interrupts, private_folder(work_dir) as folder:
         place = place_of(folder, names, depth)
-        with Desk(place, sources) as desk, Nursery() as nursery:
+        modules = [wiring.module for wiring in wirings]
+        with Desk(place, sources) as desk, Nursery(modules) as nursery:
             supervisor = Supervisor(
                 [_with_launcher(wiring, hear) for wiring in wirings],
                 ends=ends,

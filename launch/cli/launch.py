@@ -27,12 +27,16 @@ def command(
     quiet: bool,
 ) -> int:
     """Start the graph that FILE describes; explore.yaml is the one that comes with palpate."""
+    from palpate.launch.early_start import wake_server
+    from palpate.launch.launch_path import find_launch_file
+
+    path = find_launch_file(file)
+    if not (composed or only_print):
+        wake_server(path)
     from palpate.launch.cli.play import play
-    from palpate.launch.launch_file import find_launch_file
     from palpate.launch.override import read_arguments, read_settings
     from palpate.launch.run import plan_run
 
-    path = find_launch_file(file)
     args, given = read_arguments(arguments), read_settings(settings)
     plan = plan_run(path, args, given, name=path.stem, out=out)
     if only_print:

@@ -23,7 +23,7 @@ def list_scenes() -> None:
 @click.argument("scene")
 def check(scene: str) -> None:
     """Say whether SCENE can be explored, how large its object is, and what is simulated."""
-    from palpate.launch.launch_file import EXPLORE
+    from palpate.launch.launch_path import EXPLORE
     from palpate.launch.located import Located
     from palpate.launch.run import plan_run
     from palpate.launch.scene import find_scene, object_size

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from palpate.launch.display import Silence
-from palpate.launch.launch_file import EXPLORE, describe
+from palpate.launch.launch_file import describe
+from palpate.launch.launch_path import EXPLORE
 from palpate.launch.located import Located
 from palpate.launch.replay import replay
 from palpate.launch.run import Plan, perform, plan_run
