@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import statistics
 import subprocess
 import sys
 import time
@@ -40,24 +39,34 @@ class _Enough(Exception):
 
 
 def start_rows(turns: int = 7) -> Iterator[Row]:
-    """Rows of the table; medians of some turns."""
-    early, late, fresh = [], [], []
+    """Rows of the table; of each time the least of some turns, which others' load disturbs least.
+
+    The server wakes while the graph is checked. What that takes from the check counts as well.
+
+    Parameters
+    ----------
+    turns : int
+        Launches of each kind.
+    """
+    woken, not_woken, fresh = [], [], []
     for _ in range(turns):
-        early.append(_in_new_process(early=True))
-        fresh.append(seconds_of_fresh(early[-1].modules))
-        late.append(_in_new_process(early=False))
-    ready, alone = (statistics.median(one.ready for one in many) for many in (early, late))
-    hold = statistics.median(one.checked for one in early)
-    checked = statistics.median(one.checked for one in late)
-    base = statistics.median(fresh)
-    name = "seven nodes ready"
-    yield Row(f"{name}, after the graph is checked", f"{1e3 * ready:.0f} ms", "", True)
-    yield Row(f"{name}, server not woken before", f"{1e3 * alone:.0f} ms", "", True)
-    yield Row("the check of the graph, server waking", f"{1e3 * hold:.0f} ms", "", True)
-    yield Row("the check of the graph alone", f"{1e3 * checked:.0f} ms", "", True)
-    yield Row("seven fresh interpreters", f"{1e3 * base:.0f} ms", "", True)
-    share = ready / base
-    yield Row(f"{name}, over seven fresh interpreters", f"{share:.2f}", f"<= {MOST}", share <= MOST)
+        woken.append(_in_new_process(early=True))
+        fresh.append(seconds_of_fresh(woken[-1].modules))
+        not_woken.append(_in_new_process(early=False))
+    ready, alone = (min(one.ready for one in many) for many in (woken, not_woken))
+    delay = min(one.checked for one in woken) - min(one.checked for one in not_woken)
+    nodes = "seven nodes ready"
+    yield _time("seven fresh interpreters", min(fresh))
+    yield _time(f"{nodes}, from the launch on", ready)
+    yield _time("check of the graph, longer for the server waking", delay)
+    yield _time(f"{nodes}, had the server not been woken before", alone)
+    share = (ready + max(delay, 0.0)) / min(fresh)
+    name = f"{nodes}, both together, over fresh interpreters"
+    yield Row(name, f"{share:.2f}", f"<= {MOST}", share <= MOST)
+
+
+def _time(name: str, seconds: float) -> Row:
+    return Row(name, f"{1e3 * seconds:.0f} ms", "", True)
 
 
 def start_once(*, early: bool) -> Started:

@@ -99,13 +99,25 @@ def describe(path: Path, args: Mapping[str, Located], out: Path) -> Described:
     return Described(graph, scene, {name: value.value for name, value in known.items()})
 
 
+def declared_args(given: Located) -> dict[str, Any]:
+    """The arguments that a launch file declares, and their defaults as written.
+
+    Raises
+    ------
+    InputError
+        If they are no map.
+    """
+    declared = given.value.get("args") or {}
+    if not isinstance(declared, dict):
+        raise given.error(("args",), "args must be a map of names to defaults")
+    return declared
+
+
 def _arguments(
     given: Located, args: Mapping[str, Located], out: Path
 ) -> tuple[dict[str, Located], Scene | None]:
     """What references may name: the run directory, and the arguments in the order declared."""
-    declared = given.value.get("args") or {}
-    if not isinstance(declared, dict):
-        raise given.error(("args",), "args must be a map of names to defaults")
+    declared = declared_args(given)
     for name, value in args.items():
         if name not in declared:
             text = f"{given.source} has no argument {name!r}; {hint(name, declared)}"
