@@ -61,7 +61,7 @@ def start_rows(turns: int = 7) -> Iterator[Row]:
     yield _time("check of the graph, longer for the server waking", delay)
     yield _time(f"{nodes}, had the server not been woken before", alone)
     share = (ready + max(delay, 0.0)) / min(fresh)
-    name = f"{nodes}, both together, over fresh interpreters"
+    name = f"{nodes}, over seven fresh interpreters"
     yield Row(name, f"{share:.2f}", f"<= {MOST}", share <= MOST)
 
 
