@@ -21,20 +21,24 @@ def rows(monkeypatch: pytest.MonkeyPatch, *, ready: float, longer: float) -> lis
 
 
 @pytest.mark.parametrize(
-    ("ready", "longer", "share", "holds"),
+    ("ready", "longer", "shares", "holds"),
     [
-        (0.1, 0.1, "0.10", True),
-        (0.3, 0.2, "0.25", False),
-        (0.1, 0.4, "0.25", False),
-        (0.5, -0.4, "0.25", False),
+        (0.1, 0.1, ["0.05", "0.10"], [True, True]),
+        (0.1, 0.4, ["0.05", "0.25"], [True, False]),
+        (0.5, -0.4, ["0.25", "0.25"], [False, False]),
     ],
 )
 def test_what_the_check_loses_to_the_server_counts_and_what_it_gains_does_not(
-    monkeypatch: pytest.MonkeyPatch, ready: float, longer: float, share: str, holds: bool
+    monkeypatch: pytest.MonkeyPatch,
+    ready: float,
+    longer: float,
+    shares: list[str],
+    holds: list[bool],
 ) -> None:
-    row = rows(monkeypatch, ready=ready, longer=longer)[-1]
-    assert row.name == "seven nodes ready, over seven fresh interpreters"
-    assert (row.value, row.target, row.holds) == (share, "<= 0.2", holds)
+    alone, both = rows(monkeypatch, ready=ready, longer=longer)[-2:]
+    assert alone.name == "seven nodes ready, over seven fresh interpreters"
+    assert [alone.value, both.value] == shares
+    assert [alone.holds, both.holds] == holds
 
 
 def test_an_interpreter_that_cannot_import_its_node_is_no_measurement() -> None:
