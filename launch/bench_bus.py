@@ -1,4 +1,4 @@
-"""Put the bus to the test, and measure it: what is lost, and what a message costs."""
+"""Put the bus to the test, and measure it: what is lost, what a message and a start cost."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from typing import Any
 import zmq
 
 from palpate.launch.bench_row import Row
+from palpate.launch.bench_start import start_rows
 from palpate.launch.bench_toy import Params, frame, settle, toy
 from palpate.launch.launcher import launch
-from palpate.launch.processes.nursery import no_script
+from palpate.launch.processes.server import no_script
 from palpate.messages.bus.past import Past
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Subscriber
@@ -40,7 +41,7 @@ def bench_bus(repeats: int = 100) -> str:
 
 
 def rows(repeats: int = 5, laps: int = LAPS) -> list[Row]:
-    """Rows of the table: tests of loss, then costs.
+    """Rows of the table: tests of loss, then costs of a message, then of the start.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def rows(repeats: int = 5, laps: int = LAPS) -> list[Row]:
         Round trips per measurement.
     """
     table = [_loss_row(name, trial, repeats) for name, trial in TRIALS.items()]
-    return [*table, _codec_row(), *_hop_rows(laps)]
+    return [*table, _codec_row(), *_hop_rows(laps), *start_rows()]
 
 
 def _loss_row(name: str, trial: Callable[[random.Random], int], repeats: int) -> Row:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from palpate.core.arrays import Floats
 from palpate.launch.bench_explore_scene import Demand, write_scene
 from palpate.launch.explore_objects import ExploreObject
-from palpate.launch.launch_file import EXPLORE
+from palpate.launch.launch_path import EXPLORE
 from palpate.launch.located import Located
 from palpate.launch.run import plan_run
 from palpate.messages.types import (

@@ -11,7 +11,8 @@ from palpate.core.rebuild.felt.felt_points import FeltPoints, felt_points, stack
 from palpate.core.rebuild.reconstruct import reconstruct
 from palpate.core.touch.jet import Jet
 from palpate.launch.bench_row import Row
-from palpate.launch.launch_file import EXPLORE, describe
+from palpate.launch.launch_file import describe
+from palpate.launch.launch_path import EXPLORE
 from palpate.launch.located import Located
 from palpate.launch.override import override
 from palpate.launch.run_dir import choose_run_dir

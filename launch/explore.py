@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from palpate.launch.display import open_display
-from palpate.launch.launch_file import EXPLORE
+from palpate.launch.early_start import wake_server
+from palpate.launch.launch_path import EXPLORE
 from palpate.launch.located import Located
 from palpate.launch.run import Run, perform, plan_run
 from palpate.launch.scene import find_scene
@@ -56,6 +57,8 @@ def explore(
         If the scene or a setting cannot be used; nothing has been started.
     """
     path = find_scene(scene)
+    if not composed:
+        wake_server(EXPLORE)
     args = {"scene": Located(str(path), "scene"), "record": Located(record, "record")}
     if seed is not None:
         args["seed"] = Located(seed, "seed")

@@ -16,17 +16,14 @@ from palpate.launch.convert import convert
 from palpate.launch.entry import Entry
 from palpate.launch.graph import Graph
 from palpate.launch.include import read_with_includes
-from palpate.launch.located import InputError, Located
+from palpate.launch.launch_path import find_launch_file
+from palpate.launch.located import Located
 from palpate.launch.nearest import hint
 from palpate.launch.scene import Scene, load_scene
 from palpate.launch.substitute import substitute
 from palpate.nodes.node import MOST_FINGERS
 from palpate.nodes.wiring import OnExit
 
-SHIPPED = Path(__file__).parent
-"""Where the launch files lie that come with palpate."""
-EXPLORE = SHIPPED / "explore.yaml"
-"""The one that explores a scene."""
 RESERVED = {"out": "the run directory", "finger": "the number of a finger"}
 """What ``$(name)`` stands for without an argument of that name."""
 
@@ -104,31 +101,25 @@ def describe(path: Path, args: Mapping[str, Located], out: Path) -> Described:
     return Described(graph, scene, {name: value.value for name, value in known.items()})
 
 
-def find_launch_file(path: Path) -> Path:
-    """A launch file given by path, or by name if it is a shipped one.
+def declared_args(given: Located) -> dict[str, Any]:
+    """The arguments that a launch file declares, and their defaults as written.
 
     Raises
     ------
     InputError
-        If there is no such file, or it is neither YAML nor Python.
+        If they are no map.
     """
-    shipped = SHIPPED / f"{path.name.removesuffix('.yaml')}.yaml"
-    if not path.is_file() and path.parent == Path() and shipped.is_file():
-        return shipped
-    if path.suffix not in (".yaml", ".yml", ".py"):
-        raise InputError(f"{path}: is no launch file; its name must end in .yaml or .py")
-    if not path.is_file():
-        raise InputError(f"{path}: the launch file does not exist")
-    return path
+    declared = given.value.get("args") or {}
+    if not isinstance(declared, dict):
+        raise given.error(("args",), "args must be a map of names to defaults")
+    return declared
 
 
 def _arguments(
     given: Located, args: Mapping[str, Located], out: Path
 ) -> tuple[dict[str, Located], Scene | None]:
     """What references may name: the run directory, and the arguments in the order declared."""
-    declared = given.value.get("args") or {}
-    if not isinstance(declared, dict):
-        raise given.error(("args",), "args must be a map of names to defaults")
+    declared = declared_args(given)
     for name, value in args.items():
         if name not in declared:
             text = f"{given.source} has no argument {name!r}; {hint(name, declared)}"

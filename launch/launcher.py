@@ -80,7 +80,10 @@ def launch(
         past_folder(run_dir, folder) as past,
     ):
         place = place_of(folder, names, depth, past)
-        with Desk(place, sources) as desk, Nursery() as nursery:
+        with (
+            Desk(place, sources) as desk,
+            Nursery([wiring.module for wiring in wirings]) as nursery,
+        ):
             if before is not None:
                 before.lay(wirings, place)
             announce(folder, _card(wirings, place, name, ends, run_dir))

@@ -35,7 +35,7 @@ def describe_python(path: Path, args: Mapping[str, Located], out: Path) -> Graph
         If there is no such file or function, an argument is unknown or missing, or what comes
         back is no Graph.
     """
-    function = _load(path)
+    function = load_describe(path)
     signature = inspect.signature(function)
     values: dict[str, Any] = {name: value.value for name, value in args.items()}
     for name, value in args.items():
@@ -55,7 +55,14 @@ def describe_python(path: Path, args: Mapping[str, Located], out: Path) -> Graph
     return graph
 
 
-def _load(path: Path) -> Callable[..., Any]:
+def load_describe(path: Path) -> Callable[..., Any]:
+    """The function ``describe`` of a launch file, which is run up to its end.
+
+    Raises
+    ------
+    InputError
+        If there is no such file or function, or running the file fails.
+    """
     spec = spec_from_file_location("palpate_launch_file", path)
     if spec is None or spec.loader is None or not path.is_file():
         raise InputError(f"{path}: the launch file does not exist")

@@ -23,8 +23,10 @@ def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
     nodes = {}
     for wiring in wirings:
         entry = entries[wiring.name]
-        params = to_builtins(wiring.params, builtin_types=(bytes,))
-        node: dict[str, Any] = {"kind": entry.kind or entry.name, "params": _plain(params)}
+        node: dict[str, Any] = {
+            "kind": entry.kind or entry.name,
+            "params": plain_params(wiring.params),
+        }
         if entry.remap:
             node["remap"] = dict(entry.remap)
         if entry.namespace:
@@ -39,6 +41,11 @@ def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
     yaml.default_flow_style = None
     yaml.dump({"nodes": nodes, "ends": graph.ends}, stream)
     return stream.getvalue()
+
+
+def plain_params(params: Any) -> Any:
+    """The parameters of a node as plain values; bytes are named by their number and SHA-256."""
+    return _plain(to_builtins(params, builtin_types=(bytes,)))
 
 
 def _plain(value: Any) -> Any:

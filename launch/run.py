@@ -39,8 +39,6 @@ class Plan:
     """What it says of itself, text by name: launch file, scene, seed, versions."""
     folder: RunDir
     """Where the results will be."""
-    described: Described | None = None
-    """What its launch file came to, if it comes from one."""
     before: Before | None = None
     """An earlier run, if it goes on with one."""
 
@@ -65,6 +63,25 @@ class Run:
         """The figures for people."""
         files = sorted(path.name for path in self.folder.iterdir())
         return closing_text(self.summary, files, self.folder)
+
+
+def check_run(
+    path: Path, args: Mapping[str, Located], settings: Mapping[str, Located], out: Path
+) -> tuple[Described, tuple[Wiring, ...]]:
+    """What a launch file comes to with arguments and settings, checked whole, and its wiring.
+
+    Parameters are those of `plan_run`; `out` is the run directory, which need not exist.
+
+    Raises
+    ------
+    InputError
+        If anything is wrong.
+    """
+    found = describe(path, args, out)
+    graph = override(found.graph, settings)
+    wirings = graph.wirings()
+    check_demand(graph, wirings)
+    return Described(graph, found.scene, found.args), wirings
 
 
 def plan_run(
@@ -96,14 +113,10 @@ def plan_run(
         If anything is wrong; nothing has been started or written.
     """
     folder = choose_run_dir(name, out)
-    found = describe(path, args, folder.path)
-    graph = override(found.graph, settings)
-    described = Described(graph, found.scene, found.args)
-    wirings = graph.wirings()
-    check_demand(graph, wirings)
-    about = _about(described, resolved_text(graph, wirings))
+    described, wirings = check_run(path, args, settings, folder.path)
+    about = _about(described, resolved_text(described.graph, wirings))
     told = with_description(wirings, about)
-    return Plan(name, told, graph.ends, about, folder, described)
+    return Plan(name, told, described.graph.ends, about, folder)
 
 
 def perform(plan: Plan, *, composed: bool, display: Display) -> Run:

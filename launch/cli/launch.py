@@ -10,7 +10,17 @@ import click
 @click.command("launch")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.argument("arguments", nargs=-1, metavar="[ARG:=VALUE]...")
+@click.option("--show-args", "-s", is_flag=True, help="Print the arguments; start nothing.")
 @click.option("--print", "-p", "only_print", is_flag=True, help="Print the wiring; start nothing.")
+@click.option(
+    "--graph",
+    "picture",
+    type=click.Path(path_type=Path, allow_dash=True),
+    is_flag=False,
+    flag_value="-",
+    metavar="[OUT.svg]",
+    help="Draw the wiring, to standard output if no file is named; start nothing.",
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; new or empty.")
 @click.option("--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="Repeatable.")
 @click.option("--composed", is_flag=True, help="All nodes in one process.")
@@ -19,7 +29,9 @@ import click
 def command(
     file: Path,
     arguments: tuple[str, ...],
+    show_args: bool,
     only_print: bool,
+    picture: Path | None,
     out: Path | None,
     settings: tuple[str, ...],
     composed: bool,
@@ -27,15 +39,30 @@ def command(
     quiet: bool,
 ) -> int:
     """Start the graph that FILE describes; explore.yaml is the one that comes with palpate."""
-    from palpate.launch.cli.play import play
-    from palpate.launch.launch_file import find_launch_file
-    from palpate.launch.override import read_arguments, read_settings
-    from palpate.launch.run import plan_run
+    from palpate.launch.early_start import wake_server
+    from palpate.launch.launch_path import find_launch_file
 
     path = find_launch_file(file)
-    args, given = read_arguments(arguments), read_settings(settings)
-    plan = plan_run(path, args, given, name=path.stem, out=out)
-    if only_print and plan.described is not None:
-        click.echo(f"launch file {path}\n{plan.described.graph.table()}")
+    if show_args:
+        from palpate.launch.show_args import show_args as table_of
+
+        click.echo(table_of(path))
         return 0
-    return play(plan, composed=composed, as_json=as_json, quiet=quiet)
+    if not (composed or only_print or picture):
+        wake_server(path)
+    from palpate.launch.cli.play import play
+    from palpate.launch.override import read_arguments, read_settings
+    from palpate.launch.run import check_run, plan_run
+
+    args, given = read_arguments(arguments), read_settings(settings)
+    if not (only_print or picture):
+        plan = plan_run(path, args, given, name=path.stem, out=out)
+        return play(plan, composed=composed, as_json=as_json, quiet=quiet)
+    described, _ = check_run(path, args, given, out or Path("runs"))
+    if only_print:
+        click.echo(f"launch file {path}\n{described.graph.table()}")
+    if picture:
+        from palpate.launch.drawing.write import write_picture
+
+        write_picture(described.graph, picture, f"Wiring of {path.name}")
+    return 0

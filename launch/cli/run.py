@@ -29,8 +29,12 @@ def command(
     quiet: bool,
 ) -> int:
     """Explore SCENE, a shipped scene's name or a YAML file, and rebuild its object."""
+    from palpate.launch.early_start import wake_server
+    from palpate.launch.launch_path import EXPLORE
+
+    if not composed:
+        wake_server(EXPLORE)
     from palpate.launch.cli.play import play
-    from palpate.launch.launch_file import EXPLORE
     from palpate.launch.located import Located
     from palpate.launch.override import read_settings
     from palpate.launch.run import plan_run

@@ -9,7 +9,8 @@ import pytest
 
 from palpate.launch.bag.diff import compare
 from palpate.launch.display import Silence
-from palpate.launch.launch_file import EXPLORE, describe
+from palpate.launch.launch_file import describe
+from palpate.launch.launch_path import EXPLORE
 from palpate.launch.located import Located
 from palpate.launch.replay.again import replay
 from palpate.launch.run import Plan, perform, plan_run

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from palpate.launch.launch_file import EXPLORE
+from palpate.launch.launch_path import EXPLORE
 from palpate.launch.located import InputError, Located
 from palpate.launch.run import plan_run
 

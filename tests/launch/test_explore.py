@@ -9,7 +9,7 @@ import pytest
 from palpate.launch import explore as module
 from palpate.launch.display import Silence
 from palpate.launch.explore import explore
-from palpate.launch.launch_file import EXPLORE
+from palpate.launch.launch_path import EXPLORE
 from palpate.launch.located import InputError, Located
 
 

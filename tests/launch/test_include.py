@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from palpate.launch.entry import Entry
-from palpate.launch.launch_file import EXPLORE, describe
+from palpate.launch.launch_file import describe
+from palpate.launch.launch_path import EXPLORE
 from palpate.launch.located import InputError, Located
 
 Write = Callable[[str, str], Path]

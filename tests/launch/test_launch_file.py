@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.launch.launch_file import EXPLORE, Described, describe, find_launch_file
+from palpate.launch.launch_file import Described, describe
+from palpate.launch.launch_path import EXPLORE, find_launch_file
 from palpate.launch.located import InputError, Located
 from palpate.launch.resolved import resolved_text
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from palpate.launch.processes.nursery import how_it_ended, no_script
+from palpate.launch.processes.nursery import how_it_ended
 
 
 @pytest.mark.parametrize(
@@ -23,18 +23,11 @@ def test_an_exit_code_is_put_into_words(code: int, words: str) -> None:
     assert how_it_ended(code) == words
 
 
-def test_the_script_is_hidden_only_for_a_moment() -> None:
-    script = sys.modules["__main__"]
-    with no_script():
-        assert not hasattr(sys.modules["__main__"], "__file__")
-    assert sys.modules["__main__"] is script
-
-
 TRACKED = """
 import signal
 from multiprocessing import resource_tracker
 from palpate.launch.processes.nursery import Nursery
-with Nursery():
+with Nursery(()):
     print(open(f"/proc/{resource_tracker._resource_tracker._pid}/status").read())
     assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())
 """

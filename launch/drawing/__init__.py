@@ -1,0 +1,1 @@
+"""The wiring of a graph as a picture: layers, places, SVG."""

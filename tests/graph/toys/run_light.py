@@ -1,0 +1,28 @@
+"""Launch a node that says what its process has imported, from a process that starts afresh."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from palpate.launch.bench_bus import Quiet
+from palpate.launch.bench_toy import Params, toy
+from palpate.launch.launcher import launch
+from palpate.nodes.wiring import Input, Wiring
+
+sys.path.insert(0, str(Path(__file__).parent))
+broken = Wiring(
+    name="broken",
+    module="palpate_toy_broken",
+    params={"how": "tell"},
+    inputs=(Input("source", "/source", "/in", "TactileFrame"),),
+    outputs={"/out": "/broken"},
+    listeners={},
+    nice=3,
+    on_exit="stop",
+)
+before = dict(os.environ)
+ending = launch([toy("source", Params(burst=5)), broken], ends="source", hear=(), watcher=Quiet())
+print(ending.reason)
+print(dict(os.environ) == before)
