@@ -33,6 +33,8 @@ class Entry:
     namespace: str = ""
     """Put before the node's topics: ``finger_1`` makes ``/finger_1/touch/raw``, except of those
     that the node shares with the other fingers'."""
+    host: str = ""
+    """Address of the machine on which it runs, ``192.168.1.5`` or ``lab2:7447``; empty for this."""
     nice: int = 0
     """How far its process stands back when the processor is busy, from 0 to 19."""
     on_exit: OnExit = "restart"

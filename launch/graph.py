@@ -62,6 +62,7 @@ class Graph:
                 inputs=inputs[one.entry.name],
                 outputs=dict(one.outputs),
                 types={wire: one.types[local].__name__ for local, wire in one.outputs.items()},
+                host=one.entry.host,
                 nice=one.entry.nice,
                 on_exit=one.entry.on_exit,
                 longest=one.node.longest,

@@ -42,6 +42,8 @@ class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One such node for each of so many fingers, whose number is ``$(finger)``."""
     namespace: str = ""
     """Put before its topics."""
+    host: str = ""
+    """Address of the machine on which it runs; this one if left out."""
     nice: Annotated[int, Meta(ge=0, le=19)] = 0
     """How far the process stands back when the processor is busy, as in nice(1)."""
     on_exit: OnExit = "restart"
@@ -184,6 +186,7 @@ def _wanted(key: str, name: str, given: Located) -> list[Entry]:
         params=spec.params,
         remap=spec.remap,
         namespace=spec.namespace,
+        host=spec.host,
         nice=spec.nice,
         on_exit=spec.on_exit,
         source=given.source,

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from palpate.launch.hosts.homes import Homes
+from palpate.launch.hosts.places import Abroad
 from palpate.launch.processes.before import Before
 from palpate.launch.processes.desk import Desk
 from palpate.launch.processes.folder import past_folder, place_of, private_folder
@@ -65,8 +67,8 @@ def launch(
     Raises
     ------
     ValueError
-        If the wirings do not fit together, or the folder cannot be made or has too long a path;
-        no process has been started then.
+        If the wirings do not fit together, the folder cannot be made or has too long a path, or
+        another machine gives no answer; no process has been started then.
     RuntimeError
         If this is not the main thread.
     """
@@ -78,12 +80,14 @@ def launch(
         Interrupts() as interrupts,
         private_folder(work_dir) as folder,
         past_folder(run_dir, folder) as past,
+        Abroad(wirings, f"{name} {folder.name}") as abroad,
     ):
-        place = place_of(folder, names, depth, past)
+        place = abroad.reach(place_of(folder, names, depth, past))
         with (
             Desk(place, sources) as desk,
             Nursery([wiring.module for wiring in wirings]) as nursery,
         ):
+            homes = Homes(nursery, abroad.homes)
             if before is not None:
                 before.lay(wirings, place)
             announce(folder, _card(wirings, place, name, ends, run_dir))
@@ -94,7 +98,8 @@ def launch(
                 watcher=watcher,
                 place=place,
                 desk=desk,
-                nursery=nursery,
+                homes=homes,
+                ahead_ns=abroad.ahead_ns,
                 interrupts=interrupts,
                 going=before is not None,
             )
@@ -115,6 +120,7 @@ def _card(
         nodes=recorded_wirings(describe_wirings(wirings)),
         taps=dict(place.taps),
         tools=place.tools,
+        key=place.key,
     )
 
 

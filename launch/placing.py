@@ -9,7 +9,9 @@ from typing import Any
 
 from palpate.launch.convert import convert
 from palpate.launch.entry import Entry
+from palpate.launch.hosts.addresses import read_host
 from palpate.launch.kinds import node_of
+from palpate.launch.located import InputError
 from palpate.launch.nearest import hint
 from palpate.messages.bus.place import LAUNCHER
 from palpate.nodes.node import AnyNode, Node, Sink
@@ -52,6 +54,7 @@ def place(entries: Iterable[Entry]) -> tuple[Placed, ...]:
     placed: dict[str, Placed] = {}
     for entry in entries:
         _check_name(entry, placed)
+        _check_host(entry)
         node = node_of(entry)
         params = _params(entry, node.params)
         types = _types(entry, node, params)
@@ -119,6 +122,14 @@ def _check_name(entry: Entry, placed: Mapping[str, Placed]) -> None:
     if entry.name in placed:
         first = placed[entry.name].entry.source
         raise entry.error(f"the name is taken{f' by {first}' if first else ''}; choose another")
+
+
+def _check_host(entry: Entry) -> None:
+    if entry.host:
+        try:
+            read_host(entry.host)
+        except InputError as error:
+            raise entry.error(str(error)) from None
 
 
 def _check_remap(entry: Entry, node: AnyNode, says: Iterable[str]) -> None:

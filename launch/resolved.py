@@ -31,6 +31,8 @@ def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
             node["remap"] = dict(entry.remap)
         if entry.namespace:
             node["namespace"] = entry.namespace
+        if entry.host:
+            node["host"] = entry.host
         if entry.nice:
             node["nice"] = entry.nice
         if entry.on_exit != "restart":

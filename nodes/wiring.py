@@ -47,6 +47,8 @@ class Wiring:
     """Topic on the wire to the names of those who hear it."""
     types: Mapping[str, str] = field(default_factory=dict)
     """Topic on the wire to the name of its message type."""
+    host: str = ""
+    """Address of the machine on which it runs; empty for the launcher's."""
     nice: int = 0
     """How far its process stands back when the processor is busy, from 0 to 19."""
     on_exit: OnExit = "restart"

@@ -33,6 +33,7 @@ ALLOWED = {
     "palpate.launch.one_thread": LAUNCH | {"threadpoolctl"},
     "palpate.launch.launcher": LAUNCH | {"zmq"},
     "palpate.launch.processes": LAUNCH | {"zmq"},
+    "palpate.launch.hosts": LAUNCH | {"zmq"},
     "palpate.launch.looking": LAUNCH | {"zmq"},
     "palpate.launch.poisson_peer": LAUNCH | {"pymeshlab"},
     "palpate.launch.bench_bus": LAUNCH | {"zmq"},

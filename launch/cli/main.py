@@ -29,6 +29,8 @@ command = Verbs(
         "run": "Explore a scene and rebuild its object.",
         "launch": "Start the graph of a launch file.",
         "topic": "Speak on a topic of a running graph.",
+        "host": "Lend this machine to graphs that are launched elsewhere.",
+        "keys": "Make the key that the machines of a graph share.",
         "replay": "Run nodes on a recording and compare what they say.",
         "bag": "Look into recordings, play, recover and compare them, and hand them on.",
         "scene": "List and check scenes.",

@@ -6,10 +6,9 @@ import os
 import time
 from typing import Any
 
-import zmq
-
 from palpate.launch.processes.register import Card
 from palpate.messages.bus.control import NodeLine, Word
+from palpate.messages.bus.wires import Wires
 
 PATIENCE = 5.0
 """Who does not answer for so long is busy, or stopped, s."""
@@ -19,10 +18,11 @@ AGAIN = 0.02
 
 def tell(card: Card, kind: str, **fields: Any) -> None:
     """Say a word to the launcher of a running graph, without waiting for an answer."""
-    with zmq.Context() as context:
-        line = _line(context, card)
-        line.send(kind, **fields)
-        line.close()
+    wires = Wires(card.key)
+    line = _line(wires, card)
+    line.send(kind, **fields)
+    line.close()
+    wires.close()
 
 
 def ask(card: Card, kind: str, **fields: Any) -> Word:
@@ -36,17 +36,18 @@ def ask(card: Card, kind: str, **fields: Any) -> Word:
         If it refuses, or gives no answer.
     """
     deadline = time.monotonic() + PATIENCE
-    with zmq.Context() as context:
-        line = _line(context, card)
-        try:
-            while True:
-                line.send(kind, **fields)
-                answer = _answer(line, card, deadline)
-                if not answer.get("soon") or time.monotonic() > deadline:
-                    break
-                time.sleep(AGAIN)
-        finally:
-            line.socket.close(0)
+    wires = Wires(card.key)
+    line = _line(wires, card)
+    try:
+        while True:
+            line.send(kind, **fields)
+            answer = _answer(line, card, deadline)
+            if not answer.get("soon") or time.monotonic() > deadline:
+                break
+            time.sleep(AGAIN)
+    finally:
+        line.socket.close(0)
+        wires.close()
     if answer["kind"] == "refused":
         raise ValueError(str(answer["text"]))
     return answer
@@ -63,5 +64,5 @@ def _answer(line: NodeLine, card: Card, deadline: float) -> Word:
     return answer
 
 
-def _line(context: zmq.Context[zmq.Socket[bytes]], card: Card) -> NodeLine:
-    return NodeLine(context, card.tools, name=f"tool {os.getpid()} {os.urandom(4).hex()}")
+def _line(wires: Wires, card: Card) -> NodeLine:
+    return NodeLine(wires.context, card.tools, name=f"tool {os.getpid()} {os.urandom(4).hex()}")

@@ -11,6 +11,7 @@ from palpate.messages.bus.control import LauncherLine
 from palpate.messages.bus.place import LAUNCHER, Place
 from palpate.messages.bus.subscriber import Subscriber
 from palpate.messages.bus.tap import LOG, STATUS, TapReader
+from palpate.messages.bus.wires import Wires
 from palpate.messages.codec import decode, schema_hash
 from palpate.messages.types import TYPES
 
@@ -27,11 +28,12 @@ class Desk:
     """
 
     def __init__(self, place: Place, sources: Mapping[str, Sequence[str]]) -> None:
-        self._context = zmq.Context()
-        self.line = LauncherLine(self._context, place.control)
-        self.tools = LauncherLine(self._context, place.tools)
+        self._wires = Wires(place.key)
+        context = self._wires.context
+        self.line = LauncherLine(context, place.control)
+        self.tools = LauncherLine(context, place.tools)
         self.ears = Subscriber(
-            self._context,
+            context,
             name=LAUNCHER,
             run=place.run,
             epoch=0,
@@ -39,7 +41,7 @@ class Desk:
             endpoints=place.endpoints,
             depth=place.depth,
         )
-        self.taps = TapReader(self._context, place.taps.values(), (STATUS, LOG), place.depth)
+        self.taps = TapReader(context, place.taps.values(), (STATUS, LOG), place.depth)
         self.consumed: Counter[tuple[str, str]] = Counter()
         """Messages heard, by publisher and topic."""
         self._types: dict[int, type] = {}
@@ -55,7 +57,7 @@ class Desk:
         self.taps.close()
         self.line.close()
         self.tools.close()
-        self._context.term()
+        self._wires.close()
 
     def watch(self, sentinel: int) -> None:
         """Also wake when this process ends."""

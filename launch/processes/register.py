@@ -46,6 +46,8 @@ class Card(msgspec.Struct, frozen=True, kw_only=True):
     """Name of the node to the address of its tap."""
     tools: str
     """Address at which the launcher answers tools."""
+    key: str = ""
+    """File of the key that tools need; empty within one machine."""
 
     @property
     def topics(self) -> dict[str, str]:

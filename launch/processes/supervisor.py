@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
+from palpate.launch.hosts.homes import Homes
 from palpate.launch.processes.census import Census, Count, Edge
 from palpate.launch.processes.desk import Desk
 from palpate.launch.processes.interrupts import Interrupts
-from palpate.launch.processes.nursery import Nursery
 from palpate.launch.processes.reception import Reception
 from palpate.launch.processes.roll import Roll
 from palpate.launch.processes.ward import Ward
@@ -51,8 +51,10 @@ class Supervisor:
         What the launcher itself hears: publishers and their topics.
     watcher : Watcher
         Is told what happens.
-    place, desk, nursery, interrupts
+    place, desk, homes, interrupts
         The addresses, the sockets, the processes and the wish to end.
+    ahead_ns : function
+        How far this machine's clock is ahead of that of a node's machine, ns.
     going : bool
         Whether the nodes go on with what they did in an earlier run, and wait for nobody.
     """
@@ -66,19 +68,20 @@ class Supervisor:
         watcher: Watcher,
         place: Place,
         desk: Desk,
-        nursery: Nursery,
+        homes: Homes,
+        ahead_ns: Callable[[str], int],
         interrupts: Interrupts,
         going: bool = False,
     ) -> None:
         self._wirings, self._ends = wirings, ends
         self._watcher, self._desk = watcher, desk
-        self._nursery, self._interrupts = nursery, interrupts
+        self._homes, self._interrupts = homes, interrupts
         names = [wiring.name for wiring in wirings]
         edges = [Edge(w.name, one.publisher, one.topic) for w in wirings for one in w.inputs]
         edges += [Edge(LAUNCHER, source, topic) for source in sources for topic in sources[source]]
         self._census = Census([*names, LAUNCHER], edges)
         self._roll = Roll(names)
-        self._ward = Ward(wirings, place, nursery, desk)
+        self._ward = Ward(wirings, place, homes, desk, ahead_ns)
         self._reception = Reception(desk.tools, desk.line, self._ward, self._roll)
         self._finished: str | None = None
         self._going, self._stopping = going, False
@@ -95,7 +98,7 @@ class Supervisor:
         verdict = self._start() or self._watch(began)
         if verdict.status == "finished":
             verdict = self._stop() or verdict
-        self._nursery.end()
+        self._homes.end()
         self._hear_nodes()
         if verdict.status == "died" and self._interrupts.came and not self._roll.failed:
             # The signal reached the whole group, and a node was faster than the launcher.
@@ -151,6 +154,7 @@ class Supervisor:
     def _turn(self) -> Verdict | None:
         """Wait for something to happen, and see to it; returns what must end the graph."""
         ended = self._desk.wait(5 if self._finished else 50)
+        self._homes.hear()
         self._hear_nodes()
         self._hear_topics()
         self._reception.serve()

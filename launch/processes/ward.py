@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import msgspec
 
+from palpate.launch.hosts.homes import Homes
 from palpate.launch.processes.desk import Desk
-from palpate.launch.processes.nursery import Nursery, how_it_ended
+from palpate.launch.processes.nursery import how_it_ended
 from palpate.launch.processes.pulse import Pulse, busy
 from palpate.launch.processes.restarts import Restarts
 from palpate.messages.bus.place import Place
@@ -25,18 +26,26 @@ class Ward:
         The nodes.
     place : Place
         The addresses of the run.
-    nursery, desk
+    homes, desk
         Where processes are born, and what wakes when they end.
+    ahead_ns : function
+        How far this machine's clock is ahead of that of a node's machine, ns.
     """
 
     def __init__(
-        self, wirings: Sequence[Wiring], place: Place, nursery: Nursery, desk: Desk
+        self,
+        wirings: Sequence[Wiring],
+        place: Place,
+        homes: Homes,
+        desk: Desk,
+        ahead_ns: Callable[[str], int],
     ) -> None:
         self.wirings = {wiring.name: wiring for wiring in wirings}
         """The nodes by name."""
         self.restarts = Restarts({one.name: one.on_exit for one in wirings})
         """What has died so far."""
-        self._place, self._nursery, self._desk = place, nursery, desk
+        self._place, self._homes, self._desk = place, homes, desk
+        self._ahead_ns = ahead_ns
         self._pulse = Pulse({one.name: one.longest for one in wirings})
         self._hung: dict[str, float] = {}
         self._living: dict[int, str] = {}
@@ -48,7 +57,7 @@ class Ward:
 
     def pid(self, name: str) -> int:
         """Number of the process of a node."""
-        return self._nursery.pid(name)
+        return self._homes.pid(name)
 
     def bear(self, name: str, *, going: bool = False) -> None:
         """Start the process of a node, again if the graph is going.
@@ -58,9 +67,10 @@ class Ward:
         ChildProcessError
             If it cannot be started.
         """
-        place = replace(self._place, epoch=self.restarts.counts[name], going=going)
+        epoch, ahead_ns = self.restarts.counts[name], self._ahead_ns(name)
+        place = replace(self._place, epoch=epoch, going=going, ahead_ns=ahead_ns)
         packed = msgspec.msgpack.encode(place)
-        sentinel = self._nursery.bear(name, _sealed(self.wirings[name]), packed)
+        sentinel = self._homes.bear(name, _sealed(self.wirings[name]), packed)
         self._living[sentinel] = name
         self._pulse.begin(name, time.monotonic())
         self._desk.watch(sentinel)
@@ -70,7 +80,7 @@ class Ward:
         self._desk.unwatch(sentinel)
         name = self._living.pop(sentinel)
         self._pulse.forget(name)
-        return name, self._nursery.exit_code(name)
+        return name, self._homes.exit_code(name)
 
     def how_it_died(self, name: str, code: int, failed: str | None) -> str:
         """How a node died, as the rest of a sentence; what it said it failed of, if it did."""
@@ -84,7 +94,7 @@ class Ward:
         if kind in ("bye", "failed"):
             self._pulse.forget(name)
         elif name in self.living:
-            does = busy(self._nursery.pid(name))
+            does = busy(self._homes.pid(name))
             self._pulse.sign(name, time.monotonic(), 0.0 if does is None else does.used)
 
     def let_begin(self) -> None:
@@ -94,11 +104,11 @@ class Ward:
 
     def see_to_hung(self, now: float) -> None:
         """Kill what hangs: it is then buried as others are."""
-        pids = {name: self._nursery.pid(name) for name in self.living}
+        pids = {name: self._homes.pid(name) for name in self.living}
         for name, silence in self._pulse.hung(now, pids).items():
             self._hung[name] = silence
             self._pulse.forget(name)
-            self._nursery.kill(name)
+            self._homes.kill(name)
 
 
 def _sealed(wiring: Wiring) -> bytes:

@@ -11,6 +11,8 @@ from typing import Any
 import msgpack
 import zmq
 
+from palpate.messages.bus.wires import bind
+
 MAX_BYTES = 1 << 20
 """Longest word."""
 LINGER_MS = 500
@@ -79,7 +81,7 @@ class LauncherLine:
         # A node that was started again speaks before its old line is known to be gone.
         self.socket.setsockopt(zmq.ROUTER_HANDOVER, 1)
         self.socket.setsockopt(zmq.LINGER, 0)
-        self.socket.bind(endpoint)
+        bind(self.socket, endpoint)
 
     def send(self, name: str, kind: str, **fields: Any) -> bool:
         """Say a word to a node; False if it cannot be reached."""

@@ -33,5 +33,9 @@ class Place:
     """Name of the node to the file in which it puts down what it consumes."""
     pasts: Mapping[str, str]
     """Name of the node to the file in which it keeps what it said and has no memory for."""
+    key: str = ""
+    """File of the secret key with which all sockets are locked; empty within one machine."""
+    ahead_ns: int = 0
+    """How far the launcher's clock is ahead of this machine's, ns."""
     going: bool = False
     """Whether the graph had been started when this node was started again."""

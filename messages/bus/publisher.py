@@ -17,6 +17,7 @@ import zmq
 
 from palpate.messages.bus import join
 from palpate.messages.bus.past import Past
+from palpate.messages.bus.wires import bind
 from palpate.messages.header import Header, pack_frame
 
 PATIENCE = 10.0
@@ -52,6 +53,8 @@ class Publisher:
         Whether it says once more what an earlier start had said, until `go_live`.
     patience : float
         Longest wait for a full queue, s.
+    ahead_ns : int
+        How far the launcher's clock is ahead of this machine's, ns.
     """
 
     def __init__(
@@ -68,6 +71,7 @@ class Publisher:
         past: Past,
         again: bool = False,
         patience: float = PATIENCE,
+        ahead_ns: int = 0,
     ) -> None:
         self.name, self.run, self.epoch = name, run, epoch
         self.blocked = 0
@@ -76,12 +80,12 @@ class Publisher:
         """Time of the latest message sent or heard, ns: the next one is sent later."""
         self._listeners = dict(listeners)
         self._past = past
-        self._drain, self._patience = drain, patience
+        self._drain, self._patience, self._ahead_ns = drain, patience, ahead_ns
         self._lacks: dict[tuple[bytes, str], int] | None = {} if again else None
         self.socket = context.socket(zmq.XPUB)
         self.socket.setsockopt(zmq.XPUB_NODROP, 1)
         self.socket.setsockopt(zmq.SNDHWM, depth)
-        self.socket.bind(endpoint)
+        bind(self.socket, endpoint)
 
     @property
     def sent(self) -> dict[str, int]:
@@ -101,7 +105,7 @@ class Publisher:
             If a listener's queue stays full for longer than the patience.
         """
         seq = self._past.count(topic)
-        self.latest_ns = max(time.monotonic_ns(), self.latest_ns + 1)
+        self.latest_ns = max(time.monotonic_ns() + self._ahead_ns, self.latest_ns + 1)
         header = Header(self.run, self.epoch, seq, self.latest_ns, robot_time, schema)
         frame = pack_frame(topic, header, body)
         self._past.add(topic, frame)

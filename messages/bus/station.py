@@ -14,6 +14,7 @@ from palpate.messages.bus.place import Place
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Arrival, Subscriber
 from palpate.messages.bus.tap import Tap
+from palpate.messages.bus.wires import Wires
 
 _MOMENT_MS = 10
 LINGER_MS = 1000
@@ -59,13 +60,13 @@ class Station:
             keep=keeps,
             epoch=place.epoch,
         )
-        self._context = zmq.Context()
+        self._wires = Wires(place.key)
         self._inbox: deque[Arrival] = deque()
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
         try:
             self._open(name, place, hears, says, again=place.going and not keeps)
         except zmq.ZMQError:
-            self._context.destroy(linger=0)
+            self._wires.destroy()
             raise
 
     def _open(
@@ -77,7 +78,7 @@ class Station:
         *,
         again: bool,
     ) -> None:
-        context = self._context
+        context = self._wires.context
         run, epoch, depth = place.run, place.epoch, place.depth
         self.line = NodeLine(context, place.control, name=name)
         self.subscriber = Subscriber(
@@ -100,6 +101,7 @@ class Station:
             drain=self._drain,
             past=self._past,
             again=again,
+            ahead_ns=place.ahead_ns,
         )
         self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
         # The publisher by its descriptor: it wakes when a place in a queue has come free.
@@ -161,7 +163,7 @@ class Station:
         self.publisher.close(LINGER_MS)
         self.tap.close()
         self.line.close()
-        self._context.term()
+        self._wires.close()
 
     def _heard(self) -> Arrival | None:
         arrival = self.subscriber.receive()

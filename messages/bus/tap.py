@@ -13,6 +13,7 @@ from collections.abc import Iterable
 import zmq
 
 from palpate.messages.bus.subscriber import RECONNECT_MS
+from palpate.messages.bus.wires import bind
 from palpate.messages.codec import encode, schema_hash
 from palpate.messages.header import Header, pack_frame, split_frame
 from palpate.messages.types import LogRecord, NodeStatus
@@ -44,7 +45,7 @@ class Tap:
         self._mirroring = False
         self.socket = context.socket(zmq.XPUB)
         self.socket.setsockopt(zmq.SNDHWM, DEPTH)
-        self.socket.bind(endpoint)
+        bind(self.socket, endpoint)
 
     def refresh(self) -> None:
         """Take note of who listens."""

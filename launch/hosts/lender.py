@@ -1,0 +1,203 @@
+"""A machine that lends itself: nodes of graphs that are launched elsewhere run here.
+
+Whoever has the key may have processes started, and nobody else. They end with the launcher's word,
+or when nothing has been heard of it for a while.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import zmq
+
+from palpate.launch.hosts.addresses import free_endpoints
+from palpate.launch.processes.folder import private_folder
+from palpate.launch.processes.interrupts import Interrupts
+from palpate.launch.processes.nursery import Nursery
+from palpate.messages.bus.control import LauncherLine, Word
+from palpate.messages.bus.place import Place
+from palpate.messages.bus.wires import Wires
+
+LOST = 3.0
+"""A launcher of which nothing was heard for so long is gone, s."""
+TURN_MS = 100
+
+
+class Guest:
+    """One launcher's nodes on this machine.
+
+    Parameters
+    ----------
+    address, key : str
+        Of this machine, and the file of the key.
+    word : map
+        The launcher's greeting: names and modules of the nodes that will run here.
+    now : float
+        Monotonic time, s.
+    """
+
+    def __init__(self, address: str, key: str, word: Word, now: float) -> None:
+        self.heard = now
+        """Monotonic time of its last word, s."""
+        self.sentinels: dict[int, str] = {}
+        """Nodes that run, by what wakes when they end."""
+        self._address, self._key = address, key
+        self._kept = ExitStack()
+        self._folder = self._kept.enter_context(private_folder(None))
+        modules = [str(name) for name in word["modules"]]
+        self._nursery = self._kept.enter_context(Nursery(modules))
+        self._names = [str(name) for name in word["names"]]
+
+    def hello(self) -> Word:
+        """Where the nodes that are to run here will be found, and this machine's clock."""
+        names = self._names
+        endpoints = free_endpoints(self._address, [f"n {name}" for name in names])
+        taps = free_endpoints(self._address, [f"t {name}" for name in names])
+        return {
+            "kind": "hello",
+            "ns": time.monotonic_ns(),
+            "endpoints": {name: endpoints[f"n {name}"] for name in names},
+            "taps": {name: taps[f"t {name}"] for name in names},
+        }
+
+    def bear(self, word: Word) -> Word:
+        """Start a node; its files are this machine's."""
+        name = str(word["node"])
+        place = msgspec.msgpack.decode(word["place"], type=Place)
+        number = self._names.index(name)
+        own = replace(
+            place,
+            key=self._key,
+            journals={name: str(self._folder / f"j{number}")},
+            pasts={name: str(self._folder / f"p{number}")},
+        )
+        try:
+            packed = msgspec.msgpack.encode(own)
+            self.sentinels[self._nursery.bear(name, word["wiring"], packed)] = name
+        except ChildProcessError as error:
+            return {"kind": "unborn", "node": name, "text": str(error)}
+        return {"kind": "born", "node": name}
+
+    def kill(self, word: Word) -> None:
+        """Kill a node."""
+        if word["node"] in self.sentinels.values():
+            self._nursery.kill(str(word["node"]))
+
+    def bury(self, sentinel: int) -> Word:
+        """A node has ended."""
+        name = self.sentinels.pop(sentinel)
+        return {"kind": "ended", "node": name, "code": self._nursery.exit_code(name)}
+
+    def close(self) -> None:
+        """End all its nodes, and leave nothing behind."""
+        self._kept.close()
+
+
+def lend(address: str, port: int, key: Path, echo: Callable[[str], None]) -> None:
+    """Lend this machine until Ctrl-C.
+
+    Parameters
+    ----------
+    address, port : str, int
+        Where launchers find it.
+    key : Path
+        The key that they must have.
+    echo : function
+        Prints a line.
+
+    Raises
+    ------
+    ValueError
+        If the key cannot be used, or the address is taken or not this machine's.
+    """
+    wires = Wires(str(key))
+    try:
+        line = LauncherLine(wires.context, f"tcp://{address}:{port}")
+    except zmq.ZMQError as error:
+        wires.destroy()
+        raise ValueError(f"{address}:{port} cannot be listened at: {error}") from None
+    echo(f"{address}:{port} runs nodes for whoever has {key}; Ctrl-C ends it")
+    lender = Lender(line, address, str(key), echo)
+    with Interrupts() as interrupts:
+        while not interrupts.came:
+            lender.turn()
+        lender.close()
+    line.close()
+    wires.close()
+
+
+class Lender:
+    """The guests of one machine.
+
+    Parameters
+    ----------
+    line : LauncherLine
+        Where launchers speak.
+    address, key : str
+        Of this machine, and the file of the key.
+    echo : function
+        Prints a line.
+    """
+
+    def __init__(
+        self, line: LauncherLine, address: str, key: str, echo: Callable[[str], None]
+    ) -> None:
+        self._line, self._address, self._key, self._echo = line, address, key, echo
+        self._guests: dict[str, Guest] = {}
+
+    def turn(self) -> None:
+        """Wait for something to happen, and see to it."""
+        poller = zmq.Poller()
+        poller.register(self._line.socket, zmq.POLLIN)
+        for guest in self._guests.values():
+            for sentinel in guest.sentinels:
+                poller.register(sentinel, zmq.POLLIN)
+        ended = {who for who, _ in poller.poll(TURN_MS) if isinstance(who, int)}
+        for name, guest in self._guests.items():
+            for sentinel in ended & set(guest.sentinels):
+                self._line.send(name, **guest.bury(sentinel))
+        while (heard := self._line.receive()) is not None:
+            self._obey(*heard)
+        self._see_to_lost(time.monotonic())
+
+    def close(self) -> None:
+        """End everybody's nodes."""
+        for name in list(self._guests):
+            self._part(name, "told to end")
+
+    def _obey(self, name: str, word: Word) -> None:
+        now = time.monotonic()
+        if word["kind"] == "hello":
+            if name not in self._guests:
+                self._guests[name] = Guest(self._address, self._key, word, now)
+            self._echo(f"{name}: {', '.join(word['names'])}")
+            self._line.send(name, **self._guests[name].hello())
+        guest = self._guests.get(name)
+        if guest is None:
+            return
+        guest.heard = now
+        match word["kind"]:
+            case "bear":
+                self._line.send(name, **guest.bear(word))
+            case "kill":
+                guest.kill(word)
+            case "alive":
+                self._line.send(name, "alive")
+            case "end":
+                self._part(name, "has ended")
+
+    def _see_to_lost(self, now: float) -> None:
+        for name, guest in list(self._guests.items()):
+            if now - guest.heard > LOST:
+                self._part(name, "is gone; its nodes are ended")
+
+    def _part(self, name: str, why: str) -> None:
+        guest = self._guests.pop(name)
+        guest.close()
+        self._line.send(name, "parted")
+        self._echo(f"{name} {why}")

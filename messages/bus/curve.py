@@ -1,0 +1,88 @@
+"""The lock on sockets between machines: CURVE, with one key pair for all that may take part.
+
+Who has the key may speak, nobody else; and nobody else can read what is said.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import zmq
+import zmq.auth
+from zmq.auth.thread import ThreadAuthenticator
+
+
+class Gate:
+    """Gives the sockets of a context the key, and lets nobody in without it.
+
+    Parameters
+    ----------
+    context : zmq.Context
+        The context; sockets that were made before are not locked.
+    key : str
+        File of the secret key.
+
+    Raises
+    ------
+    ValueError
+        If the file holds no key that could be used.
+    """
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], key: str) -> None:
+        public, secret = read_key(Path(key))
+        self._public = public
+        self._guard = ThreadAuthenticator(context)
+        self._guard.start()
+        self._guard.configure_curve_callback("*", self)
+        context.setsockopt(zmq.CURVE_PUBLICKEY, public)
+        context.setsockopt(zmq.CURVE_SECRETKEY, secret)
+        context.setsockopt(zmq.CURVE_SERVERKEY, public)
+
+    def callback(self, domain: str, key: bytes) -> bool:
+        """Whether a public key, in Z85, is let in."""
+        return key == self._public
+
+    def close(self) -> None:
+        """Let nobody in any more."""
+        self._guard.stop()
+
+
+def make_key(path: Path) -> None:
+    """Make a key file that only this user can read.
+
+    Raises
+    ------
+    FileExistsError
+        If there is one already: those who have it would be locked out.
+    OSError
+        If it cannot be written.
+    """
+    if path.exists():
+        raise FileExistsError(f"key {path} exists already; it is not overwritten")
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    public, secret = zmq.curve_keypair()
+    path.touch(mode=0o600)
+    path.write_text(
+        f'curve\n    public-key = "{public.decode()}"\n    secret-key = "{secret.decode()}"\n'
+    )
+
+
+def read_key(path: Path) -> tuple[bytes, bytes]:
+    """Public and secret key of a file.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read or holds no key pair, or others may read it.
+    """
+    try:
+        shared = path.stat().st_mode & 0o077
+        public, secret = zmq.auth.load_certificate(path)
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise ValueError(f"key {path} cannot be used: {why}") from None
+    if secret is None:
+        raise ValueError(f"key {path} cannot be used: it holds no secret key")
+    if shared:
+        raise ValueError(f"key {path} can be read by others; run chmod 600 {path}")
+    return public, secret

@@ -1,0 +1,213 @@
+"""Graphs on several machines, here two addresses of one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+
+from palpate.launch.bench_toy import Params, toy
+from palpate.launch.hosts.addresses import free_endpoints, key_file, own_address, read_host
+from palpate.launch.launcher import launch
+from palpate.launch.located import InputError
+from palpate.messages.bus.curve import make_key, read_key
+from palpate.messages.bus.wires import Wires, bind
+
+pytestmark = [
+    pytest.mark.graph,
+    pytest.mark.skipif(sys.platform != "linux", reason="has one loopback address"),
+]
+
+AWAY = "127.0.0.2"
+FRAMES = 300
+
+
+@pytest.fixture(autouse=True)
+def key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    make_key(key_file())
+    return key_file()
+
+
+def lender(where: str) -> subprocess.Popen[str]:
+    started = subprocess.Popen(
+        [sys.executable, "-m", "palpate", "host", where],
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert started.stdout is not None
+    assert "runs nodes for whoever has" in started.stdout.readline()
+    return started
+
+
+@pytest.fixture
+def away(key: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Another machine that lends itself: its address, and its process."""
+    [endpoint] = free_endpoints(AWAY, ["port"]).values()
+    where = endpoint.removeprefix("tcp://")
+    process = lender(where)
+    try:
+        yield where, process
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=10)
+
+
+def ring(where: str) -> list[Any]:
+    return [
+        toy("source", Params(burst=FRAMES)),
+        replace(toy("relay", Params(relay=True), hears="source"), host=where),
+        toy("counter", Params(expects=FRAMES), hears="relay"),
+    ]
+
+
+def test_a_graph_on_two_machines_loses_nothing(
+    away: tuple[str, subprocess.Popen[str]], watcher: Any, tmp_path: Path
+) -> None:
+    ending = launch(ring(away[0]), ends="counter", hear=["/relay"], watcher=watcher)
+    assert (ending.status, ending.reason) == ("finished", f"{FRAMES} heard")
+    assert [message.touch for _, message in watcher.messages] == list(range(FRAMES))
+    assert (ending.gaps, ending.duplicates) == (0, 0)
+    away[1].send_signal(signal.SIGINT)
+    said, _ = away[1].communicate(timeout=10)
+    assert ": relay" in said and "has ended" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["config"]
+
+
+def test_a_node_that_dies_on_the_other_machine_goes_on(
+    away: tuple[str, subprocess.Popen[str]], watcher: Any
+) -> None:
+    slow = ring(away[0])
+    slow[1] = replace(slow[1], params=Params(relay=True, work=3e-3))
+    heard = watcher.heard
+
+    def kill_at(topic: str, message: Any) -> None:
+        heard(topic, message)
+        if message.touch == FRAMES // 3:
+            os.kill(node_of(away[1]), signal.SIGKILL)
+
+    watcher.heard = kill_at
+    ending = launch(slow, ends="counter", hear=["/relay"], watcher=watcher)
+    assert (ending.status, ending.reason) == ("finished", f"{FRAMES} heard")
+    assert ending.restarts == {"relay": 1}
+    assert [message.touch for _, message in watcher.messages] == list(range(FRAMES))
+
+
+def node_of(process: subprocess.Popen[str]) -> int:
+    """The one process that the server of another machine has forked."""
+    found = {}
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdecimal():
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            found[int(folder.name)] = int(fields[1]), int(fields[2])
+    group = [pid for pid, (_, its_group) in found.items() if its_group == process.pid]
+    [node] = [pid for pid in group if found[found[pid][0]][0] == process.pid]
+    return node
+
+
+def test_who_has_another_key_is_refused(
+    away: tuple[str, subprocess.Popen[str]], watcher: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate.launch.hosts.host.PATIENCE", 1.0)
+    key_file().unlink()
+    make_key(key_file())
+    with pytest.raises(ValueError, match="gives no answer: palpate host must run there, with the"):
+        launch(ring(away[0]), ends="counter", hear=[], watcher=watcher)
+
+
+def test_without_a_key_nothing_is_started(
+    away: tuple[str, subprocess.Popen[str]], watcher: Any
+) -> None:
+    key_file().unlink()
+    with pytest.raises(ValueError, match=r"graph\.key cannot be used: No such file"):
+        launch(ring(away[0]), ends="counter", hear=[], watcher=watcher)
+
+
+def test_who_connects_without_a_key_hears_nothing(key: Path) -> None:
+    wires = Wires(str(key))
+    publisher, open_ear = wires.context.socket(zmq.XPUB), zmq.Context.instance().socket(zmq.SUB)
+    [endpoint] = free_endpoints("127.0.0.1", ["port"]).values()
+    bind(publisher, endpoint)
+    locked = wires.context.socket(zmq.SUB)
+    for ear in (open_ear, locked):
+        ear.subscribe(b"")
+        ear.connect(endpoint)
+    assert publisher.poll(5000)
+    publisher.recv()
+    publisher.send(b"secret")
+    assert locked.poll(5000)
+    assert not open_ear.poll(200)
+    for one in (publisher, locked, open_ear):
+        one.close(0)
+    wires.close()
+
+
+def test_nobody_listens_at_an_address_without_a_key() -> None:
+    wires = Wires()
+    socket = wires.context.socket(zmq.XPUB)
+    with pytest.raises(ValueError, match="cannot be listened at without a key"):
+        bind(socket, "tcp://127.0.0.1:7999")
+    socket.close(0)
+    wires.close()
+
+
+@pytest.mark.slow
+def test_a_launcher_that_is_gone_leaves_no_node_on_other_machines(
+    away: tuple[str, subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    script = Path(__file__).parent / "toys" / "run_away.py"
+    command = [sys.executable, str(script), away[0]]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as launcher:
+        assert launcher.stdout is not None
+        assert launcher.stdout.readline() == b"ready\n"
+        node = node_of(away[1])
+        launcher.kill()
+    deadline = time.monotonic() + 10.0
+    while Path(f"/proc/{node}").exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_a_key_is_made_once_and_for_nobody_else(key: Path) -> None:
+    assert key.stat().st_mode & 0o777 == 0o600
+    with pytest.raises(FileExistsError, match="exists already; it is not overwritten"):
+        make_key(key)
+    key.chmod(0o644)
+    with pytest.raises(ValueError, match=f"can be read by others; run chmod 600 {key}"):
+        read_key(key)
+
+
+@pytest.mark.parametrize("text", ["curve\n", "", "\0", 'public-key = "short"\n'])
+def test_what_is_no_key_is_refused(text: str, key: Path) -> None:
+    key.write_text(text)
+    with pytest.raises(ValueError, match="cannot be used"):
+        read_key(key)
+
+
+def test_a_machine_is_named_by_address_and_port() -> None:
+    assert read_host("lab2") == ("lab2", 7447)
+    assert read_host("192.168.1.5:900") == ("192.168.1.5", 900)
+    assert own_address(AWAY).startswith("127.")
+
+
+@pytest.mark.parametrize("text", ["", "tcp://a", "a:b", "a:0", "a:70000", "-a", "a b"])
+def test_what_is_no_machine_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="must look like"):
+        read_host(text)
+
+
+def test_ports_of_another_machine_cannot_be_had_here() -> None:
+    with pytest.raises(ValueError, match=r"8\.8\.8\.8 is no address of this machine"):
+        free_endpoints("8.8.8.8", ["port"])

@@ -1,0 +1,29 @@
+"""Launch a ring that never ends, one node of it on another machine."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+from palpate.launch.bench_bus import Quiet
+from palpate.launch.bench_toy import Params, toy
+from palpate.launch.launcher import launch
+
+
+class Telling(Quiet):
+    """Says when all nodes are up."""
+
+    def ready(self, seconds: float) -> None:
+        print("ready", flush=True)
+
+
+relay = toy("relay", Params(relay=True), hears="source")
+launch(
+    [
+        toy("source", Params(burst=1, laps=10**9), hears="relay"),
+        replace(relay, host=sys.argv[1]),
+    ],
+    ends="source",
+    hear=[],
+    watcher=Telling(),
+)
