@@ -30,7 +30,10 @@ command = Verbs(
         "launch": "Start the graph of a launch file.",
         "replay": "Run nodes on a recording and compare what they say.",
         "scene": "List and check scenes.",
-        "node": "List the kinds of node and what they hear and say.",
+        "node": "Look at the nodes of a running graph, or at the kinds of node.",
+        "topic": "Look at the topics of a running graph.",
+        "param": "Look at the parameters of a running graph's nodes.",
+        "doctor": "Say whether machine, installation and running graphs are well.",
         "init": "Begin an effect or a planner of your own.",
         "calibrate": "Press a known flat and ball, and say what each taxel means.",
         "rebuild": "Rebuild a solid from contours that anybody measured.",
@@ -76,7 +79,7 @@ def run(arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _say("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # Whoever read our output has had enough, as in ``palpate node list | head -1``.
+        # Whoever read our output has had enough, as in ``palpate node kinds | head -1``.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except OSError as error:
