@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
@@ -155,4 +156,5 @@ class Hearing:
 
 def still_runs(card: Card) -> bool:
     """Whether a graph still runs."""
-    return any(one.run == card.run for one in running())
+    home = Path(card.tools.removeprefix("ipc://")).parent.parent
+    return any(one.run == card.run for one in running(home))
