@@ -36,10 +36,11 @@ def bench_bus(repeats: int = 100) -> str:
     repeats : int
         How often each test of loss is run.
     """
+    from palpate.launch.bench_looking import TURNS
     from palpate.launch.bench_looking import rows as looking_rows
 
-    turns = 3 if repeats < 10 else 9
-    return "\n".join(str(row) for row in (*rows(repeats), *looking_rows(turns)))
+    table = (*rows(repeats), *looking_rows(min(repeats, TURNS)))
+    return "\n".join(str(row) for row in table)
 
 
 def rows(repeats: int = 5, laps: int = LAPS) -> list[Row]:
