@@ -181,7 +181,7 @@ def test_the_numbers_of_messages_are_the_publishers_own_count(home: Path) -> Non
     lost = frames[last].header.seq - beats[-2][1], frames[first].header.seq - beats[0][1]
     # Of the count between two words it differs by no more than what was lost right after each.
     assert rates.rate() == pytest.approx((counted + lost[0] - lost[1]) / seconds)
-    assert all(0 <= number < 100 for number in lost)
+    assert min(lost) >= 0
 
 
 def test_hz_bw_and_delay_say_their_figures(home: Path, capsys: Output) -> None:
