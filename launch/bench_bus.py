@@ -30,14 +30,18 @@ _DEADLINE_MS = 10_000
 
 
 def bench_bus(repeats: int = 100) -> str:
-    """Table of losses and costs of the bus.
+    """Table of losses and costs of the bus, and of those who look at it.
 
     Parameters
     ----------
     repeats : int
         How often each test of loss is run.
     """
-    return "\n".join(str(row) for row in rows(repeats))
+    from palpate.launch.bench_looking import TURNS
+    from palpate.launch.bench_looking import rows as looking_rows
+
+    table = (*rows(repeats), *looking_rows(min(repeats, TURNS)))
+    return "\n".join(str(row) for row in table)
 
 
 def rows(repeats: int = 5, laps: int = LAPS) -> list[Row]:

@@ -107,4 +107,5 @@ def toy(name: str, params: Params, *, hears: str = "", listeners: tuple[str, ...
         inputs=inputs,
         outputs=outputs,
         listeners={f"/{name}": listeners},
+        types=dict.fromkeys(outputs.values(), "TactileFrame"),
     )

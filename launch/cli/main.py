@@ -28,13 +28,15 @@ command = Verbs(
     {
         "run": "Explore a scene and rebuild its object.",
         "launch": "Start the graph of a launch file.",
-        "topic": "Speak on a topic of a running graph.",
         "host": "Lend this machine to graphs that are launched elsewhere.",
         "keys": "Make the key that the machines of a graph share.",
         "replay": "Run nodes on a recording and compare what they say.",
         "bag": "Look into recordings, play, recover and compare them, and hand them on.",
         "scene": "List and check scenes.",
-        "node": "List the kinds of node and what they hear and say.",
+        "node": "Look at the nodes of a running graph, or at the kinds of node.",
+        "topic": "Hear and speak on the topics of a running graph.",
+        "param": "Look at the parameters of a running graph's nodes.",
+        "doctor": "Say whether machine, installation and running graphs are well.",
         "init": "Begin a node, a driver, an effect or a planner of your own.",
         "calibrate": "Press a known flat and ball, and say what each taxel means.",
         "rebuild": "Rebuild a solid from contours that anybody measured.",
@@ -80,7 +82,7 @@ def run(arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _say("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # Whoever read our output has had enough, as in ``palpate node list | head -1``.
+        # Whoever read our output has had enough, as in ``palpate node kinds | head -1``.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except OSError as error:

@@ -47,7 +47,7 @@ def test_help_lists_the_verbs_without_importing_one() -> None:
     )
 
     *text, modules = done.stdout.splitlines()
-    for verb in ("run", "launch", "replay", "bag", "scene", "node", "bench"):
+    for verb in ("run", "launch", "replay", "bag", "scene", "node", "topic", "doctor", "bench"):
         assert any(line.startswith(f"  {verb} ") for line in text)
     assert not {"numpy", "msgspec", "rich", "palpate.launch.cli.run"} & set(modules.split())
 
@@ -79,7 +79,10 @@ def test_the_version_is_said(capsys: Output) -> None:
         (["bag", "diff", "x.mcap"], "Missing argument 'B'"),
         (["bag", "diff", "x.mcap", "y.mcap"], "x.mcap: the recording does not exist"),
         (["scene", "check", "none.yaml"], "none.yaml: the scene does not exist"),
-        (["node", "info", "plannet"], "there is no kind of node 'plannet'; did you mean 'planner'"),
+        (
+            ["node", "kinds", "plannet"],
+            "there is no kind of node 'plannet'; did you mean 'planner'",
+        ),
         (["bag", "inof", "x.mcap"], "there is no verb 'inof'; did you mean 'info'?"),
         (["bag", "info", "x.mcap"], "x.mcap: the recording does not exist"),
         (["bag", "recover", "x.mcap"], "x.mcap: the recording does not exist"),
@@ -91,6 +94,11 @@ def test_the_version_is_said(capsys: Output) -> None:
             "--figures belongs to curvature, shapes and rebuild",
         ),
         (["init", "effect", "Hum"], "'Hum' cannot name a module"),
+        (["topic", "ecko"], "there is no verb 'ecko'; did you mean 'echo'? (see palpate topic"),
+        (["topic", "echo"], "Missing argument 'TOPIC'"),
+        (["topic", "hz"], "name at least one topic, or take --all of them, not both"),
+        (["topic", "hz", "/a", "--all"], "name at least one topic, or take --all of them, not"),
+        (["topic", "hz", "/a", "--window", "1"], "1 is not in the range"),
         (["init", "efect", "hum"], "No such command 'efect'"),
         (["calibrate"], "Missing argument 'SCENE'"),
         (["calibrate", "vaes"], "there is no scene 'vaes'; did you mean 'vase'?"),
@@ -180,9 +188,9 @@ def test_the_scenes_are_listed_with_what_they_are(capsys: Output) -> None:
 
 
 def test_the_kinds_of_node_are_listed_and_described(capsys: Output) -> None:
-    assert cli.run(["node", "list"]) == 0
+    assert cli.run(["node", "kinds"]) == 0
     assert capsys.readouterr().out.split() == list(kinds())
-    assert cli.run(["node", "info", "planner"]) == 0
+    assert cli.run(["node", "kinds", "planner"]) == 0
     text = capsys.readouterr().out
     assert "  hears /world  World" in text
     assert "  says  /contour/goal  ContourGoal" in text

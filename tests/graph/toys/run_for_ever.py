@@ -12,6 +12,7 @@ from palpate.nodes.wiring import Input, Wiring
 
 # Without a guard: no node may run the script once more.
 folder = Path(sys.argv[1])
+work = float(sys.argv[2]) if len(sys.argv) > 2 else 0.0
 sys.path.insert(0, str(Path(__file__).parent))
 sink = Wiring(
     name="sink",
@@ -25,7 +26,7 @@ print("launching", flush=True)
 ending = launch(
     [
         toy("source", Params(burst=1, laps=10**9), hears="relay"),
-        toy("relay", Params(relay=True), hears="source"),
+        toy("relay", Params(relay=True, work=work), hears="source"),
         sink,
     ],
     ends="source",

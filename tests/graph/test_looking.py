@@ -1,0 +1,337 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+from palpate.launch.cli import main as cli
+from palpate.launch.looking import ask as asking
+from palpate.launch.looking.ask import ask
+from palpate.launch.looking.beats import hear_beats
+from palpate.launch.looking.hearing import Heard, Hearing
+from palpate.launch.looking.rates import Rates
+from palpate.launch.looking.topics import Topic, find_topics
+from palpate.launch.processes.register import Card, running
+from palpate.messages.bus.tap import STATUS
+from palpate.messages.codec import decode
+from palpate.messages.types import NodeStatus
+
+pytestmark = [
+    pytest.mark.graph,
+    pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
+]
+
+SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"
+WITHIN = 30.0
+"""A deadline that only a broken graph or tool misses, s."""
+MORE = 3000
+"""Messages that no queue on the way to a tool can hold: 64 at the node, 1000 at the tool, each
+twice as libzmq counts them, and the kernel's."""
+WORK = 2e-4
+"""Pause of the ring at each message, so that tools beside it get their share of the machine, s."""
+Output = pytest.CaptureFixture[str]
+
+
+@contextmanager
+def launched(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """A ring of two nodes and a sink that runs for ever, up and turning."""
+    with subprocess.Popen(
+        [sys.executable, str(SCRIPT), str(folder), str(WORK)],
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            wait_until(lambda: process.pid in cards(folder))
+            wait_until(lambda: handled(cards(folder)[process.pid]) > 0)
+            yield process
+        finally:
+            process.send_signal(signal.SIGCONT)
+            process.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                process.communicate(timeout=WITHIN)
+            process.kill()
+
+
+def wait_until(so: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + WITHIN
+    while not so():
+        assert time.monotonic() < deadline, "nothing came of it"
+
+
+def cards(folder: Path) -> dict[int, Card]:
+    """The graphs that run, by the number of their launcher's process."""
+    return {card.pid: card for card in running(folder)}
+
+
+def handled(card: Card) -> int:
+    """Messages that the source of the ring has handled so far, by its next word."""
+    with Hearing(card, [Topic(STATUS, "NodeStatus", ("source",), ())]) as hearing:
+        heard = hearing.take(WITHIN)
+    return decode(NodeStatus, heard[-1].body).messages if heard else 0
+
+
+def only(folder: Path) -> Card:
+    (card,) = running(folder)
+    return card
+
+
+@contextmanager
+def tool(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A verb in a process of its own."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "palpate", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def first_line(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline()
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The run-time folder, in which one graph runs."""
+    folder = tmp_path_factory.mktemp("ring")
+    with launched(folder):
+        yield folder
+
+
+@pytest.fixture(autouse=True)
+def runtime(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = "home" if "home" in request.fixturenames else "tmp_path"
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(request.getfixturevalue(folder)))
+
+
+def test_echo_hears_a_running_graph(home: Path, capsys: Output) -> None:
+    assert cli.run(["topic", "echo", "/relay", "-n", "3"]) == 0
+    documents = [
+        one for one in YAML(typ="safe", pure=True).load_all(capsys.readouterr().out) if one
+    ]
+    touches = [one["touch"] for one in documents]
+    assert len(touches) == 3 and touches == sorted(set(touches))
+    assert documents[0]["outcome"] == "hit"
+
+
+def test_a_filter_and_a_field_choose_what_is_shown(home: Path, capsys: Output) -> None:
+    wanted = "touch >= 0 and outcome == 'hit'"
+    arguments = ["--filter", wanted, "--field", "outcome", "--field", "pose[6]", "--csv", "--once"]
+    assert cli.run(["topic", "echo", "relay", *arguments]) == 0
+    assert capsys.readouterr().out == "hit,1.0\n"
+
+
+def test_a_graph_is_told_of_by_its_nodes_topics_and_parameters(home: Path, capsys: Output) -> None:
+    said = {}
+    for words in ("node list", "topic list -t", "topic list -c", "topic info source -v",
+                  "node info source", "param dump source"):  # fmt: skip
+        assert cli.run(words.split()) == 0
+        said[words] = capsys.readouterr().out
+    assert said["node list"].split() == ["relay", "sink", "source"]
+    assert "/relay [TactileFrame]" in said["topic list -t"].splitlines()
+    assert said["topic list -c"] == "6\n"
+    assert "Subscription count: 1  relay" in said["topic info source -v"]
+    assert "  robot_time  number" in said["topic info source -v"]
+    assert "    /relay  TactileFrame  from relay" in said["node info source"]
+    assert "  state     running" in said["node info source"]
+    assert "of a core now" in said["node info source"]
+    params = YAML(typ="safe", pure=True).load(said["param dump source"])["source"]["params"]
+    assert (params["burst"], params["laps"]) == (1, 10**9)
+
+
+def test_the_numbers_of_messages_are_the_publishers_own_count(home: Path) -> None:
+    card = only(home)
+    beats: list[tuple[int, int]] = []
+    frames: list[Heard] = []
+    with Hearing(card, find_topics(card, ["/relay", STATUS])) as hearing:
+        for batch in hearing.batches(WITHIN):
+            for heard in batch:
+                if heard.topic == "/relay":
+                    frames.append(heard)
+                elif heard.publisher == "relay":
+                    beats.append((heard.header.sent_ns, decode(NodeStatus, heard.body).sent))
+            if len(beats) == 5:
+                break
+    for when, sent in beats:
+        assert all((one.header.seq < sent) == (one.header.sent_ns < when) for one in frames)
+    first, last = (
+        next(n for n, one in enumerate(frames) if one.header.sent_ns > when)
+        for when, _ in (beats[0], beats[-2])
+    )
+    rates = Rates()
+    for one in frames[first : last + 1]:
+        rates.add(one)
+    seconds = 1e-9 * (frames[last].header.sent_ns - frames[first].header.sent_ns)
+    counted = beats[-2][1] - beats[0][1]
+    lost = frames[last].header.seq - beats[-2][1], frames[first].header.seq - beats[0][1]
+    # Of the count between two words it differs by no more than what was lost right after each.
+    assert rates.rate() == pytest.approx((counted + lost[0] - lost[1]) / seconds)
+    assert min(lost) >= 0
+
+
+def test_hz_bw_and_delay_say_their_figures(home: Path, capsys: Output) -> None:
+    for verb, words in (("hz", "average rate: "), ("bw", "B/s from "), ("delay", "average delay:")):
+        assert cli.run(["topic", verb, "/relay", "--duration", "0.5"]) == 0
+        assert words in capsys.readouterr().out
+
+
+def test_hz_says_on_which_topic_nothing_comes(home: Path, capsys: Output) -> None:
+    assert cli.run(["topic", "hz", "--all", "--duration", "0.5"]) == 0
+    out = capsys.readouterr().out
+    assert "no messages on /relay/mark\n" in out
+    assert "/relay\naverage rate: " in out
+    assert cli.run(["topic", "hz", "/rely"]) == 2
+    assert "nobody publishes /rely; did you mean '/relay'?" in capsys.readouterr().err
+
+
+def test_a_tool_that_is_stopped_is_left_out_and_the_graph_goes_on(home: Path) -> None:
+    card = only(home)
+    with tool("topic", "echo", "/relay", "--field", "touch") as echo:
+        assert first_line(echo).strip().isdigit()
+        echo.send_signal(signal.SIGSTOP)
+        before = handled(card)
+        wait_until(lambda: handled(card) > before + MORE)
+        echo.send_signal(signal.SIGCONT)
+        assert echo.stderr is not None
+        assert "messages lost on the way here" in read_on(echo)
+    assert_untouched(card)
+
+
+def read_on(echo: subprocess.Popen[str]) -> str:
+    """Read what a tool prints until it says something beside it, and return that."""
+    assert echo.stdout is not None and echo.stderr is not None
+    touches: list[int] = []
+    while len(touches) < 2 or touches[-1] - touches[-2] == 1:
+        line = echo.stdout.readline().strip()
+        touches += [int(line)] if line.isdigit() else []
+    return echo.stderr.readline()
+
+
+def test_a_tool_whose_output_nobody_reads_is_left_out_too(home: Path) -> None:
+    card = only(home)
+    with tool("topic", "echo", "/relay", "--full-length") as echo:
+        first_line(echo)
+        before = handled(card)
+        wait_until(lambda: handled(card) > before + MORE)
+        assert echo.poll() is None
+    assert_untouched(card)
+
+
+def test_a_tool_that_is_killed_leaves_the_graph_untouched(home: Path) -> None:
+    card = only(home)
+    with tool("topic", "hz", "/relay", "/source") as hz:
+        assert first_line(hz).strip()
+        hz.kill()
+    before = handled(card)
+    wait_until(lambda: handled(card) > before + MORE)
+    assert_untouched(card)
+
+
+def assert_untouched(card: Card) -> None:
+    assert only_restarts(card) == {"source": 0, "relay": 0, "sink": 0}
+    found = hear_beats(card, ["source", "relay", "sink"])
+    assert {name: one.status.gaps for name, one in found.items()} == dict.fromkeys(found, 0)
+
+
+def only_restarts(card: Card) -> dict[str, int]:
+    return {name: about["restarts"] for name, about in ask(card, "status")["nodes"].items()}
+
+
+def test_ctrl_c_ends_a_tool_with_0(home: Path) -> None:
+    with tool("topic", "echo", "/relay", "--field", "touch", "--no-lost-messages") as echo:
+        first_line(echo)
+        echo.send_signal(signal.SIGINT)
+        _, err = echo.communicate(timeout=WITHIN)
+    assert (echo.returncode, err) == (0, "")
+
+
+def test_a_graph_that_ends_ends_the_tool_with_0(tmp_path: Path) -> None:
+    with launched(tmp_path) as ring:
+        with tool("topic", "hz", "/relay", "/node/status") as hz:
+            assert first_line(hz).strip()
+            ring.send_signal(signal.SIGINT)
+            out, err = hz.communicate(timeout=WITHIN)
+        assert (hz.returncode, err) == (0, "")
+        assert "average rate" in out
+
+
+def test_without_a_graph_every_tool_says_so_in_one_sentence(tmp_path: Path, capsys: Output) -> None:
+    for words in ("node list", "node info a", "topic list", "topic info a", "topic echo a",
+                  "topic hz a", "topic bw a", "topic delay a", "param dump"):  # fmt: skip
+        assert cli.run(words.split()) == 2
+        out, err = capsys.readouterr()
+        assert (out, err) == ("", f"palpate: {NONE}\n")
+    assert cli.run(["doctor"]) == 0
+    assert "ok   no graph of yours is running\n" in capsys.readouterr().out
+
+
+NONE = "no graph of yours is running; start one with palpate run or launch"
+
+
+def test_one_of_several_graphs_is_chosen_by_its_number(tmp_path: Path, capsys: Output) -> None:
+    with launched(tmp_path) as first, launched(tmp_path) as second:
+        found = cards(tmp_path)
+        assert cli.run(["topic", "list", "-c"]) == 0
+        err = capsys.readouterr().err
+        assert err.startswith("palpate: 2 graphs run; this is the latest, ")
+        for card in (found[first.pid], found[second.pid]):
+            assert cli.run(["node", "info", "source", "--run", card.run[:8]]) == 0
+            pid = ask(card, "status")["nodes"]["source"]["pid"]
+            assert f"  pid       {pid}\n" in capsys.readouterr().out
+        assert cli.run(["topic", "list", "--run", "graph"]) == 2
+        assert "several running graphs are called 'graph'" in capsys.readouterr().err
+        assert cli.run(["doctor"]) == 0
+        assert capsys.readouterr().out.count("3 nodes, ") == 2
+
+
+def test_doctor_fails_a_launcher_that_does_not_answer(
+    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(asking, "PATIENCE", 0.2)
+    with launched(tmp_path) as ring:
+        assert cli.run(["doctor", "--report"]) == 0
+        assert f"launcher {ring.pid}, since" in capsys.readouterr().out
+        ring.send_signal(signal.SIGSTOP)
+        assert cli.run(["doctor"]) == 1
+        said = capsys.readouterr().out
+        assert f"it is busy or stopped; if it stays so, kill {ring.pid}" in said
+        assert any(line.startswith("FAIL ") for line in said.splitlines())
+
+
+def test_a_node_that_is_started_again_is_heard_on_and_says_nothing_twice(tmp_path: Path) -> None:
+    with launched(tmp_path):
+        card = only(tmp_path)
+        with Hearing(card, find_topics(card, ["/relay"])) as hearing:
+            numbers: list[int] = []
+            epochs: set[int] = set()
+            for batch in hearing.batches(WITHIN):
+                numbers += [one.header.seq for one in batch]
+                epochs |= {one.header.epoch for one in batch}
+                if numbers and epochs == {0} and len(numbers) > 50:
+                    kill_node(card, "relay")
+                if 1 in epochs:
+                    break
+        assert 1 in epochs
+        assert all(later > earlier for earlier, later in pairwise(numbers))
+
+
+def kill_node(card: Card, name: str) -> None:
+    about = ask(card, "status")["nodes"][name]
+    if about["pid"] and not about["restarts"]:
+        with suppress(ProcessLookupError):
+            os.kill(about["pid"], signal.SIGKILL)
