@@ -19,6 +19,8 @@ FEW = 16
 """Elements up to which an array is looked through one by one."""
 MAX_FIELDS = 64
 """Most fields of a message, and entries of a table."""
+MAX_NESTED = 2 * MAX_FIELDS + 1
+"""Most lists and maps of a message, in all: an array is a map with a list, its shape."""
 
 Convert = Callable[[Any], Any]
 

@@ -1,7 +1,6 @@
 """The line between a node and the launcher: who is ready, when to go, how much was heard.
 
-Words are small maps with a ``kind``. From the node: ready, alive, finished, count, bye and
-failed; from the launcher: go, count and stop.
+The words themselves are in `words`.
 """
 
 from __future__ import annotations
@@ -11,12 +10,10 @@ from typing import Any
 import msgpack
 import zmq
 
-MAX_BYTES = 1 << 20
-"""Longest word."""
+from palpate.messages.bus.words import OF_LAUNCHER, OF_NODES, Word, read_word
+
 LINGER_MS = 500
 """A last word has this long to leave."""
-
-Word = dict[str, Any]
 
 
 class NodeLine:
@@ -53,7 +50,7 @@ class NodeLine:
             If what arrived is no word.
         """
         try:
-            return _read(self.socket.recv(zmq.DONTWAIT))
+            return read_word(self.socket.recv(zmq.DONTWAIT), OF_LAUNCHER)
         except zmq.Again:
             return None
 
@@ -106,17 +103,8 @@ class LauncherLine:
             return None
         if len(parts) != 2:
             raise ValueError(f"a word has one part, got {len(parts) - 1}")
-        return parts[0].decode(errors="replace"), _read(parts[1])
+        return parts[0].decode(errors="replace"), read_word(parts[1], OF_NODES)
 
     def close(self) -> None:
         """Close at once."""
         self.socket.close(0)
-
-
-def _read(data: bytes) -> Word:
-    if len(data) > MAX_BYTES:
-        raise ValueError(f"a word has at most {MAX_BYTES} bytes, got {len(data)}")
-    word = msgpack.unpackb(data, max_ext_len=0)
-    if not isinstance(word, dict) or not isinstance(word.get("kind"), str):
-        raise ValueError(f"a word is a map with a kind, got {len(data)} bytes of something else")
-    return word
