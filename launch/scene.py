@@ -18,6 +18,7 @@ from palpate.launch.convert import convert
 from palpate.launch.located import InputError, Located
 from palpate.launch.mesh_file import MeshFile, read_mesh
 from palpate.launch.nearest import hint
+from palpate.launch.own_folder import file_in
 from palpate.launch.scene_effects import with_effects
 from palpate.launch.scene_planner import check_planner
 from palpate.launch.yaml_file import read_yaml
@@ -29,6 +30,8 @@ LEAST_EXTENT = 5.0e-3
 """Smallest extent of an object, m."""
 CHECK_LEVEL = 4
 """5k faces: enough to tell how far an object reaches."""
+SIZE_LEVEL = 5
+"""20k faces: sizes of objects of 100 mm to 0.01 mm."""
 SHIPPED = Path(__file__).parent / "scenes"
 """Folder of the scenes that come with palpate."""
 
@@ -140,8 +143,8 @@ def scene_title(name: str) -> str:
 
 def object_size(scene: Scene) -> tuple[float, float, float]:
     """Extents of the object along x, y and z, m."""
-    low, high = build_shape(scene.spec.object).bounds().tolist()
-    return (high[0] - low[0], high[1] - low[1], high[2] - low[2])
+    x, y, z = np.ptp(build_shape(scene.spec.object).mesh(SIZE_LEVEL).vertices, axis=0).tolist()
+    return (x, y, z)
 
 
 def _check_finger(scene: Scene) -> None:
@@ -162,15 +165,10 @@ def _with_mesh(given: Located, scene: Path) -> Located:
         return given
     mesh = convert(part, MeshFile, "object.mesh")
     folder = scene.resolve().parent
-    path = (folder / mesh.file).resolve()
-    # A scene from elsewhere must not have other files of the machine read.
-    if Path(mesh.file).is_absolute() or not path.is_relative_to(folder):
-        raise part.error(
-            ("file",), f"object.mesh.file is {mesh.file!r}; it must lie in the scene's own folder"
-        )
     try:
+        path = file_in(folder, mesh.file, "object.mesh.file")
         data = encode_mesh(*read_mesh(path, mesh.unit))
-    except InputError as error:
+    except ValueError as error:
         raise part.error(("file",), str(error)) from None
     value = {
         **given.value,

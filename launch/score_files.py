@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +12,7 @@ from palpate.core.archive import FORM
 from palpate.core.measure.triangles import corners_of
 from palpate.launch.located import InputError
 from palpate.launch.mesh_file import MAX_BYTES, METRES, read_cloud, read_surface
+from palpate.launch.npz_file import read_npz
 from palpate.launch.solid_file import load
 
 OWN_UNITS = {".stl": "mm"}
@@ -134,22 +133,19 @@ def _is_number(text: str) -> bool:
 
 def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Vertices, m, and faces of a model as a run or `palpate.save` leaves it."""
-    data = io.BytesIO(_bytes(path))
+    data = _bytes(path)
     try:
-        with zipfile.ZipFile(data) as archive:
-            size = sum(part.file_size for part in archive.infolist())
-        if size > 4 * MAX_BYTES:
-            raise InputError(f"{path}: unpacks to {size >> 20} MiB, more than is read")
-        with np.load(data, allow_pickle=False) as arrays:
-            if FORM in arrays and "vertices" not in arrays:
-                return _meshed(path)
-            vertices, faces = arrays["vertices"], arrays["faces"]
-    except (zipfile.BadZipFile, EOFError, OSError):
-        raise InputError(f"{path}: is no NPZ file") from None
-    except KeyError as error:
-        raise InputError(f"{path}: is no model: it lacks {str(error.args[0]).split()[0]}") from None
+        arrays = read_npz(data)
     except ValueError as error:
-        raise _no_surface(path, error) from None
+        raise InputError(f"{path}: {error}") from None
+    if FORM in arrays and "vertices" not in arrays:
+        return _meshed(path)
+    for name in ("vertices", "faces"):
+        if name not in arrays:
+            raise InputError(f"{path}: is no model: it lacks {name}")
+    vertices, faces = arrays["vertices"], arrays["faces"]
+    if faces.ndim == 0:
+        raise InputError(f"{path}: is no model: its faces are a single number")
     if not len(faces):
         raise InputError(f"{path}: the model has no surface; nothing could be rebuilt")
     try:
