@@ -11,6 +11,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from palpate.core.measure.solidity import solidity
+from palpate.launch.bounded_file import read_bounded
 from palpate.launch.located import InputError
 from palpate.launch.mesh_export import Y_UP
 from palpate.launch.mesh_formats.glb import read_glb
@@ -128,15 +129,9 @@ def _load(path: Path) -> RawMesh:
     if kind not in READERS:
         known = ", ".join(READERS)
         raise InputError(f"{path}: {kind or 'no suffix'!r} is no mesh format; known: {known}")
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path}: the mesh cannot be read: {error.strerror}") from None
+    data = read_bounded(path, MAX_BYTES, "the mesh ")
     if not data:
         raise InputError(f"{path}: the mesh file is empty")
-    if len(data) > MAX_BYTES:
-        raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, the most that is read")
     try:
         return READERS[kind](data)
     except ValueError as error:
@@ -155,8 +150,8 @@ def _merged(path: Path, mesh: RawMesh) -> tuple[Vertices, Faces]:
     if not np.isfinite(vertices).all():
         bad = int(np.argmin(np.isfinite(vertices).all(axis=1)))
         raise InputError(f"{path}: vertex {bad} is not finite")
-    kept, first = np.unique(vertices, axis=0, return_inverse=True)
-    faces = first.reshape(-1)[faces]
+    kept, first = _each_once(vertices)
+    faces = first[faces]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
     if len(faces) == 0:
@@ -165,19 +160,29 @@ def _merged(path: Path, mesh: RawMesh) -> tuple[Vertices, Faces]:
     return kept[used], numbers.reshape(-1, 3).astype(np.int32)
 
 
+def _each_once(vertices: Vertices) -> tuple[Vertices, NDArray[np.int64]]:
+    """Rows that differ, in their order, and which of them each row is."""
+    order = np.lexsort(vertices.T[::-1])
+    rows = vertices[order]
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    number = np.empty(len(rows), np.int64)
+    number[order] = np.cumsum(new) - 1
+    return rows[new], number
+
+
 def _check_closed(path: Path, faces: Faces) -> None:
     """Each edge must be walked exactly once each way."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    _, number, count = np.unique(
-        np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
+    start, end = faces.T.reshape(-1).astype(np.int64), faces[:, [1, 2, 0]].T.reshape(-1)
+    keys = np.minimum(start, end) * (int(faces.max()) + 1) + np.maximum(start, end)
+    _, number, count = np.unique(keys, return_inverse=True, return_counts=True)
     odd = int((count != 2).sum())
-    if odd or not len(count):
+    if odd:
         raise InputError(
             f"{path}: is not watertight: {odd} of its {len(count)} edges do not have exactly "
             "two triangles; close the holes"
         )
-    forwards = np.bincount(number.reshape(-1), edges[:, 0] < edges[:, 1], len(count))
+    forwards = np.bincount(number, start < end, len(count))
     turned = int((forwards != 1).sum())
     if turned:
         raise InputError(

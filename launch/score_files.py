@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.core.archive import FORM
 from palpate.core.measure.triangles import corners_of
+from palpate.launch.bounded_file import read_bounded
 from palpate.launch.located import InputError
 from palpate.launch.mesh_file import MAX_BYTES, METRES, read_cloud, read_surface
 from palpate.launch.npz_file import read_npz
@@ -85,21 +86,10 @@ def _enough(path: Path, points: NDArray[np.float64]) -> NDArray[np.float64]:
     return points
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(data) > MAX_BYTES:
-        raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, the most that is read")
-    return data
-
-
 def _read_csv(path: Path) -> NDArray[np.float64]:
     """The columns x, y and z if a header names them, else the first three."""
     try:
-        text = _bytes(path).decode("utf-8-sig")
+        text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path}: is no text in UTF-8") from None
     lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
@@ -133,7 +123,7 @@ def _is_number(text: str) -> bool:
 
 def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Vertices, m, and faces of a model as a run or `palpate.save` leaves it."""
-    data = _bytes(path)
+    data = read_bounded(path, MAX_BYTES)
     try:
         arrays = read_npz(data)
     except ValueError as error:

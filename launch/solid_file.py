@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.core.archive import FORM, from_arrays, to_arrays
 from palpate.core.rebuild.solid import Solid
+from palpate.launch.bounded_file import read_bounded
 from palpate.launch.located import InputError
 from palpate.launch.npz_file import Arrays, read_npz
 from palpate.launch.whole_files import write_whole
@@ -83,13 +84,7 @@ def read_arrays(path: Path) -> Arrays:
     InputError
         If it cannot be read, is too large, or holds objects.
     """
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(data) > MAX_BYTES:
-        raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, the most that is read")
+    data = read_bounded(path, MAX_BYTES)
     try:
         return read_npz(data)
     except ValueError as error:

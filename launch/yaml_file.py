@@ -25,14 +25,15 @@ from ruamel.yaml.events import (
 )
 from ruamel.yaml.nodes import ScalarNode
 
+from palpate.launch.bounded_file import read_bounded
 from palpate.launch.located import InputError, KeyPath, Located
 
-MAX_BYTES = 256 << 10
-"""Largest file; a scene of a few dozen lines has some 1 kB."""
 MAX_DEPTH = 16
 """Deepest nesting; a scene has 5."""
 MOST_VALUES = 4096
 """Keys and values; a scene has some 30. Each takes some 50 us."""
+BYTES = 16
+"""Most bytes of a file, for each of its values, comments and all."""
 MOST_BITS = 1024
 """Of a whole number: what is larger is larger than all floats."""
 
@@ -43,9 +44,9 @@ def read_yaml(path: Path, most: int = MOST_VALUES) -> Located:
     Parameters
     ----------
     path : Path
-        A file of at most 256 kB with one document, a map.
+        A file with one document, a map.
     most : int
-        Most keys and values that it may have.
+        Most keys and values that it may have; 16 bytes for each, and no more.
 
     Raises
     ------
@@ -53,15 +54,9 @@ def read_yaml(path: Path, most: int = MOST_VALUES) -> Located:
         If the file is missing, unreadable, too large, empty, not YAML, or not a map.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        text = data.decode()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        text = read_bounded(path, BYTES * most).decode()
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not text in UTF-8: {error.reason}") from None
-    if len(data) > MAX_BYTES:
-        raise InputError(f"{path}: is larger than {MAX_BYTES >> 10} kB, the most that is read")
     found = parse_yaml(text, str(path), most)
     if found.value is None:
         raise InputError(

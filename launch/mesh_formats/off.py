@@ -9,7 +9,6 @@ import numpy as np
 from palpate.launch.mesh_formats.raw import Ragged, RawMesh, check_counts, numbers, triangles
 
 _START = re.compile(rb"\s*(?:ST)?C?N?OFF\b")
-_COMMENT = re.compile(rb"#[^\r\n]*")
 
 
 def read_off(data: bytes) -> RawMesh:
@@ -23,7 +22,8 @@ def read_off(data: bytes) -> RawMesh:
     start = _START.match(data)
     if start is None:
         raise ValueError("does not begin with OFF")
-    lines = [line for line in _COMMENT.sub(b"", data[start.end() :]).splitlines() if line.strip()]
+    whole = (line.partition(b"#")[0].strip() for line in data[start.end() :].splitlines())
+    lines = [line for line in whole if line]
     counts = lines[0].split() if lines else []
     try:
         vertices, faces = int(counts[0]), int(counts[1])

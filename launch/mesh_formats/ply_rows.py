@@ -78,7 +78,7 @@ def _columns(table: NDArray[Any], lengths: dict[str, int], element: Element) -> 
 
 
 def _one_by_one(data: memoryview, at: int, element: Element, order: Order) -> tuple[Columns, int]:
-    pieces: dict[str, list[memoryview]] = {one.name: [] for one in element.properties}
+    pieces = {one.name: bytearray() for one in element.properties}
     lengths: dict[str, list[int]] = {one.name: [] for one in element.properties}
     for _ in range(element.count):
         for one in element.properties:
@@ -86,12 +86,12 @@ def _one_by_one(data: memoryview, at: int, element: Element, order: Order) -> tu
             end = at + length * _size(one.kind)
             if end > len(data):
                 raise _cut_short(element)
-            pieces[one.name].append(data[at:end])
+            pieces[one.name] += data[at:end]
             lengths[one.name].append(length)
             at = end
     columns: Columns = {}
     for one in element.properties:
-        items = np.frombuffer(b"".join(pieces[one.name]), order + one.kind)
+        items = np.frombuffer(pieces[one.name], order + one.kind)
         counted = np.array(lengths[one.name], np.int64)
         columns[one.name] = items if one.length is None else Ragged(counted, items)
     return columns, at

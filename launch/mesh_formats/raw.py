@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 MOST_TRIANGLES = 2_000_000
 """Of a mesh."""
+MOST_CORNERS = 1024
+"""Of a face; it is cut into triangles about its first one, which suits no rounder ones."""
 MOST_VERTICES = 3 * MOST_TRIANGLES
 """Of a mesh: STL repeats each corner for each triangle."""
 
@@ -82,7 +84,7 @@ def triangles(polygons: Ragged) -> Indices:
     Raises
     ------
     ValueError
-        If a polygon has fewer than three corners, if a corner is no whole number, or if there
+        If a polygon has fewer than three corners or far too many, if a corner is no whole number, or if there
         are too many triangles.
     """
     lengths, items = polygons
@@ -90,6 +92,8 @@ def triangles(polygons: Ragged) -> Indices:
         return NO_FACES
     if lengths.min() < 3:
         raise ValueError(f"has a face of {lengths.min()} corners; a face has three or more")
+    if lengths.max() > MOST_CORNERS:
+        raise ValueError(f"has a face of {lengths.max()} corners; at most {MOST_CORNERS} are read")
     total = len(items) - 2 * len(lengths)
     check_counts(0, total)
     corners = _whole(items)

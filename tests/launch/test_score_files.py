@@ -75,7 +75,7 @@ def test_a_file_that_is_too_large_is_refused(
     with pytest.raises(InputError, match="unpacks to 45 MiB, more than is read"):
         read_shape(tmp_path / "m.npz", None)
     monkeypatch.setattr(score_files, "MAX_BYTES", 1000)
-    with pytest.raises(InputError, match="is larger than 0 MiB, the most that is read"):
+    with pytest.raises(InputError, match="is larger than 0 kB, the most that is read"):
         read_shape(write("p.csv", "1,2,3\n" * 200), None)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from palpate.launch.located import InputError
-from palpate.launch.yaml_file import MAX_BYTES, parse_yaml, read_yaml
+from palpate.launch.yaml_file import BYTES, MOST_VALUES, parse_yaml, read_yaml
 
 Write = Callable[[str, str], Path]
 
@@ -55,7 +55,7 @@ def test_what_is_not_plain_yaml_is_refused_with_its_line(text: str, words: str) 
         ("# nothing\n", "is empty"),
         ("[1, 2]", "must be a map of keys to values, got a list"),
         ("word", "must be a map of keys to values, got 'word'"),
-        ("#" * (MAX_BYTES + 1), "is larger than 256 kB"),
+        ("#" * (BYTES * MOST_VALUES + 1), "is larger than 64 kB"),
     ],
 )
 def test_a_file_must_hold_one_small_map(write: Write, text: str, words: str) -> None:
