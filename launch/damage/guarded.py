@@ -16,7 +16,7 @@ from multiprocessing.sharedctypes import RawValue
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.damage.kinds import KINDS
+from palpate.launch.damage.kinds import Kind
 from palpate.launch.damage.trial import repeat
 from palpate.launch.processes.nursery import no_script
 
@@ -59,13 +59,13 @@ class _Shared(Structure):
     )
 
 
-def tally(kind: str, count: int) -> Tally:
+def tally(kind: Kind, count: int) -> Tally:
     """Try inputs 0 to `count` of a kind.
 
     Parameters
     ----------
-    kind : str
-        One of `KINDS`.
+    kind : Kind
+        What is read.
     count : int
         How many.
     """
@@ -78,12 +78,12 @@ def tally(kind: str, count: int) -> Tally:
         _add(whole, shared)
         if fault is None:
             return whole
-        whole.defects.append(f"{kind} {max(shared.number, first)}: {fault}")
+        whole.defects.append(f"{kind.name} {max(shared.number, first)}: {fault}")
         first = max(shared.number, first) + 1
     return whole
 
 
-def _run(kind: str, first: int, count: int, shared: Any) -> tuple[list[str], str | None]:
+def _run(kind: Kind, first: int, count: int, shared: Any) -> tuple[list[str], str | None]:
     """Defects that a process told, and what ended it before it was done."""
     defects: list[str] = []
     mine, yours = _CONTEXT.Pipe(duplex=False)
@@ -126,12 +126,12 @@ def _add(whole: Tally, shared: Any) -> None:
         whole.memory, whole.memory_number = shared.memory, shared.memory_number
 
 
-def _work(kind: str, first: int, count: int, shared: Any, yours: Connection) -> None:
+def _work(kind: Kind, first: int, count: int, shared: Any, yours: Connection) -> None:
     """In the process: all trials, one after the other."""
     warnings.simplefilter("error")  # a warning is no sentence for a user
     with tempfile.TemporaryDirectory(prefix="palpate-") as name:
         folder = Path(name)
-        KINDS[kind].prepare(folder)
+        kind.prepare(folder)
         base = _settle()
         for number in range(first, count):
             shared.number = number
@@ -139,7 +139,7 @@ def _work(kind: str, first: int, count: int, shared: Any, yours: Connection) -> 
             shared.accepted += verdict == "accepted"
             shared.refused += verdict == "refused"
             if verdict == "defect":
-                yours.send(f"{kind} {number}: {said}")
+                yours.send(f"{kind.name} {number}: {said}")
             if seconds > shared.slowest:
                 shared.slowest, shared.slowest_number = seconds, number
             memory = _peak() - base

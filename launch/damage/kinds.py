@@ -8,19 +8,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 from palpate.launch.located import InputError
-from palpate.messages.fields import CodecError
 
 
 class Kind(NamedTuple):
     """One kind of input."""
 
+    name: str
     prepare: Callable[[Path], None]
     """Make what is needed, in a folder, and read what is sound, which must be accepted."""
     attempt: Callable[[random.Random, int, Path], None]
     """Read the damaged input of a number; raises what the reader does, or AssertionError
     if it accepts what is not valid."""
-    refusals: tuple[type[Exception], ...]
-    """Errors by which an input may be refused, none of their children."""
+    refusal: type[Exception]
+    """The error by which an input may be refused, or a child of it that is palpate's own."""
 
 
 def _prepare_messages(_: Path) -> None:
@@ -117,10 +117,10 @@ def _attempt_solid(rng: random.Random, number: int, folder: Path) -> None:
 
 
 KINDS: Mapping[str, Kind] = {
-    "messages": Kind(_prepare_messages, _attempt_message, (CodecError, ValueError)),
-    "recordings": Kind(_prepare_recordings, _attempt_recording, (ValueError,)),
-    "meshes": Kind(_prepare_meshes, _attempt_mesh, (InputError,)),
-    "scenes": Kind(_prepare_scenes, _attempt_scene, (InputError,)),
-    "solids": Kind(_prepare_solids, _attempt_solid, (InputError,)),
+    "messages": Kind("messages", _prepare_messages, _attempt_message, ValueError),
+    "recordings": Kind("recordings", _prepare_recordings, _attempt_recording, ValueError),
+    "meshes": Kind("meshes", _prepare_meshes, _attempt_mesh, InputError),
+    "scenes": Kind("scenes", _prepare_scenes, _attempt_scene, InputError),
+    "solids": Kind("solids", _prepare_solids, _attempt_solid, InputError),
 }
 """By name."""

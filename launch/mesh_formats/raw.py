@@ -84,8 +84,8 @@ def triangles(polygons: Ragged) -> Indices:
     Raises
     ------
     ValueError
-        If a polygon has fewer than three corners or far too many, if a corner is no whole number, or if there
-        are too many triangles.
+        If a polygon has fewer than three corners or far too many, if a corner is no whole number,
+        or if there are too many triangles.
     """
     lengths, items = polygons
     if not len(lengths):
