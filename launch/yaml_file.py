@@ -30,8 +30,8 @@ from palpate.launch.located import InputError, KeyPath, Located
 
 MAX_DEPTH = 16
 """Deepest nesting; a scene has 5."""
-MOST_VALUES = 4096
-"""Keys and values; a scene has some 30. Each takes some 50 us."""
+MOST_VALUES = 12_500
+"""Keys and values; a scene has some 30, the largest polyhedron 12,300; each takes some 30 us."""
 BYTES = 16
 """Most bytes of a file, for each of its values, comments and all."""
 MOST_BITS = 1024

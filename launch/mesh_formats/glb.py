@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -35,7 +35,7 @@ class Accessor(msgspec.Struct, frozen=True, rename="camel"):
     type: str
     buffer_view: int | None = None
     byte_offset: int = 0
-    sparse: msgspec.Raw | None = None
+    sparse: dict[str, Any] | None = None
 
 
 class View(msgspec.Struct, frozen=True, rename="camel"):
