@@ -1,4 +1,4 @@
-"""Damaged mesh files: the bombs first, then samples of every format, damaged by seeds."""
+"""Damaged mesh files: bombs, and samples of every format, damaged by seeds."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from palpate.launch.damage.mesh_samples import glb, gltf_of, sound_meshes
 from palpate.launch.damage.spans import FLOATS, NUMBERS, damaged
 from palpate.launch.damage.text import damaged_text
 from palpate.launch.damage.trees import Tree, places, value_at, with_value
+from palpate.launch.damage.turns import bomb_of
 
 OTHERS: tuple[Tree, ...] = (
     None,
@@ -38,10 +39,9 @@ class File(NamedTuple):
 
 
 def damaged_mesh(rng: random.Random, number: int) -> File:
-    """The bomb of this number; beyond the last one, a sample with damage."""
-    bombs = list(mesh_bombs().items())
-    if number < len(bombs):
-        return File(*bombs[number])
+    """The bomb whose turn it is, or a sample with damage."""
+    if (bomb := bomb_of(number, list(mesh_bombs().items()))) is not None:
+        return File(*bomb)
     samples = sound_meshes()
     name = rng.choice(list(samples))
     data = samples[name]

@@ -1,4 +1,4 @@
-"""Damaged recordings: bombs first, then a sound one, hurt in its bytes, records or chunks."""
+"""Damaged recordings: bombs, and a sound one, hurt in its bytes, records or chunks."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import lz4.frame
 from palpate.launch.damage.meshes import File
 from palpate.launch.damage.messages import sound_packets
 from palpate.launch.damage.spans import NUMBERS, damaged
+from palpate.launch.damage.turns import bomb_of
 from palpate.messages.codec import schema_hash
 from palpate.messages.header import Header
 from palpate.messages.recording.writer import RecordingWriter
@@ -37,10 +38,9 @@ class Record(NamedTuple):
 
 
 def damaged_recording(rng: random.Random, number: int) -> File:
-    """The bomb of this number; beyond the last one, a sound recording with damage."""
-    bombs = recording_bombs()
-    if number < len(bombs):
-        return File(NAME, bombs[number])
+    """The bomb whose turn it is, or a sound recording with damage."""
+    if (bomb := bomb_of(number, recording_bombs())) is not None:
+        return File(NAME, bomb)
     data = sound_recording()
     change = rng.random()
     if change < 0.4:

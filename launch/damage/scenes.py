@@ -1,4 +1,4 @@
-"""Damaged scenes: bombs first, then the shipped ones, hurt as bytes, as text or as values."""
+"""Damaged scenes: bombs, and the shipped ones, hurt as bytes, as text or as values."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from palpate.launch.damage.scene_bombs import NAMES, scene_bombs
 from palpate.launch.damage.spans import FLOATS, NUMBERS, damaged
 from palpate.launch.damage.text import WORDS, damaged_text
 from palpate.launch.damage.trees import Tree, places, value_at, with_value
+from palpate.launch.damage.turns import bomb_of
 from palpate.launch.scene import SHIPPED, shipped_scenes
 from palpate.launch.yaml_file import parse_yaml
 
@@ -20,10 +21,9 @@ _DEEP: Tree = json.loads("[" * 30 + "]" * 30)
 
 
 def damaged_scene(rng: random.Random, number: int) -> File:
-    """The bomb of this number; beyond the last one, a shipped scene with damage."""
-    bombs = scene_bombs()
-    if number < len(bombs):
-        return File(NAME, bombs[number])
+    """The bomb whose turn it is, or a shipped scene with damage."""
+    if (bomb := bomb_of(number, scene_bombs())) is not None:
+        return File(NAME, bomb)
     scenes = sound_scenes()
     text = rng.choice(scenes)
     change = rng.random()

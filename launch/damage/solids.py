@@ -15,6 +15,7 @@ from palpate.core.archive import FORM, to_arrays
 from palpate.launch.damage.meshes import File
 from palpate.launch.damage.spans import FLOATS, NUMBERS, damaged
 from palpate.launch.damage.trees import Tree, places, value_at, with_value
+from palpate.launch.damage.turns import bomb_of
 
 NAME = "solid.npz"
 
@@ -22,10 +23,9 @@ Arrays = dict[str, Any]
 
 
 def damaged_solid(rng: random.Random, number: int) -> File:
-    """The bomb of this number; beyond the last one, a sound solid with damage."""
-    bombs = solid_bombs()
-    if number < len(bombs):
-        return File(NAME, bombs[number])
+    """The bomb whose turn it is, or a sound solid with damage."""
+    if (bomb := bomb_of(number, solid_bombs())) is not None:
+        return File(NAME, bomb)
     arrays = _arrays()
     change = rng.random()
     if change < 0.3:

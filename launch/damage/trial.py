@@ -45,7 +45,7 @@ def repeat(kind: Kind, number: int, folder: Path) -> Outcome:
     kind : Kind
         What is read.
     number : int
-        The seed; bombs come first.
+        The seed.
     folder : Path
         Where files are put; prepared.
     """
