@@ -15,11 +15,14 @@ from palpate.core.touch.calibrate import Estimate
 from palpate.core.touch.pad import Pad
 from palpate.launch.convert import convert
 from palpate.launch.located import InputError, Located
+from palpate.launch.own_folder import file_in
 from palpate.launch.yaml_file import read_yaml
 from palpate.nodes.sensor import CalibrationSpec
 
 DIGITS = 6
 """Significant digits of what is written: far more than any of it is sure of."""
+MOST_VALUES = 20_000
+"""Four tables of 64 by 64, and what belongs to them."""
 
 
 class CalibrationFile(CalibrationSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -37,7 +40,7 @@ def read_calibration(path: Path) -> CalibrationSpec:
     InputError
         If the file cannot be used; the sentence names file, line, key and value.
     """
-    found = convert(read_yaml(path), CalibrationFile, "calibration")
+    found = convert(read_yaml(path, MOST_VALUES), CalibrationFile, "calibration")
     return CalibrationSpec(
         gain=found.gain,
         offset=found.offset,
@@ -111,12 +114,10 @@ def with_calibration(given: Located, folder: Path) -> Located:
     where = ("sensor", "calibration")
     if not isinstance(name, str):
         raise given.error(where, "sensor.calibration must be the name of a file")
-    path = (folder / name).resolve()
-    # A scene from elsewhere must not have other files of the machine read.
-    if Path(name).is_absolute() or not path.is_relative_to(folder):
-        raise given.error(
-            where, f"sensor.calibration is {name!r}; it must lie in the scene's own folder"
-        )
+    try:
+        path = file_in(folder, name, "sensor.calibration")
+    except ValueError as error:
+        raise given.error(where, str(error)) from None
     found = to_builtins(read_calibration(path))
     value = {**given.value, "sensor": {**sensor, "calibration": found}}
     return Located(value, given.source, given.places)

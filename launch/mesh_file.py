@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-import io
-import struct
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
 from palpate.core.measure.solidity import solidity
+from palpate.launch.bounded_file import read_bounded
 from palpate.launch.located import InputError
 from palpate.launch.mesh_export import Y_UP
+from palpate.launch.mesh_formats.glb import read_glb
+from palpate.launch.mesh_formats.obj import read_obj
+from palpate.launch.mesh_formats.off import read_off
+from palpate.launch.mesh_formats.ply import read_ply
+from palpate.launch.mesh_formats.raw import MOST_TRIANGLES, RawMesh
+from palpate.launch.mesh_formats.stl import read_stl
 
 MAX_BYTES = 64 << 20
 """Largest file."""
-MAX_FACES = 2_000_000
+MAX_FACES = MOST_TRIANGLES
 """Most triangles."""
 SMALLEST = 1e-4
 """Smallest extent of an object, m."""
@@ -25,24 +31,14 @@ LARGEST = 10.0
 """Largest extent of an object, m."""
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 """Metres in each unit."""
-SUFFIXES = ("ply", "stl", "obj", "off", "glb")
+READERS: Mapping[str, Callable[[bytes], RawMesh]] = {
+    "ply": read_ply,
+    "stl": read_stl,
+    "obj": read_obj,
+    "off": read_off,
+    "glb": read_glb,
+}
 """Formats that are read."""
-
-# What trimesh's readers raise on files that are not what they say, found by feeding them such.
-_READER_FAILURES = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    EOFError,
-    ImportError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-    struct.error,
-)
 
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int32]
@@ -108,8 +104,8 @@ def read_surface(path: Path, unit: str) -> tuple[Vertices, Faces]:
         If the file cannot be read or holds no triangles.
     """
     found = _load(path)
-    if not isinstance(found, _trimesh().Trimesh):
-        raise InputError(f"{path}: holds a {type(found).__name__}, not a triangle mesh")
+    if not len(found.faces) and len(found.vertices):
+        raise InputError(f"{path}: holds points without triangles")
     vertices, faces = _merged(path, found)
     if path.suffix.lower() == ".glb":
         vertices = vertices @ Y_UP
@@ -125,51 +121,26 @@ def read_cloud(path: Path, unit: str) -> Vertices | None:
         If the file cannot be read.
     """
     found = _load(path)
-    if not isinstance(found, _trimesh().PointCloud):
-        return None
-    return np.array(found.vertices, dtype=np.float64).reshape(-1, 3) * METRES[unit]
+    return None if len(found.faces) else found.vertices * METRES[unit]
 
 
-def _load(path: Path) -> Any:
+def _load(path: Path) -> RawMesh:
     kind = path.suffix.lower().lstrip(".")
-    if kind not in SUFFIXES:
-        known = ", ".join(SUFFIXES)
+    if kind not in READERS:
+        known = ", ".join(READERS)
         raise InputError(f"{path}: {kind or 'no suffix'!r} is no mesh format; known: {known}")
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path}: the mesh cannot be read: {error.strerror}") from None
+    data = read_bounded(path, MAX_BYTES, "the mesh ")
     if not data:
         raise InputError(f"{path}: the mesh file is empty")
-    if len(data) > MAX_BYTES:
-        raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, the most that is read")
-    trimesh = _trimesh()
     try:
-        # From memory and without a resolver, so that the file cannot have others read.
-        found = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
-    except ModuleNotFoundError:  # it was taken for text of unknown encoding
-        raise InputError(f"{path}: is cut short, or not a mesh in {kind.upper()}") from None
-    except _READER_FAILURES as error:
-        raise InputError(f"{path}: is no mesh in {kind.upper()}: {_first_line(error)}") from None
-    if isinstance(found, trimesh.Scene):
-        parts = list(found.geometry.values())
-        if len(parts) != 1:
-            raise InputError(f"{path}: holds {len(parts)} meshes; there must be exactly one")
-        found = parts[0]
-    return found
+        return READERS[kind](data)
+    except ValueError as error:
+        raise InputError(f"{path}: is no mesh in {kind.upper()}: it {error}") from None
 
 
-def _trimesh() -> Any:
-    import trimesh
-
-    return trimesh
-
-
-def _merged(path: Path, mesh: Any) -> tuple[Vertices, Faces]:
+def _merged(path: Path, mesh: RawMesh) -> tuple[Vertices, Faces]:
     """Vertices that are equal made one, because STL repeats them for each face."""
-    vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
-    faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
+    vertices, faces = mesh
     if len(faces) == 0:
         raise InputError(f"{path}: holds no triangles")
     if len(faces) > MAX_FACES:
@@ -179,27 +150,39 @@ def _merged(path: Path, mesh: Any) -> tuple[Vertices, Faces]:
     if not np.isfinite(vertices).all():
         bad = int(np.argmin(np.isfinite(vertices).all(axis=1)))
         raise InputError(f"{path}: vertex {bad} is not finite")
-    kept, first = np.unique(vertices, axis=0, return_inverse=True)
-    faces = first.reshape(-1)[faces]
+    kept, first = _each_once(vertices)
+    faces = first[faces]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
+    if len(faces) == 0:
+        raise InputError(f"{path}: all its triangles are flat: corners of each lie in one place")
     used, numbers = np.unique(faces, return_inverse=True)
     return kept[used], numbers.reshape(-1, 3).astype(np.int32)
 
 
+def _each_once(vertices: Vertices) -> tuple[Vertices, NDArray[np.int64]]:
+    """Rows that differ, in their order, and which of them each row is."""
+    order = np.lexsort(vertices.T[::-1])
+    rows = vertices[order]
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    number = np.empty(len(rows), np.int64)
+    number[order] = np.cumsum(new) - 1
+    return rows[new], number
+
+
 def _check_closed(path: Path, faces: Faces) -> None:
     """Each edge must be walked exactly once each way."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    _, number, count = np.unique(
-        np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
+    start, end = faces.T.reshape(-1).astype(np.int64), faces[:, [1, 2, 0]].T.reshape(-1)
+    keys = np.minimum(start, end) * (int(faces.max()) + 1) + np.maximum(start, end)
+    _, number, count = np.unique(keys, return_inverse=True, return_counts=True)
     odd = int((count != 2).sum())
-    if odd or not len(count):
+    if odd:
         raise InputError(
             f"{path}: is not watertight: {odd} of its {len(count)} edges do not have exactly "
             "two triangles; close the holes"
         )
-    forwards = np.bincount(number.reshape(-1), edges[:, 0] < edges[:, 1], len(count))
+    forwards = np.bincount(number, start < end, len(count))
     turned = int((forwards != 1).sum())
     if turned:
         raise InputError(
@@ -209,15 +192,11 @@ def _check_closed(path: Path, faces: Faces) -> None:
 
 
 def _check_size(path: Path, vertices: Vertices, unit: str) -> None:
-    extents = np.ptp(vertices, axis=0)
+    with np.errstate(over="ignore"):
+        extents = np.ptp(vertices, axis=0)
     if extents.min() < SMALLEST or extents.max() > LARGEST:
         size = " x ".join(f"{extent:.3g}" for extent in extents)
         raise InputError(
             f"{path}: measures {size} m when read in {unit}; each side must be between "
             f"{SMALLEST:g} and {LARGEST:g} m; is the unit right?"
         )
-
-
-def _first_line(error: BaseException) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[0][:120] if lines else type(error).__name__

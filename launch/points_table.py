@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
+from palpate.launch.bounded_file import read_bounded
 from palpate.launch.located import InputError
 
 MAX_BYTES = 256 << 20
@@ -73,13 +74,7 @@ def read_table(path: Path) -> Table:
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
     """Lines that say something, with their numbers from 1."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(data) > MAX_BYTES:
-        raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, the most that is read")
+    data = read_bounded(path, MAX_BYTES)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -18,6 +18,7 @@ from palpate.launch.convert import convert
 from palpate.launch.located import InputError, Located
 from palpate.launch.mesh_file import MeshFile, read_mesh
 from palpate.launch.nearest import hint
+from palpate.launch.own_folder import file_in
 from palpate.launch.scene_effects import with_effects
 from palpate.launch.scene_planner import check_planner
 from palpate.launch.yaml_file import read_yaml
@@ -78,6 +79,8 @@ class Scene:
     """What it says, with defaults filled in and the mesh read."""
     located: Located
     """The same as plain values, with file and line."""
+    size: tuple[float, float, float]
+    """Extents of the object along x, y and z, to 0.1 mm or so, m."""
 
 
 def load_scene(name: str | Path) -> Scene:
@@ -101,10 +104,9 @@ def load_scene(name: str | Path) -> Scene:
     check_planner(given)
     spec = convert(given, SceneSpec)
     located = Located(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
-    scene = Scene(path.stem, path, path.read_text(encoding="utf-8"), spec, located)
-    _check_finger(scene)
-    _check_reach(scene)
-    return scene
+    _check_finger(spec, located)
+    size = _check_reach(spec, located)
+    return Scene(path.stem, path, path.read_text(encoding="utf-8"), spec, located, size)
 
 
 def shipped_scenes() -> tuple[str, ...]:
@@ -138,20 +140,14 @@ def scene_title(name: str) -> str:
     return first.removeprefix("#").strip()
 
 
-def object_size(scene: Scene) -> tuple[float, float, float]:
-    """Extents of the object along x, y and z, m."""
-    low, high = build_shape(scene.spec.object).bounds().tolist()
-    return (high[0] - low[0], high[1] - low[1], high[2] - low[2])
-
-
-def _check_finger(scene: Scene) -> None:
+def _check_finger(spec: SceneSpec, located: Located) -> None:
     """Each effect must be one that this sensor can have."""
     try:
-        build_pipeline(scene.spec.sensor, scene.spec.effects, PRESETS[scene.spec.world.robot])
+        build_pipeline(spec.sensor, spec.effects, PRESETS[spec.world.robot])
     except ValueError as error:
         name = str(error).partition(" ")[0]
-        where = ("effects", name) if name in scene.spec.effects else ("effects",)
-        raise scene.located.error(where, str(error)) from None
+        where = ("effects", name) if name in spec.effects else ("effects",)
+        raise located.error(where, str(error)) from None
 
 
 def _with_mesh(given: Located, scene: Path) -> Located:
@@ -162,15 +158,10 @@ def _with_mesh(given: Located, scene: Path) -> Located:
         return given
     mesh = convert(part, MeshFile, "object.mesh")
     folder = scene.resolve().parent
-    path = (folder / mesh.file).resolve()
-    # A scene from elsewhere must not have other files of the machine read.
-    if Path(mesh.file).is_absolute() or not path.is_relative_to(folder):
-        raise part.error(
-            ("file",), f"object.mesh.file is {mesh.file!r}; it must lie in the scene's own folder"
-        )
     try:
+        path = file_in(folder, mesh.file, "object.mesh.file")
         data = encode_mesh(*read_mesh(path, mesh.unit))
-    except InputError as error:
+    except ValueError as error:
         raise part.error(("file",), str(error)) from None
     value = {
         **given.value,
@@ -179,21 +170,23 @@ def _with_mesh(given: Located, scene: Path) -> Located:
     return Located(value, given.source, given.places)
 
 
-def _check_reach(scene: Scene) -> None:
-    """The object must be large enough to feel and lie within the finger's reach."""
-    vertices = build_shape(scene.spec.object).mesh(CHECK_LEVEL).vertices
+def _check_reach(spec: SceneSpec, located: Located) -> tuple[float, float, float]:
+    """The object must be large enough to feel and lie within the finger's reach; its extents."""
+    vertices = build_shape(spec.object).mesh(CHECK_LEVEL).vertices
     extents = np.ptp(vertices, axis=0)
     if extents.min() < LEAST_EXTENT:
-        raise scene.located.error(
+        raise located.error(
             ("object",),
             f"the object is only {extents.min():.3g} m across; a pad of 15 mm can follow nothing "
             f"smaller than {LEAST_EXTENT} m",
         )
     aside, height = float(np.linalg.norm(vertices[:, :2], axis=1).max()), float(extents[2])
-    reach = scene.spec.world.reach
+    reach = spec.world.reach
     if max(aside, height) > reach:
-        raise scene.located.error(
+        raise located.error(
             ("object",),
             f"the object reaches {aside:.3g} m sideways and is {height:.3g} m high, but the "
             f"finger reaches {reach:g} m; enlarge world.reach, or move or shrink the object",
         )
+    x, y, z = extents.tolist()
+    return (x, y, z)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,8 +10,10 @@ from numpy.typing import NDArray
 
 from palpate.core.archive import FORM
 from palpate.core.measure.triangles import corners_of
+from palpate.launch.bounded_file import read_bounded
 from palpate.launch.located import InputError
 from palpate.launch.mesh_file import MAX_BYTES, METRES, read_cloud, read_surface
+from palpate.launch.npz_file import read_npz
 from palpate.launch.solid_file import load
 
 OWN_UNITS = {".stl": "mm"}
@@ -86,21 +86,10 @@ def _enough(path: Path, points: NDArray[np.float64]) -> NDArray[np.float64]:
     return points
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(data) > MAX_BYTES:
-        raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, the most that is read")
-    return data
-
-
 def _read_csv(path: Path) -> NDArray[np.float64]:
     """The columns x, y and z if a header names them, else the first three."""
     try:
-        text = _bytes(path).decode("utf-8-sig")
+        text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path}: is no text in UTF-8") from None
     lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
@@ -134,22 +123,19 @@ def _is_number(text: str) -> bool:
 
 def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Vertices, m, and faces of a model as a run or `palpate.save` leaves it."""
-    data = io.BytesIO(_bytes(path))
+    data = read_bounded(path, MAX_BYTES)
     try:
-        with zipfile.ZipFile(data) as archive:
-            size = sum(part.file_size for part in archive.infolist())
-        if size > 4 * MAX_BYTES:
-            raise InputError(f"{path}: unpacks to {size >> 20} MiB, more than is read")
-        with np.load(data, allow_pickle=False) as arrays:
-            if FORM in arrays and "vertices" not in arrays:
-                return _meshed(path)
-            vertices, faces = arrays["vertices"], arrays["faces"]
-    except (zipfile.BadZipFile, EOFError, OSError):
-        raise InputError(f"{path}: is no NPZ file") from None
-    except KeyError as error:
-        raise InputError(f"{path}: is no model: it lacks {str(error.args[0]).split()[0]}") from None
+        arrays = read_npz(data)
     except ValueError as error:
-        raise _no_surface(path, error) from None
+        raise InputError(f"{path}: {error}") from None
+    if FORM in arrays and "vertices" not in arrays:
+        return _meshed(path)
+    for name in ("vertices", "faces"):
+        if name not in arrays:
+            raise InputError(f"{path}: is no model: it lacks {name}")
+    vertices, faces = arrays["vertices"], arrays["faces"]
+    if faces.ndim == 0:
+        raise InputError(f"{path}: is no model: its faces are a single number")
     if not len(faces):
         raise InputError(f"{path}: the model has no surface; nothing could be rebuilt")
     try:

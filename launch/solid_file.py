@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.core.archive import FORM, from_arrays, to_arrays
 from palpate.core.rebuild.solid import Solid
+from palpate.launch.bounded_file import read_bounded
 from palpate.launch.located import InputError
+from palpate.launch.npz_file import Arrays, read_npz
 from palpate.launch.whole_files import write_whole
 
 SUFFIX = ".npz"
 MAX_BYTES = 512 << 20
-"""Largest file, packed and unpacked."""
-
-Arrays = dict[str, NDArray[np.generic]]
+"""Largest file."""
 
 
 def save(solid: Solid, path: str | Path) -> None:
@@ -88,19 +84,8 @@ def read_arrays(path: Path) -> Arrays:
     InputError
         If it cannot be read, is too large, or holds objects.
     """
+    data = read_bounded(path, MAX_BYTES)
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as parts:
-            size = sum(part.file_size for part in parts.infolist())
-        if max(size, len(data)) > MAX_BYTES:
-            raise InputError(f"{path}: unpacks to {size >> 20} MiB, more than is read")
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return {name: np.asarray(arrays[name]) for name in arrays.files}
-    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, zlib.error):
-        raise InputError(f"{path}: is no NPZ file") from None
-    except (ValueError, TypeError, SyntaxError) as error:
-        raise InputError(f"{path}: is no NPZ file of numbers: {error!s:.120}") from None
+        return read_npz(data)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None

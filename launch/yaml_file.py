@@ -6,6 +6,7 @@ built from them.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,29 +14,39 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.events import (
     AliasEvent,
+    DocumentStartEvent,
+    Event,
     MappingEndEvent,
     MappingStartEvent,
     NodeEvent,
+    ScalarEvent,
     SequenceEndEvent,
     SequenceStartEvent,
 )
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.nodes import ScalarNode
 
+from palpate.launch.bounded_file import read_bounded
 from palpate.launch.located import InputError, KeyPath, Located
 
-MAX_BYTES = 256 << 10
-"""Largest file; a scene of a few dozen lines has some 1 kB."""
 MAX_DEPTH = 16
 """Deepest nesting; a scene has 5."""
+MOST_VALUES = 12_500
+"""Keys and values; a scene has some 30, the largest polyhedron 12,300; each takes some 30 us."""
+BYTES = 16
+"""Most bytes of a file, for each of its values, comments and all."""
+MOST_BITS = 1024
+"""Of a whole number: what is larger is larger than all floats."""
 
 
-def read_yaml(path: Path) -> Located:
+def read_yaml(path: Path, most: int = MOST_VALUES) -> Located:
     """The document in a file.
 
     Parameters
     ----------
     path : Path
-        A file of at most 256 kB with one document, a map.
+        A file with one document, a map.
+    most : int
+        Most keys and values that it may have; 16 bytes for each, and no more.
 
     Raises
     ------
@@ -43,16 +54,10 @@ def read_yaml(path: Path) -> Located:
         If the file is missing, unreadable, too large, empty, not YAML, or not a map.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        text = data.decode()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        text = read_bounded(path, BYTES * most).decode()
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not text in UTF-8: {error.reason}") from None
-    if len(data) > MAX_BYTES:
-        raise InputError(f"{path}: is larger than {MAX_BYTES >> 10} kB, the most that is read")
-    found = parse_yaml(text, str(path))
+    found = parse_yaml(text, str(path), most)
     if found.value is None:
         raise InputError(
             f"{path}: is empty; shipped scenes and launch files show what belongs here"
@@ -62,65 +67,96 @@ def read_yaml(path: Path) -> Located:
     return found
 
 
-def parse_yaml(text: str, source: str) -> Located:
+def parse_yaml(text: str, source: str, most: int = MOST_VALUES) -> Located:
     """The document in a text; `source` names it in complaints.
 
     Raises
     ------
     InputError
-        If it is not exactly one YAML document of plain values.
+        If it is not exactly one YAML document of at most `most` plain values.
     """
     yaml = YAML(typ="safe", pure=True)
+    reader = _Reader(yaml, source, most)
     try:
-        _refuse_hostile(yaml, text, source)
-        top = yaml.compose(text)
-        places: dict[KeyPath, str] = {}
-        value = None if top is None else _value(yaml, top, (), places, source)
+        value = reader.document(yaml.parse(text))
     except YAMLError as error:
         raise InputError(_syntax(error, source)) from None
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{source}: is not YAML: {_one_line(str(error))}") from None
-    return Located(value, source, places)
+    return Located(value, source, reader.places)
 
 
-def _refuse_hostile(yaml: YAML, text: str, source: str) -> None:
-    """Look at the events, which cost nothing, before any value is built."""
-    depth = 0
-    for event in yaml.parse(text):
-        if isinstance(event, (MappingStartEvent, SequenceStartEvent)):
-            depth += 1
-        elif isinstance(event, (MappingEndEvent, SequenceEndEvent)):
-            depth -= 1
-        if isinstance(event, NodeEvent):
-            line = event.start_mark.line + 1
-            if depth > MAX_DEPTH:
-                raise InputError(f"{source}:{line}: is nested deeper than {MAX_DEPTH}")
-            if isinstance(event, AliasEvent) or event.anchor:
-                raise InputError(f"{source}:{line}: anchors and aliases (& and *) are not allowed")
-            tag = getattr(event, "tag", None)
-            if tag:
-                raise InputError(f"{source}:{line}: the tag {str(tag)[:40]} is not allowed")
+class _Reader:
+    """Builds values from events as they come, and looks at each before it does."""
 
+    def __init__(self, yaml: YAML, source: str, most: int) -> None:
+        self.places: dict[KeyPath, str] = {}
+        self._yaml, self._source, self._most = yaml, source, most
+        self._values = 0
 
-def _value(yaml: YAML, node: Node, path: KeyPath, places: dict[KeyPath, str], source: str) -> Any:
-    places.setdefault(path, f"{source}:{node.start_mark.line + 1}")
-    if isinstance(node, SequenceNode):
-        return [_value(yaml, item, (*path, i), places, source) for i, item in enumerate(node.value)]
-    if isinstance(node, MappingNode):
+    def document(self, events: Iterator[Event]) -> Any:
+        """The only document; None if there is none."""
+        value, documents = None, 0
+        for event in events:
+            if isinstance(event, DocumentStartEvent):
+                documents += 1
+                if documents > 1:
+                    raise InputError(f"{self._at(event)}: is not YAML: a second document begins")
+            elif isinstance(event, NodeEvent):
+                value = self._value(event, events, ())
+        return value
+
+    def _value(self, event: Event, events: Iterator[Event], path: KeyPath) -> Any:
+        self._check(event, path)
+        self.places.setdefault(path, self._at(event))
+        if isinstance(event, SequenceStartEvent):
+            items: list[Any] = []
+            while not isinstance(item := next(events), SequenceEndEvent):
+                items.append(self._value(item, events, (*path, len(items))))
+            return items
+        if isinstance(event, MappingStartEvent):
+            return self._map(events, path)
+        assert isinstance(event, ScalarEvent)
+        return self._scalar(event)
+
+    def _map(self, events: Iterator[Event], path: KeyPath) -> dict[str, Any]:
         built: dict[str, Any] = {}
-        for key_node, item in node.value:
-            key = key_node.value if isinstance(key_node, ScalarNode) else ""
-            at = f"{source}:{key_node.start_mark.line + 1}"
+        while not isinstance(event := next(events), MappingEndEvent):
+            self._check(event, path)
+            key, at = event.value if isinstance(event, ScalarEvent) else "", self._at(event)
             if not key:
                 raise InputError(f"{at}: a key must be a word")
             if key in built:
-                raise InputError(f"{at}: the key {key!r} is given twice")
-            places[(*path, key)] = at
-            built[key] = _value(yaml, item, (*path, key), places, source)
+                raise InputError(f"{at}: the key {key[:60]!r} is given twice")
+            self.places[*path, key] = at
+            built[key] = self._value(next(events), events, (*path, key))
         return built
-    return yaml.constructor.construct_object(node)
+
+    def _scalar(self, event: ScalarEvent) -> Any:
+        tag = self._yaml.resolver.resolve(ScalarNode, event.value, event.implicit)
+        node = ScalarNode(tag, event.value, event.start_mark, event.end_mark)
+        value = self._yaml.constructor.construct_object(node)
+        if type(value) is int and value.bit_length() > MOST_BITS:
+            raise InputError(f"{self._at(event)}: has a number of more than {MOST_BITS} bits")
+        return value
+
+    def _check(self, event: Event, path: KeyPath) -> None:
+        """Refuse what makes YAML dangerous, before anything is built of it."""
+        at = self._at(event)
+        self._values += 1
+        if self._values > self._most:
+            raise InputError(f"{at}: has more than {self._most} values, the most that are read")
+        if len(path) >= MAX_DEPTH and not isinstance(event, ScalarEvent):
+            raise InputError(f"{at}: is nested deeper than {MAX_DEPTH}")
+        if isinstance(event, AliasEvent) or getattr(event, "anchor", None):
+            raise InputError(f"{at}: anchors and aliases (& and *) are not allowed")
+        if tag := getattr(event, "tag", None):
+            raise InputError(f"{at}: the tag {str(tag)[:40]} is not allowed")
+
+    def _at(self, event: Event) -> str:
+        return f"{self._source}:{event.start_mark.line + 1}"
 
 
 def _syntax(error: YAMLError, source: str) -> str:

@@ -16,10 +16,22 @@ from typing import Any, TypeVar, get_type_hints
 
 import msgpack
 
-from palpate.messages.fields import MAX_FIELDS, MAX_ITEMS, MAX_TEXT, CodecError, Convert, rule_of
+from palpate.messages.fields import (
+    MAX_FIELDS,
+    MAX_ITEMS,
+    MAX_NESTED,
+    MAX_TEXT,
+    CodecError,
+    Convert,
+    rule_of,
+)
+from palpate.messages.nested import at_most
 
 MAX_BYTES = 1 << 20
 """Largest body of a type that does not set its own ``MAX_BYTES``."""
+
+SHOWN = 8
+"""Most unknown fields that are named."""
 
 Message = TypeVar("Message")
 
@@ -136,9 +148,12 @@ def _only(name: str) -> Callable[[Any], tuple[Any, ...]]:
 def _unpack_map(codec: Codec, body: bytes) -> dict[str, Any]:
     if len(body) > codec.max_bytes:
         raise CodecError(_too_large(codec, len(body)))
+    count = at_most(MAX_NESTED)
     try:
         fields = msgpack.unpackb(
             body,
+            list_hook=count,
+            object_hook=count,
             raw=False,
             strict_map_key=True,
             max_str_len=MAX_TEXT,
@@ -165,5 +180,9 @@ def _too_large(codec: Codec, size: int) -> str:
 
 def _wrong_fields(codec: Codec, fields: dict[str, Any]) -> str:
     missing = sorted(set(codec.names) - fields.keys())
-    unknown = sorted(str(name) for name in fields.keys() - set(codec.names))
-    return f"not a {codec.cls.__name__}: missing fields {missing}, unknown fields {unknown}"
+    unknown = sorted(f"{name!s:.40}" for name in fields.keys() - set(codec.names))
+    more = ", ..." if len(unknown) > SHOWN else ""
+    return (
+        f"not a {codec.cls.__name__}: missing fields {missing}, "
+        f"unknown fields {unknown[:SHOWN]}{more}"
+    )

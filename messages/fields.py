@@ -19,6 +19,8 @@ FEW = 16
 """Elements up to which an array is looked through one by one."""
 MAX_FIELDS = 64
 """Most fields of a message, and entries of a table."""
+MAX_NESTED = 2 * MAX_FIELDS + 1
+"""Most lists and maps of a message, in all: an array is a map with a list, its shape."""
 
 Convert = Callable[[Any], Any]
 
@@ -182,9 +184,9 @@ def _array_rule(array: Array) -> Rule:
         shape, data = value.get("shape"), value.get("data")
         if type(shape) is not list or type(data) is not bytes or len(shape) != len(array.shape):
             raise CodecError(f"must have shape {_shape_text(array)} and bytes as data")
-        if any(type(n) is not int or n < 0 for n in shape) or (
-            math.prod(shape) * dtype.itemsize != len(data)
-        ):
+        if any(type(n) is not int or n < 0 for n in shape):
+            raise CodecError("must have a shape of whole numbers, none below 0")
+        if math.prod(shape) * dtype.itemsize != len(data):
             raise CodecError(f"has {len(data)} bytes, which do not fill shape {shape}")
         if dtype.kind == "b" and data.strip(b"\0\1"):
             raise CodecError("must hold 0 or 1 only")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -73,6 +74,7 @@ def _refuse_twins(word: str, parts: tuple[PartSpec, ...]) -> None:
             )
 
 
+@lru_cache(maxsize=8)  # each check of a scene builds it again, and looks whether it is empty
 def build_boolean(spec: PartSpec) -> BooleanShape:
     """The solid that a tree stands for.
 

@@ -85,10 +85,10 @@ class PolyhedronSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """A closed surface of plane polygons."""
 
     vertices: Annotated[
-        tuple[tuple[Coordinate, Coordinate, Coordinate], ...], Meta(min_length=4, max_length=4096)
+        tuple[tuple[Coordinate, Coordinate, Coordinate], ...], Meta(min_length=4, max_length=1024)
     ]
     """m."""
-    faces: Annotated[tuple[tuple[int, ...], ...], Meta(min_length=4, max_length=4096)]
+    faces: Annotated[tuple[tuple[int, ...], ...], Meta(min_length=4, max_length=2048)]
     """Corners by number, from 0, counter-clockwise seen from outside."""
 
     def __post_init__(self) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from itertools import islice
 from typing import Any
 
-from palpate.messages.bus.control import Word
 from palpate.messages.bus.journal import Tally
 from palpate.messages.bus.subscriber import Arrival
+from palpate.messages.bus.words import Word
 from palpate.messages.codec import codec_of, decode, encode
 from palpate.nodes.node import Finished, Said, Source
 from palpate.nodes.runtime_latency import Latency

@@ -13,7 +13,8 @@ HELP = """Measure one of eight things, here and now.
 scenes     the shipped scenes from start to end: accuracy and time
 explore    tracing, grasps and planners; whole explorations of sixteen objects, and whether
            what a run says of its error is so; takes hours without --quick or --only
-bus        the message bus alone: losses and latency
+bus        the message bus alone: losses and latency; and damaged messages and files, of which
+           none may do more than be refused
 touch      one touch: frames a second, and the error of cast and curvature
 effects    each effect: its cost, and the error of a contour that it causes
 curvature  filters and estimators against noise and impulses
@@ -87,9 +88,11 @@ def _explore(quick: bool, only: str | None, as_json: bool) -> int:
 
 def _bus(quick: bool) -> int:
     from palpate.launch.bench_bus import bench_bus
+    from palpate.launch.bench_damage import damage
+    from palpate.launch.bench_row import print_groups
 
     click.echo(bench_bus(repeats=5 if quick else 100))
-    return 0
+    return print_groups((damage,), quick=quick, echo=click.echo)
 
 
 def _touch(quick: bool) -> int:

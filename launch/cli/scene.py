@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 
@@ -25,18 +23,9 @@ def list_scenes() -> None:
 @click.argument("scene")
 def check(scene: str) -> None:
     """Say whether SCENE can be explored, how large its object is, and what is simulated."""
-    from palpate.launch.launch_path import EXPLORE
-    from palpate.launch.located import Located
-    from palpate.launch.run import check_run
-    from palpate.launch.scene import find_scene, object_size
-    from palpate.launch.scene_report import simulated
+    from palpate.launch.scene_check import checked
 
-    path = find_scene(scene)
-    described, _ = check_run(EXPLORE, {"scene": Located(str(path), "")}, {}, Path("runs"))
-    assert described.scene is not None
-    size = " x ".join(f"{1000.0 * side:.1f}" for side in object_size(described.scene))
-    click.echo(f"{path}: can be explored; the object measures {size} mm")
-    click.echo(simulated(described.scene.spec))
+    click.echo(checked(scene))
 
 
 @command.command("effects")

@@ -7,8 +7,9 @@ import time
 from collections.abc import Mapping
 
 from palpate.launch.processes.nursery import GRACE
-from palpate.messages.bus.control import NodeLine, Word
+from palpate.messages.bus.control import NodeLine
 from palpate.messages.bus.wires import Wires
+from palpate.messages.bus.words import OF_HOSTS, Word
 
 PATIENCE = 10.0
 """A machine has this long for its first answer, s."""
@@ -34,7 +35,7 @@ class Host:
     def __init__(self, wires: Wires, name: str, endpoint: str, run: str) -> None:
         self.name = name
         """Address and port."""
-        self.line = NodeLine(wires.context, endpoint, name=run)
+        self.line = NodeLine(wires.context, endpoint, name=run, hears=OF_HOSTS)
         """The line to it."""
         self._ends: dict[str, tuple[int, int]] = {}
         self._codes: dict[str, int] = {}

@@ -19,9 +19,10 @@ from palpate.launch.hosts.addresses import free_endpoints
 from palpate.launch.processes.folder import private_folder
 from palpate.launch.processes.interrupts import Interrupts
 from palpate.launch.processes.nursery import Nursery
-from palpate.messages.bus.control import LauncherLine, Word
+from palpate.messages.bus.control import LauncherLine
 from palpate.messages.bus.place import Place
 from palpate.messages.bus.wires import Wires
+from palpate.messages.bus.words import TO_HOSTS, Word
 
 LOST = 3.0
 """A launcher of which nothing was heard for so long is gone, s."""
@@ -65,8 +66,8 @@ class Guest:
             "taps": {name: taps[f"t {name}"] for name in names},
         }
 
-    def bear(self, word: Word) -> Word:
-        """Start a node; its files are this machine's."""
+    def bear(self, word: Word) -> Word | None:
+        """Start a node; its files are this machine's. An answer says that it cannot be."""
         name = str(word["node"])
         place = msgspec.msgpack.decode(word["place"], type=Place)
         number = self._names.index(name)
@@ -81,7 +82,7 @@ class Guest:
             self.sentinels[self._nursery.bear(name, word["wiring"], packed)] = name
         except ChildProcessError as error:
             return {"kind": "unborn", "node": name, "text": str(error)}
-        return {"kind": "born", "node": name}
+        return None
 
     def kill(self, word: Word) -> None:
         """Kill a node."""
@@ -117,7 +118,7 @@ def lend(address: str, port: int, key: Path, echo: Callable[[str], None]) -> Non
     """
     wires = Wires(str(key))
     try:
-        line = LauncherLine(wires.context, f"tcp://{address}:{port}")
+        line = LauncherLine(wires.context, f"tcp://{address}:{port}", hears=TO_HOSTS)
     except zmq.ZMQError as error:
         wires.destroy()
         raise ValueError(f"{address}:{port} cannot be listened at: {error}") from None
@@ -183,7 +184,9 @@ class Lender:
         guest.heard = now
         match word["kind"]:
             case "bear":
-                self._line.send(name, **guest.bear(word))
+                unborn = guest.bear(word)
+                if unborn is not None:
+                    self._line.send(name, **unborn)
             case "kill":
                 guest.kill(word)
             case "alive":

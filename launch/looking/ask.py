@@ -7,8 +7,9 @@ import time
 from typing import Any
 
 from palpate.launch.processes.register import Card
-from palpate.messages.bus.control import NodeLine, Word
+from palpate.messages.bus.control import NodeLine
 from palpate.messages.bus.wires import Wires
+from palpate.messages.bus.words import TO_TOOLS, Word
 
 PATIENCE = 5.0
 """Who does not answer for so long is busy, or stopped, s."""
@@ -42,13 +43,13 @@ def ask(card: Card, kind: str, **fields: Any) -> Word:
         while True:
             line.send(kind, **fields)
             answer = _answer(line, card, deadline)
-            if not answer.get("soon") or time.monotonic() > deadline:
+            if answer["kind"] != "not_yet" or time.monotonic() > deadline:
                 break
             time.sleep(AGAIN)
     finally:
         line.socket.close(0)
         wires.close()
-    if answer["kind"] == "refused":
+    if answer["kind"] in ("refused", "not_yet"):
         raise ValueError(str(answer["text"]))
     return answer
 
@@ -65,4 +66,9 @@ def _answer(line: NodeLine, card: Card, deadline: float) -> Word:
 
 
 def _line(wires: Wires, card: Card) -> NodeLine:
-    return NodeLine(wires.context, card.tools, name=f"tool {os.getpid()} {os.urandom(4).hex()}")
+    return NodeLine(
+        wires.context,
+        card.tools,
+        name=f"tool {os.getpid()} {os.urandom(4).hex()}",
+        hears=TO_TOOLS,
+    )

@@ -12,6 +12,7 @@ from palpate.messages.bus.place import LAUNCHER, Place
 from palpate.messages.bus.subscriber import Subscriber
 from palpate.messages.bus.tap import LOG, STATUS, TapReader
 from palpate.messages.bus.wires import Wires
+from palpate.messages.bus.words import OF_TOOLS
 from palpate.messages.codec import decode, schema_hash
 from palpate.messages.types import TYPES
 
@@ -31,7 +32,7 @@ class Desk:
         self._wires = Wires(place.key)
         context = self._wires.context
         self.line = LauncherLine(context, place.control)
-        self.tools = LauncherLine(context, place.tools)
+        self.tools = LauncherLine(context, place.tools, hears=OF_TOOLS)
         self.ears = Subscriber(
             context,
             name=LAUNCHER,

@@ -12,10 +12,9 @@ from typing import Any
 
 from palpate.launch.processes.roll import Roll
 from palpate.launch.processes.ward import Ward
-from palpate.messages.bus.control import LauncherLine, Word
+from palpate.messages.bus.control import LauncherLine
+from palpate.messages.bus.words import Word
 
-TOLD = ("pause", "resume", "step", "publish")
-"""What a source may be told to do."""
 _MOST = 8
 _MOST_PENDING = 1000
 
@@ -61,11 +60,7 @@ class Reception:
 
     def _answer(self, tool: str, word: Word) -> dict[str, Any] | None:
         """What is answered at once; None if a node has to do something first."""
-        if word["kind"] == "status":
-            return self._status()
-        if word["kind"] in TOLD:
-            return self._tell(tool, word)
-        return _refused(f"the launcher does not know the word {word['kind']!r}")
+        return self._status() if word["kind"] == "status" else self._tell(tool, word)
 
     def _status(self) -> dict[str, Any]:
         now, counts = time.monotonic(), self._ward.restarts.counts
@@ -89,15 +84,11 @@ class Reception:
         """Hand a word on to a source, which says when it has done it."""
         name, ticket = str(word.get("node")), next(self._tickets)
         if name not in self._ward.wirings:
-            return _refused(f"there is no node {name!r}")
+            return {"kind": "refused", "text": f"there is no node {name!r}"}
         fields = {key: value for key, value in word.items() if key not in ("kind", "node")}
         if not self._nodes.send(name, word["kind"], **{**fields, "ticket": ticket}):
-            return {**_refused(f"{name} is not up"), "soon": True}
+            return {"kind": "not_yet", "text": f"{name} is not up"}
         self._pending[ticket] = tool
         while len(self._pending) > _MOST_PENDING:
             self._pending.pop(next(iter(self._pending)))
         return None
-
-
-def _refused(text: str) -> dict[str, Any]:
-    return {"kind": "refused", "text": text}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from palpate.messages.bus.control import Word
+from palpate.messages.bus.words import Word
 from palpate.messages.codec import decode
 from palpate.messages.types import LogRecord, NodeStatus
 

@@ -1,7 +1,7 @@
 """The line between a node and the launcher: who is ready, when to go, how much was heard.
 
-Words are small maps with a ``kind``. From the node: ready, alive, finished, count, did, bye and
-failed; from the launcher: go, count and stop, and what tools ask of a source.
+Tools speak to the launcher in the same way, and the launcher to other machines. The words
+themselves are in `words`.
 """
 
 from __future__ import annotations
@@ -12,13 +12,10 @@ import msgpack
 import zmq
 
 from palpate.messages.bus.wires import bind
+from palpate.messages.bus.words import OF_LAUNCHER, OF_NODES, Language, Word, read_word
 
-MAX_BYTES = 1 << 20
-"""Longest word."""
 LINGER_MS = 500
 """A last word has this long to leave."""
-
-Word = dict[str, Any]
 
 
 class NodeLine:
@@ -32,11 +29,19 @@ class NodeLine:
         Address of the launcher.
     name : str
         Name of the node.
+    hears : Language
+        What may be said to it.
     """
 
     def __init__(
-        self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str, *, name: str
+        self,
+        context: zmq.Context[zmq.Socket[bytes]],
+        endpoint: str,
+        *,
+        name: str,
+        hears: Language = OF_LAUNCHER,
     ) -> None:
+        self._hears = hears
         self.socket = context.socket(zmq.DEALER)
         self.socket.setsockopt(zmq.IDENTITY, name.encode())
         self.socket.setsockopt(zmq.LINGER, LINGER_MS)
@@ -55,7 +60,7 @@ class NodeLine:
             If what arrived is no word.
         """
         try:
-            return _read(self.socket.recv(zmq.DONTWAIT))
+            return read_word(self.socket.recv(zmq.DONTWAIT), self._hears)
         except zmq.Again:
             return None
 
@@ -73,9 +78,18 @@ class LauncherLine:
         Where the socket lives.
     endpoint : str
         Address to bind.
+    hears : Language
+        What may be said to it.
     """
 
-    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
+    def __init__(
+        self,
+        context: zmq.Context[zmq.Socket[bytes]],
+        endpoint: str,
+        *,
+        hears: Language = OF_NODES,
+    ) -> None:
+        self._hears = hears
         self.socket = context.socket(zmq.ROUTER)
         self.socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
         # A node that was started again speaks before its old line is known to be gone.
@@ -108,17 +122,8 @@ class LauncherLine:
             return None
         if len(parts) != 2:
             raise ValueError(f"a word has one part, got {len(parts) - 1}")
-        return parts[0].decode(errors="replace"), _read(parts[1])
+        return parts[0].decode(errors="replace"), read_word(parts[1], self._hears)
 
     def close(self) -> None:
         """Close at once."""
         self.socket.close(0)
-
-
-def _read(data: bytes) -> Word:
-    if len(data) > MAX_BYTES:
-        raise ValueError(f"a word has at most {MAX_BYTES} bytes, got {len(data)}")
-    word = msgpack.unpackb(data, max_ext_len=0)
-    if not isinstance(word, dict) or not isinstance(word.get("kind"), str):
-        raise ValueError(f"a word is a map with a kind, got {len(data)} bytes of something else")
-    return word

@@ -13,6 +13,8 @@ import struct
 from typing import NamedTuple
 
 HELLO, FRAME, IN_STEP = b"H", b"F", b"S"
+MAX_BYTES = 4096
+"""Longest request."""
 _EPOCH = struct.Struct("<I")
 
 
@@ -71,16 +73,21 @@ def read_request(notice: bytes) -> Request | None:
     """Request in a notice of the publisher's socket; None if it is not one."""
     if not notice.startswith(b"\x01@"):
         return None
-    words = notice[2:].decode(errors="replace").split(" ")
-    if len(words) not in (4, 6) or not words[1].isdecimal():
+    words = notice[2 : 2 + MAX_BYTES].decode(errors="replace").split(" ")
+    if len(notice) > MAX_BYTES or len(words) not in (4, 6) or not _is_count(words[1]):
         return None
     subscriber, epoch, publisher = words[0], int(words[1]), words[2]
     called = call(subscriber, epoch, publisher)
     if len(words) == 4:
         return Request(subscriber, called, publisher, None, "", 0)
-    if not words[3].isdecimal() or not words[5].isdecimal():
+    if not _is_count(words[3]) or not _is_count(words[5]):
         return None
     return Request(subscriber, called, publisher, int(words[3]), words[4], int(words[5]))
+
+
+def _is_count(word: str) -> bool:
+    """Whether a word is a number of at most 64 bits."""
+    return word.isascii() and word.isdecimal() and len(word) < 20
 
 
 def hello(called: bytes, epoch: int) -> bytes:
@@ -107,11 +114,15 @@ def read_answer(frame: bytes) -> Answer:
         If the frame is no answer.
     """
     end = frame.find(b"\0")
-    words = frame[:end].split(b" ")
+    words = frame[: max(end, 0)].split(b" ", 4)
     kind = frame[end + 1 : end + 2]
     if end < 0 or len(words) != 4 or kind not in (HELLO, FRAME, IN_STEP):
         raise ValueError(f"not an answer: {len(frame)} bytes that begin with {frame[:40]!r}")
-    return Answer(words[2].decode(), kind, frame[end + 2 :])
+    try:
+        publisher = words[2].decode()
+    except UnicodeDecodeError:
+        raise ValueError("not an answer: the name of its publisher is not Unicode") from None
+    return Answer(publisher, kind, frame[end + 2 :])
 
 
 def read_epoch(rest: bytes) -> int:

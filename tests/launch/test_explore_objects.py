@@ -13,7 +13,7 @@ from palpate.launch.bench_explore_scene import NOISY, Demand, leaning, write_sce
 from palpate.launch.explore_objects import HEIGHT, OBJECTS, ROUNDING, mesh_of, rounded
 from palpate.launch.explore_objects_drawn import DOME, held_out, hidden
 from palpate.launch.planner_objects import TUNED
-from palpate.launch.scene import load_scene, object_size
+from palpate.launch.scene import load_scene
 from palpate.nodes.object import build_shape
 
 DEMAND = Demand(tolerance=2e-4)
@@ -68,7 +68,7 @@ def test_an_object_that_scenes_know_by_name_has_no_mesh_of_its_own() -> None:
 @pytest.mark.parametrize("name", [name for name, one in OBJECTS.items() if one.radius is None])
 def test_a_described_object_is_as_high_as_the_others(name: str, tmp_path: Path) -> None:
     scene = load_scene(write_scene(tmp_path, OBJECTS[name], (), DEMAND))
-    assert object_size(scene)[2] == pytest.approx(HEIGHT, rel=0.06)
+    assert scene.size[2] == pytest.approx(HEIGHT, rel=0.06)
     assert build_shape(scene.spec.object).bounds()[0, 2] == pytest.approx(0.0, abs=2e-3)
 
 

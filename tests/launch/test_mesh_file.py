@@ -131,7 +131,7 @@ def test_points_without_triangles_are_refused(write: Write) -> None:
     header = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
     path = write("x.ply", header + "property float z\nend_header\n0 0 0\n")
 
-    with pytest.raises(InputError, match="holds a PointCloud, not a triangle mesh"):
+    with pytest.raises(InputError, match="holds points without triangles"):
         read_mesh(path, "mm")
 
 

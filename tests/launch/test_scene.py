@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.launch.located import InputError
-from palpate.launch.scene import SHIPPED, find_scene, load_scene, object_size, shipped_scenes
+from palpate.launch.scene import SHIPPED, find_scene, load_scene, shipped_scenes
 
 Write = Callable[[str, str], Path]
 
@@ -19,7 +19,7 @@ def test_every_shipped_scene_loads_and_stands_on_the_ground(name: str) -> None:
     scene = load_scene(name)
 
     assert scene.name == name
-    assert 0.05 <= max(object_size(scene)) <= 0.15
+    assert 0.05 <= max(scene.size) <= 0.15
 
 
 def test_fourteen_scenes_are_shipped() -> None:
@@ -48,7 +48,7 @@ def test_a_scene_fills_in_its_defaults(write: Write) -> None:
     assert scene.spec.sensor.rows == 16
     assert scene.located.value["seed"] == 0
     assert scene.located.place(("object", "superquadric", "size")).endswith("ball.yaml:2")
-    assert object_size(scene) == pytest.approx((0.08, 0.08, 0.08))
+    assert scene.size == pytest.approx((0.08, 0.08, 0.08))
 
 
 def test_a_mesh_is_read_into_the_scene_in_metres() -> None:

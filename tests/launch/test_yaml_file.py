@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from palpate.launch.located import InputError
-from palpate.launch.yaml_file import MAX_BYTES, parse_yaml, read_yaml
+from palpate.launch.yaml_file import BYTES, MOST_VALUES, parse_yaml, read_yaml
 
 Write = Callable[[str, str], Path]
 
@@ -55,7 +55,7 @@ def test_what_is_not_plain_yaml_is_refused_with_its_line(text: str, words: str) 
         ("# nothing\n", "is empty"),
         ("[1, 2]", "must be a map of keys to values, got a list"),
         ("word", "must be a map of keys to values, got 'word'"),
-        ("#" * (MAX_BYTES + 1), "is larger than 256 kB"),
+        ("#" * (BYTES * MOST_VALUES + 1), "is larger than 195 kB"),
     ],
 )
 def test_a_file_must_hold_one_small_map(write: Write, text: str, words: str) -> None:
@@ -63,6 +63,31 @@ def test_a_file_must_hold_one_small_map(write: Write, text: str, words: str) -> 
 
     with pytest.raises(InputError, match=words):
         read_yaml(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: [" + "1," * 13_000 + "]", "f.yaml:1: has more than 12500 values"),
+        ("".join(f"k{i}: 1\n" for i in range(7000)), "f.yaml:6250: has more than 12500 values"),
+        ("a: 0x" + "f" * 20_000, "f.yaml:1: has a number of more than 1024 bits"),
+        ("a: " + "9" * 4000, "f.yaml:1: has a number of more than 1024 bits"),
+        ("a: " + "9" * 5000, "f.yaml: is not YAML: Exceeds the limit"),
+        ("- " * 3000, "f.yaml:1: is nested deeper than 16"),
+        ("a: &a [*a]", "f.yaml:1: anchors and aliases"),
+        ("&k a: 1", "f.yaml:1: anchors and aliases"),
+        ("? !x a\n: 1", "f.yaml:1: the tag"),
+        ('"' + "k" * 900 + '": 1\n"' + "k" * 900 + '": 2', "f.yaml:2: the key 'kkk"),
+    ],
+)
+def test_what_would_take_long_or_much_is_refused_as_soon_as_it_is_seen(
+    text: str, words: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_yaml(text, "f.yaml")
+
+    assert str(caught.value).startswith(words)
+    assert len(str(caught.value)) < 250
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:

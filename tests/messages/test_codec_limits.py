@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from palpate.messages import codec
 from palpate.messages.codec import CodecError, decode, encode
+from palpate.messages.fields import MAX_NESTED
 from palpate.messages.types import ModelGoal, ShapeModel, TactileFrame, World
 
 Make = Callable[..., Any]
@@ -87,6 +88,38 @@ def test_a_million_empty_lists_are_refused_before_they_exist() -> None:
     body = b"\x81\xa4seed\xdd\x00\x0f\x00\x00" + b"\x90" * 0xF0000
 
     refused(World, body, "exceeds max_array_len")
+
+
+def test_empty_lists_within_lists_are_refused_before_they_take_seventy_times_their_bytes() -> None:
+    lists = 255 * (b"\xdc\x10\x00" + b"\x90" * 4096)
+    body = b"\x81\xa4seed\xdc\x00\xff" + lists
+
+    refused(World, body, "not a World: ValueError: more than 129 lists and maps")
+
+
+def test_no_message_comes_near_the_most_lists_and_maps(example: Make) -> None:
+    for cls in (ShapeModel, ModelGoal):
+        assert encode(example(cls)).count(b"shape") * 2 + 20 < MAX_NESTED
+
+
+@pytest.mark.parametrize(
+    "shape", [["x" * 4000], [{}], [[1]], [-1], [1.0], [True], [2**64 - 1, 2**64 - 1]]
+)
+def test_a_shape_that_is_none_is_refused_in_few_words(shape: list[Any], example: Make) -> None:
+    fields = unpacked(example(TactileFrame))
+    fields["direction"] = {"dtype": "<f8", "shape": shape, "data": bytes(24)}
+
+    with pytest.raises(CodecError, match="not a TactileFrame: direction must have") as caught:
+        decode(TactileFrame, msgpack.packb(fields))
+    assert len(str(caught.value)) < 120
+
+
+def test_unknown_fields_are_told_in_few_words() -> None:
+    body = msgpack.packb({f"{i} " + "x" * 4000: i for i in range(60)})
+
+    with pytest.raises(CodecError, match=r"unknown fields .*, \.\.\.$") as caught:
+        decode(World, body)
+    assert len(str(caught.value)) < 600
 
 
 def test_a_body_is_measured_before_it_is_unpacked() -> None:

@@ -31,6 +31,10 @@ def test_a_cursor_is_read_as_it_was_said() -> None:
         b"\x01@a 0 b x /t 1",
         b"\x01@a 0 b 0 /t x",
         b"\x01@\xff\xfe",
+        b"\x01@a " + b"9" * 5000 + b" b ",  # more digits than Python takes for a number
+        b"\x01@a 0 b 0 /t " + b"9" * 20,
+        "\x01@a \u0661 b ".encode(),
+        b"\x01@" + b"a" * 5000 + b" 0 b ",
     ],
 )
 def test_any_other_notice_is_no_request(notice: bytes) -> None:
@@ -51,6 +55,12 @@ def test_answers_are_read_as_they_were_said() -> None:
 def test_a_frame_that_is_no_answer_is_refused(frame: bytes) -> None:
     with pytest.raises(ValueError, match="not an answer"):
         join.read_answer(frame)
+
+
+def test_an_answer_of_a_publisher_that_is_no_text_is_refused() -> None:
+    with pytest.raises(ValueError, match="the name of its publisher is not Unicode") as caught:
+        join.read_answer(b"@a 0 \xff \0H")
+    assert type(caught.value) is ValueError
 
 
 def test_a_greeting_of_the_wrong_length_is_refused() -> None:

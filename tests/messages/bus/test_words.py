@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+from typing import Any
+
+import msgpack
+import pytest
+
+from palpate.messages.bus.words import OF_LAUNCHER, OF_NODES, read_word
+
+COUNT: dict[str, Any] = {
+    "kind": "count",
+    "round": 3,
+    "sent": {"/a": 1},
+    "consumed": [["source", "/b", 2]],
+    "waits": ["/b"],
+}
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        {"kind": "ready"},
+        {"kind": "alive"},
+        {"kind": "finished", "reason": "all felt"},
+        {"kind": "bye", "status": b"\x80"},
+        {"kind": "failed", "text": "on /a 3", "trace": ""},
+        COUNT,
+    ],
+)
+def test_words_of_nodes_are_read_as_they_were_said(word: dict[str, Any]) -> None:
+    assert read_word(msgpack.packb(word), OF_NODES) == word
+
+
+@pytest.mark.parametrize(
+    ("word", "words"),
+    [
+        (
+            {"kind": "go"},
+            "a word is one of ready, alive, finished, count, did, bye, failed, got 'go'",
+        ),
+        ({"kind": "bye"}, "the word bye has the fields status"),
+        ({"kind": "ready", "more": 1}, "the word ready has the fields none"),
+        ({"kind": "bye", "status": 7}, "the word bye has a status that cannot be one"),
+        ({**COUNT, "round": True}, "a round that cannot be one"),
+        ({**COUNT, "sent": {"/a": -1}}, "a sent that cannot be one"),
+        ({**COUNT, "sent": [1]}, "a sent that cannot be one"),
+        ({**COUNT, "consumed": [["source", "/b"]]}, "a consumed that cannot be one"),
+        ({**COUNT, "consumed": [["source", 1, 1]]}, "a consumed that cannot be one"),
+        ({**COUNT, "consumed": 7}, "a consumed that cannot be one"),
+        ({**COUNT, "waits": "/b"}, "a waits that cannot be one"),
+        ({"kind": "x" * 5000}, "got 'x{40}'$"),
+    ],
+)
+def test_a_word_without_what_belongs_to_it_is_refused(word: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        read_word(msgpack.packb(word), OF_NODES)
+
+
+def test_each_side_hears_the_words_of_the_other_alone() -> None:
+    assert read_word(msgpack.packb({"kind": "go"}), OF_LAUNCHER) == {"kind": "go"}
+    with pytest.raises(
+        ValueError,
+        match="a word is one of go, count, stop, pause, resume, step, publish, got 'ready'",
+    ):
+        read_word(msgpack.packb({"kind": "ready"}), OF_LAUNCHER)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\xdd\x00\x0f\xff\x00" + b"\x90" * 0xFFF00,
+        b"\xdc\x10\x00" + 200 * (b"\xdc\x10\x00" + b"\x90" * 4096) + b"\xc0" * 3896,
+        b"\x91" * 2000 + b"\xc0",
+        b"\xd6\xff\0\0\0\0",
+        b"\xc1",
+    ],
+)
+def test_what_would_take_far_more_than_it_is_says_nothing(data: bytes) -> None:
+    with pytest.raises(ValueError, match=r"^a word is a map with a kind, got no msgpack: "):
+        read_word(data, OF_NODES)
