@@ -97,19 +97,16 @@ def echo_topic(
     ValueError
         If what comes is not what the topic carries, or cannot be compared as the filter asks.
     """
-    try:
-        with Hearing(card, [topic]) as hearing:
-            shown = 0
-            for heard in _each(hearing, topic, losses, tell):
-                text = message_text(topic, heard, form)
-                if text is None:
-                    continue
-                say(text)
-                shown += 1
-                if shown == most:
-                    break
-    except KeyboardInterrupt:
-        pass
+    with Hearing(card, [topic]) as hearing:
+        shown = 0
+        for heard in _each(hearing, topic, losses, tell):
+            text = message_text(topic, heard, form)
+            if text is None:
+                continue
+            say(text)
+            shown += 1
+            if shown == most:
+                break
     losses.tell()
 
 

@@ -41,17 +41,14 @@ class Gauge:
 
     def run(self, card: Card, topics: Sequence[Topic], duration: float | None) -> None:
         """Measure until the graph ends, the time is over, or Ctrl-C."""
-        try:
-            with Hearing(card, topics) as hearing:
-                due = time.monotonic() + EVERY
-                for batch in hearing.batches(duration):
-                    for heard in batch:
-                        self._rates[heard.topic, heard.publisher].add(heard)
-                    if time.monotonic() >= due:
-                        due += EVERY
-                        self.print(last=False)
-        except KeyboardInterrupt:
-            pass
+        with Hearing(card, topics) as hearing:
+            due = time.monotonic() + EVERY
+            for batch in hearing.batches(duration):
+                for heard in batch:
+                    self._rates[heard.topic, heard.publisher].add(heard)
+                if time.monotonic() >= due:
+                    due += EVERY
+                    self.print(last=False)
         self.print(last=True)
 
     def print(self, *, last: bool) -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from types import TracebackType
 from typing import NamedTuple
 
 import zmq
 
 from palpate.launch.looking.topics import OWN, Topic, taps_of
+from palpate.launch.processes.interrupts import until_ctrl_c
 from palpate.launch.processes.register import Card, running
 from palpate.messages.bus.tap import TapReader
 from palpate.messages.bus.wires import Wires
@@ -82,6 +83,8 @@ class Hearing:
         self._card = card
         self._run = int(card.run, 16)
         self._wires = Wires(card.key)
+        self._kept = ExitStack()
+        self._ends: Callable[[], bool] = lambda: False
         self._poller = zmq.Poller()
         self._readers: dict[zmq.Socket[bytes], tuple[str, TapReader]] = {}
         self._orders: dict[tuple[str, str], Order] = {}
@@ -93,6 +96,7 @@ class Hearing:
                 self._orders[node, name] = Order(anew=name in OWN)
 
     def __enter__(self) -> Hearing:
+        self._ends = self._kept.enter_context(until_ctrl_c())
         return self
 
     def __exit__(
@@ -101,12 +105,13 @@ class Hearing:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._kept.close()
         for _, reader in self._readers.values():
             reader.close()
         self._wires.close()
 
     def batches(self, duration: float | None = None) -> Iterator[list[Heard]]:
-        """What has come, some ten times a second or as it comes; ends with the graph.
+        """What has come, some ten times a second or as it comes; ends with the graph, or Ctrl-C.
 
         Parameters
         ----------
@@ -121,7 +126,7 @@ class Hearing:
         now = time.monotonic()
         until = None if duration is None else now + duration
         look = now + LOOK
-        while until is None or now < until:
+        while (until is None or now < until) and not self._ends():
             left = TICK if until is None else min(TICK, until - now)
             yield self.take(left)
             now = time.monotonic()
@@ -157,5 +162,4 @@ class Hearing:
 
 def still_runs(card: Card) -> bool:
     """Whether a graph still runs."""
-    home = Path(card.tools.removeprefix("ipc://")).parent.parent
-    return any(one.run == card.run for one in running(home))
+    return any(one.run == card.run for one in running())
