@@ -15,8 +15,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate.launch.bench_bus import rows as bus_rows
-
 SCENES = (
     "vase",
     "sphere",
@@ -84,11 +82,6 @@ def bench(*, quick: bool, echo: Echo = print) -> int:
         faults = faults_of(outcome)
         missed = missed or bool(faults)
         echo(_row(outcome, faults))
-    echo("")
-    for row in bus_rows(repeats=5 if quick else 100):
-        missed = missed or not row.holds
-        state = f"{row.target}{'' if row.holds else '  MISSED'}"
-        echo(f"{row.name:<50}{row.value:>10}  {state}".rstrip())
     return int(missed)
 
 

@@ -13,7 +13,6 @@ from typing import Any
 import zmq
 
 from palpate.launch.bench_row import Row
-from palpate.launch.bench_start import start_rows
 from palpate.launch.bench_toy import Params, frame, settle, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes.server import no_script
@@ -29,33 +28,15 @@ LAPS = 2000
 _DEADLINE_MS = 10_000
 
 
-def bench_bus(repeats: int = 100) -> str:
-    """Table of losses and costs of the bus, and of those who look at it.
-
-    Parameters
-    ----------
-    repeats : int
-        How often each test of loss is run.
-    """
-    from palpate.launch.bench_looking import TURNS
-    from palpate.launch.bench_looking import rows as looking_rows
-
-    table = (*rows(repeats), *looking_rows(min(repeats, TURNS)))
-    return "\n".join(str(row) for row in table)
+def losses(quick: bool) -> Iterator[Row]:
+    """Rows for each test of loss."""
+    return (_loss_row(name, trial, 5 if quick else 100) for name, trial in TRIALS.items())
 
 
-def rows(repeats: int = 5, laps: int = LAPS) -> list[Row]:
-    """Rows of the table: tests of loss, then costs of a message, then of the start.
-
-    Parameters
-    ----------
-    repeats : int
-        How often each test of loss is run.
-    laps : int
-        Round trips per measurement.
-    """
-    table = [_loss_row(name, trial, repeats) for name, trial in TRIALS.items()]
-    return [*table, _codec_row(), *_hop_rows(laps), *start_rows()]
+def hops(quick: bool) -> Iterator[Row]:
+    """Rows for what a message costs."""
+    yield _codec_row()
+    yield from _hop_rows(500 if quick else LAPS)
 
 
 def _loss_row(name: str, trial: Callable[[random.Random], int], repeats: int) -> Row:

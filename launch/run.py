@@ -21,7 +21,7 @@ from palpate.launch.summary import exit_code, summarise
 from palpate.launch.versions import versions_text
 from palpate.messages.types import ShapeModel
 from palpate.nodes.ending import Ending
-from palpate.nodes.recording import with_description
+from palpate.nodes.recording import RECORDER, with_description
 from palpate.nodes.wiring import Wiring
 
 
@@ -134,9 +134,12 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     Raises
     ------
     InputError
-        If the run directory cannot be written.
+        If the run directory cannot be written, or its disk is too full for a recording.
     """
     folder, about = plan.folder, plan.about
+    for wiring in plan.wirings:
+        if wiring.module == RECORDER:
+            folder.check_room(wiring.params.spare)
     folder.create()
     if "scene" in about:
         folder.write_text("scene.yaml", about["scene"])

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.launch.located import InputError
+from palpate.messages.recording.whole_file import free_bytes
 
 RUNS = Path("runs")
 """Where run directories are made, unless the user says otherwise."""
@@ -28,6 +29,27 @@ class RunDir:
     """The folder."""
     linked: bool
     """Whether ``latest`` beside it shall point to it."""
+
+    def check_room(self, spare: int) -> None:
+        """Refuse a disk that is too full for a recording, before anything is made.
+
+        Parameters
+        ----------
+        spare : int
+            Bytes that the recorder leaves free.
+
+        Raises
+        ------
+        InputError
+            If there are not even that many.
+        """
+        there = next(path for path in (self.path, *self.path.absolute().parents) if path.exists())
+        left = free_bytes(there)
+        if left < spare:
+            raise InputError(
+                f"{self.path}: only {left >> 20} MiB are free on its disk, and the recorder leaves "
+                f"{spare >> 20} free; make room, or leave it out with --no-record"
+            )
 
     def create(self) -> None:
         """Make the folder and show that it can be written.

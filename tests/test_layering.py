@@ -37,6 +37,7 @@ ALLOWED = {
     "palpate.launch.looking": LAUNCH | {"zmq"},
     "palpate.launch.poisson_peer": LAUNCH | {"pymeshlab"},
     "palpate.launch.bench_bus": LAUNCH | {"zmq"},
+    "palpate.launch.bench_curve": LAUNCH | {"zmq"},
     "palpate.launch.damage": LAUNCH | {"msgpack", "lz4"},
     "palpate.launch.figures_curvature": LAUNCH | {"matplotlib"},
     "palpate.launch.figures_peers": LAUNCH | {"matplotlib", "mpl_toolkits"},

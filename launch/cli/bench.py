@@ -13,8 +13,8 @@ HELP = """Measure one of eight things, here and now.
 scenes     the shipped scenes from start to end: accuracy and time
 explore    tracing, grasps and planners; whole explorations of sixteen objects, and whether
            what a run says of its error is so; takes hours without --quick or --only
-bus        the message bus alone: losses and latency; and damaged messages and files, of which
-           none may do more than be refused
+bus        the message bus alone: losses, latency, start, lock between machines, tools; and
+           damaged messages and files, of which none may do more than be refused
 touch      one touch: frames a second, and the error of cast and curvature
 effects    each effect: its cost, and the error of a contour that it causes
 curvature  filters and estimators against noise and impulses
@@ -32,7 +32,7 @@ rebuild    solids from contours: errors over those of lofts, radial functions an
     type=click.Path(file_okay=False),
     help="With curvature, shapes or rebuild: write their figures here.",
 )
-@click.option("--only", metavar="GROUP", help="With explore: one group of figures.")
+@click.option("--only", metavar="GROUP", help="With bus or explore: one group of figures.")
 @click.option("--json", "as_json", is_flag=True, help="With explore: one JSON object a line.")
 def command(what: str, quick: bool, figures: str | None, only: str | None, as_json: bool) -> int:
     """Measure one thing; `HELP` says which there are."""
@@ -40,8 +40,12 @@ def command(what: str, quick: bool, figures: str | None, only: str | None, as_js
         _write_figures(what, figures)
     if what == "explore":
         return _explore(quick, only, as_json)
-    if only is not None or as_json:
-        raise click.UsageError("--only and --json belong to explore")
+    if as_json:
+        raise click.UsageError("--json belongs to explore")
+    if what == "bus":
+        return _bus(quick, only)
+    if only is not None:
+        raise click.UsageError("--only belongs to bus and explore")
     return _benches()[what](quick)
 
 
@@ -63,7 +67,6 @@ def _write_figures(what: str, folder: str) -> None:
 def _benches() -> dict[str, Callable[[bool], int]]:
     return {
         "scenes": _scenes,
-        "bus": _bus,
         "touch": _touch,
         "effects": _effects,
         "curvature": _curvature,
@@ -86,13 +89,14 @@ def _explore(quick: bool, only: str | None, as_json: bool) -> int:
     return bench(quick=quick, only=only, as_json=as_json, echo=click.echo)
 
 
-def _bus(quick: bool) -> int:
-    from palpate.launch.bench_bus import bench_bus
-    from palpate.launch.bench_damage import damage
+def _bus(quick: bool, only: str | None) -> int:
+    from palpate.launch.bench_bus_groups import GROUPS
     from palpate.launch.bench_row import print_groups
 
-    click.echo(bench_bus(repeats=5 if quick else 100))
-    return print_groups((damage,), quick=quick, echo=click.echo)
+    if only is not None and only not in GROUPS:
+        raise click.UsageError(f"there is no group {only!r}; there are {', '.join(GROUPS)}")
+    chosen = GROUPS.values() if only is None else (GROUPS[only],)
+    return print_groups(chosen, quick=quick, echo=click.echo)
 
 
 def _touch(quick: bool) -> int:

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from palpate.launch.bench_toy import Params, toy
@@ -194,3 +195,27 @@ def test_a_node_that_acts_does_nothing_twice_but_what_was_under_way(
     assert sorted(set(dents)) == sorted(set(heard)) == list(range(FRAMES))
     assert len(dents) <= FRAMES + 2 and len(heard) <= FRAMES + 2
     assert heard == sorted(heard)
+
+
+@pytest.mark.parametrize("on_exit", ["ignore", "restart"])
+def test_a_full_disk_ends_the_recording_and_the_run_as_it_is_told_to(
+    on_exit: Any, watcher: Any, tmp_path: Path
+) -> None:
+    source, relay, counter, kept = line(tmp_path)
+    params = msgspec.structs.replace(kept.params, spare=1 << 60)
+    kept = replace(kept, params=params, on_exit=on_exit)
+    ending = launch(
+        [source, relay, counter, kept],
+        ends="counter",
+        hear=["/relay"],
+        watcher=watcher,
+        work_dir=tmp_path,
+    )
+    said = " ".join(one.text for one in watcher.lines) + ending.reason
+    assert "MiB are free on the disk" in said
+    if on_exit == "ignore":
+        assert (ending.status, ending.reason) == ("finished", f"{FRAMES} heard")
+        assert "the run goes on without it" in said
+    else:
+        assert ending.status == "died"
+    assert all(open_recording(part).closed for part in parts_of(tmp_path / "topics.mcap")[:1])

@@ -13,8 +13,9 @@ from palpate.launch.cli import main as cli
     ("arguments", "words"),
     [
         (["bench", "explore", "--only", "whale"], "there is no group 'whale'; there are tracing"),
-        (["bench", "touch", "--only", "whole"], "--only and --json belong to explore"),
-        (["bench", "touch", "--json"], "--only and --json belong to explore"),
+        (["bench", "touch", "--only", "whole"], "--only belongs to bus and explore"),
+        (["bench", "bus", "--only", "whole"], "there is no group 'whole'; there are losses, hops,"),
+        (["bench", "touch", "--json"], "--json belongs to explore"),
         (["bench", "explore", "--figures", "x"], "--figures belongs to curvature, shapes and"),
     ],
 )

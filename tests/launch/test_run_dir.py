@@ -97,3 +97,11 @@ def test_a_folder_that_cannot_be_written_is_refused(monkeypatch: pytest.MonkeyPa
 
     with pytest.raises(InputError, match="cannot be written: Read-only file system"):
         choose_run_dir("vase", Path("here")).create()
+
+
+def test_a_disk_that_is_too_full_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    folder = choose_run_dir("vase", tmp_path / "a" / "run")
+    folder.check_room(0)
+    with pytest.raises(InputError, match=r"a/run: only \d+ MiB are free on its disk, and the"):
+        folder.check_room(1 << 60)
+    assert list(tmp_path.iterdir()) == []

@@ -231,3 +231,34 @@ def test_a_closed_file_ends_as_the_format_says(
 
     assert kinds[0] == "Header"
     assert kinds[-1] == "Footer"
+
+
+def test_before_the_disk_is_full_the_recording_is_closed(
+    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = iter([200 << 20, 100 << 20, 63 << 20])
+    monkeypatch.setattr("palpate.messages.recording.writer.free_bytes", lambda _: next(free))
+    path = tmp_path / "guarded.mcap"
+    writer = RecordingWriter(
+        path, {"/world": "World", "/log": "LogRecord"}, {}, {"version": "1"}, 64 << 20
+    )
+    with pytest.raises(
+        OSError, match=r"only 63 MiB are free on the disk, 64 are to stay so; what it held"
+    ):
+        write(writer, 100)
+    recording = open_recording(path)
+    assert recording.closed
+    with path.open("rb") as file:
+        kept = [one.sequence for _, channel, one in make_reader(file).iter_messages("/log")]
+    assert kept == list(range(len(kept))) and len(kept) > 20
+    with pytest.raises(ValueError, match="is closed"):
+        writer.flush()
+
+
+def test_what_is_flushed_is_on_the_disk(writer: RecordingWriter, tmp_path: Path) -> None:
+    header = Header(1, 0, 0, 5, 0.0, WORLD)
+    writer.write("/world", header, b"\x80")
+    writer.write("/world", header._replace(seq=1, sent_ns=6), b"\x80")
+    assert open_recording(tmp_path / "topics.mcap").counts == {}
+    writer.flush()
+    assert open_recording(tmp_path / "topics.mcap").counts == {"/world": 2}
