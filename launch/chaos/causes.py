@@ -95,4 +95,4 @@ def _join(space: str, cause: str) -> str:
 
 def _values(event: Event, fields: tuple[str, ...]) -> tuple[int, ...]:
     body: Any = msgpack.unpackb(event.body)
-    return tuple(body[field] for field in fields)
+    return tuple(body.get(field, -1) for field in fields)
