@@ -19,6 +19,7 @@ from palpate.launch.processes.nursery import no_script
 from palpate.messages.bus.past import Past
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Subscriber
+from palpate.messages.bus.times import Times
 from palpate.messages.codec import decode, encode, schema_hash
 from palpate.messages.header import Header, pack_frame, split_frame
 from palpate.messages.types import LogRecord, NodeStatus, TactileFrame
@@ -114,6 +115,7 @@ def _late_joiner(rng: random.Random) -> int:
             depth=2,
             drain=lambda: None,
             past=Past(Path(folder) / "past", ["/world"]),
+            times=Times(Path(folder) / "times", "source", ["/world"]),
         )
         for touch in range(number):
             publisher.send("/world", encode(frame(touch)), robot_time=0.0, schema=0)

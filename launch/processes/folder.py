@@ -82,6 +82,7 @@ def place_of(folder: Path, names: Sequence[str], depth: int, past: Path) -> Plac
         control=f"ipc://{folder}/control",
         tools=f"ipc://{folder}/tools",
         journals={name: str(folder / f"j{index}") for index, name in enumerate(names)},
+        times={name: str(folder / f"s{index}") for index, name in enumerate(names)},
         pasts={name: str(past / f"p{index}") for index, name in enumerate(names)},
     )
 

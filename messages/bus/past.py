@@ -59,6 +59,8 @@ class Past:
         self._silent = dict.fromkeys(silent, 0)
         self._file: int | None = None
         self._end = 0
+        self.latest_ns = 0
+        """The latest time in what an earlier start has kept, ns."""
         if keep:
             self._go_on(epoch)
 
@@ -140,6 +142,7 @@ class Past:
             if len(frame) < length:
                 break
             topic, header, body = split_frame(frame)
+            self.latest_ns = max(self.latest_ns, header.sent_ns)
             self._hold(topic, pack_frame(topic, header._replace(epoch=epoch), body))
             self._end += _LENGTH.size + length
         os.ftruncate(self._opened(), self._end)

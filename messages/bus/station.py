@@ -14,6 +14,7 @@ from palpate.messages.bus.place import Place
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Arrival, Subscriber
 from palpate.messages.bus.tap import Tap
+from palpate.messages.bus.times import Times
 
 _MOMENT_MS = 10
 LINGER_MS = 1000
@@ -59,6 +60,7 @@ class Station:
             keep=keeps,
             epoch=place.epoch,
         )
+        self._times = Times(Path(place.times[name]), name, says)
         self._context = zmq.Context()
         self._inbox: deque[Arrival] = deque()
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
@@ -66,6 +68,7 @@ class Station:
             self._open(name, place, hears, says, again=place.going and not keeps)
         except zmq.ZMQError:
             self._context.destroy(linger=0)
+            self._times.close()
             raise
 
     def _open(
@@ -99,6 +102,7 @@ class Station:
             depth=depth,
             drain=self._drain,
             past=self._past,
+            times=self._times,
             again=again,
         )
         self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
