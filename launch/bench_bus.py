@@ -29,17 +29,6 @@ LAPS = 2000
 _DEADLINE_MS = 10_000
 
 
-def bench_bus(repeats: int = 100) -> str:
-    """Table of losses and costs of the bus.
-
-    Parameters
-    ----------
-    repeats : int
-        How often each test of loss is run.
-    """
-    return "\n".join(str(row) for row in rows(repeats))
-
-
 def rows(repeats: int = 5, laps: int = LAPS) -> list[Row]:
     """Rows of the table: tests of loss, then costs.
 

@@ -113,6 +113,7 @@ class Loop:
         self.journal: Journal | None = None
         """Where it puts down what it handles; only of nodes that could do it again."""
         self._name, self._station = name, station
+        station.while_blocked = self._beat_if_due
         self._going, self._ended = going, False
         self._joined: bool | None = None
         self._state = "starting"

@@ -13,7 +13,7 @@ HELP = """Measure one of eight things, here and now.
 scenes     the shipped scenes from start to end: accuracy and time
 explore    tracing, grasps and planners; whole explorations of sixteen objects, and whether
            what a run says of its error is so; takes hours without --quick or --only
-bus        the message bus alone: losses and latency
+bus        the message bus: losses, latency, a million messages among stalls and deaths
 touch      one touch: frames a second, and the error of cast and curvature
 effects    each effect: its cost, and the error of a contour that it causes
 curvature  filters and estimators against noise and impulses
@@ -86,10 +86,12 @@ def _explore(quick: bool, only: str | None, as_json: bool) -> int:
 
 
 def _bus(quick: bool) -> int:
-    from palpate.launch.bench_bus import bench_bus
+    from palpate.launch.bench_bus import rows
+    from palpate.launch.bench_reliability import reliability
+    from palpate.launch.bench_row import print_groups
 
-    click.echo(bench_bus(repeats=5 if quick else 100))
-    return 0
+    groups = (lambda quick: rows(5 if quick else 100), reliability)
+    return print_groups(groups, quick=quick, echo=click.echo)
 
 
 def _touch(quick: bool) -> int:

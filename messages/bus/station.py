@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import zmq
@@ -64,6 +64,8 @@ class Station:
         self._context = zmq.Context()
         self._inbox: deque[Arrival] = deque()
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
+        self.while_blocked: Callable[[], None] = lambda: None
+        """Called now and then while a listener's queue is full: who waits for it does not hang."""
         try:
             self._open(name, place, hears, says, again=place.going and not keeps)
         except zmq.ZMQError:
@@ -176,3 +178,4 @@ class Station:
     def _drain(self) -> None:
         self._blocked.poll(_MOMENT_MS)
         self.take_in()
+        self.while_blocked()
