@@ -135,18 +135,18 @@ def test_a_node_that_is_stopped_is_found_and_started_again(watcher: Any, tmp_pat
 def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(
     watcher: Any, tmp_path: Path
 ) -> None:
-    busy = listener("busy", ListenerParams(expects=8000, stalls=((0, 1.8),)))
+    busy = listener("busy", ListenerParams(expects=12_000, stalls=((2000, 1.8),)))
     flooding = Wiring(
         name="source",
         module="palpate.launch.chaos.flood",
-        params={"messages": 8000},
+        params={"messages": 12_000},
         inputs=(),
         outputs={"/flood": "/flood"},
         listeners={},
     )
     graph = [flooding, busy]
     ending = launch(graph, ends="busy", hear=[], watcher=watcher, work_dir=tmp_path, depth=1)
-    assert (ending.reason, ending.restarts) == ("8000 heard, 0 left out, 0 out of turn", {})
+    assert (ending.reason, ending.restarts) == ("12000 heard, 0 left out, 0 out of turn", {})
 
 
 def test_a_message_that_breaks_a_node_twice_ends_the_run(
