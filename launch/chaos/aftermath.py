@@ -19,7 +19,7 @@ from palpate.launch.chaos.subject import (
     summary_of,
     words_of,
 )
-from palpate.launch.processes.register import sweep
+from palpate.launch.processes.register import PREFIX, sweep
 from palpate.launch.run_dir import RECORDING
 from palpate.messages.recording.reader import open_recording
 
@@ -69,7 +69,6 @@ def end_session(session: int) -> None:
 
 
 def _left_over(injected: Injected, out: Path) -> Iterator[str]:
-    folder = injected.folder
     if injected.session:
         deadline = time.monotonic() + GONE
         while (living := _living(injected.session)) and time.monotonic() < deadline:
@@ -77,13 +76,11 @@ def _left_over(injected: Injected, out: Path) -> Iterator[str]:
         if living:
             yield f"processes {living} are left"
             end_session(injected.session)
-    if folder is None:
-        return
     if injected.ended_by == "launcher":
-        sweep(folder.parent)  # as the next launch does
+        sweep(out.parent)  # as the next launch does
     elif (out / ".said").exists():
         yield "what nodes had said is left in the run directory"
-    if folder.exists():
+    for folder in out.parent.glob(f"{PREFIX}*"):
         yield f"the private folder {folder} is left"
 
 

@@ -54,8 +54,6 @@ class Injected:
     """Those that found somebody to hit."""
     back: list[Back] = field(default_factory=list)
     """Nodes that were hit while the graph ran, and came back."""
-    folder: Path | None = None
-    """The graph's private folder; None if it never got so far."""
     ended_by: str = ""
     """Kind of the fault that was to end the run, if it was still running."""
     session: int = 0
@@ -99,7 +97,6 @@ class Injector:
         card = self._card(until)
         if card is None:
             return self._process.poll() is not None
-        self.done.folder = Path(card.tools.removeprefix("ipc://")).parent
         topics = {fault.moment.topic for fault in self._left} - {""}
         with ExitStack() as kept:
             context = kept.enter_context(zmq.Context())
@@ -114,7 +111,7 @@ class Injector:
 
     def _card(self, until: float) -> Card | None:
         while self._process.poll() is None and time.monotonic() < until:
-            for card in running():
+            for card in running(self._out.parent):
                 if card.pid == self._process.pid:
                     return card
             time.sleep(TURN_MS / 1000)

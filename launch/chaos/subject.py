@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -35,7 +36,7 @@ class Subject:
     """Nodes whose modules are not palpate's own."""
 
     def start(self, out: Path, *, flooded: bool = False) -> subprocess.Popen[bytes]:
-        """Start it in a session of its own; it writes into `out`, and its words beside it."""
+        """Start it in a session of its own; it writes into `out`, all else of it is beside that."""
         file = self.file
         if flooded:
             beside = out.with_suffix(".yaml")
@@ -107,6 +108,7 @@ def words_of(out: Path) -> str:
 
 def _palpate(arguments: list[str], out: Path) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "palpate", *arguments, "--out", str(out), "--quiet"]
+    out.parent.mkdir(parents=True, exist_ok=True)
     with _words(out).open("wb") as words:
         return subprocess.Popen(
             command,
@@ -114,6 +116,7 @@ def _palpate(arguments: list[str], out: Path) -> subprocess.Popen[bytes]:
             stdout=words,
             stderr=words,
             start_new_session=True,
+            env={**os.environ, "XDG_RUNTIME_DIR": str(out.parent)},
         )
 
 

@@ -153,7 +153,9 @@ def _is_held(folder: Path) -> bool:
 
 def _is_stale(folder: Path) -> bool:
     try:
-        old = time.time() - (folder / LOCK).stat().st_mtime > YOUNG
+        # Who takes a folder away may be killed, too, when the lock has gone and others are left.
+        file = folder / LOCK if (folder / LOCK).exists() else folder
+        old = time.time() - file.stat().st_mtime > YOUNG
     except OSError:
         return False
     return (old or (folder / CARD).exists()) and not _is_held(folder)

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from palpate.launch.chaos.aftermath import look
 from palpate.launch.chaos.campaign import campaign
-from palpate.launch.chaos.subject import Subject
+from palpate.launch.chaos.injector import Injected
+from palpate.launch.chaos.subject import Subject, undisturbed
 
 pytestmark = pytest.mark.graph
 
@@ -38,12 +41,17 @@ def test_explorations_survive_each_kind_of_fault(kind: str, toys: Subject) -> No
     assert tally.injected == {kind: 1}
 
 
-def test_a_run_that_says_something_else_has_not_survived(toys: Subject, tmp_path: Path) -> None:
-    from palpate.launch.chaos.aftermath import look
-    from palpate.launch.chaos.injector import Injected
-    from palpate.launch.chaos.subject import undisturbed
-
-    before = undisturbed(toys, tmp_path / "two")
-    other = toys.start(tmp_path / "other", flooded=True)
-    code = other.wait()
-    assert look(toys, before, Injected(session=other.pid), code, tmp_path / "other").wrong == ()
+def test_another_result_and_what_is_left_behind_are_found(toys: Subject, tmp_path: Path) -> None:
+    before = undisturbed(toys, tmp_path / "run")
+    wanted = replace(before, code=7, mesh="0", said={**before.said, "/world": (2, "0")})
+    (tmp_path / "run" / ".said").mkdir()
+    (tmp_path / "palpate-left").mkdir()
+    found = look(toys, wanted, Injected(), before.code, tmp_path / "run")
+    assert found.wrong == (
+        "what nodes had said is left in the run directory",
+        f"the private folder {tmp_path / 'palpate-left'} is left",
+        f"exit code {before.code} instead of 7: it said nothing",
+        "the mesh is None instead of 0",
+        "/world is not what it is undisturbed",
+    )
+    assert (found.lost, found.duplicated) == (1, 0)

@@ -17,6 +17,7 @@ from palpate.launch.processes.register import (
     find_run,
     running,
     stale,
+    sweep,
 )
 
 
@@ -50,6 +51,18 @@ def test_what_a_killed_launcher_left_is_no_running_graph_and_is_swept(tmp_path: 
     assert len(stale(tmp_path)) == 2
     with private_folder(tmp_path) as folder:
         assert list(tmp_path.iterdir()) == [folder]
+
+
+@pytest.mark.parametrize(("age", "swept"), [(0.0, False), (YOUNG + 1.0, True)])
+def test_what_was_taken_away_but_for_a_part_is_swept_when_it_is_old(
+    age: float, swept: bool, tmp_path: Path
+) -> None:
+    half = tmp_path / "palpate-half"
+    half.mkdir()
+    (half / "n0").touch()
+    os.utime(half, (time.time() - age,) * 2)
+    sweep(tmp_path)
+    assert half.exists() != swept
 
 
 def test_what_is_not_ours_or_just_coming_up_is_left_alone(tmp_path: Path) -> None:
