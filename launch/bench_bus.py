@@ -194,7 +194,7 @@ def _hop_rows(laps: int, turns: int = 5) -> Iterator[Row]:
         over = min(full) - min(bare)
         yield Row(f"one hop, bare sockets, {where}", f"{min(bare):.1f} us", "", True)
         yield Row(f"one hop, full stack, {where}", f"{min(full):.1f} us", "", True)
-        yield Row(f"overhead of a hop, {where}", f"{over:.1f} us", "<= 40 us", over <= 40.0)
+        yield Row(f"overhead of a hop, {where}", f"{over:.1f} us", "<= 30 us", over <= 30.0)
         if core < 0:
             rate = 1e6 / (4 * min(full))
             yield Row("touches of 4 hops", f"{rate:.0f} /s", ">= 300 /s", rate >= 300.0)
