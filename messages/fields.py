@@ -205,12 +205,12 @@ def _array_rule(array: Array) -> Rule:
 def _is_finite(value: np.ndarray[Any, Any]) -> bool:
     """Whether no element is a NaN or infinite.
 
-    A sum is finite only if all that is summed is: it is looked at first, for it is cheap. Finite
-    elements whose sum overflows are looked at one by one.
+    A sum is finite only if all that is summed is. Of a few elements it is looked at first, for it
+    is cheap; if it overflows, they are looked at one by one.
     """
-    flat = value.ravel()
-    total = sum(flat.tolist()) if flat.size <= FEW else float(flat.dot(flat))
-    return math.isfinite(total) or bool(np.isfinite(flat).all())
+    if value.size <= FEW and math.isfinite(sum(value.ravel().tolist())):
+        return True
+    return bool(np.isfinite(value).all())
 
 
 def _shape_text(array: Array) -> str:
