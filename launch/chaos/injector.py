@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import select
 import signal
 import subprocess
 import sys
@@ -107,6 +108,7 @@ class Injector:
                 reader.socket.poll(TURN_MS)
                 self._hear(reader)
                 self._inject(card)
+                self._stop_onlookers()
         return self._process.poll() is not None
 
     def _card(self, until: float) -> Card | None:
@@ -180,19 +182,22 @@ class Injector:
         return True
 
     def _look_on(self, card: Card) -> None:
-        """Have a tool join, and stop it as soon as it has heard something."""
+        """Have a tool join."""
         command = [sys.executable, "-m", ONLOOKER, *card.taps.values(), "--", STATUS, *card.topics]
         onlooker = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         self._onlookers.append(onlooker)
-        assert onlooker.stdout is not None
-        with onlooker.stdout as said:
-            if said.readline():
+
+    def _stop_onlookers(self) -> None:
+        """Stop the tools that have heard something."""
+        for onlooker in self._onlookers:
+            assert onlooker.stdout is not None
+            if select.select([onlooker.stdout], [], [], 0.0)[0]:
                 onlooker.send_signal(signal.SIGSTOP)
 
     def _send_away(self) -> None:
         for onlooker in self._onlookers:
             onlooker.kill()
-            onlooker.wait()
+            onlooker.communicate()
 
 
 def _is_of(pid: int, session: int) -> bool:

@@ -8,6 +8,7 @@ import pytest
 
 from palpate.launch.chaos.aftermath import look
 from palpate.launch.chaos.campaign import campaign
+from palpate.launch.chaos.faults import Fault, Moment
 from palpate.launch.chaos.injector import Injected
 from palpate.launch.chaos.subject import Subject, undisturbed
 
@@ -23,22 +24,43 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> Subject:
     return Subject(str(HERE / "toys" / "fingers.yaml"), ("fingers:=2",), ("planner",))
 
 
-@pytest.mark.parametrize("kinds", [("kill", "recorder", "neighbours"), ("ctrl_c",)])
-def test_explorations_survive_what_is_done_to_them(kinds: tuple[str, ...], toys: Subject) -> None:
+def at(touch: int, kind: str, *whom: str) -> Fault:
+    return Fault(kind, whom, Moment("tracing", "/finger_1/finger/goal", touch, 0.0))
+
+
+SEVERAL = [
+    at(3, "kill", "tracer_1"),
+    at(10, "neighbours", "filter_1", "simulator_1"),
+    at(20, "recorder", "recorder"),
+]
+EACH = [
+    at(5, "stop", "filter_1"),
+    at(5, "recorder", "recorder"),
+    at(5, "full", "recorder"),
+    at(5, "neighbours", "tracer_1", "recorder"),
+    at(5, "flood"),
+    at(5, "late"),
+    at(5, "launcher"),
+]
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        pytest.param(SEVERAL, id="several"),
+        pytest.param([at(5, "ctrl_c")], id="ctrl_c"),
+        *(pytest.param([one], id=one.kind, marks=pytest.mark.slow) for one in EACH),
+    ],
+)
+def test_explorations_survive_what_is_done_to_them(
+    faults: list[Fault], toys: Subject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate.launch.chaos.campaign.draw", lambda *_: tuple(faults))
     said: list[str] = []
-    tally = campaign(toys, seed=1, minutes=0, kinds=kinds, echo=said.append, faults=3)
+    tally = campaign(toys, seed=1, minutes=0, kinds=(), echo=said.append)
     assert tally.failed == [], said
     assert (tally.runs, tally.lost, tally.duplicated) == (1, 0, 0)
-    assert tally.survived == sum(tally.injected.values()) >= 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["stop", "full", "flood", "late", "launcher"])
-def test_explorations_survive_each_kind_of_fault(kind: str, toys: Subject) -> None:
-    said: list[str] = []
-    tally = campaign(toys, seed=2, minutes=0, kinds=(kind,), echo=said.append, faults=1)
-    assert tally.failed == [], said
-    assert tally.injected == {kind: 1}
+    assert tally.survived == sum(tally.injected.values()) == len(faults)
 
 
 def test_another_result_and_what_is_left_behind_are_found(toys: Subject, tmp_path: Path) -> None:
