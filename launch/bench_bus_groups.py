@@ -19,6 +19,12 @@ def _hops(quick: bool) -> Iterator[Row]:
     return hops(quick)
 
 
+def _reliability(quick: bool) -> Iterator[Row]:
+    from palpate.launch.bench_reliability import reliability
+
+    return iter(reliability(quick))
+
+
 def _start(quick: bool) -> Iterator[Row]:
     from palpate.launch.bench_start import start_rows
 
@@ -46,6 +52,7 @@ def _damage(quick: bool) -> Iterator[Row]:
 GROUPS: dict[str, Group] = {
     "losses": _losses,
     "hops": _hops,
+    "reliability": _reliability,
     "start": _start,
     "locked": _locked,
     "looking": _looking,

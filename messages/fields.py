@@ -16,7 +16,7 @@ MAX_TEXT = 4096
 MAX_ITEMS = 4096
 """Longest tuple."""
 FEW = 16
-"""Elements up to which an array is looked through one by one."""
+"""Elements up to which an array is summed up faster without numpy."""
 MAX_FIELDS = 64
 """Most fields of a message, and entries of a table."""
 MAX_NESTED = 2 * MAX_FIELDS + 1
@@ -159,7 +159,7 @@ def _table(number: Convert) -> Convert:
 
 def _array_rule(array: Array) -> Rule:
     dtype = np.dtype(array.dtype)
-    floating = dtype.kind == "f"
+    floating, itemsize = dtype.kind == "f", dtype.itemsize
     fixed = [(axis, length) for axis, length in enumerate(array.shape) if length is not None]
 
     def check(value: np.ndarray[Any, Any]) -> None:
@@ -184,9 +184,12 @@ def _array_rule(array: Array) -> Rule:
         shape, data = value.get("shape"), value.get("data")
         if type(shape) is not list or type(data) is not bytes or len(shape) != len(array.shape):
             raise CodecError(f"must have shape {_shape_text(array)} and bytes as data")
-        if any(type(n) is not int or n < 0 for n in shape):
-            raise CodecError("must have a shape of whole numbers, none below 0")
-        if math.prod(shape) * dtype.itemsize != len(data):
+        size = itemsize
+        for length in shape:
+            if type(length) is not int or length < 0:
+                raise CodecError("must have a shape of whole numbers, none below 0")
+            size *= length
+        if size != len(data):
             raise CodecError(f"has {len(data)} bytes, which do not fill shape {shape}")
         if dtype.kind == "b" and data.strip(b"\0\1"):
             raise CodecError("must hold 0 or 1 only")
@@ -202,9 +205,13 @@ def _array_rule(array: Array) -> Rule:
 
 
 def _is_finite(value: np.ndarray[Any, Any]) -> bool:
-    """Whether no element is a NaN or infinite; a pose is looked through faster without numpy."""
-    if value.size <= FEW:
-        return all(map(math.isfinite, value.ravel().tolist()))
+    """Whether no element is a NaN or infinite.
+
+    A sum is finite only if all that is summed is. Of a few elements it is looked at first, for it
+    is cheap; if it overflows, they are looked at one by one.
+    """
+    if value.size <= FEW and math.isfinite(sum(value.ravel().tolist())):
+        return True
     return bool(np.isfinite(value).all())
 
 

@@ -6,14 +6,14 @@ after the score of the final one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property, partial
 
 import msgspec
 
 from palpate.core.measure.distance import Prepared, compare, prepare
 from palpate.core.measure.solidity import solidity
 from palpate.messages.types import Score, ShapeModel, Truth
-from palpate.nodes.node import Finished, Node, Outputs
+from palpate.nodes.node import Finished, Later, Node, Outputs
 
 NO_GENUS = -1
 """Genus of a surface that is not closed: it has none."""
@@ -23,38 +23,52 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Nothing to set: distances are measured the same way everywhere."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class State:
-    """The truth, ready to be compared with; None before it was heard."""
+class Surface:
+    """The truth, made ready to be compared with when the first model is.
 
-    surface: Prepared | None = None
-    volume: float = 0.0
-    """m3"""
-    height: float = 0.0
-    """m"""
-    sampling_floor: float = 0.0
-    """Chamfer distance between two tessellations of the truth, m."""
+    Parameters
+    ----------
+    truth : Truth
+        As it was heard.
+
+    Raises
+    ------
+    ValueError
+        If it is no surface, or has no volume.
+    """
+
+    def __init__(self, truth: Truth) -> None:
+        self._truth, self.height = truth, truth.height
+        self.volume = solidity(truth.vertices, truth.faces).volume
+        """m3"""
+        if not self.volume > 0.0:
+            raise ValueError(f"the truth must have a positive volume, got {self.volume} m3")
+
+    @cached_property
+    def prepared(self) -> Prepared:
+        """The surface itself."""
+        return prepare(self._truth.vertices, self._truth.faces)
+
+    @cached_property
+    def sampling_floor(self) -> float:
+        """Chamfer distance between two tessellations of the truth, m."""
+        other = prepare(self._truth.floor_vertices, self._truth.floor_faces)
+        return compare(self.prepared, other).chamfer
+
+
+State = Surface | None
+"""The truth; None before it was heard."""
 
 
 def hear_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outputs]:
-    """Prepare the truth, and measure the sampling floor once.
+    """Keep the truth.
 
     Raises
     ------
     ValueError
         If the truth is no surface, or has no volume.
     """
-    volume = solidity(truth.vertices, truth.faces).volume
-    if not volume > 0.0:
-        raise ValueError(f"the truth must have a positive volume, got {volume} m3")
-    surface = prepare(truth.vertices, truth.faces)
-    floor = prepare(truth.floor_vertices, truth.floor_faces)
-    return State(
-        surface=surface,
-        volume=volume,
-        height=truth.height,
-        sampling_floor=compare(surface, floor).chamfer,
-    ), []
+    return Surface(truth), []
 
 
 def hear_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
@@ -65,18 +79,18 @@ def hear_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     ValueError
         If the truth has not been heard, or the model is no surface.
     """
-    if state.surface is None:
+    if state is None:
         raise ValueError(f"model {model.number} came before the truth")
     if not len(model.faces):
         return state, [Finished("nothing could be rebuilt")] if model.final else []
-    outputs: Outputs = [("/score", _score(state, state.surface, model))]
+    outputs: Outputs = [("/score", Later(Score, partial(_score, state, model)))]
     if model.final:
         outputs.append(Finished("final model scored"))
     return state, outputs
 
 
-def _score(state: State, truth: Prepared, model: ShapeModel) -> Score:
-    distances = compare(truth, prepare(model.vertices, model.faces))
+def _score(truth: Surface, model: ShapeModel) -> Score:
+    distances = compare(truth.prepared, prepare(model.vertices, model.faces))
     solid = solidity(model.vertices, model.faces)
     return Score(
         number=model.number,
@@ -88,9 +102,9 @@ def _score(state: State, truth: Prepared, model: ShapeModel) -> Score:
         p95=distances.p95,
         hausdorff=distances.hausdorff,
         normal=distances.normal_deg,
-        volume_error=solid.volume / state.volume - 1.0,
-        sampling_floor=state.sampling_floor,
-        size=state.height,
+        volume_error=solid.volume / truth.volume - 1.0,
+        sampling_floor=truth.sampling_floor,
+        size=truth.height,
         watertight=solid.watertight,
         genus=NO_GENUS if solid.genus is None else solid.genus,
         final=model.final,
@@ -99,7 +113,7 @@ def _score(state: State, truth: Prepared, model: ShapeModel) -> Score:
 
 NODE = Node(
     params=Params,
-    start=lambda params: (State(), []),
+    start=lambda params: (None, []),
     longest=120.0,
     inputs={"/truth": (Truth, hear_truth), "/model/shape": (ShapeModel, hear_model)},
     outputs={"/score": Score},

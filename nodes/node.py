@@ -31,8 +31,27 @@ class Finished:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class Later:
+    """A message that takes long to make, and on which the node's state does not depend.
+
+    A node that is started again says once more what it had said; such a message is made once more
+    only if somebody lacks it.
+    """
+
+    cls: type
+    """Its type."""
+    make: Callable[[], object]
+    """Makes it; of what it is bound to nothing may change."""
+
+
+def made(message: object) -> object:
+    """A message of a handler as it is sent."""
+    return message.make() if isinstance(message, Later) else message
+
+
 Outputs = list[tuple[str, object] | Finished]
-"""Topic and message each, in the order in which they are published."""
+"""Topic and message each, or `Later`, in the order in which they are published."""
 
 Handler = Callable[[Any, Any, Any], tuple[Any, Outputs]]
 """``(params, state, message) -> (state, outputs)``; changes none of its arguments."""

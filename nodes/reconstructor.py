@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import TypeGuard
 
@@ -31,7 +32,7 @@ from palpate.messages.types import (
     SurfacePatch,
     World,
 )
-from palpate.nodes.node import Node, Outputs
+from palpate.nodes.node import Later, Node, Outputs
 from palpate.nodes.reconstructor_set import coarse_model, rebuilt_from
 from palpate.nodes.sensor import pad_of_info
 from palpate.nodes.shape_model import shape_model
@@ -117,9 +118,9 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
     while asked and _is_heard(state, asked[0]):
         goal = asked.pop(0)
         if _is_coarse(goal):
-            outputs.append(("/model/coarse", _coarse(state, goal)))
+            outputs.append(("/model/coarse", Later(Superquadric, partial(_coarse, state, goal))))
         else:
-            outputs.append(("/model/shape", _fit(state, goal)))
+            outputs.append(("/model/shape", Later(ShapeModel, partial(_fit, state, goal))))
     return replace(state, asked=tuple(asked)), outputs
 
 

@@ -20,7 +20,7 @@ from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.node import Finished, Node, Source
 from palpate.nodes.runtime_order import Order
 from palpate.nodes.runtime_source import SourceWork
-from palpate.nodes.runtime_work import NodeWork, Parcel, SinkWork, sources_of
+from palpate.nodes.runtime_work import NodeWork, Parcel, Promise, SinkWork, sources_of
 from palpate.nodes.wiring import Wiring, load_node
 
 FAILED = 3
@@ -113,6 +113,7 @@ class Loop:
         self.journal: Journal | None = None
         """Where it puts down what it handles; only of nodes that could do it again."""
         self._name, self._station = name, station
+        station.while_blocked = self._beat_if_due
         self._going, self._ended = going, False
         self._joined: bool | None = None
         self._state = "starting"
@@ -198,12 +199,14 @@ class Loop:
             said = work.begin()
             self._publish(said if not any(self._station.publisher.sent.values()) else ())
         else:
-            self._rehearse(work, before)
+            self._publish(work.begin())
+            if isinstance(work, NodeWork):
+                self._rehearse(work, before)
+            self._station.publisher.go_live()
 
-    def _rehearse(self, work: Work, before: Sequence[Consumed]) -> None:
-        """Do once more what an earlier start of this node has done, and go on from there."""
+    def _rehearse(self, work: NodeWork, before: Sequence[Consumed]) -> None:
+        """Do once more what an earlier start of this node has done."""
         station, order = self._station, Order(before)
-        self._publish(work.begin())
         while order.rehearsing and not self._ended:
             _, told = station.wait(0 if station.waiting else IDLE_MS)
             if told:
@@ -212,10 +215,9 @@ class Loop:
                 order.put(come)
             self._beat_if_due()
             while order.rehearsing and (arrival := order.take()) is not None:
-                self._publish(work.take(arrival))
+                self._publish(work.rehearse(arrival))
                 self._beat_if_due()
         station.give_back(order.rest())
-        station.publisher.go_live()
 
     def _join(self) -> None:
         """Take in what comes before the start, and report when all inputs are in step."""
@@ -244,9 +246,11 @@ class Loop:
                 self._publish(work.obey(word))
                 line.send("did", ticket=word["ticket"])
 
-    def _publish(self, said: Iterable[Parcel | Finished]) -> None:
+    def _publish(self, said: Iterable[Parcel | Promise | Finished]) -> None:
         for one in said:
-            if isinstance(one, Finished):
+            if isinstance(one, Promise):
+                self._station.publisher.promise(*one)
+            elif isinstance(one, Finished):
                 self._station.line.send("finished", reason=one.reason)
                 text = f"finished: {one.reason}"
                 self._station.tap.say(

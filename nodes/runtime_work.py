@@ -8,18 +8,22 @@ its own and one that is composed with others.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
 
 from palpate.messages.bus.journal import Consumed
 from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import codec_of, decode, encode
-from palpate.nodes.node import Finished, Handler, Node, Sink, Writer
+from palpate.nodes.node import Finished, Handler, Later, Node, Sink, Writer
 from palpate.nodes.runtime_latency import Latency
 from palpate.nodes.wiring import Input, Wiring
 
 Edge = tuple[str, str]
 """Publisher and topic on the wire."""
+
+Output = tuple[str, object] | Finished
+Said = TypeVar("Said")
 
 
 class Parcel(NamedTuple):
@@ -31,6 +35,17 @@ class Parcel(NamedTuple):
     """The message, encoded."""
     robot_time: float
     """Robot time in the message, s; 0 if it has none."""
+    schema: int
+    """Hash of the message type's schema."""
+
+
+class Promise(NamedTuple):
+    """A message that had been sent before, and is made once more only if somebody lacks it."""
+
+    topic: str
+    """Topic on the wire."""
+    make: Callable[[], bytes]
+    """Makes the message, encoded."""
     schema: int
     """Hash of the message type's schema."""
 
@@ -113,22 +128,29 @@ class NodeWork:
         ContractError
             If the handler publishes what the node does not declare.
         """
-        if self._missing and arrival.topic not in self._missing:
-            self._held.append(arrival)
-            return []
-        said = self._handle(arrival)
-        if self._missing:
-            self._missing.discard(arrival.topic)
-            if not self._missing:
-                for held in self._held:
-                    said += self._handle(held)
-                self._held.clear()
-        return said
+        return self._take(arrival, self._pack)
+
+    def rehearse(self, arrival: Arrival) -> list[Parcel | Promise | Finished]:
+        """The same for a message that had been handled before: what takes long is only promised."""
+        return self._take(arrival, self._promise)
 
     def close(self) -> None:
         """Nothing to put away."""
 
-    def _handle(self, arrival: Arrival) -> list[Parcel | Finished]:
+    def _take(self, arrival: Arrival, say: Callable[[Output], Said]) -> list[Said]:
+        if self._missing and arrival.topic not in self._missing:
+            self._held.append(arrival)
+            return []
+        said = self._handle(arrival, say)
+        if self._missing:
+            self._missing.discard(arrival.topic)
+            if not self._missing:
+                for held in self._held:
+                    said += self._handle(held, say)
+                self._held.clear()
+        return said
+
+    def _handle(self, arrival: Arrival, say: Callable[[Output], Said]) -> list[Said]:
         self._current = arrival
         cls, handler, schema = self._heard[arrival.topic]
         if arrival.header.schema != schema:
@@ -136,22 +158,46 @@ class NodeWork:
         message: object = decode(cls, arrival.body)
         began = time.perf_counter_ns()
         self._state, outputs = handler(self._params, self._state, message)
+        said = [say(output) for output in outputs]
         self.latency.add(time.perf_counter_ns() - began)
-        said = [self._pack(output) for output in outputs]
         self.consumed[arrival.publisher, arrival.topic] += 1
         return said
 
-    def _pack(self, output: tuple[str, object] | Finished) -> Parcel | Finished:
+    def _promise(self, output: Output) -> Parcel | Promise | Finished:
+        if isinstance(output, Finished):
+            return output
+        local, later = output
+        if not isinstance(later, Later):
+            return self._pack(output)
+        wire = self._wire(local, later.cls)
+        make = partial(self._encoded, local, later)
+        return Promise(wire, make, codec_of(later.cls).hash)
+
+    def _pack(self, output: Output) -> Parcel | Finished:
         if isinstance(output, Finished):
             return output
         local, message = output
-        cls = type(message)
+        if isinstance(message, Later):
+            message = self._made(local, message)
+        wire = self._wire(local, type(message))
+        time_s = float(getattr(message, "robot_time", 0.0))
+        return Parcel(wire, encode(message), time_s, codec_of(type(message)).hash)
+
+    def _encoded(self, local: str, later: Later) -> bytes:
+        return encode(self._made(local, later))
+
+    def _made(self, local: str, later: Later) -> object:
+        message = later.make()
+        if type(message) is not later.cls:
+            raise ContractError(self._undeclared(local, type(message)))
+        return message
+
+    def _wire(self, local: str, cls: type) -> str:
         if self._node.outputs.get(local) is not cls:
             raise ContractError(self._undeclared(local, cls))
         if local not in self._wires:
             raise ContractError(f"{self.name} published {local}, which another finger's node says")
-        time_s = float(getattr(message, "robot_time", 0.0))
-        return Parcel(self._wires[local], encode(message), time_s, codec_of(cls).hash)
+        return self._wires[local]
 
     def _undeclared(self, local: str, cls: type) -> str:
         declared = self._node.outputs.get(local)

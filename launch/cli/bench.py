@@ -13,8 +13,9 @@ HELP = """Measure one of eight things, here and now.
 scenes     the shipped scenes from start to end: accuracy and time
 explore    tracing, grasps and planners; whole explorations of sixteen objects, and whether
            what a run says of its error is so; takes hours without --quick or --only
-bus        the message bus alone: losses, latency, start, lock between machines, tools; and
-           damaged messages and files, of which none may do more than be refused
+bus        the message bus alone: losses, latency, a million messages among stalls and deaths,
+           start, lock between machines, tools; and damaged messages and files, of which none may
+           do more than be refused
 touch      one touch: frames a second, and the error of cast and curvature
 effects    each effect: its cost, and the error of a contour that it causes
 curvature  filters and estimators against noise and impulses

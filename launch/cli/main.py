@@ -43,6 +43,7 @@ command = Verbs(
         "score": "Measure a solid against a CAD model or measured points.",
         "cost": "Say what a recorded run would have cost another robot.",
         "bench": "Measure speed and accuracy.",
+        "chaos": "Put faults into explorations and say what they survive.",
     },
     "Feels an unknown object with a simulated fingertip and rebuilds it as a solid.",
 )

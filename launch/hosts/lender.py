@@ -75,6 +75,7 @@ class Guest:
             place,
             key=self._key,
             journals={name: str(self._folder / f"j{number}")},
+            times={name: str(self._folder / f"s{number}")},
             pasts={name: str(self._folder / f"p{number}")},
         )
         try:

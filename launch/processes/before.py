@@ -11,6 +11,7 @@ from typing import NamedTuple
 from palpate.messages.bus.journal import Consumed, Journal
 from palpate.messages.bus.past import Past
 from palpate.messages.bus.place import Place
+from palpate.messages.bus.times import Times
 from palpate.messages.header import Header, pack_frame
 from palpate.nodes.wiring import Wiring
 
@@ -36,6 +37,8 @@ class Before:
     """What each node had handled, in its order: it goes through it once more, unheard."""
     spoken: Mapping[str, Sequence[Spoken]]
     """What those had said that act on the world: they do not go through it again."""
+    times: Mapping[str, Sequence[tuple[str, int]]]
+    """Topics and times, ns, of what the others had said: they say it again with these."""
 
     def lay(self, wirings: Sequence[Wiring], place: Place) -> None:
         """Write the journals and memories that the nodes will find."""
@@ -45,8 +48,16 @@ class Before:
                 with closing(Journal(Path(place.journals[wiring.name]), edges)) as journal:
                     for one in consumed:
                         journal.note(*one)
+            if times := self.times.get(wiring.name):
+                self._put_down(wiring, place, times)
             if spoken := self.spoken.get(wiring.name):
                 self._remember(wiring, place, spoken)
+
+    def _put_down(self, wiring: Wiring, place: Place, times: Sequence[tuple[str, int]]) -> None:
+        file = Path(place.times[wiring.name])
+        with closing(Times(file, wiring.name, wiring.outputs.values())) as said:
+            for topic, sent_ns in times:
+                said.note(topic, sent_ns)
 
     def _remember(self, wiring: Wiring, place: Place, spoken: Sequence[Spoken]) -> None:
         topics = tuple(wiring.outputs.values())

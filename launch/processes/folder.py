@@ -12,7 +12,7 @@ from pathlib import Path
 
 import zmq
 
-from palpate.launch.processes.register import PREFIX, held, sweep, where
+from palpate.launch.processes.register import PREFIX, SAID, held, sweep, where
 from palpate.messages.bus.place import Place
 
 _RUN_BITS = 63
@@ -63,7 +63,7 @@ def past_folder(run_dir: Path | None, folder: Path) -> Iterator[Path]:
     if run_dir is None:
         yield folder
         return
-    past = run_dir / ".said"
+    past = run_dir / SAID
     past.mkdir()
     try:
         yield past
@@ -82,6 +82,7 @@ def place_of(folder: Path, names: Sequence[str], depth: int, past: Path) -> Plac
         control=f"ipc://{folder}/control",
         tools=f"ipc://{folder}/tools",
         journals={name: str(folder / f"j{index}") for index, name in enumerate(names)},
+        times={name: str(folder / f"s{index}") for index, name in enumerate(names)},
         pasts={name: str(past / f"p{index}") for index, name in enumerate(names)},
     )
 

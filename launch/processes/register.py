@@ -21,6 +21,8 @@ from palpate.nodes.recording import Recorded
 
 PREFIX = "palpate-"
 CARD, LOCK = "run.json", "lock"
+SAID = ".said"
+"""Folder in the run directory for what nodes have said and have no memory for."""
 YOUNG = 60.0
 """A folder without a card may just be coming up until it is so old, s."""
 
@@ -107,6 +109,9 @@ def stale(parent: Path | None = None) -> list[Path]:
 def sweep(parent: Path | None = None) -> None:
     """Take away what killed launchers have left."""
     for folder in stale(parent):
+        card = _card(folder)
+        if card is not None and card.folder:
+            shutil.rmtree(Path(card.folder) / SAID, ignore_errors=True)
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -155,7 +160,9 @@ def _is_held(folder: Path) -> bool:
 
 def _is_stale(folder: Path) -> bool:
     try:
-        old = time.time() - (folder / LOCK).stat().st_mtime > YOUNG
+        # Who takes a folder away may be killed, too, when the lock has gone and others are left.
+        file = folder / LOCK if (folder / LOCK).exists() else folder
+        old = time.time() - file.stat().st_mtime > YOUNG
     except OSError:
         return False
     return (old or (folder / CARD).exists()) and not _is_held(folder)

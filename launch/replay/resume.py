@@ -117,10 +117,12 @@ def _before(wirings: Sequence[Wiring], messages: Iterable[Kept]) -> Before:
     listeners: dict[str, list[tuple[str, str]]] = {}
     consumed: dict[str, list[Consumed]] = {}
     spoken: dict[str, list[Spoken]] = {}
+    times: dict[str, list[tuple[str, int]]] = {}
     acting: dict[str, str] = {}
+    pure: dict[str, str] = {}
     for wiring in wirings:
-        if wiring.keeps:
-            acting |= {topic: wiring.name for topic in wiring.outputs.values()}
+        said_by = acting if wiring.keeps else pure
+        said_by |= {topic: wiring.name for topic in wiring.outputs.values()}
         for edge in () if wiring.module == RECORDER else wiring.inputs:  # that writes all anew
             listeners.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
     for one in messages:
@@ -129,4 +131,6 @@ def _before(wirings: Sequence[Wiring], messages: Iterable[Kept]) -> Before:
         if one.topic in acting:
             said = Spoken(one.topic, one.sent_ns, one.schema, one.body)
             spoken.setdefault(acting[one.topic], []).append(said)
-    return Before(consumed, spoken)
+        elif one.topic in pure:
+            times.setdefault(pure[one.topic], []).append((one.topic, one.sent_ns))
+    return Before(consumed, spoken, times)

@@ -66,8 +66,10 @@ class Journal:
             raise OSError(errno.ENOSPC, "the journal of what was consumed has no more room")
 
     def close(self) -> None:
-        """Close the file."""
-        os.close(self._file)
+        """Close the file; closing again does nothing."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
 
     def _read(self, path: Path, edges: Sequence[tuple[str, str]]) -> tuple[Consumed, ...]:
         data = path.read_bytes()

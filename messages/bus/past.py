@@ -9,10 +9,13 @@ from __future__ import annotations
 import errno
 import os
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from palpate.messages.header import pack_frame, split_frame
+
+Kept = bytes | tuple[int, int] | Callable[[], bytes]
+"""A frame in memory, its place in the file, or what makes it."""
 
 MEMORY = 64 << 20
 """Most bytes of frames that a node keeps in memory."""
@@ -55,10 +58,12 @@ class Past:
         epoch: int = 0,
     ) -> None:
         self._path, self._room, self._keep = path, memory, keep
-        self._frames: dict[str, list[bytes | tuple[int, int]]] = {topic: [] for topic in topics}
+        self._frames: dict[str, list[Kept]] = {topic: [] for topic in topics}
         self._silent = dict.fromkeys(silent, 0)
         self._file: int | None = None
         self._end = 0
+        self.latest_ns = 0
+        """The latest time in what an earlier start has kept, ns."""
         if keep:
             self._go_on(epoch)
 
@@ -88,15 +93,31 @@ class Past:
             If the memory is full, and the file cannot be written.
         """
         silent, fits = topic in self._silent, len(frame) <= self._room
-        kept: bytes | tuple[int, int] = frame
+        kept: Kept = frame
         if self._keep or not (silent or fits):
             place = self._write(frame)
             kept = frame if fits else place
         self._hold(topic, kept)
 
+    def promise(self, topic: str, make: Callable[[], bytes]) -> None:
+        """Keep what makes a frame: it had been sent, and is made once more if somebody lacks it.
+
+        Raises
+        ------
+        KeyError
+            If there is no such topic.
+        """
+        if topic in self._silent:
+            self._silent[topic] += 1
+        else:
+            self._frames[topic].append(make)
+
     def since(self, topic: str, wanted: int) -> Iterator[bytes]:
         """Frames of a topic from a sequence on; none of a topic that nobody hears."""
-        for kept in self._frames.get(topic, ())[wanted:]:
+        for seq in range(wanted, len(self._frames.get(topic, ()))):
+            kept = self._frames[topic][seq]
+            if callable(kept):
+                kept = self._frames[topic][seq] = kept()
             yield kept if isinstance(kept, bytes) else self._read(*kept)
 
     def close(self) -> None:
@@ -105,7 +126,7 @@ class Past:
             os.close(self._file)
             self._file = None
 
-    def _hold(self, topic: str, kept: bytes | tuple[int, int]) -> None:
+    def _hold(self, topic: str, kept: Kept) -> None:
         if topic in self._silent:
             self._silent[topic] += 1
             return
@@ -140,6 +161,7 @@ class Past:
             if len(frame) < length:
                 break
             topic, header, body = split_frame(frame)
+            self.latest_ns = max(self.latest_ns, header.sent_ns)
             self._hold(topic, pack_frame(topic, header._replace(epoch=epoch), body))
             self._end += _LENGTH.size + length
         os.ftruncate(self._opened(), self._end)

@@ -31,6 +31,8 @@ class Place:
     """Address at which the launcher answers tools."""
     journals: Mapping[str, str]
     """Name of the node to the file in which it puts down what it consumes."""
+    times: Mapping[str, str]
+    """Name of the node to the file in which it puts down when it said what."""
     pasts: Mapping[str, str]
     """Name of the node to the file in which it keeps what it said and has no memory for."""
     key: str = ""

@@ -5,7 +5,8 @@ takes in what others send to it, so that two nodes that send to each other canno
 Everything sent is kept, for those who join late. Its time is later than that of all that the node
 has sent or heard, so that times order effects behind their causes, on several machines too
 (L. Lamport, Comm. ACM 21 (7), 1978). A publisher that starts again says
-what it had said once more: not to everybody, but to each listener what that one still lacks.
+what it had said once more, with its times: not to everybody, but to each listener what that one
+still lacks.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import zmq
 
 from palpate.messages.bus import join
 from palpate.messages.bus.past import Past
+from palpate.messages.bus.times import Times
 from palpate.messages.bus.wires import bind
 from palpate.messages.header import Header, pack_frame
 
@@ -49,6 +51,8 @@ class Publisher:
         Takes in what has arrived, waiting for a moment; called while a queue is full.
     past : Past
         Where what was said is kept.
+    times : Times
+        Where it is put down when.
     again : bool
         Whether it says once more what an earlier start had said, until `go_live`.
     patience : float
@@ -69,6 +73,7 @@ class Publisher:
         depth: int,
         drain: Callable[[], None],
         past: Past,
+        times: Times,
         again: bool = False,
         patience: float = PATIENCE,
         ahead_ns: int = 0,
@@ -76,10 +81,10 @@ class Publisher:
         self.name, self.run, self.epoch = name, run, epoch
         self.blocked = 0
         """How often a queue was full."""
-        self.latest_ns = 0
+        self.latest_ns = past.latest_ns
         """Time of the latest message sent or heard, ns: the next one is sent later."""
         self._listeners = dict(listeners)
-        self._past = past
+        self._past, self._times = past, times
         self._drain, self._patience, self._ahead_ns = drain, patience, ahead_ns
         self._lacks: dict[tuple[bytes, str], int] | None = {} if again else None
         self.socket = context.socket(zmq.XPUB)
@@ -105,8 +110,7 @@ class Publisher:
             If a listener's queue stays full for longer than the patience.
         """
         seq = self._past.count(topic)
-        self.latest_ns = max(time.monotonic_ns() + self._ahead_ns, self.latest_ns + 1)
-        header = Header(self.run, self.epoch, seq, self.latest_ns, robot_time, schema)
+        header = Header(self.run, self.epoch, seq, self._time(topic, seq), robot_time, schema)
         frame = pack_frame(topic, header, body)
         self._past.add(topic, frame)
         if self._lacks is None:
@@ -114,6 +118,22 @@ class Publisher:
         else:
             self._say_again(self._lacks, frame, topic, seq)
         return frame
+
+    def promise(self, topic: str, make: Callable[[], bytes], schema: int) -> None:
+        """Before `go_live`: have a message made and sent if somebody lacks it, now or later.
+
+        Raises
+        ------
+        KeyError, BlockedError
+            As `send` does.
+        """
+        seq = self._past.count(topic)
+        lacked = [wanted for (_, asked), wanted in (self._lacks or {}).items() if asked == topic]
+        if self._times.before(topic, seq) is None or any(seq >= wanted for wanted in lacked):
+            self.send(topic, make(), robot_time=0.0, schema=schema)
+            return
+        header = Header(self.run, self.epoch, seq, self._time(topic, seq), 0.0, schema)
+        self._past.promise(topic, lambda: pack_frame(topic, header, make()))
 
     def go_live(self) -> None:
         """All that had been said is said again: from here on everybody hears at once."""
@@ -136,6 +156,16 @@ class Publisher:
         """Close, giving what is still queued this long to leave, ms."""
         self.socket.close(linger)
         self._past.close()
+        self._times.close()
+
+    def _time(self, topic: str, seq: int) -> int:
+        before = self._times.before(topic, seq)
+        if before is not None:
+            self.latest_ns = max(before, self.latest_ns)
+            return before
+        self.latest_ns = max(time.monotonic_ns() + self._ahead_ns, self.latest_ns + 1)
+        self._times.note(topic, self.latest_ns)
+        return self.latest_ns
 
     def _answer(self, request: join.Request) -> None:
         if request.epoch is None:

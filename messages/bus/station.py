@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import zmq
@@ -14,6 +14,7 @@ from palpate.messages.bus.place import Place
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Arrival, Subscriber
 from palpate.messages.bus.tap import Tap
+from palpate.messages.bus.times import Times
 from palpate.messages.bus.wires import Wires
 
 _MOMENT_MS = 10
@@ -61,12 +62,16 @@ class Station:
             epoch=place.epoch,
         )
         self._wires = Wires(place.key)
+        self._times = Times(Path(place.times[name]), name, says)
         self._inbox: deque[Arrival] = deque()
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
+        self.while_blocked: Callable[[], None] = lambda: None
+        """Called now and then while a listener's queue is full: who waits for it does not hang."""
         try:
             self._open(name, place, hears, says, again=place.going and not keeps)
         except zmq.ZMQError:
             self._wires.destroy()
+            self._times.close()
             raise
 
     def _open(
@@ -100,6 +105,7 @@ class Station:
             depth=depth,
             drain=self._drain,
             past=self._past,
+            times=self._times,
             again=again,
             ahead_ns=place.ahead_ns,
         )
@@ -174,3 +180,4 @@ class Station:
     def _drain(self) -> None:
         self._blocked.poll(_MOMENT_MS)
         self.take_in()
+        self.while_blocked()

@@ -16,6 +16,8 @@ from typing import Any
 import msgspec
 import pytest
 
+from palpate.launch.bench_listener import Params as ListenerParams
+from palpate.launch.bench_listener import listener
 from palpate.launch.bench_toy import Params, toy
 from palpate.launch.launcher import launch
 from palpate.messages.recording.parts import parts_of
@@ -129,6 +131,23 @@ def test_a_node_that_is_stopped_is_found_and_started_again(watcher: Any, tmp_pat
     [said] = [one.text for one in watcher.lines if one.level == "warning"]
     assert said.startswith("relay hung: it gave no sign of life for 1.")
     assert recorded(tmp_path) == ALL
+
+
+def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(
+    watcher: Any, tmp_path: Path
+) -> None:
+    busy = listener("busy", ListenerParams(expects=12_000, stalls=((2000, 1.8),)))
+    flooding = Wiring(
+        name="source",
+        module="palpate.launch.chaos.flood",
+        params={"messages": 12_000},
+        inputs=(),
+        outputs={"/flood": "/flood"},
+        listeners={},
+    )
+    graph = [flooding, busy]
+    ending = launch(graph, ends="busy", hear=[], watcher=watcher, work_dir=tmp_path, depth=1)
+    assert (ending.reason, ending.restarts) == ("12000 heard, 0 left out, 0 out of turn", {})
 
 
 def test_a_message_that_breaks_a_node_twice_ends_the_run(

@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 
 from palpate.launch.bag.diff import compare
+from palpate.launch.chaos.causes import uncaused
+from palpate.launch.chaos.history import breaches, read_history
 from palpate.launch.display import Silence
 from palpate.launch.located import Located
 from palpate.launch.replay.resume import plan_resume
@@ -71,6 +73,11 @@ def test_a_finger_goes_on_from_any_contour_to_the_same_end(
 
 def test_three_fingers_go_on_to_the_same_end(three: Path, tmp_path: Path) -> None:
     assert identical(three, gone_on(three, 2, tmp_path / "again"))
+
+
+def test_nothing_comes_before_its_cause_where_a_run_went_on(three: Path, tmp_path: Path) -> None:
+    history = read_history(gone_on(three, None, tmp_path / "again") / "topics.mcap")
+    assert [*breaches(history), *uncaused(history, whole=True)] == []
 
 
 def test_a_recording_that_was_never_closed_is_gone_on_with(three: Path, tmp_path: Path) -> None:

@@ -230,3 +230,25 @@ def test_changing_an_array_after_encoding_changes_nothing(example: Make) -> None
     frame.array[...] = 7.0
 
     np.testing.assert_array_equal(decode(TactileFrame, body).array, before)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (4, 4), (16, 16)])
+def test_finite_values_pass_though_their_sum_would_not_be(
+    shape: tuple[int, int], example: Make
+) -> None:
+    huge = np.full(shape, 1.7e308)
+    body = encode(dataclasses.replace(example(TactileFrame), array=huge))
+    assert decode(TactileFrame, body).array.tobytes() == huge.tobytes()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("shape", [(4, 4), (16, 16)])
+def test_one_value_that_is_not_finite_is_found_wherever_it_is(
+    shape: tuple[int, int], bad: float, example: Make
+) -> None:
+    message = example(TactileFrame)
+    for place in np.ndindex(shape):
+        array = np.full(shape, 1.7e308)
+        array[place] = bad
+        with pytest.raises(CodecError, match="array must be finite"):
+            encode(dataclasses.replace(message, array=array))

@@ -25,6 +25,7 @@ from palpate.messages.types import (
 )
 from palpate.messages.types.touch import unmoved
 from palpate.nodes import curvature, filter, simulator, tracer
+from palpate.nodes.node import made
 from palpate.nodes.object import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.nodes.reconstructor import NODE, Params
 
@@ -88,7 +89,7 @@ def felt_by(goals: Iterable[ContourGoal | ProbeGoal]) -> Heard:
             if topic in module.NODE.inputs:
                 handler = module.NODE.inputs[topic][1]
                 states[module], outputs = handler(params[module], states[module], message)
-                waiting.extend(outputs)
+                waiting.extend((where, made(one)) for where, one in outputs)  # type: ignore[misc]
     return [one for one in said if one[0] in NODE.inputs]
 
 
@@ -134,8 +135,8 @@ def models(messages: Iterable[tuple[str, Any]]) -> list[Any]:
     for topic, message in messages:
         state, outputs = NODE.inputs[topic][1](Params(), state, message)
         for where, model in outputs:  # type: ignore[misc]
-            assert type(model) is NODE.outputs[where]
-            said.append(model)
+            said.append(made(model))
+            assert type(said[-1]) is NODE.outputs[where]
     return said
 
 

@@ -11,8 +11,15 @@ from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import encode, schema_hash
 from palpate.messages.header import Header
 from palpate.messages.types import LogRecord, World
-from palpate.nodes.node import Finished, Node, Outputs, Sink
-from palpate.nodes.runtime_work import ContractError, NodeWork, Parcel, SinkWork, sources_of
+from palpate.nodes.node import Finished, Later, Node, Outputs, Sink
+from palpate.nodes.runtime_work import (
+    ContractError,
+    NodeWork,
+    Parcel,
+    Promise,
+    SinkWork,
+    sources_of,
+)
 from palpate.nodes.wiring import Input, Wiring
 
 
@@ -186,3 +193,39 @@ def test_a_sink_writes_what_it_hears_undecoded() -> None:
     assert kept.closed
     assert kept.missing == {"/a/in": 2}
     assert work.consumed["other", "/a/in"] == 1
+
+
+def later_work(made: list[int], cls: type = LogRecord) -> NodeWork:
+    def make() -> object:
+        made.append(1)
+        return line("late")
+
+    work = NodeWork(NODE, Params([("/out", Later(cls, make))]), replace(WIRING, inputs=ALONE))
+    work.begin()
+    return work
+
+
+def test_a_message_that_takes_long_is_made_at_once() -> None:
+    made: list[int] = []
+    [parcel] = later_work(made).take(frame("1"))
+    assert isinstance(parcel, Parcel) and made == [1]
+    assert (parcel.body, parcel.robot_time) == (encode(line("late")), 2.5)
+
+
+def test_one_that_had_been_said_is_only_promised() -> None:
+    made: list[int] = []
+    [promise] = later_work(made).rehearse(frame("1"))
+    assert isinstance(promise, Promise) and made == []
+    assert (promise.topic, promise.schema) == ("/a/out", schema_hash(LogRecord))
+    assert promise.make() == encode(line("late")) and made == [1]
+
+
+def test_a_promise_of_another_type_is_refused() -> None:
+    with pytest.raises(ContractError, match="published a World on /out, declared as LogRecord"):
+        later_work([], World).rehearse(frame("1"))
+    work = NodeWork(
+        NODE, Params([("/out", Later(LogRecord, lambda: 7))]), replace(WIRING, inputs=ALONE)
+    )
+    work.begin()
+    with pytest.raises(ContractError, match="published a int on /out, declared as LogRecord"):
+        work.take(frame("1"))

@@ -3,7 +3,6 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,12 +16,22 @@ from palpate.launch.processes.register import (
     find_run,
     running,
     stale,
+    sweep,
 )
 
 
-def card(run: str, name: str = "vase", **more: Any) -> Card:
-    given = {"pid": 1, "folder": "", "ends": "a", "nodes": (), "taps": {}, "tools": "", **more}
-    return Card(run=run, name=name, began=f"2026-01-01T00:00:{run[-2:]}", **given)
+def card(run: str, name: str = "vase", folder: str = "") -> Card:
+    return Card(
+        run=run,
+        name=name,
+        began=f"2026-01-01T00:00:{run[-2:]}",
+        pid=1,
+        folder=folder,
+        ends="a",
+        nodes=(),
+        taps={},
+        tools="",
+    )
 
 
 def test_a_graph_runs_as_long_as_its_lock_is_held(tmp_path: Path) -> None:
@@ -33,23 +42,40 @@ def test_a_graph_runs_as_long_as_its_lock_is_held(tmp_path: Path) -> None:
     assert running(tmp_path) == []
 
 
-def left(folder: Path, *, age: float = 0.0, announced: bool = True) -> None:
+def left(
+    folder: Path, *, age: float = 0.0, announced: bool = True, run: Path | None = None
+) -> None:
     """What a launcher leaves that was killed."""
     folder.mkdir()
     (folder / LOCK).touch()
     when = time.time() - age
     os.utime(folder / LOCK, (when, when))
     if announced:
-        announce(folder, card("dead"))
+        announce(folder, card("dead", folder="" if run is None else str(run)))
 
 
 def test_what_a_killed_launcher_left_is_no_running_graph_and_is_swept(tmp_path: Path) -> None:
-    left(tmp_path / "palpate-dead")
+    run = tmp_path / "run"
+    (run / ".said").mkdir(parents=True)
+    left(tmp_path / "palpate-dead", run=run)
     left(tmp_path / "palpate-old", age=2 * YOUNG, announced=False)
     assert running(tmp_path) == []
     assert len(stale(tmp_path)) == 2
     with private_folder(tmp_path) as folder:
-        assert list(tmp_path.iterdir()) == [folder]
+        assert sorted(tmp_path.iterdir()) == sorted([folder, run])
+    assert list(run.iterdir()) == []
+
+
+@pytest.mark.parametrize(("age", "swept"), [(0.0, False), (YOUNG + 1.0, True)])
+def test_what_was_taken_away_but_for_a_part_is_swept_when_it_is_old(
+    age: float, swept: bool, tmp_path: Path
+) -> None:
+    half = tmp_path / "palpate-half"
+    half.mkdir()
+    (half / "n0").touch()
+    os.utime(half, (time.time() - age,) * 2)
+    sweep(tmp_path)
+    assert half.exists() != swept
 
 
 def test_what_is_not_ours_or_just_coming_up_is_left_alone(tmp_path: Path) -> None:

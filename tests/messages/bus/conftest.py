@@ -11,19 +11,22 @@ import zmq
 from palpate.messages.bus.past import Past
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Arrival, Subscriber
+from palpate.messages.bus.times import Times
 
 
 class Bench:
     """Publishers and subscribers in one thread, each turned by hand."""
 
-    def __init__(self, context: zmq.Context[Any]) -> None:
-        self.context = context
+    def __init__(self, context: zmq.Context[Any], folder: Path) -> None:
+        self.context, self._folder = context, folder
         self._made: list[Publisher | Subscriber] = []
 
     def publisher(self, name: str = "talker", **more: Any) -> Publisher:
+        number = len(self._made)
         settings: dict[str, Any] = {
             "run": 1,
             "epoch": 0,
+            "times": Times(self._folder / f"times_{number}", name, ["/talk", "/more"]),
             "listeners": {"/talk": ("hearer",), "/more": ()},
             "depth": 1000,
             "drain": lambda: None,
@@ -71,12 +74,14 @@ class Bench:
 
     def close(self) -> None:
         for one in self._made:
+            if isinstance(one, Publisher):
+                one._times.close()
             one.socket.close(0)
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
+def bench(tmp_path: Path) -> Iterator[Bench]:
     with zmq.Context() as context:
-        made = Bench(context)
+        made = Bench(context, tmp_path)
         yield made
         made.close()

@@ -83,6 +83,24 @@ def test_a_frame_that_was_cut_off_when_its_node_died_was_never_said(
     assert Past(path, ["/talk"], keep=True).counts == {"/talk": 3}
 
 
+def test_what_is_promised_is_made_once_and_only_if_somebody_wants_it(tmp_path: Path) -> None:
+    made = []
+
+    def make() -> bytes:
+        made.append(1)
+        return frame(1)
+
+    past = Past(tmp_path / "past", ["/talk"], silent=["/mute"])
+    past.add("/talk", frame(0))
+    past.promise("/talk", make)
+    past.promise("/mute", make)
+    past.add("/talk", frame(2))
+    assert past.counts == {"/talk": 3, "/mute": 1}
+    assert list(past.since("/talk", 2)) == [frame(2)] and not made
+    assert list(past.since("/talk", 0)) == [frame(0), frame(1), frame(2)]
+    assert list(past.since("/talk", 1)) == [frame(1), frame(2)] and made == [1]
+
+
 def test_an_unknown_topic_is_refused(tmp_path: Path) -> None:
     past = Past(tmp_path / "past", ["/talk"])
     with pytest.raises(KeyError, match="/elsewhere"):

@@ -7,6 +7,7 @@ import pytest
 
 from palpate.messages.bus import join
 from palpate.messages.bus.publisher import BlockedError
+from palpate.messages.bus.times import Times
 from palpate.messages.header import Header, pack_frame
 
 
@@ -221,3 +222,34 @@ def test_a_publisher_that_says_it_all_again_tells_each_listener_what_it_lacks(
     told += bench.turn(second, late, lambda: late.in_step and late._edges["/talk"].wanted == 4)
     assert (seqs(heard), seqs(told)) == ([0, 1, 2, 3], [0, 1, 2, 3])
     assert (early.gaps, late.gaps, early.duplicates) == (0, 0, 0)
+
+
+def test_what_nobody_lacks_is_not_made_once_more(bench: Any, tmp_path: Path) -> None:
+    endpoint, early, heard = after_death(bench, tmp_path)
+    times = Times(tmp_path / "before", "talker", ["/talk", "/more"])
+    for sent_ns in (100, 200):  # its first life had sent two
+        times.note("/talk", sent_ns)
+    times.close()
+    times = Times(tmp_path / "before", "talker", ["/talk", "/more"])
+    second = bench.publisher(endpoint=endpoint, epoch=1, again=True, times=times)
+    had = early._edges["/talk"].wanted
+    heard += bench.turn(second, early, lambda: early._greeted["talker"] == 1)
+    while not second._lacks:
+        second.socket.poll(10)
+        second.serve()
+    made: list[int] = []
+
+    def promised(number: int) -> bytes:
+        made.append(number)
+        return b"%d" % number
+
+    for number in range(3):
+        second.promise("/talk", lambda number=number: promised(number), 5)
+    assert made == list(range(had, 3)) or made == [2]
+    second.go_live()
+    heard += bench.turn(second, early, lambda: early._edges["/talk"].wanted == 3)
+    late = bench.subscriber(name="late", endpoints={"talker": endpoint})
+    told = bench.turn(second, late, lambda: late.in_step)
+    assert sorted(made) == [0, 1, 2]
+    assert (seqs(heard), seqs(told)) == ([0, 1, 2], [0, 1, 2])
+    assert [one.header.sent_ns for one in told[:2]] == [100, 200]

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ def place(folder: Path) -> Place:
         control=f"ipc://{folder}/control",
         tools=f"ipc://{folder}/tools",
         journals={name: f"{folder}/journal_{name}" for name in "ab"},
+        times={name: f"{folder}/times_{name}" for name in "ab"},
         pasts={name: f"{folder}/past_{name}" for name in "ab"},
     )
 
@@ -83,6 +85,6 @@ def test_waiting_tells_messages_from_words(stations: tuple[Station, Station]) ->
 
 
 def test_an_address_that_cannot_be_bound_is_an_error(tmp_path: Path) -> None:
-    where = place(tmp_path / "nowhere")
+    where = replace(place(tmp_path), endpoints=place(tmp_path / "nowhere").endpoints)
     with pytest.raises(zmq.ZMQError):
         Station("a", where, hears={}, says={})

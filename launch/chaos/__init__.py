@@ -1,0 +1,1 @@
+"""Faults put into running explorations, and what becomes of them."""

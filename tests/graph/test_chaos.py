@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from palpate.launch.chaos.aftermath import look
+from palpate.launch.chaos.campaign import campaign
+from palpate.launch.chaos.faults import Fault, Moment
+from palpate.launch.chaos.injector import Injected
+from palpate.launch.chaos.subject import Subject, undisturbed
+
+pytestmark = pytest.mark.graph
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture
+def toys(monkeypatch: pytest.MonkeyPatch) -> Subject:
+    kept = [str(HERE), os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(one for one in kept if one))
+    return Subject(str(HERE / "toys" / "fingers.yaml"), ("fingers:=2",), ("planner",))
+
+
+def at(touch: int, kind: str, *whom: str) -> Fault:
+    return Fault(kind, whom, Moment("tracing", "/finger_1/finger/goal", touch, 0.0))
+
+
+SEVERAL = [
+    at(3, "kill", "tracer_1"),
+    at(10, "neighbours", "filter_1", "simulator_1"),
+    at(20, "recorder", "recorder"),
+]
+EACH = [
+    at(5, "stop", "filter_1"),
+    at(5, "recorder", "recorder"),
+    at(5, "full", "recorder"),
+    at(5, "neighbours", "tracer_1", "recorder"),
+    at(5, "flood"),
+    at(5, "late"),
+    at(5, "launcher"),
+]
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        pytest.param(SEVERAL, id="several"),
+        pytest.param([at(5, "ctrl_c")], id="ctrl_c"),
+        *(pytest.param([one], id=one.kind, marks=pytest.mark.slow) for one in EACH),
+    ],
+)
+def test_explorations_survive_what_is_done_to_them(
+    faults: list[Fault], toys: Subject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate.launch.chaos.campaign.draw", lambda *_: tuple(faults))
+    said: list[str] = []
+    tally = campaign(toys, seed=1, minutes=0, kinds=(), echo=said.append)
+    assert tally.failed == [], said
+    assert (tally.runs, tally.lost, tally.duplicated) == (1, 0, 0)
+    assert tally.survived == sum(tally.injected.values()) == len(faults)
+
+
+def test_another_result_and_what_is_left_behind_are_found(toys: Subject, tmp_path: Path) -> None:
+    before = undisturbed(toys, tmp_path / "run")
+    wanted = replace(before, code=7, mesh="0", said={**before.said, "/world": (2, "0")})
+    (tmp_path / "run" / ".said").mkdir()
+    (tmp_path / "palpate-left").mkdir()
+    found = look(toys, wanted, Injected(), before.code, tmp_path / "run")
+    assert found.wrong == (
+        "what nodes had said is left in the run directory",
+        f"the private folder {tmp_path / 'palpate-left'} is left",
+        f"exit code {before.code} instead of 7: it said nothing",
+        "the mesh is None instead of 0",
+        "/world is not what it is undisturbed",
+    )
+    assert (found.lost, found.duplicated) == (1, 0)
