@@ -27,6 +27,8 @@ from palpate.messages.fields import (
 )
 from palpate.messages.nested import at_most
 
+SMALL = 1 << 14
+"""Bodies up to so many bytes are unpacked without counting their lists: a MB at the most."""
 MAX_BYTES = 1 << 20
 """Largest body of a type that does not set its own ``MAX_BYTES``."""
 
@@ -148,7 +150,8 @@ def _only(name: str) -> Callable[[Any], tuple[Any, ...]]:
 def _unpack_map(codec: Codec, body: bytes) -> dict[str, Any]:
     if len(body) > codec.max_bytes:
         raise CodecError(_too_large(codec, len(body)))
-    count = at_most(MAX_NESTED)
+    # In what is small, lists cannot grow to much before their fields are looked at.
+    count = at_most(MAX_NESTED) if len(body) > SMALL else None
     try:
         fields = msgpack.unpackb(
             body,
