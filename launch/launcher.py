@@ -88,11 +88,12 @@ def launch(
             Nursery([wiring.module for wiring in wirings]) as nursery,
         ):
             homes = Homes(nursery, abroad.homes)
+            wired = _with_listeners(wirings, hear)
             if before is not None:
-                before.lay(wirings, place)
+                before.lay(wired, place)
             announce(folder, _card(wirings, place, name, ends, run_dir))
             supervisor = Supervisor(
-                _with_listeners(wirings, hear),
+                wired,
                 ends=ends,
                 sources=sources,
                 watcher=watcher,

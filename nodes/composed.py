@@ -10,7 +10,7 @@ from __future__ import annotations
 import random
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 
 from threadpoolctl import threadpool_limits
@@ -195,7 +195,7 @@ class Composition:
             return self._draw.choice(list(self._edges))
         return self._order.popleft()
 
-    def _publish(self, name: str, act: Callable[[], list[Parcel | Finished]]) -> None:
+    def _publish(self, name: str, act: Callable[[], Iterable[Parcel | Finished]]) -> None:
         work = self.works[name]
         try:
             said = act()

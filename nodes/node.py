@@ -115,6 +115,11 @@ class Source:
     longest: float = LONGEST
     """Longest time that it may take for one message, s."""
 
+    def __post_init__(self) -> None:
+        """Refuse a source that could not say again what tools had it say."""
+        if self.outside and self.repeats:
+            raise ValueError("a source that tools may speak for cannot repeat what they said")
+
 
 class Writer(Protocol):
     """Where a sink puts what it hears."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import gc
 import time
 import traceback
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 
 import msgspec
 
 from palpate.messages.bus.journal import Consumed, Journal, Tally
+from palpate.messages.bus.past import Cause
 from palpate.messages.bus.place import Place
 from palpate.messages.bus.station import Station
 from palpate.messages.bus.subscriber import Arrival
@@ -81,7 +82,8 @@ def _load(wiring: Wiring, place: Place, loop: Loop, protect: Protect, kept: Exit
     file = Path(place.journals[wiring.name])
     if isinstance(node, Node):
         edges = [(one.publisher, one.topic) for one in wiring.inputs]
-        loop.journal = kept.enter_context(closing(Journal(file, edges)))
+        if not node.acts:
+            loop.journal = kept.enter_context(closing(Journal(file, edges)))
         loop.work = NodeWork(node, params, wiring)
     elif isinstance(node, Source):
         tally = kept.enter_context(closing(Tally(file))) if node.repeats else None
@@ -179,30 +181,45 @@ class Loop:
 
     def _handle(self, work: Work, arrival: Arrival) -> None:
         """Handle a message, once it is put down that it is; if that acts on the world, after it."""
+        publisher, topic, seq = arrival.publisher, arrival.topic, arrival.header.seq
         if isinstance(work, NodeWork) and work.acts:
-            self._publish(work.take(arrival))
-            self._note(arrival)
-        else:
-            self._note(arrival)
-            self._publish(work.take(arrival))
-
-    def _note(self, arrival: Arrival) -> None:
+            self._answer(work.take(arrival), Cause(publisher, topic, seq))
+            return
         if self.journal is not None:
-            self.journal.note(arrival.publisher, arrival.topic, arrival.header.seq)
+            self.journal.note(publisher, topic, seq)
+        self._publish(work.take(arrival))
+
+    def _answer(self, said: Sequence[Parcel | Finished], cause: Cause) -> None:
+        """Publish what a node that acts has said, with what it had heard."""
+        ends = [one for one in said if isinstance(one, Finished)]
+        parcels = [one for one in said if isinstance(one, Parcel)]
+        reason = ends[0].reason if ends else ""
+        self._station.answer(parcels, cause._replace(finished=reason))
+        self._publish(ends)
 
     def _go_on(self, work: Work) -> None:
         """Take up what an earlier start of this node has done."""
         gc.freeze()
         before = self.journal.before if self.journal is not None else ()
         if isinstance(work, NodeWork) and work.acts:
-            self.skip(work.leave_out(before))
-            said = work.begin()
-            self._publish(said if not any(self._station.publisher.sent.values()) else ())
+            past = self._station.publisher.past
+            self.skip(work.leave_out(past.handled))
+            self._publish(self._unsaid(work.begin()))
+            self._publish([Finished(past.finished)] if past.finished else [])
         else:
             self._publish(work.begin())
             if isinstance(work, NodeWork):
                 self._rehearse(work, before)
             self._station.publisher.go_live()
+
+    def _unsaid(self, said: Iterable[Parcel | Finished]) -> Iterator[Parcel | Finished]:
+        """What of it an earlier start had not come to say."""
+        had = dict(self._station.publisher.sent)
+        for one in said:
+            if isinstance(one, Parcel) and had[one.topic]:
+                had[one.topic] -= 1
+            else:
+                yield one
 
     def _rehearse(self, work: NodeWork, before: Sequence[Consumed]) -> None:
         """Do once more what an earlier start of this node has done."""
@@ -239,7 +256,15 @@ class Loop:
                 consumed = [[*edge, number] for edge, number in work.consumed.items()]
                 sent = self._station.publisher.sent
                 waits = work.waits
-                line.send("count", round=word["round"], sent=sent, consumed=consumed, waits=waits)
+                speaks = isinstance(work, SourceWork) and work.speaks
+                line.send(
+                    "count",
+                    round=word["round"],
+                    sent=sent,
+                    consumed=consumed,
+                    waits=waits,
+                    speaks=speaks,
+                )
             elif word["kind"] == "stop":
                 self._ended = True
             elif isinstance(work, SourceWork):

@@ -13,7 +13,8 @@ class Pace:
     """
 
     def __init__(self, *, paused: bool = False) -> None:
-        self._paused = paused
+        self.paused = paused
+        """Whether it stands still."""
         self._place = self._when = 0.0
         self._steps = 0
 
@@ -25,7 +26,7 @@ class Pace:
         """Time until what is due may be said, s; None while it stands still before that."""
         if due <= self._place or self._steps:
             return 0.0
-        return None if self._paused else max(0.0, due - self._at(now))
+        return None if self.paused else max(0.0, due - self._at(now))
 
     def gone(self, due: float, now: float) -> None:
         """What was due has been said."""
@@ -36,17 +37,17 @@ class Pace:
     def pause(self, now: float) -> None:
         """Stand still."""
         self.start(self._at(now), now)
-        self._paused = True
+        self.paused = True
 
     def resume(self, now: float) -> None:
         """Go on from where it stands."""
         self.start(self._at(now), now)
-        self._paused, self._steps = False, 0
+        self.paused, self._steps = False, 0
 
     def step(self, number: int) -> None:
         """Say the next so many at once, if it stands still."""
-        if self._paused:
+        if self.paused:
             self._steps += number
 
     def _at(self, now: float) -> float:
-        return self._place if self._paused else self._place + now - self._when
+        return self._place if self.paused else self._place + now - self._when

@@ -50,7 +50,8 @@ class SourceWork:
         """Time of making its messages."""
         self.consumed: dict[Edge, int] = {}
         self.waits: list[str] = []
-        self.pace = Pace(paused=source.paused(params))
+        paused = source.paused(params) if tally is None or tally.paused is None else tally.paused
+        self.pace = Pace(paused=paused)
         """When it says what it has to say."""
         self._source, self._params, self._wires = source, params, wiring.outputs
         self._types = source.outputs(params)
@@ -64,13 +65,20 @@ class SourceWork:
         """What it was last busy with, in words."""
         return self._doing
 
-    def begin(self) -> list[Parcel | Finished]:
+    @property
+    def speaks(self) -> bool:
+        """Whether it may say something yet."""
+        return self._next is not _END
+
+    def begin(self) -> Iterator[Parcel | Finished]:
         """Open the source; what an earlier start of it had said is said at once."""
         self._said = iter(self._source.open(self._params))
         words = (one for one in self._said if isinstance(one, Said))
-        again = list(islice(words, self._tally.number if self._tally else 0))
-        self.pace.start(again[-1].due if again else 0.0, time.monotonic())
-        return [self._pack(said) for said in again]
+        due = 0.0
+        for said in islice(words, self._tally.number if self._tally else 0):
+            due = said.due
+            yield self._pack(said)
+        self.pace.start(due, time.monotonic())
 
     def wait(self) -> float | None:
         """Time until it has something to say, s; None while it stands still or is at its end."""
@@ -131,6 +139,8 @@ class SourceWork:
                 local = next(one for one, wire in self._wires.items() if wire == word["topic"])
                 decode(self._types[local], word["body"])
                 return [self._pack(Said(0.0, local, word["body"]))]
+        if self._tally is not None:
+            self._tally.stand(self.pace.paused)
         return []
 
     def take(self, arrival: Arrival) -> list[Parcel | Finished]:

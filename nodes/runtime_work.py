@@ -8,11 +8,10 @@ its own and one that is composed with others.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
-from palpate.messages.bus.journal import Consumed
 from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import codec_of, decode, encode
 from palpate.nodes.node import Finished, Handler, Later, Node, Sink, Writer
@@ -101,17 +100,19 @@ class NodeWork:
         """Topics without whose first message nothing else is handled."""
         return sorted(self._missing)
 
-    def leave_out(self, before: Iterable[Consumed]) -> dict[str, int]:
+    def leave_out(self, handled: Mapping[Edge, int]) -> dict[str, int]:
         """Messages of each topic that an earlier start has handled, and that are not handled again.
 
         What it needs before all else is: its state is a fresh one.
+
+        Parameters
+        ----------
+        handled : mapping of (publisher, topic) to int
+            How many it has handled.
         """
-        had: dict[str, int] = {}
-        for one in before:
-            if one.topic not in self._missing:
-                had[one.topic] = one.seq + 1
-                self.consumed[one.publisher, one.topic] = one.seq + 1
-        return had
+        left_out = {edge: n for edge, n in handled.items() if edge[1] not in self._missing}
+        self.consumed |= left_out
+        return {topic: number for (_, topic), number in left_out.items()}
 
     def begin(self) -> list[Parcel | Finished]:
         """Start the node, and return what it says."""

@@ -23,7 +23,9 @@ class Keys:
 
     def __enter__(self) -> Keys:
         with suppress(termios.error, OSError, ValueError):
-            if sys.stdin.isatty():
+            file = sys.stdin.fileno()
+            # Who runs in the background would be stopped for touching the terminal.
+            if sys.stdin.isatty() and os.tcgetpgrp(file) == os.getpgrp():
                 self._before = termios.tcgetattr(sys.stdin)
                 tty.setcbreak(sys.stdin)
         return self

@@ -13,7 +13,7 @@ from palpate.messages.bus.words import OF_HOSTS, Word
 
 PATIENCE = 10.0
 """A machine has this long for its first answer, s."""
-BEAT, LOST = 0.5, 3.0
+BEAT, LOST = 0.5, 6.0
 """How often each side gives a sign of life, and after how long without one the other is lost, s."""
 
 

@@ -24,7 +24,7 @@ from palpate.messages.bus.place import Place
 from palpate.messages.bus.wires import Wires
 from palpate.messages.bus.words import TO_HOSTS, Word
 
-LOST = 3.0
+LOST = 6.0
 """A launcher of which nothing was heard for so long is gone, s."""
 TURN_MS = 100
 
@@ -125,12 +125,14 @@ def lend(address: str, port: int, key: Path, echo: Callable[[str], None]) -> Non
         raise ValueError(f"{address}:{port} cannot be listened at: {error}") from None
     echo(f"{address}:{port} runs nodes for whoever has {key}; Ctrl-C ends it")
     lender = Lender(line, address, str(key), echo)
-    with Interrupts() as interrupts:
-        while not interrupts.came:
-            lender.turn()
+    try:
+        with Interrupts() as interrupts:
+            while not interrupts.came:
+                lender.turn()
+    finally:
         lender.close()
-    line.close()
-    wires.close()
+        line.close()
+        wires.close()
 
 
 class Lender:
@@ -163,14 +165,25 @@ class Lender:
         for name, guest in self._guests.items():
             for sentinel in ended & set(guest.sentinels):
                 self._line.send(name, **guest.bury(sentinel))
-        while (heard := self._line.receive()) is not None:
-            self._obey(*heard)
+        while self._hear():
+            pass
         self._see_to_lost(time.monotonic())
 
     def close(self) -> None:
         """End everybody's nodes."""
         for name in list(self._guests):
             self._part(name, "told to end")
+
+    def _hear(self) -> bool:
+        """Take one word; what cannot be done is told, and hurts nobody else. False if none came."""
+        try:
+            heard = self._line.receive()
+            if heard is None:
+                return False
+            self._obey(*heard)
+        except (ValueError, msgspec.MsgspecError) as error:
+            self._echo(f"a launcher of another version, or none: {error}")
+        return True
 
     def _obey(self, name: str, word: Word) -> None:
         now = time.monotonic()

@@ -64,7 +64,13 @@ class Abroad:
         """
         if not self._hosts:
             return place
-        own = own_address(read_host(next(iter(self._hosts)))[0])
+        owns = {own_address(read_host(name)[0]) for name in self._hosts}
+        if len(owns) > 1:
+            raise ValueError(
+                f"hosts {', '.join(self._hosts)} reach this machine at different addresses, "
+                f"{', '.join(sorted(owns))}; they could not reach each other"
+            )
+        (own,) = owns
         here = free_endpoints(own, [f"n {name}" for name in self._here])
         taps_here = free_endpoints(own, [f"t {name}" for name in self._here])
         endpoints = {name: here[f"n {name}"] for name in self._here}

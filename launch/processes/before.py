@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 from palpate.messages.bus.journal import Consumed, Journal
-from palpate.messages.bus.past import Past
+from palpate.messages.bus.past import Cause, Past
 from palpate.messages.bus.place import Place
 from palpate.messages.bus.times import Times
 from palpate.messages.header import Header, pack_frame
@@ -31,38 +32,61 @@ class Spoken(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Before:
-    """An earlier run, as far as it shall not be done again."""
+    """An earlier run, as far as it shall not be done again.
+
+    Its times are shifted, so that the latest of them is now: it may have run before the machine was
+    started anew, and what comes is to follow it without a gap.
+    """
 
     consumed: Mapping[str, Sequence[Consumed]]
-    """What each node had handled, in its order: it goes through it once more, unheard."""
+    """What each node had handled, in its order: it goes through it once more, unheard. Those that
+    act on the world do not."""
     spoken: Mapping[str, Sequence[Spoken]]
-    """What those had said that act on the world: they do not go through it again."""
+    """What those had said that act on the world."""
     times: Mapping[str, Sequence[tuple[str, int]]]
     """Topics and times, ns, of what the others had said: they say it again with these."""
 
     def lay(self, wirings: Sequence[Wiring], place: Place) -> None:
-        """Write the journals and memories that the nodes will find."""
+        """Write the journals and memories that the nodes will find.
+
+        Parameters
+        ----------
+        wirings : sequence of Wiring
+            The nodes, each with all who hear what it says.
+        place : Place
+            Addresses of the run.
+        """
+        later_ns = time.monotonic_ns() - max(self._all_times(), default=0)
         for wiring in wirings:
-            edges = [(one.publisher, one.topic) for one in wiring.inputs]
-            if consumed := self.consumed.get(wiring.name):
-                with closing(Journal(Path(place.journals[wiring.name]), edges)) as journal:
-                    for one in consumed:
-                        journal.note(*one)
-            if times := self.times.get(wiring.name):
-                self._put_down(wiring, place, times)
-            if spoken := self.spoken.get(wiring.name):
-                self._remember(wiring, place, spoken)
+            if wiring.keeps:
+                self._remember(wiring, place, later_ns)
+            else:
+                self._put_down(wiring, place, later_ns)
 
-    def _put_down(self, wiring: Wiring, place: Place, times: Sequence[tuple[str, int]]) -> None:
-        file = Path(place.times[wiring.name])
-        with closing(Times(file, wiring.name, wiring.outputs.values())) as said:
-            for topic, sent_ns in times:
-                said.note(topic, sent_ns)
+    def _all_times(self) -> Iterator[int]:
+        for spoken in self.spoken.values():
+            yield from (one.sent_ns for one in spoken)
+        for times in self.times.values():
+            yield from (sent_ns for _, sent_ns in times)
 
-    def _remember(self, wiring: Wiring, place: Place, spoken: Sequence[Spoken]) -> None:
-        topics = tuple(wiring.outputs.values())
-        past = Past(Path(place.pasts[wiring.name]), topics, keep=True)
+    def _put_down(self, wiring: Wiring, place: Place, later_ns: int) -> None:
+        """What a node goes through once more, and when it had said what."""
+        edges = [(one.publisher, one.topic) for one in wiring.inputs]
+        with closing(Journal(Path(place.journals[wiring.name]), edges)) as journal:
+            for one in self.consumed.get(wiring.name, ()):
+                journal.note(*one)
+        heard = [topic for topic in wiring.outputs.values() if wiring.listeners.get(topic)]
+        with closing(Times(Path(place.times[wiring.name]), wiring.name, heard)) as said:
+            for topic, sent_ns in self.times.get(wiring.name, ()):
+                said.note(topic, sent_ns + later_ns)
+
+    def _remember(self, wiring: Wiring, place: Place, later_ns: int) -> None:
+        """What a node has answered, and how."""
+        past = Past(Path(place.pasts[wiring.name]), tuple(wiring.outputs.values()), keep=True)
         with closing(past):
-            for topic, sent_ns, schema, body in spoken:
-                header = Header(place.run, 0, past.count(topic), sent_ns, 0.0, schema)
+            for topic, sent_ns, schema, body in self.spoken.get(wiring.name, ()):
+                seq, when = past.count(topic), sent_ns + later_ns
+                header = Header(place.run, 0, seq, when, 0.0, schema)
                 past.add(topic, pack_frame(topic, header, body))
+            for publisher, topic, seq in self.consumed.get(wiring.name, ()):
+                past.answer((), Cause(publisher, topic, seq))

@@ -33,6 +33,8 @@ class Count:
     """Messages consumed, by publisher and topic."""
     waits: tuple[str, ...] = ()
     """Topics without whose first message the node handles nothing else."""
+    speaks: bool = False
+    """Whether it may still say something of its own: then nothing need move for long."""
 
 
 class Census:
@@ -97,8 +99,11 @@ class Census:
         return self._equal > 1 and not self.unheard()
 
     def still_for(self, now: float) -> float:
-        """Time for which nothing has been sent or consumed, s."""
-        return now - self._since if self._equal > 1 else 0.0
+        """Time for which nothing has been sent or consumed, s; 0 if a source may speak yet."""
+        speaks = any(count.speaks for count in (self._last or {}).values())
+        if self._equal < 2 or (speaks and not self.unheard()):
+            return 0.0
+        return now - self._since
 
     def unheard(self) -> list[tuple[Edge, int, int]]:
         """Edges on which more was sent than consumed, with both numbers, from the last round."""

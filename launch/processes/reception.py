@@ -14,6 +14,9 @@ from palpate.launch.processes.roll import Roll
 from palpate.launch.processes.ward import Ward
 from palpate.messages.bus.control import LauncherLine
 from palpate.messages.bus.words import Word
+from palpate.messages.codec import decode
+from palpate.nodes.node import Source
+from palpate.nodes.wiring import load_node
 
 _MOST = 8
 _MOST_PENDING = 1000
@@ -35,7 +38,7 @@ class Reception:
     def __init__(self, line: LauncherLine, nodes: LauncherLine, ward: Ward, roll: Roll) -> None:
         self._line, self._nodes, self._ward, self._roll = line, nodes, ward, roll
         self._began = time.monotonic()
-        self._pending: dict[int, str] = {}
+        self._pending: dict[int, tuple[str, str]] = {}
         self._tickets = count()
 
     def serve(self) -> None:
@@ -54,9 +57,16 @@ class Reception:
 
     def done(self, ticket: int) -> None:
         """A node has done what a tool had asked for."""
-        tool = self._pending.pop(ticket, None)
-        if tool is not None:
+        tool, _ = self._pending.pop(ticket, ("", ""))
+        if tool:
             self._line.send(tool, "done")
+
+    def buried(self, name: str) -> None:
+        """A node has died: what it had been asked for may not have been done."""
+        for ticket, (tool, node) in list(self._pending.items()):
+            if node == name:
+                del self._pending[ticket]
+                self._line.send(tool, "refused", text=f"{name} died before it had done that")
 
     def _answer(self, tool: str, word: Word) -> dict[str, Any] | None:
         """What is answered at once; None if a node has to do something first."""
@@ -82,13 +92,30 @@ class Reception:
 
     def _tell(self, tool: str, word: Word) -> dict[str, Any] | None:
         """Hand a word on to a source, which says when it has done it."""
-        name, ticket = str(word.get("node")), next(self._tickets)
-        if name not in self._ward.wirings:
-            return {"kind": "refused", "text": f"there is no node {name!r}"}
+        name, ticket = str(word["node"]), next(self._tickets)
+        try:
+            self._check(name, word)
+        except ValueError as error:
+            return {"kind": "refused", "text": str(error)}
         fields = {key: value for key, value in word.items() if key not in ("kind", "node")}
         if not self._nodes.send(name, word["kind"], **{**fields, "ticket": ticket}):
             return {"kind": "not_yet", "text": f"{name} is not up"}
-        self._pending[ticket] = tool
+        self._pending[ticket] = tool, name
         while len(self._pending) > _MOST_PENDING:
             self._pending.pop(next(iter(self._pending)))
         return None
+
+    def _check(self, name: str, word: Word) -> None:
+        """Refuse what a node could not do."""
+        wiring = self._ward.wirings.get(name)
+        if wiring is None:
+            raise ValueError(f"there is no node {name!r}")
+        node = load_node(wiring.module)
+        if not isinstance(node, Source):
+            raise ValueError(f"{name} is no source: it speaks when it hears something")
+        if word["kind"] == "publish":
+            topic = word["topic"]
+            if not node.outside or topic not in wiring.outputs.values():
+                raise ValueError(f"{name} does not publish {topic!r} for tools")
+            local = next(one for one, wire in wiring.outputs.items() if wire == topic)
+            decode(node.outputs(wiring.params)[local], word["body"])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import shutil
 import tempfile
 import time
@@ -19,10 +20,12 @@ import msgspec
 
 from palpate.nodes.recording import Recorded
 
-PREFIX = "palpate-"
+PREFIX = "palpate-run-"
 CARD, LOCK = "run.json", "lock"
 SAID = ".said"
 """Folder in the run directory for what nodes have said and have no memory for."""
+OURS = re.compile(r"[jnpst]\d+|control|tools|lock|\.?run\.json")
+"""What a private folder may hold: one that holds anything else is somebody's own."""
 YOUNG = 60.0
 """A folder without a card may just be coming up until it is so old, s."""
 
@@ -163,9 +166,10 @@ def _is_stale(folder: Path) -> bool:
         # Who takes a folder away may be killed, too, when the lock has gone and others are left.
         file = folder / LOCK if (folder / LOCK).exists() else folder
         old = time.time() - file.stat().st_mtime > YOUNG
+        ours = all(OURS.fullmatch(entry.name) for entry in folder.iterdir())
     except OSError:
         return False
-    return (old or (folder / CARD).exists()) and not _is_held(folder)
+    return ours and (old or (folder / CARD).exists()) and not _is_held(folder)
 
 
 def _card(folder: Path) -> Card | None:

@@ -119,6 +119,7 @@ class Supervisor:
                 return self._interrupted()
             try:
                 self._ward.bear(wiring.name, going=self._going)
+                self._homes.hear()  # other machines take nobody for lost who is busy
             except ChildProcessError as error:
                 return Verdict("died", str(error))
         return None
@@ -177,6 +178,7 @@ class Supervisor:
         if name in self._roll.bye:
             return None
         failed = self._roll.left(name)
+        self._reception.buried(name)
         return self._after_death(name, self._ward.how_it_died(name, code, failed), failed)
 
     def _after_death(self, name: str, how: str, failed: str | None) -> Verdict | None:
@@ -239,7 +241,7 @@ class Supervisor:
                     self._reception.done(word["ticket"])
                 elif word["kind"] == "count":
                     consumed = {(p, t): number for p, t, number in word["consumed"]}
-                    count = Count(word["sent"], consumed, tuple(word["waits"]))
+                    count = Count(word["sent"], consumed, tuple(word["waits"]), word["speaks"])
                     self._counted(name, word["round"], count)
         except ValueError as error:
             self._roll.failed[LAUNCHER] = f"listening to the nodes: {error}"

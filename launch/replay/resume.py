@@ -14,15 +14,15 @@ import msgspec
 
 from palpate.launch.bag.bag_file import find_bag
 from palpate.launch.own_modules import look_here
-from palpate.launch.processes.before import Before, Spoken
+from palpate.launch.replay.before import before_of
 from palpate.launch.replay.chosen import OURS
 from palpate.launch.replay.order import in_order_of_sending
 from palpate.launch.run import Plan
 from palpate.launch.run_dir import RECORDING, choose_run_dir
 from palpate.launch.versions import versions_text
-from palpate.messages.bus.journal import Consumed
+from palpate.messages.codec import schema_hash
 from palpate.messages.recording.reader import Kept, Recording, open_recording
-from palpate.messages.types import Contour
+from palpate.messages.types import TYPES, Contour
 from palpate.nodes.node import AnyNode, keeps
 from palpate.nodes.recording import RECORDER, Recorded, recorded_wirings, with_description
 from palpate.nodes.wiring import Wiring, load_node
@@ -68,7 +68,7 @@ def plan_resume(
         about["ends"],
         about,
         folder,
-        before=_before(wirings, _until(recording, contour)),
+        before=before_of(wirings, _until(recording, contour)),
     )
 
 
@@ -99,6 +99,9 @@ def _until(recording: Recording, contour: int | None) -> Iterable[Kept]:
     """All that was sent before a contour was known, that contour included."""
     left = contour
     for kept in in_order_of_sending(recording):
+        cls = TYPES.get(kept.type)
+        if cls is not None and schema_hash(cls) != kept.schema:
+            raise ValueError(f"{kept.topic} was recorded with another version of {kept.type}")
         yield kept
         if left is not None and kept.type == CONTOUR:
             left -= 1
@@ -110,27 +113,3 @@ def _until(recording: Recording, contour: int | None) -> Iterable[Kept]:
             f"recording {recording.path} has {contour - left} contours, so none to go on from "
             f"after {contour}"
         )
-
-
-def _before(wirings: Sequence[Wiring], messages: Iterable[Kept]) -> Before:
-    """What each node had heard, and those had said that act, in the order in which it was sent."""
-    listeners: dict[str, list[tuple[str, str]]] = {}
-    consumed: dict[str, list[Consumed]] = {}
-    spoken: dict[str, list[Spoken]] = {}
-    times: dict[str, list[tuple[str, int]]] = {}
-    acting: dict[str, str] = {}
-    pure: dict[str, str] = {}
-    for wiring in wirings:
-        said_by = acting if wiring.keeps else pure
-        said_by |= {topic: wiring.name for topic in wiring.outputs.values()}
-        for edge in () if wiring.module == RECORDER else wiring.inputs:  # that writes all anew
-            listeners.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
-    for one in messages:
-        for name, publisher in listeners.get(one.topic, ()):
-            consumed.setdefault(name, []).append(Consumed(publisher, one.topic, one.seq))
-        if one.topic in acting:
-            said = Spoken(one.topic, one.sent_ns, one.schema, one.body)
-            spoken.setdefault(acting[one.topic], []).append(said)
-        elif one.topic in pure:
-            times.setdefault(pure[one.topic], []).append((one.topic, one.sent_ns))
-    return Before(consumed, spoken, times)

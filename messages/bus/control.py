@@ -11,7 +11,7 @@ from typing import Any
 import msgpack
 import zmq
 
-from palpate.messages.bus.wires import bind
+from palpate.messages.bus.wires import bind, connect
 from palpate.messages.bus.words import OF_LAUNCHER, OF_NODES, Language, Word, read_word
 
 LINGER_MS = 500
@@ -45,7 +45,7 @@ class NodeLine:
         self.socket = context.socket(zmq.DEALER)
         self.socket.setsockopt(zmq.IDENTITY, name.encode())
         self.socket.setsockopt(zmq.LINGER, LINGER_MS)
-        self.socket.connect(endpoint)
+        connect(self.socket, endpoint)
 
     def send(self, kind: str, **fields: Any) -> None:
         """Say a word to the launcher."""

@@ -81,8 +81,15 @@ def read_key(path: Path) -> tuple[bytes, bytes]:
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
         raise ValueError(f"key {path} cannot be used: {why}") from None
-    if secret is None:
-        raise ValueError(f"key {path} cannot be used: it holds no secret key")
+    if secret is None or not _is_pair(public, secret):
+        raise ValueError(f"key {path} cannot be used: it holds no key pair")
     if shared:
         raise ValueError(f"key {path} can be read by others; run chmod 600 {path}")
     return public, secret
+
+
+def _is_pair(public: bytes, secret: bytes) -> bool:
+    try:
+        return bool(zmq.curve_public(secret) == public)
+    except (ValueError, zmq.ZMQError):
+        return False

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 _ENTRY = struct.Struct("<IQ")
-_NUMBER = struct.Struct("<Q")
+_TALLY = struct.Struct("<QB")
+_UNKNOWN = 255
 
 
 class Consumed(NamedTuple):
@@ -100,9 +101,12 @@ class Tally:
 
     def __init__(self, path: Path) -> None:
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        found = os.pread(self._file, _NUMBER.size, 0)
-        self.number: int = _NUMBER.unpack(found)[0] if len(found) == _NUMBER.size else 0
+        found = os.pread(self._file, _TALLY.size, 0)
+        number, paused = _TALLY.unpack(found) if len(found) == _TALLY.size else (0, _UNKNOWN)
+        self.number: int = number
         """How much has been said."""
+        self.paused: bool | None = None if paused == _UNKNOWN else bool(paused)
+        """Whether it was told to stand still; None if it was told nothing."""
 
     def up(self) -> None:
         """Count one more.
@@ -113,8 +117,23 @@ class Tally:
             If it cannot be written.
         """
         self.number += 1
-        os.pwrite(self._file, _NUMBER.pack(self.number), 0)
+        self._write()
+
+    def stand(self, paused: bool) -> None:
+        """Put down whether it stands still.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        self.paused = paused
+        self._write()
 
     def close(self) -> None:
         """Close the file."""
         os.close(self._file)
+
+    def _write(self) -> None:
+        paused = _UNKNOWN if self.paused is None else int(self.paused)
+        os.pwrite(self._file, _TALLY.pack(self.number, paused), 0)

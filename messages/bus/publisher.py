@@ -12,12 +12,13 @@ still lacks.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 
 import zmq
 
 from palpate.messages.bus import join
-from palpate.messages.bus.past import Past
+from palpate.messages.bus.past import Cause, Past
 from palpate.messages.bus.times import Times
 from palpate.messages.bus.wires import bind
 from palpate.messages.header import Header, pack_frame
@@ -118,6 +119,38 @@ class Publisher:
         else:
             self._say_again(self._lacks, frame, topic, seq)
         return frame
+
+    @property
+    def past(self) -> Past:
+        """What has been said so far."""
+        return self._past
+
+    def answer(self, said: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> list[bytes]:
+        """Send all that answers one message, once all of it is kept; returns the frames.
+
+        Parameters
+        ----------
+        said : sequence of (topic, body, robot time, schema)
+            In the order in which it is sent.
+        cause : Cause
+            The message.
+
+        Raises
+        ------
+        KeyError, BlockedError
+            As `send` does.
+        """
+        counts = Counter[str]()
+        frames = []
+        for topic, body, robot_time, schema in said:
+            seq = self._past.count(topic) + counts[topic]
+            header = Header(self.run, self.epoch, seq, self._time(topic, seq), robot_time, schema)
+            frames.append((topic, pack_frame(topic, header, body)))
+            counts[topic] += 1
+        self._past.answer(frames, cause)
+        for topic, frame in frames:
+            self._put(frame, topic)
+        return [frame for _, frame in frames]
 
     def promise(self, topic: str, make: Callable[[], bytes], schema: int) -> None:
         """Before `go_live`: have a message made and sent if somebody lacks it, now or later.

@@ -9,7 +9,7 @@ from pathlib import Path
 import zmq
 
 from palpate.messages.bus.control import NodeLine
-from palpate.messages.bus.past import Past
+from palpate.messages.bus.past import Cause, Past
 from palpate.messages.bus.place import Place
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Arrival, Subscriber
@@ -62,7 +62,9 @@ class Station:
             epoch=place.epoch,
         )
         self._wires = Wires(place.key)
-        self._times = Times(Path(place.times[name]), name, says)
+        # What nobody hears is not said again, and what is kept carries its times itself.
+        timed = [topic for topic, listeners in says.items() if listeners and not keeps]
+        self._times = Times(Path(place.times[name]), name, timed)
         self._inbox: deque[Arrival] = deque()
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
         self.while_blocked: Callable[[], None] = lambda: None
@@ -162,6 +164,17 @@ class Station:
         """
         frame = self.publisher.send(topic, body, robot_time=robot_time, schema=schema)
         self.tap.mirror(frame)
+
+    def answer(self, said: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> None:
+        """Publish all that answers one message, once it is kept, with copies for the tap.
+
+        Raises
+        ------
+        BlockedError
+            If a listener's queue stays full for too long.
+        """
+        for frame in self.publisher.answer(said, cause):
+            self.tap.mirror(frame)
 
     def close(self) -> None:
         """Close everything, the hearing end first: what is still sent to it is not wanted."""

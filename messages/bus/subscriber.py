@@ -9,6 +9,7 @@ from typing import NamedTuple
 import zmq
 
 from palpate.messages.bus import join
+from palpate.messages.bus.wires import connect
 from palpate.messages.header import Header, split_frame
 
 RECONNECT_MS = 5
@@ -86,7 +87,7 @@ class Subscriber:
         for topic in self._edges:
             self.socket.subscribe(topic.encode() + b"\0")
         for source in sources:
-            self.socket.connect(endpoints[source])
+            connect(self.socket, endpoints[source])
             self.socket.subscribe(join.call(name, epoch, source))
 
     def skip(self, topic: str, wanted: int) -> None:

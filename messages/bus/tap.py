@@ -13,7 +13,7 @@ from collections.abc import Iterable
 import zmq
 
 from palpate.messages.bus.subscriber import RECONNECT_MS
-from palpate.messages.bus.wires import bind
+from palpate.messages.bus.wires import bind, connect
 from palpate.messages.codec import encode, schema_hash
 from palpate.messages.header import Header, pack_frame, split_frame
 from palpate.messages.types import LogRecord, NodeStatus
@@ -107,7 +107,7 @@ class TapReader:
         for topic in topics:
             self.socket.subscribe(_prefix(topic))
         for endpoint in endpoints:
-            self.socket.connect(endpoint)
+            connect(self.socket, endpoint)
 
     def receive(self) -> tuple[str, Header, bytes] | None:
         """Topic, header and body of the next message; None if there is none.

@@ -22,7 +22,7 @@ class Times:
     name : str
         Name of the node.
     topics : iterable of str
-        Its topics, in an order that is the same at every start.
+        Its topics that are put down, in an order that is the same at every start.
 
     Raises
     ------
@@ -40,19 +40,20 @@ class Times:
             self._before[topic].append(sent_ns)
 
     def before(self, topic: str, seq: int) -> int | None:
-        """Time at which an earlier start has sent a message, ns; None if it had not."""
-        said = self._before[topic]
+        """Time at which an earlier start has sent a message, ns; None if that is not put down."""
+        said = self._before.get(topic, ())
         return said[seq] if seq < len(said) else None
 
     def note(self, topic: str, sent_ns: int) -> None:
-        """Put down the time of a topic's next message, before it is sent.
+        """Put down the time of a topic's next message, before it is sent; of other topics nothing.
 
         Raises
         ------
         OSError
             If there is no more room for it.
         """
-        self._journal.note(self._name, topic, sent_ns)
+        if topic in self._before:
+            self._journal.note(self._name, topic, sent_ns)
 
     def close(self) -> None:
         """Close the file."""

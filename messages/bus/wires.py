@@ -63,7 +63,24 @@ def bind(socket: Socket, endpoint: str) -> None:
         If the address is taken or cannot be had.
     """
     if endpoint.startswith("tcp:"):
-        if socket.getsockopt(zmq.MECHANISM) != zmq.CURVE:
-            raise ValueError(f"{endpoint} cannot be listened at without a key")
+        _check_locked(socket, endpoint)
         socket.setsockopt(zmq.CURVE_SERVER, 1)
     socket.bind(endpoint)
+
+
+def connect(socket: Socket, endpoint: str) -> None:
+    """Connect a socket; beyond the files of this machine only with a key.
+
+    Raises
+    ------
+    ValueError
+        If others could read what is said.
+    """
+    if endpoint.startswith("tcp:"):
+        _check_locked(socket, endpoint)
+    socket.connect(endpoint)
+
+
+def _check_locked(socket: Socket, endpoint: str) -> None:
+    if socket.getsockopt(zmq.MECHANISM) != zmq.CURVE:
+        raise ValueError(f"{endpoint} cannot be used without a key")

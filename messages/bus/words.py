@@ -31,6 +31,10 @@ def _is_text(value: Any) -> bool:
     return type(value) is str
 
 
+def _is_truth(value: Any) -> bool:
+    return type(value) is bool
+
+
 def _is_count(value: Any) -> bool:
     return type(value) is int and value >= 0
 
@@ -83,6 +87,7 @@ OF_NODES = Language(
             "sent": _are_sent,
             "consumed": _are_consumed,
             "waits": _are_texts,
+            "speaks": _is_truth,
         },
         "did": {"ticket": _is_count},
         "bye": {"status": _is_bytes},

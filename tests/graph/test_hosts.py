@@ -19,6 +19,7 @@ from palpate.launch.bench_toy import Params, toy
 from palpate.launch.hosts.addresses import free_endpoints, key_file, own_address, read_host
 from palpate.launch.launcher import launch
 from palpate.launch.located import InputError
+from palpate.messages.bus.control import NodeLine
 from palpate.messages.bus.curve import make_key, read_key
 from palpate.messages.bus.wires import Wires, bind
 
@@ -127,6 +128,19 @@ def test_who_has_another_key_is_refused(
         launch(ring(away[0]), ends="counter", hear=[], watcher=watcher)
 
 
+def test_a_launcher_of_another_version_hurts_nobody_else(
+    away: tuple[str, subprocess.Popen[str]], watcher: Any
+) -> None:
+    wires = Wires(str(key_file()))
+    line = NodeLine(wires.context, f"tcp://{away[0]}", name="other")
+    line.send("hello", names=["a"], modules=["m"], more=1)
+    line.send("bear", node="a", wiring=b"", place=b"")
+    ending = launch(ring(away[0]), ends="counter", hear=[], watcher=watcher)
+    assert ending.status == "finished"
+    line.close()
+    wires.close()
+
+
 def test_without_a_key_nothing_is_started(
     away: tuple[str, subprocess.Popen[str]], watcher: Any
 ) -> None:
@@ -157,7 +171,7 @@ def test_who_connects_without_a_key_hears_nothing(key: Path) -> None:
 def test_nobody_listens_at_an_address_without_a_key() -> None:
     wires = Wires()
     socket = wires.context.socket(zmq.XPUB)
-    with pytest.raises(ValueError, match="cannot be listened at without a key"):
+    with pytest.raises(ValueError, match="cannot be used without a key"):
         bind(socket, "tcp://127.0.0.1:7999")
     socket.close(0)
     wires.close()
@@ -189,7 +203,10 @@ def test_a_key_is_made_once_and_for_nobody_else(key: Path) -> None:
         read_key(key)
 
 
-@pytest.mark.parametrize("text", ["curve\n", "", "\0", 'public-key = "short"\n'])
+SHORT = 'curve\n    public-key = "short"\n    secret-key = "short"\n'
+
+
+@pytest.mark.parametrize("text", ["curve\n", "", "\0", 'public-key = "short"\n', SHORT])
 def test_what_is_no_key_is_refused(text: str, key: Path) -> None:
     key.write_text(text)
     with pytest.raises(ValueError, match="cannot be used"):

@@ -15,6 +15,7 @@ from palpate.launch.bag.control import control
 from palpate.launch.bench_toy import Params, frame, toy
 from palpate.launch.launcher import launch
 from palpate.launch.located import InputError
+from palpate.launch.looking.ask import ask
 from palpate.launch.looking.publish import publish
 from palpate.launch.processes.register import running
 from palpate.messages.codec import encode, schema_hash
@@ -205,3 +206,41 @@ def test_what_cannot_be_published_is_refused_in_a_sentence(watcher: Any, tmp_pat
     assert len(refused) == len(words)
     for text, part in zip(refused, words, strict=True):
         assert part in text
+
+
+def test_a_source_that_is_quiet_for_long_has_not_stalled(
+    watcher: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate.launch.processes.supervisor.STALL", 0.2)
+    wirings = [playing(bag(tmp_path / "a.mcap", 3, every=1.5))]
+    ending = launch(wirings, ends="player", hear=["/player"], watcher=watcher)
+    assert (ending.status, ending.reason) == ("finished", "played 3 messages")
+
+
+def test_a_tool_of_another_version_cannot_hurt_a_source(watcher: Any, tmp_path: Path) -> None:
+    refused = []
+
+    def act() -> None:
+        card = running()[0]
+        for kind, fields in [
+            ("publish", {"node": "console", "topic": "/nowhere", "body": b""}),
+            ("publish", {"node": "console", "topic": "/console", "body": b"\x80"}),
+            ("pause", {"node": "counter"}),
+            ("pause", {"node": "nobody"}),
+        ]:
+            try:
+                ask(card, kind, **fields)
+            except ValueError as error:
+                refused.append(str(error))
+        publish("/console", BODY % 0, rate=1, times=1, run=None, echo=lambda _: None)
+
+    aside = Aside(act)
+    aside.start()
+    counter = toy("counter", Params(expects=1), hears="console")
+    ending = launch([typing(), counter], ends="counter", hear=[], watcher=watcher)
+    assert aside.failure is None
+    assert (ending.status, ending.restarts) == ("finished", {})
+    assert refused[0] == "console does not publish '/nowhere' for tools"
+    assert refused[1].startswith("not a TactileFrame: missing fields")
+    assert refused[2] == "counter is no source: it speaks when it hears something"
+    assert refused[3] == "there is no node 'nobody'"

@@ -47,7 +47,7 @@ def lines(count: int, every: float = 0.0) -> list[Said]:
 
 def work(says: Any, *, paused: bool = False, tally: Tally | None = None, **more: Any) -> SourceWork:
     made = SourceWork(source(**more), Params(says, paused), WIRING, tally)
-    made.began = made.begin()  # type: ignore[attr-defined]
+    made.began = list(made.begin())  # type: ignore[attr-defined]
     return made
 
 
@@ -105,6 +105,8 @@ def test_what_an_earlier_start_had_said_is_said_at_once_and_the_rest_in_its_time
     tally.close()
     again = work(lines(5, every=60.0), tally=Tally(tmp_path / "tally"))
     assert texts(again.began) == ["0", "1", "2"]  # type: ignore[attr-defined]
+    assert again.wait() is None  # as it stood still before
+    again.obey({"kind": "resume"})
     left = again.wait()
     assert left is not None and 59.0 < left <= 60.0
 
@@ -121,14 +123,16 @@ def test_it_stands_still_goes_on_and_steps_when_it_is_told_to() -> None:
 
 def test_tools_may_speak_for_a_source_that_lets_them() -> None:
     word = {"kind": "publish", "topic": "/a/out", "body": encode(line("typed"))}
-    assert texts(work((), outside=True).obey(word)) == ["typed"]
+    assert texts(work((), outside=True, repeats=False).obey(word)) == ["typed"]
     assert work(()).obey(word) == []
 
 
 def test_what_a_tool_says_must_be_of_the_topics_type() -> None:
     other = encode(World(platform=0.0, reach=0.3, fingers=1, seed=1))
     with pytest.raises(CodecError, match="not a LogRecord"):
-        work((), outside=True).obey({"kind": "publish", "topic": "/a/out", "body": other})
+        work((), outside=True, repeats=False).obey(
+            {"kind": "publish", "topic": "/a/out", "body": other}
+        )
 
 
 @pytest.mark.parametrize(

@@ -57,8 +57,8 @@ def left(
 def test_what_a_killed_launcher_left_is_no_running_graph_and_is_swept(tmp_path: Path) -> None:
     run = tmp_path / "run"
     (run / ".said").mkdir(parents=True)
-    left(tmp_path / "palpate-dead", run=run)
-    left(tmp_path / "palpate-old", age=2 * YOUNG, announced=False)
+    left(tmp_path / "palpate-run-dead", run=run)
+    left(tmp_path / "palpate-run-old", age=2 * YOUNG, announced=False)
     assert running(tmp_path) == []
     assert len(stale(tmp_path)) == 2
     with private_folder(tmp_path) as folder:
@@ -70,7 +70,7 @@ def test_what_a_killed_launcher_left_is_no_running_graph_and_is_swept(tmp_path: 
 def test_what_was_taken_away_but_for_a_part_is_swept_when_it_is_old(
     age: float, swept: bool, tmp_path: Path
 ) -> None:
-    half = tmp_path / "palpate-half"
+    half = tmp_path / "palpate-run-half"
     half.mkdir()
     (half / "n0").touch()
     os.utime(half, (time.time() - age,) * 2)
@@ -79,9 +79,9 @@ def test_what_was_taken_away_but_for_a_part_is_swept_when_it_is_old(
 
 
 def test_what_is_not_ours_or_just_coming_up_is_left_alone(tmp_path: Path) -> None:
-    left(tmp_path / "palpate-young", announced=False)
+    left(tmp_path / "palpate-run-young", announced=False)
     left(tmp_path / "somebody-dead")
-    (tmp_path / "palpate-file").touch()
+    (tmp_path / "palpate-run-file").touch()
     with private_folder(tmp_path) as one, private_folder(tmp_path) as other:
         announce(one, card("ab01"))
         assert stale(tmp_path) == []
@@ -111,3 +111,14 @@ def test_a_run_is_found_by_its_number_or_name_or_as_the_latest(tmp_path: Path) -
 def test_without_a_running_graph_that_is_said(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no graph of yours is running"):
         find_run(None, tmp_path)
+
+
+def test_a_folder_that_holds_anything_else_is_somebodys_own(tmp_path: Path) -> None:
+    mine = tmp_path / "palpate-run-of-mine"
+    left(mine, age=2 * YOUNG)
+    (mine / "thesis.tex").touch()
+    other = tmp_path / "palpate-thesis"
+    other.mkdir()
+    os.utime(other, (0.0, 0.0))
+    sweep(tmp_path)
+    assert mine.exists() and other.exists()

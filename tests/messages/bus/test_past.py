@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from palpate.messages.bus.journal import Tally
-from palpate.messages.bus.past import Past
+from palpate.messages.bus.past import Cause, Past
 from palpate.messages.header import Header, pack_frame, split_frame
 
 
@@ -38,7 +38,8 @@ def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_say_it_again(tmp_pa
         past.add("/talk", frame(0))
         assert list(past.since("/talk", 0)) == [frame(0)]
         past.close()
-    assert (tmp_path / "past").stat().st_size == len(frame(0)) + 4
+    # One record: its length, that of its cause, of which there is none, and that of the frame.
+    assert (tmp_path / "past").stat().st_size == len(frame(0)) + 12
 
 
 def test_what_nobody_hears_is_only_counted(tmp_path: Path) -> None:
@@ -81,6 +82,39 @@ def test_a_frame_that_was_cut_off_when_its_node_died_was_never_said(
     again.add("/talk", frame(2))
     again.close()
     assert Past(path, ["/talk"], keep=True).counts == {"/talk": 3}
+
+
+def test_what_was_answered_is_known_with_all_its_answers(tmp_path: Path) -> None:
+    past = Past(tmp_path / "past", ["/talk", "/more"], keep=True)
+    past.add("/talk", frame(0))
+    past.answer([("/talk", frame(1)), ("/more", frame(0, topic="/more"))], Cause("a", "/in", 4))
+    past.answer([], Cause("b", "/in", 7, "all done"))
+    past.close()
+    again = Past(tmp_path / "past", ["/talk", "/more"], keep=True)
+    assert again.handled == {("a", "/in"): 5, ("b", "/in"): 8}
+    assert again.finished == "all done"
+    assert again.counts == {"/talk": 2, "/more": 1}
+    assert list(again.since("/talk", 0)) == [frame(0), frame(1)]
+
+
+@pytest.mark.parametrize("cut", [1, 60, 200])
+def test_of_an_answer_there_is_all_or_nothing(tmp_path: Path, cut: int) -> None:
+    past = Past(tmp_path / "past", ["/talk"], keep=True)
+    past.add("/talk", frame(0))
+    past.answer([("/talk", frame(1)), ("/talk", frame(2))], Cause("a", "/in", 4))
+    past.close()
+    path = tmp_path / "past"
+    path.write_bytes(path.read_bytes()[:-cut])
+    again = Past(path, ["/talk"], keep=True)
+    assert (again.handled, again.counts) == ({}, {"/talk": 1})
+
+
+def test_answers_beyond_the_limit_are_found_in_the_file(tmp_path: Path) -> None:
+    past = Past(tmp_path / "past", ["/talk"], keep=True, memory=200)
+    for seq in range(0, 10, 2):
+        frames = [("/talk", frame(seq)), ("/talk", frame(seq + 1))]
+        past.answer(frames, Cause("a", "/in", seq))
+    assert list(past.since("/talk", 0)) == [frame(seq) for seq in range(10)]
 
 
 def test_what_is_promised_is_made_once_and_only_if_somebody_wants_it(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ COUNT: dict[str, Any] = {
     "sent": {"/a": 1},
     "consumed": [["source", "/b", 2]],
     "waits": ["/b"],
+    "speaks": True,
 }
 
 
@@ -48,6 +49,7 @@ def test_words_of_nodes_are_read_as_they_were_said(word: dict[str, Any]) -> None
         ({**COUNT, "consumed": [["source", 1, 1]]}, "a consumed that cannot be one"),
         ({**COUNT, "consumed": 7}, "a consumed that cannot be one"),
         ({**COUNT, "waits": "/b"}, "a waits that cannot be one"),
+        ({**COUNT, "speaks": 1}, "a speaks that cannot be one"),
         ({"kind": "x" * 5000}, "got 'x{40}'$"),
     ],
 )
