@@ -58,11 +58,11 @@ def test_another_result_and_what_is_left_behind_are_found(toys: Subject, tmp_pat
     before = undisturbed(toys, tmp_path / "run")
     wanted = replace(before, code=7, mesh="0", said={**before.said, "/world": (2, "0")})
     (tmp_path / "run" / ".said").mkdir()
-    (tmp_path / "palpate-left").mkdir()
+    (tmp_path / "palpate-run-left").mkdir()
     found = look(toys, wanted, Injected(), before.code, tmp_path / "run")
     assert found.wrong == (
         "what nodes had said is left in the run directory",
-        f"the private folder {tmp_path / 'palpate-left'} is left",
+        f"the private folder {tmp_path / 'palpate-run-left'} is left",
         f"exit code {before.code} instead of 7: it said nothing",
         "the mesh is None instead of 0",
         "/world is not what it is undisturbed",

@@ -69,8 +69,8 @@ def test_what_is_new_is_free_of_complaints(tmp_path: Path) -> None:
 
     for tool in (["ruff", "check", "--isolated"], ["mypy", "--strict"]):
         command = [sys.executable, "-m", *tool, *modules]
-        # As installed from a wheel: mypy does not follow what is installed for editing.
-        env = {**os.environ, "MYPYPATH": str(Path(palpate.__file__).parents[1])}
+        # As if it were installed from a wheel: mypy does not follow what is installed for editing.
+        env = {**os.environ, "PYTHONPATH": str(Path(palpate.__file__).parents[1])}
         done = subprocess.run(
             command, cwd=tmp_path, capture_output=True, text=True, timeout=100, env=env
         )
