@@ -5,13 +5,13 @@ from __future__ import annotations
 import gc
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 
 import msgspec
 
-from palpate.messages.bus.journal import Consumed, Journal, Tally
+from palpate.messages.bus.journal import Journal, Tally
 from palpate.messages.bus.past import Cause
 from palpate.messages.bus.place import Place
 from palpate.messages.bus.station import Station
@@ -19,8 +19,9 @@ from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import encode
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.node import Finished, Node, Source
-from palpate.nodes.runtime_order import Order
+from palpate.nodes.runtime_again import Speech, rehearse, unsaid
 from palpate.nodes.runtime_source import SourceWork
+from palpate.nodes.runtime_status import status_of
 from palpate.nodes.runtime_work import NodeWork, Parcel, Promise, SinkWork, sources_of
 from palpate.nodes.wiring import Wiring, load_node
 
@@ -135,8 +136,10 @@ class Loop:
         station = self._station
         if self._going:
             self._state = "rebuilding"
-            self._go_on(work)
+            owed = self._go_on(work)
             self._state, self._next_beat = "running", 0.0
+            self._beat_if_due()
+            self._publish(owed)
         while not self._ended:
             heard, told = station.wait(self._patience(work))
             if told:
@@ -197,44 +200,35 @@ class Loop:
         self._station.answer(parcels, cause._replace(finished=reason))
         self._publish(ends)
 
-    def _go_on(self, work: Work) -> None:
-        """Take up what an earlier start of this node has done."""
+    def _go_on(self, work: Work) -> Speech:
+        """Take up what an earlier start has done; returns what it had not come to say."""
+        station, owed = self._station, list[Parcel | Promise | Finished]()
         gc.freeze()
-        before = self.journal.before if self.journal is not None else ()
         if isinstance(work, NodeWork) and work.acts:
-            past = self._station.publisher.past
+            past = station.publisher.past
             self.skip(work.leave_out(past.handled))
-            self._publish(self._unsaid(work.begin()))
-            self._publish([Finished(past.finished)] if past.finished else [])
-        else:
-            self._publish(work.begin())
-            if isinstance(work, NodeWork):
-                self._rehearse(work, before)
-            self._station.publisher.go_live()
+            self._publish(unsaid(work.begin(), past.counts))
+            return [Finished(past.finished)] if past.finished else []
+        self._publish(work.begin())
+        if isinstance(work, NodeWork) and self.journal is not None:
+            owed += rehearse(
+                work,
+                self.journal.before,
+                station,
+                publish=self._publish,
+                turn=lambda: self._turn_again(work),
+                beat=self._beat_if_due,
+            )
+        station.publisher.go_live()
+        return owed
 
-    def _unsaid(self, said: Iterable[Parcel | Finished]) -> Iterator[Parcel | Finished]:
-        """What of it an earlier start had not come to say."""
-        had = dict(self._station.publisher.sent)
-        for one in said:
-            if isinstance(one, Parcel) and had[one.topic]:
-                had[one.topic] -= 1
-            else:
-                yield one
-
-    def _rehearse(self, work: NodeWork, before: Sequence[Consumed]) -> None:
-        """Do once more what an earlier start of this node has done."""
-        station, order = self._station, Order(before)
-        while order.rehearsing and not self._ended:
-            _, told = station.wait(0 if station.waiting else IDLE_MS)
-            if told:
-                self._obey(work)
-            while (come := station.receive()) is not None:
-                order.put(come)
-            self._beat_if_due()
-            while order.rehearsing and (arrival := order.take()) is not None:
-                self._publish(work.rehearse(arrival))
-                self._beat_if_due()
-        station.give_back(order.rest())
+    def _turn_again(self, work: Work) -> bool:
+        """Wait for a moment while it is rebuilt, and obey; False if it is told to end."""
+        _, told = self._station.wait(0 if self._station.waiting else IDLE_MS)
+        if told:
+            self._obey(work)
+        self._beat_if_due()
+        return not self._ended
 
     def _join(self) -> None:
         """Take in what comes before the start, and report when all inputs are in step."""
@@ -295,18 +289,7 @@ class Loop:
 
     def _status(self, state: str) -> NodeStatus:
         latency = self.work.latency if self.work else None
-        subscriber, publisher = self._station.subscriber, self._station.publisher
-        return NodeStatus(
-            node=self._name,
-            state=state,  # type: ignore[arg-type]
-            messages=latency.count if latency else 0,
-            sent=sum(publisher.sent.values()),
-            gaps=subscriber.gaps,
-            duplicates=subscriber.duplicates,
-            p50=latency.quantile(0.5) if latency else 0.0,
-            p99=latency.quantile(0.99) if latency else 0.0,
-            cpu=time.process_time(),
-        )
+        return status_of(self._name, state, latency, self._station)
 
     def _take_the_rest(self, work: SinkWork) -> None:
         """When others have died, what they said last is worth the most."""

@@ -152,8 +152,12 @@ class Publisher:
             self._put(frame, topic)
         return [frame for _, frame in frames]
 
+    def was_said(self, topic: str) -> bool:
+        """Whether an earlier start had said the message that comes next on a topic."""
+        return self._times.before(topic, self._past.count(topic)) is not None
+
     def promise(self, topic: str, make: Callable[[], bytes], schema: int) -> None:
-        """Before `go_live`: have a message made and sent if somebody lacks it, now or later.
+        """Have a message made and sent if it is a new one, or if somebody lacks it, now or later.
 
         Raises
         ------
@@ -162,7 +166,7 @@ class Publisher:
         """
         seq = self._past.count(topic)
         lacked = [wanted for (_, asked), wanted in (self._lacks or {}).items() if asked == topic]
-        if self._times.before(topic, seq) is None or any(seq >= wanted for wanted in lacked):
+        if not self.was_said(topic) or any(seq >= wanted for wanted in lacked):
             self.send(topic, make(), robot_time=0.0, schema=schema)
             return
         header = Header(self.run, self.epoch, seq, self._time(topic, seq), 0.0, schema)
