@@ -85,6 +85,7 @@ _NODE_WORDS: tuple[dict[str, Any], ...] = (
         "sent": {"/touch/raw": 17, "/finger/goal": 18},
         "consumed": [["simulator", "/touch/raw", 17], ["tracer", "/finger/goal", 18]],
         "waits": ["/world"],
+        "speaks": False,
     },
 )
 _LAUNCHER_WORDS: tuple[dict[str, Any], ...] = (
