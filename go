@@ -64,6 +64,6 @@ fi
 
 case "${1:-}" in
     "") exec "$root/.venv/bin/palpate" run vase ;;
-    test) shift; cd "$root"; exec .venv/bin/python -m pytest "$@" ;;
+    test) shift; cd "$root"; exec .venv/bin/python -m pytest -n auto --dist worksteal "$@" ;;
     *) exec "$root/.venv/bin/palpate" "$@" ;;
 esac
