@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import random
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import zmq
 
+from palpate.launch.bench_bare import bare_hop
 from palpate.launch.bench_row import Row
-from palpate.launch.bench_toy import Params, frame, settle, toy
+from palpate.launch.bench_toy import Params, frame, toy
 from palpate.launch.launcher import launch
-from palpate.launch.processes.server import no_script
 from palpate.messages.bus.past import Past
 from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.subscriber import Subscriber
@@ -213,50 +211,6 @@ def _full_hop(laps: int, core: int) -> float:
 
 def _bare_hop(laps: int, core: int) -> float:
     """Time of one hop of the same number of bytes over bare sockets, us."""
-    spawn = multiprocessing.get_context("forkserver")
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         there, back = (f"ipc://{Path(folder) / name}" for name in "ab")
-        mine, yours = spawn.Pipe()
-        echo = spawn.Process(target=_echo, args=(there, back, laps, core), daemon=True)
-        ping = spawn.Process(target=_ping, args=(there, back, laps, core, yours), daemon=True)
-        try:
-            with no_script():
-                echo.start()
-                ping.start()
-            if not mine.poll(_DEADLINE_MS / 1000):
-                raise RuntimeError("the bare sockets did not answer")
-            seconds: float = mine.recv()
-        finally:
-            for process in (echo, ping):
-                if process.pid is not None:
-                    process.kill()
-                    process.join()
-    return seconds / (2 * laps) * 1e6
-
-
-def _pair(bind: str, connect: str) -> tuple[Any, Any]:
-    context = zmq.Context()
-    out, into = context.socket(zmq.XPUB), context.socket(zmq.SUB)
-    out.bind(bind)
-    into.subscribe(b"")
-    into.connect(connect)
-    out.recv()  # The other's subscription: from here on nothing is lost.
-    return out, into
-
-
-def _echo(there: str, back: str, laps: int, core: int) -> None:
-    out, into = _pair(back, there)
-    settle(core)
-    for _ in range(laps):
-        out.send(into.recv())
-
-
-def _ping(there: str, back: str, laps: int, core: int, result: Any) -> None:
-    out, into = _pair(there, back)
-    settle(core)
-    data = pack_frame("/touch/raw", Header(1, 0, 0, 0, 0.0, 0), encode(frame(0)))
-    began = time.perf_counter()
-    for _ in range(laps):
-        out.send(data)
-        into.recv()
-    result.send(time.perf_counter() - began)
+        return bare_hop(there, back, laps, core=core)

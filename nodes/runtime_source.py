@@ -121,6 +121,13 @@ class SourceWork:
             self._tally.up()
         return packed
 
+    def all(self) -> Iterator[Parcel | Finished]:
+        """All that it says, at once: nobody waits for the time of anything."""
+        while self.speaks:
+            self.wait()
+            if self._next is not None and self._next is not _END:
+                yield self.say()
+
     def obey(self, word: Word) -> list[Parcel | Finished]:
         """Do what a tool asks for: pause, resume, step, or publish a message.
 

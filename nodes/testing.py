@@ -16,7 +16,8 @@ from palpate.messages.bus.subscriber import Arrival
 from palpate.messages.codec import codec_of, decode, encode
 from palpate.messages.header import Header
 from palpate.nodes.node import Finished, Node, Source
-from palpate.nodes.runtime_work import ContractError, NodeWork, Parcel
+from palpate.nodes.runtime_source import SourceWork
+from palpate.nodes.runtime_work import NodeWork, Parcel
 from palpate.nodes.wiring import Input, Wiring
 
 NAME = "node"
@@ -131,25 +132,16 @@ def _arrival(node: Node, topic: str, message: object, seq: int) -> Arrival:
 
 
 def _said(source: Source, params: Any, most: int | None) -> Iterator[tuple[str, Any] | Finished]:
-    """What a source says until it ends, or has said so much."""
-    outputs, count = source.outputs(params), 0
-    for one in source.open(params):
-        if one is None:
-            continue
+    """What a source says until it ends, or has said so much; nothing is waited for."""
+    outputs = source.outputs(params)
+    wires = {local: local for local in outputs}
+    wiring = Wiring(name=NAME, module="", params=params, inputs=(), outputs=wires, listeners={})
+    work = SourceWork(source, params, wiring)
+    list(work.begin())
+    for number, one in enumerate(work.all()):
         if isinstance(one, Finished):
             yield one
             return
-        wanted = outputs.get(one.topic)
-        if wanted is None:
-            known = ", ".join(outputs) or "nothing"
-            raise ContractError(f"the source said {one.topic}; it declares {known}")
-        if not isinstance(one.message, bytes) and type(one.message) is not wanted:
-            raise ContractError(
-                f"the source said a {type(one.message).__name__} on {one.topic}, "
-                f"declared as {wanted.__name__}"
-            )
-        body = one.message if isinstance(one.message, bytes) else encode(one.message)
-        yield one.topic, decode(wanted, body)
-        count += 1
-        if count == most:
+        yield one.topic, decode(outputs[one.topic], one.body)
+        if number + 1 == most:
             return

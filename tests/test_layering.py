@@ -42,7 +42,7 @@ ALLOWED = {
     "palpate.launch.bench_reliability": LAUNCH | {"zmq"},
     "palpate.launch.poisson_peer": LAUNCH | {"pymeshlab"},
     "palpate.launch.bench_bus": LAUNCH | {"zmq"},
-    "palpate.launch.bench_curve": LAUNCH | {"zmq"},
+    "palpate.launch.bench_bare": LAUNCH | {"zmq"},
     "palpate.launch.damage": LAUNCH | {"msgpack", "lz4"},
     "palpate.launch.figures_curvature": LAUNCH | {"matplotlib"},
     "palpate.launch.figures_peers": LAUNCH | {"matplotlib", "mpl_toolkits"},

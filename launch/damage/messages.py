@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import random
-from collections.abc import Callable
 from functools import cache
-from types import NoneType
-from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple
 
 import msgpack
 import numpy as np
 
+from palpate.launch.damage.any_message import any_message
 from palpate.launch.damage.packed import damaged_body
 from palpate.launch.damage.spans import damaged
 from palpate.messages.bus import join
 from palpate.messages.codec import encode, schema_hash
 from palpate.messages.header import Header, pack_frame
-from palpate.messages.quantity import Array
 from palpate.messages.types import TYPES
 
 SHARE_OF_BODIES = 0.7
@@ -55,7 +52,7 @@ def damaged_packet(rng: random.Random) -> Packet:
 def _examples() -> dict[str, tuple[Packet, ...]]:
     rng = np.random.default_rng(1)
     found = {
-        name: tuple(Packet(name, encode(_example(cls, rng))) for _ in range(EXAMPLES))
+        name: tuple(Packet(name, encode(any_message(cls, rng))) for _ in range(EXAMPLES))
         for name, cls in TYPES.items()
     }
     frame = pack_frame(
@@ -93,37 +90,3 @@ _LAUNCHER_WORDS: tuple[dict[str, Any], ...] = (
     {"kind": "count", "round": 3},
     {"kind": "stop"},
 )
-
-
-def _example(cls: type, rng: np.random.Generator) -> Any:
-    """Some message of a type."""
-    hints = get_type_hints(cls, include_extras=True)
-    names = [field.name for field in dataclasses.fields(cls)]
-    return cls(**{name: _value(hints[name], rng) for name in names})
-
-
-def _value(hint: Any, rng: np.random.Generator) -> Any:
-    for mark in getattr(hint, "__metadata__", ()):
-        if isinstance(mark, Array):
-            shape = [int(rng.integers(1, 5)) if n is None else n for n in mark.shape]
-            return (3.0 * rng.normal(size=shape)).astype(mark.dtype)
-    plain = get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
-    origin, args = get_origin(plain), get_args(plain)
-    if NoneType in args:
-        return _value(args[0], rng) if rng.integers(4) else None
-    if origin is Literal:
-        return args[int(rng.integers(len(args)))]
-    if origin is tuple:
-        return tuple(_value(args[0], rng) for _ in range(int(rng.integers(0, 4))))
-    if origin is dict:
-        return {f"figure {i}": float(rng.normal()) for i in range(3)}
-    return _PLAIN[plain](rng)
-
-
-_PLAIN: dict[type, Callable[[np.random.Generator], Any]] = {
-    bool: lambda rng: bool(rng.integers(2)),
-    int: lambda rng: int(rng.integers(-(1 << 62), 1 << 62)),
-    float: lambda rng: float(rng.normal()),
-    str: lambda rng: "a reason, µm"[: int(rng.integers(1, 13))],
-}
-"""Values of fields without structure."""

@@ -123,8 +123,8 @@ def test_a_source_is_driven_to_its_end_and_bodies_are_decoded() -> None:
 @pytest.mark.parametrize(
     ("said", "words"),
     [
-        (Said(0.0, "/x", line("a")), "the source said /x; it declares /out"),
-        (Said(0.0, "/out", example(World)), "said a World on /out, declared as LogRecord"),
+        (Said(0.0, "/x", line("a")), "published /x, which it does not declare; it declares /out"),
+        (Said(0.0, "/out", example(World)), "published a World on /out, declared as LogRecord"),
     ],
 )
 def test_a_source_that_says_what_it_does_not_declare_is_refused(said: Said, words: str) -> None:
