@@ -24,8 +24,6 @@ if TYPE_CHECKING:  # what only some scenes need is imported where they need it
     from palpate.core.shapes.superquadric import Superquadric
     from palpate.core.shapes.warped import WarpedSuperquadric
 
-    Solid = Superquadric | WarpedSuperquadric | Hyperquadric | GeneralisedCylinder | Polyhedron
-
 
 class SolidSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One solid at most, and where it stands."""
@@ -42,7 +40,9 @@ class SolidSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where it stands in what it is a part of: for an object, in the world."""
 
 
-def build_solid(spec: SolidSpec) -> Solid:
+def build_solid(
+    spec: SolidSpec,
+) -> Superquadric | WarpedSuperquadric | Hyperquadric | GeneralisedCylinder | Polyhedron:
     """The solid that is described, in its own frame; there is one."""
     if spec.hyperquadric is not None:
         return build_hyperquadric(spec.hyperquadric)

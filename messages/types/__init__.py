@@ -16,32 +16,33 @@ from palpate.messages.types.motion import (
 from palpate.messages.types.touch import SurfacePatch, TactileFrame, TactileImage
 from palpate.messages.types.world import SensorInfo, Truth, World
 
-__all__ = [
-    "Clock",
-    "Contour",
-    "ContourGoal",
-    "FingerClock",
-    "GraspContacts",
-    "GraspGoal",
-    "LogRecord",
-    "ModelGoal",
-    "NodeStatus",
-    "PlanDone",
-    "Probe",
-    "ProbeGoal",
-    "Score",
-    "SensorInfo",
-    "ShapeModel",
-    "Superquadric",
-    "SurfacePatch",
-    "TactileFrame",
-    "TactileImage",
-    "TouchGoal",
-    "Truth",
-    "World",
-]
-
-TYPES: dict[str, type] = {name: globals()[name] for name in __all__}
+TYPES: dict[str, type] = {
+    cls.__name__: cls
+    for cls in (
+        Clock,
+        Contour,
+        ContourGoal,
+        FingerClock,
+        GraspContacts,
+        GraspGoal,
+        LogRecord,
+        ModelGoal,
+        NodeStatus,
+        PlanDone,
+        Probe,
+        ProbeGoal,
+        Score,
+        SensorInfo,
+        ShapeModel,
+        Superquadric,
+        SurfacePatch,
+        TactileFrame,
+        TactileImage,
+        TouchGoal,
+        Truth,
+        World,
+    )
+}
 
 ALL_KEPT = frozenset({Contour, Probe})
 """Types of latched topics of which each message counts."""
