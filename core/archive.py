@@ -1,4 +1,4 @@
-"""Any tree of this package's values as flat arrays with names, and back, bit for bit.
+"""Any tree of this package's values as flat arrays with names, or as bytes, and back, bit for bit.
 
 The tree's form is one text, which names the class of each node; every array lies beside it under
 its path, ``solid/evidence/noise``. What is read may be from anybody: only dataclasses and named
@@ -7,30 +7,40 @@ tuples of `palpate.core` are built, by their own constructors, and nothing is ev
 
 from __future__ import annotations
 
+import collections.abc
+import dataclasses
+import importlib.util
+import io
 import json
 import math
+import re
+import types
+import zipfile
 from collections.abc import Mapping
-from typing import Any
+from functools import cache
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core.archive_classes import class_named, field_names, name_of
-from palpate.core.archive_types import declared, fits
-
-VERSION = 1
-"""Of the format."""
-FORM = "form"
-"""Name of the text that tells the tree's form."""
-ROOT = "solid"
-"""Path of the tree itself."""
-NUMERIC = "fiub"
-"""Kinds of arrays that are kept: floats, integers and truth values."""
-
+VERSION = 1  # Of the format
+FORM_KEY = "form"  # Name of the text that tells the tree's form
+ROOT = "solid"  # Path of the tree itself
+NUMERIC = "fiub"  # Kinds of arrays that are kept: floats, integers and truth values
 Arrays = dict[str, NDArray[np.generic]]
+CLASS_HOME = "palpate.core."  # Where all of them live
+# Module below `CLASS_HOME`, and class.
+CLASS_NAME = re.compile(r"[a-z_0-9]+(\.[a-z_0-9]+)*:[A-Za-z_][A-Za-z_0-9]*")
+LONGEST_CLASS_NAME = 200  # Name, in letters
+# What stands for each kind of number.
+NUMBER_TYPES: dict[type, tuple[type, ...]] = {
+    float: (float, int, np.floating, np.integer),
+    int: (int, np.integer),
+    bool: (bool, np.bool_),
+}
 
 
-def to_arrays(tree: object) -> Arrays:
+def tree_to_arrays(tree: object) -> Arrays:
     """Flat arrays that hold a whole tree.
 
     Parameters
@@ -52,16 +62,16 @@ def to_arrays(tree: object) -> Arrays:
     writer = _Writer()
     form = {"version": VERSION, "tree": writer.node(tree, ROOT)}
     text = json.dumps(form, allow_nan=False, separators=(",", ":"))
-    return {FORM: np.array(text), **writer.arrays}
+    return {FORM_KEY: np.array(text), **writer.arrays}
 
 
-def from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> Any:
-    """The tree that `to_arrays` was given.
+def tree_from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> Any:
+    """The tree that `tree_to_arrays` was given.
 
     Parameters
     ----------
     arrays : map
-        What `to_arrays` returned; other arrays may lie beside.
+        What `tree_to_arrays` returned; other arrays may lie beside.
 
     Raises
     ------
@@ -69,10 +79,10 @@ def from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> Any:
         If there is no form or it is of another version, if an array is missing, if a class is
         unknown or has other fields here, or if a class refuses what it is given.
     """
-    if FORM not in arrays or arrays[FORM].dtype.kind != "U" or arrays[FORM].ndim:
-        raise ValueError(f"an archive must have the text {FORM!r}, got none")
+    if FORM_KEY not in arrays or arrays[FORM_KEY].dtype.kind != "U" or arrays[FORM_KEY].ndim:
+        raise ValueError(f"an archive must have the text {FORM_KEY!r}, got none")
     try:
-        form = json.loads(str(arrays[FORM]))
+        form = json.loads(str(arrays[FORM_KEY]))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"the archive's form must be JSON: {error}") from None
     if not isinstance(form, dict) or form.keys() != {"version", "tree"}:
@@ -115,7 +125,7 @@ class _Writer:
             if not all(type(key) is str for key in value):
                 raise ValueError(f"{path} must have texts as keys, got {list(value)!r:.60}")
             return {"dict": {key: self.node(item, f"{path}/{key}") for key, item in value.items()}}
-        name = name_of(type(value))
+        name = class_name(type(value))
         if name is None:
             raise ValueError(f"{path} cannot be kept: it is a {type(value).__qualname__}")
         parts = {
@@ -200,9 +210,9 @@ class _Reader:
             odd = ", ".join(sorted(set(fields) ^ set(wanted)))
             raise ValueError(f"{path} of the archive is a {name} of another version: {odd}")
         parts = {field: self.value(node, f"{path}/{field}") for field, node in fields.items()}
-        hints = declared(found)
+        hints = declared_types(found)
         for field, value in parts.items():
-            if not fits(value, hints.get(field, Any)):
+            if not fits_type(value, hints.get(field, Any)):
                 raise ValueError(
                     f"{path}/{field} of the archive cannot be a {type(value).__name__}"
                 )
@@ -212,12 +222,120 @@ class _Reader:
             raise ValueError(f"{path} of the archive is no {name}: {error}") from None
 
 
+def class_named(name: str) -> Any:
+    """The class of a name.
+
+    Raises
+    ------
+    ValueError
+        If there is no such class, or archives do not hold it.
+    """
+    refused = ValueError(f"archives hold no class {name!r:.80}")
+    if len(name) > LONGEST_CLASS_NAME or not CLASS_NAME.fullmatch(name):
+        raise refused
+    module, _, kind = name.partition(":")
+    try:
+        found = getattr(importlib.import_module(CLASS_HOME + module), kind, None)
+    except ModuleNotFoundError:
+        raise refused from None
+    # Not what a module merely imports: a class has one name.
+    if not isinstance(found, type) or class_name(found) != name:
+        raise refused
+    return found
+
+
+def class_name(kind: type) -> str | None:
+    """Name of a class in archives; None if they do not hold it."""
+    if not (kind.__module__.startswith(CLASS_HOME) and _is_record(kind)):
+        return None
+    return f"{kind.__module__.removeprefix(CLASS_HOME)}:{kind.__qualname__}"
+
+
+def _is_record(kind: type) -> bool:
+    return dataclasses.is_dataclass(kind) or (issubclass(kind, tuple) and hasattr(kind, "_fields"))
+
+
+def field_names(kind: type) -> tuple[str, ...]:
+    """Fields with which an instance is made; others are computed from them."""
+    if dataclasses.is_dataclass(kind):
+        return tuple(field.name for field in dataclasses.fields(kind) if field.init)
+    fields: tuple[str, ...] = kind._fields  # type: ignore[attr-defined]
+    return fields
+
+
+@cache
+def declared_types(kind: type) -> dict[str, Any]:
+    """What the fields of a class are declared to hold; nothing where that cannot be told."""
+    try:
+        return get_type_hints(kind)
+    except NameError:  # a name that is imported for checkers alone
+        return {}
+
+
 def equal_trees(one: object, other: object) -> bool:
     """Whether two trees hold the same to the last bit."""
-    first, second = to_arrays(one), to_arrays(other)
+    first, second = tree_to_arrays(one), tree_to_arrays(other)
     return first.keys() == second.keys() and all(
         here.dtype == second[name].dtype
         and here.shape == second[name].shape
         and here.tobytes() == second[name].tobytes()
         for name, here in first.items()
     )
+
+
+def tree_to_bytes(tree: object) -> NDArray[np.uint8]:
+    """Bytes (n,) that hold a tree; the same for the same tree.
+
+    Raises
+    ------
+    ValueError
+        As `tree_to_arrays`.
+    """
+    data = io.BytesIO()
+    np.savez(data, allow_pickle=False, **tree_to_arrays(tree))
+    return np.frombuffer(data.getvalue(), np.uint8)
+
+
+def arrays_from_bytes(data: NDArray[np.uint8]) -> Arrays:
+    """The arrays in bytes (n,) that `tree_to_bytes` returned, for `from_arrays`.
+
+    Raises
+    ------
+    ValueError
+        If they are no such bytes.
+    """
+    try:
+        with np.load(io.BytesIO(data.tobytes()), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise ValueError(f"bytes must be a packed tree, got {data.size}: {error}") from None
+
+
+def fits_type(value: object, hint: Any) -> bool:
+    """Whether a value may be held by what is declared so; True for what is not understood."""
+    origin, args = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return True
+    if origin in (Union, types.UnionType):
+        return any(fits_type(value, arg) for arg in args)
+    if origin is Literal:
+        return value in args
+    if origin is tuple:
+        return isinstance(value, tuple) and _tuple_fits(value, args)
+    if origin in (list, collections.abc.Sequence):
+        return isinstance(value, list | tuple) and all(fits_type(item, args[0]) for item in value)
+    if origin in (dict, collections.abc.Mapping):
+        return isinstance(value, dict) and all(fits_type(item, args[1]) for item in value.values())
+    if origin is np.ndarray:
+        return isinstance(value, np.ndarray)
+    if hint is None or hint is type(None):
+        return value is None
+    if isinstance(hint, type) and not getattr(hint, "_is_protocol", False):
+        return isinstance(value, NUMBER_TYPES.get(hint, (hint,)))
+    return value is not None
+
+
+def _tuple_fits(value: tuple[object, ...], args: tuple[Any, ...]) -> bool:
+    if len(args) == 2 and args[1] is ...:
+        return all(fits_type(item, args[0]) for item in value)
+    return len(value) == len(args) and all(map(fits_type, value, args))

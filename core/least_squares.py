@@ -1,8 +1,8 @@
-"""Many small nonlinear least-squares problems, solved side by side.
+"""Many small nonlinear least-squares problems, solved side by side: Levenberg and Marquardt.
 
-Levenberg's and Marquardt's method with Nielsen's damping, bounds and robust losses. All problems
-that are still under way take their next step in one call, so that a hundred starts of one fit,
-or the inversion of ten thousand points, cost little more than one.
+With Nielsen's damping, bounds and robust losses. All problems that are still under way take
+their next step in one call, so that a hundred starts of one fit, or the inversion of ten
+thousand points, cost little more than one: scipy's solver takes one problem at a time.
 """
 
 from __future__ import annotations
@@ -14,31 +14,25 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints
 
-Problem = Callable[[Floats, Ints], tuple[Floats, Floats]]
-"""Parameters (b, p) of the problems named (b,): residuals (b, m) and Jacobians (b, m, p)."""
+# Parameters (b, p) of the problems named (b,): residuals (b, m) and Jacobians (b, m, p).
+ResidualFunction = Callable[[Floats, Ints], tuple[Floats, Floats]]
+# Squared residuals: what they cost, at most as much, and the derivative of that, up to 1.
 Loss = Callable[[Floats], tuple[Floats, Floats]]
-"""Squared residuals: what they cost, at most as much, and the derivative of that, up to 1."""
-
-FIRST_DAMPING = 1e-3
-"""Of a column's squared length."""
+FIRST_DAMPING = 1e-3  # Of a column's squared length
 MOST_DAMPING = 1e12
-PASSES = 3
-"""Through the bounds that a step would pass; what passes after the last is cut."""
+PASSES = 3  # Through the bounds that a step would pass; what passes after the last is cut
+# Of the longest column: a parameter that moves the residuals less is held like that.
 LEAST_COLUMN = 1e-14
-"""Of the longest column: a parameter that moves the residuals less is held like that."""
 
 
 class Solutions(NamedTuple):
     """Where each problem ended."""
 
-    parameters: Floats
-    """(b, p)."""
-    cost: Floats
-    """Half the sum of what the squared residuals cost, (b,)."""
+    parameters: Floats  # (b, p)
+    cost: Floats  # Half the sum of what the squared residuals cost, (b,)
+    # (b,): the residuals vanished, no step lowers the cost, or the steps did not matter.
     converged: Bools
-    """(b,): the residuals vanished, no step lowers the cost, or the steps did not matter."""
-    steps: Ints
-    """Steps tried, (b,)."""
+    steps: Ints  # Steps tried, (b,)
 
 
 class _Running(NamedTuple):
@@ -78,12 +72,12 @@ class _Running(NamedTuple):
         )
 
 
-def linear(squared: Floats) -> tuple[Floats, Floats]:
+def linear_loss(squared: Floats) -> tuple[Floats, Floats]:
     """The plain loss: a squared residual costs itself."""
     return squared, np.ones_like(squared)
 
 
-def soft_l1(scale: float) -> Loss:
+def soft_l1_loss(scale: float) -> Loss:
     """A loss that grows like the residual where it is larger than the scale."""
 
     def loss(squared: Floats) -> tuple[Floats, Floats]:
@@ -93,7 +87,7 @@ def soft_l1(scale: float) -> Loss:
     return loss
 
 
-def cauchy(scale: float) -> Loss:
+def cauchy_loss(scale: float) -> Loss:
     """A loss that grows like the residual's logarithm where it is larger than the scale."""
 
     def loss(squared: Floats) -> tuple[Floats, Floats]:
@@ -103,13 +97,13 @@ def cauchy(scale: float) -> Loss:
     return loss
 
 
-def minimise(
-    problem: Problem,
+def levenberg_marquardt(
+    problem: ResidualFunction,
     starts: Floats,
     low: Floats,
     high: Floats,
     *,
-    loss: Loss = linear,
+    loss: Loss = linear_loss,
     steps: int = 60,
     enough: float = 0.0,
     tolerance: float = 1e-10,
@@ -172,7 +166,7 @@ def _settle(ends: Solutions, running: _Running, stopped: Bools, done: Bools) -> 
 
 
 def _evaluated(
-    problem: Problem, loss: Loss, rows: Ints, parameters: Floats, damping: Floats
+    problem: ResidualFunction, loss: Loss, rows: Ints, parameters: Floats, damping: Floats
 ) -> _Running:
     """Residuals and Jacobians, weighted by the loss."""
     residuals, jacobian = problem(parameters, rows)
@@ -208,14 +202,16 @@ def _moves(
     which = np.arange(scaled.shape[1])
     scaled[:, which, which] = 1.0 + running.damping[:, None]
     room = (low - parameters) * length, (high - parameters) * length
-    moves = _within(scaled, slope / length, held, room) / length
+    moves = _bounded_step(scaled, slope / length, held, room) / length
     moves = np.clip(parameters + moves, low, high) - parameters
     changed = np.einsum("bmp,bp->bm", jacobian, moves)
     promised = -np.einsum("bp,bp->b", slope, moves) - 0.5 * np.einsum("bm,bm->b", changed, changed)
     return moves, promised, flat
 
 
-def _within(system: Floats, slope: Floats, held: Bools, room: tuple[Floats, Floats]) -> Floats:
+def _bounded_step(
+    system: Floats, slope: Floats, held: Bools, room: tuple[Floats, Floats]
+) -> Floats:
     """Steps (b, p) that solve the systems as far as there is room.
 
     A parameter that would pass its bound is put there, and the others are solved for anew.
@@ -236,7 +232,7 @@ def _within(system: Floats, slope: Floats, held: Bools, room: tuple[Floats, Floa
 
 
 def _stepped(
-    problem: Problem, loss: Loss, running: _Running, moves: Floats, promised: Floats
+    problem: ResidualFunction, loss: Loss, running: _Running, moves: Floats, promised: Floats
 ) -> _Running:
     """The problems after a step; where the cost did not fall they stay and are damped more."""
     ahead = _evaluated(

@@ -1,1 +1,55 @@
-"""Who starts the nodes: graph and checks, launcher, scenes, command line, launch files."""
+"""Starting graphs: launch files and scenes, checked graphs, processes, runs and their summary.
+
+A graph is checked whole before anything is started or written; whatever a user gave and cannot be
+used becomes one sentence with file and line. Launch files and scenes lie here too; limits,
+displays and texts may be changed, the order of checks in `check_run` had better not. Rests on
+palpate.nodes and on launch.files, launch.processes and launch.hosts.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.launch.graph import Graph as Graph
+    from palpate.launch.graph import ResolvedNode as ResolvedNode
+    from palpate.launch.graph import resolve_nodes as resolve_nodes
+    from palpate.launch.launch_file import arguments_table as arguments_table
+    from palpate.launch.launch_file import describe as describe
+    from palpate.launch.launch_source import EXPLORE as EXPLORE
+    from palpate.launch.launch_source import find_launch_file as find_launch_file
+    from palpate.launch.launch_source import prestart_fork_server as prestart_fork_server
+    from palpate.launch.launcher import launch as launch
+    from palpate.launch.node_kinds import Entry as Entry
+    from palpate.launch.node_kinds import describe_kind as describe_kind
+    from palpate.launch.node_kinds import list_kinds as list_kinds
+    from palpate.launch.node_kinds import search_current_folder as search_current_folder
+    from palpate.launch.progress import SilentDisplay as SilentDisplay
+    from palpate.launch.progress import open_display as open_display
+    from palpate.launch.run import Plan as Plan
+    from palpate.launch.run import Run as Run
+    from palpate.launch.run import check_run as check_run
+    from palpate.launch.run import explore as explore
+    from palpate.launch.run import perform as perform
+    from palpate.launch.run import plan_run as plan_run
+    from palpate.launch.run_directory import RECORDING as RECORDING
+    from palpate.launch.run_directory import RUNS as RUNS
+    from palpate.launch.run_directory import VERSIONED_PACKAGES as VERSIONED_PACKAGES
+    from palpate.launch.run_directory import choose_run_directory as choose_run_directory
+    from palpate.launch.run_directory import find_bag as find_bag
+    from palpate.launch.run_directory import versions_text as versions_text
+    from palpate.launch.scene import SHIPPED_SCENES as SHIPPED_SCENES
+    from palpate.launch.scene import Scene as Scene
+    from palpate.launch.scene import SceneSpec as SceneSpec
+    from palpate.launch.scene import find_scene as find_scene
+    from palpate.launch.scene import load_scene as load_scene
+    from palpate.launch.scene import scene_title as scene_title
+    from palpate.launch.scene import shipped_scenes as shipped_scenes
+    from palpate.launch.settings import override as override
+    from palpate.launch.settings import plain_params as plain_params
+    from palpate.launch.settings import read_arguments as read_arguments
+    from palpate.launch.settings import read_settings as read_settings
+else:
+    __getattr__, __dir__ = lazy(__name__)

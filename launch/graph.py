@@ -1,38 +1,38 @@
-"""The graph as it is described: which nodes, with which parameters, and who ends it.
+"""The graph as it is described: its nodes, their parameters and topics, and who ends it.
 
 A launch file gives one, in YAML or in Python. It is checked whole before any process starts.
 """
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from palpate.launch.entry import Entry
-from palpate.launch.located import InputError
-from palpate.launch.nearest import hint
-from palpate.launch.own_types import check_own_types, own_schema
-from palpate.launch.placing import Placed, Publisher, is_left_out, place, publishers
-from palpate.messages.types import Truth
-from palpate.nodes.node import Node, Sink, Source, keeps
-from palpate.nodes.wiring import Input, Wiring
+from palpate.launch.files import InputError, convert, hint
+from palpate.launch.hosts import read_host
+from palpate.launch.node_kinds import Entry, load_entry
+from palpate.messages import CodecError, schema
+from palpate.messages.bus import LAUNCHER
+from palpate.messages.types import TYPES, Truth
+from palpate.nodes.runtime import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
 
 __all__ = ["Entry", "Graph"]
-
+# Modules of the nodes that may know the true shape.
 MAY_HEAR_TRUTH = frozenset({f"palpate.nodes.{kind}" for kind in ("evaluator", "view", "recorder")})
-"""Modules of the nodes that may know the true shape."""
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
+_TOPIC = re.compile(r"(/[a-z][a-z0-9_]*)+")
 
 
 @dataclass(frozen=True, slots=True)
 class Graph:
     """Nodes, and the name of the one whose Finished ends them all."""
 
-    entries: tuple[Entry, ...]
-    """The nodes."""
-    ends: str
-    """Name of the node that ends the graph."""
-    source: str = ""
-    """``file:line`` at which `ends` is given."""
+    entries: tuple[Entry, ...]  # The nodes
+    ends: str  # Name of the node that ends the graph
+    source: str = ""  # ``file:line`` at which `ends` is given
 
     def check(self) -> None:
         """Refuse a graph that could not run.
@@ -49,9 +49,9 @@ class Graph:
 
     def wirings(self) -> tuple[Wiring, ...]:
         """What each process must know; see `check` for what is refused."""
-        placed = place(self.entries)
+        placed = resolve_nodes(self.entries)
         said = publishers(placed)
-        check_own_types(said)
+        check_custom_types(said)
         inputs = {one.entry.name: _inputs(one, said, placed) for one in placed}
         self._check_ends(placed)
         return tuple(
@@ -66,7 +66,7 @@ class Graph:
                 nice=one.entry.nice,
                 on_exit=one.entry.on_exit,
                 longest=one.node.longest,
-                keeps=keeps(one.node),
+                keeps=is_persistent(one.node),
                 listeners={topic: _listeners(topic, inputs) for topic in one.outputs.values()},
             )
             for one in placed
@@ -74,7 +74,7 @@ class Graph:
 
     def topics(self) -> dict[str, type]:
         """Topic on the wire to the type of its messages."""
-        return {topic: said.type for topic, said in publishers(place(self.entries)).items()}
+        return {topic: said.type for topic, said in publishers(resolve_nodes(self.entries)).items()}
 
     def table(self) -> str:
         """The resolved wiring, one topic a line."""
@@ -88,7 +88,7 @@ class Graph:
         lines = ["  ".join((*map(str.ljust, row[:3], widths), row[3])).rstrip() for row in rows]
         return "\n".join((*lines, f"ends with the Finished of {self.ends}"))
 
-    def _check_ends(self, placed: Iterable[Placed]) -> None:
+    def _check_ends(self, placed: Iterable[ResolvedNode]) -> None:
         nodes = [one.entry.name for one in placed if not isinstance(one.node, Sink)]
         if self.ends not in nodes:
             where = f"{self.source}: " if self.source else ""
@@ -98,12 +98,52 @@ class Graph:
             )
 
 
-def _listeners(topic: str, inputs: Mapping[str, tuple[Input, ...]]) -> tuple[str, ...]:
-    return tuple(name for name, heard in inputs.items() if any(one.topic == topic for one in heard))
+def publishers(placed: Iterable[ResolvedNode]) -> dict[str, Publisher]:
+    """Topic on the wire to its one publisher.
+
+    Raises
+    ------
+    InputError
+        If two nodes publish one topic.
+    """
+    found: dict[str, Publisher] = {}
+    for one in placed:
+        for local, topic in one.outputs.items():
+            if topic in found:
+                other = found[topic].placed.entry.name
+                raise one.entry.error(
+                    f"publishes {topic}, which {other!r} publishes already; "
+                    "put one into a namespace or remap the topic"
+                )
+            found[topic] = Publisher(one, one.types[local])
+    return found
+
+
+def check_custom_types(said: Mapping[str, Publisher]) -> None:
+    """Refuse types that could not travel, or that a recording could not tell apart.
+
+    Raises
+    ------
+    InputError
+        If a type is no message type, or has the name of another one.
+    """
+    named = dict(TYPES)
+    for topic, publisher in said.items():
+        cls = publisher.type
+        try:
+            schema(cls)
+        except CodecError as error:
+            raise publisher.placed.entry.error(f"publishes {topic}: {error}") from None
+        if named.setdefault(cls.__name__, cls) is not cls:
+            other = named[cls.__name__]
+            raise publisher.placed.entry.error(
+                f"publishes {topic} as {cls.__name__} of {cls.__module__}, but {other.__module__} "
+                "has a type of that name; call it otherwise"
+            )
 
 
 def _inputs(
-    one: Placed, said: Mapping[str, Publisher], placed: Iterable[Placed]
+    one: ResolvedNode, said: Mapping[str, Publisher], placed: Iterable[ResolvedNode]
 ) -> tuple[Input, ...]:
     if isinstance(one.node, Sink):
         found = [_input(one, topic, topic, said) for topic in said]
@@ -120,7 +160,7 @@ def _inputs(
     return tuple(found)
 
 
-def _input(one: Placed, topic: str, local: str, said: Mapping[str, Publisher]) -> Input:
+def _input(one: ResolvedNode, topic: str, local: str, said: Mapping[str, Publisher]) -> Input:
     heard = said[topic]
     # Judged by its type, so that no remapping smuggles the truth into the loop.
     if heard.type is Truth and one.entry.module not in MAY_HEAR_TRUTH:
@@ -128,7 +168,14 @@ def _input(one: Placed, topic: str, local: str, said: Mapping[str, Publisher]) -
             f"hears {topic}, the true shape, which only an evaluator, a view or a recorder may; "
             "take this input away"
         )
-    return Input(heard.placed.entry.name, topic, local, heard.type.__name__, own_schema(heard.type))
+    return Input(
+        heard.placed.entry.name, topic, local, heard.type.__name__, custom_schema(heard.type)
+    )
+
+
+def custom_schema(cls: type) -> str:
+    """JSON schema of a type that palpate does not have; empty of its own."""
+    return "" if TYPES.get(cls.__name__) is cls else json.dumps(schema(cls))
 
 
 def _sources(
@@ -136,7 +183,7 @@ def _sources(
     node: Node,
     local: str,
     said: Mapping[str, Publisher],
-    placed: Iterable[Placed],
+    placed: Iterable[ResolvedNode],
 ) -> list[str]:
     """Topics on the wire that an input hears: in the node's own namespace first, then outside.
 
@@ -163,3 +210,113 @@ def _check_type(entry: Entry, topic: str, wanted: type, heard: Publisher) -> Non
             f"hears {topic} as {wanted.__name__}, but {heard.placed.entry.name!r} publishes it "
             f"as {heard.type.__name__}"
         )
+
+
+def _listeners(topic: str, inputs: Mapping[str, tuple[Input, ...]]) -> tuple[str, ...]:
+    return tuple(name for name, heard in inputs.items() if any(one.topic == topic for one in heard))
+
+
+@dataclass(frozen=True, slots=True)
+class ResolvedNode:
+    """An entry whose node is known."""
+
+    entry: Entry
+    node: AnyNode
+    params: Any  # An instance of the node's own parameter type
+    types: Mapping[str, type]  # What it says: the topic as the node calls it, to the message type
+    outputs: Mapping[str, str]  # The same topics, to the topic on the wire
+
+
+@dataclass(frozen=True, slots=True)
+class Publisher:
+    """Who publishes a topic, and what."""
+
+    placed: ResolvedNode
+    type: type
+
+
+def resolve_nodes(entries: Iterable[Entry]) -> tuple[ResolvedNode, ...]:
+    """Find the node of each entry and check its name, parameters and remapping.
+
+    Raises
+    ------
+    InputError
+        If a name is taken or malformed, a kind or parameter is unknown, a parameter is of the
+        wrong type or out of range, or a topic is remapped that the node does not have.
+    """
+    placed: dict[str, ResolvedNode] = {}
+    for entry in entries:
+        _check_name(entry, placed)
+        _check_host(entry)
+        node = load_entry(entry)
+        params = _params(entry, node.params)
+        types = _published_types(entry, node, params)
+        _check_remap(entry, node, types)
+        outputs = {topic: _resolved_topic(entry, node, topic) for topic in types}
+        placed[entry.name] = ResolvedNode(entry, node, params, types, outputs)
+    return tuple(placed.values())
+
+
+def _check_name(entry: Entry, placed: Mapping[str, ResolvedNode]) -> None:
+    rule = "a letter, then letters, digits and _, in lower case, at most 32"
+    if not _NAME.fullmatch(entry.name):
+        raise entry.error(f"the name must be {rule}")
+    if entry.namespace and not _NAME.fullmatch(entry.namespace):
+        raise entry.error(f"the namespace {entry.namespace!r} must be {rule}")
+    if entry.name == LAUNCHER:
+        raise entry.error("that is the launcher's own name; choose another")
+    if entry.name in placed:
+        first = placed[entry.name].entry.source
+        raise entry.error(f"the name is taken{f' by {first}' if first else ''}; choose another")
+
+
+def _check_host(entry: Entry) -> None:
+    if entry.host:
+        try:
+            read_host(entry.host)
+        except InputError as error:
+            raise entry.error(str(error)) from None
+
+
+def _params(entry: Entry, kind: type) -> Any:
+    if isinstance(entry.params, kind):
+        return entry.params
+    if not isinstance(entry.params, Mapping):
+        raise entry.error(f"params must be a map, got {entry.params!r:.60}")
+    return convert(entry.settings, kind, entry.name)
+
+
+def _published_types(entry: Entry, node: AnyNode, params: Any) -> Mapping[str, type]:
+    """What a node says, by the topic as the node calls it."""
+    if isinstance(node, Sink):
+        return {}
+    if isinstance(node, Node):
+        said = node.outputs.items()
+        return {topic: kind for topic, kind in said if not is_left_out(entry, node, topic)}
+    try:
+        return node.outputs(params)
+    except ValueError as error:
+        raise entry.error(str(error)) from None
+
+
+def is_left_out(entry: Entry, node: Node, topic: str) -> bool:
+    """Whether another finger's node hears or says this topic for all of them."""
+    return entry.finger > 1 and topic in node.shared
+
+
+def _check_remap(entry: Entry, node: AnyNode, says: Iterable[str]) -> None:
+    # Of several fingers' nodes, those that leave a topic to the first may have it remapped, too.
+    known = (*node.inputs, *node.outputs) if isinstance(node, Node) else tuple(says)
+    for local, topic in entry.remap.items():
+        if local not in known:
+            raise entry.error(f"has no topic {local!r} to remap; {hint(local, known)}")
+        if not _TOPIC.fullmatch(topic):
+            raise entry.error(f"{local} cannot become {topic!r}; a topic looks like /touch/raw")
+
+
+def _resolved_topic(entry: Entry, node: AnyNode, topic: str) -> str:
+    if topic in entry.remap:
+        return entry.remap[topic]
+    shared = isinstance(node, Node) and topic in node.shared
+    outside = not entry.namespace or (entry.finger and shared)
+    return topic if outside else f"/{entry.namespace}{topic}"

@@ -1,81 +1,72 @@
 """A launch file: the graph as a user writes it down, in YAML or, where logic is needed, in Python.
 
-In YAML nothing but data is read. A Python launch file is a program and is run as one.
+In YAML nothing but data is read. A Python launch file is a module with ``describe(**args) ->
+Graph``: a program that the user chose to run, trusted like any other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+import json
+import traceback
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Annotated, Any
 
 from msgspec import Meta, Struct, field
+from ruamel.yaml import YAML
 
-from palpate.launch.convert import convert
-from palpate.launch.entry import Entry
+from palpate.launch.files import InputError, SourceMapped, convert, hint, read_yaml
 from palpate.launch.graph import Graph
-from palpate.launch.include import read_with_includes
-from palpate.launch.launch_path import find_launch_file
-from palpate.launch.located import Located
-from palpate.launch.nearest import hint
+from palpate.launch.launch_source import find_launch_file, read_with_includes, substitute
+from palpate.launch.node_kinds import Entry
 from palpate.launch.scene import Scene, load_scene
-from palpate.launch.substitute import substitute
-from palpate.nodes.node import MOST_FINGERS
-from palpate.nodes.wiring import OnExit
+from palpate.nodes.runtime import MAX_FINGERS, OnExit
 
+# What ``$(name)`` stands for without an argument of that name.
 RESERVED = {"out": "the run directory", "finger": "the number of a finger"}
-"""What ``$(name)`` stands for without an argument of that name."""
 
 
 class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One node of a launch file."""
 
+    # A module of palpate.nodes, ``module:NODE`` or a dotted module of one's own; the node's name if
+    # left out.
     kind: str = ""
-    """A module of palpate.nodes, ``module:NODE`` or a dotted module of one's own; the node's name
-    if left out."""
-    params: dict[str, Any] = {}
-    """Its parameters."""
-    remap: dict[str, str] = {}
-    """Topic as the node calls it, to the topic on the wire."""
+    params: dict[str, Any] = {}  # Its parameters
+    remap: dict[str, str] = {}  # Topic as the node calls it, to the topic on the wire
+    # One such node for each of so many fingers, whose number is ``$(finger)``.
     fingers: int | None = None
-    """One such node for each of so many fingers, whose number is ``$(finger)``."""
-    namespace: str = ""
-    """Put before its topics."""
-    host: str = ""
-    """Address of the machine on which it runs; this one if left out."""
+    namespace: str = ""  # Put before its topics
+    host: str = ""  # Address of the machine on which it runs; this one if left out
+    # How far the process stands back when the processor is busy, as in nice(1).
     nice: Annotated[int, Meta(ge=0, le=19)] = 0
-    """How far the process stands back when the processor is busy, as in nice(1)."""
+    # What is done when its process dies: restart, stop (the run) or ignore.
     on_exit: OnExit = "restart"
-    """What is done when its process dies: restart, stop (the run) or ignore."""
+    # False leaves the node out; written ``if`` in the file.
     wanted: bool = field(default=True, name="if")
-    """False leaves the node out; written ``if`` in the file."""
 
 
 class LaunchSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everything that a launch file may say."""
 
-    args: dict[str, Any] = {}
-    """What may be set from outside, and its default."""
-    nodes: dict[str, Any]
-    """The nodes by name."""
-    ends: str
-    """The node whose Finished ends the graph."""
+    args: dict[str, Any] = {}  # What may be set from outside, and its default
+    nodes: dict[str, Any]  # The nodes by name
+    ends: str  # The node whose Finished ends the graph
 
 
 @dataclass(frozen=True, slots=True)
-class Described:
+class LaunchDescription:
     """What a launch file comes to."""
 
-    graph: Graph
-    """The graph, not yet checked."""
-    scene: Scene | None
-    """The scene that it explores, if it has an argument of that name."""
-    args: Mapping[str, Any]
-    """Its arguments as they came out."""
+    graph: Graph  # The graph, not yet checked
+    scene: Scene | None  # The scene that it explores, if it has an argument of that name
+    args: Mapping[str, Any]  # Its arguments as they came out
 
 
-def describe(path: Path, args: Mapping[str, Located], out: Path) -> Described:
+def describe(path: Path, args: Mapping[str, SourceMapped], out: Path) -> LaunchDescription:
     """The graph that a launch file describes.
 
     Parameters
@@ -93,40 +84,24 @@ def describe(path: Path, args: Mapping[str, Located], out: Path) -> Described:
         If the file or an argument cannot be used.
     """
     if path.suffix == ".py":
-        from palpate.launch.python_file import describe_python
-
         plain = {name: value.value for name, value in args.items()}
-        return Described(describe_python(path, args, out), None, plain)
+        return LaunchDescription(describe_python(path, args, out), None, plain)
     given = read_with_includes(path, find_launch_file)
     known, scene = _arguments(given, args, out)
     graph = _graph(given, known)
-    return Described(graph, scene, {name: value.value for name, value in known.items()})
-
-
-def declared_args(given: Located) -> dict[str, Any]:
-    """The arguments that a launch file declares, and their defaults as written.
-
-    Raises
-    ------
-    InputError
-        If they are no map.
-    """
-    declared = given.value.get("args") or {}
-    if not isinstance(declared, dict):
-        raise given.error(("args",), "args must be a map of names to defaults")
-    return declared
+    return LaunchDescription(graph, scene, {name: value.value for name, value in known.items()})
 
 
 def _arguments(
-    given: Located, args: Mapping[str, Located], out: Path
-) -> tuple[dict[str, Located], Scene | None]:
+    given: SourceMapped, args: Mapping[str, SourceMapped], out: Path
+) -> tuple[dict[str, SourceMapped], Scene | None]:
     """What references may name: the run directory, and the arguments in the order declared."""
     declared = declared_args(given)
     for name, value in args.items():
         if name not in declared:
             text = f"{given.source} has no argument {name!r}; {hint(name, declared)}"
             raise value.error((), text)
-    known = {"out": Located(str(out), "")}
+    known = {"out": SourceMapped(str(out), "")}
     scene = None
     for name in declared:
         if name in RESERVED:
@@ -138,22 +113,22 @@ def _arguments(
     return known, scene
 
 
-def _graph(given: Located, known: Mapping[str, Located]) -> Graph:
+def _graph(given: SourceMapped, known: Mapping[str, SourceMapped]) -> Graph:
     """The graph; the nodes are filled in one by one, for each may mean another finger."""
     rest = {key: value for key, value in given.value.items() if key not in ("args", "nodes")}
-    filled = substitute(Located(rest, given.source, given.places), known)
+    filled = substitute(SourceMapped(rest, given.source, given.places), known)
     nodes = {key: value for key, value in given.value.items() if key == "nodes"}
-    spec = convert(Located({**filled.value, **nodes}, given.source, filled.places), LaunchSpec)
+    spec = convert(SourceMapped({**filled.value, **nodes}, given.source, filled.places), LaunchSpec)
     entries = [
         entry for name in spec.nodes for entry in _entries(name, given.part(("nodes", name)), known)
     ]
     return Graph(tuple(entries), spec.ends, filled.place(("ends",)))
 
 
-def _entries(name: str, given: Located, known: Mapping[str, Located]) -> list[Entry]:
+def _entries(name: str, given: SourceMapped, known: Mapping[str, SourceMapped]) -> list[Entry]:
     """What a node of the file comes to: one entry, one for each finger, or none."""
     if not (isinstance(given.value, dict) and "fingers" in given.value):
-        return _wanted(name, name, substitute(given, known))
+        return _entry_unless_left_out(name, name, substitute(given, known))
     if "namespace" in given.value:
         raise given.error(
             ("namespace",), f"node {name!r}: a node with fingers has its namespace from them"
@@ -161,23 +136,16 @@ def _entries(name: str, given: Located, known: Mapping[str, Located]) -> list[En
     fingers = _fingers(substitute(given.part(("fingers",)), known))
     entries = []
     for finger in range(1, fingers + 1):
-        number = Located(finger, given.place(("fingers",)))
+        number = SourceMapped(finger, given.place(("fingers",)))
         one = substitute(given, {**known, "finger": number})
         if fingers > 1:
             own = {"kind": name, **one.value, "namespace": f"finger_{finger}"}
-            one = Located(own, one.source, one.places)
-        entries += _wanted(name, f"{name}_{finger}" if fingers > 1 else name, one)
+            one = SourceMapped(own, one.source, one.places)
+        entries += _entry_unless_left_out(name, f"{name}_{finger}" if fingers > 1 else name, one)
     return entries
 
 
-def _fingers(given: Located) -> int:
-    value = given.value
-    if type(value) is not int or not 1 <= value <= MOST_FINGERS:
-        raise given.error((), f"fingers must be 1 to {MOST_FINGERS}, got {value!r:.60}")
-    return value
-
-
-def _wanted(key: str, name: str, given: Located) -> list[Entry]:
+def _entry_unless_left_out(key: str, name: str, given: SourceMapped) -> list[Entry]:
     """The entry of a filled-in node, unless it is left out; the file has it under the key."""
     spec = NodeSpec() if given.value is None else convert(given, NodeSpec, f"nodes.{key}")
     entry = Entry(
@@ -193,3 +161,168 @@ def _wanted(key: str, name: str, given: Located) -> list[Entry]:
         places=given.part(("params",)).places if spec.params else {},
     )
     return [entry] if spec.wanted else []
+
+
+def _fingers(given: SourceMapped) -> int:
+    value = given.value
+    if type(value) is not int or not 1 <= value <= MAX_FINGERS:
+        raise given.error((), f"fingers must be 1 to {MAX_FINGERS}, got {value!r:.60}")
+    return value
+
+
+def describe_python(path: Path, args: Mapping[str, SourceMapped], out: Path) -> Graph:
+    """The graph that the file's ``describe`` returns.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    args : map
+        Arguments of ``describe`` by name.
+    out : Path
+        The run directory, handed over if ``describe`` has a parameter ``out``.
+
+    Raises
+    ------
+    InputError
+        If there is no such file or function, an argument is unknown or missing, or what comes
+        back is no Graph.
+    """
+    function = load_describe(path)
+    signature = inspect.signature(function)
+    values: dict[str, Any] = {name: value.value for name, value in args.items()}
+    for name, value in args.items():
+        if name not in signature.parameters or name == "out":
+            raise value.error(
+                (), f"{path} has no argument {name!r}; {hint(name, signature.parameters)}"
+            )
+    if "out" in signature.parameters:
+        values["out"] = str(out)
+    try:
+        signature.bind(**values)
+    except TypeError as error:
+        raise InputError(f"{path}: describe: {error}; give it as NAME:=VALUE") from None
+    graph = _call(path, lambda: function(**values))
+    if not isinstance(graph, Graph):
+        raise InputError(f"{path}: describe returned {graph!r:.60}; it must return a Graph")
+    return graph
+
+
+def arguments_table(path: Path) -> str:
+    """A table of the arguments that a launch file takes; nothing is started.
+
+    Of a YAML file the comment behind an argument is its explanation; of a Python file, which is
+    run up to its ``describe``, the type is shown.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used.
+    """
+    python = path.suffix == ".py"
+    rows = _python_rows(path) if python else _yaml_rows(path)
+    if not rows:
+        return f"{path} takes no arguments"
+    head = ("argument", "type", "default") if python else ("argument", "default", "")
+    lines = _aligned([head, *rows])
+    return "\n".join([f"{path} takes, each as NAME:=VALUE", *lines])
+
+
+def _python_rows(path: Path) -> list[tuple[str, str, str]]:
+    rows = []
+    for name, parameter in inspect.signature(load_describe(path)).parameters.items():
+        several = parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+        if name != "out" and not several:
+            rows.append((name, _type(parameter), _default(parameter)))
+    return rows
+
+
+def load_describe(path: Path) -> Callable[..., Any]:
+    """The function ``describe`` of a launch file, which is run up to its end.
+
+    Raises
+    ------
+    InputError
+        If there is no such file or function, or running the file fails.
+    """
+    spec = spec_from_file_location("palpate_launch_file", path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise InputError(f"{path}: the launch file does not exist")
+    module = module_from_spec(spec)
+    loader = spec.loader
+    try:
+        _call(path, lambda: loader.exec_module(module))
+    except SyntaxError as error:
+        raise InputError(f"{path}:{error.lineno}: is not Python: {error.msg}") from None
+    function = getattr(module, "describe", None)
+    if not callable(function):
+        raise InputError(f"{path}: has no function describe; it must return a Graph")
+    return function  # type: ignore[no-any-return]
+
+
+def _call(path: Path, act: Callable[[], Any]) -> Any:
+    """Run the user's program; what it raises is told with its own line."""
+    try:
+        return act()
+    except (InputError, SyntaxError, KeyboardInterrupt):
+        raise
+    except (Exception, SystemExit) as error:  # The edge of the user's program.
+        lines = [
+            f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)
+        ]
+        place = f"{path}:{lines[-1]}" if lines else str(path)
+        raise InputError(f"{place}: {type(error).__name__}: {error}") from None
+
+
+def _type(parameter: inspect.Parameter) -> str:
+    if parameter.annotation is parameter.empty:
+        return ""
+    return inspect.formatannotation(parameter.annotation).strip("'")
+
+
+def _default(parameter: inspect.Parameter) -> str:
+    return "required" if parameter.default is parameter.empty else repr(parameter.default)
+
+
+def _yaml_rows(path: Path) -> list[tuple[str, str, str]]:
+    declared = declared_args(read_with_includes(path, find_launch_file))
+    comments = _comments(path) if declared_args(read_yaml(path)) else {}
+    return [(name, _plain(value), comments.get(name, "")) for name, value in declared.items()]
+
+
+def declared_args(given: SourceMapped) -> dict[str, Any]:
+    """The arguments that a launch file declares, and their defaults as written.
+
+    Raises
+    ------
+    InputError
+        If they are no map.
+    """
+    declared = given.value.get("args") or {}
+    if not isinstance(declared, dict):
+        raise given.error(("args",), "args must be a map of names to defaults")
+    return declared
+
+
+def _comments(path: Path) -> dict[str, str]:
+    """What stands behind each argument of a file that was read and found harmless."""
+    args = YAML(typ="rt", pure=True).load(path.read_text(encoding="utf-8"))["args"]
+    found = {}
+    for name, tokens in args.ca.items.items():
+        text = next((token.value for token in tokens[2:] if hasattr(token, "value")), "")
+        first = text.partition("\n")[0]
+        found[name] = " ".join(first.lstrip("#").split())
+    return found
+
+
+def _plain(value: Any) -> str:
+    return (
+        value
+        if isinstance(value, str) and value
+        else json.dumps(value, default=str, ensure_ascii=False)
+    )
+
+
+def _aligned(rows: Sequence[tuple[str, str, str]]) -> list[str]:
+    widths = [max(len(row[i]) for row in rows) for i in range(2)]
+    return ["  ".join((*map(str.ljust, row[:2], widths), row[2])).rstrip() for row in rows]

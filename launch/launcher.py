@@ -8,20 +8,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from palpate.launch.hosts.homes import Homes
-from palpate.launch.hosts.places import Abroad
-from palpate.launch.processes.before import Before
-from palpate.launch.processes.desk import Desk
-from palpate.launch.processes.folder import past_folder, place_of, private_folder
-from palpate.launch.processes.interrupts import Interrupts
-from palpate.launch.processes.nursery import Nursery
-from palpate.launch.processes.register import Card, announce
-from palpate.launch.processes.supervisor import Supervisor
-from palpate.messages.bus.join import check_name
-from palpate.messages.bus.place import DEPTH, LAUNCHER, Place
-from palpate.nodes.ending import Ending, Watcher
-from palpate.nodes.recording import describe_wirings, recorded_wirings
-from palpate.nodes.wiring import Wiring
+from palpate.launch.hosts import RemoteHosts
+from palpate.launch.processes import (
+    EarlierRun,
+    ForkServer,
+    Interrupts,
+    LauncherSockets,
+    ProcessHosts,
+    RunCard,
+    Supervisor,
+    addresses_of,
+    announce,
+    message_log_folder,
+    private_folder,
+)
+from palpate.messages.bus import LAUNCHER, QUEUE_DEPTH, Addresses, check_node_name
+from palpate.nodes.runtime import Ending, Watcher, Wiring, describe_wirings, recorded_nodes
 
 
 def launch(
@@ -33,8 +35,8 @@ def launch(
     name: str = "graph",
     run_dir: Path | None = None,
     work_dir: Path | None = None,
-    depth: int = DEPTH,
-    before: Before | None = None,
+    depth: int = QUEUE_DEPTH,
+    before: EarlierRun | None = None,
 ) -> Ending:
     """Run a graph until it ends, and leave nothing behind.
 
@@ -79,15 +81,15 @@ def launch(
     with (
         Interrupts() as interrupts,
         private_folder(work_dir) as folder,
-        past_folder(run_dir, folder) as past,
-        Abroad(wirings, f"{name} {folder.name}") as abroad,
+        message_log_folder(run_dir, folder) as past,
+        RemoteHosts(wirings, f"{name} {folder.name}") as abroad,
     ):
-        place = abroad.reach(place_of(folder, names, depth, past))
+        place = abroad.reach(addresses_of(folder, names, depth, past))
         with (
-            Desk(place, sources) as desk,
-            Nursery([wiring.module for wiring in wirings]) as nursery,
+            LauncherSockets(place, sources) as desk,
+            ForkServer([wiring.module for wiring in wirings]) as nursery,
         ):
-            homes = Homes(nursery, abroad.homes)
+            homes = ProcessHosts(nursery, abroad.homes)
             wired = _with_listeners(wirings, hear)
             if before is not None:
                 before.lay(wired, place)
@@ -108,17 +110,17 @@ def launch(
 
 
 def _card(
-    wirings: Sequence[Wiring], place: Place, name: str, ends: str, run_dir: Path | None
-) -> Card:
+    wirings: Sequence[Wiring], place: Addresses, name: str, ends: str, run_dir: Path | None
+) -> RunCard:
     """What the graph says of itself to tools."""
-    return Card(
+    return RunCard(
         run=f"{place.run:016x}",
         name=name,
         pid=os.getpid(),
         began=time.strftime("%Y-%m-%dT%H:%M:%S"),
         folder="" if run_dir is None else str(run_dir.resolve()),
         ends=ends,
-        nodes=recorded_wirings(describe_wirings(wirings)),
+        nodes=recorded_nodes(describe_wirings(wirings)),
         taps=dict(place.taps),
         tools=place.tools,
         key=place.key,
@@ -126,7 +128,7 @@ def _card(
 
 
 def _check(wirings: Sequence[Wiring], ends: str) -> None:
-    names = [check_name(wiring.name) for wiring in wirings]
+    names = [check_node_name(wiring.name) for wiring in wirings]
     if LAUNCHER in names:
         raise ValueError(f"no node may be called {LAUNCHER!r}: that is the launcher's own name")
     twice = sorted({name for name in names if names.count(name) > 1})

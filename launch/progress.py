@@ -1,12 +1,13 @@
-"""What a run has come to so far, gathered from the messages that the launcher hears."""
+"""The progress of a run: gathered from messages, and shown live, as lines or not at all."""
 
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Protocol, TextIO
+from typing import TYPE_CHECKING, Protocol, TextIO
 
 from palpate.messages.types import (
     Contour,
@@ -19,38 +20,33 @@ from palpate.messages.types import (
     ShapeModel,
 )
 
-GATHERED = (Contour, GraspContacts, PlanDone, Probe, Score, ShapeModel)
-"""Types of the messages that are gathered."""
-TRACED = ("closed", "occluded")
-"""Endings of a contour that is of use."""
+if TYPE_CHECKING:
+    from rich.status import Status
+
+# Types of the messages that are gathered.
+GATHERED_TYPES = (Contour, GraspContacts, PlanDone, Probe, Score, ShapeModel)
+TRACED_STATUSES = ("closed", "occluded")  # Endings of a contour that is of use
+# Levels of the log that a user sees; the rest is in log.jsonl.
+LEVELS_SHOWN = frozenset({"warning", "error"})
 
 
 @dataclass(slots=True)
 class Progress:
     """Everything worth telling while a run goes on and when it is over."""
 
-    contacts: int = 0
-    """Contacts of the closing hand."""
-    contours: int = 0
-    """Contours traced, those with gaps that the pad cannot reach among them."""
-    failed: int = 0
-    """Slices of which nothing came."""
-    done: PlanDone | None = None
-    """Why the exploration was over."""
-    touches: int = 0
-    """Touches made on contours and probes."""
-    robot_time: float = 0.0
-    """Robot time of the last of them, s."""
-    ready: float | None = None
-    """Time from the launch until all nodes were joined, s."""
+    contacts: int = 0  # Contacts of the closing hand
+    contours: int = 0  # Contours traced, those with gaps that the pad cannot reach among them
+    failed: int = 0  # Slices of which nothing came
+    done: PlanDone | None = None  # Why the exploration was over
+    touches: int = 0  # Touches made on contours and probes
+    robot_time: float = 0.0  # Robot time of the last of them, s
+    ready: float | None = None  # Time from the launch until all nodes were joined, s
+    # Time since the launch, s, and touches made by then, of each contour and probe.
     reports: list[tuple[float, int]] = field(default_factory=list)
-    """Time since the launch, s, and touches made by then, of each contour and probe."""
-    wall: float = 0.0
-    """Time since the launch began, s."""
-    model: ShapeModel | None = None
-    """The last model."""
+    wall: float = 0.0  # Time since the launch began, s
+    model: ShapeModel | None = None  # The last model
+    # Time since the launch, s, and score, in the order heard.
     scores: list[tuple[float, Score]] = field(default_factory=list)
-    """Time since the launch, s, and score, in the order heard."""
 
     @property
     def touches_per_s(self) -> float | None:
@@ -85,7 +81,7 @@ class Display(Protocol):
         """The run is over."""
 
 
-class Gatherer:
+class ProgressWatcher:
     """A watcher that keeps the progress, writes the log and feeds the display."""
 
     def __init__(self, nodes: int, display: Display, log: TextIO) -> None:
@@ -106,7 +102,7 @@ class Gatherer:
         self._stamp()
         if isinstance(message, (Contour, Probe)):
             if isinstance(message, Contour):
-                traced = message.status in TRACED and len(message.points) > 0
+                traced = message.status in TRACED_STATUSES and len(message.points) > 0
                 progress.contours += traced
                 progress.failed += not traced
             progress.touches += message.touches
@@ -139,3 +135,103 @@ class Gatherer:
 
     def _stamp(self) -> None:
         self.progress.wall = time.monotonic() - self._began
+
+
+def open_display(*, quiet: bool) -> Display:
+    """The display that suits the place where standard error goes."""
+    if quiet:
+        return SilentDisplay()
+    return LiveDisplay() if sys.stderr.isatty() else LineDisplay(sys.stderr)
+
+
+class SilentDisplay:
+    """Shows nothing."""
+
+    def ready(self, nodes: int, seconds: float) -> None:
+        """Show nothing."""
+
+    def show(self, progress: Progress) -> None:
+        """Show nothing."""
+
+    def note(self, record: LogRecord) -> None:
+        """Show nothing."""
+
+    def close(self) -> None:
+        """Show nothing."""
+
+
+class LineDisplay:
+    """One line whenever a model has been scored, and each warning once."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._scored = 0
+        self._noted: set[tuple[str, str]] = set()
+
+    def ready(self, nodes: int, seconds: float) -> None:
+        """Say that all nodes are up."""
+        self.print(f"ready    {nodes} nodes in {seconds:.1f} s")
+
+    def show(self, progress: Progress) -> None:
+        """Say how far it is if there is a new score."""
+        if len(progress.scores) > self._scored:
+            self._scored = len(progress.scores)
+            self.print(f"tracing  {progress_text(progress)}")
+
+    def note(self, record: LogRecord) -> None:
+        """Say a warning, the first time."""
+        key = (record.node, record.text)
+        if record.level in LEVELS_SHOWN and key not in self._noted:
+            self._noted.add(key)
+            self.print(f"{record.level[:8]:<9}{record.node}: {record.text}")
+
+    def close(self) -> None:
+        """Nothing is left open."""
+
+    def print(self, line: str) -> None:
+        """Write one line."""
+        print(line, file=self._stream, flush=True)
+
+
+class LiveDisplay(LineDisplay):
+    """A line that changes in place, above it what stays."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+
+        super().__init__(sys.stderr)
+        self._console = Console(stderr=True, highlight=False, markup=False)
+        self._status: Status | None = None
+
+    def show(self, progress: Progress) -> None:
+        """Draw the line anew."""
+        text = f"tracing  {progress_text(progress)}"
+        if self._status is None:
+            self._status = self._console.status(text)
+            self._status.start()
+        self._status.update(text)
+
+    def close(self) -> None:
+        """Take the line away."""
+        if self._status is not None:
+            self._status.stop()
+            self._status = None
+
+    def print(self, line: str) -> None:
+        """Write one line above the live one."""
+        self._console.print(line)
+
+
+def progress_text(progress: Progress) -> str:
+    """Progress in one line of at most 70 columns."""
+    if not progress.touches:
+        return f"{progress.contacts} contacts of the hand  {progress.wall:.0f} s"
+    parts = [f"{progress.contours} contours", f"{progress.touches} touches"]
+    if progress.touches_per_s is not None:
+        parts.append(f"{progress.touches_per_s:.0f}/s")
+    score = progress.score
+    if score is not None:
+        share = 100.0 * score.chamfer / score.size
+        parts.append(f"error {1000.0 * score.chamfer:.2f} mm ({share:.2f} %)")
+    parts.append(f"{progress.wall:.0f} s")
+    return "  ".join(parts)

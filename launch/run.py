@@ -1,73 +1,130 @@
-"""One run: planned and checked whole, then performed into its run directory."""
+"""One run: planned and checked whole, then performed into its run directory.
+
+Nothing is started or written before everything has been checked: launch file, scene, parameters,
+wiring, and whether sensor, fingers and object allow what is asked for.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.closing import closing_text
-from palpate.launch.demand import check_demand
-from palpate.launch.export import export_model
-from palpate.launch.launch_file import Described, describe
-from palpate.launch.located import InputError, Located
-from palpate.launch.override import override
-from palpate.launch.processes.before import Before
-from palpate.launch.progress import GATHERED, Display, Gatherer
-from palpate.launch.resolved import resolved_text
-from palpate.launch.run_dir import RunDir, choose_run_dir
-from palpate.launch.summary import exit_code, summarise
-from palpate.launch.versions import versions_text
+from palpate.core import ROBOT_PRESETS
+from palpate.core.explore import APART
+from palpate.core.explore.planners import Uniform, make_planner
+from palpate.launch.files import InputError, SourceMapped, export_model
+from palpate.launch.graph import Graph
+from palpate.launch.launch_file import LaunchDescription, describe
+from palpate.launch.launch_source import EXPLORE, prestart_fork_server
+from palpate.launch.node_kinds import Entry
+from palpate.launch.processes import EarlierRun
+from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher, open_display
+from palpate.launch.run_directory import RunDirectory, choose_run_directory, versions_text
+from palpate.launch.scene import find_scene
+from palpate.launch.settings import override, resolved_text
+from palpate.launch.summary import exit_code, summarise, summary_text
 from palpate.messages.types import ShapeModel
-from palpate.nodes.ending import Ending
-from palpate.nodes.recording import RECORDER, with_description
-from palpate.nodes.wiring import Wiring
+from palpate.nodes import planner, simulator
+from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description
+from palpate.nodes.specs import build_pipeline, build_shape, info_of, resolution_of_info
+
+
+def explore(
+    scene: str | Path = "vase",
+    *,
+    seed: int | None = None,
+    fingers: int | None = None,
+    settings: Mapping[str, Any] | None = None,
+    out: str | Path | None = None,
+    composed: bool = False,
+    record: bool = True,
+    quiet: bool = True,
+) -> Run:
+    """Feel the object of a scene and rebuild it.
+
+    Parameters
+    ----------
+    scene : str or Path
+        Name of a shipped scene, or path of a scene file.
+    seed : int, optional
+        Overrides the scene's seed.
+    fingers : int, optional
+        So many explore at once, 1 to 8; one if left out.
+    settings : map, optional
+        ``{"planner.tolerance": 0.1e-3}``: parameters of single nodes.
+    out : str or Path, optional
+        The run directory; a new one in ``runs/`` if left out.
+    composed : bool
+        All nodes in this process instead of one process each; the results are the same.
+    record : bool
+        Keep every message in ``topics.mcap``.
+    quiet : bool
+        Show no progress.
+
+    Returns
+    -------
+    Run
+        The figures, the last model, and where the files lie.
+
+    Raises
+    ------
+    InputError
+        If the scene or a setting cannot be used; nothing has been started.
+    """
+    path = find_scene(scene)
+    if not composed:
+        prestart_fork_server(EXPLORE)
+    args = {"scene": SourceMapped(str(path), "scene"), "record": SourceMapped(record, "record")}
+    if seed is not None:
+        args["seed"] = SourceMapped(seed, "seed")
+    if fingers is not None:
+        args["fingers"] = SourceMapped(fingers, "fingers")
+    plan = plan_run(
+        EXPLORE,
+        args,
+        {key: SourceMapped(value, key) for key, value in (settings or {}).items()},
+        name=path.stem,
+        out=None if out is None else Path(out),
+    )
+    return perform(plan, composed=composed, display=open_display(quiet=quiet))
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
     """A run that has passed every check and has left no trace yet."""
 
-    name: str
-    """What tools call it."""
-    wirings: tuple[Wiring, ...]
-    """The nodes, wired."""
-    ends: str
-    """The node whose Finished ends the graph."""
+    name: str  # What tools call it
+    wirings: tuple[Wiring, ...]  # The nodes, wired
+    ends: str  # The node whose Finished ends the graph
+    # What it says of itself, text by name: launch file, scene, seed, versions.
     about: Mapping[str, str]
-    """What it says of itself, text by name: launch file, scene, seed, versions."""
-    folder: RunDir
-    """Where the results will be."""
-    before: Before | None = None
-    """An earlier run, if it goes on with one."""
+    folder: RunDirectory  # Where the results will be
+    before: EarlierRun | None = None  # An earlier run, if it goes on with one
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
     """What a run came to."""
 
-    folder: Path
-    """The run directory."""
-    ending: Ending
-    """How the graph ended."""
-    summary: Mapping[str, Any]
-    """The figures, as in ``summary.json``."""
-    model: ShapeModel | None
-    """The last model."""
+    folder: Path  # The run directory
+    ending: Ending  # How the graph ended
+    summary: Mapping[str, Any]  # The figures, as in ``summary.json``
+    model: ShapeModel | None  # The last model
+    # 0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
     exit_code: int
-    """0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted."""
 
     @property
     def text(self) -> str:
         """The figures for people."""
         files = sorted(path.name for path in self.folder.iterdir())
-        return closing_text(self.summary, files, self.folder)
+        return summary_text(self.summary, files, self.folder)
 
 
 def check_run(
-    path: Path, args: Mapping[str, Located], settings: Mapping[str, Located], out: Path
-) -> tuple[Described, tuple[Wiring, ...]]:
+    path: Path, args: Mapping[str, SourceMapped], settings: Mapping[str, SourceMapped], out: Path
+) -> tuple[LaunchDescription, tuple[Wiring, ...]]:
     """What a launch file comes to with arguments and settings, checked whole, and its wiring.
 
     Parameters are those of `plan_run`; `out` is the run directory, which need not exist.
@@ -80,14 +137,63 @@ def check_run(
     found = describe(path, args, out)
     graph = override(found.graph, settings)
     wirings = graph.wirings()
-    check_demand(graph, wirings)
-    return Described(graph, found.scene, found.args), wirings
+    check_feasibility(graph, wirings)
+    return LaunchDescription(graph, found.scene, found.args), wirings
+
+
+def check_feasibility(graph: Graph, wirings: Sequence[Wiring]) -> None:
+    """Refuse a tolerance that the sensor cannot tell, and fingers that have nothing to do.
+
+    Says nothing of a graph that has no planner or no simulator of palpate's own.
+
+    Raises
+    ------
+    InputError
+        With file and line where they are known.
+    """
+    places = {entry.name: entry for entry in graph.entries}
+    plans = [one for one in wirings if isinstance(one.params, planner.Params)]
+    fingers = [one for one in wirings if isinstance(one.params, simulator.Params)]
+    if len(plans) == 1 and fingers:
+        asked, place = plans[0].params, places[plans[0].name]
+        _check_tolerance(asked, place, fingers[0].params)
+        if len(fingers) > 1:
+            _check_room(asked, place, fingers[0].params, len(fingers))
+
+
+def _check_tolerance(asked: planner.Params, place: Entry, feels: simulator.Params) -> None:
+    pipeline = build_pipeline(feels.sensor, feels.effects, ROBOT_PRESETS[feels.robot])
+    resolution = resolution_of_info(info_of(feels.sensor, pipeline.noise))
+    if asked.tolerance < resolution:
+        raise place.settings.error(
+            ("tolerance",),
+            f"tolerance is {asked.tolerance} m; it must be at least what the sensor can tell, "
+            f"{resolution:g} m",
+        )
+
+
+def _check_room(asked: planner.Params, place: Entry, feels: simulator.Params, fingers: int) -> None:
+    rule = make_planner(asked.planner, asked.settings)
+    if isinstance(rule, Uniform) and rule.count < fingers:
+        raise place.settings.error(
+            ("settings", "count"),
+            f"count is {rule.count}, but there are {fingers} fingers; a finger would have nothing "
+            "to do: ask for more slices or take fewer fingers",
+        )
+    low, high = build_shape(feels.object).bounds()
+    apart = APART * feels.sensor.pitch * max(feels.sensor.rows, feels.sensor.cols)
+    room = int((high[2] - low[2]) / apart) + 1
+    if fingers > room:
+        raise place.error(
+            f"fingers is {fingers}, but an object of {high[2] - low[2]:.3g} m has room for {room}, "
+            f"{apart:.3g} m apart; take fewer fingers"
+        )
 
 
 def plan_run(
     path: Path,
-    args: Mapping[str, Located],
-    settings: Mapping[str, Located],
+    args: Mapping[str, SourceMapped],
+    settings: Mapping[str, SourceMapped],
     *,
     name: str,
     out: Path | None = None,
@@ -112,11 +218,25 @@ def plan_run(
     InputError
         If anything is wrong; nothing has been started or written.
     """
-    folder = choose_run_dir(name, out)
+    folder = choose_run_directory(name, out)
     described, wirings = check_run(path, args, settings, folder.path)
     about = _about(described, resolved_text(described.graph, wirings))
     told = with_description(wirings, about)
     return Plan(name, told, described.graph.ends, about, folder)
+
+
+def _about(described: LaunchDescription, resolved: str) -> dict[str, str]:
+    """What a recording says of its run, beside the graph."""
+    about = {"launch": resolved, "versions": versions_text(), "ends": described.graph.ends}
+    if described.scene is not None:
+        about |= {"scene": described.scene.text, "scene_name": described.scene.name}
+    seed = _seed(described)
+    return about if seed is None else {**about, "seed": str(seed)}
+
+
+def _seed(described: LaunchDescription) -> int | None:
+    seed = described.args.get("seed")
+    return seed if isinstance(seed, int) else None
 
 
 def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
@@ -145,7 +265,7 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
         folder.write_text("scene.yaml", about["scene"])
     folder.write_text("launch.yaml", about["launch"])
     with (folder.path / "log.jsonl").open("w", encoding="utf-8") as log:
-        gatherer = Gatherer(len(plan.wirings), display, log)
+        gatherer = ProgressWatcher(len(plan.wirings), display, log)
         try:
             ending = _start(plan, gatherer, composed=composed)
         finally:
@@ -161,15 +281,15 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     return Run(folder.path, ending, summary, progress.model, code)
 
 
-def _start(plan: Plan, gatherer: Gatherer, *, composed: bool) -> Ending:
+def _start(plan: Plan, gatherer: ProgressWatcher, *, composed: bool) -> Ending:
     said = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
-    gathered = {cls.__name__ for cls in GATHERED}
+    gathered = {cls.__name__ for cls in GATHERED_TYPES}
     ends, hear = plan.ends, tuple(topic for topic, name in said.items() if name in gathered)
     if composed:
-        from palpate.launch.processes.interrupts import as_ctrl_c
-        from palpate.nodes.composed import run_composed
+        from palpate.launch.processes import signals_as_ctrl_c
+        from palpate.nodes.runtime import run_composed
 
-        with as_ctrl_c():
+        with signals_as_ctrl_c():
             return run_composed(plan.wirings, ends=ends, hear=hear, watcher=gatherer)
     from palpate.launch.launcher import launch
 
@@ -185,17 +305,3 @@ def _start(plan: Plan, gatherer: Gatherer, *, composed: bool) -> Ending:
         )
     except ValueError as error:
         raise InputError(str(error)) from None
-
-
-def _about(described: Described, resolved: str) -> dict[str, str]:
-    """What a recording says of its run, beside the graph."""
-    about = {"launch": resolved, "versions": versions_text(), "ends": described.graph.ends}
-    if described.scene is not None:
-        about |= {"scene": described.scene.text, "scene_name": described.scene.name}
-    seed = _seed(described)
-    return about if seed is None else {**about, "seed": str(seed)}
-
-
-def _seed(described: Described) -> int | None:
-    seed = described.args.get("seed")
-    return seed if isinstance(seed, int) else None

@@ -1,10 +1,11 @@
-"""A scene: the object, the sensor and the world to explore, from a YAML file.
+"""A scene: object, sensor, effects, planner and world, from a YAML file.
 
 Loading checks everything that can be wrong with it; a scene that loads can be explored.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,75 +13,72 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta, Struct, to_builtins
 
-from palpate.core.measure.robot_time import PRESETS
-from palpate.launch.calibration_file import with_calibration
-from palpate.launch.convert import convert
-from palpate.launch.located import InputError, Located
-from palpate.launch.mesh_file import MeshFile, read_mesh
-from palpate.launch.nearest import hint
-from palpate.launch.own_folder import file_in
-from palpate.launch.scene_effects import with_effects
-from palpate.launch.scene_planner import check_planner
-from palpate.launch.yaml_file import read_yaml
-from palpate.nodes.effects import EffectSpecs, build_pipeline
-from palpate.nodes.object import ObjectSpec, Seed, build_shape, encode_mesh
-from palpate.nodes.sensor import SensorSpec
+from palpate.core import ROBOT_PRESETS
+from palpate.core.explore.planners import PLANNER_NAMES, Planner, planner_type
+from palpate.core.touch import Effect
+from palpate.core.touch.effects import EFFECT_NAMES, effect_type
+from palpate.launch.files import (
+    InputError,
+    KeyPath,
+    MeshFile,
+    SourceMapped,
+    convert,
+    file_within,
+    hint,
+    read_mesh,
+    read_yaml,
+    with_calibration,
+)
+from palpate.launch.node_kinds import search_current_folder
+from palpate.nodes.specs import (
+    EffectSpecs,
+    ObjectSpec,
+    Seed,
+    SensorSpec,
+    build_pipeline,
+    build_shape,
+    encode_mesh,
+)
 
-LEAST_EXTENT = 5.0e-3
-"""Smallest extent of an object, m."""
-CHECK_LEVEL = 4
-"""5k faces: enough to tell how far an object reaches."""
-SHIPPED = Path(__file__).parent / "scenes"
-"""Folder of the scenes that come with palpate."""
+LEAST_EXTENT = 5.0e-3  # Smallest extent of an object, m
+CHECK_LEVEL = 4  # 5k faces: enough to tell how far an object reaches
+SHIPPED_SCENES = Path(__file__).parent / "scenes"  # Folder of the scenes that come with palpate
 
 
 class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a robot knows before it touches anything."""
 
+    # The finger reaches this far sideways from the axis and up from the platform on which the
+    # object stands, m.
     reach: Annotated[float, Meta(gt=0, le=10)] = 0.15
-    """The finger reaches this far sideways from the axis and up from the
-    platform on which the object stands, m."""
-    robot: str = "modern"
-    """Preset of the robot's speeds: modern or puma."""
+    robot: str = "modern"  # Preset of the robot's speeds: modern or puma
 
     def __post_init__(self) -> None:
-        if self.robot not in PRESETS:
-            raise ValueError(f"robot must be one of {sorted(PRESETS)}, got {self.robot!r}")
+        if self.robot not in ROBOT_PRESETS:
+            raise ValueError(f"robot must be one of {sorted(ROBOT_PRESETS)}, got {self.robot!r}")
 
 
 class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everything that a scene file may say."""
 
-    object: ObjectSpec
-    """What stands there."""
-    sensor: SensorSpec = SensorSpec()
-    """What feels it."""
-    world: WorldSpec = WorldSpec()
-    """Where."""
-    effects: EffectSpecs = {}
-    """What disturbs the sensor; in the file a list, here by name."""
-    explore: dict[str, Any] = {}
-    """Parameters of the planner."""
-    seed: Seed = 0
-    """Seed of all that is random."""
+    object: ObjectSpec  # What stands there
+    sensor: SensorSpec = SensorSpec()  # What feels it
+    world: WorldSpec = WorldSpec()  # Where
+    effects: EffectSpecs = {}  # What disturbs the sensor; in the file a list, here by name
+    explore: dict[str, Any] = {}  # Parameters of the planner
+    seed: Seed = 0  # Seed of all that is random
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
     """A checked scene."""
 
-    name: str
-    """The file's name without its suffix."""
-    path: Path
-    """The file."""
-    text: str
-    """The file's text."""
-    spec: SceneSpec
-    """What it says, with defaults filled in and the mesh read."""
-    located: Located
-    """The same as plain values, with file and line."""
-    size: tuple[float, float, float]
-    """Extents of the object along x, y and z, to 0.1 mm or so, m."""
+    name: str  # The file's name without its suffix
+    path: Path  # The file
+    text: str  # The file's text
+    spec: SceneSpec  # What it says, with defaults filled in and the mesh read
+    located: SourceMapped  # The same as plain values, with file and line
+    size: tuple[float, float, float]  # Extents of the object along x, y and z, to 0.1 mm or so, m
 
 
 def load_scene(name: str | Path) -> Scene:
@@ -103,54 +101,93 @@ def load_scene(name: str | Path) -> Scene:
     given = with_calibration(given, path.resolve().parent)
     check_planner(given)
     spec = convert(given, SceneSpec)
-    located = Located(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
+    located = SourceMapped(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
     _check_finger(spec, located)
     size = _check_reach(spec, located)
     return Scene(path.stem, path, path.read_text(encoding="utf-8"), spec, located, size)
 
 
-def shipped_scenes() -> tuple[str, ...]:
-    """Names of the scenes that come with palpate."""
-    return tuple(sorted(path.stem for path in SHIPPED.glob("*.yaml")))
+def with_effects(given: SourceMapped) -> SourceMapped:
+    """The scene with its list of effects made into a map from name to parameters.
 
-
-def find_scene(scene: str | Path) -> Path:
-    """Path of a scene given by name or path.
+    An entry is a name, or a map from the name to the parameters. A user's own effect is named
+    ``module:Class``; the module is looked for in the current folder as well.
 
     Raises
     ------
     InputError
-        If there is no such file and no shipped scene of this name.
+        If the list is none, an effect is unknown or listed twice, or a parameter is unknown,
+        of the wrong type, or out of its range.
     """
-    path = Path(scene)
-    if path.is_file():
-        return path
-    known = shipped_scenes()
-    if str(scene) in known:
-        return SHIPPED / f"{scene}.yaml"
-    if len(path.parts) > 1 or path.suffix:
-        kind = "is a folder" if path.is_dir() else "does not exist"
-        raise InputError(f"{path}: the scene {kind}; a scene is a YAML file")
-    raise InputError(f"there is no scene {str(scene)!r}; {hint(str(scene), known)}")
+    listed = given.value.get("effects")
+    if listed is None:  # the key is not there, or nothing stands behind it
+        kept = {key: value for key, value in given.value.items() if key != "effects"}
+        return SourceMapped(kept, given.source, given.places)
+    if not isinstance(listed, list):
+        raise given.error(("effects",), "effects must be a list: - gaussian_noise: {sigma: 1e-5}")
+    effects: dict[str, Any] = {}
+    kinds: dict[type, str] = {}
+    places = dict(given.places)
+    for i, entry in enumerate(listed):
+        name, parameters = _listed_effect(given, i, entry)
+        if name in effects:
+            raise given.error(("effects", i), f"effects lists {name!r} twice; list it once")
+        where: KeyPath = ("effects", i, name) if isinstance(entry, Mapping) else ("effects", i)
+        part = SourceMapped(parameters, given.place(where), _places_below(given, where))
+        kind = type(effect_of(part, name))
+        if kind in kinds:
+            raise given.error(("effects", i), f"{name!r} and {kinds[kind]!r} are the same effect")
+        kinds[kind] = name
+        effects[name] = parameters
+        places.update({("effects", name, *key): at for key, at in part.places.items()})
+        places["effects", name] = part.source
+    return SourceMapped({**given.value, "effects": effects}, given.source, places)
 
 
-def scene_title(name: str) -> str:
-    """The first comment of a shipped scene."""
-    first = (SHIPPED / f"{name}.yaml").read_text(encoding="utf-8").partition("\n")[0]
-    return first.removeprefix("#").strip()
+def _listed_effect(given: SourceMapped, i: int, entry: Any) -> tuple[str, dict[str, Any]]:
+    if isinstance(entry, str):
+        return entry, {}
+    if isinstance(entry, Mapping) and len(entry) == 1:
+        name, parameters = next(iter(entry.items()))
+        if isinstance(name, str) and (parameters is None or isinstance(parameters, Mapping)):
+            return name, dict(parameters or {})
+    raise given.error(
+        ("effects", i),
+        f"effects[{i}] must be one effect and its parameters: - gaussian_noise: {{sigma: 1e-5}}",
+    )
 
 
-def _check_finger(spec: SceneSpec, located: Located) -> None:
-    """Each effect must be one that this sensor can have."""
+def _places_below(given: SourceMapped, where: KeyPath) -> dict[KeyPath, str]:
+    size = len(where)
+    return {key[size:]: at for key, at in given.places.items() if key[:size] == where}
+
+
+def effect_of(parameters: SourceMapped, name: str) -> Effect:
+    """One effect.
+
+    Raises
+    ------
+    InputError
+        If there is none of this name, or a parameter cannot be used.
+    """
+    kind = _effect_type(parameters, name)
+    return convert(parameters, kind, f"effects.{name}")
+
+
+def _effect_type(parameters: SourceMapped, name: str) -> type[Effect]:
+    search_current_folder(name)
     try:
-        build_pipeline(spec.sensor, spec.effects, PRESETS[spec.world.robot])
+        return effect_type(name)
+    except LookupError:
+        place = f"{parameters.source}: " if parameters.source else ""
+        raise InputError(
+            f"{place}there is no effect {name!r}; {hint(name, EFFECT_NAMES)}"
+        ) from None
     except ValueError as error:
-        name = str(error).partition(" ")[0]
-        where = ("effects", name) if name in spec.effects else ("effects",)
-        raise located.error(where, str(error)) from None
+        raise parameters.error((), str(error)) from None
 
 
-def _with_mesh(given: Located, scene: Path) -> Located:
+def _with_mesh(given: SourceMapped, scene: Path) -> SourceMapped:
     """The scene with its mesh file read into it."""
     try:
         part = given.part(("object", "mesh"))
@@ -159,7 +196,7 @@ def _with_mesh(given: Located, scene: Path) -> Located:
     mesh = convert(part, MeshFile, "object.mesh")
     folder = scene.resolve().parent
     try:
-        path = file_in(folder, mesh.file, "object.mesh.file")
+        path = file_within(folder, mesh.file, "object.mesh.file")
         data = encode_mesh(*read_mesh(path, mesh.unit))
     except ValueError as error:
         raise part.error(("file",), str(error)) from None
@@ -167,10 +204,67 @@ def _with_mesh(given: Located, scene: Path) -> Located:
         **given.value,
         "object": {**given.value["object"], "mesh": to_builtins(data, builtin_types=(bytes,))},
     }
-    return Located(value, given.source, given.places)
+    return SourceMapped(value, given.source, given.places)
 
 
-def _check_reach(spec: SceneSpec, located: Located) -> tuple[float, float, float]:
+def check_planner(given: SourceMapped) -> Planner | None:
+    """Make the planner that a scene describes, ``explore: {planner: NAME, settings: {...}}``.
+
+    A user's own is named ``module:Class``; the module is looked for in the current folder as well.
+
+    Returns
+    -------
+    Planner or None
+        None if the scene says nothing of one.
+
+    Raises
+    ------
+    InputError
+        If there is no such planner, or a setting is unknown, of the wrong type, or out of its
+        range; with file and line.
+    """
+    explore = given.value.get("explore")
+    if not isinstance(explore, Mapping) or not {"planner", "settings"} & set(explore):
+        return None
+    name, path = explore.get("planner", PLANNER_NAMES[0]), ("explore", "planner")
+    if not isinstance(name, str):
+        raise given.error(
+            path, f"explore.planner is {name!r}; it must be a name, as {PLANNER_NAMES[0]}"
+        )
+    search_current_folder(name)
+    try:
+        kind = planner_type(name)
+    except LookupError:
+        raise given.error(
+            path, f"there is no planner {name!r}; {hint(name, PLANNER_NAMES)}"
+        ) from None
+    except ValueError as error:
+        raise given.error(path, str(error)) from None
+    return convert(_planner_settings(given, explore), kind, "explore.settings")
+
+
+def _planner_settings(given: SourceMapped, explore: Mapping[str, object]) -> SourceMapped:
+    """What stands behind ``settings``; nothing is no settings."""
+    path = ("explore", "settings")
+    settings = explore.get("settings")
+    if settings is None:
+        return SourceMapped({}, given.place(path))
+    if not isinstance(settings, Mapping):
+        raise given.error(path, f"explore.settings is {settings!r}; it must be a map of numbers")
+    return given.part(path)
+
+
+def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
+    """Each effect must be one that this sensor can have."""
+    try:
+        build_pipeline(spec.sensor, spec.effects, ROBOT_PRESETS[spec.world.robot])
+    except ValueError as error:
+        name = str(error).partition(" ")[0]
+        where = ("effects", name) if name in spec.effects else ("effects",)
+        raise located.error(where, str(error)) from None
+
+
+def _check_reach(spec: SceneSpec, located: SourceMapped) -> tuple[float, float, float]:
     """The object must be large enough to feel and lie within the finger's reach; its extents."""
     vertices = build_shape(spec.object).mesh(CHECK_LEVEL).vertices
     extents = np.ptp(vertices, axis=0)
@@ -190,3 +284,34 @@ def _check_reach(spec: SceneSpec, located: Located) -> tuple[float, float, float
         )
     x, y, z = extents.tolist()
     return (x, y, z)
+
+
+def shipped_scenes() -> tuple[str, ...]:
+    """Names of the scenes that come with palpate."""
+    return tuple(sorted(path.stem for path in SHIPPED_SCENES.glob("*.yaml")))
+
+
+def find_scene(scene: str | Path) -> Path:
+    """Path of a scene given by name or path.
+
+    Raises
+    ------
+    InputError
+        If there is no such file and no shipped scene of this name.
+    """
+    path = Path(scene)
+    if path.is_file():
+        return path
+    known = shipped_scenes()
+    if str(scene) in known:
+        return SHIPPED_SCENES / f"{scene}.yaml"
+    if len(path.parts) > 1 or path.suffix:
+        kind = "is a folder" if path.is_dir() else "does not exist"
+        raise InputError(f"{path}: the scene {kind}; a scene is a YAML file")
+    raise InputError(f"there is no scene {str(scene)!r}; {hint(str(scene), known)}")
+
+
+def scene_title(name: str) -> str:
+    """The first comment of a shipped scene."""
+    first = (SHIPPED_SCENES / f"{name}.yaml").read_text(encoding="utf-8").partition("\n")[0]
+    return first.removeprefix("#").strip()

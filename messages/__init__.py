@@ -1,1 +1,34 @@
-"""What is said (`types`), how it travels (`codec`, `bus`), how it is kept (`recording`)."""
+"""What is published (`types`), how it is packed (`codec`, `fields`).
+
+How it travels (`bus`) and how it is kept (`recording`). To be touched: the field types in
+`fields`, of which anybody makes message types of their own; the limits of a body are in `codec`,
+and changing one changes what is refused. Rests on numpy and msgpack; knows nothing of
+`palpate.core`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.messages.codec import HEADER_SIZE as HEADER_SIZE
+    from palpate.messages.codec import Header as Header
+    from palpate.messages.codec import codec_of as codec_of
+    from palpate.messages.codec import decode as decode
+    from palpate.messages.codec import encode as encode
+    from palpate.messages.codec import first_difference as first_difference
+    from palpate.messages.codec import pack_frame as pack_frame
+    from palpate.messages.codec import schema as schema
+    from palpate.messages.codec import schema_hash as schema_hash
+    from palpate.messages.codec import shortened as shortened
+    from palpate.messages.codec import split_frame as split_frame
+    from palpate.messages.fields import Array as Array
+    from palpate.messages.fields import CodecError as CodecError
+    from palpate.messages.fields import Count as Count
+    from palpate.messages.fields import PerMetre as PerMetre
+    from palpate.messages.fields import Seconds as Seconds
+    from palpate.messages.fields import Vector as Vector
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,8 +1,11 @@
 """Messages to bytes and back, with the same checks at both ends.
 
-A body is one msgpack map by field name; an array is a map of dtype, shape and bytes. A body
-is measured before it is unpacked, and unpacked within fixed limits, so that no input can ask
-for more memory than it brings. There is no extension type and no pickle.
+A body is one msgpack map by field name; an array is a map of dtype, shape and bytes. A body is
+measured before it is unpacked, and unpacked within fixed limits, lists and maps counted, so
+that no input can ask for more memory than it brings. No extension type, no pickle. On the wire:
+topic, zero byte, fixed header, body, in one part, since each further part of a multipart
+message costs as much as the message. Own codec: msgspec and pydantic check no array shapes or
+units.
 """
 
 from __future__ import annotations
@@ -10,11 +13,13 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import struct
 from collections.abc import Callable
 from operator import attrgetter
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import msgpack
+import numpy as np
 
 from palpate.messages.fields import (
     MAX_FIELDS,
@@ -23,19 +28,18 @@ from palpate.messages.fields import (
     MAX_TEXT,
     CodecError,
     Convert,
-    rule_of,
+    field_rule,
 )
-from palpate.messages.nested import at_most
 
-SMALL = 1 << 14
-"""Bodies up to so many bytes are unpacked without counting their lists: a MB at the most."""
-MAX_BYTES = 1 << 20
-"""Largest body of a type that does not set its own ``MAX_BYTES``."""
-
-SHOWN = 8
-"""Most unknown fields that are named."""
-
+# Bodies up to so many bytes are unpacked without counting their lists: a MB at the most.
+UNCOUNTED_BYTES = 1 << 14
+MAX_BYTES = 1 << 20  # Largest body of a type that does not set its own ``MAX_BYTES``
+MAX_SHOWN_FIELDS = 8  # Most unknown fields that are named
 Message = TypeVar("Message")
+_CODECS: dict[type, Codec] = {}
+_LAYOUT = struct.Struct("<QIQqdI")
+HEADER_SIZE = _LAYOUT.size
+MAX_SHOWN_CHARS = 60  # Characters of a value that are shown
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -51,9 +55,6 @@ class Codec:
     max_bytes: int
     schema: dict[str, Any]
     hash: int
-
-
-_CODECS: dict[type, Codec] = {}
 
 
 def encode(message: object) -> bytes:
@@ -98,6 +99,50 @@ def decode(cls: type[Message], body: bytes) -> Message:
     return cls(**fields)
 
 
+def _unpack_map(codec: Codec, body: bytes) -> dict[str, Any]:
+    if len(body) > codec.max_bytes:
+        raise CodecError(_too_large(codec, len(body)))
+    # In what is small, lists cannot grow to much before their fields are looked at.
+    count = nesting_limit(MAX_NESTED) if len(body) > UNCOUNTED_BYTES else None
+    try:
+        fields = msgpack.unpackb(
+            body,
+            list_hook=count,
+            object_hook=count,
+            raw=False,
+            strict_map_key=True,
+            max_str_len=MAX_TEXT,
+            max_bin_len=codec.max_bytes,
+            max_array_len=MAX_ITEMS,
+            max_map_len=MAX_FIELDS,
+            max_ext_len=0,
+            ext_hook=_refuse_extension,
+        )
+    except (ValueError, RecursionError) as error:
+        raise CodecError(f"not a {codec.cls.__name__}: {type(error).__name__}: {error}") from None
+    if type(fields) is not dict:
+        raise CodecError(f"not a {codec.cls.__name__}: a {type(fields).__name__}, not a map")
+    return fields
+
+
+def _too_large(codec: Codec, size: int) -> str:
+    return f"not a {codec.cls.__name__}: {size} bytes, at most {codec.max_bytes} are allowed"
+
+
+def _refuse_extension(code: int, _: bytes) -> None:
+    raise ValueError(f"extension type {code} is not allowed")
+
+
+def _wrong_fields(codec: Codec, fields: dict[str, Any]) -> str:
+    missing = sorted(set(codec.names) - fields.keys())
+    unknown = sorted(f"{name!s:.40}" for name in fields.keys() - set(codec.names))
+    more = ", ..." if len(unknown) > MAX_SHOWN_FIELDS else ""
+    return (
+        f"not a {codec.cls.__name__}: missing fields {missing}, "
+        f"unknown fields {unknown[:MAX_SHOWN_FIELDS]}{more}"
+    )
+
+
 def schema(cls: type) -> dict[str, Any]:
     """JSON schema of a message type, with units and shapes."""
     return codec_of(cls).schema
@@ -120,7 +165,7 @@ def _compile(cls: type) -> Codec:
         raise CodecError(f"{cls.__name__} is not a message type")
     hints = get_type_hints(cls, include_extras=True)
     names = tuple(field.name for field in dataclasses.fields(cls))
-    rules = [rule_of(hints[name]) for name in names]
+    rules = [field_rule(hints[name]) for name in names]
     described = {
         "title": cls.__name__,
         "type": "object",
@@ -147,45 +192,111 @@ def _only(name: str) -> Callable[[Any], tuple[Any, ...]]:
     return lambda message: (value(message),)
 
 
-def _unpack_map(codec: Codec, body: bytes) -> dict[str, Any]:
-    if len(body) > codec.max_bytes:
-        raise CodecError(_too_large(codec, len(body)))
-    # In what is small, lists cannot grow to much before their fields are looked at.
-    count = at_most(MAX_NESTED) if len(body) > SMALL else None
+def nesting_limit(number: int) -> Callable[[Any], Any]:
+    """A hook for one value to unpack, which lets through so many lists and maps and no more.
+
+    It raises ValueError then, in the midst of unpacking.
+    """
+    left = iter(range(number))
+
+    def count(found: Any) -> Any:
+        if next(left, None) is None:
+            raise ValueError(f"more than {number} lists and maps")
+        return found
+
+    return count
+
+
+class Header(NamedTuple):
+    """What every frame says before its body."""
+
+    run: int  # Number of the run, 64 bits
+    epoch: int  # Counts the publisher's starts
+    seq: int  # Counts up by one per publisher and topic, across restarts
+    sent_ns: int  # The publisher's monotonic clock when it was sent, ns
+    robot_time: float  # Robot time in the body, s; 0 if it has none
+    schema: int  # Hash of the body's schema
+
+
+def pack_frame(topic: str, header: Header, body: bytes) -> bytes:
+    """One frame: topic, a zero byte, the header, the body."""
+    return topic.encode() + b"\0" + _LAYOUT.pack(*header) + body
+
+
+def split_frame(frame: bytes) -> tuple[str, Header, bytes]:
+    """Topic, header and body of a frame.
+
+    Raises
+    ------
+    ValueError
+        If the frame is too short to hold a topic and a header, or the topic is no text.
+    """
+    end = frame.find(b"\0")
+    if end < 0 or len(frame) < end + 1 + HEADER_SIZE:
+        raise ValueError(f"not a frame: {len(frame)} bytes without a topic and a header")
+    header = Header._make(_LAYOUT.unpack_from(frame, end + 1))
     try:
-        fields = msgpack.unpackb(
-            body,
-            list_hook=count,
-            object_hook=count,
-            raw=False,
-            strict_map_key=True,
-            max_str_len=MAX_TEXT,
-            max_bin_len=codec.max_bytes,
-            max_array_len=MAX_ITEMS,
-            max_map_len=MAX_FIELDS,
-            max_ext_len=0,
-            ext_hook=_refuse_extension,
-        )
-    except (ValueError, RecursionError) as error:
-        raise CodecError(f"not a {codec.cls.__name__}: {type(error).__name__}: {error}") from None
-    if type(fields) is not dict:
-        raise CodecError(f"not a {codec.cls.__name__}: a {type(fields).__name__}, not a map")
-    return fields
+        topic = frame[:end].decode()
+    except UnicodeDecodeError:
+        raise ValueError("not a frame: its topic is not Unicode") from None
+    return topic, header, frame[end + 1 + HEADER_SIZE :]
 
 
-def _refuse_extension(code: int, _: bytes) -> None:
-    raise ValueError(f"extension type {code} is not allowed")
+def first_difference(cls: type, one: bytes, other: bytes) -> tuple[str, str, str] | None:
+    """Where two bodies of the same type differ first.
+
+    Parameters
+    ----------
+    cls : type
+        The message type.
+    one, other : bytes
+        The bodies.
+
+    Returns
+    -------
+    field, value, value
+        The field, with the place within it if it is an array, and what is there in each body;
+        the field ``bytes`` if the bodies differ though the values do not, or if one of them is
+        no such message. None if the bodies are identical.
+    """
+    if one == other:
+        return None
+    try:
+        first: Any = decode(cls, one)
+        second: Any = decode(cls, other)
+    except CodecError as error:
+        return "bytes", f"{len(one)} bytes", f"{len(other)} bytes: {error}"
+    for field in dataclasses.fields(cls):
+        mine, theirs = getattr(first, field.name), getattr(second, field.name)
+        found = _difference(mine, theirs)
+        if found is not None:
+            place, mine_text, theirs_text = found
+            return field.name + place, mine_text, theirs_text
+    place_of = next(i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b)
+    return f"bytes[{place_of}]", f"{one[place_of]:#04x}", f"{other[place_of]:#04x}"
 
 
-def _too_large(codec: Codec, size: int) -> str:
-    return f"not a {codec.cls.__name__}: {size} bytes, at most {codec.max_bytes} are allowed"
+def _difference(one: Any, other: Any) -> tuple[str, str, str] | None:
+    if isinstance(one, dict) and one.keys() == other.keys():
+        entries = ((f"[{key!r}]", one[key], other[key]) for key in one)
+        different = (entry for entry in entries if repr(entry[1]) != repr(entry[2]))
+        return next(((at, shortened(a), shortened(b)) for at, a, b in different), None)
+    if not isinstance(one, np.ndarray):
+        return None if repr(one) == repr(other) else ("", shortened(one), shortened(other))
+    if one.shape != other.shape:
+        return ".shape", str(one.shape), str(other.shape)
+    if one.tobytes() == other.tobytes():
+        return None
+    # Bytes, not values: a zero that changed its sign is a difference.
+    width = one.dtype.itemsize
+    bits = [np.frombuffer(a.tobytes(), np.uint8).reshape(-1, width) for a in (one, other)]
+    first = int((bits[0] != bits[1]).any(axis=1).argmax())
+    place = np.unravel_index(first, one.shape)
+    at = "[" + ", ".join(str(int(i)) for i in place) + "]"
+    return at, shortened(one[place].item()), shortened(other[place].item())
 
 
-def _wrong_fields(codec: Codec, fields: dict[str, Any]) -> str:
-    missing = sorted(set(codec.names) - fields.keys())
-    unknown = sorted(f"{name!s:.40}" for name in fields.keys() - set(codec.names))
-    more = ", ..." if len(unknown) > SHOWN else ""
-    return (
-        f"not a {codec.cls.__name__}: missing fields {missing}, "
-        f"unknown fields {unknown[:SHOWN]}{more}"
-    )
+def shortened(value: Any) -> str:
+    """A value as it is written, cut off after `MAX_SHOWN_CHARS` characters."""
+    text = repr(value)
+    return text if len(text) <= MAX_SHOWN_CHARS else text[: MAX_SHOWN_CHARS - 3] + "..."

@@ -1,1 +1,22 @@
-"""Who speaks: the runtime, and one thin file for each node."""
+"""Who publishes.
+
+One thin file for each node, started by the name of its module, and what a user needs to write
+another. To be touched: any node may be replaced by one's own with the same topics; what it
+computes stands in `palpate.core`. Nodes rest on `runtime` and `specs`, never on another node.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.nodes.runtime import Finished as Finished
+    from palpate.nodes.runtime import Node as Node
+    from palpate.nodes.runtime import Outputs as Outputs
+    from palpate.nodes.runtime import Sink as Sink
+    from palpate.nodes.runtime import Source as Source
+    from palpate.nodes.runtime import Timed as Timed
+else:
+    __getattr__, __dir__ = lazy(__name__)

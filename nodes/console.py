@@ -1,4 +1,4 @@
-"""Console: says what a user types, so that a graph can be spoken to from outside."""
+"""Console node: publishes what a user types, so that a graph can be spoken to from outside."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from itertools import repeat
 from msgspec import Struct
 
 from palpate.messages.types import TYPES
-from palpate.nodes.node import Source
+from palpate.nodes.runtime import Source
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    topics: dict[str, str]
-    """Topic to the name of its message type."""
+    topics: dict[str, str]  # Topic to the name of its message type
 
     def __post_init__(self) -> None:
         """Refuse a type that is none."""

@@ -1,4 +1,4 @@
-"""Curvature node: tactile images in, patches of surface out."""
+"""Curvature node: tactile images in, surface patches out."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct
 
-from palpate.core.frames import split_pose
-from palpate.core.touch.curvature import feel_patch
-from palpate.core.touch.pad import Pad
+from palpate.core import split_pose
+from palpate.core.touch import Pad, fit_patch
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileImage
-from palpate.nodes.node import Node, Outputs
-from palpate.nodes.sensor import pad_of_info
+from palpate.nodes.runtime import Node, Outputs
+from palpate.nodes.specs import pad_of_info
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -22,10 +21,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Sensor(NamedTuple):
     """What the node remembers of the sensor."""
 
-    pad: Pad
-    """The array."""
-    noise: float
-    """Standard deviation of one taxel, m."""
+    pad: Pad  # The array
+    noise: float  # Standard deviation of one taxel, m
 
 
 State = Sensor | None
@@ -41,12 +38,12 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
     return Sensor(pad_of_info(info), info.noise), []
 
 
-def feel(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State, Outputs]:
+def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State, Outputs]:
     """Normal, curvatures and verdict of one touch."""
     _, axes = split_pose(image.pose)
     pad = sensor.pad
     surface = np.where(image.mask, -(image.compression + pad.sag()), 0.0)
-    felt = feel_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
+    felt = fit_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
     patch = SurfacePatch(
         goal=image.goal,
         touch=image.touch,
@@ -79,7 +76,7 @@ def feel(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State, Ou
 NODE = Node(
     params=Params,
     start=start,
-    inputs={"/touch/info": (SensorInfo, know_sensor), "/touch/image": (TactileImage, feel)},
+    inputs={"/touch/info": (SensorInfo, know_sensor), "/touch/image": (TactileImage, on_image)},
     outputs={"/touch/patch": SurfacePatch},
     needs=("/touch/info",),
 )

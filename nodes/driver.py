@@ -1,4 +1,4 @@
-"""Driver: says the frames of a file as if a sensor felt them now, in the simulator's place."""
+"""Driver node: publishes the frames of a file, in the simulator's place, as if taken now."""
 
 from __future__ import annotations
 
@@ -10,23 +10,27 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from palpate.nodes.driver_frames import OUTPUTS, Sensing, frame_of, sensor_info
-from palpate.nodes.frames_file import Frames, read_frames
-from palpate.nodes.node import Finished, Said, Source
+from palpate.nodes.runtime import Finished, Source, Timed
+from palpate.nodes.specs import (
+    DRIVER_OUTPUTS,
+    FrameSequence,
+    SensorParams,
+    read_frames,
+    sensor_info,
+    tactile_frame,
+)
 
 
-class Params(Sensing, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    path: str
-    """File of frames, CSV or NPZ; its columns: docs/own_node.md."""
+    path: str  # File of frames, CSV or NPZ; its columns: docs/own_node.md
+    # Frames per second, where the file has no times, Hz.
     rate: Annotated[float, Meta(gt=0, le=1e4, description="Hz")] = 10.0
-    """Frames per second, where the file has no times, Hz."""
-    at_once: bool = False
-    """Say all as fast as they are heard, and do not wait for their times."""
+    at_once: bool = False  # Say all as fast as they are heard, and do not wait for their times
 
 
-def frames_of(params: Params) -> Frames:
+def frames_of(params: Params) -> FrameSequence:
     """The frames that will be said.
 
     Raises
@@ -44,25 +48,25 @@ def frames_of(params: Params) -> Frames:
 def outputs_of(params: Params) -> Mapping[str, type]:
     """Topics and types; refuses a file that could not be said, before anything is started."""
     frames_of(params)
-    return OUTPUTS
+    return DRIVER_OUTPUTS
 
 
-def open_file(params: Params) -> Iterator[Said | Finished | None]:
+def open_file(params: Params) -> Iterator[Timed | Finished | None]:
     """The sensor, each frame at its time, and that there are no more."""
     frames = frames_of(params)
     times = frames.times
     if times is None:
         times = np.arange(len(frames.images)) / params.rate
-    yield Said(0.0, "/touch/info", sensor_info(params))
+    yield Timed(0.0, "/touch/info", sensor_info(params))
     for touch, time in enumerate((times - times[0]).tolist()):
         due = 0.0 if params.at_once else time
         pose, image = frames.poses[touch], frames.images[touch]
-        yield Said(due, "/touch/raw", frame_of(params, touch, time, pose, image))
+        yield Timed(due, "/touch/raw", tactile_frame(params, touch, time, pose, image))
     yield Finished(f"said the {len(frames.images)} frames of {params.path}")
 
 
 @lru_cache(maxsize=1)
-def _read_once(path: str, changed: int, rows: int, cols: int) -> Frames:
+def _read_once(path: str, changed: int, rows: int, cols: int) -> FrameSequence:
     """The frames of a file, read again only if it has changed."""
     return read_frames(path, rows, cols)
 

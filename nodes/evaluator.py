@@ -1,6 +1,6 @@
-"""Evaluator: measures each model against the truth. Only a simulation has one.
+"""Evaluator node: measures each model against the truth. Only a simulation has one.
 
-Silent until it has heard the truth; then one score for each model, and the end of the graph
+Silent until it has received the truth; then one score for each model, and the end of the graph
 after the score of the final one.
 """
 
@@ -10,20 +10,18 @@ from functools import cached_property, partial
 
 import msgspec
 
-from palpate.core.measure.distance import Prepared, compare, prepare
-from palpate.core.measure.solidity import solidity
+from palpate.core.geometry import PreparedSurface, compare_surfaces, prepare_surface, solidity
 from palpate.messages.types import Score, ShapeModel, Truth
-from palpate.nodes.node import Finished, Later, Node, Outputs
+from palpate.nodes.runtime import Deferred, Finished, Node, Outputs
 
-NO_GENUS = -1
-"""Genus of a surface that is not closed: it has none."""
+NO_GENUS = -1  # Genus of a surface that is not closed: it has none
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Nothing to set: distances are measured the same way everywhere."""
 
 
-class Surface:
+class TrueSurface:
     """The truth, made ready to be compared with when the first model is.
 
     Parameters
@@ -45,22 +43,21 @@ class Surface:
             raise ValueError(f"the truth must have a positive volume, got {self.volume} m3")
 
     @cached_property
-    def prepared(self) -> Prepared:
+    def prepared(self) -> PreparedSurface:
         """The surface itself."""
-        return prepare(self._truth.vertices, self._truth.faces)
+        return prepare_surface(self._truth.vertices, self._truth.faces)
 
     @cached_property
     def sampling_floor(self) -> float:
         """Chamfer distance between two tessellations of the truth, m."""
-        other = prepare(self._truth.floor_vertices, self._truth.floor_faces)
-        return compare(self.prepared, other).chamfer
+        other = prepare_surface(self._truth.floor_vertices, self._truth.floor_faces)
+        return compare_surfaces(self.prepared, other).chamfer
 
 
-State = Surface | None
-"""The truth; None before it was heard."""
+State = TrueSurface | None  # The truth; None before it was heard
 
 
-def hear_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outputs]:
+def take_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outputs]:
     """Keep the truth.
 
     Raises
@@ -68,10 +65,10 @@ def hear_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outpu
     ValueError
         If the truth is no surface, or has no volume.
     """
-    return Surface(truth), []
+    return TrueSurface(truth), []
 
 
-def hear_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
+def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
     """Measure one model; one without faces has no score.
 
     Raises
@@ -83,14 +80,14 @@ def hear_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         raise ValueError(f"model {model.number} came before the truth")
     if not len(model.faces):
         return state, [Finished("nothing could be rebuilt")] if model.final else []
-    outputs: Outputs = [("/score", Later(Score, partial(_score, state, model)))]
+    outputs: Outputs = [("/score", Deferred(Score, partial(_score, state, model)))]
     if model.final:
         outputs.append(Finished("final model scored"))
     return state, outputs
 
 
-def _score(truth: Surface, model: ShapeModel) -> Score:
-    distances = compare(truth.prepared, prepare(model.vertices, model.faces))
+def _score(truth: TrueSurface, model: ShapeModel) -> Score:
+    distances = compare_surfaces(truth.prepared, prepare_surface(model.vertices, model.faces))
     solid = solidity(model.vertices, model.faces)
     return Score(
         number=model.number,
@@ -115,7 +112,7 @@ NODE = Node(
     params=Params,
     start=lambda params: (None, []),
     longest=120.0,
-    inputs={"/truth": (Truth, hear_truth), "/model/shape": (ShapeModel, hear_model)},
+    inputs={"/truth": (Truth, take_truth), "/model/shape": (ShapeModel, take_model)},
     outputs={"/score": Score},
     needs=("/truth",),
 )

@@ -1,4 +1,4 @@
-"""Filter node: raw frames in, calibrated and cleaned tactile images out."""
+"""Filter node: tactile frames in, calibrated and cleaned tactile images out."""
 
 from __future__ import annotations
 
@@ -7,36 +7,32 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from palpate.core.arrays import Bools
-from palpate.core.touch.calibration import Calibration
-from palpate.core.touch.clean import Order, clean
+from palpate.core import Bools
+from palpate.core.touch import Calibration, FilterOrder, clean
 from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
-from palpate.nodes.node import Node, Outputs
-from palpate.nodes.sensor import calibration_of_info, pad_of_info
+from palpate.nodes.runtime import Node, Outputs
+from palpate.nodes.specs import calibration_of_info, pad_of_info
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    order: Order = "auto"
-    """Which filters, and which of them first: auto, none, wiener, median, median-first or
-    wiener-first. auto leaves a frame as it is unless it shows impulses; then it fits robustly."""
+    # Which filters, and which of them first: auto, none, wiener, median, median-first or
+    # wiener-first. auto leaves a frame as it is unless it shows impulses; then it fits robustly.
+    order: FilterOrder = "auto"
+    # Least compression that counts as touched, m, however quiet the sensor is.
     contact: Annotated[float, Meta(gt=0, le=0.001)] = 50e-6
-    """Least compression that counts as touched, m, however quiet the sensor is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """The sensor, and what was heard last."""
 
-    info: SensorInfo
-    """The sensor."""
-    calibration: Calibration
-    """What its signal means."""
-    lost: Bools | None
-    """Taxels that it does not trust, (rows, cols); None if it trusts all."""
+    info: SensorInfo  # The sensor
+    calibration: Calibration  # What its signal means
+    lost: Bools | None  # Taxels that it does not trust, (rows, cols); None if it trusts all
+    # Goal and touch of the last frame: a link may deliver a frame twice.
     last: tuple[int, int] = (-1, -1)
-    """Goal and touch of the last frame: a link may deliver a frame twice."""
 
 
 def start(params: Params) -> tuple[State | None, Outputs]:

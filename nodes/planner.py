@@ -1,4 +1,4 @@
-"""Planner node: grasps the object, fixes the slicing frame, hands out slices and probes, and stops.
+"""Planner node: grasps the object, fixes the slicing frame, hands out slices and probes.
 
 What is decided, and why, stands in `palpate.core.explore`; here it is turned into goals.
 """
@@ -12,9 +12,17 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core.arrays import Floats
-from palpate.core.explore.planners.catalogue import make_planner
-from palpate.core.explore.survey import Demand, Doubt
+from palpate.core import Floats
+from palpate.core.explore import Demand, ModelUncertainty, next_finished, widened
+from palpate.core.explore.planners import (
+    Height,
+    Observation,
+    Planner,
+    Stop,
+    check_choice,
+    make_planner,
+    untraceable_height,
+)
 from palpate.messages.types import (
     Contour,
     ContourGoal,
@@ -30,11 +38,21 @@ from palpate.messages.types import (
     Superquadric,
     World,
 )
-from palpate.nodes.node import Node, Outputs
-from palpate.nodes.planner_decide import decide, done, take_up
-from palpate.nodes.planner_grasp import grasp_goal, with_coarse, with_contacts
-from palpate.nodes.planner_state import State, model_goal
-from palpate.nodes.sensor import resolution_of_info
+from palpate.nodes.planning import (
+    State,
+    Task,
+    contour_goal,
+    grasp_goal,
+    model_goal,
+    next_touch,
+    probe_goal,
+    traced_of,
+    with_coarse,
+    with_contacts,
+    with_probe,
+)
+from palpate.nodes.runtime import Node, Outputs
+from palpate.nodes.specs import resolution_of_info
 
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 
@@ -42,21 +60,18 @@ Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
+    # The rule that chooses slices: predicted, uniform, thesis, fuzzy, or one's own,
+    # ``module:Class``.
     planner: str = "predicted"
-    """The rule that chooses slices: predicted, uniform, thesis, fuzzy, or one's own,
-    ``module:Class``."""
-    settings: dict[str, Any] = {}
-    """Its numbers."""
-    tolerance: Length = 0.2e-3
-    """Root mean square error that is asked for, m."""
-    feature: Length = 3.0e-3
-    """Largest height that may stay unfelt, m."""
+    settings: dict[str, Any] = {}  # Its numbers
+    tolerance: Length = 0.2e-3  # Root mean square error that is asked for, m
+    feature: Length = 3.0e-3  # Largest height that may stay unfelt, m
+    # Touches that may be made; null for as many as it takes.
     most_touches: Annotated[int, Meta(ge=1)] | None = None
-    """Touches that may be made; null for as many as it takes."""
+    # Robot time that may pass, s; null for as long as it takes.
     most_seconds: Annotated[float, Meta(gt=0, description="s")] | None = None
-    """Robot time that may pass, s; null for as long as it takes."""
+    # Along which the object is sliced, in the world, of any length; null for its own axis.
     axis: tuple[float, float, float] | None = None
-    """Along which the object is sliced, in the world, of any length; null for its own axis."""
 
     def __post_init__(self) -> None:
         if self.axis is not None and not 0.0 < math.hypot(*self.axis) < math.inf:
@@ -118,6 +133,17 @@ def take_contacts(params: Params, state: State, contacts: GraspContacts) -> tupl
     return _grasp_on(with_contacts(state, contacts))
 
 
+def _grasp_on(state: State) -> tuple[State, Outputs]:
+    """The next closing; or, after the last one, the coarse model, or the end."""
+    goal = grasp_goal(state)
+    if goal is not None:
+        return state, [("/hand/goal", goal)]
+    if not len(state.grasped.points):
+        return done(state, "the hand closed on nothing within reach")
+    state = replace(state, models=state.models + 1)
+    return state, [("/model/goal", model_goal(state))]
+
+
 def take_coarse(params: Params, state: State, coarse: Superquadric) -> tuple[State, Outputs]:
     """Fix the slicing frame and begin with the slices."""
     return decide(params.demand, _rule(params), with_coarse(state, coarse, params.direction))
@@ -150,9 +176,9 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     return decide(params.demand, _rule(params), replace(state, survey=survey, asked=False))
 
 
-def _doubt(model: ShapeModel) -> Doubt:
+def _doubt(model: ShapeModel) -> ModelUncertainty:
     starlike = model.health.get("felt_unused", 0.0) == 0.0
-    return Doubt(
+    return ModelUncertainty(
         heights=model.uncertainty_height,
         deviations=model.uncertainty,
         whole=model.deviation,
@@ -165,15 +191,136 @@ def _rule(params: Params) -> Any:
     return make_planner(params.planner, params.settings)
 
 
-def _grasp_on(state: State) -> tuple[State, Outputs]:
-    """The next closing; or, after the last one, the coarse model, or the end."""
-    goal = grasp_goal(state)
-    if goal is not None:
-        return state, [("/hand/goal", goal)]
-    if not len(state.grasped.points):
-        return done(state, "the hand closed on nothing within reach")
-    state = replace(state, models=state.models + 1)
+def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
+    """Take up the result whose turn it is, and go on; wait while it is nobody's."""
+    if state.asked:
+        return state, []
+    times = {finger: result.robot_time for finger, result in state.heard.items()}
+    finger = next_finished(times, state.tasks.keys(), state.clocks)
+    if finger is None:
+        return state, []
+    result, task = state.heard[finger], state.tasks[finger]
+    state = replace(
+        state,
+        heard={other: one for other, one in state.heard.items() if other != finger},
+        tasks={other: one for other, one in state.tasks.items() if other != finger},
+        clocks={**state.clocks, finger: result.robot_time},
+        touches=state.touches + result.touches,
+        clock=max(state.clock, result.robot_time),
+    )
+    if isinstance(result, Probe):
+        return decide(demand, rule, with_probe(state, task, result))
+    return _with_contour(demand, rule, state, task, result)
+
+
+def _with_contour(
+    demand: Demand, rule: Planner, state: State, task: Task, contour: Contour
+) -> tuple[State, Outputs]:
+    """Go on with one contour more."""
+    traced = traced_of(contour, task.begun)
+    assert state.survey is not None
+    survey = state.survey.with_slice(widened(traced, demand.feature))
+    state = replace(state, survey=survey, contours=(*state.contours, contour.id))
+    return decide(demand, rule, state)
+
+
+def decide(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
+    """Give every idle finger something to do; end when there is nothing left."""
+    assert state.world is not None
+    outputs: Outputs = []
+    for finger in range(1, state.world.fingers + 1):
+        if finger in state.tasks:
+            continue
+        state, given = _assign(demand, rule, state, finger)
+        outputs += given
+        if state.asked:
+            return state, outputs
+    if not state.tasks:
+        return _finish(demand, rule, state)
+    # A result may have waited for this decision.
+    state, more = take_up(demand, rule, state)
+    return state, outputs + more
+
+
+def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[State, Outputs]:
+    """Something to do for an idle finger, if there is anything; or a model, to decide by."""
+    touch = next_touch(state, demand.tolerance, last=False)
+    if touch is None:
+        if state.is_searching:
+            return state, []
+        if state.is_stale:
+            return _ask(state)
+        known = _known(demand, state)
+        choice = check_choice(rule, known)
+        if isinstance(choice, Height):
+            task = Task(state.goals, state.clock, choice.height)
+            slice_goal = contour_goal(state, finger, choice)
+            return _with_task(state, finger, task), [("/contour/goal", slice_goal)]
+        if isinstance(choice, Stop) and not state.tasks and not known.budget.spent:
+            touch = next_touch(state, demand.tolerance, last=True)
+    if touch is None:
+        return state, []
+    task = Task(state.goals, state.clock, touch.height, (touch.end, touch.probing))
+    goal = probe_goal(state, finger, touch.probing)
+    return _with_task(state, finger, task), [("/probe/goal", goal)]
+
+
+def _ask(state: State) -> tuple[State, Outputs]:
+    """Ask for a model of all that there is, and wait for it."""
+    state = replace(state, models=state.models + 1, modelled=state.evidence, asked=True)
     return state, [("/model/goal", model_goal(state))]
+
+
+def _with_task(state: State, finger: int, task: Task) -> State:
+    return replace(state, tasks={**state.tasks, finger: task}, goals=state.goals + 1)
+
+
+def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
+    """The end, with what the rule says of it."""
+    known = _known(demand, state)
+    stop = check_choice(rule, known)
+    if not isinstance(stop, Stop):
+        raise ValueError(f"nothing is under way, and the planner neither stops nor goes on: {stop}")
+    return done(state, stop.reason + _shape(state), known, stop)
+
+
+def _known(demand: Demand, state: State) -> Observation:
+    assert state.survey is not None
+    taken = tuple(task.height for task in state.tasks.values())
+    return state.survey.known(demand, touches=state.touches, seconds=state.clock, taken=taken)
+
+
+def done(
+    state: State, reason: str, known: Observation | None = None, stop: Stop | None = None
+) -> tuple[State, Outputs]:
+    """Say that it is over."""
+    state = replace(state, models=state.models + 1)
+    goal = model_goal(state)
+    plan_done = PlanDone(
+        number=goal.number,
+        contours=goal.contours,
+        probes=goal.probes,
+        touches=goal.touches,
+        robot_time=goal.robot_time,
+        reason=reason,
+        within=None if stop is None else stop.within,
+        bound=None if stop is None else stop.bound,
+        unfelt=None if stop is None else stop.unfelt,
+        uncovered=0.0 if known is None else untraceable_height(known),
+    )
+    return state, [("/plan/done", plan_done)]
+
+
+def _shape(state: State) -> str:
+    """What is to be said of slices that are not star-shaped."""
+    assert state.survey is not None
+    if not state.usable:
+        return ""
+    if state.survey.doubt is None:
+        return "; no solid could be rebuilt from its slices"
+    if not state.survey.doubt.starlike:
+        return "; its slices are not star-shaped: it is rebuilt from contours alone"
+    return ""
 
 
 NODE = Node(

@@ -1,4 +1,4 @@
-"""Player: says again what a recording holds, each message when its time has come."""
+"""Player node: publishes again what a recording holds, each message when its time has come."""
 
 from __future__ import annotations
 
@@ -9,36 +9,31 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from palpate.messages.codec import schema_hash
-from palpate.messages.recording.reader import Kept, Recording, open_recording
+from palpate.messages import schema_hash
+from palpate.messages.recording import RecordedMessage, Recording, open_recording
 from palpate.messages.types import ALL_KEPT, LATCHED, TYPES, Clock
-from palpate.nodes.node import Finished, Said, Source
+from palpate.nodes.runtime import Finished, Source, Timed
 
-CLOCK = "/clock"
-AGAIN = 1.0
-"""Pause before a recording begins anew, s of the recording."""
+CLOCK_TOPIC = "/clock"
+LOOP_PAUSE = 1.0  # Pause before a recording begins anew, s of the recording
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    path: str
-    """The recording."""
-    topics: tuple[str, ...] = ()
-    """Topics to play; all of them if there are none."""
+    path: str  # The recording
+    topics: tuple[str, ...] = ()  # Topics to play; all of them if there are none
+    # Seconds of the recording that pass in a second.
     rate: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
-    """Seconds of the recording that pass in a second."""
-    loop: bool = False
-    """Whether it begins anew at its end."""
+    loop: bool = False  # Whether it begins anew at its end
+    # Begins so many s after the recording's first message; latched messages from before that are
+    # said first.
     start_offset: Annotated[float, Meta(ge=0)] = 0.0
-    """Begins so many s after the recording's first message; latched messages from before that are
-    said first."""
+    # Ends so many s after the recording's first message.
     until: Annotated[float, Meta(gt=0)] | None = None
-    """Ends so many s after the recording's first message."""
+    # Says the recording's time on ``/clock`` so often in a second; 0 never does.
     clock: Annotated[float, Meta(ge=0, le=1000)] = 0.0
-    """Says the recording's time on ``/clock`` so often in a second; 0 never does."""
-    paused: bool = False
-    """Whether it waits at its beginning to be told to go on."""
+    paused: bool = False  # Whether it waits at its beginning to be told to go on
 
     def __post_init__(self) -> None:
         """Refuse an end before the beginning."""
@@ -62,10 +57,10 @@ def outputs(params: Params) -> Mapping[str, type]:
             known = ", ".join(sorted(recording.counts)) or "none"
             raise ValueError(f"recording {params.path} has no topic {topic!r}; it has {known}")
     said = {topic: _type_of(topic, recording) for topic in sorted(_played(params, recording))}
-    return {**said, CLOCK: Clock} if params.clock else said
+    return {**said, CLOCK_TOPIC: Clock} if params.clock else said
 
 
-def play(params: Params) -> Iterator[Said | Finished]:
+def play(params: Params) -> Iterator[Timed | Finished]:
     """Say what the recording holds: first what was latched before the beginning, then the rest."""
     recording = open_recording(Path(params.path))
     played = _played(params, recording)
@@ -74,17 +69,17 @@ def play(params: Params) -> Iterator[Said | Finished]:
         end = begun
         for said in _with_clock(_turn(params, recording, played), params):
             end = begun + said.due / params.rate
-            number += said.topic != CLOCK
+            number += said.topic != CLOCK_TOPIC
             yield said._replace(due=end)
         if not params.loop or number == 0:
             yield Finished(f"played {number} messages" + (f" in {turn + 1} turns" if turn else ""))
             return
-        begun = end + AGAIN / params.rate
+        begun = end + LOOP_PAUSE / params.rate
 
 
 def _played(params: Params, recording: Recording) -> frozenset[str]:
     wanted = frozenset(params.topics or recording.counts)
-    return wanted - {CLOCK} if params.clock else wanted
+    return wanted - {CLOCK_TOPIC} if params.clock else wanted
 
 
 def _type_of(topic: str, recording: Recording) -> type:
@@ -100,7 +95,7 @@ def _type_of(topic: str, recording: Recording) -> type:
     return cls
 
 
-def _turn(params: Params, recording: Recording, played: frozenset[str]) -> Iterator[Said]:
+def _turn(params: Params, recording: Recording, played: frozenset[str]) -> Iterator[Timed]:
     """The recording once; due counts from its beginning, in s of the recording."""
     before: dict[tuple[str, int], bytes] | None = {}
     first = latest = 0
@@ -117,28 +112,28 @@ def _turn(params: Params, recording: Recording, played: frozenset[str]) -> Itera
             continue
         yield from _latched(before)
         before = None
-        yield Said(time - params.start_offset, kept.topic, kept.body)
+        yield Timed(time - params.start_offset, kept.topic, kept.body)
     yield from _latched(before)
 
 
-def _remember(before: dict[tuple[str, int], bytes], kept: Kept) -> None:
+def _remember(before: dict[tuple[str, int], bytes], kept: RecordedMessage) -> None:
     """Keep a latched message: the last of its topic, or all of them."""
     cls = TYPES[kept.type]
     if cls in LATCHED:
         before[kept.topic, kept.seq if cls in ALL_KEPT else 0] = kept.body
 
 
-def _latched(before: dict[tuple[str, int], bytes] | None) -> Iterator[Said]:
-    return (Said(0.0, topic, body) for (topic, _), body in (before or {}).items())
+def _latched(before: dict[tuple[str, int], bytes] | None) -> Iterator[Timed]:
+    return (Timed(0.0, topic, body) for (topic, _), body in (before or {}).items())
 
 
-def _with_clock(turn: Iterator[Said], params: Params) -> Iterator[Said]:
+def _with_clock(turn: Iterator[Timed], params: Params) -> Iterator[Timed]:
     """Ticks of the clock between the messages; it ticks in the player's own time."""
     tick, every = 0, params.rate / params.clock if params.clock else 0.0
     for said in turn:
         while every and tick * every <= said.due:
             time = params.start_offset + tick * every
-            yield Said(tick * every, CLOCK, Clock(time=time))
+            yield Timed(tick * every, CLOCK_TOPIC, Clock(time=time))
             tick += 1
         yield said
 

@@ -1,25 +1,26 @@
 """Reconstructor node: rebuilds exactly the sets that it is asked for.
 
-A set of contours and probes gives a solid; closings of the hand alone give a superquadric. It is
-fitted once all of it has been heard, whichever input brings the last of it.
+A set of contours and probes gives a solid; closings of the hand alone give a superquadric. It
+is fitted once all of it has been received, whichever input brings the last of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 from msgspec import Struct
 
-from palpate.core.arrays import Floats
-from palpate.core.rebuild.felt.felt_points import FeltPoints, felt_points
-from palpate.core.rebuild.solid import Solid
-from palpate.core.touch.jet import Jet
-from palpate.core.touch.pad import Pad
+from palpate.core import IDENTITY_POSE, Floats, split_pose, tree_to_bytes
+from palpate.core.rebuild import Solid, fit_coarse, reconstruct
+from palpate.core.rebuild.contours import ContactPoints, contact_points_of, stack_points
+from palpate.core.rebuild.lattice import lattice_grid
+from palpate.core.rebuild.surface import SurfaceMesh
+from palpate.core.touch import Jet, Pad
 from palpate.messages.types import (
     Contour,
     GraspContacts,
@@ -32,38 +33,124 @@ from palpate.messages.types import (
     SurfacePatch,
     World,
 )
-from palpate.nodes.node import Later, Node, Outputs
-from palpate.nodes.reconstructor_set import coarse_model, rebuilt_from
-from palpate.nodes.sensor import pad_of_info
-from palpate.nodes.shape_model import shape_model
+from palpate.nodes.runtime import Deferred, Node, Outputs
+from palpate.nodes.specs import pad_of_info
+
+TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it felt
+CONTACT_ERROR = 0.1e-3  # Standard deviation of a contact of the hand, m
+UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean may be less than 1
+TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
+TARGET_FACES = 45_000  # Of a mesh, about, if it takes as many
+# Of the size: tolerance of the meshes on the way, and the least one of the final mesh.
+COARSE_TOLERANCE, FINE_TOLERANCE = 5e-4, 5e-5
+# Heights at which the uncertainty is given, and turns over which it is averaged.
+BANDS, BAND_TURNS = 25, 8
+NO_ARCHIVE = np.zeros(0, np.uint8)
+# Of a model of nothing.
+EMPTY_MODEL: dict[str, Any] = {
+    "control": np.zeros((0, 0, 0, 3)),
+    "undeformed": np.zeros((0, 0, 0, 3)),
+    "knots_columns": np.zeros(0),
+    "knots_rows": np.zeros(0),
+    "knots_layers": np.zeros(0),
+    "vertices": np.zeros((0, 3)),
+    "faces": np.zeros((0, 3), np.int32),
+    "uncertainty_height": np.zeros(0),
+    "uncertainty": np.zeros(0),
+    "health": {},
+}
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """There is nothing to set."""
 
 
-Touches = Mapping[int, Mapping[int, FeltPoints]]
-"""Goal to touch to what it felt."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """What has been heard."""
 
-    platform: float = 0.0
-    """Height on which the object stands, m."""
-    pad: Pad | None = None
-    """The sensor's array."""
-    felt: Touches = field(default_factory=lambda: MappingProxyType({}))
-    """Every touch; goals are numbered for all fingers together."""
+    platform: float = 0.0  # Height on which the object stands, m
+    pad: Pad | None = None  # The sensor's array
+    # Every touch; goals are numbered for all fingers together.
+    felt: TouchesByGoal = field(default_factory=lambda: MappingProxyType({}))
+    # Where the hand met the object, by the number of the closing.
     contacts: Mapping[int, Floats] = field(default_factory=lambda: MappingProxyType({}))
-    """Where the hand met the object, by the number of the closing."""
+    # By number.
     contours: Mapping[int, Contour] = field(default_factory=lambda: MappingProxyType({}))
-    """By number."""
-    probes: Mapping[int, Probe] = field(default_factory=lambda: MappingProxyType({}))
-    """By number."""
-    asked: tuple[ModelGoal | PlanDone, ...] = ()
-    """Models still to be fitted, in order."""
+    probes: Mapping[int, Probe] = field(default_factory=lambda: MappingProxyType({}))  # By number
+    asked: tuple[ModelGoal | PlanDone, ...] = ()  # Models still to be fitted, in order
+
+
+def common_frame(contours: Sequence[Contour]) -> Floats:
+    """Pose (7,) of the frame in which all contours were traced.
+
+    Raises
+    ------
+    ValueError
+        If they were not all traced in the same.
+    """
+    first = contours[0]
+    for other in contours[1:]:
+        if not np.array_equal(other.frame, first.frame):
+            raise ValueError(
+                f"contours must be traced in one slicing frame, but that of contour {other.id} "
+                f"is not that of contour {first.id}"
+            )
+    return first.frame
+
+
+def is_upright(frame: Floats) -> bool:
+    """Whether heights in a frame are the world's, so that an object stands on its lower end."""
+    return bool(split_pose(frame)[1][2, 2] >= 1.0 - UPRIGHT_TOLERANCE)
+
+
+def touched_ends(
+    contours: Sequence[Contour],
+    probes: Sequence[Probe],
+    felt: Mapping[int, Sequence[ContactPoints]],
+    platform: float | None,
+) -> Floats | None:
+    """Where the ends of an object were touched, (k, 3), m; None if they were not.
+
+    Parameters
+    ----------
+    contours, probes, felt
+        As for `rebuild_set`; of probes that felt nothing known, their own point counts.
+    platform : float or None
+        Height on which the object stands, m, if that is known: a touch of its lower end if it
+        stands upright.
+
+    Raises
+    ------
+    ValueError
+        If the contours were not traced in one frame.
+    """
+    frame = common_frame(contours)
+    tops = list(_probed(contours, probes, felt, frame))
+    if platform is not None and is_upright(frame):
+        tops.append(np.array([*frame[:2], platform]))
+    return np.array(tops) if tops else None
+
+
+def _probed(
+    contours: Sequence[Contour],
+    probes: Sequence[Probe],
+    felt: Mapping[int, Sequence[ContactPoints]],
+    frame: Floats,
+) -> Iterator[Floats]:
+    """Farthest point (3,) of each probe that felt an end: beyond the contours."""
+    position, axes = split_pose(frame)
+    levels = [contour.height for contour in contours]
+    low, high = min(levels), max(levels)
+    for probe in probes:
+        if probe.outcome not in TOUCHED_OUTCOMES:
+            continue
+        way = 1.0 if (probe.point - position) @ axes[:, 2] > 0.5 * (low + high) else -1.0
+        touched = [one.points for one in felt.get(probe.id, ()) if len(one.points)]
+        points = np.concatenate(touched) if touched else probe.point[None]
+        reached = way * (points - position) @ axes[:, 2]
+        if reached.max() > max(way * low, way * high):
+            yield points[int(reached.argmax())]
 
 
 def start(params: Params) -> tuple[State, Outputs]:
@@ -85,7 +172,7 @@ def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State
     """Keep what a touch felt."""
     assert state.pad is not None
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
-    points = felt_points(state.pad, patch.pose, patch.height, patch.mask, jet)
+    points = contact_points_of(state.pad, patch.pose, patch.height, patch.mask, jet)
     of_goal = {**state.felt.get(patch.goal, {}), patch.touch: points}
     return _fit_ready(replace(state, felt={**state.felt, patch.goal: of_goal}))
 
@@ -115,21 +202,16 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
     """Fit the models whose turn has come, in the order of their numbers."""
     outputs: Outputs = []
     asked = sorted(state.asked, key=lambda goal: goal.number)
-    while asked and _is_heard(state, asked[0]):
+    while asked and _is_complete(state, asked[0]):
         goal = asked.pop(0)
         if _is_coarse(goal):
-            outputs.append(("/model/coarse", Later(Superquadric, partial(_coarse, state, goal))))
+            outputs.append(("/model/coarse", Deferred(Superquadric, partial(_coarse, state, goal))))
         else:
-            outputs.append(("/model/shape", Later(ShapeModel, partial(_fit, state, goal))))
+            outputs.append(("/model/shape", Deferred(ShapeModel, partial(_fit, state, goal))))
     return replace(state, asked=tuple(asked)), outputs
 
 
-def _is_coarse(goal: ModelGoal | PlanDone) -> TypeGuard[ModelGoal]:
-    """Whether a superquadric is asked for."""
-    return isinstance(goal, ModelGoal) and not (goal.contours or goal.probes)
-
-
-def _is_heard(state: State, goal: ModelGoal | PlanDone) -> bool:
+def _is_complete(state: State, goal: ModelGoal | PlanDone) -> bool:
     """Whether all of a set is there."""
     if _is_coarse(goal):
         return all(number in state.contacts for number in range(goal.closings))
@@ -138,9 +220,32 @@ def _is_heard(state: State, goal: ModelGoal | PlanDone) -> bool:
     return all(one is not None and len(state.felt.get(one.id, {})) == one.touches for one in wanted)
 
 
+def _is_coarse(goal: ModelGoal | PlanDone) -> TypeGuard[ModelGoal]:
+    """Whether a superquadric is asked for."""
+    return isinstance(goal, ModelGoal) and not (goal.contours or goal.probes)
+
+
 def _coarse(state: State, goal: ModelGoal) -> Superquadric:
     contacts = [state.contacts[number] for number in range(goal.closings)]
     return coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
+
+
+def coarse_model(number: int, contacts: Floats) -> Superquadric:
+    """The message for the superquadric through contacts (n, 3), m."""
+    found = fit_coarse(contacts, CONTACT_ERROR)
+    return Superquadric(
+        number=number,
+        size=found.size,
+        exponents=found.exponents,
+        pose=found.pose,
+        taper=found.taper,
+        bend=found.bend.curvature,
+        bend_direction=found.bend.direction,
+        doubts=found.doubts,
+        residual=found.rms,
+        residuals=found.residuals,
+        rank=found.rank,
+    )
 
 
 def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
@@ -152,16 +257,132 @@ def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
         return shape_model(goal, None, str(why))
 
 
+def shape_model(goal: ModelGoal | PlanDone, solid: Solid | None, why: str = "") -> ShapeModel:
+    """The message for a solid.
+
+    Parameters
+    ----------
+    goal : ModelGoal or PlanDone
+        Who asked for it.
+    solid : Solid or None
+        None if there was nothing to rebuild: the model is empty.
+    why : str
+        Why nothing could be rebuilt of contours that are there.
+    """
+    dropped: dict[int, str] = {}
+    if solid is not None:
+        dropped = {one.which: one.why for one in solid.slices.dropped}
+    elif why:
+        dropped = dict.fromkeys(range(len(goal.contours)), why)
+    final = isinstance(goal, PlanDone)
+    parts = EMPTY_MODEL if solid is None else _parts(solid, final)
+    return ShapeModel(
+        number=goal.number,
+        contours=goal.contours,
+        probes=goal.probes,
+        dropped=tuple(goal.contours[which] for which in dropped),
+        dropped_reasons=tuple(dropped.values()),
+        frame=IDENTITY_POSE if solid is None or solid.frame is None else solid.frame,
+        deviation=0.0 if solid is None else solid.whole_deviation() or 0.0,
+        **parts,
+        touches=goal.touches,
+        robot_time=goal.robot_time,
+        final=final,
+        archive=tree_to_bytes(solid) if solid is not None and final else NO_ARCHIVE,
+    )
+
+
+def _parts(solid: Solid, final: bool) -> dict[str, Any]:
+    """Everything of a model that is the solid's."""
+    lattice = solid.control_lattice
+    assert lattice is not None
+    grid, mesh = lattice_grid(lattice), _mesh(solid, final)
+    heights, deviation = _band(solid)
+    return {
+        "control": grid.control,
+        "undeformed": grid.undeformed,
+        "knots_columns": grid.knots[0],
+        "knots_rows": grid.knots[1],
+        "knots_layers": grid.knots[2],
+        "vertices": mesh.vertices,
+        "faces": mesh.faces,
+        "uncertainty_height": heights,
+        "uncertainty": deviation,
+        "health": {name: _rounded(value) for name, value in solid.health().items()},
+    }
+
+
+def _mesh(solid: Solid, final: bool) -> SurfaceMesh:
+    """At the end about as many triangles whatever the shape: a first mesh tells how fine."""
+    coarse = COARSE_TOLERANCE * solid.surface.size
+    first = solid.mesh(coarse)
+    if not final or len(first.faces) >= TARGET_FACES:
+        return first
+    return solid.mesh(
+        max(coarse * len(first.faces) / TARGET_FACES, FINE_TOLERANCE * solid.surface.size)
+    )
+
+
+def _band(solid: Solid) -> tuple[Floats, Floats]:
+    """Heights along the slicing axis, and the side's standard deviation there."""
+    assert solid.closed is not None
+    if solid.closed.felt is not None:
+        return solid.closed.felt.band_heights, solid.closed.felt.band
+    heights = np.linspace(*solid.closed.skin.surface.reach, BANDS)
+    deviation = solid.closed.skin.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
+    return heights, np.sqrt(np.mean(deviation**2, axis=1))
+
+
+def _rounded(value: float) -> float:
+    """To digits that do not depend on the machine, so that bodies do not."""
+    return float(f"{value:.2g}")
+
+
 def _rebuild(state: State, goal: ModelGoal | PlanDone) -> Solid:
     felt = {
         id_: [state.felt[id_][touch] for touch in sorted(state.felt.get(id_, {}))]
         for id_ in (*goal.contours, *goal.probes)
     }
-    return rebuilt_from(
+    return rebuild_set(
         [state.contours[id_] for id_ in goal.contours],
         [state.probes[id_] for id_ in goal.probes],
         felt,
         state.platform,
+    )
+
+
+def rebuild_set(
+    contours: Sequence[Contour],
+    probes: Sequence[Probe],
+    felt: Mapping[int, Sequence[ContactPoints]],
+    platform: float,
+) -> Solid:
+    """The solid of a set.
+
+    Parameters
+    ----------
+    contours : sequence of Contour
+        At least one.
+    probes : sequence of Probe
+        Single touches beside them.
+    felt : map
+        What each touch of a contour or probe felt, by its number.
+    platform : float
+        Height on which the object stands, m.
+
+    Raises
+    ------
+    ValueError
+        If the contours were not traced in one frame, or as `reconstruct` does.
+    """
+    frame = common_frame(contours)
+    numbers = [one.id for one in contours] + [one.id for one in probes]
+    touched = [each for number in numbers for each in felt[number]]
+    return reconstruct(
+        [contour.points for contour in contours],
+        patches=stack_points(touched),
+        tops=touched_ends(contours, probes, felt, platform),
+        frame=frame,
     )
 
 

@@ -1,4 +1,4 @@
-"""Recorder: keeps every reliable message in one MCAP file, undecoded."""
+"""Recorder node: keeps every reliable message in one MCAP file, undecoded."""
 
 from __future__ import annotations
 
@@ -11,24 +11,20 @@ import msgspec
 from msgspec import Meta
 
 from palpate import __version__
-from palpate.messages.recording.parts import counts_of, part_path, parts_of
-from palpate.messages.recording.writer import RecordingWriter
-from palpate.nodes.node import Sink
-from palpate.nodes.recording import publishers_of, schemas_of
+from palpate.messages.recording import RecordingWriter, counts_of, part_path, parts_of
+from palpate.nodes.runtime import Sink, publishers_of, schemas_of
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    path: str
-    """File to write; it must not exist."""
-    graph: bytes = b""
-    """Description of the graph, by `describe_wirings`; the launcher fills it in."""
+    path: str  # File to write; it must not exist
+    graph: bytes = b""  # Description of the graph, by `describe_wirings`; the launcher fills it in
+    # Texts that are kept with the messages, by name; scene, launch file, seed and versions are
+    # filled in.
     about: dict[str, str] = {}
-    """Texts that are kept with the messages, by name; scene, launch file, seed and versions are
-    filled in."""
+    # Bytes that are left free on the disk: before there are fewer, the recording is closed.
     spare: Annotated[int, Meta(ge=0)] = 64 << 20
-    """Bytes that are left free on the disk: before there are fewer, the recording is closed."""
 
     def __post_init__(self) -> None:
         """Refuse a path that names no file."""

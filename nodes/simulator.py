@@ -1,4 +1,4 @@
-"""Simulator node: the only one that knows the object. Moves the finger, and says what it feels."""
+"""Simulator node, the only one that knows the object: moves finger and hand, reads the taxels."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct
 
-from palpate.core.arrays import Floats
-from palpate.core.frames import split_pose, turn_angle
-from palpate.core.measure.robot_time import PRESETS, contact_seconds, free_seconds
-from palpate.core.shapes.protocol import Shape
-from palpate.core.touch.pipeline import Pipeline, States
-from palpate.core.touch.touch import Touch
+from palpate.core import (
+    ROBOT_PRESETS,
+    Floats,
+    contact_seconds,
+    free_seconds,
+    rotation_angle,
+    split_pose,
+)
+from palpate.core.shapes import Shape
+from palpate.core.touch import Pipeline, SimulatedTouch, StageStates
 from palpate.messages.types import (
     GraspContacts,
     GraspGoal,
@@ -23,98 +27,86 @@ from palpate.messages.types import (
     Truth,
     World,
 )
-from palpate.nodes.effects import EffectSpecs, build_pipeline, felt_face
-from palpate.nodes.node import Finger, Node, Outputs
-from palpate.nodes.object import Length, ObjectSpec, Seed, build_shape
-from palpate.nodes.sensor import SensorSpec, info_of
+from palpate.nodes.runtime import Finger, Node, Outputs
+from palpate.nodes.specs import (
+    EffectSpecs,
+    Length,
+    ObjectSpec,
+    Seed,
+    SensorSpec,
+    build_pipeline,
+    build_shape,
+    info_of,
+    sensed_face,
+)
 
-HAND = 1001
-"""Number of the hand's first finger: it chooses other random numbers than the exploring ones."""
-LIFTED = -1.0
-"""Way along the surface where there was none."""
-TRUTH_LEVEL, FLOOR_LEVEL = 6, 5
-"""82k and 20k faces."""
+# Number of the hand's first finger: it chooses other random numbers than the exploring ones.
+FIRST_HAND_FINGER = 1001
+NO_SURFACE_PATH = -1.0  # Way along the surface where there was none
+TRUTH_LEVEL, FLOOR_LEVEL = 6, 5  # 82k and 20k faces
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    object: ObjectSpec
-    """What stands on the platform."""
-    sensor: SensorSpec = SensorSpec()
-    """What touches it."""
+    object: ObjectSpec  # What stands on the platform
+    sensor: SensorSpec = SensorSpec()  # What touches it
+    # What disturbs it: parameters by the effect's name; nothing else is simulated.
     effects: EffectSpecs = {}
-    """What disturbs it: parameters by the effect's name; nothing else is simulated."""
+    # The finger reaches this far sideways from the axis and up from the platform, m.
     reach: Length = 0.15
-    """The finger reaches this far sideways from the axis and up from the platform, m."""
-    robot: str = "modern"
-    """Preset of the robot's speeds: modern or puma."""
-    seed: Seed = 0
-    """The run's seed."""
+    robot: str = "modern"  # Preset of the robot's speeds: modern or puma
+    seed: Seed = 0  # The run's seed
+    # The finger that it moves; the first has the hand as well, and tells what all may know.
     finger: Finger = 1
-    """The finger that it moves; the first has the hand as well, and tells what all may know."""
-    fingers: Finger = 1
-    """How many fingers there are, each with a simulator of its own."""
+    fingers: Finger = 1  # How many fingers there are, each with a simulator of its own
 
     def __post_init__(self) -> None:
         if self.finger > self.fingers:
             raise ValueError(f"finger must be at most fingers, {self.fingers}, got {self.finger}")
-        if self.robot not in PRESETS:
-            raise ValueError(f"robot must be one of {sorted(PRESETS)}, got {self.robot!r}")
-        build_pipeline(self.sensor, self.effects, PRESETS[self.robot])
+        if self.robot not in ROBOT_PRESETS:
+            raise ValueError(f"robot must be one of {sorted(ROBOT_PRESETS)}, got {self.robot!r}")
+        build_pipeline(self.sensor, self.effects, ROBOT_PRESETS[self.robot])
 
 
-class Met(NamedTuple):
+class LastContact(NamedTuple):
     """Where a touch met the object."""
 
-    goal: int
-    """Contour or probe that it belonged to."""
-    place: Floats
-    """Where the pad then was, (3,), m."""
+    goal: int  # Contour or probe that it belonged to
+    place: Floats  # Where the pad then was, (3,), m
 
 
 class HandState(NamedTuple):
     """The hand, and what its fingertips remember."""
 
+    # With the effects of the scene, each with its own random numbers; the palm is last.
     fingers: tuple[Pipeline, ...]
-    """With the effects of the scene, each with its own random numbers; the palm is last."""
-    remembered: tuple[States, ...]
-    """What their stages remember of the closings before."""
-    closings: int
-    """Closings made."""
-    resting: Floats | None
-    """Pose of the hand at the last of them."""
+    remembered: tuple[StageStates, ...]  # What their stages remember of the closings before
+    closings: int  # Closings made
+    resting: Floats | None  # Pose of the hand at the last of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """The object, the finger, and what the finger remembers."""
 
-    shape: Shape
-    """What is touched."""
-    pipeline: Pipeline
-    """What touches, stage by stage."""
-    remembered: States
-    """What the stages remember of the touches before."""
-    touches: int = 0
-    """Touches made."""
-    clock: float = 0.0
-    """Robot time, s."""
+    shape: Shape  # What is touched
+    pipeline: Pipeline  # What touches, stage by stage
+    remembered: StageStates  # What the stages remember of the touches before
+    touches: int = 0  # Touches made
+    clock: float = 0.0  # Robot time, s
+    # Pose from which the last touch started: the finger returns to it.
     resting: Floats | None = None
-    """Pose from which the last touch started: the finger returns to it."""
-    met: Met | None = None
-    """Where the last touch ended, if it met the object."""
-    hand: HandState | None = None
-    """The hand, once it was used."""
-    platform: float = 0.0
-    """Height on which the object stands, m."""
+    met: LastContact | None = None  # Where the last touch ended, if it met the object
+    hand: HandState | None = None  # The hand, once it was used
+    platform: float = 0.0  # Height on which the object stands, m
 
 
 def start(params: Params) -> tuple[State, Outputs]:
     """Build the object; the first finger's tells what a robot would know, and the truth."""
     shape = build_shape(params.object)
     pipeline = build_pipeline(
-        params.sensor, params.effects, PRESETS[params.robot], params.finger, params.seed
+        params.sensor, params.effects, ROBOT_PRESETS[params.robot], params.finger, params.seed
     )
     platform = float(shape.bounds()[0, 2])
     state = State(shape, pipeline, pipeline.begin(), platform=platform)
@@ -123,7 +115,7 @@ def start(params: Params) -> tuple[State, Outputs]:
     world = World(platform=platform, reach=params.reach, fingers=params.fingers, seed=params.seed)
     return state, [
         ("/world", world),
-        ("/touch/info", info_of(params.sensor, pipeline.noise, felt_face(pipeline))),
+        ("/touch/info", info_of(params.sensor, pipeline.noise, sensed_face(pipeline))),
         ("/truth", _truth(shape)),
     ]
 
@@ -150,8 +142,8 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
         )
     pipeline, begun = state.pipeline, max(state.clock, goal.not_before)
     travel, turn = _between(state.resting, goal.pose)
-    starts = begun + free_seconds(PRESETS[params.robot], travel=travel, turn=turn)
-    felt = Touch(
+    starts = begun + free_seconds(ROBOT_PRESETS[params.robot], travel=travel, turn=turn)
+    felt = SimulatedTouch(
         shape=state.shape,
         number=state.touches,
         believed=goal.pose,
@@ -161,9 +153,9 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
         begun=starts,
         previous=state.clock,
     )
-    remembered = pipeline.feel(felt, state.remembered)
-    late = max(felt.time - starts - contact_seconds(PRESETS[params.robot], felt.advance), 0.0)
-    met = Met(goal.goal, felt.believed[:3]) if felt.outcome in ("hit", "bottomed") else None
+    remembered = pipeline.simulate(felt, state.remembered)
+    late = max(felt.time - starts - contact_seconds(ROBOT_PRESETS[params.robot], felt.advance), 0.0)
+    met = LastContact(goal.goal, felt.believed[:3]) if felt.outcome in ("hit", "bottomed") else None
     ways = (travel, turn, felt.advance, _along(state.met, met))
     frame = TactileFrame(
         goal=goal.goal,
@@ -189,12 +181,11 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
 
 def take_grasp(params: Params, state: State, goal: GraspGoal) -> tuple[State, Outputs]:
     """Close the hand, and say where it met the object."""
-    from palpate.core.explore.grasp.closing import Closing, close_hand
-    from palpate.core.explore.grasp.hand import Hand
+    from palpate.core.explore.grasp import Closing, Hand, close_hand
 
     shape = Hand(fingers=goal.fingers, opening=goal.opening, reach=goal.reach)
     hand = _hand(params, state, goal.fingers)
-    robot, begun = PRESETS[params.robot], max(state.clock, goal.not_before)
+    robot, begun = ROBOT_PRESETS[params.robot], max(state.clock, goal.not_before)
     travel, turn = _between(hand.resting, goal.pose)
     closing = Closing(
         hand.closings, begun + free_seconds(robot, travel=travel, turn=turn), state.clock
@@ -210,7 +201,7 @@ def take_grasp(params: Params, state: State, goal: GraspGoal) -> tuple[State, Ou
         fingers=np.array(grasp.fingers, np.int32),
         missed=grasp.missed,
         blocked=grasp.blocked,
-        move=np.array([begun - state.clock, travel, turn, grasp.advance, LIFTED]),
+        move=np.array([begun - state.clock, travel, turn, grasp.advance, NO_SURFACE_PATH]),
         robot_time=clock,
     )
     used = HandState(hand.fingers, remembered, hand.closings + 1, goal.pose)
@@ -221,18 +212,18 @@ def _hand(params: Params, state: State, fingers: int) -> HandState:
     """The hand as it was left, or a new one if it has another number of fingers."""
     if state.hand is not None and len(state.hand.fingers) == fingers + 1:
         return state.hand
-    robot = PRESETS[params.robot]
+    robot = ROBOT_PRESETS[params.robot]
     made = tuple(
         build_pipeline(params.sensor, params.effects, robot, finger=number, seed=params.seed)
-        for number in range(HAND, HAND + fingers + 1)
+        for number in range(FIRST_HAND_FINGER, FIRST_HAND_FINGER + fingers + 1)
     )
     return HandState(made, tuple(one.begin() for one in made), 0, None)
 
 
-def _along(before: Met | None, now: Met | None) -> float:
-    """Way from the last contact to this one, m; `LIFTED` if the surface does not join them."""
+def _along(before: LastContact | None, now: LastContact | None) -> float:
+    """Way from the last contact, m; `NO_SURFACE_PATH` if the surface does not join them."""
     if before is None or now is None or before.goal != now.goal:
-        return LIFTED
+        return NO_SURFACE_PATH
     return float(np.linalg.norm(now.place - before.place))
 
 
@@ -242,7 +233,7 @@ def _between(before: Floats | None, pose: Floats) -> tuple[float, float]:
         return 0.0, 0.0
     position, axes = split_pose(pose)
     place, turned = split_pose(before)
-    return float(np.linalg.norm(position - place)), turn_angle(turned, axes)
+    return float(np.linalg.norm(position - place)), rotation_angle(turned, axes)
 
 
 NODE = Node(

@@ -1,4 +1,4 @@
-"""Driver of a live sensor: frames come as lines over a plain TCP connection."""
+"""Driver node of a live sensor: frames come as lines over a plain TCP connection."""
 
 from __future__ import annotations
 
@@ -12,30 +12,34 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from palpate.nodes.driver_frames import OUTPUTS, Sensing, frame_of, sensor_info
-from palpate.nodes.frame_row import is_header, parse_row
-from palpate.nodes.node import Finished, Said, Source
+from palpate.nodes.runtime import Finished, Source, Timed
+from palpate.nodes.specs import (
+    DRIVER_OUTPUTS,
+    SensorParams,
+    is_header,
+    parse_row,
+    sensor_info,
+    tactile_frame,
+)
 
 LOOPBACK = "127.0.0.1"
-PATIENCE = 0.1
-"""Longest time for which nothing is said, s."""
-MAX_LINE = 1 << 18
-"""Longest line, bytes: 64 by 64 taxels take some 100 kB."""
+POLL_TIMEOUT = 0.1  # Longest time for which nothing is said, s
+MAX_LINE_BYTES = 1 << 18  # Longest line, bytes: 64 by 64 taxels take some 100 kB
 
 
-class Params(Sensing, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
+    # Where to connect to: a port of this machine, or ``192.0.2.7:5555`` for another one.
     address: str
-    """Where to connect to: a port of this machine, or ``192.0.2.7:5555`` for another one."""
+    # Frames per second, where the lines have no times, Hz.
     rate: Annotated[float, Meta(gt=0, le=1e4, description="Hz")] = 10.0
-    """Frames per second, where the lines have no times, Hz."""
 
     def __post_init__(self) -> None:
-        end_of(self.address)
+        parse_address(self.address)
 
 
-def end_of(address: str) -> tuple[str, int]:
+def parse_address(address: str) -> tuple[str, int]:
     """Address and port, this machine's own if there is none but a port.
 
     Raises
@@ -55,7 +59,7 @@ def end_of(address: str) -> tuple[str, int]:
         ) from None
 
 
-def listen(params: Params) -> Iterator[Said | Finished | None]:
+def listen(params: Params) -> Iterator[Timed | Finished | None]:
     """The sensor, and each frame as it comes, until the other side closes the connection.
 
     Raises
@@ -63,7 +67,7 @@ def listen(params: Params) -> Iterator[Said | Finished | None]:
     ValueError
         If nobody answers at the address, the connection breaks, or a line is no frame.
     """
-    yield Said(0.0, "/touch/info", sensor_info(params))
+    yield Timed(0.0, "/touch/info", sensor_info(params))
     touch, shape, began, first = 0, (params.sensor.rows, params.sensor.cols), 0.0, True
     for line in _lines(params.address):
         if line is None:
@@ -75,8 +79,8 @@ def listen(params: Params) -> Iterator[Said | Finished | None]:
         row = parse_row(line, f"{params.address}: frame {touch}", shape)
         time = touch / params.rate if row.time is None else row.time
         began = time if touch == 0 else began
-        frame = frame_of(params, touch, time - began, row.pose, row.image)
-        yield Said(0.0, "/touch/raw", frame)
+        frame = tactile_frame(params, touch, time - began, row.pose, row.image)
+        yield Timed(0.0, "/touch/raw", frame)
         touch += 1
     yield Finished(f"{params.address} closed the connection after {touch} frames")
 
@@ -85,15 +89,15 @@ def _lines(address: str) -> Iterator[str | None]:
     """Lines as they come, None whenever none has come for a while."""
     with closing(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) as line:
         line.setblocking(False)
-        line.connect_ex(end_of(address))
-        while not select.select((), (line,), (), PATIENCE)[1]:
+        line.connect_ex(parse_address(address))
+        while not select.select((), (line,), (), POLL_TIMEOUT)[1]:
             yield None
         fault = line.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if fault:
             raise ValueError(f"{address}: cannot be reached: {os.strerror(fault)}")
         held = b""
         while True:
-            if not select.select((line,), (), (), PATIENCE)[0]:
+            if not select.select((line,), (), (), POLL_TIMEOUT)[0]:
                 yield None
                 continue
             try:
@@ -106,8 +110,8 @@ def _lines(address: str) -> Iterator[str | None]:
             yield from (_text(one, address) for one in whole)
             if not come:
                 return
-            if len(held) > MAX_LINE:
-                raise ValueError(f"{address}: sent a line of more than {MAX_LINE >> 10} kB")
+            if len(held) > MAX_LINE_BYTES:
+                raise ValueError(f"{address}: sent a line of more than {MAX_LINE_BYTES >> 10} kB")
 
 
 def _text(line: bytes, address: str) -> str:
@@ -117,4 +121,4 @@ def _text(line: bytes, address: str) -> str:
         raise ValueError(f"{address}: sent what is no text: {error.reason}") from None
 
 
-SOURCE = Source(params=Params, outputs=lambda params: OUTPUTS, open=listen, repeats=False)
+SOURCE = Source(params=Params, outputs=lambda params: DRIVER_OUTPUTS, open=listen, repeats=False)

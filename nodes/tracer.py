@@ -9,14 +9,21 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core.arrays import Floats
-from palpate.core.explore.aim import PRESS, Aim
-from palpate.core.explore.cut import Cut
-from palpate.core.explore.felt import Felt, deepest_point, feel_slice
-from palpate.core.explore.trace import Slice, Status, Trace, after_touch, next_aim
-from palpate.core.frames import compose, inverse, split_pose, transform
-from palpate.core.touch.jet import Jet
-from palpate.core.touch.pad import Pad
+from palpate.core import Floats, compose_poses, inverse_pose, split_pose, transform_points
+from palpate.core.explore.tracing import (
+    TOUCH_DEPTH,
+    SliceArc,
+    SliceSpec,
+    TouchCommand,
+    Trace,
+    TraceGoal,
+    TraceStatus,
+    after_touch,
+    arc_in_slice,
+    deepest_point,
+    next_command,
+)
+from palpate.core.touch import Jet, Pad
 from palpate.messages.types import (
     Contour,
     ContourGoal,
@@ -28,49 +35,40 @@ from palpate.messages.types import (
     TouchGoal,
     World,
 )
-from palpate.nodes.node import Finger, Node, Outputs
-from palpate.nodes.sensor import pad_of_info
+from palpate.nodes.runtime import Finger, Node, Outputs
+from palpate.nodes.specs import pad_of_info
 
+# A touch that started inside the object is repeated from this much farther away, in widths of the
+# pad.
 BACK_OFF = 14.0 / 15.0
-"""A touch that started inside the object is repeated from this much farther away, in widths of
-the pad."""
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
+    # Touches after which a contour is given up.
     most_touches: Annotated[int, Meta(ge=10, le=10_000)] = 150
-    """Touches after which a contour is given up."""
-    finger: Finger = 1
-    """The finger that it leads: it takes the goals that name this one."""
+    finger: Finger = 1  # The finger that it leads: it takes the goals that name this one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
     """A contour or a probe under way."""
 
-    goal: ContourGoal | ProbeGoal
-    """What was asked for."""
-    touches: int = 0
-    """Touches made, repeated ones included."""
-    trace: Trace | None = None
-    """The contour so far; None for a probe."""
-    aim: Aim | None = None
-    """Where the finger was sent; None for a probe."""
+    goal: ContourGoal | ProbeGoal  # What was asked for
+    touches: int = 0  # Touches made, repeated ones included
+    trace: Trace | None = None  # The contour so far; None for a probe
+    aim: TouchCommand | None = None  # Where the finger was sent; None for a probe
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """What the node remembers between two messages."""
 
-    fingers: int = 1
-    """How many there are."""
-    pad: Pad | None = None
-    """The sensor's array."""
-    job: Job | None = None
-    """What is under way."""
-    waiting: tuple[ContourGoal | ProbeGoal, ...] = ()
-    """What comes after it."""
+    fingers: int = 1  # How many there are
+    pad: Pad | None = None  # The sensor's array
+    job: Job | None = None  # What is under way
+    waiting: tuple[ContourGoal | ProbeGoal, ...] = ()  # What comes after it
 
 
 def start(params: Params) -> tuple[State, Outputs]:
@@ -118,11 +116,11 @@ def _go_on(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Ou
     if isinstance(job.goal, ProbeGoal):
         return _finish(params, state, _probe(state, job.goal, patch), patch.robot_time)
     assert job.trace is not None and job.aim is not None and state.pad is not None
-    back_off = BACK_OFF * Cut(state.pad, job.goal.height).width
+    back_off = BACK_OFF * SliceSpec(state.pad, job.goal.height).width
     if patch.outcome == "inside" and job.aim.standoff < back_off:
         farther = job.aim._replace(standoff=job.aim.standoff + back_off)
         return _send(state, replace(job, aim=farther), job.goal, patch.robot_time)
-    felt = _felt(state.pad, job.goal, patch)
+    felt = _slice_arc(state.pad, job.goal, patch)
     return _trace(params, state, job, after_touch(job.trace, felt), patch.robot_time)
 
 
@@ -137,12 +135,12 @@ def _begin(
             finger=goal.finger,
             pose=goal.pose,
             reach=goal.reach,
-            depth=PRESS,
+            depth=TOUCH_DEPTH,
             direction=axes[:, 1],
             not_before=max(now, goal.not_before),
         )
         return replace(state, job=Job(goal, touches=1)), [("/finger/goal", touch)]
-    wanted = Slice(goal.height, goal.centre, goal.radius, params.most_touches)
+    wanted = TraceGoal(goal.height, goal.centre, goal.radius, params.most_touches)
     return _trace(params, state, Job(goal), Trace(wanted), max(now, goal.not_before))
 
 
@@ -151,8 +149,8 @@ def _trace(
 ) -> tuple[State, Outputs]:
     """Ask for the next touch of a contour, or report it."""
     assert isinstance(job.goal, ContourGoal) and state.pad is not None
-    trace, found = next_aim(state.pad, trace)
-    if isinstance(found, Aim):
+    trace, found = next_command(state.pad, trace)
+    if isinstance(found, TouchCommand):
         return _send(state, replace(job, trace=trace, aim=found), job.goal, now)
     contour = _contour(job, job.goal, trace, found, now)
     return _finish(params, state, ("/contour/traced", contour), now)
@@ -164,9 +162,9 @@ def _send(state: State, job: Job, goal: ContourGoal, now: float) -> tuple[State,
         goal=goal.id,
         touch=job.touches,
         finger=goal.finger,
-        pose=compose(goal.frame, job.aim.start(goal.height)),
+        pose=compose_poses(goal.frame, job.aim.start(goal.height)),
         reach=job.aim.travel,
-        depth=job.aim.stance.depth,
+        depth=job.aim.posture.depth,
         direction=split_pose(goal.frame)[1][:, 2],
         not_before=now,
     )
@@ -185,16 +183,16 @@ def _finish(
     return state, [said, *outputs]
 
 
-def _felt(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> Felt | None:
+def _slice_arc(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> SliceArc | None:
     if patch.outcome not in ("hit", "bottomed"):
         return None
-    pose = compose(inverse(goal.frame), patch.pose)
+    pose = compose_poses(inverse_pose(goal.frame), patch.pose)
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
     smooth = patch.kind == "smooth"
-    return feel_slice(pad, pose, patch.height, patch.mask, jet, goal.height, smooth)
+    return arc_in_slice(pad, pose, patch.height, patch.mask, jet, goal.height, smooth)
 
 
-def _contour(job: Job, goal: ContourGoal, trace: Trace, status: Status, now: float) -> Contour:
+def _contour(job: Job, goal: ContourGoal, trace: Trace, status: TraceStatus, now: float) -> Contour:
     empty = np.zeros((0, 3))
     path = trace.path
     _, axes = split_pose(goal.frame)
@@ -203,15 +201,15 @@ def _contour(job: Job, goal: ContourGoal, trace: Trace, status: Status, now: flo
         finger=goal.finger,
         frame=goal.frame,
         height=goal.height,
-        points=empty if path is None else transform(goal.frame, path.points),
+        points=empty if path is None else transform_points(goal.frame, path.points),
         normals=empty if path is None else path.normals @ axes.T,
         curvature=np.zeros(0) if path is None else path.across,
-        felt_low=np.zeros(0) if path is None else path.low,
-        felt_high=np.zeros(0) if path is None else path.high,
+        contact_low=np.zeros(0) if path is None else path.low,
+        contact_high=np.zeros(0) if path is None else path.high,
         status=status,
         gap_starts=_placed(goal, [gap.start for gap in trace.gaps]),
         gap_ends=_placed(goal, [gap.end for gap in trace.gaps]),
-        gap_whys=tuple(gap.why for gap in trace.gaps),
+        gap_reasons=tuple(gap.why for gap in trace.gaps),
         touches=job.touches,
         robot_time=now,
     )
@@ -219,7 +217,7 @@ def _contour(job: Job, goal: ContourGoal, trace: Trace, status: Status, now: flo
 
 def _placed(goal: ContourGoal, points: Sequence[Floats]) -> Floats:
     """Points of the slicing frame in the world, (n, 3), m."""
-    return transform(goal.frame, np.reshape(points, (-1, 3)))
+    return transform_points(goal.frame, np.reshape(points, (-1, 3)))
 
 
 def _probe(state: State, goal: ProbeGoal, patch: SurfacePatch) -> tuple[str, Probe]:
@@ -240,7 +238,7 @@ def _deepest(pad: Pad, patch: SurfacePatch) -> Floats:
     if not patch.mask.any():
         return patch.pose[:3]
     local = deepest_point(pad, patch.height, patch.mask)
-    return np.asarray(transform(patch.pose, local[None])[0])
+    return np.asarray(transform_points(patch.pose, local[None])[0])
 
 
 NODE = Node(

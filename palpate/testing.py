@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from palpate.nodes.testing import drive
-from palpate.nodes.testing_messages import assert_same, example, messages_on
-from palpate.nodes.testing_recorded import feed, recorded
+from palpate.nodes.runtime import assert_same, drive, example, feed, messages_on, recorded
 
 __all__ = ["assert_same", "drive", "example", "feed", "messages_on", "recorded"]

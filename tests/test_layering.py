@@ -4,179 +4,227 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent
-LAYERS = ("core", "messages", "nodes", "launch")
-
-CORE = {"palpate.core", "numpy", "scipy"}
-MESSAGES = {"palpate.messages", "numpy", "msgpack"}
-NODES = {"palpate.core", "palpate.messages", "palpate.nodes", "numpy", "msgspec"}
-LAUNCH = {"palpate", "numpy", "msgspec", "ruamel", "click", "rich", "trimesh", "scipy"}
-
-# The longest prefix of a module's name decides what it may import beside the standard library.
-ALLOWED = {
-    "palpate.core": CORE,
-    "palpate.core.shapes": CORE | {"trimesh", "embreex", "manifold3d"},
-    "palpate.core.measure": CORE | {"trimesh", "embreex"},
-    "palpate.messages": MESSAGES,
-    "palpate.messages.bus": MESSAGES | {"zmq"},
-    "palpate.messages.recording": MESSAGES | {"mcap", "lz4", "zstandard"},
-    "palpate.nodes": NODES,
-    "palpate.nodes.composed": NODES | {"threadpoolctl"},
-    "palpate.launch": LAUNCH,
-    "palpate.launch.bag": LAUNCH | {"mcap"},
-    "palpate.launch.replay": LAUNCH | {"threadpoolctl"},
-    "palpate.launch.one_thread": LAUNCH | {"threadpoolctl"},
-    "palpate.launch.launcher": LAUNCH | {"zmq"},
-    "palpate.launch.processes": LAUNCH | {"zmq"},
-    "palpate.launch.hosts": LAUNCH | {"zmq"},
-    "palpate.launch.looking": LAUNCH | {"zmq"},
-    "palpate.launch.chaos.history": LAUNCH | {"mcap"},
-    "palpate.launch.chaos.causes": LAUNCH | {"msgpack"},
-    "palpate.launch.chaos.injector": LAUNCH | {"zmq"},
-    "palpate.launch.chaos.onlooker": LAUNCH | {"zmq"},
-    "palpate.launch.bench_reliability": LAUNCH | {"zmq"},
-    "palpate.launch.poisson_peer": LAUNCH | {"pymeshlab"},
-    "palpate.launch.bench_bus": LAUNCH | {"zmq"},
-    "palpate.launch.bench_bare": LAUNCH | {"zmq"},
-    "palpate.launch.damage": LAUNCH | {"msgpack", "lz4"},
-    "palpate.launch.figures_curvature": LAUNCH | {"matplotlib"},
-    "palpate.launch.figures_peers": LAUNCH | {"matplotlib", "mpl_toolkits"},
-    "palpate.launch.figures_rebuild": LAUNCH | {"matplotlib", "mpl_toolkits"},
-    "palpate.launch.figures_shapes": LAUNCH | {"matplotlib", "mpl_toolkits"},
+# From below: nothing imports from a layer above its own; core and messages know nothing of each other.
+LAYERS = ("core", "messages", "nodes", "launch", "tools", "bench")
+BESIDE = ({"core", "messages"},)
+# The longest prefix of a module's name decides what it may import besides palpate and Python.
+LIBRARIES = {
+    "palpate": set(),
+    "palpate.core": {"numpy", "scipy"},
+    "palpate.core.shapes": {"numpy", "scipy", "trimesh", "embreex", "manifold3d"},
+    "palpate.core.geometry": {"numpy", "scipy", "trimesh", "embreex"},
+    "palpate.messages": {"numpy", "msgpack"},
+    "palpate.messages.bus": {"numpy", "msgpack", "zmq"},
+    "palpate.messages.recording": {"numpy", "msgpack", "mcap", "lz4", "zstandard"},
+    "palpate.nodes": {"numpy", "msgspec"},
+    "palpate.nodes.runtime": {"numpy", "msgspec", "threadpoolctl"},
+    "palpate.launch": {"numpy", "msgspec", "ruamel", "rich", "trimesh", "scipy", "zmq"},
+    "palpate.tools": {"numpy", "msgspec", "ruamel", "rich", "scipy", "threadpoolctl"},
+    "palpate.tools.cli": {"click", "rich"},
+    "palpate.tools.bag": {"numpy", "msgspec", "rich", "mcap"},
+    "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
+    "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "msgpack", "zmq"},
+    "palpate.bench": {"numpy", "scipy", "click", "msgspec", "threadpoolctl"},
+    "palpate.bench.bus": {"numpy", "msgspec", "zmq"},
+    "palpate.bench.fuzz": {"numpy", "msgpack", "lz4", "ruamel"},
+    "palpate.bench.rebuild": {"numpy", "scipy", "pymeshlab"},
+    "palpate.bench.suite": {"numpy", "click", "matplotlib", "mpl_toolkits"},
 }
-
-CLOCKS = (
-    "palpate.nodes.runtime",
-    "palpate.nodes.composed",
-    "palpate.messages.bus",
-    "palpate.launch",
-)
-"""Modules that may read a clock begin like this; for all others there is robot time alone."""
+CLOCKS = ("palpate.nodes.runtime", "palpate.messages.bus", *(f"palpate.{x}" for x in LAYERS[3:]))
 CLOCK_MODULES = frozenset({"time", "datetime"})
-
-SHARED = (
-    "node",
-    "wiring",
-    "ending",
-    "object",
-    "object_units",
-    "object_superquadric",
-    "object_models",
-    "object_solid",
-    "object_boolean",
-    "sensor",
-    "planner_decide",
-    "planner_ends",
-    "planner_grasp",
-    "planner_state",
-    "reconstructor_set",
-    "shape_model",
-    "effects",
-    "composed",
-    "recording",
-    "testing",
-    "testing_messages",
-    "testing_recorded",
-    "driver_frames",
-    "frame_row",
-    "frames_file",
-)
-"""Modules of ``nodes`` that are no node; any of them may be imported by a node."""
-
 BANNED = frozenset({"pickle", "marshal", "shelve", "dill"})
 
 
-def imports(source: str) -> Iterator[tuple[int, str]]:
-    """Line and full name of everything that a source imports, wherever it does."""
-    for node in ast.walk(ast.parse(source)):
+def modules() -> dict[str, Path]:
+    """Every module of the layers by its name."""
+    return {
+        ".".join(("palpate", *path.relative_to(ROOT).with_suffix("").parts)): path
+        for layer in LAYERS
+        for path in sorted((ROOT / layer).rglob("*.py"))
+        if "scenes" not in path.parts
+    }
+
+
+MODULES = modules()
+ROOMS = frozenset(name.removesuffix(".__init__") for name in MODULES if name.endswith("__init__"))
+
+
+def imports(source: str) -> Iterator[tuple[int, str, bool]]:
+    """Line, full name, and whether it happens at once, of everything that a source imports."""
+    tree = ast.parse(source)
+    later = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.Lambda) or _is_for_checkers(node)
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        at_once = id(node) not in later
         if isinstance(node, ast.Import):
-            yield from ((node.lineno, name.name) for name in node.names)
+            yield from ((node.lineno, alias.name, at_once) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            yield node.lineno, "." * node.level + (node.module or "")
-            if node.module in ("palpate", *(f"palpate.{layer}" for layer in LAYERS)):
-                yield from ((node.lineno, f"{node.module}.{name.name}") for name in node.names)
+            module = "." * node.level + (node.module or "")
+            for alias in node.names:
+                full = f"{module}.{alias.name}"
+                is_module = full in MODULES or full in ROOMS
+                yield node.lineno, full if is_module else module, at_once
+
+
+def _is_for_checkers(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
 
 
 def faults(module: str, source: str) -> list[str]:
     """What a module imports although it may not."""
-    home = max((home for home in ALLOWED if within(module, home)), key=len)
-    found = []
-    for line, name in imports(source):
-        top = name.partition(".")[0]
-        if name.startswith("."):
-            found.append(f"{module}:{line}: imports relatively; write palpate....")
-        elif top in BANNED:
-            found.append(f"{module}:{line}: imports {name}, which runs what it reads")
-        elif top in CLOCK_MODULES and not module.startswith(CLOCKS):
-            found.append(f"{module}:{line}: imports {name}; only the runtime reads a clock")
-        elif top in sys.stdlib_module_names or name in ("palpate", "palpate.__version__"):
-            continue
-        elif not any(within(name, allowed) for allowed in ALLOWED[home]):
-            found.append(f"{module}:{line}: imports {name}, which {home} may not")
-        elif is_other_node(module, name):
-            found.append(f"{module}:{line}: imports {name}; a node never imports a node")
-    return found
+    return [
+        f"{module}:{line}: imports {name}, {why}"
+        for line, name, _ in imports(source)
+        for why in reasons(module, name)
+    ]
+
+
+def reasons(module: str, name: str) -> Iterator[str]:
+    """Why a module may not import what it does."""
+    top = name.partition(".")[0]
+    if name.startswith("."):
+        yield "relatively; write palpate...."
+    elif top in BANNED:
+        yield "which runs what it reads"
+    elif top in CLOCK_MODULES and not module.startswith(CLOCKS):
+        yield "but only the runtime, the bus and what starts graphs read a clock"
+    elif top == "palpate":
+        yield from own_reasons(module, name)
+    elif top not in sys.stdlib_module_names:
+        home = max((home for home in LIBRARIES if within(module, home)), key=len)
+        if top not in LIBRARIES[home]:
+            yield f"which {home} may not"
+
+
+def own_reasons(module: str, name: str) -> Iterator[str]:
+    """Why a module may not import another of palpate's."""
+    mine, other = layer_of(module), layer_of(name)
+    if other in LAYERS and LAYERS.index(other) > LAYERS.index(mine):
+        yield f"but nothing imports upwards from {mine} to {other}"
+    if mine != other and {mine, other} in BESIDE:
+        yield f"but {mine} and {other} know nothing of each other"
+    room = name.rpartition(".")[0]
+    if name not in ROOMS and room in ROOMS and not within(module, room) and not is_node(name):
+        yield f"past its room; take it from {room}"
+    if is_node(name) and is_node(module) and name != module:
+        yield "but a node never imports a node"
+
+
+def layer_of(module: str) -> str:
+    return module.split(".")[1] if "." in module else module
+
+
+def is_node(module: str) -> bool:
+    """True of a module that is started by its name."""
+    return module.rpartition(".")[0] == "palpate.nodes" and module not in ROOMS
 
 
 def within(name: str, package: str) -> bool:
     return name == package or name.startswith(f"{package}.")
 
 
-def is_other_node(module: str, name: str) -> bool:
-    if not within(module, "palpate.nodes") or not name.startswith("palpate.nodes."):
-        return False
-    wanted, own = name.split(".")[2], module.split(".")[2]
-    runtime = wanted.startswith("runtime") and own.startswith(
-        ("runtime", "composed", "replay", "testing")
-    )
-    return wanted not in SHARED and wanted != own and not runtime
+def circles(edges: Mapping[str, Iterable[str]]) -> list[list[str]]:
+    """Every way around that the edges leave open, each from one of its places back to it."""
+    found: list[list[str]] = []
+    done: set[str] = set()
 
+    def follow(way: list[str]) -> None:
+        for after in sorted(edges.get(way[-1], ())):
+            if after in way:
+                found.append([*way[way.index(after) :], after])
+            elif after not in done:
+                follow([*way, after])
+        done.add(way[-1])
 
-def modules() -> list[tuple[str, Path]]:
-    found = []
-    for layer in LAYERS:
-        for path in sorted((ROOT / layer).rglob("*.py")):
-            parts = path.relative_to(ROOT).with_suffix("").parts
-            if "scenes" not in parts:
-                found.append((".".join(("palpate", *parts)).removesuffix(".__init__"), path))
+    for start in sorted(edges):
+        if start not in done:
+            follow([start])
     return found
 
 
-def test_no_module_imports_what_its_layer_may_not() -> None:
-    found = [fault for name, path in modules() for fault in faults(name, path.read_text())]
+def rooms_used(sources: Mapping[str, str]) -> dict[str, set[str]]:
+    """For each room the other rooms that it imports when it is imported, but those that hold it."""
+    edges: dict[str, set[str]] = {}
+    for module, source in sources.items():
+        room = module.rpartition(".")[0]
+        for _, name, at_once in imports(source):
+            other = name if name in ROOMS else name.rpartition(".")[0]
+            apart = not within(room, other) and not within(other, room)
+            if at_once and other in ROOMS and apart:
+                edges.setdefault(room, set()).add(other)
+    return edges
+
+
+def test_no_module_imports_what_it_may_not() -> None:
+    found = [fault for name, path in MODULES.items() for fault in faults(name, path.read_text())]
 
     assert found == []
+
+
+def test_no_rooms_import_each_other_in_a_circle() -> None:
+    edges = rooms_used({name: path.read_text() for name, path in MODULES.items()})
+
+    assert len(edges) > 20
+    assert circles(edges) == []
+
+
+def test_a_circle_is_found() -> None:
+    ring = ["a", "b", "c", "a"]
+
+    assert circles({before: {after} for before, after in pairwise(ring)}) == [ring]
+    assert circles({"a": {"b", "c"}, "b": {"c"}}) == []
+
+
+def test_no_room_exports_the_name_of_one_of_its_modules() -> None:
+    """Whichever is imported first would be what the name means."""
+    for room in ROOMS:
+        path = MODULES[f"{room}.__init__"]
+        exported = {
+            alias.name
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        }
+        inside = {path.stem for path in path.parent.glob("*.py")}
+        assert not exported & inside, room
 
 
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("palpate.core.frames", "import palpate.messages.codec"),
-        ("palpate.core.frames", "from palpate import nodes"),
-        ("palpate.core.frames", "import zmq"),
-        ("palpate.core.frames", "import trimesh"),
-        ("palpate.core.frames", "def f():\n    import msgspec"),
-        ("palpate.core.frames", "import time"),
-        ("palpate.core.frames", "from datetime import datetime"),
-        ("palpate.core.frames", "from .arrays import Floats"),
-        ("palpate.messages.codec", "from palpate.core import frames"),
+        ("palpate.core.poses", "import palpate.messages.codec"),
+        ("palpate.core.poses", "from palpate import nodes"),
+        ("palpate.core.poses", "import zmq"),
+        ("palpate.core.poses", "import trimesh"),
+        ("palpate.core.poses", "def f():\n    import msgspec"),
+        ("palpate.core.poses", "import time"),
+        ("palpate.core.poses", "from datetime import datetime"),
+        ("palpate.core.poses", "from .arrays import Floats"),
+        ("palpate.core.splines.bases", "from palpate.core.shapes.polyhedra import Polyhedron"),
+        ("palpate.messages.codec", "from palpate.core import poses"),
         ("palpate.messages.codec", "import zmq"),
         ("palpate.messages.codec", "import pickle"),
         ("palpate.nodes.filter", "from palpate.nodes.curvature import NODE"),
         ("palpate.nodes.filter", "from palpate.nodes import curvature"),
-        ("palpate.nodes.filter", "from palpate.nodes.runtime import run"),
+        ("palpate.nodes.filter", "from palpate.nodes.runtime.loop import run"),
         ("palpate.nodes.filter", "from palpate.launch import graph"),
         ("palpate.nodes.filter", "import time"),
         ("palpate.nodes.filter", "import trimesh"),
-        ("palpate.nodes.runtime", "import zmq"),
-        ("palpate.launch.graph", "import zmq"),
-        ("palpate.launch.graph", "import core.frames"),
+        ("palpate.nodes.runtime.loop", "import zmq"),
         ("palpate.launch.graph", "import dill"),
+        ("palpate.launch.graph", "from palpate.tools import report"),
+        ("palpate.tools.cost", "from palpate.bench import table"),
     ],
 )
 def test_each_rule_fires(module: str, source: str) -> None:
@@ -186,12 +234,12 @@ def test_each_rule_fires(module: str, source: str) -> None:
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("palpate.core.shapes.mesh", "import trimesh"),
+        ("palpate.core.shapes.polyhedra", "import trimesh"),
         ("palpate.messages.bus.tap", "import zmq, time"),
-        ("palpate.nodes.filter", "from palpate.nodes.node import Node"),
-        ("palpate.nodes.runtime_work", "from palpate.nodes.runtime import run"),
-        ("palpate.nodes.runtime", "import time"),
-        ("palpate.launch.graph", "from palpate.nodes.planner import Params"),
+        ("palpate.nodes.filter", "from palpate.nodes.runtime import Node"),
+        ("palpate.nodes.runtime.work", "from palpate.nodes.runtime.loop import run"),
+        ("palpate.nodes.runtime.loop", "import time"),
+        ("palpate.launch.graph", "from palpate.nodes import planner"),
         ("palpate.launch.launcher", "import zmq"),
     ],
 )
@@ -200,4 +248,4 @@ def test_what_is_allowed_is_let_through(module: str, source: str) -> None:
 
 
 def test_every_layer_has_modules_to_judge() -> None:
-    assert {name.split(".")[1] for name, _ in modules()} == set(LAYERS)
+    assert {layer_of(name) for name in MODULES} == set(LAYERS)

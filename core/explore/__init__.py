@@ -1,1 +1,24 @@
-"""Where to touch next: tracing a contour, and planning the slices."""
+"""Where to touch next.
+
+What an exploration has found so far, as one value, from which planners are told. The rooms below
+grasp an object, trace its slices, plan them and probe its ends; all are pure functions of
+values, so that a recorded run can be explored again by another rule. It rests on core touch,
+shapes and geometry.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.core.explore.survey import APART as APART
+    from palpate.core.explore.survey import Demand as Demand
+    from palpate.core.explore.survey import ModelUncertainty as ModelUncertainty
+    from palpate.core.explore.survey import Survey as Survey
+    from palpate.core.explore.survey import TracedContour as TracedContour
+    from palpate.core.explore.survey import next_finished as next_finished
+    from palpate.core.explore.survey import widened as widened
+else:
+    __getattr__, __dir__ = lazy(__name__)

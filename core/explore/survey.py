@@ -1,84 +1,80 @@
 """Everything that an exploration has found so far, in the slicing frame, as a value.
 
-The planner node keeps one; a rule is told of it as `Known`.
+The planner node keeps one; a planner is told of it as an `Observation`: radii about one axis,
+slopes, curvatures, bands of contact. That axis is the straight line through the middles of the
+contours. Where one of them does not surround it, as in a banana, each contour is seen from its
+own middle, and the slopes are corrected for how that moves. Results of several fingers are
+taken up in the order of robot time, whatever the order in which they arrived.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.approach import APPROACH, approach
-from palpate.core.explore.planners.known import LEAST_FEATURE, Budget, Known
-from palpate.core.explore.planners.measured import Traced, measured_slices
+from palpate.core.explore.planners import (
+    LEAST_FEATURE,
+    Budget,
+    Observation,
+    ObservedSlice,
+    SliceOutcome,
+)
+from palpate.core.geometry import area_centroid, winding_number
 
-APART = 1.5
-"""Height between the slices of two fingers, in widths of a pad."""
+APART = 1.5  # Height between the slices of two fingers, in widths of a pad
+AZIMUTHS = 48  # At which a contour is seen
+LEAST_POINTS = 8  # A contour of fewer points is of no use
+MOST_MISSING = 0.35  # Nor is one of whose length more than this share could not be felt
+MOST_ASIDE = 6  # Neighbours to each side at which a band is looked for
+LEAST_FACING = 0.15  # A normal that faces away from the axis by less has no slope: taken for this
+APPROACH = 30.0e-3  # The pad approaches a slice from this far outside the widest contour so far, m
 
 
 class Demand(NamedTuple):
     """What is asked of an exploration."""
 
-    tolerance: float
-    """Root mean square error, m."""
-    feature: float
-    """Largest height that may stay unfelt, m."""
-    most_touches: float
-    """Touches that may be made."""
-    most_seconds: float
-    """Robot time that may pass, s."""
+    tolerance: float  # Root mean square error, m
+    feature: float  # Largest height that may stay unfelt, m
+    most_touches: float  # Touches that may be made
+    most_seconds: float  # Robot time that may pass, s
 
 
-class Doubt(NamedTuple):
+class ModelUncertainty(NamedTuple):
     """What the last model says of its own errors."""
 
-    heights: Floats
-    """(n,), m."""
-    deviations: Floats
-    """Standard deviation of the side there, (n,), m."""
-    whole: float
-    """Of the whole surface, ends included, m."""
-    pose: float = 0.0
-    """Standard deviation of a touch's place, m."""
+    heights: Floats  # (n,), m
+    deviations: Floats  # Standard deviation of the side there, (n,), m
+    whole: float  # Of the whole surface, ends included, m
+    pose: float = 0.0  # Standard deviation of a touch's place, m
+    # False if it had to be rebuilt from contours alone, for its slices are not star-shaped.
     starlike: bool = True
-    """False if it had to be rebuilt from contours alone, for its slices are not star-shaped."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Survey:
     """What is known of an object."""
 
-    low: float
-    """Where it begins along the slicing axis, m."""
-    high: float
-    """Where it ends, m."""
-    low_deviation: float
-    """Standard deviation of `low`, m; 0 once it was touched."""
-    high_deviation: float
-    """Of `high`."""
+    low: float  # Where it begins along the slicing axis, m
+    high: float  # Where it ends, m
+    low_deviation: float  # Standard deviation of `low`, m; 0 once it was touched
+    high_deviation: float  # Of `high`
+    # Largest distance of its surface from the axis, as the first contacts let expect, m.
     radius: float
-    """Largest distance of its surface from the axis, as the first contacts let expect, m."""
-    pad_width: float
-    """Of a finger, m."""
-    resolution: float
-    """Smallest difference that the sensor tells, m."""
-    standing: bool
-    """Whether it stands on its lower end, so that this is known."""
-    reached: tuple[float, float]
-    """Lowest and highest height at which anything was felt, m."""
-    traced: tuple[Traced, ...] = ()
-    """Slices in the order in which they were taken up."""
-    tips: tuple[Floats, ...] = ()
-    """Where ends were touched, the farthest place of each, (3,), m."""
-    doubt: Doubt | None = None
-    """Of the last model."""
+    pad_width: float  # Of a finger, m
+    resolution: float  # Smallest difference that the sensor tells, m
+    standing: bool  # Whether it stands on its lower end, so that this is known
+    reached: tuple[float, float]  # Lowest and highest height at which anything was felt, m
+    traced: tuple[TracedContour, ...] = ()  # Slices in the order in which they were taken up
+    tips: tuple[Floats, ...] = ()  # Where ends were touched, the farthest place of each, (3,), m
+    doubt: ModelUncertainty | None = None  # Of the last model
 
     def known(
         self, demand: Demand, *, touches: int, seconds: float, taken: tuple[float, ...] = ()
-    ) -> Known:
+    ) -> Observation:
         """What a rule is told.
 
         Parameters
@@ -96,7 +92,7 @@ class Survey:
             touches=touches,
             seconds=seconds,
         )
-        return Known(
+        return Observation(
             low=self.low,
             high=self.high,
             low_deviation=self.low_deviation,
@@ -105,7 +101,7 @@ class Survey:
             resolution=self.resolution,
             feature=max(demand.feature, LEAST_FEATURE * (self.high - self.low)),
             budget=budget,
-            slices=measured_slices(self.traced, self._deviations()),
+            slices=observed_slices(self.traced, self._deviations()),
             taken=taken,
             apart=self.apart,
             taxels=True,
@@ -123,21 +119,21 @@ class Survey:
         if not contours:
             return np.zeros(2), self.radius + APPROACH
         heights, points = [one.height for one in contours], [one.points for one in contours]
-        return approach(height, heights, points, self.tips)
+        return expected_approach(height, heights, points, self.tips)
 
-    def outermost(self, *, upper: bool) -> Traced | None:
+    def outermost(self, *, upper: bool) -> TracedContour | None:
         """The usable contour nearest to an end; None while there is none."""
         contours = [one for one in self.traced if one.usable]
         if not contours:
             return None
         return (max if upper else min)(contours, key=lambda one: one.height)
 
-    def with_slice(self, traced: Traced) -> Survey:
+    def with_slice(self, traced: TracedContour) -> Survey:
         """With one slice more."""
         survey = replace(self, traced=(*self.traced, traced))
         if not traced.usable:
             return survey
-        return survey.reaching(float(traced.felt_low.min()), float(traced.felt_high.max()))
+        return survey.reaching(float(traced.contact_low.min()), float(traced.contact_high.max()))
 
     def reaching(self, low: float, high: float) -> Survey:
         """With something felt at these heights, m: the object reaches at least as far."""
@@ -161,3 +157,215 @@ class Survey:
         at = [one.height for one in self.traced]
         found = np.interp(at, self.doubt.heights, self.doubt.deviations)
         return tuple(found.tolist())
+
+
+def observed_slices(
+    traced: Sequence[TracedContour], deviations: Sequence[float]
+) -> tuple[ObservedSlice, ...]:
+    """Slices as a planner takes them, in the same order.
+
+    Parameters
+    ----------
+    traced : sequence of Traced
+        In the order in which they were asked for.
+    deviations : sequence of float
+        Standard deviation of the model at each height, m.
+    """
+    usable = [one for one in traced if one.usable]
+    axis = contour_axis(usable)
+    seen = iter(zip(axis.places, axis.leans, strict=True))
+    return tuple(
+        _seen(one, *next(seen), deviation) if one.usable else _unseen(one)
+        for one, deviation in zip(traced, deviations, strict=True)
+    )
+
+
+def contour_axis(contours: Sequence[TracedContour]) -> ContourAxis:
+    """The straight line through middles, or, where it leaves a contour, the middles themselves."""
+    if not contours:
+        return ContourAxis(np.zeros((0, 2)), np.zeros((0, 2)))
+    heights = np.array([one.height for one in contours])
+    middles = np.stack([area_centroid(one.points) for one in contours])
+    if len(contours) == 1:
+        return ContourAxis(middles, np.zeros((1, 2)))
+    offset = heights - heights.mean()
+    lean = offset @ middles / max(float(offset @ offset), np.finfo(float).tiny)
+    places = middles.mean(axis=0) + offset[:, None] * lean
+    if all(_surrounds(one.points, place) for one, place in zip(contours, places, strict=True)):
+        return ContourAxis(places, np.broadcast_to(lean, places.shape))
+    order = np.argsort(heights, kind="stable")
+    leans = np.empty_like(middles)
+    leans[order] = np.gradient(middles[order], heights[order], axis=0)
+    return ContourAxis(middles, leans)
+
+
+def _surrounds(points: Floats, place: Floats) -> bool:
+    """Whether a closed contour goes round a place once, and never back by much."""
+    away = points[:, :2] - place
+    turn = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+    return abs(turn[-1] - turn[0]) > np.pi and float(np.linalg.norm(away, axis=1).min()) > 0.0
+
+
+def _seen(one: TracedContour, place: Floats, lean: Floats, deviation: float) -> ObservedSlice:
+    away = one.points[:, :2] - place
+    radii = np.linalg.norm(away, axis=1)
+    outward = away / np.maximum(radii, np.finfo(float).tiny)[:, None]
+    facing = np.maximum((one.normals[:, :2] * outward).sum(axis=1), LEAST_FACING)
+    moved = one.normals[:, 2] + one.normals[:, :2] @ lean
+    turns = np.arctan2(away[:, 1], away[:, 0])
+    at = 2.0 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
+
+    def around(values: Floats) -> Floats:
+        return np.interp(at, turns, values, period=2.0 * np.pi)
+
+    return ObservedSlice(
+        height=one.height,
+        outcome=one.outcome,
+        radii=np.maximum(around(radii), np.finfo(float).eps),
+        slopes=around(-moved / facing),
+        curvatures=around(one.across),
+        contact_low=around(one.contact_low),
+        contact_high=around(one.contact_high),
+        deviation=deviation,
+        touches=one.touches,
+        seconds=one.seconds,
+    )
+
+
+def _unseen(one: TracedContour) -> ObservedSlice:
+    none = np.zeros(0)
+    return ObservedSlice(
+        height=one.height,
+        outcome=one.outcome,
+        radii=none,
+        slopes=none,
+        curvatures=none,
+        contact_low=none,
+        contact_high=none,
+        touches=one.touches,
+        seconds=one.seconds,
+    )
+
+
+def expected_approach(
+    height: float,
+    heights: Sequence[float],
+    contours: Sequence[Floats],
+    tips: Sequence[Floats] = (),
+) -> tuple[Floats, float]:
+    """Where the middle of a slice is expected, (2,), and from how far it is approached, m.
+
+    Parameters
+    ----------
+    height : float
+        Height of the slice, m.
+    heights : sequence of float
+        Heights of the contours traced so far, at least one, m.
+    contours : sequence of (n, 3) arrays
+        The contours, slicing frame, m.
+    tips : sequence of (3,) arrays
+        Where the object ends, m. One that lies outside the nearest contour tells which way the
+        object leans.
+    """
+    nearest = int(np.argmin([abs(one - height) for one in heights]))
+    middle = _leant(height, heights[nearest], contours[nearest], tips)
+    widest = max(float(np.linalg.norm(points[:, :2] - middle, axis=1).max()) for points in contours)
+    return middle, widest + APPROACH
+
+
+def _leant(height: float, nearest: float, contour: Floats, tips: Sequence[Floats]) -> Floats:
+    """The contour's middle, moved towards a tip that the slice lies on the way to, (2,), m."""
+    middle = area_centroid(contour)
+    for tip in tips:
+        share = (height - nearest) / (tip[2] - nearest) if tip[2] != nearest else 0.0
+        if 0.0 < share < 1.0 and winding_number(contour[:, :2], tip[None, :2])[0] == 0:
+            return np.asarray(middle + share * (tip[:2] - middle))
+    return middle
+
+
+class TracedContour(NamedTuple):
+    """A contour, slicing frame."""
+
+    height: float  # m
+    status: str  # As in `palpate.messages.types.Contour`
+    points: Floats  # (n, 3), m
+    normals: Floats  # Outward unit normals, (n, 3)
+    across: Floats  # Normal curvature across the contour, (n,), 1/m
+    contact_low: Floats  # Lowest height felt below each point, (n,), m
+    contact_high: Floats  # Highest height felt above it, (n,), m
+    missing: float  # Length of its gaps, as the crow flies, m
+    touches: int  # That it took
+    seconds: float  # Robot time that it took, s
+    dropped: bool = False  # Whether the model had no use for it
+
+    @property
+    def outcome(self) -> SliceOutcome:
+        """How it ended, for a planner."""
+        if self.status in ("pole", "no_contact"):
+            return SliceOutcome.LOST
+        if self.status not in ("closed", "occluded") or self.dropped:
+            return SliceOutcome.FAILED
+        if len(self.points) < LEAST_POINTS or self.missing > MOST_MISSING * self.perimeter:
+            return SliceOutcome.FAILED
+        return SliceOutcome.CLOSED if self.status == "closed" else SliceOutcome.OCCLUDED
+
+    @property
+    def usable(self) -> bool:
+        """Whether it tells where the surface is."""
+        return self.outcome in (SliceOutcome.CLOSED, SliceOutcome.OCCLUDED)
+
+    @property
+    def perimeter(self) -> float:
+        """Its length, gaps included, m."""
+        steps = np.diff(self.points, axis=0, append=self.points[:1])
+        return float(np.linalg.norm(steps, axis=1).sum())
+
+
+class ContourAxis(NamedTuple):
+    """Where contours are seen from."""
+
+    places: Floats  # At each contour's height, (m, 2), m
+    leans: Floats  # How the axis moves with the height there, (m, 2)
+
+
+def widened(one: TracedContour, feature: float) -> TracedContour:
+    """A contour whose bands count half a feature aside: what is narrower may stay unfelt.
+
+    Parameters
+    ----------
+    one : Traced
+        As it was traced.
+    feature : float
+        m.
+    """
+    low, high = one.contact_low, one.contact_high
+    for shift in range(1, MOST_ASIDE + 1):
+        for step in (shift, -shift):
+            away = np.linalg.norm(one.points - np.roll(one.points, step, axis=0), axis=1)
+            near = away <= 0.5 * feature
+            low = np.where(near, np.minimum(low, np.roll(one.contact_low, step)), low)
+            high = np.where(near, np.maximum(high, np.roll(one.contact_high, step)), high)
+    return one._replace(contact_low=low, contact_high=high)
+
+
+def next_finished(
+    finished: Mapping[int, float], busy: Collection[int], clocks: Mapping[int, float]
+) -> int | None:
+    """The finger whose result is taken up next; None if one must still be waited for.
+
+    Parameters
+    ----------
+    finished : map
+        Finger to the robot time of its result, s, of those not yet taken up.
+    busy : collection of int
+        Fingers at work, those that have finished among them.
+    clocks : map
+        Finger to the robot time that it is known to have reached, s.
+    """
+    if not finished:
+        return None
+    first = min((seconds, finger) for finger, seconds in finished.items())
+    others = (finger for finger in busy if finger not in finished)
+    if all((clocks.get(other, 0.0), other) > first for other in others):
+        return first[1]
+    return None

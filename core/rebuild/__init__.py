@@ -1,1 +1,22 @@
-"""From touches to a solid: skin, control lattice, closed ends."""
+"""From contacts to a closed solid.
+
+`reconstruct` takes contours, normals and contact points and answers a `Solid`, exact at every
+place. What may be tuned are the named thresholds on top of each chapter (shares of a size,
+standard deviations, counts); each method in `reconstruction` may be replaced alone. It rests on
+the rooms below (contours, loft, radial, ends, surface, lattice, recovery) and on
+`palpate.core.thesis`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.core.rebuild.reconstruction import fit_coarse as fit_coarse
+    from palpate.core.rebuild.reconstruction import reconstruct as reconstruct
+    from palpate.core.rebuild.solid import Method as Method
+    from palpate.core.rebuild.solid import Solid as Solid
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -10,31 +10,38 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.plane.signed_area import signed_area
-from palpate.core.rebuild.correspondence.correspondence import Correspondence, match_slices
-from palpate.core.rebuild.felt.felt_points import FeltPoints
-from palpate.core.rebuild.slices.bad_contours import bad_contours
-from palpate.core.rebuild.slices.dropped import Dropped
-from palpate.core.rebuild.slices.loops import Loop, curve_again, loops_of
-from palpate.core.rebuild.slices.slices import Slices, restack, stack_loops
-from palpate.core.rebuild.slices.star_shaped import are_nearly_star_shaped
-from palpate.core.rebuild.slices.stray_points import stray_points
-from palpate.core.rebuild.slices.suspects import Suspect, perhaps_features, suspicious
-from palpate.core.rebuild.slicing import into_frame
+from palpate.core.geometry import signed_area
+from palpate.core.rebuild.contours import (
+    ContactPoints,
+    ContourCurve,
+    Correspondence,
+    DroppedContour,
+    FeatureCandidate,
+    Slices,
+    are_nearly_star_shaped,
+    contour_curves,
+    inconsistent_contours,
+    into_frame,
+    look_like_features,
+    match_slices,
+    neighbour_misfits,
+    point_outliers,
+    refitted_curve,
+    restack,
+    stack_curves,
+)
 
+# Places around a contour that are matched: as many as it has points, within these.
 FEWEST, MOST = 24, 160
-"""Places around a contour that are matched: as many as it has points, within these."""
-POINT = 0.03
-"""Of the widest contour: one at an end that is no wider, and meets itself, is a point."""
-PASSES = 3
-"""Of looking for points that are wrong: contours are judged by those beside them."""
+POINT = 0.03  # Of the widest contour: one at an end that is no wider, and meets itself, is a point
+PASSES = 3  # Of looking for points that are wrong: contours are judged by those beside them
+# Of the square of its perimeter: a contour that meets itself around less has no inside.
 NO_AREA = 1e-6
-"""Of the square of its perimeter: a contour that meets itself around less has no inside."""
+# Contours from which on one that differs from its neighbours in size alone is left out: a wrong one
+# costs more then than a groove that is missed. Of fewer, far apart, each says more.
 MANY = 12
-"""Contours from which on one that differs from its neighbours in size alone is left out: a wrong
-one costs more then than a groove that is missed. Of fewer, far apart, each says more."""
+# Of what is rebuilt: the fifth power of a length, as in an inertia, must be a number.
 LEAST_SIZE, MOST_SIZE = 1e-50, 1e50
-"""Of what is rebuilt: the fifth power of a length, as in an inertia, must be a number."""
 
 
 class Evidence(NamedTuple):
@@ -43,27 +50,20 @@ class Evidence(NamedTuple):
     All of it is seen from the slicing frame.
     """
 
-    slices: Slices
-    """The contours that are used, and those that are not, and why."""
-    correspondence: Correspondence
-    """Which places of them belong together."""
-    bottom: float | None
-    """Height at which a touch found the lower end."""
-    top: float | None
-    """Height at which a touch found the upper end."""
-    felt: FeltPoints | None
-    """All touched taxels."""
-    noise: float | None
-    """Standard deviation of a coordinate, if it is known."""
-    given: tuple[Loop | Dropped, ...] = ()
-    """Each contour by itself, as it was given: what more evidence is added to."""
-    tops: Floats | None = None
-    """(k, 3): where single touches found the ends."""
+    slices: Slices  # The contours that are used, and those that are not, and why
+    correspondence: Correspondence  # Which places of them belong together
+    bottom: float | None  # Height at which a touch found the lower end
+    top: float | None  # Height at which a touch found the upper end
+    felt: ContactPoints | None  # All touched taxels
+    noise: float | None  # Standard deviation of a coordinate, if it is known
+    # Each contour by itself, as it was given: what more evidence is added to.
+    given: tuple[ContourCurve | DroppedContour, ...] = ()
+    tops: Floats | None = None  # (k, 3): where single touches found the ends
 
-    suspects: tuple[Suspect, ...] = ()
-    """Contours that are used, though they are unlike their neighbours."""
+    # Contours that are used, though they are unlike their neighbours.
+    feature_candidates: tuple[FeatureCandidate, ...] = ()
+    # Pose (7,) of the slicing frame in the world; None if it is the world's own.
     frame: Floats | None = None
-    """Pose (7,) of the slicing frame in the world; None if it is the world's own."""
 
     @property
     def strays(self) -> int:
@@ -78,7 +78,7 @@ class Evidence(NamedTuple):
             "contours": float(len(slices.heights)),
             "dropped": float(len(slices.dropped)),
             "perhaps_features": float(sum(one.perhaps for one in slices.dropped)),
-            "suspicious": float(len(self.suspects)),
+            "suspicious": float(len(self.feature_candidates)),
             "outlying_points": float(self.strays),
             "tilted": float(slices.tilted.sum()),
             "not_starlike": float((~are_nearly_star_shaped(away)).sum()),
@@ -88,15 +88,15 @@ class Evidence(NamedTuple):
     def more(self, contour: ArrayLike, height: float | None = None) -> Evidence:
         """The evidence with one contour of the world more: that of all of them at once."""
         level = None if height is None else [height]
-        added = loops_of([contour], level, len(self.given), self.frame)
-        return gather_loops((*self.given, *added), self.tops, self.felt, self.noise, self.frame)
+        added = contour_curves([contour], level, len(self.given), self.frame)
+        return gather_curves((*self.given, *added), self.tops, self.felt, self.noise, self.frame)
 
 
 def gather(
     contours: Sequence[ArrayLike],
     tops: ArrayLike | None = None,
     *,
-    felt: FeltPoints | None = None,
+    felt: ContactPoints | None = None,
     heights: ArrayLike | None = None,
     noise: float | None = None,
     frame: Floats | None = None,
@@ -108,18 +108,18 @@ def gather(
     touched = None
     if tops is not None and not (isinstance(tops, list | tuple) and not tops):
         touched = into_frame(frame, finite_array("tops", tops, (None, 3)))
-    return gather_loops(loops_of(contours, heights, 0, frame), touched, felt, noise, frame)
+    return gather_curves(contour_curves(contours, heights, 0, frame), touched, felt, noise, frame)
 
 
-def gather_loops(
-    given: tuple[Loop | Dropped, ...],
+def gather_curves(
+    given: tuple[ContourCurve | DroppedContour, ...],
     tops: Floats | None,
-    felt: FeltPoints | None,
+    felt: ContactPoints | None,
     noise: float | None,
     frame: Floats | None = None,
 ) -> Evidence:
     """The same of contours made into curves and of tops (k, 3), both seen from the frame."""
-    slices = stack_loops(given)
+    slices = stack_curves(given)
     slices, bottom, top = _ends(slices, tops)
     _check_size(slices, (bottom, top))
     slices = _around_areas(slices)
@@ -127,12 +127,14 @@ def gather_loops(
     if felt is None:  # else it is not the contours that the surface goes through
         slices, matched = _mended(slices, matched)
     slices, matched, kept = _without_bad(slices, matched)
-    off = np.maximum(suspicious(slices.heights, matched.grid), kept)
-    suspects = tuple(
-        Suspect(int(slices.rows[row]), float(slices.heights[row]), float(off[row]))
+    off = np.maximum(neighbour_misfits(slices.heights, matched.grid), kept)
+    feature_candidates = tuple(
+        FeatureCandidate(int(slices.rows[row]), float(slices.heights[row]), float(off[row]))
         for row in np.flatnonzero(off)
     )
-    return Evidence(slices, matched, bottom, top, felt, noise, given, tops, suspects, frame)
+    return Evidence(
+        slices, matched, bottom, top, felt, noise, given, tops, feature_candidates, frame
+    )
 
 
 def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence, Floats]:
@@ -141,10 +143,10 @@ def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Corre
     Of few contours those that may as well be features of the object stay: (M,) tells by how much
     these are off, and 0 of all others.
     """
-    found = bad_contours(slices.heights, matched.grid)
+    found = inconsistent_contours(slices.heights, matched.grid)
     if not found.bad.any():
         return slices, matched, np.zeros(len(found.bad))
-    perhaps = perhaps_features(matched.grid, slices.star, found.bad)
+    perhaps = look_like_features(matched.grid, slices.star, found.bad)
     bad = found.bad if len(perhaps) >= MANY else found.bad & ~perhaps
     kept = np.where(found.bad & ~bad, found.off, 0.0)[~bad]
     if bad.any():
@@ -156,11 +158,11 @@ def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Corre
 def _mended(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence]:
     """Without single points that are wrong, which are looked for again once others are mended."""
     for _ in range(PASSES):
-        strays = stray_points(slices.loops, matched.places)
+        strays = point_outliers(slices.loops, matched.places)
         same = zip(slices.loops, strays.masks, strict=True)
         if all(np.array_equal(loop.stray, mask) for loop, mask in same):
             break
-        loops = map(curve_again, slices.loops, strays.mended, strays.masks)
+        loops = map(refitted_curve, slices.loops, strays.mended, strays.masks)
         slices = restack(tuple(loops), slices.dropped)
         matched = _matched(slices)
     return slices, matched

@@ -1,4 +1,9 @@
-"""A rebuilt solid: an exact closed surface, and how it came about."""
+"""A rebuilt solid: an exact closed surface, how it came about, and figures of how far to trust it.
+
+Its control lattice is carried along by the slicing frame, deformed and undeformed control points
+alike. The shear of its ends moves the deformed ones alone, for it is part of the deformation:
+exact where both ends are parallel, else as near as the knots are close together.
+"""
 
 from __future__ import annotations
 
@@ -10,43 +15,51 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.measure.self_intersection import self_intersection
-from palpate.core.measure.solidity import solidity
-from palpate.core.rebuild.contour_solid import ContourSolid
+from palpate.core.geometry import self_intersection, solidity
+from palpate.core.poses import split_pose
+from palpate.core.rebuild.closed_sides import ContourSolid, refine_solid
+from palpate.core.rebuild.contours import Slices, into_frame
+from palpate.core.rebuild.deviation import whole_deviation
+from palpate.core.rebuild.ends import End, Shear
 from palpate.core.rebuild.evidence import Evidence
-from palpate.core.rebuild.lattice.lattice_fit import LatticeFit
-from palpate.core.rebuild.lattice.lattice_solid import refine_solid
-from palpate.core.rebuild.lattice.moved_lattice import moved_lattice
-from palpate.core.rebuild.recovery.recovery import Recovery
-from palpate.core.rebuild.skin.contour_skin import Uncertainty
-from palpate.core.rebuild.slices.slices import Slices
-from palpate.core.rebuild.slicing import into_frame
-from palpate.core.rebuild.solid_health import health_of
-from palpate.core.rebuild.surface.surface import Surface, placed
-from palpate.core.rebuild.surface.surface_measures import Measures, measure_surface
-from palpate.core.rebuild.surface.surface_mesh import DEFAULT, SurfaceMesh, mesh_surface
-from palpate.core.rebuild.surface.surface_nearest import SurfaceSearch, search_surface
-from palpate.core.rebuild.thesis.solid import ThesisSolid
-from palpate.core.rebuild.whole_deviation import whole_deviation
-from palpate.core.splines.lattice import Lattice
+from palpate.core.rebuild.lattice import LatticeFit
+from palpate.core.rebuild.loft import Uncertainty
+from palpate.core.rebuild.recovery import Recovery
+from palpate.core.rebuild.surface import (
+    DEFAULT_TOLERANCE,
+    EndPatch,
+    SampledPatch,
+    SolidMeasures,
+    Surface,
+    SurfaceMesh,
+    SurfaceSearch,
+    measure_surface,
+    mesh_surface,
+    placed,
+    search_surface,
+)
+from palpate.core.splines import (
+    Lattice,
+    Parallelepiped,
+    SplineVolume,
+    evaluate_grid,
+    interpolate_grid,
+)
+from palpate.core.thesis import ThesisSolid
 
 Method = Literal["lattice", "skin", "thesis", "coarse"]
-
+# Places of the side at which it is seen whether it swings out.
 OVERSHOOT_ROWS, OVERSHOOT_TURNS = 97, 160
-"""Places of the side at which it is seen whether it swings out."""
-NOISE_SHARE = 0.2
-"""Of the noise: the tolerance of a mesh where none is asked for."""
+NOISE_SHARE = 0.2  # Of the noise: the tolerance of a mesh where none is asked for
+Figures = dict[str, float]
 
 
-class Check(NamedTuple):
+class MeshCheck(NamedTuple):
     """What a solid's mesh is like as a body."""
 
-    watertight: bool
-    """Each edge has two faces, which run along it in opposite directions."""
-    genus: int | None
-    """0 without a hole through it; None unless watertight."""
-    self_intersections: int
-    """Pairs of triangles that cross."""
+    watertight: bool  # Each edge has two faces, which run along it in opposite directions
+    genus: int | None  # 0 without a hole through it; None unless watertight
+    self_intersections: int  # Pairs of triangles that cross
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -58,20 +71,16 @@ class Solid:
     that frame: evidence, skin and ends, lattice, model.
     """
 
+    # Exact at every place: points, normals, curvatures, in no resolution. In the world.
     surface: Surface
-    """Exact at every place: points, normals, curvatures, in no resolution. In the world."""
-    method: Method
-    """How it was rebuilt."""
-    evidence: Evidence
-    """From what."""
-    closed: ContourSolid | None = None
-    """Skin and ends, with the methods "lattice" and "skin"."""
+    method: Method  # How it was rebuilt
+    evidence: Evidence  # From what
+    closed: ContourSolid | None = None  # Skin and ends, with the methods "lattice" and "skin"
+    # Control lattice and what it deforms, with the method "lattice"; see `control_lattice`.
     lattice: LatticeFit | None = None
-    """Control lattice and what it deforms, with the method "lattice"; see `control_lattice`."""
-    model: ThesisSolid | Recovery | None = None
-    """What the methods "thesis" and "coarse" found."""
+    model: ThesisSolid | Recovery | None = None  # What the methods "thesis" and "coarse" found
+    # Rebuilds it in the same way from other evidence.
     again: Callable[[Evidence], Solid] | None = None
-    """Rebuilds it in the same way from other evidence."""
 
     @property
     def slices(self) -> Slices:
@@ -87,8 +96,8 @@ class Solid:
     def control_lattice(self) -> Lattice | None:
         """The control lattice in the world; None with the methods "skin" and "coarse"."""
         part = self.model if isinstance(self.model, ThesisSolid) else self.lattice
-        slant = None if self.closed is None else self.closed.slant
-        return None if part is None else moved_lattice(part.lattice, self.frame, slant)
+        shear = None if self.closed is None else self.closed.shear
+        return None if part is None else moved_lattice(part.lattice, self.frame, shear)
 
     def update(self, contour: ArrayLike, *, height: float | None = None) -> Solid:
         """The solid with one contour more: that of all contours at once, in any order.
@@ -118,17 +127,17 @@ class Solid:
         """
         if tolerance is None and self.closed is not None:
             noise = NOISE_SHARE * self.closed.skin.health.sigma
-            tolerance = max(DEFAULT * self.surface.size, noise)
+            tolerance = max(DEFAULT_TOLERANCE * self.surface.size, noise)
         return mesh_surface(self.surface, tolerance)
 
-    def check(self) -> Check:
+    def check(self) -> MeshCheck:
         """What the mesh is like as a body; looking for triangles that cross takes a while."""
         mesh = self.mesh()
         body = solidity(mesh.vertices, mesh.faces)
         crossings = self_intersection(mesh.vertices, mesh.faces).count
-        return Check(body.watertight, body.genus, crossings)
+        return MeshCheck(body.watertight, body.genus, crossings)
 
-    def measures(self) -> Measures:
+    def measures(self) -> SolidMeasures:
         """Volume, centroid, second moments, inertia and area."""
         return measure_surface(self.surface)
 
@@ -160,15 +169,15 @@ class Solid:
         if self.lattice is None or self.closed is None:
             raise ValueError(f"method must be lattice for a solid to be refined, got {self.method}")
         seen = into_frame(self.frame, finite_array("points", points, (None, 3)))
-        slant = self.closed.slant
-        if slant is not None:
-            if not slant.reaches(seen).all():
+        shear = self.closed.shear
+        if shear is not None:
+            if not shear.reaches(seen).all():
                 raise ValueError("points must lie beside the object, got one far aside of it")
-            seen = slant.straightened(seen)
+            seen = shear.straightened(seen)
         surface, lattice = refine_solid(
             self.lattice, self.closed, seen, sigma=sigma, weights=weights
         )
-        return replace(self, surface=placed(surface, self.frame, slant), lattice=lattice)
+        return replace(self, surface=placed(surface, self.frame, shear), lattice=lattice)
 
     def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats | None:
         """Standard deviation of the side along its normal, on a grid (a, b).
@@ -239,7 +248,7 @@ class Solid:
         Of the contours: how many are used (`contours`) and not (`dropped`, see
         `Slices.dropped`); how many of the latter may have felt what no other did
         (`perhaps_features`); how many are used though they are unlike their neighbours
-        (`suspicious`, see `Evidence.suspects`); how many are `tilted`, `not_starlike` and
+        (`suspicious`, see `Evidence.feature_candidates`); how many are `tilted`, `not_starlike` and
         `self_intersecting`; and single points that were left out (`outlying_points`).
 
         Of the side: the noise (`sigma`), `degrees_of_freedom`, `condition`, the `overshoot`, and
@@ -263,3 +272,161 @@ class Solid:
         return health_of(self.evidence, self.closed, self.lattice, self.model, self.surface) | {
             "overshoot": self.overshoot
         }
+
+
+def moved_lattice(lattice: Lattice, frame: Floats | None, shear: Shear | None = None) -> Lattice:
+    """The lattice slanted, and where a frame of this pose (7,) carries it; the same for None."""
+    if shear is not None:
+        lattice = Lattice(sheared_volume(lattice.volume, shear), lattice.undeformed)
+    if frame is None:
+        return lattice
+    position, axes = split_pose(frame)
+
+    def moved(volume: SplineVolume) -> SplineVolume:
+        return SplineVolume(volume.control @ axes.T + position, volume.bases, volume.weights)
+
+    before = lattice.undeformed
+    if isinstance(before, Parallelepiped):
+        return Lattice(
+            moved(lattice.volume),
+            Parallelepiped(before.corner @ axes.T + position, before.edges @ axes.T),
+        )
+    return Lattice(moved(lattice.volume), moved(before))
+
+
+def sheared_volume(volume: SplineVolume, shear: Shear) -> SplineVolume:
+    """The volume where a shear carries it.
+
+    Parameters
+    ----------
+    volume : Volume
+        In the straight space; its weights are kept.
+    shear : Slant
+        From there to where the object is.
+    """
+    sites = [basis.greville() for basis in volume.bases]
+    places = volume.grid(*sites)
+    moved = shear.slanted(places.reshape(-1, 3)).reshape(places.shape)
+    if volume.weights is None:
+        return SplineVolume(interpolate_grid(volume.bases, sites, moved).control, volume.bases)
+    weights = evaluate_grid(volume.bases, volume.spline[..., 3:], sites)
+    found = interpolate_grid(volume.bases, sites, weights * moved).control
+    return SplineVolume(np.asarray(found / volume.weights[..., None]), volume.bases, volume.weights)
+
+
+def health_of(
+    evidence: Evidence,
+    closed: ContourSolid | None,
+    lattice: LatticeFit | None,
+    model: ThesisSolid | Recovery | None,
+    surface: Surface,
+) -> Figures:
+    """All that is known of how a solid came about: see `Solid.health`."""
+    found = evidence.health() | {"uncovered_below": 0.0, "uncovered_above": 0.0}
+    if closed is not None:
+        strays = found["outlying_points"]
+        found |= _of_side(closed)
+        found["outlying_points"] += strays
+        if evidence.felt is not None:
+            found |= _of_contacts(closed)
+    if lattice is not None:
+        found |= _of_lattice(lattice)
+    if isinstance(model, Recovery):
+        found |= _of_recovery(model)
+    if isinstance(model, ThesisSolid):
+        found |= _of_thesis(model)
+    return found | _of_ends(surface) | _of_samples(surface)
+
+
+def _of_side(closed: ContourSolid) -> Figures:
+    skin = closed.skin.health
+    return {
+        "uncovered_below": closed.bottom.uncovered,
+        "uncovered_above": closed.top.uncovered,
+        "unseen_below": closed.bottom.unseen,
+        "unseen_above": closed.top.unseen,
+        "apart_below": float(closed.bottom.apart),
+        "apart_above": float(closed.top.apart),
+        "slope_below": _slope(closed, closed.bottom),
+        "slope_above": _slope(closed, closed.top),
+        "outlying_points": float(skin.outlying),
+        "sigma": skin.sigma,
+        "degrees_of_freedom": skin.freedom,
+        "condition": skin.condition,
+        "swing": skin.swing,
+        "paced": float(closed.skin.surface.latitude.pace is not None),
+    }
+
+
+def _slope(closed: ContourSolid, end: End) -> float:
+    """How steep an end is."""
+    return 0.0 if closed.shear is None else closed.shear.steepness(end.height)
+
+
+def _of_contacts(closed: ContourSolid) -> Figures:
+    felt = closed.felt
+    if felt is None:
+        return {"felt_unused": 1.0}
+    return {
+        "felt_unused": 0.0,
+        **felt.figures,
+        "sigma": felt.sigma,
+        "condition": felt.condition,
+    }
+
+
+def _of_lattice(lattice: LatticeFit) -> Figures:
+    health, refined = lattice.health, lattice.refinement
+    found = {
+        "lattice_rms": health.rms,
+        "lattice_most": health.most,
+        "lattice_condition": health.condition,
+        "lattice_folded": health.folded,
+    }
+    if refined is not None:
+        found |= {
+            "refined_points": float(refined.points),
+            "refined_beyond": float(refined.beyond),
+            "refined_before": refined.before,
+            "refined_after": refined.after,
+            "refined_moved": refined.moved,
+            "lattice_folded": refined.folded,
+        }
+    return found
+
+
+def _of_recovery(model: Recovery) -> Figures:
+    return {
+        "rms": model.rms,
+        "rank": float(model.rank),
+        "condition": model.condition,
+        "looseness": model.looseness,
+        "uncovered_share": model.uncovered,
+        "doubts": float(len(model.doubts)),
+    }
+
+
+def _of_thesis(model: ThesisSolid) -> Figures:
+    health = model.health
+    return {
+        "unmatched_contours": float((~health.one_to_one).sum()),
+        "degenerate_contours": float(health.degenerate.sum()),
+        "cores_moved": float(health.cores_moved.sum()),
+        "core_points_outside": float(health.cores_outside.sum()),
+        "widest_gap": float(health.gaps.max()),
+    }
+
+
+def _of_ends(surface: Surface) -> Figures:
+    """How much of the level ends lies on itself."""
+    ends = [piece for piece in surface.pieces if isinstance(piece, EndPatch)]
+    return {
+        f"folded_{name}": sum(end.folded for end in ends if end.upper == upper)
+        for name, upper in (("below", False), ("above", True))
+    }
+
+
+def _of_samples(surface: Surface) -> Figures:
+    """How far splines through samples of a surface may leave it."""
+    misses = [piece.miss for piece in surface.pieces if isinstance(piece, SampledPatch)]
+    return {"sampling": max(misses)} if misses else {}

@@ -1,4 +1,4 @@
-"""First hits of parallel rays on triangles, by Embree."""
+"""First hits of parallel rays on triangles, by Embree; imported only where installed."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.shapes.zbuffer import Hits
+from palpate.core.shapes.triangle_meshes import Hits
 
+# A range in double precision that differs by more than this share of it, or of the mesh's extent,
+# from Embree's is not believed: the face is seen edge-on.
 SINGLE = 1e-5
-"""A range in double precision that differs by more than this share of it, or of the mesh's
-extent, from Embree's is not believed: the face is seen edge-on."""
 
 
 class Embree:

@@ -1,24 +1,25 @@
-"""What every shape answers: its bounds, rays cast at it, and a mesh of it."""
+"""What every solid answers: its bounds, rays cast at it, a mesh of it; and a solid at a pose."""
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple, Protocol
 
-from palpate.core.arrays import Floats, Ints
+import numpy as np
 
-INSIDE = float("-inf")
-"""Range of a ray that starts inside the shape."""
-MISS = float("inf")
-"""Range of a ray that meets nothing within its reach."""
+from palpate.core.arrays import Floats, Ints
+from palpate.core.poses import split_pose
+
+INSIDE = float("-inf")  # Range of a ray that starts inside the shape
+MISS = float("inf")  # Range of a ray that meets nothing within its reach
+BOUNDS_LEVEL = 6
 
 
 class Mesh(NamedTuple):
     """A triangle mesh."""
 
-    vertices: Floats
-    """(n, 3), m."""
-    faces: Ints
-    """(m, 3) indices, counter-clockwise seen from outside."""
+    vertices: Floats  # (n, 3), m
+    faces: Ints  # (m, 3) indices, counter-clockwise seen from outside
 
 
 class Shape(Protocol):
@@ -68,3 +69,96 @@ class ImplicitShape(Shape, Protocol):
         value, slope : (n,) arrays
             The function and its derivative, 1 and 1/m.
         """
+
+
+class CsgSolid(Protocol):
+    """A solid that knows where rays enter it and leave it, and on which side a point lies.
+
+    It need not be bounded: its enclosure may be infinite.
+    """
+
+    def enclosure(self) -> Floats:
+        """Corners of an upright box that holds the solid, (2, 3), perhaps infinite, m."""
+
+    def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """A function that is negative inside: see `ImplicitShape.inside_out`."""
+
+    def spans(self, origins: Floats, direction: Floats) -> Floats:
+        """Where parallel rays from origins (n, 3) are inside, (n, k, 2), m."""
+
+
+class BoundedCsgSolid(CsgSolid, Protocol):
+    """A solid that can be meshed."""
+
+    def mesh(self, level: int) -> Mesh:
+        """A tessellation: see `Shape.mesh`."""
+
+
+class PosedShape:
+    """A shape in a rotated and shifted frame.
+
+    Parameters
+    ----------
+    base : Shape
+        The shape in its own frame.
+    pose : (7,) array
+        Its pose in the world.
+    """
+
+    def __init__(self, base: Shape, pose: Floats):
+        self._base = base
+        self._position, self._axes = split_pose(pose)
+
+    def bounds(self) -> Floats:
+        """Smallest and largest coordinates of a fine tessellation, (2, 3), m."""
+        if np.array_equal(self._axes, np.eye(3)):
+            return self._base.bounds() + self._position
+        vertices = self.mesh(BOUNDS_LEVEL).vertices
+        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+
+    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+        """Range (n,) along parallel rays of the world: see `Shape.cast`."""
+        local = (origins - self._position) @ self._axes
+        return self._base.cast(local, direction @ self._axes, reach)
+
+    def mesh(self, level: int) -> Mesh:
+        """The tessellation in the world: see `Shape.mesh`."""
+        vertices, faces = self._base.mesh(level)
+        return Mesh(vertices @ self._axes.T + self._position, faces)
+
+
+class PosedSolid:
+    """A bounded solid in a rotated and shifted frame.
+
+    Parameters
+    ----------
+    base : BoundedSolid
+        The solid in its own frame.
+    pose : (7,) array
+        Its pose.
+    """
+
+    def __init__(self, base: BoundedCsgSolid, pose: Floats):
+        self._base = base
+        self._position, self._axes = split_pose(pose)
+
+    def enclosure(self) -> Floats:
+        """The box about the turned corners of the base's: see `ImplicitShape.enclosure`."""
+        corners = np.array(list(itertools.product(*self._base.enclosure().T)))
+        moved = corners @ self._axes.T + self._position
+        return np.stack([moved.min(axis=0), moved.max(axis=0)])
+
+    def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """The base's function: see `ImplicitShape.inside_out`."""
+        return self._base.inside_out(
+            (points - self._position) @ self._axes, directions @ self._axes
+        )
+
+    def spans(self, origins: Floats, direction: Floats) -> Floats:
+        """Where parallel rays are inside: see `spans`."""
+        return self._base.spans((origins - self._position) @ self._axes, direction @ self._axes)
+
+    def mesh(self, level: int) -> Mesh:
+        """The base's tessellation, moved: see `Shape.mesh`."""
+        vertices, faces = self._base.mesh(level)
+        return Mesh(vertices @ self._axes.T + self._position, faces)

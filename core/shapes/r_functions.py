@@ -24,10 +24,8 @@ class _Scaled(NamedTuple):
 
     first: Floats
     second: Floats
-    power: Ints
-    """Of two, by which they were divided."""
-    root: Floats
-    """S, scaled alike."""
+    power: Ints  # Of two, by which they were divided
+    root: Floats  # S, scaled alike
 
 
 def complement(f: ArrayLike) -> Floats:

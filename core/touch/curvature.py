@@ -1,4 +1,10 @@
-"""What a patch of surface is like: its normal, its curvatures, or why there are none."""
+"""Normal and curvatures of a touched patch, with errors; from one touch or fused over several.
+
+Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns every
+taxel's noise into curvature. Chapter 6 wishes for a Kalman filter over the derivatives of the
+tactile surface; ours is over the shape operator, which is what these say of the surface itself:
+three numbers that two touches share, however their pads were turned.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +13,91 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats
-from palpate.core.touch.curvature_errors import graph_errors
-from palpate.core.touch.forms import ShapeOperator, curvature_along, graph_shape, principal
-from palpate.core.touch.jet import Jet
-from palpate.core.touch.jet_fit import JetFit, fit_jet
+from palpate.core.arrays import Bools, Floats, finite_array, positive
+from palpate.core.touch.edges import classify_surface, isolated_outliers
+from palpate.core.touch.filters import clean
+from palpate.core.touch.forms import (
+    PrincipalCurvatures,
+    ShapeOperator,
+    curvature_along,
+    graph_errors,
+    graph_shape_operator,
+    principal_curvatures,
+)
+from palpate.core.touch.jet import Jet, JetFit, fit_jet
 from palpate.core.touch.pad import Pad
-from palpate.core.touch.strays import strays
-from palpate.core.touch.verdict import judge
 
-Kind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
-
+CONTACT = 50e-6  # Least compression that counts as touched, m, as for the filter
+LEAST = 4  # Rows and columns of an array
+ALONG_ROWS: Floats = np.array([1.0, 0.0, 0.0])  # The pad's x axis, along which `across` is told
+PatchKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
+# In pitches: a misfit of this size, or of 4 standard deviations of the noise, halves the trust.
 TRUSTED = 0.04
-"""In pitches: a misfit of this size, or of 4 standard deviations of the noise, halves the
-trust."""
 TRUSTED_SPREADS = 4.0
+# Standard deviations by which k1 and k2 must differ before their directions mean anything.
 DIRECTED = 3.0
-"""Standard deviations by which k1 and k2 must differ before their directions mean anything."""
-LEVEL = 1e-9
-"""In 1 / pads' widths: k1 and k2 that differ by less are equal but for rounding."""
+LEVEL = 1e-9  # In 1 / pads' widths: k1 and k2 that differ by less are equal but for rounding
+# Normal of a patch of which nothing is known: that of the pad.
 AWAY: Floats = np.array([0.0, 0.0, -1.0])
-"""Normal of a patch of which nothing is known: that of the pad."""
-AWAY.setflags(write=False)
-NOWHERE: Floats = np.zeros(3)
-"""Principal direction where there is none."""
-NOWHERE.setflags(write=False)
+NOWHERE: Floats = np.zeros(3)  # Principal direction where there is none
+# Covariance of S11, S12, S22 if curvature is as likely to change in one direction as in any other.
+ISOTROPIC: Floats = np.diag([1.0, 0.5, 1.0])
+SURPRISE = 7.815  # Squared innovation that three degrees of freedom exceed once in 20 times
+FORGET = 0.7  # What a touch's evidence of how quickly curvature changes keeps with each later one
+
+
+def surface_patch(
+    compression: Floats,
+    pitch: float,
+    *,
+    radius: float | None = None,
+    noise: float = 0.0,
+    contact: float = CONTACT,
+) -> Patch:
+    """Normal, curvatures and verdict of one touch, from any array over an elastic pad.
+
+    Parameters
+    ----------
+    compression : (rows, cols) array
+        Compression of the pad under each taxel, m, at least 4 by 4. Row i lies at
+        ``y = (i - (rows - 1) / 2) * pitch``.
+    pitch : float
+        Distance between neighbouring taxels, m.
+    radius : float, optional
+        Radius of a domed pad, m; None for a flat one.
+    noise : float
+        Standard deviation of one taxel, m, as far as known: errors are for no less.
+    contact : float
+        Least compression that counts as touched, m.
+
+    Returns
+    -------
+    Patch
+        In the pad's frame: x along the columns, y along the rows, z into the object.
+
+    Raises
+    ------
+    ValueError
+        If the image is no finite array of at least 4 by 4, or a length is not positive.
+    """
+    image = finite_array("compression", compression, (None, None))
+    if min(image.shape) < LEAST:
+        raise ValueError(f"compression must be at least {LEAST} by {LEAST}, got {image.shape}")
+    if not 0.0 <= noise < np.inf:
+        raise ValueError(f"noise must not be negative, got {noise} m")
+    positive("contact", contact, "m")
+    # Its thickness, and where it saturates, matter to who presses it, not to what it then says.
+    pad = Pad(
+        rows=image.shape[0],
+        cols=image.shape[1],
+        pitch=positive("pitch", pitch, "m"),
+        thickness=pitch,
+        dome=0.0 if radius is None else 1.0 / positive("radius", radius, "m"),
+        saturation=1.0,
+    )
+    cleaned = clean(pad, image, noise, contact, "auto")
+    surface = np.where(cleaned.touched, -(cleaned.compression + pad.sag()), 0.0)
+    return fit_patch(pad, surface, cleaned.touched, ALONG_ROWS, noise)
 
 
 class Patch(NamedTuple):
@@ -40,44 +106,35 @@ class Patch(NamedTuple):
     Curvatures and their errors are 0 unless the patch is smooth.
     """
 
-    kind: Kind
-    """What it is."""
-    jet: Jet | None = None
-    """The fitted jet; None if too few taxels were touched for any."""
-    normal: Floats = AWAY
-    """Outward unit normal at the middle of the contact, (3,)."""
+    kind: PatchKind  # What it is
+    jet: Jet | None = None  # The fitted jet; None if too few taxels were touched for any
+    normal: Floats = AWAY  # Outward unit normal at the middle of the contact, (3,)
+    # Principal curvatures k1 >= k2, 1/m; convex is positive.
     principal: tuple[float, float] = (0.0, 0.0)
-    """Principal curvatures k1 >= k2, 1/m; convex is positive."""
-    across: float = 0.0
-    """Normal curvature along the asked direction, 1/m."""
+    across: float = 0.0  # Normal curvature along the asked direction, 1/m
+    # From 0 to 1: share of the taxels that touch, damped by the misfit of the jet.
     trust: float = 0.0
-    """From 0 to 1: share of the taxels that touch, damped by the misfit of the jet."""
-    residual: float = 0.0
-    """Root mean square misfit of the jet, m."""
-    gaussian: float = 0.0
-    """Product of the principal curvatures, 1/m^2."""
-    mean: float = 0.0
-    """Their mean, 1/m."""
+    residual: float = 0.0  # Root mean square misfit of the jet, m
+    gaussian: float = 0.0  # Product of the principal curvatures, 1/m^2
+    mean: float = 0.0  # Their mean, 1/m
+    # Unit tangent along which the curvature is k1, (3,); zero unless the patch is smooth.
     principal_direction: Floats = NOWHERE
-    """Unit tangent along which the curvature is k1, (3,); zero unless the patch is smooth."""
+    # Whether k1 and k2 are the same within their errors: then any direction would do.
     umbilic: bool = True
-    """Whether k1 and k2 are the same within their errors: then any direction would do."""
+    # Standard deviation of the normal's angle, rad; pi if nothing is known of it.
     normal_error: float = math.pi
-    """Standard deviation of the normal's angle, rad; pi if nothing is known of it."""
+    # Standard deviations of the principal curvatures by noise alone, 1/m: what a quartic cannot
+    # follow, on balls below 20 pitches, comes on top.
     principal_error: tuple[float, float] = (0.0, 0.0)
-    """Standard deviations of the principal curvatures by noise alone, 1/m: what a quartic
-    cannot follow, on balls below 20 pitches, comes on top."""
-    across_error: float = 0.0
-    """Standard deviation of `across`, 1/m."""
+    across_error: float = 0.0  # Standard deviation of `across`, 1/m
+    # Where on the surface all this holds: over the middle of the contact, (3,), m.
     place: Floats = NOWHERE
-    """Where on the surface all this holds: over the middle of the contact, (3,), m."""
-    shape: ShapeOperator | None = None
-    """The shape operator there; None unless the patch is smooth."""
+    shape: ShapeOperator | None = None  # The shape operator there; None unless the patch is smooth
+    # Covariance of its three parts, (3, 3), 1/m^2; None unless the patch is smooth.
     shape_covariance: Floats | None = None
-    """Covariance of its three parts, (3, 3), 1/m^2; None unless the patch is smooth."""
 
 
-def feel_patch(
+def fit_patch(
     pad: Pad,
     height: Floats,
     touched: Bools,
@@ -116,7 +173,9 @@ def feel_patch(
     if fit is None:
         return Patch("insufficient")
     kind, shape = _judged(pad, height, used, fit, noise)
-    single = strays(pad, height, used, fit, noise) if kind in ("edge", "corner") else None
+    single = (
+        isolated_outliers(pad, height, used, fit, noise) if kind in ("edge", "corner") else None
+    )
     if single is not None:
         less = used & ~single
         again = fit_jet(pad, height, less, weights, noise)
@@ -129,14 +188,14 @@ def feel_patch(
 
 def _judged(
     pad: Pad, height: Floats, used: Bools, fit: JetFit, noise: float
-) -> tuple[Kind, ShapeOperator]:
+) -> tuple[PatchKind, ShapeOperator]:
     """What a jet was fitted to, and the jet's shape operator at the middle of the contact."""
     by_x, by_y, by_xx, by_xy, by_yy = fit.derivatives.tolist()
-    shape = graph_shape((by_x, by_y), (by_xx, by_xy, by_yy))
+    shape = graph_shape_operator((by_x, by_y), (by_xx, by_xy, by_yy))
     if fit.jet.degree < 2:
         return "insufficient", shape
-    k1, k2, *_ = principal(shape)
-    return judge(pad, height, used, fit, max(abs(k1), abs(k2)), noise), shape
+    k1, k2, *_ = principal_curvatures(shape)
+    return classify_surface(pad, height, used, fit, max(abs(k1), abs(k2)), noise), shape
 
 
 def _patch(
@@ -144,7 +203,7 @@ def _patch(
     touched: Bools,
     direction: Floats,
     noise: float,
-    kind: Kind,
+    kind: PatchKind,
     shape: ShapeOperator,
     fit: JetFit,
 ) -> Patch:
@@ -165,7 +224,7 @@ def _patch(
     )
     if kind != "smooth":
         return patch
-    k1, k2, along_k1, umbilic = principal(shape)
+    k1, k2, along_k1, umbilic = principal_curvatures(shape)
     rounding = LEVEL / (pad.pitch * pad.cols)
     return patch._replace(
         principal=(k1, k2),
@@ -179,3 +238,123 @@ def _patch(
         shape=shape,
         shape_covariance=errors.parts,
     )
+
+
+class LocalCurvature(NamedTuple):
+    """Curvature at one place of a surface, with its covariance."""
+
+    point: Floats  # Where, (3,), m
+    shape: ShapeOperator  # The shape operator there, its vectors in the same frame as `point`
+    covariance: Floats  # Of its three parts, (3, 3), 1/m^2
+
+
+class FusedCurvature(NamedTuple):
+    """What the touches so far say of the curvature at the last one's place."""
+
+    place: LocalCurvature  # Curvature there
+    # Squared changes of curvature beyond noise, weighted sum, 1/m^2; may be negative.
+    changed: float
+    travelled: float  # Squared distances over which they came about, likewise weighted, m^2
+    # Normalised squared innovation of the last touch: 3 on average if all is well; 0 for the first
+    # touch.
+    surprise: float
+    touches: int  # How many touches went into it
+
+    @property
+    def principal(self) -> PrincipalCurvatures:
+        """Principal curvatures and direction."""
+        return principal_curvatures(self.place.shape)
+
+
+def begin_fusion(felt: LocalCurvature) -> FusedCurvature:
+    """The first touch."""
+    return FusedCurvature(felt, 0.0, 0.0, 0.0, 1)
+
+
+def fuse(fused: FusedCurvature, felt: LocalCurvature) -> FusedCurvature:
+    """One more touch, which should overlap the last.
+
+    Parameters
+    ----------
+    fused : Fused
+        What was known.
+    felt : Place
+        What the touch says at its own place.
+
+    Notes
+    -----
+    What was known is carried along the surface to the new place, where the curvature may have
+    changed by a random amount that grows with the distance. How much is learnt from earlier
+    touches: by as much as they differed beyond their noise. A touch that still surprises is
+    given the change that explains it, so that a sudden bend is followed at once.
+    """
+    before, covariance = _carried(fused.place, felt.shape)
+    seen = np.array(felt.shape.parts)
+    innovation = seen - before
+    certain = covariance + felt.covariance
+    if not float(np.trace(certain)) > 0.0:  # nothing to weigh: both are exact
+        return FusedCurvature(felt, fused.changed, fused.travelled, 0.0, fused.touches + 1)
+    squared = float(((felt.point - fused.place.point) ** 2).sum())
+    size = float(innovation @ innovation)
+    changed = FORGET * fused.changed + size - float(np.trace(certain))
+    travelled = FORGET * fused.travelled + float(np.trace(ISOTROPIC)) * squared
+    learnt = fused.changed / fused.travelled if fused.travelled > 0.0 else 0.0
+    drift = max(learnt, 0.0) * squared
+    surprise = _squared(innovation, certain + drift * ISOTROPIC)
+    if travelled > 0.0:
+        drift = max(drift, changed / travelled * squared)
+    if surprise > SURPRISE:
+        drift = max(drift, size / float(np.trace(ISOTROPIC)))
+    predicted = covariance + drift * ISOTROPIC
+    total = predicted + felt.covariance
+    gain = np.linalg.solve(total, predicted).T
+    keep = np.eye(3) - gain
+    # Joseph's form: a covariance stays one, whatever is rounded.
+    left = keep @ predicted @ keep.T + gain @ felt.covariance @ gain.T
+    parts = before + gain @ innovation
+    shape = felt.shape._replace(parts=(float(parts[0]), float(parts[1]), float(parts[2])))
+    place = LocalCurvature(felt.point, shape, left)
+    return FusedCurvature(place, changed, travelled, surprise, fused.touches + 1)
+
+
+def _carried(place: LocalCurvature, there: ShapeOperator) -> tuple[Floats, Floats]:
+    """Parts and covariance in the tangents of another place: parallel transport."""
+    one, other = place.shape.normal, there.normal
+    axis, cosine = np.cross(one, other), float(one @ other)
+    # The shortest turn from normal to normal, applied to the first tangent: Rodrigues.
+    tangent = place.shape.tangents[0]
+    turned = cosine * tangent + np.cross(axis, tangent)
+    turned = turned + axis * (float(axis @ tangent) / max(1.0 + cosine, 1e-9))
+    # The tangents of both may be of either hand.
+    mirrored = float(np.linalg.det(np.vstack([place.shape.tangents, one]))) * float(
+        np.linalg.det(np.vstack([there.tangents, other]))
+    )
+    u, v = (there.tangents @ turned).tolist()
+    angle = math.atan2(v, u)
+    c, s = math.cos(angle), math.sin(angle)
+    flip = -1.0 if mirrored < 0.0 else 1.0
+    # Old tangents, told in the new ones, are (c, s) and flip * (-s, c).
+    turn = np.array(
+        [
+            [c * c, -2.0 * flip * c * s, s * s],
+            [c * s, flip * (c * c - s * s), -c * s],
+            [s * s, 2.0 * flip * c * s, c * c],
+        ]
+    )
+    return turn @ np.array(place.shape.parts), turn @ place.covariance @ turn.T
+
+
+def _squared(innovation: Floats, covariance: Floats) -> float:
+    """Innovation squared, in its own covariance."""
+    root = np.linalg.cholesky(covariance)
+    whitened = np.linalg.solve(root, innovation)
+    return float(whitened @ whitened)
+
+
+AWAY.setflags(write=False)
+
+
+NOWHERE.setflags(write=False)
+
+
+ISOTROPIC.setflags(write=False)

@@ -1,16 +1,127 @@
-"""Filters for tactile images: adaptive Wiener against noise, median against impulses."""
+"""From reported compression to what was touched: filters against noise and impulses.
+
+Adaptive Wiener and median filters are those of Fung, 1999, section 3.4.2. For impulses there is
+a robust one: a surface, however sharp, is even along some lines of three taxels through each
+taxel (along an edge, down a face, on the level beside a step); an impulse is even along none.
+So impulses are the taxels that a robust jet misses and that no line of three supports; a whole
+face that the jet misses supports itself.
+"""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.touch.jet import LEAST_TAXELS, MAD_TO_SIGMA, fit_robust_jet, monomials
+from palpate.core.touch.pad import CONTACT_DEVIATIONS, Pad, contact_mask
 
-WINDOW = 3
-"""Taxels along a side of the neighbourhood."""
-MAD_TO_SIGMA = 1.4826
-"""Median absolute deviation to standard deviation, for normal noise."""
+# Which filters, and which of two comes first.
+FilterOrder = Literal["auto", "none", "wiener", "median", "median-first", "wiener-first"]
+WINDOW = 3  # Taxels along a side of the neighbourhood
+# In pitches: what bends a line of three by less, or stands off a jet by less, is left to the fit.
+# It is half of what the tightest curve that has a curvature bends.
+UNEVEN = 0.25
+# In pitches: what stands off a jet by more is looked at, however badly the jet fits.
+STANDS_OFF = 0.5
+FAR = 6.0  # In between, robust deviations from the jet
+# Deviations of a taxel by which noise alone may bend a line of three: two of its own.
+BEND_DEVIATIONS = 2.0 * math.sqrt(6.0)
+# A line supports a taxel if it bends by less than this share of how far the taxel is off.
+OWN_MISFIT = 0.5
+# Even lines of a taxel that can support others: the outermost of a step's corner has three, and so
+# has the middle of five in a row. Impulses are seldom that many in a row.
+CORE_LINES = 3
+STRAIGHT = 0.05  # In pitches: what a line of three may bend, beside noise, to count as straight
+# What holds a suspect is itself off by this share of what makes one: the rest of a ridge that the
+# jet misses. From the even surface beside it an impulse gets no support.
+ALSO_OFF = 0.5
+# In pitches: a taxel as high as one beside it that is no impulse is none: the end of a ridge.
+LEVEL = 0.15
+# In pitches: how far an impulse in the outermost rings stands beyond all that is about it; the
+# array's own corners have three neighbours only.
+BEYOND, BEYOND_IN_CORNERS = 0.15, 0.45
+MOST_BRINKS = 16  # Rounds in which those that do not are given up
+WAYS = ((0, 1), (1, 0), (1, 1), (1, -1))  # Directions of the lines, in rows and columns
+
+
+class CleanedImage(NamedTuple):
+    """A tactile image, cleaned."""
+
+    compression: Floats  # (rows, cols), m
+    touched: Bools  # Where the pad touches, impulses left out, (rows, cols)
+    # Taxels that stood out like impulses, and were replaced; 0 if none were looked for.
+    impulses: int
+
+
+def clean(
+    pad: Pad,
+    compression: Floats,
+    noise: float,
+    contact: float,
+    order: FilterOrder,
+    lost: Bools | None = None,
+) -> CleanedImage:
+    """Filter a frame, and mark what is touched.
+
+    Parameters
+    ----------
+    pad : Pad
+        The array.
+    compression : (rows, cols) array
+        As the array reports it, m.
+    noise : float
+        Standard deviation of one taxel, m.
+    contact : float
+        Least compression that counts as touched, m, however quiet the sensor is.
+    order : Order
+        ``auto`` lets the frame decide: one without impulses stays as it is, for the jet that
+        is fitted to it next averages noise better than any filter, and without its bias; in
+        one with impulses a joint robust fit finds them, and what they hid is put in their
+        place. The others are the filters of Fung, 1999, section 3.4.2, alone or in either
+        order.
+    lost : (rows, cols) array of bool, optional
+        Taxels that a calibration does not trust: they read what their neighbours do, and
+        count as untouched.
+    """
+    if lost is not None:
+        cleaned = clean(pad, _filled(compression, lost), noise, contact, order)
+        return cleaned._replace(touched=cleaned.touched & ~lost)
+    if order == "auto":
+        least = max(contact, CONTACT_DEVIATIONS * noise)
+        mended, impulses = remove_impulses(pad, compression, least, noise)
+        found = contact_mask(pad, mended, contact, noise) & ~impulses
+        return CleanedImage(mended, found, int(np.count_nonzero(impulses)))
+    filtered = _filtered(compression, noise**2, order)
+    return CleanedImage(filtered, contact_mask(pad, filtered, contact, noise), 0)
+
+
+def _filled(image: Floats, lost: Bools) -> Floats:
+    """The image with the mean of their trusted neighbours in place of lost taxels.
+
+    A taxel without any is 0.
+    """
+    trusted = neighbourhoods((~lost).astype(np.float64))[lost]
+    values = (neighbourhoods(image)[lost] * trusted).sum(axis=-1)
+    filled = image.copy()
+    filled[lost] = values / np.maximum(trusted.sum(axis=-1), 1.0)
+    return filled
+
+
+def _filtered(image: Floats, variance: float, order: FilterOrder) -> Floats:
+    if order == "wiener":
+        return adaptive_wiener(image, variance)
+    if order == "median":
+        return median_filter(image)
+    if order == "median-first":
+        return median_then_wiener(image, variance)
+    if order == "wiener-first":
+        return wiener_then_median(image, variance)
+    return image
 
 
 def adaptive_wiener(image: Floats, noise_variance: float) -> Floats:
@@ -77,3 +188,186 @@ def _reflected(image: Floats) -> Floats:
     padded[0, 1:-1], padded[-1, 1:-1] = image[1], image[-2]
     padded[:, 0], padded[:, -1] = padded[:, 2], padded[:, -3]
     return padded
+
+
+class RepairedImage(NamedTuple):
+    """An image without its impulses."""
+
+    image: Floats  # What the surface would have given in place of the impulses, (rows, cols), m
+    impulses: Bools  # Which taxels were impulses, (rows, cols): a fit should leave them out
+
+
+def remove_impulses(pad: Pad, image: Floats, contact: float, noise: float) -> RepairedImage:
+    """Find and mend the impulses of a frame.
+
+    Parameters
+    ----------
+    pad : Pad
+        The array.
+    image : (rows, cols) array
+        Compression; about 0 where the pad does not touch, m.
+    contact : float
+        Least compression that counts as touched, m.
+    noise : float
+        Standard deviation of one taxel, m.
+
+    Notes
+    -----
+    A frame all of whose taxels lie on even lines is returned as it is. For the others a jet
+    is fitted with Tukey's weights, beginning with the supported taxels. Where there is no
+    surface to fit, what stands alone is an impulse, and three touched taxels side by
+    side are a tip.
+    """
+    by_noise = BEND_DEVIATIONS * noise
+    supported = _supported(pad, image, math.hypot(UNEVEN * pad.pitch, by_noise), by_noise)
+    if supported.all():
+        return RepairedImage(image, ~supported)
+    touched = image > contact
+    if np.count_nonzero(touched & supported) < LEAST_TAXELS:
+        impulses = touched & ~supported & ~_in_tips(touched)
+        off = image
+    else:
+        off, spread = _misfit(pad, image, touched, supported, noise)
+        far = min(max(FAR * spread, UNEVEN * pad.pitch), STANDS_OFF * pad.pitch)
+        suspect = np.abs(off) > far
+        allowed = np.maximum(OWN_MISFIT * np.abs(off), by_noise)
+        impulses = suspect & ~_supported(
+            pad, image, allowed, by_noise, np.abs(off) > ALSO_OFF * far
+        )
+        impulses &= ~_in_squares(impulses, image, UNEVEN * pad.pitch)
+        impulses &= ~_level(image, impulses, math.hypot(LEVEL * pad.pitch, by_noise))
+    if not impulses.any():
+        return RepairedImage(image, impulses)
+    impulses &= ~_on_the_brink(pad, image, impulses)
+    expected = np.maximum(image - off + _median_of_others(off, impulses), 0.0)
+    return RepairedImage(np.where(impulses, expected, image), impulses)
+
+
+def _supported(
+    pad: Pad,
+    image: Floats,
+    allowed: Floats | float,
+    by_noise: float,
+    holding: Bools | None = None,
+) -> Bools:
+    """Which taxels lie on three even lines, or on one or two with others that do.
+
+    A line is even for a taxel if it bends by no more than is allowed for that taxel. One line
+    may be so by chance; it is enough if it is straight but for noise. An impulse up and one
+    down lie evenly about what is between them, but neither lies on three lines.
+    """
+    bends = np.full((3 * len(WAYS), *image.shape), np.inf)
+    for way, places in enumerate(_lines(*image.shape)):
+        first, middle, last = (image[place] for place in places)
+        bend = np.abs(first + last - 2.0 * middle)
+        for role, place in enumerate(places):
+            bends[3 * way + role][place] = bend
+    even = bends <= allowed
+    core: Bools = even.sum(axis=0) >= CORE_LINES
+    if core.all():
+        return core
+    hold = core if holding is None else core & holding
+    worth = even.astype(np.int64) + (bends <= math.hypot(STRAIGHT * pad.pitch, by_noise))
+    leaning = np.zeros(image.shape, np.int64)
+    for way, places in enumerate(_lines(*image.shape)):
+        one, between, other = (hold[place] for place in places)
+        others = (between & other, one & other, one & between)
+        for role, (place, held) in enumerate(zip(places, others, strict=True)):
+            leaning[place] += held * worth[3 * way + role][place]
+    supported: Bools = core | (leaning >= 2)
+    return supported
+
+
+def _lines(rows: int, cols: int) -> Iterator[list[tuple[slice, slice]]]:
+    """For each direction the first, middle and last taxels of all lines of three."""
+    for down, right in WAYS:
+        start, width = max(-2 * right, 0), cols - 2 * abs(right)
+        yield [
+            np.s_[
+                step * down : step * down + rows - 2 * down,
+                start + step * right : start + step * right + width,
+            ]
+            for step in range(3)
+        ]
+
+
+def _in_tips(touched: Bools) -> Bools:
+    """Which touched taxels make a contact of three or more, side by side."""
+    middle = touched & (_beside(touched) >= 2)
+    found: Bools = touched & (middle | (_beside(middle) > 0))
+    return found
+
+
+def _beside(marked: Bools) -> Ints:
+    """How many of the four taxels beside each are marked."""
+    padded = np.pad(marked.astype(np.int32), 1)
+    return padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
+
+
+def _misfit(
+    pad: Pad, image: Floats, touched: Bools, supported: Bools, noise: float
+) -> tuple[Floats, float]:
+    """Image less robust jet all over the pad, and the spread of that where it touches."""
+    fit = fit_robust_jet(pad, image, touched, noise, supported.astype(np.float64))
+    if fit is None:  # touched on a line
+        return image, noise
+    x, y = (axis.ravel() / fit.jet.scale for axis in pad.grid())
+    expected = monomials(x, y, fit.jet.degree) @ fit.jet.coefficients
+    spread = MAD_TO_SIGMA * float(np.median(np.abs(fit.misfit[supported[touched]])))
+    # Beyond the contact the jet means nothing, and a pad is compressed by nothing.
+    beside = neighbourhoods((touched & supported).astype(np.float64)).any(axis=-1)
+    expected = np.where(beside, np.maximum(expected.reshape(image.shape), 0.0), 0.0)
+    return image - expected, max(spread, noise)
+
+
+def _in_squares(marked: Bools, image: Floats, most: float) -> Bools:
+    """Which marked taxels belong to a square of four marked ones that differ by less than that.
+
+    So do the four at the top of a cone, and hardly ever impulses.
+    """
+    corners = (np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[:-1, 1:], np.s_[1:, 1:])
+    high = np.maximum.reduce([image[corner] for corner in corners])
+    low = np.minimum.reduce([image[corner] for corner in corners])
+    whole = np.logical_and.reduce([marked[corner] for corner in corners]) & (high - low < most)
+    found = np.zeros_like(marked)
+    for corner in corners:
+        found[corner] |= whole
+    return found
+
+
+def _level(image: Floats, impulses: Bools, least: float) -> Bools:
+    """Which taxels are as high as one around them that is no impulse."""
+    around = neighbourhoods(np.where(impulses, np.inf, image))
+    nearest = np.abs(around - image[..., None]).min(axis=-1)
+    found: Bools = nearest < least
+    return found
+
+
+def _on_the_brink(pad: Pad, image: Floats, marked: Bools) -> Bools:
+    """Marked taxels of the two outermost rings that are not the highest or lowest about them.
+
+    They lie on few lines, and a contact that runs off the array is steep there: they must
+    stand beyond all their neighbours by a step, those left out that do so themselves.
+    """
+    ring = np.ones(image.shape, np.bool_)
+    ring[2:-2, 2:-2] = False
+    step = np.full(image.shape, BEYOND * pad.pitch)
+    step[:: pad.rows - 1, :: pad.cols - 1] = BEYOND_IN_CORNERS * pad.pitch
+    kept = marked.copy()
+    for _ in range(MOST_BRINKS):
+        around = neighbourhoods(np.where(kept, np.nan, image))
+        high = np.nan_to_num(around, nan=-np.inf).max(axis=-1)
+        low = np.nan_to_num(around, nan=np.inf).min(axis=-1)
+        given_up = kept & ring & (image <= high + step) & (image >= low - step)
+        if not given_up.any():
+            break
+        kept &= ~given_up
+    return marked & ~kept
+
+
+def _median_of_others(off: Floats, impulses: Bools) -> Floats:
+    """Median misfit of the taxels around each that are no impulses; 0 if all are."""
+    around = np.sort(neighbourhoods(np.where(impulses, np.inf, off)), axis=-1)
+    count = np.isfinite(around).sum(axis=-1)
+    middle = np.take_along_axis(around, np.maximum(count - 1, 0)[..., None] // 2, axis=-1)[..., 0]
+    return np.where(count > 0, middle, 0.0)

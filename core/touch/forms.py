@@ -1,9 +1,10 @@
-"""The fundamental forms of a surface, and the curvatures that they hold.
+"""The shape operator of a surface, the curvatures that it holds, and their standard errors.
 
 Everything is told in orthonormal tangents: there the shape operator is a symmetric 2 by 2
 matrix, the principal curvatures are its eigenvalues, and neither umbilics nor walls that stand
 along the viewing direction lose digits. Outward normal, convex positive: this flips the sign of
-Fung, 1999, (3.14), by which a convex surface has negative curvature but (3.1) needs it positive.
+Fung, 1999, (3.14), by which a convex surface has negative curvature but (3.1) needs it
+positive.
 """
 
 from __future__ import annotations
@@ -15,109 +16,38 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 
+# Principal curvatures that differ by less than this share of their size are equal: rounding.
 UMBILIC = 1e-13
-"""Principal curvatures that differ by less than this share of their size are equal: rounding."""
-
-
-class Forms(NamedTuple):
-    """Coefficients of both fundamental forms, (3.10) and (3.14), for given parameters u, v."""
-
-    first: tuple[float, float, float]
-    """E, F, G: squared length of a step (du, dv)."""
-    second: tuple[float, float, float]
-    """L, M, N: twice how far that step leaves the tangent plane, inwards."""
 
 
 class ShapeOperator(NamedTuple):
     """How the outward normal turns along the surface, in orthonormal tangents."""
 
-    tangents: Floats
-    """Two orthonormal tangents as rows, (2, 3)."""
-    normal: Floats
-    """Outward unit normal, (3,)."""
-    parts: tuple[float, float, float]
-    """Entries S11, S12, S22, 1/m."""
+    tangents: Floats  # Two orthonormal tangents as rows, (2, 3)
+    normal: Floats  # Outward unit normal, (3,)
+    parts: tuple[float, float, float]  # Entries S11, S12, S22, 1/m
 
 
-class Principal(NamedTuple):
+class PrincipalCurvatures(NamedTuple):
     """Principal curvatures and where they point."""
 
-    k1: float
-    """The larger, 1/m."""
-    k2: float
-    """The smaller, 1/m."""
-    direction: Floats
-    """Unit tangent along which the curvature is k1, (3,)."""
-    umbilic: bool
-    """Equal to rounding: any direction would do."""
-
-
-def forms_of(
-    by_u: Floats, by_v: Floats, by_uu: Floats, by_uv: Floats, by_vv: Floats, outward: Floats
-) -> Forms:
-    """Fundamental forms of a parametric surface from its derivatives, (3,) each.
-
-    Parameters
-    ----------
-    by_u, by_v, by_uu, by_uv, by_vv : (3,) arrays
-        Partial derivatives of the surface.
-    outward : (3,) array
-        Any vector on the free side of the tangent plane: it says which way the normal goes.
-
-    Raises
-    ------
-    ValueError
-        If the tangents are parallel, or zero: the point is not regular.
-    """
-    normal = _normal(by_u, by_v, outward)
-    second = tuple(-float(normal @ by) for by in (by_uu, by_uv, by_vv))
-    first = (float(by_u @ by_u), float(by_u @ by_v), float(by_v @ by_v))
-    return Forms(first, (second[0], second[1], second[2]))
-
-
-def normal_curvature(forms: Forms, du: float, dv: float) -> float:
-    """Curvature of the normal section along the step (du, dv), 1/m.
-
-    (3.15), whose h = dv/du is infinite across the contour; a pair never is.
-
-    Raises
-    ------
-    ValueError
-        If the step is zero.
-    """
-    size = math.hypot(du, dv)
-    if not size > 0.0:
-        raise ValueError("(du, dv) must not be zero: a point has no curvature of its own")
-    du, dv = du / size, dv / size
-    (e, f, g), (ll, mm, nn) = forms
-    return (ll * du * du + 2.0 * mm * du * dv + nn * dv * dv) / (
-        e * du * du + 2.0 * f * du * dv + g * dv * dv
-    )
-
-
-def gaussian_curvature(forms: Forms) -> float:
-    """Product of the principal curvatures, (3.21), 1/m^2."""
-    (e, f, g), (ll, mm, nn) = forms
-    return (ll * nn - mm * mm) / (e * g - f * f)
-
-
-def mean_curvature(forms: Forms) -> float:
-    """Mean of the principal curvatures, 1/m: (3.22) with the half that it lacks."""
-    (e, f, g), (ll, mm, nn) = forms
-    return 0.5 * (e * nn + g * ll - 2.0 * f * mm) / (e * g - f * f)
+    k1: float  # The larger, 1/m
+    k2: float  # The smaller, 1/m
+    direction: Floats  # Unit tangent along which the curvature is k1, (3,)
+    umbilic: bool  # Equal to rounding: any direction would do
 
 
 def shape_operator(
     by_u: Floats, by_v: Floats, by_uu: Floats, by_uv: Floats, by_vv: Floats, outward: Floats
 ) -> ShapeOperator:
-    """Shape operator of a parametric surface; arguments and errors as for `forms_of`.
+    """Shape operator of a parametric surface; arguments and errors as for `fundamental_forms`.
 
     Notes
     -----
     It is L^-1 II L^-T, where L L^T is the first form. L comes from the tangents by
     Gram-Schmidt, and never from E, F and G, which hold their squares.
     """
-    normal = _normal(by_u, by_v, outward)
+    normal = outward_normal(by_u, by_v, outward)
     a = _length(by_u)
     along = by_u / a
     rest = by_v / (c := _length(by_v))
@@ -134,7 +64,22 @@ def shape_operator(
     return ShapeOperator(np.stack([along, beside]), normal, (uu, s12, s22))
 
 
-def graph_shape(slopes: tuple[float, float], seconds: tuple[float, float, float]) -> ShapeOperator:
+def outward_normal(by_u: Floats, by_v: Floats, outward: Floats) -> Floats:
+    """Unit normals of the tangents, on the side of `outward`."""
+    sizes = _length(by_u), _length(by_v)
+    if not (min(sizes) > 0.0 and math.isfinite(max(sizes))):
+        raise ValueError(f"both tangents must be finite and not zero, got lengths {sizes}")
+    across = np.cross(by_u / sizes[0], by_v / sizes[1])
+    sine = _length(across)
+    if not sine > np.finfo(np.float64).eps:
+        raise ValueError("the tangents are parallel: the surface has no normal there")
+    normal: Floats = across / sine
+    return normal if float(normal @ outward) >= 0.0 else -normal
+
+
+def graph_shape_operator(
+    slopes: tuple[float, float], seconds: tuple[float, float, float]
+) -> ShapeOperator:
     """Shape operator of z(x, y), with the object on the side of larger z.
 
     Parameters
@@ -149,7 +94,7 @@ def graph_shape(slopes: tuple[float, float], seconds: tuple[float, float, float]
     In the directions of steepest slope and of none, the first form is diagonal: what is left
     of the Cholesky factor is a division by the steepness, w, which is finite on a wall.
     """
-    steepest, slope = steepest_way(slopes)
+    steepest, slope = steepest_direction(slopes)
     along_x, along_y = steepest
     w = math.hypot(1.0, slope)
     r, s, t = _turned(steepest, seconds)
@@ -159,14 +104,26 @@ def graph_shape(slopes: tuple[float, float], seconds: tuple[float, float, float]
     return ShapeOperator(np.stack([uphill, level]), normal, (r / w / w / w, s / w / w, t / w))
 
 
-def principal(shape: ShapeOperator) -> Principal:
+def _turned(
+    steepest: tuple[float, float], seconds: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Second derivatives along and across the steepest slope."""
+    (c, s), (xx, xy, yy) = steepest, seconds
+    return (
+        c * c * xx + 2.0 * c * s * xy + s * s * yy,
+        c * s * (yy - xx) + (c * c - s * s) * xy,
+        s * s * xx - 2.0 * c * s * xy + c * c * yy,
+    )
+
+
+def principal_curvatures(shape: ShapeOperator) -> PrincipalCurvatures:
     """Principal curvatures and the direction of the larger one."""
     s11, s12, s22 = shape.parts
     mean, spread = 0.5 * (s11 + s22), math.hypot(0.5 * (s11 - s22), s12)
     turn = 0.5 * math.atan2(2.0 * s12, s11 - s22)
     direction = math.cos(turn) * shape.tangents[0] + math.sin(turn) * shape.tangents[1]
     umbilic = spread <= UMBILIC * abs(mean)
-    return Principal(mean + spread, mean - spread, direction, umbilic)
+    return PrincipalCurvatures(mean + spread, mean - spread, direction, umbilic)
 
 
 def curvature_along(shape: ShapeOperator, direction: Floats) -> float:
@@ -174,7 +131,7 @@ def curvature_along(shape: ShapeOperator, direction: Floats) -> float:
 
     0 for a direction without such a part.
     """
-    step = tangent_part(shape, direction)
+    step = tangent_components(shape, direction)
     if step is None:
         return 0.0
     u, v = step
@@ -187,7 +144,60 @@ def angle_between(one: Floats, other: Floats) -> float:
     return math.atan2(_length(np.cross(one, other)), float(one @ other))
 
 
-def steepest_way(slopes: tuple[float, float]) -> tuple[tuple[float, float], float]:
+class GeometryErrors(NamedTuple):
+    """How sure the geometry at one place is."""
+
+    normal: float  # Standard deviation of the normal's angle, rad
+    principal: tuple[float, float]  # Standard deviations of k1 and k2, 1/m
+    across: float  # Standard deviation of the normal curvature along a direction, 1/m
+    parts: Floats  # Covariance of the shape operator's S11, S12, S22, (3, 3), 1/m^2
+    difference: float  # Standard deviation of half of k1 - k2 if these were equal, 1/m
+
+
+def graph_errors(
+    derivatives: Floats, factor: Floats, deviation: float, shape: ShapeOperator, direction: Floats
+) -> GeometryErrors:
+    """Errors of what `graph_shape` says.
+
+    Parameters
+    ----------
+    derivatives : (5,) array
+        z_x, z_y, z_xx, z_xy, z_yy.
+    factor : (5, m) array
+        Square root of their covariance for unit noise.
+    deviation : float
+        Noise of one taxel, m.
+    shape : ShapeOperator
+        From `graph_shape` for these derivatives.
+    direction : (3,) array
+        Along which the normal curvature is wanted.
+
+    Notes
+    -----
+    First order (delta method) for everything but the principal curvatures where they are
+    nearly equal: there their difference is the length of a vector that noise may turn, and
+    the part of it across counts by its second order, at most by its full size.
+    """
+    slopes = float(derivatives[0]), float(derivatives[1])
+    (c, s), p = steepest_direction(slopes)
+    turned = _turn(c, s) @ factor
+    change = _how_parts_change(p, shape.parts)
+    root = deviation * (change @ turned)
+    parts = root @ root.T
+    w = math.hypot(1.0, p)
+    up, level = (deviation * math.sqrt(float(row @ row)) for row in turned[:2])
+    along = deviation * (_how_it_changes_along(shape, direction, w, change) @ turned)
+    first, second, difference = _principal_errors(shape, parts)
+    return GeometryErrors(
+        normal=math.hypot(up / w / w, level / w),
+        principal=(first, second),
+        across=math.sqrt(float(along @ along)),
+        parts=parts,
+        difference=difference,
+    )
+
+
+def steepest_direction(slopes: tuple[float, float]) -> tuple[tuple[float, float], float]:
     """Unit direction of the steepest slope in the x-y plane, and that slope."""
     slope = math.hypot(*slopes)
     if slope == 0.0:
@@ -195,7 +205,60 @@ def steepest_way(slopes: tuple[float, float]) -> tuple[tuple[float, float], floa
     return (slopes[0] / slope, slopes[1] / slope), slope
 
 
-def tangent_part(shape: ShapeOperator, direction: Floats) -> tuple[float, float] | None:
+def _turn(c: float, s: float) -> Floats:
+    """Turns derivatives into those along and across the direction (c, s), (5, 5)."""
+    turn = np.zeros((5, 5))
+    turn[:2, :2] = (c, s), (-s, c)
+    turn[2:, 2:] = (
+        (c * c, 2.0 * c * s, s * s),
+        (-c * s, c * c - s * s, c * s),
+        (s * s, -2.0 * c * s, c * c),
+    )
+    return turn
+
+
+def _how_parts_change(p: float, parts: tuple[float, float, float]) -> Floats:
+    """Derivatives of S11, S12, S22 by the turned derivatives of the graph, (3, 5).
+
+    ``parts`` are r / w^3, s / w^2 and t / w with w^2 = 1 + p^2.
+    """
+    w = math.hypot(1.0, p)
+    share = p / w / w
+    s11, s12, s22 = parts
+    return np.array(
+        [
+            [-3.0 * share * s11, 0.0, 1.0 / w / w / w, 0.0, 0.0],
+            [-2.0 * share * s12, -share * w * s11, 0.0, 1.0 / w / w, 0.0],
+            [-share * s22, -2.0 * share * w * s12, 0.0, 0.0, 1.0 / w],
+        ]
+    )
+
+
+def _how_it_changes_along(
+    shape: ShapeOperator, direction: Floats, w: float, change: Floats
+) -> Floats:
+    """Derivatives of the curvature along a direction by the turned derivatives, (5,).
+
+    The shape operator changes, and so does the direction's part in the tangent plane as that
+    plane leans.
+    """
+    part = tangent_components(shape, direction)
+    if part is None:
+        return np.zeros(5)
+    u, v = part
+    s11, s12, s22 = shape.parts
+    curvature = s11 * u * u + 2.0 * s12 * u * v + s22 * v * v
+    found: Floats = np.array([u * u, 2.0 * u * v, v * v]) @ change
+    lost = float(direction @ shape.normal)
+    kept = math.sqrt(max(float(direction @ direction) - lost * lost, 0.0))
+    if kept > 0.0:
+        lean = 2.0 * lost / kept
+        found[0] -= lean * (s11 * u + s12 * v - curvature * u) / w / w
+        found[1] -= lean * (s12 * u + s22 * v - curvature * v) / w
+    return found
+
+
+def tangent_components(shape: ShapeOperator, direction: Floats) -> tuple[float, float] | None:
     """Unit components of a direction along the tangents; None if it has none."""
     u, v = (shape.tangents @ direction).tolist()
     size = math.hypot(u, v)
@@ -205,30 +268,28 @@ def tangent_part(shape: ShapeOperator, direction: Floats) -> tuple[float, float]
     return u / size, v / size
 
 
-def _normal(by_u: Floats, by_v: Floats, outward: Floats) -> Floats:
-    sizes = _length(by_u), _length(by_v)
-    if not (min(sizes) > 0.0 and math.isfinite(max(sizes))):
-        raise ValueError(f"both tangents must be finite and not zero, got lengths {sizes}")
-    across = np.cross(by_u / sizes[0], by_v / sizes[1])
-    sine = _length(across)
-    if not sine > np.finfo(np.float64).eps:
-        raise ValueError("the tangents are parallel: the surface has no normal there")
-    normal: Floats = across / sine
-    return normal if float(normal @ outward) >= 0.0 else -normal
-
-
 def _length(vector: Floats) -> float:
     """Length of a vector (3,), without overflow."""
     return math.hypot(*vector.tolist())
 
 
-def _turned(
-    steepest: tuple[float, float], seconds: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    """Second derivatives along and across the steepest slope."""
-    (c, s), (xx, xy, yy) = steepest, seconds
+def _principal_errors(shape: ShapeOperator, parts: Floats) -> tuple[float, float, float]:
+    """Errors of k1 and k2, and that of half their difference at an umbilic."""
+    s11, s12, s22 = shape.parts
+    half, spread = 0.5 * (s11 - s22), math.hypot(0.5 * (s11 - s22), s12)
+    c, s = (half / spread, s12 / spread) if spread > 0.0 else (1.0, 0.0)
+    (v11, v12, v13), (_, v22, v23), (_, _, v33) = parts.tolist()
+    of_mean = 0.25 * (v11 + v33) + 0.5 * v13
+    of_half = 0.25 * (v11 + v33) - 0.5 * v13
+    half_and_twist = 0.5 * (v12 - v23)
+    ahead = c * c * of_half + 2.0 * c * s * half_and_twist + s * s * v22
+    aside = s * s * of_half - 2.0 * c * s * half_and_twist + c * c * v22
+    with_mean = c * 0.25 * (v11 - v33) + s * 0.5 * (v12 + v23)
+    # Half of the square of a small step aside over the spread, or the whole step.
+    bent = aside * min(1.0, 0.75 * aside / spread**2) if spread > 0.0 else aside
+    first, second = of_mean + ahead + 2.0 * with_mean, of_mean + ahead - 2.0 * with_mean
     return (
-        c * c * xx + 2.0 * c * s * xy + s * s * yy,
-        c * s * (yy - xx) + (c * c - s * s) * xy,
-        s * s * xx - 2.0 * c * s * xy + c * c * yy,
+        math.sqrt(max(first, 0.0) + bent),
+        math.sqrt(max(second, 0.0) + bent),
+        math.sqrt(0.5 * (of_half + v22)),
     )

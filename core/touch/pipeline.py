@@ -1,6 +1,7 @@
-"""A finger with the effects of its scene: stages in their order, and nothing else.
+"""A fingertip with the effects of its scene: stages in their order, and nothing else.
 
-What a scene does not list is not in the list of stages, so it costs nothing.
+What a scene does not list is not in the list of stages, so it costs nothing. The cast, one ray
+a taxel, and the transducer are what every touch has.
 """
 
 from __future__ import annotations
@@ -11,28 +12,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.core.touch.cast import one_ray_each
-from palpate.core.touch.effect import Effect, Place, Stage
-from palpate.core.touch.pad import SPRINGS, Face
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.robot_time import contact_seconds
+from palpate.core.touch.effect import Effect, Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.pad import SPRINGS, FaceModel, GuardedMove, guarded_move
 
-MOST_COPIES = 100
-"""Of one frame."""
-States = tuple[Any, ...]
-"""What each stage remembers between touches, in the order of the stages."""
+MOST_COPIES = 100  # Of one frame
+# What each stage remembers between touches, in the order of the stages.
+StageStates = tuple[Any, ...]
 
 
 class Pipeline(NamedTuple):
     """The stages of a touch."""
 
-    finger: Finger
-    """Whose they are."""
-    stages: tuple[Stage, ...]
-    """In the order in which they act."""
-    names: tuple[str, ...]
-    """Whose each stage is."""
+    finger: Fingertip  # Whose they are
+    stages: tuple[Stage, ...]  # In the order in which they act
+    names: tuple[str, ...]  # Whose each stage is
 
-    def begin(self) -> States:
+    def begin(self) -> StageStates:
         """What the stages remember before the first touch."""
         return tuple(stage.state for stage in self.stages)
 
@@ -42,12 +38,12 @@ class Pipeline(NamedTuple):
         return math.hypot(*(stage.noise for stage in self.stages), 0.0)
 
     @property
-    def face(self) -> Face:
+    def face(self) -> FaceModel:
         """How the pad's face yields beside a contact."""
         said = [stage.face for stage in self.stages if stage.face is not None]
         return said[-1] if said else SPRINGS
 
-    def feel(self, touch: Touch, states: States) -> States:
+    def simulate(self, touch: SimulatedTouch, states: StageStates) -> StageStates:
         """Carry out a touch: fills it in, and gives what the stages remember next.
 
         Raises
@@ -74,7 +70,7 @@ class Pipeline(NamedTuple):
         return tuple(following)
 
 
-def assemble(finger: Finger, effects: Sequence[Effect]) -> Pipeline:
+def assemble(finger: Fingertip, effects: Sequence[Effect]) -> Pipeline:
     """The pipeline of a finger with these effects, in the order in which they are given.
 
     Raises
@@ -82,7 +78,7 @@ def assemble(finger: Finger, effects: Sequence[Effect]) -> Pipeline:
     ValueError
         If an effect cannot be had on this finger, or two take the place of the cast.
     """
-    casts = [effect for effect in effects if effect.place is Place.CAST]
+    casts = [effect for effect in effects if effect.place is Phase.CAST]
     if len(casts) > 1:
         names = " and ".join(type(effect).__name__ for effect in casts)
         raise ValueError(f"{names} both say how a taxel sees the surface; list one of them")
@@ -90,15 +86,15 @@ def assemble(finger: Finger, effects: Sequence[Effect]) -> Pipeline:
         (effect.place, type(effect).__name__, _prepared(effect, finger)) for effect in effects
     ]
     if not casts:
-        stages.append((Place.CAST, "cast", _cast(finger)))
-    stages.append((Place.ARM, "transducer", _transduce(finger)))
+        stages.append((Phase.CAST, "cast", _cast(finger)))
+    stages.append((Phase.ARM, "transducer", _transduce(finger)))
     stages.sort(key=lambda placed: placed[0])  # stable: within a place the order stays
     return Pipeline(
         finger, tuple(stage for _, _, stage in stages), tuple(name for _, name, _ in stages)
     )
 
 
-def _prepared(effect: Effect, finger: Finger) -> Stage:
+def _prepared(effect: Effect, finger: Fingertip) -> Stage:
     name = type(effect).__name__
     try:
         stage = effect.prepare(finger)
@@ -114,19 +110,55 @@ def _prepared(effect: Effect, finger: Finger) -> Stage:
     return stage
 
 
-def _cast(finger: Finger) -> Stage:
-    def act(touch: Touch, state: None) -> None:
-        one_ray_each(finger, touch)
+def _cast(finger: Fingertip) -> Stage:
+    def act(touch: SimulatedTouch, state: None) -> None:
+        cast_single_rays(finger, touch)
 
     return Stage(act)
 
 
-def _transduce(finger: Finger) -> Stage:
+def cast_single_rays(finger: Fingertip, touch: SimulatedTouch) -> None:
+    """Press the pad, seeing the surface at the middle of each taxel."""
+    record_move(
+        finger, touch, guarded_move(touch.shape, finger.pad, touch.actual, touch.reach, touch.depth)
+    )
+
+
+def _transduce(finger: Fingertip) -> Stage:
     """An ideal array reads compression, or the pressure by the stiffness of its data sheet."""
     stiffness = finger.stiffness
     by_force = finger.calibration.signal == "force"
 
-    def act(touch: Touch, state: None) -> None:
+    def act(touch: SimulatedTouch, state: None) -> None:
         touch.reading = touch.pressure / stiffness if by_force else touch.compression
 
     return Stage(act)
+
+
+def record_move(finger: Fingertip, touch: SimulatedTouch, end: GuardedMove) -> None:
+    """Write down how a guarded move ended: poses, times, compression and pressure.
+
+    The arm believes to have gone as far as it went, from where it believed to start. Each
+    taxel is a spring of its own (Winkler): the pressure is (1.2) for each area.
+    """
+    touch.outcome, touch.advance = end.outcome, end.advance
+    touch.believed = advanced_pose(touch.believed, end.advance)
+    touch.actual = end.pose
+    touch.indentation, touch.compression = end.indentation, end.compression
+    touch.pressure = finger.stiffness * end.compression
+    robot = finger.robot
+    touch.time = touch.begun + contact_seconds(robot, end.advance)
+    met = end.outcome in ("hit", "bottomed")
+    touch.loading = float(end.compression.max()) / robot.approach if met else 0.0
+    touch.dwell = robot.dwell if met else 0.0
+    before = end.advance / robot.approach - touch.loading
+    touch.rest = touch.begun - touch.previous + before + robot.overhead
+
+
+def advanced_pose(pose: np.ndarray, way: float) -> np.ndarray:
+    """A pose moved along its own z axis."""
+    x, y, z, w = pose[3:].tolist()
+    axis = (2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y))
+    moved = pose.copy()
+    moved[:3] += np.multiply(axis, way)
+    return moved

@@ -1,1 +1,20 @@
-"""Graphs on several machines: one lends itself, a launcher on another one has nodes there."""
+"""Graphs on several machines: addresses and the key, remote machines, the agent that lends one.
+
+Only the key file decides who may start processes: change nothing there without reading
+docs/bus.md. Rests on launch.processes, whose protocol it speaks over the network.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.launch.hosts.addresses import free_endpoints as free_endpoints
+    from palpate.launch.hosts.addresses import key_file as key_file
+    from palpate.launch.hosts.addresses import read_host as read_host
+    from palpate.launch.hosts.host_agent import run_host_agent as run_host_agent
+    from palpate.launch.hosts.remote_hosts import RemoteHosts as RemoteHosts
+else:
+    __getattr__, __dir__ = lazy(__name__)

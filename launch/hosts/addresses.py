@@ -9,10 +9,9 @@ from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
 
-from palpate.launch.located import InputError
+from palpate.launch.files import InputError
 
-PORT = 7447
-"""Where a machine that lends itself listens, unless the user says otherwise."""
+PORT = 7447  # Where a machine that lends itself listens, unless the user says otherwise
 _HOST = re.compile(r"(\d{1,3}(?:\.\d{1,3}){3}|[a-z0-9][a-z0-9.-]*)(?::(\d{1,5}))?", re.IGNORECASE)
 
 

@@ -47,7 +47,7 @@ class Interrupts:
 
 
 @contextmanager
-def as_ctrl_c() -> Iterator[None]:
+def signals_as_ctrl_c() -> Iterator[None]:
     """Have a request to end, whichever it is, interrupt this thread as Ctrl-C does.
 
     Elsewhere than in the main thread nothing is changed: signals are not heard there.

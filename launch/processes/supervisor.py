@@ -1,34 +1,39 @@
-"""The life of one graph, from its first process to its last: start, watch, end."""
+"""The life of one graph: start, watch, answer tools, end.
+
+A tool that is stopped or killed while it is being answered is simply left out.
+"""
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Literal, NamedTuple
+from itertools import count
+from typing import Any, Literal, NamedTuple
 
-from palpate.launch.hosts.homes import Homes
-from palpate.launch.processes.census import Census, Count, Edge
-from palpate.launch.processes.desk import Desk
 from palpate.launch.processes.interrupts import Interrupts
-from palpate.launch.processes.reception import Reception
-from palpate.launch.processes.roll import Roll
-from palpate.launch.processes.ward import Ward
-from palpate.messages.bus.place import LAUNCHER, Place
+from palpate.launch.processes.launcher_sockets import LauncherSockets
+from palpate.launch.processes.node_status import (
+    Edge,
+    MessageCounts,
+    NodeStatusTable,
+    TerminationDetector,
+)
+from palpate.launch.processes.process_hosts import ProcessHosts
+from palpate.launch.processes.process_table import ProcessTable
+from palpate.messages import decode
+from palpate.messages.bus import LAUNCHER, Addresses, ControlMessage, ControlServer
 from palpate.messages.types import LogRecord, NodeStatus
-from palpate.nodes.ending import Ending, Watcher
-from palpate.nodes.runtime import FAILED
-from palpate.nodes.wiring import Wiring
+from palpate.nodes.runtime import FAILED, Ending, Source, Watcher, Wiring, load_node
 
-TICK = 0.1
-"""The watcher is called this often, s."""
-STALL = 3.0
-"""A graph in which nothing moves for this long, without an end, is stalled, s."""
-LAST_WORDS = 1.0
-"""The reason of a failure arrives within this time of the process's end, s."""
-STOP = 30.0
-"""A node that is told to stop has this long to put away what it holds, s."""
+TICK = 0.1  # The watcher is called this often, s
+STALL = 3.0  # A graph in which nothing moves for this long, without an end, is stalled, s
+LAST_WORDS = 1.0  # The reason of a failure arrives within this time of the process's end, s
+STOP = 30.0  # A node that is told to stop has this long to put away what it holds, s
 _BATCH = 64
 _CALM, _HASTE = 0.5, 0.01
+_MAX_ANSWERS = 8
+_MAX_PENDING = 1000
 
 
 class Verdict(NamedTuple):
@@ -66,9 +71,9 @@ class Supervisor:
         ends: str,
         sources: Mapping[str, Sequence[str]],
         watcher: Watcher,
-        place: Place,
-        desk: Desk,
-        homes: Homes,
+        place: Addresses,
+        desk: LauncherSockets,
+        homes: ProcessHosts,
         ahead_ns: Callable[[str], int],
         interrupts: Interrupts,
         going: bool = False,
@@ -79,10 +84,10 @@ class Supervisor:
         names = [wiring.name for wiring in wirings]
         edges = [Edge(w.name, one.publisher, one.topic) for w in wirings for one in w.inputs]
         edges += [Edge(LAUNCHER, source, topic) for source in sources for topic in sources[source]]
-        self._census = Census([*names, LAUNCHER], edges)
-        self._roll = Roll(names)
-        self._ward = Ward(wirings, place, homes, desk, ahead_ns)
-        self._reception = Reception(desk.tools, desk.line, self._ward, self._roll)
+        self._census = TerminationDetector([*names, LAUNCHER], edges)
+        self._roll = NodeStatusTable(names)
+        self._ward = ProcessTable(wirings, place, homes, desk, ahead_ns)
+        self._reception = ToolServer(desk.tools, desk.line, self._ward, self._roll)
         self._finished: str | None = None
         self._going, self._stopping = going, False
         self._next_tick = 0.0
@@ -241,7 +246,9 @@ class Supervisor:
                     self._reception.done(word["ticket"])
                 elif word["kind"] == "count":
                     consumed = {(p, t): number for p, t, number in word["consumed"]}
-                    count = Count(word["sent"], consumed, tuple(word["waits"]), word["speaks"])
+                    count = MessageCounts(
+                        word["sent"], consumed, tuple(word["waits"]), word["speaks"]
+                    )
                     self._counted(name, word["round"], count)
         except ValueError as error:
             self._roll.failed[LAUNCHER] = f"listening to the nodes: {error}"
@@ -275,14 +282,115 @@ class Supervisor:
         round_ = self._census.round
         for name in self._census.to_ask(time.monotonic()):
             if name == LAUNCHER:
-                self._counted(LAUNCHER, round_, Count({}, dict(self._desk.consumed)))
+                self._counted(LAUNCHER, round_, MessageCounts({}, dict(self._desk.consumed)))
             else:
                 self._desk.line.send(name, "count", round=round_)
 
-    def _counted(self, name: str, round_: int, count: Count) -> None:
+    def _counted(self, name: str, round_: int, count: MessageCounts) -> None:
         pause = _CALM if self._finished is None else _HASTE
         self._census.answer(name, round_, count, time.monotonic(), pause)
 
     def _tell(self, names: Iterable[str], kind: str) -> None:
         for name in names:
             self._desk.line.send(name, kind)
+
+
+class ToolServer:
+    """Answers the tools of one graph.
+
+    Parameters
+    ----------
+    line : LauncherLine
+        The tools' line.
+    nodes : LauncherLine
+        The nodes' line.
+    ward, roll
+        The processes, and what the nodes have said.
+    """
+
+    def __init__(
+        self, line: ControlServer, nodes: ControlServer, ward: ProcessTable, roll: NodeStatusTable
+    ) -> None:
+        self._line, self._nodes, self._ward, self._roll = line, nodes, ward, roll
+        self._began = time.monotonic()
+        self._pending: dict[int, tuple[str, str]] = {}
+        self._tickets = count()
+
+    def serve(self) -> None:
+        """Answer what has come, but no more than a few at a time."""
+        for _ in range(_MAX_ANSWERS):
+            try:
+                asked = self._line.receive()
+            except ValueError:
+                continue
+            if asked is None:
+                return
+            tool, word = asked
+            answer = self._answer(tool, word)
+            if answer is not None:
+                self._line.send(tool, **answer)
+
+    def done(self, ticket: int) -> None:
+        """A node has done what a tool had asked for."""
+        tool, _ = self._pending.pop(ticket, ("", ""))
+        if tool:
+            self._line.send(tool, "done")
+
+    def buried(self, name: str) -> None:
+        """A node has died: what it had been asked for may not have been done."""
+        for ticket, (tool, node) in list(self._pending.items()):
+            if node == name:
+                del self._pending[ticket]
+                self._line.send(tool, "refused", text=f"{name} died before it had done that")
+
+    def _answer(self, tool: str, word: ControlMessage) -> dict[str, Any] | None:
+        """What is answered at once; None if a node has to do something first."""
+        return self._status() if word["kind"] == "status" else self._tell(tool, word)
+
+    def _status(self) -> dict[str, Any]:
+        now, counts = time.monotonic(), self._ward.restarts.counts
+        living = set(self._ward.living)
+        nodes = {
+            name: {
+                "pid": self._ward.pid(name) if name in living else 0,
+                "restarts": counts[name],
+                "silent_s": self._roll.silence(name, now),
+            }
+            for name in self._ward.wirings
+        }
+        return {
+            "kind": "status",
+            "launcher": os.getpid(),
+            "for_s": now - self._began,
+            "nodes": nodes,
+        }
+
+    def _tell(self, tool: str, word: ControlMessage) -> dict[str, Any] | None:
+        """Hand a word on to a source, which says when it has done it."""
+        name, ticket = str(word["node"]), next(self._tickets)
+        try:
+            self._check(name, word)
+        except ValueError as error:
+            return {"kind": "refused", "text": str(error)}
+        fields = {key: value for key, value in word.items() if key not in ("kind", "node")}
+        if not self._nodes.send(name, word["kind"], **{**fields, "ticket": ticket}):
+            return {"kind": "not_yet", "text": f"{name} is not up"}
+        self._pending[ticket] = tool, name
+        while len(self._pending) > _MAX_PENDING:
+            self._pending.pop(next(iter(self._pending)))
+        return None
+
+    def _check(self, name: str, word: ControlMessage) -> None:
+        """Refuse what a node could not do."""
+        wiring = self._ward.wirings.get(name)
+        if wiring is None:
+            raise ValueError(f"there is no node {name!r}")
+        node = load_node(wiring.module)
+        if not isinstance(node, Source):
+            raise ValueError(f"{name} is no source: it speaks when it hears something")
+        if word["kind"] == "publish":
+            topic = word["topic"]
+            if not node.outside or topic not in wiring.outputs.values():
+                raise ValueError(f"{name} does not publish {topic!r} for tools")
+            local = next(one for one, wire in wiring.outputs.items() if wire == topic)
+            decode(node.outputs(wiring.params)[local], word["body"])

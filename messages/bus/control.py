@@ -1,24 +1,62 @@
-"""The line between a node and the launcher: who is ready, when to go, how much was heard.
+"""Control messages between nodes, launcher, tools and other machines.
 
-Tools speak to the launcher in the same way, and the launcher to other machines. The words
-themselves are in `words`.
+Who is ready, when to go, how much was consumed. A control message is a msgpack map with a kind;
+what may be sent by whom, with which fields, stands in a table each.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import msgpack
 import zmq
 
-from palpate.messages.bus.wires import bind, connect
-from palpate.messages.bus.words import OF_LAUNCHER, OF_NODES, Language, Word, read_word
+from palpate.messages.bus.sockets import bind, connect
+from palpate.messages.codec import nesting_limit
 
-LINGER_MS = 500
-"""A last word has this long to leave."""
+LINGER_MS = 500  # A last word has this long to leave
+MAX_CONTROL_BYTES = 1 << 20  # Longest word
+MAX_CONTROL_ITEMS = 4096  # Most entries of a list or map, and most lists and maps of a word
+ControlMessage = dict[str, Any]
+FieldCheck = Callable[[Any], bool]
 
 
-class NodeLine:
+class ControlProtocol(NamedTuple):
+    """What somebody may say."""
+
+    # Kind of the word to its fields, and what they can be.
+    words: Mapping[str, Mapping[str, FieldCheck]]
+    max_bytes: int = MAX_CONTROL_BYTES  # Longest word
+
+
+def _is_count(value: Any) -> bool:
+    return type(value) is int and value >= 0
+
+
+def _is_text(value: Any) -> bool:
+    return type(value) is str
+
+
+def _is_bytes(value: Any) -> bool:
+    return type(value) is bytes
+
+
+# What the launcher says to nodes; what carries a ticket, a tool has asked for.
+TO_NODES = ControlProtocol(
+    {
+        "go": {},
+        "count": {"round": _is_count},
+        "stop": {},
+        "pause": {"ticket": _is_count},
+        "resume": {"ticket": _is_count},
+        "step": {"number": _is_count, "ticket": _is_count},
+        "publish": {"topic": _is_text, "body": _is_bytes, "ticket": _is_count},
+    }
+)
+
+
+class ControlClient:
     """The node's end.
 
     Parameters
@@ -39,7 +77,7 @@ class NodeLine:
         endpoint: str,
         *,
         name: str,
-        hears: Language = OF_LAUNCHER,
+        hears: ControlProtocol = TO_NODES,
     ) -> None:
         self._hears = hears
         self.socket = context.socket(zmq.DEALER)
@@ -51,7 +89,7 @@ class NodeLine:
         """Say a word to the launcher."""
         self.socket.send(msgpack.packb({"kind": kind, **fields}))
 
-    def receive(self) -> Word | None:
+    def receive(self) -> ControlMessage | None:
         """Return the launcher's next word, or None if there is none.
 
         Raises
@@ -60,7 +98,7 @@ class NodeLine:
             If what arrived is no word.
         """
         try:
-            return read_word(self.socket.recv(zmq.DONTWAIT), self._hears)
+            return read_control(self.socket.recv(zmq.DONTWAIT), self._hears)
         except zmq.Again:
             return None
 
@@ -69,7 +107,48 @@ class NodeLine:
         self.socket.close()
 
 
-class LauncherLine:
+def _are_sent(value: Any) -> bool:
+    """Topics, and how many messages were sent on each."""
+    return type(value) is dict and all(_is_text(k) and _is_count(v) for k, v in value.items())
+
+
+def _are_consumed(value: Any) -> bool:
+    """Publishers, topics, and how many messages were consumed."""
+    return type(value) is list and all(
+        type(one) is list and len(one) == 3 and _are_texts(one[:2]) and _is_count(one[2])
+        for one in value
+    )
+
+
+def _are_texts(value: Any) -> bool:
+    return type(value) is list and all(map(_is_text, value))
+
+
+def _is_truth(value: Any) -> bool:
+    return type(value) is bool
+
+
+# What nodes say to the launcher.
+FROM_NODES = ControlProtocol(
+    {
+        "ready": {},
+        "alive": {},
+        "finished": {"reason": _is_text},
+        "count": {
+            "round": _is_count,
+            "sent": _are_sent,
+            "consumed": _are_consumed,
+            "waits": _are_texts,
+            "speaks": _is_truth,
+        },
+        "did": {"ticket": _is_count},
+        "bye": {"status": _is_bytes},
+        "failed": {"text": _is_text, "trace": _is_text},
+    }
+)
+
+
+class ControlServer:
     """The launcher's end, with one line to each node.
 
     Parameters
@@ -87,7 +166,7 @@ class LauncherLine:
         context: zmq.Context[zmq.Socket[bytes]],
         endpoint: str,
         *,
-        hears: Language = OF_NODES,
+        hears: ControlProtocol = FROM_NODES,
     ) -> None:
         self._hears = hears
         self.socket = context.socket(zmq.ROUTER)
@@ -108,7 +187,7 @@ class LauncherLine:
             raise
         return True
 
-    def receive(self) -> tuple[str, Word] | None:
+    def receive(self) -> tuple[str, ControlMessage] | None:
         """Name of a node and its next word; None if there is none.
 
         Raises
@@ -122,8 +201,110 @@ class LauncherLine:
             return None
         if len(parts) != 2:
             raise ValueError(f"a word has one part, got {len(parts) - 1}")
-        return parts[0].decode(errors="replace"), read_word(parts[1], self._hears)
+        return parts[0].decode(errors="replace"), read_control(parts[1], self._hears)
 
     def close(self) -> None:
         """Close at once."""
         self.socket.close(0)
+
+
+def read_control(data: bytes, language: ControlProtocol) -> ControlMessage:
+    """Word in a frame.
+
+    Parameters
+    ----------
+    data : bytes
+        The frame.
+    language : Language
+        What may be said.
+
+    Raises
+    ------
+    ValueError
+        If the frame holds no such word, or one that lacks what belongs to it.
+    """
+    if len(data) > language.max_bytes:
+        raise ValueError(f"a word has at most {language.max_bytes} bytes, got {len(data)}")
+    count = nesting_limit(MAX_CONTROL_ITEMS)
+    try:
+        word = msgpack.unpackb(
+            data,
+            list_hook=count,
+            object_hook=count,
+            max_array_len=MAX_CONTROL_ITEMS,
+            max_map_len=MAX_CONTROL_ITEMS,
+            max_ext_len=0,
+        )
+    except (ValueError, RecursionError) as error:
+        reason = f"{type(error).__name__}: {error!s:.100}"
+        raise ValueError(f"a word is a map with a kind, got no msgpack: {reason}") from None
+    if not isinstance(word, dict) or not isinstance(word.get("kind"), str):
+        raise ValueError(f"a word is a map with a kind, got {len(data)} bytes of something else")
+    fields = language.words.get(word["kind"])
+    if fields is None:
+        raise ValueError(f"a word is one of {', '.join(language.words)}, got {word['kind'][:40]!r}")
+    if word.keys() != {"kind", *fields}:
+        raise ValueError(f"the word {word['kind']} has the fields {', '.join(fields) or 'none'}")
+    for name, check in fields.items():
+        if not check(word[name]):
+            raise ValueError(f"the word {word['kind']} has a {name} that cannot be one")
+    return word
+
+
+def _is_integer(value: Any) -> bool:
+    return type(value) is int
+
+
+def _is_map(value: Any) -> bool:
+    return type(value) is dict
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) is float
+
+
+def _are_addresses(value: Any) -> bool:
+    """Names, and the addresses of their sockets."""
+    return type(value) is dict and all(map(_is_text, (*value, *value.values())))
+
+
+# What tools say to the launcher.
+FROM_TOOLS = ControlProtocol(
+    {
+        "status": {},
+        "pause": {"node": _is_text},
+        "resume": {"node": _is_text},
+        "step": {"node": _is_text, "number": _is_count},
+        "publish": {"node": _is_text, "topic": _is_text, "body": _is_bytes},
+    }
+)
+# What the launcher answers.
+TO_TOOLS = ControlProtocol(
+    {
+        "status": {"launcher": _is_count, "for_s": _is_number, "nodes": _is_map},
+        "done": {},
+        "not_yet": {"text": _is_text},
+        "refused": {"text": _is_text},
+    }
+)
+# What the launcher says to other machines; a node may have a large object among its parameters.
+TO_HOSTS = ControlProtocol(
+    {
+        "hello": {"names": _are_texts, "modules": _are_texts},
+        "bear": {"node": _is_text, "wiring": _is_bytes, "place": _is_bytes},
+        "kill": {"node": _is_text},
+        "alive": {},
+        "end": {},
+    },
+    max_bytes=256 << 20,
+)
+# What other machines say to the launcher.
+FROM_HOSTS = ControlProtocol(
+    {
+        "hello": {"ns": _is_count, "endpoints": _are_addresses, "taps": _are_addresses},
+        "unborn": {"node": _is_text, "text": _is_text},
+        "ended": {"node": _is_text, "code": _is_integer},
+        "alive": {},
+        "parted": {},
+    }
+)

@@ -1,18 +1,17 @@
 """The lock on sockets between machines: CURVE, with one key pair for all that may take part.
 
-Who has the key may speak, nobody else; and nobody else can read what is said.
+Who has the key may speak, nobody else; and nobody else can read what is published.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import zmq
 import zmq.auth
 from zmq.auth.thread import ThreadAuthenticator
 
 
-class Gate:
+class CurveAuthenticator:
     """Gives the sockets of a context the key, and lets nobody in without it.
 
     Parameters

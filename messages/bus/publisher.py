@@ -2,11 +2,10 @@
 
 Nothing that is sent is ever dropped: a full queue makes the sender wait, and while it waits it
 takes in what others send to it, so that two nodes that send to each other cannot lock up.
-Everything sent is kept, for those who join late. Its time is later than that of all that the node
-has sent or heard, so that times order effects behind their causes, on several machines too
-(L. Lamport, Comm. ACM 21 (7), 1978). A publisher that starts again says
-what it had said once more, with its times: not to everybody, but to each listener what that one
-still lacks.
+Everything sent is kept, for those who join late. Its time is later than that of all that the
+node has sent or received, so that times order effects behind their causes, on several machines
+too (L. Lamport, Comm. ACM 21 (7), 1978). A publisher that starts again sends to each subscriber
+what that one still lacks, with the times of the first time.
 """
 
 from __future__ import annotations
@@ -17,16 +16,20 @@ from collections.abc import Callable, Mapping, Sequence
 
 import zmq
 
-from palpate.messages.bus import join
-from palpate.messages.bus.past import Cause, Past
-from palpate.messages.bus.times import Times
-from palpate.messages.bus.wires import bind
-from palpate.messages.header import Header, pack_frame
+from palpate.messages.bus.handshake import (
+    JoinRequest,
+    greeting,
+    in_step_notice,
+    read_request,
+    resent_frame,
+)
+from palpate.messages.bus.message_log import Cause, MessageLog, SendTimes
+from palpate.messages.bus.sockets import bind
+from palpate.messages.codec import Header, pack_frame
 
-PATIENCE = 10.0
-"""A sender gives up after its queue has been full for this long, s."""
-LARGE = 1 << 16
-"""Frames of this many bytes are handed over without a copy; below, a copy is cheaper."""
+SEND_TIMEOUT = 10.0  # A sender gives up after its queue has been full for this long, s
+# Frames of this many bytes are handed over without a copy; below, a copy is cheaper.
+ZERO_COPY_BYTES = 1 << 16
 
 
 class BlockedError(RuntimeError):
@@ -73,10 +76,10 @@ class Publisher:
         listeners: Mapping[str, tuple[str, ...]],
         depth: int,
         drain: Callable[[], None],
-        past: Past,
-        times: Times,
+        past: MessageLog,
+        times: SendTimes,
         again: bool = False,
-        patience: float = PATIENCE,
+        patience: float = SEND_TIMEOUT,
         ahead_ns: int = 0,
     ) -> None:
         self.name, self.run, self.epoch = name, run, epoch
@@ -121,7 +124,7 @@ class Publisher:
         return frame
 
     @property
-    def past(self) -> Past:
+    def past(self) -> MessageLog:
         """What has been said so far."""
         return self._past
 
@@ -176,7 +179,7 @@ class Publisher:
         """All that had been said is said again: from here on everybody hears at once."""
         lacks, self._lacks = self._lacks, None
         for call, topic in lacks or ():
-            self._put(join.in_step(call, topic), topic)
+            self._put(in_step_notice(call, topic), topic)
 
     def serve(self) -> None:
         """Answer all who have asked to join."""
@@ -185,7 +188,7 @@ class Publisher:
                 notice = self.socket.recv(zmq.DONTWAIT)
             except zmq.Again:
                 return
-            request = join.read_request(notice)
+            request = read_request(notice)
             if request is not None and request.publisher == self.name:
                 self._answer(request)
 
@@ -204,18 +207,18 @@ class Publisher:
         self._times.note(topic, self.latest_ns)
         return self.latest_ns
 
-    def _answer(self, request: join.Request) -> None:
+    def _answer(self, request: JoinRequest) -> None:
         if request.epoch is None:
-            self._put(join.hello(request.call, self.epoch), "the greeting of a joining node")
+            self._put(greeting(request.call, self.epoch), "the greeting of a joining node")
             return
         # A subscriber that reconnects says its old cursors again; those of an earlier start
         # of this node carry that start's epoch.
         if request.epoch != self.epoch or request.topic not in self._listeners:
             return
         for frame in self._past.since(request.topic, request.wanted):
-            self._put(join.again(request.call, frame), request.topic)
+            self._put(resent_frame(request.call, frame), request.topic)
         if self._lacks is None:
-            self._put(join.in_step(request.call, request.topic), request.topic)
+            self._put(in_step_notice(request.call, request.topic), request.topic)
         else:
             said = self._past.count(request.topic)
             self._lacks[request.call, request.topic] = max(request.wanted, said)
@@ -225,10 +228,10 @@ class Publisher:
     ) -> None:
         for (call, asked), wanted in lacks.items():
             if asked == topic and seq >= wanted:
-                self._put(join.again(call, frame), topic)
+                self._put(resent_frame(call, frame), topic)
 
     def _put(self, frame: bytes, topic: str) -> None:
-        copy = len(frame) < LARGE
+        copy = len(frame) < ZERO_COPY_BYTES
         try:
             self.socket.send(frame, zmq.DONTWAIT, copy=copy)
         except zmq.Again:

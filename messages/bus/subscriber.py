@@ -1,4 +1,4 @@
-"""The hearing end of reliable topics: every message once, and in the order of its sending."""
+"""The receiving end of reliable topics: every message once, and in the order of its sending."""
 
 from __future__ import annotations
 
@@ -8,25 +8,28 @@ from typing import NamedTuple
 
 import zmq
 
-from palpate.messages.bus import join
-from palpate.messages.bus.wires import connect
-from palpate.messages.header import Header, split_frame
+from palpate.messages.bus.handshake import (
+    GREETING,
+    RESENT,
+    JoinReply,
+    join_call,
+    join_cursor,
+    read_epoch,
+    read_reply,
+)
+from palpate.messages.bus.sockets import connect
+from palpate.messages.codec import Header, split_frame
 
-RECONNECT_MS = 5
-"""A publisher that comes back is found again within this time."""
+RECONNECT_MS = 5  # A publisher that comes back is found again within this time
 
 
-class Arrival(NamedTuple):
+class Received(NamedTuple):
     """One message as it arrived."""
 
-    publisher: str
-    """Name of the node that sent it."""
-    topic: str
-    """Topic on the wire."""
-    header: Header
-    """What the frame says before the body."""
-    body: bytes
-    """The message, still encoded."""
+    publisher: str  # Name of the node that sent it
+    topic: str  # Topic on the wire
+    header: Header  # What the frame says before the body
+    body: bytes  # The message, still encoded
 
 
 @dataclass(slots=True)
@@ -88,7 +91,7 @@ class Subscriber:
             self.socket.subscribe(topic.encode() + b"\0")
         for source in sources:
             connect(self.socket, endpoints[source])
-            self.socket.subscribe(join.call(name, epoch, source))
+            self.socket.subscribe(join_call(name, epoch, source))
 
     def skip(self, topic: str, wanted: int) -> None:
         """Ask for a topic from a sequence on; before anything has been received."""
@@ -110,7 +113,7 @@ class Subscriber:
         lacks = {topic: edge.newest + 1 - edge.wanted for topic, edge in self._edges.items()}
         return {topic: number for topic, number in lacks.items() if number > 0}
 
-    def receive(self) -> Arrival | None:
+    def receive(self) -> Received | None:
         """Return the next message, or None if none has arrived; never waits.
 
         Raises
@@ -124,7 +127,7 @@ class Subscriber:
             except zmq.Again:
                 return None
             if frame.startswith(b"@"):
-                again = self._hear_answer(join.read_answer(frame))
+                again = self._hear_answer(read_reply(frame))
                 if again is None:
                     continue
                 frame = again
@@ -139,7 +142,7 @@ class Subscriber:
         """
         self.socket.close(0)
 
-    def _judge(self, frame: bytes) -> Arrival | None:
+    def _judge(self, frame: bytes) -> Received | None:
         topic, header, body = split_frame(frame)
         edge = self._edges.get(topic)
         if edge is None or header.run != self.run:
@@ -150,7 +153,7 @@ class Subscriber:
             self.early += 1
         elif header.seq == edge.wanted:
             edge.wanted += 1
-            return Arrival(edge.publisher, topic, header, body)
+            return Received(edge.publisher, topic, header, body)
         elif header.seq < edge.wanted:
             self.duplicates += 1
         elif edge.in_step:
@@ -159,12 +162,12 @@ class Subscriber:
             self.early += 1
         return None
 
-    def _hear_answer(self, answer: join.Answer) -> bytes | None:
+    def _hear_answer(self, answer: JoinReply) -> bytes | None:
         """Go on with the joining; a frame of the past is returned."""
-        if answer.kind == join.FRAME:
+        if answer.kind == RESENT:
             return answer.rest
-        if answer.kind == join.HELLO:
-            self._ask(answer.publisher, join.read_epoch(answer.rest))
+        if answer.kind == GREETING:
+            self._ask(answer.publisher, read_epoch(answer.rest))
             return None
         topic = answer.rest.decode(errors="replace")
         if topic in self._edges:
@@ -177,9 +180,9 @@ class Subscriber:
         self._greeted[source] = epoch
         for old in self._cursors.pop(source, ()):
             self.socket.unsubscribe(old)
-        called = join.call(self.name, self.epoch, source)
+        called = join_call(self.name, self.epoch, source)
         edges = self._of[source]
-        cursors = [join.cursor(called, epoch, edge.topic, edge.wanted) for edge in edges]
+        cursors = [join_cursor(called, epoch, edge.topic, edge.wanted) for edge in edges]
         self._cursors[source] = cursors
         for edge, new in zip(edges, cursors, strict=True):
             edge.in_step = False

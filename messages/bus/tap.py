@@ -1,7 +1,7 @@
-"""The tap: what a node says about itself, and copies of its messages for tools.
+"""The tap: what a node publishes about itself, and copies of its messages for tools.
 
-The tap may lose messages, and so nobody who listens to it can hold up the graph: a tool that
-is stopped or slow is simply left out. Copies are made only while somebody wants them.
+The tap may lose messages, and so nobody who listens to it can hold up the graph: a tool that is
+stopped or slow is simply left out. Copies are made only while somebody wants them.
 """
 
 from __future__ import annotations
@@ -12,15 +12,13 @@ from collections.abc import Iterable
 
 import zmq
 
+from palpate.messages.bus.sockets import bind, connect
 from palpate.messages.bus.subscriber import RECONNECT_MS
-from palpate.messages.bus.wires import bind, connect
-from palpate.messages.codec import encode, schema_hash
-from palpate.messages.header import Header, pack_frame, split_frame
+from palpate.messages.codec import Header, encode, pack_frame, schema_hash, split_frame
 from palpate.messages.types import LogRecord, NodeStatus
 
-STATUS, LOG = "/node/status", "/log"
-DEPTH = 64
-"""Messages that a slow tool may lag behind before it loses some."""
+STATUS_TOPIC, LOG_TOPIC = "/node/status", "/log"
+TAP_DEPTH = 64  # Messages that a slow tool may lag behind before it loses some
 
 
 class Tap:
@@ -44,7 +42,7 @@ class Tap:
         self._wanted: set[bytes] = set()
         self._mirroring = False
         self.socket = context.socket(zmq.XPUB)
-        self.socket.setsockopt(zmq.SNDHWM, DEPTH)
+        self.socket.setsockopt(zmq.SNDHWM, TAP_DEPTH)
         bind(self.socket, endpoint)
 
     def refresh(self) -> None:
@@ -56,12 +54,12 @@ class Tap:
                 break
             change = self._wanted.add if notice.startswith(b"\x01") else self._wanted.discard
             change(notice[1:])
-        own = {_prefix(STATUS), _prefix(LOG)}
+        own = {_prefix(STATUS_TOPIC), _prefix(LOG_TOPIC)}
         self._mirroring = not self._wanted <= own
 
     def say(self, message: NodeStatus | LogRecord) -> None:
         """Send the node's own word, if anybody listens."""
-        topic = STATUS if isinstance(message, NodeStatus) else LOG
+        topic = STATUS_TOPIC if isinstance(message, NodeStatus) else LOG_TOPIC
         cls, seq = type(message), self._said[topic]
         self._said[topic] += 1
         time_ns = time.monotonic_ns()
@@ -99,7 +97,7 @@ class TapReader:
         context: zmq.Context[zmq.Socket[bytes]],
         endpoints: Iterable[str],
         topics: Iterable[str],
-        depth: int = DEPTH,
+        depth: int = TAP_DEPTH,
     ) -> None:
         self.socket = context.socket(zmq.SUB)
         self.socket.setsockopt(zmq.RCVHWM, depth)

@@ -1,13 +1,16 @@
-"""Writes what a recorder hears into an MCAP file, undecoded.
+"""Writes what a recorder receives into an MCAP file, undecoded.
 
 Messages are kept in chunks that are compressed and checked by themselves. A chunk is ended
 after 20 ms of traffic at the latest, so that a recorder that is killed loses no more than that.
+Every write is there whole or not at all: a disk that is full in the middle of one, and has room
+again later, would leave a hole that no reader can cross.
 """
 
 from __future__ import annotations
 
 import errno
 import json
+import os
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,26 +18,18 @@ from typing import IO, cast
 
 from mcap.writer import CompressionType, Writer
 
-from palpate.messages.codec import schema
-from palpate.messages.header import Header
-from palpate.messages.recording.whole_file import WholeFile, free_bytes
+from palpate.messages.codec import Header, schema
 from palpate.messages.types import TYPES
 
 CHUNK_BYTES = 1 << 16
-FLUSH_NS = 20_000_000
-"""Longest traffic that is held in memory, ns."""
-
-PROFILE = "palpate"
-"""What the file's header says that it holds."""
-ABOUT = "palpate"
-"""Name of the metadata record that opens a recording: version and graph."""
-COUNTS = "counts"
-"""Name of a metadata record that closes it: messages by topic."""
-MISSING = "missing"
-"""Name of the other: messages that were sent and never came, by topic."""
+FLUSH_NS = 20_000_000  # Longest traffic that is held in memory, ns
+PROFILE = "palpate"  # What the file's header says that it holds
+ABOUT = "palpate"  # Name of the metadata record that opens a recording: version and graph
+COUNTS = "counts"  # Name of a metadata record that closes it: messages by topic
+MISSING = "missing"  # Name of the other: messages that were sent and never came, by topic
 
 
-def mcap_writer(file: WholeFile) -> Writer:
+def mcap_writer(file: AtomicFile) -> Writer:
     """What writes a recording's records: packed by lz4, with checksums of each chunk and of all."""
     return Writer(
         cast(IO[bytes], file),
@@ -91,7 +86,7 @@ class RecordingWriter:
             raise ValueError(f"no message type to record {unknown[0]}; known are {sorted(known)}")
         self._path, self._types, self._publishers = path, types, publishers
         self._spare = spare
-        self._file = WholeFile(path)
+        self._file = AtomicFile(path)
         self._writer: Writer | None = mcap_writer(self._file)
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, int, int, int], int] = {}
@@ -216,3 +211,58 @@ class RecordingWriter:
             f"recording stopped, {self._path} cannot be written: {error.strerror}; "
             f"what it held before stays readable",
         )
+
+
+class AtomicFile:
+    """A new file, without a buffer of its own.
+
+    Raises
+    ------
+    FileExistsError
+        If there is such a file already: recordings are not overwritten.
+    OSError
+        If it cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._raw = path.open("xb", buffering=0)
+        except FileExistsError as error:
+            raise FileExistsError(
+                error.errno, f"recording {path} exists already; it is not overwritten"
+            ) from None
+        except OSError as error:
+            raise OSError(
+                error.errno, f"recording {path} cannot be made: {error.strerror}"
+            ) from None
+        self._end = 0
+
+    def write(self, data: bytes) -> int:
+        """Write all of `data`; on an OSError the file is as it was before."""
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[self._raw.write(left) :]
+        except OSError:
+            self._raw.seek(self._end)
+            self._raw.truncate()
+            raise
+        self._end += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Bytes written so far."""
+        return self._end
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def close(self) -> None:
+        """Close the file."""
+        self._raw.close()
+
+
+def free_bytes(folder: Path) -> int:
+    """Bytes that are free for this user where a folder lies."""
+    found = os.statvfs(folder)
+    return found.f_bavail * found.f_frsize

@@ -1,51 +1,41 @@
-"""Every message type, by subject; `TYPES` finds one by its name."""
+"""Every message type, one file a subject; `TYPES` finds one by its name.
+
+A new type is a frozen dataclass in the file of its subject and a line in `catalogue`; changing a
+field changes the schema's hash, and recordings of before are then refused by name. Rests on the
+field types of `palpate.messages` alone.
+"""
 
 from __future__ import annotations
 
-from palpate.messages.types.graph import Clock, LogRecord, NodeStatus
-from palpate.messages.types.hand import GraspContacts, GraspGoal
-from palpate.messages.types.model import ModelGoal, PlanDone, Score, ShapeModel, Superquadric
-from palpate.messages.types.motion import (
-    Contour,
-    ContourGoal,
-    FingerClock,
-    Probe,
-    ProbeGoal,
-    TouchGoal,
-)
-from palpate.messages.types.touch import SurfacePatch, TactileFrame, TactileImage
-from palpate.messages.types.world import SensorInfo, Truth, World
+from typing import TYPE_CHECKING
 
-TYPES: dict[str, type] = {
-    cls.__name__: cls
-    for cls in (
-        Clock,
-        Contour,
-        ContourGoal,
-        FingerClock,
-        GraspContacts,
-        GraspGoal,
-        LogRecord,
-        ModelGoal,
-        NodeStatus,
-        PlanDone,
-        Probe,
-        ProbeGoal,
-        Score,
-        SensorInfo,
-        ShapeModel,
-        Superquadric,
-        SurfacePatch,
-        TactileFrame,
-        TactileImage,
-        TouchGoal,
-        Truth,
-        World,
-    )
-}
+from palpate.rooms import lazy
 
-ALL_KEPT = frozenset({Contour, Probe})
-"""Types of latched topics of which each message counts."""
-LATCHED = ALL_KEPT | {SensorInfo, ShapeModel, Superquadric, Truth, World}
-"""Types of latched topics: whoever comes late needs what was said before; of those that are not
-in `ALL_KEPT`, the last message."""
+if TYPE_CHECKING:
+    from palpate.messages.types.catalogue import ALL_KEPT as ALL_KEPT
+    from palpate.messages.types.catalogue import LATCHED as LATCHED
+    from palpate.messages.types.catalogue import TYPES as TYPES
+    from palpate.messages.types.graph import Clock as Clock
+    from palpate.messages.types.graph import LogRecord as LogRecord
+    from palpate.messages.types.graph import NodeStatus as NodeStatus
+    from palpate.messages.types.model import ModelGoal as ModelGoal
+    from palpate.messages.types.model import PlanDone as PlanDone
+    from palpate.messages.types.model import Score as Score
+    from palpate.messages.types.model import ShapeModel as ShapeModel
+    from palpate.messages.types.model import Superquadric as Superquadric
+    from palpate.messages.types.motion import Contour as Contour
+    from palpate.messages.types.motion import ContourGoal as ContourGoal
+    from palpate.messages.types.motion import FingerClock as FingerClock
+    from palpate.messages.types.motion import GraspContacts as GraspContacts
+    from palpate.messages.types.motion import GraspGoal as GraspGoal
+    from palpate.messages.types.motion import Probe as Probe
+    from palpate.messages.types.motion import ProbeGoal as ProbeGoal
+    from palpate.messages.types.motion import TouchGoal as TouchGoal
+    from palpate.messages.types.touch import SurfacePatch as SurfacePatch
+    from palpate.messages.types.touch import TactileFrame as TactileFrame
+    from palpate.messages.types.touch import TactileImage as TactileImage
+    from palpate.messages.types.world import SensorInfo as SensorInfo
+    from palpate.messages.types.world import Truth as Truth
+    from palpate.messages.types.world import World as World
+else:
+    __getattr__, __dir__ = lazy(__name__)

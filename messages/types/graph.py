@@ -1,11 +1,11 @@
-"""What nodes say about themselves, by the lossy tap."""
+"""What nodes publish about themselves, by the lossy tap."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from palpate.messages.quantity import Count, Seconds, Unit
+from palpate.messages.fields import Count, Seconds, Unit
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

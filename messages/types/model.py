@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from palpate.messages.quantity import (
+from palpate.messages.fields import (
     Array,
     ControlPoints,
     Count,
@@ -16,7 +16,7 @@ from palpate.messages.quantity import (
     Lengths,
     Metres,
     Numbers,
-    Packed,
+    PackedBytes,
     PerMetre,
     Points,
     Pose,
@@ -121,7 +121,7 @@ class ShapeModel:
     """Probes used."""
     dropped: Ids
     """Contours asked for but not used."""
-    dropped_why: tuple[str, ...]
+    dropped_reasons: tuple[str, ...]
     """One reason for each dropped contour."""
     control: ControlPoints
     """Control points of the lattice, (columns, rows, layers, 3), world frame."""
@@ -153,7 +153,7 @@ class ShapeModel:
     """Robot time spent when the model was asked for."""
     final: bool
     """True for the model that the exploration ends with."""
-    archive: Packed = field(default_factory=lambda: np.zeros(0, np.uint8))
+    archive: PackedBytes = field(default_factory=lambda: np.zeros(0, np.uint8))
     """The solid with everything that belongs to it, packed; nothing if it is not sent along."""
 
 

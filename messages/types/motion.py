@@ -1,18 +1,20 @@
-"""What the finger is asked to do, and what came of it."""
+"""What finger and hand are asked to do, and what came of it: contours, probes, grasps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-from palpate.messages.quantity import (
+from palpate.messages.fields import (
     Count,
     Curvatures,
     Direction,
     Directions,
+    FingerNumbers,
     Lengths,
     Metres,
-    Place,
+    MoveParts,
+    PlanarPoint,
     Points,
     Pose,
     Seconds,
@@ -20,11 +22,11 @@ from palpate.messages.quantity import (
 )
 from palpate.messages.types.touch import Outcome
 
-Status = Literal["closed", "occluded", "pole", "stuck", "overrun", "budget", "no_contact"]
+ContourStatus = Literal["closed", "occluded", "pole", "stuck", "overrun", "budget", "no_contact"]
 """How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object
 ends below the slice; no way on; wound round too far without closing; the allowance of touches is
 spent; nothing felt."""
-Why = Literal["bridged", "missed"]
+GapReason = Literal["bridged", "missed"]
 """The pad touched beside a stretch, or over it, but not in it; or it touched nothing there."""
 
 
@@ -40,7 +42,7 @@ class ContourGoal:
     """Slicing frame in the world; the slice is normal to its z axis."""
     height: Metres
     """Height of the slice along the frame's z axis."""
-    centre: Place
+    centre: PlanarPoint
     """Where the object's axis is expected to meet the slice, slicing frame."""
     radius: Metres
     """Approach from this distance to the centre."""
@@ -68,17 +70,17 @@ class Contour:
     """Outward unit normals at the points."""
     curvature: Curvatures
     """Normal curvature across the contour at the points; convex is positive; 0 at edges."""
-    felt_low: Lengths
+    contact_low: Lengths
     """Lowest height along the frame's z axis that was felt below each point, without a break."""
-    felt_high: Lengths
+    contact_high: Lengths
     """Highest height that was felt above it."""
-    status: Status
+    status: ContourStatus
     """How tracing ended."""
     gap_starts: Points
     """Last points before the stretches that could not be felt, world frame."""
     gap_ends: Points
     """First points after them."""
-    gap_whys: tuple[Why, ...]
+    gap_reasons: tuple[GapReason, ...]
     """What the pad felt there."""
     touches: Count
     """Touches made."""
@@ -152,3 +154,43 @@ class FingerClock:
     """The finger."""
     robot_time: Seconds
     """Robot time of its last touch."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class GraspGoal:
+    """A pose of the hand from which it shall close. On ``/hand/goal``."""
+
+    number: Count
+    """Counts up by one."""
+    pose: Pose
+    """Pose of the hand: its fingers close about its z axis, its palm moves along it."""
+    fingers: Count
+    """Fingers beside the palm."""
+    opening: Metres
+    """Distance of the fingertips and of the palm from the middle of the open hand."""
+    reach: Metres
+    """Longest way of a finger."""
+    not_before: Seconds
+    """Robot time of the decision."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class GraspContacts:
+    """Where the fingers met the object. On ``/hand/contacts``."""
+
+    number: Count
+    """Number of the goal."""
+    points: Points
+    """Contact points, world frame."""
+    normals: Directions
+    """Outward unit normals at the contacts."""
+    fingers: FingerNumbers
+    """The finger of each contact, from 0; the palm is the last."""
+    missed: Count
+    """Fingers that closed on nothing, or on what they could not tell."""
+    blocked: Count
+    """Fingers that did not close, for the platform or the object was in their way."""
+    move: MoveParts
+    """What the hand's way was made of: the approach is that of the finger that went farthest."""
+    robot_time: Seconds
+    """Robot time when the hand had opened again."""

@@ -1,4 +1,4 @@
-"""What one touch is, on its way from raw frame to surface patch."""
+"""One touch on its way from tactile frame to surface patch."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.messages.quantity import (
+from palpate.messages.fields import (
     Count,
     Direction,
     Floats,
     LengthImage,
     Mask,
     Metres,
-    Move,
+    MoveParts,
     Numbers,
     PerMetre,
     Pose,
@@ -29,12 +29,12 @@ Outcome = Literal["hit", "miss", "inside", "bottomed"]
 pose lay inside the object. ``bottomed``: the pad saturated before the asked depth."""
 
 
-def unmoved() -> Floats:
+def no_move() -> Floats:
     """The move of a frame that no arm made."""
     return np.array([0.0, 0.0, 0.0, 0.0, -1.0])
 
 
-Kind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
+SurfaceKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
 """What the touched surface is: smooth enough for curvatures, an edge, a corner, too few
 taxels to say, or nothing touched."""
 
@@ -60,7 +60,7 @@ class TactileFrame:
 
     Row i lies at y = (i - (rows - 1) / 2) * pitch.
     """
-    move: Move = field(default_factory=unmoved)
+    move: MoveParts = field(default_factory=no_move)
     """What its robot time was made of."""
     robot_time: Seconds
     """Robot time at the end of the touch."""
@@ -137,7 +137,7 @@ class SurfacePatch:
     """Normal curvature along `direction`. 0 unless `kind` is smooth."""
     curvature_across_error: PerMetre
     """Its standard error; 0 unless `kind` is smooth."""
-    kind: Kind
+    kind: SurfaceKind
     """What the surface is."""
     trust: Ratio
     """From 0 to 1: share of the taxels that touch, damped by the misfit of the jet."""

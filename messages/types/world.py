@@ -1,11 +1,11 @@
-"""What the simulator says once, at the start: the world, the sensor, and the truth."""
+"""What the simulator publishes once, at the start: the world, the sensor, and the truth."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-from palpate.messages.quantity import (
+from palpate.messages.fields import (
     Count,
     LengthImage,
     Metres,

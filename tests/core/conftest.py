@@ -9,14 +9,20 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.aim import Aim
-from palpate.core.explore.felt import Felt, feel_slice
-from palpate.core.explore.trace import Slice, Status, Trace, after_touch, next_aim
-from palpate.core.rebuild.felt.felt_points import FeltPoints, felt_points
+from palpate.core.explore.tracing.commands import TouchCommand
+from palpate.core.explore.tracing.contour_trace import (
+    Trace,
+    TraceGoal,
+    TraceStatus,
+    after_touch,
+    next_command,
+)
+from palpate.core.explore.tracing.slice_arc import SliceArc, arc_in_slice
+from palpate.core.rebuild.contours.contacts import ContactPoints, contact_points_of
 from palpate.core.shapes.protocol import Mesh, Shape
-from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.touch.curvature import feel_patch
-from palpate.core.touch.pad import Pad, press
+from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.touch.curvature import fit_patch
+from palpate.core.touch.pad import Pad, guarded_move
 
 CONTACT = 0.05e-3
 BACK_OFF = 14e-3
@@ -29,32 +35,32 @@ class Finger:
 
     shape: Shape
     pad: Pad
-    felt: list[FeltPoints] = field(default_factory=list)
+    felt: list[ContactPoints] = field(default_factory=list)
 
-    def press(self, start: Floats, reach: float, depth: float, height: float) -> Felt | None:
+    def press(self, start: Floats, reach: float, depth: float, height: float) -> SliceArc | None:
         """One touch; what it felt is kept."""
-        end = press(self.shape, self.pad, start, reach, depth)
+        end = guarded_move(self.shape, self.pad, start, reach, depth)
         if end.outcome not in ("hit", "bottomed"):
             return None
         touched = end.compression > CONTACT
         surface = np.where(touched, -(end.compression + self.pad.sag()), 0.0)
-        jet = feel_patch(self.pad, surface, touched, ACROSS, 0.0).jet
-        self.felt.append(felt_points(self.pad, end.pose, surface, touched, jet))
-        return feel_slice(self.pad, end.pose, surface, touched, jet, height)
+        jet = fit_patch(self.pad, surface, touched, ACROSS, 0.0).jet
+        self.felt.append(contact_points_of(self.pad, end.pose, surface, touched, jet))
+        return arc_in_slice(self.pad, end.pose, surface, touched, jet, height)
 
-    def answer(self, aim: Aim, height: float) -> Felt | None:
+    def answer(self, aim: TouchCommand, height: float) -> SliceArc | None:
         """One touch of a contour, from farther away if it would start inside."""
-        start = press(self.shape, self.pad, aim.start(height), aim.travel, aim.stance.depth)
+        start = guarded_move(self.shape, self.pad, aim.start(height), aim.travel, aim.posture.depth)
         if start.outcome == "inside":
             aim = aim._replace(standoff=aim.standoff + BACK_OFF)
-        return self.press(aim.start(height), aim.travel, aim.stance.depth, height)
+        return self.press(aim.start(height), aim.travel, aim.posture.depth, height)
 
-    def contour(self, wanted: Slice) -> tuple[Trace, Status]:
+    def contour(self, wanted: TraceGoal) -> tuple[Trace, TraceStatus]:
         """A contour, to its end."""
         trace = Trace(wanted)
         while True:
-            trace, found = next_aim(self.pad, trace)
-            if not isinstance(found, Aim):
+            trace, found = next_command(self.pad, trace)
+            if not isinstance(found, TouchCommand):
                 return trace, found
             assert trace.touches < wanted.most_touches
             trace = after_touch(trace, self.answer(found, wanted.height))

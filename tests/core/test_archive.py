@@ -10,14 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.core.archive import FORM, Arrays, equal_trees, from_arrays, to_arrays
-from palpate.core.archive_bytes import pack, unpack
-from palpate.core.archive_classes import class_named, name_of
+from palpate.core.archive import (
+    FORM_KEY,
+    Arrays,
+    arrays_from_bytes,
+    class_name,
+    class_named,
+    equal_trees,
+    tree_from_arrays,
+    tree_to_arrays,
+    tree_to_bytes,
+)
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.reconstruct import reconstruct
+from palpate.core.rebuild.reconstruction import reconstruct
 from palpate.core.rebuild.solid import Method, Solid
-from palpate.core.rebuild.surface.surface_forms import Curvatures
-from palpate.core.splines.frame import Frame
+from palpate.core.rebuild.surface.closed import Curvatures
+from palpate.core.splines.spline_volumes import Parallelepiped
 
 METHODS: tuple[Method, ...] = ("lattice", "skin", "thesis", "coarse")
 
@@ -36,19 +44,19 @@ def solid_by(method: Method) -> Solid:
 
 
 def form_of(arrays: Arrays) -> Any:
-    return json.loads(str(arrays[FORM]))
+    return json.loads(str(arrays[FORM_KEY]))
 
 
 def with_form(arrays: Arrays, change: Callable[[Any], None]) -> Arrays:
     form = form_of(arrays)
     change(form)
-    return {**arrays, FORM: np.array(json.dumps(form))}
+    return {**arrays, FORM_KEY: np.array(json.dumps(form))}
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_solid_comes_back_the_same_to_the_last_bit(method: Method) -> None:
     solid = solid_by(method)
-    back = from_arrays(to_arrays(solid))
+    back = tree_from_arrays(tree_to_arrays(solid))
     assert equal_trees(solid, back)
     v, turns = np.random.default_rng(0).random((2, 300))
     assert np.array_equal(solid.surface.at(v, turns), back.surface.at(v, turns))
@@ -64,13 +72,13 @@ def test_a_solid_comes_back_the_same_to_the_last_bit(method: Method) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_a_solid_that_came_back_takes_further_contours_like_the_first(method: Method) -> None:
     solid = solid_by(method)
-    back = from_arrays(to_arrays(solid))
+    back = tree_from_arrays(tree_to_arrays(solid))
     assert equal_trees(solid.update(ring(0.003)), back.update(ring(0.003)))
 
 
 def test_the_lattice_and_the_band_of_a_solid_that_came_back_are_the_same() -> None:
     solid = solid_by("lattice")
-    back = from_arrays(to_arrays(solid))
+    back = tree_from_arrays(tree_to_arrays(solid))
     assert solid.lattice is not None and solid.closed is not None
     points = 0.4 * solid.evidence.slices.fine.reshape(-1, solid.evidence.slices.fine.shape[-1])
     places = np.column_stack([points[:50, 0], points[:50, 1], np.linspace(-0.03, 0.03, 50)])
@@ -83,16 +91,16 @@ def test_the_lattice_and_the_band_of_a_solid_that_came_back_are_the_same() -> No
 
 def test_a_solid_goes_through_bytes_and_they_are_always_the_same() -> None:
     solid = solid_by("skin")
-    data = pack(solid)
+    data = tree_to_bytes(solid)
     assert data.dtype == np.uint8
-    assert data.tobytes() == pack(solid).tobytes()
-    assert equal_trees(from_arrays(unpack(data)), solid)
+    assert data.tobytes() == tree_to_bytes(solid).tobytes()
+    assert equal_trees(tree_from_arrays(arrays_from_bytes(data)), solid)
 
 
 @pytest.mark.parametrize("data", [b"", b"nothing", b"PK\x03\x04 and no more"])
 def test_bytes_of_something_else_are_refused(data: bytes) -> None:
     with pytest.raises(ValueError):
-        unpack(np.frombuffer(data, np.uint8))
+        arrays_from_bytes(np.frombuffer(data, np.uint8))
 
 
 def test_numbers_texts_and_containers_keep_their_kinds() -> None:
@@ -101,11 +109,11 @@ def test_numbers_texts_and_containers_keep_their_kinds() -> None:
         "b": [math.inf, -math.inf, 1e-300],
         "c": {"nested": (np.float64(2.5), np.int32(3))},
     }
-    back = from_arrays(to_arrays(tree))
+    back = tree_from_arrays(tree_to_arrays(tree))
     assert back == tree
     assert [type(item) for item in back["a"]] == [int, float, bool, type(None), str]
     assert [type(item) for item in back["c"]["nested"]] == [np.float64, np.int32]
-    assert math.isnan(from_arrays(to_arrays((math.nan,)))[0])
+    assert math.isnan(tree_from_arrays(tree_to_arrays((math.nan,)))[0])
 
 
 @pytest.mark.parametrize(
@@ -121,7 +129,7 @@ def test_numbers_texts_and_containers_keep_their_kinds() -> None:
     ids=["transposed", "fortran", "empty", "single", "bool", "strided"],
 )
 def test_arrays_keep_values_kind_and_the_order_of_their_axes(array: Floats) -> None:
-    back = from_arrays(to_arrays(array))
+    back = tree_from_arrays(tree_to_arrays(array))
     assert np.array_equal(back, array)
     assert back.dtype == array.dtype
     assert back.flags.f_contiguous == array.flags.f_contiguous or not array.flags.contiguous
@@ -133,22 +141,22 @@ def test_arrays_keep_values_kind_and_the_order_of_their_axes(array: Floats) -> N
 
 def test_what_is_shared_is_kept_once_and_shared_again() -> None:
     shared = np.arange(1000.0)
-    arrays = to_arrays((shared, [shared], {"again": shared}))
-    assert sum(array.size for name, array in arrays.items() if name != FORM) == 1000
-    first, (second,), rest = from_arrays(arrays)
+    arrays = tree_to_arrays((shared, [shared], {"again": shared}))
+    assert sum(array.size for name, array in arrays.items() if name != FORM_KEY) == 1000
+    first, (second,), rest = tree_from_arrays(arrays)
     assert first is second is rest["again"]
 
 
 def test_what_cannot_be_kept_is_named_with_its_path() -> None:
     solid = solid_by("skin")
     with pytest.raises(ValueError, match="solid/again cannot be kept: it is a function"):
-        to_arrays(replace(solid, again=lambda evidence: solid))
+        tree_to_arrays(replace(solid, again=lambda evidence: solid))
     with pytest.raises(ValueError, match=r"solid/1/x cannot be kept: it is a set"):
-        to_arrays((0, {"x": {1, 2}}))
+        tree_to_arrays((0, {"x": {1, 2}}))
     with pytest.raises(ValueError, match="solid must have texts as keys"):
-        to_arrays({1: 2})
+        tree_to_arrays({1: 2})
     with pytest.raises(ValueError, match="solid must be an array of numbers, got object"):
-        to_arrays(np.array([None]))
+        tree_to_arrays(np.array([None]))
 
 
 @dataclass
@@ -157,12 +165,12 @@ class Foreign:
 
 
 def test_only_classes_of_the_core_have_a_name() -> None:
-    assert name_of(Foreign) is None
-    assert name_of(int) is None
-    assert class_named(name_of(Solid) or "") is Solid
-    assert class_named(name_of(Curvatures) or "") is Curvatures
+    assert class_name(Foreign) is None
+    assert class_name(int) is None
+    assert class_named(class_name(Solid) or "") is Solid
+    assert class_named(class_name(Curvatures) or "") is Curvatures
     with pytest.raises(ValueError, match="cannot be kept: it is a Foreign"):
-        to_arrays(Foreign())
+        tree_to_arrays(Foreign())
 
 
 @pytest.mark.parametrize(
@@ -186,22 +194,22 @@ def test_no_other_class_is_ever_built(name: str) -> None:
     with pytest.raises(ValueError, match="archives hold no class"):
         class_named(name)
     arrays: Arrays = {
-        FORM: np.array(json.dumps({"version": 1, "tree": {"class": name, "fields": {}}}))
+        FORM_KEY: np.array(json.dumps({"version": 1, "tree": {"class": name, "fields": {}}}))
     }
     with pytest.raises(ValueError, match="archives hold no class"):
-        from_arrays(arrays)
+        tree_from_arrays(arrays)
 
 
 def test_a_form_of_another_version_or_none_is_refused() -> None:
-    arrays = to_arrays((1, np.ones(2)))
+    arrays = tree_to_arrays((1, np.ones(2)))
     with pytest.raises(ValueError, match="version must be 1, got 2"):
-        from_arrays(with_form(arrays, lambda form: form.update(version=2)))
+        tree_from_arrays(with_form(arrays, lambda form: form.update(version=2)))
     with pytest.raises(ValueError, match="must tell its version and its tree"):
-        from_arrays(with_form(arrays, lambda form: form.pop("tree")))
+        tree_from_arrays(with_form(arrays, lambda form: form.pop("tree")))
     with pytest.raises(ValueError, match="must have the text 'form'"):
-        from_arrays({name: array for name, array in arrays.items() if name != FORM})
+        tree_from_arrays({name: array for name, array in arrays.items() if name != FORM_KEY})
     with pytest.raises(ValueError, match="must be JSON"):
-        from_arrays({FORM: np.array("{")})
+        tree_from_arrays({FORM_KEY: np.array("{")})
 
 
 @pytest.mark.parametrize(
@@ -218,43 +226,43 @@ def test_a_form_of_another_version_or_none_is_refused() -> None:
 )
 def test_a_node_without_meaning_is_refused(node: Any) -> None:
     with pytest.raises(ValueError, match="solid of the archive has no meaning"):
-        from_arrays({FORM: np.array(json.dumps({"version": 1, "tree": node}))})
+        tree_from_arrays({FORM_KEY: np.array(json.dumps({"version": 1, "tree": node}))})
 
 
 def test_what_is_nested_without_end_is_refused() -> None:
     deep = '{"tuple":[' * 900 + "1" + "]}" * 900
     text = f'{{"version":1,"tree":{deep}}}'
     with pytest.raises(ValueError, match=r"too deeply|must be JSON"):
-        from_arrays({FORM: np.array(text)})
+        tree_from_arrays({FORM_KEY: np.array(text)})
 
 
 def test_missing_arrays_wrong_kinds_and_orders_are_refused() -> None:
-    arrays = to_arrays((np.ones((2, 3)).T,))
+    arrays = tree_to_arrays((np.ones((2, 3)).T,))
     with pytest.raises(ValueError, match="there is no array 'solid/0'"):
-        from_arrays({FORM: arrays[FORM]})
+        tree_from_arrays({FORM_KEY: arrays[FORM_KEY]})
     with pytest.raises(ValueError, match="must be numbers"):
-        from_arrays({**arrays, "solid/0": np.array(["a"])})
+        tree_from_arrays({**arrays, "solid/0": np.array(["a"])})
     with pytest.raises(ValueError, match="its axes in an order"):
-        from_arrays({**arrays, "solid/0": np.ones(3)})
+        tree_from_arrays({**arrays, "solid/0": np.ones(3)})
 
 
 def test_a_class_with_other_fields_is_of_another_version() -> None:
-    arrays = to_arrays(solid_by("skin"))
+    arrays = tree_to_arrays(solid_by("skin"))
     with pytest.raises(ValueError, match=r"is a rebuild\.solid:Solid of another version: extra"):
-        from_arrays(with_form(arrays, lambda form: form["tree"]["fields"].update(extra=1)))
+        tree_from_arrays(with_form(arrays, lambda form: form["tree"]["fields"].update(extra=1)))
 
 
 def test_what_a_field_cannot_hold_is_refused() -> None:
-    arrays = to_arrays(solid_by("skin"))
+    arrays = tree_to_arrays(solid_by("skin"))
     with pytest.raises(ValueError, match="solid/model of the archive cannot be a int"):
-        from_arrays(with_form(arrays, lambda form: form["tree"]["fields"].update(model=1)))
+        tree_from_arrays(with_form(arrays, lambda form: form["tree"]["fields"].update(model=1)))
     with pytest.raises(ValueError, match="solid/method of the archive cannot be a str"):
-        from_arrays(with_form(arrays, lambda form: form["tree"]["fields"].update(method="x")))
+        tree_from_arrays(with_form(arrays, lambda form: form["tree"]["fields"].update(method="x")))
 
 
 def test_what_a_class_refuses_is_refused() -> None:
-    frame = Frame(np.zeros(3), np.eye(3))
-    arrays = to_arrays(frame)
+    frame = Parallelepiped(np.zeros(3), np.eye(3))
+    arrays = tree_to_arrays(frame)
     broken = {**arrays, "solid/corner": np.array([0.0, np.nan, 0.0])}
     with pytest.raises(ValueError, match="finite"):
-        from_arrays(broken)
+        tree_from_arrays(broken)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import quaternion, rotation_matrix, turn_angle
-from palpate.core.shapes.generalised_cylinder import GeneralisedCylinder
-from palpate.core.shapes.section import SuperellipseSection
+from palpate.core.poses import quaternion_from_matrix, rotation_angle, rotation_matrix
+from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder
+from palpate.core.shapes.sections import SuperellipseSection
 
 PHI, PSI = 0.7, 0.4
 
@@ -40,7 +40,7 @@ def test_the_printed_matrix_is_no_rotation() -> None:
     assert np.linalg.det(printed) == pytest.approx(1.099, abs=5e-4)
     assert np.abs(printed.T @ printed - np.eye(3)).max() == pytest.approx(0.263, abs=5e-4)
     right = printed_rotation(PHI, PSI, -math.sin(PSI))
-    ours = rotation_matrix(quaternion(right))
+    ours = rotation_matrix(quaternion_from_matrix(right))
     assert np.allclose(ours, right, rtol=0, atol=1e-15)
     assert np.abs(ours.T @ ours - np.eye(3)).max() < 1e-15
 
@@ -48,7 +48,7 @@ def test_the_printed_matrix_is_no_rotation() -> None:
 def test_the_matrix_turns_about_y_first() -> None:
     right = printed_rotation(PHI, PSI, -math.sin(PSI))
     assert np.allclose(right, about_z(PHI) @ about_y(PSI), rtol=0, atol=1e-15)
-    assert turn_angle(right, about_y(PSI) @ about_z(PHI)) > 0.25
+    assert rotation_angle(right, about_y(PSI) @ about_z(PHI)) > 0.25
 
 
 def test_two_angles_cannot_express_every_rotation() -> None:
@@ -56,7 +56,7 @@ def test_two_angles_cannot_express_every_rotation() -> None:
     turned = rotation_matrix(np.array([math.sin(0.25), 0.0, 0.0, math.cos(0.25)]))
     assert turned[2, 1] == pytest.approx(math.sin(0.5))
     nearest = min(
-        turn_angle(about_z(phi) @ about_y(psi), turned)
+        rotation_angle(about_z(phi) @ about_y(psi), turned)
         for phi in np.linspace(-math.pi, math.pi, 61)
         for psi in np.linspace(-math.pi, math.pi, 61)
     )

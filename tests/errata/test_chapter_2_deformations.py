@@ -5,11 +5,15 @@ import pytest
 from scipy.interpolate import BSpline
 
 from palpate.core.arrays import Floats
-from palpate.core.shapes.bend import Bend
-from palpate.core.shapes.taper import Taper
-from palpate.core.splines.basis import Basis, bernstein_basis, clamped_basis
-from palpate.core.splines.frame import Frame
-from palpate.core.splines.knots import clamped_knots, uniform_knots
+from palpate.core.shapes.global_deformations import Bend, Taper
+from palpate.core.splines.bases import (
+    Basis,
+    bernstein_basis,
+    clamped_basis,
+    clamped_knots,
+    uniform_knots,
+)
+from palpate.core.splines.spline_volumes import Parallelepiped
 
 ALPHA = 0.3
 POINTS = np.random.default_rng(0).uniform(-1, 1, (500, 3))
@@ -79,7 +83,7 @@ def test_lattice_coordinates_are_in_edges_not_in_unit_vectors() -> None:
     units = edges / np.linalg.norm(edges, axis=1, keepdims=True)
     s, t, u = units
     assert np.cross(t, u) @ middle[0] / (np.cross(t, u) @ s) == 2.0
-    assert Frame(np.zeros(3), edges).local(middle)[0, 0] == 0.5
+    assert Parallelepiped(np.zeros(3), edges).local(middle)[0, 0] == 0.5
 
 
 def test_a_bernstein_curve_of_degree_n_has_one_vertex_more() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.least_squares import minimise
-from palpate.core.shapes.hyperquadric import Hyperquadric
+from palpate.core.least_squares import levenberg_marquardt
+from palpate.core.shapes.hyperquadrics import Hyperquadric
 from palpate.core.shapes.r_functions import conjunction, conjunction_slopes
 
 X = np.linspace(0.0, 2.0, 9)
@@ -66,7 +66,7 @@ def test_damping_all_columns_alike_depends_on_their_units() -> None:
             return np.array([r for r, _ in found]), np.array([j for _, j in found])
 
         bounds = np.full(2, -np.inf), np.full(2, np.inf)
-        ends.append(minimise(problem, start[None] / scales, *bounds))
+        ends.append(levenberg_marquardt(problem, start[None] / scales, *bounds))
     assert ends[0].steps[0] == ends[1].steps[0]
     assert np.allclose(ends[0].parameters, ends[1].parameters * [1.0, 2.0**-10], rtol=1e-12)
     assert np.allclose(ends[0].parameters, TRUE, rtol=1e-8)

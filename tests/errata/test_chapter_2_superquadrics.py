@@ -4,17 +4,19 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.shapes.inside_outside import inside_outside
-from palpate.core.shapes.parametric import grid_of_angles, regular, trigonometric
-from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.shapes.superquadrics import (
+    Superquadric,
+    grid_of_angles,
+    inside_outside,
+    regular_points,
+    trigonometric_points,
+)
 
 RNG = np.random.default_rng(0)
 ETA = RNG.uniform(-1.5, 1.5, 1000)
 OMEGA = RNG.uniform(-np.pi, np.pi, 1000)
 SIZE = np.array([1.0, 2.0, 3.0])
 EXPONENTS = np.array([0.4, 1.3])
-
-
 SHAPE = Superquadric(SIZE, EXPONENTS)
 
 
@@ -30,18 +32,18 @@ def test_powers_of_negative_numbers_need_a_sign() -> None:
     with np.errstate(invalid="ignore"):
         naive = np.cos(OMEGA) ** EXPONENTS[1]
     assert np.isnan(naive).mean() == pytest.approx(0.52, abs=0.005)
-    points = trigonometric(SHAPE, ETA, OMEGA).points
+    points = trigonometric_points(SHAPE, ETA, OMEGA).points
     assert np.allclose(SHAPE.gauge(points), 1.0, rtol=0, atol=1e-14)
 
 
 def test_the_angles_are_parameters_and_not_those_of_the_point() -> None:
-    points = trigonometric(SHAPE, ETA, OMEGA).points
+    points = trigonometric_points(SHAPE, ETA, OMEGA).points
     latitude = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
     assert np.degrees(np.abs(latitude - ETA).max()) > 30.0
 
 
 def test_both_ends_of_the_azimuth_are_one_seam() -> None:
-    ends = trigonometric(SHAPE, np.full(2, 0.3), np.array([-np.pi, np.pi])).points
+    ends = trigonometric_points(SHAPE, np.full(2, 0.3), np.array([-np.pi, np.pi])).points
     assert np.allclose(ends[0], ends[1], rtol=0, atol=1e-12)
     assert grid_of_angles(2, 8).omega.max() == pytest.approx(0.75 * np.pi)
 
@@ -58,7 +60,7 @@ def test_the_inside_out_function_is_negative_inside() -> None:
 def test_the_regular_parameters_are_only_more_even() -> None:
     box, omega = Superquadric(np.ones(3), np.array([0.1, 0.1])), np.linspace(0, np.pi / 2, 41)
     ratios = []
-    for way in (regular, trigonometric):
+    for way in (regular_points, trigonometric_points):
         places = way(box, np.zeros(41), omega).points
         steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
         ratios.append(steps.max() / steps.min())
@@ -67,7 +69,7 @@ def test_the_regular_parameters_are_only_more_even() -> None:
 
 
 def test_the_regular_azimuth_is_not_that_of_the_point_unless_the_section_is_round() -> None:
-    points = regular(SHAPE, ETA, OMEGA).points
+    points = regular_points(SHAPE, ETA, OMEGA).points
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     off = np.abs(np.angle(np.exp(1j * (azimuth - OMEGA))))
     assert np.degrees(off.max()) == pytest.approx(19.5, abs=0.05)
@@ -78,7 +80,7 @@ def test_the_regular_azimuth_is_not_that_of_the_point_unless_the_section_is_roun
 def test_curves_of_equal_latitude_are_plane_only_if_the_section_is_an_ellipse() -> None:
     omega, eta = np.linspace(-np.pi, np.pi, 181), np.full(181, np.arctan(0.6))
     spread = [
-        np.ptp(regular(Superquadric(np.ones(3), np.array(e)), eta, omega).points[:, 2])
+        np.ptp(regular_points(Superquadric(np.ones(3), np.array(e)), eta, omega).points[:, 2])
         for e in ((0.15, 0.15), (0.2, 1.0), (1.0, 1.0))
     ]
     assert spread[0] > 0.15

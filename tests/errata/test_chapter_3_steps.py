@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from palpate.core.arrays import Floats
-from palpate.core.splines.basis import Basis
+from palpate.core.splines.bases import Basis
 
 KNOTS = np.array([0, 0, 0, 0, 0.2, 0.35, 0.7, 1, 1, 1, 1])
 ORDER = 4

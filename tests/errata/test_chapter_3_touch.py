@@ -4,6 +4,13 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.thesis.tactile_surface import (
+    FundamentalForms,
+    fundamental_forms,
+    gaussian_curvature,
+    mean_curvature,
+    normal_curvature,
+)
 from palpate.core.touch.filters import (
     adaptive_wiener,
     median_filter,
@@ -11,15 +18,7 @@ from palpate.core.touch.filters import (
     neighbourhoods,
     wiener_then_median,
 )
-from palpate.core.touch.forms import (
-    Forms,
-    forms_of,
-    gaussian_curvature,
-    mean_curvature,
-    normal_curvature,
-    principal,
-    shape_operator,
-)
+from palpate.core.touch.forms import principal_curvatures, shape_operator
 
 RADIUS = 2.0
 U, V = 0.3, 0.9
@@ -111,7 +110,7 @@ def test_a_convex_surface_has_negative_curvature_by_the_outward_normal() -> None
     *_, g, _, _, n = printed_forms()
     assert n / g == pytest.approx(-0.5)
     assert np.exp(-10.0 * n / g) == pytest.approx(148.4, abs=0.1)  # (3.1): a step over the object
-    assert normal_curvature(forms_of(*sphere()), 0.0, 1.0) == pytest.approx(0.5)
+    assert normal_curvature(fundamental_forms(*sphere()), 0.0, 1.0) == pytest.approx(0.5)
 
 
 def test_the_ratio_of_steps_is_infinite_across_the_contour() -> None:
@@ -119,7 +118,7 @@ def test_the_ratio_of_steps_is_infinite_across_the_contour() -> None:
     with np.errstate(invalid="ignore", over="ignore"):
         h = np.float64(1e200)
         assert np.isnan((ll + 2 * m * h + n * h * h) / (e + 2 * f * h + g * h * h))
-    assert np.isfinite(normal_curvature(forms_of(*sphere()), 0.0, 1e200))
+    assert np.isfinite(normal_curvature(fundamental_forms(*sphere()), 0.0, 1e200))
 
 
 def test_the_second_parameter_runs_across_the_contour_only_if_they_are_orthogonal() -> None:
@@ -127,7 +126,7 @@ def test_the_second_parameter_runs_across_the_contour_only_if_they_are_orthogona
     by_u, by_v = np.array([0.0, 1.0, 1.0]), np.array([0.0, 1.0, 0.0])
     bend = np.array([-1.0, 0.0, 0.0])
     outward = np.array([1.0, 0.0, 0.0])
-    forms = forms_of(by_u, by_v, bend, bend, bend, outward)
+    forms = fundamental_forms(by_u, by_v, bend, bend, bend, outward)
     (e, f, _), _ = forms
     assert normal_curvature(forms, 0.0, 1.0) == pytest.approx(1.0)  # N / G
     across = normal_curvature(forms, 1.0, -e / f)  # orthogonal to u
@@ -138,14 +137,14 @@ def test_the_equation_of_the_principal_directions_vanishes_at_an_umbilic() -> No
     e, f, g, ll, m, n = printed_forms()
     coefficients = np.array([f * n - m * g, e * n - ll * g, e * m - ll * f])
     assert np.abs(coefficients).max() < 1e-15
-    found = principal(shape_operator(*sphere()))
+    found = principal_curvatures(shape_operator(*sphere()))
     assert found.umbilic
     assert (found.k1, found.k2) == pytest.approx((0.5, 0.5), rel=1e-14)
 
 
 def test_the_equation_of_the_principal_directions_loses_a_root() -> None:
     # F N = M G: one principal direction is u = const, h infinite.
-    forms = Forms((2.0, 0.0, 1.0), (0.5, 0.0, -0.4))
+    forms = FundamentalForms((2.0, 0.0, 1.0), (0.5, 0.0, -0.4))
     (e, f, g), (ll, m, n) = forms
     assert f * n - m * g == 0.0
     assert len(np.roots([f * n - m * g, e * n - ll * g, e * m - ll * f])) == 1
@@ -168,7 +167,9 @@ def test_the_discriminant_at_an_umbilic_is_negative_by_rounding() -> None:
         factor = np.linalg.cholesky(first[row])
         by_u, by_v = (np.array([*factor[i], 0.0]) for i in (0, 1))
         inwards = [np.array([0.0, 0.0, -part]) for part in (ll[row], m[row], n[row])]
-        found = principal(shape_operator(by_u, by_v, *inwards, np.array([0.0, 0.0, 1.0])))
+        found = principal_curvatures(
+            shape_operator(by_u, by_v, *inwards, np.array([0.0, 0.0, 1.0]))
+        )
         assert (found.k1, found.k2) == pytest.approx((0.7, 0.7), rel=2e-14)
 
 
@@ -176,12 +177,12 @@ def test_the_mean_curvature_lacks_a_half() -> None:
     e, f, g, ll, m, n = printed_forms()
     printed = (e * n + ll * g - 2 * m * f) / (e * g - f * f)
     assert printed == pytest.approx(-1.0)
-    assert mean_curvature(forms_of(*sphere())) == pytest.approx(0.5)
+    assert mean_curvature(fundamental_forms(*sphere())) == pytest.approx(0.5)
 
 
 def test_a_point_without_any_curvature_is_not_parabolic() -> None:
-    plane = Forms((1.0, 0.0, 1.0), (0.0, 0.0, 0.0))
-    cylinder = Forms((1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
+    plane = FundamentalForms((1.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    cylinder = FundamentalForms((1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
     # A zero Gaussian curvature, the text's test, is that of both.
     assert gaussian_curvature(plane) == gaussian_curvature(cylinder) == 0.0
     assert (mean_curvature(plane), mean_curvature(cylinder)) == (0.0, 0.5)

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.plane.area_centroid import area_centroid
-from palpate.core.plane.azimuth_match import azimuth_match
-from palpate.core.plane.radial_match import radial_match
-from palpate.core.splines.basis import Basis, clamped_basis
-from palpate.core.splines.invert import invert
-from palpate.core.splines.knots import averaged_knots
-from palpate.core.splines.lattice import box_lattice
-from palpate.core.splines.volume import Volume
+from palpate.core.geometry.polygons import area_centroid
+from palpate.core.geometry.star_shapes import azimuth_match, radial_match
+from palpate.core.splines.bases import Basis, averaged_knots, clamped_basis
+from palpate.core.splines.inversion import invert_points
+from palpate.core.splines.lattices import box_lattice
+from palpate.core.splines.spline_volumes import SplineVolume
 
 COUNTS = (5, 5, 6)
 
@@ -21,14 +19,14 @@ def ring(count: int) -> Floats:
     return np.column_stack([np.cos(turn), np.sin(turn)])
 
 
-def undeformed() -> Volume:
+def undeformed() -> SplineVolume:
     return box_lattice(np.full(3, -1.0), np.full(3, 2.0), COUNTS).volume
 
 
-def deformed(noise: float) -> Volume:
+def deformed(noise: float) -> SplineVolume:
     volume = undeformed()
     moved = volume.control + noise * np.random.default_rng(0).normal(size=volume.control.shape)
-    return Volume(moved, volume.bases)
+    return SplineVolume(moved, volume.bases)
 
 
 def test_inner_slicing_planes_are_not_those_that_include_the_ends() -> None:
@@ -95,11 +93,11 @@ def test_the_matrix_of_newtons_method_holds_products_of_slopes() -> None:
 
 def test_the_equations_of_right_angles_square_the_condition_and_have_false_roots() -> None:
     volume = undeformed()
-    flat = Volume(volume.control * [1.0, 1.0, 1e-6], volume.bases)
+    flat = SplineVolume(volume.control * [1.0, 1.0, 1e-6], volume.bases)
     slopes = flat.first(np.full((1, 3), 0.4))[1][0]
     assert np.linalg.cond(slopes.T @ slopes) > 1e5 * np.linalg.cond(slopes)
     # Outside, the nearest face point is at right angles, but no answer.
-    outside = invert(volume, np.array([[0.3, 0.2, 1.5]]))
+    outside = invert_points(volume, np.array([[0.3, 0.2, 1.5]]))
     assert not outside.converged[0]
     assert outside.residual[0] == pytest.approx(0.5)
 
@@ -109,7 +107,7 @@ def test_the_cosine_is_nothing_over_nothing_where_the_point_is_met() -> None:
     with np.errstate(invalid="ignore"):
         assert np.isnan(abs(slope @ off) / (np.linalg.norm(slope) * np.linalg.norm(off)))
     volume = undeformed()
-    found = invert(volume, volume.at(np.full((1, 3), 0.3)))
+    found = invert_points(volume, volume.at(np.full((1, 3), 0.3)))
     assert found.converged[0]
     assert found.steps[0] == 0
 
@@ -120,8 +118,8 @@ def test_tolerances_in_metres_depend_on_the_unit() -> None:
     points = volume.at(np.random.default_rng(1).uniform(0.1, 0.9, (30, 3)))
     steps = []
     for scale in (2.0**-30, 1.0, 2.0**30):
-        scaled = Volume(scale * volume.control, volume.bases)
-        found = invert(scaled, scale * points, method="general")
+        scaled = SplineVolume(scale * volume.control, volume.bases)
+        found = invert_points(scaled, scale * points, method="general")
         steps.append(found.steps)
         middle = scaled.at(np.full((1, 3), 0.5))
         passes = np.linalg.norm(middle - scale * points, axis=1) <= 1e-6
@@ -161,7 +159,7 @@ def test_inner_knots_average_as_many_parameters_as_the_degree() -> None:
 def test_no_spline_is_needed_for_what_is_known_in_closed_form() -> None:
     volume = undeformed()
     points = np.random.default_rng(0).uniform(-1, 1, (1000, 3))
-    found = invert(volume, points)
+    found = invert_points(volume, points)
     assert found.residual.max() < 1e-15
     assert np.allclose(found.parameters, 0.5 * (points + 1.0), rtol=0, atol=1e-15)
     # Section 4.3 interpolates such parameters over a grid, and clips what overshoots.

@@ -3,15 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.core.splines.frame import upright_frame
+from palpate.core.splines.spline_volumes import upright_parallelepiped
 
 
 def test_a_lattice_about_a_centroid_begins_half_its_size_before_it() -> None:
     points = np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [3, 2, 1] + 5.0
     size = np.array([6.0, 4.0, 2.0])
     middle = np.full(3, 5.0)
-    printed = upright_frame(middle - size, size).local(points)  # step 2 of section 5.4
-    right = upright_frame(middle - size / 2, size).local(points)
+    printed = upright_parallelepiped(middle - size, size).local(points)  # step 2 of section 5.4
+    right = upright_parallelepiped(middle - size / 2, size).local(points)
     assert (printed > 1.0).any(axis=1).mean() > 0.8
     assert ((right >= 0.0) & (right <= 1.0)).all()
 
@@ -24,7 +24,7 @@ def test_points_are_scaled_by_the_lattice_and_not_by_the_shape() -> None:
     right = 2.0 / lattice * (x - corner) - 1.0
     assert printed.max() == pytest.approx(1.2)
     assert np.abs(right).max() == pytest.approx(1.0 / 1.2)
-    frame = upright_frame(np.full(3, corner), np.full(3, lattice))
+    frame = upright_parallelepiped(np.full(3, corner), np.full(3, lattice))
     assert np.allclose(2.0 * frame.local(np.tile(x[:, None], 3))[:, 0] - 1.0, right)
 
 

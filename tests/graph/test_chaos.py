@@ -6,26 +6,22 @@ from pathlib import Path
 
 import pytest
 
-from palpate.launch.chaos.aftermath import look
-from palpate.launch.chaos.campaign import campaign
-from palpate.launch.chaos.faults import Fault, Moment
-from palpate.launch.chaos.injector import Injected
-from palpate.launch.chaos.subject import Subject, undisturbed
+from palpate.tools.chaos.fault_injection import Fault, FaultTime, InjectionLog
+from palpate.tools.chaos.trials import Exploration, examine_run, run_baseline, run_trials
 
 pytestmark = pytest.mark.graph
-
 HERE = Path(__file__).parent
 
 
 @pytest.fixture
-def toys(monkeypatch: pytest.MonkeyPatch) -> Subject:
+def toys(monkeypatch: pytest.MonkeyPatch) -> Exploration:
     kept = [str(HERE), os.environ.get("PYTHONPATH", "")]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(one for one in kept if one))
-    return Subject(str(HERE / "toys" / "fingers.yaml"), ("fingers:=2",), ("planner",))
+    return Exploration(str(HERE / "toys" / "fingers.yaml"), ("fingers:=2",), ("planner",))
 
 
 def at(touch: int, kind: str, *whom: str) -> Fault:
-    return Fault(kind, whom, Moment("tracing", "/finger_1/finger/goal", touch, 0.0))
+    return Fault(kind, whom, FaultTime("tracing", "/finger_1/finger/goal", touch, 0.0))
 
 
 SEVERAL = [
@@ -44,22 +40,24 @@ EACH = [at(5, "stop", "filter_1"), at(5, "full", "recorder"), at(5, "launcher")]
     ],
 )
 def test_explorations_survive_what_is_done_to_them(
-    faults: list[Fault], toys: Subject, monkeypatch: pytest.MonkeyPatch
+    faults: list[Fault], toys: Exploration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.launch.chaos.campaign.draw", lambda *_: tuple(faults))
+    monkeypatch.setattr("palpate.tools.chaos.trials.draw_faults", lambda *_: tuple(faults))
     said: list[str] = []
-    tally = campaign(toys, seed=1, minutes=0, kinds=(), echo=said.append)
+    tally = run_trials(toys, seed=1, minutes=0, kinds=(), echo=said.append)
     assert tally.failed == [], said
     assert (tally.runs, tally.lost, tally.duplicated) == (1, 0, 0)
     assert tally.survived == sum(tally.injected.values()) == len(faults)
 
 
-def test_another_result_and_what_is_left_behind_are_found(toys: Subject, tmp_path: Path) -> None:
-    before = undisturbed(toys, tmp_path / "run")
+def test_another_result_and_what_is_left_behind_are_found(
+    toys: Exploration, tmp_path: Path
+) -> None:
+    before = run_baseline(toys, tmp_path / "run")
     wanted = replace(before, code=7, mesh="0", said={**before.said, "/world": (2, "0")})
     (tmp_path / "run" / ".said").mkdir()
     (tmp_path / "palpate-run-left").mkdir()
-    found = look(toys, wanted, Injected(), before.code, tmp_path / "run")
+    found = examine_run(toys, wanted, InjectionLog(), before.code, tmp_path / "run")
     assert found.wrong == (
         "what nodes had said is left in the run directory",
         f"the private folder {tmp_path / 'palpate-run-left'} is left",

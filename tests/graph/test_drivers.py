@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.launch.init_node import init_node
-from palpate.messages.types import SurfacePatch
-from palpate.testing import assert_same, recorded
+from palpate.messages.types.touch import SurfacePatch
+from palpate.nodes.runtime.feeding import recorded
+from palpate.nodes.runtime.testing import assert_same
+from palpate.tools.init import init_node
 
 pytestmark = pytest.mark.graph
 FLAT = "sensor:={pad: {radius: null}}"

@@ -12,7 +12,6 @@ import pytest
 
 pytestmark = pytest.mark.graph
 SECONDS = 60.0
-
 SCENE = """
 object:
   superquadric: {size: [0.03, 0.026, 0.04], exponents: [0.8, 0.9]}

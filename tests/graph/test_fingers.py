@@ -7,19 +7,20 @@ from typing import Any
 
 import pytest
 
-from palpate.launch.bag.diff import compare
-from palpate.launch.display import Silence
+from palpate.launch.files.source_map import SourceMapped
 from palpate.launch.launch_file import describe
-from palpate.launch.launch_path import EXPLORE
-from palpate.launch.located import Located
-from palpate.launch.replay.again import replay
+from palpate.launch.launch_source import EXPLORE
+from palpate.launch.progress import SilentDisplay
 from palpate.launch.run import Plan, perform, plan_run
 from palpate.messages.codec import decode, encode
 from palpate.messages.recording.reader import open_recording
-from palpate.messages.types import Contour, ContourGoal, ShapeModel
+from palpate.messages.types.model import ShapeModel
+from palpate.messages.types.motion import Contour, ContourGoal
 from palpate.nodes import curvature, filter, simulator, tracer
-from palpate.nodes.composed import run_composed
-from palpate.nodes.wiring import Wiring
+from palpate.nodes.runtime.composed import run_composed
+from palpate.nodes.runtime.wiring import Wiring
+from palpate.tools.bag.differences import compare_recordings
+from palpate.tools.replay.rerun import replay
 
 TOYS = Path(__file__).parent / "toys"
 FILE = TOYS / "fingers.yaml"
@@ -28,19 +29,18 @@ FINGERS = 3
 SCHEDULES = 20
 NODES = ["planner", *(f"{kind}_{n}" for kind in ("simulator", "tracer") for n in (1, 2, 3))]
 EACH = ("/touch/raw", "/touch/image", "/touch/patch", "/finger/goal", "/finger/clock")
-
 Bodies = dict[str, list[bytes]]
 
 
 def explored(out: Path, *, composed: bool, fingers: int = FINGERS) -> Bodies:
     """Every message of a run of the toy planner."""
-    args = {"fingers": Located(fingers, "fingers")}
+    args = {"fingers": SourceMapped(fingers, "fingers")}
     return said_in(plan_run(FILE, args, {}, name="fingers", out=out), composed=composed)
 
 
 def said_in(plan: Plan, *, composed: bool) -> Bodies:
     """Every message of a run, by topic, in the order in which it was said."""
-    run = perform(plan, composed=composed, display=Silence())
+    run = perform(plan, composed=composed, display=SilentDisplay())
     assert run.ending.status == "finished", run.ending.reason
     assert (run.ending.gaps, run.ending.duplicates) == (0, 0)
     said: Bodies = {}
@@ -64,7 +64,7 @@ def _toys(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def wirings(out: Path, fingers: int) -> tuple[Wiring, ...]:
-    args = {"fingers": Located(fingers, ""), "record": Located(False, "")}
+    args = {"fingers": SourceMapped(fingers, ""), "record": SourceMapped(False, "")}
     return describe(FILE, args, out).graph.wirings()
 
 
@@ -175,15 +175,15 @@ def test_separate_processes_say_the_same_to_the_last_byte(
     composed: tuple[Path, Bodies], tmp_path: Path
 ) -> None:
     assert explored(tmp_path / "run", composed=False) == composed[1]
-    assert compare(composed[0], tmp_path / "run").first == ""
+    assert compare_recordings(composed[0], tmp_path / "run").first == ""
     assert replay(tmp_path / "run" / "topics.mcap", NODES, lambda line: None) == 0
 
 
 @pytest.mark.graph
 def test_a_whole_exploration_is_the_same_in_processes_and_in_one(tmp_path: Path) -> None:
-    args = {"scene": Located("sphere", ""), "fingers": Located(FINGERS, "")}
+    args = {"scene": SourceMapped("sphere", ""), "fingers": SourceMapped(FINGERS, "")}
     settings = {"planner.planner": "uniform", "planner.settings": {"count": 3}}
-    given = {key: Located(value, "") for key, value in settings.items()}
+    given = {key: SourceMapped(value, "") for key, value in settings.items()}
     said = [
         said_in(plan_run(EXPLORE, args, given, name="sphere", out=tmp_path / how), composed=one)
         for how, one in (("processes", False), ("composed", True))

@@ -15,19 +15,18 @@ from typing import Any
 import pytest
 import zmq
 
-from palpate.launch.bench_toy import Params, toy
+from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.launch.files.source_map import InputError
 from palpate.launch.hosts.addresses import free_endpoints, key_file, own_address, read_host
 from palpate.launch.launcher import launch
-from palpate.launch.located import InputError
-from palpate.messages.bus.control import NodeLine
+from palpate.messages.bus.control import ControlClient
 from palpate.messages.bus.curve import make_key, read_key
-from palpate.messages.bus.wires import Wires, bind
+from palpate.messages.bus.sockets import SocketContext, bind
 
 pytestmark = [
     pytest.mark.graph,
     pytest.mark.skipif(sys.platform != "linux", reason="has one loopback address"),
 ]
-
 AWAY = "127.0.0.2"
 FRAMES = 300
 
@@ -68,9 +67,9 @@ def away(key: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
 
 def ring(where: str) -> list[Any]:
     return [
-        toy("source", Params(burst=FRAMES)),
-        replace(toy("relay", Params(relay=True), hears="source"), host=where),
-        toy("counter", Params(expects=FRAMES), hears="relay"),
+        toy("source", ToyParams(burst=FRAMES)),
+        replace(toy("relay", ToyParams(relay=True), hears="source"), host=where),
+        toy("counter", ToyParams(expects=FRAMES), hears="relay"),
     ]
 
 
@@ -91,7 +90,7 @@ def test_a_node_that_dies_on_the_other_machine_goes_on(
     away: tuple[str, subprocess.Popen[str]], watcher: Any
 ) -> None:
     slow = ring(away[0])
-    slow[1] = replace(slow[1], params=Params(relay=True, work=3e-3))
+    slow[1] = replace(slow[1], params=ToyParams(relay=True, work=3e-3))
     heard = watcher.heard
 
     def kill_at(topic: str, message: Any) -> None:
@@ -121,7 +120,7 @@ def node_of(process: subprocess.Popen[str]) -> int:
 def test_who_has_another_key_is_refused(
     away: tuple[str, subprocess.Popen[str]], watcher: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.launch.hosts.host.PATIENCE", 1.0)
+    monkeypatch.setattr("palpate.launch.processes.process_hosts.HOST_PATIENCE", 1.0)
     key_file().unlink()
     make_key(key_file())
     with pytest.raises(ValueError, match="gives no answer: palpate host must run there, with the"):
@@ -131,8 +130,8 @@ def test_who_has_another_key_is_refused(
 def test_a_launcher_of_another_version_hurts_nobody_else(
     away: tuple[str, subprocess.Popen[str]], watcher: Any
 ) -> None:
-    wires = Wires(str(key_file()))
-    line = NodeLine(wires.context, f"tcp://{away[0]}", name="other")
+    wires = SocketContext(str(key_file()))
+    line = ControlClient(wires.context, f"tcp://{away[0]}", name="other")
     line.send("hello", names=["a"], modules=["m"], more=1)
     line.send("bear", node="a", wiring=b"", place=b"")
     ending = launch(ring(away[0]), ends="counter", hear=[], watcher=watcher)
@@ -150,7 +149,7 @@ def test_without_a_key_nothing_is_started(
 
 
 def test_who_connects_without_a_key_hears_nothing(key: Path) -> None:
-    wires = Wires(str(key))
+    wires = SocketContext(str(key))
     publisher, open_ear = wires.context.socket(zmq.XPUB), zmq.Context.instance().socket(zmq.SUB)
     [endpoint] = free_endpoints("127.0.0.1", ["port"]).values()
     bind(publisher, endpoint)
@@ -169,7 +168,7 @@ def test_who_connects_without_a_key_hears_nothing(key: Path) -> None:
 
 
 def test_nobody_listens_at_an_address_without_a_key() -> None:
-    wires = Wires()
+    wires = SocketContext()
     socket = wires.context.socket(zmq.XPUB)
     with pytest.raises(ValueError, match="cannot be used without a key"):
         bind(socket, "tcp://127.0.0.1:7999")

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from palpate.launch.bench_toy import Params, toy
+from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes import supervisor
-from palpate.messages.types import TactileFrame
-from palpate.nodes.ending import Ending
-from palpate.nodes.wiring import Wiring
+from palpate.messages.types.touch import TactileFrame
+from palpate.nodes.runtime.composed import Ending
+from palpate.nodes.runtime.wiring import Wiring
 
 pytestmark = pytest.mark.graph
 
@@ -30,11 +30,11 @@ def run(wirings: list[Wiring], watcher: Any, folder: Path, **more: Any) -> Endin
 
 
 def source(burst: int = 5) -> Wiring:
-    return toy("source", Params(burst=burst))
+    return toy("source", ToyParams(burst=burst))
 
 
 def counter(expects: int, hears: str = "source", **more: Any) -> Wiring:
-    return toy("counter", Params(expects=expects, **more), hears=hears)
+    return toy("counter", ToyParams(expects=expects, **more), hears=hears)
 
 
 def test_a_graph_ends_when_all_that_was_sent_has_been_consumed(
@@ -53,7 +53,7 @@ def test_a_graph_ends_when_all_that_was_sent_has_been_consumed(
 
 
 def test_the_word_of_any_other_node_does_not_end_the_graph(watcher: Any, tmp_path: Path) -> None:
-    early = toy("early", Params(expects=1), hears="source")
+    early = toy("early", ToyParams(expects=1), hears="source")
     ending = run([source(50), early, counter(50)], watcher, tmp_path, ends="counter")
     assert ending.reason == "50 heard"
 
@@ -115,7 +115,7 @@ def test_a_node_whose_module_is_missing_ends_the_graph(watcher: Any, tmp_path: P
 
 
 def test_parameters_that_do_not_fit_end_the_graph(watcher: Any, toys: Any, tmp_path: Path) -> None:
-    wrong = toy("wrong", Params())
+    wrong = toy("wrong", ToyParams())
     wrong = Wiring(
         name="wrong",
         module=wrong.module,
@@ -140,8 +140,8 @@ def test_quiet_without_an_end_is_reported(
     watcher: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(supervisor, "STALL", 0.6)
-    silent = toy("silent", Params())
-    waiting = toy("waiting", Params(), hears="silent")
+    silent = toy("silent", ToyParams())
+    waiting = toy("waiting", ToyParams(), hears="silent")
     ending = run([source(5), counter(6), silent, waiting], watcher, tmp_path, ends="counter")
     assert ending.status == "stalled"
     assert ending.reason == (
@@ -154,7 +154,7 @@ def test_a_node_that_lacks_what_it_needs_is_named(
     watcher: Any, toys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(supervisor, "STALL", 0.6)
-    graph = [source(5), toy("silent", Params()), toys.needy("silent", "source")]
+    graph = [source(5), toy("silent", ToyParams()), toys.needy("silent", "source")]
     ending = run(graph, watcher, tmp_path, ends="needy")
     assert ending.status == "stalled"
     assert "needy needs /silent before anything else" in ending.reason
@@ -165,7 +165,7 @@ def test_a_node_that_lacks_what_it_needs_is_named(
 def test_what_is_needed_is_handled_first(
     turn: int, watcher: Any, toys: Any, tmp_path: Path
 ) -> None:
-    late = toy("late", Params(relay=True), hears="source")
+    late = toy("late", ToyParams(relay=True), hears="source")
     graph = [source(3), late, toys.needy("late", "source")]
     ending = run(graph, watcher, tmp_path, ends="needy")
     assert (ending.status, ending.reason) == ("finished", "all there")
@@ -185,7 +185,7 @@ def test_what_the_watcher_raises_ends_the_graph(watcher: Any, tmp_path: Path) ->
 def test_a_node_that_is_silent_for_long_is_mentioned(
     watcher: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.launch.processes.roll.SILENCE", 0.4)
+    monkeypatch.setattr("palpate.launch.processes.node_status.SILENCE", 0.4)
     slow = counter(1, work=1.0)
     assert run([source(1), slow], watcher, tmp_path, ends="counter").status == "finished"
     texts = [line.text for line in watcher.lines if line.level == "warning"]
@@ -196,7 +196,7 @@ def test_a_sink_still_writes_what_had_arrived_when_a_node_died(
     watcher: Any, toys: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "lines.txt"
-    slow = toy("slow", Params(relay=True, work=0.05), hears="source")
+    slow = toy("slow", ToyParams(relay=True, work=0.05), hears="source")
     graph = [source(50), slow, toys.broken("raise", hears="slow"), toys.sink(path, work=0.01)]
     assert run(graph, watcher, tmp_path).status == "died"
     lines = path.read_text().splitlines()

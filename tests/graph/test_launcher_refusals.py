@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from palpate.launch.bench_toy import Params, toy
+from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
-from palpate.nodes.wiring import Input, Wiring
+from palpate.nodes.runtime.wiring import Input, Wiring
 
-SOURCE = toy("source", Params())
-COUNTER = toy("counter", Params(), hears="source")
+SOURCE = toy("source", ToyParams())
+COUNTER = toy("counter", ToyParams(), hears="source")
 
 
 def renamed(name: str) -> Wiring:

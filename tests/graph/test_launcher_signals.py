@@ -16,7 +16,6 @@ pytestmark = [
     pytest.mark.graph,
     pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
 ]
-
 SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"
 GONE_WITHIN = 4.0
 Process = subprocess.Popen[str]

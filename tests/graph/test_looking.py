@@ -13,31 +13,28 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from palpate.launch.cli import main as cli
-from palpate.launch.looking import ask as asking
-from palpate.launch.looking.ask import ask
-from palpate.launch.looking.beats import hear_beats
-from palpate.launch.looking.hearing import Heard, Hearing
-from palpate.launch.looking.rates import Rates
-from palpate.launch.looking.topics import Topic, find_topics
-from palpate.launch.processes.register import Card, running
-from palpate.messages.bus.tap import STATUS
+from palpate.launch.processes.registry import RunCard, running_graphs
+from palpate.messages.bus.tap import STATUS_TOPIC
 from palpate.messages.codec import decode
-from palpate.messages.types import NodeStatus
+from palpate.messages.types.graph import NodeStatus
+from palpate.tools.cli import command_line as cli
+from palpate.tools.introspection import requests as asking
+from palpate.tools.introspection.node_status import sample_status
+from palpate.tools.introspection.rates import Rates
+from palpate.tools.introspection.requests import request
+from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, find_topics
 
 pytestmark = [
     pytest.mark.graph,
     pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
 ]
-
 SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"
-WITHIN = 30.0
-"""A deadline that only a broken graph or tool misses, s."""
+WITHIN = 30.0  # A deadline that only a broken graph or tool misses, s
+# Messages that no queue on the way to a tool can hold: 64 at the node, 1000 at the tool, each twice
+# as libzmq counts them, and the kernel's.
 MORE = 3000
-"""Messages that no queue on the way to a tool can hold: 64 at the node, 1000 at the tool, each
-twice as libzmq counts them, and the kernel's."""
+# Pause of the ring at each message, so that tools beside it get their share of the machine, s.
 WORK = 2e-4
-"""Pause of the ring at each message, so that tools beside it get their share of the machine, s."""
 Output = pytest.CaptureFixture[str]
 
 
@@ -68,20 +65,20 @@ def wait_until(so: Callable[[], bool]) -> None:
         assert time.monotonic() < deadline, "nothing came of it"
 
 
-def cards(folder: Path) -> dict[int, Card]:
+def cards(folder: Path) -> dict[int, RunCard]:
     """The graphs that run, by the number of their launcher's process."""
-    return {card.pid: card for card in running(folder)}
+    return {card.pid: card for card in running_graphs(folder)}
 
 
-def handled(card: Card) -> int:
+def handled(card: RunCard) -> int:
     """Messages that the source of the ring has handled so far, by its next word."""
-    with Hearing(card, [Topic(STATUS, "NodeStatus", ("source",), ())]) as hearing:
+    with TapSubscription(card, [Topic(STATUS_TOPIC, "NodeStatus", ("source",), ())]) as hearing:
         heard = hearing.take(WITHIN)
     return decode(NodeStatus, heard[-1].body).messages if heard else 0
 
 
-def only(folder: Path) -> Card:
-    (card,) = running(folder)
+def only(folder: Path) -> RunCard:
+    (card,) = running_graphs(folder)
     return card
 
 
@@ -157,8 +154,8 @@ def test_a_graph_is_told_of_by_its_nodes_topics_and_parameters(home: Path, capsy
 def test_the_numbers_of_messages_are_the_publishers_own_count(home: Path) -> None:
     card = only(home)
     beats: list[tuple[int, int]] = []
-    frames: list[Heard] = []
-    with Hearing(card, find_topics(card, ["/relay", STATUS])) as hearing:
+    frames: list[TapMessage] = []
+    with TapSubscription(card, find_topics(card, ["/relay", STATUS_TOPIC])) as hearing:
         for batch in hearing.batches(WITHIN):
             for heard in batch:
                 if heard.topic == "/relay":
@@ -242,14 +239,14 @@ def test_a_tool_that_is_killed_leaves_the_graph_untouched(home: Path) -> None:
     assert_untouched(card)
 
 
-def assert_untouched(card: Card) -> None:
+def assert_untouched(card: RunCard) -> None:
     assert only_restarts(card) == {"source": 0, "relay": 0, "sink": 0}
-    found = hear_beats(card, ["source", "relay", "sink"])
+    found = sample_status(card, ["source", "relay", "sink"])
     assert {name: one.status.gaps for name, one in found.items()} == dict.fromkeys(found, 0)
 
 
-def only_restarts(card: Card) -> dict[str, int]:
-    return {name: about["restarts"] for name, about in ask(card, "status")["nodes"].items()}
+def only_restarts(card: RunCard) -> dict[str, int]:
+    return {name: about["restarts"] for name, about in request(card, "status")["nodes"].items()}
 
 
 def test_ctrl_c_ends_a_tool_with_0(home: Path) -> None:
@@ -291,7 +288,7 @@ def test_one_of_several_graphs_is_chosen_by_its_number(tmp_path: Path, capsys: O
         assert err.startswith("palpate: 2 graphs run; this is the latest, ")
         for card in (found[first.pid], found[second.pid]):
             assert cli.run(["node", "info", "source", "--run", card.run[:8]]) == 0
-            pid = ask(card, "status")["nodes"]["source"]["pid"]
+            pid = request(card, "status")["nodes"]["source"]["pid"]
             assert f"  pid       {pid}\n" in capsys.readouterr().out
         assert cli.run(["topic", "list", "--run", "graph"]) == 2
         assert "several running graphs are called 'graph'" in capsys.readouterr().err
@@ -302,7 +299,7 @@ def test_one_of_several_graphs_is_chosen_by_its_number(tmp_path: Path, capsys: O
 def test_doctor_fails_a_launcher_that_does_not_answer(
     tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(asking, "PATIENCE", 0.2)
+    monkeypatch.setattr(asking, "REQUEST_PATIENCE", 0.2)
     with launched(tmp_path) as ring:
         assert cli.run(["doctor", "--report"]) == 0
         assert f"launcher {ring.pid}, since" in capsys.readouterr().out
@@ -316,7 +313,7 @@ def test_doctor_fails_a_launcher_that_does_not_answer(
 def test_a_node_that_is_started_again_is_heard_on_and_says_nothing_twice(tmp_path: Path) -> None:
     with launched(tmp_path):
         card = only(tmp_path)
-        with Hearing(card, find_topics(card, ["/relay"])) as hearing:
+        with TapSubscription(card, find_topics(card, ["/relay"])) as hearing:
             numbers: list[int] = []
             epochs: set[int] = set()
             for batch in hearing.batches(WITHIN):
@@ -330,8 +327,8 @@ def test_a_node_that_is_started_again_is_heard_on_and_says_nothing_twice(tmp_pat
         assert all(later > earlier for earlier, later in pairwise(numbers))
 
 
-def kill_node(card: Card, name: str) -> None:
-    about = ask(card, "status")["nodes"][name]
+def kill_node(card: RunCard, name: str) -> None:
+    about = request(card, "status")["nodes"][name]
     if about["pid"] and not about["restarts"]:
         with suppress(ProcessLookupError):
             os.kill(about["pid"], signal.SIGKILL)

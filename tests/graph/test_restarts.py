@@ -16,19 +16,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from palpate.launch.bench_listener import Params as ListenerParams
-from palpate.launch.bench_listener import listener
-from palpate.launch.bench_toy import Params, toy
+from palpate.bench.bus.stalling_node import StallingParams, listener
+from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
-from palpate.messages.recording.parts import parts_of
-from palpate.messages.recording.reader import open_recording
+from palpate.messages.recording.reader import open_recording, parts_of
 from palpate.nodes import recorder
-from palpate.nodes.ending import Ending
-from palpate.nodes.recording import with_description
-from palpate.nodes.wiring import Input, Wiring
+from palpate.nodes.runtime.composed import Ending
+from palpate.nodes.runtime.wiring import Input, Wiring, with_description
 
 pytestmark = pytest.mark.graph
-
 FRAMES = 600
 
 
@@ -55,9 +51,9 @@ class Harm(threading.Thread):
 def line(folder: Path) -> list[Wiring]:
     """A source, one who passes on, one who counts, and a recorder."""
     wirings = [
-        toy("source", Params(burst=FRAMES)),
-        toy("relay", Params(relay=True, work=1e-3), hears="source"),
-        toy("counter", Params(expects=FRAMES, work=1e-3), hears="relay"),
+        toy("source", ToyParams(burst=FRAMES)),
+        toy("relay", ToyParams(relay=True, work=1e-3), hears="source"),
+        toy("counter", ToyParams(expects=FRAMES, work=1e-3), hears="relay"),
     ]
     kept = Wiring(
         name="recorder",
@@ -107,8 +103,8 @@ def test_nodes_that_are_killed_go_on_where_they_were(
 
 
 def test_neighbours_that_die_at_once_rebuild_each_other(watcher: Any, tmp_path: Path) -> None:
-    a = toy("a", Params(laps=3000, burst=1), hears="b")
-    b = toy("b", Params(relay=True, expects=3000), hears="a")
+    a = toy("a", ToyParams(laps=3000, burst=1), hears="b")
+    b = toy("b", ToyParams(relay=True, expects=3000), hears="a")
     watch = threading.Thread(target=_kill_both, daemon=True)
     watch.start()
     ending = launch([a, b], ends="b", hear=[], watcher=watcher, work_dir=tmp_path)
@@ -136,10 +132,10 @@ def test_a_node_that_is_stopped_is_found_and_started_again(watcher: Any, tmp_pat
 def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(
     watcher: Any, tmp_path: Path
 ) -> None:
-    busy = listener("busy", ListenerParams(expects=12_000, stalls=((2000, 1.8),)))
+    busy = listener("busy", StallingParams(expects=12_000, stalls=((2000, 1.8),)))
     flooding = Wiring(
         name="source",
-        module="palpate.launch.chaos.flood",
+        module="palpate.tools.chaos.bystanders",
         params={"messages": 12_000},
         inputs=(),
         outputs={"/flood": "/flood"},
@@ -153,7 +149,7 @@ def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(
 def test_a_message_that_breaks_a_node_twice_ends_the_run(
     watcher: Any, toys: Any, tmp_path: Path
 ) -> None:
-    wirings = [toy("source", Params(burst=5)), replace(toys.broken("raise"), on_exit="restart")]
+    wirings = [toy("source", ToyParams(burst=5)), replace(toys.broken("raise"), on_exit="restart")]
     ending = launch(wirings, ends="source", hear=[], watcher=watcher, work_dir=tmp_path)
     assert ending.status == "died"
     assert ending.reason == (
@@ -165,7 +161,7 @@ def test_a_message_that_breaks_a_node_twice_ends_the_run(
 def test_a_node_that_dies_again_and_again_ends_the_run(
     watcher: Any, toys: Any, tmp_path: Path
 ) -> None:
-    wirings = [toy("source", Params(burst=5)), replace(toys.broken("kill"), on_exit="restart")]
+    wirings = [toy("source", ToyParams(burst=5)), replace(toys.broken("kill"), on_exit="restart")]
     ending = launch(wirings, ends="source", hear=[], watcher=watcher, work_dir=tmp_path)
     assert (ending.status, ending.restarts) == ("died", {"broken": 3})
     assert ending.reason == (
@@ -177,8 +173,8 @@ def test_the_run_goes_on_without_a_node_that_may_be_missed(
     watcher: Any, toys: Any, tmp_path: Path
 ) -> None:
     wirings = [
-        toy("source", Params(burst=50)),
-        toy("counter", Params(expects=50, work=1e-2), hears="source"),
+        toy("source", ToyParams(burst=50)),
+        toy("counter", ToyParams(expects=50, work=1e-2), hears="source"),
         replace(toys.broken("kill"), on_exit="ignore"),
     ]
     ending = launch(wirings, ends="counter", hear=[], watcher=watcher, work_dir=tmp_path)
@@ -200,8 +196,8 @@ def test_a_node_that_acts_does_nothing_twice_but_what_was_under_way(
         keeps=True,
     )
     wirings = [
-        toy("source", Params(burst=FRAMES)),
-        toy("relay", Params(relay=True, work=1e-3), hears="source"),
+        toy("source", ToyParams(burst=FRAMES)),
+        toy("relay", ToyParams(relay=True, work=1e-3), hears="source"),
         actor,
     ]
     harm = Harm(["actor", "relay", "actor"], signal.SIGKILL, seed=5)

@@ -8,20 +8,17 @@ from typing import Any
 
 import pytest
 
-from palpate.launch.bag.diff import compare
-from palpate.launch.chaos.causes import uncaused
-from palpate.launch.chaos.history import breaches, read_history
-from palpate.launch.display import Silence
-from palpate.launch.located import Located
-from palpate.launch.replay.resume import plan_resume
-from palpate.launch.replay.same import other_past
+from palpate.launch.files.source_map import SourceMapped
+from palpate.launch.progress import SilentDisplay
 from palpate.launch.run import perform, plan_run
-from palpate.messages.bus.journal import Consumed
+from palpate.messages.bus.message_log import Consumed
 from palpate.messages.recording.reader import open_recording
+from palpate.tools.bag.differences import compare_recordings
+from palpate.tools.chaos.history import causality_violations, read_history, violations_in
+from palpate.tools.replay.resumption import past_differences, plan_resume
 from tests.graph.test_restarts import Harm
 
 pytestmark = pytest.mark.graph
-
 TOYS = Path(__file__).parent / "toys"
 
 
@@ -33,9 +30,9 @@ def _toys() -> Any:
 
 
 def explored(out: Path, fingers: int, *, composed: bool) -> Path:
-    args = {"fingers": Located(fingers, "fingers")}
+    args = {"fingers": SourceMapped(fingers, "fingers")}
     plan = plan_run(TOYS / "fingers.yaml", args, {}, name="fingers", out=out)
-    run = perform(plan, composed=composed, display=Silence())
+    run = perform(plan, composed=composed, display=SilentDisplay())
     assert run.ending.status == "finished", run.ending.reason
     return out
 
@@ -53,13 +50,13 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def gone_on(bag: Path, contour: int | None, out: Path) -> Path:
     plan = plan_resume(bag, contour, nodes=("planner",), out=out)
     assert plan.before is not None
-    run = perform(plan, composed=False, display=Silence())
+    run = perform(plan, composed=False, display=SilentDisplay())
     assert (run.ending.status, run.ending.gaps) == ("finished", 0), run.ending.reason
     return out
 
 
 def identical(a: Path, b: Path) -> bool:
-    return all(one.identical for one in compare(a, b).topics.values())
+    return all(one.identical for one in compare_recordings(a, b).topics.values())
 
 
 @pytest.mark.parametrize("contour", [1, 4])
@@ -68,7 +65,7 @@ def test_a_finger_goes_on_from_any_contour_to_the_same_end(
 ) -> None:
     again = gone_on(alone, contour, tmp_path / "again")
     assert identical(alone, again)
-    assert other_past(alone, again) == ""
+    assert past_differences(alone, again) == ""
 
 
 def test_three_fingers_go_on_to_the_same_end(three: Path, tmp_path: Path) -> None:
@@ -77,7 +74,7 @@ def test_three_fingers_go_on_to_the_same_end(three: Path, tmp_path: Path) -> Non
 
 def test_nothing_comes_before_its_cause_where_a_run_went_on(three: Path, tmp_path: Path) -> None:
     history = read_history(gone_on(three, None, tmp_path / "again") / "topics.mcap")
-    assert [*breaches(history), *uncaused(history, whole=True)] == []
+    assert [*violations_in(history), *causality_violations(history, whole=True)] == []
 
 
 def test_a_recording_that_was_never_closed_is_gone_on_with(three: Path, tmp_path: Path) -> None:
@@ -115,7 +112,7 @@ def test_a_module_that_is_not_ours_must_be_named(alone: Path, tmp_path: Path) ->
 
 
 def test_another_past_is_told(alone: Path, three: Path) -> None:
-    assert "/world (1 of 1)" in other_past(alone, three)
+    assert "/world (1 of 1)" in past_differences(alone, three)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -11,19 +11,16 @@ from typing import Any
 
 import pytest
 
-from palpate.launch.bag.control import control
-from palpate.launch.bench_toy import Params, frame, toy
+from palpate.bench.bus.toy_node import ToyParams, frame, toy
+from palpate.launch.files.source_map import InputError
 from palpate.launch.launcher import launch
-from palpate.launch.located import InputError
-from palpate.launch.looking.ask import ask
-from palpate.launch.looking.publish import publish
-from palpate.launch.processes.register import running
-from palpate.messages.codec import encode, schema_hash
-from palpate.messages.header import Header
+from palpate.launch.processes.registry import running_graphs
+from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types import TactileFrame
+from palpate.messages.types.touch import TactileFrame
 from palpate.nodes import console, player
-from palpate.nodes.wiring import Wiring
+from palpate.nodes.runtime.wiring import Wiring
+from palpate.tools.introspection.requests import control_player, publish, request
 from tests.graph.test_restarts import Harm
 
 pytestmark = pytest.mark.graph
@@ -80,7 +77,7 @@ class Aside(threading.Thread):
         self.failure: Exception | None = None
 
     def run(self) -> None:
-        while not running():
+        while not running_graphs():
             time.sleep(0.005)
         try:
             self._act()
@@ -89,7 +86,7 @@ class Aside(threading.Thread):
 
 
 def test_a_recording_is_played_to_its_last_message(watcher: Any, tmp_path: Path) -> None:
-    counter = toy("counter", Params(expects=300), hears="player")
+    counter = toy("counter", ToyParams(expects=300), hears="player")
     wirings = [playing(bag(tmp_path / "a.mcap", 300)), counter]
     ending = launch(wirings, ends="player", hear=["/player"], watcher=watcher)
     assert (ending.status, ending.reason) == ("finished", "played 300 messages")
@@ -107,7 +104,7 @@ def test_messages_come_at_their_times(watcher: Any, tmp_path: Path) -> None:
 
 def test_a_player_that_is_killed_goes_on_where_it_was(watcher: Any, tmp_path: Path) -> None:
     harm = Harm(["player", "counter", "player"], signal.SIGKILL, seed=3)
-    counter = toy("counter", Params(expects=900), hears="player")
+    counter = toy("counter", ToyParams(expects=900), hears="player")
     harm.start()
     wirings = [playing(bag(tmp_path / "a.mcap", 900, every=2e-3)), counter]
     ending = launch(wirings, ends="player", hear=["/player"], watcher=watcher)
@@ -121,11 +118,11 @@ def test_a_player_stands_still_steps_and_goes_on(watcher: Any, tmp_path: Path) -
     heard: list[int] = []
 
     def act() -> None:
-        control(None, "step", number=3)
+        control_player(None, "step", number=3)
         while len(watcher.messages) < 4:
             time.sleep(0.005)
         heard.append(len(watcher.messages))
-        control(None, "resume")
+        control_player(None, "resume")
 
     aside = Aside(act)
     aside.start()
@@ -159,7 +156,7 @@ def test_what_a_user_types_is_heard_though_the_console_dies_in_between(
     said: list[str] = []
     aside = Aside(act)
     aside.start()
-    counter = toy("counter", Params(expects=4), hears="console")
+    counter = toy("counter", ToyParams(expects=4), hears="console")
     ending = launch([typing(), counter], ends="counter", hear=["/console"], watcher=watcher)
     assert aside.failure is None
     assert (ending.status, ending.reason) == ("finished", "4 heard")
@@ -184,14 +181,14 @@ def test_what_cannot_be_published_is_refused_in_a_sentence(watcher: Any, tmp_pat
             except InputError as error:
                 refused.append(str(error))
         try:
-            control(None, "pause")
+            control_player(None, "pause")
         except InputError as error:
             refused.append(str(error))
         publish("/console", BODY % 0, rate=1, times=1, run=None, echo=lambda _: None)
 
     aside = Aside(act)
     aside.start()
-    counter = toy("counter", Params(expects=1), hears="console")
+    counter = toy("counter", ToyParams(expects=1), hears="console")
     launch([typing(), counter], ends="counter", hear=[], watcher=watcher)
     assert aside.failure is None
     words = [
@@ -221,7 +218,7 @@ def test_a_tool_of_another_version_cannot_hurt_a_source(watcher: Any, tmp_path: 
     refused = []
 
     def act() -> None:
-        card = running()[0]
+        card = running_graphs()[0]
         for kind, fields in [
             ("publish", {"node": "console", "topic": "/nowhere", "body": b""}),
             ("publish", {"node": "console", "topic": "/console", "body": b"\x80"}),
@@ -229,14 +226,14 @@ def test_a_tool_of_another_version_cannot_hurt_a_source(watcher: Any, tmp_path: 
             ("pause", {"node": "nobody"}),
         ]:
             try:
-                ask(card, kind, **fields)
+                request(card, kind, **fields)
             except ValueError as error:
                 refused.append(str(error))
         publish("/console", BODY % 0, rate=1, times=1, run=None, echo=lambda _: None)
 
     aside = Aside(act)
     aside.start()
-    counter = toy("counter", Params(expects=1), hears="console")
+    counter = toy("counter", ToyParams(expects=1), hears="console")
     ending = launch([typing(), counter], ends="counter", hear=[], watcher=watcher)
     assert aside.failure is None
     assert (ending.status, ending.restarts) == ("finished", {})

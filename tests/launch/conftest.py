@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from msgspec import Struct
 
-from palpate.core.frames import IDENTITY
-from palpate.launch.located import Located
-from palpate.launch.yaml_file import parse_yaml
-from palpate.messages.types import Contour, Score, ShapeModel
-from palpate.nodes.node import Node
+from palpate.core.poses import IDENTITY_POSE
+from palpate.launch.files.source_map import SourceMapped
+from palpate.launch.files.yaml_file import parse_yaml
+from palpate.messages.types.model import Score, ShapeModel
+from palpate.messages.types.motion import Contour
+from palpate.nodes.runtime.node import Node
 
 MakeNode = Callable[..., str]
 Write = Callable[[str, str], Path]
@@ -81,7 +82,7 @@ def write(tmp_path: Path) -> Write:
 
 
 @pytest.fixture
-def typed() -> Callable[[str], Located]:
+def typed() -> Callable[[str], SourceMapped]:
     """A YAML text as a document with places."""
     return lambda text: parse_yaml(text, "f.yaml")
 
@@ -94,7 +95,7 @@ def tetrahedron() -> ShapeModel:
         contours=(0, 1),
         probes=(),
         dropped=(2,),
-        dropped_why=("too short",),
+        dropped_reasons=("too short",),
         control=np.zeros((4, 4, 4, 3)),
         undeformed=np.zeros((4, 4, 4, 3)),
         knots_columns=np.zeros(8),
@@ -102,7 +103,7 @@ def tetrahedron() -> ShapeModel:
         knots_layers=np.zeros(8),
         vertices=np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, 0, 0.03]]),
         faces=np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32),
-        frame=IDENTITY,
+        frame=IDENTITY_POSE,
         deviation=0.0,
         uncertainty_height=np.array([0.0]),
         uncertainty=np.array([0.001]),
@@ -127,9 +128,9 @@ def contour() -> Contour:
         status="closed",
         gap_starts=np.zeros((0, 3)),
         gap_ends=np.zeros((0, 3)),
-        gap_whys=(),
-        felt_low=np.zeros(0),
-        felt_high=np.zeros(0),
+        gap_reasons=(),
+        contact_low=np.zeros(0),
+        contact_high=np.zeros(0),
         touches=30,
         robot_time=15.0,
     )

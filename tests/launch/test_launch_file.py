@@ -5,13 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from palpate.launch.launch_file import Described, describe
-from palpate.launch.launch_path import EXPLORE, find_launch_file
-from palpate.launch.located import InputError, Located
-from palpate.launch.resolved import resolved_text
+from palpate.launch.files.source_map import InputError, SourceMapped
+from palpate.launch.launch_file import LaunchDescription, arguments_table, describe
+from palpate.launch.launch_source import EXPLORE, find_launch_file
+from palpate.launch.settings import resolved_text
 
 Write = Callable[[str, str], Path]
-
 TWO = """
 args:
   loud: true
@@ -29,8 +28,8 @@ ends: a
 """
 
 
-def described(path: Path, **args: object) -> Described:
-    return describe(path, {k: Located(v, k) for k, v in args.items()}, Path("runs/here"))
+def described(path: Path, **args: object) -> LaunchDescription:
+    return describe(path, {k: SourceMapped(v, k) for k, v in args.items()}, Path("runs/here"))
 
 
 def test_a_launch_file_becomes_a_graph(write: Write) -> None:
@@ -212,7 +211,8 @@ def test_what_is_no_launch_file_is_refused(name: str, words: str) -> None:
 
 
 PYTHON = """
-from palpate.launch.graph import Entry, Graph
+from palpate.launch.node_kinds import Entry
+from palpate.launch.graph import Graph
 
 def describe(turns, out="", size=1):
     return Graph((Entry(name="a", kind="t.a", params={"turns": turns, "out": out}),), "a")
@@ -261,3 +261,72 @@ def test_what_a_python_launch_file_raises_is_told_with_its_line(tmp_path: Path) 
     path.write_text("raise SystemExit(9)\n")
     with pytest.raises(InputError, match=rf"{path}:1: SystemExit: 9"):
         describe(path, {}, tmp_path)
+
+
+def written(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def rows(text: str) -> list[str]:
+    """Lines of the table, with one blank between two words."""
+    return [" ".join(line.split()) for line in text.splitlines()[2:]]
+
+
+def test_the_arguments_of_the_shipped_graph_are_shown_with_default_and_comment() -> None:
+    shown = rows(arguments_table(EXPLORE))
+    assert "scene vase name of a shipped scene, or a path" in shown
+    assert "seed $(scene.seed)" in shown
+    assert "record true keep every message in topics.mcap" in shown
+
+
+@pytest.mark.parametrize(
+    ("line", "row"),
+    [
+        ("a: 'x # y'  # real", "a x # y real"),
+        ("a: it's # so", "a it's so"),
+        ("a:  # empty", "a null empty"),
+        ("a: ''", 'a ""'),
+        ("a: 0.5\n  # of its own", "a 0.5"),
+        ("{a: 1}  # all", "a 1"),
+    ],
+)
+def test_a_comment_is_what_stands_behind_the_argument(tmp_path: Path, line: str, row: str) -> None:
+    path = written(tmp_path, "graph.yaml", f"args:\n  {line}\nnodes: {{}}\nends: x\n")
+    assert rows(arguments_table(path)) == [row]
+
+
+def test_a_file_without_arguments_says_so(tmp_path: Path) -> None:
+    path = written(tmp_path, "graph.yaml", "nodes: {}\nends: x\n")
+    assert arguments_table(path) == f"{path} takes no arguments"
+
+
+def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(
+    tmp_path: Path,
+) -> None:
+    text = (
+        "def describe(turns: int = 3, *, name, out: str, speed: 'float | None' = None, **more):\n"
+    )
+    path = written(tmp_path, "graph.py", text + "    raise SystemExit('called')\n")
+    assert rows(arguments_table(path)) == [
+        "turns int 3",
+        "name required",
+        "speed float | None None",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("graph.yaml", "args: [1]\n", "args must be a map of names to defaults"),
+        ("graph.yaml", "args: {a: &b 1}\n", "anchors and aliases"),
+        ("graph.py", "describe = 3", "has no function describe"),
+        ("graph.py", "1 / 0", "ZeroDivisionError"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused(
+    tmp_path: Path, name: str, text: str, words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        arguments_table(written(tmp_path, name, text))

@@ -7,9 +7,18 @@ import sys
 
 import pytest
 
-from palpate.launch.display import Lines, Live, Silence, open_display, progress_text
-from palpate.launch.progress import Gatherer, Progress
-from palpate.messages.types import Contour, LogRecord, Score, ShapeModel
+from palpate.launch.progress import (
+    LineDisplay,
+    LiveDisplay,
+    Progress,
+    ProgressWatcher,
+    SilentDisplay,
+    open_display,
+    progress_text,
+)
+from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.model import Score, ShapeModel
+from palpate.messages.types.motion import Contour
 
 
 def record(text: str = "the pad slipped", level: str = "warning") -> LogRecord:
@@ -19,7 +28,7 @@ def record(text: str = "the pad slipped", level: str = "warning") -> LogRecord:
 def test_the_gatherer_adds_up_what_it_hears(
     contour: Contour, tetrahedron: ShapeModel, score: Score
 ) -> None:
-    gatherer = Gatherer(3, Silence(), io.StringIO())
+    gatherer = ProgressWatcher(3, SilentDisplay(), io.StringIO())
 
     gatherer.ready(0.5)
     for message in (contour, dataclasses.replace(contour, robot_time=9.0), tetrahedron, score):
@@ -36,7 +45,7 @@ def test_the_gatherer_adds_up_what_it_hears(
 
 def test_the_log_is_one_json_line_a_record() -> None:
     log = io.StringIO()
-    Gatherer(1, Silence(), log).log(record())
+    ProgressWatcher(1, SilentDisplay(), log).log(record())
 
     line = json.loads(log.getvalue())
     assert line.pop("wall_s") >= 0.0
@@ -50,7 +59,7 @@ def test_the_log_is_one_json_line_a_record() -> None:
 
 def test_plain_lines_come_once_a_score_and_once_a_warning(score: Score) -> None:
     stream = io.StringIO()
-    lines = Lines(stream)
+    lines = LineDisplay(stream)
     progress = Progress(contours=1, touches=40, wall=2.0)
 
     lines.ready(8, 1.25)
@@ -78,7 +87,7 @@ def test_a_line_of_progress_fits_on_a_screen(score: Score) -> None:
 def test_the_live_line_is_taken_away_at_the_end(
     score: Score, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    live = Live()
+    live = LiveDisplay()
     live.show(Progress(scores=[(1.0, score)]))
     live.note(record())
     live.close()
@@ -89,14 +98,14 @@ def test_the_live_line_is_taken_away_at_the_end(
 
 def test_the_display_suits_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
-    assert type(open_display(quiet=False)) is Lines
-    assert type(open_display(quiet=True)) is Silence
+    assert type(open_display(quiet=False)) is LineDisplay
+    assert type(open_display(quiet=True)) is SilentDisplay
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    assert type(open_display(quiet=False)) is Live
+    assert type(open_display(quiet=False)) is LiveDisplay
 
 
 def test_silence_is_silent(score: Score, capfd: pytest.CaptureFixture[str]) -> None:
-    silence = Silence()
+    silence = SilentDisplay()
     silence.ready(1, 1.0)
     silence.show(Progress(scores=[(1.0, score)]))
     silence.note(record())

@@ -2,23 +2,25 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.launch.display import Silence
-from palpate.launch.located import InputError, Located
-from palpate.launch.override import read_settings
-from palpate.launch.run import Run, perform, plan_run
-from palpate.messages.types import Contour, Score, ShapeModel
-from palpate.nodes.node import Finished, Node
+from palpate.launch import run as module
+from palpate.launch.files.source_map import InputError, SourceMapped
+from palpate.launch.launch_source import EXPLORE
+from palpate.launch.progress import SilentDisplay
+from palpate.launch.run import Run, explore, perform, plan_run
+from palpate.launch.settings import read_settings
+from palpate.messages.types.model import Score, ShapeModel
+from palpate.messages.types.motion import Contour
+from palpate.nodes.runtime.node import Finished, Node
 
 MakeNode = Callable[..., str]
 Write = Callable[[str, str], Path]
-
 LAUNCH = """
 args: {seed: 5, maker: t.maker}
 nodes:
@@ -70,10 +72,10 @@ def launch_file(
 
 
 def start(path: Path, **args: object) -> Run:
-    located = {name: Located(value, name) for name, value in args.items()}
+    located = {name: SourceMapped(value, name) for name, value in args.items()}
     plan = plan_run(path, located, {}, name="toy", out=Path("here"))
     assert not Path("here").exists()
-    return perform(plan, composed=True, display=Silence())
+    return perform(plan, composed=True, display=SilentDisplay())
 
 
 def test_a_run_leaves_its_results_in_its_directory(launch_file: Path) -> None:
@@ -121,3 +123,88 @@ def test_a_plan_that_is_refused_leaves_no_trace(launch_file: Path, tmp_path: Pat
         plan_run(launch_file, {}, read_settings(["makre.x=1"]), name="toy")
 
     assert sorted(tmp_path.iterdir()) == before
+
+
+BALL = "object:\n  superquadric: {size: [0.03, 0.03, 0.03], exponents: [1, 1]}\n"
+
+
+def planned(folder: Path, text: str, fingers: int = 1, **settings: Any) -> None:
+    scene = folder / "s.yaml"
+    scene.write_text(BALL + text)
+    args = {"scene": SourceMapped(str(scene), "scene"), "fingers": SourceMapped(fingers, "fingers")}
+    laid = {
+        f"planner.{key}": SourceMapped(value, f"--set {key}") for key, value in settings.items()
+    }
+    plan_run(EXPLORE, args, laid, name="s", out=folder / "run")
+
+
+def test_a_demand_that_can_be_met_passes(tmp_path: Path) -> None:
+    planned(tmp_path, "explore: {tolerance: 0.1e-3}\n", fingers=2)
+
+
+@pytest.mark.parametrize(
+    ("text", "fingers", "words"),
+    [
+        (
+            "explore:\n  tolerance: 5.0e-6\n",
+            1,
+            "s.yaml:4: tolerance is 5e-06 m; it must be at least what the sensor can tell, 1e-05 m",
+        ),
+        (
+            "effects:\n  - gaussian_noise: {sigma: 50.0e-6}\nexplore:\n  tolerance: 40.0e-6\n",
+            1,
+            "s.yaml:6: tolerance is 4e-05 m; it must be at least what the sensor can tell, 5e-05 m",
+        ),
+        (
+            "explore:\n  planner: uniform\n  settings:\n    count: 2\n",
+            3,
+            "s.yaml:6: count is 2, but there are 3 fingers; a finger would have nothing to do",
+        ),
+        ("", 4, "fingers is 4, but an object of 0.06 m has room for 3, 0.024 m apart"),
+    ],
+)
+def test_a_demand_that_cannot_be_met_is_refused_in_its_place(
+    tmp_path: Path, text: str, fingers: int, words: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        planned(tmp_path, text, fingers)
+    assert words in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["s.yaml"]
+
+
+def test_a_setting_from_outside_is_named_as_such(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--set tolerance: tolerance is 1e-06 m"):
+        planned(tmp_path, "", tolerance=1e-6)
+
+
+def test_exploring_from_python_is_what_run_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {}
+
+    def plan(path: Path, args: Mapping[str, SourceMapped], settings: Any, **rest: Any) -> str:
+        asked.update(path=path, settings=settings, **rest)
+        asked["args"] = {name: value.value for name, value in args.items()}
+        return "the plan"
+
+    def perform(plan: str, **rest: Any) -> str:
+        asked.update(plan=plan, **rest)
+        return "the run"
+
+    monkeypatch.setattr(module, "plan_run", plan)
+    monkeypatch.setattr(module, "perform", perform)
+
+    settings = {"planner.tolerance": 1e-4}
+    done = explore("vase", seed=3, fingers=2, settings=settings, out="here", composed=True)
+
+    assert done == "the run"  # type: ignore[comparison-overlap]
+    assert asked["plan"] == "the plan"
+    assert (asked["path"], asked["name"], asked["out"]) == (EXPLORE, "vase", Path("here"))
+    assert Path(asked["args"].pop("scene")).name == "vase.yaml"
+    assert asked["args"] == {"record": True, "seed": 3, "fingers": 2}
+    assert asked["settings"]["planner.tolerance"].value == 1e-4
+    assert asked["composed"] is True
+    assert isinstance(asked["display"], SilentDisplay)
+
+
+def test_a_scene_that_is_not_there_is_refused() -> None:
+    with pytest.raises(InputError, match="there is no scene 'vaes'"):
+        explore("vaes")

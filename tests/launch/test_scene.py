@@ -1,16 +1,26 @@
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from palpate.launch.located import InputError
-from palpate.launch.scene import SHIPPED, find_scene, load_scene, shipped_scenes
+from palpate.core.explore.planners.protocol import PLANNER_NAMES, make_planner, planner_type
+from palpate.core.explore.planners.uniform import Uniform
+from palpate.launch.files.source_map import InputError, SourceMapped
+from palpate.launch.scene import (
+    SHIPPED_SCENES,
+    check_planner,
+    find_scene,
+    load_scene,
+    shipped_scenes,
+)
+from palpate.tools.init import init_planner
 
 Write = Callable[[str, str], Path]
-
 BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
 
 
@@ -137,7 +147,7 @@ def test_a_bad_scene_is_refused_in_one_sentence(write: Write, text: str, words: 
 
 def test_a_link_out_of_the_folder_does_not_lead_out(write: Write, tmp_path: Path) -> None:
     (tmp_path / "scenes").mkdir()
-    (tmp_path / "scenes" / "x.ply").symlink_to(SHIPPED / "pear.ply")
+    (tmp_path / "scenes" / "x.ply").symlink_to(SHIPPED_SCENES / "pear.ply")
     scene = write("scenes/s.yaml", "object:\n  mesh: {file: x.ply, unit: mm}")
 
     with pytest.raises(InputError, match="must lie in the scene's own folder"):
@@ -162,3 +172,192 @@ def test_a_scene_that_is_not_there_is_refused(name: str, words: str) -> None:
 def test_a_folder_is_no_scene(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="the scene is a folder"):
         find_scene(tmp_path)
+
+
+def test_a_list_becomes_parameters_by_name(write: Write) -> None:
+    text = BALL + "effects:\n  - gaussian_noise: {sigma: 2e-5}\n  - drift\n  - creep:\n"
+    effects = load_scene(write("s.yaml", text)).spec.effects
+
+    assert effects == {"gaussian_noise": {"sigma": 2e-5}, "drift": {}, "creep": {}}
+
+
+@pytest.mark.parametrize("text", ["", "effects:\n", "effects: []\n"])
+def test_a_scene_without_effects_has_none(write: Write, text: str) -> None:
+    assert load_scene(write("s.yaml", BALL + text)).spec.effects == {}
+
+
+@pytest.mark.parametrize(
+    ("effects", "words"),
+    [
+        ("[noise]", "bad.yaml:3: there is no effect 'noise'"),
+        ("[drfit]", "there is no effect 'drfit'; did you mean 'drift'?"),
+        ("[3]", "bad.yaml:3: effects[0] must be one effect and its parameters"),
+        ("[{drift: {}, creep: {}}]", "effects[0] must be one effect"),
+        ("[{drift: 3}]", "effects[0] must be one effect"),
+        ("drift", "bad.yaml:3: effects must be a list"),
+        ("{drift: {}}", "bad.yaml:3: effects must be a list"),
+        ("[drift, drift]", "bad.yaml:3: effects lists 'drift' twice"),
+        ("['.x:Y']", "must name its module in full"),
+        ("[drift, 'palpate.core.touch.effects.drift:EFFECT']", "are the same effect"),
+        ("[no.such:Module]", "bad.yaml:3: the effect 'no.such:Module' cannot be imported"),
+        ("['os.path:join']", "'os.path:join' is no effect: 'join' must be a dataclass"),
+    ],
+)
+def test_a_bad_list_is_refused_in_one_sentence(write: Write, effects: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_scene(write("bad.yaml", BALL + f"effects: {effects}\n"))
+
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        (
+            "sigma: -1",
+            "bad.yaml:5: effects.gaussian_noise: sigma is -1 m; expected 0 to 0.001 m",
+        ),
+        ("sigmo: 1", "unknown key 'sigmo' in effects.gaussian_noise; did you mean 'sigma'?"),
+        ("sigma: much", "bad.yaml:5: effects.gaussian_noise.sigma is 'much'; expected number"),
+        ("sigma: .nan", "bad.yaml:5: effects.gaussian_noise.sigma is nan; a number must be finite"),
+    ],
+)
+def test_a_bad_parameter_is_refused_with_line_range_and_unit(
+    write: Write, parameters: str, words: str
+) -> None:
+    text = BALL + f"effects:\n  - gaussian_noise:\n      {parameters}\n"
+    with pytest.raises(InputError) as caught:
+        load_scene(write("bad.yaml", text))
+
+    assert words in str(caught.value)
+
+
+def test_what_a_sensor_cannot_have_is_refused(write: Write) -> None:
+    text = BALL + "sensor: {signal: force}\neffects:\n  - temperature\n"
+    with pytest.raises(InputError, match=r"bad\.yaml:5: .*temperature"):
+        load_scene(write("bad.yaml", text))
+
+
+def test_a_module_of_the_users_is_an_effect(
+    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lab_effects").mkdir()
+    write("lab_effects/__init__.py", "")
+    write("lab_effects/ringing.py", OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    text = BALL + "effects:\n  - lab_effects.ringing:Ringing: {size: 2e-6}\n"
+
+    assert load_scene(write("s.yaml", text)).spec.effects == {
+        "lab_effects.ringing:Ringing": {"size": 2e-6}
+    }
+    with pytest.raises(InputError, match="size is 9 m; expected 0 to 1 m"):
+        load_scene(write("bad.yaml", text.replace("2e-6", "9")))
+
+
+OWN = """
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Phase, Stage
+
+@dataclass(frozen=True, kw_only=True)
+class Ringing:
+    place: ClassVar = Place.SIGNAL
+    size: Annotated[float, Range(0.0, 1.0, "m")] = 1e-6
+
+    def __post_init__(self):
+        check_ranges(self)
+
+    def prepare(self, finger):
+        def act(touch, state):
+            touch.reading = touch.reading + self.size
+        return Stage(act)
+"""
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("def (", "cannot be imported: SyntaxError"),
+        ("1 / 0", "cannot be imported: ZeroDivisionError"),
+        ("import sys; sys.exit(0)", "cannot be imported: SystemExit"),
+        (OWN.replace("place: ClassVar = Place.SIGNAL", "pass"), "its place must be one of Place"),
+        (OWN.replace("Place.SIGNAL", "6"), "its place must be one of Place"),
+        (OWN.replace("Annotated[float", "Annotated[flaot"), "cannot be imported: NameError"),
+        (OWN.replace("return Stage(act)", "return None"), "prepares a NoneType, not a Stage"),
+    ],
+)
+def test_a_module_that_is_no_effect_is_refused_in_one_sentence(
+    source: str, words: str, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    name = f"odd_{abs(hash((source, words)))}"
+    write(f"{name}.py", source)
+    text = BALL + f"effects:\n  - {name}:Ringing\n"
+    with pytest.raises(InputError) as caught:
+        load_scene(write("s.yaml", text))
+    assert words in str(caught.value)
+    assert re.search(r"s\.yaml:[34]: ", str(caught.value))
+    assert "\n" not in str(caught.value)
+
+
+Typed = Callable[[str], SourceMapped]
+
+
+def test_a_planner_is_made_with_its_settings(typed: Typed) -> None:
+    given = typed("explore: {planner: uniform, settings: {count: 5, order: nested}}")
+    assert check_planner(given) == Uniform(count=5, order="nested")
+
+
+@pytest.mark.parametrize("name", PLANNER_NAMES)
+def test_every_planner_can_be_named_without_settings(typed: Typed, name: str) -> None:
+    assert check_planner(typed(f"explore:\n  planner: {name}\n  settings:\n")) == make_planner(
+        name, {}
+    )
+
+
+def test_settings_alone_are_those_of_the_default(typed: Typed) -> None:
+    made = check_planner(typed("explore: {settings: {cover: 5}}"))
+    assert isinstance(made, planner_type(PLANNER_NAMES[0]))
+    assert getattr(made, "cover") == 5  # noqa: B009
+
+
+@pytest.mark.parametrize("text", ["seed: 3", "explore: {tolerance: 2.0e-4}", "explore: 3"])
+def test_a_scene_that_says_nothing_of_a_planner_is_left_alone(typed: Typed, text: str) -> None:
+    assert check_planner(typed(text)) is None
+
+
+def test_a_planner_of_ones_own_is_found_in_the_folder_where_palpate_is_started(
+    typed: Typed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, _, named = init_planner("found_here", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    made = check_planner(typed(f"explore:\n  planner: {named}\n  settings: {{most_bow: 2.0}}"))
+    assert type(made).__name__ == "FoundHere"
+    with pytest.raises(InputError, match=r"f.yaml:3: explore.settings: most_bow is 0; exp"):
+        check_planner(typed(f"explore:\n  planner: {named}\n  settings: {{most_bow: 0.0}}"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("planner: unifrom", "f.yaml:2: there is no planner 'unifrom'; did you mean 'uniform'?"),
+        ("planner: 3", "f.yaml:2: explore.planner is 3; it must be a name, as predicted"),
+        ("planner: no_such_module:Any", "cannot be imported: ModuleNotFoundError"),
+        ("planner: json:loads", "'json:loads' is no planner: 'loads' must be a frozen dataclass"),
+        ("settings: 3", "explore.settings is 3; it must be a map of numbers"),
+        ("settings: {covr: 5}", "covr"),
+        ("settings: {cover: 5.5}", "explore.settings.cover is 5.5; expected whole number"),
+        ("settings: {cover: many}", "explore.settings.cover is 'many'; expected whole number"),
+        ("settings: {cover: 4}", "cover must be odd"),
+        ("settings: {travel: .nan}", "travel is nan; a number must be finite"),
+    ],
+)
+def test_what_is_no_planner_is_refused_with_its_line(typed: Typed, text: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        check_planner(typed(f"explore:\n  {text}"))
+    assert words in str(caught.value)

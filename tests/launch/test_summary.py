@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.launch.closing import WIDTH, closing_text
 from palpate.launch.progress import Progress
-from palpate.launch.summary import exit_code, summarise
-from palpate.messages.types import NodeStatus, Score, ShapeModel
-from palpate.nodes.ending import Ending
+from palpate.launch.summary import TEXT_WIDTH, exit_code, summarise, summary_text
+from palpate.messages.types.graph import NodeStatus
+from palpate.messages.types.model import Score, ShapeModel
+from palpate.nodes.runtime.composed import Ending
 
 KEYS = {
     "palpate", "status", "reason", "scene", "seed", "chamfer_m", "rms_m", "hausdorff_m", "p95_m",
@@ -116,9 +116,9 @@ def test_the_closing_words_fit_on_a_screen(progress: Progress, tmp_path: Any) ->
     summary = summarise(ending(reason="the tracer died of " + "x" * 300), progress, "vase", 7)
     files = [f"a_rather_long_name_{i}.json" for i in range(9)]
 
-    lines = closing_text(summary, files, tmp_path / "r").splitlines()
+    lines = summary_text(summary, files, tmp_path / "r").splitlines()
 
-    assert max(map(len, lines[:-1])) <= WIDTH
+    assert max(map(len, lines[:-1])) <= TEXT_WIDTH
     text = "\n".join(lines)
     assert "chamfer 0.300 mm (1.00 % of the height)" in text
     assert "sampling floor 0.050 mm" in text
@@ -131,7 +131,7 @@ def test_the_closing_words_fit_on_a_screen(progress: Progress, tmp_path: Any) ->
 def test_the_closing_words_do_without_figures(tmp_path: Any) -> None:
     summary = summarise(Ending(status="died", reason="boom"), Progress(), None, None)
 
-    lines = closing_text(summary, [], tmp_path).splitlines()
+    lines = summary_text(summary, [], tmp_path).splitlines()
 
     assert lines[0] == "result   no model was measured"
     assert "died     boom" in lines

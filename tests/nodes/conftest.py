@@ -10,33 +10,30 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import IDENTITY, pad_rotation, pose_of, transform
-from palpate.launch.graph import Entry, Graph
+from palpate.core.poses import IDENTITY_POSE, pad_rotation, pose_of, transform_points
+from palpate.launch.graph import Graph
+from palpate.launch.node_kinds import Entry
 from palpate.messages.codec import encode
-from palpate.messages.types import (
+from palpate.messages.types.graph import LogRecord, NodeStatus
+from palpate.messages.types.model import ModelGoal, ShapeModel, Superquadric
+from palpate.messages.types.motion import (
     Contour,
     ContourGoal,
     FingerClock,
     GraspContacts,
     GraspGoal,
-    LogRecord,
-    ModelGoal,
-    NodeStatus,
     Probe,
     ProbeGoal,
-    SensorInfo,
-    ShapeModel,
-    Superquadric,
-    World,
 )
-from palpate.nodes.object import ObjectSpec, PoseSpec, SuperquadricSpec
+from palpate.messages.types.world import SensorInfo, World
 from palpate.nodes.planner import NODE, Params
-from palpate.nodes.planner_state import State
-from palpate.nodes.sensor import SensorSpec, info_of
-from palpate.nodes.wiring import Wiring
+from palpate.nodes.planning.state import State
+from palpate.nodes.runtime.wiring import Wiring
+from palpate.nodes.specs.objects import ObjectSpec
+from palpate.nodes.specs.sensors import SensorSpec, info_of
+from palpate.nodes.specs.solids import PoseSpec, SuperquadricSpec
 
 RADIUS = 0.03
-
 TOP = 0.1
 TOUCHES = 20
 Said = list[tuple[str, Any]]
@@ -184,15 +181,15 @@ class Cylinder:
             finger=goal.finger,
             frame=goal.frame,
             height=goal.height,
-            points=transform(goal.frame, RADIUS * rim + [0.0, 0.0, goal.height]),
+            points=transform_points(goal.frame, RADIUS * rim + [0.0, 0.0, goal.height]),
             normals=rim,
             curvature=np.zeros(count),
-            felt_low=np.full(count, goal.height - 4e-3),
-            felt_high=np.full(count, goal.height + 4e-3),
+            contact_low=np.full(count, goal.height - 4e-3),
+            contact_high=np.full(count, goal.height + 4e-3),
             status=status,
             gap_starts=np.zeros((0, 3)),
             gap_ends=np.zeros((0, 3)),
-            gap_whys=(),
+            gap_reasons=(),
             touches=TOUCHES,
             robot_time=self.spend(goal, 20.0 + goal.finger),
         )
@@ -217,7 +214,7 @@ class Cylinder:
             contours=goal.contours,
             probes=goal.probes,
             dropped=(),
-            dropped_why=(),
+            dropped_reasons=(),
             control=np.zeros((0, 0, 0, 3)),
             undeformed=np.zeros((0, 0, 0, 3)),
             knots_columns=np.zeros(0),
@@ -225,7 +222,7 @@ class Cylinder:
             knots_layers=np.zeros(0),
             vertices=np.zeros((3, 3)),
             faces=np.zeros((1, 3), np.int32),
-            frame=IDENTITY,
+            frame=IDENTITY_POSE,
             deviation=1e-5,
             uncertainty_height=np.array([0.0, TOP]),
             uncertainty=np.full(2, 1e-5),

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import split_pose
+from palpate.core.poses import split_pose
 from palpate.messages.codec import encode
-from palpate.messages.types import SensorInfo, SurfacePatch, TactileImage
-from palpate.nodes.curvature import Params, feel, know_sensor
+from palpate.messages.types.touch import SurfacePatch, TactileImage
+from palpate.messages.types.world import SensorInfo
+from palpate.nodes.curvature import Params, know_sensor, on_image
 
 
 def image_of(compression: Floats, pose: Floats, **changes: Any) -> TactileImage:
@@ -33,7 +34,7 @@ def image_of(compression: Floats, pose: Floats, **changes: Any) -> TactileImage:
 def felt(info: SensorInfo, image: TactileImage) -> SurfacePatch:
     state, _ = know_sensor(Params(), None, info)
     assert state is not None
-    _, [(topic, patch)] = feel(Params(), state, image)  # type: ignore[misc]
+    _, [(topic, patch)] = on_image(Params(), state, image)  # type: ignore[misc]
     assert topic == "/touch/patch"
     assert isinstance(patch, SurfacePatch)
     assert encode(patch)

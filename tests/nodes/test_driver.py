@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.feel import feel
+from palpate.core.touch.curvature import surface_patch
 from palpate.nodes import curvature, driver, filter, socket_driver
-from palpate.nodes.driver_frames import Sensing, frame_of, sensor_info
-from palpate.nodes.node import Finished, Said
-from palpate.nodes.sensor import calibration_of_info
-from palpate.testing import drive, messages_on
+from palpate.nodes.runtime.node import Finished, Timed
+from palpate.nodes.runtime.testing import drive, messages_on
+from palpate.nodes.specs.frames import SensorParams, sensor_info, tactile_frame
+from palpate.nodes.specs.sensors import calibration_of_info
 
 PAD: dict[str, Any] = {"sensor": {"pad": {"radius": None}}}
 POSE = (0.1, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5)
@@ -58,12 +58,12 @@ def test_the_frames_of_a_file_become_patches(table: Path) -> None:
 def test_a_frame_is_due_at_its_time_or_at_once(table: Path) -> None:
     params = msgspec.convert({**PAD, "path": str(table), "rate": 20.0}, driver.Params)
 
-    said = [one for one in driver.SOURCE.open(params) if isinstance(one, Said)]
+    said = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
     assert [one.due for one in said] == [0.0, 0.0, 0.05, 0.1]
     times = [one.message.robot_time for one in said[1:]]  # type: ignore[attr-defined]
     assert times == [0.0, 0.05, 0.1]
     quick = driver.SOURCE.open(msgspec.structs.replace(params, at_once=True))
-    assert [one.due for one in quick if isinstance(one, Said)] == [0.0] * 4
+    assert [one.due for one in quick if isinstance(one, Timed)] == [0.0] * 4
 
 
 def test_the_times_of_the_file_count_from_its_first_frame(table: Path) -> None:
@@ -71,7 +71,7 @@ def test_the_times_of_the_file_count_from_its_first_frame(table: Path) -> None:
     table.write_text("\n".join(f"{t},{one}" for t, one in zip((7.0, 7.5, 9.0), lines, strict=True)))
     params = msgspec.convert({**PAD, "path": str(table)}, driver.Params)
 
-    said = [one for one in driver.SOURCE.open(params) if isinstance(one, Said)]
+    said = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
     assert [one.due for one in said] == [0.0, 0.0, 0.5, 2.0]
 
 
@@ -96,8 +96,8 @@ def test_a_file_that_cannot_be_said_is_refused_before_the_start(table: Path) -> 
     ],
 )
 def test_the_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: float) -> None:
-    sensing = msgspec.convert(given, Sensing)
-    frame = frame_of(sensing, 0, 0.0, np.array(POSE), unit * ball())
+    sensing = msgspec.convert(given, SensorParams)
+    frame = tactile_frame(sensing, 0, 0.0, np.array(POSE), unit * ball())
 
     back = calibration_of_info(sensor_info(sensing)).decode(frame.array)
     # Lengths of 3 mm at most, through few operations: a few units in the last place of that.
@@ -106,16 +106,16 @@ def test_the_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: f
 
 
 def test_times_of_flight_are_taken_as_they_come() -> None:
-    sensing = msgspec.convert({"values": "signal"}, Sensing)
+    sensing = msgspec.convert({"values": "signal"}, SensorParams)
     array = 2.0 * (0.003 - ball()) / 1000.0
 
-    assert frame_of(sensing, 0, 0.0, np.array(POSE), array).array.tolist() == array.tolist()
+    assert tactile_frame(sensing, 0, 0.0, np.array(POSE), array).array.tolist() == array.tolist()
 
 
 def test_what_does_not_touch_misses_and_a_pad_that_is_full_has_bottomed() -> None:
-    sensing = Sensing()
+    sensing = SensorParams()
     outcomes = [
-        frame_of(sensing, 0, 0.0, np.array(POSE), image).outcome
+        tactile_frame(sensing, 0, 0.0, np.array(POSE), image).outcome
         for image in (np.zeros((16, 16)), ball(), np.full((16, 16), 2.5e-3))
     ]
     assert outcomes == ["miss", "hit", "bottomed"]
@@ -148,12 +148,14 @@ def test_lines_become_frames_as_they_come(server: socket.socket) -> None:
         first = next(one for one in said if one is not None)
     rest = [one for one in said if one is not None]
 
-    assert isinstance(first, Said) and first.due == 0.0
+    assert isinstance(first, Timed) and first.due == 0.0
     assert [one.message.touch for one in (first, *rest[:-1])] == [0, 1]  # type: ignore[union-attr]
     assert rest[0].message.robot_time == 0.25  # type: ignore[union-attr]
     assert rest[-1] == Finished(f"{params.address} closed the connection after 2 frames")
     image = first.message.array  # type: ignore[attr-defined]
-    assert feel(0.003 - 500.0 * image, 1e-3).principal == pytest.approx((50.0, 50.0), rel=1e-6)
+    assert surface_patch(0.003 - 500.0 * image, 1e-3).principal == pytest.approx(
+        (50.0, 50.0), rel=1e-6
+    )
 
 
 @pytest.mark.parametrize(
@@ -195,7 +197,7 @@ def test_nobody_at_the_address_is_told(server: socket.socket) -> None:
     ],
 )
 def test_an_address_without_a_machine_means_this_one(address: str, end: tuple[str, int]) -> None:
-    assert socket_driver.end_of(address) == end
+    assert socket_driver.parse_address(address) == end
 
 
 @pytest.mark.parametrize(

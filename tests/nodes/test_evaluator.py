@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.core.frames import IDENTITY
-from palpate.core.measure.distance import compare, prepare
-from palpate.core.shapes.icosphere import icosphere
+from palpate.core.geometry.distances import compare_surfaces, prepare_surface
+from palpate.core.poses import IDENTITY_POSE
+from palpate.core.shapes.tessellations import icosphere
 from palpate.messages.codec import encode
-from palpate.messages.types import Score, ShapeModel, Truth
-from palpate.nodes.evaluator import NODE, Params, State, hear_model, hear_truth
-from palpate.nodes.node import Finished, made
+from palpate.messages.types.model import Score, ShapeModel
+from palpate.messages.types.world import Truth
+from palpate.nodes.evaluator import NODE, Params, State, take_model, take_truth
+from palpate.nodes.runtime.node import Finished, resolved
 
 Model = Callable[..., ShapeModel]
 RADIUS = 0.04
@@ -42,7 +43,7 @@ def model() -> Model:
             contours=(1, 2, 5),
             probes=(),
             dropped=(),
-            dropped_why=(),
+            dropped_reasons=(),
             control=np.zeros((2, 2, 2, 3)),
             undeformed=np.zeros((2, 2, 2, 3)),
             knots_columns=np.zeros(6),
@@ -50,7 +51,7 @@ def model() -> Model:
             knots_layers=np.zeros(6),
             vertices=radius * directions,
             faces=faces,
-            frame=IDENTITY,
+            frame=IDENTITY_POSE,
             deviation=0.0,
             uncertainty_height=np.zeros(0),
             uncertainty=np.zeros(0),
@@ -65,16 +66,16 @@ def model() -> Model:
 
 @pytest.fixture
 def informed(truth: Truth) -> State:
-    state, outputs = hear_truth(Params(), None, truth)
+    state, outputs = take_truth(Params(), None, truth)
     assert outputs == []
     return state
 
 
 def score_of(state: State, model: ShapeModel) -> Score:
-    _, [output, *_] = hear_model(Params(), state, model)
+    _, [output, *_] = take_model(Params(), state, model)
     assert not isinstance(output, Finished)
     topic, later = output
-    score = made(later)
+    score = resolved(later)
     assert topic == "/score"
     assert isinstance(score, Score)
     return score
@@ -106,20 +107,20 @@ def test_the_score_says_what_the_model_cost(informed: State, model: Model) -> No
 def test_the_sampling_floor_is_the_distance_of_two_tessellations(
     informed: State, model: Model, truth: Truth
 ) -> None:
-    floor = prepare(truth.floor_vertices, truth.floor_faces)
-    expected = compare(prepare(truth.vertices, truth.faces), floor).chamfer
+    floor = prepare_surface(truth.floor_vertices, truth.floor_faces)
+    expected = compare_surfaces(prepare_surface(truth.vertices, truth.faces), floor).chamfer
 
     assert score_of(informed, model(RADIUS)).sampling_floor == expected
     assert 0.0 < expected < 0.01 * RADIUS
 
 
 def test_only_the_final_model_ends_the_graph(informed: State, model: Model) -> None:
-    _, going_on = hear_model(Params(), informed, model(RADIUS))
-    _, ended = hear_model(Params(), informed, model(RADIUS, final=True))
+    _, going_on = take_model(Params(), informed, model(RADIUS))
+    _, ended = take_model(Params(), informed, model(RADIUS, final=True))
 
     assert len(going_on) == 1
     assert ended[1:] == [Finished("final model scored")]
-    assert made(ended[0][1]).final  # type: ignore[index, attr-defined]
+    assert resolved(ended[0][1]).final  # type: ignore[index, attr-defined]
 
 
 def test_an_open_model_has_no_genus(informed: State, model: Model) -> None:
@@ -133,7 +134,7 @@ def test_an_open_model_has_no_genus(informed: State, model: Model) -> None:
 def test_the_same_inputs_give_the_same_bytes(truth: Truth, model: Model) -> None:
     bodies = set()
     for _ in range(2):
-        state, _ = hear_truth(Params(), None, truth)
+        state, _ = take_truth(Params(), None, truth)
         bodies.add(encode(score_of(state, model(RADIUS * 1.01))))
 
     assert len(bodies) == 1
@@ -141,25 +142,25 @@ def test_the_same_inputs_give_the_same_bytes(truth: Truth, model: Model) -> None
 
 def test_a_model_before_the_truth_is_refused(model: Model) -> None:
     with pytest.raises(ValueError, match="model 3 came before the truth"):
-        hear_model(Params(), None, model(RADIUS))
+        take_model(Params(), None, model(RADIUS))
     assert NODE.needs == ("/truth",)
 
 
 def test_a_truth_without_volume_is_refused(truth: Truth) -> None:
     with pytest.raises(ValueError, match=r"the truth must have a positive volume, got -0\.0002"):
-        hear_truth(Params(), None, replace(truth, faces=truth.faces[:, ::-1]))
+        take_truth(Params(), None, replace(truth, faces=truth.faces[:, ::-1]))
 
 
 def test_a_model_without_faces_has_no_score(informed: State, model: Model) -> None:
     empty = replace(model(RADIUS), faces=np.zeros((0, 3), np.int32))
 
-    assert hear_model(Params(), informed, empty)[1] == []
+    assert take_model(Params(), informed, empty)[1] == []
 
 
 def test_a_final_model_without_faces_ends_the_graph(informed: State, model: Model) -> None:
     empty = replace(model(RADIUS, final=True), faces=np.zeros((0, 3), np.int32))
 
-    assert hear_model(Params(), informed, empty)[1] == [Finished("nothing could be rebuilt")]
+    assert take_model(Params(), informed, empty)[1] == [Finished("nothing could be rebuilt")]
 
 
 def test_a_model_that_is_no_surface_is_refused(informed: State, model: Model) -> None:

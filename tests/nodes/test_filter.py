@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import pad_rotation, pose_of
-from palpate.core.touch.clean import Order, clean
-from palpate.core.touch.pad import press
+from palpate.core.poses import pad_rotation, pose_of
+from palpate.core.touch.filters import FilterOrder, clean
+from palpate.core.touch.pad import guarded_move
 from palpate.launch.scene import load_scene
-from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
+from palpate.messages.types.touch import TactileFrame, TactileImage
+from palpate.messages.types.world import SensorInfo
 from palpate.nodes.filter import Params, calibrate, take_frame
-from palpate.nodes.object import build_shape
-from palpate.nodes.sensor import SensorSpec, calibration_of_info, info_of, pad_of_spec
+from palpate.nodes.specs.objects import build_shape
+from palpate.nodes.specs.sensors import SensorSpec, calibration_of_info, info_of, pad_of_spec
 
 
 def frame_of(compression: Floats, pose: Floats, info: SensorInfo, **changes: Any) -> TactileFrame:
@@ -82,7 +83,7 @@ def test_an_impulse_is_removed_and_counted(
     ],
 )
 def test_each_filter_takes_away_its_share_of_noise(
-    order: Order, most: float, info: SensorInfo, sideways: Callable[[float], Floats]
+    order: FilterOrder, most: float, info: SensorInfo, sideways: Callable[[float], Floats]
 ) -> None:
     sigma = 10e-6
     rng = np.random.default_rng(0)
@@ -143,7 +144,7 @@ def test_no_clean_frame_of_a_shipped_scene_holds_an_impulse(scene: str) -> None:
         for tilt in (-1.0, 0.0, 1.0):
             axes = pad_rotation(0.3 * height / high[2], tilt)
             start = pose_of(np.array([*middle[:2], height]) - 0.12 * axes[:, 2], axes)
-            pressed = press(shape, pad, start, 0.2, 2.2e-3)
+            pressed = guarded_move(shape, pad, start, 0.2, 2.2e-3)
             assert clean(pad, pressed.compression, 0.0, 50e-6, "auto").impulses == 0
 
 

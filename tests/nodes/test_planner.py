@@ -9,19 +9,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from palpate.core.frames import inverse, split_pose, transform
+from palpate.core.poses import inverse_pose, split_pose, transform_points
 from palpate.messages.codec import encode
-from palpate.messages.types import (
-    ContourGoal,
-    GraspContacts,
-    GraspGoal,
-    ModelGoal,
-    Probe,
-    ProbeGoal,
-    ShapeModel,
-    Superquadric,
-    World,
-)
+from palpate.messages.types.model import ModelGoal, ShapeModel, Superquadric
+from palpate.messages.types.motion import ContourGoal, GraspContacts, GraspGoal, Probe, ProbeGoal
+from palpate.messages.types.world import World
 from palpate.nodes.planner import Params
 
 TOUCHES = 20
@@ -87,7 +79,9 @@ def test_a_flat_top_is_touched_five_times_and_the_platform_never(
 ) -> None:
     said = explored(UNIFORM, world)
     probes = of(said, "/probe/goal")
-    assert all(transform(inverse(goal.pose), np.zeros((1, 3)))[0, 2] > 0.0 for goal in probes)
+    assert all(
+        transform_points(inverse_pose(goal.pose), np.zeros((1, 3)))[0, 2] > 0.0 for goal in probes
+    )
     assert 5 <= len(probes) <= 13
 
 
@@ -266,7 +260,7 @@ def test_a_model_that_drops_a_contour_has_its_slice_traced_again(
                 dropped = goal.contours[1:2]
                 fields = {name: getattr(model, name) for name in model.__dataclass_fields__}
                 model = ShapeModel(
-                    **{**fields, "dropped": dropped, "dropped_why": ("it crosses itself",)}
+                    **{**fields, "dropped": dropped, "dropped_reasons": ("it crosses itself",)}
                 )
             return topic, model
 

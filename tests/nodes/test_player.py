@@ -9,12 +9,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from palpate.messages.codec import decode, encode, schema_hash
-from palpate.messages.header import Header
+from palpate.messages.codec import Header, decode, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types import Clock, LogRecord, Probe, World
-from palpate.nodes.node import Finished, Said
+from palpate.messages.types.graph import Clock, LogRecord
+from palpate.messages.types.motion import Probe
+from palpate.messages.types.world import World
 from palpate.nodes.player import SOURCE, Params, outputs, play
+from palpate.nodes.runtime.node import Finished, Timed
 
 TYPES: Mapping[str, type] = {"/world": World, "/log": LogRecord, "/clock": Clock}
 
@@ -53,11 +54,11 @@ def bag(tmp_path: Path) -> Path:
 
 def said(bag: Path, **params: Any) -> list[tuple[float, str, Any]]:
     """Time, topic and number of what is said before it has finished."""
-    words = [one for one in play(Params(path=str(bag), **params)) if isinstance(one, Said)]
+    words = [one for one in play(Params(path=str(bag), **params)) if isinstance(one, Timed)]
     return [(round(one.due, 9), one.topic, _number(one)) for one in words]
 
 
-def _number(one: Said) -> Any:
+def _number(one: Timed) -> Any:
     if isinstance(one.message, Clock):
         return round(one.message.time, 9)
     assert isinstance(one.message, bytes)
@@ -93,7 +94,9 @@ def test_of_latched_topics_that_keep_all_all_are_said(tmp_path: Path) -> None:
 
     entries: list[Entry] = [(0.1 * id_, "/probe/traced", probe(id_)) for id_ in range(5)]
     bag = record(tmp_path / "p.mcap", entries, {"/probe/traced": Probe})
-    words = [one for one in play(Params(path=str(bag), start_offset=0.35)) if isinstance(one, Said)]
+    words = [
+        one for one in play(Params(path=str(bag), start_offset=0.35)) if isinstance(one, Timed)
+    ]
     assert [decode(Probe, one.message).id for one in words] == [0, 1, 2, 3, 4]  # type: ignore[arg-type]
     assert [round(one.due, 9) for one in words] == [0.0, 0.0, 0.0, 0.0, 0.05]
 
@@ -114,7 +117,7 @@ def test_only_the_topics_that_are_asked_for_are_played(bag: Path) -> None:
 def test_a_loop_begins_anew_after_a_pause(bag: Path) -> None:
     words = list(islice(play(Params(path=str(bag), loop=True, rate=2.0)), 25))
     assert not any(isinstance(one, Finished) for one in words)
-    dues = [one.due for one in words if isinstance(one, Said)]
+    dues = [one.due for one in words if isinstance(one, Timed)]
     assert dues[12] == pytest.approx(0.5 + 0.5)
     assert dues[24] == pytest.approx(2.0)
 

@@ -9,33 +9,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.core.archive import from_arrays
-from palpate.core.archive_bytes import unpack
+from palpate.core.archive import arrays_from_bytes, tree_from_arrays
 from palpate.core.arrays import Floats
-from palpate.core.frames import DOWN, IDENTITY, compose, pose_of, transform
+from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, compose_poses, pose_of, transform_points
 from palpate.messages.codec import encode
-from palpate.messages.types import (
-    ContourGoal,
-    GraspContacts,
-    ModelGoal,
-    PlanDone,
-    ProbeGoal,
-    ShapeModel,
-    Superquadric,
-)
-from palpate.messages.types.touch import unmoved
+from palpate.messages.types.model import ModelGoal, PlanDone, ShapeModel, Superquadric
+from palpate.messages.types.motion import ContourGoal, GraspContacts, ProbeGoal
+from palpate.messages.types.touch import no_move
 from palpate.nodes import curvature, filter, simulator, tracer
-from palpate.nodes.node import made
-from palpate.nodes.object import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.nodes.reconstructor import NODE, Params
+from palpate.nodes.runtime.node import resolved
+from palpate.nodes.specs.objects import ObjectSpec
+from palpate.nodes.specs.solids import PoseSpec, SuperquadricSpec
 
 RADIUS = 0.03
 MIDDLE = np.array([0.02, -0.01, RADIUS])
 LEAN = np.deg2rad(25.0)
+# A frame about the ball's middle.
 TILTED = np.concatenate([MIDDLE, [np.sin(LEAN / 2), 0.0, 0.0, np.cos(LEAN / 2)]])
-"""A frame about the ball's middle."""
 UPRIGHT = np.array([0.02, -0.01, 0.0, 0.0, 0.0, 0.0, 1.0])
-
 Heard = list[tuple[str, Any]]
 
 
@@ -48,7 +40,7 @@ def contour_goal(number: int, frame: Floats, height: float) -> ContourGoal:
 
 def probe_goal(number: int, frame: Floats, pose: Floats) -> ProbeGoal:
     return ProbeGoal(
-        id=number, finger=1, pose=compose(frame, pose), reach=0.15, not_before=0.0
+        id=number, finger=1, pose=compose_poses(frame, pose), reach=0.15, not_before=0.0
     )  # fmt: skip
 
 
@@ -58,7 +50,7 @@ def along(frame: Floats, low: float, high: float) -> list[ContourGoal | ProbeGoa
     goals: list[ContourGoal | ProbeGoal] = [
         contour_goal(number, frame, float(height)) for number, height in enumerate(heights)
     ]
-    goals.append(probe_goal(3, frame, pose_of(np.array([0.001, 0.0, high + 0.05]), DOWN)))
+    goals.append(probe_goal(3, frame, pose_of(np.array([0.001, 0.0, high + 0.05]), FACING_DOWN)))
     if low < 0.0:
         goals.append(probe_goal(4, frame, pose_of(np.array([0.0, 0.001, low - 0.05]), np.eye(3))))
     return goals
@@ -89,7 +81,7 @@ def felt_by(goals: Iterable[ContourGoal | ProbeGoal]) -> Heard:
             if topic in module.NODE.inputs:
                 handler = module.NODE.inputs[topic][1]
                 states[module], outputs = handler(params[module], states[module], message)
-                waiting.extend((where, made(one)) for where, one in outputs)  # type: ignore[misc]
+                waiting.extend((where, resolved(one)) for where, one in outputs)  # type: ignore[misc]
     return [one for one in said if one[0] in NODE.inputs]
 
 
@@ -135,7 +127,7 @@ def models(messages: Iterable[tuple[str, Any]]) -> list[Any]:
     for topic, message in messages:
         state, outputs = NODE.inputs[topic][1](Params(), state, message)
         for where, model in outputs:  # type: ignore[misc]
-            said.append(made(model))
+            said.append(resolved(model))
             assert type(said[-1]) is NODE.outputs[where]
     return said
 
@@ -151,7 +143,7 @@ def contacts(number: int, count: int = 12) -> GraspContacts:
         fingers=np.zeros(count, np.int32),
         missed=0,
         blocked=0,
-        move=unmoved(),
+        move=no_move(),
         robot_time=1.0,
     )
 
@@ -211,7 +203,9 @@ def test_the_platform_says_nothing_of_a_tilted_axis(inputs: Heard) -> None:
 
 def test_a_probe_that_missed_touches_no_end(inputs: Heard) -> None:
     probe = next(m for t, m in inputs if t == "/probe/traced" and m.id == 3)
-    missed = replace(probe, outcome="miss", point=transform(TILTED, np.array([[0, 0, 0.2]]))[0])
+    missed = replace(
+        probe, outcome="miss", point=transform_points(TILTED, np.array([[0, 0, 0.2]]))[0]
+    )
     others = [(t, missed if m is probe else m) for t, m in inputs]
     last = models(others)[-1]
     assert np.linalg.norm(last.vertices - MIDDLE, axis=1).max() < 1.2 * RADIUS
@@ -219,7 +213,7 @@ def test_a_probe_that_missed_touches_no_end(inputs: Heard) -> None:
 
 def test_the_archive_of_the_final_model_is_the_solid() -> None:
     last = told()[-1]
-    solid = from_arrays(unpack(last.archive))
+    solid = tree_from_arrays(arrays_from_bytes(last.archive))
     assert np.array_equal(solid.frame, TILTED)
     grid = solid.control_lattice.control
     assert np.array_equal(grid, last.control)
@@ -227,12 +221,12 @@ def test_the_archive_of_the_final_model_is_the_solid() -> None:
 
 def test_contours_of_two_frames_are_refused_with_a_sentence(inputs: Heard) -> None:
     others = [
-        (t, replace(m, frame=IDENTITY) if t == "/contour/traced" and m.id == 2 else m)
+        (t, replace(m, frame=IDENTITY_POSE) if t == "/contour/traced" and m.id == 2 else m)
         for t, m in inputs
     ]
     last = models(others)[-1]
     assert len(last.vertices) == 0 and last.dropped == (1, 0, 2)
-    assert set(last.dropped_why) == {
+    assert set(last.dropped_reasons) == {
         "contours must be traced in one slicing frame, but that of contour 2 is not that of "
         "contour 1"
     }
@@ -262,7 +256,7 @@ def test_a_set_that_lacks_a_touch_is_not_fitted(inputs: Heard) -> None:
 def test_nothing_to_rebuild_gives_an_empty_model() -> None:
     [model] = models([("/plan/done", plan_done(1, [], []))])
     assert (len(model.vertices), model.final, model.touches) == (0, True, 19)
-    assert np.array_equal(model.frame, IDENTITY) and model.deviation == 0.0
+    assert np.array_equal(model.frame, IDENTITY_POSE) and model.deviation == 0.0
     assert encode(model)
 
 

@@ -6,18 +6,18 @@ import msgspec
 import pytest
 
 import palpate
-from palpate.messages.codec import encode, schema_hash
-from palpate.messages.header import Header
+from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.reader import open_recording
-from palpate.messages.types import World
+from palpate.messages.types.world import World
 from palpate.nodes.recorder import SINK, Params
-from palpate.nodes.recording import (
+from palpate.nodes.runtime.wiring import (
+    Input,
+    Wiring,
     describe_wirings,
     publishers_of,
-    recorded_wirings,
+    recorded_nodes,
     with_description,
 )
-from palpate.nodes.wiring import Input, Wiring
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,7 +60,7 @@ def test_what_is_heard_is_kept(tmp_path: Path) -> None:
     assert recording.version == palpate.__version__
     assert [kept.body for kept in recording.messages()] == [body]
     assert [kept.publisher for kept in recording.messages()] == ["simulator"]
-    assert [one.name for one in recorded_wirings(recording.graph)] == ["simulator", "recorder"]
+    assert [one.name for one in recorded_nodes(recording.graph)] == ["simulator", "recorder"]
 
 
 def test_a_recording_without_a_description_is_a_recording(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_a_recording_without_a_description_is_a_recording(tmp_path: Path) -> Non
 
 
 def test_a_described_node_comes_back_with_its_parameters() -> None:
-    [recorded] = recorded_wirings(describe_wirings([SIMULATOR]))
+    [recorded] = recorded_nodes(describe_wirings([SIMULATOR]))
 
     back = recorded.wiring(Settings)
 
@@ -94,7 +94,7 @@ def test_only_recorders_are_told(tmp_path: Path) -> None:
 
 
 def test_parameters_that_do_not_fit_are_refused() -> None:
-    [recorded] = recorded_wirings(describe_wirings([SIMULATOR]))
+    [recorded] = recorded_nodes(describe_wirings([SIMULATOR]))
 
     with pytest.raises(ValueError, match="the recorded parameters of simulator do not fit"):
         recorded.wiring(Params)
@@ -102,7 +102,7 @@ def test_parameters_that_do_not_fit_are_refused() -> None:
 
 def test_what_is_no_description_is_refused() -> None:
     with pytest.raises(ValueError, match="this is no description of a graph"):
-        recorded_wirings(b"{]")
+        recorded_nodes(b"{]")
 
 
 @pytest.mark.parametrize("path", ["", "runs/"])

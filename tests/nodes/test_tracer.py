@@ -6,20 +6,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.core.frames import DOWN, IDENTITY, pose_of, split_pose, transform
+from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, pose_of, split_pose, transform_points
 from palpate.messages.codec import encode
-from palpate.messages.types import (
+from palpate.messages.types.motion import (
     Contour,
     ContourGoal,
     FingerClock,
     Probe,
     ProbeGoal,
-    SensorInfo,
     TouchGoal,
-    World,
 )
+from palpate.messages.types.world import SensorInfo, World
 from palpate.nodes import curvature, filter, simulator, tracer
-from palpate.nodes.object import ObjectSpec, PoseSpec, SuperquadricSpec
+from palpate.nodes.specs.objects import ObjectSpec
+from palpate.nodes.specs.solids import PoseSpec, SuperquadricSpec
 from palpate.nodes.tracer import (
     Params,
     State,
@@ -35,7 +35,7 @@ def contour_goal(**changes: Any) -> ContourGoal:
     fields: dict[str, Any] = {
         "id": 0,
         "finger": 1,
-        "frame": IDENTITY,
+        "frame": IDENTITY_POSE,
         "height": 0.03,
         "centre": np.zeros(2),
         "radius": 0.1,
@@ -48,7 +48,7 @@ def probe_goal(**changes: Any) -> ProbeGoal:
     fields: dict[str, Any] = {
         "id": 1,
         "finger": 1,
-        "pose": pose_of(np.array([0.0, 0.0, 0.1]), DOWN),
+        "pose": pose_of(np.array([0.0, 0.0, 0.1]), FACING_DOWN),
         "reach": 0.1,
         "not_before": 0.0,
     }
@@ -73,7 +73,7 @@ class Finger:
     def touch(self, goal: TouchGoal) -> Any:
         self.state, [(_, frame)] = simulator.touch(self.params, self.state, goal)  # type: ignore
         _, [(_, image)] = filter.take_frame(filter.Params(), self.heard, frame)  # type: ignore
-        _, [(_, patch)] = curvature.feel(curvature.Params(), self.felt, image)  # type: ignore
+        _, [(_, patch)] = curvature.on_image(curvature.Params(), self.felt, image)  # type: ignore
         return patch
 
 
@@ -127,7 +127,7 @@ def test_a_frame_that_is_turned_with_the_object_changes_no_touch(
     frame = np.concatenate([[0.03, -0.02, 0.11], turn])
     shape = SuperquadricSpec(size=(0.03, 0.02, 0.04), exponents=(0.3, 0.6))
     contours = []
-    for pose in (IDENTITY, frame):
+    for pose in (IDENTITY_POSE, frame):
         where = PoseSpec(position=tuple(pose[:3].tolist()), rotation=tuple(pose[3:].tolist()))
         finger = Finger(ObjectSpec(superquadric=shape, pose=where), info)
         state, outputs = take_goal(Params(), ready, contour_goal(frame=pose, height=0.008))
@@ -135,20 +135,20 @@ def test_a_frame_that_is_turned_with_the_object_changes_no_touch(
     aligned, turned = contours
     assert aligned.status == turned.status == "closed"
     assert aligned.touches == turned.touches
-    assert np.allclose(transform(frame, aligned.points), turned.points, rtol=0, atol=1e-9)
+    assert np.allclose(transform_points(frame, aligned.points), turned.points, rtol=0, atol=1e-9)
     axes = split_pose(frame)[1]
     assert np.allclose(aligned.normals @ axes.T, turned.normals, rtol=0, atol=1e-6)
-    assert np.allclose(aligned.felt_low, turned.felt_low, rtol=0, atol=1e-9)
-    assert np.allclose(aligned.felt_high, turned.felt_high, rtol=0, atol=1e-9)
+    assert np.allclose(aligned.contact_low, turned.contact_low, rtol=0, atol=1e-9)
+    assert np.allclose(aligned.contact_high, turned.contact_high, rtol=0, atol=1e-9)
 
 
 def test_a_contour_says_how_far_up_and_down_it_was_felt(ready: State, finger: Finger) -> None:
     state, outputs = take_goal(Params(), ready, contour_goal(height=0.035))
     [contour] = followed(state, outputs, finger)
-    assert contour.felt_low.shape == contour.felt_high.shape == (len(contour.points),)
-    assert (contour.felt_low <= 0.035).all()
-    assert (contour.felt_high >= 0.035).all()
-    assert np.median(contour.felt_high - contour.felt_low) > 4e-3
+    assert contour.contact_low.shape == contour.contact_high.shape == (len(contour.points),)
+    assert (contour.contact_low <= 0.035).all()
+    assert (contour.contact_high >= 0.035).all()
+    assert np.median(contour.contact_high - contour.contact_low) > 4e-3
 
 
 def test_touches_are_counted_from_0_without_gaps(ready: State, finger: Finger) -> None:
@@ -189,7 +189,7 @@ def test_a_probe_finds_the_top(ready: State, finger: Finger) -> None:
 def test_a_probe_beside_the_object_reports_the_end_of_its_reach(
     ready: State, finger: Finger
 ) -> None:
-    goal = probe_goal(pose=pose_of(np.array([0.2, 0.0, 0.1]), DOWN))
+    goal = probe_goal(pose=pose_of(np.array([0.2, 0.0, 0.1]), FACING_DOWN))
     state, outputs = take_goal(Params(), ready, goal)
     [probe] = followed(state, outputs, finger)
     assert probe.outcome == "miss"

@@ -1,4 +1,7 @@
-"""The hand closes: every finger moves until it touches, and what that tells is put together."""
+"""The hand closes.
+
+Every finger moves until it touches, and what their contacts tell is put together.
+"""
 
 from __future__ import annotations
 
@@ -8,53 +11,44 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.grasp.contact import contact_of
-from palpate.core.explore.grasp.hand import Hand, fingertips
-from palpate.core.shapes.protocol import Shape
-from palpate.core.touch.pipeline import Pipeline, States
-from palpate.core.touch.touch import Touch
+from palpate.core.explore.grasp.hand import Hand, fingertip_starts
+from palpate.core.poses import split_pose
+from palpate.core.shapes import Shape
+from palpate.core.touch import Pad, Pipeline, SimulatedTouch, StageStates, clean, fit_patch
 
-PRESS = 1.0e-3
-"""Compression at which a finger stops, m."""
+GRASP_DEPTH = 1.0e-3  # Compression at which a finger stops, m
+TOUCHED = 50e-6  # Least compression that counts as touched, m
+ACROSS: Floats = np.array([0.0, 1.0, 0.0])
 
 
 class Grasp(NamedTuple):
     """What a closing hand felt."""
 
-    points: Floats
-    """Contacts (n, 3), m."""
-    normals: Floats
-    """Outward unit normals, (n, 3)."""
-    fingers: tuple[int, ...]
-    """Which finger made each contact, from 0; the palm is the last."""
-    missed: int
-    """Fingers that closed on nothing, or that could not say what they touched."""
-    blocked: int
-    """Fingers that did not move, as the platform or the object was in their way."""
-    advance: float
-    """Longest way that a fingertip went, m."""
+    points: Floats  # Contacts (n, 3), m
+    normals: Floats  # Outward unit normals, (n, 3)
+    fingers: tuple[int, ...]  # Which finger made each contact, from 0; the palm is the last
+    missed: int  # Fingers that closed on nothing, or that could not say what they touched
+    blocked: int  # Fingers that did not move, as the platform or the object was in their way
+    advance: float  # Longest way that a fingertip went, m
 
 
 class Closing(NamedTuple):
     """When a hand closes, and how often it has done so before."""
 
-    number: int
-    """Counts the hand's closings from 0; chooses the random draws."""
-    begun: float
-    """Robot time at which it begins to close, s."""
-    previous: float
-    """Robot time at which it had opened before, s."""
+    number: int  # Counts the hand's closings from 0; chooses the random draws
+    begun: float  # Robot time at which it begins to close, s
+    previous: float  # Robot time at which it had opened before, s
 
 
 def close_hand(
     shape: Shape,
     fingers: Sequence[Pipeline],
-    remembered: Sequence[States],
+    remembered: Sequence[StageStates],
     hand: Hand,
     pose: Floats,
     platform: float,
     closing: Closing,
-) -> tuple[Grasp, tuple[States, ...]]:
+) -> tuple[Grasp, tuple[StageStates, ...]]:
     """Close every finger until it touches.
 
     Parameters
@@ -72,33 +66,33 @@ def close_hand(
     -------
     The grasp, and what the fingertips remember next.
     """
-    starts = fingertips(hand, pose, platform)
+    starts = fingertip_starts(hand, pose, platform)
     reaches = starts.reach.tolist()
     touches = [
         _touch(shape, start, reach, closing) if reach > 0.0 else None
         for start, reach in zip(starts.poses, reaches, strict=True)
     ]
     following = [
-        states if touch is None else pipeline.feel(touch, states)
+        states if touch is None else pipeline.simulate(touch, states)
         for pipeline, states, touch in zip(fingers, remembered, touches, strict=True)
     ]
     return _together(fingers, touches), tuple(following)
 
 
-def _touch(shape: Shape, start: Floats, reach: float, closing: Closing) -> Touch:
-    return Touch(
+def _touch(shape: Shape, start: Floats, reach: float, closing: Closing) -> SimulatedTouch:
+    return SimulatedTouch(
         shape=shape,
         number=closing.number,
         believed=start,
         actual=start,
         reach=reach,
-        depth=PRESS,
+        depth=GRASP_DEPTH,
         begun=closing.begun,
         previous=closing.previous,
     )
 
 
-def _together(fingers: Sequence[Pipeline], touches: Sequence[Touch | None]) -> Grasp:
+def _together(fingers: Sequence[Pipeline], touches: Sequence[SimulatedTouch | None]) -> Grasp:
     contacts, which, missed, blocked, advance = [], [], 0, 0, 0.0
     for i, (pipeline, touch) in enumerate(zip(fingers, touches, strict=True)):
         if touch is None or touch.outcome == "inside":
@@ -117,3 +111,48 @@ def _together(fingers: Sequence[Pipeline], touches: Sequence[Touch | None]) -> G
     points = np.array([contact.point for contact in contacts]).reshape(-1, 3)
     normals = np.array([contact.normal for contact in contacts]).reshape(-1, 3)
     return Grasp(points, normals, tuple(which), missed, blocked, advance)
+
+
+def contact_of(pad: Pad, pose: Floats, compression: Floats, noise: float) -> Contact | None:
+    """What a pressed fingertip tells of the surface, in the frame in which its pose is given.
+
+    Parameters
+    ----------
+    pad : Pad
+        The fingertip.
+    pose : (7,) array
+        Its pose as it is believed to be.
+    compression : (rows, cols) array
+        As the array reports it, m.
+    noise : float
+        Standard deviation of one taxel, m.
+
+    Returns
+    -------
+    Contact or None
+        The deepest point, with the normal of the surface about it; None if nothing is touched.
+    """
+    cleaned = clean(pad, compression, noise, TOUCHED, "auto")
+    if not cleaned.touched.any():
+        return None
+    surface = np.where(cleaned.touched, -(cleaned.compression + pad.sag()), 0.0)
+    patch = fit_patch(pad, surface, cleaned.touched, ACROSS, noise)
+    position, axes = split_pose(pose)
+    if patch.jet is not None and patch.kind == "smooth":
+        return Contact(axes @ patch.place + position, axes @ patch.normal)
+    x, y = pad.grid()
+    row, col = np.unravel_index(
+        int(np.where(cleaned.touched, cleaned.compression, -1.0).argmax()), surface.shape
+    )
+    deepest = np.array([x[row, col], y[row, col], surface[row, col]])
+    return Contact(axes @ deepest + position, axes @ patch.normal)
+
+
+class Contact(NamedTuple):
+    """Where a fingertip touches."""
+
+    point: Floats  # (3,), m
+    normal: Floats  # Outward unit normal, (3,)
+
+
+ACROSS.setflags(write=False)

@@ -1,7 +1,10 @@
-"""A hand that closes: fingers towards its axis, and the palm along it.
+"""A hand that closes, and from where it closes next.
 
-The hand's own frame: its z axis points away from the palm, into what is grasped; the fingers
-close towards the origin in the plane across it, evenly spread, and the palm comes from behind.
+It closes next where it expects to touch farthest from all contacts so far. The hand's own
+frame: its z axis points away from the palm, into what is grasped; the fingers close towards the
+origin in the plane across it, evenly spread, and the palm comes from behind. What is expected
+is an ellipsoid about the contacts, on the platform. Before there are any, the hand goes over
+the platform from above until it closes on something.
 """
 
 from __future__ import annotations
@@ -13,14 +16,137 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Floats, positive
-from palpate.core.frames import pad_rotation, pose_of, split_pose
+from palpate.core.arrays import Bools, Floats, positive
+from palpate.core.poses import pad_rotation, pose_of, split_pose
 
+# Over the platform, m: at which the hand closes while it has found nothing.
+SEARCH_HEIGHTS = (0.04, 0.012)
+THICKNESS = 0.04  # Of what is touched, while it has not been touched from all sides, m
+FEW = 12  # Contacts below which it has not
+SLENDEREST = 0.15  # No expected semi-axis is shorter than this share of the longest
+# Angles between the hand's axis and the vertical.
+LEANS = (0.0, math.radians(40.0), math.radians(75.0))
+AROUND = 8  # Directions from which a leaning hand comes
+# Where the hand closes, in expected semi-axes, the shortest first.
+SHIFTS = np.array(
+    [[0, 0, 0], [0, 0, 0.75], [0, 0, -0.75], [0, 0, 0.4], [0, 0, -0.4], [0, 0.5, 0], [0, -0.5, 0]]
+)
 MOST_FINGERS = 20
-FINGERTIP = 8e-3
-"""Half a fingertip's width, m: a finger stays this far above the platform."""
-LEVEL = 1e-9
-"""Slope below which a finger does not go down."""
+FINGERTIP = 8e-3  # Half a fingertip's width, m: a finger stays this far above the platform
+LEVEL = 1e-9  # Slope below which a finger does not go down
+
+
+def search_pose(places: list[Floats], number: int, platform: float) -> Floats | None:
+    """Pose (7,) of a hand that looks for the object from above; None when it looked everywhere.
+
+    Parameters
+    ----------
+    places : list of (2,) arrays
+        Where to look, m.
+    number : int
+        Closings so far.
+    platform : float
+        Height of the platform, m.
+    """
+    place, height = divmod(number, len(SEARCH_HEIGHTS))
+    if place >= len(places):
+        return None
+    x, y = places[place].tolist()
+    position = np.array([x, y, platform + SEARCH_HEIGHTS[height]])
+    return pose_of(position, _turns(5)[0])
+
+
+def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> Floats:
+    """Pose (7,) from which a hand is expected to touch where nothing was touched yet.
+
+    Parameters
+    ----------
+    hand : Hand
+        Its geometry.
+    points, normals : (n, 3) arrays
+        Contacts so far, at least one, m, and outward unit normals.
+    platform : float
+        Height of the platform, m.
+
+    Notes
+    -----
+    Farthest-point sampling: of a fixed set of poses the one is taken whose expected contacts are
+    together farthest from those that there are, and from each other.
+    """
+    middle, axes, size = expected_ellipsoid(points, normals, platform)
+    middles = middle + (SHIFTS * size) @ axes.T
+    middles[:, 2] = np.maximum(middles[:, 2], platform + FINGERTIP)
+    turns = _turns(hand.fingers)
+    hands = np.repeat(middles, len(turns), axis=0), np.tile(turns, (len(middles), 1, 1))
+    touched, places = _expected_contacts(finger_paths(hand, *hands, platform), middle, axes, size)
+    gain = _distances(places, points)
+    for i in range(1, places.shape[1]):  # a finger beside another one tells little
+        beside = np.linalg.norm(places[:, :i] - places[:, i : i + 1], axis=2)
+        beside[~touched[:, :i]] = math.inf
+        gain[:, i] = np.minimum(gain[:, i], beside.min(axis=1))
+    best = int(np.where(touched, gain, 0.0).sum(axis=1).argmax())
+    return pose_of(hands[0][best], hands[1][best])
+
+
+def expected_ellipsoid(
+    points: Floats, normals: Floats, platform: float
+) -> tuple[Floats, Floats, Floats]:
+    """Middle (3,), axes (3, 3) and semi-axes (3,) of the ellipsoid that contacts let expect, m."""
+    if len(points) < FEW:  # as thick as it may well be behind each contact
+        points = np.concatenate([points, points - THICKNESS * normals])
+    foot = points[points[:, 2].argmin()].copy()
+    foot[2] = platform
+    points = np.maximum(np.concatenate([points, foot[None]]), [-math.inf, -math.inf, platform])
+    centred = points - points.mean(axis=0)
+    axes = np.linalg.eigh(centred.T @ centred)[1]
+    along = points @ axes
+    low, high = along.min(axis=0), along.max(axis=0)
+    size = 0.5 * (high - low)
+    return axes @ (0.5 * (low + high)), axes, np.maximum(size, SLENDEREST * size.max())
+
+
+@cache
+def _turns(fingers: int) -> Floats:
+    """Rotations (n, 3, 3) of a hand that points down or leans, each spun two ways."""
+    turns = []
+    for lean in LEANS:
+        for azimuth in 2.0 * math.pi * np.arange(AROUND if lean else 1) / AROUND:
+            for spin in (0.0, math.pi / fingers):
+                turns.append(_turn(lean, float(azimuth), spin))
+    return np.stack(turns)
+
+
+def _turn(lean: float, azimuth: float, spin: float) -> Floats:
+    """Rotation whose z axis comes from an azimuth, leaning from straight down."""
+    c, s = math.cos(lean), math.sin(lean)
+    leaning = np.array([[c, 0.0, -s], [0.0, -1.0, 0.0], [-s, 0.0, -c]])
+    result: Floats = _about_z(azimuth) @ leaning @ _about_z(spin)
+    return result
+
+
+def _about_z(angle: float) -> Floats:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _expected_contacts(
+    ways: FingerPaths, middle: Floats, axes: Floats, size: Floats
+) -> tuple[Bools, Floats]:
+    """Which fingertips (h, f) meet the ellipsoid within reach, and where, (h, f, 3)."""
+    start, way = (ways.starts - middle) @ axes / size, ways.along @ axes / size
+    a, b, c = (np.einsum("hfi,hfi->hf", *two) for two in ((way, way), (start, way), (start, start)))
+    root = b * b - a * (c - 1.0)
+    distance = (-b - np.sqrt(np.maximum(root, 0.0))) / a
+    meets = (root > 0.0) & (distance > 0.0) & (distance < ways.reach)
+    return meets, ways.starts + distance[..., None] * ways.along
+
+
+def _distances(places: Floats, points: Floats) -> Floats:
+    """Distance (c, f) of places (c, f, 3) from the nearest of points (n, 3)."""
+    nearest = np.full(places.shape[:2], math.inf)
+    for point in points:
+        nearest = np.minimum(nearest, np.linalg.norm(places - point, axis=2))
+    return nearest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,12 +159,9 @@ class Hand:
         If it has no finger or more than 20, or the opening or the reach is not positive.
     """
 
-    fingers: int = 5
-    """Beside the palm."""
-    opening: float = 0.12
-    """Distance of fingertips and palm from the middle of the open hand, m."""
-    reach: float = 0.12
-    """Longest way of a fingertip, m."""
+    fingers: int = 5  # Beside the palm
+    opening: float = 0.12  # Distance of fingertips and palm from the middle of the open hand, m
+    reach: float = 0.12  # Longest way of a fingertip, m
 
     def __post_init__(self) -> None:
         if not 1 <= self.fingers <= MOST_FINGERS:
@@ -47,27 +170,33 @@ class Hand:
         positive("reach", self.reach, "m")
 
 
-class Paths(NamedTuple):
+class FingerPaths(NamedTuple):
     """Ways of the fingertips of hands, and how far they may go."""
 
-    starts: Floats
-    """(hands, fingers + 1, 3), m; the palm is last."""
-    along: Floats
-    """Unit directions, (hands, fingers + 1, 3)."""
+    starts: Floats  # (hands, fingers + 1, 3), m; the palm is last
+    along: Floats  # Unit directions, (hands, fingers + 1, 3)
+    # (hands, fingers + 1), m: 0 where the platform is in the way, and the finger stays open.
     reach: Floats
-    """(hands, fingers + 1), m: 0 where the platform is in the way, and the finger stays open."""
 
 
-class Starts(NamedTuple):
+class FingertipStarts(NamedTuple):
     """Where the fingertips of one hand start, and how far they may go."""
 
-    poses: Floats
-    """(fingers + 1, 7): each moves along its own z axis; the palm is last."""
+    poses: Floats  # (fingers + 1, 7): each moves along its own z axis; the palm is last
+    # (fingers + 1,), m: 0 where the platform is in the way, and the finger stays open.
     reach: Floats
-    """(fingers + 1,), m: 0 where the platform is in the way, and the finger stays open."""
 
 
-def paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> Paths:
+def fingertip_starts(hand: Hand, pose: Floats, platform: float) -> FingertipStarts:
+    """Fingertips of an open hand at a pose (7,): see `finger_paths`."""
+    place, axes = split_pose(pose)
+    ways = finger_paths(hand, place[None], axes[None], platform)
+    turns = _in_hand(hand.fingers)[1]
+    poses = [pose_of(at, axes @ turn) for at, turn in zip(ways.starts[0], turns, strict=True)]
+    return FingertipStarts(np.stack(poses), ways.reach[0])
+
+
+def finger_paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> FingerPaths:
     """Ways of the fingertips of open hands.
 
     Parameters
@@ -85,16 +214,7 @@ def paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> Paths:
     down = along[:, :, 2]
     room = starts[:, :, 2] - platform - FINGERTIP * np.sqrt(np.maximum(1.0 - down**2, 0.0))
     reach = np.where(down < -LEVEL, room / np.maximum(-down, LEVEL), math.inf)
-    return Paths(starts, along, np.where(room > 0.0, np.clip(reach, 0.0, hand.reach), 0.0))
-
-
-def fingertips(hand: Hand, pose: Floats, platform: float) -> Starts:
-    """Fingertips of an open hand at a pose (7,): see `paths`."""
-    place, axes = split_pose(pose)
-    ways = paths(hand, place[None], axes[None], platform)
-    turns = _in_hand(hand.fingers)[1]
-    poses = [pose_of(at, axes @ turn) for at, turn in zip(ways.starts[0], turns, strict=True)]
-    return Starts(np.stack(poses), ways.reach[0])
+    return FingerPaths(starts, along, np.where(room > 0.0, np.clip(reach, 0.0, hand.reach), 0.0))
 
 
 @cache
@@ -107,3 +227,16 @@ def _in_hand(fingers: int) -> tuple[Floats, Floats]:
     places = np.column_stack([np.cos(around), np.sin(around), np.zeros(fingers)])
     turns = [pad_rotation(turn, 0.0) for turn in around.tolist()]
     return np.vstack([places, [[0.0, 0.0, -1.0]]]), np.stack([*turns, np.eye(3)])
+
+
+def search_places(reach: float, spacing: float) -> list[Floats]:
+    """Places (2,) at which to look for the object, m: the axis, then rings around it.
+
+    Neighbouring places are at most so far apart that nothing wider is missed within reach.
+    """
+    places = [np.zeros(2)]
+    for ring in range(1, int(reach / spacing) + 1):
+        azimuths = 2 * math.pi * np.arange(6 * ring) / (6 * ring)
+        away = ring * spacing
+        places += [away * np.array([math.cos(a), math.sin(a)]) for a in azimuths]
+    return places

@@ -12,18 +12,15 @@ from typing import Annotated
 
 import numpy as np
 
-from palpate.core.explore.planners.choice import Choice
-from palpate.core.explore.planners.known import Known
-from palpate.core.explore.planners.walk import Ends, walk
-from palpate.core.ranges import Range, check_ranges
+from palpate.core.explore.planners.protocol import Choice, Observation
+from palpate.core.explore.planners.thesis import StopRule, step_search
+from palpate.core.plugins import Range, check_ranges
 
 WORDS = ("small", "medium", "large")
-BEND = (1.0, 4.0, 10.0)
-"""Mean curvature times height at which each word is wholly true."""
-CHANGE = (0.5, 2.0, 6.0)
-"""Of its change."""
+BEND = (1.0, 4.0, 10.0)  # Mean curvature times height at which each word is wholly true
+CHANGE = (0.5, 2.0, 6.0)  # Of its change
+# Steps over the height.
 STEP: Mapping[str, float] = {"wide": 0.25, "fair": 0.16, "short": 0.1, "tiny": 0.05}
-"""Steps over the height."""
 RULES: Mapping[tuple[str, str], str] = {
     # curvature, change: step
     ("small", "small"): "wide",
@@ -42,17 +39,16 @@ RULES: Mapping[tuple[str, str], str] = {
 class Fuzzy:
     """Steps by the rules; `scale` makes all of them longer or shorter."""
 
-    scale: Annotated[float, Range(0.1, 2.0, "1")] = 1.0
-    """Of all steps."""
+    scale: Annotated[float, Range(0.1, 2.0, "1")] = 1.0  # Of all steps
+    # A contour shorter than this share of the height ends the search.
     perimeter: Annotated[float, Range(0.0, 1.0, "1")] = 0.1
-    """A contour shorter than this share of the height ends the search."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def next(self, known: Known) -> Choice:
+    def next(self, known: Observation) -> Choice:
         """The next slice of the search, or that it has ended."""
-        return walk(known, self, Ends(0.0, self.perimeter))
+        return step_search(known, self, StopRule(0.0, self.perimeter))
 
     def first(self, bend: float) -> float:
         """Step from half height, over the height: as if nothing had changed."""

@@ -1,57 +1,79 @@
 """The thesis' planner: steps by curvature and its change, (3.1), (3.2), (3.28), (3.34), (3.35).
 
-A step is a share of the height: s = (most - least) shape + least. The shape is a product of two
-templates, one of the curvature and one of its change, (3.28), or one template of a sum of both:
-section 6.1 asks for forms that cannot be separated.
+From half height to one end, then to the other (3.2.2). A step is a share of the height: s =
+(most - least) shape + least. The shape is a product of two templates, one of the curvature and
+one of its change, (3.28), or one template of a sum of both: section 6.1 asks for forms that
+cannot be separated. Lengths are over the object's height, curvatures times it: as printed, in
+1/length, the same rule gave 15, 5 and 3 contours for one vase in three units. Templates fall
+from 1 at 0, never below 0; as printed some leave that range: a / ln(b x + c) is infinite where
+b x + c is 1, and 1 / (a x + b)^c begins at 1 only where b is 1. The piecewise linear form
+(section 3.6) is written there as sums of |x - k| over knots k, (3.29), with normal equations,
+(3.33): collinear where knots come close. Hat functions span the same functions, and their
+condition stays small whatever the knots.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from palpate.core.explore.planners.choice import Choice
-from palpate.core.explore.planners.hats import Polyline, polyline_of
-from palpate.core.explore.planners.known import Known
-from palpate.core.explore.planners.templates import TEMPLATES, Template
-from palpate.core.explore.planners.walk import Ends, walk
-from palpate.core.ranges import Range, check_ranges
+from palpate.core.arrays import Floats, finite_array
+from palpate.core.explore.planners.protocol import (
+    SAME,
+    Choice,
+    Height,
+    Observation,
+    ObservedSlice,
+    SliceOutcome,
+    Stop,
+    Wait,
+    exhausted_budget,
+    first_and_last,
+    is_near_finger,
+    was_asked,
+)
+from palpate.core.plugins import Range, check_ranges
 
-MOST_BENT = 40.0
-"""The piecewise linear form reaches so far, in rate times curvature times height."""
+MOST_BENT = 40.0  # The piecewise linear form reaches so far, in rate times curvature times height
+MOST_FAILURES = 3  # In a row; then the search in this direction ends
+# A step that would lead to where a slice has failed is taken so much shorter.
+SHORTER = (1.0, 0.75, 0.6, 0.4)
+Template = Literal["exponential", "inverse_power", "logarithmic"]
+# Of x, 0 or more, and a number that only the last two take.
+StepTemplate = Callable[[Floats, float], Floats]
+LEAST_GAP = 1e-3  # Of the even gap: free knots never come nearer
+MOST_CALLS = 60  # Of the function that free knots are found with
+LEAST_CURVATURE = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thesis:
     """The step rule. The text gives no constants: these are ours."""
 
-    template: Template = "exponential"
-    """How a step falls with curvature."""
-    form: Literal["product", "joint"] = "product"
-    """Two templates multiplied, or one of the sum."""
-    bend_rate: Annotated[float, Range(0.0, 1e3, "1")] = 0.15
-    """Times mean curvature times height."""
-    change_rate: Annotated[float, Range(0.0, 1e3, "1")] = 0.3
-    """Times the change of that."""
+    template: Template = "exponential"  # How a step falls with curvature
+    form: Literal["product", "joint"] = "product"  # Two templates multiplied, or one of the sum
+    bend_rate: Annotated[float, Range(0.0, 1e3, "1")] = 0.15  # Times mean curvature times height
+    change_rate: Annotated[float, Range(0.0, 1e3, "1")] = 0.3  # Times the change of that
+    # Of the inverse power; one less than the constant of the logarithm.
     power: Annotated[float, Range(0.1, 10.0, "1")] = 1.0
-    """Of the inverse power; one less than the constant of the logarithm."""
+    # Smallest step, over the height; approached, never reached.
     least: Annotated[float, Range(1e-3, 0.5, "1")] = 0.02
-    """Smallest step, over the height; approached, never reached."""
-    most: Annotated[float, Range(1e-3, 0.5, "1")] = 0.2
-    """Largest step, over the height."""
+    most: Annotated[float, Range(1e-3, 0.5, "1")] = 0.2  # Largest step, over the height
+    # eta of (3.1): the larger, the shorter the first step.
     caution: Annotated[float, Range(0.0, 100.0, "1")] = 1.0
-    """eta of (3.1): the larger, the shorter the first step."""
+    # A step upwards below this share of the height ends the search; 0: the object's end does.
     threshold: Annotated[float, Range(0.0, 0.5, "1")] = 0.0
-    """A step upwards below this share of the height ends the search; 0: the object's end does."""
+    # A contour shorter than this share of the height ends the search.
     perimeter: Annotated[float, Range(0.0, 1.0, "1")] = 0.1
-    """A contour shorter than this share of the height ends the search."""
+    # By which steps shrink from slice to slice: the fifth heuristic, which no formula has.
     fading: Annotated[float, Range(0.1, 1.0, "1")] = 1.0
-    """By which steps shrink from slice to slice: the fifth heuristic, which no formula has."""
+    # Of the piecewise linear form; 0: the templates themselves.
     segments: Annotated[int, Range(0, 100, "1")] = 0
-    """Of the piecewise linear form; 0: the templates themselves."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -62,9 +84,9 @@ class Thesis:
         if self.most < self.least:
             raise ValueError(f"most must be at least least, {self.least}, got {self.most}")
 
-    def next(self, known: Known) -> Choice:
+    def next(self, known: Observation) -> Choice:
         """The next slice of the search, or that it has ended."""
-        return walk(known, self, Ends(self.threshold, self.perimeter))
+        return step_search(known, self, StopRule(self.threshold, self.perimeter))
 
     def first(self, bend: float) -> float:
         """Step from half height, (3.1), over the height; no smaller than the others may be."""
@@ -91,4 +113,213 @@ def _polyline(template: Template, power: float, segments: int) -> Polyline:
     return polyline_of(lambda x: TEMPLATES[template](x, power), MOST_BENT, segments)
 
 
+def polyline_of(function: Callable[[Floats], Floats], most: float, segments: int) -> Polyline:
+    """A falling function from 0 to `most` as a polyline, its knots in closed form."""
+    places = np.linspace(0.0, most, 40 * segments + 1)
+    values = function(places)
+    return fit_decreasing(places, values, equal_curvature_knots(places, values, segments))
+
+
+class StopRule(NamedTuple):
+    """When the search in one direction is over, short of the object's end."""
+
+    threshold: float  # A step upwards below this share of the height ends it; 0: never
+    perimeter: float  # So does a contour shorter than this share of the height: a pole is near
+
+
+class StepRule(Protocol):
+    """How far to go; shares of the height."""
+
+    def first(self, bend: float) -> float:
+        """From half height; `bend` is the mean curvature there, times the height."""
+        ...
+
+    def later(self, bend: float, change: float, count: int) -> float:
+        """From the `count`-th slice beyond half height; `change` against the one before it."""
+        ...
+
+
+def step_search(known: Observation, steps: StepRule, ends: StopRule) -> Choice:
+    """The next slice of a search in one direction and then in the other."""
+    over = exhausted_budget(known)
+    if over is not None:
+        return Stop(over, None)
+    if not known.slices:
+        middle = 0.5 * (known.low + known.high)
+        return (
+            Wait("the first slice is under way") if known.taken else Height(middle, "half height")
+        )
+    start = known.slices[0]
+    if not start.usable:
+        return Stop(f"the slice at half height, {start.height:g} m, could not be traced", False)
+    up = 1.0 if mean_normal_rise(start) >= 0.0 else -1.0
+    for direction in (up, -up):
+        if any((height - start.height) * direction > 0.0 for height in known.taken):
+            continue
+        height = _onwards(known, steps, ends, direction)
+        if height is not None and not is_near_finger(known, height):
+            return Height(height, "upwards" if direction > 0.0 else "downwards")
+        if height is not None:
+            return Wait("another finger is too near")
+    if known.taken:
+        return Wait("a step follows from the slice before it, which is under way")
+    return Stop("the search has ended in both directions", None)
+
+
+def mean_normal_rise(one: ObservedSlice) -> float:
+    """Mean upward component of the outward unit normals (the thesis' phi)."""
+    radii, turn = one.radii, 2.0 * math.pi / len(one.radii)
+    around = (np.roll(radii, -1) - np.roll(radii, 1)) / (2.0 * turn) / radii
+    return float(np.mean(-one.slopes / np.sqrt(1.0 + one.slopes**2 + around**2)))
+
+
+def _onwards(known: Observation, steps: StepRule, ends: StopRule, direction: float) -> float | None:
+    """The next height in this direction, m; None where the search in it is over."""
+    start = known.slices[0]
+    way = [one for one in known.slices[1:] if (one.height - start.height) * direction > 0.0]
+    if any(one.outcome is SliceOutcome.LOST for one in way):
+        return None
+    usable = [start, *(one for one in way if one.usable)]
+    last = usable[-1]
+    failures = next((i for i, one in enumerate(reversed(way)) if one.usable), len(way))
+    bottom, top = first_and_last(known)
+    # The ends may have been moved since; where a slice lies beyond them, the way begins at them.
+    here, end = min(max(last.height, bottom), top), top if direction > 0.0 else bottom
+    if failures >= MOST_FAILURES or (end - here) * direction <= SAME * known.extent:
+        return None
+    if 2.0 * math.pi * float(last.radii.mean()) < ends.perimeter * known.extent:
+        return None
+    bend = mean_profile_curvature(last, known.extent)
+    if len(usable) == 1:
+        step = steps.first(bend)
+    else:
+        change = abs(bend - mean_profile_curvature(usable[-2], known.extent))
+        step = steps.later(bend, change, len(usable) - 1)
+        if direction > 0.0 and step < ends.threshold:
+            return None
+    step = min(step * known.extent * 0.5**failures, (end - here) * direction)
+    for shorter in SHORTER:
+        height = here + direction * step * shorter
+        if not was_asked(known, height):
+            return height
+    return None
+
+
+def mean_profile_curvature(one: ObservedSlice, extent: float) -> float:
+    """Mean curvature along the height, without its sign, times the object's height.
+
+    A hollow calls for steps as small as a bulge does; with its sign the step of a hollow would
+    exceed the largest.
+    """
+    return float(np.abs(one.curvatures).mean()) * extent
+
+
+class Polyline(NamedTuple):
+    """A piecewise linear function; beyond its knots it stays at its last values."""
+
+    knots: Floats  # (n + 1,), increasing
+    values: Floats  # (n + 1,)
+
+    def at(self, place: float) -> float:
+        """Value."""
+        return float(np.interp(place, self.knots, self.values))
+
+
+def free_knots(places: Floats, values: Floats, segments: int) -> Polyline:
+    """The best falling polyline over its knots as well, by variable projection.
+
+    For given knots the values follow by linear least squares; what is searched is the knots
+    alone, as shares of the range, so that they stay in order.
+    """
+    from scipy.optimize import least_squares
+
+    _check(places, values, segments)
+
+    def fitted(logits: Floats) -> Polyline:
+        gaps = np.exp(logits - logits.max())
+        shares = (1.0 - LEAST_GAP) * gaps / gaps.sum() + LEAST_GAP / segments
+        ends = np.concatenate([[0.0], np.cumsum(shares)])
+        ends[-1] = 1.0
+        return fit_decreasing(places, values, places[0] + (places[-1] - places[0]) * ends)
+
+    def off(logits: Floats) -> Floats:
+        line = fitted(logits)
+        return np.asarray(np.interp(places, line.knots, line.values) - values)
+
+    even = np.log(np.diff(equal_curvature_knots(places, values, segments)))
+    return fitted(least_squares(off, even, max_nfev=MOST_CALLS).x)
+
+
+def fit_decreasing(places: Floats, values: Floats, knots: Floats) -> Polyline:
+    """The best polyline, in the least squares, that never rises and never is below 0."""
+    from scipy.optimize import nnls
+
+    falls = np.triu(np.ones((len(knots), len(knots))))
+    steps, _ = nnls(hat_basis(places, knots) @ falls, values)
+    return Polyline(knots, falls @ steps)
+
+
+def hat_basis(places: Floats, knots: Floats) -> Floats:
+    """Values (n, m) of the m hat functions of increasing knots at n places.
+
+    Raises
+    ------
+    ValueError
+        If the knots do not increase.
+    """
+    knots = finite_array("knots", knots, (None,))
+    if len(knots) < 2 or not (np.diff(knots) > 0.0).all():
+        raise ValueError(f"knots must be at least 2 and increase, got {knots}")
+    columns = [np.interp(places, knots, hat) for hat in np.eye(len(knots))]
+    return np.stack(columns, axis=1)
+
+
+def equal_curvature_knots(places: Floats, values: Floats, segments: int) -> Floats:
+    """Knots between which the root of the second derivative has the same sum: closed form.
+
+    Parameters
+    ----------
+    places, values : (n,) arrays
+        The function, at increasing places.
+    segments : int
+        Pieces wanted.
+    """
+    _check(places, values, segments)
+    second = np.gradient(np.gradient(values, places), places)
+    density = np.sqrt(np.abs(second)) + LEAST_CURVATURE
+    steps = 0.5 * (density[1:] + density[:-1]) * np.diff(places)
+    mass = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.interp(np.linspace(0.0, mass[-1], segments + 1), mass, places)
+
+
+def _check(places: Floats, values: Floats, segments: int) -> None:
+    places = finite_array("places", places, (None,))
+    finite_array("values", values, (len(places),))
+    if len(places) < 3 or not (np.diff(places) > 0.0).all():
+        raise ValueError("places must be at least 3 and increase")
+    if segments < 1:
+        raise ValueError(f"segments must be at least 1, got {segments}")
+
+
+def exponential(x: Floats, power: float) -> Floats:
+    """e^-x."""
+    return np.asarray(np.exp(-x))
+
+
+def inverse_power(x: Floats, power: float) -> Floats:
+    """1 / (1 + x)^power."""
+    return np.asarray((1.0 + x) ** -power)
+
+
+def logarithmic(x: Floats, power: float) -> Floats:
+    """ln(c) / ln(x + c) with c = 1 + power, which keeps it above 1."""
+    offset = 1.0 + power
+    return np.asarray(np.log(offset) / np.log(x + offset))
+
+
 PLANNER = Thesis
+TEMPLATES: Mapping[Template, StepTemplate] = {
+    "exponential": exponential,
+    "inverse_power": inverse_power,
+    "logarithmic": logarithmic,
+}

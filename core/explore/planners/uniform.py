@@ -7,42 +7,39 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from palpate.core.explore.planners.choice import (
+from palpate.core.explore.planners.protocol import (
     Choice,
     Height,
+    Observation,
     Stop,
     Wait,
-    blocked,
+    exhausted_budget,
     first_and_last,
-    spent,
-    tried,
+    is_near_finger,
+    was_asked,
 )
-from palpate.core.explore.planners.known import Known
-from palpate.core.ranges import Range, check_ranges
+from palpate.core.plugins import Range, check_ranges
 
-TRIES = 2
-"""For each height; the second one is a quarter of the spacing nearer to the middle."""
-REACH = 0.3
-"""Of the spacing: slices so near to a height were meant for it."""
+TRIES = 2  # For each height; the second one is a quarter of the spacing nearer to the middle
+REACH = 0.3  # Of the spacing: slices so near to a height were meant for it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uniform:
     """So many slices, whatever they bring."""
 
-    count: Annotated[int, Range(1, 200, "1")] = 9
-    """Slices."""
+    count: Annotated[int, Range(1, 200, "1")] = 9  # Slices
+    # From the middle up and then from it down; or nested, so that every beginning is even.
     order: Literal["sweep", "nested"] = "sweep"
-    """From the middle up and then from it down; or nested, so that every beginning is even."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
         if self.order not in ("sweep", "nested"):
             raise ValueError(f"order must be sweep or nested, got {self.order!r}")
 
-    def next(self, known: Known) -> Choice:
+    def next(self, known: Observation) -> Choice:
         """The first height in the order that has neither its slice nor all its tries."""
-        over = spent(known)
+        over = exhausted_budget(known)
         if over is not None:
             return Stop(over, None)
         low, high = first_and_last(known)
@@ -58,9 +55,9 @@ class Uniform:
                 continue
             if visits:
                 wanted += 0.25 * spacing * (1.0 if wanted < middle else -1.0)
-            if tried(known, wanted):
+            if was_asked(known, wanted):
                 continue  # the ends have been moved since, and another height with them
-            if not blocked(known, wanted):
+            if not is_near_finger(known, wanted):
                 return Height(wanted, f"slice {i + 1} of {self.count} even ones")
             waits = True
         if waits:

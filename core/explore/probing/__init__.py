@@ -1,1 +1,22 @@
-"""Where to touch an object's ends, off the contours, and when that is enough."""
+"""Single touches of an object's ends, off the contours, and when they are enough.
+
+The rule is one pure function, `next_probe`, of an `EndObservation`; its constants are in widths
+of the pad. It rests on plane geometry and on the depth of a plain touch in tracing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.core.explore.probing.end_observation import TOUCHED as TOUCHED
+    from palpate.core.explore.probing.end_observation import End as End
+    from palpate.core.explore.probing.end_observation import EndObservation as EndObservation
+    from palpate.core.explore.probing.end_observation import ProbeCommand as ProbeCommand
+    from palpate.core.explore.probing.end_observation import ProbeResult as ProbeResult
+    from palpate.core.explore.probing.end_observation import SideContour as SideContour
+    from palpate.core.explore.probing.rule import next_probe as next_probe
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,1 +1,29 @@
-"""How a solid goes on beyond its first and last contours."""
+"""How a solid goes on beyond its first and last contours.
+
+Profile families and their choice, what touches say of an end, sheared ends. Families may be
+added in `profiles` and offered in `closing`; thresholds are shares of a radius or standard
+deviations. It rests on contact points and on the radial spline, and is told in the frame in
+which slices are level.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.core.rebuild.ends.closing import End as End
+    from palpate.core.rebuild.ends.closing import close_ends as close_ends
+    from palpate.core.rebuild.ends.profiles import ProfileCurve as ProfileCurve
+    from palpate.core.rebuild.ends.profiles import StraightCurve as StraightCurve
+    from palpate.core.rebuild.ends.profiles import profile_curves as profile_curves
+    from palpate.core.rebuild.ends.shear import Shear as Shear
+    from palpate.core.rebuild.ends.shear import only_given as only_given
+    from palpate.core.rebuild.ends.shear import shear_between as shear_between
+    from palpate.core.rebuild.ends.shear import straight as straight
+    from palpate.core.rebuild.ends.touched import end_from_contacts as end_from_contacts
+    from palpate.core.rebuild.ends.touched import on_end as on_end
+    from palpate.core.rebuild.ends.touched import touched_end as touched_end
+else:
+    __getattr__, __dir__ = lazy(__name__)

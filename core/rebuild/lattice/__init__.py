@@ -1,1 +1,24 @@
-"""A control lattice around an undeformed solid: Fung, 1999, 4.4."""
+"""A control lattice around an undeformed prism that becomes the side, and its refinement.
+
+Free-form deformation: Fung, 1999, 4.4.
+
+The sides that are tried and the strengths of what settles the inside may be tuned; the systems
+follow their formulas. It rests on volumes of `palpate.core.splines`, on the lofted surface, and
+on a recovered superquadric as prior.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.core.rebuild.lattice.fit import LatticeFit as LatticeFit
+    from palpate.core.rebuild.lattice.fit import LatticeGrid as LatticeGrid
+    from palpate.core.rebuild.lattice.fit import LatticeSide as LatticeSide
+    from palpate.core.rebuild.lattice.fit import fit_lattice as fit_lattice
+    from palpate.core.rebuild.lattice.fit import lattice_grid as lattice_grid
+    from palpate.core.rebuild.lattice.refinement import refine_lattice as refine_lattice
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,21 +1,43 @@
-"""Pieces of a closed surface: its side, and what is set onto the side at an end."""
+"""Pieces of a closed surface.
+
+What closes a side at an end, and splines through samples of anything.
+
+Samples lie evenly along and around, whatever the parameters of what gives them: the spline's own
+error then shows only at edges.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.plane.area_centroid import area_centroid
-from palpate.core.plane.kernel_point import kernel_point
-from palpate.core.rebuild.ends.end_curve import Curve, Line, curves_of
-from palpate.core.rebuild.ends.ends import End
-from palpate.core.rebuild.slices.star_shaped import are_star_shaped
+from palpate.core.geometry import area_centroid, kernel_point
+from palpate.core.rebuild.contours import are_star_shaped
+from palpate.core.rebuild.ends import End, ProfileCurve, StraightCurve, profile_curves
+from palpate.core.splines import (
+    CUBIC,
+    Basis,
+    PeriodicBasis,
+    clamped_basis,
+    evaluate_grid,
+    evaluate_scattered,
+    interpolate_grid,
+    periodic_knots,
+)
 
-RIM = 720
-"""Points of a rim from which its middle is taken."""
+RIM = 720  # Points of a rim from which its middle is taken
+ROWS, TURNS = 161, 256  # Points along and around
+FINER = 8  # Times as many places tell how to set them evenly,
+FEW = 31  # each on so many lines across
+# Share of the steps that goes with the parameter and not with the length: what has no length still
+# has places.
+SPREAD = 0.05
+# Points (a, b, 3) at places (a,) along, from 0 to 1, and turns (b,), from 0 to 1.
+Grid = Callable[[Floats, Floats], Floats]
 
 
 class Patch(Protocol):
@@ -39,15 +61,11 @@ class Patch(Protocol):
 class EndPatch:
     """A ring's shape, scaled along a curve until it is a point or another ring."""
 
-    side: Patch
-    """Whose last ring it begins at."""
-    curve: Curve
-    rim: Floats
-    """Middle of the side's last ring, (3,): from where it is seen whole, if it can be."""
-    middle: Floats
-    """Middle of the end, (3,)."""
-    upper: bool
-    """Whether it lies on the side or under it."""
+    side: Patch  # Whose last ring it begins at
+    curve: ProfileCurve
+    rim: Floats  # Middle of the side's last ring, (3,): from where it is seen whole, if it can be
+    middle: Floats  # Middle of the end, (3,)
+    upper: bool  # Whether it lies on the side or under it
 
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """See `Patch.at`."""
@@ -68,8 +86,8 @@ class EndPatch:
         More than 0 where no place sees the ring whole.
         """
         curve = self.curve
-        rises = isinstance(curve, Line) and curve.begin[0] != curve.end[0]
-        if not isinstance(curve, Line) or (rises and self.middle[2] != self.rim[2]):
+        rises = isinstance(curve, StraightCurve) and curve.begin[0] != curve.end[0]
+        if not isinstance(curve, StraightCurve) or (rises and self.middle[2] != self.rim[2]):
             return 0.0
         seen = _ring(self.side, self.upper)[:, :2] - self.rim[:2]
         onwards = np.roll(seen, -1, axis=0)
@@ -97,7 +115,7 @@ def end_patches(side: Patch, end: End, *, upper: bool) -> tuple[Patch, ...]:
     rim = np.array([*(centroid + shift), ring[:, 2].mean()])
     gap = end.height - float(rim[2]) if end.height != end.rim else 0.0
     middle = np.array([*(end.middle + shift), rim[2] + gap]) if gap else rim
-    curves = curves_of(end.profile, gap)
+    curves = profile_curves(end.profile, gap)
     found = tuple(EndPatch(side, curve, rim, middle, upper) for curve in curves)
     return found if upper else found[::-1]
 
@@ -113,3 +131,74 @@ def _whole_view(ring: Floats, centroid: Floats) -> Floats:
         return centroid
     found = kernel_point(ring)
     return centroid if found is None else found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledPatch:
+    """A spline through samples: see `Patch`."""
+
+    control: Floats  # (n, k, 3)
+    miss: float  # Largest distance from what was sampled, seen at places between the samples
+
+    def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """See `Patch.at`."""
+        at = np.stack([np.clip(v, 0.0, 1.0), np.mod(turns, 1.0)], axis=-1)
+        found: Floats = evaluate_scattered(self._bases, self._wound, at, [by])[0]
+        return found
+
+    def on_grid(self, v: Floats, turns: Floats) -> Floats:
+        """Points (a, b, 3) at places v (a,) and turns (b,)."""
+        found: Floats = evaluate_grid(self._bases, self._wound, [v, np.mod(turns, 1.0)])
+        return found
+
+    @property
+    def _bases(self) -> tuple[Basis, Basis]:
+        along, around = self.control.shape[:2]
+        return clamped_basis(along), Basis(periodic_knots(around), CUBIC)
+
+    @property
+    def _wound(self) -> Floats:
+        return np.concatenate([self.control, self.control[:, :CUBIC]], axis=1)
+
+
+def sampled_patch(grid: Grid, rows: int = ROWS, turns: int = TURNS) -> SampledPatch:
+    """Spline through evenly spaced points of a surface that is closed around.
+
+    Parameters
+    ----------
+    grid : callable
+        Gives the points.
+    rows, turns : int
+        How many.
+    """
+    alongs, arounds = (np.linspace(0.0, 1.0, FINER * count + 1) for count in (rows, turns))
+    few = np.linspace(0.0, 1.0, FEW + 2)[1:-1]
+    lengths = _ways(grid(alongs, few), axis=0)
+    widths = _ways(grid(few, arounds), axis=1)
+
+    def points(v: Floats, t: Floats) -> Floats:
+        return grid(np.interp(v, lengths, alongs), np.interp(t, widths, arounds))
+
+    along = clamped_basis(rows)
+    places, ends = along.greville(), np.arange(turns) / turns
+    values = points(places, ends).transpose(1, 0, 2)
+    circle = PeriodicBasis(turns).matrix(ends).toarray()
+    around = np.linalg.solve(circle, values.reshape(turns, -1)).reshape(values.shape)
+    control = interpolate_grid(
+        [along], [places], around.transpose(1, 0, 2).reshape(rows, -1)
+    ).control
+    patch = SampledPatch(control.reshape(rows, turns, 3), 0.0)
+    between = 0.5 * (places[1:] + places[:-1])
+    middles = ends + 0.5 / turns
+    off = np.linalg.norm(patch.on_grid(between, middles) - points(between, middles), axis=-1)
+    return SampledPatch(patch.control, float(off.max()))
+
+
+def _ways(points: Floats, axis: int) -> Floats:
+    """Share of the way along an axis of a grid of points at which each lies, on the mean."""
+    steps = np.linalg.norm(np.diff(points, axis=axis), axis=-1).mean(axis=1 - axis)
+    total = max(float(steps.sum()), np.finfo(float).tiny)
+    steps = (1.0 - SPREAD) * steps / total + SPREAD / len(steps)
+    ways = np.concatenate([[0.0], np.cumsum(steps)])
+    shares: Floats = ways / ways[-1]
+    return shares

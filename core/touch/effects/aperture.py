@@ -8,15 +8,13 @@ from typing import Annotated, ClassVar, Literal, get_args
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import split_pose
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.cast import pressed
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.pad import Outcome, Pad, Press
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.poses import split_pose
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.pad import GuardedMove, Pad, TouchOutcome
+from palpate.core.touch.pipeline import record_move
 
-Reading = Literal["mean", "max"]
-"""What an element makes of the compression under it."""
+Reading = Literal["mean", "max"]  # What an element makes of the compression under it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,29 +28,29 @@ class Aperture:
     features smaller than the pitch, which a single ray sees wholly or not at all.
     """
 
-    place: ClassVar = Place.CAST
+    place: ClassVar = Phase.CAST
 
+    # Side of an element, as a share of the pitch: elements need a gap between them.
     width: Annotated[float, Range(0.05, 1.0, "1")] = 0.8
-    """Side of an element, as a share of the pitch: elements need a gap between them."""
+    # Rays along a side: three see what lies between two taxels at a bearable cost, that of nine
+    # casts.
     rays: Annotated[int, Range(2, 8, "1")] = 3
-    """Rays along a side: three see what lies between two taxels at a bearable cost, that of
-    nine casts."""
+    # The echo of an element's whole area is nearest to its mean; the first echo to arrive is that
+    # of its largest compression.
     reading: Reading = "mean"
-    """The echo of an element's whole area is nearest to its mean; the first echo to arrive
-    is that of its largest compression."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
         if self.reading not in get_args(Reading):
             raise ValueError(f"reading is {self.reading!r}; expected mean or max")
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
         pad, mean = finger.pad, self.reading == "mean"
         origins = _origins(pad, self.width, self.rays)
 
-        def act(touch: Touch, state: None) -> None:
-            pressed(finger, touch, _press(pad, origins, touch, mean))
+        def act(touch: SimulatedTouch, state: None) -> None:
+            record_move(finger, touch, _press(pad, origins, touch, mean))
 
         return Stage(act)
 
@@ -71,8 +69,8 @@ def _origins(pad: Pad, width: float, rays: int) -> Floats:
     return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
 
 
-def _press(pad: Pad, origins: Floats, touch: Touch, mean: bool) -> Press:
-    """The guarded move of `palpate.core.touch.pad.press`, with elements for taxels."""
+def _press(pad: Pad, origins: Floats, touch: SimulatedTouch, mean: bool) -> GuardedMove:
+    """The guarded move of `palpate.core.touch.guarded_move`, with elements for taxels."""
     size, limit = (pad.rows, pad.cols), pad.saturation * pad.thickness
     position, axes = split_pose(touch.actual)
     reach = pad.thickness + touch.reach + limit
@@ -81,9 +79,9 @@ def _press(pad: Pad, origins: Floats, touch: Touch, mean: bool) -> Press:
     first = gaps.min(axis=1)
     nearest = float(first.min())
     if nearest < 0.0:
-        return Press("inside", touch.actual, np.zeros(size), 0.0, np.full(size, -np.inf))
+        return GuardedMove("inside", touch.actual, np.zeros(size), 0.0, np.full(size, -np.inf))
     wanted = _way_to_mean(gaps, touch.depth) if mean else nearest + touch.depth
-    outcome: Outcome = "miss"
+    outcome: TouchOutcome = "miss"
     advance = touch.reach
     if nearest <= touch.reach:
         outcome = "hit" if wanted <= nearest + limit else "bottomed"
@@ -95,7 +93,7 @@ def _press(pad: Pad, origins: Floats, touch: Touch, mean: bool) -> Press:
         deepest = np.where(deepest > 0.0, compression, deepest)
     end = touch.actual.copy()
     end[:3] = position + advance * axes[:, 2]
-    return Press(outcome, end, compression.reshape(size), advance, deepest.reshape(size))
+    return GuardedMove(outcome, end, compression.reshape(size), advance, deepest.reshape(size))
 
 
 def _way_to_mean(gaps: Floats, depth: float) -> float:

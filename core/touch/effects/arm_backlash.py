@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from palpate.core.arrays import Floats
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,19 +21,19 @@ class ArmBacklash:
     way, and takes up the same play. It matters where contours are traced to and fro.
     """
 
-    place: ClassVar = Place.AIM
+    place: ClassVar = Phase.AIM
 
+    # Way that the arm must turn back before the pad follows: an engineering value.
     width: Annotated[float, Range(0.0, 5e-3, "m")] = 0.05e-3
-    """Way that the arm must turn back before the pad follows: an engineering value."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger; its state is where the pad last started, (3,), m."""
         half = 0.5 * self.width
 
-        def act(touch: Touch, state: Floats | None) -> Floats:
+        def act(touch: SimulatedTouch, state: Floats | None) -> Floats:
             wanted = touch.actual[:3]
             if state is None:
                 return wanted.copy()

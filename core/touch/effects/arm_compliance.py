@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.cast import advanced
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.pipeline import advanced_pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,21 +20,21 @@ class ArmCompliance:
     into the object, so that it is rebuilt too thin.
     """
 
-    place: ClassVar = Place.ARM
+    place: ClassVar = Phase.ARM
 
+    # Of the arm at the fingertip: an engineering value for a light arm.
     stiffness: Annotated[float, Range(1e3, 1e8, "N/m")] = 20e3
-    """Of the arm at the fingertip: an engineering value for a light arm."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
         way_per_pressure = finger.pad.pitch**2 / self.stiffness
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             bent = way_per_pressure * float(touch.pressure.sum())
-            touch.believed = advanced(touch.believed, bent)
+            touch.believed = advanced_pose(touch.believed, bent)
 
         return Stage(act)
 

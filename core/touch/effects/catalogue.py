@@ -1,14 +1,15 @@
-"""The effects that palpate has, in the order in which they act."""
+"""The effects that palpate has, in the order in which they act; how one is found by its name."""
 
 from __future__ import annotations
 
 from dataclasses import is_dataclass
 from typing import cast
 
-from palpate.core.named_class import class_called
-from palpate.core.touch.effect import Effect, Place
+from palpate.core.plugins import class_by_name
+from palpate.core.touch.effect import Effect, Phase
 
-NAMES = (
+# By place first, as `palpate.core.touch.Phase` has them.
+EFFECT_NAMES = (
     "pose_error",
     "arm_backlash",
     "aperture",
@@ -29,7 +30,6 @@ NAMES = (
     "quantisation",
     "transport",
 )
-"""By place first, as `palpate.core.touch.effect.Place` has them."""
 
 
 def effect_type(name: str) -> type[Effect]:
@@ -42,17 +42,17 @@ def effect_type(name: str) -> type[Effect]:
     ValueError
         If the module cannot be imported, or holds no such effect.
     """
-    found = class_called(
-        name, what="effect", names=NAMES, package=str(__package__), attribute="EFFECT"
+    found = class_by_name(
+        name, what="effect", names=EFFECT_NAMES, package=str(__package__), attribute="EFFECT"
     )
     wanted = name.rpartition(":")[2]
     if not is_dataclass(found) or not isinstance(found, type) or not hasattr(found, "prepare"):
         raise ValueError(f"{name!r} is no effect: {wanted!r} must be a dataclass with prepare()")
-    if not isinstance(getattr(found, "place", None), Place):
+    if not isinstance(getattr(found, "place", None), Phase):
         raise ValueError(f"{name!r} is no effect: its place must be one of Place, as Place.SIGNAL")
     return cast("type[Effect]", found)
 
 
 def rank(name: str) -> int:
     """Where an effect stands among those of its place; a user's own come last."""
-    return NAMES.index(name) if name in NAMES else len(NAMES)
+    return EFFECT_NAMES.index(name) if name in EFFECT_NAMES else len(EFFECT_NAMES)

@@ -9,9 +9,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,21 +26,20 @@ class Creep:
     error of a contour next to the arm's.
     """
 
-    place: ClassVar = Place.PAD
+    place: ClassVar = Phase.PAD
 
+    # The share ``b`` that relaxes: that of a filled silicone.
     share: Annotated[float, Range(0.0, 0.9, "1")] = 0.10
-    """The share ``b`` that relaxes: that of a filled silicone."""
-    tau: Annotated[float, Range(1e-3, 1e4, "s")] = 0.5
-    """Time constant of relaxation and recovery."""
+    tau: Annotated[float, Range(1e-3, 1e4, "s")] = 0.5  # Time constant of relaxation and recovery
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger; its state is q at the end of the touch, (rows, cols), m."""
         share, tau = self.share, self.tau
 
-        def act(touch: Touch, state: Floats) -> Floats:
+        def act(touch: SimulatedTouch, state: Floats) -> Floats:
             compression = touch.compression
             until_frame = touch.rest + touch.loading + touch.dwell
             branch = state * math.exp(-until_frame / tau)

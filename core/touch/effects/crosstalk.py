@@ -1,13 +1,12 @@
-"""Neighbouring elements hear each other."""
+"""Neighbouring elements pick up each other's signal."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,19 +19,19 @@ class Crosstalk:
     contact by some 10 um; smooth surfaces hardly show it.
     """
 
-    place: ClassVar = Place.ECHO
+    place: ClassVar = Phase.ECHO
 
+    # The share ``a``: 30 dB between neighbours.
     share: Annotated[float, Range(0.0, 0.2, "1")] = 0.03
-    """The share ``a``: 30 dB between neighbours."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
         share = self.share
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             before = touch.reading
             mixed = before.copy()
             flow = share * (before[1:] - before[:-1])

@@ -7,10 +7,9 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.draws import Draws
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.keyed_random import KeyedRandom
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,12 +21,12 @@ class DeadTaxels:
     dead taxels are bridged by their neighbours; clusters, and stuck ones, are not.
     """
 
-    place: ClassVar = Place.SIGNAL
+    place: ClassVar = Phase.SIGNAL
 
+    # Probability that a taxel is dead: two or three of 256.
     rate: Annotated[float, Range(0.0, 1.0, "1")] = 0.01
-    """Probability that a taxel is dead: two or three of 256."""
+    # Probability that it is stuck; most faults are broken wires, which read 0.
     stuck: Annotated[float, Range(0.0, 1.0, "1")] = 0.0
-    """Probability that it is stuck; most faults are broken wires, which read 0."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -35,14 +34,14 @@ class DeadTaxels:
             both = self.rate + self.stuck
             raise ValueError(f"rate and stuck are {both:g} together; expected 0 to 1")
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
         pad, rate, stuck = finger.pad, self.rate, self.stuck
-        fate, level = Draws(finger, "dead_taxels").once().random((2, pad.rows, pad.cols))
+        fate, level = KeyedRandom(finger, "dead_taxels").once().random((2, pad.rows, pad.cols))
         works = fate >= rate + stuck
         level = np.where(fate < rate, 0.0, pad.saturation * pad.thickness * level)
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             touch.reading = np.where(works, touch.reading, level)
 
         return Stage(act)

@@ -9,10 +9,9 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.draws import Draws
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.keyed_random import KeyedRandom
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,20 +23,20 @@ class Drift:
     in five minutes. It matters in long runs without a new zero.
     """
 
-    place: ClassVar = Place.SIGNAL
+    place: ClassVar = Phase.SIGNAL
 
+    # Standard deviation of the zero after one second.
     rate: Annotated[float, Range(0.0, 1e-4, "m/sqrt(s)")] = 1e-6
-    """Standard deviation of the zero after one second."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger; its state is the time of a touch, s, and the zeros, m."""
-        draws, rate = Draws(finger, "drift"), self.rate
+        draws, rate = KeyedRandom(finger, "drift"), self.rate
         size = (finger.pad.rows, finger.pad.cols)
 
-        def act(touch: Touch, state: tuple[float, Floats]) -> tuple[float, Floats]:
+        def act(touch: SimulatedTouch, state: tuple[float, Floats]) -> tuple[float, Floats]:
             before, zeros = state
             step = rate * math.sqrt(touch.time - before)
             zeros = zeros + step * draws.of_touch(touch.number).standard_normal(size)

@@ -9,9 +9,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,18 +24,17 @@ class EchoLoss:
     strongly curved surfaces, which a real array may not see at all.
     """
 
-    place: ClassVar = Place.ECHO
+    place: ClassVar = Phase.ECHO
 
+    # Slope at which the amplitude has fallen to 1/e: for elements of a few wavelengths.
     angle: Annotated[float, Range(1.0, 60.0, "deg")] = 15.0
-    """Slope at which the amplitude has fallen to 1/e: for elements of a few wavelengths."""
+    # Smallest amplitude that is heard, as a share of that of a level face: 20 dB down. 0 for all.
     threshold: Annotated[float, Range(0.0, 1.0, "1")] = 0.1
-    """Smallest amplitude that is heard, as a share of that of a level face: 20 dB down. 0 for
-    all."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.
 
         Raises
@@ -57,14 +55,14 @@ class EchoLoss:
             return Stage(_hear_all)
         largest = (2.0 * finger.pad.pitch * math.tan(steepest)) ** 2
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             lost = _steeper(touch.compression, largest)
             touch.reading = np.where(lost, 0.0, touch.reading)
 
         return Stage(act)
 
 
-def _hear_all(touch: Touch, state: None) -> None:
+def _hear_all(touch: SimulatedTouch, state: None) -> None:
     """Even a face on edge is heard."""
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.draws import Draws
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.keyed_random import KeyedRandom
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,23 +19,23 @@ class GainOffset:
     stays the same in every frame, and that no average over touches removes.
     """
 
-    place: ClassVar = Place.SIGNAL
+    place: ClassVar = Phase.SIGNAL
 
+    # Standard deviation of the gain about 1.
     sigma_gain: Annotated[float, Range(0.0, 0.3, "1")] = 0.03
-    """Standard deviation of the gain about 1."""
+    # Standard deviation of the offset.
     sigma_offset: Annotated[float, Range(0.0, 1e-3, "m")] = 10e-6
-    """Standard deviation of the offset."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
-        drawn = Draws(finger, "gain_offset").once()
+        drawn = KeyedRandom(finger, "gain_offset").once()
         drawn_gain, drawn_offset = drawn.standard_normal((2, finger.pad.rows, finger.pad.cols))
         gain, offset = 1.0 + self.sigma_gain * drawn_gain, self.sigma_offset * drawn_offset
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             touch.reading = gain * touch.reading + offset
 
         return Stage(act)

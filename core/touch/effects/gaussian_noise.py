@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.draws import Draws
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.keyed_random import KeyedRandom
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,20 +19,20 @@ class GaussianNoise:
     engineering values; the jitter of an echo goes as 1 / (2 pi f sqrt(SNR)).
     """
 
-    place: ClassVar = Place.SIGNAL
+    place: ClassVar = Phase.SIGNAL
 
+    # Standard deviation of one taxel's reading.
     sigma: Annotated[float, Range(0.0, 1e-3, "m")] = 10e-6
-    """Standard deviation of one taxel's reading."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
-        draws, sigma = Draws(finger, "gaussian_noise"), self.sigma
+        draws, sigma = KeyedRandom(finger, "gaussian_noise"), self.sigma
         shape = (finger.pad.rows, finger.pad.cols)
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             noise = draws.of_touch(touch.number).standard_normal(shape)
             touch.reading = touch.reading + sigma * noise
 

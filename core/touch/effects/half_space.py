@@ -9,18 +9,15 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.love import displacements
-from palpate.core.touch.pad import Face
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.pad import FaceModel, half_space_influence
 
+# Largest error of the face within the contact, as a share of the deepest indentation.
 TOLERANCE = 1e-7
-"""Largest error of the face within the contact, as a share of the deepest indentation."""
-MOST_STEPS = 1000
-"""Thirty are usual at 16 by 16 taxels, a hundred at 32 by 32."""
+MOST_STEPS = 1000  # Thirty are usual at 16 by 16 taxels, a hundred at 32 by 32
+# Length of a projected step, over the largest stiffness of the scaled problem: below 2.
 EXPANSION = 1.9
-"""Length of a projected step, over the largest stiffness of the scaled problem: below 2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,29 +33,29 @@ class HalfSpace:
     around a contact; the truth for a thin bonded pad lies between the two.
     """
 
-    place: ClassVar = Place.PAD
+    place: ClassVar = Phase.PAD
 
+    # Young's modulus: that of a soft silicone, an engineering value.
     modulus: Annotated[float, Range(1e4, 1e8, "N/m2")] = 0.5e6
-    """Young's modulus: that of a soft silicone, an engineering value."""
+    # Poisson's ratio: rubber keeps its volume.
     poisson: Annotated[float, Range(0.0, 0.5, "1")] = 0.49
-    """Poisson's ratio: rubber keeps its volume."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.
 
         Its act raises `ArithmeticError` if the contact is not found within `MOST_STEPS`.
         """
         size = (finger.pad.rows, finger.pad.cols)
-        kernel = displacements(finger.pad)
+        kernel = half_space_influence(finger.pad)
         # No part of a matrix of positive numbers has a larger norm than its largest row sum.
         most = float(kernel.sum(axis=1).max())
         kernel /= most
         stiffness = math.pi * self.modulus / ((1.0 - self.poisson**2) * most)
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             indentation = touch.indentation.ravel()
             # Where the surface does not enter the face it can only be too far from it.
             near = np.flatnonzero(indentation > 0.0)
@@ -71,7 +68,7 @@ class HalfSpace:
             face = np.maximum(deepest * (pushed @ columns), indentation)
             touch.pressure, touch.compression = pressure.reshape(size), face.reshape(size)
 
-        return Stage(act, face=Face("half_space"))
+        return Stage(act, face=FaceModel("half_space"))
 
 
 def _contact(kernel: Floats, wanted: Floats) -> Floats:

@@ -7,12 +7,10 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 
-LARGEST_STRAIN = 0.98
-"""The law goes to infinity at a strain of 1, where nothing of the pad is left."""
+LARGEST_STRAIN = 0.98  # The law goes to infinity at a strain of 1, where nothing of the pad is left
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,19 +23,19 @@ class Hardening:
     of flight show it only through a compliant arm; forces show it directly.
     """
 
-    place: ClassVar = Place.PAD
+    place: ClassVar = Phase.PAD
 
+    # The factor ``h``: 1 adds half the pressure at a strain of one half.
     strength: Annotated[float, Range(0.0, 10.0, "1")] = 1.0
-    """The factor ``h``: 1 adds half the pressure at a strain of one half."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
         strength, per_thickness = self.strength, 1.0 / finger.pad.thickness
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             strain = np.minimum(touch.compression * per_thickness, LARGEST_STRAIN)
             touch.pressure = touch.pressure * (1.0 + strength * strain * strain / (1.0 - strain))
 

@@ -9,10 +9,9 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.draws import Draws
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.keyed_random import KeyedRandom
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,26 +25,26 @@ class PoseError:
     the accuracy of a contour, long before the array does.
     """
 
-    place: ClassVar = Place.AIM
+    place: ClassVar = Phase.AIM
 
+    # Standard deviation of the shift on each axis: repeatability of an industrial arm.
     sigma: Annotated[float, Range(0.0, 5e-3, "m")] = 0.1e-3
-    """Standard deviation of the shift on each axis: repeatability of an industrial arm."""
+    # Standard deviation of the turn about each axis: 0.1 mm over an arm's last link.
     rotation: Annotated[float, Range(0.0, 10.0, "deg")] = 0.05
-    """Standard deviation of the turn about each axis: 0.1 mm over an arm's last link."""
+    # Standard deviation, on each axis, of the shift that is drawn once; 0 for a fingertip whose
+    # place on the arm is known.
     bias: Annotated[float, Range(0.0, 5e-3, "m")] = 0.0
-    """Standard deviation, on each axis, of the shift that is drawn once; 0 for a fingertip
-    whose place on the arm is known."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
-        draws, sigma = Draws(finger, "pose_error"), self.sigma
+        draws, sigma = KeyedRandom(finger, "pose_error"), self.sigma
         rotation = math.radians(self.rotation)
         bx, by, bz = (self.bias * draws.once().standard_normal(3)).tolist()
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             sx, sy, sz, *turn = draws.of_touch(touch.number).standard_normal(6).tolist()
             shift = (bx + sigma * sx, by + sigma * sy, bz + sigma * sz)
             touch.actual = _moved(touch.actual, shift, [rotation * angle for angle in turn])

@@ -8,12 +8,11 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 
+# Of a scene that says neither, Hz: 5 um at 1000 m/s. 20 MHz, an array of the 1990s, are 25.
 CLOCK = 100e6
-"""Of a scene that says neither, Hz: 5 um at 1000 m/s. 20 MHz, an array of the 1990s, are 25."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,12 +26,11 @@ class Quantisation:
     is a clock of 100 MHz.
     """
 
-    place: ClassVar = Place.SIGNAL
+    place: ClassVar = Phase.SIGNAL
 
+    # Frequency of the clock that counts the time of flight.
     clock: Annotated[float | None, Range(1e5, 1e12, "Hz")] = None
-    """Frequency of the clock that counts the time of flight."""
-    bits: Annotated[int | None, Range(1, 32, "1")] = None
-    """Bits of the converter."""
+    bits: Annotated[int | None, Range(1, 32, "1")] = None  # Bits of the converter
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -41,7 +39,7 @@ class Quantisation:
                 f"clock is {self.clock:g} Hz and bits is {self.bits}; expected one of the two"
             )
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.
 
         Raises
@@ -61,7 +59,7 @@ class Quantisation:
                 f"{calibration.signal}; expected bits"
             )
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             touch.reading = whole + step * np.rint((touch.reading - whole) * (1.0 / step))
 
         return Stage(act, noise=step / math.sqrt(12.0))

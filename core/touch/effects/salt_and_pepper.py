@@ -7,10 +7,9 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.draws import Draws
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.keyed_random import KeyedRandom
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,20 +22,20 @@ class SaltAndPepper:
     error of millimetres.
     """
 
-    place: ClassVar = Place.SIGNAL
+    place: ClassVar = Phase.SIGNAL
 
+    # Probability for one taxel in one touch: two or three of 256.
     rate: Annotated[float, Range(0.0, 1.0, "1")] = 0.01
-    """Probability for one taxel in one touch: two or three of 256."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
-        pad, draws, rate = finger.pad, Draws(finger, "salt_and_pepper"), self.rate
+        pad, draws, rate = finger.pad, KeyedRandom(finger, "salt_and_pepper"), self.rate
         size, full_scale = (pad.rows, pad.cols), pad.saturation * pad.thickness
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             drawn = draws.of_touch(touch.number).random(size)
             struck = (drawn < rate).nonzero()
             reading = touch.reading.copy()

@@ -7,9 +7,8 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,20 +21,20 @@ class Saturation:
     lose their tips, and after a wrong guess of the surface.
     """
 
-    place: ClassVar = Place.PAD
+    place: ClassVar = Phase.PAD
 
+    # Largest compression that is felt, as a share of the thickness: rubber cannot be squeezed to
+    # nothing.
     share: Annotated[float, Range(0.1, 0.95, "1")] = 0.8
-    """Largest compression that is felt, as a share of the thickness: rubber cannot be squeezed
-    to nothing."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
         limit = self.share * finger.pad.thickness
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             compression = touch.compression
             if compression.max() <= limit:
                 return

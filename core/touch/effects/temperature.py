@@ -1,4 +1,4 @@
-"""Sound is slower in a warm pad, and the listener does not know."""
+"""Sound is slower in a warm pad, and the decoder does not know."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,21 +21,21 @@ class Temperature:
     every taxel.
     """
 
-    place: ClassVar = Place.ECHO
+    place: ClassVar = Phase.ECHO
 
+    # How much warmer than at its calibration the pad becomes: a room in the sun.
     rise: Annotated[float, Range(-40.0, 80.0, "K")] = 5.0
-    """How much warmer than at its calibration the pad becomes: a room in the sun."""
+    # Time constant of the rise, from the beginning of the run; 0 if it happened before.
     warm_up: Annotated[float, Range(0.0, 1e5, "s")] = 0.0
-    """Time constant of the rise, from the beginning of the run; 0 if it happened before."""
+    # Change of the speed of sound with temperature: -3 in silicone.
     coefficient: Annotated[float, Range(-10.0, 10.0, "m/s/K")] = -3.0
-    """Change of the speed of sound with temperature: -3 in silicone."""
+    # Whether the undeformed pad was timed again at the temperature of each touch.
     rezeroed: bool = False
-    """Whether the undeformed pad was timed again at the temperature of each touch."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.
 
         Raises
@@ -59,7 +58,7 @@ class Temperature:
         zero = 0.0 if self.rezeroed else calibration.thickness
         warm_up = self.warm_up
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             warmed = -math.expm1(-touch.time / warm_up) if warm_up > 0.0 else 1.0
             ratio = nominal / (nominal + change * warmed)
             touch.reading = ratio * touch.reading + (1.0 - ratio) * zero

@@ -8,10 +8,9 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.pad import Face, Pad
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.pad import FaceModel, Pad
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,37 +25,34 @@ class Tenting:
     it were the object by a listener who does not know of it.
     """
 
-    place: ClassVar = Place.PAD
+    place: ClassVar = Phase.PAD
 
+    # The length ``l`` in which the skirt falls to 1/e: about the thickness of a tough skin.
     decay: Annotated[float, Range(1e-5, 20e-3, "m")] = 1e-3
-    """The length ``l`` in which the skirt falls to 1/e: about the thickness of a tough skin."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
         membrane = _membrane(finger.pad, self.decay)
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             contact = touch.pressure > 0.0
             rim = _rim(contact)
             if rim[0].size:
                 skirt = _tent(membrane, rim, touch.compression[rim])
                 touch.compression = np.where(contact, touch.compression, np.maximum(skirt, 0.0))
 
-        return Stage(act, face=Face("membrane", self.decay))
+        return Stage(act, face=FaceModel("membrane", self.decay))
 
 
 class _Membrane(NamedTuple):
     """The membrane's modes, cosines along each side, with free borders."""
 
-    down: Floats
-    """Along the rows' direction, (rows, rows)."""
-    across: Floats
-    """Along the columns' direction, (cols, cols)."""
-    answers: Floats
-    """Height of each mode under its own unit load, (rows, cols)."""
+    down: Floats  # Along the rows' direction, (rows, rows)
+    across: Floats  # Along the columns' direction, (cols, cols)
+    answers: Floats  # Height of each mode under its own unit load, (rows, cols)
 
 
 def _membrane(pad: Pad, decay: float) -> _Membrane:

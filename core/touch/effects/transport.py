@@ -6,10 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from palpate.core.ranges import Range, check_ranges
-from palpate.core.touch.draws import Draws
-from palpate.core.touch.effect import Place, Stage
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.plugins import Range, check_ranges
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.keyed_random import KeyedRandom
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,27 +22,25 @@ class Transport:
     and no accuracy: that the pad creeps on while a frame is waited for is left out.
     """
 
-    place: ClassVar = Place.LINK
+    place: ClassVar = Phase.LINK
 
+    # From the frame's being taken to its arrival: 256 pings of 20 us, one after the other.
     latency: Annotated[float, Range(0.0, 10.0, "s")] = 0.005
-    """From the frame's being taken to its arrival: 256 pings of 20 us, one after the other."""
-    drop: Annotated[float, Range(0.0, 0.9, "1")] = 0.01
-    """Probability that a frame is lost."""
-    timeout: Annotated[float, Range(0.0, 60.0, "s")] = 0.1
-    """How long a frame is waited for."""
+    drop: Annotated[float, Range(0.0, 0.9, "1")] = 0.01  # Probability that a frame is lost
+    timeout: Annotated[float, Range(0.0, 60.0, "s")] = 0.1  # How long a frame is waited for
+    # Probability that a frame arrives twice.
     duplicate: Annotated[float, Range(0.0, 1.0, "1")] = 0.01
-    """Probability that a frame arrives twice."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
-        draws, latency, timeout = Draws(finger, "transport"), self.latency, self.timeout
+        draws, latency, timeout = KeyedRandom(finger, "transport"), self.latency, self.timeout
         duplicate = self.duplicate
         per_loss = 1.0 / math.log(self.drop) if self.drop > 0.0 else 0.0
 
-        def act(touch: Touch, state: None) -> None:
+        def act(touch: SimulatedTouch, state: None) -> None:
             loss, twice = draws.of_touch(touch.number).random(2).tolist()
             # The largest n with 1 - loss <= drop^n: geometric, by one draw for any number.
             lost = int(math.log1p(-loss) * per_loss)

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.felt.felt_points import FeltPoints, stack_points
-from palpate.core.rebuild.reconstruct import reconstruct
+from palpate.core.rebuild.contours.contacts import ContactPoints, stack_points
+from palpate.core.rebuild.reconstruction import reconstruct
 from palpate.core.rebuild.solid import Solid
-from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.shapes.superquadrics import Superquadric
 
-BAND = 6e-3
-"""Half the height of the band that is felt along a contour, m."""
+BAND = 6e-3  # Half the height of the band that is felt along a contour, m
 AROUND = 120
 
 
@@ -39,7 +38,7 @@ class Oracle:
             low, high = np.where(inside, middle, low), np.where(inside, high, middle)
         return np.asarray(self._at(away * low[:, None], height) + self.middle)
 
-    def felt(self, points: Floats) -> FeltPoints:
+    def felt(self, points: Floats) -> ContactPoints:
         """The points with their outward normals, by central differences of the gauge."""
         local, step = points - self.middle, 1e-6 * self.scale
         gradient = np.stack(
@@ -50,16 +49,16 @@ class Oracle:
             axis=-1,
         )
         normals = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
-        return FeltPoints(points, normals, np.zeros(len(points), np.int32))
+        return ContactPoints(points, normals, np.zeros(len(points), np.int32))
 
-    def band(self, share: float) -> FeltPoints:
+    def band(self, share: float) -> ContactPoints:
         """What the touches along a contour feel above and below it."""
         half = BAND * self.scale / self.shape.size[2]
         around = np.linspace(share - half, share + half, 9)
         near = [self.section(one) for one in around if abs(one) < 1.0]
         return self.felt(np.concatenate(near))
 
-    def top(self) -> FeltPoints:
+    def top(self) -> ContactPoints:
         """What touches from above feel over the middle 0.4 of the width."""
         along = np.linspace(-0.42, 0.42, 12)
         places = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
@@ -75,7 +74,7 @@ class Oracle:
 
     def evidence(
         self, shares: Sequence[float], top: bool = True
-    ) -> tuple[list[Floats], FeltPoints, Floats]:
+    ) -> tuple[list[Floats], ContactPoints, Floats]:
         """Contours, everything that was felt, and touches of the ends."""
         height = 2.0 * self.middle[2]
         parts = [self.band(share) for share in shares]
@@ -165,6 +164,7 @@ def kidney(turns: Floats, z: float) -> Floats:
     return turned(polar(bend / (2 * np.pi), width) - [0.28, 0.0], 0.6 * z)
 
 
+# Objects between the heights -1 and 1: places at even parameters belong together.
 SECTIONS: dict[str, Callable[[Floats, float], Floats]] = {
     "lobed": lobed,
     "three lobes": lambda t, z: turned(
@@ -179,7 +179,6 @@ SECTIONS: dict[str, Callable[[Floats, float], Floats]] = {
     "kidney": kidney,
     "box": lambda t, z: (1 - 0.1 * z) * superellipse(t, 0.1, 0.6, 0.45),
 }
-"""Objects between the heights -1 and 1: places at even parameters belong together."""
 
 
 @pytest.fixture(scope="session")

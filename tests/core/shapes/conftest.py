@@ -17,10 +17,8 @@ GOLDEN = Wide(0.5) * (np.sqrt(Wide(5)) - 1)
 
 
 class Entry(NamedTuple):
-    ranges: Any
-    """First entry, inf if there is none, -inf for a start inside."""
-    least: Any
-    """Least logarithm of the gauge up to there."""
+    ranges: Any  # First entry, inf if there is none, -inf for a start inside
+    least: Any  # Least logarithm of the gauge up to there
 
 
 @dataclass(frozen=True)
@@ -112,8 +110,7 @@ def oracle() -> type[Oracle]:
     return Oracle
 
 
-Level = Callable[[Any], Any]
-"""Points (..., 3) in extended precision to values, positive outside."""
+Level = Callable[[Any], Any]  # Points (..., 3) in extended precision to values, positive outside
 
 
 def entries_of(level: Level, origins: Floats, direction: Floats, reach: float) -> Any:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.core.arrays import Floats
-from palpate.core.shapes.inside_outside import inside_outside
+from palpate.core.shapes.superquadrics import inside_outside
 
 EPS = float(np.finfo(float).eps)
 

@@ -10,24 +10,22 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import DOWN, pose_of
-from palpate.core.measure.robot_time import PRESETS
-from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.touch.calibration import Calibration, Signal
-from palpate.core.touch.effect import Stage
-from palpate.core.touch.pad import Pad
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.robot_time import ROBOT_PRESETS
+from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.touch.effect import Fingertip, SimulatedTouch, Stage
+from palpate.core.touch.pad import Calibration, Pad, Signal
 
 
 @pytest.fixture
-def make_finger() -> Callable[..., Finger]:
+def make_finger() -> Callable[..., Fingertip]:
     """A finger; times of flight, 1000 m/s and a flat pad unless told otherwise."""
 
-    def make(signal: Signal = "time", seed: int = 7, number: int = 1, **pad: Any) -> Finger:
+    def make(signal: Signal = "time", seed: int = 7, number: int = 1, **pad: Any) -> Fingertip:
         usual = {"rows": 16, "cols": 16, "pitch": 1e-3, "thickness": 3e-3}
         made = Pad(**{**usual, "dome": 0.0, "saturation": 0.8, **pad})
         calibration = Calibration(signal, made.thickness, 1000.0, 0.2e3)
-        return Finger(made, calibration, PRESETS["modern"], number, seed)
+        return Fingertip(made, calibration, ROBOT_PRESETS["modern"], number, seed)
 
     return make
 
@@ -39,14 +37,14 @@ def read_only(value: Any) -> Any:
 
 
 @pytest.fixture
-def make_touch(ball: Superquadric) -> Callable[..., Touch]:
+def make_touch(ball: Superquadric) -> Callable[..., SimulatedTouch]:
     """A touch of a ball from 3 mm above it, with read-only arrays.
 
     Given a compression or a reading it is as if it had been pressed, by as much.
     """
 
-    def make(number: int = 0, field: Floats | None = None, **more: Any) -> Touch:
-        start = pose_of(np.array([0.0, 0.0, 0.033]), DOWN)
+    def make(number: int = 0, field: Floats | None = None, **more: Any) -> SimulatedTouch:
+        start = pose_of(np.array([0.0, 0.0, 0.033]), FACING_DOWN)
         given: dict[str, Any] = {"believed": start, "actual": start, "reach": 0.01, "depth": 1e-3}
         given |= {"begun": float(number), "previous": float(number)}
         if field is not None:
@@ -54,7 +52,7 @@ def make_touch(ball: Superquadric) -> Callable[..., Touch]:
             given |= {"pressure": 2e8 * field, "outcome": "hit", "time": number + 1.0}
         given |= more
         given = {name: read_only(value) for name, value in given.items()}
-        return Touch(shape=ball, number=number, **given)
+        return SimulatedTouch(shape=ball, number=number, **given)
 
     return make
 
@@ -68,7 +66,7 @@ def dent() -> Floats:
 
 
 @pytest.fixture
-def readings(make_touch: Callable[..., Touch]) -> Callable[..., Floats]:
+def readings(make_touch: Callable[..., SimulatedTouch]) -> Callable[..., Floats]:
     """What a stage makes of the same field in each of many touches, (touches, rows, cols)."""
 
     def collect(stage: Stage, field: Floats, touches: int) -> Floats:
@@ -83,10 +81,10 @@ def readings(make_touch: Callable[..., Touch]) -> Callable[..., Floats]:
 
 
 @pytest.fixture
-def values_of() -> Callable[[Touch], dict[str, Any]]:
+def values_of() -> Callable[[SimulatedTouch], dict[str, Any]]:
     """All that a touch holds, with arrays as bytes, so that touches can be compared."""
 
-    def values(touch: Touch) -> dict[str, Any]:
+    def values(touch: SimulatedTouch) -> dict[str, Any]:
         held = {field.name: getattr(touch, field.name) for field in fields(touch)}
         return {
             name: value.tobytes() if isinstance(value, np.ndarray) else value

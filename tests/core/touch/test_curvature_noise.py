@@ -6,27 +6,27 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import DOWN, pose_of
-from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.touch.curvature import Patch, feel_patch
+from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.touch.curvature import Patch, fit_patch
+from palpate.core.touch.filters import remove_impulses
 from palpate.core.touch.forms import angle_between
-from palpate.core.touch.impulses import robust_clean
-from palpate.core.touch.pad import Pad, press
+from palpate.core.touch.pad import Pad, guarded_move
 
 ALONG_X, ALONG_Y = np.eye(3)[:2]
 ALL = np.ones((16, 16), bool)
 
 
 def feel(pad: Pad, height: Floats, direction: Floats = ALONG_Y, noise: float = 0.0) -> Patch:
-    return feel_patch(pad, height, np.ones(height.shape, bool), direction, noise)
+    return fit_patch(pad, height, np.ones(height.shape, bool), direction, noise)
 
 
 def touch_ball(pad: Pad, radius: float) -> Patch:
     ball = Superquadric(np.full(3, radius), np.ones(2))
-    start = pose_of(np.array([0.0, 0.0, radius + 0.01]), DOWN)
-    end = press(ball, pad, start, 0.05, 1e-3)
+    start = pose_of(np.array([0.0, 0.0, radius + 0.01]), FACING_DOWN)
+    end = guarded_move(ball, pad, start, 0.05, 1e-3)
     touched = end.compression > 0
-    return feel_patch(pad, -(end.compression + pad.sag()), touched, ALONG_Y, 0.0)
+    return fit_patch(pad, -(end.compression + pad.sag()), touched, ALONG_Y, 0.0)
 
 
 def test_trust_falls_with_the_misfit_and_with_the_share_of_touched_taxels(flat: Pad) -> None:
@@ -34,7 +34,7 @@ def test_trust_falls_with_the_misfit_and_with_the_share_of_touched_taxels(flat: 
     height = 0.5 * (x**2 + y**2) / 0.02
     clean = feel(flat, height)
     rough = feel(flat, height + 2e-5 * np.random.default_rng(0).normal(size=x.shape))
-    half = feel_patch(flat, height, x > 0, ALONG_Y, 0.0)
+    half = fit_patch(flat, height, x > 0, ALONG_Y, 0.0)
     assert clean.trust == pytest.approx(1.0)
     assert half.trust == pytest.approx(0.5)
     assert rough.trust < 0.9 * clean.trust
@@ -107,7 +107,7 @@ def test_noise_that_was_not_told_is_seen(flat: Pad) -> None:
 def test_the_place_lies_on_the_surface_over_the_middle_of_the_contact(flat: Pad) -> None:
     x, y = flat.grid()
     touched = (x > 0) & (y < 2e-3)
-    patch = feel_patch(flat, 0.1 * x + 20 * y**2, touched, ALONG_Y, 0.0)
+    patch = fit_patch(flat, 0.1 * x + 20 * y**2, touched, ALONG_Y, 0.0)
     middle = x[touched].mean(), y[touched].mean()
     assert np.allclose(patch.place[:2], middle)
     assert patch.place[2] == pytest.approx(0.1 * middle[0] + 20 * middle[1] ** 2)
@@ -118,7 +118,7 @@ def test_weights_of_nothing_leave_taxels_out(flat: Pad) -> None:
     height = 0.5 * (x**2 + y**2) / 0.02
     spoiled = np.where((x > 5e-3) & (y > 5e-3), 1e-3, height)
     weights = (spoiled == height).astype(float)
-    patch = feel_patch(flat, spoiled, ALL, ALONG_Y, 1e-6, weights)
+    patch = fit_patch(flat, spoiled, ALL, ALONG_Y, 1e-6, weights)
     assert patch.kind == "smooth"
     # A paraboloid: off its pole it bends a little less.
     assert patch.principal == pytest.approx((50.0, 50.0), rel=1e-3)
@@ -134,8 +134,8 @@ def test_eight_percent_of_impulses_cost_little_curvature(flat: Pad) -> None:
         frame = 2e-3 - height + 50e-6 * rng.normal(size=x.shape)
         hit, up = rng.random((2, *x.shape))
         frame = np.where(hit < 0.08, np.where(up < 0.5, 0.3e-3, 2.6e-3), frame)
-        clean = robust_clean(flat, frame, 250e-6, 50e-6)
-        patch = feel_patch(flat, -frame, ~clean.impulses, ALONG_Y, 50e-6)
+        clean = remove_impulses(flat, frame, 250e-6, 50e-6)
+        patch = fit_patch(flat, -frame, ~clean.impulses, ALONG_Y, 50e-6)
         if patch.kind != "smooth":
             lost += 1
             continue
@@ -168,7 +168,7 @@ def test_masked_contact_is_within_5_percent_under_noise_from_32_taxels_on(
     rng = np.random.default_rng(5)
     errors = []
     for _ in range(60):
-        patch = feel_patch(flat, height + 1e-5 * rng.normal(size=x.shape), mask, ALONG_Y, 1e-5)
+        patch = fit_patch(flat, height + 1e-5 * rng.normal(size=x.shape), mask, ALONG_Y, 1e-5)
         assert patch.kind == "smooth"
         errors.append(np.array(patch.principal) * 0.02 - 1.0)
     assert np.sqrt(np.mean(np.square(errors))) < 0.05

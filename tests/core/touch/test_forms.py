@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.thesis.tactile_surface import (
+    fundamental_forms,
+    gaussian_curvature,
+    mean_curvature,
+    normal_curvature,
+)
 from palpate.core.touch.forms import (
     angle_between,
     curvature_along,
-    forms_of,
-    gaussian_curvature,
-    graph_shape,
-    mean_curvature,
-    normal_curvature,
-    principal,
+    graph_errors,
+    graph_shape_operator,
+    principal_curvatures,
     shape_operator,
 )
 
@@ -37,7 +40,7 @@ def on_an_ellipsoid(a: float, b: float, c: float, u: float, v: float) -> Derivat
 def test_a_sphere_bends_by_one_over_its_radius_everywhere_outwards() -> None:
     for u in (-1.2, 0.0, 0.7):
         derivatives = on_an_ellipsoid(2.0, 2.0, 2.0, u, 0.4)
-        forms = forms_of(*derivatives)
+        forms = fundamental_forms(*derivatives)
         assert gaussian_curvature(forms) == pytest.approx(0.25)
         assert mean_curvature(forms) == pytest.approx(0.5)  # (3.22) as printed gives 1
         for turn in np.linspace(0, math.pi, 5):
@@ -52,18 +55,18 @@ def test_gaussian_and_mean_curvature_of_an_ellipsoid_are_those_of_the_book() -> 
         h = math.sqrt(x**2 / a**4 + y**2 / b**4 + z**2 / c**4)
         gauss = 1.0 / (a * b * c * h * h) ** 2
         mean = (a**2 + b**2 + c**2 - x**2 - y**2 - z**2) / (2 * (a * b * c) ** 2 * h**3)
-        forms = forms_of(*derivatives)
+        forms = fundamental_forms(*derivatives)
         assert gaussian_curvature(forms) == pytest.approx(gauss, rel=1e-11)
         assert mean_curvature(forms) == pytest.approx(mean, rel=1e-11)
-        k1, k2, *_ = principal(shape_operator(*derivatives))
+        k1, k2, *_ = principal_curvatures(shape_operator(*derivatives))
         assert k1 * k2 == pytest.approx(gauss, rel=1e-11)
         assert 0.5 * (k1 + k2) == pytest.approx(mean, rel=1e-11)
 
 
 def test_the_principal_curvatures_are_the_extremes_of_the_normal_curvature() -> None:
     derivatives = on_an_ellipsoid(3.0, 1.0, 2.0, 0.5, 0.6)
-    forms, shape = forms_of(*derivatives), shape_operator(*derivatives)
-    k1, k2, direction, umbilic = principal(shape)
+    forms, shape = fundamental_forms(*derivatives), shape_operator(*derivatives)
+    k1, k2, direction, umbilic = principal_curvatures(shape)
     turns = np.linspace(0, math.pi, 100001)
     found = [normal_curvature(forms, math.cos(t), math.sin(t)) for t in turns[::100]]
     assert max(found) == pytest.approx(k1, rel=1e-5)
@@ -80,7 +83,7 @@ def test_parametric_and_graph_agree() -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):
         p, q, r, s, t = rng.normal(size=5)
-        graph = graph_shape((p, q), (r, s, t))
+        graph = graph_shape_operator((p, q), (r, s, t))
         flat = np.zeros(2)
         surface = shape_operator(
             np.array([1.0, 0.0, p]),
@@ -91,7 +94,12 @@ def test_parametric_and_graph_agree() -> None:
             np.array([0.0, 0.0, -1.0]),
         )
         assert np.allclose(graph.normal, surface.normal, atol=1e-14)
-        assert np.allclose(principal(graph)[:2], principal(surface)[:2], rtol=1e-11, atol=1e-12)
+        assert np.allclose(
+            principal_curvatures(graph)[:2],
+            principal_curvatures(surface)[:2],
+            rtol=1e-11,
+            atol=1e-12,
+        )
         way = rng.normal(size=3)
         along = curvature_along(surface, way)
         assert curvature_along(graph, way) == pytest.approx(along, rel=1e-10, abs=1e-12)
@@ -104,7 +112,7 @@ def test_at_an_umbilic_the_curvatures_are_equal_to_1e_14_and_no_direction_is_cla
     for _ in range(2000):
         u, v = rng.uniform(-1.4, 1.4, 2)
         radius = 10.0 ** rng.uniform(-3, 3)
-        k1, k2, direction, umbilic = principal(
+        k1, k2, direction, umbilic = principal_curvatures(
             shape_operator(*on_an_ellipsoid(radius, radius, radius, u, v))
         )
         assert (k1 - k2) * radius < 1e-13 / math.cos(u) ** 2
@@ -113,7 +121,7 @@ def test_at_an_umbilic_the_curvatures_are_equal_to_1e_14_and_no_direction_is_cla
         w = math.sqrt(1 + p * p + q * q)
         # The graph of a ball of radius 1 where its slopes are p and q.
         seconds = (w * (1 + p * p), w * p * q, w * (1 + q * q))
-        k1, k2, direction, umbilic = principal(graph_shape((p, q), seconds))
+        k1, k2, direction, umbilic = principal_curvatures(graph_shape_operator((p, q), seconds))
         assert k1 == pytest.approx(1.0, abs=1e-14)
         assert k1 - k2 < 1e-14
         assert umbilic
@@ -121,8 +129,8 @@ def test_at_an_umbilic_the_curvatures_are_equal_to_1e_14_and_no_direction_is_cla
 
 def test_a_plane_is_flat_exactly_and_its_direction_is_not_claimed() -> None:
     for slopes in ((0.0, 0.0), (0.3, -0.7), (1e6, 0.0)):
-        shape = graph_shape(slopes, (0.0, 0.0, 0.0))
-        k1, k2, direction, umbilic = principal(shape)
+        shape = graph_shape_operator(slopes, (0.0, 0.0, 0.0))
+        k1, k2, direction, umbilic = principal_curvatures(shape)
         assert (k1, k2) == (0.0, 0.0)
         assert umbilic
         assert np.linalg.norm(direction) == pytest.approx(1.0)
@@ -130,7 +138,9 @@ def test_a_plane_is_flat_exactly_and_its_direction_is_not_claimed() -> None:
 
 
 def test_a_saddle_keeps_its_signs_with_a_mean_of_zero() -> None:
-    k1, k2, direction, umbilic = principal(graph_shape((0.0, 0.0), (-30.0, 0.0, 30.0)))
+    k1, k2, direction, umbilic = principal_curvatures(
+        graph_shape_operator((0.0, 0.0), (-30.0, 0.0, 30.0))
+    )
     assert (k1, k2) == (30.0, -30.0)
     assert k1 * k2 < 0.0
     assert np.allclose(np.abs(direction), [0.0, 1.0, 0.0])
@@ -148,17 +158,17 @@ def test_a_vertical_wall_is_finite_and_bends_as_it_should(steep: float) -> None:
         np.array([-0.5, 0.0, 0.0]),
         np.array([1.0, 0.0, 0.0]),
     )
-    k1, k2, *_ = principal(wall)
+    k1, k2, *_ = principal_curvatures(wall)
     assert k1 == pytest.approx(0.5, rel=2.0 / steep)
     assert k2 == pytest.approx(0.0, abs=1e-12)
     for slopes in ((steep, 0.0), (0.0, -steep), (steep, steep)):
-        shape = graph_shape(slopes, (1.0, 2.0, 3.0))
-        assert np.isfinite([*principal(shape)[:2], *shape.normal]).all()
+        shape = graph_shape_operator(slopes, (1.0, 2.0, 3.0))
+        assert np.isfinite([*principal_curvatures(shape)[:2], *shape.normal]).all()
         assert np.linalg.norm(shape.normal) == pytest.approx(1.0)
 
 
 def test_the_curvature_across_a_contour_does_not_need_h() -> None:
-    forms = forms_of(*on_an_ellipsoid(3.0, 1.0, 2.0, 0.5, 0.6))
+    forms = fundamental_forms(*on_an_ellipsoid(3.0, 1.0, 2.0, 0.5, 0.6))
     assert normal_curvature(forms, 0.0, 1.0) == forms.second[2] / forms.first[2]  # (3.16)
     assert normal_curvature(forms, 0.0, 1e-300) == normal_curvature(forms, 0.0, 1.0)
     assert normal_curvature(forms, -2.0, 6.0) == pytest.approx(normal_curvature(forms, 1.0, -3.0))
@@ -170,10 +180,10 @@ def test_which_way_is_outwards_decides_the_sign() -> None:
     *derivatives, outward = on_an_ellipsoid(2.0, 2.0, 2.0, 0.3, 0.3)
     by_u, by_v, by_uu, by_uv, by_vv = derivatives
     inside_out = shape_operator(by_u, by_v, by_uu, by_uv, by_vv, -outward)
-    assert principal(inside_out)[:2] == pytest.approx((-0.5, -0.5))
-    assert principal(shape_operator(by_v, by_u, by_vv, by_uv, by_uu, outward))[:2] == pytest.approx(
-        (0.5, 0.5)
-    )
+    assert principal_curvatures(inside_out)[:2] == pytest.approx((-0.5, -0.5))
+    assert principal_curvatures(shape_operator(by_v, by_u, by_vv, by_uv, by_uu, outward))[
+        :2
+    ] == pytest.approx((0.5, 0.5))
 
 
 def test_what_is_no_surface_is_refused() -> None:
@@ -181,11 +191,11 @@ def test_what_is_no_surface_is_refused() -> None:
     with pytest.raises(ValueError, match="parallel"):
         shape_operator(x, 3.0 * x, zero, zero, zero, x)
     with pytest.raises(ValueError, match="must be finite and not zero"):
-        forms_of(x, zero, zero, zero, zero, x)
+        fundamental_forms(x, zero, zero, zero, zero, x)
 
 
 def test_a_direction_along_the_normal_has_no_curvature() -> None:
-    shape = graph_shape((0.3, -0.2), (1.0, 0.5, 2.0))
+    shape = graph_shape_operator((0.3, -0.2), (1.0, 0.5, 2.0))
     assert curvature_along(shape, shape.normal) == 0.0
     assert curvature_along(shape, np.zeros(3)) == 0.0
 
@@ -195,3 +205,75 @@ def test_an_angle_of_1e_9_survives(angle: float) -> None:
     one = np.array([0.0, 0.0, 5.0])
     other = np.array([3.0 * math.sin(angle), 0.0, 3.0 * math.cos(angle)])
     assert angle_between(one, other) == pytest.approx(angle, rel=1e-9, abs=1e-305)
+
+
+DIRECTION = np.array([0.3, 0.9, 0.1])
+DEVIATION = 1e-3
+
+
+def scatter(derivatives: Floats, factor: Floats, draws: int = 4000) -> Floats:
+    """Root mean square change of normal, k1, k2 and the curvature along a direction."""
+    rng = np.random.default_rng(0)
+
+    def known(five: Floats) -> tuple[Floats, list[float]]:
+        p, q, r, s, t = five.tolist()
+        shape = graph_shape_operator((p, q), (r, s, t))
+        k1, k2, *_ = principal_curvatures(shape)
+        return shape.normal, [k1, k2, curvature_along(shape, DIRECTION)]
+
+    normal, numbers = known(derivatives)
+    found = []
+    for _ in range(draws):
+        other, changed = known(derivatives + DEVIATION * factor @ rng.normal(size=factor.shape[1]))
+        found.append([angle_between(normal, other), *(np.array(changed) - numbers)])
+    return np.asarray(np.sqrt(np.mean(np.square(found), axis=0)))
+
+
+def promised(derivatives: Floats, factor: Floats) -> Floats:
+    p, q, r, s, t = derivatives.tolist()
+    shape = graph_shape_operator((p, q), (r, s, t))
+    errors = graph_errors(derivatives, factor, DEVIATION, shape, DIRECTION)
+    return np.array([errors.normal, *errors.principal, errors.across])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_errors_are_the_scatter_under_noise_however_the_surface_leans(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    derivatives = rng.normal(size=5)
+    factor = rng.normal(size=(5, 7))
+    assert np.allclose(scatter(derivatives, factor), promised(derivatives, factor), rtol=0.06)
+
+
+def test_near_an_umbilic_the_errors_are_neither_nothing_nor_without_bound() -> None:
+    factor = np.eye(5)
+    for apart in (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 50.0):
+        derivatives = np.array([0.0, 0.0, 1.0 + apart * DEVIATION, 0.0, 1.0])
+        ratio = promised(derivatives, factor) / scatter(derivatives, factor)
+        assert ratio.min() > 0.85
+        assert (
+            ratio.max() < 1.35
+        )  # on the safe side where their difference is as large as its error
+
+
+def test_a_pad_that_is_turned_makes_no_difference() -> None:
+    rng = np.random.default_rng(3)
+    p, q, r, s, t = rng.normal(size=5)
+    before = promised(np.array([p, q, r, s, t]), np.diag([1.0, 1.0, 1.0, 0.5**0.5, 1.0]))
+    turned = np.array([q, -p, t, -s, r])  # by a right angle
+    after = graph_errors(
+        turned,
+        np.diag([1.0, 1.0, 1.0, 0.5**0.5, 1.0]),
+        DEVIATION,
+        graph_shape_operator((q, -p), (t, -s, r)),
+        np.array([DIRECTION[1], -DIRECTION[0], DIRECTION[2]]),
+    )
+    assert np.allclose(before, [after.normal, *after.principal, after.across], rtol=1e-12)
+
+
+def test_without_noise_there_is_no_error() -> None:
+    derivatives = np.array([0.1, 0.2, 3.0, 0.5, 2.0])
+    shape = graph_shape_operator((0.1, 0.2), (3.0, 0.5, 2.0))
+    errors = graph_errors(derivatives, np.eye(5), 0.0, shape, DIRECTION)
+    assert errors.normal == errors.across == 0.0
+    assert errors.principal == (0.0, 0.0)
+    assert (errors.parts == 0.0).all()

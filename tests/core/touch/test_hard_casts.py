@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import DOWN, pose_of
+from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.protocol import Shape
-from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.shapes.triangles import TriangleShape
-from palpate.core.shapes.warped import WarpedSuperquadric
-from palpate.core.touch.pad import Pad, Press, press
+from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.shapes.triangle_meshes import TriangleShape
+from palpate.core.touch.pad import GuardedMove, Pad, guarded_move
 
 Make = Callable[[Superquadric], Shape]
-LEVEL = 5
-"""20k faces."""
+LEVEL = 5  # 20k faces
 REACH = 0.1
 EXACT = 1e-12
 NO_EMBREE = pytest.mark.skipif(find_spec("embreex") is None, reason="no Embree here")
@@ -34,7 +33,7 @@ def zbuffer(solid: Superquadric) -> Shape:
 
 
 def unwarped(solid: Superquadric) -> Shape:
-    return WarpedSuperquadric(solid, np.zeros(2))
+    return DeformedSuperquadric(solid, np.zeros(2))
 
 
 MESHES = [pytest.param(embree, marks=NO_EMBREE), zbuffer]
@@ -45,7 +44,7 @@ KINDS = pytest.mark.parametrize(
 
 
 def above(height: float) -> Floats:
-    return pose_of(np.array([0.0, 0.0, height]), DOWN)
+    return pose_of(np.array([0.0, 0.0, height]), FACING_DOWN)
 
 
 @KINDS
@@ -53,7 +52,7 @@ def test_a_pad_whose_transducers_start_inside_says_inside(
     make: Make, ball: Superquadric, flat: Pad
 ) -> None:
     for height in (0.026, 0.0, -0.02, -0.0295):  # the last in the far half, near the exit
-        end = press(make(ball), flat, above(height), REACH, 1e-3)
+        end = guarded_move(make(ball), flat, above(height), REACH, 1e-3)
         assert end.outcome == "inside"
         assert (end.compression == 0.0).all()
 
@@ -62,7 +61,7 @@ def test_a_pad_whose_transducers_start_inside_says_inside(
 def test_a_pad_whose_face_starts_inside_says_inside_though_its_transducers_are_outside(
     make: Make, ball: Superquadric, flat: Pad
 ) -> None:
-    assert press(make(ball), flat, above(0.0298), REACH, 1e-3).outcome == "inside"
+    assert guarded_move(make(ball), flat, above(0.0298), REACH, 1e-3).outcome == "inside"
 
 
 @KINDS
@@ -70,12 +69,12 @@ def test_the_exit_out_of_reach_does_not_hide_that_the_start_is_inside(
     make: Make, flat: Pad
 ) -> None:
     deep = make(Superquadric(np.array([0.05, 0.05, 0.5]), np.ones(2)))
-    assert press(deep, flat, above(0.4), 1e-3, 1e-3).outcome == "inside"
+    assert guarded_move(deep, flat, above(0.4), 1e-3, 1e-3).outcome == "inside"
 
 
 @KINDS
 def test_a_press_past_saturation_bottoms(make: Make, ball: Superquadric, flat: Pad) -> None:
-    end = press(make(ball), flat, above(0.05), REACH, 2.9e-3)
+    end = guarded_move(make(ball), flat, above(0.05), REACH, 2.9e-3)
     assert end.outcome == "bottomed"
     assert end.compression.max() == pytest.approx(2.4e-3, abs=EXACT)
 
@@ -84,9 +83,9 @@ def test_a_press_past_saturation_bottoms(make: Make, ball: Superquadric, flat: P
 def test_a_pad_beside_the_object_or_too_far_misses(
     make: Make, ball: Superquadric, flat: Pad
 ) -> None:
-    aside = pose_of(np.array([0.04, 0.0, 0.05]), DOWN)
+    aside = pose_of(np.array([0.04, 0.0, 0.05]), FACING_DOWN)
     for start, reach in ((aside, REACH), (above(0.05), 0.0199), (above(-0.05), REACH)):
-        end = press(make(ball), flat, start, reach, 1e-3)
+        end = guarded_move(make(ball), flat, start, reach, 1e-3)
         assert end.outcome == "miss"
         assert (end.compression == 0.0).all()
         assert end.advance == reach
@@ -94,7 +93,7 @@ def test_a_pad_beside_the_object_or_too_far_misses(
 
 @KINDS
 def test_a_hit_is_felt_where_the_object_is(make: Make, ball: Superquadric, flat: Pad) -> None:
-    end = press(make(ball), flat, above(0.05), REACH, 1e-3)
+    end = guarded_move(make(ball), flat, above(0.05), REACH, 1e-3)
     x, y = flat.grid()
     wanted = np.sqrt(0.03**2 - x**2 - y**2)
     wanted = np.maximum(1e-3 - (wanted.max() - wanted), 0.0)
@@ -116,7 +115,7 @@ def test_a_ray_on_the_axis_is_exact(exponents: tuple[float, float], axis: int, w
         into = -sign * np.eye(3)[axis]
         across = np.eye(3)[axis - 1]
         axes = np.column_stack([across, np.cross(into, across), into])
-        end = press(shape, odd, pose_of(-0.1 * into, axes), REACH, 1e-3)
+        end = guarded_move(shape, odd, pose_of(-0.1 * into, axes), REACH, 1e-3)
         assert end.outcome == "hit"
         assert end.advance == pytest.approx(0.1 - solid.size[axis] + 1e-3, abs=EXACT)
         assert end.compression[7, 7] == pytest.approx(1e-3, abs=EXACT)
@@ -125,7 +124,7 @@ def test_a_ray_on_the_axis_is_exact(exponents: tuple[float, float], axis: int, w
 @KINDS
 def test_a_plate_of_1_mm_pressed_by_2_mm_is_felt_on_its_near_side(make: Make, flat: Pad) -> None:
     plate = make(Superquadric(np.array([0.03, 0.03, 0.0005]), np.full(2, 0.05)))
-    end = press(plate, flat, above(0.05), REACH, 2e-3)
+    end = guarded_move(plate, flat, above(0.05), REACH, 2e-3)
     assert end.outcome == "hit"
     assert np.allclose(end.compression, 2e-3, rtol=0, atol=1e-6)
     assert end.advance == pytest.approx(0.05 - 0.0005 + 2e-3, abs=1e-6)
@@ -138,7 +137,9 @@ def test_an_object_finer_than_the_pitch_is_felt_on_a_taxel_and_not_between_taxel
 ) -> None:
     """Honest: the pad has no taxel there, and says so."""
     pin = make(Superquadric(np.full(3, 0.4e-3), np.ones(2)))
-    end = press(pin, flat, pose_of(np.array([aside, aside, 0.05]), DOWN), REACH, 0.3e-3)
+    end = guarded_move(
+        pin, flat, pose_of(np.array([aside, aside, 0.05]), FACING_DOWN), REACH, 0.3e-3
+    )
     assert end.outcome == ("hit" if felt else "miss")
     assert int((end.compression > 0).sum()) == felt
     if felt:
@@ -150,13 +151,13 @@ def test_an_object_smaller_than_the_pad_is_felt_by_the_taxels_over_it_alone(
     make: Make, flat: Pad
 ) -> None:
     small = make(Superquadric(np.full(3, 0.004), np.ones(2)))
-    end = press(small, flat, above(0.05), REACH, 0.3e-3)
+    end = guarded_move(small, flat, above(0.05), REACH, 0.3e-3)
     assert end.outcome == "hit"
     x, y = flat.grid()
     rim = np.sqrt(np.maximum(0.004**2 - x**2 - y**2, 0.0))
     assert np.array_equal(end.compression > 0, rim > rim.max() - 0.3e-3)
     assert int((end.compression > 0).sum()) == 12
-    whole = press(small, flat, above(0.05), REACH, 2e-3)
+    whole = guarded_move(small, flat, above(0.05), REACH, 2e-3)
     assert (whole.indentation[np.hypot(x, y) > 0.004] == -np.inf).all()
 
 
@@ -172,7 +173,7 @@ def test_400_random_exponents_and_tilts_agree_with_the_definition(flat: Pad) -> 
         across = np.cross(into, rng.normal(size=3))
         across /= np.linalg.norm(across)
         axes = np.column_stack([across, np.cross(into, across), into])
-        end = press(solid, flat, pose_of(place - 0.08 * into, axes), 0.1, 1e-3)
+        end = guarded_move(solid, flat, pose_of(place - 0.08 * into, axes), 0.1, 1e-3)
         assert end.outcome == "hit"
         error = _errors(solid, flat, end, axes)
         worst, hits = max(worst, float(error.max())), hits + len(error)
@@ -184,11 +185,11 @@ def test_the_gauge_does_not_overflow_at_the_smallest_exponents(flat: Pad) -> Non
     for exponents in ((0.02, 0.02), (0.02, 2.0), (2.0, 0.02)):
         solid = Superquadric(np.array([0.03, 0.001, 0.04]), np.array(exponents))
         for far in (0.1, 9.0):
-            end = press(solid, flat, above(far), 10.0, 1e-3)
+            end = guarded_move(solid, flat, above(far), 10.0, 1e-3)
             assert end.outcome == "hit"
             assert np.isfinite(end.compression).all()
-            assert _errors(solid, flat, end, DOWN).max() < 1e-11
-            assert press(solid, flat, above(-far), 10.0, 1e-3).outcome == "miss"
+            assert _errors(solid, flat, end, FACING_DOWN).max() < 1e-11
+            assert guarded_move(solid, flat, above(-far), 10.0, 1e-3).outcome == "miss"
 
 
 def test_an_edge_met_at_45_degrees_and_a_corner_along_its_diagonal_are_exact(flat: Pad) -> None:
@@ -198,7 +199,7 @@ def test_an_edge_met_at_45_degrees_and_a_corner_along_its_diagonal_are_exact(fla
         across = np.cross([0.3, 0.0, 1.0], out)
         across /= np.linalg.norm(across)
         axes = np.column_stack([across, np.cross(-out, across), -out])
-        end = press(solid, flat, pose_of(0.08 * out, axes), REACH, 1e-3)
+        end = guarded_move(solid, flat, pose_of(0.08 * out, axes), REACH, 1e-3)
         assert end.outcome == "hit"
         error = _errors(solid, flat, end, axes)
         assert len(error) > 100
@@ -212,16 +213,18 @@ def test_rays_along_a_face_meet_what_is_within_it_and_miss_what_is_beside(
     """A pad over the edge of a box: half its rays run along the side."""
     solid = Superquadric(np.array([0.0075, 0.03, 0.04]), np.full(2, 0.05))
     shape: Shape = unwarped(solid) if warp else solid
-    end = press(shape, flat, pose_of(np.array([0.0075, 0.0, 0.06]), DOWN), REACH, 1e-3)
+    end = guarded_move(
+        shape, flat, pose_of(np.array([0.0075, 0.0, 0.06]), FACING_DOWN), REACH, 1e-3
+    )
     over = end.pose[0] + flat.grid()[0]
     assert end.outcome == "hit"
     assert np.isfinite(end.indentation[np.abs(over) < 0.0074]).all()
     assert (end.indentation[np.abs(over) > 0.0076] == -np.inf).all()
-    error = _errors(solid, flat, end, DOWN)
+    error = _errors(solid, flat, end, FACING_DOWN)
     assert error.max() < EXACT
 
 
-def _errors(solid: Superquadric, pad: Pad, end: Press, axes: Floats) -> Floats:
+def _errors(solid: Superquadric, pad: Pad, end: GuardedMove, axes: Floats) -> Floats:
     """Distances of what was felt from the surface along the rays, in extended precision, m.
 
     Of rays that graze, the error of the gauge times the size: their range has no better.

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.frames import DOWN, pose_of
-from palpate.core.shapes.posed import PosedShape
-from palpate.core.shapes.protocol import Mesh
-from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.shapes.triangles import TriangleShape
-from palpate.core.touch.pad import Pad, press
+from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.shapes.protocol import Mesh, PosedShape
+from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.shapes.triangle_meshes import TriangleShape
+from palpate.core.touch.pad import Pad, guarded_move
 
 REACH = 0.1
 EXACT = 1e-12
@@ -24,7 +23,7 @@ BACKENDS = [pytest.param(True, marks=NO_EMBREE), False]
 
 
 def above(height: float) -> Floats:
-    return pose_of(np.array([0.0, 0.0, height]), DOWN)
+    return pose_of(np.array([0.0, 0.0, height]), FACING_DOWN)
 
 
 def slab(half: Floats) -> tuple[Floats, Ints]:
@@ -38,7 +37,7 @@ def slab(half: Floats) -> tuple[Floats, Ints]:
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_sharp_plate_of_1_mm_pressed_by_2_mm_is_felt_exactly(backend: bool, flat: Pad) -> None:
     plate = TriangleShape(*slab(np.array([0.03, 0.03, 0.0005])), backend)
-    end = press(plate, flat, above(0.05), REACH, 2e-3)
+    end = guarded_move(plate, flat, above(0.05), REACH, 2e-3)
     assert end.outcome == "hit"
     assert np.allclose(end.compression, 2e-3, rtol=0, atol=EXACT)
 
@@ -51,14 +50,14 @@ def test_nothing_is_felt_through_a_hole_but_the_wall_behind_it(backend: bool, fl
     whole = TriangleShape(corners, faces, backend)
     holed = TriangleShape(corners, faces[~top], backend)
     assert (whole.closed, holed.closed) == (True, False)
-    assert press(whole, flat, above(0.05), REACH, 1e-3).outcome == "hit"
+    assert guarded_move(whole, flat, above(0.05), REACH, 1e-3).outcome == "hit"
     # The bottom is seen from behind: it is no surface that could be met from there.
-    assert press(holed, flat, above(0.05), REACH, 1e-3).outcome == "miss"
-    assert press(holed, flat, above(0.0), REACH, 1e-3).outcome == "miss"
+    assert guarded_move(holed, flat, above(0.05), REACH, 1e-3).outcome == "miss"
+    assert guarded_move(holed, flat, above(0.0), REACH, 1e-3).outcome == "miss"
     # The side is met as ever, and from within the open box the far side is not.
     into = np.array([-1.0, 0.0, 0.0])
     axes = np.column_stack([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], into])
-    end = press(holed, flat, pose_of(np.array([0.05, 0.0, 0.0]), axes), REACH, 1e-3)
+    end = guarded_move(holed, flat, pose_of(np.array([0.05, 0.0, 0.0]), axes), REACH, 1e-3)
     assert end.outcome == "hit"
     assert end.advance == pytest.approx(0.021, abs=EXACT)
 
@@ -69,7 +68,7 @@ def test_through_a_hole_a_ray_goes_on_to_the_next_front_face(backend: bool, flat
     top = (corners[faces][:, :, 2] > 0).all(axis=1)
     lower = corners - [0.0, 0.0, 0.04]
     both = np.concatenate([corners, lower]), np.concatenate([faces[~top], faces + 8])
-    end = press(TriangleShape(*both, backend), flat, above(0.05), REACH, 1e-3)
+    end = guarded_move(TriangleShape(*both, backend), flat, above(0.05), REACH, 1e-3)
     assert end.outcome == "hit"
     assert end.advance == pytest.approx(0.05 + 0.03 + 1e-3, abs=EXACT)
     assert np.allclose(end.compression, 1e-3, rtol=0, atol=EXACT)
@@ -85,7 +84,7 @@ def test_a_mesh_that_is_inside_out_is_turned(
     assert (right.flipped, turned.flipped) == (False, True)
     assert signed_volume(turned.mesh(0)) == pytest.approx(signed_volume(right.mesh(0)))
     for height, outcome in ((0.05, "hit"), (0.0, "inside")):
-        first, second = (press(s, flat, above(height), REACH, 1e-3) for s in (right, turned))
+        first, second = (guarded_move(s, flat, above(height), REACH, 1e-3) for s in (right, turned))
         assert first.outcome == second.outcome == outcome
         assert np.allclose(first.compression, second.compression, rtol=0, atol=EXACT)
 
@@ -95,13 +94,13 @@ def test_rays_along_the_silhouette_of_a_mesh_do_not_start_inside(backend: bool, 
     """Edges and side faces seen edge-on show a back face as near as a front face."""
     box = TriangleShape(*slab(np.array([0.0075, 0.0035, 0.02])), backend)
     for aside in (0.0, 0.5e-3, 1e-3, 7e-3, 15e-3):  # taxels run exactly along the sides
-        start = pose_of(np.array([aside, 0.0, 0.05]), DOWN)
-        assert press(box, flat, start, REACH, 1e-3).outcome == "hit"
+        start = pose_of(np.array([aside, 0.0, 0.05]), FACING_DOWN)
+        assert guarded_move(box, flat, start, REACH, 1e-3).outcome == "hit"
     for turn in np.linspace(0.0, 3.0, 40):
         cosine, sine = math.cos(turn), math.sin(turn)
         axes = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
         posed = PosedShape(box, pose_of(np.zeros(3), axes))
-        assert press(posed, flat, above(0.05), REACH, 1e-3).outcome == "hit"
+        assert guarded_move(posed, flat, above(0.05), REACH, 1e-3).outcome == "hit"
 
 
 @NO_EMBREE
@@ -118,7 +117,7 @@ def test_embree_and_the_z_buffer_feel_the_same(ball: Superquadric, domed: Pad) -
             matrix[:, 0] *= np.linalg.det(matrix)
             away = rng.choice([0.0, 0.06])
             start = pose_of(rng.uniform(-0.02, 0.02, 3) - away * matrix[:, 2], matrix)
-            ends = [press(shape, domed, start, REACH, 1e-3) for shape in (first, second)]
+            ends = [guarded_move(shape, domed, start, REACH, 1e-3) for shape in (first, second)]
             assert ends[0].outcome == ends[1].outcome
             assert np.allclose(ends[0].compression, ends[1].compression, rtol=0, atol=1e-9)
             outcomes.add(ends[0].outcome)

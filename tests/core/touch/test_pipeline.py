@@ -11,33 +11,34 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.draws import Draws
-from palpate.core.touch.effect import Effect, Place, Stage
-from palpate.core.touch.effects.catalogue import NAMES, effect_type, rank
-from palpate.core.touch.pipeline import Pipeline, assemble
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.poses import FACING_DOWN, compose_poses, pose_of
+from palpate.core.robot_time import contact_seconds
+from palpate.core.touch.effect import Effect, Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
+from palpate.core.touch.keyed_random import KeyedRandom
+from palpate.core.touch.pad import guarded_move
+from palpate.core.touch.pipeline import Pipeline, advanced_pose, assemble, cast_single_rays
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
-Values = Callable[[Touch], dict[str, Any]]
-
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
+Values = Callable[[SimulatedTouch], dict[str, Any]]
 IDEAL = """
 import sys
 import numpy as np
-from palpate.core.frames import DOWN, pose_of
-from palpate.core.measure.robot_time import PRESETS
-from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.touch.calibration import Calibration
+from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.robot_time import ROBOT_PRESETS
+from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.touch.pad import Calibration
 from palpate.core.touch.pad import Pad
 from palpate.core.touch.pipeline import assemble
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 
 pad = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 finger = Finger(pad, Calibration("time", 3e-3, 1000.0, 0.2e3), PRESETS["modern"])
 pipeline, start = assemble(finger, []), pose_of(np.array([0.0, 0.0, 0.033]), DOWN)
 ball = Superquadric(np.full(3, 0.03), np.ones(2))
 touch = Touch(ball, 0, start, start, reach=0.01, depth=1e-3, begun=0.0, previous=0.0)
-pipeline.feel(touch, pipeline.begin())
+pipeline.simulate(touch, pipeline.begin())
 assert touch.outcome == "hit"
 print(*sorted(sys.modules))
 """
@@ -47,12 +48,12 @@ print(*sorted(sys.modules))
 class Mark:
     """An effect that notes when it acted."""
 
-    place: Place
+    place: Phase
     name: str
     notes: list[str]
 
-    def prepare(self, finger: Finger) -> Stage:
-        def act(touch: Touch, state: int) -> int:
+    def prepare(self, finger: Fingertip) -> Stage:
+        def act(touch: SimulatedTouch, state: int) -> int:
             self.notes.append(self.name)
             return state + 1
 
@@ -64,9 +65,9 @@ class Loud:
     """An effect that a calibration would find to be noise."""
 
     noise: float
-    place: ClassVar = Place.SIGNAL
+    place: ClassVar = Phase.SIGNAL
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         return Stage(lambda touch, state: None, noise=self.noise)
 
 
@@ -75,10 +76,10 @@ def effects_of(*names: str) -> list[Effect]:
     return [effect_type(name)() for name in sorted(names, key=rank)]
 
 
-def felt(pipeline: Pipeline, touches: list[Touch]) -> list[Touch]:
+def felt(pipeline: Pipeline, touches: list[SimulatedTouch]) -> list[SimulatedTouch]:
     states = pipeline.begin()
     for touch in touches:
-        states = pipeline.feel(touch, states)
+        states = pipeline.simulate(touch, states)
     return touches
 
 
@@ -91,7 +92,7 @@ def test_an_ideal_touch_imports_no_effect_and_no_random_number() -> None:
     assert "palpate.core.touch.pipeline" in loaded
     assert not [name for name in loaded if name.startswith("palpate.core.touch.effects")]
     assert not [name for name in loaded if name.startswith(("numpy.random", "scipy"))]
-    assert "palpate.core.touch.draws" not in loaded
+    assert "palpate.core.touch.keyed_random" not in loaded
 
 
 def test_without_effects_the_array_reads_the_compression(
@@ -116,34 +117,34 @@ def test_stages_act_by_place_and_within_a_place_as_given(
     make_finger: MakeFinger, make_touch: MakeTouch
 ) -> None:
     notes: list[str] = []
-    marks = [Mark(place, f"{place.name} {i}", notes) for i in (1, 2) for place in reversed(Place)]
-    marks = [mark for mark in marks if mark.place is not Place.CAST]
+    marks = [Mark(place, f"{place.name} {i}", notes) for i in (1, 2) for place in reversed(Phase)]
+    marks = [mark for mark in marks if mark.place is not Phase.CAST]
     pipeline = assemble(make_finger(), marks)  # type: ignore[arg-type]
     felt(pipeline, [make_touch()])
-    assert notes == [f"{p.name} {i}" for p in Place if p is not Place.CAST for i in (1, 2)]
+    assert notes == [f"{p.name} {i}" for p in Phase if p is not Phase.CAST for i in (1, 2)]
 
 
 def test_an_effect_of_the_cast_takes_its_place(
     make_finger: MakeFinger, make_touch: MakeTouch
 ) -> None:
     notes: list[str] = []
-    pipeline = assemble(make_finger(), [Mark(Place.CAST, "cast", notes)])  # type: ignore[list-item]
+    pipeline = assemble(make_finger(), [Mark(Phase.CAST, "cast", notes)])  # type: ignore[list-item]
     with pytest.raises(ValueError, match="no finite"):  # nobody has cast anything
         felt(pipeline, [make_touch()])
     assert notes == ["cast"]
 
 
 def test_two_effects_of_the_cast_are_refused(make_finger: MakeFinger) -> None:
-    marks = [Mark(Place.CAST, name, []) for name in "ab"]
+    marks = [Mark(Phase.CAST, name, []) for name in "ab"]
     with pytest.raises(ValueError, match="Mark and Mark both say how a taxel sees the surface"):
         assemble(make_finger(), marks)  # type: ignore[arg-type]
 
 
 def test_each_stage_is_given_its_own_state(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
-    marks = [Mark(Place.SIGNAL, "a", []), Mark(Place.AIM, "b", [])]
+    marks = [Mark(Phase.SIGNAL, "a", []), Mark(Phase.AIM, "b", [])]
     pipeline = assemble(make_finger(), marks)  # type: ignore[arg-type]
     assert pipeline.begin() == (0, None, None, 0)
-    after = pipeline.feel(make_touch(), (5, None, None, 8))
+    after = pipeline.simulate(make_touch(), (5, None, None, 8))
     assert after == (6, None, None, 9)
 
 
@@ -169,13 +170,13 @@ class Probe:
     """Keeps the readings that pass it."""
 
     kept: list[Floats]
-    place: ClassVar = Place.SIGNAL
+    place: ClassVar = Phase.SIGNAL
 
-    def prepare(self, finger: Finger) -> Stage:
+    def prepare(self, finger: Fingertip) -> Stage:
         return Stage(lambda touch, state: self.kept.append(touch.reading))
 
 
-def noise_beside(other: str, finger: Finger, touches: list[Touch]) -> Floats:
+def noise_beside(other: str, finger: Fingertip, touches: list[SimulatedTouch]) -> Floats:
     """What the Gaussian noise adds to each reading, in a pipeline that has another effect too."""
     before, after = Probe([]), Probe([])
     noise, others = effects_of("gaussian_noise"), effects_of(other)
@@ -185,7 +186,7 @@ def noise_beside(other: str, finger: Finger, touches: list[Touch]) -> Floats:
     return np.subtract(after.kept, before.kept)
 
 
-@pytest.mark.parametrize("other", [name for name in NAMES if name != "gaussian_noise"])
+@pytest.mark.parametrize("other", [name for name in EFFECT_NAMES if name != "gaussian_noise"])
 def test_an_effect_that_is_added_does_not_change_the_draws_of_another(
     other: str, make_finger: MakeFinger, make_touch: MakeTouch
 ) -> None:
@@ -193,7 +194,7 @@ def test_an_effect_that_is_added_does_not_change_the_draws_of_another(
     # A hit, a miss and a press to the bottom: what came of a touch changes no draw either.
     outcomes: list[dict[str, float]] = [{}, {"reach": 1e-3}, {"depth": 2.9e-3}]
     touches = [make_touch(number, **given) for number, given in enumerate(outcomes)]
-    draws = Draws(finger, "gaussian_noise")
+    draws = KeyedRandom(finger, "gaussian_noise")
     expected = [draws.of_touch(number).standard_normal((16, 16)) for number in range(3)]
     found = noise_beside(other, finger, touches) / 10e-6
     # Readings are of millimetres, and the sums of them and the noise are rounded as such.
@@ -205,16 +206,16 @@ class Odd:
     """An effect that does one thing wrong."""
 
     wrong: str = ""
-    place: ClassVar = Place.LINK
+    place: ClassVar = Phase.LINK
 
-    def prepare(self, finger: Finger) -> Any:
+    def prepare(self, finger: Fingertip) -> Any:
         if self.wrong == "prepare":
             raise KeyError("gone")
         if self.wrong == "nothing":
             return None
         return Stage(self.act, noise=float("nan") if self.wrong == "noise" else 0.0)
 
-    def act(self, touch: Touch, state: None) -> None:
+    def act(self, touch: SimulatedTouch, state: None) -> None:
         if self.wrong == "act":
             raise ZeroDivisionError("boom")
         if self.wrong == "nan":
@@ -236,7 +237,7 @@ class Odd:
     ],
 )
 def test_an_effect_that_cannot_be_prepared_is_named(
-    wrong: str, words: str, make_finger: Callable[..., Finger]
+    wrong: str, words: str, make_finger: Callable[..., Fingertip]
 ) -> None:
     with pytest.raises(ValueError, match=words):
         assemble(make_finger(), [Odd(wrong)])
@@ -255,13 +256,88 @@ def test_an_effect_that_cannot_be_prepared_is_named(
 def test_what_an_effect_leaves_is_checked(
     wrong: str,
     words: str,
-    make_finger: Callable[..., Finger],
-    make_touch: Callable[..., Touch],
+    make_finger: Callable[..., Fingertip],
+    make_touch: Callable[..., SimulatedTouch],
 ) -> None:
     pipeline = assemble(make_finger(), [Odd(wrong)])
     with pytest.raises(ValueError, match=words):
-        pipeline.feel(make_touch(), pipeline.begin())
+        pipeline.simulate(make_touch(), pipeline.begin())
 
 
-def test_every_stage_has_a_name(make_finger: Callable[..., Finger]) -> None:
+def test_every_stage_has_a_name(make_finger: Callable[..., Fingertip]) -> None:
     assert assemble(make_finger(), [Odd()]).names == ("cast", "transducer", "Odd")
+
+
+def test_a_touch_holds_what_the_press_was(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+    finger, touch = make_finger(), make_touch()
+    end = guarded_move(touch.shape, finger.pad, touch.actual, touch.reach, touch.depth)
+    cast_single_rays(finger, touch)
+    assert (touch.outcome, touch.advance) == ("hit", end.advance)
+    assert np.array_equal(touch.compression, end.compression)
+    assert np.array_equal(touch.indentation, end.indentation)
+    assert np.array_equal(touch.actual, end.pose)
+
+
+def test_pressure_is_the_force_of_each_taxel_over_its_area(
+    make_finger: MakeFinger, make_touch: MakeTouch
+) -> None:
+    finger, touch = make_finger(pitch=0.9e-3), make_touch()
+    cast_single_rays(finger, touch)
+    force = touch.pressure * finger.pad.pitch**2
+    assert np.allclose(force, finger.calibration.taxel_stiffness * touch.compression, rtol=1e-14)
+
+
+def test_the_arm_believes_to_have_gone_as_far_as_it_went(
+    make_finger: MakeFinger, make_touch: MakeTouch
+) -> None:
+    finger = make_finger()
+    elsewhere = pose_of(np.array([0.01, 0.02, 0.04]), FACING_DOWN)
+    touch = make_touch(believed=elsewhere)
+    cast_single_rays(finger, touch)
+    assert np.allclose(touch.believed[:3], elsewhere[:3] - [0.0, 0.0, touch.advance], atol=1e-16)
+    assert np.array_equal(touch.believed[3:], elsewhere[3:])
+
+
+def test_a_pose_advances_along_its_own_axis(rotations: Callable[[int], Floats]) -> None:
+    for axes in rotations(5):
+        pose = pose_of(np.array([0.1, -0.2, 0.3]), axes)
+        way = np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 1.0])
+        assert np.allclose(advanced_pose(pose, 0.02)[:3], compose_poses(pose, way)[:3], atol=1e-16)
+
+
+def test_times_of_a_hit_add_up_to_that_of_the_move(
+    make_finger: MakeFinger, make_touch: MakeTouch
+) -> None:
+    finger, touch = make_finger(), make_touch(begun=5.0, previous=4.0)
+    cast_single_rays(finger, touch)
+    robot = finger.robot
+    assert touch.loading == pytest.approx(touch.depth / robot.approach)
+    assert touch.dwell == robot.dwell
+    assert touch.time == 5.0 + contact_seconds(robot, touch.advance)
+    way_back = touch.advance / robot.retract + robot.overhead
+    whole = touch.rest + touch.loading + touch.dwell + way_back
+    assert whole == pytest.approx(touch.time - touch.previous, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("given", "outcome"),
+    [({"reach": 1e-3}, "miss"), ({"actual": pose_of(np.zeros(3), FACING_DOWN)}, "inside")],
+)
+def test_a_pad_that_met_nothing_rested_all_the_while(
+    given: dict[str, object], outcome: str, make_finger: MakeFinger, make_touch: MakeTouch
+) -> None:
+    finger, touch = make_finger(), make_touch(begun=5.0, previous=4.0, **given)
+    cast_single_rays(finger, touch)
+    assert touch.outcome == outcome
+    assert (touch.loading, touch.dwell) == (0.0, 0.0)
+    travel = touch.advance / finger.robot.approach
+    assert touch.rest == pytest.approx(1.0 + travel + finger.robot.overhead)
+
+
+def test_a_bottomed_pad_was_pressed_only_to_its_saturation(
+    make_finger: MakeFinger, make_touch: MakeTouch
+) -> None:
+    finger, touch = make_finger(), make_touch(depth=2.9e-3)
+    cast_single_rays(finger, touch)
+    assert touch.outcome == "bottomed"
+    assert touch.loading == pytest.approx(0.8 * 3e-3 / finger.robot.approach)

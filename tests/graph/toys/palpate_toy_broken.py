@@ -9,8 +9,9 @@ import sys
 
 import msgspec
 
-from palpate.messages.types import LogRecord, TactileFrame
-from palpate.nodes.node import Node, Outputs
+from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.touch import TactileFrame
+from palpate.nodes.runtime.node import Node, Outputs
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True):

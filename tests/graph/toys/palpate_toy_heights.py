@@ -11,18 +11,18 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
-from palpate.core.explore.fingers import next_finished
-from palpate.core.frames import DOWN, IDENTITY, pose_of
-from palpate.messages.types import (
+from palpate.core.explore.survey import next_finished
+from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, pose_of
+from palpate.messages.types.motion import (
     Contour,
     ContourGoal,
     FingerClock,
     GraspContacts,
     GraspGoal,
     ProbeGoal,
-    World,
 )
-from palpate.nodes.node import Finished, Node, Outputs
+from palpate.messages.types.world import World
+from palpate.nodes.runtime.node import Finished, Node, Outputs
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,7 +44,7 @@ class State:
 def _know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     hand = GraspGoal(
         number=0,
-        pose=pose_of(np.array([0.0, 0.0, 0.03]), DOWN),
+        pose=pose_of(np.array([0.0, 0.0, 0.03]), FACING_DOWN),
         fingers=4,
         opening=0.1,
         reach=0.1,
@@ -97,7 +97,7 @@ def _send(params: Params, state: State, finger: int, now: float) -> tuple[State,
     goal = ContourGoal(
         id=state.goals,
         finger=finger,
-        frame=IDENTITY,
+        frame=IDENTITY_POSE,
         height=state.left[0],
         centre=np.zeros(2),
         radius=params.radius,

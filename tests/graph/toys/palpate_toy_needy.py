@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
-from palpate.messages.types import TactileFrame
-from palpate.nodes.node import Finished, Node, Outputs
+from palpate.messages.types.touch import TactileFrame
+from palpate.nodes.runtime.node import Finished, Node, Outputs
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True):

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from palpate.messages.header import Header
-from palpate.nodes.node import Sink
+from palpate.messages.codec import Header
+from palpate.nodes.runtime.node import Sink
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True):

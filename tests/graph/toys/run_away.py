@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-from palpate.launch.bench_bus import Quiet
-from palpate.launch.bench_toy import Params, toy
+from palpate.bench.bus.toy_node import Quiet, ToyParams, toy
 from palpate.launch.launcher import launch
 
 
@@ -17,10 +16,12 @@ class Telling(Quiet):
         print("ready", flush=True)
 
 
-relay = toy("relay", Params(relay=True), hears="source")
+relay = toy("relay", ToyParams(relay=True), hears="source")
+
+
 launch(
     [
-        toy("source", Params(burst=1, laps=10**9), hears="relay"),
+        toy("source", ToyParams(burst=1, laps=10**9), hears="relay"),
         replace(relay, host=sys.argv[1]),
     ],
     ends="source",

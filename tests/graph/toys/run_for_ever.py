@@ -5,15 +5,18 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from palpate.launch.bench_bus import Quiet
-from palpate.launch.bench_toy import Params, toy
+from palpate.bench.bus.toy_node import Quiet, ToyParams, toy
 from palpate.launch.launcher import launch
-from palpate.nodes.wiring import Input, Wiring
+from palpate.nodes.runtime.wiring import Input, Wiring
 
 # Without a guard: no node may run the script once more.
 folder = Path(sys.argv[1])
 work = float(sys.argv[2]) if len(sys.argv) > 2 else 0.0
+
+
 sys.path.insert(0, str(Path(__file__).parent))
+
+
 sink = Wiring(
     name="sink",
     module="palpate_toy_sink",
@@ -22,11 +25,15 @@ sink = Wiring(
     outputs={},
     listeners={},
 )
+
+
 print("launching", flush=True)
+
+
 ending = launch(
     [
-        toy("source", Params(burst=1, laps=10**9), hears="relay"),
-        toy("relay", Params(relay=True, work=work), hears="source"),
+        toy("source", ToyParams(burst=1, laps=10**9), hears="relay"),
+        toy("relay", ToyParams(relay=True, work=work), hears="source"),
         sink,
     ],
     ends="source",
@@ -34,4 +41,6 @@ ending = launch(
     watcher=Quiet(),
     work_dir=folder,
 )
+
+
 print(ending.status, "-", ending.reason, flush=True)

@@ -6,12 +6,13 @@ import os
 import sys
 from pathlib import Path
 
-from palpate.launch.bench_bus import Quiet
-from palpate.launch.bench_toy import Params, toy
+from palpate.bench.bus.toy_node import Quiet, ToyParams, toy
 from palpate.launch.launcher import launch
-from palpate.nodes.wiring import Input, Wiring
+from palpate.nodes.runtime.wiring import Input, Wiring
 
 sys.path.insert(0, str(Path(__file__).parent))
+
+
 broken = Wiring(
     name="broken",
     module="palpate_toy_broken",
@@ -23,6 +24,12 @@ broken = Wiring(
     on_exit="stop",
 )
 before = dict(os.environ)
-ending = launch([toy("source", Params(burst=5)), broken], ends="source", hear=(), watcher=Quiet())
+ending = launch(
+    [toy("source", ToyParams(burst=5)), broken], ends="source", hear=(), watcher=Quiet()
+)
+
+
 print(ending.reason)
+
+
 print(dict(os.environ) == before)

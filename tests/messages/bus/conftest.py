@@ -8,10 +8,9 @@ from typing import Any
 import pytest
 import zmq
 
-from palpate.messages.bus.past import Past
+from palpate.messages.bus.message_log import MessageLog, SendTimes
 from palpate.messages.bus.publisher import Publisher
-from palpate.messages.bus.subscriber import Arrival, Subscriber
-from palpate.messages.bus.times import Times
+from palpate.messages.bus.subscriber import Received, Subscriber
 
 
 class Bench:
@@ -26,11 +25,11 @@ class Bench:
         settings: dict[str, Any] = {
             "run": 1,
             "epoch": 0,
-            "times": Times(self._folder / f"times_{number}", name, ["/talk", "/more"]),
+            "times": SendTimes(self._folder / f"times_{number}", name, ["/talk", "/more"]),
             "listeners": {"/talk": ("hearer",), "/more": ()},
             "depth": 1000,
             "drain": lambda: None,
-            "past": Past(Path("/nowhere"), ["/talk", "/more"]),
+            "past": MessageLog(Path("/nowhere"), ["/talk", "/more"]),
         }
         endpoint = more.pop("endpoint", f"inproc://{name}")
         made = Publisher(self.context, endpoint, name=name, **{**settings, **more})
@@ -55,9 +54,9 @@ class Bench:
 
     def turn(
         self, publisher: Publisher, subscriber: Subscriber, until: Callable[[], bool]
-    ) -> list[Arrival]:
+    ) -> list[Received]:
         """Turn both ends until something is so, and all that is there has been heard."""
-        heard: list[Arrival] = []
+        heard: list[Received] = []
         deadline = time.monotonic() + 10
         while not until():
             assert time.monotonic() < deadline, "nothing came of it"
@@ -66,7 +65,7 @@ class Bench:
             heard += self.hear(subscriber)
         return heard + self.hear(subscriber)
 
-    def hear(self, subscriber: Subscriber) -> list[Arrival]:
+    def hear(self, subscriber: Subscriber) -> list[Received]:
         heard = []
         while (arrival := subscriber.receive()) is not None:
             heard.append(arrival)

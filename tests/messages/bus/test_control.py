@@ -6,20 +6,26 @@ from typing import Any
 import msgpack
 import pytest
 
-from palpate.messages.bus.control import LauncherLine, NodeLine
-from palpate.messages.bus.words import MAX_BYTES
+from palpate.messages.bus.control import (
+    FROM_NODES,
+    MAX_CONTROL_BYTES,
+    TO_NODES,
+    ControlClient,
+    ControlServer,
+    read_control,
+)
 
 
 @pytest.fixture
-def lines(bench: Any) -> Iterator[tuple[LauncherLine, NodeLine]]:
-    launcher = LauncherLine(bench.context, "inproc://control")
-    node = NodeLine(bench.context, "inproc://control", name="finger_1/filter")
+def lines(bench: Any) -> Iterator[tuple[ControlServer, ControlClient]]:
+    launcher = ControlServer(bench.context, "inproc://control")
+    node = ControlClient(bench.context, "inproc://control", name="finger_1/filter")
     yield launcher, node
     node.socket.close(0)
     launcher.close()
 
 
-def test_words_go_both_ways(lines: tuple[LauncherLine, NodeLine]) -> None:
+def test_words_go_both_ways(lines: tuple[ControlServer, ControlClient]) -> None:
     launcher, node = lines
     assert launcher.receive() is None
     node.send("ready")
@@ -32,7 +38,7 @@ def test_words_go_both_ways(lines: tuple[LauncherLine, NodeLine]) -> None:
 
 
 def test_a_word_to_a_node_that_is_not_there_is_said_to_be_lost(
-    lines: tuple[LauncherLine, NodeLine],
+    lines: tuple[ControlServer, ControlClient],
 ) -> None:
     assert not lines[0].send("nobody", "go")
 
@@ -43,11 +49,14 @@ def test_a_word_to_a_node_that_is_not_there_is_said_to_be_lost(
         (b"", "got no msgpack: ValueError: Unpack failed: incomplete input"),
         (msgpack.packb([1]), "a word is a map with a kind"),
         (msgpack.packb({"type": "ready"}), "a word is a map with a kind"),
-        (bytes(MAX_BYTES + 1), f"a word has at most {MAX_BYTES} bytes, got {MAX_BYTES + 1}"),
+        (
+            bytes(MAX_CONTROL_BYTES + 1),
+            f"a word has at most {MAX_CONTROL_BYTES} bytes, got {MAX_CONTROL_BYTES + 1}",
+        ),
     ],
 )
 def test_what_is_no_word_is_refused(
-    data: bytes, words: str, lines: tuple[LauncherLine, NodeLine]
+    data: bytes, words: str, lines: tuple[ControlServer, ControlClient]
 ) -> None:
     launcher, node = lines
     node.socket.send(data)
@@ -56,9 +65,84 @@ def test_what_is_no_word_is_refused(
         launcher.receive()
 
 
-def test_a_word_in_two_parts_is_refused(lines: tuple[LauncherLine, NodeLine]) -> None:
+def test_a_word_in_two_parts_is_refused(lines: tuple[ControlServer, ControlClient]) -> None:
     launcher, node = lines
     node.socket.send_multipart([b"a", b"b"])
     assert launcher.socket.poll(1000)
     with pytest.raises(ValueError, match="a word has one part, got 2"):
         launcher.receive()
+
+
+COUNT: dict[str, Any] = {
+    "kind": "count",
+    "round": 3,
+    "sent": {"/a": 1},
+    "consumed": [["source", "/b", 2]],
+    "waits": ["/b"],
+    "speaks": True,
+}
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        {"kind": "ready"},
+        {"kind": "alive"},
+        {"kind": "finished", "reason": "all felt"},
+        {"kind": "bye", "status": b"\x80"},
+        {"kind": "failed", "text": "on /a 3", "trace": ""},
+        COUNT,
+    ],
+)
+def test_words_of_nodes_are_read_as_they_were_said(word: dict[str, Any]) -> None:
+    assert read_control(msgpack.packb(word), FROM_NODES) == word
+
+
+@pytest.mark.parametrize(
+    ("word", "words"),
+    [
+        (
+            {"kind": "go"},
+            "a word is one of ready, alive, finished, count, did, bye, failed, got 'go'",
+        ),
+        ({"kind": "bye"}, "the word bye has the fields status"),
+        ({"kind": "ready", "more": 1}, "the word ready has the fields none"),
+        ({"kind": "bye", "status": 7}, "the word bye has a status that cannot be one"),
+        ({**COUNT, "round": True}, "a round that cannot be one"),
+        ({**COUNT, "sent": {"/a": -1}}, "a sent that cannot be one"),
+        ({**COUNT, "sent": [1]}, "a sent that cannot be one"),
+        ({**COUNT, "consumed": [["source", "/b"]]}, "a consumed that cannot be one"),
+        ({**COUNT, "consumed": [["source", 1, 1]]}, "a consumed that cannot be one"),
+        ({**COUNT, "consumed": 7}, "a consumed that cannot be one"),
+        ({**COUNT, "waits": "/b"}, "a waits that cannot be one"),
+        ({**COUNT, "speaks": 1}, "a speaks that cannot be one"),
+        ({"kind": "x" * 5000}, "got 'x{40}'$"),
+    ],
+)
+def test_a_word_without_what_belongs_to_it_is_refused(word: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        read_control(msgpack.packb(word), FROM_NODES)
+
+
+def test_each_side_hears_the_words_of_the_other_alone() -> None:
+    assert read_control(msgpack.packb({"kind": "go"}), TO_NODES) == {"kind": "go"}
+    with pytest.raises(
+        ValueError,
+        match="a word is one of go, count, stop, pause, resume, step, publish, got 'ready'",
+    ):
+        read_control(msgpack.packb({"kind": "ready"}), TO_NODES)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\xdd\x00\x0f\xff\x00" + b"\x90" * 0xFFF00,
+        b"\xdc\x10\x00" + 200 * (b"\xdc\x10\x00" + b"\x90" * 4096) + b"\xc0" * 3896,
+        b"\x91" * 2000 + b"\xc0",
+        b"\xd6\xff\0\0\0\0",
+        b"\xc1",
+    ],
+)
+def test_what_would_take_far_more_than_it_is_says_nothing(data: bytes) -> None:
+    with pytest.raises(ValueError, match=r"^a word is a map with a kind, got no msgpack: "):
+        read_control(data, FROM_NODES)

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from palpate.messages.bus import join
+from palpate.messages.bus import handshake as join
+from palpate.messages.bus.message_log import SendTimes
 from palpate.messages.bus.publisher import BlockedError
-from palpate.messages.bus.times import Times
-from palpate.messages.header import Header, pack_frame
+from palpate.messages.codec import Header, pack_frame
 
 
 def seqs(arrivals: list[Any]) -> list[int]:
@@ -155,7 +155,7 @@ def test_a_stale_cursor_is_not_answered(bench: Any) -> None:
     publisher = bench.publisher(epoch=2)
     bench.say(publisher, b"0")
     subscriber = bench.subscriber()
-    stale = join.cursor(join.call("hearer", 0, "talker"), 1, "/talk", 0)
+    stale = join.join_cursor(join.join_call("hearer", 0, "talker"), 1, "/talk", 0)
     subscriber.socket.subscribe(stale)
     heard = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
     assert seqs(heard) == [0]
@@ -226,11 +226,11 @@ def test_a_publisher_that_says_it_all_again_tells_each_listener_what_it_lacks(
 
 def test_what_nobody_lacks_is_not_made_once_more(bench: Any, tmp_path: Path) -> None:
     endpoint, early, heard = after_death(bench, tmp_path)
-    times = Times(tmp_path / "before", "talker", ["/talk", "/more"])
+    times = SendTimes(tmp_path / "before", "talker", ["/talk", "/more"])
     for sent_ns in (100, 200):  # its first life had sent two
         times.note("/talk", sent_ns)
     times.close()
-    times = Times(tmp_path / "before", "talker", ["/talk", "/more"])
+    times = SendTimes(tmp_path / "before", "talker", ["/talk", "/more"])
     second = bench.publisher(endpoint=endpoint, epoch=1, again=True, times=times)
     had = early._edges["/talk"].wanted
     heard += bench.turn(second, early, lambda: early._greeted["talker"] == 1)

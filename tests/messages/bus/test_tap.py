@@ -4,10 +4,9 @@ from typing import Any
 
 import zmq
 
-from palpate.messages.bus.tap import DEPTH, LOG, STATUS, Tap, TapReader
-from palpate.messages.codec import decode
-from palpate.messages.header import Header, pack_frame
-from palpate.messages.types import LogRecord
+from palpate.messages.bus.tap import LOG_TOPIC, STATUS_TOPIC, TAP_DEPTH, Tap, TapReader
+from palpate.messages.codec import Header, decode, pack_frame
+from palpate.messages.types.graph import LogRecord
 
 FRAME = pack_frame("/touch/raw", Header(1, 0, 0, 0, 0.0, 0), b"body")
 LINE = LogRecord(node="filter", level="info", text="hello", robot_time=1.5)
@@ -27,19 +26,19 @@ def close(*ends: Tap | TapReader) -> None:
 
 
 def test_a_node_is_heard_by_who_listens_to_its_tap(bench: Any) -> None:
-    tap, reader = pair(bench.context, LOG)
+    tap, reader = pair(bench.context, LOG_TOPIC)
     tap.say(LINE)
     heard = reader.receive()
     assert heard is not None
     topic, header, body = heard
-    assert (topic, header.seq, header.robot_time) == (LOG, 0, 1.5)
+    assert (topic, header.seq, header.robot_time) == (LOG_TOPIC, 0, 1.5)
     assert decode(LogRecord, body).text == "hello"
     assert reader.receive() is None
     close(tap, reader)
 
 
 def test_nothing_is_copied_while_only_the_nodes_own_words_are_wanted(bench: Any) -> None:
-    tap, reader = pair(bench.context, STATUS, LOG)
+    tap, reader = pair(bench.context, STATUS_TOPIC, LOG_TOPIC)
     tap.mirror(FRAME)
     assert not tap._mirroring
     assert reader.receive() is None
@@ -67,12 +66,12 @@ def test_copying_ends_with_the_last_who_wants_it(bench: Any) -> None:
 
 
 def test_a_listener_that_does_not_listen_holds_nobody_up(bench: Any) -> None:
-    tap, reader = pair(bench.context, LOG)
-    for _ in range(10 * DEPTH):
+    tap, reader = pair(bench.context, LOG_TOPIC)
+    for _ in range(10 * TAP_DEPTH):
         tap.say(LINE)
     seqs = []
     while (heard := reader.receive()) is not None:
         seqs.append(heard[1].seq)
     assert seqs[0] == 0
-    assert len(seqs) < 10 * DEPTH
+    assert len(seqs) < 10 * TAP_DEPTH
     close(tap, reader)

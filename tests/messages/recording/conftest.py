@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from palpate.messages.codec import encode, schema_hash
-from palpate.messages.header import Header
+from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types import LogRecord, World
+from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.world import World
 
 TYPES = {"/world": "World", "/log": "LogRecord"}
 MILLISECOND = 1_000_000

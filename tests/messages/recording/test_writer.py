@@ -10,11 +10,11 @@ import pytest
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
-from palpate.messages.codec import decode, schema, schema_hash
-from palpate.messages.header import Header
+from palpate.messages.codec import Header, decode, schema, schema_hash
 from palpate.messages.recording.reader import open_recording
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types import LogRecord, World
+from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.world import World
 
 Write = Callable[..., None]
 MILLISECOND = 1_000_000

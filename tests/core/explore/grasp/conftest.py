@@ -10,15 +10,12 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.grasp.closing import Closing, Grasp, close_hand
-from palpate.core.explore.grasp.hand import Hand
-from palpate.core.explore.grasp.poses import next_pose, search_pose
-from palpate.core.measure.robot_time import PRESETS
+from palpate.core.explore.grasp.hand import Hand, next_pose, search_pose
+from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.shapes.protocol import Shape
-from palpate.core.touch.calibration import Calibration
-from palpate.core.touch.effect import Effect
-from palpate.core.touch.pad import Pad
+from palpate.core.touch.effect import Effect, Fingertip
+from palpate.core.touch.pad import Calibration, Pad
 from palpate.core.touch.pipeline import Pipeline, assemble
-from palpate.core.touch.touch import Finger
 
 PLACES = [np.array([x, y]) for x, y in ((0.0, 0.0), (0.04, 0.0), (-0.04, 0.0), (0.0, 0.04))]
 
@@ -30,7 +27,7 @@ def fingers_of(flat: Pad) -> Callable[..., list[Pipeline]]:
     def make(hand: Hand, *effects: Effect, seed: int = 3) -> list[Pipeline]:
         sheet = Calibration("time", flat.thickness, 1000.0, 0.2e3)
         return [
-            assemble(Finger(flat, sheet, PRESETS["modern"], 100 + i, seed), effects)
+            assemble(Fingertip(flat, sheet, ROBOT_PRESETS["modern"], 100 + i, seed), effects)
             for i in range(hand.fingers + 1)
         ]
 

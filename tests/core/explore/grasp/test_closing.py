@@ -5,18 +5,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.core.explore.grasp.closing import Grasp
-from palpate.core.explore.grasp.contact import contact_of
+from palpate.core.explore.grasp.closing import Grasp, contact_of
 from palpate.core.explore.grasp.hand import Hand
-from palpate.core.frames import DOWN, pose_of
-from palpate.core.shapes.posed import PosedShape
-from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.shapes.protocol import PosedShape
+from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.effects.pose_error import PoseError
 from palpate.core.touch.pad import Pad
 
 Close = Callable[..., Grasp]
 HAND = Hand(fingers=5, opening=0.1, reach=0.1)
-MIDDLE = pose_of(np.zeros(3), DOWN)
+MIDDLE = pose_of(np.zeros(3), FACING_DOWN)
 
 
 def test_contacts_of_a_ball_lie_on_it_and_their_normals_point_away(
@@ -32,7 +31,7 @@ def test_contacts_of_a_ball_lie_on_it_and_their_normals_point_away(
 
 def test_fingers_that_meet_nothing_are_counted(ball: Superquadric, close: Close) -> None:
     long = Hand(opening=0.1, reach=0.13)
-    grasp = close(ball, pose_of(np.array([0.0, 0.0, 0.05]), DOWN), long)
+    grasp = close(ball, pose_of(np.array([0.0, 0.0, 0.05]), FACING_DOWN), long)
 
     assert grasp.fingers == (5,)
     assert (grasp.missed, grasp.blocked) == (5, 0)
@@ -50,7 +49,7 @@ def test_fingers_that_start_inside_or_under_the_platform_are_counted_apart(
 
 
 def test_a_hand_that_misses_altogether_has_no_contact(ball: Superquadric, close: Close) -> None:
-    grasp = close(ball, pose_of(np.array([1.0, 0.0, 0.0]), DOWN), HAND)
+    grasp = close(ball, pose_of(np.array([1.0, 0.0, 0.0]), FACING_DOWN), HAND)
 
     assert grasp.points.shape == grasp.normals.shape == (0, 3)
     assert grasp.missed == 6
@@ -80,7 +79,7 @@ def test_closing_again_with_the_same_number_is_the_same(ball: Superquadric, clos
 
 def test_a_flat_face_is_felt_with_its_normal(box: Superquadric, close: Close) -> None:
     standing = PosedShape(box, pose_of(np.array([0.0, 0.0, 0.04]), np.eye(3)))
-    grasp = close(standing, pose_of(np.array([0.0, 0.0, 0.04]), DOWN), HAND, platform=0.0)
+    grasp = close(standing, pose_of(np.array([0.0, 0.0, 0.04]), FACING_DOWN), HAND, platform=0.0)
 
     assert grasp.points[-1, 2] == pytest.approx(0.08, abs=1e-5)
     assert grasp.normals[-1] == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)

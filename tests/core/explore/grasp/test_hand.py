@@ -1,19 +1,99 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from palpate.core.explore.grasp.hand import FINGERTIP, Hand, fingertips
-from palpate.core.frames import DOWN, compose, pad_rotation, pose_of, split_pose
+from palpate.core.arrays import Floats
+from palpate.core.explore.grasp.hand import (
+    FINGERTIP,
+    SEARCH_HEIGHTS,
+    Hand,
+    expected_ellipsoid,
+    fingertip_starts,
+    next_pose,
+    search_pose,
+)
+from palpate.core.poses import FACING_DOWN, compose_poses, pad_rotation, pose_of, split_pose
+from palpate.core.shapes.protocol import PosedShape
+from palpate.core.shapes.superquadrics import Superquadric
+
+Grasped = Callable[..., tuple[Floats, Floats]]
+TOP = np.array([[0.0, 0.0, 0.06]]), np.array([[0.0, 0.0, 1.0]])
+
+
+def standing(shape: Superquadric, half: float, x: float = 0.0) -> PosedShape:
+    return PosedShape(shape, pose_of(np.array([x, 0.0, half]), np.eye(3)))
+
+
+def test_the_search_goes_on_until_every_place_was_tried() -> None:
+    places = [np.array([0.0, 0.0]), np.array([0.04, 0.0])]
+    poses = [search_pose(places, number, 0.1) for number in range(5)]
+
+    assert poses[-1] is None
+    heights = [pose[2] - 0.1 for pose in poses[:-1] if pose is not None]
+    assert heights == pytest.approx(2 * SEARCH_HEIGHTS)
+    assert poses[2] is not None and poses[2][0] == 0.04
+
+
+def test_a_pose_depends_on_nothing_but_the_contacts() -> None:
+    one, two = (next_pose(Hand(), *TOP, 0.0) for _ in range(2))
+
+    assert one.tobytes() == two.tobytes()
+
+
+def test_one_contact_is_enough_to_go_on() -> None:
+    pose = next_pose(Hand(), *TOP, 0.0)
+
+    assert np.isfinite(pose).all()
+    assert 0.0 < pose[2] < 0.1
+
+
+def test_what_is_expected_reaches_down_to_the_platform(
+    ball: Superquadric, grasped: Grasped
+) -> None:
+    points, normals = grasped(standing(ball, 0.03), 30)
+    middle, axes, size = expected_ellipsoid(points, normals, 0.0)
+
+    assert middle == pytest.approx([0.0, 0.0, 0.03], abs=5e-3)
+    assert size == pytest.approx(np.full(3, 0.03), abs=5e-3)
+    assert axes.T @ axes == pytest.approx(np.eye(3), abs=1e-12)
+
+
+def test_contacts_come_from_all_sides_that_the_platform_leaves_free(
+    ball: Superquadric, grasped: Grasped
+) -> None:
+    points, _ = grasped(standing(ball, 0.03), 60)
+    directions = (points - [0.0, 0.0, 0.03]) / 0.03
+
+    ask = np.random.default_rng(0).normal(size=(500, 3))
+    ask /= np.linalg.norm(ask, axis=1)[:, None]
+    nearest = np.arccos(np.clip(ask @ directions.T, -1.0, 1.0)).min(axis=1)
+    assert nearest[ask[:, 2] > 0.0].max() < np.radians(35.0)
+
+
+def test_an_object_beside_the_axis_is_found(cylinder: Superquadric, grasped: Grasped) -> None:
+    points, _ = grasped(standing(cylinder, 0.04, x=0.06), 30)
+
+    assert np.abs(points[:, 0] - 0.06).max() < 0.0255
+
+
+def test_few_closings_are_needed(cylinder: Superquadric, grasped: Grasped) -> None:
+    points, normals = grasped(standing(cylinder, 0.04), 60)
+
+    assert len(points) == len(normals) < 66
+    spread = np.linalg.norm(points[:, None] - points, axis=2) + np.eye(len(points))
+    assert np.median(spread.min(axis=1)) > 5e-3
+
 
 HAND = Hand(fingers=4, opening=0.1, reach=0.08)
-OVER = pose_of(np.array([0.01, 0.02, 0.05]), DOWN)
+OVER = pose_of(np.array([0.01, 0.02, 0.05]), FACING_DOWN)
 
 
 def test_fingers_close_towards_the_axis_and_the_palm_along_it() -> None:
-    tips = fingertips(HAND, OVER, 0.0)
+    tips = fingertip_starts(HAND, OVER, 0.0)
 
     for pose in tips.poses[:-1]:
         place, axes = split_pose(pose)
@@ -25,7 +105,7 @@ def test_fingers_close_towards_the_axis_and_the_palm_along_it() -> None:
 
 
 def test_fingers_are_evenly_spread() -> None:
-    at = fingertips(HAND, OVER, 0.0).poses[:-1, :3]
+    at = fingertip_starts(HAND, OVER, 0.0).poses[:-1, :3]
 
     gaps = np.linalg.norm(at - np.roll(at, 1, axis=0), axis=1)
     assert gaps == pytest.approx(np.full(4, math.sqrt(2.0) * HAND.opening))
@@ -33,16 +113,18 @@ def test_fingers_are_evenly_spread() -> None:
 
 def test_a_moved_hand_moves_its_fingers_with_it() -> None:
     motion = pose_of(np.array([0.3, -0.1, 0.2]), pad_rotation(0.7, 0.2))
-    here, there = (fingertips(HAND, pose, -9.0) for pose in (OVER, compose(motion, OVER)))
+    here, there = (
+        fingertip_starts(HAND, pose, -9.0) for pose in (OVER, compose_poses(motion, OVER))
+    )
 
-    expected = np.stack([compose(motion, pose) for pose in here.poses])
+    expected = np.stack([compose_poses(motion, pose) for pose in here.poses])
     assert there.poses[:, :3] == pytest.approx(expected[:, :3])
     assert np.abs((there.poses[:, 3:] * expected[:, 3:]).sum(axis=1)) == pytest.approx(1.0)
 
 
 def test_a_finger_that_would_start_below_the_platform_stays_open() -> None:
     sideways = pose_of(np.array([0.0, 0.0, 0.05]), pad_rotation(0.0, 0.0))
-    tips = fingertips(HAND, sideways, 0.0)
+    tips = fingertip_starts(HAND, sideways, 0.0)
 
     below = tips.poses[:, 2] < 0.0
     assert below.any()
@@ -53,7 +135,7 @@ def test_a_finger_that_would_start_below_the_platform_stays_open() -> None:
 def test_no_finger_goes_through_the_platform() -> None:
     for lean in (0.0, 0.5, 1.0):
         pose = pose_of(np.array([0.0, 0.0, 0.02]), pad_rotation(0.3, lean))
-        tips = fingertips(HAND, pose, 0.0)
+        tips = fingertip_starts(HAND, pose, 0.0)
         along = np.stack([split_pose(tip)[1][2, 2] for tip in tips.poses])
         moved = tips.reach > 0.0
         assert (tips.poses[moved, 2] + tips.reach[moved] * along[moved] >= -1e-12).all()
@@ -61,7 +143,7 @@ def test_no_finger_goes_through_the_platform() -> None:
 
 def test_a_level_finger_keeps_half_its_width_above_the_platform() -> None:
     for height, free in ((FINGERTIP * 0.99, False), (FINGERTIP * 1.01, True)):
-        tips = fingertips(HAND, pose_of(np.array([0.0, 0.0, height]), DOWN), 0.0)
+        tips = fingertip_starts(HAND, pose_of(np.array([0.0, 0.0, height]), FACING_DOWN), 0.0)
         assert (tips.reach[:-1] > 0.0).all() == free
 
 

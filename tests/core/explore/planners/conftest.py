@@ -8,21 +8,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.core.explore.planners.choice import Height, Planner, Stop
-from palpate.core.explore.planners.known import Known, Outcome, Slice
+from palpate.core.explore.planners.protocol import (
+    Height,
+    Observation,
+    ObservedSlice,
+    Planner,
+    SliceOutcome,
+    Stop,
+)
 
 HEIGHT = 0.09
 TURNS = 16
 BAND = 7e-3
 STEP = 1e-4
-
 Side = Callable[[float], float]
-MakeSlice = Callable[..., Slice]
-MakeKnown = Callable[..., Known]
+MakeSlice = Callable[..., ObservedSlice]
+MakeKnown = Callable[..., Observation]
 Walk = Callable[..., tuple[list[float], Stop | None]]
 
 
-def round_slice(side: Side, share: float, unit: float = 1.0, **changes: Any) -> Slice:
+def round_slice(side: Side, share: float, unit: float = 1.0, **changes: Any) -> ObservedSlice:
     """A slice of a round body: radii over height as shares of the height, in any unit."""
     size = HEIGHT * unit
     below, here, above = (side(share + d) for d in (-STEP, 0.0, STEP))
@@ -31,30 +36,32 @@ def round_slice(side: Side, share: float, unit: float = 1.0, **changes: Any) -> 
     reach = BAND * unit / np.sqrt(1.0 + slope**2)
     fields: dict[str, Any] = {
         "height": share * size,
-        "outcome": Outcome.CLOSED,
+        "outcome": SliceOutcome.CLOSED,
         "radii": np.full(TURNS, here * size),
         "slopes": np.full(TURNS, slope),
         "curvatures": np.full(TURNS, bend / size),
-        "felt_low": np.full(TURNS, share * size - reach),
-        "felt_high": np.full(TURNS, share * size + reach),
+        "contact_low": np.full(TURNS, share * size - reach),
+        "contact_high": np.full(TURNS, share * size + reach),
     }
-    return Slice(**(fields | changes))
+    return ObservedSlice(**(fields | changes))
 
 
-def failed_slice(height: float, outcome: Outcome = Outcome.FAILED) -> Slice:
+def failed_slice(height: float, outcome: SliceOutcome = SliceOutcome.FAILED) -> ObservedSlice:
     none = np.zeros(0)
-    return Slice(
+    return ObservedSlice(
         height=height,
         outcome=outcome,
         radii=none,
         slopes=none,
         curvatures=none,
-        felt_low=none,
-        felt_high=none,
+        contact_low=none,
+        contact_high=none,
     )
 
 
-def known_of(slices: Sequence[Slice] = (), unit: float = 1.0, **changes: Any) -> Known:
+def known_of(
+    slices: Sequence[ObservedSlice] = (), unit: float = 1.0, **changes: Any
+) -> Observation:
     fields: dict[str, Any] = {
         "low": 0.0,
         "high": HEIGHT * unit,
@@ -63,14 +70,14 @@ def known_of(slices: Sequence[Slice] = (), unit: float = 1.0, **changes: Any) ->
         "feature": 2.5e-3 * unit,
         "slices": tuple(slices),
     }
-    return Known(**(fields | changes))
+    return Observation(**(fields | changes))
 
 
 def walk_over(
     planner: Planner, side: Side, unit: float = 1.0, top: float = 1.0, **changes: Any
 ) -> tuple[list[float], Stop | None]:
     """Heights asked for, as shares, and the end; None if there was none within 60 slices."""
-    slices: list[Slice] = []
+    slices: list[ObservedSlice] = []
     while len(slices) < 60:
         choice = planner.next(known_of(slices, unit, **changes))
         if not isinstance(choice, Height):
@@ -80,7 +87,7 @@ def walk_over(
         if share < top:
             slices.append(round_slice(side, share, unit))
         else:
-            slices.append(failed_slice(choice.height, Outcome.LOST))
+            slices.append(failed_slice(choice.height, SliceOutcome.LOST))
     return [one.height / (HEIGHT * unit) for one in slices], None
 
 
@@ -90,7 +97,7 @@ def slice_of() -> MakeSlice:
 
 
 @pytest.fixture
-def failed() -> Callable[..., Slice]:
+def failed() -> Callable[..., ObservedSlice]:
     return failed_slice
 
 

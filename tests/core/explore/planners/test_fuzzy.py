@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.explore.planners.choice import Stop
 from palpate.core.explore.planners.fuzzy import BEND, CHANGE, RULES, STEP, WORDS, Fuzzy, truths
+from palpate.core.explore.planners.protocol import Stop
 
 values = st.floats(0.0, 50.0)
 LAW = settings(derandomize=True, deadline=None, max_examples=50)

@@ -6,21 +6,38 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.core.explore.planners.choice import Height, Stop, Wait
-from palpate.core.explore.planners.cover import unfelt_runs
-from palpate.core.explore.planners.foretold import foretell
-from palpate.core.explore.planners.intervals import hermite, profile_of
-from palpate.core.explore.planners.known import Budget, Known, Outcome, Slice
-from palpate.core.explore.planners.predicted import Predicted
+from palpate.core.explore.planners.coverage import (
+    error_indicators,
+    hermite,
+    profile_of,
+    untouched_spans,
+)
+from palpate.core.explore.planners.predicted import (
+    DEVIATION,
+    LEFT,
+    NOISE,
+    ErrorPrediction,
+    Predicted,
+    predict_error,
+)
+from palpate.core.explore.planners.protocol import (
+    Budget,
+    Height,
+    Observation,
+    ObservedSlice,
+    SliceOutcome,
+    Stop,
+    Wait,
+)
 
 Sides = dict[str, Callable[[float], float]]
 Walk = Callable[..., tuple[list[float], Stop | None]]
-MakeSlice = Callable[..., Slice]
-MakeKnown = Callable[..., Known]
+MakeSlice = Callable[..., ObservedSlice]
+MakeKnown = Callable[..., Observation]
 COVER = (0.5, 0.97, 0.03)
 
 
-def rms_error(known: Known, side: Callable[[float], float]) -> float:
+def rms_error(known: Observation, side: Callable[[float], float]) -> float:
     """Of the side between the first slice and the last, over the height, along the radius."""
     shares = np.linspace(0.03, 0.97, 301)
     squares = hermite(profile_of(known), shares)[:, 0]
@@ -86,7 +103,7 @@ def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
         return 0.3 - 0.03 * float(np.exp(-(((z - 0.26) / 0.035) ** 2)))
 
     cover = known([slice_of(grooved, share) for share in COVER])
-    assert foretell(cover, profile_of(cover), unfelt_runs(cover)).bound < 0.0025
+    assert predict_error(cover, profile_of(cover), untouched_spans(cover)).bound < 0.0025
     assert rms_error(cover, grooved) > 0.003
 
     heights, stop = explored(Predicted(), grooved)
@@ -138,7 +155,7 @@ def test_a_slice_that_would_overrun_the_budget_is_not_begun(
 def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(
     sides: Sides, slice_of: MakeSlice, known: MakeKnown
 ) -> None:
-    slices: list[Slice] = []
+    slices: list[ObservedSlice] = []
     while isinstance(choice := Predicted().next(known(slices)), Height):
         slices.append(slice_of(sides["vase"], choice.height / 0.09, deviation=1e-3))
     assert isinstance(choice, Stop)
@@ -160,9 +177,9 @@ def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(
 
 
 def test_what_the_pad_cannot_reach_is_left_and_said(
-    sides: Sides, slice_of: MakeSlice, failed: Callable[..., Slice], known: MakeKnown
+    sides: Sides, slice_of: MakeSlice, failed: Callable[..., ObservedSlice], known: MakeKnown
 ) -> None:
-    slices: list[Slice] = []
+    slices: list[ObservedSlice] = []
     while isinstance(choice := Predicted().next(known(slices)), Height):
         share = choice.height / 0.09
         hidden = 0.6 < share < 0.9
@@ -177,9 +194,9 @@ def test_what_the_pad_cannot_reach_is_left_and_said(
 
 
 def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(
-    failed: Callable[..., Slice], known: MakeKnown
+    failed: Callable[..., ObservedSlice], known: MakeKnown
 ) -> None:
-    slices: list[Slice] = []
+    slices: list[ObservedSlice] = []
     while isinstance(choice := Predicted().next(known(slices)), Height):
         slices.append(failed(choice.height))
         assert len(slices) < 60
@@ -196,9 +213,11 @@ def test_occluded_slices_count_as_far_as_they_were_felt(
     whole = [slice_of(sides["cylinder"], share) for share in shares]
     assert isinstance(Predicted().next(known(whole)), Stop)
     gap = whole[4]
-    low = gap.felt_low.copy()
-    low[:6] = gap.felt_high[:6] + 1.0  # nothing felt on six of sixteen azimuths
-    whole[4] = slice_of(sides["cylinder"], shares[4], outcome=Outcome.OCCLUDED, felt_low=low)
+    low = gap.contact_low.copy()
+    low[:6] = gap.contact_high[:6] + 1.0  # nothing felt on six of sixteen azimuths
+    whole[4] = slice_of(
+        sides["cylinder"], shares[4], outcome=SliceOutcome.OCCLUDED, contact_low=low
+    )
     choice = Predicted().next(known(whole))
     assert isinstance(choice, Height)
     assert choice.reason == "nothing has felt what lies there"
@@ -248,3 +267,107 @@ def test_an_even_cover_is_refused() -> None:
         Predicted(cover=4)
     with pytest.raises(ValueError, match="suspicion is 2"):
         Predicted(suspicion=2.0)
+
+
+Side = Callable[[float], float]
+
+
+def wavy(z: float) -> float:
+    return 0.3 + 0.05 * math.sin(7.0 * z)
+
+
+def foretold(side: Side, shares: list[float], make: MakeSlice, known: MakeKnown) -> ErrorPrediction:
+    all_known = known([make(side, share) for share in shares])
+    return predict_error(all_known, profile_of(all_known), untouched_spans(all_known))
+
+
+def test_positions_and_slopes_are_kept_and_a_cubic_in_the_square_is_exact(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    def cubic(z: float) -> float:
+        return math.sqrt(0.1 + 0.2 * z - 0.3 * z**2 + 0.25 * z**3)
+
+    profile = profile_of(known([slice_of(cubic, share) for share in (0.1, 0.4, 0.9)]))
+    heights = np.linspace(0.1, 0.9, 33)
+    exact = np.array([cubic(height) ** 2 for height in heights])
+    np.testing.assert_allclose(hermite(profile, heights)[:, 0], exact, atol=1e-8)
+    signs = error_indicators(profile)
+    assert signs.clash.max() < 1e-6
+    assert signs.higher.max() < 1e-6
+
+
+def test_the_foretold_error_falls_like_the_true_one(slice_of: MakeSlice, known: MakeKnown) -> None:
+    coarse, fine = (
+        foretold(wavy, np.linspace(0.03, 0.97, n).tolist(), slice_of, known) for n in (9, 17)
+    )
+    assert math.log2(coarse.curve / fine.curve) == pytest.approx(4.0, abs=0.3)
+
+
+@pytest.mark.parametrize("count", [4, 5, 7, 9])
+def test_each_interval_errs_about_as_foretold(
+    count: int, slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    shares = np.linspace(0.03, 0.97, count)
+    said = foretold(wavy, shares.tolist(), slice_of, known)
+    profile = profile_of(known([slice_of(wavy, share) for share in shares]))
+    heights = np.linspace(0.03, 0.97, 801)
+    slopes = 0.35 * np.cos(7.0 * heights)
+    off = np.sqrt(hermite(profile, heights)[:, 0]) - [wavy(height) for height in heights]
+    off /= np.sqrt(1.0 + slopes**2)
+    pieces = np.array_split(off, count - 1)
+    true = np.array([math.sqrt(float(np.mean(piece**2))) for piece in pieces])
+    assert (true < 3.0 * said.errors).all()
+    assert (true > said.errors / 5.0).all()
+
+
+def test_cuts_are_drawn_to_the_end_that_bends_more(slice_of: MakeSlice, known: MakeKnown) -> None:
+    def knee(z: float) -> float:
+        return 0.4 - 0.1 * math.exp(10.0 * (z - 0.97))
+
+    profile = profile_of(known([slice_of(knee, share) for share in (0.03, 0.97)]))
+    assert error_indicators(profile).pull[0] > 0.8
+
+
+def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    noisy = known([slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)])
+    said = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
+    assert said.noise == pytest.approx(math.hypot(NOISE * 1e-3, 1e-5 / 0.09), rel=1e-6)
+    assert said.bound == math.hypot(said.noise, said.curve)
+    assert said.wants_refinement(said.bound * 0.99) == (said.noise < said.bound * 0.99)
+    assert not said.wants_refinement(said.bound * 1.01)
+    assert not said.wants_refinement(said.noise * 0.5)
+    assert said._replace(curve=said.noise).wants_refinement(said.noise * 0.5)
+
+
+def test_of_what_was_felt_only_the_unfelt_share_of_an_interval_errs(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 5)]
+    plain, whole = known(slices), known(slices, taxels=True)
+    one = predict_error(plain, profile_of(plain), untouched_spans(plain))
+    all_felt = predict_error(whole, profile_of(whole), untouched_spans(whole))
+    shares = [run.length for run in untouched_spans(whole)] / (0.09 * one.signs.width)
+    np.testing.assert_allclose(all_felt.errors, one.errors * shares**3, rtol=1e-9)
+
+
+def test_a_solid_of_all_that_was_felt_states_its_own_deviation(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    slices = [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
+    stated = known(slices, taxels=True, deviation=5e-5)
+    said = predict_error(stated, profile_of(stated), untouched_spans(stated))
+    expected = math.hypot(DEVIATION * 5e-5 / 0.09, 1e-5 / 0.09, LEFT)
+    assert said.noise == pytest.approx(expected, rel=1e-9)
+
+
+def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(
+    slice_of: MakeSlice, known: MakeKnown
+) -> None:
+    slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 6)]
+    noisy = known(slices, taxels=True, deviation=4e-4)
+    said = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
+    assert not said.wants_averaging(0.99 * said.noise / 2.0, 6, 24)
+    assert said.wants_averaging(1.01 * said.noise / 2.0, 6, 24)
+    assert not said.wants_averaging(1.01 * said.noise, 6, 24)

@@ -1,5 +1,3 @@
-"""The step rule: its five heuristics (section 3.6), its limits, and the ways it ends."""
-
 from __future__ import annotations
 
 import itertools
@@ -12,15 +10,30 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.explore.planners.choice import Height, Stop, Wait
-from palpate.core.explore.planners.known import Budget, Known, Slice
-from palpate.core.explore.planners.templates import TEMPLATES
-from palpate.core.explore.planners.thesis import Thesis
-from palpate.core.explore.planners.walk import mean_bend, mean_rise
+from palpate.core.arrays import Floats
+from palpate.core.explore.planners.protocol import (
+    Budget,
+    Height,
+    Observation,
+    ObservedSlice,
+    Stop,
+    Wait,
+)
+from palpate.core.explore.planners.thesis import (
+    TEMPLATES,
+    Template,
+    Thesis,
+    equal_curvature_knots,
+    fit_decreasing,
+    free_knots,
+    hat_basis,
+    mean_normal_rise,
+    mean_profile_curvature,
+    polyline_of,
+)
 
 Walk = Callable[..., tuple[list[float], Stop | None]]
 Sides = dict[str, Callable[[float], float]]
-
 FORMS: tuple[Literal["product", "joint"], ...] = ("product", "joint")
 RULES = [
     Thesis(template=template, form=form, power=2.0)
@@ -95,11 +108,11 @@ def test_the_steps_are_those_of_the_formulas() -> None:
 
 @pytest.mark.parametrize("template", TEMPLATES)
 def test_case_65_a_hollow_is_stepped_over_like_a_bulge(
-    template: Any, slice_of: Callable[..., Slice]
+    template: Any, slice_of: Callable[..., ObservedSlice]
 ) -> None:
     def steps(sign: float) -> float:
         one = slice_of(lambda z: 0.3, 0.5, curvatures=np.full(16, sign * 55.0))
-        bend = mean_bend(one, 0.09)
+        bend = mean_profile_curvature(one, 0.09)
         return Thesis(template=template, power=0.1).later(bend, 0.0, 1)
 
     assert steps(-1.0) == steps(1.0)
@@ -167,11 +180,11 @@ def test_the_piecewise_linear_form_plans_nearly_alike(
 
 
 def test_the_search_goes_first_where_the_mean_normal_points(
-    slice_of: Callable[..., Slice], known: Callable[..., Known]
+    slice_of: Callable[..., ObservedSlice], known: Callable[..., Observation]
 ) -> None:
     cone = [slice_of(lambda z: 0.4 - 0.2 * z, 0.5)]
     funnel = [slice_of(lambda z: 0.2 + 0.2 * z, 0.5)]
-    assert mean_rise(cone[0]) == pytest.approx(0.2 / math.hypot(1.0, 0.2))
+    assert mean_normal_rise(cone[0]) == pytest.approx(0.2 / math.hypot(1.0, 0.2))
     up, down = (Thesis().next(known(slices)) for slices in (cone, funnel))
     assert isinstance(up, Height)
     assert isinstance(down, Height)
@@ -179,7 +192,9 @@ def test_the_search_goes_first_where_the_mean_normal_points(
 
 
 def test_a_slice_that_fails_is_tried_again_nearer_and_three_times_at_most(
-    slice_of: Callable[..., Slice], failed: Callable[..., Slice], known: Callable[..., Known]
+    slice_of: Callable[..., ObservedSlice],
+    failed: Callable[..., ObservedSlice],
+    known: Callable[..., Observation],
 ) -> None:
     slices, steps = [slice_of(lambda z: 0.3, 0.5)], []
     for _ in range(4):
@@ -193,7 +208,7 @@ def test_a_slice_that_fails_is_tried_again_nearer_and_three_times_at_most(
 
 
 def test_the_other_direction_is_searched_while_one_is_under_way(
-    slice_of: Callable[..., Slice], known: Callable[..., Known]
+    slice_of: Callable[..., ObservedSlice], known: Callable[..., Observation]
 ) -> None:
     start = [slice_of(lambda z: 0.3, 0.5)]
     below = Thesis().next(known(start, taken=(0.06,)))
@@ -205,7 +220,9 @@ def test_the_other_direction_is_searched_while_one_is_under_way(
 
 
 def test_without_a_first_slice_or_a_budget_there_is_no_search(
-    slice_of: Callable[..., Slice], failed: Callable[..., Slice], known: Callable[..., Known]
+    slice_of: Callable[..., ObservedSlice],
+    failed: Callable[..., ObservedSlice],
+    known: Callable[..., Observation],
 ) -> None:
     stop = Thesis().next(known([failed(0.045)]))
     assert isinstance(stop, Stop)
@@ -233,3 +250,79 @@ def test_rules_that_cannot_be_are_refused(settings: dict[str, Any], words: str) 
 
 def test_the_first_step_is_no_smaller_than_the_others_may_be() -> None:
     assert Thesis().first(1e9) == Thesis().least  # (3.1) alone would stay where it is
+
+
+PLACES = np.linspace(0.0, 10.0, 200)
+
+
+def worst(values: Floats, knots: Floats) -> float:
+    line = fit_decreasing(PLACES, values, knots)
+    return float(np.abs(np.interp(PLACES, line.knots, line.values) - values).max())
+
+
+def test_case_68_knots_that_coincide_leave_the_fit_well_conditioned() -> None:
+    even = np.linspace(0.0, 10.0, 6)
+    near = even.copy()
+    near[2] = near[1] + 1e-6
+
+    assert np.linalg.cond(np.abs(PLACES[:, None] - near)) > 1e6  # the basis of (3.29)
+    for knots in (even, near):
+        assert np.linalg.cond(hat_basis(PLACES, knots)) < 3.0
+
+
+def test_hats_span_what_the_thesis_writes_with_absolute_values() -> None:
+    knots = np.array([0.0, 1.0, 2.5, 7.0, 10.0])
+    theirs = np.abs(PLACES[:, None] - knots) @ np.array([0.3, -1.0, 0.2, 0.7, 0.1])
+    at_knots = np.abs(knots[:, None] - knots) @ np.array([0.3, -1.0, 0.2, 0.7, 0.1])
+
+    np.testing.assert_allclose(hat_basis(PLACES, knots) @ at_knots, theirs, atol=1e-13)
+
+
+@pytest.mark.parametrize("template", TEMPLATES)
+def test_knots_of_even_curve_beat_even_knots(template: Template) -> None:
+    values = TEMPLATES[template](PLACES, 2.0)
+    even = worst(values, np.linspace(0.0, 10.0, 6))
+
+    assert worst(values, equal_curvature_knots(PLACES, values, 5)) < 0.4 * even
+
+
+def test_free_knots_are_no_worse_in_the_least_squares_and_stay_in_order() -> None:
+    values = np.exp(-0.5 * PLACES)
+    start = fit_decreasing(PLACES, values, equal_curvature_knots(PLACES, values, 5))
+    line = free_knots(PLACES, values, 5)
+
+    def squares(knots: Floats, heights: Floats) -> float:
+        return float(((np.interp(PLACES, knots, heights) - values) ** 2).sum())
+
+    assert squares(line.knots, line.values) <= squares(start.knots, start.values)
+    assert (np.diff(line.knots) > 0.0).all()
+    assert line.knots[[0, -1]].tolist() == [0.0, 10.0]
+
+
+@settings(derandomize=True, deadline=None, max_examples=20)
+@given(
+    power=st.floats(0.2, 5.0),
+    segments=st.integers(1, 12),
+    template=st.sampled_from(sorted(TEMPLATES)),
+)
+def test_a_polyline_of_a_template_falls_and_stays_between_0_and_1(
+    power: float, segments: int, template: Template
+) -> None:
+    line = polyline_of(lambda x: TEMPLATES[template](x, power), 40.0, segments)
+
+    assert (np.diff(line.values) <= 1e-12).all()
+    assert 0.0 <= line.at(1e9) <= line.at(0.0) <= 1.02
+
+
+def test_knots_that_do_not_increase_are_refused() -> None:
+    with pytest.raises(ValueError, match="knots must be at least 2 and increase"):
+        hat_basis(PLACES, np.array([0.0, 1.0, 1.0, 2.0]))
+
+
+def test_functions_that_cannot_be_fitted_are_refused() -> None:
+    with pytest.raises(ValueError, match="segments must be at least 1, got 0"):
+        equal_curvature_knots(PLACES, PLACES, 0)
+    with pytest.raises(ValueError, match="places must be at least 3 and increase"):
+        free_knots(PLACES[::-1], PLACES, 3)
+    with pytest.raises(ValueError, match="values must have shape"):
+        free_knots(PLACES, PLACES[:5], 3)

@@ -9,25 +9,39 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.explore.probing.known import (
-    Done,
+from palpate.core.arrays import Floats
+from palpate.core.explore.probing.end_observation import (
     End,
-    EndKnown,
-    Probed,
-    Probing,
-    Wall,
+    EndObservation,
+    ProbeCommand,
+    ProbeResult,
+    SideContour,
+    StopProbing,
+    turned_command,
     turned_over,
-    turned_probing,
 )
-from palpate.core.explore.probing.rule import next_probe
-from palpate.core.frames import DOWN, IDENTITY, pose_of, split_pose
-from palpate.core.rotation import rotations_of_vectors
-from palpate.core.shapes.posed import PosedShape
-from palpate.core.shapes.protocol import Shape
-from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.explore.probing.faces import FOOT
+from palpate.core.explore.probing.rule import (
+    MOST_CLIMBS,
+    SUMMIT_LEAN,
+    end_search_places,
+    highest_expected,
+    next_probe,
+    next_uphill,
+    probe_along_axis,
+)
+from palpate.core.poses import (
+    FACING_DOWN,
+    IDENTITY_POSE,
+    pose_of,
+    rotations_from_vectors,
+    split_pose,
+)
+from palpate.core.shapes.protocol import PosedShape, Shape
+from palpate.core.shapes.superquadrics import Superquadric
 
-Run = Callable[[Shape, End, EndKnown], tuple[Done, tuple[Probed, ...]]]
-Ring = Callable[..., Wall]
+Run = Callable[[Shape, End, EndObservation], tuple[StopProbing, tuple[ProbeResult, ...]]]
+Ring = Callable[..., SideContour]
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -39,17 +53,19 @@ def _column(radius: float = 0.025) -> Superquadric:
     return Superquadric(np.array([radius, radius, 0.04]), np.array([0.1, 1.0]))
 
 
-def _whys(probes: tuple[Probed, ...]) -> str:
+def _whys(probes: tuple[ProbeResult, ...]) -> str:
     return "".join(one.probing.why[0] for one in probes)
 
 
-def test_an_end_is_found_by_one_touch_before_any_contour(probed: Run, known: EndKnown) -> None:
+def test_an_end_is_found_by_one_touch_before_any_contour(
+    probed: Run, known: EndObservation
+) -> None:
     done, probes = probed(_ball(), "upper", known)
     assert len(probes) == 1 and done.reason == "the end is found"
     np.testing.assert_allclose(probes[0].point[2], 0.04, atol=5e-5)
 
 
-def test_an_end_beside_the_axis_is_climbed_to(probed: Run, known: EndKnown) -> None:
+def test_an_end_beside_the_axis_is_climbed_to(probed: Run, known: EndObservation) -> None:
     aside = PosedShape(_ball(), pose_of(np.array([0.013, -0.01, 0.0]), np.eye(3)))
     _, probes = probed(aside, "upper", known)
     assert probes[0].point[2] < 0.0395
@@ -58,24 +74,24 @@ def test_an_end_beside_the_axis_is_climbed_to(probed: Run, known: EndKnown) -> N
 
 
 def test_a_touch_that_no_contour_lies_around_says_nothing_of_the_face(
-    touch: Callable[[Shape, Probing], Probed], known: EndKnown, ring: Ring
+    touch: Callable[[Shape, ProbeCommand], ProbeResult], known: EndObservation, ring: Ring
 ) -> None:
     around = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     aside = touch(_ball(), _over_place(0.027))
     found = next_probe("upper", replace(known, wall=around, probes=(aside,)))
-    assert isinstance(found, Probing) and found.why == "face"
+    assert isinstance(found, ProbeCommand) and found.why == "face"
     np.testing.assert_allclose(found.aim[:2], 0.0, atol=1e-9)
-    missed = Probed(found, "miss", found.aim, UP)
+    missed = ProbeResult(found, "miss", found.aim, UP)
     again = next_probe("upper", replace(known, wall=around, probes=(aside, missed)))
-    assert isinstance(again, Done) or np.linalg.norm(again.aim[:2]) > 1e-3
+    assert isinstance(again, StopProbing) or np.linalg.norm(again.aim[:2]) > 1e-3
 
 
-def _over_place(x: float) -> Probing:
+def _over_place(x: float) -> ProbeCommand:
     start = np.array([x, 0.0, 0.06])
-    return Probing(pose_of(start, DOWN), 0.05, "search", np.array([x, 0.0, 0.04]))
+    return ProbeCommand(pose_of(start, FACING_DOWN), 0.05, "search", np.array([x, 0.0, 0.04]))
 
 
-def test_a_pole_takes_one_touch(probed: Run, known: EndKnown, ring: Ring) -> None:
+def test_a_pole_takes_one_touch(probed: Run, known: EndObservation, ring: Ring) -> None:
     wall = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     done, probes = probed(_ball(), "upper", replace(known, wall=wall))
     assert _whys(probes) == "s" and done.reason == "nothing larger than a pad is unfelt"
@@ -83,7 +99,7 @@ def test_a_pole_takes_one_touch(probed: Run, known: EndKnown, ring: Ring) -> Non
 
 
 def test_a_flat_top_takes_five_that_lie_all_over_it(
-    probed: Run, known: EndKnown, ring: Ring
+    probed: Run, known: EndObservation, ring: Ring
 ) -> None:
     done, probes = probed(_column(), "upper", replace(known, wall=ring(0.024, 0.037, above=2e-3)))
     assert _whys(probes) == "sffff" and done.reason == "5 touches lie in one plane"
@@ -93,7 +109,7 @@ def test_a_flat_top_takes_five_that_lie_all_over_it(
 
 @pytest.mark.parametrize("radius", [0.024, 0.014, 0.011])
 def test_a_flat_top_takes_as_many_touches_as_its_share_of_the_surface_asks_for_in_noise(
-    probed: Run, known: EndKnown, ring: Ring, radius: float
+    probed: Run, known: EndObservation, ring: Ring, radius: float
 ) -> None:
     noisy = replace(known, wall=ring(radius - 2e-4, 0.037, above=2e-3), noise=1e-4)
     _, probes = probed(_column(radius), "upper", noisy)
@@ -105,20 +121,22 @@ def test_a_flat_top_takes_as_many_touches_as_its_share_of_the_surface_asks_for_i
 
 
 def test_a_top_on_which_no_whole_pad_lies_is_not_touched_again(
-    probed: Run, known: EndKnown, ring: Ring
+    probed: Run, known: EndObservation, ring: Ring
 ) -> None:
     noisy = replace(known, wall=ring(0.0048, 0.037, above=2e-3), noise=1e-4)
     _, probes = probed(_column(0.005), "upper", noisy)
     assert _whys(probes) == "s"
 
 
-def test_a_pole_takes_one_touch_in_spite_of_noise(probed: Run, known: EndKnown, ring: Ring) -> None:
+def test_a_pole_takes_one_touch_in_spite_of_noise(
+    probed: Run, known: EndObservation, ring: Ring
+) -> None:
     wall = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     _, probes = probed(_ball(), "upper", replace(known, wall=wall, noise=1e-4))
     assert _whys(probes) == "s"
 
 
-def test_a_narrow_flat_top_takes_one(probed: Run, known: EndKnown, ring: Ring) -> None:
+def test_a_narrow_flat_top_takes_one(probed: Run, known: EndObservation, ring: Ring) -> None:
     done, probes = probed(
         _column(0.014), "upper", replace(known, wall=ring(0.0138, 0.037, above=2e-3))
     )
@@ -126,7 +144,7 @@ def test_a_narrow_flat_top_takes_one(probed: Run, known: EndKnown, ring: Ring) -
 
 
 def test_an_edge_below_which_the_band_ends_is_touched_at_45_degrees(
-    probed: Run, known: EndKnown, ring: Ring
+    probed: Run, known: EndObservation, ring: Ring
 ) -> None:
     wall = ring(0.025, 0.03, above=3e-3)
     _, probes = probed(_column(), "upper", replace(known, wall=wall))
@@ -135,55 +153,57 @@ def test_an_edge_below_which_the_band_ends_is_touched_at_45_degrees(
         assert one.touched and abs(one.normal[2] - math.sqrt(0.5)) < 0.2
 
 
-def test_a_lower_end_is_an_upper_one_turned_over(probed: Run, known: EndKnown, ring: Ring) -> None:
+def test_a_lower_end_is_an_upper_one_turned_over(
+    probed: Run, known: EndObservation, ring: Ring
+) -> None:
     upper = replace(known, wall=ring(0.025, 0.03, above=3e-3))
     done, probes = probed(_column(), "upper", upper)
     for count in range(len(probes) + 1):
         upper = replace(upper, probes=probes[:count])
         lower = next_probe("lower", turned_over(upper))
         wanted = next_probe("upper", upper)
-        if isinstance(wanted, Done):
+        if isinstance(wanted, StopProbing):
             assert lower == wanted == done
             continue
-        assert isinstance(lower, Probing)
-        wanted = turned_probing(wanted)
+        assert isinstance(lower, ProbeCommand)
+        wanted = turned_command(wanted)
         np.testing.assert_allclose(lower.pose[:3], wanted.pose[:3], atol=1e-12)
         np.testing.assert_allclose(split_pose(lower.pose)[1], split_pose(wanted.pose)[1], atol=1e-9)
         np.testing.assert_allclose(lower.aim, wanted.aim, atol=1e-12)
         assert lower.reach == pytest.approx(wanted.reach) and lower.why == wanted.why
 
 
-def test_an_end_on_which_it_stands_takes_none(known: EndKnown, ring: Ring) -> None:
+def test_an_end_on_which_it_stands_takes_none(known: EndObservation, ring: Ring) -> None:
     below = replace(known, height=-0.04, other=0.04, standing=True)
-    assert next_probe("lower", below) == Done("it stands on the platform", 0.0)
+    assert next_probe("lower", below) == StopProbing("it stands on the platform", 0.0)
     found = next_probe("lower", replace(below, wall=ring(0.025, -0.03, below=6e-3)))
-    assert isinstance(found, Done) and found.unfelt == pytest.approx(4e-3)
+    assert isinstance(found, StopProbing) and found.unfelt == pytest.approx(4e-3)
 
 
-def test_an_end_that_is_lower_than_thought_is_found(probed: Run, known: EndKnown) -> None:
+def test_an_end_that_is_lower_than_thought_is_found(probed: Run, known: EndObservation) -> None:
     done, probes = probed(_ball(), "upper", replace(known, height=0.06))
     assert done.reason == "the end is found" and len(probes) == 1
 
 
-def test_an_end_that_is_higher_than_thought_is_found(probed: Run, known: EndKnown) -> None:
+def test_an_end_that_is_higher_than_thought_is_found(probed: Run, known: EndObservation) -> None:
     done, probes = probed(_ball(), "upper", replace(known, height=0.02))
     outcomes = [one.outcome for one in probes]
     assert outcomes == ["inside", "hit"] and done.reason == "the end is found"
 
 
-def test_a_touch_that_begins_inside_again_and_again_is_given_up(known: EndKnown) -> None:
-    probes: tuple[Probed, ...] = ()
+def test_a_touch_that_begins_inside_again_and_again_is_given_up(known: EndObservation) -> None:
+    probes: tuple[ProbeResult, ...] = ()
     for _ in range(5):
         found = next_probe("upper", replace(known, probes=probes))
-        assert isinstance(found, Probing)
-        probes = (*probes, Probed(found, "inside", np.zeros(3), UP))
+        assert isinstance(found, ProbeCommand)
+        probes = (*probes, ProbeResult(found, "inside", np.zeros(3), UP))
     first, last = probes[0].probing, probes[-1].probing
     assert last.pose[2] - first.pose[2] == pytest.approx(4 * known.width)
     found = next_probe("upper", replace(known, probes=probes))
-    assert isinstance(found, Probing) and np.linalg.norm(found.pose[:2]) > 0.01
+    assert isinstance(found, ProbeCommand) and np.linalg.norm(found.pose[:2]) > 0.01
 
 
-def test_an_object_off_the_axis_is_looked_for_around_it(probed: Run, known: EndKnown) -> None:
+def test_an_object_off_the_axis_is_looked_for_around_it(probed: Run, known: EndObservation) -> None:
     aside = PosedShape(_column(0.01), pose_of(np.array([0.02, 0.0, 0.0]), np.eye(3)))
     done, probes = probed(aside, "upper", known)
     assert done.reason == "the end is found"
@@ -192,7 +212,7 @@ def test_an_object_off_the_axis_is_looked_for_around_it(probed: Run, known: EndK
 
 @pytest.mark.parametrize("contour", [False, True], ids=["no contour", "a contour"])
 def test_where_nothing_is_the_search_ends(
-    probed: Run, known: EndKnown, ring: Ring, contour: bool
+    probed: Run, known: EndObservation, ring: Ring, contour: bool
 ) -> None:
     far = PosedShape(_ball(), pose_of(np.array([1.0, 0.0, 0.0]), np.eye(3)))
     known = replace(known, wall=ring(0.025, 0.03) if contour else None)
@@ -201,40 +221,40 @@ def test_where_nothing_is_the_search_ends(
     assert done.unfelt >= 0.05
 
 
-def test_a_top_that_is_no_plane_is_felt_all_over(known: EndKnown, ring: Ring) -> None:
+def test_a_top_that_is_no_plane_is_felt_all_over(known: EndObservation, ring: Ring) -> None:
     known = replace(known, wall=ring(0.028, 0.037, above=3e-3))
-    while isinstance(found := next_probe("upper", known), Probing):
+    while isinstance(found := next_probe("upper", known), ProbeCommand):
         away = float(np.linalg.norm(found.aim[:2]))
         point = np.array([*found.aim[:2], 0.036 + 4.0 * away**2])
-        known = replace(known, probes=(*known.probes, Probed(found, "hit", point, UP)))
+        known = replace(known, probes=(*known.probes, ProbeResult(found, "hit", point, UP)))
     assert 5 < len(known.probes) <= 14 and found.reason == "nothing larger than a pad is unfelt"
 
 
-def test_a_top_too_wide_to_be_felt_all_over_says_so(known: EndKnown, ring: Ring) -> None:
+def test_a_top_too_wide_to_be_felt_all_over_says_so(known: EndObservation, ring: Ring) -> None:
     known = replace(known, wall=ring(0.09, 0.037, above=3e-3))
-    while isinstance(found := next_probe("upper", known), Probing):
+    while isinstance(found := next_probe("upper", known), ProbeCommand):
         point = np.array([*found.aim[:2], 0.04 + 1e-3 * len(known.probes)])
-        known = replace(known, probes=(*known.probes, Probed(found, "hit", point, UP)))
+        known = replace(known, probes=(*known.probes, ProbeResult(found, "hit", point, UP)))
     assert sum(one.probing.why != "edge" for one in known.probes) == 14
     assert found.unfelt > known.width
     assert found.reason == "14 touches have not felt all of it"
 
 
-def test_a_leaning_face_is_touched_along_its_normal(known: EndKnown, ring: Ring) -> None:
+def test_a_leaning_face_is_touched_along_its_normal(known: EndObservation, ring: Ring) -> None:
     known = replace(known, wall=ring(0.025, 0.02))
     normal = np.array([math.sin(0.3), 0.0, math.cos(0.3)])
     first = next_probe("upper", known)
-    assert isinstance(first, Probing)
-    made = Probed(first, "hit", np.array([0.0, 0.0, 0.035]), normal)
+    assert isinstance(first, ProbeCommand)
+    made = ProbeResult(first, "hit", np.array([0.0, 0.0, 0.035]), normal)
     found = next_probe("upper", replace(known, probes=(made,)))
-    assert isinstance(found, Probing) and found.why == "face"
+    assert isinstance(found, ProbeCommand) and found.why == "face"
     np.testing.assert_allclose(split_pose(found.pose)[1][:, 2], -normal, atol=1e-6)
 
 
 def test_a_pole_beside_the_first_touch_is_looked_for(
-    probed: Run, known: EndKnown, ring: Ring
+    probed: Run, known: EndObservation, ring: Ring
 ) -> None:
-    turned = rotations_of_vectors(np.array([[0.0, math.radians(12.0), 0.0]]))[0]
+    turned = rotations_from_vectors(np.array([[0.0, math.radians(12.0), 0.0]]))[0]
     tip = Superquadric(np.array([0.015, 0.015, 0.045]), np.array([1.0, 1.0]))
     shape = PosedShape(tip, pose_of(np.zeros(3), turned))
     wall = ring(0.0115, 0.03, lean=math.radians(35.0), above=2e-3)
@@ -243,16 +263,16 @@ def test_a_pole_beside_the_first_touch_is_looked_for(
     assert highest == pytest.approx(shape.bounds()[1, 2], abs=1e-4) and 2 <= len(probes) <= 3
 
 
-def test_an_end_on_the_wrong_side_is_refused(known: EndKnown) -> None:
+def test_an_end_on_the_wrong_side_is_refused(known: EndObservation) -> None:
     with pytest.raises(ValueError, match="height of the lower end must lie beyond the other one's"):
         next_probe("lower", known)
 
 
-def test_a_touch_of_the_edge_alone_tells_of_no_face(known: EndKnown, ring: Ring) -> None:
-    probing = Probing(IDENTITY, 0.01, "edge", np.zeros(3))
-    made = Probed(probing, "hit", np.zeros(3), UP)
+def test_a_touch_of_the_edge_alone_tells_of_no_face(known: EndObservation, ring: Ring) -> None:
+    probing = ProbeCommand(IDENTITY_POSE, 0.01, "edge", np.zeros(3))
+    made = ProbeResult(probing, "hit", np.zeros(3), UP)
     found = next_probe("upper", replace(known, wall=ring(0.02, 0.03), probes=(made,)))
-    assert isinstance(found, Done) and found.reason == "only its edge was touched"
+    assert isinstance(found, StopProbing) and found.reason == "only its edge was touched"
 
 
 @settings(derandomize=True, deadline=None, max_examples=20)
@@ -265,7 +285,7 @@ def test_a_touch_of_the_edge_alone_tells_of_no_face(known: EndKnown, ring: Ring)
 def test_every_end_is_done_after_at_most_24_touches(
     probed: Run, size: tuple[float, float], exponents: tuple[float, float], lean: float, seed: int
 ) -> None:
-    turned = rotations_of_vectors(np.array([[0.4 * lean, 0.3 * lean, 0.0]]))[0]
+    turned = rotations_from_vectors(np.array([[0.4 * lean, 0.3 * lean, 0.0]]))[0]
     solid = Superquadric(np.array([*size, 0.04]), np.array(exponents))
     shape = PosedShape(solid, pose_of(np.zeros(3), turned))
     low, high = shape.bounds()[:, 2]
@@ -278,8 +298,8 @@ def test_every_end_is_done_after_at_most_24_touches(
     if len(hits) > 2:
         points = out[hits] * (0.2 - np.array(ways)[hits, None]) + [0.0, 0.0, level]
         band = np.full(len(hits), level)
-        wall = Wall(points, out[hits], band - 5e-3, band + 3e-3)
-    known = EndKnown(
+        wall = SideContour(points, out[hits], band - 5e-3, band + 3e-3)
+    known = EndObservation(
         height=float(high),
         deviation=1e-3,
         other=float(low),
@@ -293,3 +313,72 @@ def test_every_end_is_done_after_at_most_24_touches(
     assert len(probes) <= 24 and done.unfelt >= 0.0
     if wall is not None and done.reason != "nothing was felt":
         assert max(one.point[2] for one in probes if one.touched) <= high + 1e-6
+
+
+def test_places_of_a_search_are_a_pad_apart_and_few() -> None:
+    places = np.stack(end_search_places(0.1, 0.015))
+    assert len(places) == 1 + 6 + 12 + 18
+    apart = np.linalg.norm(places[:, None] - places, axis=2) + np.eye(len(places))
+    assert apart.min() == pytest.approx(0.015, rel=0.06)
+    assert len(end_search_places(0.01, 0.015)) == 1
+
+
+def test_a_search_begins_above_all_that_may_be(
+    known: EndObservation, ring: Callable[..., SideContour]
+) -> None:
+    assert highest_expected(known) == pytest.approx(0.0415)
+    wall = ring(0.02, 0.04, above=4e-3)
+    assert highest_expected(replace(known, wall=wall)) == pytest.approx(0.044)
+
+
+def test_once_it_is_found_the_guess_no_longer_counts(known: EndObservation) -> None:
+    probing = probe_along_axis(known, np.zeros(2))
+    made = ProbeResult(probing, "hit", np.array([0.0, 0.0, 0.035]), np.array([0.0, 0.0, 1.0]))
+    assert highest_expected(replace(known, probes=(made,))) == pytest.approx(0.035)
+
+
+def test_a_search_goes_down_to_half_the_height(known: EndObservation) -> None:
+    probing = probe_along_axis(known, np.array([0.01, 0.0]))
+    assert probing.pose[2] - probing.reach == pytest.approx(0.0)
+
+
+WIDTH = 0.016
+
+
+def _touch(place: tuple[float, float], height: float, lean: float = 0.0) -> ProbeResult:
+    """A touch of a surface that falls towards x."""
+    aim = np.array([*place, height])
+    normal: Floats = np.array([math.sin(lean), 0.0, math.cos(lean)])
+    return ProbeResult(
+        ProbeCommand(pose_of(aim, FACING_DOWN), 0.03, "search", aim), "hit", aim, normal
+    )
+
+
+def test_a_leaning_surface_is_climbed_by_as_much_as_a_pad_feels() -> None:
+    touch = _touch((0.01, 0.002), 0.04, lean=0.3)
+    place = next_uphill([touch], [touch], WIDTH)
+    assert place is not None
+    assert place == pytest.approx([0.01 - FOOT * WIDTH, 0.002])
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.9 * SUMMIT_LEAN])
+def test_a_level_surface_is_not_climbed(lean: float) -> None:
+    touch = _touch((0.0, 0.0), 0.04, lean)
+    assert next_uphill([touch], [touch], WIDTH) is None
+
+
+def test_the_highest_touch_tells_the_way() -> None:
+    low, high = _touch((0.03, 0.0), 0.03, lean=0.5), _touch((0.0, 0.0), 0.04)
+    assert next_uphill([low, high], [low, high], WIDTH) is None
+
+
+def test_no_place_is_tried_twice_even_if_it_met_nothing() -> None:
+    touch = _touch((0.01, 0.0), 0.04, lean=0.3)
+    missed = _touch((0.01 - FOOT * WIDTH, 0.001), 0.04)._replace(outcome="miss")
+    assert next_uphill([touch], [touch, missed], WIDTH) is None
+
+
+def test_nobody_climbs_for_ever() -> None:
+    touches = [_touch((-0.1 * k, 0.0), 0.04 + 0.01 * k, lean=0.3) for k in range(MOST_CLIMBS)]
+    assert next_uphill(touches[:-1], touches[:-1], WIDTH) is not None
+    assert next_uphill(touches, touches, WIDTH) is None

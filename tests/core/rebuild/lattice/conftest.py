@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.skin.contour_skin import ContourSkin, fit_contour_skin
+from palpate.core.rebuild.loft.lofting import ContourLoft, fit_contour_loft
 
 
 def ring(radius: Floats) -> Floats:
@@ -65,8 +65,8 @@ class Felt:
         rng = np.random.default_rng(0)
         self.grid = grid + noise * rng.normal(size=grid.shape)
 
-    def skin(self) -> ContourSkin:
-        return fit_contour_skin(self.heights, self.grid, low=-1.0, high=1.0)
+    def skin(self) -> ContourLoft:
+        return fit_contour_loft(self.heights, self.grid, low=-1.0, high=1.0)
 
     def contours(self) -> list[Floats]:
         return [

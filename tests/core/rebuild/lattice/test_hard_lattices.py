@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.core.measure.solidity import solidity
-from palpate.core.rebuild.lattice.lattice_fit import fit_lattice
-from palpate.core.rebuild.reconstruct import reconstruct
-from palpate.core.rebuild.skin.contour_skin import fit_contour_skin
+from palpate.core.geometry.meshes import solidity
+from palpate.core.rebuild.lattice.fit import fit_lattice
+from palpate.core.rebuild.loft.lofting import fit_contour_loft
+from palpate.core.rebuild.reconstruction import reconstruct
 from palpate.core.rebuild.solid import Solid
 
 Making = Callable[..., Any]
@@ -108,7 +108,7 @@ def test_uneven_and_repeated_heights_do_not_fold(felt: Making) -> None:
         contour[:, 2] = height
     heights = np.array([contour[0, 2] for contour in contours])
     grid = np.stack([contour[:, :2] for contour in contours])
-    skin = fit_contour_skin(
+    skin = fit_contour_loft(
         np.append(heights, heights[7]), np.concatenate([grid, grid[7:8]]), low=-1.0, high=1.0
     )
 
@@ -124,7 +124,7 @@ def test_forty_control_points_each_way_are_solved_for_many_points() -> None:
     heights, turn = np.linspace(-1, 1, 200), 2 * np.pi * np.arange(400) / 400
     radius = np.sqrt(1.04 - heights**2)[:, None] * (1 + 0.12 * np.cos(3 * turn))
     grid = radius[..., None] * np.column_stack([np.cos(turn), np.sin(turn)])
-    skin = fit_contour_skin(heights, grid, low=-1.02, high=1.02)
+    skin = fit_contour_loft(heights, grid, low=-1.02, high=1.02)
 
     fit = fit_lattice(skin.surface, size=(40, 40))
 

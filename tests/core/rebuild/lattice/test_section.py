@@ -3,9 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.core.rebuild.lattice.section import Section, rim_of
-from palpate.core.rebuild.lattice.section_fit import fit_section
-from palpate.core.rebuild.recovery.recovery import Recovery
+from palpate.core.rebuild.lattice.section import Section, fit_section, rim_of
+from palpate.core.rebuild.recovery.record import Recovery
 
 TURNS = np.arange(96) / 96
 AZIMUTH = 2 * np.pi * TURNS

@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import pose_of, transform
-from palpate.core.measure.nearest import nearest_points, search_of
-from palpate.core.measure.sampling import sample_surface
-from palpate.core.rebuild.recovery.recovery import Recovery
-from palpate.core.shapes.bend import Bend
-from palpate.core.shapes.posed import PosedShape
-from palpate.core.shapes.protocol import Shape
-from palpate.core.shapes.superquadric import Superquadric
-from palpate.core.shapes.taper import Taper
-from palpate.core.shapes.warped import WarpedSuperquadric
+from palpate.core.geometry.distances import sample_surface
+from palpate.core.geometry.nearest import nearest_points, nearest_search
+from palpate.core.poses import pose_of, transform_points
+from palpate.core.rebuild.recovery.record import Recovery
+from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
+from palpate.core.shapes.global_deformations import Bend, Taper
+from palpate.core.shapes.protocol import PosedShape, Shape
+from palpate.core.shapes.superquadrics import Superquadric
 
 LEVEL, SAMPLES = 3, 500
 
@@ -48,13 +46,13 @@ def cloud(
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     axes[:, 0] *= np.linalg.det(axes)
     pose = pose_of(rng.normal(size=3), axes if turned else np.eye(3))
-    solid = WarpedSuperquadric(base, np.array(taper), bending)
+    solid = DeformedSuperquadric(base, np.array(taper), bending)
     rays = rng.normal(size=(count, 3)) * base.size
     tapering = Taper(float(taper[0]), float(taper[1]), float(size[2]))
     points = bending(tapering(rays / base.gauge(rays)[:, None]))
     diameter = float(np.ptp(solid.mesh(LEVEL).vertices, axis=0).max())
     points = points + noise * diameter * rng.normal(size=points.shape)
-    return Cloud(transform(pose, points), PosedShape(solid, pose), diameter)
+    return Cloud(transform_points(pose, points), PosedShape(solid, pose), diameter)
 
 
 def chamfer(found: Recovery, made: Cloud) -> float:
@@ -70,7 +68,7 @@ def _triangles(shape: Shape) -> Floats:
 
 def _mean_distance(source: Floats, target: Floats) -> float:
     samples = sample_surface(source, SAMPLES, np.random.default_rng(0)).points
-    return float(nearest_points(search_of(target), samples).distances.mean())
+    return float(nearest_points(nearest_search(target), samples).distances.mean())
 
 
 @pytest.fixture(name="cloud")

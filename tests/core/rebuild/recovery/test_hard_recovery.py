@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.recovery.recover import recover
-from palpate.core.shapes.superquadric import Superquadric
+from palpate.core.rebuild.recovery.fitting import recover
+from palpate.core.shapes.superquadrics import Superquadric
 
 Made = Callable[..., Any]
-GOOD = 0.02
-"""Of the diameter."""
+GOOD = 0.02  # Of the diameter
 
 
 def worst(cloud: Made, chamfer: Made, *shape: Any, trials: int = 8) -> float:

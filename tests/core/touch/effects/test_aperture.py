@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import DOWN, pose_of, split_pose
+from palpate.core.poses import FACING_DOWN, pose_of, split_pose
 from palpate.core.shapes.protocol import Mesh
-from palpate.core.touch.cast import one_ray_each
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.aperture import Aperture
 from palpate.core.touch.pad import Pad
-from palpate.core.touch.touch import Finger, Touch
+from palpate.core.touch.pipeline import cast_single_rays
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
-
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 READINGS = ("mean", "max")
 
 
@@ -39,20 +38,22 @@ class Ground:
         raise NotImplementedError
 
 
-def felt(finger: Finger, touch: Touch, **given: object) -> Touch:
+def felt(finger: Fingertip, touch: SimulatedTouch, **given: object) -> SimulatedTouch:
     Aperture(**given).prepare(finger).act(touch, None)  # type: ignore[arg-type]
     return touch
 
 
-def over(finger: Finger, make_touch: MakeTouch, ground: Ground, **more: float) -> Touch:
+def over(finger: Fingertip, make_touch: MakeTouch, ground: Ground, **more: float) -> SimulatedTouch:
     """A touch of a ground from 3 mm above its zero."""
-    start = pose_of(np.array([0.0, 0.0, 3e-3]), DOWN)
+    start = pose_of(np.array([0.0, 0.0, 3e-3]), FACING_DOWN)
     touch = make_touch(believed=start, actual=start, **more)
     touch.shape = ground
     return touch
 
 
-def slowly(finger: Finger, touch: Touch, width: float, rays: int, largest: bool) -> Floats:
+def slowly(
+    finger: Fingertip, touch: SimulatedTouch, width: float, rays: int, largest: bool
+) -> Floats:
     """What the elements report at the end of a move, ray by ray."""
     pad = finger.pad
     position, axes = split_pose(touch.actual)
@@ -77,7 +78,7 @@ def test_elements_report_what_their_rays_see(
     reading: str, dome: float, make_finger: MakeFinger, make_touch: MakeTouch
 ) -> None:
     finger = make_finger(dome=dome)
-    start = pose_of(np.array([1.3e-3, -0.4e-3, 0.033]), DOWN)
+    start = pose_of(np.array([1.3e-3, -0.4e-3, 0.033]), FACING_DOWN)
     touch = make_touch(believed=start, actual=start)
     felt(finger, touch, width=0.9, rays=4, reading=reading)
     assert touch.outcome == "hit"
@@ -122,7 +123,7 @@ def test_the_mean_of_a_plane_is_its_height_in_the_middle(
     finger, slope = make_finger(), 0.05
     touch = felt(finger, over(finger, make_touch, Ground(lambda x, y: slope * x), depth=2e-3))
     one_ray = over(finger, make_touch, Ground(lambda x, y: slope * x), depth=2e-3)
-    one_ray_each(finger, one_ray)
+    cast_single_rays(finger, one_ray)
     pressed = one_ray.compression > slope * 0.4e-3  # all of the element is pressed
     assert pressed.sum() > 200
     assert np.allclose(touch.compression[pressed], one_ray.compression[pressed], atol=1e-15)
@@ -150,7 +151,7 @@ def ridge(x: Floats, y: Floats) -> Floats:
 def test_a_ridge_between_the_taxels_is_seen(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
     finger, depth = make_finger(), 0.2e-3
     blind = over(finger, make_touch, Ground(ridge), depth=depth)
-    one_ray_each(finger, blind)
+    cast_single_rays(finger, blind)
     assert np.ptp(blind.compression) < 1e-15  # it saw the ground and no ridge
     largest = felt(finger, over(finger, make_touch, Ground(ridge), depth=depth), reading="max")
     assert (largest.compression.max(axis=0) > 0.0).sum() == 1
@@ -196,10 +197,10 @@ def test_outcomes_are_those_of_single_rays_on_smooth_ground(
     reading: str, make_finger: MakeFinger, make_touch: MakeTouch
 ) -> None:
     finger = make_finger()
-    inside = pose_of(np.array([0.0, 0.0, 0.0299]), DOWN)
+    inside = pose_of(np.array([0.0, 0.0, 0.0299]), FACING_DOWN)
     for given in ({"reach": 2.9e-3}, {"reach": 3.1e-3}, {"depth": 2.9e-3}, {"actual": inside}):
         one, many = make_touch(**given), make_touch(**given)
-        one_ray_each(finger, one)
+        cast_single_rays(finger, one)
         felt(finger, many, reading=reading)
         assert many.outcome == one.outcome
         assert many.advance == pytest.approx(one.advance, abs=30e-6)
@@ -211,7 +212,7 @@ def test_a_small_element_sees_what_a_ray_does(
 ) -> None:
     finger, small, ray = make_finger(), make_touch(), make_touch()
     felt(finger, small, width=0.05, rays=2)
-    one_ray_each(finger, ray)
+    cast_single_rays(finger, ray)
     # A quarter of 0.05 mm off the middle, on slopes of up to 0.3.
     assert np.allclose(small.compression, ray.compression, rtol=0.0, atol=1e-6)
     assert np.allclose(small.actual, ray.actual, rtol=0.0, atol=1e-6)

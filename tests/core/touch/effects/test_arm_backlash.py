@@ -5,22 +5,21 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import DOWN, pose_of
+from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.arm_backlash import ArmBacklash
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
-
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 WIDTH = 0.2e-3
 
 
-def followed(finger: Finger, make_touch: MakeTouch, ways: Floats) -> Floats:
+def followed(finger: Fingertip, make_touch: MakeTouch, ways: Floats) -> Floats:
     """Where the pad starts if the arm goes to each of these places in turn, (n, 3)."""
     stage, found = ArmBacklash(width=WIDTH).prepare(finger), []
     state = stage.state
     for number, way in enumerate(ways):
-        start = pose_of(way, DOWN)
+        start = pose_of(way, FACING_DOWN)
         touch = make_touch(number, believed=start, actual=start)
         state = stage.act(touch, state)
         assert np.array_equal(touch.believed, start)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import pose_of, split_pose
+from palpate.core.poses import pose_of, split_pose
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.arm_compliance import ArmCompliance
 from palpate.core.touch.pipeline import assemble
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 
 
 def test_the_believed_pose_is_too_deep_by_force_over_stiffness(
@@ -39,7 +39,7 @@ def test_the_touch_is_as_with_a_stiff_arm_but_for_what_is_believed(
     touches = []
     for effects in ([], [ArmCompliance()]):
         pipeline, touch = assemble(finger, effects), make_touch()
-        pipeline.feel(touch, pipeline.begin())
+        pipeline.simulate(touch, pipeline.begin())
         touches.append(touch)
     stiff, soft = touches
     assert np.array_equal(stiff.reading, soft.reading)

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.creep import Creep
 from palpate.core.touch.pipeline import assemble
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
-
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 SHARE, TAU = 0.2, 0.5
 
 
@@ -25,7 +24,7 @@ def press(
     loading: float = 0.1,
     dwell: float = 0.3,
     way_back: float = 0.0,
-) -> Touch:
+) -> SimulatedTouch:
     """A touch with these times, which begins at 0."""
     time = rest + loading + dwell + way_back
     return make_touch(
@@ -34,10 +33,10 @@ def press(
 
 
 @pytest.fixture
-def feel(make_finger: MakeFinger) -> Callable[[list[Touch]], list[Floats]]:
+def feel(make_finger: MakeFinger) -> Callable[[list[SimulatedTouch]], list[Floats]]:
     """What is felt in each of these touches, one after the other."""
 
-    def follow(touches: list[Touch]) -> list[Floats]:
+    def follow(touches: list[SimulatedTouch]) -> list[Floats]:
         stage = Creep(share=SHARE, tau=TAU).prepare(make_finger())
         state = stage.state
         for touch in touches:
@@ -47,10 +46,12 @@ def feel(make_finger: MakeFinger) -> Callable[[list[Touch]], list[Floats]]:
     return follow
 
 
-Feel = Callable[[list[Touch]], list[Floats]]
+Feel = Callable[[list[SimulatedTouch]], list[Floats]]
 
 
-def integrated(touches: list[Touch], depths: list[float], taus: float = TAU) -> list[float]:
+def integrated(
+    touches: list[SimulatedTouch], depths: list[float], taus: float = TAU
+) -> list[float]:
     """What is felt by small steps of the equation, q' = -q / tau + c'."""
     found, q, step = [], 0.0, 1e-4
     for touch, depth in zip(touches, depths, strict=True):
@@ -167,7 +168,7 @@ def test_it_knows_the_times_of_a_whole_touch(
     touches, clock = [], 0.0
     for number, depth in enumerate(depths):
         touch = make_touch(number, depth=depth, previous=clock, begun=clock + 0.1)
-        states = pipeline.feel(touch, states)
+        states = pipeline.simulate(touch, states)
         clock = touch.time
         touches.append(touch)
     expected = integrated(touches, list(depths))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip
 from palpate.core.touch.effects.dead_taxels import DeadTaxels
-from palpate.core.touch.touch import Finger
 
-MakeFinger = Callable[..., Finger]
+MakeFinger = Callable[..., Fingertip]
 Readings = Callable[..., Floats]
 
 

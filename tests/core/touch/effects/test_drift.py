@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.drift import Drift
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 
 
-def walked(finger: Finger, make_touch: MakeTouch, times: Floats, rate: float = 2e-6) -> Floats:
+def walked(finger: Fingertip, make_touch: MakeTouch, times: Floats, rate: float = 2e-6) -> Floats:
     """Zeros after each of these times, (touches, rows * cols)."""
     stage = Drift(rate=rate).prepare(finger)
     state, found = stage.state, []

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.echo_loss import EchoLoss
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 
 
 def plane(slope: float, direction: float) -> Floats:

@@ -14,28 +14,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-import palpate.core.touch.effects as package
-from palpate.core.ranges import Range, ranges_of
-from palpate.core.touch.effect import Place
-from palpate.core.touch.effects.catalogue import NAMES, effect_type, rank
+from palpate.core.plugins import Range, ranges_of
+from palpate.core.touch import effects
+from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch
+from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
 from palpate.core.touch.pipeline import assemble
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
-Values = Callable[[Touch], dict[str, Any]]
-
-FOLDER = Path(package.__file__ or "").parent
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
+Values = Callable[[SimulatedTouch], dict[str, Any]]
+FOLDER = Path(effects.__file__ or "").parent
+# Each number of each effect.
 NUMBERS = [
     (name, field, allowed)
-    for name in NAMES
+    for name in EFFECT_NAMES
     for field, allowed in ranges_of(effect_type(name)).items()
 ]
-"""Each number of each effect."""
-
+# Hits, a miss, and a press to the bottom.
 OUTCOMES: list[dict[str, float]] = [{}, {"reach": 1e-3}, {"depth": 2.9e-3}, {"depth": 0.4e-3}]
-"""Hits, a miss, and a press to the bottom."""
-
+# Parameters with which an effect has none.
 NOTHING: dict[str, dict[str, Any]] = {
     "pose_error": {"sigma": 0.0, "rotation": 0.0},
     "arm_backlash": {"width": 0.0},
@@ -52,10 +49,9 @@ NOTHING: dict[str, dict[str, Any]] = {
     "dead_taxels": {"rate": 0.0},
     "transport": {"latency": 0.0, "drop": 0.0, "duplicate": 0.0},
 }
-"""Parameters with which an effect has none."""
 
 
-def series(make_touch: MakeTouch) -> list[Touch]:
+def series(make_touch: MakeTouch) -> list[SimulatedTouch]:
     """Four touches, one after the other."""
     starts = [make_touch(number, **given) for number, given in enumerate(OUTCOMES)]
     for number, touch in enumerate(starts):
@@ -64,17 +60,19 @@ def series(make_touch: MakeTouch) -> list[Touch]:
 
 
 def test_every_file_of_the_package_is_in_the_catalogue_and_the_other_way_round() -> None:
-    assert {path.stem for path in FOLDER.glob("*.py")} - {"__init__", "catalogue"} == set(NAMES)
+    assert {path.stem for path in FOLDER.glob("*.py")} - {"__init__", "catalogue"} == set(
+        EFFECT_NAMES
+    )
 
 
 def test_the_catalogue_is_in_order_of_place() -> None:
-    places = [effect_type(name).place for name in NAMES]
+    places = [effect_type(name).place for name in EFFECT_NAMES]
     assert places == sorted(places)
-    assert set(places) == set(Place)
-    assert [rank(name) for name in NAMES] == list(range(len(NAMES)))
+    assert set(places) == set(Phase)
+    assert [rank(name) for name in EFFECT_NAMES] == list(range(len(EFFECT_NAMES)))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_an_effect_is_a_frozen_value_with_defaults(name: str) -> None:
     kind: Any = effect_type(name)
     assert is_dataclass(kind())
@@ -87,7 +85,7 @@ def test_an_effect_is_a_frozen_value_with_defaults(name: str) -> None:
         effect.unknown = 0.0
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_an_effect_and_each_of_its_parameters_are_described(name: str) -> None:
     (described,) = [
         node
@@ -123,13 +121,13 @@ def test_the_ends_of_a_range_can_be_had(
         pipeline = assemble(make_finger(), [effect_type(name)(**given)])
         states = pipeline.begin()
         for touch in series(make_touch):
-            states = pipeline.feel(touch, states)
+            states = pipeline.simulate(touch, states)
             assert np.isfinite(touch.reading).all()
             assert np.isfinite(touch.pressure).all() and (touch.pressure >= 0.0).all()
             assert np.isfinite(touch.believed).all() and np.isfinite(touch.actual).all()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_the_same_touches_and_states_give_the_same_again(
     name: str, make_finger: MakeFinger, make_touch: MakeTouch, values_of: Values
 ) -> None:
@@ -138,12 +136,12 @@ def test_the_same_touches_and_states_give_the_same_again(
     for _ in range(2):
         touches, states = series(make_touch), pipeline.begin()
         for touch in touches:
-            states = pipeline.feel(touch, states)
+            states = pipeline.simulate(touch, states)
         found.append([values_of(touch) for touch in touches])
     assert found[0] == found[1]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_a_stage_writes_into_no_array_that_it_was_given(
     name: str, make_finger: MakeFinger, make_touch: MakeTouch
 ) -> None:
@@ -159,7 +157,7 @@ def test_a_stage_writes_into_no_array_that_it_was_given(
         states = tuple(kept)
 
 
-def vars_of(touch: Touch) -> list[np.ndarray]:
+def vars_of(touch: SimulatedTouch) -> list[np.ndarray]:
     held = (getattr(touch, field.name) for field in fields(touch))
     return [value for value in held if isinstance(value, np.ndarray)]
 
@@ -169,7 +167,7 @@ def arrays_in(state: Any) -> list[np.ndarray]:
     return [part for part in parts if isinstance(part, np.ndarray)]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_a_miss_and_a_start_in_the_object_feel_nothing_but_noise(
     name: str, make_finger: MakeFinger, make_touch: MakeTouch
 ) -> None:
@@ -177,7 +175,7 @@ def test_a_miss_and_a_start_in_the_object_feel_nothing_but_noise(
     pipeline = assemble(make_finger(), [effect_type(name)()])
     states = pipeline.begin()
     for touch in (make_touch(0, reach=1e-3), make_touch(1, actual=inside, believed=inside)):
-        states = pipeline.feel(touch, states)
+        states = pipeline.simulate(touch, states)
         assert touch.outcome == ("inside", "miss")[touch.number == 0]
         assert (touch.compression == 0.0).all()
         assert (touch.pressure == 0.0).all()
@@ -195,12 +193,12 @@ def test_an_effect_without_strength_changes_nothing(
     assert pipeline.noise == 0.0
     states, clean = pipeline.begin(), ideal.begin()
     for touch, expected in zip(series(make_touch), series(make_touch), strict=True):
-        states = pipeline.feel(touch, states)
-        clean = ideal.feel(expected, clean)
+        states = pipeline.simulate(touch, states)
+        clean = ideal.simulate(expected, clean)
         assert values_of(touch) == values_of(expected)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_no_effect_imports_another_or_more_than_numpy(name: str) -> None:
     source = ast.parse((FOLDER / f"{name}.py").read_text())
     for node in ast.walk(source):
@@ -212,14 +210,14 @@ def test_no_effect_imports_another_or_more_than_numpy(name: str) -> None:
 
 
 @pytest.mark.parametrize("rows_cols", [(8, 20), (20, 8), (13, 13)])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_arrays_need_not_be_square_or_even(
     name: str, rows_cols: tuple[int, int], make_finger: MakeFinger, make_touch: MakeTouch
 ) -> None:
     finger = make_finger(rows=rows_cols[0], cols=rows_cols[1], pitch=0.8e-3)
     pipeline = assemble(finger, [effect_type(name)()])
     touch = make_touch()
-    pipeline.feel(touch, pipeline.begin())
+    pipeline.simulate(touch, pipeline.begin())
     assert touch.outcome == "hit"
     assert touch.reading.shape == touch.pressure.shape == rows_cols
 
@@ -239,4 +237,4 @@ def test_a_module_that_cannot_be_imported_or_holds_no_effect_is_refused() -> Non
 def test_a_users_own_effect_is_found_and_comes_last() -> None:
     name = "palpate.core.touch.effects.drift:Drift"
     assert effect_type(name) is import_module("palpate.core.touch.effects.drift").EFFECT
-    assert rank(name) == len(NAMES)
+    assert rank(name) == len(EFFECT_NAMES)

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip
 from palpate.core.touch.effects.gain_offset import GainOffset
-from palpate.core.touch.touch import Finger
 
-MakeFinger = Callable[..., Finger]
+MakeFinger = Callable[..., Fingertip]
 Readings = Callable[..., Floats]
 
 

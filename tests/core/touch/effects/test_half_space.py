@@ -8,31 +8,29 @@ import pytest
 from scipy.optimize import nnls
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects import half_space
 from palpate.core.touch.effects.half_space import HalfSpace
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
-
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 RADIUS, DEPTH = 0.03, 1e-3
-STIFFNESS = 0.5e6 / (1.0 - 0.49**2)
-"""E / (1 - nu^2), N/m2."""
+STIFFNESS = 0.5e6 / (1.0 - 0.49**2)  # E / (1 - nu^2), N/m2
 
 
-def paraboloid(finger: Finger, radius: float = RADIUS, depth: float = DEPTH) -> Floats:
+def paraboloid(finger: Fingertip, radius: float = RADIUS, depth: float = DEPTH) -> Floats:
     x, y = finger.pad.grid()
     return depth - (x * x + y * y) / (2 * radius)
 
 
-def solved(finger: Finger, make_touch: MakeTouch, indentation: Floats) -> Touch:
+def solved(finger: Fingertip, make_touch: MakeTouch, indentation: Floats) -> SimulatedTouch:
     springs = np.maximum(indentation, 0.0)
     touch = make_touch(field=indentation, compression=springs, pressure=2e8 * springs)
     HalfSpace().prepare(finger).act(touch, None)
     return touch
 
 
-def displacement(finger: Finger, pressure: Floats, fine: int = 12) -> Floats:
+def displacement(finger: Fingertip, pressure: Floats, fine: int = 12) -> Floats:
     """Displacement of each taxel's middle, by point loads on a fine grid (Boussinesq).
 
     In the middle of its own square the mean of 1 / r is 4 asinh(1) over the side.
@@ -88,7 +86,7 @@ def test_the_error_of_the_force_falls_with_the_pitch(
     assert errors[2] < 0.003
 
 
-def shapes(finger: Finger) -> list[Floats]:
+def shapes(finger: Fingertip) -> list[Floats]:
     x, y = finger.pad.grid()
     rough = np.random.default_rng(1)
     hole = np.where(np.hypot(x - 3e-3, y) < 2e-3, -np.inf, 0.8e-3)

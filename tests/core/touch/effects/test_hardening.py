@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.hardening import Hardening
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 
 
-def hardened(finger: Finger, touch: Touch, strength: float = 1.0) -> Floats:
+def hardened(finger: Fingertip, touch: SimulatedTouch, strength: float = 1.0) -> Floats:
     Hardening(strength=strength).prepare(finger).act(touch, None)
     return touch.pressure
 

@@ -8,13 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate.core.arrays import Floats
-from palpate.core.frames import pose_of
+from palpate.core.poses import pose_of
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.pose_error import PoseError
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
-
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 TOUCHES = 4000
 
 

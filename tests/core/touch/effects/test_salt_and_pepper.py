@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip
 from palpate.core.touch.effects.salt_and_pepper import SaltAndPepper
-from palpate.core.touch.touch import Finger
 
-MakeFinger = Callable[..., Finger]
+MakeFinger = Callable[..., Fingertip]
 Readings = Callable[..., Floats]
-
 FULL_SCALE = 0.8 * 3e-3
 
 

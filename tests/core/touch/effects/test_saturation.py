@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.saturation import Saturation
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 
 
 def test_compression_and_pressure_are_clipped_where_they_are_too_large(

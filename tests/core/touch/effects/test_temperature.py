@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.temperature import Temperature
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 
 
-def warmed(effect: Temperature, finger: Finger, touch: Touch) -> Floats:
+def warmed(effect: Temperature, finger: Fingertip, touch: SimulatedTouch) -> Floats:
     effect.prepare(finger).act(touch, None)
     return touch.reading
 

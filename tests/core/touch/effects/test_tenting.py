@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Bools, Floats
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.tenting import Tenting
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 
 
 def tented(
-    finger: Finger, make_touch: MakeTouch, field: Floats, contact: Bools, decay: float = 1e-3
+    finger: Fingertip, make_touch: MakeTouch, field: Floats, contact: Bools, decay: float = 1e-3
 ) -> Floats:
     touch = make_touch(field=field, pressure=np.where(contact, 1e4, 0.0))
     Tenting(decay=decay).prepare(finger).act(touch, None)

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.transport import Transport
-from palpate.core.touch.touch import Finger, Touch
 
-MakeFinger = Callable[..., Finger]
-MakeTouch = Callable[..., Touch]
-
+MakeFinger = Callable[..., Fingertip]
+MakeTouch = Callable[..., SimulatedTouch]
 TOUCHES = 5000
 
 

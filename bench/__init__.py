@@ -1,0 +1,7 @@
+"""Every measurement.
+
+What palpate's speed, accuracy and robustness are, printed as rows of a table beside what is
+demanded of them. A demand, a number of trials or an object may be changed, and the figures in
+docs/ are then printed anew; nothing that palpate computes depends on this room, for nothing
+below imports it. It rests on all other rooms; its own top holds the table alone.
+"""

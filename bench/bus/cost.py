@@ -1,0 +1,316 @@
+"""What a message costs.
+
+The codec, a hop against bare sockets, the lock between machines, and a tool that listens.
+
+What is compared is measured in turns, so that both meet the same load. Bare sockets are what
+there is to be compared with.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import zmq
+
+from palpate.bench.bus.toy_node import Quiet, ToyParams, frame, settle, toy
+from palpate.bench.table import Row
+from palpate.launch import launch
+from palpate.launch.hosts import free_endpoints
+from palpate.launch.processes import RunCard, running_graphs, without_main_module
+from palpate.messages import Header, decode, encode, pack_frame, schema_hash, split_frame
+from palpate.messages.bus import STATUS_TOPIC, SocketContext, bind, make_key
+from palpate.messages.types import NodeStatus, TactileFrame
+from palpate.tools.introspection import TapSubscription, Topic
+
+LAPS = 2000
+MOST_LOCKED = 1.3
+_DEADLINE_MS = 20_000
+TURNS = 9
+STATUSES = 6  # Words of a node over which a rate is taken, four a second
+LEAST_RATE_KEPT = 0.9  # Share of its rate that a graph must keep
+_DEADLINE = 30.0
+_SCRIPT = "import sys; from palpate.bench.bus.cost import launch_ring; turn(sys.argv[1])"
+
+
+def hop_rows(quick: bool) -> Iterator[Row]:
+    """Rows for what a message costs."""
+    yield _codec_row()
+    yield from _full_and_bare(500 if quick else LAPS)
+
+
+def _codec_row(rounds: int = 300, batches: int = 10) -> Row:
+    message, schema = frame(1), schema_hash(TactileFrame)
+
+    def once() -> None:
+        header = Header(1, 0, 7, time.monotonic_ns(), 0.1, schema)
+        data = pack_frame("/touch/raw", header, encode(message))
+        decode(TactileFrame, split_frame(data)[2])
+
+    def batch() -> float:
+        began = time.perf_counter()
+        for _ in range(rounds):
+            once()
+        return (time.perf_counter() - began) / rounds * 1e6
+
+    cost = min(batch() for _ in range(batches))
+    name = "codec, checks and header, both sides, 16 x 16"
+    return Row(name, f"{cost:.1f} us", "<= 30 us", cost <= 30.0)
+
+
+def _full_and_bare(laps: int, turns: int = 5) -> Iterator[Row]:
+    """Hops of the full stack and of the bare sockets, in turn, so that both meet the same load."""
+    for core, where in ((0, "one core"), (-1, "free cores")):
+        full, bare = [], []
+        for _ in range(turns):
+            full.append(_full_hop(laps, core))
+            bare.append(_bare_hop(laps, core))
+        over = min(full) - min(bare)
+        yield Row(f"one hop, bare sockets, {where}", f"{min(bare):.1f} us", "", True)
+        yield Row(f"one hop, full stack, {where}", f"{min(full):.1f} us", "", True)
+        yield Row(f"overhead of a hop, {where}", f"{over:.1f} us", "<= 30 us", over <= 30.0)
+        if core < 0:
+            rate = 1e6 / (4 * min(full))
+            yield Row("touches of 4 hops", f"{rate:.0f} /s", ">= 300 /s", rate >= 300.0)
+
+
+def _full_hop(laps: int, core: int) -> float:
+    """Time of one hop between two nodes, us."""
+    watcher = Quiet()
+    ring = [
+        toy("source", ToyParams(burst=1, laps=laps, expects=laps, core=core), hears="relay"),
+        toy("relay", ToyParams(relay=True, core=core), hears="source"),
+    ]
+    ending = launch(ring, ends="source", hear=["/source/mark"], watcher=watcher)
+    if ending.status != "finished":
+        raise RuntimeError(f"the ring {ending.status}: {ending.reason}")
+    first, last = watcher.times
+    return (last - first) / (2 * (laps - 1)) * 1e6
+
+
+def _bare_hop(laps: int, core: int) -> float:
+    """Time of one hop of the same number of bytes over bare sockets, us."""
+    with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+        there, back = (f"ipc://{Path(folder) / name}" for name in "ab")
+        return bare_hop(there, back, laps, core=core)
+
+
+def lock_rows(laps: int = 2000, turns: int = 15) -> Iterator[Row]:
+    """Rows of the table; the two are measured in turn, so that both meet the same load."""
+    with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+        key = Path(folder) / "graph.key"
+        make_key(key)
+        for core, where in ((0, "one core"), (-1, "free cores")):
+            plain, locked = [], []
+            for _ in range(turns):
+                plain.append(_hop(laps, core, ""))
+                locked.append(_hop(laps, core, str(key)))
+            ratio = min(locked) / min(plain)
+            yield Row(f"one hop over tcp, bare sockets, {where}", f"{min(plain):.1f} us", "", True)
+            yield Row(f"the same, locked, {where}", f"{min(locked):.1f} us", "", True)
+            yield Row(
+                f"locked over plain, {where}",
+                f"{ratio:.2f}",
+                f"<= {MOST_LOCKED:g}",
+                ratio <= MOST_LOCKED,
+            )
+
+
+def _hop(laps: int, core: int, key: str) -> float:
+    ends = free_endpoints("127.0.0.1", ("there", "back"))
+    return bare_hop(ends["there"], ends["back"], laps, core=core, key=key)
+
+
+def bare_hop(there: str, back: str, laps: int, *, core: int = -1, key: str = "") -> float:
+    """Time of one hop of a frame of 16 by 16 taxels between two processes, us.
+
+    Parameters
+    ----------
+    there, back : str
+        Endpoints of the two.
+    laps : int
+        How often it goes there and back.
+    core : int
+        Processor core on which both run; -1 leaves them free.
+    key : str
+        File of the key with which the sockets are locked; empty for open ones.
+    """
+    spawn = multiprocessing.get_context("forkserver")
+    mine, yours = spawn.Pipe()
+    echo = spawn.Process(target=_send_back, args=(there, back, laps, core, key), daemon=True)
+    ping = spawn.Process(target=_ping, args=(there, back, laps, core, key, yours), daemon=True)
+    try:
+        with without_main_module():
+            echo.start()
+            ping.start()
+        if not mine.poll(_DEADLINE_MS / 1000):
+            raise RuntimeError("the bare sockets did not answer")
+        seconds: float = mine.recv()
+    finally:
+        for process in (echo, ping):
+            if process.pid is not None:
+                process.kill()
+                process.join()
+        mine.close()
+        yours.close()
+    return seconds / (2 * laps) * 1e6
+
+
+def _send_back(there: str, back: str, laps: int, core: int, key: str) -> None:
+    wires = SocketContext(key)
+    out, into = _pair(wires, back, there, key)
+    settle(core)
+    for _ in range(laps):
+        out.send(into.recv())
+    into.close(0)
+    out.close(1000)  # the last answer is still to leave
+    wires.close()
+
+
+def _ping(there: str, back: str, laps: int, core: int, key: str, result: Any) -> None:
+    wires = SocketContext(key)
+    out, into = _pair(wires, there, back, key)
+    settle(core)
+    data = pack_frame("/touch/raw", Header(1, 0, 0, 0, 0.0, 0), encode(frame(0)))
+    began = time.perf_counter()
+    for _ in range(laps):
+        out.send(data)
+        into.recv()
+    result.send(time.perf_counter() - began)
+
+
+def _pair(wires: SocketContext, endpoint: str, other: str, key: str) -> tuple[Any, Any]:
+    out, into = wires.context.socket(zmq.XPUB), wires.context.socket(zmq.SUB)
+    if key:
+        bind(out, endpoint)
+    else:
+        out.bind(endpoint)
+    into.subscribe(b"")
+    into.connect(other)
+    out.recv()  # The other's subscription: from here on nothing is lost.
+    return out, into
+
+
+def introspection_rows(turns: int = TURNS) -> list[Row]:
+    """How fast a ring of two nodes turns while a tool hears all that one of them says.
+
+    Parameters
+    ----------
+    turns : int
+        How often each rate is taken. A share is the median of those in each turn, for the machine's
+        other work comes and goes.
+    """
+    alone, beside, stopped = [], [], []
+    with _ring() as (card, folder):
+        for _ in range(turns):
+            alone.append(_rate(card))
+            with _topic_echo(folder) as echo:
+                beside.append(_rate(card))
+                echo.send_signal(signal.SIGSTOP)
+                stopped.append(_rate(card))
+        alone.append(_rate(card))
+    kept, cost = _share(stopped, alone), _share(beside, alone)
+    return [
+        Row("a ring of two nodes turns, nobody looking", f"{median(alone):.0f} /s", "", True),
+        Row("topic echo of all its messages: share of that rate", f"{cost:.2f}", "", True),
+        Row(
+            "a stopped topic echo: share of that rate",
+            f"{kept:.2f}",
+            f">= {LEAST_RATE_KEPT}",
+            kept >= LEAST_RATE_KEPT,
+        ),
+    ]
+
+
+@contextmanager
+def _ring() -> Iterator[tuple[RunCard, Path]]:
+    with (
+        tempfile.TemporaryDirectory(prefix="palpate-") as folder,
+        subprocess.Popen([sys.executable, "-c", _SCRIPT, folder]) as process,
+    ):
+        try:
+            yield _card(Path(folder), process), Path(folder)
+        finally:
+            process.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_DEADLINE)
+            process.kill()
+
+
+def _card(folder: Path, process: subprocess.Popen[bytes]) -> RunCard:
+    deadline = time.monotonic() + _DEADLINE
+    while not (cards := running_graphs(folder)):
+        if process.poll() is not None or time.monotonic() > deadline:
+            raise RuntimeError("the ring did not start")
+        time.sleep(0.05)
+    return cards[0]
+
+
+def _rate(card: RunCard) -> float:
+    """Turns a second by the source's own count, which costs it nothing."""
+    beats: list[tuple[int, int]] = []
+    with TapSubscription(
+        card, [Topic(STATUS_TOPIC, NodeStatus.__name__, ("source",), ())]
+    ) as hearing:
+        for batch in hearing.batches(_DEADLINE):
+            for heard in batch:
+                beats.append((heard.header.sent_ns, decode(NodeStatus, heard.body).messages))
+            if len(beats) >= STATUSES:
+                break
+    if len(beats) < STATUSES:
+        raise RuntimeError("the ring says nothing of itself")
+    return 1e9 * (beats[-1][1] - beats[0][1]) / (beats[-1][0] - beats[0][0])
+
+
+@contextmanager
+def _topic_echo(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run ``topic echo``, once it hears something, with an output that is read no further."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "palpate", "topic", "echo", "/relay", "--field", "touch", "--csv"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "XDG_RUNTIME_DIR": str(folder)},
+    ) as process:
+        try:
+            assert process.stdout is not None
+            if not process.stdout.readline():
+                raise RuntimeError("topic echo heard nothing")
+            yield process
+        finally:
+            process.kill()
+
+
+def _share(rates: Sequence[float], alone: Sequence[float]) -> float:
+    """Median share of each rate in those before and after it with nobody looking."""
+    return median(
+        2.0 * rate / (before + after)
+        for rate, (before, after) in zip(rates, pairwise(alone), strict=True)
+    )
+
+
+def launch_ring(folder: str) -> None:
+    """Launch a ring of two nodes that turns until it is interrupted."""
+    from palpate.bench.bus.toy_node import Quiet
+
+    launch(
+        [
+            toy("source", ToyParams(burst=1, laps=10**12), hears="relay"),
+            toy("relay", ToyParams(relay=True), hears="source"),
+        ],
+        ends="source",
+        hear=(),
+        watcher=Quiet(),
+        name="ring",
+        work_dir=Path(folder),
+    )

@@ -1,0 +1,334 @@
+"""What is lost: nothing among late starts, stalls, full queues and a death.
+
+Nearly all over a plain PUB socket.
+
+A million messages to three subscribers; the same with stalls alone over PUB; and what a recorder
+costs.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import random
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import zmq
+
+from palpate.bench.bus.stalling_node import SOURCE, TOPIC, StallingParams, listener
+from palpate.bench.bus.toy_node import Quiet, ToyParams, frame, toy
+from palpate.bench.table import Row
+from palpate.launch import EXPLORE, SilentDisplay, find_scene, launch, perform, plan_run
+from palpate.launch.files import SourceMapped
+from palpate.launch.processes import without_main_module
+from palpate.messages import Header, encode, pack_frame
+from palpate.messages.bus import QUEUE_DEPTH, MessageLog, Publisher, SendTimes, Subscriber
+from palpate.messages.types import NodeStatus
+from palpate.nodes import recorder
+from palpate.nodes.runtime import Input, Wiring, with_description
+from palpate.tools.chaos import FloodParams
+from palpate.tools.chaos import bystanders as flood
+
+MESSAGES, QUICK = 1_000_000, 20_000
+STALLS, LONGEST = 3, 2.0  # A listener stands still so often, for so many s at most
+RING_LAPS, RECORDER_TURNS = 3000, 5
+_PATIENCE = 60.0
+_DEADLINE_MS = 10_000
+
+
+def reliability_rows(quick: bool) -> Iterator[Row]:
+    """Losses among stalls, late starts and a death; without the bus; and what a recorder costs.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer messages and laps.
+    """
+    number = QUICK if quick else MESSAGES
+    stalls = _stalls(random.Random(1), number)
+    wrong, restarts = _disturbed(number, random.Random(1))
+    said = f"{number} messages to 3, stalls, late start, {restarts} kill"
+    yield Row(f"{said}: lost or out of turn", str(wrong), "0", wrong == 0 and restarts == 1)
+    lost = lost_over_plain(number, stalls)
+    yield Row("the same over a plain PUB socket, stalls alone: lost", str(lost), "> 0", lost > 0)
+    ring = recorded_rate(RING_LAPS // 3 if quick else RING_LAPS)
+    yield Row("rate with a recorder, ring of tokens without work", f"{ring:.2f}", "", True)
+    ratio = recorded_touches(1 if quick else RECORDER_TURNS)
+    yield Row("rate with a recorder, touches of a sphere", f"{ratio:.2f}", ">= 0.85", ratio >= 0.85)
+
+
+def _disturbed(number: int, rng: random.Random) -> tuple[int, int]:
+    """Messages that were lost or came out of turn among three listeners, and restarts."""
+    source = Wiring(
+        name=SOURCE,
+        module=flood.__name__,
+        params=FloodParams(messages=number),
+        inputs=(),
+        outputs={TOPIC: TOPIC},
+        listeners={},
+    )
+    first = number // 20
+    listeners = [
+        listener("stalls", StallingParams(expects=number, stalls=_stalls(rng, number))),
+        listener("late", StallingParams(expects=number, late=rng.uniform(0.0, 1.0))),
+        listener("dies", StallingParams(expects=number, stalls=((2 * first, 1.0),))),
+    ]
+    watcher = _Killer("dies", first)
+    graph = [source, *listeners]
+    ending = launch(graph, ends="dies", hear=(), watcher=watcher)
+    if ending.status != "finished":
+        raise RuntimeError(f"the graph {ending.status}: {ending.reason}")
+    heard = [ending.statuses[one.name].messages for one in listeners]
+    wrong = sum(number - one for one in heard) + ending.gaps
+    if ending.reason != f"{number} heard, 0 left out, 0 out of turn":
+        wrong += 1
+    return wrong, sum(ending.restarts.values())
+
+
+def _stalls(rng: random.Random, number: int) -> tuple[tuple[int, float], ...]:
+    return tuple((rng.randrange(number), rng.uniform(0.0, LONGEST)) for _ in range(STALLS))
+
+
+def lost_over_plain(number: int, stalls: tuple[tuple[int, float], ...]) -> int:
+    """Messages that are lost between a plain PUB socket and a listener that stalls."""
+    spawn = multiprocessing.get_context("forkserver")
+    with tempfile.TemporaryDirectory(prefix="palpate-") as folder, zmq.Context() as context:
+        endpoint = f"ipc://{Path(folder) / 'plain'}"
+        mine, yours = spawn.Pipe()
+        hearer = spawn.Process(target=_subscribe, args=(endpoint, stalls, yours), daemon=True)
+        with context.socket(zmq.PUB) as socket:
+            socket.setsockopt(zmq.SNDHWM, QUEUE_DEPTH)
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.bind(endpoint)
+            try:
+                with without_main_module():
+                    hearer.start()
+                return number - _publish(socket, mine, number)
+            finally:
+                if hearer.pid is not None:
+                    hearer.kill()
+                    hearer.join()
+
+
+def _subscribe(endpoint: str, stalls: tuple[tuple[int, float], ...], line: Any) -> None:
+    socket = zmq.Context().socket(zmq.SUB)
+    socket.setsockopt(zmq.RCVHWM, QUEUE_DEPTH)
+    socket.subscribe(b"")
+    socket.connect(endpoint)
+    left, heard = dict(stalls), 0
+    while socket.recv() != b"?":
+        pass
+    line.send("heard")
+    while (frame := socket.recv()) != b".":
+        if frame != b"?":
+            time.sleep(left.pop(heard, 0.0))
+            heard += 1
+    line.send(heard)
+
+
+def _publish(socket: zmq.Socket[bytes], line: Any, number: int) -> int:
+    """Say everything once the other hears; how much of it was heard."""
+    deadline = time.monotonic() + _PATIENCE
+    while not line.poll(0.01):  # until the other end has heard a first word, nothing counts
+        socket.send(b"?")
+        if time.monotonic() > deadline:
+            raise RuntimeError("the listener of the plain socket did not come up")
+    line.recv()
+    for seq in range(number):
+        socket.send(pack_frame(TOPIC, Header(1, 0, seq, 0, 0.0, 0), b"x" * 20))
+    while not line.poll(0.01):
+        socket.send(b".")
+        if time.monotonic() > deadline + _PATIENCE:
+            raise RuntimeError("the listener of the plain socket did not come to an end")
+    heard: int = line.recv()
+    return heard
+
+
+def recorded_rate(laps: int) -> float:
+    """Rate of a ring of two nodes with a recorder, over that without one; measured in turns."""
+    times: dict[bool, list[float]] = {True: [], False: []}
+    for _ in range(RECORDER_TURNS):
+        for recorded in (False, True):
+            times[recorded].append(_ring(laps, recorded=recorded))
+    return min(times[False]) / min(times[True])
+
+
+def _ring(laps: int, *, recorded: bool) -> float:
+    """Time between the first and the last mark of a ring, s."""
+    watcher = Quiet()
+    graph = [
+        toy("source", ToyParams(burst=1, laps=laps, expects=laps), hears="relay"),
+        toy("relay", ToyParams(relay=True), hears="source"),
+    ]
+    with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+        if recorded:
+            graph = _with_recorder(graph, Path(folder))
+        ending = launch(graph, ends="source", hear=["/source/mark"], watcher=watcher)
+    if ending.status != "finished":
+        raise RuntimeError(f"the ring {ending.status}: {ending.reason}")
+    first, last = watcher.times
+    return last - first
+
+
+def _with_recorder(graph: list[Wiring], folder: Path) -> list[Wiring]:
+    kept = Wiring(
+        name="recorder",
+        module=recorder.__name__,
+        params=recorder.Params(path=str(folder / "topics.mcap")),
+        inputs=tuple(
+            Input(name, f"/{name}", f"/{name}", "TactileFrame") for name in ("source", "relay")
+        ),
+        outputs={},
+        listeners={},
+    )
+    return list(with_description([*graph, kept], {}))
+
+
+def recorded_touches(turns: int) -> float:
+    """Touches a second of an exploration with a recorder, over those without; in turns."""
+    rates: dict[bool, list[float]] = {True: [], False: []}
+    for _ in range(turns):
+        for recorded in (False, True):
+            rates[recorded].append(_touches(recorded=recorded))
+    return max(rates[True]) / max(rates[False])
+
+
+def _touches(*, recorded: bool) -> float:
+    scene = SourceMapped(str(find_scene("sphere")), "bench")
+    args = {"scene": scene, "record": SourceMapped(recorded, "bench")}
+    with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+        plan = plan_run(EXPLORE, args, {}, name="sphere", out=Path(folder) / "run")
+        done = perform(plan, composed=False, display=SilentDisplay())
+    if done.ending.status != "finished":
+        raise RuntimeError(f"the exploration {done.ending.status}: {done.ending.reason}")
+    return float(done.summary["touches_per_s"])
+
+
+class _Killer(Quiet):
+    """Kills a node once it has heard so many messages."""
+
+    def __init__(self, name: str, number: int) -> None:
+        super().__init__()
+        self._name, self._number = name, number
+        self._done = False
+
+    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
+        """Look whether it is time."""
+        status = statuses.get(self._name)
+        if self._done or status is None or status.messages < self._number:
+            return
+        for child in multiprocessing.active_children():
+            if child.name == self._name and child.pid:
+                os.kill(child.pid, signal.SIGKILL)
+                self._done = True
+
+
+def loss_rows(quick: bool) -> Iterator[Row]:
+    """Rows for each test of loss."""
+    return (_loss_row(name, trial, 5 if quick else 100) for name, trial in LOSS_TRIALS.items())
+
+
+def _loss_row(name: str, trial: Callable[[random.Random], int], repeats: int) -> Row:
+    rng = random.Random(1)
+    lost = sum(trial(rng) for _ in range(repeats))
+    return Row(f"{name}, {repeats} times: messages lost", str(lost), "0", lost == 0)
+
+
+def _random_starts(rng: random.Random) -> int:
+    late = [0.2 * rng.random() for _ in range(3)]
+    return _lost_in(
+        [
+            toy("source", ToyParams(burst=200, late=late[0])),
+            toy("relay", ToyParams(relay=True, late=late[1]), hears="source"),
+            toy("counter", ToyParams(expects=200, late=late[2]), hears="relay"),
+        ],
+        expected=200,
+        depth=1000,
+    )
+
+
+def _slow_subscriber(rng: random.Random) -> int:
+    pair = [
+        toy("source", ToyParams(burst=300), listeners=("counter",)),
+        toy("counter", ToyParams(expects=300, work=2e-4 * rng.random()), hears="source"),
+    ]
+    return _lost_in(pair, expected=300, depth=2)
+
+
+def _last_message(rng: random.Random) -> int:
+    """The ending node has long finished while another still has a full queue."""
+    work = 5e-4 + 5e-4 * rng.random()
+    graph = [
+        toy("source", ToyParams(burst=200), listeners=("counter", "slow")),
+        toy("counter", ToyParams(expects=200), hears="source"),
+        toy("slow", ToyParams(work=work), hears="source"),
+    ]
+    return _lost_in(graph, expected=200, depth=1)
+
+
+def _lost_in(graph: Sequence[Wiring], *, expected: int, depth: int) -> int:
+    ending = launch(graph, ends="counter", hear=(), watcher=Quiet(), depth=depth)
+    heard = [ending.statuses[one.name].messages for one in graph if one.inputs]
+    if ending.status != "finished":
+        raise RuntimeError(f"the graph {ending.status}: {ending.reason}")
+    return ending.gaps + sum(expected - number for number in heard)
+
+
+def _late_joiner(rng: random.Random) -> int:
+    """A subscriber that comes when all has been said."""
+    number = rng.randint(1, 50)
+    with tempfile.TemporaryDirectory(prefix="palpate-") as folder, zmq.Context() as context:
+        endpoint = f"ipc://{Path(folder) / 'late'}"
+        publisher = Publisher(
+            context,
+            endpoint,
+            name="source",
+            run=1,
+            epoch=0,
+            listeners={"/world": ("late",)},
+            depth=2,
+            drain=lambda: None,
+            past=MessageLog(Path(folder) / "past", ["/world"]),
+            times=SendTimes(Path(folder) / "times", "source", ["/world"]),
+        )
+        for touch in range(number):
+            publisher.send("/world", encode(frame(touch)), robot_time=0.0, schema=0)
+        subscriber = Subscriber(
+            context,
+            name="late",
+            run=1,
+            epoch=0,
+            sources={"source": ["/world"]},
+            endpoints={"source": endpoint},
+            depth=number + 10,
+        )
+        try:
+            return number - _receive_all(publisher, subscriber)
+        finally:
+            subscriber.close()
+            publisher.close(0)
+
+
+def _receive_all(publisher: Publisher, subscriber: Subscriber) -> int:
+    heard = 0
+    deadline = time.monotonic() + _DEADLINE_MS / 1000
+    while not subscriber.in_step and time.monotonic() < deadline:
+        publisher.socket.poll(1)
+        publisher.serve()
+        while subscriber.receive() is not None:
+            heard += 1
+    return heard
+
+
+# Tests of loss; each makes its own choices with a generator, and returns what was lost.
+LOSS_TRIALS: Mapping[str, Callable[[random.Random], int]] = {
+    "random starts within 0.2 s": _random_starts,
+    "slow listener, queue of 2": _slow_subscriber,
+    "end with a full queue of 1": _last_message,
+    "late joiner": _late_joiner,
+}

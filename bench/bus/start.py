@@ -1,0 +1,159 @@
+"""How long seven nodes take to be ready, beside seven fresh interpreters with the same imports.
+
+Each launch is a process of its own that goes the way of ``palpate run``, up to the moment at
+which all nodes are ready. This module imports nothing heavy: what it would import is what it
+measures.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from palpate.bench.table import Row
+
+MOST = 0.2  # Of the time of fresh interpreters
+_DEADLINE = 60.0
+_FRESH = "import {modules}\nprint('ready', flush=True)"
+
+
+class Started(NamedTuple):
+    """One launch."""
+
+    modules: tuple[str, ...]  # Of its nodes
+    checked: float  # From the wish to run until the graph was checked, s
+    ready: float  # From the launch until all nodes were ready, s
+
+
+class _Enough(Exception):
+    """All nodes are ready."""
+
+
+def start_rows(turns: int = 7) -> Iterator[Row]:
+    """Rows of the table; of each time the least of some turns, which others' load disturbs least.
+
+    The server wakes while the graph is checked. What that takes from the check is counted apart:
+    it is next to nothing where a second core is free, and most of the import where none is.
+
+    Parameters
+    ----------
+    turns : int
+        Launches of each kind.
+    """
+    woken, not_woken, fresh = [], [], []
+    for _ in range(turns):
+        woken.append(_in_new_process(early=True))
+        fresh.append(seconds_of_fresh(woken[-1].modules))
+        not_woken.append(_in_new_process(early=False))
+    ready, alone = (min(one.ready for one in many) for many in (woken, not_woken))
+    delay = min(one.checked for one in woken) - min(one.checked for one in not_woken)
+    nodes = "seven nodes ready"
+    yield _time("seven fresh interpreters", min(fresh))
+    yield _time(f"{nodes}, from the launch on", ready)
+    yield _time("check of the graph, longer for the server waking", delay)
+    yield _time(f"{nodes}, had the server not been woken before", alone)
+    yield _share(f"{nodes}, over seven fresh interpreters", ready / min(fresh))
+    both = ready + max(delay, 0.0)
+    yield _share("the same, with what the check lost to the server", both / min(fresh))
+
+
+def _share(name: str, share: float) -> Row:
+    return Row(name, f"{share:.2f}", f"<= {MOST}", share <= MOST)
+
+
+def _time(name: str, seconds: float) -> Row:
+    return Row(name, f"{1e3 * seconds:.0f} ms", "", True)
+
+
+def start_once(*, early: bool) -> Started:
+    """Check the graph that explores, launch it without its recorder, and end when it is ready.
+
+    To be called in a new process, in which nothing heavy was imported.
+
+    Parameters
+    ----------
+    early : bool
+        Wake the server before the graph is checked, as ``palpate run`` does.
+    """
+    began = time.perf_counter()
+    from palpate.launch import EXPLORE
+
+    if early:
+        from palpate.launch import prestart_fork_server
+
+        prestart_fork_server(EXPLORE)
+    from palpate.launch import launch, plan_run
+    from palpate.launch.files import SourceMapped
+
+    plan = plan_run(EXPLORE, {"record": SourceMapped(False, "")}, {}, name="start")
+    checked = time.perf_counter() - began
+    watcher = _UntilReady()
+    try:
+        launch(plan.wirings, ends=plan.ends, hear=(), watcher=watcher)
+    except _Enough:
+        modules = tuple(wiring.module for wiring in plan.wirings)
+        return Started(modules, checked, watcher.seconds)
+    raise RuntimeError("the graph ended before its nodes were ready")
+
+
+def seconds_of_fresh(modules: Sequence[str]) -> float:
+    """Time until an interpreter for each module, all started at once, has imported it."""
+    from palpate.launch.processes import NODE_ENVIRONMENT, preloaded_modules
+
+    environment = {**os.environ, **NODE_ENVIRONMENT}
+    started: list[subprocess.Popen[str]] = []
+    began = time.perf_counter()
+    try:
+        for module in modules:
+            script = _FRESH.format(modules=", ".join(preloaded_modules([module])))
+            command = [sys.executable, "-c", script]
+            started.append(
+                subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+            )
+        said = [one.stdout.readline() if one.stdout else "" for one in started]
+        took = time.perf_counter() - began
+    finally:
+        for one in started:
+            one.kill()
+            one.communicate()
+    if said != ["ready\n"] * len(modules):
+        raise RuntimeError("a fresh interpreter could not import its node")
+    return took
+
+
+class _UntilReady:
+    """A watcher that has seen enough when all nodes are ready."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def ready(self, seconds: float) -> None:
+        self.seconds = seconds
+        raise _Enough
+
+    def heard(self, topic: str, message: object) -> None:
+        pass
+
+    def log(self, record: object) -> None:
+        pass
+
+    def tick(self, statuses: Mapping[str, object]) -> None:
+        pass
+
+
+def _in_new_process(*, early: bool) -> Started:
+    script = (
+        "import json; from palpate.bench.bus.start import start_once; "
+        f"print(json.dumps(start_once(early={early})))"
+    )
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_DEADLINE)
+    if done.returncode != 0:
+        raise RuntimeError(f"the launch failed: {done.stderr.strip()[-500:]}")
+    modules, checked, ready = json.loads(done.stdout)
+    return Started(tuple(modules), checked, ready)

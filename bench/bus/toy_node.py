@@ -1,0 +1,130 @@
+"""A toy node that counts and passes on, by which the bus is measured.
+
+And a watcher that keeps times alone.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Mapping
+
+import msgspec
+import numpy as np
+
+from palpate.messages.types import LogRecord, NodeStatus, TactileFrame
+from palpate.nodes.runtime import Finished, Input, Node, Outputs, Wiring
+
+MODULE = "palpate.bench.bus.toy_node"
+_UP = np.array([0.0, 0.0, 1.0])
+_POSE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+_ARRAY = np.full((16, 16), 2e-6)
+
+
+class ToyParams(msgspec.Struct, frozen=True, kw_only=True):
+    """What a toy does."""
+
+    burst: int = 0  # Frames published at the start
+    laps: int = 0  # Publishes the next frame when one comes, until it has published this many
+    relay: bool = False  # Publishes what it hears
+    expects: int = 0  # Says that it has finished when it has heard this many; 0 never does
+    work: float = 0.0  # Time that each message takes, s
+    late: float = 0.0  # Time after which its process begins to join, s
+    core: int = -1  # Processor core on which it runs; -1 leaves it free
+
+    def __post_init__(self) -> None:
+        """Come late, and settle on a core, where this is the toy's own process."""
+        if multiprocessing.parent_process() is not None:
+            time.sleep(self.late)
+            settle(self.core)
+
+
+def settle(core: int) -> None:
+    """Keep all threads of this process on one core; -1 leaves them free."""
+    if core >= 0 and sys.platform == "linux":
+        for thread in os.listdir("/proc/self/task"):
+            os.sched_setaffinity(int(thread), {core})
+
+
+def frame(touch: int) -> TactileFrame:
+    """Frame of 16 by 16 taxels with this number."""
+    return TactileFrame(
+        goal=0,
+        touch=touch,
+        finger=1,
+        direction=_UP,
+        pose=_POSE,
+        outcome="hit",
+        array=_ARRAY,
+        robot_time=0.1 * touch,
+    )
+
+
+def toy(
+    name: str, params: ToyParams, *, hears: str = "", listeners: tuple[str, ...] = ()
+) -> Wiring:
+    """Wiring of a toy that publishes ``/<name>`` and hears at most one other toy."""
+    inputs = (Input(hears, f"/{hears}", "/in", "TactileFrame"),) if hears else ()
+    outputs = {"/out": f"/{name}", "/mark": f"/{name}/mark"}
+    return Wiring(
+        name=name,
+        module=MODULE,
+        params=params,
+        inputs=inputs,
+        outputs=outputs,
+        listeners={f"/{name}": listeners},
+        types=dict.fromkeys(outputs.values(), "TactileFrame"),
+    )
+
+
+class Quiet:
+    """A watcher that only keeps the times at which it heard something."""
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+        """Seconds on the performance counter."""
+
+    def ready(self, seconds: float) -> None:
+        """Nothing to say."""
+
+    def heard(self, topic: str, message: object) -> None:
+        """Keep the time."""
+        self.times.append(time.perf_counter())
+
+    def log(self, record: LogRecord) -> None:
+        """Nothing to say."""
+
+    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
+        """Nothing to say."""
+
+
+def _start(params: ToyParams) -> tuple[int, Outputs]:
+    return 0, [("/out", frame(touch)) for touch in range(params.burst)]
+
+
+def _on_frame(params: ToyParams, heard: int, message: TactileFrame) -> tuple[int, Outputs]:
+    if message.touch != heard:
+        raise ValueError(f"expected number {heard}, got {message.touch}")
+    heard += 1
+    if params.work:
+        time.sleep(params.work)
+    said: Outputs = []
+    if params.relay:
+        said.append(("/out", message))
+    elif params.laps > heard:
+        said.append(("/out", frame(heard)))
+    if params.laps and heard in (1, params.laps):
+        said.append(("/mark", message))
+    if heard == params.expects:
+        said.append(Finished(f"{heard} heard"))
+    return heard, said
+
+
+NODE = Node(
+    params=ToyParams,
+    start=_start,
+    inputs={"/in": (TactileFrame, _on_frame)},
+    outputs={"/out": TactileFrame, "/mark": TactileFrame},
+)

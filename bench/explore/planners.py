@@ -1,0 +1,407 @@
+"""How many contours each planner needs.
+
+On exact contours, where their word is judged too, and on whole explorations.
+
+The side is rebuilt in the same way for all of them. The count of even slices is the fewest that
+do, known afterwards.
+"""
+
+from __future__ import annotations
+
+import timeit
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.bench.explore.harness import (
+    EXACT,
+    Demand,
+    Explored,
+    Side,
+    contour_error,
+    explore_object,
+    model_error,
+    side_of,
+)
+from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject
+from palpate.bench.table import Row
+from palpate.core.explore.planners import (
+    END_SHARE,
+    EXTENT,
+    HELD_OUT,
+    MOST_CONTOURS_PLANNED,
+    TEMPLATES,
+    TUNED,
+    Choice,
+    Fuzzy,
+    Observation,
+    ObservedSlice,
+    Planner,
+    PlannerTrial,
+    Predicted,
+    Radius,
+    Thesis,
+    drawn_objects,
+    observation_of,
+    predict_error,
+    profile_of,
+    run_planner,
+    untouched_spans,
+)
+from palpate.tools import single_threaded
+
+DEMAND = 0.0025  # Root mean square error of the side, over the height
+# None is below what the noise alone makes of the error.
+PLAN_TOLERANCES, QUICK_PLAN_TOLERANCES = (0.0015, 0.002, 0.0025, 0.004), (0.0015, 0.0025)
+PLAN_NOISE = 1e-4  # Of a pad's position, m
+DRAWN, SEED = 60, 11  # Objects by chance
+CANDIDATES = 95  # Heights among which one that sees the truth chooses
+MOST_MILLISECONDS = 5.0
+THESIS_SETS = [
+    *(
+        Thesis(template=template, bend_rate=a, change_rate=2.0 * a, least=least, most=most)
+        for template, a, (least, most) in product(
+            TEMPLATES, (0.05, 0.15, 0.4), ((0.02, 0.2), (0.08, 0.2), (0.06, 0.35))
+        )
+    ),
+    *(Thesis(template=template, form="joint", least=0.08, most=0.2) for template in TEMPLATES),
+]
+FUZZY_SCALES = (0.5, 0.7, 1.0, 1.4)
+Counts = Mapping[str, int]  # Contours that each object needs
+PERCENT = 0.25  # Root mean square error of the side, % of the height
+SCREENED = 3  # Sets of the thesis that are best on exact contours
+MOST_EVEN = 14  # Even slices that are tried
+QUICK = ("ellipsoid", "groove")
+OVER_UNIFORM, OVER_THESIS, OVER_POSITIONS, MOST_MORE = 0.95, 0.85, 0.70, 1
+# Name of the default planner where the solid is rebuilt from contours alone.
+BY_CONTOURS = f"{__name__}:ByContours"
+# Of the side from the first so many contours of a run, %.
+SideError = Callable[[Side, Explored, int], float]
+
+
+class PlanClaim(NamedTuple):
+    """One run to its end: what was claimed, and what was true; over the height."""
+
+    true: float  # Root mean square error
+    bound: float  # That the run has claimed
+    slices: int  # Slices
+    first_true: int | None  # Slices at which the error was first within tolerance
+    first_bound: int | None  # At which the bound was
+
+
+def planner_rows(quick: bool) -> Iterable[Row]:
+    """Figures of planners.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer runs of the calibration.
+    """
+    yield from count_rows()
+    yield from _other_objects("held-out objects", HELD_OUT)
+    yield from _other_objects("drawn objects", drawn_objects(DRAWN, SEED))
+    yield from plan_calibration_rows(QUICK_PLAN_TOLERANCES if quick else PLAN_TOLERANCES)
+    milliseconds = 1e3 * _decision()
+    fast = milliseconds <= MOST_MILLISECONDS
+    target = f"<= {MOST_MILLISECONDS:g}"
+    yield Row("a decision with 12 slices, ms", f"{milliseconds:.1f}", target, fast)
+
+
+def count_rows() -> Iterable[Row]:
+    """Contours that the planners need for the demand, summed over the objects."""
+    trials = {name: PlannerTrial(radius) for name, radius in TUNED.items()}
+    even = even_counts(trials)
+    bare = even_counts(trials, slopes=False)
+    foretold = first_counts(Predicted(), trials)
+    sets = [plan_counts(one, trials) for one in THESIS_SETS]
+    sums = [sum(counts.values()) for counts in sets]
+    thesis = min(sums)
+    fuzzy = min(sum(plan_counts(Fuzzy(scale=s), trials).values()) for s in FUZZY_SCALES)
+    seen = {name: greedy_count(trial) for name, trial in trials.items()}
+    for name in trials:
+        said = f"{bare[name]} / {even[name]} / {foretold[name]} / {seen[name]}"
+        yield Row(f"{name}: positions only / uniform / predicted / seeing", said, "", True)
+    best = THESIS_SETS[sums.index(thesis)]
+    oracle = sum(min(counts[name] for counts in sets) for name in trials)
+    yield Row("sum, thesis, the best set for each object", str(oracle), "", True)
+    yield Row("sum, uniform with positions only", str(sum(bare.values())), "", True)
+    yield Row("sum, uniform", str(sum(even.values())), "", True)
+    rule = f"{best.template} {best.form} {best.bend_rate:g}, {best.least:g} to {best.most:g}"
+    yield Row(f"sum, thesis, best of {len(sums)} sets", str(thesis), "", True)
+    yield Row("that set", rule, "", True)
+    yield Row(f"sum, best of {len(FUZZY_SCALES)} fuzzy", str(fuzzy), "", True)
+    yield Row("sum, seeing the truth, one slice ahead", str(sum(seen.values())), "", True)
+    total = sum(foretold.values())
+    yield Row("sum, predicted", str(total), "", True)
+    yield _ratio("predicted over uniform", total, sum(even.values()), 0.95)
+    yield _ratio("predicted over the best thesis set", total, thesis, 0.85)
+    yield _ratio("predicted over uniform with positions only", total, sum(bare.values()), 0.70)
+    worst = max(foretold[name] - even[name] for name in trials)
+    yield Row("predicted less uniform, on the worst object", str(worst), "<= 1", worst <= 1)
+
+
+def greedy_count(trial: PlannerTrial) -> int:
+    """Slices for one who sees the truth, and always takes the height that helps most."""
+    heights = (EXTENT * np.linspace(END_SHARE, 1.0 - END_SHARE, CANDIDATES)).tolist()
+    slices = [trial.slice_at(heights[0]), trial.slice_at(heights[-1])]
+    while trial.rms(slices) > DEMAND and len(slices) < MOST_CONTOURS_PLANNED:
+        taken = {one.height for one in slices}
+        offers = [trial.slice_at(height) for height in heights if height not in taken]
+        slices.append(min(offers, key=lambda one: trial.rms([*slices, one])))
+    return len(slices)
+
+
+def _ratio(name: str, part: int, whole: int, most: float) -> Row:
+    return Row(name, f"{part / whole:.2f}", f"<= {most:.2f}", part <= most * whole)
+
+
+def _other_objects(title: str, objects: Mapping[str, Radius]) -> Iterable[Row]:
+    trials = {name: PlannerTrial(radius) for name, radius in objects.items()}
+    even, bare = even_counts(trials), even_counts(trials, slopes=False)
+    foretold = first_counts(Predicted(), trials)
+    total = sum(foretold.values())
+    for name, whole in (("uniform", even), ("uniform, positions only", bare)):
+        ratio = f"{total / sum(whole.values()):.2f}"
+        yield Row(f"{len(trials)} {title}: predicted over {name}", ratio, "", True)
+    worst = max(foretold[name] - even[name] for name in trials)
+    yield Row(f"{title}: predicted less uniform, worst", str(worst), "", True)
+
+
+def even_counts(trials: Mapping[str, PlannerTrial], *, slopes: bool = True) -> Counts:
+    """Of even slices, the fewest that do."""
+
+    def enough(trial: PlannerTrial, count: int) -> bool:
+        heights = EXTENT * np.linspace(END_SHARE, 1.0 - END_SHARE, count)
+        slices = [trial.slice_at(height) for height in heights.tolist()]
+        return trial.rms(slices, slopes=slopes) <= DEMAND
+
+    return {
+        name: next(
+            (count for count in range(2, MOST_CONTOURS_PLANNED) if enough(trial, count)),
+            MOST_CONTOURS_PLANNED,
+        )
+        for name, trial in trials.items()
+    }
+
+
+def first_counts(planner: Planner, trials: Mapping[str, PlannerTrial]) -> Counts:
+    """After how many slices of a plan the side is first good enough."""
+    return {
+        name: _first(errors_of(trial, run_planner(planner, trial, DEMAND)[0]), DEMAND)
+        or MOST_CONTOURS_PLANNED
+        for name, trial in trials.items()
+    }
+
+
+def plan_calibration_rows(tolerances: Sequence[float]) -> Iterable[Row]:
+    """Whether the bound holds as often as it says, on objects not used for tuning."""
+    objects = {**HELD_OUT, **drawn_objects(DRAWN // 3, SEED)}
+    runs = [
+        plan_claim(PlannerTrial(radius, noise, seed), tolerance)
+        for radius in objects.values()
+        for noise, seed in ((0.0, 0), (PLAN_NOISE, 1), (PLAN_NOISE, 2))
+        for tolerance in tolerances
+    ]
+    held = float(np.mean([one.true <= one.bound for one in runs]))
+    name = f"{len(runs)} runs on other objects: bound of 95 % holds"
+    yield Row(name, f"{held:.1%}", "90 to 98 %", 0.90 <= held <= 0.98)
+    reached = [one for one in runs if one.first_true is not None]
+    near = float(np.mean([_near(one.first_bound, one) for one in reached]))
+    name = "other objects: bound within tolerance at most 1 contour late"
+    yield Row(name, f"{near:.1%}", ">= 80 %", near >= 0.80)
+    ended = float(np.mean([_near(one.slices, one) for one in reached]))
+    yield Row("other objects: ends so, with everything felt", f"{ended:.1%}", "", True)
+    late = np.median([one.slices - (one.first_true or 0) for one in reached])
+    yield Row(
+        "other objects: contours more for feeling everything, median", f"{late:.0f}", "", True
+    )
+
+
+def plan_claim(trial: PlannerTrial, tolerance: float) -> PlanClaim:
+    """Let the default planner work until it stops, and compare its word with the truth."""
+    slices, _ = run_planner(Predicted(), trial, tolerance, most=40)
+    bounds = [
+        predict_error(one, profile_of(one), untouched_spans(one)).bound
+        if len(one.slices) > 2
+        else 1.0
+        for one in (observation_of(slices[: i + 1], tolerance) for i in range(len(slices)))
+    ]
+    errors = errors_of(trial, slices)
+    first_true, first_bound = _first(errors, tolerance), _first(bounds, tolerance)
+    return PlanClaim(errors[-1], bounds[-1], len(slices), first_true, first_bound)
+
+
+def errors_of(trial: PlannerTrial, slices: Sequence[ObservedSlice]) -> list[float]:
+    """True error after each slice, over the height."""
+    return [trial.rms(slices[: i + 1]) for i in range(len(slices))]
+
+
+def _first(values: Sequence[float], most: float) -> int | None:
+    return next((i + 1 for i, value in enumerate(values) if value <= most), None)
+
+
+def _near(count: int | None, one: PlanClaim) -> bool:
+    return count is not None and one.first_true is not None and abs(count - one.first_true) <= 1
+
+
+def _decision() -> float:
+    trial = PlannerTrial(TUNED["bottle"])
+    slices = tuple(
+        trial.slice_at(height) for height in (EXTENT * np.linspace(0.03, 0.97, 12)).tolist()
+    )
+    known, planner = observation_of(slices, 0.0002), Predicted()
+    return _least(lambda: planner.next(known))
+
+
+def _least(call: Callable[[], object]) -> float:
+    """The best of some calls, s: what a busy computer adds is not the method's."""
+    return min(timeit.repeat(call, number=1, repeat=9))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ByContours(Predicted):
+    """The default planner, not counting on what pads feel beside the slices."""
+
+    def next(self, known: Observation) -> Choice:
+        """As `Predicted.next`."""
+        return Predicted.next(self, replace(known, taxels=False, deviation=None))
+
+
+class ContourCounts(NamedTuple):
+    """Contours that one object takes."""
+
+    positions: int  # Even ones, rebuilt from positions alone
+    uniform: int  # Even ones
+    predicted: int  # Of the default planner
+    thesis: tuple[int, ...]  # Of each set of the thesis
+    uniform_taxels: int  # Even ones, rebuilt from everything that was felt
+    predicted_taxels: int  # Of the default planner, so rebuilt
+
+
+def whole_planner_rows(quick: bool) -> Iterable[Row]:
+    """Counts of every object, and their sums.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer objects, one set of the thesis.
+    """
+    with single_threaded():
+        sets = best_sets(1 if quick else SCREENED)
+        found = {}
+        for name in QUICK if quick else EXPLORED_OBJECTS:
+            one = found[name] = counts_of(EXPLORED_OBJECTS[name], sets)
+            thesis = ", ".join(map(str, one.thesis))
+            shown = f"{one.positions} / {one.uniform} / {one.predicted} / {thesis}"
+            yield Row(f"{name}: positions only / uniform / predicted / thesis", shown, "", True)
+            shown = f"{one.uniform_taxels} / {one.predicted_taxels}"
+            yield Row(f"{name}: uniform / predicted, everything felt", shown, "", True)
+    yield from count_sums(found)
+
+
+def count_sums(found: Mapping[str, ContourCounts]) -> Iterator[Row]:
+    """Sums over the objects, and their ratios."""
+    predicted = sum(one.predicted for one in found.values())
+    thesis = min(map(sum, zip(*(one.thesis for one in found.values()), strict=True)))
+    rivals = {
+        "uniform": (sum(one.uniform for one in found.values()), OVER_UNIFORM),
+        "best thesis set": (thesis, OVER_THESIS),
+        "uniform, positions only": (sum(one.positions for one in found.values()), OVER_POSITIONS),
+    }
+    yield Row("sum, predicted", str(predicted), "", True)
+    for name, (total, most) in rivals.items():
+        yield Row(f"sum, {name}", str(total), "", True)
+        holds = predicted <= most * total
+        yield Row(f"predicted over {name}", f"{predicted / total:.2f}", f"<= {most:.2f}", holds)
+    worst = max(one.predicted - one.uniform for one in found.values())
+    title = "predicted less uniform, on the worst object"
+    yield Row(title, str(worst), f"<= {MOST_MORE}", worst <= MOST_MORE)
+    felt = [(one.uniform_taxels, one.predicted_taxels) for one in found.values()]
+    shown = " / ".join(str(sum(column)) for column in zip(*felt, strict=True))
+    yield Row("sum, uniform / predicted, everything felt", shown, "", True)
+
+
+def best_sets(count: int) -> list[Thesis]:
+    """The sets of the thesis that need the fewest contours where these are exact."""
+    trials = {name: PlannerTrial(radius) for name, radius in TUNED.items()}
+    return sorted(THESIS_SETS, key=lambda one: sum(plan_counts(one, trials).values()))[:count]
+
+
+def plan_counts(planner: Planner, trials: Mapping[str, PlannerTrial]) -> Counts:
+    """How many slices a plan has, if at its end the side is good enough."""
+    counts = {}
+    for name, trial in trials.items():
+        slices, stop = run_planner(planner, trial, DEMAND)
+        done = stop is not None and trial.rms(slices) <= DEMAND
+        counts[name] = len(slices) if done else MOST_CONTOURS_PLANNED
+    return counts
+
+
+def counts_of(target: ExploreObject, sets: Sequence[Thesis]) -> ContourCounts:
+    """Contours that an object takes with each planner."""
+    foretold = explore_object(target, EXACT, Demand(tolerance=0.01 * PERCENT * EXPLORED_HEIGHT))
+    sparse = explore_object(
+        target, EXACT, Demand(BY_CONTOURS, tolerance=0.01 * PERCENT * EXPLORED_HEIGHT)
+    )
+    side = side_of(foretold.truth)
+    even = EvenSlices(target)
+    plans = [explore_object(target, EXACT, Demand("thesis", settings=asdict(one))) for one in sets]
+    return ContourCounts(
+        positions=even.fewest(side, partial(contours_error, slopes=False)),
+        uniform=even.fewest(side, contours_error),
+        predicted=first_within_percent(side, sparse, contours_error),
+        thesis=tuple(at_end(side, one) for one in plans),
+        uniform_taxels=even.fewest(side, taxel_error),
+        predicted_taxels=first_within_percent(side, foretold, taxel_error),
+    )
+
+
+def first_within_percent(side: Side, one: Explored, error: SideError) -> int:
+    """Contours of a run until the side is first good enough, else `MOST_CONTOURS_PLANNED`."""
+    counts = range(2, len(one.contours) + 1)
+    return next(
+        (count for count in counts if error(side, one, count) <= PERCENT), MOST_CONTOURS_PLANNED
+    )
+
+
+def at_end(side: Side, one: Explored) -> int:
+    """Contours of a run whose side is good enough at its end, else `MOST_CONTOURS_PLANNED`."""
+    count = len(one.contours)
+    return count if contours_error(side, one, count) <= PERCENT else MOST_CONTOURS_PLANNED
+
+
+def contours_error(side: Side, one: Explored, count: int, *, slopes: bool = True) -> float:
+    """From the first contours of a run alone."""
+    return contour_error(side, one.contours[:count], slopes=slopes)
+
+
+def taxel_error(side: Side, one: Explored, count: int) -> float:
+    """From everything that was felt by the time of so many contours."""
+    made = [model for model in one.models if len(model.contours) <= count]
+    return model_error(side, made[-1]) if made else 100.0
+
+
+class EvenSlices:
+    """Explorations of one object with ever more even slices, each made once."""
+
+    def __init__(self, target: ExploreObject):
+        self._target = target
+        self._runs: dict[int, Explored] = {}
+
+    def fewest(self, side: Side, error: SideError) -> int:
+        """The fewest even slices that do; `MOST_CONTOURS_PLANNED` if none of those tried."""
+        for count in range(2, MOST_EVEN + 1):
+            one = self._run(count)
+            if error(side, one, len(one.contours)) <= PERCENT:
+                return count
+        return MOST_CONTOURS_PLANNED
+
+    def _run(self, count: int) -> Explored:
+        if count not in self._runs:
+            demand = Demand("uniform", settings={"count": count})
+            self._runs[count] = explore_object(self._target, EXACT, demand)
+        return self._runs[count]

@@ -1,0 +1,441 @@
+"""Slices of known solids, traced.
+
+Touches, accuracy, and gaps against what no pose of the pad can touch.
+
+Seen along the pad's axis, an object is a field of depths. A rigid face that may stand anywhere
+over it reaches down to the field's opening by that face; a pad that yields reaches so much
+deeper as it can be compressed. So one cast answers for all places at which the pad may be put.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from palpate.bench.objects import TRACED_OBJECTS, TracedSolid, dented, notched, wedged
+from palpate.bench.table import Row
+from palpate.core import (
+    IDENTITY_POSE,
+    Bools,
+    Floats,
+    pad_rotation,
+    pose_of,
+    rotations_from_vectors,
+    split_pose,
+)
+from palpate.core.explore.tracing import (
+    Gap,
+    SliceArc,
+    TouchCommand,
+    Trace,
+    TraceGoal,
+    TraceStatus,
+    after_touch,
+    arc_in_slice,
+    next_command,
+)
+from palpate.core.touch import Pad, fit_patch, guarded_move
+from palpate.messages.types import Contour, ContourGoal
+from palpate.nodes import curvature, filter, simulator, tracer
+from palpate.nodes.runtime import Finished, Node, Outputs
+
+FLAT = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
+DOMED = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=1.0 / 0.015, saturation=0.8)
+PADS = {"flat": FLAT, "domed": DOMED}
+WIDTHS = (5e-3, 40e-3)  # Of the narrowest and the widest array that are tried, m
+# Heights of the slices, as shares of half the object's height.
+SHARES = (-0.9, -0.6, -0.25, 0.0, 0.3, 0.6, 0.93)
+SMOOTH = ("sphere", "egg", "cylinder", "pear")
+MOST_SMOOTH = {"flat": 20, "domed": 26}
+MOST = (
+    ("box", "flat", 35),
+    ("box", "domed", 35),
+    ("star", "domed", 30),
+    ("superellipsoid", "flat", 48),
+    ("superellipsoid", "domed", 48),
+)
+MOST_NOISY = 45
+TRACING_SEEDS = 8
+# By name; each is widest at its mouth.
+HOLLOWS = {
+    "slot 5 mm wide, 10 deep": notched(0.010, 0.0025),
+    "slot 8 mm wide, 10 deep": notched(0.010, 0.004),
+    "slot 10 mm wide, 20 deep": notched(0.020, 0.005),
+    "slot 3 mm wide, 3 deep": notched(0.003, 0.0015),
+    "wedge 10 mm wide, 6 deep": wedged(0.006, 0.005),
+    "wedge 8 mm wide, 8 deep": wedged(0.008, 0.004),
+    "dent 10 mm wide, 3 deep": dented(0.003, 0.005),
+    "dent 12 mm wide, 5 deep": dented(0.005, 0.006),
+}
+MOST_RMS, MOST_ERROR, NEAR = 10e-6, 50e-6, 1e-3
+MOST_SLICE_TOUCHES = 150
+CONTACT, BACK_OFF, APPROACH = 0.05e-3, 14e-3, 0.1
+TouchFunction = Callable[[TouchCommand], SliceArc | None]
+# Azimuths from which a stretch is touched, against the normal of its chord, rad.
+TURNS = tuple(np.radians(np.arange(-75.0, 76.0, 12.5)).tolist())
+TILTS = tuple(np.radians(np.arange(-60.0, 61.0, 30.0)).tolist())  # Elevations, rad
+CELL = 0.75e-3  # Of the field, m
+FINE = 0.1e-3  # Distance of the outline's points that are asked about, m
+SEEN = 0.1e-3  # A point is seen that is as far away as the first thing in its way, m
+FAR, PAST = 0.07, 0.01  # Rays begin this far before the stretch and end this far past it, m
+LOOP_APPROACH = 0.02  # The finger comes from this far outside of the object, m
+ALL_FINGERS = 0  # A message of no single finger: all hear it
+
+
+class TouchNoise(NamedTuple):
+    """What disturbs a touch."""
+
+    place: float = 0.1e-3  # Of the pose on each axis, m
+    turn: float = math.radians(0.05)  # Of the pose about each axis, rad
+    taxel: float = 10e-6  # Of each taxel, m
+
+
+class SliceFigures(NamedTuple):
+    """One slice, traced."""
+
+    status: TraceStatus  # How it ended
+    touches: int  # Touches made
+    rms: float  # Distance of its points from the true slice, m
+    worst: float  # The largest of them, m
+    covered: float  # Share of the true slice within 1 mm of a point
+
+
+class LoopNode(NamedTuple):
+    """A node of one finger."""
+
+    finger: int  # The finger, from 1
+    node: Node  # What it does
+    params: Any  # Instance of the node's own parameter type
+
+
+class Routed(NamedTuple):
+    """A message under way."""
+
+    finger: int  # The finger whose nodes hear it, or `ALL_FINGERS`
+    topic: str  # As the nodes call it
+    message: object  # What was said
+
+
+class InProcessLoop:
+    """Simulator, filter, curvature and tracer of each finger: each hearing what the others say.
+
+    Parameters
+    ----------
+    simulated : simulator.Params
+        Object, sensor, effects and seed.
+    filtered : filter.Params
+        How frames are cleaned.
+    fingers : int
+        How many fingers there are.
+    """
+
+    def __init__(
+        self,
+        simulated: simulator.Params,
+        filtered: filter.Params | None = None,
+        fingers: int = 1,
+    ) -> None:
+        self._seats = [
+            seat
+            for finger in range(1, fingers + 1)
+            for seat in (
+                LoopNode(
+                    finger, simulator.NODE, replace(simulated, finger=finger, fingers=fingers)
+                ),
+                LoopNode(finger, filter.NODE, filtered or filter.Params()),
+                LoopNode(finger, curvature.NODE, curvature.Params()),
+                LoopNode(finger, tracer.NODE, tracer.Params(finger=finger)),
+            )
+        ]
+        self._states: list[Any] = []
+        first: list[Routed] = []
+        for seat in self._seats:
+            state, outputs = seat.node.start(seat.params)
+            self._states.append(state)
+            first += _routed(seat, outputs)
+        self._deliver(first)
+
+    def trace(self, height: float, radius: float, number: int = 0, finger: int = 1) -> Contour:
+        """Trace the slice at a height about the world's axis; radius of the object there, m."""
+        goal = ContourGoal(
+            id=number,
+            finger=finger,
+            frame=IDENTITY_POSE,
+            height=height,
+            centre=np.zeros(2),
+            radius=radius + LOOP_APPROACH,
+            not_before=0.0,
+        )
+        said = self._deliver([Routed(ALL_FINGERS, "/contour/goal", goal)])
+        contour = said["/contour/traced"]
+        assert isinstance(contour, Contour)
+        return contour
+
+    def _deliver(self, first: list[Routed]) -> dict[str, object]:
+        """Hand every message to who hears its topic, first in, first out; the last of each."""
+        waiting, last = deque(first), dict[str, object]()
+        while waiting:
+            said = waiting.popleft()
+            last[said.topic] = said.message
+            for i, seat in enumerate(self._seats):
+                if said.topic in seat.node.inputs and said.finger in (ALL_FINGERS, seat.finger):
+                    _, handler = seat.node.inputs[said.topic]
+                    self._states[i], outputs = handler(seat.params, self._states[i], said.message)
+                    waiting += _routed(seat, outputs)
+        return last
+
+
+def _routed(seat: LoopNode, outputs: Outputs) -> list[Routed]:
+    said = [one for one in outputs if not isinstance(one, Finished)]
+    shared = seat.node.shared
+    return [Routed(ALL_FINGERS if t in shared else seat.finger, t, message) for t, message in said]
+
+
+def tracing_rows(quick: bool) -> Iterator[Row]:
+    """Closed contours: touches and accuracy, without noise."""
+    for pad in PADS:
+        yield from _rows(f"smooth, {pad}", SMOOTH, PADS[pad], MOST_SMOOTH[pad])
+    for name, pad, most in MOST:
+        yield from _rows(f"{name}, {pad}", (name,), PADS[pad], most)
+
+
+def _rows(title: str, names: Sequence[str], pad: Pad, most: int) -> Iterator[Row]:
+    found = [trace_figures(TRACED_OBJECTS[name], share, pad) for name in names for share in SHARES]
+    yield _touches(title, found, most)
+    rms, worst = max(one.rms for one in found), max(one.worst for one in found)
+    said = f"{1e6 * rms:.1f}, {1e6 * worst:.0f} um"
+    yield Row(
+        f"{title}: worst rms, largest error",
+        said,
+        "10, 50 um",
+        rms <= MOST_RMS and worst <= MOST_ERROR,
+    )
+    covered = min(one.covered for one in found)
+    yield Row(f"{title}: within 1 mm", f"{100 * covered:.1f} %", "100 %", covered > 0.9999)
+
+
+def noisy_rows(quick: bool) -> Iterator[Row]:
+    """The box with the noise of an arm and an old array."""
+    seeds = 2 if quick else TRACING_SEEDS
+    for name, pad in PADS.items():
+        found = [
+            trace_figures(TRACED_OBJECTS["box"], share, pad, TouchNoise(), seed)
+            for share in SHARES[1:-1]
+            for seed in range(seeds)
+        ]
+        yield _touches(f"box with noise, {name}", found, MOST_NOISY)
+
+
+def _touches(title: str, found: Sequence[SliceFigures], most: int) -> Row:
+    closed = sum(one.status == "closed" for one in found)
+    touches = max(one.touches for one in found)
+    return Row(
+        f"{title}: closed, most touches",
+        f"{closed} of {len(found)}, {touches}",
+        f"all, {most}",
+        closed == len(found) and touches <= most,
+    )
+
+
+def hollow_rows(quick: bool) -> Iterator[Row]:
+    """Hollows that no pad can enter: gaps are as long as what no pose of the pad can feel."""
+    for name, target in list(HOLLOWS.items())[:: 4 if quick else 1]:
+        for kind, pad in PADS.items():
+            found, gaps = trace_with_gaps(target, 0.0, pad)
+            off = max(
+                (abs(gap.extent - unreachable_chord(target, pad, 0.0, gap)) for gap in gaps),
+                default=0,
+            )
+            said = f"{found.status}, {found.touches}, off by {1e3 * off:.1f} mm"
+            honest = found.status == ("occluded" if gaps else "closed")
+            yield Row(f"{name}, {kind}", said, "within 1 mm", honest and off < NEAR)
+
+
+def unreachable_chord(target: TracedSolid, pad: Pad, height: float, gap: Gap) -> float:
+    """Chord of the longest stretch in a gap that no pose of the pad can touch, m; 0 for none."""
+    points = _stretch(target.outline(height), gap)
+    reached = np.zeros(len(points), bool)
+    chord = points[-1] - points[0]
+    heading = math.atan2(-chord[0], chord[1])
+    for turn in TURNS:
+        for tilt in TILTS:
+            open_ = ~reached
+            if open_.any():
+                axes = pad_rotation(heading + turn, tilt)
+                reached[open_] = _touched(target, pad, axes, _at_height(points[open_], height))
+    return _longest(points, ~reached)
+
+
+def _stretch(outline: Floats, gap: Gap) -> Floats:
+    """Points (n, 2) of an outline from a gap's start to its end."""
+    first, last = (
+        int(np.linalg.norm(outline - end[:2], axis=1).argmin()) for end in (gap.start, gap.end)
+    )
+    count = (last - first) % len(outline)
+    if count > len(outline) // 2:  # on a steep wall the nearest points may change places
+        first, count = last, len(outline) - count
+    way = np.roll(outline, -first, axis=0)[: count + 1]
+    length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1)))
+    even = np.linspace(0.0, length[-1], max(int(length[-1] / FINE), 2))
+    return np.column_stack([np.interp(even, length, one) for one in way.T])
+
+
+def _touched(target: TracedSolid, pad: Pad, axes: Floats, points: Floats) -> Bools:
+    """Which of some points (n, 3) a pad with these axes can touch, wherever it is put."""
+    from scipy.ndimage import grey_dilation, grey_erosion, map_coordinates
+
+    local = points @ axes
+    face: Any = -_face(pad)  # the stubs know of whole numbers alone
+    margin = CELL * np.array(face.shape[::-1])
+    low, high = local.min(axis=0)[:2] - margin, local.max(axis=0)[:2] + margin
+    columns, rows = (np.arange(a, b, CELL) for a, b in zip(low, high, strict=True))
+    x, y = (grid.ravel() for grid in np.meshgrid(columns, rows))
+    before = float(local[:, 2].min()) - FAR
+    origins = np.concatenate([np.column_stack([x, y]), local[:, :2]])
+    origins = np.column_stack([origins, np.full(len(origins), before)])
+    depth = before + target.shape.cast(origins @ axes.T, axes[:, 2], FAR + PAST)
+    nothing = before + FAR + PAST
+    field = np.minimum(depth[: len(x)].reshape(len(rows), len(columns)), nothing)
+    opened = grey_dilation(grey_erosion(field, structure=face), structure=face)
+    cells = (local[:, 1::-1] - low[::-1]) / CELL
+    floor = map_coordinates(opened, cells.T, order=1, mode="nearest")
+    seen = np.abs(depth[len(x) :] - local[:, 2]) < SEEN
+    return np.asarray(seen & (local[:, 2] - floor <= pad.saturation * pad.thickness))
+
+
+def _face(pad: Pad) -> Floats:
+    """How far the face falls back behind its middle, on the field's cells, m."""
+    y, x = (
+        CELL * np.arange(-half, half + 1)
+        for half in (int(0.5 * (n - 1) * pad.pitch / CELL) for n in (pad.rows, pad.cols))
+    )
+    return np.asarray(0.5 * pad.dome * (y[:, None] ** 2 + x**2))
+
+
+def _at_height(points: Floats, height: float) -> Floats:
+    return np.column_stack([points, np.full(len(points), height)])
+
+
+def _longest(points: Floats, hidden: Bools) -> float:
+    """Longest chord of a run of hidden points, to the points beside it, m."""
+    edges = np.diff(np.concatenate([[False], hidden, [False]]).astype(np.int8))
+    firsts: NDArray[np.intp] = np.flatnonzero(edges > 0)
+    ends: NDArray[np.intp] = np.flatnonzero(edges < 0)
+    last = len(points) - 1
+    return max(
+        (
+            float(np.linalg.norm(points[min(end, last)] - points[max(first - 1, 0)]))
+            for first, end in zip(firsts.tolist(), ends.tolist(), strict=True)
+        ),
+        default=0.0,
+    )
+
+
+def width_rows(quick: bool) -> Iterator[Row]:
+    """Narrow and wide arrays of 16 by 16."""
+    for width in WIDTHS:
+        for name, pad in PADS.items():
+            scaled = pad.__class__(
+                16, 16, width / 15, pad.thickness, pad.dome * 15e-3 / width, pad.saturation
+            )
+            found = [
+                trace_figures(TRACED_OBJECTS[n], 0.0, scaled)
+                for n in ("sphere", "box", "superellipsoid")
+            ]
+            closed = sum(one.status == "closed" for one in found)
+            title = f"array of {1e3 * width:g} mm, {name}"
+            yield Row(title, f"{closed} of {len(found)} closed", "all", closed == len(found))
+
+
+def trace_figures(
+    target: TracedSolid, share: float, pad: Pad, noise: TouchNoise | None = None, seed: int = 0
+) -> SliceFigures:
+    """Trace one slice and compare it with the truth."""
+    return trace_with_gaps(target, share, pad, noise, seed)[0]
+
+
+def trace_with_gaps(
+    target: TracedSolid, share: float, pad: Pad, noise: TouchNoise | None = None, seed: int = 0
+) -> tuple[SliceFigures, tuple[Gap, ...]]:
+    """Trace one slice: how it compares with the truth, and its gaps."""
+    from scipy.spatial import cKDTree
+
+    height = share * target.half
+    feel = simulated_finger(target, pad, height, noise, seed)
+    trace = Trace(TraceGoal(height, np.zeros(2), APPROACH, MOST_SLICE_TOUCHES))
+    while True:
+        trace, status = next_command(pad, trace)
+        if not isinstance(status, TouchCommand):
+            break
+        trace = after_touch(trace, feel(status))
+    if trace.path is None:
+        return SliceFigures(status, trace.touches, math.inf, math.inf, 0.0), trace.gaps
+    outline, points = target.outline(height), trace.path.points[:, :2]
+    off = outline_distances(points, outline)
+    near = cKDTree(points).query(outline)[0] <= NEAR
+    ways = np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1)
+    covered = float(ways[near].sum() / ways.sum())
+    rms = float(np.sqrt((off**2).mean()))
+    figures = SliceFigures(status, trace.touches, rms, float(off.max()), covered)
+    return figures, trace.gaps
+
+
+def simulated_finger(
+    target: TracedSolid, pad: Pad, height: float, noise: TouchNoise | None, seed: int = 0
+) -> TouchFunction:
+    """A finger that touches a solid and says what it feels of one slice."""
+    rng = np.random.default_rng(seed)
+
+    def feel(aim: TouchCommand) -> SliceArc | None:
+        believed = aim.start(height)
+        actual = believed if noise is None else _disturbed(believed, noise, rng)
+        end = guarded_move(target.shape, pad, actual, aim.travel, aim.posture.depth)
+        if end.outcome == "inside" and aim.standoff < BACK_OFF:
+            return feel(aim._replace(standoff=aim.standoff + BACK_OFF))
+        if end.outcome not in ("hit", "bottomed"):
+            return None
+        pose, (place, axes) = believed.copy(), split_pose(believed)
+        pose[:3] = place + end.advance * axes[:, 2]
+        spread = 0.0 if noise is None else noise.taxel
+        compression = end.compression + spread * rng.standard_normal(end.compression.shape)
+        touched = compression > CONTACT
+        surface = np.where(touched, -(compression + pad.sag()), 0.0)
+        patch = fit_patch(pad, surface, touched, axes[2], spread)
+        return arc_in_slice(
+            pad, pose, surface, touched, patch.jet, height, smooth=patch.kind == "smooth"
+        )
+
+    return feel
+
+
+def _disturbed(pose: Floats, noise: TouchNoise, rng: np.random.Generator) -> Floats:
+    place, axes = split_pose(pose)
+    shift, turn = rng.standard_normal((2, 3))
+    return pose_of(
+        place + axes @ (noise.place * shift),
+        axes @ rotations_from_vectors(noise.turn * turn[None])[0],
+    )
+
+
+def outline_distances(points: Floats, outline: Floats) -> Floats:
+    """Distance (n,) of points (n, 2) from a closed polygon, m."""
+    from scipy.spatial import cKDTree
+
+    nearest = cKDTree(outline).query(points)[1]
+    off = np.full(len(points), np.inf)
+    for corner in (nearest - 1, nearest):
+        start = outline[corner]
+        way = outline[(corner + 1) % len(outline)] - start
+        length = np.maximum(np.einsum("ni,ni->n", way, way), 1e-30)
+        share = np.clip(np.einsum("ni,ni->n", points - start, way) / length, 0.0, 1.0)
+        off = np.minimum(off, np.linalg.norm(points - start - share[:, None] * way, axis=1))
+    return off
+
+
+TRACING_GROUPS = (tracing_rows, noisy_rows, hollow_rows, width_rows)

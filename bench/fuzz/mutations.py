@@ -1,0 +1,377 @@
+"""Damage to bytes, to text, to trees of values, and to what msgpack packs.
+
+And whose turn it is among files made by hand.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import re
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import msgpack
+
+# At which integers of some width end.
+NUMBERS = (0, 1, -1, 127, 128, 255, 256, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1)
+FLOATS = (0.0, -0.0, 1e-320, 1e30, -1e308, float("inf"), float("-inf"), float("nan"))
+LONGEST_SPAN = 64  # Of a span that is inserted, deleted or doubled, but now and then
+_WORD = re.compile(rb"[^\s,:\[\]{}]+")
+# Put in the place of words.
+HOSTILE_WORDS: tuple[bytes, ...] = (
+    b"nan",
+    b"inf",
+    b"-inf",
+    b"-1",
+    b"0",
+    b"1e309",
+    b"-1e308",
+    b"1e-400",
+    b"2000000000",
+    b"4294967296",
+    b"-9223372036854775808",
+    b"9" * 30,
+    b"9" * 5000,
+    b"0x10",
+    b"0x" + b"f" * 400,
+    b"1_0",
+    b"\xef\xbc\x91",  # a wide digit
+    b"\xff\xfe",
+    b"\x00",
+    b"",
+    b"-",
+    b"1/2/3/4",
+    b"null",
+    b"true",
+    b"x" * 300,
+    b"\xef\xbb\xbf",  # a byte order mark
+    b"\\",
+    b"#",
+)
+# Heads of values: lengths that nobody sent, extensions, what msgpack has no meaning for.
+PREFIXES = tuple(
+    bytes.fromhex(one)
+    for one in (
+        "dd ffffffff",
+        "df ffffffff",
+        "c6 ffffffff",
+        "db ffffffff",
+        "c9 ffffffff 01",
+        "dc ffff",
+        "de ffff",
+        "da ffff",
+        "dd 00100000",
+        "c7 ff 05",
+        "d4 01 00",
+        "d6 ff 00000000",
+        "d7 ff ffffffffffffffff",
+        "c1",
+        "c4 00",
+        "cf ffffffffffffffff",
+        "d3 8000000000000000",
+        "cb 7ff0000000000000",
+        "ca 7fc00000",
+    )
+)
+DEEPEST = 2000
+_MARK = "\0the place of the damage\0"
+Tree = Any  # Maps, lists, texts, bytes and numbers
+TreePath = tuple[str | int, ...]
+FIRST = 8  # Entries of a list that are looked at
+Hostile = TypeVar("Hostile")
+
+
+def mutate_bytes(rng: random.Random, data: bytes, other: bytes = b"") -> bytes:
+    """Bytes with one to four kinds of damage.
+
+    Parameters
+    ----------
+    rng : Random
+        Chooses.
+    data : bytes
+        What is damaged.
+    other : bytes
+        Some other input, of which parts may be put in.
+    """
+    for _ in range(rng.choice((1, 1, 1, 2, 4))):
+        data = rng.choice(BYTE_MUTATIONS)(rng, data, other)
+    return data
+
+
+def mutate_text(rng: random.Random, text: bytes, words: Sequence[bytes] = HOSTILE_WORDS) -> bytes:
+    """A text with one to three kinds of damage; `words` are put in the place of others."""
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        text = rng.choice(TEXT_MUTATIONS)(rng, text, words)
+    return text
+
+
+def mutate_body(rng: random.Random, body: Tree) -> bytes:
+    """A value, packed, with one place of it damaged."""
+    path = rng.choice(tree_paths(body))
+    if rng.random() < 0.35:
+        packed: bytes = msgpack.packb(with_value(body, path, _MARK))
+        return packed.replace(msgpack.packb(_MARK), _raw(rng), 1)
+    changed = rng.choice(VALUE_MUTATIONS)(rng, value_at(body, path))
+    data: bytes = msgpack.packb(with_value(body, path, changed))
+    return data
+
+
+def _raw(rng: random.Random) -> bytes:
+    """Bytes that no packer makes."""
+    if rng.random() < 0.7:
+        return rng.choice(PREFIXES) + rng.randbytes(rng.choice((0, 0, 4, 16)))
+    depth = rng.choice((2, 8, 9, 500, 1023, 1024, DEEPEST))
+    if rng.random() < 0.5:
+        return b"\x91" * depth + b"\xc0"
+    return b"\x81\xa1a" * depth + b"\xc0"
+
+
+def tree_paths(tree: Tree, path: TreePath = ()) -> list[TreePath]:
+    """Paths of a value and of all within it."""
+    found: list[TreePath] = [path]
+    if isinstance(tree, dict):
+        for key, item in tree.items():
+            found += tree_paths(item, (*path, key))
+    elif isinstance(tree, list):
+        for i, item in enumerate(tree[:FIRST]):
+            found += tree_paths(item, (*path, i))
+    return found
+
+
+def value_at(tree: Tree, path: TreePath) -> Tree:
+    """The value in a place."""
+    for key in path:
+        tree = tree[key]
+    return tree
+
+
+def with_value(tree: Tree, path: TreePath, new: Tree) -> Tree:
+    """The tree with another value in this place."""
+    if not path:
+        return new
+    if isinstance(tree, dict):
+        return {**tree, path[0]: with_value(tree[path[0]], path[1:], new)}
+    return [with_value(one, path[1:], new) if i == path[0] else one for i, one in enumerate(tree)]
+
+
+def hostile_at(number: int, bombs: Sequence[Hostile]) -> Hostile | None:
+    """The bomb whose turn is at a number; None where damage comes from the seed."""
+    turn, odd = divmod(number, 2)
+    return None if odd or turn >= len(bombs) else bombs[turn]
+
+
+class InputFile(NamedTuple):
+    """A file to read."""
+
+    name: str
+    data: bytes
+
+
+def _flipped(rng: random.Random, data: bytes, other: bytes) -> bytes:
+    hurt = bytearray(data)
+    for _ in range(rng.choice((1, 1, 2, 8)) if data else 0):
+        hurt[rng.randrange(len(hurt))] ^= 1 << rng.randrange(8)
+    return bytes(hurt)
+
+
+def _replaced(rng: random.Random, data: bytes, other: bytes) -> bytes:
+    hurt = bytearray(data)
+    for _ in range(rng.choice((1, 1, 2, 8)) if data else 0):
+        hurt[rng.randrange(len(hurt))] = rng.randrange(256)
+    return bytes(hurt)
+
+
+def _cut(rng: random.Random, data: bytes, _: bytes) -> bytes:
+    return data[: rng.randrange(len(data) + 1)]
+
+
+def _begun_late(rng: random.Random, data: bytes, _: bytes) -> bytes:
+    return data[rng.randrange(len(data) + 1) :]
+
+
+def _inserted(rng: random.Random, data: bytes, _: bytes) -> bytes:
+    at = rng.randrange(len(data) + 1)
+    return data[:at] + rng.randbytes(_length(rng)) + data[at:]
+
+
+def _deleted(rng: random.Random, data: bytes, _: bytes) -> bytes:
+    at = rng.randrange(len(data) + 1)
+    return data[:at] + data[at + _length(rng) :]
+
+
+def _doubled(rng: random.Random, data: bytes, _: bytes) -> bytes:
+    at = rng.randrange(len(data) + 1)
+    end = at + _length(rng)
+    return data[:end] + data[at:]
+
+
+def _length(rng: random.Random) -> int:
+    return (
+        rng.randint(1, LONGEST_SPAN) if rng.random() < 0.95 else rng.randint(1, 100 * LONGEST_SPAN)
+    )
+
+
+def _spliced(rng: random.Random, data: bytes, other: bytes) -> bytes:
+    return data[: rng.randrange(len(data) + 1)] + other[rng.randrange(len(other) + 1) :]
+
+
+def _overwritten(rng: random.Random, data: bytes, _: bytes) -> bytes:
+    number = _number(rng)
+    at = rng.randrange(max(len(data) - len(number), 0) + 1)
+    return data[:at] + number + data[at + len(number) :]
+
+
+def _number(rng: random.Random) -> bytes:
+    """A number from a boundary, in some width and order."""
+    order = rng.choice("<>")
+    if rng.random() < 0.3:
+        return struct.pack(order + "d", rng.choice(FLOATS))
+    width = rng.choice((1, 2, 4, 8))
+    number = rng.choice(NUMBERS) % (1 << 8 * width)
+    return number.to_bytes(width, "little" if order == "<" else "big")
+
+
+def _reworded(rng: random.Random, text: bytes, words: Sequence[bytes]) -> bytes:
+    found = list(_WORD.finditer(text, *_stretch(rng, len(text))))
+    if not found:
+        return text + rng.choice(words)
+    word = rng.choice(found)
+    return text[: word.start()] + rng.choice(words) + text[word.end() :]
+
+
+def _stretch(rng: random.Random, length: int) -> tuple[int, int]:
+    """Some kB of a text, more often of its beginning, where headers are."""
+    start = 0 if rng.random() < 0.4 else rng.randrange(length + 1)
+    return start, start + 400
+
+
+def _relined(rng: random.Random, text: bytes, _: Sequence[bytes]) -> bytes:
+    lines = text.split(b"\n")
+    at, other = rng.randrange(len(lines)), rng.randrange(len(lines))
+    match rng.randrange(5):
+        case 0:
+            del lines[at]
+        case 1:
+            lines.insert(other, lines[at])
+        case 2:
+            lines[at], lines[other] = lines[other], lines[at]
+        case 3:
+            lines[at] = lines[at] + b" " + lines[other]
+        case _:
+            lines[at:at] = lines[at : at + 1] * rng.choice((2, 50, 2000))
+    return b"\n".join(lines)
+
+
+def _reblanked(rng: random.Random, text: bytes, _: Sequence[bytes]) -> bytes:
+    """Other ends of lines, other blanks."""
+    old, new = rng.choice(
+        ((b"\n", b"\r\n"), (b"\n", b"\r"), (b" ", b"\t"), (b" ", b""), (b"\n", b"\n\n\n"))
+    )
+    return text.replace(old, new)
+
+
+def _other(rng: random.Random, _: Tree) -> Tree:
+    """A value of some other type."""
+    kinds: tuple[Tree, ...] = (
+        None,
+        True,
+        rng.choice(NUMBERS),
+        -(2**63),
+        2**64 - 1,
+        rng.choice(FLOATS),
+        "",
+        "x" * rng.choice((1, 40, 4096, 4097)),
+        b"",
+        rng.randbytes(rng.choice((1, 8, 56))),
+        [],
+        [None] * rng.choice((1, 3, 4097)),
+        [[]] * rng.choice((1, 200, 4096)),
+        {},
+        {"a": {}},
+        {b"a": 1},
+        msgpack.ExtType(rng.randrange(128), rng.randbytes(rng.choice((0, 1, 8)))),
+    )
+    return rng.choice(kinds)
+
+
+def _array(rng: random.Random, value: Tree) -> Tree:
+    """An array with another dtype, shape or content; some other value where there is none."""
+    if not isinstance(value, dict) or value.keys() != {"dtype", "shape", "data"}:
+        return _other(rng, value)
+    held: bytes = value["data"]
+    count = max(len(held) // 8, 1)
+    changes: tuple[Tree, ...] = (
+        {"dtype": rng.choice(("<f8", ">f8", "<f4", "<i4", "|b1", "|u1", "|O", "<U9", "<M8", ""))},
+        {"shape": value["shape"][::-1]},
+        {"shape": [math.prod(value["shape"])]},
+        {"shape": [*value["shape"], 1]},
+        {"shape": [rng.choice(NUMBERS) for _ in value["shape"]]},
+        {"shape": [0, 2**63 - 1]},
+        {"shape": [0] * len(value["shape"]), "data": b""},
+        {"shape": [-1, *value["shape"][1:]]},
+        {"shape": [float(n) for n in value["shape"]]},
+        {"data": held[:-1]},
+        {"data": held + b"\0"},
+        {"data": rng.randbytes(len(held))},
+        {"data": b"\xff" * len(held)},
+        {"data": held[: 8 * (count // 2)] + b"\0\0\0\0\0\0\xf0\x7f" + held[8 * (count // 2) + 8 :]},
+        {"data": held.hex()},
+        {"more": 1},
+    )
+    return {**value, **rng.choice(changes)}
+
+
+def _longer(rng: random.Random, value: Tree) -> Tree:
+    if isinstance(value, (str, bytes, list)):
+        return value * rng.choice((2, 100))
+    if isinstance(value, dict):
+        return {**value, **{f"more {i}": i for i in range(rng.choice((1, 70)))}}
+    return [value]
+
+
+def _less(rng: random.Random, value: Tree) -> Tree:
+    if isinstance(value, dict) and value:
+        gone = rng.choice(list(value))
+        return {key: item for key, item in value.items() if key != gone}
+    return value[:-1] if isinstance(value, (str, bytes, list)) else None
+
+
+def _renamed(rng: random.Random, value: Tree) -> Tree:
+    if isinstance(value, dict) and value:
+        old = rng.choice(list(value))
+        new = rng.choice(("", f"{old} ", f"{old}"[::-1], "x" * 4096, "\0"))
+        return {new if key == old else key: item for key, item in value.items()}
+    return _other(rng, value)
+
+
+# Ways to damage bytes.
+BYTE_MUTATIONS: tuple[Callable[[random.Random, bytes, bytes], bytes], ...] = (
+    _flipped,
+    _replaced,
+    _cut,
+    _begun_late,
+    _inserted,
+    _deleted,
+    _doubled,
+    _spliced,
+    _overwritten,
+)
+# Ways to damage text.
+TEXT_MUTATIONS: tuple[Callable[[random.Random, bytes, Sequence[bytes]], bytes], ...] = (
+    _reworded,
+    _reworded,
+    _reworded,
+    _relined,
+    _reblanked,
+)
+# Ways to damage a value.
+VALUE_MUTATIONS: tuple[Callable[[random.Random, Tree], Tree], ...] = (
+    _other,
+    _array,
+    _array,
+    _longer,
+    _less,
+    _renamed,
+)

@@ -1,0 +1,409 @@
+"""Damaged inputs by kind and number, each read in a process that is watched.
+
+Accepted, refused, or a defect.
+
+A process may crash, hang or take memory, and the others go on; seconds are those of the
+processor.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import multiprocessing
+import random
+import resource
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from ctypes import Structure, c_double, c_long
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from multiprocessing.sharedctypes import RawValue
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from palpate.bench.table import Row
+from palpate.launch.files import InputError
+from palpate.launch.processes import without_main_module
+
+# Inputs of each kind.
+COUNTS: Mapping[str, int] = {
+    "messages": 100_000,
+    "recordings": 2_000,
+    "meshes": 2_000,
+    "scenes": 500,
+    "solids": 2_000,
+}
+QUICK: Mapping[str, int] = {
+    "messages": 2_000,
+    "recordings": 50,
+    "meshes": 100,
+    "scenes": 50,
+    "solids": 50,
+}
+MOST_MEMORY = 64.0  # Beyond what a process has before the trials, MB
+SHOWN = 5  # Most defects of a kind that are told, each with the number by which it can be repeated
+HANG_SECONDS = 20.0  # A process that has not gone on for so long is killed, s
+# Address space that a process may take beyond what it has before the trials, bytes.
+MOST_ADDRESS_SPACE = 512 << 20
+_POLL = 0.5
+_CONTEXT = multiprocessing.get_context("forkserver")
+# Longest processor time for one input, s: what it takes on a machine that does nothing else.
+MOST_CPU_SECONDS = 1.0
+# Longest time by the clock, s: whoever waits for something uses no processor.
+MOST_WAIT_SECONDS = 10.0
+TRIES = 3  # Of an input that takes longer: the processor may have been shared
+MOST_LETTERS = 1000  # Of the sentence by which an input is refused
+
+
+def fuzz_rows(quick: bool) -> Iterator[Row]:
+    """Rows for every kind of input."""
+    for name, count in (QUICK if quick else COUNTS).items():
+        yield from tally_rows(name, count, tally(INPUT_KINDS[name], count))
+
+
+def tally_rows(name: str, count: int, found: Tally) -> Iterator[Row]:
+    """Rows for what came of so many inputs of a kind."""
+    said = f"{found.accepted}, {found.refused}"
+    yield Row(f"{count:,} damaged {name}: accepted, refused", said, "", True)
+    defects = found.defects
+    yield Row(f"damaged {name}: other errors", str(len(defects)), "0", not defects)
+    for defect in defects[:SHOWN]:
+        yield Row(f"  {defect}", "", "", True)
+    slowest = f"{1e3 * found.slowest:.0f} ms"
+    yield Row(f"damaged {name}: slowest", slowest, "<= 1 s", found.slowest <= MOST_CPU_SECONDS)
+    memory = f"{found.memory:.0f} MB"
+    yield Row(f"damaged {name}: memory", memory, "<= 64 MB", found.memory <= MOST_MEMORY)
+
+
+def tally(kind: InputKind, count: int) -> Tally:
+    """Try inputs 0 to `count` of a kind.
+
+    Parameters
+    ----------
+    kind : Kind
+        What is read.
+    count : int
+        How many.
+    """
+    whole, first = Tally(), 0
+    while first < count:
+        shared: Any = RawValue(_Shared)
+        shared.number = first - 1
+        defects, fault = _run(kind, first, count, shared)
+        whole.defects += defects
+        _add(whole, shared)
+        if fault is None:
+            return whole
+        whole.defects.append(f"{kind.name} {max(shared.number, first)}: {fault}")
+        first = max(shared.number, first) + 1
+    return whole
+
+
+def _run(kind: InputKind, first: int, count: int, shared: Any) -> tuple[list[str], str | None]:
+    """Defects that a process told, and what ended it before it was done."""
+    defects: list[str] = []
+    mine, yours = _CONTEXT.Pipe(duplex=False)
+    child = _CONTEXT.Process(target=_work, args=(kind, first, count, shared, yours), daemon=True)
+    with without_main_module():
+        child.start()
+    yours.close()
+    try:
+        return defects, _listen(mine, shared, defects)
+    finally:
+        child.kill()
+        child.join()
+        mine.close()
+
+
+def _work(kind: InputKind, first: int, count: int, shared: Any, yours: Connection) -> None:
+    """In the process: all trials, one after the other."""
+    warnings.simplefilter("error")  # a warning is no sentence for a user
+    with tempfile.TemporaryDirectory(prefix="palpate-") as name:
+        folder = Path(name)
+        kind.prepare(folder)
+        base = _settle()
+        for number in range(first, count):
+            shared.number = number
+            verdict, said, seconds = try_input(kind, number, folder)
+            shared.accepted += verdict == "accepted"
+            shared.refused += verdict == "refused"
+            if verdict == "defect":
+                yours.send(f"{kind.name} {number}: {said}")
+            if seconds > shared.slowest:
+                shared.slowest, shared.slowest_number = seconds, number
+            memory = _peak() - base
+            if memory > shared.memory:
+                shared.memory, shared.memory_number = memory, number
+    yours.send("")
+
+
+def _settle() -> float:
+    """Give back what is not needed, limit what may be taken, and say what is held, MB."""
+    gc.collect()
+    with suppress(OSError, AttributeError):  # only the C library of Linux has it
+        ctypes.CDLL(None).malloc_trim(0)
+    with suppress(OSError):  # begin the count of the peak anew, where that can be done
+        Path("/proc/self/clear_refs").write_text("5")
+    with suppress(OSError, ValueError):
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        limit = pages * resource.getpagesize() + MOST_ADDRESS_SPACE
+        resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    return _peak()
+
+
+def _peak() -> float:
+    """The most memory that this process has held, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
+
+
+def _listen(mine: Connection, shared: Any, defects: list[str]) -> str | None:
+    last, still = shared.number, 0.0
+    while True:
+        try:
+            if mine.poll(_POLL):
+                said: str = mine.recv()
+                if not said:
+                    return None
+                defects.append(said)
+                continue
+        except EOFError:
+            return "the process crashed"
+        still = still + _POLL if shared.number == last else 0.0
+        last = shared.number
+        if still > HANG_SECONDS:
+            return f"hangs for more than {HANG_SECONDS:g} s"
+
+
+def _add(whole: Tally, shared: Any) -> None:
+    whole.accepted += shared.accepted
+    whole.refused += shared.refused
+    if shared.slowest > whole.slowest:
+        whole.slowest, whole.slowest_number = shared.slowest, shared.slowest_number
+    if shared.memory > whole.memory:
+        whole.memory, whole.memory_number = shared.memory, shared.memory_number
+
+
+@dataclass(slots=True)
+class Tally:
+    """What came of many inputs."""
+
+    accepted: int = 0
+    refused: int = 0
+    # Each with the number by which it can be repeated.
+    defects: list[str] = field(default_factory=list)
+    slowest: float = 0.0  # Of one input, s
+    slowest_number: int = -1
+    memory: float = 0.0  # The most that a process took beyond what it had before the trials, MB
+    memory_number: int = -1  # The input at which that was so
+
+
+class _Shared(Structure):
+    """What a process leaves even if it is killed."""
+
+    _fields_ = (
+        ("number", c_long),
+        ("accepted", c_long),
+        ("refused", c_long),
+        ("slowest", c_double),
+        ("slowest_number", c_long),
+        ("memory", c_double),
+        ("memory_number", c_long),
+    )
+
+
+class TrialOutcome(NamedTuple):
+    """What came of one input."""
+
+    verdict: Literal["accepted", "refused", "defect"]
+    said: str  # The sentence of a refusal, or what the defect is
+    seconds: float  # Processor time of the fastest try
+
+
+def reproduce(name: str, number: int) -> TrialOutcome:
+    """Damage and read one input by itself, as `try_input` does; `name` is one of `INPUT_KINDS`."""
+    with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+        INPUT_KINDS[name].prepare(Path(folder))
+        return try_input(INPUT_KINDS[name], number, Path(folder))
+
+
+def try_input(kind: InputKind, number: int, folder: Path) -> TrialOutcome:
+    """Damage and read the input of a number, which is the same whenever it is done.
+
+    Parameters
+    ----------
+    kind : Kind
+        What is read.
+    number : int
+        The seed.
+    folder : Path
+        Where files are put; prepared.
+    """
+    outcome = _once(kind, number, folder)
+    for _ in range(TRIES - 1):
+        if outcome.seconds <= MOST_CPU_SECONDS:
+            return outcome
+        outcome = min(outcome, _once(kind, number, folder), key=lambda one: one.seconds)
+    if outcome.seconds <= MOST_CPU_SECONDS:
+        return outcome
+    return TrialOutcome("defect", f"takes {outcome.seconds:.1f} s", outcome.seconds)
+
+
+def _once(kind: InputKind, number: int, folder: Path) -> TrialOutcome:
+    rng = random.Random(f"{kind.name} {number}")
+    began, then = time.process_time(), time.monotonic()
+    try:
+        kind.attempt(rng, number, folder)
+    except Exception as error:
+        fault = _fault(error, kind.refusal)
+        seconds = _took(began, then)
+        if fault is None:
+            return TrialOutcome("refused", str(error), seconds)
+        return TrialOutcome("defect", f"{fault}: {error!s:.300}", seconds)
+    return TrialOutcome("accepted", "", _took(began, then))
+
+
+def _fault(error: Exception, refusal: type[Exception]) -> str | None:
+    """What is wrong with an error as a refusal; None if it is one."""
+    kind, said = type(error), str(error)
+    own = kind is refusal or kind.__module__.startswith("palpate.")
+    if not (own and isinstance(error, refusal)):
+        return kind.__name__
+    if _ran_out(error):
+        return "refused for want of memory"
+    if not said or "\n" in said or len(said) > MOST_LETTERS:
+        return f"refused in no sentence, but {len(said)} letters"
+    return None
+
+
+def _ran_out(error: BaseException | None) -> bool:
+    """Whether an error came of another that says that there was no more memory."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _took(began: float, then: float) -> float:
+    """Processor time, or that of the clock if something was waited for."""
+    waited = time.monotonic() - then
+    return waited if waited > MOST_WAIT_SECONDS else time.process_time() - began
+
+
+class InputKind(NamedTuple):
+    """One kind of input."""
+
+    name: str
+    # Make what is needed, in a folder, and read what is sound, which must be accepted.
+    prepare: Callable[[Path], None]
+    # Read the damaged input of a number; raises what the reader does, or AssertionError if it
+    # accepts what is not valid.
+    attempt: Callable[[random.Random, int, Path], None]
+    # The error by which an input may be refused, or a child of it that is palpate's own.
+    refusal: type[Exception]
+
+
+def _prepare_messages(_: Path) -> None:
+    from palpate.bench.fuzz.messages import read_packet, valid_packets
+
+    for packet in valid_packets():
+        read_packet(packet)
+
+
+def _attempt_message(rng: random.Random, _: int, __: Path) -> None:
+    from palpate.bench.fuzz.messages import mutated_packet, read_packet
+
+    read_packet(mutated_packet(rng))
+
+
+def _prepare_recordings(folder: Path) -> None:
+    from palpate.bench.fuzz.messages import (
+        RECORDING_NAME,
+        hostile_recordings,
+        read_recording,
+        valid_recording,
+    )
+
+    hostile_recordings()
+    (folder / RECORDING_NAME).write_bytes(valid_recording())
+    read_recording(folder / RECORDING_NAME)
+
+
+def _attempt_recording(rng: random.Random, number: int, folder: Path) -> None:
+    from palpate.bench.fuzz.messages import mutated_recording, read_recording
+
+    name, data = mutated_recording(rng, number)
+    (folder / name).write_bytes(data)
+    read_recording(folder / name)
+
+
+def _prepare_meshes(folder: Path) -> None:
+    from palpate.bench.fuzz.meshes import hostile_meshes, read_closed, valid_meshes
+
+    hostile_meshes()
+    for name, data in valid_meshes().items():
+        (folder / name).write_bytes(data)
+        read_closed(folder / name)
+
+
+def _attempt_mesh(rng: random.Random, number: int, folder: Path) -> None:
+    from palpate.bench.fuzz.meshes import mutated_mesh, read_closed, read_open
+
+    name, data = mutated_mesh(rng, number)
+    (folder / name).write_bytes(data)
+    read_open(folder / name)
+    read_closed(folder / name)
+
+
+def _prepare_scenes(folder: Path) -> None:
+    from palpate.bench.fuzz.documents import (
+        SCENE_NAME,
+        fill_folder,
+        hostile_scenes,
+        read_scene,
+        valid_scenes,
+    )
+
+    hostile_scenes()
+    fill_folder(folder)
+    for text in valid_scenes():
+        (folder / SCENE_NAME).write_bytes(text)
+        read_scene(folder / SCENE_NAME)
+
+
+def _attempt_scene(rng: random.Random, number: int, folder: Path) -> None:
+    from palpate.bench.fuzz.documents import mutated_scene, read_scene
+
+    name, data = mutated_scene(rng, number)
+    (folder / name).write_bytes(data)
+    read_scene(folder / name)
+
+
+def _prepare_solids(folder: Path) -> None:
+    from palpate.bench.fuzz.documents import SOLID_NAME, hostile_solids, read_solid, valid_solid
+
+    hostile_solids()
+    (folder / SOLID_NAME).write_bytes(valid_solid())
+    read_solid(folder / SOLID_NAME)
+
+
+def _attempt_solid(rng: random.Random, number: int, folder: Path) -> None:
+    from palpate.bench.fuzz.documents import mutated_solid, read_solid
+
+    name, data = mutated_solid(rng, number)
+    (folder / name).write_bytes(data)
+    read_solid(folder / name)
+
+
+# By name.
+INPUT_KINDS: Mapping[str, InputKind] = {
+    "messages": InputKind("messages", _prepare_messages, _attempt_message, ValueError),
+    "recordings": InputKind("recordings", _prepare_recordings, _attempt_recording, ValueError),
+    "meshes": InputKind("meshes", _prepare_meshes, _attempt_mesh, InputError),
+    "scenes": InputKind("scenes", _prepare_scenes, _attempt_scene, InputError),
+    "solids": InputKind("solids", _prepare_solids, _attempt_solid, InputError),
+}

@@ -1,0 +1,27 @@
+"""Solids from contours and from taxels.
+
+Against the truth and against what an engineer would do without palpate. Another method is added
+as a `Peer`; demands are ratios to the first peer of a case. It rests on core.rebuild and
+bench.objects; only the measurement of taxels explores, in one process.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.bench.rebuild.comparison import CONTOUR_NOISE as CONTOUR_NOISE
+    from palpate.bench.rebuild.comparison import disorder_rows as disorder_rows
+    from palpate.bench.rebuild.comparison import loft as loft
+    from palpate.bench.rebuild.comparison import noisy_contours as noisy_contours
+    from palpate.bench.rebuild.comparison import peer_rows as peer_rows
+    from palpate.bench.rebuild.contours import band_rows as band_rows
+    from palpate.bench.rebuild.contours import contour_rows as contour_rows
+    from palpate.bench.rebuild.contours import taxel_rows as taxel_rows
+    from palpate.bench.rebuild.thesis import EXAMPLES as EXAMPLES
+    from palpate.bench.rebuild.thesis import Example as Example
+    from palpate.bench.rebuild.thesis import thesis_rows as thesis_rows
+else:
+    __getattr__, __dir__ = lazy(__name__)

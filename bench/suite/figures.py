@@ -1,0 +1,402 @@
+"""The pictures of docs/figures.
+
+Filters and estimators, models and closed curves, the thesis's examples, rebuilt shapes.
+
+Figures 3.3 to 3.6 and those of chapter 5 of Fung, 1999, anew and with errors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+from palpate.bench.objects import HALF, REBUILT_SHAPES, truth_of
+from palpate.bench.rebuild import CONTOUR_NOISE, EXAMPLES, Example, loft, noisy_contours
+from palpate.bench.shapes import CLOSED_CURVES, CURVE_CONTROLS, CURVE_POINTS
+from palpate.bench.touch import HEADS, TRIALS, EstimatorErrors, estimator_rows, noise_variance
+from palpate.core import Floats
+from palpate.core.geometry import nearest_points
+from palpate.core.shapes import Mesh
+from palpate.core.splines import ClosedCurve, Lattice, fit_closed_curve
+from palpate.core.thesis import rebuild_thesis
+from palpate.core.touch import (
+    Pad,
+    adaptive_wiener,
+    median_filter,
+    median_then_wiener,
+    remove_impulses,
+    wiener_then_median,
+)
+from palpate.launch import load_scene
+from palpate.nodes.specs import build_shape
+
+FRAME_PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
+FRAME_NOISE = 40e-6  # m
+IMPULSES = 0.05  # Share of the taxels
+CONTACT = 200e-6  # Least compression that counts as touched, m: 5 deviations of the noise
+DRAWS = 50  # Frames over which the error under each picture is taken; the first is shown
+DPI = 110
+MODELS = ("twisted", "hyperquadric", "dented", "bottle", "oblique", "notched", "gem", "from_mesh")
+LEVEL = 5
+LIGHT = np.array([0.15, -0.75, 0.65])  # Towards the light, from over the viewer's shoulder
+THESIS_DPI = 100
+ROWS, COLUMNS = 100, 120  # Of the meshes that are drawn
+# Elevation and azimuth from which is looked, degrees.
+OBLIQUE, FROM_SIDE, FROM_TOP = (20, -60), (0, -90), (90, -90)
+SURFACE, SHELL, CORE = "#8cb8e6", "0.25", "C3"
+PEER_DPI = 90
+SIZE = (9, 24)  # Contours, and points of each
+TOLERANCE = 0.1  # Of the drawn meshes, mm
+WORST = 1.5  # Distance from the truth at which the colours end, mm
+COLOURS = "viridis"
+VIEW = (18.0, -60.0)  # Elevation and azimuth from which is looked, degrees
+PEER_LIGHT = np.array([0.4, -0.8, 0.45])
+NAME = "rebuilt_shapes.png"
+
+
+def write_curvature_figures(folder: str | Path) -> None:
+    """Write ``filters_corner.png``, ``filters_ball.png`` and ``estimators.png``.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    draw_filters(_corner(), "the corner of a box").savefig(folder / "filters_corner.png", dpi=DPI)
+    draw_filters(_ball(), "a ball of 20 mm").savefig(folder / "filters_ball.png", dpi=DPI)
+    draw_estimators(estimator_rows(TRIALS)).savefig(folder / "estimators.png", dpi=DPI)
+
+
+def draw_filters(truth: Floats, what: str) -> Figure:
+    """Surfaces and heat maps of a frame after each filter, with the error of each."""
+    frames = filtered(truth)
+    errors = mean_errors(truth)
+    figure = Figure(figsize=(14.0, 5.4), layout="constrained")
+    figure.suptitle(
+        f"{what}: compression, {1e6 * FRAME_NOISE:.0f} um of noise, {IMPULSES:.0%} impulses"
+    )
+    x, y = (1e3 * axis for axis in FRAME_PAD.grid())
+    for column, (name, frame) in enumerate(frames.items()):
+        above = figure.add_subplot(2, len(frames), column + 1, projection="3d")
+        above.plot_surface(x, y, 1e3 * frame, cmap="viridis", vmin=0.0, vmax=1.6)
+        above.set_zlim(0.0, 2.4)
+        above.set_axis_off()
+        above.set_title(name, fontsize=9)
+        below = figure.add_subplot(2, len(frames), len(frames) + column + 1)
+        below.imshow(1e3 * frame, cmap="viridis", vmin=0.0, vmax=1.6)
+        below.set_xticks([])
+        below.set_yticks([])
+        below.set_xlabel(f"rms error {1e6 * errors[name]:.0f} um", fontsize=9)
+    return figure
+
+
+def mean_errors(truth: Floats) -> Mapping[str, float]:
+    """Root mean square error after each filter, over many frames, m."""
+    squares: dict[str, float] = {}
+    for seed in range(DRAWS):
+        for name, frame in filtered(truth, seed).items():
+            squares[name] = squares.get(name, 0.0) + float(np.mean((frame - truth) ** 2))
+    return {name: math.sqrt(total / DRAWS) for name, total in squares.items()}
+
+
+def filtered(truth: Floats, seed: int = 0) -> Mapping[str, Floats]:
+    """A noisy frame with impulses, and what each filter makes of it; (rows, cols) each, m."""
+    rng = np.random.default_rng(seed)
+    raw = truth + FRAME_NOISE * rng.normal(size=truth.shape)
+    hit, up = rng.random((2, *truth.shape))
+    raw = np.where(hit < IMPULSES, np.where(up < 0.5, 0.0, 2.4e-3), raw)
+    return {
+        "raw (3.3)": raw,
+        "Wiener (3.4)": adaptive_wiener(raw, noise_variance(raw)),
+        "median (3.4)": median_filter(raw),
+        "Wiener, then median (3.5)": wiener_then_median(raw, noise_variance(raw)),
+        "median, then Wiener (3.6)": median_then_wiener(raw, noise_variance(median_filter(raw))),
+        "palpate: impulses mended": remove_impulses(FRAME_PAD, raw, CONTACT, FRAME_NOISE).image,
+    }
+
+
+def _corner() -> Floats:
+    """Compression under the corner of a box's flat top, pressed by 1.2 mm, a little askew."""
+    x, y = FRAME_PAD.grid()
+    turn = math.radians(12.0)
+    along = x * math.cos(turn) + y * math.sin(turn) + 3.3e-3
+    beside = y * math.cos(turn) - x * math.sin(turn) + 2.6e-3
+    return np.where((along > 0.0) & (beside > 0.0), 1.2e-3 + 0.01 * x, 0.0)
+
+
+def _ball() -> Floats:
+    """Compression under a ball of 20 mm, pressed by 1.4 mm."""
+    x, y = FRAME_PAD.grid()
+    return np.maximum(1.4e-3 - (0.02 - np.sqrt(0.02**2 - x * x - y * y)), 0.0)
+
+
+def draw_estimators(rows: list[EstimatorErrors]) -> Figure:
+    """Errors of all estimators by column, on a logarithmic scale."""
+    figure = Figure(figsize=(10.0, 6.0), layout="constrained")
+    axes = figure.add_subplot()
+    marks = "osv^<>Dph*XP8d"
+    for row, mark in zip(rows, marks, strict=True):
+        ours = row is rows[-1]
+        axes.plot(
+            HEADS,
+            [1e3 * error for error in row.errors],
+            marker=mark,
+            linewidth=2.5 if ours else 1.0,
+            color="black" if ours else None,
+            label=row.name,
+        )
+    axes.set_yscale("log")
+    axes.set_xlabel("noise in pitches, then noise .05 with impulses")
+    axes.set_ylabel("error of k1 and k2, 1e-3/pitch")
+    axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.grid(True, which="both", alpha=0.3)
+    return figure
+
+
+def write_shape_figures(folder: str | Path) -> None:
+    """Write ``models.png`` and ``closed_curves.png``.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    draw_models(MODELS).savefig(folder / "models.png", dpi=DPI)
+    draw_curves().savefig(folder / "closed_curves.png", dpi=DPI)
+
+
+def draw_models(scenes: Sequence[str]) -> Figure:
+    """The objects of scenes, four in a row, each in its own scale."""
+    rows = -(-len(scenes) // 4)
+    figure = Figure(figsize=(11.0, 3.0 * rows), layout="constrained")
+    for i, scene in enumerate(scenes):
+        axes = figure.add_subplot(rows, 4, i + 1, projection="3d")
+        assert isinstance(axes, Axes3D)
+        _draw_shaded(axes, build_shape(load_scene(scene).spec.object).mesh(LEVEL))
+        axes.set_title(scene)
+    return figure
+
+
+def _draw_shaded(axes: Axes3D, mesh: Mesh) -> None:
+    corners = mesh.vertices[mesh.faces]
+    shades = _shades(corners)
+    surface = Poly3DCollection(corners, facecolors=shades, edgecolors=shades, linewidths=0.4)
+    axes.add_collection3d(surface)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.4 * float((high - low).max())
+    axes.set(**{f"{name}lim": (m - half, m + half) for name, m in zip("xyz", middle, strict=True)})
+    axes.set_box_aspect((1, 1, 1))
+    axes.view_init(elev=20, azim=-60)
+    axes.set_axis_off()
+
+
+def _shades(corners: Floats) -> Floats:
+    """Colour of each face, (n, 4)."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    light = 0.3 + 0.7 * np.clip(normals @ LIGHT, 0.0, 1.0)
+    blue = np.array([0.55, 0.75, 1.0])
+    return np.column_stack([light[:, None] * blue, np.ones(len(corners))])
+
+
+def draw_curves() -> Figure:
+    """The thesis's clamped scheme and the periodic one, through the same points."""
+    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+    found = closed_curves()
+    for i, (name, (points, thesis, ours)) in enumerate(found.items()):
+        axes = figure.add_subplot(1, len(found), i + 1)
+        axes.plot(*points.T, ".", color="0.6", markersize=4, label="points")
+        for curve, color, whose in ((thesis, "C3", "thesis"), (ours, "C0", "palpate")):
+            # The last turn is left out by a hair: 1 is 0 again, and a gap would not show.
+            line = curve.at(np.linspace(0.0, 1.0 - 1e-9, 800))
+            label = f"{whose}: gap {curve.closure_gap / np.ptp(points):.3f}"
+            axes.plot(*line.T, color, linewidth=2.4 if whose == "thesis" else 1.0, label=label)
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        axes.set_title(name)
+        axes.legend(loc="center", fontsize=8, frameon=False)
+    return figure
+
+
+def closed_curves() -> Mapping[str, tuple[Floats, ClosedCurve, ClosedCurve]]:
+    """Points around plane figures, the thesis's curve and ours, with as many control points."""
+    turns = np.arange(CURVE_POINTS - 1) / (CURVE_POINTS - 1)
+    plane = {name: shape(turns) for name, shape in CLOSED_CURVES.items()}
+    return {
+        name: (
+            points,
+            fit_closed_curve(points, count=CURVE_CONTROLS, method="thesis"),
+            fit_closed_curve(points, count=CURVE_CONTROLS),
+        )
+        for name, points in plane.items()
+    }
+
+
+def write_thesis_figures(folder: str | Path) -> None:
+    """Write ``thesis_example_1.png`` and ``thesis_example_2.png``.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for example in EXAMPLES:
+        name = f"thesis_{example.name.replace(' ', '_')}.png"
+        draw_example(example).savefig(folder / name, dpi=THESIS_DPI)
+
+
+def draw_example(example: Example) -> Figure:
+    """The object, the control lattice, the solid from three sides, and a section of it."""
+    figure = Figure(figsize=(11.0, 7.4), layout="constrained")
+    contours = example.contours()
+    corrected, program = (rebuild_thesis(contours, faithful=faithful) for faithful in (False, True))
+    truth, solid = example.mesh(ROWS, COLUMNS), corrected.mesh(ROWS, COLUMNS)
+    _draw_plain(_thesis_axes(figure, 1, "object", OBLIQUE), truth)
+    _draw_lattice(_thesis_axes(figure, 2, "control lattice, corrected", OBLIQUE), corrected.lattice)
+    _draw_plain(_thesis_axes(figure, 3, "solid, corrected", OBLIQUE), solid)
+    for number, title, view in ((4, "from the side", FROM_SIDE), (5, "from the top", FROM_TOP)):
+        axes = _thesis_axes(figure, number, f"{title}, with the felt points", view)
+        _draw_plain(axes, solid)
+        facing = contours[:, :, 2] >= 0.0 if view is FROM_TOP else contours[:, :, 1] <= 0.0
+        axes.plot(*contours[facing].T, "k+", markersize=2.5, markeredgewidth=0.5, zorder=2)
+    plane = figure.add_subplot(2, 3, 6)
+    for mesh, color, name in (
+        (truth, "0.6", "object"),
+        (program.mesh(ROWS, COLUMNS), "C3", "program"),
+        (solid, "C0", "corrected"),
+    ):
+        _draw_section(plane, mesh, color, name)
+    return figure
+
+
+def _draw_plain(axes: Axes3D, mesh: Mesh) -> None:
+    axes.plot_trisurf(
+        *mesh.vertices.T, triangles=mesh.faces, color=SURFACE, linewidth=0, antialiased=False
+    )
+
+
+def _thesis_axes(figure: Figure, number: int, title: str, view: tuple[int, int]) -> Axes3D:
+    axes = figure.add_subplot(2, 3, number, projection="3d")
+    assert isinstance(axes, Axes3D)
+    axes.set(xlim=(-0.8, 0.8), ylim=(-0.8, 0.8), zlim=(-0.8, 0.8), title=title)
+    axes.set_box_aspect((1, 1, 1))
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=view[0], azim=view[1])
+    axes.computed_zorder = False  # the points lie on what they were felt of, never behind it
+    axes.set_axis_off()
+    return axes
+
+
+def _draw_lattice(axes: Axes3D, lattice: Lattice) -> None:
+    control = lattice.control
+    shell = np.concatenate(
+        [_grid_lines(face) for face in (control[0], control[-1], control[:, 0], control[:, -1])]
+    )
+    core = np.concatenate(
+        [_grid_lines(layer) for layer in control[1:-1, 1:-1].transpose(2, 0, 1, 3)]
+    )
+    axes.add_collection3d(Line3DCollection(core, colors=CORE, linewidths=0.3, alpha=0.6))
+    axes.add_collection3d(Line3DCollection(shell, colors=SHELL, linewidths=0.4))
+
+
+def _grid_lines(points: Floats) -> Floats:
+    """Segments (n, 2, 3) between neighbours of a grid (a, b, 3)."""
+    pairs = (points[:-1], points[1:]), (points[:, :-1], points[:, 1:])
+    return np.concatenate(
+        [np.stack([one.reshape(-1, 3), other.reshape(-1, 3)], axis=1) for one, other in pairs]
+    )
+
+
+def _draw_section(axes: Axes, mesh: Mesh, color: str, name: str) -> None:
+    lines = LineCollection(
+        list(section_lines(mesh)), colors=color, linewidths=3.0 if color == "0.6" else 0.9
+    )
+    lines.set_label(name)
+    axes.add_collection(lines)
+    axes.set(xlim=(-1.1, 1.1), ylim=(-1.1, 1.1), title="section in the plane y = 0")
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.legend(loc="center", fontsize=8, frameon=False)
+
+
+def section_lines(mesh: Mesh) -> Floats:
+    """Where a mesh meets the plane y = 0: segments (n, 2, 2) of x and z."""
+    corners = mesh.vertices[mesh.faces]
+    first, second = corners, np.roll(corners, -1, axis=1)
+    below, above = first[:, :, 1], second[:, :, 1]
+    crossing = (below >= 0.0) != (above >= 0.0)
+    share = np.divide(below, below - above, out=np.zeros_like(below), where=crossing)
+    places = first + share[:, :, None] * (second - first)
+    # Of a triangle that the plane parts two edges cross it.
+    return np.asarray(places[crossing].reshape(-1, 2, 3)[:, :, ::2])
+
+
+def write_peer_figures(folder: str | Path) -> None:
+    """Write ``rebuilt_shapes.png`` into a folder, made if it is not there."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    draw_shapes().savefig(folder / NAME, dpi=PEER_DPI)
+
+
+def draw_shapes() -> Figure:
+    """Three rows: contours on the object, palpate's solid and the loft, coloured by distance."""
+    from palpate.core.rebuild import reconstruct
+
+    figure = Figure(figsize=(2.0 * len(REBUILT_SHAPES), 7.4), layout="constrained")
+    for column, (name, shape) in enumerate(REBUILT_SHAPES.items()):
+        contours = noisy_contours(shape, SIZE, CONTOUR_NOISE, np.random.default_rng(0))
+        tops = np.array([[0.0, 0.0, shape.low], [0.0, 0.0, shape.high]])
+        mesh = reconstruct(list(contours), tops=tops).mesh(TOLERANCE)
+        axes = [_peer_axes(figure, row * len(REBUILT_SHAPES) + column + 1) for row in range(3)]
+        for ring in contours:
+            axes[0].plot(*np.vstack([ring, ring[:1]]).T, color="k", linewidth=0.8)
+        axes[0].set_title(name)
+        _draw_distances(axes[1], name, Mesh(mesh.vertices, mesh.faces))
+        _draw_distances(axes[2], name, loft(contours))
+        if not column:
+            for one, label in zip(axes, ("felt", "palpate", "loft"), strict=True):
+                one.text2D(0.0, 0.9, label, transform=one.transAxes)
+    scale = ScalarMappable(Normalize(0.0, WORST), COLOURS)
+    figure.colorbar(scale, ax=figure.axes, shrink=0.5, label="distance from the object, mm")
+    return figure
+
+
+def _peer_axes(figure: Figure, number: int) -> Axes3D:
+    axes = figure.add_subplot(3, len(REBUILT_SHAPES), number, projection="3d")
+    assert isinstance(axes, Axes3D)
+    low, high = -0.85 * HALF, 0.85 * HALF
+    axes.set(xlim=(low, high), ylim=(low, high), zlim=(-HALF, HALF))
+    axes.set_box_aspect((0.85, 0.85, 1.0), zoom=1.25)
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=VIEW[0], azim=VIEW[1])
+    axes.set_axis_off()
+    return axes
+
+
+def _draw_distances(axes: Axes3D, name: str, mesh: Mesh) -> None:
+    """Triangles, coloured by how far their middles are from the true surface."""
+    corners = mesh.vertices[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(across, axis=1)
+    corners, across = corners[lengths > 0.0], across[lengths > 0.0]
+    far = nearest_points(truth_of(name).surface.search, corners.mean(axis=1)).distances
+    shade = 0.75 + 0.25 * across @ PEER_LIGHT / np.linalg.norm(across, axis=1)
+    colours = ScalarMappable(Normalize(0.0, WORST), COLOURS).to_rgba(far)
+    colours[:, :3] *= np.clip(shade, 0.0, 1.0)[:, None]
+    axes.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors="none"))

@@ -1,0 +1,25 @@
+"""One touch.
+
+Frames per second, the exactness of a cast, what each effect costs and does, and what each way
+from a tactile frame to curvature is worth against noise and impulses. Estimators and surfaces
+may be added to their tables; the thesis's own chain is the first estimator and ours the last. It
+rests on core.touch and on the simulator, filter and curvature nodes as plain calls.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.bench.touch.curvature import HEADS as HEADS
+    from palpate.bench.touch.curvature import TRIALS as TRIALS
+    from palpate.bench.touch.curvature import EstimatorErrors as EstimatorErrors
+    from palpate.bench.touch.curvature import bench_curvature as bench_curvature
+    from palpate.bench.touch.curvature import estimator_rows as estimator_rows
+    from palpate.bench.touch.curvature import noise_variance as noise_variance
+    from palpate.bench.touch.frames import bench_effects as bench_effects
+    from palpate.bench.touch.frames import bench_touch as bench_touch
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,0 +1,211 @@
+"""The coarse model of an object: a solid through its first contacts, and what it misses.
+
+What the solid misses is a smooth field of displacements along its normals: a Gaussian process
+that the contacts' residuals pin down where they are; elsewhere it returns to nothing, and may
+be anything of the size of what the fit misses. So a bump that was touched moves the axis, and a
+side that was not makes it uncertain. Rasmussen and Williams, *Gaussian processes for machine
+learning*, 2006, (2.25) and (2.26).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from palpate.core.arrays import Floats, Ints
+from palpate.core.shapes import Bend, Mesh, PosedShape, Shape, posed_superquadric
+
+REACH = 0.2  # Of the diameter: how far one residual speaks for its neighbourhood
+# A fit follows the contacts: away from them it is off by this many times what it shows there.
+UNSEEN = 5.0
+TIED = 1e-6  # Of the largest variance: no gap between two counts as smaller
+
+
+class CoarseModel(Protocol):
+    """What the slicing frame asks of a coarse model."""
+
+    @property
+    def fitted(self) -> bool:
+        """False if the contacts could not be fitted."""
+
+    @property
+    def doubts(self) -> Sequence[str]:
+        """Why not to believe it."""
+
+    @property
+    def residuals(self) -> Floats:
+        """Distance of each contact along the normal, (n,), m; negative inside."""
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals, m."""
+
+    def shape(self) -> Shape:
+        """The solid where it stands."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CoarseFit:
+    """A superquadric, tapered and bent, as somebody else has fitted it."""
+
+    size: Floats  # Semi-axes (3,), m
+    exponents: Floats  # e1 and e2, (2,)
+    pose: Floats  # (7,)
+    taper: Floats  # Widening of x and y at the top, (2,)
+    bend: Bend  # How it is bent
+    residuals: Floats  # Distance of each contact, (n,), m
+    rms: float  # Root mean square of those that count, m
+    doubts: tuple[str, ...]  # Why not to believe it
+
+    @property
+    def fitted(self) -> bool:
+        """False if it is but an ellipsoid about the contacts."""
+        return not any(doubt.endswith("points") for doubt in self.doubts)
+
+    def shape(self) -> PosedShape:
+        """The solid where it stands.
+
+        Raises
+        ------
+        ValueError
+            If it has no extent, or its bend folds it.
+        """
+        return posed_superquadric(self.size, self.exponents, self.pose, self.taper, self.bend)
+
+
+class CorrectedSolid(NamedTuple):
+    """A solid with what its contacts added."""
+
+    vertices: Floats  # (n, 3), m
+    faces: Ints  # (m, 3)
+    body: MassProperties  # What it bounds
+    deviation: Floats  # Standard deviation of each vertex along its normal, (n,), m
+    # Covariance of the body's principal axes: turns about the first, second and third of them, (3,
+    # 3), rad2.
+    tilts: Floats
+    shift: float  # Standard deviation of its centroid, m
+
+
+def correct_solid(
+    mesh: Mesh, points: Floats, residuals: Floats, rms: float, noise: float
+) -> CorrectedSolid:
+    """Move a solid's surface on to its contacts.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The fitted solid.
+    points : (n, 3) array
+        Contacts, m.
+    residuals : (n,) array
+        How far outside it each lies, m.
+    rms : float
+        What the fit misses, m.
+    noise : float
+        Standard deviation of a contact, m.
+    """
+    vertices, faces = mesh
+    area, normals = _areas(vertices, faces)
+    reach = REACH * float(np.ptp(vertices, axis=0).max())
+    size = (UNSEEN * max(rms, noise)) ** 2
+    among = size * _kernel(points, points, reach) + noise**2 * np.eye(len(points))
+    towards = size * _kernel(vertices, points, reach)
+    gain = np.linalg.solve(among, towards.T).T
+    moved = vertices + normals * (gain @ residuals)[:, None]
+    left = np.maximum(size - np.einsum("vn,vn->v", gain, towards), 0.0)
+    body = mass_properties(moved, faces)
+    if not body.sound:  # the contacts contradict the solid: it is left as it is
+        moved, body = vertices, mass_properties(vertices, faces)
+    effects = _effects(body, moved, area)
+    covariance = size * effects @ (_kernel(vertices, vertices, reach) @ effects.T)
+    covariance -= (effects @ gain) @ (effects @ towards).T
+    return CorrectedSolid(
+        moved,
+        faces,
+        body,
+        np.sqrt(left),
+        covariance[:3, :3],
+        float(np.sqrt(max(np.trace(covariance[3:, 3:]), 0.0))),
+    )
+
+
+def _areas(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
+    """Area of the surface about each vertex, (n,), and its normal, (n, 3)."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    third = np.cross(b - a, c - a) / 6.0
+    areas = np.zeros_like(vertices)
+    for corner in faces.T:
+        np.add.at(areas, corner, third)
+    area = np.linalg.norm(areas, axis=1)
+    return area, areas / np.maximum(area, np.finfo(float).tiny)[:, None]
+
+
+def _kernel(one: Floats, other: Floats, reach: float) -> Floats:
+    """Correlation (n, m) of displacements at two sets of places."""
+    squares = (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2.0 * one @ other.T
+    result: Floats = np.exp(-0.5 * np.maximum(squares, 0.0) / reach**2)
+    return result
+
+
+def _effects(body: MassProperties, vertices: Floats, area: Floats) -> Floats:
+    """What a displacement of each vertex does, (6, n): turns of the principal axes, shifts.
+
+    To first order: a layer of area A and thickness d at x adds A d x x^T to the second moment,
+    and an axis turns by the mixed part over the gap of the two variances.
+    """
+    at = (vertices - body.centroid) @ body.axes
+    spread = body.spread
+    least = TIED * spread[2]
+    turns = [
+        area * at[:, i] * at[:, j] / (body.volume * max(spread[j] - spread[i], least))
+        for i, j in ((1, 2), (0, 2), (0, 1))
+    ]
+    return np.vstack([*turns, area * at.T / body.volume])
+
+
+class MassProperties(NamedTuple):
+    """A solid of density 1."""
+
+    volume: float  # m3
+    centroid: Floats  # (3,), m
+    axes: Floats  # Principal axes as columns, the longest last; a rotation
+    spread: Floats  # Variances of the volume along them, ascending, (3,), m2
+
+    @property
+    def sound(self) -> bool:
+        """False for a surface that is turned inside out, or encloses nothing."""
+        return self.volume > 0.0 and float(self.spread[0]) > 0.0
+
+
+def mass_properties(vertices: Floats, faces: Ints) -> MassProperties:
+    """What a closed mesh bounds.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array
+        m.
+    faces : (m, 3) array
+        Counter-clockwise seen from outside.
+
+    Notes
+    -----
+    Sums over the tetrahedra between faces and a point: the integral of x x^T over one is its
+    volume / 20 times the sum of x_i x_i^T over its corners and of their sum with itself.
+    """
+    start = vertices.mean(axis=0)
+    corners = (vertices - start)[faces]
+    a, b, c = corners.transpose(1, 0, 2)
+    volumes = np.einsum("mi,mi->m", a, np.cross(b, c)) / 6.0
+    volume = float(volumes.sum())
+    total = corners.sum(axis=1)
+    centroid = volumes @ total / (4.0 * volume)
+    second = np.einsum("m,mki,mkj->ij", volumes, corners, corners)
+    second += np.einsum("m,mi,mj->ij", volumes, total, total)
+    covariance = second / (20.0 * volume) - np.outer(centroid, centroid)
+    spread, axes = np.linalg.eigh(covariance)
+    if np.linalg.det(axes) < 0.0:
+        axes = axes * [-1.0, 1.0, 1.0]
+    return MassProperties(volume, centroid + start, axes, spread)

@@ -1,0 +1,341 @@
+"""The frame in which an object is sliced, and where the object begins and ends in it.
+
+Its axis is the one about which the object was turned, if there is one; else the principal axis
+that differs most from the others (Fung, 1999, 6.1), or beside it the one along which the
+surface runs straight; else the world's own z axis, and that is said. Who knows better may give
+the axis. An end that was touched is where its contacts say; one that was not is where the
+fitted solid has it, if that fits, or where the platform cuts it off.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Bools, Floats, finite_array, positive
+from palpate.core.explore.grasp.axes import ROUND, RevolutionAxis, extrusion_axis, revolution_axis
+from palpate.core.explore.grasp.coarse_model import CoarseModel, CorrectedSolid, correct_solid
+from palpate.core.poses import inverse_pose, pose_of, split_pose, transform_points
+
+# Which axis: that about which the surface was turned, a principal axis, no axis of its own, or one
+# that was given.
+AxisKind = Literal["revolution", "longest", "shortest", "none", "given"]
+LEVEL = 4  # Of the tessellation in which volumes are summed
+MOST_NORMALS = 0.6  # Of the contacts, at least, must be such normals
+LIFT = 0.045  # Of the size for each radian: what is nearer to a ball has no axis of revolution
+SURE = math.radians(3.0)  # An axis whose standard deviation is larger is none
+# A fit that came to a bound reaches where nothing was felt: its axes are less certain by this.
+STRAINED = 6.0
+DISTINCT = 1.06  # Principal axes whose ratio is smaller are alike
+# The longest principal axis is taken if it is by this ratio longer than the next; else that which
+# differs more.
+SLENDER = 1.25
+EXACT = 1e-9  # A given axis that leans less is the vertical, rad
+# An axis of revolution within two standard deviations of the vertical, but at least and at most
+# this, is the vertical: objects stand on platforms.
+LEAST_SNAP, MOST_SNAP = math.radians(1.0), math.radians(3.0)
+# So is a principal axis that leans less: features that no contact has met turn the axes of vases
+# and twisted columns by as much, and slices that lean less are as good.
+PRINCIPAL_SNAP = math.radians(15.0)
+FEWEST = 11  # Contacts below which there is no axis
+TIE = 1e-9  # Parts of an axis that are smaller have no sign
+FACING = 0.9  # Cosine to the axis from which on a contact's normal says where the end is
+LEANING = 0.5  # The same, where the fitted solid is no help
+NEAR = 0.06  # Of the extent: contacts as near as this to the outermost one belong to the end
+BOUNDED = 0.3  # Share of this that is allowed to a fit that came to a bound
+QUARTER = 0.25  # Of the extent: the widest contact so near to the lower end tells how wide that is
+# Of the diameter: a solid that misses its contacts by more says nothing of what is beyond.
+FITS = 0.015
+LEAST_COSINE = 0.5  # The platform cuts off an axis that is steeper than this
+
+
+class ObjectFrame(NamedTuple):
+    """Where and along which axis an object is sliced."""
+
+    # Of the frame in the world, (7,): its z axis is the slicing axis, its origin lies on it. An
+    # upright frame has the world's axes, and its heights are the world's.
+    pose: Floats
+    low: float  # Where the object begins along the axis, slicing frame, m
+    high: float  # Where it ends, m
+    radius: float  # Largest distance of its surface from the axis, m
+    axis: AxisKind  # Which axis it is; "none" is the world's z axis, for want of a better one
+    axis_error: float  # Standard deviation of the axis's angle, rad; 0 for "none"
+    place_error: float  # Standard deviation of its place, m
+    extent_error: float  # Standard deviation of `low` and `high`, the larger one, m
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether the object showed no axis of its own."""
+        return self.axis == "none"
+
+
+class _Line(NamedTuple):
+    """A slicing axis."""
+
+    axis: Floats
+    point: Floats
+    kind: AxisKind
+    error: float  # rad
+    shift: float  # m
+
+
+def fit_object_frame(
+    found: CoarseModel,
+    points: Floats,
+    normals: Floats,
+    platform: float,
+    noise: float,
+    axis: Floats | None = None,
+) -> ObjectFrame:
+    """The frame for an object that was grasped.
+
+    Parameters
+    ----------
+    found : Recovery
+        The superquadric fitted to its contacts.
+    points, normals : (n, 3) arrays
+        Contacts, at least one, m, and outward unit normals.
+    platform : float
+        Height on which it stands, m.
+    noise : float
+        Standard deviation of a contact, m.
+    axis : (3,) array, optional
+        The slicing axis, a unit vector; else it is looked for.
+
+    Raises
+    ------
+    ValueError
+        If there is no contact, an array is not finite or has another shape, or the noise is not
+        positive.
+    """
+    points = finite_array("points", points, (None, 3))
+    normals = finite_array("normals", normals, (len(points), 3))
+    positive("noise", noise, "m")
+    if not len(points):
+        raise ValueError("points must hold at least one contact, got none")
+    if not found.fitted or len(points) < FEWEST:
+        return _about_contacts(points, platform, axis)
+    solid = _on_platform(found, points, platform, noise)
+    if not solid.body.sound:
+        return _about_contacts(points, platform, axis)
+    if axis is not None:
+        line = _Line(axis, solid.body.centroid, "given", 0.0, solid.shift)
+        return _framed(line, solid, found, Contacts(points, normals), platform)
+    strain = STRAINED if "at a bound" in found.doubts else 1.0
+    line = _line(solid, revolution_axis(points, normals, solid.body.axes.T), strain)
+    straight = extrusion_axis(normals, line.axis) if line.kind in ("longest", "shortest") else None
+    if straight is not None:
+        line = line._replace(axis=straight)
+    return _framed(line, solid, found, Contacts(points, normals), platform)
+
+
+def _about_contacts(points: Floats, platform: float, given: Floats | None) -> ObjectFrame:
+    """A frame about contacts that tell but where they are: upright, unless an axis is given."""
+    axis = np.array([0.0, 0.0, 1.0]) if given is None else _upwards(given)
+    kind: AxisKind = "none" if given is None else "given"
+    turn = np.eye(3) if _is_vertical(axis) else _turn_to(axis)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    here = (points - middle) @ turn
+    low, high = float(here[:, 2].min()), float(here[:, 2].max())
+    away, size = float(np.hypot(*here[:, :2].T).max()), float(np.ptp(points, axis=0).max())
+    if not _is_vertical(axis):
+        return ObjectFrame(pose_of(middle, turn), low, high, away, kind, 0.0, size, size)
+    # An upright frame has the world's heights.
+    origin = np.array([middle[0], middle[1], 0.0])
+    top = float(points[:, 2].max())
+    return ObjectFrame(pose_of(origin, turn), platform, top, away, kind, 0.0, size, size)
+
+
+def _is_vertical(axis: Floats) -> bool:
+    return math.atan2(math.hypot(axis[0], axis[1]), axis[2]) <= EXACT
+
+
+def _on_platform(
+    found: CoarseModel, points: Floats, platform: float, noise: float
+) -> CorrectedSolid:
+    """The solid through its contacts, the lowest of which it has with the platform."""
+    mesh = found.shape().mesh(LEVEL)
+    lowest = int(mesh.vertices[:, 2].argmin())
+    points = np.vstack([points, mesh.vertices[lowest]])
+    residuals = np.append(found.residuals, mesh.vertices[lowest, 2] - platform)
+    return correct_solid(mesh, points, residuals, found.rms, noise)
+
+
+def _framed(
+    line: _Line, solid: CorrectedSolid, found: CoarseModel, touched: Contacts, platform: float
+) -> ObjectFrame:
+    axis = _upwards(line.axis)
+    lean = math.atan2(math.hypot(axis[0], axis[1]), axis[2])
+    upright = lean <= _snap(line)
+    pose = pose_of(line.point, np.eye(3) if upright else _turn_to(axis))
+    ends = extent_along(pose, solid, found, touched, platform)
+    # An upright frame has the world's heights.
+    shift = -float(line.point[2]) if upright else 0.5 * (ends.low + ends.high)
+    origin = line.point + shift * (np.array([0.0, 0.0, 1.0]) if upright else axis)
+    return ObjectFrame(
+        np.concatenate([origin, pose[3:]]),
+        ends.low - shift,
+        ends.high - shift,
+        ends.radius,
+        line.kind,
+        line.error,
+        line.shift,
+        ends.error,
+    )
+
+
+def _upwards(axis: Floats) -> Floats:
+    """The axis or its opposite: that which points up, or else along x, or else along y."""
+    for part in (axis[2], axis[0], axis[1]):
+        if abs(part) > TIE:
+            return axis * math.copysign(1.0, part)
+    return axis
+
+
+def _snap(line: _Line) -> float:
+    """By how much an axis may lean and be the vertical, rad."""
+    if line.kind == "given":
+        return EXACT
+    if line.kind == "revolution":
+        return min(max(2.0 * line.error, LEAST_SNAP), MOST_SNAP)
+    return PRINCIPAL_SNAP
+
+
+def _turn_to(axis: Floats) -> Floats:
+    """The smallest rotation (3, 3) that turns the world's z axis to an axis that points up."""
+    x, y, z = axis.tolist()
+    share = 1.0 / (1.0 + z)
+    return np.array(
+        [
+            [1.0 - share * x * x, -share * x * y, x],
+            [-share * x * y, 1.0 - share * y * y, y],
+            [-x, -y, z],
+        ]
+    )
+
+
+def extent_along(
+    pose: Floats, solid: CorrectedSolid, found: CoarseModel, touched: Contacts, platform: float
+) -> AxialExtent:
+    """Extent along the z axis of a frame.
+
+    Parameters
+    ----------
+    pose : (7,) array
+        The frame, its origin anywhere on the axis.
+    solid : Corrected
+        The fitted solid, moved on to its contacts.
+    found : Recovery
+        How well it fits.
+    touched : Touched
+        The contacts in the world, at least one.
+    platform : float
+        Height of the platform in the world, m.
+    """
+    axes = split_pose(pose)[1]
+    here = Contacts(transform_points(inverse_pose(pose), touched.points), touched.normals @ axes)
+    vertices = transform_points(inverse_pose(pose), solid.vertices)
+    allowed = FITS * float(np.ptp(vertices, axis=0).max())
+    over = solid.vertices[:, 2] >= platform - allowed
+    known = None
+    if found.rms < (BOUNDED if "at a bound" in found.doubts else 1.0) * allowed:
+        known = FittedSolid(vertices[over], solid.deviation[over], found.rms / allowed)
+    down = np.array([1.0, 1.0, -1.0])
+    foot = _foot(pose, axes, here, platform)
+    high, above = _end(here, known, None)
+    turned = Contacts(here.points * down, here.normals * down)
+    low, below = _end(turned, known and known._replace(vertices=known.vertices * down), foot)
+    wide = here.points if known is None else np.vstack([here.points, known.vertices])
+    return AxialExtent(-low, high, float(np.hypot(wide[:, 0], wide[:, 1]).max()), max(above, below))
+
+
+def _foot(pose: Floats, axes: Floats, here: Contacts, platform: float) -> float | None:
+    """Where a level lower end that stands on the platform by its rim is, downwards, m."""
+    cosine = float(axes[2, 2])
+    if cosine < LEAST_COSINE:
+        return None
+    sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
+    along = here.points[:, 2]
+    lowest = along <= along.min() + QUARTER * np.ptp(along)
+    rim = float(np.hypot(here.points[lowest, 0], here.points[lowest, 1]).max())
+    return -(platform - float(pose[2]) + rim * sine) / cosine
+
+
+def _end(here: Contacts, known: FittedSolid | None, foot: float | None) -> tuple[float, float]:
+    """Where the upper end is, and its standard deviation, m."""
+    along = here.points[:, 2]
+    outermost = float(along.max())
+    near = along >= outermost - NEAR * (outermost - float(along.min()))
+    felt = _felt_end(here, near & (here.normals[:, 2] > FACING), 0.5)
+    if felt is not None:
+        return felt
+    if known is not None:
+        vertex = int(known.vertices[:, 2].argmax())
+        end = max(outermost, float(known.vertices[vertex, 2]))
+        return end, float(known.deviation[vertex]) + known.poor * (end - outermost)
+    radius = float(np.hypot(here.points[:, 0], here.points[:, 1]).max())
+    level = outermost if foot is None else max(outermost, foot)
+    round_end = _felt_end(here, near & (here.normals[:, 2] > LEANING), 0.5)
+    if round_end is None:
+        return level, (0.5 if foot is None else 0.25) * radius
+    # An edge and a round end feel alike: between the two.
+    return 0.5 * (level + round_end[0]), 0.5 * abs(round_end[0] - level) + 0.1 * radius
+
+
+def _felt_end(here: Contacts, at_end: Bools, share: float) -> tuple[float, float] | None:
+    """Where the top is of the paraboloid about the axis through a contact, across its normal.
+
+    The paraboloid's share is a half.
+    """
+    if not at_end.any():
+        return None
+    points, normals = here.points[at_end], here.normals[at_end]
+    outwards = (points[:, :2] * normals[:, :2]).sum(axis=1) / normals[:, 2]
+    tops = points[:, 2] + share * np.maximum(outwards, 0.0)
+    best = int(normals[:, 2].argmax())
+    top = max(float(tops[best]), float(here.points[:, 2].max()))
+    return top, 0.5 * abs(top - float(points[best, 2])) + float(np.ptp(points[:, 2])) / 4.0
+
+
+def _line(solid: CorrectedSolid, turned: RevolutionAxis, strain: float) -> _Line:
+    """The slicing axis and why; a principal axis is less certain by the factor `strain`."""
+    body = solid.body
+    is_turned = turned.rms < ROUND and turned.share > MOST_NORMALS
+    if is_turned and turned.lift > LIFT and turned.error < SURE:
+        size = math.sqrt(float(body.spread.sum()))
+        return _Line(turned.axis, turned.point, "revolution", turned.error, turned.rms * size)
+    widths = np.sqrt(body.spread)
+    slender, flat = widths[2] / widths[1], widths[1] / widths[0]
+    kind: AxisKind = "longest" if slender >= min(SLENDER, flat) else "shortest"
+    column, others = (2, (0, 1)) if kind == "longest" else (0, (1, 2))
+    most = float(np.linalg.eigvalsh(solid.tilts[np.ix_(others, others)])[-1])
+    error = strain * math.sqrt(max(most, 0.0))
+    if max(slender, flat) < DISTINCT or error > SURE:
+        return _Line(np.array([0.0, 0.0, 1.0]), body.centroid, "none", 0.0, solid.shift)
+    return _Line(body.axes[:, column], body.centroid, kind, error, solid.shift)
+
+
+class Contacts(NamedTuple):
+    """Contacts."""
+
+    points: Floats  # (n, 3), m
+    normals: Floats  # Outward unit normals, (n, 3)
+
+
+class FittedSolid(NamedTuple):
+    """A solid that fits."""
+
+    vertices: Floats  # (n, 3), m
+    deviation: Floats  # Standard deviation of each, (n,), m
+    poor: float  # From 0 to 1: how much of what it may miss it misses
+
+
+class AxialExtent(NamedTuple):
+    """Extent along an axis."""
+
+    low: float  # m
+    high: float  # m
+    radius: float  # Largest distance from the axis, m
+    error: float  # Standard deviation of the two ends, the larger one, m

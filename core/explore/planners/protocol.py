@@ -1,0 +1,326 @@
+"""What a planner is told and what it answers; how one is made, and its answers checked.
+
+All lengths are in one unit of the caller's choice, m in palpate itself. Planners work in shares
+of the object's height, so that a plan in millimetres is the plan in metres. A planner may be a
+user's own: an answer that nobody could act on is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, is_dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple, Protocol, cast
+
+from palpate.core.arrays import Floats, finite_array, positive
+from palpate.core.plugins import class_by_name
+
+LEAST_AZIMUTHS = 4
+# Of the object's height: finer than any pad feels, and than what was felt could be counted.
+LEAST_FEATURE = 1e-4
+END_SHARE = 0.03  # The first and the last slice lie this share of the height inside the ends
+END_DEVIATIONS = 2.0  # And at least so many standard deviations of where the end is
+SAME = 1e-9  # Of the height: heights that differ by less are one
+PLANNER_NAMES = ("predicted", "uniform", "thesis", "fuzzy")  # The default first
+
+
+class SliceOutcome(StrEnum):
+    """How a slice ended."""
+
+    CLOSED = "closed"  # All around
+    # With gaps that the pad cannot reach; what was felt is given, gaps are interpolated.
+    OCCLUDED = "occluded"
+    FAILED = "failed"  # Touched, but of no use
+    LOST = "lost"  # Nothing was there to touch: the height lies beyond the object's end
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ObservedSlice:
+    """One slice that was asked for; without radii if it gave no usable contour."""
+
+    height: float  # m
+    outcome: SliceOutcome  # How it ended
+    radii: Floats  # Distances from the axis at k even azimuths, m; (k,), or (0,)
+    slopes: Floats  # Of the radius over the height, from the normals; (k,)
+    curvatures: Floats  # Of the side along z, positive where it bulges, 1/m; (k,)
+    contact_low: Floats  # Lowest height that its patches have touched, m; (k,)
+    contact_high: Floats  # Highest height that its patches have touched, m; (k,)
+    deviation: float = 0.0  # Standard deviation of the model at this height, m
+    touches: int = 0  # That it took
+    seconds: float = 0.0  # Robot time that it took, s
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.height):
+            raise ValueError(f"height must be finite, got {self.height} m")
+        if not 0.0 <= self.deviation < math.inf:
+            raise ValueError(f"deviation must be 0 or more and finite, got {self.deviation} m")
+        for name, unit in (("touches", "touches"), ("seconds", "s")):
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} must be 0 or more and finite, got {value} {unit}")
+        count = len(finite_array("radii", self.radii, (None,)))
+        for name in ("slopes", "curvatures", "contact_low", "contact_high"):
+            finite_array(name, getattr(self, name), (count,))
+        if self.usable and (count < LEAST_AZIMUTHS or not self.radii.min() > 0.0):
+            raise ValueError(
+                f"radii must be at least {LEAST_AZIMUTHS} positive lengths where the outcome is "
+                f"{self.outcome}, got {count}"
+            )
+
+    @property
+    def usable(self) -> bool:
+        """Whether it tells where the surface is."""
+        return self.outcome in (SliceOutcome.CLOSED, SliceOutcome.OCCLUDED)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """What may be spent and what is spent."""
+
+    most_touches: float = math.inf  # Touches that may be made
+    most_seconds: float = math.inf  # Robot time that may pass, s
+    touches: int = 0  # Touches made
+    seconds: float = 0.0  # Robot time that has passed, s
+
+    def __post_init__(self) -> None:
+        for name, unit in (("most_touches", "touches"), ("most_seconds", "s")):
+            value = getattr(self, name)
+            if not value > 0:
+                raise ValueError(f"{name} must be positive, got {value} {unit}")
+        for name, unit in (("touches", "touches"), ("seconds", "s")):
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} must be 0 or more and finite, got {value} {unit}")
+
+    @property
+    def spent(self) -> bool:
+        """Whether nothing is left of it."""
+        return self.touches >= self.most_touches or self.seconds >= self.most_seconds
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Observation:
+    """All that the choice of the next slice may depend on."""
+
+    low: float  # Height of the object's lower end, m
+    high: float  # Height of its upper end, m
+    low_deviation: float = 0.0  # Standard deviation of the lower end, m
+    high_deviation: float = 0.0  # Standard deviation of the upper end, m
+    tolerance: float  # Root mean square error that is asked for, m
+    resolution: float  # Smallest difference that the sensor tells, m
+    feature: float  # Largest height that may stay unfelt, and least distance of two slices, m
+    budget: Budget = field(default_factory=Budget)  # What may be spent
+    slices: tuple[ObservedSlice, ...] = ()  # In the order in which they were asked for
+    taken: tuple[float, ...] = ()  # Heights at which other fingers are at work, m
+    apart: float = 0.0  # Height that two fingers keep between them, m
+    # Whether the solid is rebuilt from all that was felt, and not from contours alone.
+    taxels: bool = False
+    # Standard deviation of the whole surface of that solid, ends included, m; None without one.
+    deviation: float | None = None
+
+    def __post_init__(self) -> None:
+        if not -math.inf < self.low < self.high < math.inf:
+            raise ValueError(f"high must lie above low {self.low} m, got {self.high} m")
+        for name in ("tolerance", "resolution", "feature"):
+            positive(name, getattr(self, name), "m")
+        if self.feature < LEAST_FEATURE * self.extent:
+            raise ValueError(
+                f"feature must be at least {LEAST_FEATURE:g} of the height {self.extent:g} m, "
+                f"got {self.feature} m"
+            )
+        finite_array("taken", self.taken, (None,))
+        if self.tolerance < self.resolution:
+            raise ValueError(
+                f"tolerance must be at least the sensor's resolution {self.resolution} m, "
+                f"got {self.tolerance} m"
+            )
+        for name in ("low_deviation", "high_deviation", "apart"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                value = getattr(self, name)
+                raise ValueError(f"{name} must be 0 or more and finite, got {value} m")
+        if self.deviation is not None and not 0.0 <= self.deviation < math.inf:
+            raise ValueError(f"deviation must be 0 or more and finite, got {self.deviation} m")
+        counts = {len(one.radii) for one in self.slices if one.usable}
+        if len(counts) > 1:
+            raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")
+
+    @property
+    def extent(self) -> float:
+        """Height of the object, m."""
+        return self.high - self.low
+
+
+class Height(NamedTuple):
+    """Trace this slice next."""
+
+    height: float  # m
+    reason: str  # Why there, in words
+
+
+class Wait(NamedTuple):
+    """Nothing to do until another finger has finished."""
+
+    reason: str  # Why, in words
+
+
+class Stop(NamedTuple):
+    """Trace no more."""
+
+    reason: str  # Why, in words
+    # Whether the demand is met, as far as the planner can tell; None where it does not look.
+    within: bool | None
+    # The root mean square error of the side is below this in 95 of 100 runs, m; None where the
+    # planner does not say.
+    bound: float | None = None
+    # Largest height that nothing has felt, m; None where the planner does not say.
+    unfelt: float | None = None
+
+
+class Planner(Protocol):
+    """A rule, with its numbers. It remembers nothing: the same `Observation`, the same answer."""
+
+    def next(self, known: Observation) -> Choice:
+        """The next slice, or that there is none."""
+        ...
+
+
+def first_and_last(known: Observation) -> tuple[float, float]:
+    """Heights of the lowest and the highest slice, m."""
+    inside = END_SHARE * known.extent
+    low = known.low + max(inside, END_DEVIATIONS * known.low_deviation)
+    high = known.high - max(inside, END_DEVIATIONS * known.high_deviation)
+    middle = 0.5 * (known.low + known.high)
+    return min(low, middle), max(high, middle)
+
+
+def exhausted_budget(known: Observation) -> str | None:
+    """Which budget one slice more would overrun, in words; None if there is enough.
+
+    A slice is expected to take as much as those before it did on average.
+    """
+    budget, traced = known.budget, max(len(known.slices), 1)
+    touches = sum(one.touches for one in known.slices) / traced
+    seconds = sum(one.seconds for one in known.slices) / traced
+    for what, used, most, more in (
+        ("touches", budget.touches, budget.most_touches, touches),
+        ("s of robot time", budget.seconds, budget.most_seconds, seconds),
+    ):
+        if used >= most or used + more > most:
+            return f"the budget is spent: {used:g} of {most:g} {what}, a slice takes {more:.3g}"
+    return None
+
+
+def was_asked(known: Observation, height: float) -> bool:
+    """Whether a slice was asked for at this height, whatever came of it."""
+    heights = (*(one.height for one in known.slices), *known.taken)
+    return any(abs(height - one) <= SAME * known.extent for one in heights)
+
+
+def is_near_finger(known: Observation, height: float) -> bool:
+    """Whether another finger is too near to this height."""
+    return any(abs(height - other) < known.apart for other in known.taken)
+
+
+def check_choice(planner: Planner, known: Observation) -> Choice:
+    """What a planner answers.
+
+    Parameters
+    ----------
+    planner : Planner
+        Who is asked.
+    known : Known
+        What is known.
+
+    Raises
+    ------
+    ValueError
+        If it is no answer; or a height that does not lie between the ends, was asked for before,
+        or is too near to another finger; or it waits though no finger is at work; or a bound or an
+        unfelt height is no length.
+    """
+    choice = planner.next(known)
+    wrong = _wrong(known, choice)
+    if wrong:
+        name = type(planner).__name__
+        raise ValueError(f"the planner {name} gave no answer to act on: {wrong}")
+    return choice
+
+
+def _wrong(known: Observation, choice: object) -> str:
+    """What is wrong with an answer; nothing if nothing is."""
+    match choice:
+        case Height():
+            return _wrong_height(known, choice.height)
+        case Wait():
+            return "" if known.taken else "it waits, but no finger is at work"
+        case Stop():
+            return _wrong_stop(choice)
+    return f"it must answer with a Height, a Wait or a Stop, got {choice!r:.60}"
+
+
+def _wrong_height(known: Observation, height: float) -> str:
+    if not known.low < height < known.high:  # nor is it if it is no number
+        return f"a height must lie between {known.low:g} and {known.high:g} m, got {height:g} m"
+    if was_asked(known, height):
+        return f"a slice was asked for at {height:g} m before; it must go elsewhere, or stop"
+    near = [other for other in known.taken if abs(height - other) < known.apart * (1.0 - SAME)]
+    if near:
+        return f"{height:g} m is nearer than {known.apart:g} m to a finger at {near[0]:g} m"
+    return ""
+
+
+def _wrong_stop(stop: Stop) -> str:
+    for name in ("bound", "unfelt"):
+        value = getattr(stop, name)
+        if value is not None and not 0.0 <= value < math.inf:
+            return f"{name} must be 0 or more and finite, got {value} m"
+    return ""
+
+
+def planner_type(name: str) -> type[Planner]:
+    """The description of a planner: by its name, or a user's own as ``module:Class``.
+
+    Raises
+    ------
+    LookupError
+        If there is no such planner.
+    ValueError
+        If the module cannot be imported, or holds no such planner.
+    """
+    found = class_by_name(
+        name, what="planner", names=PLANNER_NAMES, package=str(__package__), attribute="PLANNER"
+    )
+    wanted = name.rpartition(":")[2]
+    frozen = is_dataclass(found) and getattr(found, "__dataclass_params__").frozen  # noqa: B009
+    if not isinstance(found, type) or not frozen or not callable(getattr(found, "next", None)):
+        raise ValueError(
+            f"{name!r} is no planner: {wanted!r} must be a frozen dataclass with next(known)"
+        )
+    return cast("type[Planner]", found)
+
+
+def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
+    """A planner with its numbers.
+
+    Raises
+    ------
+    LookupError
+        If there is no such planner.
+    ValueError
+        If the module is none, or a number is unknown or out of its range.
+    """
+    described = planner_type(name)
+    known = set(getattr(described, "__dataclass_fields__"))  # noqa: B009
+    unknown = sorted(set(settings) - known)
+    if unknown:
+        raise ValueError(
+            f"the planner {name!r} has no {', '.join(unknown)}; it has {', '.join(sorted(known))}"
+        )
+    try:
+        return described(**settings)
+    except TypeError as error:  # one that must be given is missing, say
+        raise ValueError(f"the planner {name!r} cannot be made: {error}") from None
+
+
+Choice = Height | Wait | Stop

@@ -1,0 +1,262 @@
+"""The face that closes an end: its plane, its edge, and where it was not touched.
+
+Touches at 45 degrees, across the edge between a steep wall and the face, are worth their time
+where the band that the contour's touches reached ends well below the face.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Bools, Floats
+from palpate.core.explore.probing.end_observation import ProbeCommand, ProbeResult, SideContour
+from palpate.core.geometry import area_centroid, edge_distance, inscribed_circle, winding_number
+from palpate.core.poses import pad_rotation, pose_of, split_pose
+
+FOOT = 0.35  # Of the pad's width: how far from the touched point a domed pad feels a level face
+STEEPEST = math.radians(45.0)  # A normal that leans more says that an edge was touched, not a face
+# Normals of one plane differ by no more: what noise and an edge under the pad make of them.
+ALIKE = math.radians(3.0)
+FAINT = 1e-3  # Weight of a normal that is not believed
+STEEP = 0.6  # Upward part of a wall's normal below which there is an edge between it and the face
+# Of the pad's width: a stretch between band and face that is lower needs no touch.
+UNFELT = 1.0 / 6.0
+LEAST_ALIKE = 4  # Touches after which the edge is believed to be the same all around, if they agree
+MOST_EDGE = 8  # Touches of one edge
+APART = 1.0  # Widths of the pad: places nearer to a touched one need no touch
+TILT = math.radians(45.0)
+# Widths of the pad: from how far an edge is approached, and how far past its place.
+STANDOFF, BEYOND = 1.0, 0.6
+CELLS = 8  # Places to a pad's width, between which one is looked for
+MOST_CELLS = 64  # The same across the end
+OUTLINE = 96  # Points of an outline, at most: more say no more, and each costs
+LEAST_LEVEL = 0.05  # Level part of a normal below which nobody can say which way is inwards
+
+
+class EndFace(NamedTuple):
+    """A plane over the slicing frame, z = height + slopes (x, y)."""
+
+    height: float  # On the slicing axis, m
+    slopes: Floats  # (2,)
+
+    def at(self, places: Floats) -> Floats:
+        """Heights (n,) over places (n, 2), m."""
+        return np.asarray(self.height + places @ self.slopes)
+
+    @property
+    def normal(self) -> Floats:
+        """Upward unit normal, (3,)."""
+        upward = np.array([-self.slopes[0], -self.slopes[1], 1.0])
+        return np.asarray(upward / np.linalg.norm(upward))
+
+
+def fit_face(touches: Sequence[ProbeResult], width: float) -> EndFace:
+    """The plane through touched points that leans as their normals do.
+
+    Parameters
+    ----------
+    touches : sequence of Probed
+        At least one, that touched something.
+    width : float
+        Of the pad, m: a normal tells of the heights a foot away.
+    """
+    points = np.stack([one.point for one in touches])
+    slopes, sure = _slopes(touches)
+    middle = points.mean(axis=0)
+    foot = FOOT * width
+    rows = np.concatenate(
+        [
+            np.column_stack([np.ones(len(points)), points[:, :2] - middle[:2]]),
+            np.tile(foot * np.eye(3)[1:], (len(slopes), 1)),
+        ]
+    )
+    # A normal that leans too far counts for next to nothing: the rows keep their rank.
+    weights = np.concatenate([np.ones(len(points)), np.repeat(np.where(sure, 1.0, FAINT), 2)])
+    heights = np.concatenate([points[:, 2] - middle[2], foot * slopes.ravel()])
+    found = np.linalg.lstsq(weights[:, None] * rows, weights * heights, rcond=None)[0]
+    return EndFace(float(middle[2] + found[0] - middle[:2] @ found[1:]), found[1:])
+
+
+def _slopes(
+    touches: Sequence[ProbeResult],
+) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """Slopes (n, 2) that the normals tell, and whether they are believed; else 0."""
+    normals = np.stack([one.normal for one in touches])
+    sure = normals[:, 2] >= math.cos(STEEPEST)
+    upward = np.where(sure, normals[:, 2], 1.0)
+    return np.where(sure[:, None], -normals[:, :2] / upward[:, None], 0.0), sure
+
+
+def is_plane(
+    face: EndFace, touches: Sequence[ProbeResult], wall: SideContour, allowed: float
+) -> bool:
+    """Whether all touches lie in a plane, and nothing beside them rises over it.
+
+    Parameters
+    ----------
+    face : Face
+        Fitted to the touches.
+    touches : sequence of Probed
+        Those.
+    wall : Wall
+        The contour nearest to the end.
+    allowed : float
+        Largest distance from the plane, m.
+    """
+    points = np.stack([one.point for one in touches])
+    if float(np.abs(points[:, 2] - face.at(points[:, :2])).max()) > allowed:
+        return False
+    normals = np.stack([one.normal for one in touches])
+    if float((normals @ face.normal).min()) < math.cos(ALIKE):
+        return False
+    return bool((wall.contact_high - face.at(wall.points[:, :2])).max() <= allowed)
+
+
+class FaceEdge(NamedTuple):
+    """Where the edge is expected, and how much of it nobody felt."""
+
+    places: Floats  # (n, 3), m
+    headings: Floats  # Azimuths of the wall's outward normals there, (n,), rad
+    unfelt: Floats  # Height between band and face, (n,), m; 0 where there is no edge
+
+
+def expected_edge(
+    face: EndFace, wall: SideContour, touched: Floats, foot: float, top: float
+) -> FaceEdge:
+    """Where the wall, gone on with as it leans, meets the face.
+
+    Parameters
+    ----------
+    face : Face
+        The face.
+    wall : Wall
+        The contour nearest to it.
+    touched : (k, 3) array
+        Where the face was touched, m: an edge within a `foot` of that has been felt.
+    foot : float
+        How far around a touched point the pad feels, m.
+    top : float
+        Where the object ends, m: a plane through touches of what is none may rise beyond.
+    """
+    level = np.linalg.norm(wall.normals[:, :2], axis=1)
+    steep = wall.normals[:, 2] < STEEP
+    outward = wall.normals[:, :2] / np.where(steep, level, 1.0)[:, None]
+    lean = np.where(steep, wall.normals[:, 2] / np.where(steep, level, 1.0), 0.0)
+    # Along the wall, a height h lies lean * h inwards; the face there is as high as h.
+    rise = np.minimum(face.at(wall.points[:, :2]), top) - wall.points[:, 2]
+    height = rise / np.maximum(1.0 + lean * (outward @ face.slopes), 0.5)
+    places = wall.points[:, :2] - (lean * height)[:, None] * outward
+    edge = np.column_stack([places, np.minimum(face.at(places), top)])
+    away = np.linalg.norm(edge[:, None] - touched, axis=2).min(axis=1)
+    unfelt = np.where(steep & (away > foot), edge[:, 2] - wall.contact_high, 0.0)
+    return FaceEdge(edge, np.arctan2(outward[:, 1], outward[:, 0]), np.maximum(unfelt, 0.0))
+
+
+def next_edge(
+    edge: FaceEdge, made: Sequence[ProbeResult], width: float, allowed: float
+) -> ProbeCommand | float:
+    """The next touch across an edge, or the height that stays unfelt, m.
+
+    Parameters
+    ----------
+    edge : Edge
+        What is known of it.
+    made : sequence of Probed
+        Touches of it.
+    width : float
+        Of the pad, m.
+    allowed : float
+        What touches of one edge may differ by, m.
+    """
+    uncertain = np.flatnonzero(edge.unfelt > UNFELT * width)
+    if not len(uncertain):
+        return float(edge.unfelt.max(initial=0.0))
+    if not made:
+        return _across(edge, int(edge.unfelt.argmax()), width)
+    aimed = np.stack([one.probing.aim for one in made])
+    away = np.linalg.norm(edge.places[uncertain, None] - aimed, axis=2).min(axis=1)
+    enough = float(away.max()) < APART * width or len(made) >= MOST_EDGE
+    if enough or (len(made) >= LEAST_ALIKE and _alike(made, allowed)):
+        return 0.0 if any(one.touched for one in made) else float(edge.unfelt.max())
+    return _across(edge, int(uncertain[away.argmax()]), width)
+
+
+def _across(edge: FaceEdge, number: int, width: float) -> ProbeCommand:
+    axes = pad_rotation(float(edge.headings[number]), TILT)
+    aim = edge.places[number]
+    start = aim - STANDOFF * width * axes[:, 2]
+    return ProbeCommand(pose_of(start, axes), (STANDOFF + BEYOND) * width, "edge", aim)
+
+
+def _alike(made: Sequence[ProbeResult], allowed: float) -> bool:
+    """Whether all touches met the edge as far from where it was expected."""
+    if not all(one.touched for one in made):
+        return False
+    off = [
+        float((one.point - one.probing.aim) @ split_pose(one.probing.pose)[1][:, 2]) for one in made
+    ]
+    return max(off) - min(off) <= allowed
+
+
+class UntouchedDisc(NamedTuple):
+    """The largest disc in which nothing was felt."""
+
+    place: Floats  # Its middle, (2,), m
+    radius: float  # m; 0 or less where everything was felt
+
+
+def inner_outline(wall: SideContour) -> Floats:
+    """Where the band that the contour's touches felt ends on the face, (n, 2), m.
+
+    Beyond a leaning wall by as much as the band climbs along it.
+    """
+    level = np.maximum(np.linalg.norm(wall.normals[:, :2], axis=1), LEAST_LEVEL)
+    climbed = np.maximum(wall.contact_high - wall.points[:, 2], 0.0)
+    inwards = climbed * np.maximum(wall.normals[:, 2], 0.0) / level
+    outline = wall.points[:, :2] - (inwards / level)[:, None] * wall.normals[:, :2]
+    return np.asarray(outline[:: max(len(outline) // OUTLINE, 1)])
+
+
+def interior_point(wall: SideContour) -> Floats:
+    """A place (2,) well inside a contour: its centroid, or where the widest disc fits, m."""
+    outline = wall.points[:, :2]
+    middle = area_centroid(outline)
+    if winding_number(outline, middle[None])[0] != 0:
+        return middle
+    return inscribed_circle(outline).middle
+
+
+def covers(wall: SideContour, places: Floats, beside: float) -> Bools:
+    """Which places (n, 2) lie inside a contour, or beside it by no more than so much, m."""
+    outline = wall.points[:, :2]
+    inside = winding_number(outline, places) != 0
+    return np.asarray(inside | (edge_distance(outline, places) <= beside), np.bool_)
+
+
+def largest_untouched_disc(outline: Floats, tried: Floats, width: float) -> UntouchedDisc:
+    """The largest disc inside an outline that no touch has reached.
+
+    Parameters
+    ----------
+    outline : (n, 2) array
+        Inside which something is unknown, m.
+    tried : (k, 2) array
+        Where the touches were, at least one.
+    width : float
+        Of the pad, m.
+    """
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    step = max(width / CELLS, float((high - low).max()) / MOST_CELLS)
+    axes = [np.arange(lo, hi + step, step) for lo, hi in zip(low, high, strict=True)]
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    places = places[winding_number(outline, places) != 0]
+    if not len(places):
+        return UntouchedDisc(tried[-1], 0.0)
+    away = np.linalg.norm(places[:, None] - tried, axis=2).min(axis=1) - FOOT * width
+    clear = np.minimum(edge_distance(outline, places), away)
+    widest = int(clear.argmax())
+    return UntouchedDisc(places[widest], float(clear[widest]))

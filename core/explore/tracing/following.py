@@ -1,0 +1,344 @@
+"""Following a contour: one more arc ahead, around a corner, over a gap, or met again from outside.
+
+A gap between touched points is probed in its middle, then down the walls of the hollow that the
+pad has bridged, with an edge or a corner of it first, until it is closed or known to stay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.tracing.commands import (
+    DEEP_TOUCH_DEPTH,
+    UPRIGHT,
+    Posture,
+    Procedure,
+    SliceSpec,
+    TouchCommand,
+)
+from palpate.core.explore.tracing.contour_path import (
+    Gap,
+    GapReason,
+    Heading,
+    Path,
+    normal_azimuth,
+    path_of,
+)
+from palpate.core.explore.tracing.search import FirstArc, Target, approach_from, search_arc
+from palpate.core.explore.tracing.slice_arc import SliceArc
+
+AHEAD = 0.25 / 15.0  # A new point must lie this far ahead of the last one; in widths of the pad
+PROGRESS = 0.6 / 15.0  # And the farthest of them this far; in widths of the pad
+PAD_STEP, CONTACT_STEP = 0.69, 1.05  # Longest step, in half widths of the pad and of the contact
+# How far a kept posture may step beyond half of the arc that it felt first, in the distance of
+# points that still join.
+KEPT_STEP = 0.5
+LEAST_BULGE = 0.015  # Of contour and pad together, in 1 / widths of the pad: nothing is flatter
+STEP_STANDOFF = 0.2  # Of a plain touch, in widths of the pad
+SHARP_TURN = 0.2  # Beyond this turn, progress is measured along the new heading, rad
+REACQUIRE_STEP = math.radians(30.0)  # Between the directions that are tried, at most
+ROUNDING = 1e-9  # Of a leap: a direction that is farther by less is not one more
+# Ways of a probe before and past the gap's chord, in widths of the pad; longer gaps are probed from
+# as far away as they are long.
+GAP_STANDOFF, GAP_REACH = 6.0 / 15.0, 8.0 / 15.0
+WITHIN = 0.25 / 15.0  # A point in the gap lies this far from both of its ends, in widths of the pad
+SHORTER = 0.25  # A probe that leaves a gap shorter by less than this many pitches has not helped
+STEEPEST = 1.3  # No pad is turned farther than this against the chord, rad
+CORNER = 7.0 / 15.0  # Shift that leaves one row beyond the slice, at a corner; in widths of the pad
+# Ways before and past the place, besides the gap's length; in widths of the pad.
+WALL_STANDOFF, WALL_REACH = 9.0 / 15.0, 8.0 / 15.0
+
+
+class Stride(NamedTuple):
+    """A found continuation of the path."""
+
+    new: Path  # Points ahead of the path's end
+    heading: float  # Azimuth of the outward normal with which they were touched, rad
+    posture: Posture  # How the pad was held
+    gaps: tuple[Gap, ...] = ()  # Stretches from the path's end on that could not be felt
+    # True if the contour could not be followed but was met again from outside.
+    reacquired: bool = False
+
+
+class Attempt(NamedTuple):
+    """One way to go on from the path's end; lengths in widths of the pad."""
+
+    way: float  # Distance ahead
+    turn: float  # Turn of the heading, rad
+    standoff: float  # Distance from which the pad starts
+
+
+def follow(
+    cut: SliceSpec, path: Path, course: Heading, posture: Posture
+) -> Procedure[Stride | None]:
+    """One more arc of the contour, or None if there is no way on.
+
+    The plain step comes first. If it feels nothing ahead, the corner is marched around; if it
+    feels an arc beyond a gap, other headings are tried, and last of all the gap is probed.
+    """
+    plain = _plain_step(cut, course, posture)
+    attempts = deque([plain])
+    beyond: Stride | None = None
+    while attempts:
+        attempt = attempts.popleft()
+        felt, posture = yield from search_arc(cut, posture, _target(cut, path, course, attempt))
+        new = None if felt is None else _new_points(cut, path, course, felt, attempt)
+        if attempt is plain:
+            attempts.extend(_after_plain(new, posture))
+        if new is None:
+            continue
+        stride = Stride(new, course.heading + attempt.turn, posture)
+        if beyond is None or _gap(path, stride) < _gap(path, beyond):
+            beyond = stride
+        if _gap(path, stride) <= cut.joined or attempt.standoff > STEP_STANDOFF:
+            break
+    return None if beyond is None else (yield from with_gaps_probed(cut, path, beyond))
+
+
+def _plain_step(cut: SliceSpec, course: Heading, posture: Posture) -> Attempt:
+    """As far ahead as the new arc still joins the old one."""
+    bulge = max(course.curvature + cut.pad.dome, LEAST_BULGE / cut.width)
+    contact = math.sqrt(2.0 * posture.depth / bulge)
+    way = min(
+        PAD_STEP * 0.5 * cut.width,
+        CONTACT_STEP * contact,
+        posture.contact + KEPT_STEP * cut.joined,
+    )
+    return Attempt(way / cut.width, course.curvature * way, STEP_STANDOFF)
+
+
+def _target(cut: SliceSpec, path: Path, course: Heading, attempt: Attempt) -> Target:
+    outward = np.array([course.tangent[1], -course.tangent[0]])
+    bend = course.curvature if attempt.standoff == STEP_STANDOFF else 0.0
+    way = attempt.way * cut.width
+    place = path.points[-1, :2] + way * course.tangent - 0.5 * bend * way**2 * outward
+    standoff = attempt.standoff * cut.width
+    return Target(place, course.heading + attempt.turn, standoff, standoff)
+
+
+def _new_points(
+    cut: SliceSpec, path: Path, course: Heading, felt: SliceArc, attempt: Attempt
+) -> Path | None:
+    """The part of a felt arc that lies ahead of the path's end, if there is enough of it."""
+    forward = course.tangent
+    if abs(attempt.turn) > SHARP_TURN:
+        towards = course.heading + attempt.turn
+        forward = np.array([-math.sin(towards), math.cos(towards)])
+    ahead = (felt.points[:, :2] - path.points[-1, :2]) @ forward
+    new = ahead > AHEAD * cut.width
+    if not new.any() or ahead.max() <= PROGRESS * cut.width:
+        return None
+    return path_of(felt).part(new)
+
+
+def _after_plain(new: Path | None, posture: Posture) -> tuple[Attempt, ...]:
+    """What is tried after the plain step; a kept posture is not turned into a hollow."""
+    if new is None:
+        return AROUND_A_CORNER
+    return () if posture.frozen else OVER_A_GAP
+
+
+def _gap(path: Path, stride: Stride) -> float:
+    return float(np.linalg.norm(stride.new.points[0] - path.points[-1]))
+
+
+def reacquire(
+    cut: SliceSpec, path: Path, centre: Floats, radius: float
+) -> Procedure[Stride | None]:
+    """The contour met again beyond a stretch that cannot be followed, or None.
+
+    Approaches come from ever farther round, the last from where the contour began; then the
+    stretch between is probed like any gap.
+
+    Parameters
+    ----------
+    cut : Cut
+        The slice and the pad.
+    path : Path
+        What has been traced.
+    centre : (2,) array
+        Where the object's axis is expected, m.
+    radius : float
+        Distance from which the pad approaches, m.
+    """
+    first, last = path.points[0, :2] - centre, path.points[-1, :2] - centre
+    from_ = math.atan2(last[1], last[0])
+    left = (math.atan2(first[1], first[0]) - from_) % (2.0 * math.pi)
+    leaps = max(math.ceil(left / REACQUIRE_STEP - ROUNDING), 1)
+    for number in range(1, leaps + 1):
+        azimuth = from_ + left * number / leaps
+        found = yield from approach_from(cut, centre, radius, azimuth)
+        if isinstance(found, FirstArc):
+            stride = Stride(path_of(found.felt), found.heading, found.posture)
+            return (yield from with_gaps_probed(cut, path, stride))
+    return None
+
+
+def with_gaps_probed(cut: SliceSpec, path: Path, stride: Stride) -> Procedure[Stride]:
+    """A stride of which every gap has been probed."""
+    chain, gaps = yield from probe_gaps(
+        cut, path.part(slice(-1, None)).joined(stride.new), stride.posture
+    )
+    return stride._replace(new=chain.part(slice(1, None)), gaps=gaps)
+
+
+def probe_gaps(
+    cut: SliceSpec, chain: Path, posture: Posture
+) -> Procedure[tuple[Path, tuple[Gap, ...]]]:
+    """Probe every gap between neighbouring points of a chain.
+
+    Parameters
+    ----------
+    cut : Cut
+        The slice and the pad.
+    chain : Path
+        Points in the order of travel, its gaps not yet probed.
+    posture : Stance
+        How the pad was held at the chain's end.
+
+    Returns
+    -------
+    The chain with what was felt between its points, and the gaps that remain.
+    """
+    gaps: list[Gap] = []
+    last = len(chain.points) - 1
+    while last > 0:  # from the end, so that what is put in moves no gap that is still to come
+        ends = chain.part(slice(last - 1, last + 1))
+        start, end = ends.points
+        if np.linalg.norm(end - start) <= cut.joined:
+            last -= 1
+            continue
+        between, why = yield from _probe(cut, ends, posture)
+        if between is None:
+            gaps.append(Gap(start, end, why))
+            last -= 1
+            continue
+        before, after = chain.part(slice(None, last)), chain.part(slice(last, None))
+        chain = before.joined(between).joined(after)
+        last += len(between.points)
+    return chain, tuple(reversed(gaps))
+
+
+def _probe(
+    cut: SliceSpec, ends: Path, posture: Posture
+) -> Procedure[tuple[Path | None, GapReason]]:
+    """What is felt between two points: by a plain touch, a deep one, by the pad's edges."""
+    start, end = ends.points
+    deep = UPRIGHT._replace(tilt=posture.tilt, shift=posture.shift, depth=DEEP_TOUCH_DEPTH)
+    chord = end[:2] - start[:2]
+    length = float(np.linalg.norm(chord))
+    target = Target(
+        start[:2] + 0.5 * chord,
+        normal_azimuth(chord),
+        max(GAP_STANDOFF * cut.width, length),
+        max(GAP_REACH * cut.width, length),
+    )
+    felt, _ = yield from search_arc(cut, posture, target)
+    between = _between(cut, start, end, felt)
+    if felt is None or between is not None:
+        return between, "missed"
+    for aim in (target.aim(deep), *probe_walls(cut, ends.points, ends.normals)):
+        felt = yield aim
+        between = _between(cut, start, end, felt)
+        if between is not None:
+            break
+    return between, "bridged"
+
+
+def _between(cut: SliceSpec, start: Floats, end: Floats, felt: SliceArc | None) -> Path | None:
+    """The part of an arc that lies in a gap, if it shortens the gap."""
+    if felt is None or not len(felt.points):
+        return None
+    chord = end[:2] - start[:2]
+    length = float(np.linalg.norm(chord))
+    along = (felt.points[:, :2] - start[:2]) @ chord / length
+    inside = (along > WITHIN * cut.width) & (along < length - WITHIN * cut.width)
+    if not inside.any():
+        return None
+    arc = path_of(felt).part(inside)
+    ways = np.diff(np.concatenate([start[None], arc.points, end[None]]), axis=0)
+    longest = float(np.linalg.norm(ways, axis=1).max())
+    whole = float(np.linalg.norm(end - start))
+    return arc if longest < whole - SHORTER * cut.pad.pitch else None
+
+
+def probe_walls(cut: SliceSpec, ends: Floats, normals: Floats) -> list[TouchCommand]:
+    """Touches that follow the walls of a gap inwards from its ends, the likeliest first.
+
+    Parameters
+    ----------
+    cut : Cut
+        The slice and the pad.
+    ends : (2, 3) array
+        Last felt point before the gap and first one after it, m.
+    normals : (2, 3) array
+        Outward normals there.
+    """
+    return [
+        _along_wall(cut, ends, normals[number], number, way)
+        for way in WALL_POSTURES
+        for number in (0, 1)
+    ]
+
+
+def _along_wall(
+    cut: SliceSpec, ends: Floats, normal: Floats, number: int, way: WallPosture
+) -> TouchCommand:
+    """One touch: the pad's edge beyond one end, its body outside the hollow."""
+    chord = ends[1, :2] - ends[0, :2]
+    length, across = float(np.linalg.norm(chord)), normal_azimuth(chord)
+    wall = math.remainder(math.atan2(normal[1], normal[0]) - across, 2.0 * math.pi)
+    inwards = 1.0 if number == 0 else -1.0
+    heading = across + max(-STEEPEST, min(STEEPEST, way.along * wall))
+    beyond = inwards * min(way.advance * cut.width, 0.5 * length)
+    place = ends[number, :2] + beyond * _travel(across + wall)
+    place = place - inwards * 0.5 * cut.width * _travel(heading)
+    shift = CORNER * cut.width * float(np.sign(way.tilt))
+    return TouchCommand(
+        place,
+        heading,
+        WALL_STANDOFF * cut.width + length,
+        max(WALL_REACH * cut.width, length),
+        Posture(way.tilt, shift, DEEP_TOUCH_DEPTH),
+    )
+
+
+def _travel(heading: float) -> Floats:
+    """Direction of travel (2,) along a wall whose outward normal has an azimuth."""
+    return np.array([-math.sin(heading), math.cos(heading)])
+
+
+class WallPosture(NamedTuple):
+    """One way to hold the pad against a wall."""
+
+    # Share of the wall's turn against the chord that the pad is turned: a pad quite along the wall
+    # meets the other rim first.
+    along: float
+    # How far beyond the last felt point the edge is set, along the wall; in widths of the pad.
+    advance: float
+    tilt: float  # Of the pad: 0 for an edge, else its upper or its lower corner comes first, rad
+
+
+# Convex turns on the spot, concave ones, then hops ahead from farther away.
+AROUND_A_CORNER = tuple(
+    [Attempt(0.0, math.radians(turn), STEP_STANDOFF) for turn in (50, 25, 75, 100, -25, -50)]
+    + [Attempt(4 / 15, 0.0, 8 / 15), Attempt(8 / 15, 0.0, 10 / 15)]
+    + [Attempt(8 / 15, math.radians(30), 10 / 15), Attempt(12 / 15, 0.0, 12 / 15)]
+)
+# One turn on the spot, into the hollow that the pad may have bridged; more turns find less than
+# they cost, for the gap's middle is probed in any case.
+OVER_A_GAP = (Attempt(0.0, math.radians(-25), STEP_STANDOFF),)
+# The likeliest first; each is tried at both ends. Chosen on slots, wedges and dents.
+WALL_POSTURES = (
+    WallPosture(0.9, 0.22, 0.0),
+    WallPosture(0.9, 0.22, 0.7),
+    WallPosture(0.9, 0.22, -0.7),
+    WallPosture(0.7, 0.1, 0.0),
+    WallPosture(0.5, 0.35, 0.5),
+    WallPosture(0.5, 0.35, -0.5),
+)

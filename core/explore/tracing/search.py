@@ -1,0 +1,269 @@
+"""Finding the slice: the first arc of a contour, and an arc near a place.
+
+A pad that meets an object does not always meet it at the slice: on a pole it slides off to the
+side, below a shoulder the shoulder holds it away, across a groove it is bridged. So it tilts to
+the surface, walks along it, and tries other postures.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.tracing.commands import (
+    DEEP_TOUCH_DEPTH,
+    MOST_TILT,
+    UPRIGHT,
+    Posture,
+    Procedure,
+    SliceSpec,
+    TouchCommand,
+)
+from palpate.core.explore.tracing.slice_arc import SliceArc
+
+# Directions from which the object is approached, rad: until one succeeds.
+AZIMUTHS = tuple(np.radians([0, 90, 180, -90, 45, 135, -45, -135]).tolist())
+MOST_REPEATS = 5  # Touches from one direction while the pad still stands askew
+ASKEW = 0.12  # Angle to the surface above which the first arc is felt again, rad
+# Ways of a repeated touch before and past the place, in widths of the pad.
+STANDOFF, REACH = 12.0 / 15.0, 14.0 / 15.0
+PAST = 0.2  # A touch from above goes this far past the slice, in widths of the pad
+# Why there is no first arc: nothing was touched; only what keeps the pad off the slice was; or the
+# object ends below the slice.
+NoArc = Literal["no_contact", "occluded", "pole"]
+LEAST_ARC = 2  # Points that make an arc
+LEAST_SEARCHED_ARC = 3  # Points for which a searched posture is kept
+FEED_FORWARD = 0.7  # Share of the felt slope by which the next touch is tilted
+LEVEL = 0.03  # Slope below which the tilt is left alone
+MOST_STEPS = 6  # Touches of a walk
+GIVE_UP = 0.85  # A walk ends when a step leaves more than this share of the way to the slice
+BRIDGED = 3  # More touched taxels than this above and below the slice, and none at it: a bridge
+# Shift that brings the slice to just inside the pad's edge; in widths of the pad.
+SHIFT = 6.8 / 15.0
+LEANS = (-0.45, -0.9, 0.45)  # Tilts tried together with a shift, rad
+INCLINED = 0.3  # A surface steeper than this is tried with the pad tilted to it and shifted, rad
+MOST_FAILED_SEARCHES = 2  # After these, leaning postures are no longer tried on this contour
+FROZEN_STANDOFF, FROZEN_REACH = 6.0 / 15.0, 8.0 / 15.0
+WALK_STANDOFF = 10.0 / 15.0
+SEARCH_STANDOFF, SEARCH_REACH = 8.0 / 15.0, 14.0 / 15.0
+FIRST_STANDOFF, FIRST_REACH = 14.0 / 15.0, 2.0
+MOST_WALK = 25.0 / 15.0  # Ways before and past the expected place, in widths of the pad
+STEEPEST_WALK = 1.3
+
+
+class FirstArc(NamedTuple):
+    """Where a contour begins."""
+
+    felt: SliceArc  # The first arc
+    heading: float  # Azimuth of the outward normal there, rad
+    posture: Posture  # How the pad was held
+
+
+def search_first_arc(cut: SliceSpec, centre: Floats, radius: float) -> Procedure[FirstArc | NoArc]:
+    """Approach the slice from one direction after the other until an arc is felt.
+
+    Parameters
+    ----------
+    cut : Cut
+        The slice and the pad.
+    centre : (2,) array
+        Where the object's axis is expected, m.
+    radius : float
+        Distance from which the pad approaches, m.
+
+    Notes
+    -----
+    A pad that meets the object below the slice is held off, or the object ends there. One touch
+    from above tells them apart.
+    """
+    held_off = 0
+    for azimuth in AZIMUTHS:
+        found = yield from approach_from(cut, centre, radius, azimuth, held_off)
+        if isinstance(found, FirstArc):
+            return found
+        if found is None:
+            continue
+        if not held_off and found.below > found.above:
+            ends = yield from _ends_below(cut, centre, radius)
+            if ends:
+                return "pole"
+        held_off += 1
+    return "occluded" if held_off else "no_contact"
+
+
+def _ends_below(cut: SliceSpec, centre: Floats, radius: float) -> Procedure[bool]:
+    """Whether a touch from above finds the object's top below the slice, or nothing."""
+    from_above = UPRIGHT._replace(tilt=0.5 * math.pi)
+    felt = yield TouchCommand(centre, 0.0, radius, PAST * cut.width, from_above)
+    return felt is None or felt.above == 0
+
+
+def approach_from(
+    cut: SliceSpec, centre: Floats, radius: float, azimuth: float, held_off: int = 0
+) -> Procedure[FirstArc | SliceArc | None]:
+    """Come from outside: the arc there, or else what was felt first, or None for a miss.
+
+    The more often the pad has been held off, the fewer postures are tried.
+    """
+    place = centre + radius * np.array([math.cos(azimuth), math.sin(azimuth)])
+    felt = yield TouchCommand(place, azimuth, 0.0, radius, UPRIGHT)
+    if felt is None:
+        return None
+    found, posture = yield from _refine(cut, felt, azimuth, held_off)
+    return felt if found is None else FirstArc(found, azimuth, posture)
+
+
+def _refine(
+    cut: SliceSpec, felt: SliceArc, heading: float, held_off: int
+) -> Procedure[tuple[SliceArc | None, Posture]]:
+    """Touch again until the pad lies against the surface."""
+    posture, best = UPRIGHT._replace(failed_searches=held_off), None
+    for repeat in range(MOST_REPEATS):
+        askew = math.atan(felt.slope)
+        if has_arc(felt):
+            best = felt
+            if posture.frozen or abs(askew) < ASKEW:
+                break
+            if repeat == 0:  # from then on the search follows the slope itself
+                posture = posture._replace(tilt=max(-MOST_TILT, min(MOST_TILT, -askew)))
+        place = felt.points[len(felt.points) // 2] if len(felt.points) else felt.pad
+        target = Target(place[:2], heading, STANDOFF * cut.width, REACH * cut.width)
+        again, posture = yield from search_arc(cut, posture, target, first=True)
+        if again is None or not has_arc(again):
+            break
+        felt = again
+    else:
+        best = felt
+    return best, posture
+
+
+class Target(NamedTuple):
+    """Where an arc is looked for."""
+
+    place: Floats  # Where the contour is expected, (2,), m
+    heading: float  # Azimuth of the expected outward normal, rad
+    standoff: float  # Way before the place, m
+    reach: float  # Way past it, m
+
+    def at_least(self, standoff: float, reach: float) -> Target:
+        """The same with longer ways."""
+        return self._replace(standoff=max(self.standoff, standoff), reach=max(self.reach, reach))
+
+    def aim(self, posture: Posture) -> TouchCommand:
+        """A touch there."""
+        return TouchCommand(*self, posture)
+
+
+def search_arc(
+    cut: SliceSpec, posture: Posture, target: Target, first: bool = False
+) -> Procedure[tuple[SliceArc | None, Posture]]:
+    """Touch near a place until an arc of the slice is felt.
+
+    Parameters
+    ----------
+    cut : Cut
+        The slice and the pad.
+    posture : Stance
+        How the pad was held at the last arc.
+    target : Target
+        Where to look.
+    first : bool
+        True at the start of a contour, where places are least certain.
+
+    Returns
+    -------
+    The touch that felt an arc, or else the last that felt anything, and the posture for the next
+    touch.
+    """
+    if posture.frozen:
+        wider = target.at_least(FROZEN_STANDOFF * cut.width, FROZEN_REACH * cut.width)
+        felt = yield wider.aim(posture)
+        if felt is None or has_arc(felt):
+            return felt, posture
+    felt, held = yield from _walk(cut, posture, target)
+    if felt is None or has_arc(felt):
+        return felt, held
+    return (yield from _search(cut, posture, held.tilt, felt, target, first))
+
+
+def _walk(
+    cut: SliceSpec, posture: Posture, target: Target
+) -> Procedure[tuple[SliceArc | None, Posture]]:
+    """Tilt to the surface and step along it towards the slice."""
+    outward = np.array([math.cos(target.heading), math.sin(target.heading)])
+    best: SliceArc | None = None
+    held = UPRIGHT._replace(
+        tilt=0.0 if posture.frozen else posture.tilt, failed_searches=posture.failed_searches
+    )
+    left = math.inf
+    for _ in range(MOST_STEPS):
+        felt = yield target.aim(held)
+        if felt is None:
+            break
+        best = felt
+        if has_arc(felt):
+            return felt, next_posture(held, felt)
+        wanted = _bounded(held.tilt - math.atan(felt.slope))
+        rise = cut.height - float(felt.nearest[2])
+        upright = abs(wanted) < 0.12 and abs(wanted - held.tilt) < 0.08
+        bridged = min(felt.above, felt.below) > BRIDGED
+        if bridged or abs(rise) > GIVE_UP * left or upright:
+            break
+        left, most = abs(rise), MOST_WALK * cut.width
+        inwards = rise * math.tan(max(-STEEPEST_WALK, min(STEEPEST_WALK, wanted)))
+        target = target.at_least(WALK_STANDOFF * cut.width, WALK_STANDOFF * cut.width)._replace(
+            place=felt.nearest[:2] - outward * max(-most, min(most, inwards))
+        )
+        held = held._replace(tilt=wanted)
+    return best, held
+
+
+def has_arc(felt: SliceArc) -> bool:
+    """Whether a touch has felt enough of the slice."""
+    return len(felt.points) >= LEAST_ARC
+
+
+def next_posture(posture: Posture, felt: SliceArc) -> Posture:
+    """The posture for the next touch, tilted after the slope just felt."""
+    if posture.frozen or abs(felt.slope) <= LEVEL:
+        return posture
+    tilt = _bounded(posture.tilt - FEED_FORWARD * math.atan(felt.slope))
+    return posture._replace(tilt=tilt)
+
+
+def _bounded(tilt: float) -> float:
+    return max(-MOST_TILT, min(MOST_TILT, tilt))
+
+
+def _search(
+    cut: SliceSpec, posture: Posture, tilt: float, felt: SliceArc, target: Target, first: bool
+) -> Procedure[tuple[SliceArc | None, Posture]]:
+    """Try a list of postures; the first that feels an arc is kept for the whole contour."""
+    away = -1.0 if felt.below >= felt.above else 1.0
+    standoff, reach = FIRST_STANDOFF, FIRST_REACH
+    if not first:
+        standoff, reach = SEARCH_STANDOFF, SEARCH_REACH
+    wider = target._replace(standoff=standoff * cut.width, reach=reach * cut.width)
+    for tried, shift in _postures(tilt, away, posture.failed_searches):
+        held = Posture(tried, shift * cut.width, DEEP_TOUCH_DEPTH, frozen=True)
+        found = yield wider.aim(held)
+        if found is not None and len(found.points) >= LEAST_SEARCHED_ARC:
+            half = 0.5 * float(np.linalg.norm(found.points[-1] - found.points[0]))
+            return found, held._replace(contact=half)
+    return felt, posture._replace(failed_searches=posture.failed_searches + 1)
+
+
+def _postures(tilt: float, away: float, failed_searches: int) -> list[tuple[float, float]]:
+    """Tilt, and shift in widths of the pad, of each posture to try, the likeliest first."""
+    shifts = (SHIFT * away, -SHIFT * away)
+    inclined = [(tilt, shift) for shift in shifts] if abs(tilt) > INCLINED else []
+    plain = [(tilt, 0.0), *inclined, *((0.0, shift) for shift in shifts)]
+    if failed_searches > MOST_FAILED_SEARCHES:
+        return plain
+    leaning = [(lean * away, SHIFT * away) for lean in LEANS[:2]]
+    leaning += [(-LEANS[0] * away, -SHIFT * away), (LEANS[2] * away, SHIFT * away)]
+    leaning += [(-LEANS[1] * away, SHIFT * away), (LEANS[0] * away, -SHIFT * away)]
+    return plain + leaning

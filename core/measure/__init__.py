@@ -1,1 +1,0 @@
-"""What a reconstruction is worth and what it cost: distances, solidity, robot time."""

@@ -1,1 +1,0 @@
-"""Figures in the plane: what contours enclose, and what fits into them."""

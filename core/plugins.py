@@ -1,0 +1,113 @@
+"""Plug-ins: a class by its name, and the declared ranges of its parameters.
+
+Effects and planners that come with palpate go by their own names, a user's as ``module:Class``.
+Each declares the range and unit of its numbers beside its fields; they are checked in one place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import is_dataclass
+from functools import cache
+from importlib import import_module
+from numbers import Integral, Real
+from types import NoneType
+from typing import Any, NamedTuple, get_args, get_type_hints
+
+
+def class_by_name(
+    name: str, *, what: str, names: Sequence[str], package: str, attribute: str
+) -> object:
+    """What stands under a name; whether it is of any use is for the caller to see.
+
+    Parameters
+    ----------
+    name : str
+        One of `names`, or ``module:Class``.
+    what : str
+        The kind of thing, for complaints: "effect".
+    names : sequence of str
+        Modules of `package`, each with one such thing.
+    package, attribute : str
+        Where those are, and what they call it.
+
+    Raises
+    ------
+    LookupError
+        If there is none of this name.
+    ValueError
+        If the module cannot be imported.
+    """
+    module, colon, wanted = name.partition(":")
+    if name in names:
+        module, wanted = f"{package}.{name}", attribute
+    elif not colon:
+        raise LookupError(f"there is no {what} {name!r}; there are {', '.join(names)}")
+    if module.startswith("."):
+        raise ValueError(f"the {what} {name!r} must name its module in full, without a leading dot")
+    try:
+        found: object = getattr(import_module(module), wanted, None)
+        get_type_hints(found) if is_dataclass(found) else None
+    except (Exception, SystemExit) as error:  # a user's module may do anything when imported
+        kind = type(error).__name__
+        raise ValueError(f"the {what} {name!r} cannot be imported: {kind}: {error}") from None
+    return found
+
+
+class Range(NamedTuple):
+    """What a number may be, in which unit; both ends belong to it. ``"1"`` is no unit."""
+
+    low: float  # Smallest value
+    high: float  # Largest value
+    unit: str  # Its unit
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.low:g} to {self.high:g}{unit}"
+
+
+def ranges_of(described: type) -> Mapping[str, Range]:
+    """The ranges that a dataclass declares: ``sigma: Annotated[float, Range(0, 1, "m")]``."""
+    return _ranges_of(described)
+
+
+def check_ranges(value: Any) -> None:
+    """Refuse a dataclass with a number outside its range; call it in ``__post_init__``.
+
+    Raises
+    ------
+    ValueError
+        With the field, its value, the range and the unit; also if it is no number, or should be a
+        whole one.
+    """
+    described: type = type(value)
+    for name, allowed in _ranges_of(described).items():
+        number, members = getattr(value, name), _members_of(described)[name]
+        if number is None and NoneType in members:  # an optional number that was left out
+            continue
+        whole = float not in members
+        of_kind = isinstance(number, Real) and not isinstance(number, bool)
+        if of_kind and not (math.isfinite(number) and allowed.low <= number <= allowed.high):
+            unit = "" if allowed.unit == "1" else f" {allowed.unit}"
+            raise ValueError(f"{name} is {number:g}{unit}; expected {allowed}")
+        if not of_kind or (whole and not isinstance(number, Integral)):
+            what = "a whole number" if whole else "a number"
+            raise ValueError(f"{name} is {number!r}; expected {what}, {allowed}")
+
+
+@cache
+def _ranges_of(described: type) -> Mapping[str, Range]:
+    found = {}
+    for name, kind in get_type_hints(described, include_extras=True).items():
+        for note in getattr(kind, "__metadata__", ()):
+            if isinstance(note, Range):
+                found[name] = note
+    return found
+
+
+@cache
+def _members_of(described: type) -> Mapping[str, tuple[type, ...]]:
+    """What each field may be by its annotation: ``int | None`` may be two things."""
+    hints = get_type_hints(described)
+    return {name: get_args(kind) or (kind,) for name, kind in hints.items()}

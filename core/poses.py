@@ -1,0 +1,207 @@
+"""Poses, rotation matrices, quaternions, rotation vectors, and the principal axes of points.
+
+A pose is seven numbers: position x, y, z in m, then a unit quaternion x, y, z, w. Rotation
+matrices hold the axes of the moved frame as columns. A rotation vector is axis times angle,
+for poses that are adjusted by least squares.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+
+IDENTITY_POSE: Floats = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+FACING_DOWN: Floats = np.diag([1.0, -1.0, -1.0])  # Rotation of a pad that looks straight down
+# A quaternion may be this far from unit length: it is normalised; farther is an error.
+UNIT_TOLERANCE = 1e-6
+SERIES_BELOW = 0.1  # Angle, rad, below which the Jacobian's last coefficient comes from its series
+
+
+def rotation_matrix(quaternion: Floats) -> Floats:
+    """Rotation matrix (3, 3) of a quaternion x, y, z, w.
+
+    Raises
+    ------
+    ValueError
+        If the quaternion is not of unit length within 1e-6.
+    """
+    length = math.sqrt(float(quaternion @ quaternion))
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:
+        raise ValueError(f"a rotation must be a quaternion of length 1, got length {length:g}")
+    x, y, z, w = (float(q) / length for q in quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def pose_of(position: Floats, matrix: Floats) -> Floats:
+    """Pose (7,) from a position (3,) and a rotation matrix (3, 3)."""
+    return np.concatenate([position, quaternion_from_matrix(matrix)])
+
+
+def quaternion_from_matrix(matrix: Floats) -> Floats:
+    """Quaternion x, y, z, w of a rotation matrix (3, 3), by its largest component.
+
+    Shepperd, *Quaternion from rotation matrix*, 1978: never divides by a small number.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    squares = [1 + a - e - i, 1 - a + e - i, 1 - a - e + i, 1 + a + e + i]
+    columns = [
+        [squares[0], b + d, c + g, h - f],
+        [b + d, squares[1], f + h, c - g],
+        [c + g, f + h, squares[2], d - b],
+        [h - f, c - g, d - b, squares[3]],
+    ]
+    best = np.array(columns[int(np.argmax(squares))])
+    result: Floats = best / math.sqrt(float(best @ best))
+    return result
+
+
+def split_pose(pose: Floats) -> tuple[Floats, Floats]:
+    """Position (3,) and rotation matrix (3, 3) of a pose (7,)."""
+    return pose[:3], rotation_matrix(pose[3:])
+
+
+def compose_poses(outer: Floats, inner: Floats) -> Floats:
+    """Pose of `inner`, given in the frame `outer`, in the frame in which `outer` is given."""
+    position, matrix = split_pose(outer)
+    inner_position, inner_matrix = split_pose(inner)
+    return pose_of(position + matrix @ inner_position, matrix @ inner_matrix)
+
+
+def inverse_pose(pose: Floats) -> Floats:
+    """Pose of the outer frame, seen from the frame that `pose` describes."""
+    position, matrix = split_pose(pose)
+    return pose_of(-matrix.T @ position, matrix.T)
+
+
+def transform_points(pose: Floats, points: Floats) -> Floats:
+    """Points (n, 3) given in the frame `pose`, in the outer frame."""
+    position, matrix = split_pose(pose)
+    result: Floats = points @ matrix.T + position
+    return result
+
+
+def pad_rotation(heading: float, tilt: float) -> Floats:
+    """Rotation of a pad that faces a surface with this outward normal.
+
+    Parameters
+    ----------
+    heading : float
+        Azimuth of the outward normal, rad.
+    tilt : float
+        Elevation of the outward normal, rad.
+
+    Returns
+    -------
+    (3, 3) array
+        Pad axes as columns: x along the contour, counter-clockwise; z into the object; y
+        completes them and points downwards where `tilt` is 0.
+    """
+    along = np.array([-math.sin(heading), math.cos(heading), 0.0])
+    into = -np.array(
+        [
+            math.cos(tilt) * math.cos(heading),
+            math.cos(tilt) * math.sin(heading),
+            math.sin(tilt),
+        ]
+    )
+    across = np.array(
+        [
+            -into[2] * along[1],
+            into[2] * along[0],
+            into[0] * along[1] - into[1] * along[0],
+        ]
+    )
+    return np.column_stack([along, across, into])
+
+
+def rotation_angle(first: Floats, second: Floats) -> float:
+    """Angle between two rotation matrices, rad; by atan2, so that small angles survive."""
+    relative = first.T @ second
+    axis = np.array(
+        [
+            relative[2, 1] - relative[1, 2],
+            relative[0, 2] - relative[2, 0],
+            relative[1, 0] - relative[0, 1],
+        ]
+    )
+    return math.atan2(math.sqrt(float(axis @ axis)), float(np.trace(relative)) - 1.0)
+
+
+def rotations_from_vectors(vectors: Floats) -> Floats:
+    """Rotation matrices (b, 3, 3) of rotation vectors (b, 3), in rad.
+
+    Notes
+    -----
+    Rodrigues's formula by sinc, so that no turn at all is nothing special.
+    """
+    cross = _cross_matrices(vectors)
+    angle = np.sqrt(np.einsum("bi,bi->b", vectors, vectors))[:, None, None]
+    half = np.sinc(angle / (2.0 * np.pi))
+    result: Floats = np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * cross @ cross
+    return result
+
+
+def right_jacobians(vectors: Floats) -> Floats:
+    """How small changes of rotation vectors turn the body, (b, 3, 3).
+
+    With R the rotation of v and J this matrix, that of v + dv is R times that of J dv, to first
+    order.
+    """
+    cross = _cross_matrices(vectors)
+    square = np.einsum("bi,bi->b", vectors, vectors)[:, None, None]
+    angle = np.sqrt(square)
+    half = np.sinc(angle / (2.0 * np.pi))
+    small = angle < SERIES_BELOW
+    safe = np.where(small, 1.0, square)
+    series = 1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0 - square / 362880.0))
+    lag = np.where(small, series, (1.0 - np.sinc(angle / np.pi)) / safe)
+    result: Floats = np.eye(3) - 0.5 * half**2 * cross + lag * cross @ cross
+    return result
+
+
+def _cross_matrices(vectors: Floats) -> Floats:
+    """Matrices (b, 3, 3) of the vector products with vectors (b, 3)."""
+    x, y, z = vectors.T
+    none = np.zeros_like(x)
+    rows = [[none, -z, y], [z, none, -x], [-y, x, none]]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def vector_from_rotation(matrix: Floats) -> Floats:
+    """Rotation vector (3,), of angle 0 to pi, of a rotation matrix (3, 3).
+
+    Notes
+    -----
+    By way of the quaternion: an angle near 0 or near pi keeps all its digits. Of the two vectors
+    of a half turn it is the one that `quaternion` happens to give.
+    """
+
+    turn = quaternion_from_matrix(matrix)
+    if turn[3] < 0.0:
+        turn = -turn
+    sine = math.sqrt(float(turn[:3] @ turn[:3]))
+    half = math.atan2(sine, float(turn[3]))
+    result: Floats = turn[:3] * (2.0 * half / sine if sine > 0.0 else 2.0)
+    return result
+
+
+def principal_axes(centred: Floats) -> Floats:
+    """Principal axes (3, 3) of points about the origin, the longest last; a rotation."""
+    axes = np.linalg.eigh(centred.T @ centred)[1]
+    result: Floats = axes if np.linalg.det(axes) > 0.0 else axes * [-1.0, 1.0, 1.0]
+    return result
+
+
+IDENTITY_POSE.setflags(write=False)
+
+
+FACING_DOWN.setflags(write=False)

@@ -1,0 +1,217 @@
+"""Contours of any origin as a stack of closed curves, upwards, one at each height."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.geometry import area_centroids, edge_distance, signed_area, winding_number
+from palpate.core.rebuild.contours.reading import (
+    ContourCurve,
+    DroppedContour,
+    DropReason,
+    contour_curves,
+    drop_reasons,
+)
+from palpate.core.splines import ClosedCurve
+
+SAME_HEIGHT = 1e-3  # Of the mean spacing: contours at heights nearer to each other are one
+NOT_APART = 1e-9  # Of a contour's perimeter: heights nearer to each other differ by rounding
+CERTAIN = 3.0  # Standard errors of a mean height within which two contours may be at the same one
+TILTED = 0.25  # Of the distance to the next slice: a contour that sways farther is not in one plane
+TILTED_ALONE = 0.02  # Of the perimeter, where there is no other slice
+# Arrays with a row for each slice.
+EACH_SLICE = (
+    *("heights", "middles", "perimeter", "fine", "star", "self_intersecting"),
+    *("tilt", "tilted", "rows"),
+)
+ALIKE = 0.02  # Of the perimeter: curves that are apart by less, root mean square, say the same
+EACH = 8  # Every so many places of a fine curve are compared with the other one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Slices:
+    """Closed curves at rising heights: M of them, at least one."""
+
+    heights: Floats  # (M,), rising: the mean z of each contour's points, m
+    middles: Floats  # (M, 2): centroids of their areas, m
+    perimeter: Floats  # (M,), m
+    fine: Floats  # (M, 512, 2): each curve at even steps of its turn, m
+    star: Bools  # (M,): each ray from the middle meets the curve once
+    self_intersecting: Bools  # (M,): the curve meets itself
+    # (M,): root mean square by which z rises and falls around the contour, noise apart, m.
+    tilt: Floats
+    tilted: Bools  # (M,): by more than a quarter of the distance to the next slice
+    loops: tuple[ContourCurve, ...]  # What they are made of
+    rows: Ints  # (M,): which of the given contours each one is
+    dropped: tuple[DroppedContour, ...]  # The given contours that are not among them, and why
+
+    @property
+    def curves(self) -> tuple[ClosedCurve, ...]:
+        """In the plane, counter-clockwise."""
+        return tuple(loop.curve for loop in self.loops)
+
+    @property
+    def points(self) -> tuple[Floats, ...]:
+        """(n, 2) each: what the curves were made from, in their order, m."""
+        return tuple(loop.points for loop in self.loops)
+
+    def without(
+        self,
+        bad: Bools,
+        why: DropReason,
+        off: Floats | None = None,
+        perhaps: Bools | None = None,
+    ) -> Slices:
+        """The slices but those that are bad, (M,), for a reason.
+
+        What they are off by and whether they may be right, (M,) each, are for `DroppedContour`.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many as slices, or none stays.
+        """
+        if bad.shape != self.heights.shape or bad.all():
+            raise ValueError(
+                f"bad must leave at least one of {len(self.heights)} slices, got {bad.tolist()}"
+            )
+        stay = np.flatnonzero(~bad)
+        off = np.zeros(len(bad)) if off is None else off
+        perhaps = np.zeros(len(bad), np.bool_) if perhaps is None else perhaps
+        figures = zip(self.rows, self.heights, off, perhaps, strict=True)
+        left = [
+            DroppedContour(int(which), why, float(height), float(far), bool(may))
+            for (which, height, far, may), out in zip(figures, bad, strict=True)
+            if out
+        ]
+        rows = {name: getattr(self, name)[stay] for name in EACH_SLICE}
+        return replace(
+            self,
+            loops=tuple(self.loops[row] for row in stay),
+            dropped=tuple(sorted([*self.dropped, *left])),
+            **rows,
+        )
+
+
+def slices_of(contours: Sequence[ArrayLike], heights: ArrayLike | None = None) -> Slices:
+    """Put contours in order.
+
+    Parameters
+    ----------
+    contours : sequence of (n, 3) arrays
+        Points around each contour, z the slicing axis, in any one unit (written m here): begun
+        anywhere, in either direction, any number of them, the first again at the end or not.
+        Rows that are not finite are left out. With `heights`, (n, 2).
+    heights : (len(contours),) array, optional
+        z of plane contours, m.
+
+    Returns
+    -------
+    Slices
+        Without contours of fewer than 3 different points, in one place, or on one line. Of
+        contours at one height one stays: the better of two that say the same or that cross,
+        the outer one of nested ones, the larger of two that lie side by side.
+
+    Raises
+    ------
+    ValueError
+        If a shape is another, a height is not finite, or no contour can be used.
+    """
+    return stack_curves(contour_curves(contours, heights))
+
+
+def stack_curves(given: Sequence[ContourCurve | DroppedContour]) -> Slices:
+    """Put loops in order, as `slices_of` does with the contours that they are made of.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    dropped = [one for one in given if isinstance(one, DroppedContour)]
+    loops = [one for one in given if isinstance(one, ContourCurve)]
+    if not loops:
+        found = drop_reasons(dropped) or "none"
+        raise ValueError(f"contours must hold at least one of 3 points around an area, got {found}")
+    # Ties are decided by what the contours are like, for the order in which they came must not.
+    loops, rivals = _one_at_each_height(sorted(loops, key=_rank))
+    return _stack(loops, tuple(sorted([*dropped, *rivals])))
+
+
+def _one_at_each_height(
+    loops: list[ContourCurve],
+) -> tuple[list[ContourCurve], list[DroppedContour]]:
+    """Those of rising loops that stay, no two at one height, and the others."""
+    spacing = (loops[-1].height - loops[0].height) / max(len(loops) - 1, 1)
+    kept, dropped = loops[:1], []
+    for loop in loops[1:]:
+        last = kept[-1]
+        near = CERTAIN * float(np.hypot(last.error, loop.error)) + SAME_HEIGHT * spacing
+        if loop.height - last.height > max(near, NOT_APART * loop.perimeter):
+            kept.append(loop)
+            continue
+        worse, why = duplicate_of_two(last, loop)
+        dropped.append(DroppedContour(worse.which, why, worse.height))
+        if worse is last:
+            kept[-1] = loop
+    return kept, dropped
+
+
+def duplicate_of_two(first: ContourCurve, second: ContourCurve) -> tuple[ContourCurve, DropReason]:
+    """Which one of two loops at one height to drop, and why."""
+    smaller, larger = sorted((first, second), key=lambda loop: abs(signed_area(loop.fine)))
+    worse = min((second, first), key=_worth)
+    off = edge_distance(larger.fine, smaller.fine[::EACH])
+    if float(np.sqrt((off**2).mean())) <= ALIKE * larger.perimeter:
+        return worse, "repeats another at its height"
+    inside = winding_number(larger.fine, smaller.fine) != 0
+    if inside.all():
+        return smaller, "inside another at its height"
+    if inside.any() or (winding_number(smaller.fine, larger.fine) != 0).any():
+        return worse, "crosses another at its height"
+    return smaller, "beside another at its height"
+
+
+def _worth(loop: ContourCurve) -> tuple[bool, bool, int]:
+    """What makes one curve more reliable than another."""
+    flags = loop.curve.flags
+    return not flags.self_intersecting, not flags.uneven, len(loop.points)
+
+
+def _rank(loop: ContourCurve) -> tuple[float, float, int, float]:
+    return loop.height, loop.perimeter, len(loop.points), float(loop.fine[0, 0])
+
+
+def restack(loops: Sequence[ContourCurve], dropped: tuple[DroppedContour, ...]) -> Slices:
+    """The stack of loops at rising heights, and of what was dropped before."""
+    return _stack(list(loops), dropped)
+
+
+def _stack(loops: list[ContourCurve], dropped: tuple[DroppedContour, ...]) -> Slices:
+    fine = np.stack([loop.fine for loop in loops])
+    middles = area_centroids(fine)
+    heights = np.array([loop.height for loop in loops])
+    perimeter = np.array([loop.perimeter for loop in loops])
+    tilt = np.array([loop.tilt for loop in loops])
+    allowed = TILTED_ALONE * perimeter
+    if len(loops) > 1:
+        gaps = np.diff(heights)
+        allowed = TILTED * np.minimum(np.append(gaps, np.inf), np.append(np.inf, gaps))
+    return Slices(
+        heights=heights,
+        middles=middles,
+        perimeter=perimeter,
+        fine=fine,
+        star=np.array([loop.star for loop in loops]),
+        self_intersecting=np.array([loop.curve.flags.self_intersecting for loop in loops]),
+        tilt=tilt,
+        tilted=tilt > allowed,
+        loops=tuple(loops),
+        rows=np.array([loop.which for loop in loops], np.int32),
+        dropped=dropped,
+    )

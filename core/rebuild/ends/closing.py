@@ -1,0 +1,437 @@
+"""How a solid goes on beyond its first and last contours, and what cannot be known of it.
+
+An end of known height belongs to the family that would have told the last contour: that is left
+out, and each family predicts its radius from the others. An end that nobody touched closes where
+the squared radii of the last contours, a quadratic of the height for every quadric, become zero,
+or where a superellipse of unknown height does; contours of a cylinder say nothing of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats, finite_array
+from palpate.core.geometry import area_centroids
+from palpate.core.rebuild.contours import are_nearly_star_shaped
+from palpate.core.rebuild.ends.profiles import (
+    EXPONENTS,
+    ROWS,
+    SHOULDER_CONTOURS,
+    EdgeSamples,
+    Flat,
+    Profile,
+    Trend,
+    conic,
+    flared,
+    flat,
+    rounded,
+    shoulder,
+    superellipse,
+    trend_of,
+)
+
+EndKind = Literal["flat", "conic", "superellipse", "flared", "rounded", "pole", "fan"]
+LEAN_CONTOURS = 3  # Contours whose middles say which way the axis leans
+LEAST_GAP = 1e-6  # Of the contours' range: an end that lies nearer to the last contour lies on it
+FEWEST = 12  # With fewer contours they lie too far apart for a test by the last one
+# Of the largest radius: families that predict within this are equally good; the plainest is taken.
+SLACK = 0.004
+NOISES = 2.0  # The same in standard deviations of a mean radius
+# Contours that are left out for the test, at least and at most: of contours, and of dense ones,
+# where it is those that lie the end's own way before the last.
+LEFT_OUT = (1, 1), (5, 8)
+STANDS = 0.5  # Squared radius, as a share of the last contour's, that is carried on to a flat end
+ProfileKind = Literal["flat", "conic", "superellipse", "flared", "rounded"]
+Family = Callable[[Floats, Floats, float], Profile]
+# The plainest first.
+FAMILIES: dict[ProfileKind, Family] = {
+    "flat": flat,
+    "conic": conic,
+    "superellipse": superellipse,
+}
+# Those for contours so close together that they show how a leaning wall is rounded.
+DENSE: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "flared": flared}
+LEVEL = ("flat", "flared")  # Families that end level, as a wall does that an arc rounds off
+# By how much better either must be than a sharp edge where that tells the last row; else an arc
+# than a superellipse, which looks like one, and how well it must then follow the rows, as a share
+# of the radius.
+BY_FAR, CLEARLY, CLOSELY = 0.2, 0.5, 8e-4
+TOGETHER = 3.5  # Rows err together, by so many standard deviations of a mean radius
+DENSE_SLACK = 5e-4  # As `SLACK`, for those
+POLE_FEWEST = 4  # Contours: three for the quadratic, one to test it
+POLE_MISS = 0.03  # Of the squared radius: most that the fourth contour may be missed by
+POLE_NOISES = 4.0  # The same in standard deviations of its mean radius, as a share of it
+FARTHEST = 2.0  # Spacings of the last contours: most that the pole may lie beyond them
+# Squared radius of the last contour, as a share of the fourth's: a pole is near only if the
+# contours have begun to narrow.
+POLE_NARROWED = 0.75
+NEARLY_REAL = 0.15  # Imaginary over real part of a root that noise has lifted off the axis
+SHOULDER_FEWEST = 12  # Contours: with fewer they lie too far apart to show how an edge is rounded
+# Squared radius of the last contour, as a share of the fourth's: an end is near only if the
+# contours have begun to narrow.
+SHOULDER_NARROWED = 0.75
+# Heights of the end over the last contour that are tried, in spacings of the last two.
+WAYS = np.geomspace(0.02, 1.0, 48)
+SHOULDER_MISS = 0.004  # Of the largest radius: what the contours may be missed by
+SHOULDER_NOISES = 2.0  # The same in standard deviations of a mean radius
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class End:
+    """One end of a solid, in the unit of the contours."""
+
+    # flat: a wall and a level disc; conic, pole: closes in a point as a conic does, at the height
+    # that was touched or at the one that the contours tell; superellipse: a shoulder; flared: a
+    # shoulder on a wall that leans; rounded: a wall, an arc and a level disc; fan: a level disc on
+    # the last contour, for want of knowledge.
+    kind: EndKind
+    rim: float  # Height of the last contour
+    height: float  # Height at which the solid ends; the rim's for a fan
+    # The solid may go on by up to this much, and nobody can know: one spacing of the contours for a
+    # fan, as much as the end lies beyond them for a superellipse that nobody touched, else 0.
+    uncovered: float
+    # Radius over the last contour's, by the share of the way from `rim` to `height`.
+    profile: Profile
+    middle: Floats  # Place of the axis at `height`, (2,)
+    # Whether the last contour is seen whole from its middle; where it is not, an end that is drawn
+    # from the rim to the middle folds over itself.
+    starlike: bool
+    # Whether it is a piece of its own though it closes in a point, for the side would have run
+    # through its own axis on the way there.
+    apart: bool = False
+
+    @property
+    def unseen(self) -> float:
+        """How high it is: no contour has seen it."""
+        return abs(self.height - self.rim)
+
+    @property
+    def round(self) -> bool:
+        """Whether the side itself should run on to a point at `height` and `middle`."""
+        return self.kind in ("conic", "pole") and not self.apart
+
+    def shares(self, heights: Floats) -> Floats:
+        """Radius (n,) at heights between rim and end, as a share of the last contour's."""
+        gap = self.height - self.rim
+        way = (np.asarray(heights) - self.rim) / gap if gap else np.zeros_like(heights)
+        return self.profile.shares(np.clip(way, 0.0, 1.0))
+
+
+def close_ends(
+    heights: Floats,
+    grid: Floats,
+    *,
+    bottom: float | None = None,
+    top: float | None = None,
+    noise: float = 0.0,
+    dense: bool = False,
+    beyond: tuple[EdgeSamples | None, EdgeSamples | None] = (None, None),
+) -> tuple[End, End]:
+    """Both ends of a stack of contours.
+
+    Parameters
+    ----------
+    heights : (m,) array
+        Heights of the contours, ascending.
+    grid : (m, k, 2) array
+        Their points, counter-clockwise.
+    bottom, top : float, optional
+        Heights at which a touch found the ends; left out where nobody touched.
+    noise : float
+        Standard deviation of a point, in the same unit.
+    dense : bool
+        Whether the contours are rows of a surface, as close together as one likes.
+    beyond : pair of Beyond or None
+        What was felt below and above dense contours, between them and touched ends.
+
+    Returns
+    -------
+    bottom, top : End
+
+    Raises
+    ------
+    ValueError
+        If the contours are not like that or have no width, if an end lies inside the contours
+        by more than a spacing, or if `noise` is negative.
+    """
+    heights = finite_array("heights", heights, (None,))
+    grid = finite_array("grid", grid, (len(heights), None, 2))
+    if not len(heights) or not (np.diff(heights) > 0.0).all():
+        raise ValueError(f"heights must ascend, and be at least one, got {heights.tolist()}")
+    if not 0.0 <= noise < np.inf:
+        raise ValueError(f"noise must be 0 or more and finite, got {noise}")
+    middles = area_centroids(grid)
+    radii = np.sqrt(np.mean(np.sum((grid - middles[:, None]) ** 2, axis=2), axis=1))
+    if not (radii > 0.0).all():
+        raise ValueError(f"contours must have a width, got radius 0 in {int((radii <= 0).sum())}")
+    scatter = noise / np.sqrt(grid.shape[1])
+    last = [0, -1]
+    whole = are_nearly_star_shaped(grid[last] - middles[last, None]).tolist()
+    up = _Stack(heights, radii, middles, scatter, 1.0, whole[1])
+    down = _Stack(-heights[::-1], radii[::-1], middles[::-1], scatter, -1.0, whole[0])
+    below, above = beyond
+    return _end("bottom", down, bottom, dense, below), _end("top", up, top, dense, above)
+
+
+def _end(
+    name: str, stack: _Stack, touched: float | None, dense: bool, beyond: EdgeSamples | None
+) -> End:
+    last = float(stack.depths[-1])
+    if touched is None:
+        ahead = free_pole(stack.depths, stack.radii, stack.scatter)
+        if ahead is None:
+            return _rounded_or_open(stack)
+        profile = conic(stack.depths, stack.radii, last + ahead)
+        return stack.end("pole", last + ahead, profile)
+    depth = stack.sign * float(finite_array(name, touched, ()))
+    if depth < last - stack.spacing:
+        raise ValueError(
+            f"{name} must not lie within the contours, "
+            f"got {touched:g} where the last is at {stack.sign * last:g}"
+        )
+    if depth - last <= LEAST_GAP * max(last - float(stack.depths[0]), stack.spacing):
+        return stack.end("flat", last, Flat(0.0))
+    choice = choose_profile(
+        stack.depths, stack.radii, depth, stack.scatter, dense=dense, beyond=beyond
+    )
+    return stack.end(choice.kind, depth, choice.profile)
+
+
+def free_pole(depths: Floats, radii: Floats, scatter: float) -> float | None:
+    """How far beyond the last contour the solid closes; None where nobody can know.
+
+    Parameters
+    ----------
+    depths : (n,) array
+        Outward coordinates of the contours, ascending.
+    radii : (n,) array
+        Mean radii there, positive.
+    scatter : float
+        Standard deviation of a mean radius.
+    """
+    if len(depths) < POLE_FEWEST:
+        return None
+    trend = trend_of(depths, radii)
+    fourth = float(radii[-POLE_FEWEST]) ** 2
+    miss = abs(trend.at(float(depths[-POLE_FEWEST] - depths[-1])) - fourth) / fourth
+    told = miss < POLE_MISS + POLE_NOISES * scatter / float(radii[-POLE_FEWEST])
+    narrows = trend.slope < 0.0 and trend.square < POLE_NARROWED * fourth
+    pole = _first_root(trend)
+    near = pole < FARTHEST * float(depths[-1] - depths[-2])
+    return pole if told and narrows and near else None
+
+
+def _first_root(trend: Trend) -> float:
+    """The nearest positive root, or the real part of one that is nearly real; else infinity."""
+    half, square = -0.5 * trend.slope, trend.square
+    inside = half * half - trend.bend * square
+    if inside >= 0.0:
+        # Of both forms the one without cancellation; both roots are positive or one is.
+        larger = half + math.copysign(math.sqrt(inside), half)
+        roots = [square / larger if larger else math.inf]
+        roots.append(larger / trend.bend if trend.bend else math.inf)
+        return min((root for root in roots if root > 0.0), default=math.inf)
+    real = half / trend.bend
+    imaginary = math.sqrt(-inside) / abs(trend.bend)
+    return real if real > 0.0 and imaginary < NEARLY_REAL * real else math.inf
+
+
+def _rounded_or_open(stack: _Stack) -> End:
+    """An end that nobody touched and that is no conic's."""
+    last = float(stack.depths[-1])
+    beyond = free_shoulder(stack.depths, stack.radii, stack.scatter)
+    if beyond is None:
+        return stack.end("fan", last, Flat(0.0), stack.spacing)
+    profile = superellipse(stack.depths, stack.radii, last + beyond)
+    return stack.end("superellipse", last + beyond, profile, beyond)
+
+
+def free_shoulder(depths: Floats, radii: Floats, scatter: float) -> float | None:
+    """How far beyond the last contour the solid closes; None where nobody can know.
+
+    Parameters
+    ----------
+    depths : (n,) array
+        Outward coordinates of the contours, ascending.
+    radii : (n,) array
+        Mean radii there, positive.
+    scatter : float
+        Standard deviation of a mean radius.
+
+    Notes
+    -----
+    For each height and pair of exponents the width follows by projection, for all at once.
+    """
+    if len(depths) < SHOULDER_FEWEST or not radii[-1] ** 2 < SHOULDER_NARROWED * radii[-4] ** 2:
+        return None
+    begin = float(depths[-(len(depths) // 2 + 1)])
+    ways = (depths[-1] - depths[-2]) * WAYS
+    near, seen = depths[-SHOULDER_CONTOURS:], radii[-SHOULDER_CONTOURS:]
+    zeta = (near - begin) / (depths[-1] + ways[:, None] - begin)
+    misses = np.array([_miss(each, seen) for each in zeta])
+    best = int(misses.argmin())
+    allowed = SHOULDER_MISS * float(radii.max()) + SHOULDER_NOISES * scatter
+    return float(ways[best]) if misses[best] < allowed else None
+
+
+def _miss(zeta: Floats, seen: Floats) -> float:
+    """By how much the best superellipse misses radii (n,), root mean square."""
+    shares = shoulder(zeta, EXPONENTS[:, None, None], EXPONENTS[:, None])
+    wide = shares @ seen / np.einsum("pqn,pqn->pq", shares, shares)
+    square = np.sum((wide[:, :, None] * shares - seen) ** 2, axis=-1)
+    return float(np.sqrt(square.min() / len(seen)))
+
+
+def choose_profile(
+    depths: Floats,
+    radii: Floats,
+    end: float,
+    scatter: float,
+    *,
+    dense: bool = False,
+    beyond: EdgeSamples | None = None,
+) -> ProfileChoice:
+    """Profile of an end whose height is known.
+
+    Parameters
+    ----------
+    depths : (n,) array
+        Outward coordinates of the contours, ascending.
+    radii : (n,) array
+        Mean radii there, positive.
+    end : float
+        Outward coordinate of the end, beyond the last contour.
+    scatter : float
+        Standard deviation of a mean radius.
+    dense : bool
+        Whether the contours are rows of a surface, as close together as one likes.
+    beyond : Beyond, optional
+        What was felt between dense contours and the end: it has to be met as well.
+    """
+    families, slack = (DENSE, DENSE_SLACK) if dense else (FAMILIES, SLACK)
+    profiles = {name: family(depths, radii, end) for name, family in families.items()}
+    if beyond is not None:
+        profiles["flared"] = flared(depths, radii, end, beyond)
+    if len(depths) < FEWEST:
+        carried = trend_of(depths, radii)
+        stands = carried.at(end - float(depths[-1])) > STANDS * carried.square
+        kind: ProfileKind = "flat" if stands else "conic"
+        return ProfileChoice(kind, profiles[kind], {})
+    misses = _misses(families, depths, radii, end, LEFT_OUT[dense])
+    if beyond is not None:
+        rim, radius = float(depths[-1]), float(radii[-1])
+        felt = {name: beyond.miss(one, rim, end, radius) for name, one in profiles.items()}
+        # What was felt beyond says more of the end than any contour that is left out.
+        misses = felt
+    enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
+    kind = next(name for name, miss in misses.items() if miss <= enough)
+    if kind not in LEVEL or not dense:
+        return ProfileChoice(kind, profiles[kind], misses)
+    return _level(kind, profiles, depths, radii, end, scatter, beyond)._replace(misses=misses)
+
+
+def _misses(
+    families: dict[ProfileKind, Family],
+    depths: Floats,
+    radii: Floats,
+    end: float,
+    left_out: tuple[int, int],
+) -> dict[ProfileKind, float]:
+    """By how much the last radius is missed, from those that are not left out."""
+    far = int(np.searchsorted(depths, 2.0 * depths[-1] - end, side="right"))
+    least, most = left_out
+    kept = max(min(far, len(depths) - least), len(depths) - most)
+    known, seen = depths[:kept], radii[:kept]
+    way = np.array([(depths[-1] - known[-1]) / (end - known[-1])])
+    return {
+        name: abs(float(seen[-1] * family(known, seen, end).shares(way)[0] - radii[-1]))
+        for name, family in families.items()
+    }
+
+
+def _level(
+    kind: ProfileKind,
+    profiles: dict[ProfileKind, Profile],
+    depths: Floats,
+    radii: Floats,
+    end: float,
+    scatter: float,
+    beyond: EdgeSamples | None,
+) -> ProfileChoice:
+    """A sharp edge, or what follows the rows clearly better: a shoulder, or an arc."""
+
+    def strays(profile: Profile) -> float:
+        return _profile_misfit(profile, depths, radii, end, beyond)
+
+    by_edge, by_shoulder = strays(profiles["flat"]), strays(profiles["flared"])
+    most = min(CLEARLY * by_shoulder, CLOSELY * float(radii[-1]) + TOGETHER * scatter)
+    if kind == "flat":
+        is_shoulder = by_shoulder < BY_FAR * by_edge
+        kind = "flared" if is_shoulder else "flat"
+        most = by_shoulder if is_shoulder else BY_FAR * by_edge
+    arc = rounded(depths, radii, end)
+    if arc is not None and strays(arc) < most:
+        return ProfileChoice("rounded", arc, {})
+    return ProfileChoice(kind, profiles[kind], {})
+
+
+def _profile_misfit(
+    profile: Profile, depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None
+) -> float:
+    """Root mean square distance of the last rows, and of what was felt beyond, from a profile."""
+    rim, last = float(depths[-1]), float(radii[-1])
+    way = (depths[-ROWS:] - rim) / (end - rim)
+    missed = [last * profile.shares(way) - radii[-ROWS:]]
+    if beyond is not None:
+        shares = profile.shares((beyond.depths - rim) / (end - rim))
+        missed.append(beyond.weights * (last * shares - beyond.radii))
+    return float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stack:
+    """Contours from inside towards an end."""
+
+    depths: Floats
+    radii: Floats
+    middles: Floats
+    scatter: float
+    sign: float
+    starlike: bool
+
+    @property
+    def spacing(self) -> float:
+        """Of the last two contours; 0 if there is but one."""
+        return float(self.depths[-1] - self.depths[-2]) if len(self.depths) > 1 else 0.0
+
+    def end(self, kind: EndKind, depth: float, profile: Profile, uncovered: float = 0.0) -> End:
+        """The end at an outward coordinate."""
+        rim = self.sign * float(self.depths[-1])
+        middle = self._axis(depth)
+        return End(kind, rim, self.sign * depth, uncovered, profile, middle, self.starlike)
+
+    def _axis(self, depth: float) -> Floats:
+        """Middle at an outward coordinate, on the line through the last middles."""
+        last, middles = self.depths[-LEAN_CONTOURS:], self.middles[-LEAN_CONTOURS:]
+        beyond = last - last[-1]
+        # Far beyond the contours nobody knows whether it leans on.
+        ahead = min(depth - self.depths[-1], self.depths[-1] - self.depths[0])
+        away = beyond - beyond.mean()
+        square = float(away @ away)
+        lean = away @ (middles - middles.mean(axis=0)) / square if square else np.zeros(2)
+        axis: Floats = self.middles[-1] + ahead * lean
+        return axis
+
+
+class ProfileChoice(NamedTuple):
+    """A family and its profile."""
+
+    kind: ProfileKind
+    profile: Profile
+    # By how much each family missed the last contour's radius; none with few contours.
+    misses: dict[ProfileKind, float]

@@ -1,1 +1,0 @@
-"""A side fitted to every touched taxel."""

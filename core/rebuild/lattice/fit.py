@@ -1,0 +1,368 @@
+"""A control lattice around a prism, such that the prism's side becomes a given lofted surface.
+
+Along the axis the lattice has the loft's own knots, so that only sections are solved for: all
+layers at once, by one small system. Heights are the same all over a layer, so that the change of
+volume is the change of area within a layer times the rise from layer to layer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.lattice.section import Section, fit_section, section_matrix
+from palpate.core.rebuild.lattice.system import (
+    Layers,
+    SectionFill,
+    SectionSystem,
+    layers_of,
+    section_system,
+    solve_section,
+)
+from palpate.core.rebuild.loft import ContourSurface
+from palpate.core.rebuild.recovery import Recovery
+from palpate.core.splines import (
+    CUBIC,
+    Basis,
+    FoldReport,
+    Lattice,
+    Parallelepiped,
+    PeriodicBasis,
+    SplineVolume,
+    clamped_basis,
+    fold_report,
+)
+
+SIDES = (7, 9, 11, 13, 17, 21)  # Control points across a section each way that are tried
+FILLS: tuple[SectionFill, ...] = ("bending", "rings", "cones")
+FURTHER = 1  # How many larger sides are tried once the skin is met, if the inside folds
+# Of the size: a misfit that matters to nobody, and one that does however little is known.
+PRECISE, POOR = 1e-5, 1e-3
+TURNS_EACH = 2  # Places around for each coefficient of the skin
+LEAST_TURNS = 96
+BLOCK = 4096  # Turns for which columns of layers are laid out at a time
+_CHOOSE = ((1, 0, 0), (1, 1, 0), (1, 2, 1))
+# Places at which folds are looked for: across a section, and for each layer.
+RADII, TURNS, LAYERS = 7, 24, 3
+
+
+class LatticeHealth(NamedTuple):
+    """Figures of the fit."""
+
+    rms: float  # Root mean square distance of the deformed side from the skin, across it, m
+    most: float  # The largest one, m
+    condition: float  # Estimated condition number of the section's system
+    folded: float  # Share of the prism that is turned inside out
+    fill: SectionFill  # What settled the inside of the sections
+
+
+class Refinement(NamedTuple):
+    """How a lattice was changed so that its side passes further points."""
+
+    points: int  # Points that it was to pass
+    # Further ones, nearest to an end of the solid, which no control point of the side moves.
+    beyond: int
+    before: float  # Root mean square distance of the points from the side, m
+    after: float  # The same afterwards
+    most: float  # The largest distance afterwards, m
+    moved: float  # The farthest that a control point was moved, m
+    folded: float  # Share of the prism that is turned inside out since
+    steps: int  # Steps taken
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LatticeFit:
+    """A solved lattice."""
+
+    lattice: Lattice  # Control points, and the box that they deform
+    section: Section  # Of the undeformed prism
+    health: LatticeHealth  # How the fit came about
+    refinement: Refinement | None = None  # What was changed of it afterwards
+
+    @property
+    def side(self) -> LatticeSide:
+        """The deformed prism's side."""
+        return LatticeSide(self.section, self.lattice.volume)
+
+    @property
+    def prism(self) -> Parallelepiped:
+        """The box around the undeformed prism."""
+        frame = self.lattice.undeformed
+        assert isinstance(frame, Parallelepiped)
+        return frame
+
+    def folds(self) -> FoldReport:
+        """Whether anything in the whole box folds, proved where that can be; some seconds."""
+        return fold_report(self.lattice)
+
+
+class _Trial(NamedTuple):
+    control: Floats
+    health: LatticeHealth
+
+
+def fit_lattice(
+    surface: ContourSurface,
+    tolerance: float = 0.0,
+    *,
+    size: tuple[int, int] | None = None,
+    grasp: Recovery | None = None,
+) -> LatticeFit:
+    """Solve for the lattice.
+
+    Parameters
+    ----------
+    surface : ContourSurface
+        The skin.
+    tolerance : float
+        Misfit that is small against what is known of the skin, m.
+    size : pair of int, optional
+        Control points across a section each way, and layers. Otherwise the least side with which
+        the skin is met to within the tolerance, and the skin's own layers.
+    grasp : Recovery, optional
+        Superquadric whose section the prism shall have; otherwise the one that the skin's own
+        sections resemble.
+
+    Raises
+    ------
+    ValueError
+        If a number of control points is less than 4.
+
+    Notes
+    -----
+    Fung, 1999, (4.25), for the displacement from the undeformed lattice: the system of the
+    control points themselves is singular, since a rim cannot see a whole section.
+    """
+    if size is not None and min(size) <= CUBIC:
+        raise ValueError(f"size must be at least {CUBIC + 1} each way, got {size}")
+    layers = layers_of(surface, None if size is None else size[1])
+    count = max(LEAST_TURNS, TURNS_EACH * layers.curves.shape[1])
+    turns = np.arange(count) / count
+    around = PeriodicBasis(layers.curves.shape[1])
+    curves = _around(around.matrix(turns).toarray(), layers.curves)
+    section = fit_section(curves, grasp)
+    half = float(section.half_extent.max())
+    enough = float(np.clip(tolerance, PRECISE * half, POOR * half))
+    check = _Check(surface, section, layers, turns, curves)
+    best = _best(check, SIDES if size is None else (size[0],), enough)
+    side = best.control.shape[0]
+    bases = clamped_basis(side), clamped_basis(side), layers.basis
+    lattice = Lattice(SplineVolume(best.control, bases), section.frame(*surface.reach))
+    return LatticeFit(lattice, section, best.health)
+
+
+def _around(matrix: Floats, curves: Floats) -> Floats:
+    """Points (l, k, 2) of closed splines (l, c, 2), with the basis around (k, c)."""
+    return np.asarray(np.matmul(matrix, curves))
+
+
+def _best(check: _Check, sides: tuple[int, ...], enough: float) -> _Trial:
+    """The smallest lattice that meets the skin and does not fold; else the nearest to that."""
+    trials: list[_Trial] = []
+    met = 0
+    for side in sides:
+        system = section_system(check.section, check.turns, side)
+        for fill in FILLS:
+            trial = _tried(check, system, fill)
+            near = trial.health.rms <= enough
+            trials.append(_looked_into(check, trial) if near or side == sides[-1] else trial)
+            if trials[-1].health.folded == 0.0 or not near:
+                break
+        met += near
+        if met > FURTHER or (met and trials[-1].health.folded == 0.0):
+            break
+    best = min(trials, key=lambda trial: _demerit(trial.health, enough))
+    return best if best.health.folded < 1.0 else _looked_into(check, best)
+
+
+def _tried(check: _Check, system: SectionSystem, fill: SectionFill) -> _Trial:
+    side = system.basis.count
+    solved = solve_section(system, check.curves, fill)
+    control = np.empty((side, side, len(check.curves), 3))
+    control[..., :2], control[..., 2] = solved.control, check.layers.heights
+    for layer, pinned in zip((0, -1), check.layers.pinned, strict=True):
+        if pinned:
+            control[:, :, layer, :2] = check.curves[layer, 0]
+    off = _off(check, control)
+    health = LatticeHealth(
+        rms=float(np.sqrt(np.mean(np.square(off)))),
+        most=float(np.abs(off).max()),
+        condition=float(f"{solved.condition:.2g}"),
+        folded=1.0,  # until it is looked at
+        fill=fill,
+    )
+    return _Trial(control, health)
+
+
+def _off(check: _Check, control: Floats) -> Floats:
+    """Distances across the sections between the deformed side and the skin, (n, k)."""
+    side, layers = control.shape[0], check.layers
+    seen = section_matrix(clamped_basis(side), check.section.rim(check.turns))
+    flat: Floats = seen @ control[..., :2].reshape(side**2, -1)
+    reached = flat.reshape(len(check.turns), -1, 2).transpose(1, 0, 2)
+    shares = layers.basis.greville()
+    along = layers.basis.matrix(shares).toarray()
+    low, high = check.surface.along.domain
+    latitudes = low + (high - low) * shares
+    wanted = check.surface.on_grid(latitudes, check.turns)
+    slope = check.surface.on_grid(latitudes, check.turns, (0, 1))
+    off = np.tensordot(along, reached, 1) - wanted
+    length = np.hypot(slope[..., 0], slope[..., 1])
+    across = off[..., 0] * slope[..., 1] - off[..., 1] * slope[..., 0]
+    still = np.hypot(off[..., 0], off[..., 1])
+    return np.asarray(np.divide(across, length, out=still, where=length > 0.0))
+
+
+def _looked_into(check: _Check, trial: _Trial) -> _Trial:
+    folded = folded_share(check.section, check.layers.basis, trial.control)
+    return _Trial(trial.control, trial.health._replace(folded=folded))
+
+
+def folded_share(section: Section, along: Basis, control: Floats) -> float:
+    """Share of a prism's volume that is turned inside out, sampled.
+
+    Parameters
+    ----------
+    section : Section
+        Of the prism.
+    along : Basis
+        Along its axis.
+    control : (side, side, l, 3) array
+        Control points, whose heights are the same all over a layer.
+    """
+    basis = clamped_basis(control.shape[0])
+    places, weights = section.inside(RADII, TURNS)
+    steps = LAYERS * along.count
+    shares = (np.arange(steps) + 0.5) / steps
+    layers = control[..., :2].reshape(basis.count**2, -1)
+    slopes = []
+    for orders in ((1, 0), (0, 1)):
+        found = (section_matrix(basis, places, orders) @ layers).reshape(len(places), -1, 2)
+        slopes.append(np.tensordot(along.matrix(shares).toarray(), found, (1, 1)))
+    by_s, by_t = slopes
+    change = by_s[..., 0] * by_t[..., 1] - by_s[..., 1] * by_t[..., 0]
+    rise = along.matrix(shares, 1) @ control[0, 0, :, 2]
+    folded = (change * rise[:, None] <= 0.0).mean(axis=0)
+    return float(weights @ folded / weights.sum())
+
+
+def _demerit(health: LatticeHealth, enough: float) -> tuple[float, float, float]:
+    """Less is better: near enough first, then without folds, then nearer."""
+    return max(health.rms / enough, 1.0), health.folded, health.rms
+
+
+class _Check(NamedTuple):
+    """What a trial is made of and judged by."""
+
+    surface: ContourSurface
+    section: Section
+    layers: Layers
+    turns: Floats
+    curves: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LatticeSide:
+    """What the side of a prism becomes, from 0 at its lower end to 1 at its upper one.
+
+    Exact at every place: its derivatives are those of the volume, by the chain rule along the
+    rim of the prism's section. For each turn the section's functions are summed once, to a
+    spline along the side, however many places share the turn.
+    """
+
+    section: Section  # Of the prism
+    volume: SplineVolume  # The deformed one
+
+    def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Points (n, 3), m, at shares v and turns (n,), or derivatives by them, together to 2."""
+        v, turns = np.asarray(v, float), np.mod(np.asarray(turns, float), 1.0)
+        if self.volume.weights is None:
+            return self._sums(v, turns, by)
+        parts = {
+            (i, j): self._sums(v, turns, (i, j)) for i in range(by[0] + 1) for j in range(by[1] + 1)
+        }
+        return _quotients(parts)[by]
+
+    def parameters(self, v: Floats, turns: Floats) -> Floats:
+        """s, t and u (n, 3) of places of the side."""
+        return np.column_stack([self.section.rim(np.asarray(turns)), v])
+
+    def _sums(self, v: Floats, turns: Floats, by: tuple[int, int]) -> Floats:
+        """Sums of the functions (n, 3), or with the weights' own (n, 4), or derivatives."""
+        spline = self.volume.spline
+        columns = spline.reshape(-1, spline.shape[2] * spline.shape[3])
+        found = np.empty((len(v), spline.shape[3]))
+        distinct, which = np.unique(turns, return_inverse=True)
+        local = self.volume.bases[2].nonzero(v, by[0])
+        layers, values = local.columns(), local.values[by[0]]
+        for start in range(0, len(distinct), BLOCK):
+            rows = (which >= start) & (which < start + BLOCK)
+            part = slice(None) if rows.all() else np.flatnonzero(rows)
+            across = self._across(distinct[start : start + BLOCK], by[1])
+            along = (across @ columns).reshape(-1, spline.shape[2], spline.shape[3])
+            near = along[(which[part] - start)[:, None], layers[part]]
+            found[part] = np.einsum("nk,nkc->nc", values[part], near)
+        return found
+
+    def _across(self, turns: Floats, derivative: int) -> csr_array:
+        """Functions of the section along its rim, or a derivative by the turn, (n, side^2)."""
+        basis = self.volume.bases[0]
+        rim = self.section.rim(turns)
+        if derivative == 0:
+            return section_matrix(basis, rim)
+        speed = self.section.rim(turns, 1)
+        terms = [((1, 0), speed[:, 0]), ((0, 1), speed[:, 1])]
+        if derivative == 2:
+            bend = self.section.rim(turns, 2)
+            terms = [((1, 0), bend[:, 0]), ((0, 1), bend[:, 1])]
+            terms += [((2, 0), speed[:, 0] ** 2), ((0, 2), speed[:, 1] ** 2)]
+            terms += [((1, 1), 2.0 * speed[:, 0] * speed[:, 1])]
+        rows = [diags_array(factor) @ section_matrix(basis, rim, by) for by, factor in terms]
+        return csr_array(sum(rows[1:], rows[0]))
+
+
+def _quotients(parts: dict[tuple[int, int], Floats]) -> dict[tuple[int, int], Floats]:
+    """Points and derivatives (n, 3) of a quotient from those of its parts (n, 4), lowest first.
+
+    By the product rule for the points times the weight, solved for the highest derivative.
+    """
+    found: dict[tuple[int, int], Floats] = {}
+    weight = parts[0, 0][:, 3:]
+    for (i, j), part in parts.items():
+        rest = part[:, :3].copy()
+        for (a, b), lower in found.items():
+            if a <= i and b <= j:
+                rest -= _CHOOSE[i][a] * _CHOOSE[j][b] * lower * parts[i - a, j - b][:, 3:]
+        found[i, j] = rest / weight
+    return found
+
+
+class LatticeGrid(NamedTuple):
+    """Everything that a lattice is, as arrays."""
+
+    control: Floats  # Control points (l, m, n, 3) along s, t and u, in the unit of the contours
+    undeformed: Floats  # Where they were, (l, m, n, 3)
+    weights: Floats  # (l, m, n); all 1 without weights
+    knots: tuple[Floats, Floats, Floats]  # Along s, t and u
+    degrees: tuple[int, int, int]  # Along s, t and u
+
+
+def lattice_grid(lattice: Lattice) -> LatticeGrid:
+    """The arrays of a lattice."""
+    bases, before = lattice.volume.bases, lattice.undeformed
+    undeformed = (
+        before.greville_control(bases) if isinstance(before, Parallelepiped) else before.control
+    )
+    weights = lattice.volume.weights
+    s, t, u = bases
+    return LatticeGrid(
+        control=lattice.control,
+        undeformed=undeformed,
+        weights=np.ones(lattice.control.shape[:3]) if weights is None else weights,
+        knots=(s.knots, t.knots, u.knots),
+        degrees=(s.degree, t.degree, u.degree),
+    )

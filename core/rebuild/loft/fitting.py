@@ -1,0 +1,365 @@
+"""A smoothed grid of contours, in the parameter along the axis that suits it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.geometry import area_centroids
+from palpate.core.rebuild.loft.smoothing import (
+    Smoothed,
+    SmoothingAxis,
+    bending_along,
+    bending_around,
+    smooth,
+    smoothing_axis,
+)
+from palpate.core.rebuild.loft.surfaces import (
+    AxialParameter,
+    basis_along,
+    reparametrisation_through,
+)
+from palpate.core.splines import Basis, PeriodicBasis
+
+MOST_AROUND = 128  # Coefficients around
+# With fewer rows and poles nothing tells whether the ends are round; those with a pole are.
+LEAST_ROWS = 5
+# Of the choice of strengths, where residuals of different rows do not resemble each other.
+CAUTION = 1.2
+# Rows from which on that can be told, and the correlation above which they do.
+MANY_ROWS, ALIKE = 12, 0.25
+# Swing from which on rows are tried at another pace, and how much of it may be left then. Of smooth
+# objects it stays below a quarter or so, however few rows there are.
+SWINGS, CALMER = 0.5, 0.5
+# Of the way along the surface; less of it is calmer where steps are of many lengths: Lee, *Choosing
+# nodes in parametric curve interpolation*, 1989.
+POWERS = (1.0, 0.5, 0.25)
+SLIGHT = 0.05  # Of the size: swings below half of that are noise
+STILL = 1e-9  # Slope around, over the size, of a contour that is a point
+# Rows from which on the way along the surface is tried as the parameter without need, and how much
+# better it must foretell rows.
+LEAST_PACED, FAR_BETTER = 8, 0.72
+PREDICTED = 0.01  # Of the size: rows that are foretold as well as this lie close enough together
+LEAST_TURNS = 4
+SAME_HEIGHT = 1e-3  # Of the mean spacing: rows at heights nearer to each other are one
+LEAN_ROWS = 3  # Outermost contours whose middles say which way the axis leans
+# Whether a surface closes in a point: where the axis leads, or at a place (2,), m.
+Pole = bool | ArrayLike
+
+
+class ContourFit(NamedTuple):
+    """A smoothed grid and what its coefficients belong to."""
+
+    latitude: AxialParameter  # Parameter along the axis
+    caution: float  # Of the choice of strengths
+    along: Basis  # Splines along it
+    sites: Floats  # Parameters (m,) of rows and poles, rising
+    smoothed: Smoothed  # The smoothing, of the rows about the line between the poles
+    control: Floats  # Coefficients (n, k, 2), those of the poles among them
+    axis: Floats  # Places (m, 2) of the line between the poles at the rows; 0 without poles
+
+    def fitted(self) -> Floats:
+        """The smoothed rows, (m, k, 2)."""
+        return self.smoothed.fitted + self.axis[:, None]
+
+    def across(self) -> Floats:
+        """Unit vectors (m, k, 2) across the smoothed rows, outwards; 0 where a row is a point."""
+        kept = self.smoothed.kept * self.smoothed.parts
+        rows = self.smoothed.along.modes.shapes @ kept / self.smoothed.along.roots[:, None]
+        around = self.smoothed.around
+        slopes = _periodic_slopes(len(around.roots)) @ around.modes.control
+        x, y = rows @ slopes.T
+        length = np.hypot(x, y)
+        moving = length > STILL
+        length = np.where(moving, length, 1.0)
+        return np.stack([y / length * moving, -x / length * moving], axis=-1)
+
+    def swing(self) -> float:
+        """How far it leaves the middle between two rows, over how far rows there differ.
+
+        At most, between any two rows, and seen against the steps before and after as well.
+        """
+        rows = self.along.matrix(self.sites) @ self.control.reshape(self.along.count, -1)
+        middles = 0.5 * (self.sites[1:] + self.sites[:-1])
+        between = self.along.matrix(middles) @ self.control.reshape(self.along.count, -1)
+        if not len(middles):
+            return 0.0
+        steps = _longest(np.diff(rows, axis=0))
+        beside = np.pad(steps, 1)
+        near = np.maximum(steps, np.maximum(beside[2:], beside[:-2]))
+        away = _longest(between - 0.5 * (rows[1:] + rows[:-1]))
+        return float((away / (near + SLIGHT)).max())
+
+    def likeness(self, grid: Floats) -> float:
+        """Correlation of the residuals of neighbouring rows, given the rows (m, k, 2).
+
+        Noise is another in every row, even where it is shared along a row because its points
+        were taken off a curve through others; what is smoothed away of a shape is not.
+        """
+        off = np.einsum("mkd,mkd->mk", grid - self.fitted(), self.across())
+        below, above = off[:-1], off[1:]
+        size = np.sqrt(np.square(below).sum() * np.square(above).sum())
+        return float((below * above).sum() / max(size, np.finfo(float).tiny))
+
+
+@lru_cache(maxsize=8)
+def _periodic_slopes(count: int) -> Floats:
+    periodic = PeriodicBasis(min(count, MOST_AROUND))
+    slopes: Floats = periodic.matrix(np.arange(count) / count, 1).toarray()
+    slopes.setflags(write=False)
+    return slopes
+
+
+def _longest(rows: Floats) -> Floats:
+    """The longest vector (m,) in rows (m, 2 k) of x and y in turn."""
+    lengths: Floats = np.hypot(rows[:, ::2], rows[:, 1::2]).max(axis=1)
+    return lengths
+
+
+def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) -> ContourFit:
+    """Fit rows in the height, or in the latitude, with which they agree better.
+
+    The third way is to be round only where there is a pole. Each end by itself is not left to
+    the rows to decide: there the choice costs more than it gains.
+
+    Parameters
+    ----------
+    rows : ContourRows
+        The rows.
+    low, high : float
+        Heights of the ends, m.
+    noise : float or None
+        Standard deviation of a coordinate in the unit of the rows, if it is known.
+    """
+    below, above = (pole is not None for pole in rows.poles)
+    trials = [(below, above)]
+    if len(rows.heights) + below + above >= LEAST_ROWS:
+        trials += [both for both in ((False, False), (True, True)) if both != trials[0]]
+    latitudes = [AxialParameter(low, high, ends) for ends in trials]
+    fit = _careful(rows, latitudes, noise)
+    swing = fit.swing()
+    if swing <= SWINGS:
+        return _far_better_reparametrised(rows, latitudes, noise, fit)
+    attempts = [
+        _careful(rows, [reparametrised(rows, latitude, power) for latitude in latitudes], noise)
+        for power in POWERS
+    ]
+    paced = min(attempts, key=ContourFit.swing)
+    return paced if paced.swing() < CALMER * swing else fit
+
+
+def _far_better_reparametrised(
+    rows: ContourRows, latitudes: list[AxialParameter], noise: float | None, fit: ContourFit
+) -> ContourFit:
+    """A fit that follows the way along the surface, as steps ask for, if it foretells far better.
+
+    Where it is but somewhat better, it is as often worse between the rows.
+    """
+    off = _prediction_error(fit) ** 2 / np.sqrt(rows.grid.shape[1])
+    if len(rows.heights) < LEAST_PACED or off < PREDICTED:
+        return fit
+    paced = _careful(rows, [reparametrised(rows, one, 1.0) for one in latitudes], noise)
+    return paced if _prediction_error(paced) < FAR_BETTER * _prediction_error(fit) else fit
+
+
+def _careful(rows: ContourRows, latitudes: list[AxialParameter], noise: float | None) -> ContourFit:
+    """The best of some latitudes, with caution where noise is not shared by rows."""
+    if noise is None and len(rows.heights) >= MANY_ROWS:
+        fit = _best(rows, latitudes, noise, CAUTION)
+        if abs(fit.likeness(rows.grid)) < ALIKE:
+            return fit
+    return _best(rows, latitudes, noise, 1.0)
+
+
+def reparametrised(rows: ContourRows, latitude: AxialParameter, power: float) -> AxialParameter:
+    """The same latitude, but running by a power of the way from row to row along the surface."""
+    places = latitude.of(np.concatenate([[latitude.low], rows.heights, [latitude.high]]))
+    below, above = rows.poles
+    grid = rows.grid
+    first = grid[:1] if below is None else np.broadcast_to(below, grid[:1].shape)
+    last = grid[-1:] if above is None else np.broadcast_to(above, grid[:1].shape)
+    apart = np.diff(np.concatenate([first, grid, last]), axis=0)
+    across = np.sqrt(np.square(apart).sum(axis=2).mean(axis=1))
+    rise = np.diff(places) * (latitude.high - latitude.low) / (places[-1] - places[0]) / rows.size
+    distinct = np.diff(places) > 0.0
+    kept = np.concatenate([[True], distinct])
+    lengths = np.hypot(rise, across)[distinct] ** power
+    return replace(latitude, pace=reparametrisation_through(places[kept], lengths))
+
+
+def fit_heights_or_round(rows: ContourRows, low: float, high: float) -> ContourFit:
+    """Fit rows in the height or in the latitude, without regard to poles, steps and shared noise.
+
+    Parameters
+    ----------
+    rows : ContourRows
+        The rows.
+    low, high : float
+        Heights of the ends, m.
+    """
+    both = [AxialParameter(low, high, ends) for ends in ((False, False), (True, True))]
+    return _best(rows, both if len(rows.heights) >= LEAST_ROWS else both[:1], None, 1.0)
+
+
+def _best(
+    rows: ContourRows, latitudes: list[AxialParameter], noise: float | None, caution: float
+) -> ContourFit:
+    fits = [fit_axial_parameter(rows, latitude, noise, caution) for latitude in latitudes]
+    return min(fits, key=_prediction_error)
+
+
+def _prediction_error(fit: ContourFit) -> float:
+    """By how much the inner rows are foretold wrongly by the others.
+
+    The mean of roots: a step that no parameter foretells must not decide, nor the rows that
+    each foretells well by chance. The score of the strengths is no measure here: where rows
+    are passed exactly it compares rounding.
+    """
+    inner = fit.smoothed.missed[1:-1]
+    return float(np.sqrt(inner).mean()) if len(inner) else fit.smoothed.score
+
+
+def fit_axial_parameter(
+    rows: ContourRows, latitude: AxialParameter, noise: float | None, caution: float = 1.0
+) -> ContourFit:
+    """Fit rows in a given parameter; `caution` is that of `smooth`."""
+    below, above = rows.poles
+    ends = latitude.of(np.array([latitude.low, latitude.high]))
+    places = latitude.of(rows.heights)
+    sites = np.concatenate([ends[:1][: below is not None], places, ends[1:][: above is not None]])
+    along = basis_along(sites, (float(ends[0]), float(ends[1])))
+    inner = slice(int(below is not None), along.count - int(above is not None))
+    matrix = along.matrix(places).toarray()
+    root = bending_along(along, 1 if len(sites) == 1 else 2)
+    line = _line(along, below, above)
+    smoothed = smooth(
+        rows.grid - (matrix @ line)[:, None],
+        smoothing_axis(matrix[:, inner], root[:, inner], rows.weights),
+        around_axis(rows.grid.shape[1]),
+        noise=noise,
+        caution=caution,
+    )
+    control = np.repeat(line[:, None], smoothed.around.weight.shape[0], axis=1)
+    control[inner] += smoothed.coefficients
+    return ContourFit(latitude, caution, along, sites, smoothed, control, matrix @ line)
+
+
+def _line(along: Basis, below: Floats | None, above: Floats | None) -> Floats:
+    """Coefficients (n, 2) of the line between the poles; it bends nothing."""
+    start, end = below if below is not None else above, above if above is not None else below
+    if start is None or end is None:
+        return np.zeros((along.count, 2))
+    greville = along.greville()
+    share = (greville - greville[0]) / (greville[-1] - greville[0])
+    line: Floats = start + share[:, None] * (end - start)
+    return line
+
+
+@lru_cache(maxsize=8)
+def around_axis(count: int) -> SmoothingAxis:
+    """The axis around of a grid with so many even turns."""
+    periodic = PeriodicBasis(min(count, MOST_AROUND))
+    basis = periodic.matrix(np.arange(count) / count).toarray()
+    return smoothing_axis(basis, bending_around(periodic.count))
+
+
+class ContourRows(NamedTuple):
+    """M contours of K points in a unit of their own."""
+
+    heights: Floats  # (M,), rising, m
+    grid: Floats  # (M, K, 2), about `middle`, over `size`
+    weights: Floats  # (M,): of how many given contours each is the mean
+    owner: Ints  # The row of each given contour
+    # Places (2,) of the poles below and above, if there are any, in the unit of the grid.
+    poles: tuple[Floats | None, Floats | None]
+    middle: Floats  # (2,), m
+    size: float  # Largest coordinate about the middle, m
+
+    @property
+    def spacing(self) -> float:
+        """Largest distance between neighbours, m; 0 if there is one."""
+        return float(np.diff(self.heights).max(initial=0.0))
+
+    @property
+    def with_poles(self) -> Floats:
+        """The grid with a row of K times its place for each pole."""
+        below, above = (
+            self.grid[:0] if pole is None else np.broadcast_to(pole, (1, *self.grid.shape[1:]))
+            for pole in self.poles
+        )
+        return np.concatenate([below, self.grid, above])
+
+
+def contour_rows(
+    heights: ArrayLike, grid: ArrayLike, low: float, high: float, pole: Sequence[Pole]
+) -> ContourRows:
+    """Rows of a grid, sorted by height; those at one height are averaged.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a number is not finite, there is no contour or fewer than 4 points
+        around, or a contour lies outside `low` to `high`, or at an end that is to be a pole.
+    """
+    heights = finite_array("heights", heights, (None,))
+    grid = finite_array("grid", grid, (len(heights), None, 2))
+    if not len(heights):
+        raise ValueError("heights must be at least one, got none")
+    if grid.shape[1] < LEAST_TURNS:
+        raise ValueError(f"grid must have {LEAST_TURNS} points around or more, got {grid.shape[1]}")
+    if not (np.isfinite([low, high]).all() and low < high):
+        raise ValueError(f"low must be below high and both finite, got {low:g} and {high:g} m")
+    closed = tuple(np.ndim(one) > 0 or bool(one) for one in pole)
+    order = np.argsort(heights, kind="stable")
+    spacing = np.diff(heights[order])
+    mean = spacing.sum() / max(len(spacing), 1)
+    owner = np.empty(len(heights), np.int32)
+    owner[order] = np.concatenate([[0], np.cumsum(spacing > SAME_HEIGHT * mean)])
+    weights = np.bincount(owner).astype(np.float64)
+    merged = np.bincount(owner, heights) / weights
+    _check_range(merged, low, high, closed)
+    middle = 0.5 * (grid.min(axis=(0, 1)) + grid.max(axis=(0, 1)))
+    size = float(np.abs(grid - middle).max()) or 1.0
+    rows = np.zeros((len(weights), *grid.shape[1:]))
+    np.add.at(rows, owner, (grid - middle) / size)
+    rows /= weights[:, None, None]
+    poles = [
+        _pole(one, height, merged[end], rows[end], middle, size)
+        for one, height, end in zip(
+            pole, (low, high), (slice(None, LEAN_ROWS), slice(-LEAN_ROWS, None)), strict=True
+        )
+    ]
+    return ContourRows(merged, rows, weights, owner, (poles[0], poles[1]), middle, size)
+
+
+def _check_range(heights: Floats, low: float, high: float, closed: tuple[bool, ...]) -> None:
+    lowest, highest = float(heights[0]), float(heights[-1])
+    if lowest < low or highest > high:
+        raise ValueError(
+            f"heights must lie from low {low:g} to high {high:g} m, got {lowest:g} to {highest:g}"
+        )
+    for shut, gap, name in ((closed[0], lowest - low, "low"), (closed[1], high - highest, "high")):
+        if shut and not gap > 0.0:
+            raise ValueError(f"a pole must lie beyond the last contour, got both at {name}")
+
+
+def _pole(
+    pole: Pole, height: float, heights: Floats, rows: Floats, middle: Floats, size: float
+) -> Floats | None:
+    """Place of a pole: as given, or where the middles of the nearest contours lead."""
+    if np.ndim(pole):
+        return (finite_array("pole", pole, (2,)) - middle) / size
+    if not pole:
+        return None
+    middles = area_centroids(rows)
+    away = heights - heights.mean()
+    spread = float(away @ away)
+    lean = away @ (middles - middles.mean(axis=0)) / spread if spread > 0.0 else np.zeros(2)
+    place: Floats = middles.mean(axis=0) + (height - heights.mean()) * lean
+    return place

@@ -1,0 +1,393 @@
+"""A smooth surface through contours, single outliers left out, and how far it can be trusted.
+
+Contours that correspond, point by point, are the rows of a grid; a spline runs along its columns
+and closes around its rows, both as smooth as the points ask for. Where the surface closes in a
+point, it does so exactly. A smooth surface bends around a single wrong point, while a feature is
+seen by several points of several contours: points that stick out are replaced by what the fit
+says of them and fitted again, until that no longer changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core.arrays import Bools, Floats, finite_array
+from palpate.core.rebuild.loft.fitting import (
+    ContourFit,
+    ContourRows,
+    Pole,
+    contour_rows,
+    fit_axial_parameter,
+    fit_heights_or_round,
+    fit_rows,
+)
+from palpate.core.rebuild.loft.smoothing import BetweenContours, Smoothed, between_contours
+from palpate.core.rebuild.loft.surfaces import ContourSurface
+from palpate.core.splines import PeriodicBasis
+
+# Times the deviation: what root mean square and largest error stay below on nine of ten objects
+# without features narrower than the contours' spacing.
+SAFE_RMS, SAFE_MOST = 1.5, 4.0
+# Places between contours, and around, over which the deviation is averaged.
+STEPS_ALONG, STEPS_AROUND = 8, 48
+SUSPECT = 1.5  # Residuals over the noise between neighbours from which on points are suspected
+STICKING = 5.0  # Deviations from which on a point sticks out of its neighbourhood
+# Residuals, in deviations, above which a point stays out and is newly left out.
+KEPT_OUT, TAKEN_OUT = 3.5, 6.0
+# Times those of the points beside it, by which a point must stick out to be newly left out.
+LONELY = 2.2
+# Fits at most, and those after which it is judged anew which points stick out.
+ROUNDS, REVIEWS = 15, (2, 4, 6)
+SETTLED = 0.01  # Of the noise: a change between fits that matters no more
+NEAR_ROWS = 2  # Contours on either side whose like deviations are the object's
+MEDIAN = 0.6745  # Median size of an error of deviation 1
+# Deviation of a point from the cubic through two neighbours on either side, of its noise.
+CUBIC_GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))
+# Share of the points beyond which it is the object that sticks out: edges do, of exact points.
+MOST = 0.15
+LEAST_SPARE = 0.05  # Least share of the points' freedom that is taken as left
+Fit = Callable[[Floats], ContourFit]
+
+
+class LoftHealth(NamedTuple):
+    """Figures of the fit."""
+
+    sigma: float  # Estimate of the noise: standard deviation across the contours, m
+    freedom: float  # Degrees of freedom spent on each coordinate
+    condition: float  # Condition number of the matrix from coefficients to points and bending
+    # Of smoothing along and around, against the mean weight of the points.
+    strengths: tuple[float, float]
+    # Whether the surface runs into its ends below and above as into a sphere's.
+    round: tuple[bool, bool]
+    merged: int  # Contours that were averaged with one at the same height
+    outlying: int  # Points that were not used, for they stick out
+    # How far the surface leaves the middle between contours, over how far these differ.
+    swing: float
+
+
+class Uncertainty(NamedTuple):
+    """The whole object in three numbers, m, if nothing on it is narrower than the spacing."""
+
+    rms: float  # What the root mean square error of the side stays below
+    most: float  # What the largest error stays below
+    # Half the largest spacing of the contours: what is narrower may have been missed.
+    resolution: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContourLoft:
+    """The surface."""
+
+    surface: ContourSurface  # Where it is
+    size: float  # Half the width of the contours, m
+    smoothed: Smoothed  # The fit, over the size
+    between: BetweenContours  # What it may miss between contours, over the size
+    # (m, K): which points were not used, by contours in order of height, merged ones as one.
+    outlying: Bools
+    spacing: float  # Largest distance between contours, m
+    health: LoftHealth  # How the fit came about
+    given: LoftInput  # From what
+
+    def at(self, heights: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Places in the plane (..., 2), m: see `ContourSurface.at`."""
+        return self.surface.at(heights, turns, by)
+
+    def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats:
+        """Standard deviation of the surface along its normal, m, on a grid (a, b).
+
+        From the noise, and from what leaving out each contour would have cost. What nobody
+        could know, such as features between two contours, is not in it.
+
+        Parameters
+        ----------
+        heights, turns : (a,), (b,) arrays
+            As for `at`.
+        """
+        heights = finite_array("heights", heights, (None,))
+        latitudes = self.surface.latitude.of(heights)
+        return self._deviation(latitudes, finite_array("turns", turns, (None,)))[0]
+
+    def uncertainty(self) -> Uncertainty:
+        """One number for the whole side, and what it does not tell."""
+        sites, latitude = self.between.sites, self.surface.latitude
+        breaks = sites if len(sites) > 1 else np.array(self.surface.along.domain)
+        shares = (np.arange(STEPS_ALONG) + 0.5) / STEPS_ALONG
+        latitudes = (breaks[:-1, None] + np.diff(breaks)[:, None] * shares).ravel()
+        steps = np.repeat(np.diff(breaks), STEPS_ALONG)
+        deviation, area = self._deviation(latitudes, np.arange(STEPS_AROUND) / STEPS_AROUND)
+        area = area * steps[:, None]
+        total = max(float(area.sum()), np.finfo(float).tiny)
+        rms = float(np.sqrt((area * np.square(deviation)).sum() / total))
+        spacing = self.spacing or latitude.high - latitude.low
+        return Uncertainty(SAFE_RMS * rms, SAFE_MOST * float(deviation.max()), 0.5 * spacing)
+
+    def update(self, height: float, row: ArrayLike) -> ContourLoft:
+        """The surface through one contour (K, 2) more, m: a fit of all of them."""
+        given = self.given
+        return fit_contour_loft(
+            np.append(given.heights, height),
+            np.concatenate([given.grid, finite_array("row", row, given.grid.shape[1:])[None]]),
+            low=self.surface.latitude.low,
+            high=self.surface.latitude.high,
+            pole=given.pole,
+            noise=given.noise,
+        )
+
+    def _deviation(self, latitudes: Floats, turns: Floats) -> tuple[Floats, Floats]:
+        """Along the normal, m, and the area per parameter, on a grid."""
+        surface = self.surface
+        inside = np.clip(latitudes, *surface.along.domain)
+        below, above = (pole is not None for pole in self.given.places)
+        inner = slice(int(below), surface.along.count - int(above))
+        variance = np.square(self.health.sigma) * self.smoothed.variance(
+            surface.along.matrix(inside)[:, inner],
+            PeriodicBasis(surface.control.shape[1]).matrix(turns),
+        )
+        variance += np.square(self.size) * self.between.variance(latitudes, turns)
+        up, round_ = surface.on_grid(inside, turns, (1, 0)), surface.on_grid(inside, turns, (0, 1))
+        rise = surface.latitude.height(inside, 1)[:, None]
+        level = rise * np.hypot(round_[..., 0], round_[..., 1])
+        area = np.hypot(level, up[..., 0] * round_[..., 1] - up[..., 1] * round_[..., 0])
+        upright = np.divide(level, area, out=np.zeros_like(area), where=area > 0.0)
+        return np.sqrt(variance) * upright, area
+
+
+class LoftInput(NamedTuple):
+    """What a skin was fitted to."""
+
+    heights: Floats  # (M,), m
+    grid: Floats  # (M, K, 2), m
+    pole: tuple[Pole, Pole]  # Whether it closes in points below and above
+    noise: float | None  # Standard deviation of a coordinate, m, if it was known
+    places: tuple[Floats | None, Floats | None]  # Places (2,) of those points
+
+
+def fit_contour_loft(
+    heights: ArrayLike,
+    grid: ArrayLike,
+    *,
+    low: float,
+    high: float,
+    pole: Sequence[Pole] = (False, False),
+    noise: float | None = None,
+) -> ContourLoft:
+    """Fit a surface through contours.
+
+    Parameters
+    ----------
+    heights : (M,) array
+        Of the contours, in any order, m; those at one height are averaged.
+    grid : (M, K, 2) array
+        Their points, m, at even turns, corresponding: column j of each lies at the turn j / K.
+        Counter-clockwise, at least 4.
+    low, high : float
+        Heights of the object's ends, m, or of what is to be taken as such; the contours lie
+        between.
+    pole : pair of bool or (2,) arrays
+        Whether the surface closes in a point there, below and above: where the axis leads, or
+        at a place, m.
+    noise : float or None
+        Standard deviation of a coordinate, m, if it is known; otherwise it is estimated. Of 0,
+        no point is left out.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a number is not finite, there are too few points, a contour lies
+        outside, or a pole on a contour.
+    """
+    rows = contour_rows(heights, grid, low, high, pole)
+    scaled = None if noise is None else noise / rows.size
+    fit = fit_rows(rows, low, high, scaled)
+
+    def again(points: Floats) -> ContourFit:
+        return fit_axial_parameter(rows._replace(grid=points), fit.latitude, scaled, fit.caution)
+
+    if noise == 0.0:  # who knows that there is no noise knows that no point is wrong
+        used, outlying = rows.grid, np.zeros(rows.grid.shape[:2], np.bool_)
+    else:
+        used, fit, outlying = without_outliers(rows.grid, fit, again)
+    given = LoftInput(
+        finite_array("heights", heights, (None,)),
+        finite_array("grid", grid, (None, None, 2)),
+        (pole[0], pole[1]),
+        noise,
+        rows.poles,
+    )
+    return _loft(rows._replace(grid=used), fit, outlying, given)
+
+
+def without_outliers(grid: Floats, fit: ContourFit, again: Fit) -> tuple[Floats, ContourFit, Bools]:
+    """Leave out single points that stick out, if the residuals of a fit suggest any.
+
+    Parameters
+    ----------
+    grid : (m, k, 2) array
+        Points.
+    fit : ContourFit
+        Fit to all of them.
+    again : callable
+        The same fit to other points.
+
+    Returns
+    -------
+    grid : (m, k, 2) array
+        With those points replaced by what the fit says.
+    fit : ContourFit
+        Fit to it.
+    outlying : (m, k) array of bool
+        Those points.
+    """
+    across = fit.across()
+    off = _off(grid, fit, across)
+    sigma = np.sqrt(np.square(off).sum() / fit.smoothed.spare)
+    nothing = np.zeros(off.shape, np.bool_)
+    if grid.shape[1] < 8 or not sigma > SUSPECT * _noise_between_neighbours(grid, across):
+        return grid, fit, nothing
+    outlying = local_outliers(off)
+    if not outlying.any() or outlying.all(axis=1).any() or outlying.mean() > MOST:
+        return grid, fit, nothing
+    used, all_of_them = _bridged(grid, outlying), fit
+    for number in range(ROUNDS):
+        fit = again(used)
+        off = _off(grid, fit, across)
+        share = max(fit.smoothed.spare / off.size, LEAST_SPARE)
+        if number in REVIEWS:
+            outlying = _reviewed(off, outlying, share)
+            if outlying.mean() > MOST:
+                return grid, all_of_them, nothing
+        noise = np.sqrt(np.square(off[~outlying]).mean() / share)
+        following = np.where(outlying[..., None], fit.fitted(), grid)
+        change = np.abs(following - used).max()
+        used = following
+        if number > REVIEWS[-1] and change < SETTLED * noise:
+            break
+    return used, again(used), outlying
+
+
+def _off(grid: Floats, fit: ContourFit, across: Floats) -> Floats:
+    """Distances across from a fit, (m, k)."""
+    off: Floats = np.einsum("mkd,mkd->mk", grid - fit.fitted(), across)
+    return off
+
+
+def _noise_between_neighbours(grid: Floats, across: Floats) -> float:
+    """Deviation of the noise across, from each point's distance to the cubic through four."""
+    one, two = (np.roll(grid, n, 1) + np.roll(grid, -n, 1) for n in (1, 2))
+    off = np.einsum("mkd,mkd->mk", grid - (4.0 * one - two) / 6.0, across)
+    return float(np.median(np.abs(off))) / MEDIAN / CUBIC_GAIN
+
+
+def local_outliers(off: Floats) -> Bools:
+    """Points that stick out of their contour where the contours next to it do not.
+
+    Parameters
+    ----------
+    off : (m, k) array
+        Distance of each point from a smooth surface.
+    """
+    alone = _less_neighbours(unpredicted(off))
+    size = np.abs(alone)
+    column = np.median(size, axis=0)
+    column = np.median([np.roll(column, 1), column, np.roll(column, -1)], axis=0)
+    scale = np.maximum(np.median(size), np.maximum(column, np.median(size, axis=1)[:, None]))
+    outlying: Bools = size > STICKING / MEDIAN * scale
+    return outlying
+
+
+def unpredicted(off: Floats) -> Floats:
+    """What the points beside each along the last axis, around a contour, do not foretell of it.
+
+    They foretell the median of five guesses, of which one wrong point spoils two at most.
+    """
+    before, after = (np.stack([np.roll(off, way * n, -1) for n in (1, 2, 3)]) for way in (1, -1))
+    guesses = [*(0.5 * (before + after)), 2.0 * before[0] - before[1], 2.0 * after[0] - after[1]]
+    left: Floats = off - np.median(guesses, axis=0)
+    return left
+
+
+def _bridged(grid: Floats, outlying: Bools) -> Floats:
+    """With the points that stick out put between their neighbours around the contour."""
+    bridged = grid.copy()
+    turns = np.arange(grid.shape[1])
+    for row in np.flatnonzero(outlying.any(axis=1)):
+        out, kept = outlying[row], ~outlying[row]
+        for axis in range(grid.shape[2]):
+            values = grid[row, kept, axis]
+            bridged[row, out, axis] = np.interp(turns[out], turns[kept], values, period=len(turns))
+    return bridged
+
+
+def _reviewed(off: Floats, outlying: Bools, share: float) -> Bools:
+    """Which points stick out of a better fit."""
+    alone = _less_neighbours(off, outlying)
+    noise = np.median(np.abs(alone[~outlying])) / MEDIAN / np.sqrt(share)
+    size = np.where(outlying, 0.0, np.abs(alone))
+    beside = np.maximum(np.roll(size, 1, 1), np.roll(size, -1, 1))
+    stay = outlying & (np.abs(off) > KEPT_OUT * noise)
+    new = (np.abs(alone) > TAKEN_OUT * noise) & (np.abs(alone) > LONELY * beside)
+    found: Bools = stay | new
+    found &= ~found.all(axis=1, keepdims=True)
+    return found
+
+
+def _less_neighbours(off: Floats, outlying: Bools | None = None) -> Floats:
+    """Less the median over the contours next to each, which is the object's."""
+    reach = min(NEAR_ROWS, (len(off) - 1) // 2)
+    calm = off if outlying is None else np.where(outlying, 0.0, off)
+    padded = np.pad(calm, ((reach, reach), (0, 0)), mode="reflect")
+    near = np.stack([padded[row : row + len(off)] for row in range(2 * reach + 1)])
+    if reach == 0:
+        return off.copy()
+    less: Floats = off - np.median(near, axis=0)
+    return less
+
+
+def _loft(rows: ContourRows, fit: ContourFit, outlying: Bools, given: LoftInput) -> ContourLoft:
+    """What a fit says in the contours' own unit."""
+    across = fit.across()
+    spare = max(fit.smoothed.spare - float(outlying.sum()), 0.5 * fit.smoothed.spare)
+    sigma = _sigma(rows, fit, spare)
+    if given.noise is not None:
+        sigma = given.noise / rows.size
+    beside = tuple(int(pole is not None) for pole in rows.poles)
+    around = np.pad(across, (beside, (0, 0), (0, 0)))
+    smoothed = fit.smoothed
+    return ContourLoft(
+        surface=ContourSurface(fit.latitude, fit.along, rows.size * fit.control, rows.middle),
+        size=rows.size,
+        smoothed=smoothed,
+        between=between_contours(fit.sites, rows.with_poles, around, sigma),
+        outlying=outlying,
+        spacing=rows.spacing,
+        health=LoftHealth(
+            sigma=rows.size * sigma,
+            freedom=smoothed.freedom,
+            condition=smoothed.condition,
+            strengths=smoothed.strengths,
+            round=fit.latitude.round,
+            merged=len(rows.owner) - len(rows.heights),
+            outlying=int(outlying.sum()),
+            swing=fit.swing(),
+        ),
+        given=given,
+    )
+
+
+def noise_of(heights: Floats, grid: Floats) -> float:
+    """Standard deviation across contours (M, K, 2), m, by a fit between the outer two."""
+    low, high = float(heights.min()), float(heights.max())
+    rows = contour_rows(heights, grid, low, high, (False, False))
+    fit = fit_heights_or_round(rows, low, high)
+    return rows.size * _sigma(rows, fit, fit.smoothed.spare)
+
+
+def _sigma(rows: ContourRows, fit: ContourFit, spare: float) -> float:
+    """Standard deviation of the rows across the fit, in their unit."""
+    off = np.einsum("mkd,mkd->mk", rows.grid - fit.fitted(), fit.across())
+    return float(np.sqrt((rows.weights[:, None] * np.square(off)).sum() / spare))

@@ -1,0 +1,377 @@
+"""Smoothing of values on a grid, and what may be wrong between its lines.
+
+The smoother is the product of one along and one around; in the bases in which each is diagonal
+(see `demmler_reinsch`), every pair of strengths is judged by sums alone. Each penalty is given
+by a root, a matrix whose product with the coefficients has the penalty as its sum of squares. A
+smoother knows its noise, not what happens where nobody touched: each contour is predicted from
+its neighbours, and by how much it misses, less the noise, is what a surface may miss at about
+twice the spacing; how that grows with the spacing says how much of it is left at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from palpate.core.arrays import Floats, finite_array
+from palpate.core.rebuild.contours import neighbour_weights
+from palpate.core.splines import Basis, Modes, demmler_reinsch
+
+STRENGTHS = 61  # Strengths that are tried along each axis
+# Times the stiffness of the stiffest mode, and of the most yielding one: from leaving values as
+# they are to leaving nothing that bends.
+WEAKEST, STRONGEST = 1e-6, 1e4
+# Share of the freedom that is taken as left where caution allows none: never the best score.
+LEAST_SPARE = 1e-9
+FLAT = 1e-12  # Stiffness, over the mean, of what does not bend
+# Exact for the square of a cubic's second derivative.
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(2)
+NEAR = 0.2  # Width around a contour over which its misses are averaged, rad
+DECAYING = 9  # Contours from which on the decay with the spacing is measured
+# Of a miss when the spacing is halved: where it cannot be measured, and its limits.
+DECAY, LEAST_DECAY, MOST_DECAY = 0.4, 0.1, 0.7
+WORST = 0.25  # Share of the contours, those missed most, by which the decay is measured
+# Of more contours than so many it counts less, in proportion, for the surface agrees with them over
+# more than two spacings; and how much at least. Set on shapes of several kinds, such that 95 of 100
+# points lie in the band of 95 %.
+FEW, LEAST_TRUST = 9, 1 / 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothingAxis:
+    """One way along a grid, prepared for any values."""
+
+    modes: Modes  # Its modes
+    roots: Floats  # Roots of the weights of its lines, (m,)
+    weight: Floats  # Quadratic form of the fit, over its mean diagonal, (n, n)
+    bending: Floats  # Quadratic form of the penalty, in the same measure, (n, n)
+    strengths: Floats  # Those that are tried, (s,), rising
+
+    def condition(self, strength: float) -> float:
+        """Condition number of the matrix from coefficients to values and bending."""
+        seen = np.linalg.eigvalsh(self.weight + strength * self.bending)
+        return float(np.sqrt(seen[-1] / max(seen[0], np.finfo(float).eps * seen[-1])))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Smoothed:
+    """Values on a grid, smoothed."""
+
+    along: SmoothingAxis  # The first axis
+    around: SmoothingAxis  # The second one
+    parts: Floats  # What the modes hold of the values, (d, r, q)
+    kept: Floats  # Share of each that was kept, (r, q)
+    strengths: tuple[float, float]  # Along and around, against the mean weight of the values
+    spare: float  # Values less degrees of freedom, of each component
+    freedom: float  # Degrees of freedom spent on each component
+    sigma: float  # Estimate of the noise: standard deviation of one component
+    # By which the strengths were chosen; the least is the best among fits of the same values.
+    score: float
+
+    @property
+    def coefficients(self) -> Floats:
+        """(n, k, d), for the bases along and around."""
+        control = self.along.modes.control @ (self.kept * self.parts)
+        return np.ascontiguousarray((control @ self.around.modes.control.T).transpose(1, 2, 0))
+
+    @property
+    def fitted(self) -> Floats:
+        """The smoothed values, (m, l, d)."""
+        values = self.along.modes.shapes @ (self.kept * self.parts) @ self.around.modes.shapes.T
+        roots = self.along.roots[:, None] * self.around.roots
+        return np.ascontiguousarray((values / roots).transpose(1, 2, 0))
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the whole system: the product of those along and around."""
+        along, around = self.strengths
+        return self.along.condition(along) * self.around.condition(around)
+
+    @property
+    def missed(self) -> Floats:
+        """By how much each line along, smoothed around, is foretold wrongly by the others, (m,).
+
+        Root of its sum of squares, from the modes alone: all there is where each line has a
+        coefficient of its own. The strengths stay what they are.
+        """
+        (lost,) = self.along.modes.lost(np.array(self.strengths[:1]))
+        (held,) = self.around.modes.kept(np.array(self.strengths[1:]))
+        shapes = self.along.modes.shapes
+        residual = shapes @ (lost[:, None] * self.parts * held)
+        free = np.square(shapes) @ lost * self.along.roots
+        size = np.sqrt(np.square(residual).sum(axis=(0, 2)))
+        missed: Floats = size / np.maximum(free, np.finfo(float).tiny)
+        return missed
+
+    def variance(self, along: csr_array, around: csr_array) -> Floats:
+        """Posterior variance of a component over that of the noise, (a, b).
+
+        Parameters
+        ----------
+        along, around : (a, n), (b, k) sparse arrays
+            Bases at the places that are asked for.
+
+        Notes
+        -----
+        Wahba, *Bayesian confidence intervals for the cross-validated smoothing spline*, 1983.
+        """
+        rows = np.square(along @ self.along.modes.control)
+        columns = np.square(around @ self.around.modes.control)
+        variance: Floats = rows @ self.kept @ columns.T
+        return variance
+
+
+def smoothing_axis(basis: Floats, root: Floats, weights: Floats | None = None) -> SmoothingAxis:
+    """Prepare one axis of a grid.
+
+    Parameters
+    ----------
+    basis : (m, n) array
+        Basis functions at the grid's m lines.
+    root : (r, n) array
+        Root of the penalty.
+    weights : (m,) array, optional
+        Of the lines; 1 if left out.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a number is not finite, or a weight is not positive.
+    """
+    basis = finite_array("basis", basis, (None, None))
+    count = basis.shape[1]
+    root = finite_array("root", root, (None, count))
+    weights = np.ones(len(basis)) if weights is None else weights
+    weights = finite_array("weights", weights, (len(basis),))
+    if not (weights > 0.0).all():
+        raise ValueError(f"weights must be positive, got {weights.min():g}")
+    roots = np.sqrt(weights)
+    weighted = roots[:, None] * basis
+    weight, bending = _measured(weighted), _measured(root)
+    modes = demmler_reinsch(weight, bending, weighted)
+    stiff = modes.stiffness[modes.stiffness > FLAT]
+    weakest, strongest = (WEAKEST / stiff.max(), STRONGEST / stiff.min()) if len(stiff) else (1, 1)
+    return SmoothingAxis(modes, roots, weight, bending, np.geomspace(weakest, strongest, STRENGTHS))
+
+
+def _measured(root: Floats) -> Floats:
+    """The quadratic form of a root, over its mean diagonal."""
+    form = root.T @ root
+    mean = np.trace(form) / len(form)
+    measured: Floats = form / mean if mean > 0.0 else form
+    return measured
+
+
+def smooth(
+    values: Floats,
+    along: SmoothingAxis,
+    around: SmoothingAxis,
+    *,
+    noise: float | None = None,
+    caution: float = 1.0,
+) -> Smoothed:
+    """Smooth values on a grid.
+
+    Parameters
+    ----------
+    values : (m, l, d) array
+        d components at each place.
+    along, around : Axis
+        Prepared for m and l lines.
+    noise : float or None
+        Standard deviation of a component, if it is known: the strengths are those of the least
+        expected error; otherwise those of generalised cross-validation.
+    caution : float
+        Of cross-validation: how much a degree of freedom counts, at least 1. More than 1 guards
+        against following noise that neighbours share, at the price that values cannot be
+        passed; of 1.2, up to five sixths of them are spent.
+
+    Raises
+    ------
+    ValueError
+        If the shape does not fit the axes, a value is not finite, the noise is negative or not
+        finite, or the caution is below 1.
+
+    Notes
+    -----
+    Craven and Wahba, *Smoothing noisy data with spline functions*, 1979, for both at once;
+    caution: Kim and Gu, *Smoothing spline Gaussian regression*, 2004. Nothing
+    is subtracted from almost the same, so that the score has its limit (of leaving one out)
+    where as many degrees of freedom are spent as there are values.
+    """
+    lines = len(along.roots), len(around.roots)
+    values = finite_array("values", values, (*lines, None))
+    if noise is not None and not 0.0 <= noise < np.inf:
+        raise ValueError(f"noise must be 0 or more and finite, got {noise}")
+    if not 1.0 <= caution < np.inf:
+        raise ValueError(f"caution must be at least 1 and finite, got {caution}")
+    weighted = along.roots[:, None] * around.roots * values.transpose(2, 0, 1)
+    parts = along.modes.shapes.T @ weighted @ around.modes.shapes
+    beyond = weighted - along.modes.shapes @ parts @ around.modes.shapes.T
+    squares, spare = _trials(along, around, np.square(parts).sum(axis=0))
+    squares += np.square(beyond).sum()
+    spare += lines[0] * lines[1] - parts[0].size
+    if noise is None:
+        sparing = spare - (caution - 1.0) * (lines[0] * lines[1] - spare)
+        scores = squares / np.square(np.maximum(sparing, LEAST_SPARE * spare))
+    else:
+        scores = squares / len(parts) - 2.0 * noise**2 * spare
+    first, second = np.unravel_index(np.argmin(scores), scores.shape)
+    strengths = float(along.strengths[first]), float(around.strengths[second])
+    kept = along.modes.kept(np.array(strengths[:1])).T * around.modes.kept(np.array(strengths[1:]))
+    left = float(spare[first, second])
+    return Smoothed(
+        along=along,
+        around=around,
+        parts=parts,
+        kept=kept,
+        strengths=strengths,
+        spare=left,
+        freedom=lines[0] * lines[1] - left,
+        sigma=float(np.sqrt(squares[first, second] / (len(parts) * left))),
+        score=float(scores[first, second]),
+    )
+
+
+def _trials(along: SmoothingAxis, around: SmoothingAxis, squares: Floats) -> tuple[Floats, Floats]:
+    """Squared residuals, and freedom not spent, within the modes for all pairs of strengths.
+
+    With a and b kept along and around, p and q lost, ``1 - a b = p + a q``.
+    """
+    a, p = along.modes.kept(along.strengths), along.modes.lost(along.strengths)
+    b, q = around.modes.kept(around.strengths), around.modes.lost(around.strengths)
+    residual = (p**2 @ squares).sum(axis=1)[:, None] + 2.0 * (p * a) @ squares @ q.T
+    residual += a**2 @ squares @ (q**2).T
+    spare = p.sum(axis=1)[:, None] * b.shape[1] + a.sum(axis=1)[:, None] * q.sum(axis=1)
+    return residual, spare
+
+
+def bending_along(basis: Basis, order: int = 2) -> Floats:
+    """Root (r, count) of the integral of a spline's squared derivative of an order, 1 or 2."""
+    breaks = np.unique(basis.knots)
+    half = 0.5 * np.diff(breaks)
+    places = ((breaks[:-1] + half)[:, None] + half[:, None] * NODES).ravel()
+    weights = (half[:, None] * WEIGHTS).ravel()
+    root: Floats = np.sqrt(weights)[:, None] * basis.matrix(places, order).toarray()
+    return root
+
+
+def bending_around(count: int) -> Floats:
+    """Root (count, count) of the bending of a closed curve, beyond that of an ellipse.
+
+    Second differences of what remains of the control points when points and ellipses are taken
+    out: constants and the first harmonic cost nothing, so that a smoothed circle keeps its size
+    however strongly it is smoothed.
+    """
+    unit = np.eye(count)
+    before, after = np.roll(unit, 1, axis=1), np.roll(unit, -1, axis=1)
+    beyond = before - 2.0 * np.cos(2.0 * np.pi / count) * unit + after
+    root: Floats = (before - 2.0 * unit + after) @ beyond
+    return root
+
+
+class Misses(NamedTuple):
+    """Contours predicted from their neighbours."""
+
+    squares: Floats  # Squared misses across the contours, (m, k)
+    gain: Floats  # Variance of a miss over that of the noise, (m,); 1 where there are no neighbours
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BetweenContours:
+    """Squares of what a surface may miss between contours."""
+
+    sites: Floats  # Parameters of the contours along the axis, rising, (m,)
+    squares: Floats  # Squared misses of each contour, noise taken off, at even turns, (m, k)
+    share: float  # Of a miss that is to be expected midway between contours
+
+    def variance(self, places: Floats, turns: Floats) -> Floats:
+        """On a grid of parameters (a,) and turns (b,): (a, b).
+
+        Nothing at the contours, most midway between them; beyond the outermost ones it grows
+        with the squared distance.
+        """
+        count = len(self.sites)
+        if count < 2:
+            return np.zeros((len(places), len(turns)))
+        squares = self.squares @ _nearby(turns, self.squares.shape[1]).T
+        first = np.clip(np.searchsorted(self.sites, places) - 1, 0, count - 2)
+        gap = np.diff(self.sites)[first]
+        share = (places - self.sites[first]) / gap
+        inside = self.share**2 * np.clip(4.0 * share * (1.0 - share), 0.0, None)
+        beyond = np.square(np.maximum(np.maximum(-share, share - 1.0), 0.0))
+        worse = np.maximum(squares[first], squares[first + 1])
+        outer = np.where((share > 1.0)[:, None], squares[first + 1], squares[first])
+        variance: Floats = inside[:, None] * worse + beyond[:, None] * outer
+        return variance
+
+
+def between_contours(
+    sites: Floats, contours: Floats, across: Floats, sigma: float
+) -> BetweenContours:
+    """Judge how far a surface through contours can be trusted between them.
+
+    Parameters
+    ----------
+    sites : (m,) array
+        Parameters of the contours along the axis, rising.
+    contours : (m, k, 2) array
+        Their points at even turns.
+    across : (m, k, 2) array
+        Unit vectors across the contours; zero where a contour is a point.
+    sigma : float
+        Standard deviation of the noise across.
+    """
+    one = _misses(sites, contours, across)
+    width = contours.shape[1]
+    nearby = _nearby(np.arange(width) / width, width)
+    squares = np.maximum(one.squares @ nearby.T - one.gain[:, None] * sigma**2, 0.0)
+    trust = float(np.clip(FEW / len(sites), LEAST_TRUST, 1.0))
+    decay = DECAY
+    if len(sites) >= DECAYING:
+        decay = _decay(one, _every_other(sites, contours, across), sigma)
+    return BetweenContours(sites, squares, trust * decay)
+
+
+def _nearby(turns: Floats, count: int) -> Floats:
+    """Weights (b, k) of even turns in an average about turns (b,)."""
+    away = turns[:, None] - np.arange(count) / count
+    angle = 2.0 * np.pi * (away - np.round(away))
+    weights = np.exp(-0.5 * np.square(angle / NEAR))
+    averages: Floats = weights / weights.sum(axis=1, keepdims=True)
+    return averages
+
+
+def _decay(one: Misses, two: Misses, sigma: float) -> float:
+    """Miss at half the spacing over that at the whole, where they are largest."""
+    inner = slice(2, -2)
+    near, far = (
+        np.maximum(misses.squares[inner].mean(axis=1) - misses.gain[inner] * sigma**2, 0.0)
+        for misses in (one, two)
+    )
+    worst = np.argsort(-near)[: max(3, int(WORST * len(near)))]
+    if not far[worst].sum() > 0.0:
+        return DECAY
+    ratio = float(np.sqrt(near[worst].sum() / far[worst].sum()))
+    return float(np.clip(ratio, LEAST_DECAY, MOST_DECAY))
+
+
+def _every_other(sites: Floats, contours: Floats, across: Floats) -> Misses:
+    """The same from every other contour, at twice the spacing."""
+    squares, gain = np.empty(contours.shape[:2]), np.empty(len(sites))
+    for start in (0, 1):
+        part = slice(start, None, 2)
+        squares[part], gain[part] = _misses(sites[part], contours[part], across[part])
+    return Misses(squares, gain)
+
+
+def _misses(sites: Floats, contours: Floats, across: Floats) -> Misses:
+    """Predict each contour from its neighbours."""
+    weights = np.eye(2)[::-1] if len(sites) == 2 else neighbour_weights(sites)
+    known = (weights != 0.0).any(axis=1)
+    missed = np.tensordot(weights, contours, 1) - contours
+    squares = np.square(np.einsum("mkd,mkd->mk", missed, across))
+    return Misses(np.where(known[:, None], squares, 0.0), 1.0 + np.square(weights).sum(axis=1))

@@ -1,0 +1,268 @@
+"""A spline surface around an axis, and its parameter along the axis: a latitude where it is round.
+
+Towards a round end the radius falls like the root of the distance from it, with a slope that no
+spline in the height can follow; in the latitude the radius is smooth (that of an ellipsoid is a
+cosine). Contours on either side of a step lie close together and differ much: there the
+parameter runs by the way along the surface (Gregory and Delbourgo, 1982).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.core.arrays import Floats, finite_array
+from palpate.core.splines import (
+    CUBIC,
+    Basis,
+    averaged_knots,
+    evaluate_grid,
+    evaluate_scattered,
+    periodic_knots,
+)
+
+MOST_SITES = 128  # Coefficients along the axis; of more contours some share a knot interval
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContourSurface:
+    """The surface, from its lowest contour or pole to its highest."""
+
+    latitude: AxialParameter  # Parameter along the axis
+    along: Basis  # Splines along it; the surface spans their domain
+    control: Floats  # Coefficients (n, k, 2) about `middle`, m
+    middle: Floats  # (2,), m
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Heights at which it begins and ends, m."""
+        low, high = self.latitude.height(np.array(self.along.domain))
+        return float(low), float(high)
+
+    def at(self, heights: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Places in the plane at heights, m, and turns, which are broadcast: (..., 2), m.
+
+        Beyond its reach its section is carried on.
+
+        Parameters
+        ----------
+        heights, turns : arrays
+            Any; a whole turn is 1.
+        by : pair of int
+            How often to differentiate by the height, once at most, and by the turn. At a round
+            end the slope by the height grows without limit: see `places`.
+
+        Raises
+        ------
+        ValueError
+            If a number is not finite, or a derivative is negative or not offered.
+        """
+        if by[0] not in (0, 1):
+            raise ValueError(f"by must be 0 or 1 in the height, got {by[0]}")
+        heights, turns = np.broadcast_arrays(np.asarray(heights, float), np.asarray(turns, float))
+        flat = finite_array("heights", heights.ravel(), (None,))
+        latitudes = self.within(flat)
+        plane = self.places(latitudes, turns.ravel(), by)[:, :2]
+        if by[0]:
+            rise = np.maximum(self.latitude.height(latitudes, 1), np.finfo(float).tiny)
+            outside = (flat < self.reach[0]) | (flat > self.reach[1])
+            plane = np.where(outside, 0.0, 1.0 / rise)[:, None] * plane
+        return plane.reshape(*heights.shape, 2)
+
+    def within(self, heights: Floats) -> Floats:
+        """Latitudes (n,) of heights (n,), m; those beyond its reach are taken to its ends."""
+        low, high = self.along.domain
+        latitudes: Floats = np.clip(self.latitude.of(heights), low, high)
+        return latitudes
+
+    def places(self, latitudes: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Points (n, 3), m, at latitudes and turns (n,), or derivatives by them.
+
+        Raises
+        ------
+        ValueError
+            If a number is not finite, a latitude lies outside the domain, or a derivative is
+            negative.
+        """
+        at = np.stack([latitudes, np.mod(finite_array("turns", turns, (None,)), 1.0)], axis=-1)
+        (plane,) = evaluate_scattered(self._bases, self._wound, at, [by])
+        rise = self.latitude.height(latitudes, by[0]) if by[1] == 0 else np.zeros(len(at))
+        return np.column_stack([plane + self.middle if by == (0, 0) else plane, rise])
+
+    def on_grid(self, latitudes: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Their first two coordinates at every pair of latitudes (a,) and turns (b,): (a, b, 2)."""
+        plane = evaluate_grid(self._bases, self._wound, [latitudes, np.mod(turns, 1.0)], by)
+        return plane + self.middle if by == (0, 0) else plane
+
+    @property
+    def _bases(self) -> tuple[Basis, Basis]:
+        return self.along, Basis(periodic_knots(self.control.shape[1]), CUBIC)
+
+    @property
+    def _wound(self) -> Floats:
+        return np.concatenate([self.control, self.control[:, :CUBIC]], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SidePatch:
+    """The same from 0 at its lower end to 1 at its upper one, evenly in the latitude."""
+
+    surface: ContourSurface  # The surface
+
+    def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Points (n, 3), m, at shares v and turns (n,), or derivatives by them."""
+        low, high = self.surface.along.domain
+        latitudes = np.clip(low + (high - low) * v, low, high)
+        return (high - low) ** by[0] * self.surface.places(latitudes, turns, by)
+
+
+@dataclass(frozen=True, slots=True)
+class AxialParameter:
+    """Parameter of the heights between two ends, each of which may be round.
+
+    Where both are, the angle whose sine is the height; where one is, the root of the distance
+    from it; where none is, the height. All are about 1 in size.
+    """
+
+    low: float  # Height of the lower end, m
+    high: float  # Height of the upper end, m
+    # Whether the surface closes there with a slope like a sphere's: below, above.
+    round: tuple[bool, bool]
+    pace: Reparametrisation | None = None  # How fast it runs, if not evenly in this
+
+    def of(self, heights: Floats) -> Floats:
+        """Latitudes (n,) of heights (n,), m; those beyond an end are taken to it."""
+        above = np.clip((heights - self.low) / (self.high - self.low), 0.0, 1.0)
+        below = np.clip((self.high - heights) / (self.high - self.low), 0.0, 1.0)
+        match self.round:
+            case (True, True):
+                # From both distances: the sine's own inverse is blind next to an end.
+                latitudes = 2.0 * np.arctan2(np.sqrt(above), np.sqrt(below)) - 0.5 * np.pi
+            case (True, False):
+                latitudes = np.sqrt(above)
+            case (False, True):
+                latitudes = -np.sqrt(below)
+            case _:
+                latitudes = above
+        result: Floats = latitudes if self.pace is None else self.pace.of(latitudes)
+        return result
+
+    def height(self, latitudes: Floats, derivative: int = 0) -> Floats:
+        """Heights (n,) of latitudes (n,), m, or their first or second derivative."""
+        if self.pace is None:
+            return self._height(latitudes, derivative)
+        even = self.pace.value(latitudes)
+        if derivative == 0:
+            return self._height(even, 0)
+        slope = self.pace.value(latitudes, 1)
+        if derivative == 1:
+            return slope * self._height(even, 1)
+        bend = self.pace.value(latitudes, 2)
+        return slope**2 * self._height(even, 2) + bend * self._height(even, 1)
+
+    def _height(self, latitudes: Floats, derivative: int) -> Floats:
+        """The same where the pace is even."""
+        extent = self.high - self.low
+        match self.round:
+            case (True, True):
+                half, angle = 0.5 * extent, latitudes + 0.5 * np.pi * derivative
+                middle = 0.5 * (self.low + self.high)
+                result: Floats = half * np.sin(angle) + (middle if derivative == 0 else 0.0)
+                return result
+            case (True, False):
+                result = np.polyval(np.polyder([extent, 0.0, self.low], derivative), latitudes)
+            case (False, True):
+                result = np.polyval(np.polyder([-extent, 0.0, self.high], derivative), latitudes)
+            case _:
+                result = np.polyval(np.polyder([extent, self.low], derivative), latitudes)
+        return result
+
+
+def basis_along(sites: Floats, ends: tuple[float, float]) -> Basis:
+    """Spline basis with which values at rising latitudes (n,) can be interpolated.
+
+    Cubic, or of a lower degree where there are few sites; with knots that are averages of the
+    sites. For a single site it is linear between two `ends` of the parameter.
+    """
+    if len(sites) == 1:
+        low, high = ends
+        return Basis(np.array([low, low, high, high]), 1)
+    if len(sites) > MOST_SITES:
+        shares = np.linspace(0.0, len(sites) - 1.0, MOST_SITES)
+        sites = np.interp(shares, np.arange(len(sites)), sites)
+    degree = min(CUBIC, len(sites) - 1)
+    return Basis(averaged_knots(sites, degree), degree)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reparametrisation:
+    """A rising function with a continuous slope, and its inverse, through given places.
+
+    Notes
+    -----
+    Gregory and Delbourgo, *Piecewise rational quadratic interpolation to monotonic data*, 1982:
+    within each step the inverse is the root of a quadratic.
+    """
+
+    even: Floats  # (m,): rising values at the places
+    paced: Floats  # (m,): the places, rising
+    slopes: Floats  # (m,): of the values by the places, positive
+
+    def of(self, even: Floats) -> Floats:
+        """Places (n,) of values (n,); those beyond the ends are taken to them."""
+        value = np.clip(even, self.even[0], self.even[-1])
+        step = self._step(self.even, value)
+        rise, run, mean, begin, more = self._terms(step)
+        share = (value - self.even[step]) / rise
+        # share (mean + more t (1 - t)) = mean t^2 + begin t (1 - t) in t.
+        square = mean - begin + share * more
+        linear = begin - share * more
+        constant = -share * mean
+        root = np.sqrt(np.maximum(linear**2 - 4.0 * square * constant, 0.0))
+        way = 2.0 * constant / -(linear + root)
+        places: Floats = self.paced[step] + run * np.clip(way, 0.0, 1.0)
+        return places
+
+    def value(self, paced: Floats, derivative: int = 0) -> Floats:
+        """Values (n,) at places (n,), or their first or second derivative."""
+        place = np.clip(paced, self.paced[0], self.paced[-1])
+        step = self._step(self.paced, place)
+        rise, run, mean, begin, more = self._terms(step)
+        t = (place - self.paced[step]) / run
+        over, under = mean * t**2 + begin * t * (1.0 - t), mean + more * t * (1.0 - t)
+        share = over / under
+        if derivative == 0:
+            return np.asarray(self.even[step] + rise * share)
+        under_slope = more * (1.0 - 2.0 * t)
+        slope = (2.0 * mean * t + begin * (1.0 - 2.0 * t) - share * under_slope) / under
+        if derivative == 1:
+            return np.asarray(rise / run * slope)
+        bend = 2.0 * (mean - begin) - 2.0 * slope * under_slope + 2.0 * share * more
+        return np.asarray(rise / run**2 * bend / under)
+
+    def _step(self, knots: Floats, places: Floats) -> NDArray[np.intp]:
+        return np.clip(np.searchsorted(knots, places, "right") - 1, 0, len(knots) - 2)
+
+    def _terms(self, step: NDArray[np.intp]) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Rise, run, mean slope and first slope of steps, and how the slopes exceed the mean."""
+        rise, run = np.diff(self.even)[step], np.diff(self.paced)[step]
+        mean = rise / run
+        begin, end = self.slopes[step], self.slopes[step + 1]
+        return rise, run, mean, begin, begin + end - 2.0 * mean
+
+
+def reparametrisation_through(even: Floats, lengths: Floats) -> Reparametrisation:
+    """The pace with steps of given lengths (m - 1,) between values (m,), both rising.
+
+    It spans what the values do. Its slopes are those of Fritsch and Butland, *A method for
+    constructing local monotone piecewise cubic interpolants*, 1984.
+    """
+    places = np.concatenate([[0.0], np.cumsum(lengths)])
+    paced = even[0] + (even[-1] - even[0]) * places / places[-1]
+    means, runs = np.diff(even) / np.diff(paced), np.diff(paced)
+    near, far = 2.0 * runs[1:] + runs[:-1], runs[1:] + 2.0 * runs[:-1]
+    inner = (near + far) / (near / means[:-1] + far / means[1:])
+    slopes = np.concatenate([means[:1], inner, means[-1:]])
+    return Reparametrisation(even, paced, slopes)

@@ -1,0 +1,274 @@
+"""Contact points as equations for the squared distance from an axis curve, and their banded system.
+
+Each point counts by its distance along its own normal: to first order that is the misfit of the
+squared distance, times the radial part of the normal, over twice the distance from the axis.
+Coefficients are numbered around first, so that each row of the normal equations ends within four
+rings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dtbtrs
+from scipy.sparse import csr_array, diags_array, eye_array, kron
+
+from palpate.core.arrays import Floats, Ints
+from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.loft import bending_around
+from palpate.core.splines import CUBIC, Basis, PeriodicBasis
+
+LEAST_DISTANCE = 0.05  # Least distance from the axis in a point's weight, as a share of the median
+# Least radial part of a normal: a point on a level face says nothing of the distance.
+LEAST_FACING = 0.05
+# Radial part of a normal below which a point looks towards the axis, and the share of such points
+# above which sections are not star-shaped about it.
+INWARD, MOST_INWARD = -0.2, 0.03
+RIDGE = 1e-10  # Bounds the condition of the system, over its mean diagonal
+STEPS = 30  # Of the iterations that estimate a condition number
+MOST_DEGREE = 3
+# Of the height: where a middle lies farther off the polynomial, the axis is a spline instead.
+MISSES = 0.01
+
+
+class SideEquations(NamedTuple):
+    """The points that tell of the side."""
+
+    # (n, along * around): from coefficients to distances along the normals, over m.
+    matrix: csr_array
+    target: Floats  # (n,), m
+    normals: Floats  # (n, 3)
+    touch: Ints  # (n,)
+    heights: Floats  # (n,), m
+    places: Floats  # (n, 2): along the heights, from 0 to 1, and around in turns
+    middle: float  # Median distance from the axis, m
+
+
+def looks_inward(felt: ContactPoints, axis_curve: AxisCurve) -> bool:
+    """Whether too many points look towards the axis for one distance a turn; needs normals."""
+    if felt.normals is None or not len(felt.points):
+        return False
+    _, _, facing = _about(felt.points, felt.normals, axis_curve)
+    return bool(np.mean(facing < INWARD) > MOST_INWARD)
+
+
+def side_equations(
+    felt: ContactPoints,
+    axis_curve: AxisCurve,
+    low: float,
+    high: float,
+    along: Basis,
+    around: PeriodicBasis,
+) -> SideEquations:
+    """Equations of the points between two heights.
+
+    Parameters
+    ----------
+    felt : FeltPoints
+        With normals; those outside the heights, or on level faces, are left out.
+    axis_curve : Spine
+        The axis.
+    low, high : float
+        Heights, m.
+    along, around : Basis, PeriodicBasis
+        Splines along the heights, over 0 to 1, and around.
+
+    Raises
+    ------
+    ValueError
+        If no point is left.
+    """
+    assert felt.normals is not None
+    away, distance, facing = _about(felt.points, felt.normals, axis_curve)
+    height = felt.points[:, 2]
+    within = (height >= low) & (height <= high) & (facing > LEAST_FACING)
+    if not within.any():
+        raise ValueError(f"no felt point lies on the side between {low:g} and {high:g} m")
+    away, distance, facing = away[within], distance[within], facing[within]
+    turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi)
+    middle = float(np.median(distance))
+    # Next to the axis the first order is worth nothing: no point counts more than those there.
+    weights = facing / (2.0 * np.maximum(distance, LEAST_DISTANCE * middle))
+    height = height[within]
+    local = np.clip((height - low) / (high - low), 0.0, 1.0)
+    basis = tensor_rows(along.matrix(local), around.matrix(turns))
+    return SideEquations(
+        csr_array(diags_array(weights) @ basis),
+        weights * distance**2,
+        felt.normals[within],
+        felt.touch[within],
+        height,
+        np.stack([local, turns], axis=-1),
+        middle,
+    )
+
+
+def _about(points: Floats, normals: Floats, axis_curve: AxisCurve) -> tuple[Floats, Floats, Floats]:
+    """Places (n, 2) about the axis, distances from it, and the radial parts of the normals."""
+    away = points[:, :2] - axis_curve.at(points[:, 2])
+    distance = np.linalg.norm(away, axis=1)
+    least = np.finfo(float).eps * max(float(distance.max(initial=0.0)), np.finfo(float).tiny)
+    facing = np.einsum("ni,ni->n", normals[:, :2], away) / np.maximum(distance, least)
+    return away, distance, facing
+
+
+def tensor_rows(first: csr_array, second: csr_array) -> csr_array:
+    """Row by row product of two sparse bases, (n, first columns * second columns)."""
+    counts = np.diff(first.indptr)[0], np.diff(second.indptr)[0]
+    n = first.shape[0]
+    values = first.data.reshape(n, counts[0], 1) * second.data.reshape(n, 1, counts[1])
+    columns = first.indices.reshape(n, counts[0], 1) * second.shape[1] + second.indices.reshape(
+        n, 1, counts[1]
+    )
+    pointers = np.arange(0, n * counts[0] * counts[1] + 1, counts[0] * counts[1])
+    shape = (n, first.shape[1] * second.shape[1])
+    return csr_array((values.ravel(), columns.ravel(), pointers), shape=shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SideSystem:
+    """A factored system."""
+
+    factor: Floats  # Lower band of the Cholesky factor, (band + 1, n)
+    norm: float  # Largest row sum of the system
+
+    def solve(self, right: Floats) -> Floats:
+        """Coefficients (n,) or (n, k) for a right-hand side."""
+        found: Floats = cho_solve_banded((self.factor, True), right, check_finite=False)
+        return found
+
+    def spread(self, rows: Floats) -> Floats:
+        """Standard deviations (k,) of rows (k, n) of the basis, over the noise."""
+        half, _ = dtbtrs(self.factor, np.asfortranarray(rows.T), uplo="L")
+        spread: Floats = np.linalg.norm(half, axis=0)
+        return spread
+
+    @property
+    def log_determinant(self) -> float:
+        """Natural logarithm of the system's determinant."""
+        return float(2.0 * np.log(self.factor[0]).sum())
+
+    @property
+    def condition(self) -> float:
+        """Estimate of the condition number, to 2 digits.
+
+        By inverse iteration from a fixed start; more digits would depend on the machine.
+        """
+        vector = np.cos(np.arange(self.factor.shape[1], dtype=float) ** 2)
+        length = 1.0
+        for _ in range(STEPS):
+            vector = self.solve(vector / np.linalg.norm(vector))
+            length = float(np.linalg.norm(vector))
+        return float(f"{self.norm * length:.2g}")
+
+
+def side_system(
+    rows: csr_array, turns: int, along: tuple[Floats, Floats], around: float
+) -> SideSystem:
+    """Least squares of rows, penalised.
+
+    Parameters
+    ----------
+    rows : (n, along * around) sparse array
+        Equations.
+    turns : int
+        Coefficients around.
+    along : pair of arrays
+        Strength of the bending along, from knot to knot, (spans,); and the root of the bending,
+        (r, along).
+    around : float
+        Strength of the bending around. Of strength 1, a penalty has the mean diagonal of the
+        equations.
+    """
+    normal = csr_array(rows.T @ rows)
+    band = banded(normal, _width(turns))
+    mean = float(band[0].mean())
+    band += mean * around * _bending_around(along[1].shape[1], turns)
+    band += mean * _bending_along(*along, turns)
+    band[0] += mean * RIDGE
+    sums = np.abs(band).sum(axis=0)
+    norm = float(2.0 * sums.max())
+    factor: Floats = cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
+    return SideSystem(factor, norm)
+
+
+@lru_cache(maxsize=4)
+def _bending_around(along: int, around: int) -> Floats:
+    root = bending_around(around)
+    form = csr_array(root.T @ root / (np.square(root).sum() / around))
+    band = banded(csr_array(kron(eye_array(along), form)), _width(around))
+    band.setflags(write=False)
+    return band
+
+
+def _bending_along(strengths: Floats, root: Floats, around: int) -> Floats:
+    weighted = np.repeat(np.sqrt(strengths), len(root) // len(strengths))[:, None] * root
+    form = csr_array(weighted.T @ weighted / (np.square(root).sum() / root.shape[1]))
+    return banded(csr_array(kron(form, eye_array(around))), _width(around))
+
+
+def banded(matrix: csr_array, width: int) -> Floats:
+    """Lower band (width + 1, n) of a symmetric sparse matrix."""
+    entries = matrix.tocoo()
+    row, column = entries.row, entries.col
+    lower = row >= column
+    band = np.zeros((width + 1, matrix.shape[0]))
+    band[(row - column)[lower], column[lower]] = entries.data[lower]
+    return band
+
+
+def _width(around: int) -> int:
+    return (CUBIC + 1) * around - 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisCurve:
+    """x and y of the axis as polynomials of the height, or as cubic splines of it."""
+
+    coefficients: Floats  # (degree + 1, 2), highest power first, of the height mapped to -1 .. 1.
+    low: float  # Height below which the axis is straight and upright, m
+    high: float  # Height above which it is
+    bent: CubicSpline | None = None  # Takes the polynomials' place, of the height in m
+
+    def at(self, heights: Floats) -> Floats:
+        """Places (n, 2) of the axis at heights (n,), m."""
+        if self.bent is not None:
+            return np.asarray(self.bent(np.clip(heights, self.low, self.high)))
+        half = max(0.5 * (self.high - self.low), np.finfo(float).tiny)
+        local = (np.clip(heights, self.low, self.high) - 0.5 * (self.low + self.high)) / half
+        return np.stack([np.polyval(column, local) for column in self.coefficients.T], axis=-1)
+
+    def slope(self, heights: Floats) -> Floats:
+        """Derivatives (n, 2) of those places by the height; 0 where the axis is upright."""
+        half = max(0.5 * (self.high - self.low), np.finfo(float).tiny)
+        local = (heights - 0.5 * (self.low + self.high)) / half
+        inside = np.abs(local) <= 1.0
+        if self.bent is not None:
+            return np.where(inside[:, None], self.bent(heights, 1), 0.0)
+        slopes = [np.polyval(np.polyder(column), local) for column in self.coefficients.T]
+        return np.where(inside[:, None], np.stack(slopes, axis=-1) / half, 0.0)
+
+
+def fit_axis_curve(heights: Floats, middles: Floats) -> AxisCurve:
+    """Axis through the middles (n, 2) of contours at heights (n,), m.
+
+    The degree is 3, or less where there are few contours. What is bent more than that, as the stem
+    of a banana, has a spline for its axis.
+    """
+    low, high = float(heights.min()), float(heights.max())
+    half = max(0.5 * (high - low), np.finfo(float).tiny)
+    local = (heights - 0.5 * (low + high)) / half
+    degree = min(MOST_DEGREE, len(np.unique(heights)) - 1)
+    basis = np.vander(local, degree + 1)
+    coefficients = np.linalg.lstsq(basis, middles, rcond=None)[0]
+    axis_curve = AxisCurve(np.asarray(coefficients, np.float64), low, high)
+    missed = float(np.linalg.norm(axis_curve.at(heights) - middles, axis=1).max())
+    levels, first = np.unique(heights, return_index=True)
+    if missed <= MISSES * (high - low) or len(levels) <= MOST_DEGREE + 1:
+        return axis_curve
+    return replace(axis_curve, bent=CubicSpline(levels, middles[first], bc_type="natural"))

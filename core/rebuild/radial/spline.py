@@ -1,0 +1,246 @@
+"""The side surface as a radial spline, fitted to every touched taxel at once.
+
+The squared distance q from the axis is a tensor product of a spline along the height and a
+periodic one around: squared, because q of an ellipsoid is a parabola with finite slope at the
+poles, where the distance itself rises with an infinite one. Along the height spans are even and
+halved towards both ends, where q too may rise with an infinite slope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.sparse import kron
+
+from palpate.core.arrays import Floats, Ints
+from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.loft import bending_along
+from palpate.core.rebuild.radial.equations import (
+    AxisCurve,
+    SideEquations,
+    SideSystem,
+    side_equations,
+    side_system,
+    tensor_rows,
+)
+from palpate.core.splines import CUBIC, Basis, PeriodicBasis
+
+AROUND = 96  # Coefficients around
+# Strength of bending along, where the side was felt all around and where it was not: there so
+# strong that what lies farther off bridges the gap, not the last points before it alone.
+TOUCHED, UNTOUCHED = 1e-3, 1e-2
+BESIDE = 2  # Spans between knots on either side of one that was not felt for which the same holds
+# Parts of a turn, and the share of them that may be without a point in a span that was felt.
+SECTORS, HOLES = 24, 0.1
+BENDING_AROUND = 1e-2  # Strength of bending around
+LEAST = 1e-6  # Smallest squared distance ever given, over that of the median
+# Steps by which the bending is made to cost more where there is noise, and how many at most.
+STIFFER, MOST_STIFFER = 10.0, 5
+UNBENT = 6  # Coefficients' combinations that do not bend
+PROBES = 2  # Random signs by which the freedom is estimated
+LEAST_SPARE = 0.05  # Least share of the points' freedom that is taken as left
+MEDIAN = 0.6745  # Median size of an error of deviation 1
+SPANS = 45  # Even spans
+HALVED = 4  # Times that the first and the last of them are halved
+# Power of a span's width by which its bending counts: a root that begins there bends each half of a
+# span more than the whole, and is not flattened.
+WIDTHS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadialSpline:
+    """A fitted side surface."""
+
+    axis_curve: AxisCurve  # Axis from which distances are taken
+    low: float  # Height at which the spline begins, m
+    high: float  # Height at which it ends, m
+    coefficients: Floats  # (along, around), m^2
+    middle: float  # Median distance of the points from the axis, m
+    rows: SideEquations  # What it was fitted to
+    system: SideSystem  # The system it solves
+    stiffness: float  # Times the strengths of bending
+
+    def squared(self, heights: Floats, turns: Floats) -> Floats:
+        """Squared distance from the axis on a grid, (heights, turns), m^2."""
+        along = along_basis().matrix(self._local(heights))
+        around = PeriodicBasis(AROUND).matrix(turns)
+        squared = (around @ (along @ self.coefficients).T).T
+        return np.asarray(np.maximum(squared, LEAST * self.middle**2))
+
+    def rings(self, heights: Floats, turns: Floats) -> Floats:
+        """Places on a grid, (heights, turns, 2), m."""
+        angle = 2.0 * np.pi * turns
+        rim = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        radius = np.sqrt(self.squared(heights, turns))
+        return np.asarray(self.axis_curve.at(heights)[:, None] + radius[..., None] * rim)
+
+    def misfits(self) -> Floats:
+        """Distances (n,) of the points along their normals, m."""
+        return np.asarray(self.rows.target - self.rows.matrix @ self.coefficients.ravel())
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom spent, estimated with random signs (Hutchinson, 1989)."""
+        rng = np.random.default_rng(0)
+        signs = rng.choice([-1.0, 1.0], (PROBES, len(self.rows.target)))
+        seen = [self.rows.matrix.T @ sign for sign in signs]
+        return float(np.mean([one @ self.system.solve(one) for one in seen]))
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of a point, from the median misfit and the freedom spent, m."""
+        spare = max(1.0 - self.freedom / len(self.rows.target), LEAST_SPARE)
+        return float(np.median(np.abs(self.misfits()))) / MEDIAN / float(np.sqrt(spare))
+
+    @property
+    def score(self) -> float:
+        """Restricted likelihood of the stiffness, but for what it has in common with others.
+
+        Twice its negative logarithm (Wahba, *A comparison of GCV and GML*, 1985).
+        """
+        rows, flat = self.rows, self.coefficients.ravel()
+        square = rows.target @ self.misfits()
+        count, size = len(rows.target) - UNBENT, len(flat) - UNBENT
+        bends = size * np.log(self.stiffness)
+        return float(count * np.log(square) + self.system.log_determinant - bends)
+
+    def deviation(self, heights: Floats, turns: Floats) -> Floats:
+        """Standard deviation of the surface across its rings on a grid, (heights, turns), m.
+
+        The posterior of the penalised fit (Wahba, *Bayesian confidence intervals*, 1983):
+        noise and what the penalty lets move, not features narrower than the knots.
+        """
+        along = along_basis().matrix(self._local(heights))
+        rows = kron(along, PeriodicBasis(AROUND).matrix(turns)).toarray()
+        spread = self.system.spread(rows).reshape(len(heights), len(turns))
+        square = np.mean(self.misfits() ** 2) / max(
+            1.0 - self.freedom / len(self.rows.target), LEAST_SPARE
+        )
+        # What one standard deviation more of the squared distance adds: spread over twice the
+        # distance, but finite where the surface runs through the axis.
+        squared = self.squared(heights, turns)
+        more = np.sqrt(square) * spread
+        return np.asarray(more / (np.sqrt(squared + more) + np.sqrt(squared)))
+
+    def _local(self, heights: Floats) -> Floats:
+        local: Floats = np.clip((heights - self.low) / (self.high - self.low), 0.0, 1.0)
+        return local
+
+
+def fit_radial_spline(
+    felt: ContactPoints, axis_curve: AxisCurve, low: float, high: float, stiffness: float = 1.0
+) -> RadialSpline:
+    """Fit the side surface between two heights to felt points.
+
+    Parameters
+    ----------
+    felt : FeltPoints
+        With normals; those outside the heights, or on level faces, are left out.
+    axis_curve : Spine
+        The axis.
+    low, high : float
+        Heights, m.
+    stiffness : float
+        How much more bending costs than it does without noise.
+
+    Raises
+    ------
+    ValueError
+        If no point is left.
+    """
+    along, around = along_basis(), PeriodicBasis(AROUND)
+    rows = side_equations(felt, axis_curve, low, high, along, around)
+    bending = stiffness * _strengths(rows.places), bending_root()
+    system = side_system(rows.matrix, AROUND, bending, stiffness * BENDING_AROUND)
+    found = system.solve(rows.matrix.T @ rows.target).reshape(along.count, AROUND)
+    return RadialSpline(axis_curve, low, high, found, rows.middle, rows, system, stiffness)
+
+
+def _strengths(places: Floats) -> Floats:
+    """Strength of bending along in each span, from the points' places (n, 2) along and around."""
+    span = np.minimum((places[:, 0] * SPANS).astype(int), SPANS - 1)
+    sector = (np.mod(places[:, 1], 1.0) * SECTORS).astype(int) % SECTORS
+    felt = np.zeros((SPANS, SECTORS), np.bool_)
+    felt[span, sector] = True
+    unfelt = np.mean(~felt, axis=1) > HOLES
+    near = np.convolve(unfelt, np.ones(2 * BESIDE + 1), mode="same") > 0.5
+    return np.where(near, UNTOUCHED, TOUCHED)[even_spans()]
+
+
+@lru_cache(maxsize=1)
+def even_spans() -> Ints:
+    """The even span (spans,) of which each span is a part."""
+    breaks = np.unique(along_basis().knots)
+    middles = 0.5 * (breaks[1:] + breaks[:-1])
+    return np.asarray((middles * SPANS).astype(np.int32))
+
+
+@lru_cache(maxsize=1)
+def bending_root() -> Floats:
+    """Root (r, count) of the bending along: that of `bending_along`, the widths counted out."""
+    basis = along_basis()
+    widths = np.diff(np.unique(basis.knots))
+    root = bending_along(basis)
+    weights = (widths * SPANS) ** (0.5 * WIDTHS)
+    weighted: Floats = np.repeat(weights, len(root) // len(weights))[:, None] * root
+    weighted.setflags(write=False)
+    return weighted
+
+
+def stiffened(felt: ContactPoints, skin: RadialSpline) -> RadialSpline:
+    """The skin as stiff as its points ask for: at least as stiff as it is."""
+    for _ in range(MOST_STIFFER):
+        stiffer = fit_radial_spline(
+            felt, skin.axis_curve, skin.low, skin.high, STIFFER * skin.stiffness
+        )
+        if not stiffer.score < skin.score:
+            break
+        skin = stiffer
+    return skin
+
+
+def with_normals(
+    felt: ContactPoints, axis_curve: AxisCurve, low: float, high: float
+) -> ContactPoints:
+    """Felt points with normals: where nobody measured them, those of a fit to the points.
+
+    That fit takes them to be radial. Parameters and errors as of `fit_radial_spline`.
+    """
+    if felt.normals is not None:
+        return felt
+    away = felt.points[:, :2] - axis_curve.at(felt.points[:, 2])
+    length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), np.finfo(float).tiny)
+    level = np.concatenate([away / length, np.zeros((len(away), 1))], axis=1)
+    first = fit_radial_spline(felt._replace(normals=level), axis_curve, low, high)
+    return felt._replace(normals=_gradient_normals(first, felt.points))
+
+
+def _gradient_normals(skin: RadialSpline, points: Floats) -> Floats:
+    """Outward unit normals (n, 3) of a skin at points next to it."""
+    away = points[:, :2] - skin.axis_curve.at(points[:, 2])
+    turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi)
+    local = skin._local(points[:, 2])
+    flat = skin.coefficients.ravel()
+    along, around = along_basis(), PeriodicBasis(AROUND)
+    extent = skin.high - skin.low
+    by_height = tensor_rows(along.matrix(local, 1), around.matrix(turns)) @ flat / extent
+    by_turn = tensor_rows(along.matrix(local), around.matrix(turns, 1)) @ flat / (2.0 * np.pi)
+    distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)[:, None]
+    out = away / distance
+    beside = np.stack([-out[:, 1], out[:, 0]], axis=-1)
+    level = 2.0 * distance * out - by_turn[:, None] / distance * beside
+    leaning = np.einsum("ni,ni->n", away, skin.axis_curve.slope(points[:, 2]))
+    gradient = np.column_stack([level, -2.0 * leaning - by_height])
+    normals: Floats = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+    return normals
+
+
+@lru_cache(maxsize=1)
+def along_basis() -> Basis:
+    """The basis over 0 to 1."""
+    even = np.linspace(0.0, 1.0, SPANS + 1)
+    nearer = even[1] * 0.5 ** np.arange(HALVED, 0, -1)
+    breaks = np.concatenate([even[:1], nearer, even[1:-1], 1.0 - nearer[::-1], even[-1:]])
+    return Basis(np.concatenate([np.zeros(CUBIC), breaks, np.ones(CUBIC)]), CUBIC)

@@ -1,0 +1,361 @@
+"""From contacts to a closed solid, by one of four methods: lattice, skin, thesis, coarse.
+
+The last two stand at the end: one superquadric, tapered and bent where its points ask for it
+(chosen by Schwarz's criterion, 1978), and the solid of `palpate.core.thesis` as a closed surface
+like any other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core.arrays import Floats, finite_array, positive
+from palpate.core.geometry import signed_area
+from palpate.core.poses import compose_poses, inverse_pose, split_pose
+from palpate.core.rebuild.closed_sides import (
+    ContourSolid,
+    close_contours,
+    close_radial,
+    lattice_of,
+    radial_rows,
+)
+from palpate.core.rebuild.contours import (
+    ContactPoints,
+    checked_contacts,
+    contacts_into_frame,
+    drop_reasons,
+    normals_as_points,
+    slicing_pose,
+    stack_points,
+)
+from palpate.core.rebuild.evidence import Evidence, gather, gather_curves
+from palpate.core.rebuild.recovery import Recovery, recover
+from palpate.core.rebuild.solid import Method, Solid
+from palpate.core.rebuild.surface import Patch, SampledPatch, closed_surface, placed, sampled_patch
+from palpate.core.shapes import Superquadric, Taper, regular_points
+from palpate.core.thesis import ThesisSolid, rebuild_thesis
+
+LEAST, WIDEST = 4, 64  # Control points of a lattice: the fewest each way, and the most across
+MOST_POINTS = 600  # More are thinned out: a superquadric has 15 parameters
+# Of which fits the best is taken: neither tapered nor bent, tapered, both.
+WARPS = ((False, False), (True, False), (True, True))
+# A fit with one of these doubts is taken only if there is no other.
+USELESS = frozenset({"folded", "not converged"})
+
+
+def reconstruct(
+    contours: Sequence[ArrayLike],
+    normals: Sequence[ArrayLike] | None = None,
+    patches: ContactPoints | None = None,
+    tops: ArrayLike | None = None,
+    method: Method = "lattice",
+    *,
+    frame: ArrayLike | None = None,
+    heights: ArrayLike | None = None,
+    noise: float | None = None,
+    size: tuple[int, int] | None = None,
+    grasp: Recovery | None = None,
+    faithful: bool = False,
+) -> Solid:
+    """Rebuild a solid from what was felt of it.
+
+    Parameters
+    ----------
+    contours : sequence of (n, 3) arrays, or of (n, 2) arrays with `heights`
+        Closed curves around the z axis of the slicing frame, in any order, each begun anywhere,
+        in either direction, of any number of points and in any unit: at least 2, or 1 with `tops`
+        at both ends. Rows that are not finite are left out, and single points that stick out.
+    normals : sequence of (n, 3) arrays, optional
+        Outward normals at the contours' points, of any length.
+    patches : FeltPoints, optional
+        Everything that touched, as points with the numbers of their touches.
+    tops : (k, 3) array, optional
+        Where single touches found the ends: those above the middle of the contours, along the
+        slicing axis, the upper one, those below it the lower one. An end that nobody touched is
+        closed where the contours say where, else level on the last contour; see
+        `Solid.uncovered`.
+    method : {"lattice", "skin", "thesis", "coarse"}
+        "skin": a smooth surface through what was felt. "lattice": the same as a control lattice
+        that deforms a prism, which can be edited and refined. "thesis": the shell and core of
+        Fung, 1999, 4.4, to compare with. "coarse": a superquadric, tapered and bent.
+    frame : (7,) array, optional
+        Pose of the slicing frame in the world: position, then a unit quaternion x, y, z, w. All
+        that is given here is given in the world, and the solid answers in the world; heights
+        count along the frame's z axis. The world's own frame if left out.
+    heights : (m,) array, optional
+        Of plane contours; without `frame`.
+    noise : float, optional
+        Standard deviation of a coordinate; estimated if left out.
+    size : pair of int, optional
+        With the method "lattice": control points across a section each way, and along the axis,
+        from 4 to 64 and from 4 to 512; as many as it takes if left out.
+    grasp : Recovery, optional
+        With the method "lattice": the superquadric that a grasp found, whose section the lattice
+        is put around; fitted to the contours if left out.
+    faithful : bool
+        With the method "thesis", as the program in its appendix has it, faults and all: see
+        `rebuild_thesis`. The contours must then have as many points each.
+
+    Returns
+    -------
+    Solid
+
+    Raises
+    ------
+    ValueError
+        If no contour can be used, or one alone without `tops` above and below it, or an
+        argument has no use: the sentence says why.
+
+    Notes
+    -----
+    Fung, 1999, 4.2 and 4.4, with a smoothed skin through the contours in place of the shell and
+    core.
+    """
+    if method not in get_args(Method):
+        raise ValueError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
+    if noise is not None:
+        positive("noise", float(finite_array("noise", noise, ())), "in the unit of the contours")
+    if method != "lattice" and not (size is None and grasp is None):
+        raise ValueError(f"size and grasp must be left out with the method {method!r}")
+    if size is not None:
+        _check_lattice(size)
+    if faithful and method != "thesis":
+        raise ValueError(f"faithful goes with the method 'thesis' alone, got {method!r}")
+    pose = slicing_pose(frame)
+    if grasp is not None and pose is not None:
+        grasp = replace(grasp, pose=compose_poses(inverse_pose(pose), grasp.pose))
+    felt = _contact_points(contours, normals, patches, heights, pose)
+    evidence = gather(contours, tops, felt=felt, heights=heights, noise=noise, frame=pose)
+    return Rebuilder(method, size, grasp, faithful)(evidence)
+
+
+def _check_lattice(size: tuple[int, int]) -> None:
+    whole = isinstance(size, tuple) and all(isinstance(count, int) for count in size)
+    if not (whole and len(size) == 2 and min(size) >= LEAST and size[0] <= WIDEST >= size[1] // 8):
+        raise ValueError(
+            f"size must be two whole numbers, from {LEAST} to {WIDEST} across and to {8 * WIDEST} "
+            f"along, got {size}"
+        )
+
+
+def _contact_points(
+    contours: Sequence[ArrayLike],
+    normals: Sequence[ArrayLike] | None,
+    patches: ContactPoints | None,
+    heights: ArrayLike | None,
+    frame: Floats | None,
+) -> ContactPoints | None:
+    """Everything that was felt but the contours themselves, seen from the frame."""
+    parts = [] if patches is None else [contacts_into_frame(frame, checked_contacts(patches))]
+    if normals is not None:
+        parts.append(normals_as_points(contours, normals, heights, frame))
+    return stack_points(parts) if parts else None
+
+
+@dataclass(frozen=True, slots=True)
+class Rebuilder:
+    """How a solid is rebuilt: a value, so that a solid can be kept in a file."""
+
+    method: Method
+    size: tuple[int, int] | None
+    grasp: Recovery | None
+    faithful: bool
+
+    def __call__(self, evidence: Evidence) -> Solid:
+        """The solid that evidence tells of, which can be made again from more of it."""
+        if self.method == "coarse":
+            solid = _coarse(evidence)
+        elif self.method == "thesis":
+            solid = _thesis(evidence, self.faithful)
+        else:
+            solid = self._from_skin(evidence)
+        shear = None if solid.closed is None else solid.closed.shear
+        return replace(solid, surface=placed(solid.surface, evidence.frame, shear), again=self)
+
+    def _from_skin(self, evidence: Evidence) -> Solid:
+        evidence, closed = _close(evidence)
+        surface, lattice = closed.surface, None
+        if self.method == "lattice":
+            surface, lattice = lattice_of(closed, self.size, self.grasp)
+        return Solid(
+            surface=surface,
+            method=self.method,
+            evidence=evidence,
+            closed=closed,
+            lattice=lattice,
+        )
+
+
+def _coarse(evidence: Evidence) -> Solid:
+    slices = evidence.slices
+    points = [
+        np.column_stack([points, np.full(len(points), height)])
+        for points, height in zip(slices.points, slices.heights, strict=True)
+    ]
+    found = fit_coarse(np.concatenate(points), evidence.noise)
+    if not found.fitted:
+        raise ValueError(f"contours must determine a superquadric, got {found.doubts[0]}")
+    surface = closed_surface((coarse_patch(found),))
+    return Solid(surface=surface, method="coarse", evidence=evidence, model=found)
+
+
+def coarse_patch(recovery: Recovery) -> SampledPatch:
+    """Its surface, from the lower end of its own axis to the upper one.
+
+    Raises
+    ------
+    ValueError
+        If it has no extent.
+    """
+    base = Superquadric(recovery.size, recovery.exponents)
+    taper = Taper(float(recovery.taper[0]), float(recovery.taper[1]), float(recovery.size[2]))
+    position, axes = split_pose(recovery.pose)
+
+    def grid(v: Floats, turns: Floats) -> Floats:
+        eta, omega = np.meshgrid(np.pi * (v - 0.5), np.pi * (2.0 * turns - 1.0), indexing="ij")
+        points = regular_points(base, eta.ravel(), omega.ravel()).points
+        points = recovery.bend(taper(points)) @ axes.T + position
+        return points.reshape(*eta.shape, 3)
+
+    return sampled_patch(grid)
+
+
+def _thesis(evidence: Evidence, faithful: bool) -> Solid:
+    slices = evidence.slices
+    count = evidence.correspondence.grid.shape[1]
+    turns = np.arange(count) / count
+    rings = slices.points if faithful else [curve.at(turns) for curve in slices.curves]
+    contours = [
+        np.column_stack([ring, np.full(len(ring), height)])
+        for ring, height in zip(rings, slices.heights, strict=True)
+    ]
+    found = rebuild_thesis(contours, faithful=faithful)
+    surface = closed_surface(thesis_patches(found))
+    return Solid(surface=surface, method="thesis", evidence=evidence, model=found)
+
+
+def thesis_patches(solid: ThesisSolid) -> tuple[Patch, ...]:
+    """Its surface, from the bottom to the top, counter-clockwise whatever the lattice does.
+
+    Notes
+    -----
+    The program closes its surface by points beyond its first and last rows; these are cones.
+    """
+    middle = solid.surface(np.array([0.5]), np.linspace(0.0, 1.0, 65))[0, :-1]
+    mirrored = signed_area(middle[:, :2]) < 0.0
+
+    def grid(v: Floats, turns: Floats) -> Floats:
+        return solid.surface(v, 1.0 - turns if mirrored else turns)
+
+    side = sampled_patch(grid)
+    if solid.cap is None:
+        return (side,)
+    turns = np.arange(side.control.shape[1]) / side.control.shape[1]
+    tips = []
+    for v, way in ((0.0, -1.0), (1.0, 1.0)):
+        ring = side.at(np.full(len(turns), v), turns)
+        tips.append(ring.mean(axis=0) + np.array([0.0, 0.0, way * solid.cap]))
+    return ConePatch(side, tips[0], False), side, ConePatch(side, tips[1], True)
+
+
+def _close(evidence: Evidence) -> tuple[Evidence, ContourSolid]:
+    """The skin and its ends: of all that was felt where that can be, else of the contours."""
+    if evidence.felt is None:
+        return evidence, _close_contours(evidence)
+    rows = radial_rows(evidence.slices, evidence.felt, evidence.bottom, evidence.top)
+    if rows is not None:
+        return evidence, close_radial(rows)
+    alone = gather_curves(evidence.given, evidence.tops, None, evidence.noise, evidence.frame)
+    return alone._replace(felt=evidence.felt), _close_contours(alone)
+
+
+def _close_contours(evidence: Evidence) -> ContourSolid:
+    slices = evidence.slices
+    touched = evidence.bottom is not None and evidence.top is not None
+    if len(slices.heights) < 2 and not touched:
+        why = f" ({drop_reasons(slices.dropped)})" if slices.dropped else ""
+        raise ValueError(
+            "contours must leave at least 2 to rebuild from, or 1 with tops that touched both "
+            f"ends, got 1{why}"
+        )
+    return close_contours(
+        slices.heights,
+        evidence.correspondence.grid,
+        bottom=evidence.bottom,
+        top=evidence.top,
+        noise=evidence.noise,
+    )
+
+
+def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
+    """The superquadric that explains points best for its number of parameters.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        On the surface, in any unit; contacts of a hand, or points of contours.
+    noise : float, optional
+        Standard deviation of a coordinate, if it is known: what is less explains nothing.
+
+    Returns
+    -------
+    Recovery
+        Tapered and bent where that pays. If the points are too few, or all in a plane, it is an
+        ellipsoid in their extents, and says so in its doubts.
+
+    Raises
+    ------
+    ValueError
+        If the points are not finite, or the noise is not positive.
+
+    Notes
+    -----
+    Fung, 1999, 3.2.2, step 1, with pose, taper, bend and free exponents. Chosen by Schwarz,
+    *Estimating the dimension of a model*, 1978.
+    """
+    places = finite_array("points", points, (None, 3))
+    if noise is not None:
+        positive("noise", noise, "in the unit of the points")
+    if len(places) > MOST_POINTS:
+        places = places[np.linspace(0, len(places) - 1, MOST_POINTS).round().astype(int)]
+    fits = [recover(places, taper=taper, bend=bend, noise=noise) for taper, bend in WARPS]
+    fitted = [fit for fit in fits if fit.fitted]
+    if not fitted:
+        return fits[0]
+    sound = [fit for fit in fitted if not USELESS.intersection(fit.doubts)]
+    return min(sound or fitted[:1], key=lambda fit: _information(fit, len(places), noise or 0.0))
+
+
+def _information(fit: Recovery, count: int, noise: float) -> float:
+    """Schwarz's criterion: smaller is better."""
+    rounding = max(np.finfo(float).eps * float(fit.size.max()), np.finfo(float).tiny)
+    missed = max(math.hypot(fit.rms, noise), rounding)
+    return 2.0 * count * math.log(missed) + len(fit.names) * math.log(count)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConePatch:
+    """Straight lines from a side's last ring to a point."""
+
+    side: Patch
+    tip: Floats  # (3,)
+    upper: bool  # Whether it lies on the side or under it
+
+    def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """See `Patch.at`."""
+        edge = np.full(len(turns), 1.0 if self.upper else 0.0)
+        ring = self.side.at(edge, turns, (0, by[1]))
+        share = (1.0 - v if self.upper else v)[:, None]
+        if by[0] > 1:
+            return np.zeros_like(ring)
+        tip = self.tip if by[1] == 0 else np.zeros(3)
+        if by[0] == 1:
+            return (ring - tip) * (-1.0 if self.upper else 1.0)
+        found: Floats = tip + share * (ring - tip)
+        return found

@@ -1,1 +1,0 @@
-"""A smooth surface through contours that correspond, and how far it can be trusted."""

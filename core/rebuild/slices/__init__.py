@@ -1,1 +1,0 @@
-"""Contours as level slices of an object, and what is wrong with them."""

@@ -1,0 +1,346 @@
+"""A closed surface given by a rule, exact at every place: points, curvatures, volume and moments.
+
+It runs from a pole at v = 0 to a pole at v = 1, through the lower end, the side and the upper
+end; around it runs the turn. The pieces meet at seams, where it may have an edge. Integrals over
+the solid are taken over its surface by the divergence theorem, by Gauss's rule on cells that are
+halved until the result stands still.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.geometry import signed_area
+from palpate.core.poses import split_pose, transform_points
+from palpate.core.rebuild.ends import End, Shear
+from palpate.core.rebuild.surface.patches import Patch, end_patches
+from palpate.core.shapes import MassMoments
+
+# Of the way from pole to pole: within this of a pole, normals and curvatures are told as they are
+# at this distance, where the tangents do not vanish.
+POLE = 1e-5
+OPEN = 1e-6  # Of the size: a ring at a pole that is wider than this leaves a hole
+LENGTH_ROWS, LENGTH_TURNS = 17, 24  # Grid on which a piece's length is taken
+LEAST_PIECE = 0.02  # Least share of v that a piece gets
+NODES = 4  # Of Gauss's rule in a cell, each way
+FIRST_ROWS, FIRST_COLUMNS = 4, 12  # Cells of each piece to begin with
+HALVINGS = 4  # Most halvings of the cells
+ENOUGH = 1e-8  # Change of the volume and of the area, as a share, at which they stand still
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Pieces from pole to pole; `close_surface` makes one."""
+
+    pieces: tuple[Patch, ...]  # From the bottom to the top
+    seams: Floats  # v at which they begin and end, (pieces + 1,), from 0 to 1
+    middle: Floats  # About the middle of its box, (3,)
+    size: float  # Diagonal of its box, about
+    # Pose (7,) of the frame in which the pieces are; None if they are where the surface is.
+    frame: Floats | None = None
+    shear: Shear | None = None  # How the pieces are slanted before
+
+    def at(self, v: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Points (..., 3), or derivatives of them.
+
+        Parameters
+        ----------
+        v : array
+            From 0, the lower pole, to 1, the upper. At a seam the upper piece answers.
+        turns : array
+            Around it; a whole turn is 1. It is broadcast with `v`.
+        by : pair of int
+            How often it is differentiated by v and by turns; together up to 2.
+
+        Raises
+        ------
+        ValueError
+            If a place is not finite or v lies outside 0 to 1, or more derivatives are wanted.
+        """
+        v, turns = np.broadcast_arrays(np.asarray(v, float), np.asarray(turns, float))
+        shape = v.shape
+        v = finite_array("v", v.ravel(), (None,))
+        turns = finite_array("turns", turns.ravel(), (None,))
+        if len(v) and not (v.min() >= 0.0 and v.max() <= 1.0):
+            raise ValueError(f"v must lie between 0 and 1, got {v.min():g} to {v.max():g}")
+        if min(by) < 0 or sum(by) > 2:
+            raise ValueError(f"by must be 0 or more and together at most 2, got {by}")
+        points = np.empty((len(v), 3))
+        owner = self.piece_of(v)
+        for piece in np.unique(owner):
+            rows = owner == piece
+            points[rows] = self.piece_at(int(piece), v[rows], turns[rows], by)
+        return points.reshape(*shape, 3)
+
+    def piece_of(self, v: Floats) -> Ints:
+        """The piece (n,) at each v (n,); the upper one at a seam."""
+        found = np.searchsorted(self.seams, v, side="right") - 1
+        return np.clip(found, 0, len(self.pieces) - 1).astype(np.int32)
+
+    def piece_at(
+        self, piece: int, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)
+    ) -> Floats:
+        """Points (n, 3) of one piece, at v (n,) between its seams, or derivatives of them."""
+        low, high = self.seams[piece], self.seams[piece + 1]
+        local = np.clip((v - low) / (high - low), 0.0, 1.0)
+        found = self._slanted(self.pieces[piece], local, turns, by)
+        if self.frame is not None:
+            position, axes = split_pose(self.frame)
+            found = found @ axes.T
+            found = found + position if by == (0, 0) else found
+        return found / (high - low) ** by[0] if by[0] else found
+
+    def _slanted(self, piece: Patch, v: Floats, turns: Floats, by: tuple[int, int]) -> Floats:
+        if self.shear is None:
+            return piece.at(v, turns, by)
+        return self.shear.carried(lambda order: piece.at(v, turns, order), by)
+
+    def normals(self, v: ArrayLike, turns: ArrayLike) -> Floats:
+        """Outward unit normals (..., 3); arguments and errors as for `at`.
+
+        Where it has an edge, those of the piece that answers; at a tip, the limit along the
+        turn.
+        """
+        inside = self._off_poles(v)
+        by_v, by_t = self.at(inside, turns, (1, 0)), self.at(inside, turns, (0, 1))
+        normals = unit_normals(by_v.reshape(-1, 3), by_t.reshape(-1, 3))
+        return normals.reshape(by_v.shape)
+
+    def curvatures(self, v: ArrayLike, turns: ArrayLike) -> Curvatures:
+        """Principal curvatures at places (n,); arguments and errors as for `at`."""
+        inside = self._off_poles(v)
+        orders = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+        return curvatures_of(*(self.at(inside, turns, by).reshape(-1, 3) for by in orders))
+
+    def _off_poles(self, v: ArrayLike) -> Floats:
+        v = np.asarray(v, float)
+        if v.size and not (v.min() >= 0.0 and v.max() <= 1.0):
+            raise ValueError(f"v must lie between 0 and 1, got {v.min():g} to {v.max():g}")
+        inside: Floats = np.clip(v, POLE, 1.0 - POLE)
+        return inside
+
+
+def curvatures_of(
+    by_v: Floats, by_t: Floats, by_vv: Floats, by_vt: Floats, by_tt: Floats
+) -> Curvatures:
+    """From the derivatives of a surface, (n, 3) each.
+
+    Parameters
+    ----------
+    by_v, by_t, by_vv, by_vt, by_tt : (n, 3) arrays
+        By v upwards and by t counter-clockwise; by_t and by_v neither parallel nor zero.
+
+    Notes
+    -----
+    As `palpate.core.touch.shape_operator` does it for one point: both forms in
+    orthonormal tangents, by Gram-Schmidt, never from the squares E, F and G.
+    """
+    a = np.linalg.norm(by_v, axis=1)
+    along = by_v / a[:, None]
+    normals = unit_normals(by_v, by_t)
+    beside = np.cross(along, normals)
+    c = np.linalg.norm(by_t, axis=1)
+    rest = by_t / c[:, None]
+    b, d = _dot(rest, along), _dot(rest, beside)
+    uu, uv, vv = (
+        -_dot(normals, by_vv) / a**2,
+        -_dot(normals, by_vt) / (a * c),
+        -_dot(normals, by_tt) / c**2,
+    )
+    s12 = (uv - b * uu) / d
+    s22 = (vv - 2.0 * b * uv + b * b * uu) / d**2
+    mean, spread = 0.5 * (uu + s22), np.hypot(0.5 * (uu - s22), s12)
+    turn = 0.5 * np.arctan2(2.0 * s12, uu - s22)[:, None]
+    directions = np.cos(turn) * along + np.sin(turn) * beside
+    return Curvatures(normals, mean + spread, mean - spread, directions)
+
+
+def unit_normals(by_v: Floats, by_t: Floats) -> Floats:
+    """Outward unit normals (n, 3) from tangents upwards and counter-clockwise.
+
+    0 where the tangents are parallel or zero.
+    """
+    lengths = [np.linalg.norm(by, axis=1, keepdims=True) for by in (by_t, by_v)]
+    one, other = (
+        by / np.where(length > 0.0, length, 1.0)
+        for by, length in zip((by_t, by_v), lengths, strict=True)
+    )
+    across = np.cross(one, other)
+    sine = np.linalg.norm(across, axis=1, keepdims=True)
+    return np.asarray(across / np.where(sine > 0.0, sine, 1.0))
+
+
+def _dot(one: Floats, other: Floats) -> Floats:
+    result: Floats = np.einsum("ni,ni->n", one, other)
+    return result
+
+
+def close_surface(side: Patch, bottom: End | None = None, top: End | None = None) -> Surface:
+    """A side with its ends.
+
+    Parameters
+    ----------
+    side : Patch
+        From its lowest ring to its highest, counter-clockwise seen from above.
+    bottom, top : End, optional
+        What is set onto it; none where the side itself closes in a point.
+
+    Raises
+    ------
+    ValueError
+        If the side runs clockwise, or does not close where no end is set onto it.
+    """
+    below = end_patches(side, bottom, upper=False) if bottom is not None else ()
+    above = end_patches(side, top, upper=True) if top is not None else ()
+    _check_way(_grid(side, np.linspace(0.0, 1.0, LENGTH_ROWS), _turns()))
+    return closed_surface((*below, side, *above))
+
+
+def _check_way(rings: Floats) -> None:
+    area = signed_area(rings[len(rings) // 2, :, :2])
+    if not area > 0.0:
+        raise ValueError(f"side must run counter-clockwise, got a ring of signed area {area:g}")
+
+
+def closed_surface(pieces: tuple[Patch, ...]) -> Surface:
+    """Pieces, from the lowest to the highest, that make a closed surface.
+
+    Raises
+    ------
+    ValueError
+        If it does not close in a point at both ends.
+    """
+    turns = _turns()
+    v = np.linspace(0.0, 1.0, LENGTH_ROWS)
+    grid = np.stack([_grid(piece, v, turns) for piece in pieces])
+    points = grid.reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float(np.linalg.norm(high - low))
+    for name, ring in (("bottom", grid[0, 0]), ("top", grid[-1, -1])):
+        width = float(np.ptp(ring, axis=0).max())
+        if width > OPEN * size:
+            raise ValueError(
+                f"{name} must be given, for the side does not close there: "
+                f"its last ring is {width:g} wide"
+            )
+    steps = np.linalg.norm(np.diff(grid, axis=1), axis=-1).mean(axis=2).sum(axis=1)
+    shares = np.maximum(steps / steps.sum(), LEAST_PIECE)
+    seams = np.concatenate([[0.0], np.cumsum(shares) / shares.sum()])
+    seams[-1] = 1.0
+    return Surface(pieces, seams, 0.5 * (low + high), size)
+
+
+def _turns() -> Floats:
+    turns: Floats = np.arange(LENGTH_TURNS) / LENGTH_TURNS
+    return turns
+
+
+def _grid(piece: Patch, v: Floats, turns: Floats) -> Floats:
+    rows, columns = np.repeat(v, len(turns)), np.tile(turns, len(v))
+    return piece.at(rows, columns).reshape(len(v), len(turns), 3)
+
+
+def placed(surface: Surface, frame: Floats | None, shear: Shear | None = None) -> Surface:
+    """A surface that is where its pieces are, slanted and carried along by a frame's pose (7,)."""
+    if frame is None and shear is None:
+        return surface
+    middle = surface.middle[None] if shear is None else shear.slanted(surface.middle[None])
+    if frame is not None:
+        middle = transform_points(frame, middle)
+    return replace(surface, middle=middle[0], frame=frame, shear=shear)
+
+
+class Curvatures(NamedTuple):
+    """Of a surface at points; convex positive."""
+
+    normals: Floats  # Outward unit normals, (n, 3)
+    k1: Floats  # Larger principal curvature, (n,), one over the surface's unit
+    k2: Floats  # Smaller one, (n,)
+    directions: Floats  # Unit tangents along which the curvature is k1, (n, 3)
+
+
+class SolidMeasures(NamedTuple):
+    """Of a solid of density 1, in the unit of its surface."""
+
+    moments: MassMoments  # Volume, centroid, and second moments from the frame's origin
+    area: float
+    # By how much the last halving changed the volume or the area, the larger share: a bound in
+    # practice, for each halving takes away more than half of what is left.
+    error: float
+
+    def inertia(self) -> Floats:
+        """Inertia (3, 3) about the centroid."""
+        volume, centroid, second = self.moments
+        about = second - volume * np.outer(centroid, centroid)
+        return np.asarray(np.trace(about) * np.eye(3) - about)
+
+
+def measure_surface(surface: Surface) -> SolidMeasures:
+    """Volume, area, centroid and second moments.
+
+    Notes
+    -----
+    Taken about the middle of the surface's box, so that a solid far from the origin keeps its
+    digits; moved there afterwards.
+    """
+    sums = _sums(surface, 0)
+    error = np.inf
+    for level in range(1, HALVINGS + 1):
+        finer = _sums(surface, level)
+        error = float(np.max(np.abs(finer[:2] / sums[:2] - 1.0)))
+        sums = finer
+        if error <= ENOUGH:
+            break
+    volume, area = float(sums[0]), float(sums[1])
+    offset = sums[2:5] / volume
+    second = np.empty((3, 3))
+    upper = np.triu_indices(3)
+    second[upper] = sums[5:]
+    second.T[upper] = sums[5:]
+    middle, centroid = surface.middle, surface.middle + offset
+    moved = np.outer(offset, middle)
+    second = second + volume * (moved + moved.T + np.outer(middle, middle))
+    return SolidMeasures(MassMoments(volume, centroid, second), area, error)
+
+
+def _sums(surface: Surface, level: int) -> Floats:
+    """Volume, area, three first and six second moments about the middle, (11,)."""
+    turns, across = _nodes(0.0, 1.0, FIRST_COLUMNS << level)
+    total = np.zeros(11)
+    for piece, (low, high) in enumerate(zip(surface.seams[:-1], surface.seams[1:], strict=True)):
+        v, along = _nodes(low, high, FIRST_ROWS << level)
+        rows, columns = np.repeat(v, len(turns)), np.tile(turns, len(v))
+        weights = np.repeat(along, len(turns)) * np.tile(across, len(v))
+        x = surface.piece_at(piece, rows, columns) - surface.middle
+        by_v = surface.piece_at(piece, rows, columns, (1, 0))
+        by_t = surface.piece_at(piece, rows, columns, (0, 1))
+        total += _flux(x, np.cross(by_t, by_v) * weights[:, None])
+    return total
+
+
+def _nodes(low: float, high: float, cells: int) -> tuple[Floats, Floats]:
+    """Places and weights of Gauss's rule on equal cells."""
+    place, weight = np.polynomial.legendre.leggauss(NODES)
+    width = (high - low) / cells
+    begin = low + width * np.arange(cells)
+    places = begin[:, None] + 0.5 * width * (1.0 + place)
+    return places.ravel(), np.tile(0.5 * width * weight, cells)
+
+
+def _flux(x: Floats, n: Floats) -> Floats:
+    """What fields whose divergences are 1, coordinates, and products of them send out."""
+    i, j = np.triu_indices(3)
+    # x_i x_j is the divergence of x_i^2 x_j e_i / 2, or of x_i^3 e_i / 3 where they are one.
+    share = np.where(i == j, 1.0 / 3.0, 0.5)
+    return np.concatenate(
+        [
+            [np.sum(x * n) / 3.0, np.linalg.norm(n, axis=1).sum()],
+            np.sum(x * x * n, axis=0) / 2.0,
+            share * np.sum(x[:, i] ** 2 * x[:, j] * n[:, i], axis=0),
+        ]
+    )

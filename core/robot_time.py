@@ -1,0 +1,257 @@
+"""What moves cost a robot: the time of one guarded move, and that of recorded moves for any robot.
+
+A recording keeps, with each touch, the ways and turns of which its time was made. So the accuracy
+of one run can be drawn against the time of every robot. The presets are assumptions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core.arrays import Bools, Floats, finite_array, positive
+
+COLUMNS = 5
+LIFTED = -1.0  # Length of the way along the surface where there was none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotPreset:
+    """How fast an arm is.
+
+    Raises
+    ------
+    ValueError
+        If a speed or the acceleration is not positive, or a duration is negative.
+    """
+
+    speed: float  # Of free travel, m/s
+    acceleration: float  # Of free travel, m/s2
+    turning: float  # Speed of reorientation, rad/s
+    approach: float  # Speed towards the surface, m/s
+    retract: float  # Speed away from it, m/s
+    dwell: float  # Rest in contact, s
+    overhead: float  # Of each of the two commands of a touch, s
+
+    def __post_init__(self) -> None:
+        units = {"acceleration": "m/s2", "turning": "rad/s", "dwell": "s", "overhead": "s"}
+        for field in fields(self):
+            value, unit = getattr(self, field.name), units.get(field.name, "m/s")
+            if unit != "s":
+                positive(field.name, value, unit)
+            elif not 0.0 <= value < math.inf:
+                raise ValueError(f"{field.name} must be finite and not negative, got {value} s")
+
+
+def touch_seconds(preset: RobotPreset, travel: float, turn: float, approach: float) -> float:
+    """Robot time of one guarded move: `free_seconds` and then `contact_seconds`."""
+    return free_seconds(preset, travel, turn) + contact_seconds(preset, approach)
+
+
+def free_seconds(preset: RobotPreset, travel: float, turn: float) -> float:
+    """Robot time from one start pose to the next, travelling and turning together.
+
+    Parameters
+    ----------
+    preset : Preset
+        The arm.
+    travel : float
+        Way from the last start pose to this one, m.
+    turn : float
+        Angle between the two, rad.
+
+    Raises
+    ------
+    ValueError
+        If the way or the angle is negative or not finite.
+    """
+    _check_not_negative("travel", travel, "m")
+    _check_not_negative("turn", turn, "rad")
+    return max(_travel_seconds(preset, travel), turn / preset.turning)
+
+
+def _travel_seconds(preset: RobotPreset, distance: float) -> float:
+    """From rest to rest, with a trapezoid of speed, or a triangle if it is short."""
+    if distance >= preset.speed**2 / preset.acceleration:
+        return distance / preset.speed + preset.speed / preset.acceleration
+    return 2.0 * math.sqrt(distance / preset.acceleration)
+
+
+def contact_seconds(preset: RobotPreset, approach: float) -> float:
+    """Robot time of a move to the surface and back: approach, rest, retreat, two commands.
+
+    Parameters
+    ----------
+    preset : Preset
+        The arm.
+    approach : float
+        Way from the start pose to the end of the touch, m; the finger goes back as far.
+
+    Raises
+    ------
+    ValueError
+        If the way is negative or not finite.
+    """
+    _check_not_negative("approach", approach, "m")
+    there_and_back = approach / preset.approach + approach / preset.retract
+    return there_and_back + preset.dwell + 2.0 * preset.overhead
+
+
+def _check_not_negative(name: str, value: float, unit: str) -> None:
+    if not 0.0 <= value < math.inf:
+        raise ValueError(f"{name} must be finite and not negative, got {value} {unit}")
+
+
+class MoveGeometry(NamedTuple):
+    """Geometry of moves in the order in which they were made."""
+
+    wait: Floats  # Time in which the arm did not move, waiting for a decision or a message, (n,), s
+    travel: Floats  # From the last start pose to this one, (n,), m
+    turn: Floats  # Angle between the two, (n,), rad
+    # From the start pose to the end of the move, (n,), m; the finger goes back as far.
+    approach: Floats
+    # From the last contact to this one, where the finger could have slid, (n,), m; `LIFTED` where
+    # one of the two was none, or they belong to different goals.
+    along: Floats
+
+    @classmethod
+    def of_rows(cls, rows: ArrayLike) -> MoveGeometry:
+        """Moves from rows of (wait, travel, turn, approach, along), as messages carry them.
+
+        Raises
+        ------
+        ValueError
+            If they are no finite (n, 5) array, or a length, angle or time is negative.
+        """
+        table = finite_array("moves", rows, (None, COLUMNS))
+        if (table[:, :4] < 0.0).any():
+            worst = float(table[:, :4].min())
+            raise ValueError(f"moves must not be negative but for `along`, got {worst:g}")
+        return cls(*table.T)
+
+
+class MoveDurations(NamedTuple):
+    """Where the time of each move goes, (n,) each, s."""
+
+    wait: Floats  # Not moving
+    travel: Floats  # To the start pose, or along the surface
+    approach: Floats  # To the surface
+    dwell: Floats  # Rest in contact, and the commands
+    retract: Floats  # Away from it
+
+    def total(self) -> Floats:
+        """Time of each move, (n,), s."""
+        return np.asarray(sum(self))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlidingPreset:
+    """An arm that stays on the surface between two touches of one goal.
+
+    Raises
+    ------
+    ValueError
+        If a speed or the time of a frame is not positive.
+    """
+
+    arm: RobotPreset  # How it moves otherwise
+    speed: float  # Along the surface, m/s
+    frame: float  # Of each frame that is taken on the way, s
+
+    def __post_init__(self) -> None:
+        positive("speed", self.speed, "m/s")
+        positive("frame", self.frame, "s")
+
+
+def move_durations(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> MoveDurations:
+    """Durations of moves, as this robot would make them.
+
+    Parameters
+    ----------
+    moves : Moves
+        Their geometry.
+    robot : Preset or Sliding
+        Who makes them.
+
+    Notes
+    -----
+    With the preset of which a recording was made they add up to its robot times; see
+    `elapsed_seconds`.
+    """
+    if isinstance(robot, SlidingPreset):
+        return _slid(moves, robot)
+    return MoveDurations(
+        moves.wait,
+        np.maximum(_travel_durations(robot, moves.travel), moves.turn / robot.turning),
+        moves.approach / robot.approach,
+        np.full(len(moves.wait), robot.dwell + 2.0 * robot.overhead),
+        moves.approach / robot.retract,
+    )
+
+
+def _slid(moves: MoveGeometry, robot: SlidingPreset) -> MoveDurations:
+    """Between touches that the surface joins there is neither retreat nor approach nor rest."""
+    lifted, slid = move_durations(moves, robot.arm), moves.along >= 0.0
+    way = np.where(slid, moves.along, 0.0) / robot.speed
+    return MoveDurations(
+        lifted.wait,
+        np.where(slid, np.maximum(way, moves.turn / robot.arm.turning), lifted.travel),
+        np.where(slid, 0.0, lifted.approach),
+        np.where(slid, robot.frame, lifted.dwell),
+        np.where(_followed(slid), 0.0, _retreat(slid, lifted.retract)),
+    )
+
+
+def _followed(slid: Bools) -> Bools:
+    """Which moves are followed by one along the surface."""
+    return np.append(slid[1:], False)
+
+
+def _retreat(slid: Bools, retract: Floats) -> Floats:
+    """Time to leave the surface after each move: as from the contact where sliding began."""
+    began = np.maximum.accumulate(np.where(slid, 0, np.arange(len(slid))))
+    return retract[began]
+
+
+def _travel_durations(preset: RobotPreset, ways: Floats) -> Floats:
+    """From rest to rest, with a trapezoid of speed, or a triangle where it is short, (n,)."""
+    ramp = preset.speed / preset.acceleration
+    short = 2.0 * np.sqrt(ways / preset.acceleration)
+    return np.where(ways >= preset.speed * ramp, ways / preset.speed + ramp, short)
+
+
+def elapsed_seconds(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> Floats:
+    """Robot time at the end of each move, (n,), s: the sum of all durations so far."""
+    return np.cumsum(move_durations(moves, robot).total())
+
+
+# ``modern``: a collaborative arm. ``puma``: an arm of the 1990s. Both are assumptions.
+ROBOT_PRESETS: Mapping[str, RobotPreset] = {
+    "modern": RobotPreset(
+        speed=0.1,
+        acceleration=1.0,
+        turning=math.radians(60),
+        approach=0.01,
+        retract=0.05,
+        dwell=0.1,
+        overhead=0.05,
+    ),
+    "puma": RobotPreset(
+        speed=0.05,
+        acceleration=0.5,
+        turning=math.radians(30),
+        approach=0.005,
+        retract=0.02,
+        dwell=0.5,
+        overhead=0.25,
+    ),
+}
+# The modern arm, following the surface at 10 mm/s; an assumption like the others.
+SLIDING = SlidingPreset(arm=ROBOT_PRESETS["modern"], speed=0.01, frame=0.02)
+# Presets by name.
+ROBOTS: Mapping[str, RobotPreset | SlidingPreset] = {**ROBOT_PRESETS, "sliding": SLIDING}

@@ -1,0 +1,296 @@
+"""Hyperquadric: a sum of powers of linear forms, at most 1, perhaps with dents; cast exactly.
+
+Each term alone keeps the solid within a strip between two planes, so that a ray needs to be
+followed only where it lies in all strips, and there no power can overflow.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats, Ints
+from palpate.core.shapes.half_spaces import are_concurrent, deepest_point, polytope_box
+from palpate.core.shapes.hyperquadric_terms import (
+    Dent,
+    checked_terms,
+    line_above,
+    line_below,
+    power_slopes,
+    powers,
+)
+from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
+from palpate.core.shapes.ray_casting import (
+    LEAST_DIRECTION,
+    ROOM,
+    Minorant,
+    MinorantFunction,
+    RaySelection,
+    first_roots,
+    guaranteed_first_roots,
+)
+from palpate.core.shapes.tessellations import icosphere, isosurface
+
+MOST_TERMS = 24  # Their strips' planes meet in 17,000 points, which are all looked at
+BOUNDS_LEVEL = 6
+PARALLEL = 1e-9  # Sine, compared with the largest, below which two planes have no crease
+RANGE_TOLERANCE = 1e-13  # Of the solid's smallest extent
+
+
+class Hyperquadric:
+    """The points p = (x, y, z) with H(p) = sum |a x + b y + c z + d|^g + dents <= 1.
+
+    Parameters
+    ----------
+    planes : (n, 4) array
+        a, b, c in 1/m, and d, of each term; 24 terms at most.
+    exponents : (n,) array
+        g of each term, 0.1 to 100. If none is below 1, a solid without dents is convex.
+    dents : tuple of Dent
+        Exponential terms.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite or out of range, the strips leave a direction unbounded, or
+        the solid is empty.
+
+    Notes
+    -----
+    Fung, 1999, (2.28) to (2.30). Rays are followed exactly: nothing thin is passed.
+    """
+
+    def __init__(self, planes: Floats, exponents: Floats, dents: tuple[Dent, ...] = ()):
+        planes, exponents = checked_terms(planes, exponents)
+        if len(planes) > MOST_TERMS:
+            raise ValueError(f"planes must be at most {MOST_TERMS}, got {len(planes)}")
+        lengths = np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+        if np.linalg.matrix_rank(planes[:, :3] / lengths) < 3:
+            raise ValueError(
+                "planes must face in three independent directions, or the solid is unbounded; "
+                f"got normals {planes[:, :3].tolist()}"
+            )
+        self._planes, self._exponents, self._dents = planes, exponents, dents
+        self._half = _half_widths(exponents, dents)
+        self._box = polytope_box(
+            np.concatenate([planes[:, :3], -planes[:, :3]]),
+            np.concatenate([self._half - planes[:, 3], self._half + planes[:, 3]]),
+        )
+        self._centre, least = deepest_point(self._level, self._box, planes)
+        if not least < 0.0:
+            raise ValueError(
+                "planes leave nothing inside: the sum of the terms is nowhere below 1, the "
+                f"least that was found is {1.0 + least:.4g}; make a, b, c smaller"
+            )
+        if not self._has_radii and not len(self.mesh(0).faces):
+            raise ValueError(
+                "planes leave so little inside that a grid of 16 cells over the strips' common "
+                f"part does not meet it: about {self._centre.tolist()} m; make a, b, c smaller"
+            )
+
+    @property
+    def convex(self) -> bool:
+        """Whether the solid is known to be convex."""
+        return not self._dents and bool((self._exponents >= 1.0).all())
+
+    def bounds(self) -> Floats:
+        """Smallest and largest coordinates of a fine tessellation, (2, 3), m."""
+        vertices = self.mesh(BOUNDS_LEVEL).vertices
+        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+
+    def enclosure(self) -> Floats:
+        """The box about the intersection of the strips: see `ImplicitShape.enclosure`."""
+        return self._box
+
+    def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """H less 1, and its slope: see `ImplicitShape.inside_out`. In a crease a term has 0."""
+        exponents = self._exponents[:, None]
+        h, rate = self._forms(self._planes, points), self._planes[:, :3] @ directions.T
+        value = powers(h, exponents).sum(axis=0) - 1.0
+        slope = power_slopes(h, rate, exponents).sum(axis=0)
+        for dent in self._dents:
+            more, steeper = dent.along(
+                self._forms(dent.planes, points), dent.planes[:, :3] @ directions.T
+            )
+            value, slope = value + more, slope + steeper
+        return value, slope
+
+    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+        """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
+        beam = self._beam(origins, direction[None])
+        starts, ends = self._through_strips(beam)
+        ends = np.minimum(ends, reach)
+        ranges = np.full(len(origins), MISS)
+        met: Ints = np.flatnonzero(starts <= ends).astype(np.int32)
+        if len(met):
+            found = first_entries(beam.of(met), starts[met], ends[met], self._tolerance())
+            ranges[met] = np.where(found == 0.0, INSIDE, found)
+        return ranges
+
+    def spans(self, origins: Floats, direction: Floats) -> Floats:
+        """Where parallel rays are inside, (n, k, 2): see `Solid.spans`."""
+        from palpate.core.shapes.ray_casting import convex_spans, marched_spans
+
+        if self.convex:
+            return convex_spans(self, origins, direction)
+        beam = self._beam(origins, direction[None])
+        starts, ends = self._through_strips(beam)
+        return marched_spans(
+            outside_minorant(beam), inside_minorant(beam), starts, ends, self._tolerance()
+        )
+
+    def mesh(self, level: int) -> Mesh:
+        """Icosphere projected along radii if they meet the surface once, else `isosurface`."""
+        if self._has_radii:
+            return self._projected(level)
+        return isosurface(self.inside_out, self._box, level)
+
+    @property
+    def _has_radii(self) -> bool:
+        """Whether radii meet the surface once: from where all forms vanish, all powers grow."""
+        return self.convex or (not self._dents and are_concurrent(self._planes))
+
+    def _projected(self, level: int) -> Mesh:
+        directions, faces = icosphere(level)
+        directions = directions * (0.5 * np.ptp(self._box, axis=0))
+        if not self.convex:
+            directions = _with_tips(directions, self._planes[:, :3])
+        # From outside inwards, where the first root is the only one.
+        far = self._through_strips(self._beam(self._centre[None], directions))[1]
+        beam = self._beam(self._centre + far[:, None] * directions, -directions)
+        found = first_entries(beam, np.zeros(len(far)), far, RANGE_TOLERANCE)
+        return Mesh(self._centre + (far - found)[:, None] * directions, faces)
+
+    def _tolerance(self) -> float:
+        return RANGE_TOLERANCE * float(np.ptp(self._box, axis=0).min())
+
+    def _level(self, points: Floats) -> Floats:
+        return self.inside_out(points, np.zeros_like(points))[0]
+
+    def _beam(self, origins: Floats, directions: Floats) -> RayBundle:
+        return ray_bundle(self._planes, self._exponents, self._dents, origins, directions)
+
+    def _forms(self, planes: Floats, points: Floats) -> Floats:
+        result: Floats = planes[:, :3] @ points.T + planes[:, 3:]
+        return result
+
+    def _through_strips(self, beam: RayBundle) -> tuple[Floats, Floats]:
+        """Where rays enter and leave all strips, at least 0."""
+        rate = np.where(np.abs(beam.rate) < LEAST_DIRECTION, LEAST_DIRECTION, beam.rate)
+        middle = -beam.h / rate
+        half = (1.0 + ROOM) * self._half[:, None] / np.abs(rate)
+        return np.maximum((middle - half).max(axis=0), 0.0), (middle + half).min(axis=0)
+
+
+def _half_widths(exponents: Floats, dents: tuple[Dent, ...]) -> Floats:
+    """How large each linear form can be in the solid: what swells it widens the strips."""
+    swelling = sum(max(-dent.depth, 0.0) for dent in dents)
+    result: Floats = (1.0 + swelling) ** (1.0 / exponents)
+    return result
+
+
+def _with_tips(directions: Floats, normals: Floats) -> Floats:
+    """Directions, the nearest to each crease's turned into it: there the solid has its tips."""
+    first, second = np.triu_indices(len(normals), 1)
+    creases = np.cross(normals[first], normals[second])
+    length = np.linalg.norm(creases, axis=1)
+    creases = creases[length > PARALLEL * length.max()]
+    towards = creases / np.linalg.norm(creases, axis=1, keepdims=True)
+    towards = np.concatenate([towards, -towards])
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    nearest: Ints = (directions / lengths @ towards.T).argmax(axis=0)
+    moved = directions.copy()
+    moved[nearest] = towards * lengths[nearest]
+    return moved
+
+
+class RayBundle(NamedTuple):
+    """Some rays, by the values of the linear forms where they start."""
+
+    h: Floats  # Of the terms, (k, n)
+    rate: Floats  # How they change, (k, n) or (k, 1), 1/m
+    exponents: Floats  # (k, 1)
+    dents: tuple[tuple[Dent, Floats, Floats], ...]  # The dents with values and rates of their forms
+
+    def of(self, which: RaySelection) -> RayBundle:
+        """Some of the rays."""
+        dents = tuple((dent, h[:, which], _some(rate, which)) for dent, h, rate in self.dents)
+        return RayBundle(self.h[:, which], _some(self.rate, which), self.exponents, dents)
+
+    def at(self, places: Floats) -> RayBundle:
+        """The same rays from places (n,) along them on."""
+        dents = tuple((dent, h + rate * places, rate) for dent, h, rate in self.dents)
+        return RayBundle(self.h + self.rate * places, self.rate, self.exponents, dents)
+
+    def level(self) -> tuple[Floats, Floats]:
+        """H less 1 and its slope where the rays start, (n,)."""
+        value = powers(self.h, self.exponents).sum(axis=0) - 1.0
+        slope = power_slopes(self.h, self.rate, self.exponents).sum(axis=0)
+        for dent, h, rate in self.dents:
+            more, steeper = dent.along(h, rate)
+            value, slope = value + more, slope + steeper
+        return value, slope
+
+
+def _some(rate: Floats, which: RaySelection) -> Floats:
+    return rate if rate.shape[1] == 1 else np.asarray(rate[:, which])
+
+
+def ray_bundle(
+    planes: Floats, exponents: Floats, dents: tuple[Dent, ...], origins: Floats, directions: Floats
+) -> RayBundle:
+    """Rays from origins (n, 3) in directions (n, 3), or in one, (1, 3)."""
+
+    def forms(of: Floats) -> tuple[Floats, Floats]:
+        return of[:, :3] @ origins.T + of[:, 3:], of[:, :3] @ directions.T
+
+    kept = tuple((dent, *forms(dent.planes)) for dent in dents)
+    return RayBundle(*forms(planes), exponents[:, None], kept)
+
+
+def first_entries(rays: RayBundle, starts: Floats, ends: Floats, tolerance: float) -> Floats:
+    """First place (n,) of each ray at which it is inside, or `MISS`.
+
+    Notes
+    -----
+    Powers of 1 and more are convex along a ray, and a dent with powers of 2 and more bends
+    downwards no more than is known: these go by `first_roots`, all others by bounds.
+    """
+    dip = sum(dent.dip(rate) for dent, _, rate in rays.dents)
+    if (rays.exponents < 1.0).any() or not math.isfinite(dip):
+        return guaranteed_first_roots(outside_minorant(rays), starts, ends, tolerance)
+
+    def level(places: Floats, which: RaySelection) -> tuple[Floats, Floats]:
+        return rays.of(which).at(places).level()
+
+    return first_roots(level, starts, ends, tolerance, dip=dip)
+
+
+def outside_minorant(rays: RayBundle) -> MinorantFunction:
+    """Bounds from below of H less 1."""
+
+    def floor(places: Floats, lengths: Floats, which: Ints) -> Minorant:
+        now = rays.of(which).at(places)
+        slope, drop = (part.sum(axis=0) for part in line_below(*now[:3], lengths))
+        for dent, h, rate in now.dents:
+            line = dent.line_below(h, rate, lengths)
+            slope, drop = slope + line.slope, drop + line.gap
+        return Minorant(now.level()[0], slope, 0.0, lengths, drop)
+
+    return floor
+
+
+def inside_minorant(rays: RayBundle) -> MinorantFunction:
+    """Bounds from below of 1 less H."""
+
+    def floor(places: Floats, lengths: Floats, which: Ints) -> Minorant:
+        now = rays.of(which).at(places)
+        slope, drop = (part.sum(axis=0) for part in line_above(*now[:3], lengths))
+        for dent, h, rate in now.dents:
+            line = dent.line_above(h, rate, lengths)
+            slope, drop = slope + line.slope, drop + line.gap
+        return Minorant(-now.level()[0], -slope, 0.0, lengths, drop)
+
+    return floor

@@ -1,0 +1,427 @@
+"""Polyhedron: a closed surface of plane polygons, convex or not, as winged edges (Baumgart, 1972).
+
+Each edge knows its two vertices, the faces on its two sides, and the edges before and after it
+around both. All are arrays: a face's edges are a slice, a vertex's are found by going from wing to
+wing. Polygons are cut into triangles: fans where they are convex, by ears where not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.shapes.protocol import Mesh
+from palpate.core.shapes.triangle_meshes import HAS_EMBREE, CrossedMesh, TriangleShape
+
+if TYPE_CHECKING:
+    from palpate.core.geometry import NearestSearch
+
+# Share of the polyhedron's extent by which a corner may lie beside its face's plane: the digits
+# that people type.
+PLANE = 1e-4
+LEAST_EDGE = 1e-6  # Of its extent
+LEAST_VOLUME = 1e-9  # Of a cube as large as its extent
+ASKEW = np.array([0.36, 0.48, 0.8])  # Direction in which it is asked whether points are inside
+# So many are looked at one by one, in double precision; of more, Embree finds the first.
+FEW_TRIANGLES = 500
+# Of a polygon's area. Triangles of a polygon that crosses itself cover another area.
+AREA_TOLERANCE = 1e-6
+STRAIGHT = 1e-9  # Sine of a turn to the right that is rounding
+Longs = NDArray[np.integer]
+
+
+class Polyhedron:
+    """One closed surface of polygons.
+
+    Faces may all be turned inwards: they are then turned around. Whether faces cross each
+    other is not looked at.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array
+        m.
+    faces : sequence of sequences of int
+        Corners of each face by number, from 0, counter-clockwise seen from outside.
+
+    Raises
+    ------
+    ValueError
+        If the surface is not closed, in one piece and of plane faces with an area, or encloses
+        nothing: the sentence names the face, the edge or the vertex.
+
+    Notes
+    -----
+    Fung, 1999, section 2.5.3. Rays are cast at the planes of the faces' triangles.
+    """
+
+    def __init__(self, vertices: Floats, faces: Sequence[Sequence[int]]):
+        self._vertices = finite_array("vertices", vertices, (None, 3))
+        edges = winged_edges(faces, len(self._vertices))
+        if edges.shells != 1:
+            raise ValueError(f"faces must form one surface, got {edges.shells} that do not touch")
+        self._check_edges(edges)
+        normals = self._normals(edges)
+        triangles = triangulate_polygons(self._vertices, edges.begins, edges.corners, normals)
+        volume = _volume(self._vertices, triangles)
+        if abs(volume) <= LEAST_VOLUME * self._extent**3:
+            raise ValueError("faces enclose nothing: those on the two sides lie on one another")
+        if volume < 0.0:
+            edges = winged_edges([face[::-1] for face in faces], len(self._vertices))
+            triangles, volume = np.ascontiguousarray(triangles[:, ::-1]), -volume
+        self._edges, self._volume = edges, volume
+        embree = HAS_EMBREE and len(triangles) > FEW_TRIANGLES
+        self._triangles = TriangleShape(self._vertices, triangles, embree)
+
+    @property
+    def edges(self) -> WingedEdges:
+        """Who borders on whom, turned outwards."""
+        return self._edges
+
+    @property
+    def volume(self) -> float:
+        """Volume, m3."""
+        return self._volume
+
+    def bounds(self) -> Floats:
+        """Smallest and largest coordinates, (2, 3), m."""
+        return self._triangles.bounds()
+
+    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+        """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
+        return self._triangles.cast(origins, direction, reach)
+
+    def enclosure(self) -> Floats:
+        """The bounds: see `ImplicitShape.enclosure`."""
+        return self.bounds()
+
+    def spans(self, origins: Floats, direction: Floats) -> Floats:
+        """Where parallel rays are inside: see `spans`."""
+        return self._crossings.spans(origins, direction)
+
+    def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Distance from the surface, negative inside, and its slope (n,), m and 1."""
+        from palpate.core.geometry import nearest_points
+
+        mesh = self._triangles.mesh(0)
+        near = nearest_points(self._search, points)
+        inside = self._crossings.spans(points, ASKEW)[:, 0, 0] < 0.0
+        sign = np.where(inside, -1.0, 1.0)
+        a, b, c = mesh.vertices[mesh.faces[near.faces]].transpose(1, 0, 2)
+        normal = np.cross(b - a, c - a)
+        away = sign[:, None] * (points - near.points)
+        # On the surface there is no way to it, from which to tell the direction.
+        there = near.distances <= LEAST_EDGE * self._extent
+        away = np.where(there[:, None], normal, away)
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        return sign * near.distances, np.einsum("ni,ni->n", away, directions)
+
+    def mesh(self, level: int) -> Mesh:
+        """The faces as triangles, whatever the level."""
+        return self._triangles.mesh(level)
+
+    def _check_edges(self, edges: WingedEdges) -> None:
+        first, last = self._vertices[edges.ends].transpose(1, 0, 2)
+        short = np.linalg.norm(last - first, axis=1) <= LEAST_EDGE * self._extent
+        if short.any():
+            one, two = edges.ends[short.argmax()]
+            raise ValueError(f"vertices[{one}] and vertices[{two}] are an edge without length")
+
+    def _normals(self, edges: WingedEdges) -> Floats:
+        """Unit normals of the faces (Newell), which must be plane and have an area."""
+        begins, corners = edges.begins[:-1], edges.corners
+        count = np.diff(edges.begins)
+        places = self._vertices[corners]
+        middle = np.add.reduceat(places, begins) / count[:, None]
+        local = places - np.repeat(middle, count, axis=0)
+        after = np.arange(len(corners)) + 1
+        after[edges.begins[1:] - 1] = begins
+        area = 0.5 * np.add.reduceat(np.cross(local, local[after]), begins)
+        size = np.linalg.norm(area, axis=1)
+        flat = size <= (LEAST_EDGE * self._extent) ** 2
+        if flat.any():
+            raise ValueError(f"faces[{flat.argmax()}] has no area: its corners lie on a line")
+        normals = area / size[:, None]
+        beside = np.abs(np.einsum("ni,ni->n", local, np.repeat(normals, count, axis=0)))
+        if beside.max() > PLANE * self._extent:
+            corner = int(beside.argmax())
+            face = int(np.searchsorted(edges.begins, corner, side="right")) - 1
+            raise ValueError(
+                f"faces[{face}] is not plane: vertex {corners[corner]} lies {beside[corner]:.3g} m "
+                f"beside it, at most {PLANE * self._extent:.3g} m will do; split the face"
+            )
+        return np.asarray(normals)
+
+    @cached_property
+    def _crossings(self) -> CrossedMesh:
+        return CrossedMesh(*self._triangles.mesh(0))
+
+    @cached_property
+    def _search(self) -> NearestSearch:
+        from palpate.core.geometry import nearest_search
+
+        vertices, faces = self._triangles.mesh(0)
+        return nearest_search(vertices[faces])
+
+    @property
+    def _extent(self) -> float:
+        return float(np.ptp(self._vertices, axis=0).max())
+
+
+def winged_edges(faces: Sequence[Sequence[int]], vertices: int) -> WingedEdges:
+    """The edges of a closed surface.
+
+    Parameters
+    ----------
+    faces : sequence of sequences of int
+        Corners of each face in order, by number, at least 3.
+    vertices : int
+        How many vertices there are.
+
+    Raises
+    ------
+    ValueError
+        If a face has too few corners, or one of them twice, or names a vertex that is not
+        there; if an edge does not have a face on each side, or these are turned opposite
+        ways; if a vertex belongs to no face, or joins parts that only touch there.
+    """
+    counts = np.array([len(face) for face in faces])
+    _refuse(counts < 3, "faces[{0}] must have at least 3 corners, got {1}", counts)
+    begins = np.concatenate([[0], np.cumsum(counts)])
+    corners = np.array([corner for face in faces for corner in face])
+    face = np.repeat(np.arange(len(counts)), counts)
+    _check_corners(corners, face, vertices)
+    after = np.arange(len(corners)) + 1
+    after[begins[1:] - 1] = begins[:-1]
+    before = np.empty_like(after)
+    before[after] = np.arange(len(after))
+    twin = _twins(corners, corners[after], face, vertices)
+    _check_fans(twin[before], corners, vertices)
+    pairs = np.column_stack([np.arange(len(twin)), twin])[corners < corners[after]]
+    edge = np.empty(len(corners), np.int64)
+    edge[pairs] = np.arange(len(pairs))[:, None]
+    return WingedEdges(
+        ends=corners[pairs].astype(np.int32),
+        faces=face[pairs].astype(np.int32),
+        before=edge[before[pairs]].astype(np.int32),
+        after=edge[after[pairs]].astype(np.int32),
+        begins=begins.astype(np.int32),
+        corners=corners.astype(np.int32),
+        sides=edge.astype(np.int32),
+        vertices=vertices,
+        shells=len(np.unique(_least_of_each(np.stack([after, twin])))),
+    )
+
+
+def _check_corners(corners: Longs, face: Longs, vertices: int) -> None:
+    bad = (corners < 0) | (corners >= vertices)
+    if bad.any():
+        first = int(bad.argmax())
+        raise ValueError(
+            f"faces[{face[first]}] names vertex {corners[first]}, but there are only "
+            f"{vertices}, counted from 0"
+        )
+    pairs, first, times = np.unique(
+        face.astype(np.int64) * vertices + corners, return_index=True, return_counts=True
+    )
+    if len(pairs) < len(corners):
+        twice = first[times > 1].min()
+        raise ValueError(f"faces[{face[twice]}] has the corner {corners[twice]} twice")
+    used = np.bincount(corners, minlength=vertices) > 0
+    if not used.all():
+        raise ValueError(f"vertices[{used.argmin()}] belongs to no face")
+
+
+def _twins(first: Longs, last: Longs, face: Longs, vertices: int) -> Longs:
+    """For each side of a face the same edge as its neighbour walks it."""
+    there = first.astype(np.int64) * vertices + last
+    back = last.astype(np.int64) * vertices + first
+    order = there.argsort(kind="stable")
+    same = np.flatnonzero(np.diff(there[order]) == 0)
+    if len(same):
+        one, two = order[same[0]], order[same[0] + 1]
+        raise ValueError(
+            f"faces[{face[one]}] and faces[{face[two]}] both walk the edge from vertex "
+            f"{first[one]} to {last[one]} in this direction; turn one of them, or take it away"
+        )
+    place = np.minimum(np.searchsorted(there[order], back), len(order) - 1)
+    twin: Longs = order[place]
+    open_ones = there[twin] != back
+    if open_ones.any():
+        side = int(open_ones.argmax())
+        raise ValueError(
+            f"faces[{face[side]}] has no neighbour at the edge from vertex {first[side]} to "
+            f"{last[side]}; the surface must be closed"
+        )
+    return twin
+
+
+def _check_fans(turned: Longs, corners: Longs, vertices: int) -> None:
+    """Around each vertex there must be one ring of faces."""
+    fans = np.unique(_least_of_each(turned[None]))
+    rings = np.bincount(corners[fans], minlength=vertices)
+    _refuse(rings > 1, "vertices[{0}] joins {1} parts of the surface that only touch there", rings)
+
+
+def _least_of_each(neighbours: Longs) -> Longs:
+    """For each element the least that is reached from it, by permutations (k, n)."""
+    label: Longs = np.arange(neighbours.shape[1])
+    while True:
+        lower = label
+        for step in neighbours:
+            # Both ways along a cycle, so that it is one whatever way it is walked.
+            lower = np.minimum(lower, lower[step])
+            back = lower.copy()
+            np.minimum.at(back, step, lower)
+            lower = back
+        lower = lower[lower]
+        if np.array_equal(lower, label):
+            return label
+        label = lower
+
+
+def _refuse(bad: Bools, sentence: str, values: Longs) -> None:
+    if bad.any():
+        first = int(bad.argmax())
+        raise ValueError(sentence.format(first, values[first]))
+
+
+def triangulate_polygons(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> Ints:
+    """Triangles of plane polygons, turned as these are.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array
+        m.
+    begins, corners : arrays
+        Where each polygon's corners begin, with the end of the last, and all corners in order.
+    normals : (m, 3) array
+        The polygons' unit normals, about which they run counter-clockwise.
+
+    Returns
+    -------
+    (k, 3) array
+        Corners of triangles, polygon after polygon; no vertex is added.
+
+    Raises
+    ------
+    ValueError
+        If a polygon crosses itself.
+    """
+    count = np.diff(begins)
+    convex = _convex(vertices, begins, corners, normals)
+    fan = np.where(convex, count - 2, 0)
+    polygon = np.repeat(np.arange(len(count)), fan)
+    step = np.arange(len(polygon)) - np.repeat(np.cumsum(fan) - fan, fan)
+    first = begins[polygon]
+    found = [corners[np.column_stack([first, first + step + 1, first + step + 2])]]
+    for face in np.flatnonzero(~convex):
+        own = corners[begins[face] : begins[face + 1]]
+        found.append(own[_by_ears(vertices[own], normals[face], int(face))])
+    return np.concatenate(found).astype(np.int32)
+
+
+def _convex(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> Bools:
+    """Whether each polygon turns left at every corner, once around in all."""
+    after = np.arange(len(corners)) + 1
+    after[begins[1:] - 1] = begins[:-1]
+    places = vertices[corners]
+    side = places[after] - places
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    normal = np.repeat(normals, np.diff(begins), axis=0)
+    sine = np.einsum("ni,ni->n", np.cross(side, side[after]), normal)
+    cosine = np.einsum("ni,ni->n", side, side[after])
+    turn = np.add.reduceat(np.arctan2(sine, cosine), begins[:-1])
+    lefts = np.minimum.reduceat(sine, begins[:-1]) >= -STRAIGHT
+    return np.asarray(lefts & (turn < 3.0 * np.pi))
+
+
+def _by_ears(places: Floats, normal: Floats, face: int) -> Ints:
+    """Triangles (n - 2, 3) of one polygon by its own corners' numbers."""
+    import manifold3d
+
+    axis = np.zeros(3)
+    axis[int(np.argmin(np.abs(normal)))] = 1.0
+    across = np.cross(axis, normal)
+    across /= np.linalg.norm(across)
+    flat = places @ np.column_stack([across, np.cross(normal, across)])
+    triangles = np.asarray(manifold3d.triangulate([flat]), np.int32)
+    a, b, c = flat[triangles].transpose(1, 0, 2)
+    covered = 0.5 * np.abs(_cross(b - a, c - a)).sum()
+    area = 0.5 * float(_cross(flat, np.roll(flat, -1, axis=0)).sum())
+    if abs(covered - area) > AREA_TOLERANCE * abs(area) or len(triangles) != len(flat) - 2:
+        raise ValueError(f"faces[{face}] crosses itself; its corners must go around it once")
+    return triangles
+
+
+def _cross(first: Floats, second: Floats) -> Floats:
+    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+
+
+def _volume(vertices: Floats, triangles: Ints) -> float:
+    """Signed volume, from the mesh's middle, m3."""
+    a, b, c = (vertices - vertices.mean(axis=0))[triangles].transpose(1, 0, 2)
+    return float(np.einsum("ni,ni->", a, np.cross(b, c))) / 6.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WingedEdges:
+    """A closed surface of polygons. Edges run with their left face's corners."""
+
+    ends: Ints  # First and last vertex of each edge, (e, 2)
+    faces: Ints  # Face on its left and on its right, (e, 2)
+    before: Ints  # Edge before it around the left face, and around the right one, (e, 2)
+    after: Ints  # Edge after it around the left face, and around the right one, (e, 2)
+    begins: Ints  # Where each face's corners begin in `corners`, and the end of the last, (f + 1,)
+    corners: Ints  # Vertices of all faces, face after face, counter-clockwise seen from outside
+    sides: Ints  # Edge from each of these corners to the next
+    vertices: int  # Number of vertices
+    shells: int  # Number of surfaces that do not hang together
+
+    @property
+    def euler(self) -> int:
+        """V - E + F, which is 2 (shells - genus): Euler and Poincare."""
+        return self.vertices - len(self.ends) + len(self.begins) - 1
+
+    @property
+    def genus(self) -> int:
+        """Number of holes through the surfaces."""
+        return self.shells - self.euler // 2
+
+    def vertices_of_face(self, face: int) -> Ints:
+        """Corners of a face in order, counter-clockwise seen from outside."""
+        return self.corners[self.begins[face] : self.begins[face + 1]]
+
+    def edges_of_face(self, face: int) -> Ints:
+        """Edges around a face in order; the first begins at its first corner."""
+        return self.sides[self.begins[face] : self.begins[face + 1]]
+
+    def neighbours_of_face(self, face: int) -> Ints:
+        """Faces across the edges of a face, in the order of these."""
+        pairs = self.faces[self.edges_of_face(face)]
+        return np.asarray(np.where(pairs[:, 0] == face, pairs[:, 1], pairs[:, 0]))
+
+    def edges_of_vertex(self, vertex: int) -> Ints:
+        """Edges around a vertex in order, counter-clockwise seen from outside."""
+        first = int(np.flatnonzero((self.ends == vertex).any(axis=1))[0])
+        found, edge = [first], self._next_around(first, vertex)
+        while edge != first:
+            found.append(edge)
+            edge = self._next_around(edge, vertex)
+        return np.array(found, np.int32)
+
+    def faces_of_vertex(self, vertex: int) -> Ints:
+        """Faces around a vertex in order; each lies before the edge of the same number."""
+        edges = self.edges_of_vertex(vertex)
+        starts_here = self.ends[edges, 0] == vertex
+        return np.asarray(np.where(starts_here, self.faces[edges, 1], self.faces[edges, 0]))
+
+    def _next_around(self, edge: int, vertex: int) -> int:
+        """Edge that follows around a vertex: over the face on the left of the way out."""
+        side = 0 if self.ends[edge, 0] == vertex else 1
+        return int(self.before[edge, side])

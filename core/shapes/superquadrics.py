@@ -1,0 +1,420 @@
+"""Superquadric, cast exactly; its gauge, inside-outside function, and points by two angles.
+
+The inside-outside function F of (2.6) is turned into the gauge N = F^(1/2), which is a norm for
+exponents up to 2: N is then convex along every ray, Newton's method from outside is monotone and
+cannot miss, and N' >= 0 outside proves that a ray meets nothing. The gauge is a norm of a norm,
+each worked out from the ratio of its smaller to its larger argument, so that no power can overflow
+and no digits are lost. Of points by two angles, the trigonometric way crowds them where the surface
+turns sharply; the regular one strews them almost evenly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core.arrays import Floats, finite_array
+from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
+from palpate.core.shapes.ray_casting import RaySelection, clip_to_box, first_roots
+from palpate.core.shapes.tessellations import icosphere
+
+# Above the largest the solid is pinched, and the gauge no norm.
+LEAST_EXPONENT, LARGEST_EXPONENT = 0.02, 2.0
+TINY = 1e-300
+RANGE_TOLERANCE = 1e-13  # Of the smallest semi-axis: some hundred roundings
+SMALLEST = 1e-300  # Stands for 0 in a logarithm or a divisor
+# Of the gauge: nearer to a coordinate plane, exponents above 1 have unbounded second derivatives,
+# which are taken here instead. They hold over no step that anybody would take.
+RIDGE = 1e-3
+FEWEST_ETA, FEWEST_OMEGA = 2, 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Superquadric:
+    """Superquadric about the origin, upright.
+
+    Parameters
+    ----------
+    size : (3,) array
+        Semi-axes, m.
+    exponents : (2,) array
+        e1 along z and e2 across, from 0.02 (nearly a box) over 1 (ellipsoid) to 2 (octahedron).
+
+    Raises
+    ------
+    ValueError
+        If a semi-axis is not positive or an exponent is out of its range.
+
+    Notes
+    -----
+    Fung, 1999, (2.1) and (2.6), with powers of absolute values and scaled by the largest
+    coordinate, so that no exponent can overflow. The text's F is the gauge squared.
+    """
+
+    size: Floats
+    exponents: Floats
+
+    def __post_init__(self) -> None:
+        size = finite_array("size", self.size, (3,))
+        exponents = finite_array("exponents", self.exponents, (2,))
+        if not (size > 0).all():
+            raise ValueError(f"size must be positive, got {size.tolist()} m")
+        if not ((exponents >= LEAST_EXPONENT) & (exponents <= LARGEST_EXPONENT)).all():
+            raise ValueError(
+                f"exponents must lie between {LEAST_EXPONENT} and {LARGEST_EXPONENT}, "
+                f"got {exponents.tolist()}"
+            )
+        object.__setattr__(self, "size", size)
+        object.__setattr__(self, "exponents", exponents)
+
+    def bounds(self) -> Floats:
+        """Smallest and largest coordinates, (2, 3), m."""
+        return np.stack([-self.size, self.size])
+
+    def enclosure(self) -> Floats:
+        """The bounds: see `ImplicitShape.enclosure`."""
+        return self.bounds()
+
+    def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """The gauge less 1, and its slope: see `ImplicitShape.inside_out`."""
+        value, slope = self.gauge_along(
+            points.T / self.size[:, None], directions.T / self.size[:, None]
+        )
+        return value - 1.0, slope
+
+    def gauge(self, points: Floats) -> Floats:
+        """Gauge of points (n, 3): below 1 inside, 1 on the surface, above 1 outside."""
+        return self.gauge_along(points.T / self.size[:, None], np.zeros((3, 1)))[0]
+
+    def normals(self, points: Floats) -> Floats:
+        """Outward unit normals (n, 3) of the scaled surfaces through points (n, 3).
+
+        Across a crease, which exponents above 1 have in the coordinate planes, it is the mean of
+        the two sides; at the centre, which has none, it is upwards.
+        """
+        slope = gauge_and_gradient(points / self.size, self.exponents)[1] / self.size
+        slope[~slope.any(axis=1), 2] = 1.0
+        return np.asarray(slope / np.sqrt(np.einsum("ni,ni->n", slope, slope))[:, None])
+
+    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+        """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
+        towards = direction / self.size
+        places = np.ascontiguousarray(origins.T / self.size[:, None])
+        starts, ends = clip_to_box(places, towards, np.ones(3))
+        ranges = np.full(len(origins), MISS)
+        met = np.flatnonzero(starts <= np.minimum(ends, reach))
+        if not len(met):
+            return ranges
+        places, along = places[:, met], towards[:, None]
+
+        def gauge(travelled: Floats, which: RaySelection) -> tuple[Floats, Floats]:
+            value, slope = self.gauge_along(places[:, which] + along * travelled, along)
+            return value - 1.0, slope
+
+        speed = float(np.abs(towards).sum())  # no norm of it is larger
+        found = first_roots(
+            gauge,
+            starts[met],
+            np.minimum(ends[met], reach),
+            tolerance=RANGE_TOLERANCE * float(self.size.min()),
+            rise=self.smoothness() * speed**2,
+        )
+        ranges[met] = np.where(found == 0.0, INSIDE, found)
+        return ranges
+
+    def spans(self, origins: Floats, direction: Floats) -> Floats:
+        """Where parallel rays are inside, (n, 1, 2): see `spans`."""
+        from palpate.core.shapes.ray_casting import convex_spans
+
+        return convex_spans(self, origins, direction)
+
+    def mesh(self, level: int) -> Mesh:
+        """Icosphere projected along its radii: see `Shape.mesh`."""
+        directions, faces = icosphere(level)
+        scaled = directions * self.size
+        return Mesh(scaled / self.gauge(scaled)[:, None], faces)
+
+    def smoothness(self) -> float:
+        """A number c: outside, the gauge's second derivative is at most c times speed squared.
+
+        Infinite for exponents above 1: the gauge then has creases in the axes' planes.
+
+        Notes
+        -----
+        A norm composed of powers p, q >= 2 is smooth with the constant max(p, q) - 1: Ball,
+        Carlen and Lieb, *Sharp uniform convexity and smoothness inequalities*, 1994.
+        """
+        if self.exponents.max() > 1.0:
+            return np.inf
+        return 2.0 / float(self.exponents.min()) - 1.0
+
+    def gauge_along(self, scaled: Floats, direction: Floats) -> tuple[Floats, Floats]:
+        """Gauge and its derivative along directions, in coordinates divided by the semi-axes.
+
+        Parameters
+        ----------
+        scaled : (3, n) array
+            Points, by coordinate, 1.
+        direction : (3, n) or (3, 1) array
+            Directions, scaled likewise.
+
+        Returns
+        -------
+        gauge, slope : (n,) arrays
+            A slope where the gauge has a crease is one of those between its two sides.
+        """
+        p, q = 2.0 / float(self.exponents[1]), 2.0 / float(self.exponents[0])
+        x, y, z = np.abs(scaled)
+        dx, dy, dz = np.copysign(1.0, scaled) * direction
+        across, across_slope = p_norm_along(x, y, dx, dy, p)
+        return p_norm_along(across, z, across_slope, dz, q)
+
+
+def p_norm_along(x: Floats, y: Floats, dx: Floats, dy: Floats, p: float) -> tuple[Floats, Floats]:
+    """The p-norm of x and y, not negative, and its slope: by the ratio, so that nothing overflows.
+
+    With s the smaller and l the larger: l (1 + (s/l)^p)^(1/p).
+    """
+    first = x >= y
+    larger = np.maximum(x, y)
+    ratio = np.minimum(x, y) / (larger + TINY)
+    weight = ratio ** (p - 1.0)
+    total = 1.0 + weight * ratio
+    stretch = total ** (1.0 / p)
+    slope = (np.where(first, dx, dy) + weight * np.where(first, dy, dx)) * (stretch / total)
+    return larger * stretch, slope
+
+
+class PNorm(NamedTuple):
+    """(x^p + y^p)^(1/p) with p = 2/e, of numbers that are not negative, and its slopes."""
+
+    value: Floats
+    by_x: Floats
+    by_y: Floats
+    by_exponent: Floats
+    share_x: Floats  # x as a share of the norm
+    share_y: Floats
+
+
+class PNormCurvature(NamedTuple):
+    """How the slope of a norm along a direction changes."""
+
+    slope: Floats  # Along the direction itself
+    by_x: Floats
+    by_y: Floats
+    by_exponent: Floats
+
+
+def p_norm(x: Floats, y: Floats, e: Floats) -> PNorm:
+    """The norm of exponent `e`, up to 2; all arguments have a common shape or broadcast to it."""
+    p = 2.0 / e
+    larger = np.maximum(np.maximum(x, y), SMALLEST)
+    ratio = np.minimum(x, y) / larger
+    part = ratio**p
+    total = 1.0 + part
+    value = larger * total ** (1.0 / p)
+    log_part = p * np.log(np.maximum(ratio, SMALLEST))
+    # The entropy of the two parts: by_exponent is half of it, times the norm.
+    entropy = np.log1p(part) - part / total * log_part
+    share_x, share_y = x / value, y / value
+    return PNorm(
+        value,
+        share_x ** (p - 1.0),
+        share_y ** (p - 1.0),
+        0.5 * value * entropy,
+        share_x,
+        share_y,
+    )
+
+
+def p_norm_curvature(at: PNorm, along_x: Floats, along_y: Floats, e: Floats) -> PNormCurvature:
+    """Second derivatives of a norm, of which one is taken along a direction."""
+    p = 2.0 / e
+    x, y = at.share_x, at.share_y
+    slope = at.by_x * along_x + at.by_y * along_y
+    sharpness = (np.maximum(x, RIDGE) * np.maximum(y, RIDGE)) ** (p - 2.0)
+    turn = (p - 1.0) / at.value * sharpness * (y * along_x - x * along_y)
+    half = 0.5 * p * p
+    by_exponent = -(p - 1.0) * at.by_exponent / at.value * slope
+    for share, part in ((x, at.by_x * along_x), (y, at.by_y * along_y)):
+        by_exponent = by_exponent - half * part * np.log(np.maximum(share, RIDGE**4))
+    return PNormCurvature(slope, turn * y, -turn * x, by_exponent)
+
+
+def gauge_and_gradient(scaled: Floats, exponents: Floats) -> tuple[Floats, Floats]:
+    """Gauge (n,) and its gradient (n, 3), at points (n, 3) divided by the semi-axes.
+
+    Across a crease, which exponents above 1 have in the coordinate planes, the gradient is the
+    mean of its two sides; at the centre it is 0.
+    """
+    x, y, z = np.abs(scaled).T
+    e1, e2 = exponents
+    across = p_norm(x, y, np.asarray(e2))
+    whole = p_norm(across.value, z, np.asarray(e1))
+    slopes = (whole.by_x * across.by_x, whole.by_x * across.by_y, whole.by_y)
+    return whole.value, np.sign(scaled) * np.stack(slopes, axis=-1)
+
+
+class InsideOutside(NamedTuple):
+    """log F and its derivatives."""
+
+    value: Floats  # (n,): negative inside, 0 on the surface, positive outside; -1381 at the centre
+    # By the logarithms of the coordinates, (n, 3): between 0 and 2, and 2 in sum, but 0 at the
+    # centre. By the logarithms of the semi-axes it is the negative.
+    by_log: Floats
+    by_place: Floats  # By the scaled coordinates, (n, 3)
+    by_exponents: Floats  # By e1 and e2, (n, 2)
+
+
+def inside_outside(scaled: ArrayLike, exponents: ArrayLike) -> InsideOutside:
+    """Logarithm of the inside-outside function.
+
+    Parameters
+    ----------
+    scaled : (n, 3) array
+        Points in the solid's own frame, divided by its semi-axes, 1.
+    exponents : (2,) array
+        e1 and e2, above 0 and up to 2.
+
+    Raises
+    ------
+    ValueError
+        If points are not finite, or an exponent is out of its range.
+
+    Notes
+    -----
+    Fung, 1999, (2.6), with powers of absolute values. F is the square of the gauge; the distance
+    along a radius is that from the centre, less its share 1 / sqrt(F). Exponents above 1 put
+    creases into the coordinate planes. On a crease the derivative by the place is the mean of its
+    two sides; it never exceeds twice the reciprocal of the gauge. At the centre, where there is
+    none, all derivatives are 0.
+    """
+    points = finite_array("scaled", scaled, (None, 3))
+    e1, e2 = finite_array("exponents", exponents, (2,)).tolist()
+    if not (0.0 < e1 <= LARGEST_EXPONENT and 0.0 < e2 <= LARGEST_EXPONENT):
+        raise ValueError(f"exponents must be above 0 and up to 2, got {[e1, e2]}")
+    x, y, z = np.abs(points).T
+    across = p_norm(x, y, np.asarray(e2))
+    whole = p_norm(across.value, z, np.asarray(e1))
+    outer, outer_z = _shares(whole)
+    inner, inner_y = _shares(across)
+    shares = np.stack([outer * inner, outer * inner_y, outer_z], axis=-1)
+    slopes = np.stack([whole.by_x * across.by_x, whole.by_x * across.by_y, whole.by_y], axis=-1)
+    by_e2 = outer * across.by_exponent / across.value
+    by_e1 = whole.by_exponent / whole.value
+    apart = (np.abs(points).max(axis=1) > SMALLEST)[:, None]
+    return InsideOutside(
+        2.0 * np.log(whole.value),
+        np.where(apart, 2.0 * shares, 0.0),
+        np.where(apart, 2.0 * np.sign(points) * slopes / whole.value[:, None], 0.0),
+        np.where(apart, 2.0 * np.stack([by_e1, by_e2], axis=-1), 0.0),
+    )
+
+
+def _shares(at: PNorm) -> tuple[Floats, Floats]:
+    """How much of the sum of powers comes from each argument."""
+    return at.by_x * at.share_x, at.by_y * at.share_y
+
+
+class SurfacePoints(NamedTuple):
+    """Points of a surface."""
+
+    points: Floats  # (n, 3), m
+    normals: Floats  # (n, 3): unit normals, outwards
+
+
+class Angles(NamedTuple):
+    """A grid of angles."""
+
+    eta: Floats  # (n,): from -pi/2 to pi/2, both ends taken, rad
+    omega: Floats  # (n,): from -pi to pi, the end left out, for it is the beginning, rad
+
+
+def grid_of_angles(rows: int, columns: int) -> Angles:
+    """A grid, row by row: eta rises with the row, omega with the column.
+
+    Raises
+    ------
+    ValueError
+        If there are not at least 2 rows and 3 columns.
+    """
+    if rows < FEWEST_ETA or columns < FEWEST_OMEGA:
+        raise ValueError(
+            f"a grid of angles must have at least {FEWEST_ETA} rows and {FEWEST_OMEGA} columns, "
+            f"got {rows} and {columns}"
+        )
+    eta = np.linspace(-0.5 * math.pi, 0.5 * math.pi, rows)
+    omega = -math.pi + 2.0 * math.pi / columns * np.arange(columns)
+    return Angles(np.repeat(eta, columns), np.tile(omega, rows))
+
+
+def trigonometric_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) -> SurfacePoints:
+    """Points of (2.1), with powers that keep the sign.
+
+    Parameters
+    ----------
+    shape : Superquadric
+        Whose surface it is.
+    eta, omega : (n,) arrays
+        Angles, rad.
+
+    Raises
+    ------
+    ValueError
+        If the angles are not finite or not as many of one as of the other.
+
+    Notes
+    -----
+    Normals by Barr, *Superquadrics and angle-preserving transformations*, 1981: the same angles
+    with exponents 2 - e over the semi-axes. They are finite everywhere, poles and seam too.
+    """
+    cos_eta, sin_eta, cos_omega, sin_omega = _cosines(eta, omega)
+
+    def surface(e1: float, e2: float) -> Floats:
+        across = _power(cos_eta, e1)
+        return np.column_stack(
+            [across * _power(cos_omega, e2), across * _power(sin_omega, e2), _power(sin_eta, e1)]
+        )
+
+    e1, e2 = shape.exponents.tolist()
+    return SurfacePoints(
+        shape.size * surface(e1, e2), _units(surface(2.0 - e1, 2.0 - e2) / shape.size)
+    )
+
+
+def _power(value: Floats, exponent: float) -> Floats:
+    """Power of the absolute value, with the sign."""
+    return np.sign(value) * np.abs(value) ** exponent
+
+
+def regular_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) -> SurfacePoints:
+    """Points of (2.4) and (2.5): where the radii of the scaled solid meet its surface.
+
+    Parameters, errors and units as for `trigonometric_points`. Normals across a crease are the
+    mean of its two sides.
+    """
+    cos_eta, sin_eta, cos_omega, sin_omega = _cosines(eta, omega)
+    radii = np.column_stack([cos_eta * cos_omega, cos_eta * sin_omega, sin_eta])
+    gauge, slope = gauge_and_gradient(radii, shape.exponents)
+    return SurfacePoints(shape.size * radii / gauge[:, None], _units(slope / shape.size))
+
+
+def _cosines(eta: ArrayLike, omega: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
+    """Cosine and sine of both angles; those of a pole and of the seam exactly 0."""
+    first = finite_array("eta", eta, (None,))
+    second = finite_array("omega", omega, (len(first),))
+    return _exact(np.cos(first)), np.sin(first), _exact(np.cos(second)), _exact(np.sin(second))
+
+
+def _exact(value: Floats) -> Floats:
+    """What is 0 but for the rounding of pi: its small powers would be far from 0."""
+    return np.where(np.abs(value) < 4.0 * np.finfo(float).eps, 0.0, value)
+
+
+def _units(vectors: Floats) -> Floats:
+    length = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+    return np.asarray(vectors / length[:, None])

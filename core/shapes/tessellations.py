@@ -1,0 +1,238 @@
+"""Tessellations: nearly even meshes of the sphere, and closed meshes of any implicit solid.
+
+Marching tetrahedra: a grid's cells are each cut into six tetrahedra about a common diagonal (Kuhn,
+1960), so that neighbouring cells agree on their common face. A tetrahedron has no ambiguous case:
+the surface that results has no hole, and each of its edges has two faces. Vertices are roots of the
+function on the tetrahedra's edges, not interpolated ones, as scikit-image's are.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.shapes.protocol import Mesh
+
+MOST_LEVELS = 8  # 1.3 million faces
+LEAST_CELLS = 16
+# Shares of the box by which the grid begins before it and ends after it: uneven, so that no plane
+# of symmetry is a plane of the grid.
+MARGINS = (0.0231, 0.0257)
+ROOT_TOLERANCE = 1e-12  # Of a cell's edge
+Longs = NDArray[np.int64]
+InsideOut = Callable[[Floats, Floats], tuple[Floats, Floats]]  # As `ImplicitShape.inside_out`
+MOST_STEPS = 100
+NEWTON_STEPS = 12  # After these the interval is halved: a kink or a flat place is in the way
+# Places (n,), one on each function: values and slopes (n,).
+EdgeFunction = Callable[[Floats], tuple[Floats, Floats]]
+
+
+@cache
+def icosphere(level: int) -> tuple[Floats, Ints]:
+    """Icosahedron, its faces split in four `level` times, on the unit sphere.
+
+    Returns
+    -------
+    directions : (10 * 4**level + 2, 3) array
+        Unit vectors; read-only.
+    faces : (20 * 4**level, 3) array
+        Counter-clockwise seen from outside; read-only.
+
+    Raises
+    ------
+    ValueError
+        If `level` is not between 0 and 8.
+    """
+    if not 0 <= level <= MOST_LEVELS:
+        raise ValueError(f"level must be between 0 and {MOST_LEVELS}, got {level}")
+    directions, faces = _icosahedron()
+    for _ in range(level):
+        directions, faces = _split(directions, faces)
+    directions.setflags(write=False)
+    faces.setflags(write=False)
+    return directions, faces
+
+
+def _icosahedron() -> tuple[Floats, Ints]:
+    """Poles on the z axis and two rings of five."""
+    latitude = math.atan(0.5)
+    azimuth = np.arange(5) * (2 * math.pi / 5)
+    ring = np.column_stack([np.cos(azimuth), np.sin(azimuth)]) * math.cos(latitude)
+    turned = azimuth + math.pi / 5
+    lower = np.column_stack([np.cos(turned), np.sin(turned)]) * math.cos(latitude)
+    height = np.full((5, 1), math.sin(latitude))
+    directions = np.concatenate(
+        [[[0, 0, 1]], np.hstack([ring, height]), np.hstack([lower, -height]), [[0, 0, -1]]]
+    )
+    i = np.arange(5)
+    after = (i + 1) % 5
+    up, low = 1 + i, 6 + i
+    up_after, low_after = 1 + after, 6 + after
+    faces = np.concatenate(
+        [
+            np.column_stack([np.zeros(5, int), up, up_after]),
+            np.column_stack([up, low, up_after]),
+            np.column_stack([low, low_after, up_after]),
+            np.column_stack([low, np.full(5, 11), low_after]),
+        ]
+    )
+    return directions, faces.astype(np.int32)
+
+
+def _split(directions: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Each face into four; the midpoint of an edge is shared by its two faces."""
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    unique, which = np.unique(edges, axis=0, return_inverse=True)
+    middle = directions[unique].sum(axis=1)
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    ab, bc, ca = (which.reshape(-1, 3) + len(directions)).T
+    a, b, c = faces.T
+    corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    split = np.stack([np.column_stack(corner) for corner in corners], axis=1)
+    return np.concatenate([directions, middle]), split.reshape(-1, 3).astype(np.int32)
+
+
+def isosurface(inside_out: InsideOut, box: Floats, level: int) -> Mesh:
+    """The surface on which a function is 0, negative inside.
+
+    Parameters
+    ----------
+    inside_out : function
+        Gives values and slopes: see `ImplicitShape.inside_out`.
+    box : (2, 3) array
+        Corners of a box that holds the solid, m.
+    level : int
+        The box is cut into 2^level cells along its longest side, and at least 16.
+
+    Returns
+    -------
+    Mesh
+        Closed, turned outwards. Parts that are thinner than a cell may be missing.
+    """
+    cells = max(2**level, LEAST_CELLS)
+    extent = box[1] - box[0]
+    low = box[0] - MARGINS[0] * extent
+    edge = float(extent.max()) * (1.0 + sum(MARGINS)) / cells
+    shape = np.ceil(extent * (1.0 + sum(MARGINS)) / edge - 1e-9).astype(int) + 1
+    axes = [low[axis] + edge * np.arange(shape[axis]) for axis in range(3)]
+    tetrahedra, within = _crossed(_inside(inside_out, axes))
+    lines, faces = _cut(tetrahedra, within)
+    ends = np.column_stack(np.unravel_index(lines.ravel(), shape)).reshape(-1, 2, 3)
+    first, last = low + edge * ends[:, 0], low + edge * ends[:, 1]  # inside, outside
+    way = first - last
+
+    def along(share: Floats) -> tuple[Floats, Floats]:
+        return inside_out(last + share[:, None] * way, way)
+
+    share = bracketed_roots(along, np.zeros(len(way)), np.ones(len(way)), ROOT_TOLERANCE)
+    return Mesh(last + share[:, None] * way, faces)
+
+
+def _crossed(inside: Bools) -> tuple[Longs, Bools]:
+    """Tetrahedra that the surface may cross: nodes (n, 4), and which of them are inside."""
+    counts = np.array(inside.shape)
+    corners = [inside[tuple(slice(o, n - 1 + o) for o, n in zip(offset, counts, strict=True))]
+               for offset in itertools.product((0, 1), repeat=3)]  # fmt: skip
+    some, every = np.logical_or.reduce(corners), np.logical_and.reduce(corners)
+    cells = np.column_stack(np.nonzero(some & ~every))
+    strides = np.array([counts[1] * counts[2], counts[2], 1])
+    tetrahedra: Longs = ((cells @ strides)[:, None, None] + _kuhn() @ strides).reshape(-1, 4)
+    return tetrahedra, inside.ravel()[tetrahedra]
+
+
+def _kuhn() -> Ints:
+    """Corners (6, 4, 3) of the six tetrahedra of a unit cube, all turned alike."""
+    found = []
+    for order in itertools.permutations(range(3)):
+        corners = np.cumsum([np.zeros(3, int), *np.eye(3, dtype=int)[list(order)]], axis=0)
+        odd = np.linalg.det(corners[1:].astype(float)) < 0.0
+        found.append(corners[[0, 2, 1, 3]] if odd else corners)
+    return np.array(found)
+
+
+def _inside(inside_out: InsideOut, axes: list[Floats]) -> Bools:
+    """Whether each node of the grid is inside, by layers, which fit into memory."""
+    y, z = np.meshgrid(axes[1], axes[2], indexing="ij")
+    layer = np.column_stack([np.zeros(y.size), y.ravel(), z.ravel()])
+    still = np.zeros_like(layer)
+    inside = np.zeros((len(axes[0]), *y.shape), bool)
+    for i, x in enumerate(axes[0]):
+        layer[:, 0] = x
+        inside[i] = (inside_out(layer, still)[0] <= 0.0).reshape(y.shape)
+    return inside
+
+
+def _cut(tetrahedra: Longs, within: Bools) -> tuple[Longs, Ints]:
+    """Edges (m, 2) that the surface crosses, node inside first, and triangles between them."""
+    pattern = within @ np.array([1, 2, 4, 8])
+    pieces = []
+    for mask in range(1, 15):
+        nodes = tetrahedra[pattern == mask]
+        pieces += [nodes[:, triangle] for triangle in _triangles(mask)]
+    ends = np.concatenate(pieces).reshape(-1, 2)  # three edges for each triangle
+    count = int(tetrahedra.max(initial=0)) + 1
+    keys, corners = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True)
+    return np.column_stack([keys // count, keys % count]), corners.reshape(-1, 3).astype(np.int32)
+
+
+def _triangles(mask: int) -> list[Ints]:
+    """Edges (3, 2) of each triangle that cuts off the corners in `mask`, seen from outside."""
+    own = [corner for corner in range(4) if mask >> corner & 1]
+    other = [corner for corner in range(4) if not mask >> corner & 1]
+    if _odd([*own, *other]):
+        pair = own if len(own) > 1 else other
+        pair[:2] = pair[1::-1]
+    if len(own) == 2:
+        (i, j), (k, m) = own, other
+        rings = [[(i, k), (i, m), (j, m)], [(i, k), (j, m), (j, k)]]
+    else:
+        rings = [[(i, o) for i in own for o in other]]
+    return [np.array(ring) for ring in rings]
+
+
+def _odd(order: list[int]) -> bool:
+    return sum(a > b for a, b in itertools.combinations(order, 2)) % 2 == 1
+
+
+def bracketed_roots(
+    function: EdgeFunction, outside: Floats, inside: Floats, tolerance: float
+) -> Floats:
+    """A root (n,) of each function between a place where it is positive and one where it is not.
+
+    Parameters
+    ----------
+    function : function
+        Gives values and slopes.
+    outside, inside : (n,) arrays
+        Where the functions are positive, and where they are not; either may be the larger.
+    tolerance : float
+        How exactly a root is wanted, in the unit of the places.
+
+    Returns
+    -------
+    (n,) array
+        A place where the function is not positive, or within the tolerance of one.
+    """
+    outside, inside = outside.copy(), inside.copy()
+    places = 0.5 * (outside + inside)
+    for step in range(MOST_STEPS):
+        value, slope = function(places)
+        positive = value > 0.0
+        outside, inside = np.where(positive, places, outside), np.where(positive, inside, places)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            newton = places - value / slope
+        within = (newton - outside) * (newton - inside) <= 0.0
+        if step >= NEWTON_STEPS:
+            within = np.zeros_like(within)
+        after = np.where(within, newton, 0.5 * (outside + inside))
+        near = np.abs(after - places) <= tolerance
+        places = np.where(within | ~near, after, inside)
+        if near.all():
+            break
+    return places

@@ -1,0 +1,291 @@
+"""A triangle mesh as a solid: first hits by Embree or by a z-buffer, and all that a ray crosses.
+
+Seen along the rays the problem is flat: each triangle is three half-planes and a plane of depths,
+all affine in the two coordinates across, evaluated for all rays at once. For crossings, whether a
+ray passes an edge on its left or its right is asked once for both faces at the edge, and a ray that
+meets it is taken to pass beside it (Edelsbrunner and Muecke, *Simulation of simplicity*, 1990). So
+no ray slips through between two faces, or counts a corner twice. Embree has no wheel for every
+platform.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.geometry import is_closed, is_inside_out
+from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
+
+HAS_EMBREE = find_spec("embreex") is not None  # False where there is no wheel for this machine
+MOST_LAYERS = 64  # Back faces that a ray goes through on its way to a front face
+# How far behind a back face the ray starts anew, as a share of the mesh's extent: some ten times
+# what single precision can tell apart.
+NUDGE = 1e-6
+# Of barycentric coordinates: a ray through an edge must not slip between two triangles.
+EDGE_TOLERANCE = 1e-9
+AT_ONCE = 1 << 19  # Pairs of a ray and an edge
+TRIES = 4
+ASIDE = np.array([0.8, 0.6])
+# Of the mesh's extent: how far a ray is moved whose sides were rounded to what cannot be.
+SHIFT = 1e-12
+Longs = NDArray[np.int64]
+
+
+class Backend(Protocol):
+    """What finds the faces that rays meet."""
+
+    def first_hits(self, origins: Floats, direction: Floats) -> Hits:
+        """First faces along parallel rays, seen from either side."""
+
+
+class TriangleShape:
+    """A triangle mesh.
+
+    A mesh that is inside out is turned. A ray that starts inside a closed mesh says so, however
+    far its exit lies. A mesh with holes has no inside: its faces are met from outside alone.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array
+        m.
+    faces : (m, 3) array
+        Corners, by number; neighbours turned alike.
+    embree : bool
+        False for the z-buffer, which needs nothing but numpy.
+    """
+
+    def __init__(self, vertices: Floats, faces: Ints, embree: bool = HAS_EMBREE):
+        self._flipped = is_inside_out(vertices, faces)
+        self._closed = is_closed(faces)
+        faces = np.ascontiguousarray(faces[:, ::-1]) if self._flipped else faces
+        self._mesh = Mesh(vertices, faces)
+        a, b, c = vertices[faces].transpose(1, 0, 2)
+        self._normals = np.cross(b - a, c - a)
+        self._nudge = NUDGE * float(np.ptp(vertices, axis=0).max())
+        self._backend = _backend(vertices, faces, embree)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the mesh has no holes."""
+        return self._closed
+
+    @property
+    def flipped(self) -> bool:
+        """Whether the faces were given inside out."""
+        return self._flipped
+
+    def bounds(self) -> Floats:
+        """Smallest and largest coordinates, (2, 3), m."""
+        return np.stack([self._mesh.vertices.min(axis=0), self._mesh.vertices.max(axis=0)])
+
+    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+        """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
+        ranges = self.first_hits(origins, direction).ranges
+        return np.where(ranges <= reach, ranges, MISS)
+
+    def mesh(self, level: int) -> Mesh:
+        """The mesh itself, turned outwards, whatever the level."""
+        return self._mesh
+
+    def first_hits(self, origins: Floats, direction: Floats) -> Hits:
+        """First faces met from outside along parallel rays, however far.
+
+        The range is `INSIDE` where a ray starts inside.
+        """
+        hits = self._backend.first_hits(origins, direction)
+        behind = np.flatnonzero(self._from_behind(hits, direction))
+        if self._closed and len(behind):
+            # A ray along a silhouette may show the back of an edge: look the other way too.
+            back = self._backend.first_hits(origins[behind], -direction)
+            inside = self._from_behind(back, -direction)
+            hits.ranges[behind[inside]] = INSIDE
+            behind = behind[~inside]
+        for _ in range(MOST_LAYERS):
+            if not len(behind):
+                return hits
+            way = hits.ranges[behind] + self._nudge
+            beyond = self._backend.first_hits(origins[behind] + way[:, None] * direction, direction)
+            hits.ranges[behind] = way + beyond.ranges
+            hits.faces[behind], hits.weights[behind] = beyond.faces, beyond.weights
+            behind = behind[self._from_behind(beyond, direction)]
+        hits.ranges[behind], hits.faces[behind] = MISS, -1
+        return hits
+
+    def _from_behind(self, hits: Hits, direction: Floats) -> Bools:
+        result: Bools = (hits.faces >= 0) & (self._normals[hits.faces] @ direction > 0.0)
+        return result
+
+
+def _backend(vertices: Floats, faces: Ints, embree: bool) -> Backend:
+    if not embree:
+        return ZBuffer(vertices, faces)
+    from palpate.core.shapes.embree import Embree
+
+    return Embree(vertices, faces)
+
+
+class Hits(NamedTuple):
+    """First hits of rays."""
+
+    ranges: Floats  # Range, (n,), m; infinite for a ray that meets nothing
+    faces: Ints  # Face, (n,); -1 for a ray that meets nothing
+    weights: Floats  # Weights of the face's second and third corner, (n, 2)
+
+
+class ZBuffer:
+    """Triangles, ready to be seen from any direction."""
+
+    def __init__(self, vertices: Floats, faces: Ints):
+        self._vertices = vertices
+        self._faces = faces
+
+    def first_hits(self, origins: Floats, direction: Floats) -> Hits:
+        """First faces along parallel rays, seen from either side."""
+        axes = _axes_across(direction)
+        seen = self._vertices @ axes  # columns: across, across, along
+        rays = origins @ axes
+        near = self._faces_near(seen, rays)
+        count = len(origins)
+        if not len(near):
+            return Hits(np.full(count, np.inf), np.full(count, -1, np.int32), np.zeros((count, 2)))
+        depth, second, third = _depths(seen[self._faces[near]], rays)
+        first = np.arange(count), depth.argmin(axis=1)
+        ranges = depth[first]
+        faces = np.where(np.isfinite(ranges), near[first[1]], -1).astype(np.int32)
+        return Hits(ranges, faces, np.column_stack([second[first], third[first]]))
+
+    def _faces_near(self, seen: Floats, rays: Floats) -> Ints:
+        corners = seen[self._faces]
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        first, last = rays.min(axis=0), rays.max(axis=0)
+        across = (low[:, :2] <= last[:2]) & (high[:, :2] >= first[:2])
+        ahead = high[:, 2] >= first[2]
+        found: Ints = np.flatnonzero(across.all(axis=1) & ahead).astype(np.int32)
+        return found
+
+
+def _axes_across(direction: Floats) -> Floats:
+    """Orthonormal axes as columns, the last along `direction`."""
+    helper = np.zeros(3)
+    helper[int(np.argmin(np.abs(direction)))] = 1.0
+    first = np.cross(helper, direction)
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(direction, first), direction])
+
+
+def _depths(corners: Floats, rays: Floats) -> tuple[Floats, Floats, Floats]:
+    """Range from each ray's origin to each triangle, (rays, triangles); infinite if none.
+
+    Then the weights of the triangle's second and third corner there, likewise.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
+    edge_on = area == 0.0
+    area = np.where(edge_on, 1.0, area)
+    x, y = rays[:, :1], rays[:, 1:2]
+    of_a = ((b[:, 0] - x) * (c[:, 1] - y) - (c[:, 0] - x) * (b[:, 1] - y)) / area
+    of_b = ((c[:, 0] - x) * (a[:, 1] - y) - (a[:, 0] - x) * (c[:, 1] - y)) / area
+    of_c = 1.0 - of_a - of_b
+    within = np.minimum(np.minimum(of_a, of_b), of_c) >= -EDGE_TOLERANCE
+    depth = of_a * a[:, 2] + of_b * b[:, 2] + of_c * c[:, 2] - rays[:, 2:]
+    return np.where(within & ~edge_on & (depth >= 0.0), depth, np.inf), of_b, of_c
+
+
+class CrossedMesh:
+    """A closed mesh, ready to be crossed.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array
+        m.
+    faces : (m, 3) array
+        Corners by number, counter-clockwise seen from outside; each edge has two faces.
+    """
+
+    def __init__(self, vertices: Floats, faces: Ints):
+        self._vertices, self._faces = vertices, faces
+        first, last = faces, np.roll(faces, -1, axis=1)
+        ends = np.sort(np.stack([first, last], axis=2).reshape(-1, 2), axis=1)
+        self._edges, edge = np.unique(ends, axis=0, return_inverse=True)
+        self._edge = edge.reshape(-1, 3)
+        self._against = first > last
+        self._extent = float(np.ptp(vertices, axis=0).max())
+
+    def spans(self, origins: Floats, direction: Floats) -> Floats:
+        """Where parallel rays from origins (n, 3) are inside: see `spans`."""
+        axes = _ray_axes(direction)
+        seen, rays = self._vertices @ axes, origins @ axes
+        size = max(AT_ONCE // len(self._edges), 1)
+        parts = [self._crossed(seen, rays[i : i + size]) for i in range(0, len(rays), size)]
+        if not parts:
+            return np.full((0, 1, 2), np.inf)
+        width = max(part.shape[1] for part in parts)
+        filled = [
+            np.pad(part, ((0, 0), (0, width - part.shape[1]), (0, 0)), constant_values=np.inf)
+            for part in parts
+        ]
+        return np.concatenate(filled)
+
+    def _crossed(self, seen: Floats, rays: Floats) -> Floats:
+        """Spans (n, k, 2) of some rays; mesh and rays in axes of which the last is the rays'."""
+        rays = rays.copy()
+        for moved in range(TRIES):
+            row, place, turn = self._hits(seen, rays)
+            wrong = np.bincount(row, turn, len(rays)) != 0.0
+            if not wrong.any():
+                break
+            rays[wrong, :2] += (moved + 1) * SHIFT * self._extent * ASIDE
+        keep = ~wrong[row]
+        return _spans_of(row[keep], place[keep], turn[keep], len(rays))
+
+    def _hits(self, seen: Floats, rays: Floats) -> tuple[Longs, Floats, Longs]:
+        """Rays, places on them and turns (1 inwards, -1 outwards) of all crossings, in order."""
+        side, left = self._sides(seen, rays)
+        left = left[:, self._edge] ^ self._against
+        row, face = np.nonzero(left.all(axis=2) | ~left.any(axis=2))
+        turn = np.where(left[row, face, 0], -1, 1)
+        weight = np.abs(side[row[:, None], np.roll(self._edge[face], -1, axis=1)])
+        depth = seen[self._faces[face], 2]
+        total = weight.sum(axis=1)
+        weight = np.where(total[:, None] > 0.0, weight, 1.0)
+        place = (weight * depth).sum(axis=1) / weight.sum(axis=1) - rays[row, 2]
+        order = np.lexsort((-turn, place, row))
+        return row[order], place[order], turn[order]
+
+    def _sides(self, seen: Floats, rays: Floats) -> tuple[Floats, Bools]:
+        """On which side of each edge each ray passes, (n, e): twice an area, and whether left."""
+        x, y = (seen[None, :, axis] - rays[:, axis, None] for axis in (0, 1))
+        first, last = self._edges.T
+        side = x[:, first] * y[:, last] - x[:, last] * y[:, first]
+        rise = seen[first, 1] - seen[last, 1]
+        tie = np.where(rise == 0.0, seen[last, 0] - seen[first, 0], rise) > 0.0
+        return side, np.where(side == 0.0, tie, side > 0.0)
+
+
+def _ray_axes(direction: Floats) -> Floats:
+    """Orthonormal right-handed axes as columns, the last along `direction`."""
+    helper = np.zeros(3)
+    helper[int(np.argmin(np.abs(direction)))] = 1.0
+    first = np.cross(helper, direction)
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(direction, first), direction])
+
+
+def _spans_of(row: Longs, place: Floats, turn: Longs, count: int) -> Floats:
+    """Spans (n, k, 2) from crossings in order, of which each ray's turns add up to 0."""
+    depth = np.cumsum(turn)
+    begins = np.flatnonzero((depth > 0) & (depth - turn <= 0))
+    ends = np.flatnonzero((depth <= 0) & (depth - turn > 0))
+    ahead = (place[ends] > 0.0) & (place[ends] > place[begins])
+    begins, ends = begins[ahead], ends[ahead]
+    own = row[begins]
+    number = np.arange(len(own)) - np.searchsorted(own, own)
+    spans = np.full((count, int(number.max(initial=0)) + 1, 2), np.inf)
+    begin = place[begins]
+    spans[own, number, 0] = np.where(begin <= 0.0, INSIDE, begin)
+    spans[own, number, 1] = place[ends]
+    return spans

@@ -1,0 +1,394 @@
+"""B-spline bases on an interval or around a circle: knot vectors, values and derivatives.
+
+A basis of `count` functions of degree p has ``count + p + 1`` knots; it is whole on its domain,
+from the knot p to the knot `count`. Values come from the triangular scheme of Cox and de Boor,
+which divides by no distance but those of knots on either side of the place, so that nothing is 0/0
+however often knots repeat. Own code: scipy's gives no derivatives in matrix form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from palpate.core.arrays import Floats, Ints, finite_array
+
+# Of the largest parameter: places that lie outside by less are taken to the end.
+ROUNDING = 64 * float(np.finfo(float).eps)
+CUBIC = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Basis:
+    """The B-splines of a knot vector.
+
+    Parameters
+    ----------
+    knots : (count + degree + 1,) array
+        Not falling; a knot may occur up to ``degree + 1`` times.
+    degree : int
+        At least 1.
+
+    Raises
+    ------
+    ValueError
+        If the knots are not like that, or leave no domain.
+    """
+
+    knots: Floats
+    degree: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "knots", check_knots(self.knots, self.degree))
+
+    @property
+    def count(self) -> int:
+        """Functions, and thus coefficients."""
+        return len(self.knots) - self.degree - 1
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """Where the functions sum to 1."""
+        return float(self.knots[self.degree]), float(self.knots[self.count])
+
+    def greville(self) -> Floats:
+        """Greville abscissae (count,): coefficients that reproduce the identity."""
+        return greville(self.knots, self.degree)
+
+    def nonzero(self, x: Floats, derivatives: int = 0) -> LocalBasis:
+        """The ``degree + 1`` functions that do not vanish at places (m,), with derivatives.
+
+        Raises
+        ------
+        ValueError
+            If a place lies outside the domain by more than rounding, or is not finite; if
+            `derivatives` is negative.
+        """
+        if derivatives < 0:
+            raise ValueError(f"derivatives must be 0 or more, got {derivatives}")
+        inside = clip_to_domain(finite_array("x", x, (None,)), self.domain)
+        return local_basis(self.knots, self.degree, inside, derivatives)
+
+    def matrix(self, x: Floats, derivative: int = 0) -> csr_array:
+        """Functions, or a derivative of them, at places (m,): sparse (m, count).
+
+        Raises
+        ------
+        ValueError
+            As `nonzero` does.
+        """
+        local = self.nonzero(x, derivative)
+        return _rows(local, derivative, local.columns(), self.count)
+
+
+def greville(knots: Floats, degree: int) -> Floats:
+    """Greville abscissae (count,): the averages of `degree` knots.
+
+    Coefficients equal to them reproduce the identity.
+
+    Raises
+    ------
+    ValueError
+        If the knots cannot be those of a basis of the degree.
+    """
+    return _averages(check_knots(knots, degree)[1:-1], degree)
+
+
+def check_knots(knots: Floats, degree: int) -> Floats:
+    """A knot vector on which a basis of a degree can stand, as a read-only copy.
+
+    Raises
+    ------
+    ValueError
+        If the degree is below 1, a knot is not finite, there are fewer than ``2 degree + 2``,
+        they fall anywhere, one of them occurs more than ``degree + 1`` times, or the domain is
+        empty.
+    """
+    _check_degree(degree)
+    checked = finite_array("knots", knots, (None,)).copy()
+    if len(checked) < 2 * degree + 2:
+        raise ValueError(
+            f"knots must be at least {2 * degree + 2} for degree {degree}, got {len(checked)}"
+        )
+    falls = np.flatnonzero(np.diff(checked) < 0.0)
+    if len(falls):
+        first, second = checked[falls[0]], checked[falls[0] + 1]
+        raise ValueError(f"knots must not fall, got {second:g} after {first:g}")
+    values, times = np.unique(checked, return_counts=True)
+    if times.max() > degree + 1:
+        raise ValueError(
+            f"knots may repeat {degree + 1} times at degree {degree}, "
+            f"got {values[times.argmax()]:g} {times.max()} times"
+        )
+    if not checked[degree] < checked[-degree - 1]:
+        raise ValueError(f"knots leave no domain: it begins and ends at {checked[degree]:g}")
+    checked.setflags(write=False)
+    return checked
+
+
+def local_basis(knots: Floats, degree: int, x: Floats, derivatives: int) -> LocalBasis:
+    """Values and derivatives at places in the domain.
+
+    Parameters
+    ----------
+    knots : (count + degree + 1,) array
+        Knot vector.
+    degree : int
+        Degree.
+    x : (m,) array
+        Places within the domain. At a knot the limit from the right is taken, at the last one
+        that from the left.
+    derivatives : int
+        Highest derivative; those above the degree are 0.
+
+    Notes
+    -----
+    De Boor, *A practical guide to splines*, 1978, chapter X. The derivative of order d raises
+    functions of ``degree - d`` by differences, one degree at a time: Fung, 1999, (3.25) with
+    its indices put right; (3.27) divides by zero at the highest order.
+    """
+    count = len(knots) - degree - 1
+    last = int(np.searchsorted(knots, knots[count], side="left")) - 1
+    span = np.minimum(np.searchsorted(knots, x, side="right") - 1, last)
+    values = np.zeros((derivatives + 1, degree + 1, len(x)))
+    # Knots around each place: row r is the knot number span + 1 - degree + r.
+    near = knots[span + np.arange(1 - degree, degree + 1)[:, None]]
+    lower = np.ones((1, len(x)))
+    for raised in range(degree + 1):
+        if raised:
+            lower = _raise_value(lower, near, degree, x)
+        order = degree - raised
+        if order <= derivatives:
+            values[order] = _differentiate(lower, near, degree)
+    return LocalBasis((span - degree).astype(np.int32), values.transpose(0, 2, 1))
+
+
+def _raise_value(lower: Floats, near: Floats, degree: int, x: Floats) -> Floats:
+    """Values (q + 1, m) of degree q from those (q, m) of one degree less."""
+    q = len(lower)
+    left, right = near[degree - q : degree], near[degree : degree + q]
+    share = lower / (right - left)
+    raised = np.zeros((q + 1, len(x)))
+    raised[:q] = share * (right - x)
+    raised[1:] += share * (x - left)
+    return raised
+
+
+def _differentiate(lower: Floats, near: Floats, degree: int) -> Floats:
+    """Derivatives (degree + 1, m) from values of a lower degree: one order for each degree."""
+    for q in range(len(lower), degree + 1):
+        share = q * lower / (near[degree : degree + q] - near[degree - q : degree])
+        raised = np.zeros((q + 1, share.shape[1]))
+        raised[:q] = -share
+        raised[1:] += share
+        lower = raised
+    return lower
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PeriodicBasis:
+    """The B-splines of uniform knots around a circle, whose turn is 1.
+
+    Parameters
+    ----------
+    count : int
+        Functions; more than the degree.
+    degree : int
+        At least 1.
+
+    Raises
+    ------
+    ValueError
+        If there are too few functions.
+    """
+
+    count: int
+    degree: int = CUBIC
+    # One turn of it, with its first functions once more at the end.
+    _wound: Basis = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        wound = Basis(periodic_knots(self.count, self.degree), self.degree)
+        object.__setattr__(self, "_wound", wound)
+
+    def greville(self) -> Floats:
+        """Places (count,) that belong to the coefficients, in turns; the first may be below 0."""
+        return self._wound.greville()[: self.count]
+
+    def nonzero(self, x: Floats, derivatives: int = 0) -> LocalBasis:
+        """The functions that do not vanish at places (m,), in turns: any number of them.
+
+        Function ``count + i`` stands for function i: take `LocalBasis.columns` modulo `count`.
+
+        Raises
+        ------
+        ValueError
+            If a place is not finite, or `derivatives` is negative.
+        """
+        turns = np.mod(finite_array("x", x, (None,)), 1.0)
+        return self._wound.nonzero(turns, derivatives)
+
+    def matrix(self, x: Floats, derivative: int = 0) -> csr_array:
+        """Functions, or a derivative of them, at places (m,), in turns: sparse (m, count).
+
+        Raises
+        ------
+        ValueError
+            As `nonzero` does.
+        """
+        local = self.nonzero(x, derivative)
+        # The columns that hang over the seam are those at the beginning.
+        return _rows(local, derivative, local.columns() % self.count, self.count)
+
+
+def _rows(local: LocalBasis, derivative: int, columns: Ints, count: int) -> csr_array:
+    width = columns.shape[1]
+    starts = np.arange(0, columns.size + 1, width)
+    shape = (len(columns), count)
+    return csr_array((local.values[derivative].ravel(), columns.ravel(), starts), shape=shape)
+
+
+def clamped_basis(count: int, degree: int = CUBIC) -> Basis:
+    """Basis on uniform clamped knots over [0, 1].
+
+    Raises
+    ------
+    ValueError
+        If there are not more coefficients than the degree.
+    """
+    return Basis(clamped_knots(count, degree), degree)
+
+
+def clamped_knots(count: int, degree: int = CUBIC) -> Floats:
+    """Uniform clamped knots on [0, 1]: Fung, 1999, (2.21), over its last knot.
+
+    With one more coefficient than the degree they are those of the Bernstein basis.
+
+    Raises
+    ------
+    ValueError
+        If there are not more coefficients than the degree.
+    """
+    _check_count(count, degree)
+    inner = np.linspace(0.0, 1.0, count - degree + 1)
+    return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
+
+
+def bernstein_basis(degree: int) -> Basis:
+    """Bernstein polynomials on [0, 1]: clamped knots without inner ones.
+
+    Raises
+    ------
+    ValueError
+        If the degree is below 1.
+    """
+    return clamped_basis(degree + 1, degree)
+
+
+def clip_to_domain(x: Floats, domain: tuple[float, float]) -> Floats:
+    """Places (m,) in a domain; those outside by no more than rounding are taken to its ends.
+
+    Raises
+    ------
+    ValueError
+        If one lies farther outside: how many do, and the worst of them.
+    """
+    low, high = domain
+    rounding = ROUNDING * max(abs(low), abs(high))
+    outside = (x < low - rounding) | (x > high + rounding)
+    if outside.any():
+        worst = x[np.argmax(np.maximum(low - x, x - high))]
+        raise ValueError(
+            f"x must lie in the domain from {low:g} to {high:g}, "
+            f"got {np.count_nonzero(outside)} outside, the worst {worst:g}"
+        )
+    clipped: Floats = np.clip(x, low, high)
+    return clipped
+
+
+class LocalBasis(NamedTuple):
+    """The functions that do not vanish at some places."""
+
+    first: Ints  # Number of the first of them, (m,)
+    values: Floats  # (derivatives + 1, m, degree + 1): values, first derivatives and so on
+
+    def columns(self) -> Ints:
+        """Numbers of all of them, (m, degree + 1)."""
+        steps = np.arange(self.values.shape[2], dtype=np.int32)
+        columns: Ints = self.first[:, None] + steps
+        return columns
+
+
+def uniform_knots(count: int, degree: int = CUBIC) -> Floats:
+    """Uniform knots that run on beyond both ends of the domain [0, 1].
+
+    Raises
+    ------
+    ValueError
+        If there are not more coefficients than the degree.
+    """
+    _check_count(count, degree)
+    return np.arange(-degree, count + 1) / (count - degree)
+
+
+def periodic_knots(count: int, degree: int = CUBIC) -> Floats:
+    """Uniform knots of a closed curve of `count` control points, one turn being 1.
+
+    The first `degree` control points come again at the end: ``count + 2 degree + 1`` knots.
+
+    Raises
+    ------
+    ValueError
+        If there are not more coefficients than the degree.
+    """
+    _check_count(count, degree)
+    return np.arange(-degree, count + degree + 1) / count
+
+
+def _check_count(count: int, degree: int) -> None:
+    _check_degree(degree)
+    if count <= degree:
+        raise ValueError(f"count must be larger than the degree {degree}, got {count}")
+
+
+def averaged_knots(sites: Floats, degree: int = CUBIC) -> Floats:
+    """Clamped knots with which values at the sites can be interpolated.
+
+    Parameters
+    ----------
+    sites : (n,) array
+        Parameters of the values, increasing.
+
+    Raises
+    ------
+    ValueError
+        If the degree is below 1, there are not more sites than it, or they do not increase.
+
+    Notes
+    -----
+    Each inner knot is the average of `degree` sites: Fung, 1999, (4.19), where the sum must
+    begin with its first site. As printed the knots fall, and sorted they make the system
+    singular.
+    """
+    sites = finite_array("sites", sites, (None,))
+    _check_degree(degree)
+    if len(sites) <= degree:
+        raise ValueError(f"sites must be more than the degree {degree}, got {len(sites)}")
+    if not (np.diff(sites) > 0.0).all():
+        raise ValueError("sites must increase")
+    inner = _averages(sites[1:-1], degree) if len(sites) > degree + 1 else np.zeros(0)
+    return np.concatenate([np.full(degree + 1, sites[0]), inner, np.full(degree + 1, sites[-1])])
+
+
+def _check_degree(degree: int) -> None:
+    if degree < 1:
+        raise ValueError(f"degree must be at least 1, got {degree}")
+
+
+def _averages(values: Floats, width: int) -> Floats:
+    """Averages of so many neighbours each."""
+    averages: Floats = np.lib.stride_tricks.sliding_window_view(values, width).mean(axis=1)
+    return averages

@@ -1,0 +1,381 @@
+"""Closed curves through points that were measured around a contour.
+
+The knots go round the circle, so that a curve is closed, with two derivatives, by construction;
+the thesis closes a clamped spline by constraints (see `palpate.core.thesis`). The curve is the same
+however its points were begun or directed, and tells how noisy they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.core.arrays import Floats, Ints
+from palpate.core.geometry import self_intersects
+from palpate.core.splines.bases import CUBIC, periodic_knots
+from palpate.core.splines.curve_fits import (
+    LEAST_CONTROL,
+    UNEVEN_GAP_RATIO,
+    CurveFit,
+    Parametrisation,
+    Smoothing,
+    choose_closed_fit,
+    closed_curve_points,
+    curve_parameters,
+    gap_ratio,
+)
+from palpate.core.splines.thesis_methods import fit_closed_thesis
+
+ClosedCurveMethod = Literal["periodic", "thesis"]
+THESIS_CONTROL = 16  # Vertices around a layer of 5 by 5
+FLAT_SPREAD = 1e-9  # Width of the points over their length from which on they are not on a line
+FINE = 4  # Chords for each knot interval in which a curve is tested for meeting itself
+GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
+SAME = 1e-12  # Points nearer to each other, as a share of the curve's size, are one
+# Of the coordinates: points that spread no farther are one, told apart by rounding.
+ROUNDING = 64 * float(np.finfo(float).eps)
+LARGEST = float(np.finfo(float).max)
+# With fewer points noise and shape cannot be told apart: each of a square's corners shows in five
+# of them.
+LEAST_POINTS = 25
+# Median size of an error of deviation 1. Only one coordinate shows it: the parameters follow the
+# points along the curve.
+NORMAL_MEDIAN = 0.6745
+OPPOSED = -0.5  # Cosine between neighbouring deviations below which they alternate. Noise has -0.8.
+
+
+class CurveFlags(NamedTuple):
+    """What should be known of the points before the curve is used."""
+
+    degenerate: bool  # They lie in one place or on one line; the curve encloses nothing
+    uneven: bool  # The longest gap between neighbours is more than 20 times the shortest
+    self_intersecting: bool  # The curve meets itself, seen along its normal
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClosedCurve:
+    """A closed cubic B-spline, counter-clockwise; its parameter runs from 0 to 1, in turns."""
+
+    control: Floats  # Control points (n, d), m; the first 3 come again at the end
+    knots: Floats  # (n + 7,), the domain from 0 to 1
+    parameters: Floats  # (m,): those of the points that were used, in the order of `used`
+    used: Ints  # (m,): rows of the given points that were used, from the curve's beginning on
+    dropped: int  # Rows that were not finite
+    residual: float  # Root mean square distance of the points from their places on the curve, m
+    sigma: float  # Estimate of the noise, the standard deviation of one coordinate, m
+    condition: float  # Condition number of the matrix from control points to points and bending
+    # Degrees of freedom spent on each coordinate; as many as points if it passes them all.
+    effective: float
+    # Weight of the bending against the mean weight of the points; 0: the points are passed.
+    smoothing: float
+    flags: CurveFlags  # Warnings
+
+    def at(self, turn: ArrayLike, derivative: int = 0) -> Floats:
+        """Points (k, d), m, or derivatives by the turn, at parameters (k,) or a number: any turns.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is not finite, or the derivative is negative.
+        """
+        turns = np.mod(np.atleast_1d(np.asarray(turn, np.float64)), 1.0)
+        return closed_curve_points(self.control, self.knots, turns, derivative)
+
+    @property
+    def length(self) -> float:
+        """Of the curve, m."""
+        turns, weights = self._nodes()
+        return float(weights @ np.linalg.norm(self.at(turns, 1), axis=1))
+
+    @property
+    def area(self) -> float | None:
+        """What it encloses, m^2, as often as it is gone round; None if the curve is not plane."""
+        turns, weights = self._nodes()
+        middle = self.control.mean(axis=0)
+        size = float(np.ptp(self.control, axis=0).max())
+        if size == 0.0:
+            return 0.0
+        places, slopes = (self.at(turns) - middle) / size, self.at(turns, 1) / size
+        if places.shape[1] == 2:
+            twice = weights @ (places[:, 0] * slopes[:, 1] - places[:, 1] * slopes[:, 0])
+            return 0.5 * float(twice) * size * size
+        vector = 0.5 * weights @ np.cross(places, slopes)
+        area = float(np.linalg.norm(vector))
+        off = float(np.abs((self.control - middle) @ vector).max()) / size
+        rounding = ROUNDING * float(np.abs(self.control).max()) / size
+        return area * size * size if off <= (FLAT_SPREAD + rounding) * area else None
+
+    @property
+    def closure_gap(self) -> float:
+        """Distance between the curve's two ends, m."""
+        first, last = closed_curve_points(self.control, self.knots, np.array([0.0, 1.0]))
+        return float(np.linalg.norm(last - first))
+
+    def _nodes(self) -> tuple[Floats, Floats]:
+        """Places and weights of Gauss's rule in each knot interval; exact to degree 9."""
+        breaks = self.knots[CUBIC:-CUBIC]
+        half = 0.5 * np.diff(breaks)
+        turns = (breaks[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES
+        return turns.ravel(), (half[:, None] * GAUSS_WEIGHTS).ravel()
+
+
+def fit_closed_curve(
+    points: ArrayLike,
+    *,
+    count: int | None = None,
+    parameters: Parametrisation = "auto",
+    smoothing: Smoothing = "auto",
+    method: ClosedCurveMethod = "periodic",
+) -> ClosedCurve:
+    """Closed cubic through or near points around a contour.
+
+    Parameters
+    ----------
+    points : (m, 2) or (m, 3) array
+        Around the contour, m: begun anywhere, in either direction, the first again at the end
+        or not. Rows that are not finite are dropped and counted; neighbours in one place are
+        one point.
+    count : int or None
+        Control points, at least 4, with even knots. None: as many as points, through all of
+        them, if nothing is smoothed; otherwise half as many, at most 100.
+    parameters : {"auto", "chord", "centripetal", "even"}
+        How parameters are set; see `curve_parameters`.
+    smoothing : {"auto", "gcv"}, float or None
+        Weight of the bending against the mean weight of the points; "gcv" chooses it by
+        cross-validation, None smooths nothing (with a `count`: next to nothing). "auto" does
+        as "gcv" does where there are 25 points or more, and neighbours deviate from a smooth
+        course in opposite directions; as None does otherwise. Where half as many control
+        points turn out to leave residuals larger than that noise, they cannot follow the
+        shape, and all points are passed.
+    method : {"periodic", "thesis"}
+        The latter for comparison: `fit_closed_thesis`, with 16 vertices unless told.
+
+    Returns
+    -------
+    ClosedCurve
+        The same one however the points were begun or directed. Of points in one place it is
+        that place, of points on a line it goes there and back; both are flagged.
+
+    Raises
+    ------
+    ValueError
+        If the shape of `points` is another, no row is finite, the count is below 4, the
+        smoothing is negative or not finite, or a word is none of those above.
+    """
+    _check(count, parameters, smoothing, method)
+    given = np.asarray(points, np.float64)
+    if given.ndim != 2 or given.shape[1] not in (2, 3):
+        raise ValueError(f"points must have shape (any, 2) or (any, 3), got {given.shape}")
+    ring = order_closed_points(given)
+    if len(ring.points) < 2:
+        return _point(ring)
+    turns = curve_parameters(ring.points, parameters)
+    noise = local_noise(ring.points, turns)
+    if method == "thesis":
+        fit = fit_closed_thesis(ring.points, turns, count or THESIS_CONTROL)
+    else:
+        fit = choose_closed_fit(ring.points, turns, count, smoothing, noise)
+    return _curve(ring, fit, noise)
+
+
+def _check(
+    count: int | None, parameters: Parametrisation, smoothing: Smoothing, method: ClosedCurveMethod
+) -> None:
+    if count is not None and count < LEAST_CONTROL:
+        raise ValueError(f"count must be at least {LEAST_CONTROL}, got {count}")
+    if parameters not in get_args(Parametrisation):
+        words = ", ".join(get_args(Parametrisation))
+        raise ValueError(f"parameters must be one of {words}, got {parameters!r}")
+    if method not in get_args(ClosedCurveMethod):
+        raise ValueError(f"method must be periodic or thesis, got {method!r}")
+    if isinstance(smoothing, str):
+        if smoothing not in ("auto", "gcv"):
+            raise ValueError(f"smoothing must be auto, gcv, a number or None, got {smoothing!r}")
+    elif smoothing is not None and not 0.0 <= smoothing < np.inf:
+        raise ValueError(f"smoothing must be 0 or more and finite, got {smoothing}")
+
+
+def _point(ring: ClosedPoints) -> ClosedCurve:
+    """The curve that stays in one place."""
+    return ClosedCurve(
+        control=np.repeat(ring.middle[None], LEAST_CONTROL, axis=0),
+        knots=periodic_knots(LEAST_CONTROL),
+        parameters=np.zeros(1),
+        used=ring.rows,
+        dropped=ring.dropped,
+        residual=0.0,
+        sigma=0.0,
+        condition=1.0,
+        effective=1.0,
+        smoothing=0.0,
+        flags=CurveFlags(degenerate=True, uneven=False, self_intersecting=False),
+    )
+
+
+def local_noise(points: Floats, parameters: Floats) -> float:
+    """Standard deviation of the noise across the curve, in the points' unit; 0 where there is none.
+
+    Each point is compared with the cubic through its two neighbours on either side. Of a
+    smooth curve, the deviations of neighbours agree; of noise they are opposed. The median
+    knows nothing of corners, for they are few.
+
+    Parameters
+    ----------
+    points : (m, d) array
+        Around the curve.
+    parameters : (m,) array
+        Increasing, in turns.
+    """
+    count = len(points)
+    if count < LEAST_POINTS:
+        return 0.0
+    index = (np.arange(count)[:, None] + np.array([-2, -1, 1, 2])) % count
+    away = parameters[index] - parameters[:, None]
+    away = away - np.round(away)
+    weights = _cubic_weights(away)
+    deviations = points - np.einsum("mk,mkd->md", weights, points[index])
+    deviations /= np.sqrt(1.0 + (weights**2).sum(axis=1))[:, None]
+    lengths = np.linalg.norm(deviations, axis=1)
+    following = np.roll(deviations, -1, axis=0)
+    along = np.einsum("md,md->m", deviations, following)
+    if np.median(along - OPPOSED * lengths * np.roll(lengths, -1)) >= 0.0:
+        return 0.0
+    return float(np.median(lengths)) / NORMAL_MEDIAN
+
+
+def _cubic_weights(away: Floats) -> Floats:
+    """Lagrange's weights (m, 4) at 0 of values at four other places (m, 4)."""
+    between = away[:, None, :] - away[:, :, None]
+    np.einsum("mkk->mk", between)[:] = 1.0
+    others = np.where(np.eye(4, dtype=bool), 1.0, away[:, None, :])
+    weights: Floats = (others / between).prod(axis=2)
+    return weights
+
+
+def _curve(ring: ClosedPoints, fit: CurveFit, noise: float) -> ClosedCurve:
+    """The fit in the points' own place and scale, with all that is reported of it."""
+    count = len(ring.points)
+    off = ring.points - closed_curve_points(fit.control, fit.knots, fit.parameters)
+    squares = float((off**2).sum())
+    spare = count - fit.effective
+    spread, axes = np.linalg.svd(ring.points - ring.points.mean(axis=0), full_matrices=False)[1:]
+    # Along the curve the parameters follow the points: noise shows across it.
+    across = 1 if len(spread) < 3 or spread[2] <= FLAT_SPREAD * spread[0] else 2
+    sigma = np.sqrt(squares / (across * spare)) if spare > 0.5 else noise
+    flat = count < 3 or spread[1] <= FLAT_SPREAD * spread[0]
+    breaks = fit.knots[CUBIC:-CUBIC]
+    fine = np.linspace(breaks[:-1], breaks[1:], FINE, endpoint=False).T.ravel()
+    polygon = closed_curve_points(fit.control, fit.knots, fine) @ axes[:2].T
+    flags = CurveFlags(
+        degenerate=bool(flat),
+        uneven=bool(gap_ratio(ring.points) > UNEVEN_GAP_RATIO),
+        self_intersecting=bool(not flat and self_intersects(polygon)),
+    )
+    return ClosedCurve(
+        control=ring.middle + ring.size * fit.control,
+        knots=fit.knots,
+        parameters=fit.parameters,
+        used=ring.rows,
+        dropped=ring.dropped,
+        residual=ring.size * float(np.sqrt(squares / count)),
+        sigma=ring.size * float(sigma),
+        condition=fit.condition,
+        effective=fit.effective,
+        smoothing=fit.smoothing,
+        flags=flags,
+    )
+
+
+class ClosedPoints(NamedTuple):
+    """Points around a closed curve, each different from the next."""
+
+    points: Floats  # (m, d), about the middle and over the size, so that all lie within 1/2 of 0
+    rows: Ints  # (m,): which of the given points they are
+    middle: Floats  # (d,), m
+    size: float  # Longest side of the box around the points, m; 0 where they are one point
+    dropped: int  # Rows that were not finite
+
+
+def order_closed_points(points: Floats) -> ClosedPoints:
+    """Drop what is not finite or comes twice, centre, scale, and put in order.
+
+    Parameters
+    ----------
+    points : (m, d) array
+        In 2 or 3 dimensions, m. The first may come again at the end.
+
+    Returns
+    -------
+    Ring
+        From the point that comes last in alphabetical order, counter-clockwise (seen along
+        that axis from which the curve is broadest). The same points, begun anywhere and
+        listed in either direction, give the same ring to the last bit.
+
+    Raises
+    ------
+    ValueError
+        If no row is finite, or they spread farther than a number can say.
+    """
+    rows = np.flatnonzero(np.isfinite(points).all(axis=1)).astype(np.int32)
+    dropped = len(points) - len(rows)
+    if not len(rows):
+        raise ValueError(f"points must have at least one finite row, got {len(points)} rows")
+    found = points[rows]
+    low, high = found.min(axis=0), found.max(axis=0)
+    # The middle of the box: a mean would round differently in another order.
+    middle = 0.5 * low + 0.5 * high
+    size = 2.0 * float(np.max(0.5 * high - 0.5 * low))
+    if size == np.inf:
+        raise ValueError(f"points must spread less than {LARGEST:g} m, got {low} to {high} m")
+    if size <= ROUNDING * float(np.abs(found).max()):
+        return ClosedPoints(np.zeros((1, points.shape[1])), rows[:1], middle, 0.0, dropped)
+    scaled = (found - middle) / size
+    order = np.flatnonzero((scaled != np.roll(scaled, 1, axis=0)).any(axis=1))
+    order = order[_canonical(scaled[order])]
+    ahead = np.linalg.norm(scaled[order] - np.roll(scaled[order], -1, axis=0), axis=1)
+    order = order[ahead > SAME]
+    return ClosedPoints(scaled[order], rows[order], middle, size, dropped)
+
+
+def _canonical(points: Floats) -> Ints:
+    """Order (m,) that is the same however the points were begun and whichever way they run."""
+    count = len(points)
+    around = np.arange(count)
+    order = np.lexsort(points.T[::-1])
+    other = (points[order[1:]] != points[order[:-1]]).any(axis=1)
+    rank = np.zeros(count, np.int64)
+    rank[order[1:]] = np.cumsum(other)
+    onwards = (_begin(rank) + around) % count
+    backwards = (count - 1 - _begin(rank[::-1]) - around) % count
+    best = max(onwards, backwards, key=lambda way: rank[way].tolist())
+    normal = area_vector(points[best])
+    if normal[np.argmax(np.abs(normal))] < 0.0:
+        best = best[-around]
+    return best.astype(np.int32)
+
+
+def _begin(rank: NDArray[np.int64]) -> int:
+    """Where to begin so that the ranks (m,), read around, come last in alphabetical order.
+
+    Where several places may do, they are told apart by what follows, and by twice as much of
+    it each time.
+    """
+    reach = 1
+    while reach < len(rank) and np.count_nonzero(rank == rank.max()) > 1:
+        rank = rank * len(rank) + np.roll(rank, -reach)
+        rank = np.unique(rank, return_inverse=True)[1]
+        reach *= 2
+    return int(rank.argmax())
+
+
+def area_vector(points: Floats) -> Floats:
+    """Normal of a closed polygon (m, d) as long as its area: (1,) in 2 dimensions, (3,) in 3."""
+    following = np.roll(points, -1, axis=0)
+    if points.shape[1] == 2:
+        twice = points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0]
+        return np.array([0.5 * twice.sum()])
+    vector: Floats = 0.5 * np.cross(points, following).sum(axis=0)
+    return vector

@@ -1,0 +1,346 @@
+"""Ways to fit a closed cubic to points: through all of them, or smoothed, and which suits.
+
+Smoothing is chosen by generalised cross-validation (Craven and Wahba, 1979) in the basis of Demmler
+and Reinsch, in which the points' weight is the identity and the bending is diagonal, so that
+coefficients, residuals and degrees of freedom for any strength are sums.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import cho_factor, cho_solve, eigh
+
+from palpate.core.arrays import Floats
+from palpate.core.splines.bases import CUBIC, Basis, PeriodicBasis, periodic_knots
+
+Smoothing = float | Literal["auto", "gcv"] | None
+LEAST_CONTROL = CUBIC + 1
+MOST_CONTROL = 100  # Control points that are chosen unasked; a system of so many takes some 5 ms
+# Longest gap between points over the shortest from which on they are uneven.
+UNEVEN_GAP_RATIO = 20.0
+CLEAN = 1e-9  # Noise, over the curve's size, that is not worth smoothing
+# Residuals that exceed the noise between neighbours by this factor show what was smoothed away.
+BIASED = 1.5
+RESAMPLED = 8  # Points for each control point with which a curve through uneven ones is taken anew
+# Always there: it keeps the system positive definite wherever points are missing.
+LEAST_SMOOTHING = 1e-5
+# More changes nothing: the curve has long become a point, and the system loses its digits.
+MOST_SMOOTHING = 1e9
+# Times that parameters are moved to the nearest points of the curve, if nothing is smoothed.
+MOVES = 3
+# Smoothings that are tried, against the mean weight of the points.
+STRENGTHS: Floats = np.logspace(-8.0, 3.0, 67)
+# Share of its weight by which a mode must be seen in the points to be estimated from them.
+UNSEEN = 1e-12
+# Added to the system, so that its factor exists wherever nothing is seen and nothing bends.
+RIDGE = 1e-13
+Parametrisation = Literal["auto", "chord", "centripetal", "even"]
+CORNER = np.pi / 3  # A point at which the polygon turns farther is a corner, rad
+MOST_CORNERS = 0.2  # Of the points: where more of them turn like that, it is noise, not corners
+# Points at equal distances along a curve have no chord longer than the usual one by this,
+EVEN_GAP = 2.0
+# and the middle half of their chords within this factor: only across corners are they short.
+EVEN_MIDDLE = 1.25
+MOST_MOVE = 0.45  # Of the gap to a neighbour: two points that move towards each other do not meet
+
+
+def choose_closed_fit(
+    points: Floats, turns: Floats, count: int | None, smoothing: Smoothing, noise: float
+) -> CurveFit:
+    """The periodic fit that suits points (m, d) at parameters (m,), at least 2 of them.
+
+    `count` and `smoothing` are as for `fit_closed_curve`; `noise` is what `local_noise` found.
+    """
+    chosen = count or int(np.clip(len(points) // 2, LEAST_CONTROL, MOST_CONTROL))
+    if len(points) < 3:
+        return fit_closed_least_squares(points, turns, LEAST_CONTROL, LEAST_SMOOTHING)
+    if smoothing == "gcv":
+        return fit_closed_least_squares(points, turns, chosen, None)
+    if smoothing is not None and not isinstance(smoothing, str):
+        return fit_closed_least_squares(points, turns, chosen, float(smoothing))
+    if smoothing == "auto" and noise > CLEAN:
+        fit = fit_closed_least_squares(points, turns, chosen, None)
+        if count is not None or _deviation(points, fit) <= BIASED * noise:
+            return fit
+    if count is not None and gap_ratio(points) <= UNEVEN_GAP_RATIO:
+        return fit_closed_least_squares(points, turns, count, LEAST_SMOOTHING)
+    through = interpolate_closed(points, turns)
+    if count is None:
+        return through
+    # Even knots would find nothing in the gaps: they get points of the curve through all.
+    even = np.arange(RESAMPLED * count) / (RESAMPLED * count)
+    places = closed_curve_points(through.control, through.knots, even)
+    return fit_closed_least_squares(places, even, count, LEAST_SMOOTHING)._replace(parameters=turns)
+
+
+def _deviation(points: Floats, fit: CurveFit) -> float:
+    """Root mean square distance of the points from their places on the curve."""
+    off = points - closed_curve_points(fit.control, fit.knots, fit.parameters)
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+
+class CurveFit(NamedTuple):
+    """A closed cubic B-spline that was fitted to points."""
+
+    control: Floats  # (n, d)
+    # (n + 7,), the domain from 0 to 1; the first 3 control points come again at the end.
+    knots: Floats
+    parameters: Floats  # (m,), those of the points, in turns
+    condition: float  # Condition number of the matrix from control points to points and bending
+    effective: float  # Degrees of freedom that were spent on each coordinate
+    smoothing: float  # Weight of the bending against the mean weight of the points
+
+
+def closed_curve_points(
+    control: Floats, knots: Floats, turns: Floats, derivative: int = 0
+) -> Floats:
+    """Points (k, d) of a closed cubic, or derivatives, at parameters (k,) from 0 to 1."""
+    # About its middle, so that little is rounded where the curve is small and far away.
+    middle = control.mean(axis=0)
+    wound = np.vstack([control, control[:CUBIC]]) - middle
+    values: Floats = Basis(knots, CUBIC).matrix(turns, derivative) @ wound
+    return values if derivative else values + middle
+
+
+def interpolate_closed(points: Floats, parameters: Floats) -> CurveFit:
+    """Closed cubic through points (m, d), at least 3, at increasing parameters (m,) from 0.
+
+    Knots lie at the parameters, so that the system is diagonally dominant however the points
+    are spaced; with even knots and as many points it may be singular.
+    """
+    count = len(points)
+    around = np.append(parameters, 1.0)
+    # One more coordinate: with signs that alternate the control points are the farthest off,
+    # and so show the condition in the maximum norm.
+    signs = np.where(np.arange(count) % 2, -1.0, 1.0)
+    wanted = np.column_stack([points, signs])
+    spline = CubicSpline(around, np.vstack([wanted, wanted[:1]]), bc_type="periodic")
+    knots = closed_knots(parameters)
+    before, after = knots[2 : count + 2] - knots[1 : count + 1], np.diff(knots)[2 : count + 2]
+    # The control point of the knot t between its neighbours t - a and t + b is the blossom
+    # f(t - a, t, t + b). The first belongs to the last parameter.
+    order = (np.arange(count) - 1) % count
+    value, slope, bend = (spline(parameters[order], derivative) for derivative in range(3))
+    control = value + ((after - before) / 3.0)[:, None] * slope
+    control -= (after * before / 6.0)[:, None] * bend
+    return CurveFit(
+        control=control[:, :-1],
+        knots=knots,
+        parameters=parameters,
+        condition=float(np.abs(control[:, -1]).max()),
+        effective=float(count),
+        smoothing=0.0,
+    )
+
+
+def closed_knots(parameters: Floats) -> Floats:
+    """Knots (n + 7,) of a closed cubic with breaks (n,), at least 3, from 0 up to below 1."""
+    count = len(parameters)
+    turns = np.concatenate([parameters + turn for turn in (-1.0, 0.0, 1.0, 2.0)])
+    return turns[count - 3 : 2 * count + 4]
+
+
+def fit_closed_least_squares(
+    points: Floats, parameters: Floats, count: int, smoothing: float | None
+) -> CurveFit:
+    """Closed cubic of `count` control points, at least 4.
+
+    Parameters
+    ----------
+    points : (m, d) array
+        Around the curve.
+    parameters : (m,) array
+        Increasing, in turns.
+    count : int
+        Control points.
+    smoothing : float or None
+        Weight of the bending against the mean weight of the points; None chooses it by
+        cross-validation. It is never below `LEAST_SMOOTHING` nor above `MOST_SMOOTHING`.
+    """
+    periodic = PeriodicBasis(count)
+    bending = _bending(count)
+    if smoothing is None:
+        strength = choose_smoothing(_dense(periodic, parameters)[0], bending, points)
+    else:
+        strength = smoothing
+    strength = min(max(strength, LEAST_SMOOTHING), MOST_SMOOTHING)
+    # Of noisy points the nearest places on the curve say nothing of where they belong.
+    moves = MOVES if smoothing is not None and smoothing <= LEAST_SMOOTHING else 0
+    for move in range(moves + 1):
+        basis, slopes = _dense(periodic, parameters)
+        weight = basis.T @ basis
+        mean = np.trace(weight) / count
+        factor = cho_factor(weight / mean + strength * bending)
+        control = cho_solve(factor, basis.T @ points / mean)
+        if move < moves:
+            places, along = basis @ control, slopes @ control
+            parameters = moved_parameters(parameters, points, places, along)
+    seen = np.linalg.eigvalsh(weight / mean + strength * bending)
+    return CurveFit(
+        control=control,
+        knots=periodic_knots(count),
+        parameters=np.mod(parameters, 1.0),
+        condition=float(np.sqrt(seen[-1] / seen[0])),
+        effective=float(np.trace(cho_solve(factor, weight / mean))),
+        smoothing=strength,
+    )
+
+
+def _bending(count: int) -> Floats:
+    """Sum of the squared second differences around the circle, over its mean diagonal."""
+    second = np.roll(np.eye(count), 1, axis=1) - 2.0 * np.eye(count)
+    second += np.roll(np.eye(count), -1, axis=1)
+    form: Floats = second.T @ second / 6.0
+    return form
+
+
+def choose_smoothing(basis: Floats, bending: Floats, points: Floats) -> float:
+    """The smoothing with the least generalised cross-validation score.
+
+    Parameters
+    ----------
+    basis : (m, n) array
+        Basis functions at the points' parameters.
+    bending : (n, n) array
+        Quadratic form of the penalty.
+    points : (m, d) array
+        What is fitted.
+
+    Notes
+    -----
+    Craven and Wahba, *Smoothing noisy data with spline functions*, 1979.
+    """
+    count = len(points)
+    weight = basis.T @ basis
+    weight /= np.trace(weight) / len(weight)
+    modes = demmler_reinsch(weight, bending, basis)
+    parts = modes.shapes.T @ points
+    beyond = float(((points - modes.shapes @ parts) ** 2).sum())
+    squares = beyond + modes.lost(STRENGTHS) ** 2 @ (parts**2).sum(axis=1)
+    kept = modes.kept(STRENGTHS)
+    spare = np.maximum(1.0 - kept.sum(axis=1) / count, 1.0 / count)
+    return float(STRENGTHS[np.argmin(squares / spare**2)])
+
+
+def _dense(periodic: PeriodicBasis, parameters: Floats) -> Floats:
+    """Basis functions and their derivatives, (2, m, n): so few that sparse ones are slower."""
+    local = periodic.nonzero(parameters, 1)
+    dense = np.zeros((2, len(parameters), periodic.count))
+    rows = np.arange(len(parameters))[:, None]
+    dense[:, rows, local.columns() % periodic.count] = local.values
+    return dense
+
+
+def moved_parameters(parameters: Floats, points: Floats, places: Floats, slopes: Floats) -> Floats:
+    """Parameters nearer to those of the curve's nearest points: Fung, 1999, (4.40).
+
+    Each takes the step of (4.40), but never so far that it could meet a neighbour, so that
+    the points keep their order around the curve.
+
+    Parameters
+    ----------
+    parameters : (m,) array
+        Increasing, in turns.
+    points : (m, d) array
+        What the curve should pass.
+    places, slopes : (m, d) arrays
+        The curve and its derivative at the parameters.
+    """
+    squares = np.einsum("md,md->m", slopes, slopes)
+    wanted = np.einsum("md,md->m", points - places, slopes)
+    step = np.divide(wanted, squares, out=np.zeros_like(wanted), where=squares > 0.0)
+    ahead = np.diff(parameters, append=parameters[0] + 1.0)
+    step = np.clip(step, -MOST_MOVE * np.roll(ahead, 1), MOST_MOVE * ahead)
+    moved: Floats = parameters + step
+    return moved
+
+
+class Modes(NamedTuple):
+    """Combinations of basis functions that do not mix, however strongly one smooths."""
+
+    shapes: Floats  # Their values at the points (m, r), orthonormal columns
+    control: Floats  # Their coefficients (n, r): ``shapes`` is the basis times them
+    # (r,), not negative: smoothing by a strength keeps ``1 / (1 + strength stiffness)``.
+    stiffness: Floats
+
+    def kept(self, strengths: Floats) -> Floats:
+        """Share of each mode that smoothing by strengths (s,) keeps, (s, r)."""
+        kept: Floats = 1.0 / (1.0 + strengths[:, None] * self.stiffness)
+        return kept
+
+    def lost(self, strengths: Floats) -> Floats:
+        """What is not kept, (s, r), to full precision however little it is."""
+        stiff = strengths[:, None] * self.stiffness
+        lost: Floats = stiff / (1.0 + stiff)
+        return lost
+
+
+def demmler_reinsch(weight: Floats, bending: Floats, basis: Floats) -> Modes:
+    """Modes of points and a penalty.
+
+    Parameters
+    ----------
+    weight : (n, n) array
+        ``basis.T @ basis``, over its mean diagonal.
+    bending : (n, n) array
+        Quadratic form of the penalty, in the same measure.
+    basis : (m, n) array
+        Basis functions at the points, times the roots of the points' weights.
+
+    Notes
+    -----
+    Demmler and Reinsch, *Oscillation matrices with spline smoothing*, 1975. The modes v solve
+    ``G v = mu (G + B) v``, G the weight and B the bending: unlike ``B v = w G v`` this is well
+    conditioned however the points lie, and what no point sees drops out.
+    """
+    count = len(weight)
+    seen, control = eigh(weight, weight + bending + RIDGE * np.eye(count))
+    seen = np.clip(seen, 0.0, 1.0)
+    control, seen = control[:, seen > UNSEEN], seen[seen > UNSEEN]
+    shapes = basis @ control
+    length = np.linalg.norm(shapes, axis=0)
+    return Modes(shapes / length, control / length, (1.0 - seen) / seen)
+
+
+def curve_parameters(points: Floats, kind: Parametrisation) -> Floats:
+    """Parameters (m,) of points (m, d) around a closed curve; the first is 0.
+
+    In proportion to the chords between neighbours, (4.28), or to their square roots, (4.18) of
+    Fung, 1999; both with the chord that closes the curve, which the text leaves out. "auto"
+    takes square roots where a few of the points are corners: there chords overshoot. "even"
+    takes equal steps where the points were felt at equal distances along the curve, which a
+    chord across a corner tells too short, and chords otherwise.
+    """
+    chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    if kind == "even" and _are_even(chords):
+        return np.arange(len(points)) / len(points)
+    if kind == "centripetal" or (kind == "auto" and _has_corners(points)):
+        chords = np.sqrt(chords)
+    ends = np.cumsum(chords)
+    parameters: Floats = np.concatenate([[0.0], ends[:-1]]) / ends[-1]
+    return parameters
+
+
+def _are_even(chords: Floats) -> bool:
+    tenth, quarter, most = np.quantile(chords, [0.1, 0.25, 0.75])
+    return bool(chords.max() <= EVEN_GAP * tenth and most <= EVEN_MIDDLE * quarter)
+
+
+def _has_corners(points: Floats) -> bool:
+    back, ahead = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+    along = np.einsum("md,md->m", back, ahead)
+    lengths = np.linalg.norm(back, axis=1) * np.linalg.norm(ahead, axis=1)
+    corners = np.count_nonzero(along < np.cos(CORNER) * lengths)
+    return bool(0 < corners <= MOST_CORNERS * len(points))
+
+
+def gap_ratio(points: Floats) -> float:
+    """The longest chord of a closed polygon (m, d) over its shortest."""
+    chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    return float(chords.max() / chords.min())
+
+
+STRENGTHS.setflags(write=False)

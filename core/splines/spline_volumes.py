@@ -1,0 +1,397 @@
+"""Spline volumes: space as a polynomial or rational (NURBS) spline of three parameters.
+
+The parallelepiped in which an undeformed one stands, its points and slopes, and the determinant of
+its slopes. That is a polynomial between the knots; its coefficients over the Bernstein polynomials
+enclose it, and halving a piece draws them closer. So they can prove that nothing folds, where
+samples can only fail to find a fold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from palpate.core.arrays import Floats, finite_array
+from palpate.core.splines.bases import ROUNDING, Basis
+from palpate.core.splines.tensor_products import Orders, evaluate_grid, evaluate_scattered
+
+VALUE_ORDERS: tuple[Orders, ...] = ((0, 0, 0),)
+FIRST_ORDERS: tuple[Orders, ...] = (*VALUE_ORDERS, (1, 0, 0), (0, 1, 0), (0, 0, 1))
+SECOND_ORDERS: tuple[Orders, ...] = (
+    *FIRST_ORDERS,
+    (2, 0, 0),
+    (1, 1, 0),
+    (1, 0, 1),
+    (0, 2, 0),
+    (0, 1, 1),
+    (0, 0, 2),
+)
+# Which of the second derivatives belongs to a pair of axes.
+PAIRS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+# Rounding of a coefficient, times how much the conversion may enlarge it.
+SAFETY = 16 * float(np.finfo(float).eps)
+MEAN_STEPS = 12  # Along each axis, over which a determinant is averaged
+# Volume over the product of the edges' lengths, below which a parallelepiped is flat.
+LEAST_RELATIVE_VOLUME = 1e-12
+Bases = tuple[Basis, Basis, Basis]  # Along s, t and u
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SplineVolume:
+    """A spline solid over parameters s, t, u between 0 and 1.
+
+    Parameters
+    ----------
+    control : (l, m, n, 3) array
+        Control points along s, t, u, m.
+    bases : three bases
+        One for each axis, with as many functions as there are control points, over [0, 1].
+    weights : (l, m, n) array, optional
+        Positive weights of the control points; without them all are alike.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, something is not finite, or a weight is not positive.
+
+    Notes
+    -----
+    Fung, 1999, (2.20), (2.22), and with weights (2.24), (2.25).
+    """
+
+    control: Floats
+    bases: Bases
+    weights: Floats | None = None
+    # What the bases multiply: the control points, or (l, m, n, 4) with weights.
+    spline: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if len(self.bases) != 3:
+            raise ValueError(f"bases must be three, for s, t and u, got {len(self.bases)}")
+        counts = tuple(basis.count for basis in self.bases)
+        control = finite_array("control", self.control, (*counts, 3)).copy()
+        for name, basis in zip("stu", self.bases, strict=True):
+            if basis.domain != (0.0, 1.0):
+                raise ValueError(f"basis along {name} must span 0 to 1, got {basis.domain}")
+        spline = control
+        if self.weights is not None:
+            weights = finite_array("weights", self.weights, counts)
+            if not (weights > 0.0).all():
+                raise ValueError(f"weights must be positive, got {weights.min():g}")
+            weights = weights / weights.max()
+            spline = np.concatenate([weights[..., None] * control, weights[..., None]], axis=-1)
+            weights.setflags(write=False)
+            object.__setattr__(self, "weights", weights)
+        control.setflags(write=False)
+        spline.setflags(write=False)
+        object.__setattr__(self, "control", control)
+        object.__setattr__(self, "spline", spline)
+
+    def at(self, parameters: Floats) -> Floats:
+        """Points (n, 3) at parameters (n, 3), m.
+
+        Raises
+        ------
+        ValueError
+            If parameters are not finite (n, 3), or lie outside 0 to 1 by more than rounding,
+            here and below.
+        """
+        value: Floats = evaluate_scattered(self.bases, self.spline, parameters, VALUE_ORDERS)[0]
+        return value if self.weights is None else value[:, :3] / value[:, 3:]
+
+    def first(self, parameters: Floats) -> tuple[Floats, Floats]:
+        """Points (n, 3), m, and slopes (n, 3, 3): a column for each of s, t, u."""
+        value, *slopes = evaluate_scattered(self.bases, self.spline, parameters, FIRST_ORDERS)
+        slope = np.stack(slopes, axis=-1)
+        if self.weights is None:
+            return value, slope
+        points = value[:, :3] / value[:, 3:]
+        return points, _quotient_slope(points, slope, value[:, 3])
+
+    def second(self, parameters: Floats) -> tuple[Floats, Floats, Floats]:
+        """Points, slopes, and second derivatives (n, 3, 3, 3): component, axis, axis."""
+        found = evaluate_scattered(self.bases, self.spline, parameters, SECOND_ORDERS)
+        value, slope = found[0], np.stack(list(found[1:4]), axis=-1)
+        bend = found[4:][PAIRS].transpose(2, 3, 0, 1)
+        if self.weights is None:
+            return value, slope, bend
+        points, weight = value[:, :3] / value[:, 3:], value[:, 3]
+        slopes = _quotient_slope(points, slope, weight)
+        mixed = slopes[:, :, :, None] * slope[:, 3:, None, :]
+        both = mixed + mixed.transpose(0, 1, 3, 2)
+        bend = bend[:, :3] - both - points[:, :, None, None] * bend[:, 3:]
+        return points, slopes, bend / weight[:, None, None, None]
+
+    def grid(self, s: Floats, t: Floats, u: Floats) -> Floats:
+        """Points (a, b, c, 3) on a grid of parameters (a,), (b,), (c,), m."""
+        value = evaluate_grid(self.bases, self.spline, (s, t, u))
+        return value if self.weights is None else value[..., :3] / value[..., 3:]
+
+    def shares(self, parameters: Floats) -> csr_array:
+        """What share each control point has in the points: sparse (n, l m n), rows sum to 1."""
+        parameters = finite_array("parameters", parameters, (None, 3))
+        n = len(parameters)
+        columns = np.zeros((n, 1), np.int64)
+        values = np.ones((n, 1))
+        for axis, basis in enumerate(self.bases):
+            local = basis.nonzero(parameters[:, axis])
+            wide = n, columns.shape[1] * (basis.degree + 1)
+            columns = (columns[:, :, None] * basis.count + local.columns()[:, None]).reshape(wide)
+            values = (values[:, :, None] * local.values[0][:, None]).reshape(wide)
+        if self.weights is not None:
+            values = values * self.weights.ravel()[columns]
+            values = values / values.sum(axis=1, keepdims=True)
+        starts = np.arange(0, columns.size + 1, columns.shape[1])
+        shape = (n, self.control[..., 0].size)
+        return csr_array((values.ravel(), columns.ravel(), starts), shape=shape)
+
+
+def _quotient_slope(points: Floats, slope: Floats, weight: Floats) -> Floats:
+    """Slopes (n, 3, 3) of points that are a quotient, from those (n, 4, 3) of both its parts."""
+    slopes: Floats = (slope[:, :3] - points[:, :, None] * slope[:, 3:]) / weight[:, None, None]
+    return slopes
+
+
+class BernsteinPieces(NamedTuple):
+    """Polynomial pieces of the determinant."""
+
+    low: Floats  # Smallest parameters of each, (k, 3)
+    width: Floats  # Their widths, (k, 3)
+    # (k, a + 1, b + 1, c + 1): the piece lies between the least and the largest of them.
+    coefficients: Floats
+    rounding: float  # How far a coefficient may be off
+
+
+def mean_determinant(volume: SplineVolume) -> float:
+    """Mean determinant of a volume's slopes, m^3: negative if most of it is a mirror image."""
+    steps = (np.arange(MEAN_STEPS) + 0.5) / MEAN_STEPS
+    return float(slope_determinant(volume, steps, steps, steps).mean())
+
+
+def rescaled_volume(volume: SplineVolume, origin: Floats, size: float) -> SplineVolume:
+    """A volume about an origin (3,) and over a size, so that no product leaves the range."""
+    return SplineVolume((volume.control - origin) / size, volume.bases, volume.weights)
+
+
+def control_extent(volume: SplineVolume) -> float:
+    """Longest side of the box around the control points, m; 1 where they are one point."""
+    size = float(np.ptp(volume.control.reshape(-1, 3), axis=0).max())
+    return size if size > 0.0 else 1.0
+
+
+def slope_determinant(volume: SplineVolume, s: Floats, t: Floats, u: Floats) -> Floats:
+    """Determinant of a volume's slopes on a grid of parameters: (a, b, c), m^3."""
+    determinant, weight = _determinant_and_weight(volume, s, t, u)
+    return determinant / weight**4
+
+
+def determinant_pieces(volume: SplineVolume) -> Iterator[BernsteinPieces]:
+    """The determinant over the whole volume, one layer of pieces along u after the other."""
+    factor = 3 if volume.weights is None else 4
+    degrees = [factor * basis.degree - 1 for basis in volume.bases]
+    breaks = [_breaks(basis) for basis in volume.bases]
+    sites = [_sites(cuts, degree) for cuts, degree in zip(breaks, degrees, strict=True)]
+    converters = [_converter(degree) for degree in degrees]
+    growth = float(np.prod([np.abs(matrix).sum(axis=1).max() for matrix in converters]))
+    along_s, along_t = (np.diff(cuts) for cuts in breaks[:2])
+    for layer in range(len(breaks[2]) - 1):
+        # A rational volume's is no polynomial before it is times the weight's fourth power.
+        values, _ = _determinant_and_weight(
+            volume, sites[0].ravel(), sites[1].ravel(), sites[2][layer]
+        )
+        shape = (*sites[0].shape, *sites[1].shape, sites[2].shape[1])
+        pieces = values.reshape(shape)
+        for axis, matrix in zip((1, 3, 4), converters, strict=True):
+            pieces = np.moveaxis(np.tensordot(matrix, pieces, (1, axis)), 0, axis)
+        pieces = pieces.swapaxes(1, 2)
+        low = np.stack(np.meshgrid(breaks[0][:-1], breaks[1][:-1], indexing="ij"), axis=-1)
+        wide = np.stack(np.meshgrid(along_s, along_t, indexing="ij"), axis=-1)
+        cells = len(along_s) * len(along_t)
+        end = np.full((cells, 1), 1.0)
+        start, thick = breaks[2][layer], breaks[2][layer + 1] - breaks[2][layer]
+        yield BernsteinPieces(
+            np.hstack([low.reshape(cells, 2), start * end]),
+            np.hstack([wide.reshape(cells, 2), thick * end]),
+            pieces.reshape(cells, *pieces.shape[2:]),
+            SAFETY * growth * float(np.abs(values).max()),
+        )
+
+
+def _breaks(basis: Basis) -> Floats:
+    return np.unique(np.clip(basis.knots, *basis.domain))
+
+
+def _sites(breaks: Floats, degree: int) -> Floats:
+    """Chebyshev's points in each piece, (pieces, degree + 1)."""
+    sites: Floats = breaks[:-1, None] + np.diff(breaks)[:, None] * _unit_sites(degree)
+    return sites
+
+
+@cache
+def _converter(degree: int) -> Floats:
+    """From values at Chebyshev's points to coefficients over the Bernstein polynomials."""
+    x = _unit_sites(degree)[:, None]
+    i = np.arange(degree + 1)
+    binomials = np.array([comb(degree, k) for k in i.tolist()], dtype=np.float64)
+    values: Floats = binomials * x**i * (1.0 - x) ** (degree - i)
+    return np.asarray(np.linalg.inv(values), dtype=np.float64)
+
+
+def _unit_sites(degree: int) -> Floats:
+    angles = (np.arange(degree + 1) + 0.5) * np.pi / (degree + 1)
+    sites: Floats = np.sin(0.5 * angles) ** 2
+    return sites
+
+
+def _determinant_and_weight(
+    volume: SplineVolume, s: Floats, t: Floats, u: Floats
+) -> tuple[Floats, Floats]:
+    """The determinant times the fourth power of the weight, and the weight."""
+    value, *slopes = (
+        evaluate_grid(volume.bases, volume.spline, (s, t, u), order) for order in FIRST_ORDERS
+    )
+    if volume.weights is None:
+        return _triple(*slopes), np.ones(1)
+    weight = value[..., 3:]
+    offsets = [weight * slope[..., :3] - value[..., :3] * slope[..., 3:] for slope in slopes]
+    return _triple(*offsets) / weight[..., 0] ** 2, weight[..., 0]
+
+
+def _triple(x: Floats, y: Floats, z: Floats) -> Floats:
+    product: Floats = np.einsum("...i,...i->...", np.cross(x, y), z)
+    return product
+
+
+def subdivide(pieces: BernsteinPieces) -> BernsteinPieces:
+    """Each piece as eight, by de Casteljau's scheme."""
+    low, width, coefficients, rounding = pieces
+    for axis in range(3):
+        left, right = _halves(coefficients.shape[axis + 1] - 1)
+        along = np.moveaxis(coefficients, axis + 1, -1)
+        both = np.concatenate([along @ left.T, along @ right.T])
+        coefficients = np.moveaxis(both, -1, axis + 1)
+        width = width * np.where(np.arange(3) == axis, 0.5, 1.0)
+        step = np.where(np.arange(3) == axis, width, 0.0)
+        low, width = np.concatenate([low, low + step]), np.concatenate([width, width])
+    return BernsteinPieces(low, width, coefficients, rounding)
+
+
+@cache
+def _halves(degree: int) -> tuple[Floats, Floats]:
+    """Coefficients of the left and of the right half, from those of the whole."""
+    rows = [[comb(i, j) / 2.0**i for j in range(degree + 1)] for i in range(degree + 1)]
+    left = np.array(rows, dtype=np.float64)
+    return left, left[::-1, ::-1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parallelepiped:
+    """A corner and three edge vectors.
+
+    Parameters
+    ----------
+    corner : (3,) array
+        Where s = t = u = 0, m.
+    edges : (3, 3) array
+        A row for each of s, t and u: from the corner to where it is 1, m.
+
+    Raises
+    ------
+    ValueError
+        If an edge has no length, or the three lie in a plane.
+
+    Notes
+    -----
+    Fung, 1999, (2.17) to (2.19), with the edges themselves: with unit vectors, as printed,
+    the far end of an edge would be its length, not 1.
+    """
+
+    corner: Floats
+    edges: Floats
+    # (3, 3), 1/m: what turns offsets from the corner into s, t and u.
+    inverse: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        corner = finite_array("corner", self.corner, (3,)).copy()
+        edges = finite_array("edges", self.edges, (3, 3)).copy()
+        lengths = np.abs(edges).max(axis=1, keepdims=True)
+        if not (lengths > 0.0).all():
+            raise ValueError(f"edges must have a length, got {edges.tolist()} m")
+        units = edges / lengths
+        if not abs(np.linalg.det(units)) > LEAST_RELATIVE_VOLUME:
+            raise ValueError(f"edges must not lie in a plane, got {edges.tolist()} m")
+        inverse = np.linalg.inv(units) / lengths.T
+        for name, array in (("corner", corner), ("edges", edges), ("inverse", inverse)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def volume(self) -> float:
+        """Of the parallelepiped, m^3; negative if its edges are left-handed."""
+        return float(np.linalg.det(self.edges))
+
+    def local(self, points: Floats) -> Floats:
+        """s, t and u (n, 3) of points (n, 3): (2.18); the inside is between 0 and 1."""
+        return _combine([points[..., axis] - self.corner[axis] for axis in range(3)], self.inverse)
+
+    def points(self, local: Floats) -> Floats:
+        """Points (..., 3) of s, t and u (..., 3): (2.17)."""
+        offsets = _combine([local[..., axis] for axis in range(3)], self.edges)
+        offsets += self.corner
+        return offsets
+
+    def rounding(self, points: Floats) -> float:
+        """How far s, t and u of such points may be off by rounding alone."""
+        size = max(float(np.abs(points).max(initial=0.0)), float(np.abs(self.corner).max()))
+        return ROUNDING * (1.0 + size * float(np.abs(self.inverse).sum(axis=0).max()))
+
+    def greville_control(self, bases: Bases) -> Floats:
+        """Control points (l, m, n, 3) that deform nothing: at the Greville abscissae, m."""
+        return self._grid([basis.greville() for basis in bases])
+
+    def even_control(self, counts: tuple[int, int, int]) -> Floats:
+        """Control points (l, m, n, 3) in even steps along each edge: (2.19), m.
+
+        They deform nothing under Bernstein polynomials alone; under other bases the parameters
+        of a point are to be found by inversion.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than two along an edge.
+        """
+        if min(counts) < 2:
+            raise ValueError(f"counts must be at least 2 along each edge, got {counts}")
+        return self._grid([np.linspace(0.0, 1.0, count) for count in counts])
+
+    def _grid(self, places: list[Floats]) -> Floats:
+        return self.points(np.stack(np.meshgrid(*places, indexing="ij"), axis=-1))
+
+
+def _combine(columns: list[Floats], matrix: Floats) -> Floats:
+    """Columns of three numbers times a matrix (3, 3), without the products by nothing."""
+    result = np.zeros((*columns[0].shape, 3))
+    for row, column in zip(matrix, columns, strict=True):
+        for axis in np.flatnonzero(row):
+            result[..., axis] += column * row[axis]
+    return result
+
+
+def upright_parallelepiped(low: Floats, extent: Floats) -> Parallelepiped:
+    """Frame of an upright box: smallest coordinates (3,) and edge lengths (3,), m.
+
+    Raises
+    ------
+    ValueError
+        If a length is not positive.
+    """
+    extent = finite_array("extent", extent, (3,))
+    if not (extent > 0.0).all():
+        raise ValueError(f"extent must be positive, got {extent.tolist()} m")
+    return Parallelepiped(finite_array("low", low, (3,)), np.diag(extent))

@@ -1,0 +1,258 @@
+"""One layer of the deformed lattice, of shell and core.
+
+Fung, 1999, 4.4.3, corrected and as printed.
+
+As printed (buildgrid.m and isint.m), the search for the core's ellipse takes the edges of a
+polygon for infinite lines, looks at the first few of them, loses a sign on the way, and moves on
+to places that it has not tested; `ellipse_scale` has the answer.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats, Ints
+from palpate.core.geometry import inscribed_circle, turn_between, winding_number
+from palpate.core.splines import (
+    LEAST_SMOOTHING,
+    closed_curve_points,
+    curve_parameters,
+    fit_closed_least_squares,
+    fit_closed_thesis,
+)
+
+MARGIN = 0.95  # The core's size over the largest that has room: that of the thesis's program
+NARROW = 0.25  # Scale of a core in the middle of the box below which a better middle is looked for
+MOST_STEPS = 50
+TOLERANCE = 1e-6  # Of the scale, and its least value
+
+
+class ThesisLayer(NamedTuple):
+    """Control points of one layer."""
+
+    control: Floats  # (l, m, 2), along s and t
+    # Sides of the core over those of the box around the shell; 0 where it has no room.
+    core_scale: float
+    # The core is not in the middle of that box, where it would have had little room or none.
+    moved: bool
+    # Distance between the ends of the curve whose polygon the shell is, over its mean width.
+    gap: float
+
+
+def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
+    """A layer whose rim is the control polygon of a contour.
+
+    Parameters
+    ----------
+    points : (k, 2) array
+        Of the contour, counter-clockwise, begun where all layers begin.
+    sides : two integers
+        Control points along s and t, at least 4.
+
+    Notes
+    -----
+    The polygon is that of a periodic spline, which closes. The core is the largest rectangle
+    inside it that has the proportions of the box around it. As printed it is the box around
+    the largest such ellipse, the corners of which stand out of a round polygon.
+    """
+    count = 2 * (sides[0] + sides[1]) - 4
+    polygon = _polygon(points, count)
+    low, high = polygon.min(axis=0), polygon.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    scale, moved = 0.0, False
+    if (half > 0.0).all():
+        scale = rectangle_scale(polygon, middle, half)
+        if scale < NARROW:
+            deepest = inscribed_circle(polygon).middle
+            elsewhere = rectangle_scale(polygon, deepest, half)
+            if elsewhere > scale:
+                middle, scale, moved = deepest, elsewhere, True
+    control = np.empty((*sides, 2))
+    cells = rim_cells(sides)
+    control[cells[:, 0], cells[:, 1]] = np.roll(
+        polygon, -nearest_phase(polygon, 0.5 * (low + high), np.array([low[0], high[1]])), axis=0
+    )
+    reach = MARGIN * scale * half
+    x, y = (np.linspace(-1.0, 1.0, side - 2) for side in sides)
+    control[1:-1, 1:-1, 0] = middle[0] + reach[0] * x[:, None]
+    control[1:-1, 1:-1, 1] = middle[1] + reach[1] * y
+    return ThesisLayer(control, scale, moved, 0.0)
+
+
+def _polygon(points: Floats, count: int) -> Floats:
+    """Control polygon (count, 2) of the periodic cubic nearest to points by (4.27) to (4.30)."""
+    apart = (points != np.roll(points, 1, axis=0)).any(axis=1)
+    different = points[apart]
+    if len(different) < 2:
+        return np.repeat(points[:1], count, axis=0)
+    return fit_closed_least_squares(
+        different, curve_parameters(different, "chord"), count, LEAST_SMOOTHING
+    ).control
+
+
+def rectangle_scale(polygon: Floats, middle: Floats, half_sides: Floats) -> float:
+    """The largest factor of a rectangle's half sides for which it lies inside a polygon.
+
+    Parameters
+    ----------
+    polygon : (n, 2) array
+        Closed, need not be convex.
+    middle : (2,) array
+        Of the rectangle.
+    half_sides : (2,) array
+        Along x and y; positive.
+
+    Returns
+    -------
+    float
+        1; 0 where the middle is not inside.
+
+    Notes
+    -----
+    In the plane in which the rectangle is the square from -1 to 1 this is the distance of the
+    middle from the polygon's edges, by the larger coordinate. Along an edge it is convex and
+    made of straight pieces: its least value is at an end, or where a coordinate is 0, or where
+    both are of one size.
+    """
+    starts = (polygon - middle) / half_sides
+    if winding_number(starts, np.zeros((1, 2)))[0] == 0:
+        return 0.0
+    along = np.roll(starts, -1, axis=0) - starts
+    (x, y), (dx, dy) = starts.T, along.T
+    wanted, pace = np.stack([-x, -y, y - x, -x - y]), np.stack([dx, dy, dx - dy, dx + dy])
+    shares = np.divide(wanted, pace, out=np.zeros_like(wanted), where=pace != 0.0)
+    places = starts + np.clip(shares, 0.0, 1.0)[:, :, None] * along
+    return float(np.abs(np.concatenate([places, starts[None]])).max(axis=2).min())
+
+
+def rim_cells(sides: tuple[int, int]) -> Ints:
+    """Places (n, 2) around a layer's rim, counter-clockwise from its north-west corner."""
+    last_s, last_t = sides[0] - 1, sides[1] - 1
+    s, t = np.arange(last_s), np.arange(last_t)
+    return np.concatenate(
+        [
+            np.column_stack([0 * t, last_t - t]),
+            np.column_stack([s, 0 * s]),
+            np.column_stack([0 * t + last_s, t]),
+            np.column_stack([last_s - s, 0 * s + last_t]),
+        ]
+    ).astype(np.int32)
+
+
+def make_program_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
+    """A layer from the points of a contour as they are given.
+
+    Parameters
+    ----------
+    points : (k, 2) array
+        Around the contour, each once; their beginning and direction matter.
+    sides : two integers
+        Control points along s and t, at least 4.
+
+    Notes
+    -----
+    The shell's polygon is that of a clamped spline whose constraints contradict each other; it
+    is laid along the rim clockwise, so that a counter-clockwise contour mirrors the lattice.
+    The core is turned one way or the other by the quadrant of the polygon's first vertex about
+    the origin, and may stand out of the polygon.
+    """
+    along_s, along_t = sides
+    polygon, gap = _program_polygon(points, 2 * (along_s + along_t) - 4)
+    low, high = polygon.min(axis=0), polygon.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    scale = searched_scale(polygon, middle, half, along_t) if (half > 0.0).all() else 0.0
+    reach = MARGIN * scale * half
+    x, y = (np.linspace(-r, r, side - 2) for r, side in zip(reach, sides[::-1], strict=True))
+    grid = np.stack(np.meshgrid(middle[0] + x, middle[1] + y), axis=-1)
+    first = nearest_phase(polygon, middle, np.array([low[0], high[1]]))
+    west = bool(abs(np.arctan2(polygon[0, 1], polygon[0, 0])) > 0.5 * np.pi)
+    flat = np.empty((along_s * along_t, 2))
+    flat[_rim(along_s, along_t)] = np.roll(polygon, -first, axis=0)
+    flat[_core(along_s, along_t, west)] = grid.transpose(1, 0, 2).reshape(-1, 2)
+    return ThesisLayer(flat.reshape(along_t, along_s, 2).transpose(1, 0, 2), scale, False, gap)
+
+
+def _program_polygon(points: Floats, count: int) -> tuple[Floats, float]:
+    """Control polygon (count, 2) by 4.4.2, and how far open its curve is over its mean width."""
+    width = float(np.ptp(points, axis=0).mean())
+    if width == 0.0:
+        return np.repeat(points[:1], count, axis=0), 0.0
+    fit = fit_closed_thesis(points, curve_parameters(points, "chord"), count)
+    first, last = closed_curve_points(fit.control, fit.knots, np.array([0.0, 1.0]))
+    return fit.control, float(np.linalg.norm(last - first)) / width
+
+
+def searched_scale(polygon: Floats, middle: Floats, semi_axes: Floats, edges: int) -> float:
+    """Factor of an ellipse's semi-axes that the program finds.
+
+    Parameters
+    ----------
+    polygon : (n, 2) array
+        Closed.
+    middle, semi_axes : (2,) arrays
+        Of the ellipse.
+    edges : int
+        How many of the polygon's edges are tested.
+
+    Notes
+    -----
+    Table 4.2 asks at each step whether two ellipses meet an edge. Meeting a line is monotone
+    in the scale, so that one number for each edge answers every such question.
+    """
+    least_met = _least_met(polygon, middle, semi_axes, edges)
+    fibonacci = [1.0, 1.0]
+    while len(fibonacci) < MOST_STEPS:
+        fibonacci.append(fibonacci[-1] + fibonacci[-2])
+    low, high = TOLERANCE, 1.0
+    for count in range(1, MOST_STEPS - 1):
+        if high - low <= TOLERANCE:
+            break
+        meets = least_met <= low, least_met <= high
+        last = fibonacci[MOST_STEPS - count]
+        first = low + fibonacci[MOST_STEPS - count - 2] / last * (high - low)
+        second = low + fibonacci[MOST_STEPS - count - 1] / last * (high - low)
+        if all(meets):
+            high = first
+        elif meets[1]:
+            low, high = first, second
+        else:
+            low = second
+    return 0.5 * (low + high)
+
+
+def _least_met(polygon: Floats, middle: Floats, semi_axes: Floats, edges: int) -> float:
+    """Scale from which on the ellipse meets one of the lines that the program makes of edges."""
+    x, y = polygon[:edges].T
+    dx, dy = (np.roll(polygon, -1, axis=0) - polygon)[:edges].T
+    # The line is dy x - dx y + c = 0: without the minus it is another one.
+    constant = dy * middle[0] + dx * middle[1] + (y * dx - x * dy)
+    width = np.hypot(dy * semi_axes[0], dx * semi_axes[1])
+    scales = np.divide(np.abs(constant), width, out=np.full(len(x), np.inf), where=width > 0.0)
+    return float(scales.min())
+
+
+def nearest_phase(polygon: Floats, middle: Floats, corner: Floats) -> int:
+    """Which vertex of a polygon (n, 2) lies most nearly in the direction of a corner."""
+    turns = turn_between(polygon - middle, np.broadcast_to(corner - middle, polygon.shape))
+    return int(np.abs(turns).argmin())
+
+
+def _rim(along_s: int, along_t: int) -> Ints:
+    """Numbers, s counting first, of the rim's places from s = t = 0 on: indexb."""
+    last = along_s * along_t - 1
+    return np.concatenate(
+        [
+            np.arange(0, last, along_s),
+            np.arange(last - along_s + 2, last + 1),
+            np.arange(last - along_s, along_s - 2, -along_s),
+            np.arange(along_s - 2, 0, -1),
+        ]
+    ).astype(np.int32)
+
+
+def _core(along_s: int, along_t: int, west: bool) -> Ints:
+    """Numbers of the inner places, in the order in which the program fills them: indexg."""
+    inner = np.arange(along_s * along_t).reshape(along_t, along_s)[1:-1, 1:-1]
+    return np.rot90(inner.T if west else inner).ravel(order="F").astype(np.int32)

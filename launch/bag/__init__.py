@@ -1,1 +1,0 @@
-"""Recordings: what they hold, what can be saved of them, other formats, and how they are played."""

@@ -1,1 +1,0 @@
-"""Faults put into running explorations, and what becomes of them."""

@@ -1,1 +1,0 @@
-"""The wiring of a graph as a picture: layers, places, SVG."""

@@ -1,0 +1,312 @@
+"""PLY, in text and in binary: the header, and the rows of its elements column by column.
+
+Rows are taken at once if their lists are as long as those of the first row, and else one by one.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.launch.files.mesh_formats import (
+    NO_FACES,
+    Floats,
+    Indices,
+    Ragged,
+    RawMesh,
+    as_float64,
+    check_counts,
+    parse_numbers,
+    triangulate,
+)
+
+FACE_LISTS = ("vertex_indices", "vertex_index")  # What the list of a face's corners is called
+Column = NDArray[np.generic] | Ragged
+Columns = dict[str, Column]
+ByteOrder = Literal["<", ">", "="]
+MAX_HEADER_BYTES = 64 << 10  # Of a header, comments and all
+MAX_ELEMENTS = 64  # Elements, and properties of an element
+MAX_DIGITS = 18  # Of a count
+BYTE_ORDERS: dict[str, Literal["<", ">"] | None] = {
+    "ascii": None,
+    "binary_little_endian": "<",
+    "binary_big_endian": ">",
+}
+# Names of numbers, and what numpy calls them.
+PLY_TYPES = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "int64": "i8",
+    "uint64": "u8",
+    "float32": "f4",
+    "float64": "f8",
+}
+
+# Letters of numbers in `struct`.
+_STRUCT_CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I"}
+_STRUCT_CODES |= {"i8": "q", "u8": "Q", "f4": "f", "f8": "d"}
+
+
+def read_ply(data: bytes) -> RawMesh:
+    """The vertices and faces of a PLY file; all else in it is passed over.
+
+    Raises
+    ------
+    ValueError
+        If the header is none, or the file has not what it states.
+    """
+    header = read_header(data)
+    elements, rows, at = header.elements, memoryview(data), header.size
+    order: ByteOrder = header.order or "="
+    if header.order is None:  # text is read as if its numbers were binary, all of one type
+        rows, at = memoryview(parse_numbers(data[header.size :]).tobytes()), 0
+        elements = tuple(map(_of_doubles, elements))
+    vertices, faces = np.zeros((0, 3)), NO_FACES
+    for element in elements:
+        if element.name == "vertex":
+            check_counts(element.count, 0)
+        elif element.name == "face":
+            check_counts(0, element.count)
+        columns, at = read_rows(rows, at, element, order)
+        if element.name == "vertex" and element.count:
+            vertices = _vertices(columns)
+        elif element.name == "face" and element.count:
+            faces = _faces(columns)
+    if at != len(rows):
+        raise ValueError("has more in it than its header states")
+    return RawMesh(vertices, faces)
+
+
+def read_header(data: bytes) -> PlyHeader:
+    """The header of a PLY file.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    lines, size = _lines(data)
+    order: Literal["<", ">"] | None = None
+    formats = 0
+    elements: dict[str, Element] = {}
+    for line in lines:
+        match line.split():
+            case [] | ["comment", *_] | ["obj_info", *_]:
+                continue
+            case ["format", word, *_] if word in BYTE_ORDERS:
+                order, formats = BYTE_ORDERS[word], formats + 1
+            case ["element", name, count] if name not in elements and len(elements) < MAX_ELEMENTS:
+                elements[name] = Element(name, _count(count))
+            case ["property", *words] if elements:
+                _add(list(elements.values())[-1], words)
+            case _:
+                raise ValueError(f"has the line {line[:40]!r} in its header")
+    if formats != 1:
+        raise ValueError("has a header that does not tell its format")
+    return PlyHeader(order, tuple(elements.values()), size)
+
+
+def _lines(data: bytes) -> tuple[list[str], int]:
+    """Lines of the header between its first and its last, and its length."""
+    head = data[:MAX_HEADER_BYTES]
+    if head.split(None, 1)[:1] != [b"ply"]:
+        raise ValueError("does not begin with 'ply'")
+    end = head.find(b"end_header")
+    size = head.find(b"\n", end) + 1
+    if end < 0 or size == 0:
+        raise ValueError(
+            f"has a header without an end, or of more than {MAX_HEADER_BYTES >> 10} kB"
+        )
+    text = head[:end].decode("latin-1")
+    return text.splitlines()[1:], size
+
+
+def _count(word: str) -> int:
+    if not (word.isascii() and word.isdecimal() and len(word) <= MAX_DIGITS):
+        raise ValueError(f"states {word[:40]!r} as a count in its header")
+    return int(word)
+
+
+def _add(element: Element, words: list[str]) -> None:
+    match words:
+        case ["list", length, kind, name] if {length, kind} <= PLY_TYPES.keys():
+            found = Property(name, PLY_TYPES[kind], PLY_TYPES[length])
+        case [kind, name] if kind in PLY_TYPES:
+            found = Property(name, PLY_TYPES[kind], None)
+        case _:
+            raise ValueError(f"has the property {' '.join(words)[:40]!r} in its header")
+    known = {one.name for one in element.properties}
+    if found.name in known or len(known) >= MAX_ELEMENTS:
+        raise ValueError(f"has the property {found.name[:40]!r} twice, or more than {MAX_ELEMENTS}")
+    if found.length is not None and found.length.startswith("f"):
+        raise ValueError(f"has a list {found.name[:40]!r} whose length is no whole number")
+    element.properties.append(found)
+
+
+def _of_doubles(element: Element) -> Element:
+    made = [Property(one.name, "f8", one.length and "f8") for one in element.properties]
+    return Element(element.name, element.count, made)
+
+
+def read_rows(data: memoryview, at: int, element: Element, order: ByteOrder) -> tuple[Columns, int]:
+    """Columns of an element that begins at a byte, and the byte after it.
+
+    Raises
+    ------
+    ValueError
+        If the data end before the element does, or a list's length is none.
+    """
+    if not element.properties or not element.count:
+        return {}, at
+    least = sum(_size(one.length or one.kind) for one in element.properties)
+    if element.count * least > len(data) - at:
+        raise _cut_short(element)
+    lengths, size = _first_row(data, at, element, order)
+    if element.count * size <= len(data) - at:
+        table = np.frombuffer(data, _row_type(element, lengths, order), element.count, at)
+        if all((table[_length_field(name)] == length).all() for name, length in lengths.items()):
+            return _columns(table, lengths, element), at + element.count * size
+    return _one_by_one(data, at, element, order)
+
+
+def _first_row(
+    data: memoryview, at: int, element: Element, order: ByteOrder
+) -> tuple[dict[str, int], int]:
+    """Lengths of the lists in the first row, and its bytes."""
+    lengths, start = {}, at
+    for one in element.properties:
+        length, at = _length(data, at, one, element, order)
+        if one.length is not None:
+            lengths[one.name] = length
+        at += length * _size(one.kind)
+    return lengths, at - start
+
+
+def _row_type(element: Element, lengths: dict[str, int], order: ByteOrder) -> np.dtype[Any]:
+    fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
+    for one in element.properties:
+        if one.length is None:
+            fields.append((one.name, order + one.kind))
+        else:
+            fields.append((_length_field(one.name), order + one.length))
+            fields.append((one.name, order + one.kind, (lengths[one.name],)))
+    return np.dtype(fields)
+
+
+def _length_field(name: str) -> str:
+    """Name of the column that tells a list's length; no property has a blank in its name."""
+    return f"{name} length"
+
+
+def _columns(table: NDArray[Any], lengths: dict[str, int], element: Element) -> Columns:
+    return {
+        one.name: table[one.name]
+        if one.length is None
+        else Ragged(np.full(len(table), lengths[one.name]), table[one.name].reshape(-1))
+        for one in element.properties
+    }
+
+
+def _one_by_one(
+    data: memoryview, at: int, element: Element, order: ByteOrder
+) -> tuple[Columns, int]:
+    pieces = {one.name: bytearray() for one in element.properties}
+    lengths: dict[str, list[int]] = {one.name: [] for one in element.properties}
+    for _ in range(element.count):
+        for one in element.properties:
+            length, at = _length(data, at, one, element, order)
+            end = at + length * _size(one.kind)
+            if end > len(data):
+                raise _cut_short(element)
+            pieces[one.name] += data[at:end]
+            lengths[one.name].append(length)
+            at = end
+    columns: Columns = {}
+    for one in element.properties:
+        items = np.frombuffer(pieces[one.name], order + one.kind)
+        counted = np.array(lengths[one.name], np.int64)
+        columns[one.name] = items if one.length is None else Ragged(counted, items)
+    return columns, at
+
+
+def _length(
+    data: memoryview, at: int, one: Property, element: Element, order: ByteOrder
+) -> tuple[int, int]:
+    """How many numbers follow, and where they begin."""
+    if one.length is None:
+        return 1, at
+    size = _size(one.length)
+    if at + size > len(data):
+        raise _cut_short(element)
+    (length,) = struct.unpack_from(order + _STRUCT_CODES[one.length], data, at)
+    if not 0 <= length <= len(data) or length != int(length):
+        raise ValueError(f"has a list {one.name[:40]!r} of {length:g} items")
+    return int(length), at + size
+
+
+def _size(kind: str) -> int:
+    return int(kind[1])
+
+
+def _cut_short(element: Element) -> ValueError:
+    return ValueError(f"is cut short: it has not the {element.count} of {element.name[:40]!r}")
+
+
+def _vertices(columns: Columns) -> Floats:
+    found: list[NDArray[np.generic]] = []
+    for axis in "xyz":
+        column = columns.get(axis)
+        if column is None or isinstance(column, Ragged):
+            raise ValueError(f"has vertices without {axis}")
+        found.append(column)
+    return as_float64(np.stack(found, axis=1))
+
+
+def _faces(columns: Columns) -> Indices:
+    for name in FACE_LISTS:
+        column = columns.get(name)
+        if isinstance(column, Ragged):
+            return triangulate(column)
+    raise ValueError(f"has faces without a list {FACE_LISTS[0]!r}")
+
+
+class Property(NamedTuple):
+    """A number of each row, or a list of numbers."""
+
+    name: str
+    kind: str  # Of the number, or of a list's items
+    # Of the number before a list that tells its length; None for a single number.
+    length: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """Rows that are made alike."""
+
+    name: str
+    count: int
+    properties: list[Property] = field(default_factory=list)
+
+
+class PlyHeader(NamedTuple):
+    """What stands before the rows."""
+
+    order: Literal["<", ">"] | None  # Of bytes; None if the rows are text
+    elements: tuple[Element, ...]
+    size: int  # Bytes up to the first row

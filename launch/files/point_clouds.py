@@ -1,0 +1,197 @@
+"""Contours as they were read, and clouds of points at repeated heights cut into contours.
+
+Points of a contour without order are ordered by azimuth, or by a short tour: nearest neighbours,
+improved by reversing parts (Croes, *A method for solving traveling-salesman problems*, 1958).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core import Floats, Ints
+from palpate.core.rebuild.contours import ContactPoints
+
+MIN_CONTOUR_POINTS = 3  # Of a contour
+GAP_RATIO = 3.0  # Times as large as any step within a slice is the least step from one to the next
+# Times as long as the tour: a way around by azimuth zigzags, so the section is not star-shaped.
+AZIMUTH_TOLERANCE = 1.02
+MAX_TOUR_POINTS = 1500  # Points up to which a tour is shortened; its cost grows with their square
+MAX_SWEEPS = 30  # Most rounds of shortening
+MIN_GAIN = 1e-9  # Of the tour's length
+
+
+class MeasuredContours(NamedTuple):
+    """What a file of points holds, in the file's own unit until `scaled`."""
+
+    contours: tuple[Floats, ...]  # (n, 3) each
+    # What each is called in messages: its number, and its lines where the file has any.
+    places: tuple[str, ...]
+    normals: tuple[Floats, ...] | None = None  # (n, 3) each, outwards, or none
+    # Everything that was touched with the number of its touch, if that is known.
+    felt: ContactPoints | None = None
+    tops: Floats | None = None  # (k, 3): where the ends were touched
+    # Pose (7,) of the slicing frame, around whose z axis the contours run, in that of the points;
+    # the same if None.
+    frame: Floats | None = None
+    notes: tuple[str, ...] = ()  # What was done that a user should know, in sentences
+
+    def scaled(self, metres: float) -> MeasuredContours:
+        """Lengths times so much."""
+        tops = None if self.tops is None else metres * self.tops
+        frame = self.frame
+        if frame is not None:
+            frame = np.concatenate([metres * frame[:3], frame[3:]])
+        felt = None if self.felt is None else self.felt._replace(points=metres * self.felt.points)
+        contours = tuple(metres * one for one in self.contours)
+        return self._replace(contours=contours, tops=tops, felt=felt, frame=frame)
+
+
+def contact_points_of(
+    contours: tuple[Floats, ...], normals: tuple[Floats, ...] | None, touches: Ints
+) -> ContactPoints:
+    """The points of contours as what touches, (n,) numbers from any on, have felt."""
+    numbers = np.unique(touches, return_inverse=True)[1].reshape(-1).astype(np.int32)
+    unit = None
+    if normals is not None:
+        stacked = np.concatenate(normals)
+        lengths = np.linalg.norm(stacked, axis=1, keepdims=True)
+        if (lengths > 0.0).all():
+            unit = stacked / lengths
+    return ContactPoints(np.concatenate(contours), unit, numbers)
+
+
+def slice_cloud(points: Floats) -> MeasuredContours:
+    """Contours from points (n, 3) in no order.
+
+    Raises
+    ------
+    ValueError
+        If the points do not lie at repeated heights.
+    """
+    slice_of, spread = slices_by_height(points[:, 2])
+    count = int(slice_of.max()) + 1
+    contours, toured = [], 0
+    for number in range(count):
+        rows = np.flatnonzero(slice_of == number)
+        order = order_points(points[rows, :2])
+        toured += not order.by_azimuth
+        contours.append(points[rows[order.rows]])
+    heights = [float(one[:, 2].mean()) for one in contours]
+    notes = [
+        f"a cloud without order: {len(points)} points lie at {count} heights, within "
+        f"{spread:.3g} of each; they were put in order by azimuth about each slice's middle"
+    ]
+    if toured:
+        notes.append(
+            f"{toured} of {count} slices are not star-shaped: there the shortest way from point "
+            "to point was taken"
+        )
+    places = tuple(f"slice {i} (z = {z:.4g})" for i, z in enumerate(heights))
+    return MeasuredContours(tuple(contours), places, notes=tuple(notes))
+
+
+def slices_by_height(z: Floats) -> tuple[Ints, float]:
+    """The slice of each height (n,), from the lowest, and the widest spread within a slice.
+
+    Cut where neighbouring heights lie clearly farther apart than all that are kept together.
+
+    Raises
+    ------
+    ValueError
+        If no such cut leaves at least 3 points in each slice on average, and 2 slices.
+    """
+    order = np.argsort(z, kind="stable")
+    levels = z[order]
+    steps = np.diff(levels)
+    ranked = np.sort(steps)[::-1]
+    # Rounding of a file must not count as a step: nothing is smaller than this share of all.
+    least = 1e-9 * max(float(levels[-1] - levels[0]), np.finfo(float).tiny)
+    most = len(z) // MIN_CONTOUR_POINTS - 1
+    ratio = ranked[:most] / np.maximum(ranked[1 : most + 1], least)
+    cuts = int(np.argmax(ratio)) + 1 if len(ratio) else 0
+    if not cuts or ratio[cuts - 1] < GAP_RATIO or ranked[cuts - 1] <= least:
+        raise ValueError(
+            "the points do not lie at repeated heights: give each contour a number in a column "
+            "named contour, or slice the cloud first"
+        )
+    apart = 0.5 * (ranked[cuts - 1] + ranked[cuts])
+    slice_of = np.empty(len(z), np.int32)
+    slice_of[order] = np.concatenate([[0], np.cumsum(steps > apart)])
+    spreads = [np.ptp(z[slice_of == number]) for number in range(cuts + 1)]
+    return slice_of, float(max(spreads))
+
+
+def order_points(points: Floats) -> PointOrder:
+    """The way around points (n, 2) of one contour.
+
+    By azimuth about their middle where the section is star-shaped from there; else, or where a
+    tour from neighbour to neighbour is clearly shorter, that tour.
+
+    Notes
+    -----
+    The tour begins with nearest neighbours and is shortened by reversing parts of it: Croes, *A
+    method for solving traveling-salesman problems*, 1958.
+    """
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    away = points - middle
+    by_azimuth = np.argsort(np.arctan2(away[:, 1], away[:, 0]), kind="stable").astype(np.int32)
+    if len(points) < 5:
+        return PointOrder(by_azimuth, True)
+    tour = _two_opt(points, _nearest_neighbour_tour(points))
+    if _tour_length(points[by_azimuth]) <= AZIMUTH_TOLERANCE * _tour_length(points[tour]):
+        return PointOrder(by_azimuth, True)
+    return PointOrder(tour, False)
+
+
+def _two_opt(points: Floats, tour: Ints) -> Ints:
+    """The tour with parts reversed as long as that shortens it."""
+    if len(tour) > MAX_TOUR_POINTS:
+        return tour
+    tour = tour.copy()
+    least = MIN_GAIN * _tour_length(points[tour])
+    for _ in range(MAX_SWEEPS):
+        shorter = False
+        for first in range(len(tour) - 2):
+            shorter |= _reverse_best(points, tour, first, least)
+        if not shorter:
+            break
+    return tour
+
+
+def _tour_length(loop: Floats) -> float:
+    return float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum())
+
+
+def _reverse_best(points: Floats, tour: Ints, first: int, least: float) -> bool:
+    """Cut behind a place of the tour and where it gains most, and reverse what lies between."""
+    loop = points[tour]
+    here, following = loop[first], loop[first + 1]
+    ends, after = loop[first + 2 :], np.roll(loop, -1, axis=0)[first + 2 :]
+    saved = np.linalg.norm(following - here) + np.linalg.norm(after - ends, axis=1)
+    spent = np.linalg.norm(ends - here, axis=1) + np.linalg.norm(after - following, axis=1)
+    best = int(np.argmax(saved - spent))
+    if saved[best] - spent[best] <= least:
+        return False
+    tour[first + 1 : first + 3 + best] = tour[first + 1 : first + 3 + best][::-1].copy()
+    return True
+
+
+def _nearest_neighbour_tour(points: Floats) -> Ints:
+    """From each point to the nearest that is left, beginning at the one farthest right."""
+    left = np.ones(len(points), bool)
+    tour = np.empty(len(points), np.int32)
+    here = int(np.argmax(points[:, 0]))
+    for step in range(len(points)):
+        tour[step], left[here] = here, False
+        away = np.where(left, np.linalg.norm(points - points[here], axis=1), np.inf)
+        here = int(np.argmin(away))
+    return tour
+
+
+class PointOrder(NamedTuple):
+    """A closed way through points."""
+
+    rows: Ints  # (n,): the points in their order
+    by_azimuth: bool  # Whether it goes by azimuth about the middle; else it is a short tour

@@ -1,0 +1,364 @@
+"""Files of measured points, by their endings.
+
+Text files have a header that names the columns, or x, y and z alone.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core import Bools, Floats
+from palpate.launch.files.file_access import read_bounded
+from palpate.launch.files.mesh_file import read_cloud
+from palpate.launch.files.point_clouds import MeasuredContours, contact_points_of, slice_cloud
+from palpate.launch.files.points_recording import read_recording
+from palpate.launch.files.solid_file import read_arrays
+from palpate.launch.files.source_map import InputError
+
+NUMBERED = re.compile(r"contour_(\d+)")  # Name of one contour's array
+RECORDING_NAME = "topics.mcap"  # Name of the recording in the folder of a run
+MIN_CLOUD_POINTS = 6  # Points of a cloud: two contours of three
+MAX_TABLE_BYTES = 256 << 20  # Largest file
+POSITION_COLUMNS, NORMAL_COLUMNS = ("x", "y", "z"), ("nx", "ny", "nz")
+CONTOUR_COLUMN, TOUCH_COLUMN = "contour", "touch"
+# Columns that mean something; others are passed over.
+KNOWN_COLUMNS = (*POSITION_COLUMNS, CONTOUR_COLUMN, *NORMAL_COLUMNS, TOUCH_COLUMN)
+MAX_NUMBER = 2**31 - 1  # Largest number of a contour or a touch
+MOST_LINES_NAMED = 6  # Most line numbers in a sentence
+
+
+def read_points(path: Path) -> MeasuredContours:
+    """Contours from a file, in its own unit.
+
+    Parameters
+    ----------
+    path : Path
+        NPZ, CSV, TXT or XYZ, PLY without faces, MCAP, or the folder of a run.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or holds no contours; the sentence tells the file and the line.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: cannot be read: No such file or directory")
+    if path.is_dir():
+        path = path / RECORDING_NAME
+        if not path.exists():
+            raise InputError(f"{path.parent}: is no folder of a run: it holds no {RECORDING_NAME}")
+    kind = path.suffix.lower()
+    if kind not in POINT_READERS:
+        known = ", ".join(POINT_READERS)
+        raise InputError(f"{path}: {kind or 'no suffix'!r} is no format of points; known: {known}")
+    found = POINT_READERS[kind](path)
+    if not found.contours:
+        raise InputError(f"{path}: holds no points")
+    return found
+
+
+def read_tops(path: Path) -> Floats:
+    """Where ends were touched, (k, 3), from a text file of x, y and z.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    columns = read_table(path).columns
+    tops = np.column_stack([columns[name] for name in POSITION_COLUMNS])
+    if not len(tops):
+        raise InputError(f"{path}: holds no points that are finite")
+    return tops
+
+
+class Table(NamedTuple):
+    """The known columns of a file, without the rows that are not finite."""
+
+    columns: dict[str, Floats]  # (n,) each, by name
+    lines: Sequence[int]  # Line of each row
+    notes: tuple[str, ...]  # What was left out
+
+
+def _read_text(path: Path) -> MeasuredContours:
+    table = read_table(path)
+    columns = table.columns
+    points = np.column_stack([columns[name] for name in POSITION_COLUMNS])
+    if CONTOUR_COLUMN not in columns:
+        found = _cut(path, points)
+        passed = [name for name in (*NORMAL_COLUMNS, TOUCH_COLUMN) if name in columns]
+        notes = [f"{', '.join(passed)} passed over: there is no column contour"] if passed else []
+        return found._replace(notes=(*table.notes, *found.notes, *notes))
+    rows = _rows_by_number(columns[CONTOUR_COLUMN])
+    lines = np.array(table.lines)
+    normals = None
+    if NORMAL_COLUMNS[0] in columns:
+        stacked = np.column_stack([columns[name] for name in NORMAL_COLUMNS])
+        normals = tuple(stacked[part] for part in rows.values())
+    contours = tuple(points[part] for part in rows.values())
+    felt = None
+    if TOUCH_COLUMN in columns:
+        order = np.concatenate(list(rows.values()))
+        felt = contact_points_of(contours, normals, columns[TOUCH_COLUMN][order].astype(np.int32))
+    return MeasuredContours(
+        contours=contours,
+        places=tuple(
+            f"contour {number} (lines {lines[part].min()} to {lines[part].max()})"
+            for number, part in rows.items()
+        ),
+        normals=normals,
+        felt=felt,
+        notes=table.notes,
+    )
+
+
+def read_table(path: Path) -> Table:
+    """The columns of a text file.
+
+    Parameters
+    ----------
+    path : Path
+        UTF-8, parted by commas, semicolons, tabs or blanks; ``#`` begins a comment.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, lacks x, y or z, or a line is no row of it.
+    """
+    rows = list(_rows(path))
+    if not rows:
+        raise InputError(f"{path}: holds no points")
+    number, first = rows[0]
+    mark = next((mark for mark in (",", ";", "\t") if mark in first), None)
+    names = [name.strip().strip('"').lower() for name in first.split(mark)]
+    named = any(_as_float(name) is None for name in names)
+    if named:
+        rows = rows[1:]
+    elif len(names) == len(POSITION_COLUMNS):
+        names = list(POSITION_COLUMNS)
+    else:
+        raise InputError(
+            f"{path}:{number}: has {len(names)} columns and no header; name them, "
+            f"as in {','.join(POSITION_COLUMNS)},{CONTOUR_COLUMN}"
+        )
+    _check_names(f"{path}:{number}", names)
+    if not rows:
+        raise InputError(f"{path}:{number}: holds no points under its header")
+    values = np.array([_values(path, line, text, mark, names) for line, text in rows])
+    return _finite(names, values, [line for line, _ in rows])
+
+
+def _rows(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines that say something, with their numbers from 1."""
+    data = read_bounded(path, MAX_TABLE_BYTES)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}:{line}: is no text in UTF-8") from None
+    for number, row in enumerate(text.splitlines(), start=1):
+        said = row.partition("#")[0].strip()
+        if said:
+            yield number, said
+
+
+def _check_names(place: str, names: Sequence[str]) -> None:
+    missing = [name for name in POSITION_COLUMNS if name not in names]
+    if missing:
+        raise InputError(
+            f"{place}: lacks the column {missing[0]}; known: {', '.join(KNOWN_COLUMNS)}"
+        )
+    twice = [name for name in KNOWN_COLUMNS if names.count(name) > 1]
+    if twice:
+        raise InputError(f"{place}: has the column {twice[0]} more than once")
+    some = [name for name in NORMAL_COLUMNS if name in names]
+    if 0 < len(some) < len(NORMAL_COLUMNS):
+        raise InputError(f"{place}: has {', '.join(some)} alone; nx, ny and nz belong together")
+
+
+def _values(
+    path: Path, line: int, text: str, mark: str | None, names: Sequence[str]
+) -> list[float]:
+    cells = text.split(mark)
+    if len(cells) != len(names):
+        raise InputError(f"{path}:{line}: has {len(cells)} columns where {len(names)} are named")
+    values = []
+    for name, cell in zip(names, cells, strict=True):
+        value = _as_float(cell.strip().strip('"')) if name in KNOWN_COLUMNS else 0.0
+        if value is None:
+            raise InputError(f"{path}:{line}: {name} must be a number, got {cell.strip()!r:.40}")
+        if name in (CONTOUR_COLUMN, TOUCH_COLUMN) and math.isfinite(value):
+            if value != int(value):
+                raise InputError(f"{path}:{line}: {name} must be a whole number, got {value:g}")
+            if abs(value) > MAX_NUMBER:
+                raise InputError(
+                    f"{path}:{line}: {name} must be at most {MAX_NUMBER}, got {value:g}"
+                )
+        values.append(value)
+    return values
+
+
+def _as_float(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _finite(names: Sequence[str], values: Floats, lines: Sequence[int]) -> Table:
+    """Without the rows that are not finite, and a sentence about them."""
+    good: Bools = np.asarray(np.isfinite(values).all(axis=1))
+    left = [line for line, kept in zip(lines, good.tolist(), strict=True) if not kept]
+    notes: tuple[str, ...] = ()
+    if left:
+        shown = ", ".join(str(line) for line in left[:MOST_LINES_NAMED])
+        more = f" and {len(left) - MOST_LINES_NAMED} more" if len(left) > MOST_LINES_NAMED else ""
+        one = len(left) == 1
+        notes = (
+            f"left out {len(left)} point{'' if one else 's'} not finite, "
+            f"line{'' if one else 's'} {shown}{more}",
+        )
+    columns = {name: values[good, names.index(name)] for name in KNOWN_COLUMNS if name in names}
+    return Table(
+        columns, [line for line, kept in zip(lines, good.tolist(), strict=True) if kept], notes
+    )
+
+
+def _read_cloud(path: Path) -> MeasuredContours:
+    points = read_cloud(path, "m")
+    if points is None:
+        raise InputError(f"{path}: holds a surface; to measure it there is palpate score")
+    return _cut(path, points)
+
+
+def _cut(path: Path, points: Floats) -> MeasuredContours:
+    if len(points) < MIN_CLOUD_POINTS:
+        raise InputError(
+            f"{path}: holds {len(points)} points; at least {MIN_CLOUD_POINTS} are needed"
+        )
+    good = np.isfinite(points).all(axis=1)
+    if not good.all():
+        raise InputError(f"{path}: point {int(np.argmin(good))} is not finite")
+    try:
+        return slice_cloud(points)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _read_npz(path: Path) -> MeasuredContours:
+    arrays = read_arrays(path)
+    tops = _array(path, arrays, "tops", 3) if "tops" in arrays else None
+    numbered = sorted(int(name[1]) for name in map(NUMBERED.fullmatch, arrays) if name)
+    if numbered:
+        found = _numbered(path, arrays, numbered)
+    elif "contours" in arrays:
+        found = _numbered_points(path, arrays)
+    else:
+        names = ", ".join(sorted(arrays)[:8]) or "nothing"
+        raise InputError(
+            f"{path}: must hold contours and contour, or contour_0, contour_1 and so on; "
+            f"it holds {names}"
+        )
+    return found._replace(tops=tops)
+
+
+def _numbered(path: Path, arrays: Mapping[str, Any], numbers: list[int]) -> MeasuredContours:
+    contours = tuple(_array(path, arrays, f"contour_{i}", 3) for i in numbers)
+    normals = None
+    if any(name.startswith("normals_") for name in arrays):
+        normals = tuple(_array(path, arrays, f"normals_{i}", 3) for i in numbers)
+        _check_lengths(path, "normals", contours, normals)
+    return MeasuredContours(contours, tuple(f"contour {i}" for i in numbers), normals)
+
+
+def _check_lengths(
+    path: Path, name: str, contours: tuple[Floats, ...], others: tuple[Floats, ...]
+) -> None:
+    for number, (one, other) in enumerate(zip(contours, others, strict=True)):
+        if len(one) != len(other):
+            raise InputError(
+                f"{path}: {name}_{number} must have {len(one)} rows, as its contour, "
+                f"got {len(other)}"
+            )
+
+
+def _numbered_points(path: Path, arrays: Mapping[str, Any]) -> MeasuredContours:
+    """Contours (m, n, 3), or points (n, 3) with the number of the contour of each."""
+    given = arrays["contours"]
+    if given.ndim == 3 and given.shape[2] == 3 and given.dtype.kind in "fiu":
+        parts = tuple(np.asarray(one, np.float64) for one in given)
+        return MeasuredContours(parts, tuple(f"contour {i}" for i in range(len(parts))))
+    points = _array(path, arrays, "contours", 3)
+    if CONTOUR_COLUMN not in arrays:
+        raise InputError(
+            f"{path}: contours are ({len(points)}, 3) points; contour must number them"
+        )
+    rows = _rows_by_number(_whole_numbers(path, arrays, CONTOUR_COLUMN, len(points)))
+    contours = tuple(points[part] for part in rows.values())
+    normals = felt = None
+    if "normals" in arrays:
+        stacked = _array(path, arrays, "normals", 3, len(points))
+        normals = tuple(stacked[part] for part in rows.values())
+    if TOUCH_COLUMN in arrays:
+        numbers = _whole_numbers(path, arrays, TOUCH_COLUMN, len(points)).astype(np.int32)
+        felt = contact_points_of(contours, normals, numbers[np.concatenate(list(rows.values()))])
+    names = tuple(f"contour {number}" for number in rows)
+    return MeasuredContours(contours, names, normals, felt)
+
+
+def _rows_by_number(numbers: Floats) -> dict[int, NDArray[np.intp]]:
+    """Rows of each contour in their order, the contours as they first appear."""
+    found, first = np.unique(numbers, return_index=True)
+    return {int(found[i]): np.flatnonzero(numbers == found[i]) for i in np.argsort(first)}
+
+
+def _whole_numbers(
+    path: Path, arrays: Mapping[str, NDArray[Any]], name: str, length: int
+) -> Floats:
+    """One array of whole numbers, of a length."""
+    numbers = _array(path, arrays, name, None, length)
+    bad = ~(np.abs(numbers) <= MAX_NUMBER) | (numbers != np.round(numbers))
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(
+            f"{path}: {name} must hold whole numbers up to {MAX_NUMBER}, "
+            f"got {numbers[row]:g} in row {row}"
+        )
+    return numbers
+
+
+def _array(
+    path: Path,
+    arrays: Mapping[str, NDArray[Any]],
+    name: str,
+    width: int | None,
+    length: int | None = None,
+) -> Floats:
+    """One array of numbers, of a width and a length."""
+    wanted = "(n,)" if width is None else f"(n, {width})"
+    if name not in arrays:
+        raise InputError(f"{path}: lacks {name}, which must be {wanted}")
+    found = arrays[name]
+    fits = found.ndim == (1 if width is None else 2) and found.dtype.kind in "fiu"
+    if not fits or (width is not None and found.shape[1] != width):
+        raise InputError(f"{path}: {name} must be {wanted}, got {found.dtype} {found.shape}")
+    if length is not None and len(found) != length:
+        raise InputError(f"{path}: {name} must have {length} rows, as contours, got {len(found)}")
+    return np.asarray(found, np.float64)
+
+
+# By ending.
+POINT_READERS: Mapping[str, Callable[[Path], MeasuredContours]] = {
+    ".npz": _read_npz,
+    ".csv": _read_text,
+    ".txt": _read_text,
+    ".xyz": _read_text,
+    ".ply": _read_cloud,
+    ".mcap": read_recording,
+}

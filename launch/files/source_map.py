@@ -1,0 +1,75 @@
+"""What a user wrote, and where: values and complaints that know their file and line.
+
+Every complaint about a user's input is one `InputError` of one sentence, with the nearest known
+name where one was mistyped. Imports nothing heavy: the command line needs it for every verb.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+KeyPath = tuple[str | int, ...]  # Keys and positions from the top of a document to a value
+MOST_LISTED = 12  # Most names that are listed when none is near
+
+
+class InputError(ValueError):
+    """What the user gave cannot be used; the text is one sentence for the user."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourceMapped:
+    """A document with the line of each of its values."""
+
+    value: Any  # Plain maps, lists, texts and numbers
+    source: str  # The file, or the option, that it came from
+    # ``file:line`` of values, where known.
+    places: Mapping[KeyPath, str] = field(default_factory=dict)
+
+    def place(self, path: KeyPath = ()) -> str:
+        """``file:line`` of a value, or of the nearest thing around it that has one."""
+        for length in range(len(path), -1, -1):
+            if path[:length] in self.places:
+                return self.places[path[:length]]
+        return self.source
+
+    def part(self, path: KeyPath) -> SourceMapped:
+        """The value at a path, with its places.
+
+        Raises
+        ------
+        KeyError
+            If there is no value at this path.
+        """
+        value, size = self.value, len(path)
+        for key in path:
+            value = value[key]
+        places = {key[size:]: at for key, at in self.places.items() if key[:size] == path}
+        return SourceMapped(value, self.place(path), places)
+
+    def error(self, path: KeyPath, text: str) -> InputError:
+        """A complaint about the value at this path."""
+        place = self.place(path)
+        return InputError(f"{place}: {text}" if place else text)
+
+
+def path_text(path: KeyPath) -> str:
+    """A path as people write it: ``object.superquadric.size[0]``."""
+    text = ""
+    for key in path:
+        text += f"[{key}]" if isinstance(key, int) else f".{key}" if text else str(key)
+    return text
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """What was perhaps meant by an unknown name, or else what is known."""
+    names = sorted(set(known))
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    if not names:
+        return "none is known here"
+    more = ", ..." if len(names) > MOST_LISTED else ""
+    return f"known: {', '.join(names[:MOST_LISTED])}{more}"

@@ -1,0 +1,214 @@
+"""The agent of a machine that lends itself: nodes of graphs that are launched elsewhere run here.
+
+Whoever has the key may have processes started, and nobody else. They end with the launcher's word,
+or when nothing has been received from it for a while.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import zmq
+
+from palpate.launch.hosts.addresses import free_endpoints
+from palpate.launch.processes import ForkServer, Interrupts, private_folder
+from palpate.messages.bus import TO_HOSTS, Addresses, ControlMessage, ControlServer, SocketContext
+
+LAUNCHER_LOST = 6.0  # A launcher of which nothing was heard for so long is gone, s
+TURN_MS = 100
+
+
+class HostedRun:
+    """One launcher's nodes on this machine.
+
+    Parameters
+    ----------
+    address, key : str
+        Of this machine, and the file of the key.
+    word : map
+        The launcher's greeting: names and modules of the nodes that will run here.
+    now : float
+        Monotonic time, s.
+    """
+
+    def __init__(self, address: str, key: str, word: ControlMessage, now: float) -> None:
+        self.heard = now
+        """Monotonic time of its last word, s."""
+        self.sentinels: dict[int, str] = {}
+        """Nodes that run, by what wakes when they end."""
+        self._address, self._key = address, key
+        self._kept = ExitStack()
+        self._folder = self._kept.enter_context(private_folder(None))
+        modules = [str(name) for name in word["modules"]]
+        self._nursery = self._kept.enter_context(ForkServer(modules))
+        self._names = [str(name) for name in word["names"]]
+
+    def hello(self) -> ControlMessage:
+        """Where the nodes that are to run here will be found, and this machine's clock."""
+        names = self._names
+        endpoints = free_endpoints(self._address, [f"n {name}" for name in names])
+        taps = free_endpoints(self._address, [f"t {name}" for name in names])
+        return {
+            "kind": "hello",
+            "ns": time.monotonic_ns(),
+            "endpoints": {name: endpoints[f"n {name}"] for name in names},
+            "taps": {name: taps[f"t {name}"] for name in names},
+        }
+
+    def bear(self, word: ControlMessage) -> ControlMessage | None:
+        """Start a node; its files are this machine's. An answer says that it cannot be."""
+        name = str(word["node"])
+        place = msgspec.msgpack.decode(word["place"], type=Addresses)
+        number = self._names.index(name)
+        own = replace(
+            place,
+            key=self._key,
+            journals={name: str(self._folder / f"j{number}")},
+            times={name: str(self._folder / f"s{number}")},
+            pasts={name: str(self._folder / f"p{number}")},
+        )
+        try:
+            packed = msgspec.msgpack.encode(own)
+            self.sentinels[self._nursery.bear(name, word["wiring"], packed)] = name
+        except ChildProcessError as error:
+            return {"kind": "unborn", "node": name, "text": str(error)}
+        return None
+
+    def kill(self, word: ControlMessage) -> None:
+        """Kill a node."""
+        if word["node"] in self.sentinels.values():
+            self._nursery.kill(str(word["node"]))
+
+    def bury(self, sentinel: int) -> ControlMessage:
+        """A node has ended."""
+        name = self.sentinels.pop(sentinel)
+        return {"kind": "ended", "node": name, "code": self._nursery.exit_code(name)}
+
+    def close(self) -> None:
+        """End all its nodes, and leave nothing behind."""
+        self._kept.close()
+
+
+def run_host_agent(address: str, port: int, key: Path, echo: Callable[[str], None]) -> None:
+    """Lend this machine until Ctrl-C.
+
+    Parameters
+    ----------
+    address, port : str, int
+        Where launchers find it.
+    key : Path
+        The key that they must have.
+    echo : function
+        Prints a line.
+
+    Raises
+    ------
+    ValueError
+        If the key cannot be used, or the address is taken or not this machine's.
+    """
+    wires = SocketContext(str(key))
+    try:
+        line = ControlServer(wires.context, f"tcp://{address}:{port}", hears=TO_HOSTS)
+    except zmq.ZMQError as error:
+        wires.destroy()
+        raise ValueError(f"{address}:{port} cannot be listened at: {error}") from None
+    echo(f"{address}:{port} runs nodes for whoever has {key}; Ctrl-C ends it")
+    lender = HostAgent(line, address, str(key), echo)
+    try:
+        with Interrupts() as interrupts:
+            while not interrupts.came:
+                lender.turn()
+    finally:
+        lender.close()
+        line.close()
+        wires.close()
+
+
+class HostAgent:
+    """The guests of one machine.
+
+    Parameters
+    ----------
+    line : LauncherLine
+        Where launchers speak.
+    address, key : str
+        Of this machine, and the file of the key.
+    echo : function
+        Prints a line.
+    """
+
+    def __init__(
+        self, line: ControlServer, address: str, key: str, echo: Callable[[str], None]
+    ) -> None:
+        self._line, self._address, self._key, self._echo = line, address, key, echo
+        self._guests: dict[str, HostedRun] = {}
+
+    def turn(self) -> None:
+        """Wait for something to happen, and see to it."""
+        poller = zmq.Poller()
+        poller.register(self._line.socket, zmq.POLLIN)
+        for guest in self._guests.values():
+            for sentinel in guest.sentinels:
+                poller.register(sentinel, zmq.POLLIN)
+        ended = {who for who, _ in poller.poll(TURN_MS) if isinstance(who, int)}
+        for name, guest in self._guests.items():
+            for sentinel in ended & set(guest.sentinels):
+                self._line.send(name, **guest.bury(sentinel))
+        while self._hear():
+            pass
+        self._see_to_lost(time.monotonic())
+
+    def close(self) -> None:
+        """End everybody's nodes."""
+        for name in list(self._guests):
+            self._part(name, "told to end")
+
+    def _hear(self) -> bool:
+        """Take one word; what cannot be done is told, and hurts nobody else. False if none came."""
+        try:
+            heard = self._line.receive()
+            if heard is None:
+                return False
+            self._obey(*heard)
+        except (ValueError, msgspec.MsgspecError) as error:
+            self._echo(f"a launcher of another version, or none: {error}")
+        return True
+
+    def _obey(self, name: str, word: ControlMessage) -> None:
+        now = time.monotonic()
+        if word["kind"] == "hello":
+            if name not in self._guests:
+                self._guests[name] = HostedRun(self._address, self._key, word, now)
+            self._echo(f"{name}: {', '.join(word['names'])}")
+            self._line.send(name, **self._guests[name].hello())
+        guest = self._guests.get(name)
+        if guest is None:
+            return
+        guest.heard = now
+        match word["kind"]:
+            case "bear":
+                unborn = guest.bear(word)
+                if unborn is not None:
+                    self._line.send(name, **unborn)
+            case "kill":
+                guest.kill(word)
+            case "alive":
+                self._line.send(name, "alive")
+            case "end":
+                self._part(name, "has ended")
+
+    def _see_to_lost(self, now: float) -> None:
+        for name, guest in list(self._guests.items()):
+            if now - guest.heard > LAUNCHER_LOST:
+                self._part(name, "is gone; its nodes are ended")
+
+    def _part(self, name: str, why: str) -> None:
+        guest = self._guests.pop(name)
+        guest.close()
+        self._line.send(name, "parted")
+        self._echo(f"{name} {why}")

@@ -1,0 +1,204 @@
+"""A launch file before it is checked: where it lies, its includes, references and nodes.
+
+Imports little: `wake_server` starts the fork server of the nodes from here while the rest of
+palpate, and the modules of the nodes, are still being imported. ``$(name)`` is the one way in
+which a value gets into a launch file from outside: a text that is nothing but one reference
+becomes the value itself, whatever its type.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from palpate.launch.files import InputError, KeyPath, SourceMapped, hint, read_yaml
+from palpate.launch.node_kinds import Entry
+from palpate.launch.processes import start_fork_server
+
+SHIPPED_LAUNCH_FILES = Path(__file__).parent  # Where the launch files lie that come with palpate
+EXPLORE = SHIPPED_LAUNCH_FILES / "explore.yaml"  # The one that explores a scene
+INCLUDE = "include"
+MERGE_DEPTH = 3  # Depth to which maps of nodes are laid over one another: nodes, a node, its params
+_REFERENCE = re.compile(r"\$\(([^()]*)\)")
+
+
+def prestart_fork_server(path: Path) -> None:
+    """Wake the server of the nodes' processes, while the launch file is still to be checked.
+
+    Of a launch file in Python, or one that cannot be used, nothing is known yet: then nothing
+    is done.
+    """
+    modules = named_modules(path)
+    if modules:
+        start_fork_server(modules)
+
+
+def named_modules(path: Path) -> tuple[str, ...]:
+    """Modules of the nodes that a launch file in YAML names, unchecked; none if it has a fault."""
+    if path.suffix == ".py":
+        return ()
+    try:
+        nodes = read_with_includes(path, find_launch_file).value.get("nodes")
+    except InputError:
+        return ()
+    if not isinstance(nodes, dict):
+        return ()
+    kinds = [_named_kind(name, node) for name, node in nodes.items()]
+    return tuple(Entry(name=kind).module for kind in kinds)
+
+
+def _named_kind(name: str, node: object) -> str:
+    kind = node.get("kind", name) if isinstance(node, dict) else name
+    return kind if isinstance(kind, str) else name
+
+
+def find_launch_file(path: Path) -> Path:
+    """A launch file given by path, or by name if it is a shipped one.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is neither YAML nor Python.
+    """
+    shipped = SHIPPED_LAUNCH_FILES / f"{path.name.removesuffix('.yaml')}.yaml"
+    if not path.is_file() and path.parent == Path() and shipped.is_file():
+        return shipped
+    if path.suffix not in (".yaml", ".yml", ".py"):
+        raise InputError(f"{path}: is no launch file; its name must end in .yaml or .py")
+    if not path.is_file():
+        raise InputError(f"{path}: the launch file does not exist")
+    return path
+
+
+def read_with_includes(
+    path: Path, find: Callable[[Path], Path], above: tuple[Path, ...] = ()
+) -> SourceMapped:
+    """A launch file laid over those that it includes.
+
+    Parameters
+    ----------
+    path : Path
+        A YAML file.
+    find : function
+        Finds a launch file by path, or by name if it is a shipped one.
+    above : Paths
+        The files that include it.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, is no YAML, or includes itself.
+    """
+    own = read_yaml(path)
+    if INCLUDE not in own.value:
+        return own
+    at, given = (INCLUDE,), own.value[INCLUDE]
+    if not isinstance(given, str) or not given:
+        raise own.error(at, f"include is {given!r:.60}; expected the name of a launch file")
+    beside = path.parent / given
+    found = beside if beside.is_file() else find(Path(given))
+    if found.suffix == ".py":
+        raise own.error(at, f"includes {given}, which is no YAML")
+    seen = (*above, path.resolve())
+    if found.resolve() in seen:
+        raise own.error(at, f"includes {given}, which includes this file")
+    return merged(read_with_includes(found, find, seen), own)
+
+
+def merged(below: SourceMapped, own: SourceMapped) -> SourceMapped:
+    """Arguments, nodes and their parameters of two files; where both say something, the own."""
+    places = dict(below.places)
+    rest = {key: value for key, value in own.value.items() if key != INCLUDE}
+    value = _merged_values(below.value, rest, (), own, places)
+    places[()] = own.place()
+    return SourceMapped(value, own.source, places)
+
+
+def _merged_values(
+    below: Any, own: Any, path: KeyPath, said: SourceMapped, places: dict[KeyPath, str]
+) -> Any:
+    """One value over another; `places` is changed to where each part now comes from."""
+    depth = MERGE_DEPTH if path[:1] == ("nodes",) else 1
+    kept = below if isinstance(below, dict) and len(path) <= depth else {}
+    if own is None and len(path) == 2 and path[0] == "nodes":
+        own = {}  # a node that is only named stays as it is
+    if not (isinstance(own, dict) and kept):
+        for key in [key for key in places if key[: len(path)] == path]:
+            del places[key]
+        places.update({key: at for key, at in said.places.items() if key[: len(path)] == path})
+        return own
+    if path in said.places:
+        places[path] = said.places[path]
+    laid = {
+        key: _merged_values(kept.get(key), one, (*path, key), said, places)
+        for key, one in own.items()
+    }
+    return {**kept, **laid}
+
+
+def substitute(given: SourceMapped, known: Mapping[str, SourceMapped]) -> SourceMapped:
+    """The document with every reference replaced.
+
+    Parameters
+    ----------
+    given : Located
+        Plain values.
+    known : map
+        Name to value; the places of a value that is inserted whole are kept.
+
+    Raises
+    ------
+    InputError
+        If a name is not known, or a map or list stands within a longer text.
+    """
+    places = dict(given.places)
+    return SourceMapped(_replaced(given, given.value, (), known, places), given.source, places)
+
+
+def _replaced(
+    given: SourceMapped,
+    value: Any,
+    path: KeyPath,
+    known: Mapping[str, SourceMapped],
+    places: dict[KeyPath, str],
+) -> Any:
+    if isinstance(value, dict):
+        return {k: _replaced(given, v, (*path, k), known, places) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_replaced(given, v, (*path, i), known, places) for i, v in enumerate(value)]
+    if not isinstance(value, str):
+        return value
+    whole = _REFERENCE.fullmatch(value)
+    if whole:
+        found = _look_up(given, whole[1], path, known)
+        places.update({(*path, *key): at for key, at in found.places.items()})
+        if () not in found.places and found.source:
+            places[path] = found.source
+        return found.value
+    return _REFERENCE.sub(lambda match: _as_text(given, match[1], path, known), value)
+
+
+def _as_text(
+    given: SourceMapped, name: str, path: KeyPath, known: Mapping[str, SourceMapped]
+) -> str:
+    value = _look_up(given, name, path, known).value
+    if isinstance(value, (dict, list, tuple, bytes)):
+        raise given.error(path, f"$({name}) is more than a word; it must stand alone")
+    return str(value)
+
+
+def _look_up(
+    given: SourceMapped, name: str, path: KeyPath, known: Mapping[str, SourceMapped]
+) -> SourceMapped:
+    first, *rest = name.split(".")
+    if first not in known:
+        raise given.error(path, f"$({name}) is not known; {hint(first, known)}")
+    found = known[first]
+    for key in rest:
+        if not isinstance(found.value, Mapping) or key not in found.value:
+            keys = found.value if isinstance(found.value, Mapping) else ()
+            raise given.error(path, f"$({name}): there is no {key!r}; {hint(key, keys)}")
+        found = found.part((key,))
+    return found

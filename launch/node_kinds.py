@@ -1,0 +1,160 @@
+"""One node as a launch file describes it, and the kinds of node that there are.
+
+A user's own modules are found where Python looks, and in the folder in which palpate is started.
+Imports little.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from msgspec import structs
+
+import palpate.nodes
+from palpate.launch.files import InputError, KeyPath, SourceMapped, hint
+from palpate.nodes.runtime import AnyNode, OnExit, Sink, Source, load_node
+
+KINDS = "palpate.nodes"  # A kind without a dot is a module of this package
+_FINGER = re.compile(r"finger_([1-9])")
+NODE_ATTRIBUTES = ("NODE", "SOURCE", "SINK")  # What a module may hold a node as
+_HOLDS_NODE = re.compile(rf"^({'|'.join(NODE_ATTRIBUTES)})\b.*=", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """A node's name, kind, parameters and place, not yet checked."""
+
+    name: str  # Name in the graph: lower case, digits and ``_``
+    # A module of ``palpate.nodes``, ``module:NODE`` (or SINK, SOURCE) or a dotted module of one's
+    # own; the name if empty.
+    kind: str = ""
+    # Map of plain values, or an instance of the node's own parameter type.
+    params: Any = field(default_factory=dict)
+    # Topic as the node calls it, to the topic on the wire; a namespace does not touch it.
+    remap: Mapping[str, str] = field(default_factory=dict)
+    # Put before the node's topics: ``finger_1`` makes ``/finger_1/touch/raw``, except of those that
+    # the node shares with the other fingers'.
+    namespace: str = ""
+    # Address of the machine on which it runs, ``192.168.1.5`` or ``lab2:7447``; empty for this.
+    host: str = ""
+    nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
+    # What is done when its process dies: start it again, stop the run, or go on without it.
+    on_exit: OnExit = "restart"
+    source: str = ""  # ``file:line`` of the description
+    # ``file:line``, or the option, of single parameters.
+    places: Mapping[KeyPath, str] = field(default_factory=dict)
+
+    @property
+    def module(self) -> str:
+        """Module that holds the node."""
+        kind = self.kind or self.name
+        own, mark, _ = kind.partition(":")
+        return own if mark or "." in own else f"{KINDS}.{kind}"
+
+    @property
+    def finger(self) -> int:
+        """The finger in whose namespace it stands; 0 if in none."""
+        found = _FINGER.fullmatch(self.namespace)
+        return int(found[1]) if found else 0
+
+    @property
+    def group(self) -> str:
+        """What it and its like of the other fingers are called together."""
+        return self.name.removesuffix(f"_{self.finger}") if self.finger else self.name
+
+    @property
+    def settings(self) -> SourceMapped:
+        """The parameters, each with the place at which it was set."""
+        return SourceMapped(self.params, self.source, self.places)
+
+    def error(self, text: str) -> InputError:
+        """A complaint about this node."""
+        place = f"{self.source}: " if self.source else ""
+        return InputError(f"{place}node {self.name!r}: {text}")
+
+
+def list_kinds() -> tuple[str, ...]:
+    """Names of the nodes that palpate has, found without importing one."""
+    names = (module.name for module in pkgutil.iter_modules(palpate.nodes.__path__))
+    return tuple(sorted(name for name in names if _holds_node(f"{KINDS}.{name}")))
+
+
+def _holds_node(module: str) -> bool:
+    spec = find_spec(module)
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return False
+    return _HOLDS_NODE.search(Path(spec.origin).read_text(encoding="utf-8")) is not None
+
+
+def load_entry(entry: Entry) -> AnyNode:
+    """The node that an entry asks for.
+
+    Raises
+    ------
+    InputError
+        If there is no such kind, or its module holds no node, or cannot be imported.
+    """
+    kind = entry.kind or entry.name
+    _, mark, held = kind.partition(":")
+    if mark and held not in NODE_ATTRIBUTES:
+        raise entry.error(f"kind is {kind!r}; a module of one's own is named as module:NODE")
+    search_current_folder(kind)
+    try:
+        node = load_node(entry.module)
+    except ValueError as error:
+        if mark or "." in kind or kind in list_kinds():
+            raise entry.error(str(error)) from None
+        raise entry.error(
+            f"there is no kind of node {kind!r}; {hint(kind, list_kinds())}"
+        ) from None
+    except Exception as error:  # a module of one's own may break in any way
+        what = next(iter(str(error).splitlines()), "")
+        text = f"module {entry.module!r} breaks: {type(error).__name__}: {what}"
+        raise entry.error(text) from None
+    if mark and getattr(sys.modules[entry.module], held, None) is not node:
+        raise entry.error(f"module {entry.module!r} holds no {held}")
+    return node
+
+
+def describe_kind(kind: str) -> str:
+    """What a node of this kind hears, says and takes, as a text.
+
+    Raises
+    ------
+    InputError
+        If there is no such kind.
+    """
+    node = load_entry(Entry(name=kind, kind=kind))
+    lines = [kind]
+    if isinstance(node, Sink):
+        lines.append("  hears everything")
+    elif isinstance(node, Source):
+        lines.append("  hears nothing; its parameters say what it says")
+    else:
+        lines += [f"  hears {topic}  {said.__name__}" for topic, (said, _) in node.inputs.items()]
+        lines += [f"  says  {topic}  {said.__name__}" for topic, said in node.outputs.items()]
+    for one in structs.fields(node.params):
+        need = "required" if one.required else f"default {_default(one)!r}"
+        lines.append(f"  takes {one.encode_name}  {need}")
+    return "\n".join(lines)
+
+
+def _default(field: structs.FieldInfo) -> object:
+    return field.default_factory() if callable(field.default_factory) else field.default
+
+
+def search_current_folder(name: str) -> None:
+    """Have the module of ``module:Class`` looked for in the current folder, too, after all others.
+
+    Processes that are started later inherit it.
+    """
+    here = str(Path.cwd())
+    if ":" in name and here not in sys.path:
+        sys.path.append(here)

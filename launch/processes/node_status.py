@@ -1,0 +1,216 @@
+"""The status of nodes, and whether all that was sent was received: then a graph may end.
+
+A graph with a cycle has no order in which its nodes could be closed. So all are counted: what each
+has sent, by topic, and consumed, by publisher and topic. When two rounds are equal and every edge
+has consumed what was sent, nothing is on its way any more (Mattern, *Algorithms for distributed
+termination detection*, 1987, four-counter method).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from palpate.messages import decode
+from palpate.messages.bus import ControlMessage
+from palpate.messages.types import LogRecord, NodeStatus
+
+SILENCE = 5.0  # A node without a sign of life for this long is mentioned in the log, s
+_MAX_TEXT = 4000
+RETRY = 0.2  # A node that has not answered is asked again after this long, s
+
+
+class NodeStatusTable:
+    """The nodes of one graph, as they have spoken so far.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the nodes.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.statuses: dict[str, NodeStatus] = {}
+        """The latest counters of each node."""
+        self.ready: set[str] = set()
+        """Nodes of which all inputs are in step."""
+        self.bye: set[str] = set()
+        """Nodes that have put away what they held."""
+        self.failed: dict[str, str] = {}
+        """Nodes that have failed, and of what."""
+        self._alive = dict.fromkeys(names, time.monotonic())
+        self._mentioned: set[str] = set()
+
+    def hear(self, name: str, word: ControlMessage) -> list[LogRecord]:
+        """Take a node's word about itself; returns what is worth a line in the log.
+
+        Raises
+        ------
+        ValueError
+            If the node's counters cannot be read.
+        """
+        kind = word["kind"]
+        if name not in self._alive:
+            raise ValueError(f"somebody called {name!r} spoke, who is not in the graph")
+        self._alive[name] = time.monotonic()
+        self._mentioned.discard(name)
+        if kind == "ready":
+            self.ready.add(name)
+        elif kind == "bye":
+            self.bye.add(name)
+            self.statuses[name] = decode(NodeStatus, word["status"])
+        elif kind == "failed":
+            self.failed[name] = str(word["text"])
+            trace = str(word["trace"]).encode()[-_MAX_TEXT:].decode(errors="ignore")
+            return [
+                _log_record(name, "error", self.failed[name]),
+                _log_record(name, "debug", trace),
+            ]
+        return []
+
+    def left(self, name: str) -> str | None:
+        """A node's process has ended; what it failed of, if it said so."""
+        self.ready.discard(name)
+        self._alive[name] = time.monotonic()
+        return self.failed.pop(name, None)
+
+    def silence(self, name: str, now: float) -> float:
+        """Time since a node was last heard of, s."""
+        return now - self._alive[name]
+
+    def silent(self, now: float) -> list[LogRecord]:
+        """Lines for the log about nodes that have not been heard of for long, once each."""
+        lines = []
+        for name, when in self._alive.items():
+            if now - when > SILENCE and name not in self._mentioned and name not in self.bye:
+                self._mentioned.add(name)
+                doing = "is still working" if name in self.ready else "is still starting"
+                text = f"{name} {doing}, or hangs: no sign of life for {SILENCE:g} s"
+                lines.append(_log_record(name, "warning", text))
+        return lines
+
+
+def _log_record(node: str, level: str, text: str) -> LogRecord:
+    return LogRecord(node=node, level=level, text=text, robot_time=0.0)  # type: ignore[arg-type]
+
+
+class Edge(NamedTuple):
+    """One listener of one topic."""
+
+    listener: str
+    publisher: str
+    topic: str
+
+
+@dataclass(frozen=True, slots=True)
+class MessageCounts:
+    """One node's answer."""
+
+    sent: dict[str, int]  # Messages sent on each topic
+    consumed: dict[tuple[str, str], int]  # Messages consumed, by publisher and topic
+    waits: tuple[str, ...] = ()  # Topics without whose first message the node handles nothing else
+    # Whether it may still say something of its own: then nothing need move for long.
+    speaks: bool = False
+
+
+class TerminationDetector:
+    """Rounds of counting.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Everybody who is counted.
+    edges : sequence of Edge
+        Who hears what from whom.
+    """
+
+    def __init__(self, names: Sequence[str], edges: Sequence[Edge]) -> None:
+        self.round = 0
+        """Number of the round."""
+        self._names, self._edges = tuple(names), tuple(edges)
+        self._counts: dict[str, MessageCounts] = {}
+        self._last: dict[str, MessageCounts] | None = None
+        self._since = 0.0
+        self._equal = 0
+        self._due = 0.0
+
+    def forget(self) -> None:
+        """Begin anew: what was counted before does not matter any more."""
+        self.round += 1
+        self._counts, self._last, self._equal, self._due = {}, None, 0, 0.0
+
+    def drop(self, name: str) -> None:
+        """Count somebody no more, who has died and is done without."""
+        self._names = tuple(one for one in self._names if one != name)
+        self._edges = tuple(
+            edge for edge in self._edges if name not in (edge.listener, edge.publisher)
+        )
+        self.forget()
+
+    def to_ask(self, now: float) -> list[str]:
+        """Names of those who are to be asked now."""
+        if now < self._due:
+            return []
+        self._due = now + RETRY
+        return [name for name in self._names if name not in self._counts]
+
+    def answer(
+        self, name: str, round_: int, count: MessageCounts, now: float, pause: float
+    ) -> None:
+        """Take a node's answer; when it is the last of its round, the next is due after a pause."""
+        if round_ != self.round or name not in self._names:
+            return
+        self._counts[name] = count
+        if len(self._counts) < len(self._names):
+            return
+        if self._counts == self._last:
+            self._equal += 1
+        else:
+            self._equal, self._since = 1, now
+        self._last, self._counts = self._counts, {}
+        self.round += 1
+        self._due = now + pause
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing is on its way: two rounds are equal, and all that was sent was heard."""
+        return self._equal > 1 and not self.unheard()
+
+    def still_for(self, now: float) -> float:
+        """Time for which nothing has been sent or consumed, s; 0 if a source may speak yet."""
+        speaks = any(count.speaks for count in (self._last or {}).values())
+        if self._equal < 2 or (speaks and not self.unheard()):
+            return 0.0
+        return now - self._since
+
+    def unheard(self) -> list[tuple[Edge, int, int]]:
+        """Edges on which more was sent than consumed, with both numbers, from the last round."""
+        return [entry for entry in self._traffic() if entry[1] != entry[2]]
+
+    def complaints(self) -> list[str]:
+        """Who waits for what, as far as counting can tell."""
+        said = []
+        for name, count in (self._last or {}).items():
+            if count.waits:
+                said.append(f"{name} needs {', '.join(count.waits)} before anything else")
+        for edge, sent, consumed in self.unheard():
+            said.append(
+                f"{edge.listener} has consumed {consumed} of {sent} on {edge.topic} "
+                f"from {edge.publisher}"
+            )
+        for edge, sent, _ in self._traffic():
+            if sent == 0:
+                said.append(f"{edge.listener} has heard nothing on {edge.topic} ({edge.publisher})")
+        return said
+
+    def _traffic(self) -> list[tuple[Edge, int, int]]:
+        counts = self._last or {}
+        entries = []
+        for edge in self._edges:
+            if edge.publisher in counts and edge.listener in counts:
+                sent = counts[edge.publisher].sent.get(edge.topic, 0)
+                consumed = counts[edge.listener].consumed.get((edge.publisher, edge.topic), 0)
+                entries.append((edge, sent, consumed))
+        return entries

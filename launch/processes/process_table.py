@@ -1,0 +1,258 @@
+"""The processes of a graph while it runs: started, watched for hanging, started again.
+
+A node gives signs of life from its own loop, so that a handler that never ends is seen. How long
+one may take is the node's own parameter and is counted in processor time: a busy machine makes no
+node hang.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from palpate.launch.processes.launcher_sockets import LauncherSockets
+from palpate.launch.processes.process_hosts import ProcessHosts, exit_text
+from palpate.messages.bus import Addresses
+from palpate.nodes.runtime import OnExit, Wiring
+
+# So often may a node be started again within so many s: more is a storm.
+MAX_RESTARTS, RESTART_WINDOW = 3, 10.0
+# Signs of life come four times a second; after so long without one a node is looked at, s.
+SILENCE_LIMIT = 1.2
+# If the launcher itself had not run for so long, nobody is blamed for his silence, s.
+LAUNCHER_GAP = 0.5
+
+
+class ProcessTable:
+    """The processes of one graph.
+
+    Parameters
+    ----------
+    wirings : sequence of Wiring
+        The nodes.
+    place : Place
+        The addresses of the run.
+    homes, desk
+        Where processes are born, and what wakes when they end.
+    ahead_ns : function
+        How far this machine's clock is ahead of that of a node's machine, ns.
+    """
+
+    def __init__(
+        self,
+        wirings: Sequence[Wiring],
+        place: Addresses,
+        homes: ProcessHosts,
+        desk: LauncherSockets,
+        ahead_ns: Callable[[str], int],
+    ) -> None:
+        self.wirings = {wiring.name: wiring for wiring in wirings}
+        """The nodes by name."""
+        self.restarts = RestartPolicy({one.name: one.on_exit for one in wirings})
+        """What has died so far."""
+        self._place, self._homes, self._desk = place, homes, desk
+        self._ahead_ns = ahead_ns
+        self._pulse = Watchdog({one.name: one.longest for one in wirings})
+        self._hung: dict[str, float] = {}
+        self._living: dict[int, str] = {}
+
+    @property
+    def living(self) -> list[str]:
+        """Names of the nodes whose processes have not ended."""
+        return list(self._living.values())
+
+    def pid(self, name: str) -> int:
+        """Number of the process of a node."""
+        return self._homes.pid(name)
+
+    def bear(self, name: str, *, going: bool = False) -> None:
+        """Start the process of a node, again if the graph is going.
+
+        Raises
+        ------
+        ChildProcessError
+            If it cannot be started.
+        """
+        epoch, ahead_ns = self.restarts.counts[name], self._ahead_ns(name)
+        place = replace(self._place, epoch=epoch, going=going, ahead_ns=ahead_ns)
+        packed = msgspec.msgpack.encode(place)
+        sentinel = self._homes.bear(name, _packed_wiring(self.wirings[name]), packed)
+        self._living[sentinel] = name
+        self._pulse.begin(name, time.monotonic())
+        self._desk.watch(sentinel)
+
+    def bury(self, sentinel: int) -> tuple[str, int]:
+        """Name and exit code of the node whose process has ended."""
+        self._desk.unwatch(sentinel)
+        name = self._living.pop(sentinel)
+        self._pulse.forget(name)
+        return name, self._homes.exit_code(name)
+
+    def how_it_died(self, name: str, code: int, failed: str | None) -> str:
+        """How a node died, as the rest of a sentence; what it said it failed of, if it did."""
+        silence = self._hung.pop(name, None)
+        if silence is not None:
+            return f"hung: it gave no sign of life for {silence:.1f} s"
+        return exit_text(code) if failed is None else f"failed while {failed}"
+
+    def sign(self, name: str, kind: str) -> None:
+        """A node has said a word of a kind to the launcher."""
+        if kind in ("bye", "failed"):
+            self._pulse.forget(name)
+        elif name in self.living:
+            does = process_state(self._homes.pid(name))
+            self._pulse.sign(name, time.monotonic(), 0.0 if does is None else does.used)
+
+    def let_begin(self) -> None:
+        """All nodes begin: that may take its time, and signs of life count from the next on."""
+        for name in self.living:
+            self._pulse.begin(name, time.monotonic())
+
+    def see_to_hung(self, now: float) -> None:
+        """Kill what hangs: it is then buried as others are."""
+        pids = {name: self._homes.pid(name) for name in self.living}
+        for name, silence in self._pulse.hung(now, pids).items():
+            self._hung[name] = silence
+            self._pulse.forget(name)
+            self._homes.kill(name)
+
+
+def _packed_wiring(wiring: Wiring) -> bytes:
+    """A wiring in bytes, its parameters once more so: only the node knows their type."""
+    return msgspec.msgpack.encode(replace(wiring, params=msgspec.msgpack.encode(wiring.params)))
+
+
+class RestartPolicy:
+    """What nodes have died of so far.
+
+    Parameters
+    ----------
+    on_exit : mapping of str to str
+        Name of the node to what is done when it dies.
+    """
+
+    def __init__(self, on_exit: Mapping[str, OnExit]) -> None:
+        self.counts = dict.fromkeys(on_exit, 0)
+        """How often each node has been started again."""
+        self._on_exit = on_exit
+        self._failed_while: dict[str, str] = {}
+        self._when: dict[str, deque[float]] = {name: deque(maxlen=MAX_RESTARTS) for name in on_exit}
+
+    def refusal(self, name: str, how: str, failed: bool, now: float) -> str | None:
+        """Why a node that died may not be started again, in a sentence; None if it may.
+
+        Parameters
+        ----------
+        name : str
+            Name of the node.
+        how : str
+            How it died, as the rest of a sentence that begins with its name.
+        failed : bool
+            Whether it said so itself: what it failed of is in `how`.
+        now : float
+            Monotonic time, s.
+        """
+        if self._on_exit[name] == "stop":
+            return f"{name} {how}"
+        if failed:
+            if self._failed_while.get(name) == how:
+                return f"{name} {how}; so it did when it was started again"
+            self._failed_while[name] = how
+        when = self._when[name]
+        if len(when) == MAX_RESTARTS and now - when[0] < RESTART_WINDOW:
+            return (
+                f"{name} {how}, after it had been started again {MAX_RESTARTS} times "
+                f"in {RESTART_WINDOW:g} s"
+            )
+        when.append(now)
+        self.counts[name] += 1
+        return None
+
+
+class ProcessState(NamedTuple):
+    """What a process does, as the system has it."""
+
+    # R: it runs, or waits for the processor; T: it is stopped; others: it waits for something.
+    state: str
+    used: float  # Processor time so far, s
+
+
+class _Heartbeat(NamedTuple):
+    when: float
+    used: float
+    begun: bool
+
+
+class Watchdog:
+    """The signs of life of the nodes of one graph.
+
+    Parameters
+    ----------
+    longest : mapping of str to float
+        Name of the node to the longest time that one of its handlers may take, s.
+    """
+
+    def __init__(self, longest: Mapping[str, float]) -> None:
+        self._longest = longest
+        self._signs: dict[str, _Heartbeat] = {}
+        self._looked = 0.0
+
+    def sign(self, name: str, now: float, used: float) -> None:
+        """A node has given a sign of life, when it had used so much processor time, s."""
+        self._signs[name] = _Heartbeat(now, used, True)
+
+    def begin(self, name: str, now: float) -> None:
+        """A node begins: until its next sign, which may take a while, it must not be stopped."""
+        self._signs[name] = _Heartbeat(now, 0.0, False)
+
+    def forget(self, name: str) -> None:
+        """A node has died, or has said goodbye: nothing more is expected of it."""
+        self._signs.pop(name, None)
+
+    def hung(self, now: float, pids: Mapping[str, int]) -> dict[str, float]:
+        """Names of the nodes that hang, with the time since their last sign, s.
+
+        Parameters
+        ----------
+        now : float
+            Monotonic time, s.
+        pids : mapping of str to int
+            Numbers of the processes.
+        """
+        if now - self._looked > LAUNCHER_GAP:
+            self._signs = {name: sign._replace(when=now) for name, sign in self._signs.items()}
+        self._looked = now
+        silent = {
+            name: sign for name, sign in self._signs.items() if now - sign.when > SILENCE_LIMIT
+        }
+        return {
+            name: now - sign.when
+            for name, sign in silent.items()
+            if self._hangs(name, now, sign, process_state(pids[name]))
+        }
+
+    def _hangs(self, name: str, now: float, sign: _Heartbeat, does: ProcessState | None) -> bool:
+        if does is not None and does.state in "Tt":
+            return True
+        if not sign.begun:
+            return False
+        silence, longest = now - sign.when, max(self._longest[name], SILENCE_LIMIT)
+        if does is not None and does.state == "R":
+            return does.used - sign.used > longest
+        return silence > longest
+
+
+def process_state(pid: int) -> ProcessState | None:
+    """What a process does; None where the system does not say."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None
+    return ProcessState(fields[0], (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"))

@@ -1,0 +1,254 @@
+"""The graphs of this user that run: each has a card in its private folder, and its lock.
+
+There is no daemon and no list that could be stale: a graph runs as long as the kernel says that
+its launcher holds the lock. The sockets of a run live in the private folder and vanish with it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import secrets
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+import zmq
+
+from palpate.messages.bus import Addresses
+from palpate.nodes.runtime import RecordedNode
+
+FOLDER_PREFIX = "palpate-run-"
+CARD_FILE, LOCK_FILE = "run.json", "lock"
+# Folder in the run directory for what nodes have said and have no memory for.
+MESSAGE_LOG_FOLDER = ".said"
+# What a private folder may hold: one that holds anything else is somebody's own.
+OWN_FILES = re.compile(r"[jnpst]\d+|control|tools|lock|\.?run\.json")
+GRACE_AGE = 60.0  # A folder without a card may just be coming up until it is so old, s
+_RUN_BITS = 63
+
+
+class RunCard(msgspec.Struct, frozen=True, kw_only=True):
+    """What a running graph says of itself."""
+
+    run: str  # Number of the run, 16 hexadecimal digits
+    name: str  # Name of its scene or launch file
+    pid: int  # Process of its launcher
+    began: str  # Local time at which it was launched
+    folder: str  # Its run directory; empty if it has none
+    ends: str  # The node whose Finished ends it
+    nodes: tuple[RecordedNode, ...]  # Its nodes
+    taps: dict[str, str]  # Name of the node to the address of its tap
+    tools: str  # Address at which the launcher answers tools
+    key: str = ""  # File of the key that tools need; empty within one machine
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Topic to the name of its message type."""
+        return {topic: name for one in self.nodes for topic, name in one.types.items()}
+
+    @property
+    def publishers(self) -> dict[str, str]:
+        """Topic to the node that publishes it."""
+        return {topic: one.name for one in self.nodes for topic in one.outputs.values()}
+
+    def listeners(self, topic: str) -> tuple[str, ...]:
+        """The nodes that hear a topic."""
+        hears = [(one.name, heard.topic) for one in self.nodes for heard in one.inputs]
+        return tuple(name for name, heard in hears if heard == topic)
+
+
+def runtime_folder(parent: Path | None = None) -> Path:
+    """Where private folders are made: the user's run-time folder, or else the temporary one."""
+    if parent is not None:
+        return parent
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    if runtime and os.access(runtime, os.W_OK | os.X_OK):
+        return Path(runtime)
+    return Path(tempfile.gettempdir())
+
+
+def announce(folder: Path, card: RunCard) -> None:
+    """Lay the card out, whole."""
+    part = folder / f".{CARD_FILE}"
+    part.write_bytes(msgspec.json.encode(card))
+    part.replace(folder / CARD_FILE)
+
+
+def running_graphs(parent: Path | None = None) -> list[RunCard]:
+    """The graphs of this user that run, the latest last."""
+    cards = [
+        card for folder in _folders(parent) if (card := _read_card(folder)) and _is_held(folder)
+    ]
+    return sorted(cards, key=lambda card: card.began)
+
+
+def stale_folders(parent: Path | None = None) -> list[Path]:
+    """Folders whose launcher was killed before it could take them away."""
+    return [folder for folder in _folders(parent) if _is_stale(folder)]
+
+
+def _folders(parent: Path | None) -> list[Path]:
+    try:
+        found = [
+            path for path in runtime_folder(parent).iterdir() if path.name.startswith(FOLDER_PREFIX)
+        ]
+        return [path for path in found if path.is_dir() and path.stat().st_uid == os.getuid()]
+    except OSError:
+        return []
+
+
+def _is_stale(folder: Path) -> bool:
+    try:
+        # Who takes a folder away may be killed, too, when the lock has gone and others are left.
+        file = folder / LOCK_FILE if (folder / LOCK_FILE).exists() else folder
+        old = time.time() - file.stat().st_mtime > GRACE_AGE
+        ours = all(OWN_FILES.fullmatch(entry.name) for entry in folder.iterdir())
+    except OSError:
+        return False
+    return ours and (old or (folder / CARD_FILE).exists()) and not _is_held(folder)
+
+
+def _is_held(folder: Path) -> bool:
+    try:
+        file = os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(file)
+    return False
+
+
+def remove_stale_folders(parent: Path | None = None) -> None:
+    """Take away what killed launchers have left."""
+    for folder in stale_folders(parent):
+        card = _read_card(folder)
+        if card is not None and card.folder:
+            shutil.rmtree(Path(card.folder) / MESSAGE_LOG_FOLDER, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _read_card(folder: Path) -> RunCard | None:
+    try:
+        return msgspec.json.decode((folder / CARD_FILE).read_bytes(), type=RunCard)
+    except (OSError, msgspec.DecodeError):
+        return None
+
+
+def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
+    """The running graph that is meant: by the beginning of its number, by name, or the latest.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or several are meant.
+    """
+    cards = running_graphs(parent)
+    if not cards:
+        raise ValueError("no graph of yours is running; start one with palpate run or launch")
+    if wanted is None:
+        return cards[-1]
+    found = [card for card in cards if card.run.startswith(wanted) or card.name == wanted]
+    if len(found) == 1:
+        return found[0]
+    known = ", ".join(f"{card.run[:6]} ({card.name})" for card in cards)
+    how = "several running graphs are" if found else "no running graph is"
+    raise ValueError(f"{how} called {wanted!r}; there are {known}")
+
+
+@contextmanager
+def private_folder(parent: Path | None) -> Iterator[Path]:
+    """Make a folder that only this user can enter, hold its lock, and remove it at the end.
+
+    What launchers that were killed have left is taken away as well.
+
+    Parameters
+    ----------
+    parent : Path or None
+        Where to make it; None chooses the user's run-time folder, or else the temporary one.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be made, or its path is too long for a socket.
+    """
+    remove_stale_folders(parent)
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir=runtime_folder(parent)))
+    except OSError as error:
+        raise ValueError(
+            f"no folder for sockets can be made in {runtime_folder(parent)}: {error.strerror}"
+        ) from None
+    try:
+        _check_length(folder / "control")
+        with folder_lock(folder):
+            yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _check_length(socket: Path) -> None:
+    length = len(os.fsencode(socket))
+    if length > zmq.IPC_PATH_MAX_LEN:
+        raise ValueError(
+            f"the socket {socket} has a path of {length} bytes, at most {zmq.IPC_PATH_MAX_LEN} "
+            "will do: choose a folder with a shorter path"
+        )
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder; the kernel lets go of it when the process dies."""
+    file = os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(file)
+
+
+@contextmanager
+def message_log_folder(run_dir: Path | None, folder: Path) -> Iterator[Path]:
+    """Where nodes keep what they have said and have no memory for, removed at the end.
+
+    Parameters
+    ----------
+    run_dir : Path or None
+        The run directory, on a disk that has room; if there is none, the private folder must do.
+    folder : Path
+        The private folder, which may be held in memory.
+    """
+    if run_dir is None:
+        yield folder
+        return
+    past = run_dir / MESSAGE_LOG_FOLDER
+    past.mkdir()
+    try:
+        yield past
+    finally:
+        shutil.rmtree(past, ignore_errors=True)
+
+
+def addresses_of(folder: Path, names: Sequence[str], depth: int, past: Path) -> Addresses:
+    """Addresses of a run, with short file names for nodes of any name."""
+    return Addresses(
+        run=secrets.randbits(_RUN_BITS),
+        epoch=0,
+        depth=depth,
+        endpoints={name: f"ipc://{folder}/n{index}" for index, name in enumerate(names)},
+        taps={name: f"ipc://{folder}/t{index}" for index, name in enumerate(names)},
+        control=f"ipc://{folder}/control",
+        tools=f"ipc://{folder}/tools",
+        journals={name: str(folder / f"j{index}") for index, name in enumerate(names)},
+        times={name: str(folder / f"s{index}") for index, name in enumerate(names)},
+        pasts={name: str(past / f"p{index}") for index, name in enumerate(names)},
+    )

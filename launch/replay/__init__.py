@@ -1,1 +1,0 @@
-"""Running the nodes of a recording again, and saying what has become of what they said."""

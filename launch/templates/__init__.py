@@ -1,1 +1,0 @@
-"""What ``palpate init`` copies: working examples to change."""

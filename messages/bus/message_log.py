@@ -1,0 +1,393 @@
+"""What a node has published and consumed: from this a node that was killed is rebuilt.
+
+Frames are held in memory up to a limit, and in a file behind that. What cannot be published
+again, for it came from the world, is kept in the file as well, with what it answered: all that
+answers one message is there, or nothing of it. The journal has one entry a message, written
+before the message is handled. A time orders what was sent: an effect that others have kept must
+stay later than its cause, though the cause is published again after a death. The process may
+die at any moment: what the system was handed stays.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from palpate.messages.codec import pack_frame, split_frame
+
+# A frame in memory, its place in the file, or what makes it.
+StoredFrame = bytes | tuple[int, int] | Callable[[], bytes]
+MEMORY_BYTES = 64 << 20  # Most bytes of frames that a node keeps in memory
+_LENGTH = struct.Struct("<I")
+_ENTRY = struct.Struct("<IQ")
+_PROGRESS = struct.Struct("<QB")
+_UNKNOWN = 255
+
+
+class Cause(NamedTuple):
+    """What a node that acts has answered."""
+
+    publisher: str
+    topic: str
+    seq: int
+    finished: str = ""  # Why the node has finished with that, if it has
+
+
+class MessageLog:
+    """What a node has said on its topics.
+
+    Parameters
+    ----------
+    path : Path
+        The file behind the memory; it is made when it is needed.
+    topics : iterable of str
+        The topics that somebody hears: what nobody hears is only counted.
+    silent : iterable of str
+        The topics that nobody hears.
+    memory : int
+        Most bytes of frames in memory.
+    keep : bool
+        Whether every frame is kept in the file, too, and what an earlier start has kept is gone on
+        with.
+    epoch : int
+        Epoch that is put into the frames of an earlier start.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read or written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[str],
+        *,
+        silent: Iterable[str] = (),
+        memory: int = MEMORY_BYTES,
+        keep: bool = False,
+        epoch: int = 0,
+    ) -> None:
+        self._path, self._room, self._keep = path, memory, keep
+        self._frames: dict[str, list[StoredFrame]] = {topic: [] for topic in topics}
+        self._silent = dict.fromkeys(silent, 0)
+        self._file: int | None = None
+        self._end = 0
+        self.handled: dict[tuple[str, str], int] = {}
+        """Messages that an earlier start has answered, by publisher and topic."""
+        self.finished = ""
+        """Why an earlier start has finished, if it has."""
+        self.latest_ns = 0
+        """The latest time in what an earlier start has kept, ns."""
+        if keep:
+            self._go_on(epoch)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of messages on each topic."""
+        return {topic: len(frames) for topic, frames in self._frames.items()} | self._silent
+
+    def count(self, topic: str) -> int:
+        """Number of messages on a topic.
+
+        Raises
+        ------
+        KeyError
+            If there is no such topic.
+        """
+        return self._silent[topic] if topic in self._silent else len(self._frames[topic])
+
+    def add(self, topic: str, frame: bytes) -> None:
+        """Keep what is about to be sent.
+
+        Raises
+        ------
+        KeyError
+            If there is no such topic.
+        OSError
+            If the memory is full, and the file cannot be written.
+        """
+        silent, fits = topic in self._silent, len(frame) <= self._room
+        kept: StoredFrame = frame
+        if self._keep or not (silent or fits):
+            (place,) = self._write((frame,))
+            kept = frame if fits else place
+        self._hold(topic, kept)
+
+    def answer(self, frames: Sequence[tuple[str, bytes]], cause: Cause) -> None:
+        """Keep all that answers a message, with that message, before any of it is sent.
+
+        Raises
+        ------
+        KeyError
+            If there is no such topic.
+        OSError
+            If the file cannot be written.
+        """
+        places = self._write([frame for _, frame in frames], cause)
+        for (topic, frame), place in zip(frames, places, strict=True):
+            self._hold(topic, frame if len(frame) <= self._room else place)
+
+    def promise(self, topic: str, make: Callable[[], bytes]) -> None:
+        """Keep what makes a frame: it had been sent, and is made once more if somebody lacks it.
+
+        Raises
+        ------
+        KeyError
+            If there is no such topic.
+        """
+        if topic in self._silent:
+            self._silent[topic] += 1
+        else:
+            self._frames[topic].append(make)
+
+    def since(self, topic: str, wanted: int) -> Iterator[bytes]:
+        """Frames of a topic from a sequence on; none of a topic that nobody hears."""
+        for seq in range(wanted, len(self._frames.get(topic, ()))):
+            kept = self._frames[topic][seq]
+            if callable(kept):
+                kept = self._frames[topic][seq] = kept()
+            yield kept if isinstance(kept, bytes) else self._read(*kept)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def _hold(self, topic: str, kept: StoredFrame) -> None:
+        if topic in self._silent:
+            self._silent[topic] += 1
+            return
+        self._frames[topic].append(kept)
+        if isinstance(kept, bytes):
+            self._room -= len(kept)
+
+    def _write(self, frames: Sequence[bytes], cause: Cause | None = None) -> list[tuple[int, int]]:
+        """Write a record, whole or not at all; returns the places of the frames."""
+        file = self._opened()
+        words = b"" if cause is None else "\0".join(map(str, cause)).encode()
+        parts = [_LENGTH.pack(len(words)), words]
+        places, at = [], self._end + 2 * _LENGTH.size + len(words)
+        for frame in frames:
+            parts += [_LENGTH.pack(len(frame)), frame]
+            places.append((at + _LENGTH.size, len(frame)))
+            at += _LENGTH.size + len(frame)
+        data = b"".join(parts)
+        if os.pwrite(file, _LENGTH.pack(len(data)) + data, self._end) < _LENGTH.size + len(data):
+            raise OSError(errno.ENOSPC, "what was said has no more room on the disk")
+        self._end = at
+        return places
+
+    def _read(self, start: int, length: int) -> bytes:
+        return os.pread(self._opened(), length, start)
+
+    def _opened(self) -> int:
+        if self._file is None:
+            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
+            self._file = os.open(self._path, flags if self._keep else flags | os.O_TRUNC, 0o600)
+        return self._file
+
+    def _go_on(self, epoch: int) -> None:
+        """Take up what an earlier start has kept; a record that was cut off was never sent."""
+        size = os.fstat(self._opened()).st_size
+        while self._end + _LENGTH.size <= size:
+            (length,) = _LENGTH.unpack(self._read(self._end, _LENGTH.size))
+            data = self._read(self._end + _LENGTH.size, length)
+            if len(data) < length:
+                break
+            self._end += _LENGTH.size + length
+            self._take_up(data, epoch)
+        os.ftruncate(self._opened(), self._end)
+
+    def _take_up(self, data: bytes, epoch: int) -> None:
+        words, *frames = _pieces(data)
+        if words:
+            publisher, topic, seq, finished = words.decode().split("\0", 3)
+            self.handled[publisher, topic] = int(seq) + 1
+            self.finished = self.finished or finished
+        for frame in frames:
+            topic, header, body = split_frame(frame)
+            self.latest_ns = max(self.latest_ns, header.sent_ns)
+            self._hold(topic, pack_frame(topic, header._replace(epoch=epoch), body))
+
+
+def _pieces(data: bytes) -> Iterator[bytes]:
+    place = 0
+    while place < len(data):
+        (length,) = _LENGTH.unpack_from(data, place)
+        place += _LENGTH.size + length
+        yield data[place - length : place]
+
+
+class SendTimes:
+    """The times at which one node has sent its messages.
+
+    Parameters
+    ----------
+    path : Path
+        The file; what an earlier start of the node has written is gone on with.
+    name : str
+        Name of the node.
+    topics : iterable of str
+        Its topics that are put down, in an order that is the same at every start.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read or written.
+    ValueError
+        If it speaks of other topics.
+    """
+
+    def __init__(self, path: Path, name: str, topics: Iterable[str]) -> None:
+        names = list(topics)
+        self._name, self._journal = name, Journal(path, [(name, topic) for topic in names])
+        self._before: dict[str, list[int]] = {topic: [] for topic in names}
+        for _, topic, sent_ns in self._journal.before:
+            self._before[topic].append(sent_ns)
+
+    def before(self, topic: str, seq: int) -> int | None:
+        """Time at which an earlier start has sent a message, ns; None if that is not put down."""
+        said = self._before.get(topic, ())
+        return said[seq] if seq < len(said) else None
+
+    def note(self, topic: str, sent_ns: int) -> None:
+        """Put down the time of a topic's next message, before it is sent; of other topics nothing.
+
+        Raises
+        ------
+        OSError
+            If there is no more room for it.
+        """
+        if topic in self._before:
+            self._journal.note(self._name, topic, sent_ns)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._journal.close()
+
+
+class Consumed(NamedTuple):
+    """One message that was consumed."""
+
+    publisher: str
+    topic: str
+    seq: int
+
+
+class Journal:
+    """The journal of one node; what an earlier start of it has written is gone on with.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is made if there is none.
+    edges : sequence of (publisher, topic)
+        All that the node hears, in an order that is the same at every start.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read or written.
+    ValueError
+        If it speaks of what the node does not hear.
+    """
+
+    def __init__(self, path: Path, edges: Sequence[tuple[str, str]]) -> None:
+        self._numbers = {edge: number for number, edge in enumerate(edges)}
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            self.before = self._read(path, edges)
+            """What earlier starts have consumed, in its order."""
+        except ValueError:
+            self.close()
+            raise
+
+    def note(self, publisher: str, topic: str, seq: int) -> None:
+        """Put down that a message is about to be handled.
+
+        Raises
+        ------
+        OSError
+            If there is no more room for it.
+        """
+        entry = _ENTRY.pack(self._numbers[publisher, topic], seq)
+        if os.write(self._file, entry) < len(entry):
+            raise OSError(errno.ENOSPC, "the journal of what was consumed has no more room")
+
+    def close(self) -> None:
+        """Close the file; closing again does nothing."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def _read(self, path: Path, edges: Sequence[tuple[str, str]]) -> tuple[Consumed, ...]:
+        data = path.read_bytes()
+        whole = len(data) - len(data) % _ENTRY.size
+        # An entry that was cut off has not been handled: it is written anew.
+        os.ftruncate(self._file, whole)
+        os.lseek(self._file, whole, os.SEEK_SET)
+        entries = list(_ENTRY.iter_unpack(data[:whole]))
+        beyond = max((number for number, _ in entries), default=-1)
+        if beyond >= len(edges):
+            raise ValueError(f"journal {path} speaks of input {beyond}, there are {len(edges)}")
+        return tuple(Consumed._make((*edges[number], seq)) for number, seq in entries)
+
+
+class SourceProgress:
+    """How much a source has said, beyond its death.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is made if there is none.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read or written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        found = os.pread(self._file, _PROGRESS.size, 0)
+        number, paused = _PROGRESS.unpack(found) if len(found) == _PROGRESS.size else (0, _UNKNOWN)
+        self.number: int = number
+        """How much has been said."""
+        self.paused: bool | None = None if paused == _UNKNOWN else bool(paused)
+        """Whether it was told to stand still; None if it was told nothing."""
+
+    def up(self) -> None:
+        """Count one more.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        self.number += 1
+        self._write()
+
+    def stand(self, paused: bool) -> None:
+        """Put down whether it stands still.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        self.paused = paused
+        self._write()
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._file)
+
+    def _write(self) -> None:
+        paused = _UNKNOWN if self.paused is None else int(self.paused)
+        os.pwrite(self._file, _PROGRESS.pack(self.number, paused), 0)

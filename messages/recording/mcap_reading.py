@@ -1,0 +1,445 @@
+"""The records of an MCAP file, read with every length and checksum doubted.
+
+A file may be cut off, damaged, or made to burst: nothing is unpacked before its size is known,
+and what is of no use here, an attachment say, is passed over in pieces. What bounds memory: a
+chunk unpacks to at most `FEW_BYTES`, or `LARGE_RATIO` times what it takes in the file; its
+records are given one by one; and what has to be remembered of a file, its schemas and channels,
+is at most `DECLARED_BYTES`. Own reader: the stock one leaves files unreadable that were cut
+off.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import lz4.frame
+from mcap.opcode import Opcode
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+
+MAGIC = b"\x89MCAP0\r\n"
+# Of a chunk, packed or not: the largest message, and what a writer puts before it.
+MAX_CHUNK_BYTES = (256 << 20) + (1 << 20)
+# Most bytes of those records that are held in memory.
+MAX_HELD_BYTES: Mapping[int, int] = {
+    Opcode.CHUNK: MAX_CHUNK_BYTES,
+    Opcode.METADATA: 8 << 20,
+    Opcode.DATA_END: 1 << 10,
+}
+_HEAD = struct.Struct("<BQ")
+_SKIP_BYTES = 1 << 20  # Bytes that are passed over at once
+# To which any chunk may unpack, be it all zeros: it holds 64 kB of messages and one more, which is
+# at most 1 MiB for most types.
+SMALL_CHUNK_BYTES = 12 << 20
+# Of a larger chunk, unpacked to packed. What is larger is a mesh, and even flat grids are packed by
+# lz4 to two fifths only.
+MAX_CHUNK_RATIO = 8
+LZ4_RATIO = 255  # No byte packed by lz4 becomes more
+# Bytes that a packed record takes at least: no two have the same channel and number, so that none
+# can be a part of one repetition.
+MIN_PACKED_BYTES = 3
+MAX_DECLARED_BYTES = 1 << 20  # Of all schemas and channels of a file
+# Packed bytes that are unpacked at once, to at most 4 MiB and what lz4 holds back of one block.
+_UNPACK_BYTES = 1 << 14
+_MESSAGE = struct.Struct("<HIQQ")
+_INSIDE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+# Of one table of texts: each costs a hundred times the bytes that it may take in a file.
+MAX_TABLE_ENTRIES = 4096
+MAX_NAME_CHARS = 256  # Characters of a topic or a type
+_U16 = struct.Struct("<H")
+_U32 = struct.Struct("<I")
+_U64 = struct.Struct("<Q")
+_IDS = struct.Struct("<HH")
+_CHUNK = struct.Struct("<QQQI")
+
+
+class Closed(NamedTuple):
+    """The file's proper end: it was closed."""
+
+
+class DamagedRecording(ValueError):
+    """A recording cannot be read any further, or at all."""
+
+    def __init__(self, path: Path, why: str, byte: int) -> None:
+        super().__init__(f"recording {path} {why}")
+        self.path = path
+        self.why = why
+        """The rest of a sentence that begins with the file."""
+        self.byte = byte
+        """Bytes of the file that are whole."""
+
+
+class PlacedRecord(NamedTuple):
+    """A record, and where it was found."""
+
+    byte: int  # Where the record begins in the file, or the chunk that holds it
+    record: McapRecord | Closed
+
+
+def file_records(path: Path) -> Iterator[McapRecord | Closed]:
+    """Channels, messages, schemas and metadata in the order of the file.
+
+    Yields
+    ------
+    McapRecord or Closed
+        `Closed` comes last, and is missing if the file ends after a whole record without
+        having been closed.
+
+    Raises
+    ------
+    Damaged
+        If the file is missing, empty, no MCAP file, cut off within a record, or damaged. What
+        was whole before that has been given by then.
+    """
+    return (record for _, record in placed_records(path))
+
+
+def placed_records(path: Path) -> Iterator[PlacedRecord]:
+    """Give the same with their places, and raise the same."""
+    byte = 0
+    try:
+        with path.open("rb") as file:
+            declared = Declarations()
+            for byte, opcode, content, checksum in _file_frames(file):
+                for record in _records(opcode, content, checksum, declared):
+                    yield PlacedRecord(byte, record)
+    except OSError as error:
+        raise DamagedRecording(path, f"cannot be read: {error.strerror}", byte) from None
+    except RecordFault as error:
+        place = byte if error.byte is None else error.byte
+        raise DamagedRecording(path, str(error), place) from None
+
+
+def _file_frames(file: IO[bytes]) -> Iterator[tuple[int, int, bytes, int]]:
+    """Place, opcode and content of each record, and the checksum of all bytes before it.
+
+    The content is empty where it is of no use.
+    """
+    magic = file.read(len(MAGIC))
+    if not magic:
+        raise RecordFault("is empty", 0)
+    if magic != MAGIC:
+        raise RecordFault("is not an MCAP file: it begins otherwise", 0)
+    size = os.fstat(file.fileno()).st_size
+    checksum, opcode, place = zlib.crc32(magic), 0, len(MAGIC)
+    while opcode != Opcode.FOOTER and place < size:
+        head = file.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            raise RecordFault(f"is cut off at byte {place + len(head)}", place)
+        opcode, length = _HEAD.unpack(head)
+        _check_head(opcode, length, place, size)
+        before, checksum = checksum, zlib.crc32(head, checksum)
+        if opcode in MAX_HELD_BYTES:
+            content = file.read(length)
+            checksum, passed = zlib.crc32(content, checksum), len(content)
+        else:
+            content = b""
+            checksum, passed = _pass(file, length, checksum)
+        if passed < length:
+            raise RecordFault(f"is cut off at byte {place + len(head) + passed}", place)
+        if opcode == Opcode.FOOTER and not _ends(file, place):
+            return
+        yield place, opcode, content, before
+        place += len(head) + length
+
+
+def _check_head(opcode: int, length: int, place: int, size: int) -> None:
+    """Refuse a record that cannot be, before a byte of it is read."""
+    most = MAX_HELD_BYTES.get(opcode, MAX_CHUNK_BYTES)
+    if opcode == 0 or length == 0:
+        why = f"no record of kind {opcode} has {length} bytes"
+        raise RecordFault(f"is damaged at byte {place}: {why}", place)
+    if length > most:
+        raise RecordFault(
+            f"is damaged at byte {place}: a record of {length} bytes, at most {most} are allowed",
+            place,
+        )
+    if length > size - place - _HEAD.size:
+        raise RecordFault(f"is cut off at byte {size}", place)
+
+
+def _pass(file: IO[bytes], length: int, checksum: int) -> tuple[int, int]:
+    """Checksum of the next bytes too, and how many of them there are."""
+    left = length
+    while left:
+        piece = file.read(min(left, _SKIP_BYTES))
+        if not piece:
+            break
+        checksum, left = zlib.crc32(piece, checksum), left - len(piece)
+    return checksum, length - left
+
+
+def _ends(file: IO[bytes], place: int) -> bool:
+    """Whether the file ends as it must behind its footer; false if it ends before that."""
+    end = file.read(len(MAGIC))
+    if end and end != MAGIC:
+        raise RecordFault("is cut off at its end", place)
+    return bool(end)
+
+
+def _records(
+    opcode: int, content: bytes, checksum: int, declared: Declarations
+) -> Iterator[McapRecord | Closed]:
+    match opcode:
+        case Opcode.CHUNK:
+            yield from chunk_records(content, declared)
+        case Opcode.METADATA:
+            yield metadata_of(content)
+        case Opcode.MESSAGE:
+            raise RecordFault("has a message outside of its chunks, where no checksum guards it")
+        case Opcode.DATA_END:
+            if checksum_of(content) not in (0, checksum):
+                raise RecordFault("is damaged: the checksum of its data does not fit")
+        case Opcode.FOOTER:
+            yield Closed()
+
+
+def chunk_records(content: bytes, declared: Declarations) -> Iterator[Schema | Channel | Message]:
+    """Records of a chunk, one at a time, once all their lengths and the checksum are known to fit.
+
+    Raises
+    ------
+    Fault
+        If the chunk is damaged, or packed in another way than by lz4.
+    """
+    packed = chunk_of(content)
+    data = memoryview(_unpacked(packed))
+    if packed.checksum not in (0, zlib.crc32(data)):
+        raise RecordFault("is damaged: the checksum of a chunk does not fit")
+    most = len(packed.data) // MIN_PACKED_BYTES
+    for _ in _chunk_frames(data, most):
+        pass  # a chunk is believed whole or not at all
+    for opcode, start, end in _chunk_frames(data, most):
+        record = data[start:end]
+        if opcode == Opcode.SCHEMA:
+            yield declared.schema(record)
+        elif opcode == Opcode.CHANNEL:
+            yield declared.channel(record)
+        else:
+            yield _message(record, declared)
+
+
+def chunk_of(content: bytes) -> PackedChunk:
+    """The chunk of a record, still packed."""
+    parts = RecordContent(content)
+    _, _, size, checksum = parts.numbers(_CHUNK)
+    return PackedChunk(size, checksum, parts.name(), parts.block(_U64))
+
+
+def _unpacked(chunk: PackedChunk) -> bytearray | memoryview:
+    size, packed = chunk.size, len(chunk.data)
+    if chunk.compression not in ("", "lz4"):
+        raise RecordFault(f"has chunks packed by {chunk.compression!r}; only lz4 is read")
+    most = min(
+        MAX_CHUNK_BYTES, LZ4_RATIO * packed, max(SMALL_CHUNK_BYTES, MAX_CHUNK_RATIO * packed)
+    )
+    if size > most:
+        raise RecordFault(
+            f"is damaged: a chunk of {size} bytes, at most {most} are allowed of {packed} packed"
+        )
+    if not chunk.compression:
+        if packed != size:
+            raise _lies(size)
+        return chunk.data
+    try:
+        return _unpacked_lz4(chunk.data, size)
+    except RuntimeError:
+        raise RecordFault("is damaged: a chunk cannot be unpacked") from None
+
+
+def _unpacked_lz4(packed: memoryview, size: int) -> bytearray:
+    """Unpack to exactly `size` bytes, and look at no further ones."""
+    data, filled = bytearray(size), 0
+    unpack = lz4.frame.LZ4FrameDecompressor()
+    for start in range(0, len(packed), _UNPACK_BYTES):
+        if unpack.eof:
+            raise _lies(size)
+        piece = unpack.decompress(packed[start : start + _UNPACK_BYTES])
+        if len(piece) > size - filled:
+            raise _lies(size)
+        data[filled : filled + len(piece)] = piece
+        filled += len(piece)
+    if filled != size or not unpack.eof:
+        raise _lies(size)
+    return data
+
+
+def _lies(size: int) -> RecordFault:
+    return RecordFault(f"is damaged: a chunk does not hold the {size} bytes that it states")
+
+
+def _chunk_frames(data: memoryview, most: int) -> Iterator[tuple[int, int, int]]:
+    """Opcode of each record, and where its content begins and ends."""
+    at, size = 0, len(data)
+    while at < size:
+        if size - at < _HEAD.size:
+            raise RecordFault("is damaged: a chunk ends within a record")
+        opcode, length = _HEAD.unpack_from(data, at)
+        if opcode not in _INSIDE:
+            raise RecordFault(
+                f"is damaged: a chunk holds a record of kind {opcode}, not of its own kinds"
+            )
+        at += _HEAD.size
+        if length > size - at:
+            raise RecordFault("is damaged: a record reaches beyond its chunk")
+        if most == 0:
+            raise RecordFault(
+                f"is damaged: a chunk holds a record in less than {MIN_PACKED_BYTES} bytes"
+            )
+        most -= 1
+        yield opcode, at, at + length
+        at += length
+
+
+def _message(content: memoryview, declared: Declarations) -> Message:
+    if len(content) <= _MESSAGE.size:
+        raise RecordFault("is damaged: a message without a body")
+    channel, sequence, logged, sent = _MESSAGE.unpack_from(content)
+    if not declared.has(channel):
+        raise RecordFault("is damaged: a message without a channel")
+    return Message(
+        channel_id=channel,
+        log_time=logged,
+        data=bytes(content[_MESSAGE.size :]),
+        publish_time=sent,
+        sequence=sequence,
+    )
+
+
+def metadata_of(content: bytes) -> Metadata:
+    """The metadata of a record."""
+    parts = RecordContent(content)
+    return Metadata(name=parts.text(), metadata=parts.table())
+
+
+def checksum_of(content: bytes) -> int:
+    """The checksum that ends the data; 0 if none was kept."""
+    return RecordContent(content).numbers(_U32)[0]
+
+
+class Declarations:
+    """The schemas and channels of a file, as far as it has been read."""
+
+    def __init__(self) -> None:
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._bytes = 0
+
+    def has(self, channel: int) -> bool:
+        """Whether there is such a channel."""
+        return channel in self._channels
+
+    def schema(self, content: memoryview) -> Schema:
+        """Take in a schema."""
+        self._count(content)
+        schema = schema_of(content)
+        if self._schemas.setdefault(schema.id, schema) != schema:
+            raise RecordFault(f"is damaged: it declares schema {schema.id} in two ways")
+        return schema
+
+    def channel(self, content: memoryview) -> Channel:
+        """Take in a channel."""
+        self._count(content)
+        channel = channel_of(content)
+        if self._channels.setdefault(channel.id, channel) != channel:
+            raise RecordFault(f"is damaged: it declares channel {channel.id} in two ways")
+        return channel
+
+    def _count(self, content: memoryview) -> None:
+        self._bytes += len(content)
+        if self._bytes > MAX_DECLARED_BYTES:
+            raise RecordFault(
+                f"is damaged: schemas and channels of more than {MAX_DECLARED_BYTES} bytes"
+            )
+
+
+def schema_of(content: memoryview) -> Schema:
+    """The schema that a record declares."""
+    parts = RecordContent(content)
+    (number,) = parts.numbers(_U16)
+    name, encoding = parts.name(), parts.name()
+    return Schema(id=number, name=name, encoding=encoding, data=bytes(parts.block()))
+
+
+def channel_of(content: memoryview) -> Channel:
+    """The channel that a record declares."""
+    parts = RecordContent(content)
+    number, schema_id = parts.numbers(_IDS)
+    topic, encoding = parts.name(), parts.name()
+    return Channel(
+        id=number,
+        topic=topic,
+        message_encoding=encoding,
+        metadata=parts.table(),
+        schema_id=schema_id,
+    )
+
+
+class RecordFault(ValueError):
+    """What is wrong with a file, as the rest of a sentence about it."""
+
+    def __init__(self, why: str, byte: int | None = None) -> None:
+        super().__init__(why)
+        self.byte = byte
+        """Where the record begins that is wrong; None if only who reads the file knows."""
+
+
+class PackedChunk(NamedTuple):
+    """A chunk as it lies in the file."""
+
+    size: int  # Bytes that it claims to become
+    checksum: int  # CRC-32 of them; 0 if it has none
+    compression: str
+    data: memoryview
+
+
+class RecordContent:
+    """The content of one record, taken from its beginning piece by piece."""
+
+    def __init__(self, data: bytes | memoryview) -> None:
+        self._left = memoryview(data)
+
+    def take(self, size: int) -> memoryview:
+        """The next bytes."""
+        if size > len(self._left):
+            raise RecordFault("is damaged: a record ends within a field")
+        piece, self._left = self._left[:size], self._left[size:]
+        return piece
+
+    def numbers(self, layout: struct.Struct) -> tuple[int, ...]:
+        """The next numbers."""
+        return layout.unpack(self.take(layout.size))
+
+    def block(self, length: struct.Struct = _U32) -> memoryview:
+        """The next bytes, which their number precedes."""
+        return self.take(self.numbers(length)[0])
+
+    def text(self) -> str:
+        """The next text."""
+        try:
+            return str(self.block(), "utf-8")
+        except UnicodeDecodeError:
+            raise RecordFault("is damaged: a text is not Unicode") from None
+
+    def name(self) -> str:
+        """The next text, which can be shown to people."""
+        name = self.text()
+        if len(name) > MAX_NAME_CHARS or not name.isprintable():
+            raise RecordFault(f"is damaged: {name[:20]!r}... is no name")
+        return name
+
+    def table(self) -> dict[str, str]:
+        """The next table of texts."""
+        part, entries = RecordContent(self.block()), 0
+        found: dict[str, str] = {}
+        while part._left:
+            entries += 1
+            if entries > MAX_TABLE_ENTRIES:
+                raise RecordFault(f"is damaged: a table of more than {MAX_TABLE_ENTRIES} entries")
+            name = part.text()
+            found[name] = part.text()
+        return found

@@ -1,0 +1,224 @@
+"""The planner's phases beside the slices: closings of the hand, and probes of both ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core import Floats, inverse_pose, split_pose, transform_points
+from palpate.core.explore import Survey
+from palpate.core.explore.grasp import (
+    CoarseFit,
+    Hand,
+    ObjectFrame,
+    end_face_axis,
+    fit_object_frame,
+    next_pose,
+    search_places,
+    search_pose,
+)
+from palpate.core.explore.probing import (
+    TOUCHED,
+    End,
+    EndObservation,
+    ProbeCommand,
+    ProbeResult,
+    SideContour,
+    next_probe,
+)
+from palpate.core.shapes import Bend
+from palpate.messages.types import GraspContacts, GraspGoal, Probe, Superquadric
+from palpate.nodes.planning.state import HandContacts, State, Task
+
+ENOUGH_CONTACTS = 60  # Contacts after which the hand has felt enough
+MAX_GRIPS = 30  # Times that it closes on the object at most
+# Distance of the places at which the object is looked for, m: less than a pad.
+SEARCH_SPACING = 12.0e-3
+OPENING_SHARE = 0.8  # Of the reach: how far the hand's fingers open
+CONTACT_ERROR = 0.1e-3  # Standard deviation of a contact, m
+ENDS: tuple[End, ...] = ("upper", "lower")
+# Of the extent: an end is felt all over as soon as there is a contour so near to it.
+END_NEARNESS = 0.07
+
+
+def grasp_goal(state: State) -> GraspGoal | None:
+    """The next closing of the hand; None once it has felt enough, or looked everywhere."""
+    assert state.world is not None
+    grasped, world = state.grasped, state.world
+    hand = Hand(opening=OPENING_SHARE * world.reach, reach=OPENING_SHARE * world.reach)
+    if len(grasped.points) >= ENOUGH_CONTACTS or grasped.grips >= MAX_GRIPS:
+        return None
+    if len(grasped.points):
+        pose = next_pose(hand, grasped.points, grasped.normals, world.platform)
+    else:
+        places = search_places(world.reach, SEARCH_SPACING)
+        found = search_pose(places, grasped.closings, world.platform)
+        if found is None:
+            return None
+        pose = found
+    return GraspGoal(
+        number=grasped.closings,
+        pose=pose,
+        fingers=hand.fingers,
+        opening=hand.opening,
+        reach=hand.reach,
+        not_before=state.clock,
+    )
+
+
+def with_contacts(state: State, contacts: GraspContacts) -> State:
+    """The state, knowing what the hand met."""
+    before = state.grasped
+    points = np.concatenate([before.points, contacts.points])
+    grasped = HandContacts(
+        points=points,
+        normals=np.concatenate([before.normals, contacts.normals]),
+        closings=before.closings + 1,
+        grips=before.grips + bool(len(points)),
+    )
+    return replace(state, grasped=grasped, clock=contacts.robot_time)
+
+
+def with_coarse(state: State, coarse: Superquadric, axis: Floats | None) -> State:
+    """The state with the slicing frame that the coarse model lets choose, or with a given axis."""
+    fit = CoarseFit(
+        size=coarse.size,
+        exponents=coarse.exponents,
+        pose=coarse.pose,
+        taper=coarse.taper,
+        bend=Bend(coarse.bend, coarse.bend_direction if coarse.bend else 0.0),
+        residuals=coarse.residuals,
+        rms=coarse.residual,
+        doubts=coarse.doubts,
+    )
+    return with_frame(replace(state, grasped=replace(state.grasped, fit=fit)), axis)
+
+
+class EndTouch(NamedTuple):
+    """A single touch of an end."""
+
+    end: End  # Which
+    height: float  # Where that is, m
+    probing: ProbeCommand  # The touch
+
+
+def next_touch(state: State, tolerance: float, *, last: bool) -> EndTouch | None:
+    """The next touch of an end, if one is due.
+
+    At first each end is found; it is felt all over when there is a contour near to it, or when
+    all slices are done. One finger at a time, and away from the others.
+    """
+    survey = state.survey
+    assert survey is not None
+    if any(task.probing for task in state.tasks.values()):
+        return None
+    for end in ENDS:
+        height = survey.high if end == "upper" else survey.low
+        if any(abs(task.height - height) < survey.apart for task in state.tasks.values()):
+            continue
+        found = next_probe(end, _end_known(state, survey, end, tolerance, last))
+        if isinstance(found, ProbeCommand):
+            return EndTouch(end, height, found)
+    return None
+
+
+def _end_known(
+    state: State, survey: Survey, end: End, tolerance: float, last: bool
+) -> EndObservation:
+    upper = end == "upper"
+    here, there = (survey.high, survey.low) if upper else (survey.low, survey.high)
+    wall = survey.outermost(upper=upper)
+    due = wall is not None and (
+        last or abs(wall.height - here) < END_NEARNESS * (survey.high - survey.low)
+    )
+    return EndObservation(
+        height=here,
+        deviation=survey.high_deviation if upper else survey.low_deviation,
+        other=there,
+        radius=survey.radius,
+        width=survey.pad_width,
+        tolerance=tolerance,
+        noise=0.0 if survey.doubt is None else survey.doubt.pose,
+        standing=survey.standing and not upper,
+        wall=SideContour(wall.points, wall.normals, wall.contact_low, wall.contact_high)
+        if wall is not None and due
+        else None,
+        probes=state.ends.get(end, ()),
+    )
+
+
+def with_probe(state: State, task: Task, probe: Probe) -> State:
+    """The state, knowing what a probe has found."""
+    assert state.survey is not None and state.frame is not None and task.probing is not None
+    end, probing = task.probing
+    survey, frame = state.survey, state.frame
+    if probe.outcome in TOUCHED:
+        state = replace(state, probes=(*state.probes, probe.id))
+        searching = end == "upper" and not survey.traced
+        better = along_face(state, probe.normal) if searching else None
+        if better is not None:
+            return better
+    into, axes = inverse_pose(frame.pose), split_pose(frame.pose)[1]
+    made = ProbeResult(
+        probing, probe.outcome, transform_points(into, probe.point[None])[0], probe.normal @ axes
+    )
+    ends = {**state.ends, end: (*state.ends.get(end, ()), made)}
+    faces = [one for one in ends[end] if one.touched and one.probing.why != "edge"]
+    if made.touched:
+        survey = survey.reaching(float(made.point[2]), float(made.point[2]))
+    if faces:
+        upper = end == "upper"
+        tip = (max if upper else min)((one.point for one in faces), key=lambda point: point[2])
+        survey = survey.ended(tip, upper=upper)
+    return replace(state, survey=survey, ends=ends)
+
+
+def along_face(state: State, face: Floats) -> State | None:
+    """The state with a better slicing axis, if the upper end's normal, in the world, tells one.
+
+    None if it does not, or the axis was given: by the user, or by an earlier touch.
+    """
+    assert state.frame is not None
+    if state.frame.axis == "given":
+        return None
+    axis = split_pose(state.frame.pose)[1][:, 2]
+    better = end_face_axis(axis, face, state.grasped.normals)
+    if better is None:
+        return None
+    found = with_frame(state, better)
+    assert found.frame is not None and found.frame.axis == "given"  # so this happens but once
+    return found
+
+
+def with_frame(state: State, axis: Floats | None) -> State:
+    """The state at the beginning of the slices, along a given axis or along one that is found."""
+    assert state.world is not None and state.grasped.fit is not None
+    grasped, platform = state.grasped, state.world.platform
+    fit = state.grasped.fit
+    frame = fit_object_frame(fit, grasped.points, grasped.normals, platform, CONTACT_ERROR, axis)
+    survey = Survey(
+        low=platform if _is_upright(frame) else frame.low,
+        high=frame.high,
+        low_deviation=0.0 if _is_upright(frame) else frame.extent_error,
+        high_deviation=frame.extent_error,
+        radius=frame.radius,
+        standing=_is_upright(frame),
+        reached=_reached(frame, grasped.points),
+        pad_width=state.pad_width,
+        resolution=state.resolution,
+    )
+    return replace(state, frame=frame, survey=survey, ends=MappingProxyType({}))
+
+
+def _is_upright(frame: ObjectFrame) -> bool:
+    """Whether its heights are the world's, so that the object stands on its lower end."""
+    return float(split_pose(frame.pose)[1][2, 2]) == 1.0
+
+
+def _reached(frame: ObjectFrame, points: Floats) -> tuple[float, float]:
+    """Lowest and highest contact along the slicing axis, m: never beyond the expected ends."""
+    heights = transform_points(inverse_pose(frame.pose), points)[:, 2]
+    return max(float(heights.min()), frame.low), min(float(heights.max()), frame.high)

@@ -1,0 +1,252 @@
+"""All nodes of a graph in one process, the same bytes between them; and how a graph ended.
+
+Bodies are encoded and decoded here too, so that no handler can write into another's arrays.
+Each edge is first in, first out; which edge comes next is free, and a seeded schedule that
+draws it at random finds every dependence on the order of two publishers.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+from threadpoolctl import threadpool_limits
+
+from palpate.messages import Header, decode
+from palpate.messages.bus import Received
+from palpate.messages.types import LogRecord, NodeStatus
+from palpate.nodes.runtime.node import Finished, Node, Source
+from palpate.nodes.runtime.sources import SourceWork
+from palpate.nodes.runtime.wiring import Wiring, load_node
+from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
+
+TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
+Work = NodeWork | SourceWork | SinkWork
+RoutedEdge = tuple[str, str, str]  # Publisher, topic on the wire, and listener
+
+
+def run_composed(
+    wirings: Sequence[Wiring],
+    *,
+    ends: str,
+    hear: Sequence[str],
+    watcher: Watcher,
+    schedule: int | None = None,
+) -> Ending:
+    """Run a graph in this process until it is quiet.
+
+    Parameters
+    ----------
+    wirings : sequence of Wiring
+        The nodes.
+    ends : str
+        The node whose Finished ends the graph.
+    hear : sequence of str
+        Topics, as on the wire, that the watcher wants to hear.
+    watcher : Watcher
+        Hears them.
+    schedule : int or None
+        Seed of a random schedule; None for messages in the order in which they were sent.
+
+    Returns
+    -------
+    Ending
+        A node that raises ends the graph as ``died``.
+    """
+    composition = Composition(wirings, hear, watcher, schedule)
+    with ExitStack() as closing:
+        try:
+            for name, work in composition.open():
+                closing.callback(work.close)
+                composition.works[name] = work
+            # Several threads round otherwise; what was imported with the nodes is limited too.
+            closing.enter_context(threadpool_limits(limits=1))
+            composition.begin()
+            watcher.ready(0.0)
+            while composition.deliver():
+                pass
+        except KeyboardInterrupt:
+            return composition.ending("interrupted", "interrupted by Ctrl-C")
+        except Exception as error:  # The edge of the nodes: whatever it was must be told in words.
+            return composition.ending("died", f"{composition.doing}: {error}")
+    reason = composition.finished.get(ends)
+    if reason is None:
+        return composition.ending("stalled", f"all is quiet, and {ends} has not finished")
+    return composition.ending("finished", reason)
+
+
+class Composition:
+    """The edges between the nodes and what is under way on them.
+
+    Parameters
+    ----------
+    wirings, hear, watcher, schedule
+        As for `run_composed`.
+    """
+
+    def __init__(
+        self,
+        wirings: Sequence[Wiring],
+        hear: Sequence[str],
+        watcher: Watcher,
+        schedule: int | None,
+    ) -> None:
+        self.works: dict[str, Work] = {}
+        """The nodes, by name."""
+        self.finished: dict[str, str] = {}
+        """Reason of each node that has said Finished."""
+        self.doing = "starting"
+        """What was last begun, in words."""
+        self._wirings = {wiring.name: wiring for wiring in wirings}
+        self._listeners: dict[str, list[str]] = {}
+        self._types: dict[str, type] = {}
+        for wiring in wirings:
+            for one in wiring.inputs:
+                self._listeners.setdefault(one.topic, []).append(wiring.name)
+        self._hear, self._watcher = set(hear), watcher
+        self._edges: dict[RoutedEdge, deque[Received]] = {}
+        self._order: deque[RoutedEdge] = deque()
+        self._draw = None if schedule is None else random.Random(schedule)
+        self._sent: dict[str, dict[str, int]] = {name: {} for name in self._wirings}
+        self._next_tick = time.monotonic() + TICK_PERIOD
+
+    def open(self) -> Sequence[tuple[str, Work]]:
+        """Make the nodes, sinks first: they must hear everything."""
+        made: list[tuple[str, Work]] = []
+        for name, wiring in self._wirings.items():
+            self.doing = name
+            node = load_node(wiring.module)
+            if isinstance(node, Node):
+                self._types |= {wire: node.outputs[local] for local, wire in wiring.outputs.items()}
+                made.append((name, NodeWork(node, wiring.params, wiring)))
+            elif isinstance(node, Source):
+                made.append((name, SourceWork(node, wiring.params, wiring)))
+                says = node.outputs(wiring.params)
+                self._types |= {wire: says[local] for local, wire in wiring.outputs.items()}
+            else:
+                made.insert(0, (name, SinkWork(node, wiring.params, wiring)))
+        return made
+
+    def begin(self) -> None:
+        """Start every node."""
+        for name, work in self.works.items():
+            self._publish(name, work.begin)
+
+    def deliver(self) -> bool:
+        """Hand over one message; False when none is left."""
+        edge = self._next_edge()
+        if edge is None:
+            return self._ask_sources()
+        queue = self._edges[edge]
+        arrival = queue.popleft()
+        if not queue:
+            del self._edges[edge]
+        work = self.works[edge[2]]
+        self._publish(edge[2], lambda: work.take(arrival))
+        if time.monotonic() >= self._next_tick:
+            self._next_tick = time.monotonic() + TICK_PERIOD
+            self._watcher.tick(self.statuses())
+        return True
+
+    def statuses(self) -> dict[str, NodeStatus]:
+        """Counters of all nodes; the processor's time cannot be told apart in one process."""
+        return {
+            name: NodeStatus(
+                node=name,
+                state="running",
+                messages=work.latency.count,
+                sent=sum(self._sent[name].values()),
+                gaps=0,
+                duplicates=0,
+                p50=work.latency.quantile(0.5),
+                p99=work.latency.quantile(0.99),
+                cpu=0.0,
+            )
+            for name, work in self.works.items()
+        }
+
+    def ending(self, status: str, reason: str) -> Ending:
+        """What is left to say."""
+        return Ending(status=status, reason=reason, statuses=self.statuses())  # type: ignore[arg-type]
+
+    def _ask_sources(self) -> bool:
+        """Have a source say what it has next, when nothing else is left to do."""
+        for name, work in self.works.items():
+            if isinstance(work, SourceWork) and (left := work.wait()) is not None:
+                time.sleep(left)
+                if work.wait() == 0.0:
+                    self._publish(name, lambda work=work: [work.say()])  # type: ignore[misc]
+                return True
+        return False
+
+    def _next_edge(self) -> RoutedEdge | None:
+        if not self._edges:
+            return None
+        if self._draw is not None:
+            return self._draw.choice(list(self._edges))
+        return self._order.popleft()
+
+    def _publish(self, name: str, act: Callable[[], Iterable[Outgoing | Finished]]) -> None:
+        work = self.works[name]
+        try:
+            said = act()
+        finally:
+            self.doing = f"{name} {work.doing}"
+        for one in said:
+            if isinstance(one, Finished):
+                self.finished.setdefault(name, one.reason)
+            else:
+                self._send(name, one)
+
+    def _send(self, name: str, parcel: Outgoing) -> None:
+        topic, body, robot_time, schema = parcel
+        seq = self._sent[name].get(topic, 0)
+        self._sent[name][topic] = seq + 1
+        arrival = Received(
+            name, topic, Header(0, 0, seq, time.monotonic_ns(), robot_time, schema), body
+        )
+        for listener in self._listeners.get(topic, ()):
+            edge = (name, topic, listener)
+            self._edges.setdefault(edge, deque()).append(arrival)
+            if self._draw is None:
+                self._order.append(edge)
+        if topic in self._hear:
+            self._watcher.heard(topic, decode(self._types[topic], body))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ending:
+    """What is left to say when all nodes have stopped."""
+
+    # ``finished``: the ending node said so and every message was consumed. ``died``: a node failed.
+    # ``stalled``: all quiet without an end. ``interrupted``: somebody pressed Ctrl-C.
+    status: Literal["finished", "died", "stalled", "interrupted"]
+    # One sentence: the reason of Finished, or which node died of what, or who waits for whom.
+    reason: str
+    # The last counters of each node.
+    statuses: Mapping[str, NodeStatus] = field(default_factory=dict)
+    gaps: int = 0  # Missing messages over all reliable topics
+    duplicates: int = 0  # Messages that came twice over all reliable topics
+    # How often each node was started again, of those that were.
+    restarts: Mapping[str, int] = field(default_factory=dict)
+
+
+class Watcher(Protocol):
+    """Hears what the launcher hears, while the graph runs."""
+
+    def ready(self, seconds: float) -> None:
+        """All nodes are up and joined, this long after the launch began."""
+
+    def heard(self, topic: str, message: object) -> None:
+        """A message on one of the topics that were asked for."""
+
+    def log(self, record: LogRecord) -> None:
+        """A node has something to say."""
+
+    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
+        """Called some ten times a second with the latest counters; may draw."""

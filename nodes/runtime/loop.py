@@ -1,0 +1,388 @@
+"""The process of one node, and the one loop in it: receive, handle, publish.
+
+The process never outlives its launcher.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import multiprocessing
+import os
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack, closing
+from multiprocessing import forkserver
+from pathlib import Path
+
+import msgspec
+
+from palpate.messages import encode
+from palpate.messages.bus import Addresses, Cause, Journal, NodeSockets, Received, SourceProgress
+from palpate.messages.types import LogRecord, NodeStatus
+from palpate.nodes.runtime.node import Finished, Node, Source
+from palpate.nodes.runtime.recovery import OutgoingSequence, replay, unpublished
+from palpate.nodes.runtime.sources import SourceWork
+from palpate.nodes.runtime.wiring import Wiring, load_node
+from palpate.nodes.runtime.work import (
+    Latency,
+    NodeWork,
+    Outgoing,
+    Promise,
+    SinkWork,
+    topics_by_publisher,
+)
+
+NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
+_PR_SET_PDEATHSIG = 1
+FAILED = 3  # Exit code of a node that has told the launcher why it failed
+HEARTBEAT_PERIOD = 0.25  # A node gives a sign of life this often, s
+IDLE_MS = int(HEARTBEAT_PERIOD * 500)
+FLUSH_MS = 20  # A sink to which nothing comes for so long puts away what it holds
+# A sink that is told to end still writes what has arrived, for at most this long, s.
+DRAIN_TIME = 1.0
+MAX_TRACE_CHARS = 20_000  # Longest trace that is sent to the launcher, characters
+Work = NodeWork | SourceWork | SinkWork
+# Takes what is to be called when the process is asked to end, instead of dying at once.
+OnTerminate = Callable[[Callable[[], None]], None]
+
+
+def enter_process(wiring: bytes, place: bytes) -> None:
+    """Run one node in this process, and leave the process.
+
+    Parameters
+    ----------
+    wiring, place : bytes
+        A `Wiring` (its parameters once more as bytes) and a `Addresses`, in msgpack.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+    _let_go_of_parent()
+    _die_with_parent(signal.SIGKILL)
+    seat = msgspec.msgpack.decode(wiring, type=Wiring)
+    os.nice(seat.nice)
+    try:
+        code = run_node(seat, msgspec.msgpack.decode(place, type=Addresses), _protect)
+    except Exception as error:  # The edge of the process, without a line to the launcher.
+        print(f"{seat.name}: {type(error).__name__}: {error}", file=sys.stderr)
+        code = NOT_STARTED
+    sys.exit(code)
+
+
+def _let_go_of_parent() -> None:
+    """Close the line that would keep the parent alive.
+
+    The parent is the server that forks the nodes. It ends when nobody holds the far end of its
+    line any more, and it hands that end to every child; so a child has to close it, or neither
+    would end when the launcher is killed.
+    """
+    line = getattr(forkserver, "_forkserver", None)
+    held = getattr(line, "_forkserver_alive_fd", None)
+    if line is not None and held is not None:
+        os.close(held)
+        line._forkserver_alive_fd = None
+
+
+def run_node(wiring: Wiring, place: Addresses, protect: OnTerminate) -> int:
+    """Run one node until the launcher says stop.
+
+    Parameters
+    ----------
+    wiring : Wiring
+        The node's place in the graph; its parameters as the bytes of a msgpack map.
+    place : Place
+        Addresses of the run.
+    protect : callable
+        Called for a sink before it opens its file.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or `FAILED` after the launcher has been told why.
+    """
+    says = {topic: wiring.listeners.get(topic, ()) for topic in wiring.outputs.values()}
+    hears = topics_by_publisher(wiring.inputs)
+    station = NodeSockets(wiring.name, place, hears=hears, says=says, keeps=wiring.keeps)
+    loop = NodeLoop(wiring.name, station, going=place.going)
+    try:
+        with ExitStack() as kept:
+            loop.run(_load(wiring, place, loop, protect, kept))
+        loop.say_bye()
+    except Exception as error:  # The edge of the process: whatever it was must be told in words.
+        loop.say_failed(error)
+        return FAILED
+    finally:
+        station.close()
+    return 0
+
+
+def _load(
+    wiring: Wiring, place: Addresses, loop: NodeLoop, protect: OnTerminate, kept: ExitStack
+) -> Work:
+    """The node at work; what it holds is put away with the stack."""
+    node = load_node(wiring.module)
+    params: object = msgspec.msgpack.decode(wiring.params, type=node.params)
+    file = Path(place.journals[wiring.name])
+    if isinstance(node, Node):
+        edges = [(one.publisher, one.topic) for one in wiring.inputs]
+        if not node.acts:
+            loop.journal = kept.enter_context(closing(Journal(file, edges)))
+        loop.work = NodeWork(node, params, wiring)
+    elif isinstance(node, Source):
+        tally = kept.enter_context(closing(SourceProgress(file))) if node.repeats else None
+        loop.work = SourceWork(node, params, wiring, tally)
+    else:
+        protect(loop.end)
+        loop.work = SinkWork(node, params, wiring, again=place.epoch > 0)
+        loop.skip(loop.work.had)
+    return kept.enter_context(closing(loop.work))
+
+
+def _protect(end: Callable[[], None]) -> None:
+    """Let the process close its file when it is asked to end, or its launcher dies."""
+    signal.signal(signal.SIGTERM, lambda *_: end())
+    _die_with_parent(signal.SIGTERM)
+
+
+def _die_with_parent(number: signal.Signals) -> None:
+    """Have the kernel send a signal when the parent process dies."""
+    if sys.platform != "linux":
+        return
+    before = os.getppid()
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(number))
+    launcher = multiprocessing.parent_process()
+    # The parent may have died before the kernel was told.
+    if os.getppid() != before or (launcher is not None and not launcher.is_alive()):
+        os._exit(NOT_STARTED)
+
+
+class NodeLoop:
+    """A node's loop over its station.
+
+    Parameters
+    ----------
+    name : str
+        Name of the node.
+    station : Station
+        Its sockets.
+    going : bool
+        Whether the graph had been started before: the node then goes through what it had done,
+        unheard but by those who miss something of it.
+    """
+
+    def __init__(self, name: str, station: NodeSockets, *, going: bool = False) -> None:
+        self.work: Work | None = None
+        """What the node does; None until it is loaded."""
+        self.journal: Journal | None = None
+        """Where it puts down what it handles; only of nodes that could do it again."""
+        self._name, self._station = name, station
+        station.while_blocked = self._beat_if_due
+        self._going, self._ended = going, False
+        self._joined: bool | None = None
+        self._state = "starting"
+        self._next_beat = 0.0
+
+    def end(self) -> None:
+        """Leave the loop at the next occasion; may be called from a signal handler."""
+        self._ended = True
+
+    def skip(self, had: Mapping[str, int]) -> None:
+        """Ask for no message of a topic before so many."""
+        for topic, number in had.items():
+            self._station.subscriber.skip(topic, number)
+
+    def run(self, work: Work) -> None:
+        """Turn until the launcher says stop, or the process is asked to end."""
+        station = self._station
+        if self._going:
+            self._state = "rebuilding"
+            owed = self._go_on(work)
+            self._state, self._next_beat = "running", 0.0
+            self._beat_if_due()
+            self._publish(owed)
+        while not self._ended:
+            heard, told = station.wait(self._patience(work))
+            if told:
+                self._obey(work)
+            if not self._going:
+                self._join()
+            elif heard or station.waiting:
+                arrival = station.receive()
+                if arrival is not None:
+                    self._handle(work, arrival)
+            elif isinstance(work, SinkWork) and work.unwritten:
+                work.flush()
+            elif isinstance(work, SourceWork):
+                self._publish(work.say_due())
+            self._beat_if_due()
+        if isinstance(work, SinkWork):
+            self._take_the_rest(work)
+            work.missing = station.subscriber.missing
+
+    def say_bye(self) -> None:
+        """Tell the launcher the last counters."""
+        self._station.line.send("bye", status=encode(self._status("ending")))
+
+    def say_failed(self, error: Exception) -> None:
+        """Tell the launcher, and those who listen, what went wrong."""
+        doing = self.work.doing if self.work else "loading"
+        what = next(iter(str(error).splitlines()), "")
+        text = f"{doing}: {type(error).__name__}: {what}"[:1000]
+        trace = "".join(traceback.format_exception(error))[-MAX_TRACE_CHARS:]
+        self._station.line.send("failed", text=text, trace=trace)
+
+    def _patience(self, work: Work) -> int:
+        """Longest wait for something to arrive, ms."""
+        if self._going:
+            if self._station.waiting:
+                return 0
+            if isinstance(work, SourceWork):
+                return work.patience(IDLE_MS)
+            if isinstance(work, SinkWork) and work.unwritten:
+                return FLUSH_MS
+        return IDLE_MS
+
+    def _handle(self, work: Work, arrival: Received) -> None:
+        """Handle a message, once it is put down that it is; if that acts on the world, after it."""
+        publisher, topic, seq = arrival.publisher, arrival.topic, arrival.header.seq
+        if isinstance(work, NodeWork) and work.acts:
+            self._answer(work.take(arrival), Cause(publisher, topic, seq))
+            return
+        if self.journal is not None:
+            self.journal.note(publisher, topic, seq)
+        self._publish(work.take(arrival))
+
+    def _answer(self, said: Sequence[Outgoing | Finished], cause: Cause) -> None:
+        """Publish what a node that acts has said, with what it had heard."""
+        ends = [one for one in said if isinstance(one, Finished)]
+        parcels = [one for one in said if isinstance(one, Outgoing)]
+        reason = ends[0].reason if ends else ""
+        self._station.answer(parcels, cause._replace(finished=reason))
+        self._publish(ends)
+
+    def _go_on(self, work: Work) -> OutgoingSequence:
+        """Take up what an earlier start has done; returns what it had not come to say."""
+        station, owed = self._station, list[Outgoing | Promise | Finished]()
+        gc.freeze()
+        if isinstance(work, NodeWork) and work.acts:
+            past = station.publisher.past
+            self.skip(work.leave_out(past.handled))
+            self._publish(unpublished(work.begin(), past.counts))
+            return [Finished(past.finished)] if past.finished else []
+        self._publish(work.begin())
+        if isinstance(work, NodeWork) and self.journal is not None:
+            owed += replay(
+                work,
+                self.journal.before,
+                station,
+                publish=self._publish,
+                turn=lambda: self._turn_again(work),
+                beat=self._beat_if_due,
+            )
+        station.publisher.go_live()
+        return owed
+
+    def _turn_again(self, work: Work) -> bool:
+        """Wait for a moment while it is rebuilt, and obey; False if it is told to end."""
+        _, told = self._station.wait(0 if self._station.waiting else IDLE_MS)
+        if told:
+            self._obey(work)
+        self._beat_if_due()
+        return not self._ended
+
+    def _join(self) -> None:
+        """Take in what comes before the start, and report when all inputs are in step."""
+        self._station.take_in()
+        joined = self._station.subscriber.in_step
+        if joined and not self._joined:
+            self._station.line.send("ready")
+        self._joined = joined
+
+    def _obey(self, work: Work) -> None:
+        line = self._station.line
+        while (word := line.receive()) is not None:
+            if word["kind"] == "go" and not self._going:
+                self._going, self._state = True, "running"
+                # What was imported stays; looking through it again would hold up messages.
+                gc.freeze()
+                self._publish(work.begin())
+            elif word["kind"] == "count":
+                consumed = [[*edge, number] for edge, number in work.consumed.items()]
+                sent = self._station.publisher.sent
+                waits = work.waits
+                speaks = isinstance(work, SourceWork) and work.speaks
+                line.send(
+                    "count",
+                    round=word["round"],
+                    sent=sent,
+                    consumed=consumed,
+                    waits=waits,
+                    speaks=speaks,
+                )
+            elif word["kind"] == "stop":
+                self._ended = True
+            elif isinstance(work, SourceWork):
+                self._publish(work.obey(word))
+                line.send("did", ticket=word["ticket"])
+
+    def _publish(self, said: Iterable[Outgoing | Promise | Finished]) -> None:
+        for one in said:
+            if isinstance(one, Promise):
+                self._station.publisher.promise(*one)
+            elif isinstance(one, Finished):
+                self._station.line.send("finished", reason=one.reason)
+                text = f"finished: {one.reason}"
+                self._station.tap.say(
+                    LogRecord(node=self._name, level="info", text=text, robot_time=0.0)
+                )
+            else:
+                topic, body, robot_time, schema = one
+                self._station.send(topic, body, robot_time=robot_time, schema=schema)
+
+    def _beat_if_due(self) -> None:
+        if time.monotonic() < self._next_beat:
+            return
+        self._next_beat = time.monotonic() + HEARTBEAT_PERIOD
+        self._station.tap.refresh()
+        self._station.tap.say(self._status(self._state))
+        self._station.line.send("alive")
+
+    def _status(self, state: str) -> NodeStatus:
+        latency = self.work.latency if self.work else None
+        return status_of(self._name, state, latency, self._station)
+
+    def _take_the_rest(self, work: SinkWork) -> None:
+        """When others have died, what they said last is worth the most."""
+        deadline = time.monotonic() + DRAIN_TIME
+        while time.monotonic() < deadline and (arrival := self._station.receive()) is not None:
+            work.take(arrival)
+
+
+def status_of(name: str, state: str, latency: Latency | None, station: NodeSockets) -> NodeStatus:
+    """The node's counters.
+
+    Parameters
+    ----------
+    name, state : str
+        Of the node; see `NodeStatus`.
+    latency : Latency or None
+        Times of its handlers; None until it is loaded.
+    station : Station
+        Its sockets.
+    """
+    subscriber, publisher = station.subscriber, station.publisher
+    return NodeStatus(
+        node=name,
+        state=state,  # type: ignore[arg-type]
+        messages=latency.count if latency else 0,
+        sent=sum(publisher.sent.values()),
+        gaps=subscriber.gaps,
+        duplicates=subscriber.duplicates,
+        p50=latency.quantile(0.5) if latency else 0.0,
+        p99=latency.quantile(0.99) if latency else 0.0,
+        cpu=time.process_time(),
+    )

@@ -1,0 +1,139 @@
+"""What a node does when it is started again: it replays its journal, and goes on.
+
+It receives everything once more from its publishers, but in whatever order they answer; the
+journal says in which order it had handled them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
+from palpate.messages.bus import Consumed, NodeSockets, Received
+from palpate.nodes.runtime.node import Finished
+from palpate.nodes.runtime.work import NodeWork, Outgoing, Promise
+
+OutgoingSequence = Sequence[Outgoing | Promise | Finished]
+Publish = Callable[[Iterable[Outgoing | Promise | Finished]], None]
+
+
+def replay(
+    work: NodeWork,
+    before: Sequence[Consumed],
+    station: NodeSockets,
+    *,
+    publish: Publish,
+    turn: Callable[[], bool],
+    beat: Callable[[], None],
+) -> OutgoingSequence:
+    """Do once more what an earlier start of the node has done, unheard but by who lacks it.
+
+    Parameters
+    ----------
+    work : NodeWork
+        The node.
+    before : sequence of Consumed
+        What it had handled.
+    station : Station
+        Its sockets.
+    publish : function
+        Sends what it says.
+    turn : function
+        Waits for a moment, obeys the launcher, and says whether to go on.
+    beat : function
+        Gives a sign of life.
+
+    Returns
+    -------
+    sequence
+        What it died over: it may have been making something that takes long, which is still to be
+        made and sent, with all that it said after that.
+    """
+    order, owed = JournalOrder(before), list[Outgoing | Promise | Finished]()
+    while order.replaying and turn():
+        while (come := station.receive()) is not None:
+            order.put(come)
+        while order.replaying and (arrival := order.take()) is not None:
+            owed = _republish(work.replay(arrival), station, publish)
+            beat()
+    station.give_back(order.rest())
+    return owed
+
+
+def _republish(
+    said: OutgoingSequence, station: NodeSockets, publish: Publish
+) -> list[Outgoing | Promise | Finished]:
+    """Publish what had been said before; returns what takes long and had not, and all after it."""
+    for place, one in enumerate(said):
+        if isinstance(one, Promise) and not station.publisher.was_said(one.topic):
+            return list(said[place:])
+        publish([one])
+    return []
+
+
+def unpublished(
+    said: Iterable[Outgoing | Finished], counts: Mapping[str, int]
+) -> Iterator[Outgoing | Finished]:
+    """What of it an earlier start had not come to say.
+
+    Parameters
+    ----------
+    said : iterable
+        What a node says at its start.
+    counts : mapping of str to int
+        Messages that it had said on each topic.
+    """
+    had = dict(counts)
+    for one in said:
+        if isinstance(one, Outgoing) and had[one.topic]:
+            had[one.topic] -= 1
+        else:
+            yield one
+
+
+class JournalOrder:
+    """Puts arrivals into the order of a journal.
+
+    Parameters
+    ----------
+    before : sequence of Consumed
+        What earlier starts of the node have consumed.
+    """
+
+    def __init__(self, before: Sequence[Consumed]) -> None:
+        self._before = deque(before)
+        self._come: dict[tuple[str, str], deque[Received]] = {}
+
+    @property
+    def replaying(self) -> bool:
+        """Whether something is still to be handled that had been handled before."""
+        return bool(self._before)
+
+    def put(self, arrival: Received) -> None:
+        """Take note of what has arrived."""
+        self._come.setdefault((arrival.publisher, arrival.topic), deque()).append(arrival)
+
+    def take(self) -> Received | None:
+        """What was handled next, if it has come.
+
+        Raises
+        ------
+        ValueError
+            If a publisher sends something else than it had sent before.
+        """
+        wanted = self._before[0]
+        come = self._come.get((wanted.publisher, wanted.topic))
+        if not come:
+            return None
+        arrival = come.popleft()
+        if arrival.header.seq != wanted.seq:
+            raise ValueError(
+                f"{wanted.topic} {wanted.seq} of {wanted.publisher} must come next, as before; "
+                f"got {arrival.header.seq}"
+            )
+        self._before.popleft()
+        return arrival
+
+    def rest(self) -> list[Received]:
+        """What has come beyond the journal: each publisher's in its order."""
+        return [arrival for come in self._come.values() for arrival in come]

@@ -1,0 +1,243 @@
+"""A source in the course of its run: each message at its time, with pauses, or by steps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from itertools import islice
+from typing import Any
+
+from palpate.messages import codec_of, decode, encode
+from palpate.messages.bus import ControlMessage, Received, SourceProgress
+from palpate.nodes.runtime.node import Finished, Source, Timed
+from palpate.nodes.runtime.wiring import Wiring
+from palpate.nodes.runtime.work import ContractError, Edge, Latency, Outgoing
+
+POLL_PERIOD = 0.01  # A source that has nothing to say is asked again after this long, s
+# The last of a wait is not spent on the sockets, s: a poll is no more exact than that.
+SPIN_TIME = 1.5e-3
+SLEEP_OVERSHOOT = 3e-4  # A sleep may be late by so much, s
+BATCH = 64  # Messages that are said before others are heard again
+_END: Any = object()
+
+
+class SourceWork:
+    """One source in the course of its run.
+
+    Parameters
+    ----------
+    source : Source
+        What it does.
+    params : object
+        Instance of the source's parameter type.
+    wiring : Wiring
+        Its place in the graph.
+    tally : Tally, optional
+        How much an earlier start of it has said, and will be counted; None counts for itself.
+    """
+
+    def __init__(
+        self, source: Source, params: Any, wiring: Wiring, tally: SourceProgress | None = None
+    ) -> None:
+        self.name = wiring.name
+        self.latency = Latency()
+        """Time of making its messages."""
+        self.consumed: dict[Edge, int] = {}
+        self.waits: list[str] = []
+        paused = source.paused(params) if tally is None or tally.paused is None else tally.paused
+        self.pace = PlaybackClock(paused=paused)
+        """When it says what it has to say."""
+        self._source, self._params, self._wires = source, params, wiring.outputs
+        self._types = source.outputs(params)
+        self._tally = tally
+        self._said: Iterator[Timed | Finished | None] = iter(())
+        self._next: Timed | Finished | None = None
+        self._doing = "starting"
+
+    @property
+    def doing(self) -> str:
+        """What it was last busy with, in words."""
+        return self._doing
+
+    @property
+    def speaks(self) -> bool:
+        """Whether it may say something yet."""
+        return self._next is not _END
+
+    def begin(self) -> Iterator[Outgoing | Finished]:
+        """Open the source; what an earlier start of it had said is said at once."""
+        self._said = iter(self._source.open(self._params))
+        words = (one for one in self._said if isinstance(one, Timed))
+        due = 0.0
+        for said in islice(words, self._tally.number if self._tally else 0):
+            due = said.due
+            yield self._pack(said)
+        self.pace.start(due, time.monotonic())
+
+    def wait(self) -> float | None:
+        """Time until it has something to say, s; None while it stands still or is at its end."""
+        if self._next is None:
+            self._doing = "looking for what comes next"
+            began = time.perf_counter_ns()
+            self._next = next(self._said, _END)
+            if isinstance(self._next, Timed):
+                self.latency.add(time.perf_counter_ns() - began)
+        if self._next is None:
+            return POLL_PERIOD
+        if self._next is _END:
+            return None
+        return self.pace.wait(_due(self._next), time.monotonic())
+
+    def patience(self, idle_ms: int) -> int:
+        """Time for which it has nothing to do, whole ms; the rest of it is spun away."""
+        left = self.wait()
+        return idle_ms if left is None else min(idle_ms, int(1000.0 * max(0.0, left - SPIN_TIME)))
+
+    def say_due(self) -> Iterator[Outgoing | Finished]:
+        """Say what is due, and what is due before anything else could be done."""
+        for _ in range(BATCH):
+            left = self.wait()
+            if left is None or left > SPIN_TIME or self._next is None:
+                return
+            _wait(left)
+            yield self.say()
+
+    def say(self) -> Outgoing | Finished:
+        """Say what comes next, at once."""
+        said, self._next = self._next, None
+        if isinstance(said, Finished):
+            return said
+        assert said is not None
+        self._doing = f"saying {said.topic}"
+        self.pace.gone(said.due, time.monotonic())
+        packed = self._pack(said)
+        if self._tally is not None:
+            self._tally.up()
+        return packed
+
+    def all(self) -> Iterator[Outgoing | Finished]:
+        """All that it says, at once: nobody waits for the time of anything."""
+        while self.speaks:
+            self.wait()
+            if self._next is not None and self._next is not _END:
+                yield self.say()
+
+    def obey(self, word: ControlMessage) -> list[Outgoing | Finished]:
+        """Do what a tool asks for: pause, resume, step, or publish a message.
+
+        A message that is not the topic's is refused by the tool and the launcher: here it is a
+        fault.
+        """
+        now = time.monotonic()
+        match word["kind"]:
+            case "pause":
+                self.pace.pause(now)
+            case "resume":
+                self.pace.resume(now)
+            case "step":
+                self.pace.step(int(word["number"]))
+            case "publish" if self._source.outside:
+                local = next(one for one, wire in self._wires.items() if wire == word["topic"])
+                decode(self._types[local], word["body"])
+                return [self._pack(Timed(0.0, local, word["body"]))]
+        if self._tally is not None:
+            self._tally.stand(self.pace.paused)
+        return []
+
+    def take(self, arrival: Received) -> list[Outgoing | Finished]:
+        """Refuse what it never asked for.
+
+        Raises
+        ------
+        ContractError
+            Always.
+        """
+        raise ContractError(f"{self.name} hears nothing, and has heard {arrival.topic}")
+
+    def close(self) -> None:
+        """Let go of what it reads."""
+        close = getattr(self._said, "close", None)
+        if close is not None:
+            close()
+
+    def _pack(self, said: Timed) -> Outgoing:
+        cls = self._types.get(said.topic)
+        if cls is None:
+            known = ", ".join(self._types) or "nothing"
+            raise ContractError(
+                f"{self.name} published {said.topic}, which it does not declare; "
+                f"it declares {known}"
+            )
+        body, robot_time = said.message, 0.0
+        if not isinstance(body, bytes):
+            if type(body) is not cls:
+                raise ContractError(
+                    f"{self.name} published a {type(body).__name__} on {said.topic}, "
+                    f"declared as {cls.__name__}"
+                )
+            robot_time = float(getattr(body, "robot_time", 0.0))
+            body = encode(body)
+        return Outgoing(self._wires[said.topic], body, robot_time, codec_of(cls).hash)
+
+
+def _due(said: Timed | Finished) -> float:
+    return said.due if isinstance(said, Timed) else 0.0
+
+
+def _wait(seconds: float) -> None:
+    """Sleep, but not to the end: a sleep is late, spinning is not."""
+    end = time.monotonic() + seconds
+    if seconds > SLEEP_OVERSHOOT:
+        time.sleep(seconds - SLEEP_OVERSHOOT)
+    while time.monotonic() < end:
+        pass
+
+
+class PlaybackClock:
+    """The clock of one source.
+
+    Parameters
+    ----------
+    paused : bool
+        Whether it stands still until it is told to go on.
+    """
+
+    def __init__(self, *, paused: bool = False) -> None:
+        self.paused = paused
+        """Whether it stands still."""
+        self._place = self._when = 0.0
+        self._steps = 0
+
+    def start(self, place: float, now: float) -> None:
+        """Begin at a time of the source, s, at a monotonic time, s."""
+        self._place, self._when = place, now
+
+    def wait(self, due: float, now: float) -> float | None:
+        """Time until what is due may be said, s; None while it stands still before that."""
+        if due <= self._place or self._steps:
+            return 0.0
+        return None if self.paused else max(0.0, due - self._at(now))
+
+    def gone(self, due: float, now: float) -> None:
+        """What was due has been said."""
+        if self._steps and due > self._place:
+            self._steps -= 1
+            self.start(due, now)
+
+    def pause(self, now: float) -> None:
+        """Stand still."""
+        self.start(self._at(now), now)
+        self.paused = True
+
+    def resume(self, now: float) -> None:
+        """Go on from where it stands."""
+        self.start(self._at(now), now)
+        self.paused, self._steps = False, 0
+
+    def step(self, number: int) -> None:
+        """Say the next so many at once, if it stands still."""
+        if self.paused:
+            self._steps += number
+
+    def _at(self, now: float) -> float:
+        return self._place if self.paused else self._place + now - self._when

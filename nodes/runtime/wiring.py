@@ -1,0 +1,167 @@
+"""One node's place in a graph, its publishers and subscribers, and how a recording keeps it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import Any, Literal
+
+import msgspec
+
+from palpate.nodes.runtime.node import HANDLER_TIMEOUT, AnyNode, Node, Sink, Source
+
+# What is done when a node dies: it is started again, the run ends, or it goes on without.
+OnExit = Literal["restart", "stop", "ignore"]
+RECORDER = "palpate.nodes.recorder"
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """One edge of the graph, seen from its hearing end."""
+
+    publisher: str  # Name of the node that publishes the topic
+    topic: str  # The topic on the wire, with namespace and remapping applied
+    local: str  # The topic as the node calls it
+    type: str  # Name of the message type
+    schema: str = ""  # JSON schema of a type that palpate does not have; empty of its own
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wiring:
+    """Everything that a process must know to run its node."""
+
+    name: str  # Name of the node in the graph
+    module: str  # Module that holds ``NODE``, ``SOURCE`` or ``SINK``
+    params: Any  # Parameters: an instance of the node's own type
+    inputs: tuple[Input, ...]  # What it hears
+    outputs: Mapping[str, str]  # The topic as the node calls it, to the topic on the wire
+    listeners: Mapping[str, tuple[str, ...]]  # Topic on the wire to the names of those who hear it
+    # Topic on the wire to the name of its message type.
+    types: Mapping[str, str] = field(default_factory=dict)
+    host: str = ""  # Address of the machine on which it runs; empty for the launcher's
+    nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
+    on_exit: OnExit = "restart"  # What is done when it dies
+    # Longest time for which it may give no sign of life though it works, s.
+    longest: float = HANDLER_TIMEOUT
+    # Whether what it says is kept beyond its death, for it could not say it again.
+    keeps: bool = False
+
+
+def load_node(module: str) -> AnyNode:
+    """The node that a module holds.
+
+    Raises
+    ------
+    ValueError
+        If there is no such module or it holds no node.
+    """
+    if not all(part.isidentifier() for part in module.split(".")):
+        raise ValueError(f"{module!r} is no name of a module")
+    try:
+        found = import_module(module)
+    except ModuleNotFoundError as error:
+        raise ValueError(f"no module {module!r}: {error}") from None
+    for name in ("NODE", "SOURCE", "SINK"):
+        value = getattr(found, name, None)
+        if isinstance(value, (Node, Source, Sink)):
+            return value
+    raise ValueError(f"module {module!r} holds no NODE, no SOURCE and no SINK")
+
+
+class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
+    """One node's place in a graph that was recorded."""
+
+    name: str
+    module: str
+    params: msgspec.Raw  # JSON of the node's own parameters
+    inputs: tuple[Input, ...]
+    outputs: dict[str, str]  # The topic as the node calls it, to the topic on the wire
+    types: dict[str, str] = {}  # The topic on the wire to the name of its message type
+    nice: int = 0
+    on_exit: OnExit = "restart"
+
+    def wiring(self, params: type) -> Wiring:
+        """The node's wiring, given the type of its parameters.
+
+        Raises
+        ------
+        ValueError
+            If the recorded parameters are not of that type.
+        """
+        try:
+            value: Any = msgspec.json.decode(self.params, type=params)
+        except msgspec.DecodeError as error:
+            raise ValueError(
+                f"the recorded parameters of {self.name} do not fit: {error}"
+            ) from None
+        return Wiring(
+            name=self.name,
+            module=self.module,
+            params=value,
+            inputs=self.inputs,
+            outputs=self.outputs,
+            listeners={},
+            types=self.types,
+            nice=self.nice,
+            on_exit=self.on_exit,
+        )
+
+
+def describe_wirings(wirings: Sequence[Wiring]) -> bytes:
+    """Describe a graph in JSON, parameters included, for a recorder to keep."""
+    return msgspec.json.encode(
+        [
+            {
+                "name": one.name,
+                "module": one.module,
+                "params": one.params,
+                "inputs": one.inputs,
+                "outputs": one.outputs,
+                "types": one.types,
+                "nice": one.nice,
+                "on_exit": one.on_exit,
+            }
+            for one in wirings
+        ]
+    )
+
+
+def recorded_nodes(graph: bytes) -> tuple[RecordedNode, ...]:
+    """Read what `describe_wirings` wrote.
+
+    Raises
+    ------
+    ValueError
+        If it is no such description.
+    """
+    try:
+        return msgspec.json.decode(graph, type=tuple[RecordedNode, ...])
+    except msgspec.DecodeError as error:
+        raise ValueError(f"this is no description of a graph: {error}") from None
+
+
+def publishers_of(graph: bytes) -> Mapping[str, str]:
+    """Topic on the wire to the node that publishes it; nothing of an empty description."""
+    if not graph:
+        return {}
+    return {topic: one.name for one in recorded_nodes(graph) for topic in one.outputs.values()}
+
+
+def schemas_of(graph: bytes) -> Mapping[str, str]:
+    """Name of each message type that palpate does not have, to its JSON schema."""
+    if not graph:
+        return {}
+    heard = [edge for one in recorded_nodes(graph) for edge in one.inputs]
+    return {edge.type: edge.schema for edge in heard if edge.schema}
+
+
+def with_description(wirings: Sequence[Wiring], about: Mapping[str, str]) -> tuple[Wiring, ...]:
+    """The same graph, whose recorders have been given its description and other texts about it."""
+    graph = describe_wirings(wirings)
+    return tuple(
+        replace(one, params=msgspec.structs.replace(one.params, graph=graph, about=dict(about)))
+        if one.module == RECORDER
+        else one
+        for one in wirings
+    )

@@ -1,0 +1,317 @@
+"""What a node does between two messages: the part of the runtime that has no socket.
+
+A message is held back until the node's latched needs have come, decoded, handed to its handler,
+and what the handler publishes is checked and encoded. The same steps serve a node in a process
+of its own and one that is composed with others.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
+
+from palpate.messages import codec_of, decode, encode
+from palpate.messages.bus import Received
+from palpate.nodes.runtime.node import Deferred, Finished, Handler, Node, Sink, SinkWriter
+from palpate.nodes.runtime.wiring import Input, Wiring
+
+Edge = tuple[str, str]  # Publisher and topic on the wire
+Output = tuple[str, object] | Finished
+OutputT = TypeVar("OutputT")
+_LOG_BIN_WIDTH = math.log(1.05)
+_BINS = 512
+
+
+class Outgoing(NamedTuple):
+    """A message that is ready to be sent."""
+
+    topic: str  # Topic on the wire
+    body: bytes  # The message, encoded
+    robot_time: float  # Robot time in the message, s; 0 if it has none
+    schema: int  # Hash of the message type's schema
+
+
+class Promise(NamedTuple):
+    """A message that had been sent before, and is made once more only if somebody lacks it."""
+
+    topic: str  # Topic on the wire
+    make: Callable[[], bytes]  # Makes the message, encoded
+    schema: int  # Hash of the message type's schema
+
+
+class ContractError(RuntimeError):
+    """A node did what its own declaration does not allow."""
+
+
+class NodeWork:
+    """One node in the course of its run.
+
+    Parameters
+    ----------
+    node : Node
+        What it does.
+    params : object
+        Instance of the node's parameter type.
+    wiring : Wiring
+        Its place in the graph.
+
+    Raises
+    ------
+    ContractError
+        If the wiring names an input or output that the node does not declare.
+    """
+
+    def __init__(self, node: Node, params: Any, wiring: Wiring) -> None:
+        unknown = [one.local for one in wiring.inputs if one.local not in node.inputs]
+        unknown += [local for local in wiring.outputs if local not in node.outputs]
+        if unknown:
+            raise ContractError(
+                f"{wiring.name} is wired to {unknown[0]}, which it does not declare"
+            )
+        self.name, self.acts = wiring.name, node.acts
+        self.latency = Latency()
+        """Time of its handlers."""
+        self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
+        """Messages handled, by publisher and topic."""
+        self._node, self._params, self._state = node, params, None
+        self._wires = wiring.outputs
+        self._heard = {one.topic: _subscription(node, one.local) for one in wiring.inputs}
+        self._current: Received | None = None
+        self._missing = {one.topic for one in wiring.inputs if one.local in node.needs}
+        self._held: list[Received] = []
+
+    @property
+    def doing(self) -> str:
+        """What it was last busy with, in words."""
+        return _doing(self._current, "starting")
+
+    @property
+    def waits(self) -> list[str]:
+        """Topics without whose first message nothing else is handled."""
+        return sorted(self._missing)
+
+    def leave_out(self, handled: Mapping[Edge, int]) -> dict[str, int]:
+        """Messages of each topic that an earlier start has handled, and that are not handled again.
+
+        What it needs before all else is: its state is a fresh one.
+
+        Parameters
+        ----------
+        handled : mapping of (publisher, topic) to int
+            How many it has handled.
+        """
+        left_out = {edge: n for edge, n in handled.items() if edge[1] not in self._missing}
+        self.consumed |= left_out
+        return {topic: number for (_, topic), number in left_out.items()}
+
+    def begin(self) -> list[Outgoing | Finished]:
+        """Start the node, and return what it says."""
+        self._state, outputs = self._node.start(self._params)
+        return [self._pack(output) for output in outputs]
+
+    def take(self, arrival: Received) -> list[Outgoing | Finished]:
+        """Handle one message, or hold it until the needs are met; return what the node says.
+
+        Raises
+        ------
+        CodecError
+            If the message, or one of the outputs, is not of its type.
+        ContractError
+            If the handler publishes what the node does not declare.
+        """
+        return self._take(arrival, self._pack)
+
+    def replay(self, arrival: Received) -> list[Outgoing | Promise | Finished]:
+        """The same for a message that had been handled before: what takes long is only promised."""
+        return self._take(arrival, self._promise)
+
+    def close(self) -> None:
+        """Nothing to put away."""
+
+    def _take(self, arrival: Received, say: Callable[[Output], OutputT]) -> list[OutputT]:
+        if self._missing and arrival.topic not in self._missing:
+            self._held.append(arrival)
+            return []
+        said = self._handle(arrival, say)
+        if self._missing:
+            self._missing.discard(arrival.topic)
+            if not self._missing:
+                for held in self._held:
+                    said += self._handle(held, say)
+                self._held.clear()
+        return said
+
+    def _handle(self, arrival: Received, say: Callable[[Output], OutputT]) -> list[OutputT]:
+        self._current = arrival
+        cls, handler, schema = self._heard[arrival.topic]
+        if arrival.header.schema != schema:
+            raise ContractError(f"{arrival.topic} is not a {cls.__name__} of this version")
+        message: object = decode(cls, arrival.body)
+        began = time.perf_counter_ns()
+        self._state, outputs = handler(self._params, self._state, message)
+        said = [say(output) for output in outputs]
+        self.latency.add(time.perf_counter_ns() - began)
+        self.consumed[arrival.publisher, arrival.topic] += 1
+        return said
+
+    def _promise(self, output: Output) -> Outgoing | Promise | Finished:
+        if isinstance(output, Finished):
+            return output
+        local, later = output
+        if not isinstance(later, Deferred):
+            return self._pack(output)
+        wire = self._wire(local, later.cls)
+        make = partial(self._encoded, local, later)
+        return Promise(wire, make, codec_of(later.cls).hash)
+
+    def _pack(self, output: Output) -> Outgoing | Finished:
+        if isinstance(output, Finished):
+            return output
+        local, message = output
+        if isinstance(message, Deferred):
+            message = self._made(local, message)
+        wire = self._wire(local, type(message))
+        time_s = float(getattr(message, "robot_time", 0.0))
+        return Outgoing(wire, encode(message), time_s, codec_of(type(message)).hash)
+
+    def _encoded(self, local: str, later: Deferred) -> bytes:
+        return encode(self._made(local, later))
+
+    def _made(self, local: str, later: Deferred) -> object:
+        message = later.make()
+        if type(message) is not later.cls:
+            raise ContractError(self._undeclared(local, type(message)))
+        return message
+
+    def _wire(self, local: str, cls: type) -> str:
+        if self._node.outputs.get(local) is not cls:
+            raise ContractError(self._undeclared(local, cls))
+        if local not in self._wires:
+            raise ContractError(f"{self.name} published {local}, which another finger's node says")
+        return self._wires[local]
+
+    def _undeclared(self, local: str, cls: type) -> str:
+        declared = self._node.outputs.get(local)
+        if declared is None:
+            known = ", ".join(self._node.outputs) or "nothing"
+            return f"{self.name} published {local}, which it does not declare; it declares {known}"
+        return f"{self.name} published a {cls.__name__} on {local}, declared as {declared.__name__}"
+
+
+def _subscription(node: Node, local: str) -> tuple[type, Handler, int]:
+    cls, handler = node.inputs[local]
+    return cls, handler, codec_of(cls).hash
+
+
+class SinkWork:
+    """A sink in the course of its run: it writes all that it hears.
+
+    Parameters
+    ----------
+    sink : Sink
+        What it does.
+    params : object
+        Instance of the sink's parameter type.
+    wiring : Wiring
+        Its place in the graph.
+    again : bool
+        Whether an earlier start of it has written already.
+
+    Raises
+    ------
+    ContractError
+        If it has, and the sink cannot go on with that.
+    """
+
+    def __init__(self, sink: Sink, params: Any, wiring: Wiring, *, again: bool = False) -> None:
+        self._current: Received | None = None
+        self._otherwise = "opening"
+        self.latency = Latency()
+        self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
+        self.waits: list[str] = []
+        types = {one.topic: one.type for one in wiring.inputs}
+        self.missing: Mapping[str, int] = {}
+        """Messages that were sent and never came, by topic; whoever listens says so."""
+        self.unwritten = False
+        """Whether it has heard something since it was last flushed."""
+        self.had: Mapping[str, int] = {}
+        """Messages of each topic that an earlier start of it has kept."""
+        if not again:
+            self._writer: SinkWriter = sink.open(params, types)
+            return
+        if sink.resume is None:
+            raise ContractError(f"{wiring.name} cannot go on with what it had written")
+        self._writer, self.had = sink.resume(params, types)
+        for publisher, topic in self.consumed:
+            self.consumed[publisher, topic] = self.had.get(topic, 0)
+
+    @property
+    def doing(self) -> str:
+        """What it was last busy with, in words."""
+        return _doing(self._current, self._otherwise)
+
+    def begin(self) -> list[Outgoing | Finished]:
+        """Nothing to say."""
+        return []
+
+    def take(self, arrival: Received) -> list[Outgoing | Finished]:
+        """Write one message."""
+        self._current = arrival
+        began = time.perf_counter_ns()
+        self._writer.write(arrival.topic, arrival.header, arrival.body)
+        self.unwritten = True
+        self.latency.add(time.perf_counter_ns() - began)
+        self.consumed[arrival.publisher, arrival.topic] += 1
+        return []
+
+    def flush(self) -> None:
+        """Nothing has come for a while: have what was written put away."""
+        self.unwritten = False
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Close the writer, so that all that was written can be read."""
+        self._current, self._otherwise = None, "closing"
+        self._writer.close(self.missing)
+
+
+def _doing(current: Received | None, otherwise: str) -> str:
+    if current is None:
+        return otherwise
+    return f"handling {current.topic} {current.header.seq} from {current.publisher}"
+
+
+def topics_by_publisher(inputs: tuple[Input, ...]) -> Mapping[str, list[str]]:
+    """Name of each publisher to the topics that are heard from it."""
+    sources: dict[str, list[str]] = {}
+    for one in inputs:
+        sources.setdefault(one.publisher, []).append(one.topic)
+    return sources
+
+
+class Latency:
+    """Counts durations in bins that grow by 5 %, so that a quantile is right to 2.5 %."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        """Durations counted so far."""
+        self._bins = [0] * _BINS
+
+    def add(self, nanoseconds: int) -> None:
+        """Count one duration."""
+        micro = nanoseconds * 1e-3
+        place = int(math.log(micro) / _LOG_BIN_WIDTH) + 1 if micro > 1.0 else 0
+        self._bins[min(place, _BINS - 1)] += 1
+        self.count += 1
+
+    def quantile(self, share: float) -> float:
+        """Duration that this share of all stays below, us; 0 if there is none yet."""
+        rest = share * self.count
+        for place, number in enumerate(self._bins):
+            rest -= number
+            if number and rest <= 0:
+                return math.exp((place - 0.5) * _LOG_BIN_WIDTH)
+        return 0.0

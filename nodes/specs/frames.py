@@ -1,0 +1,315 @@
+"""Tactile frames from a file or a line of text, and as the messages that drivers publish.
+
+A line holds maybe a time, then the pad's pose x, y, z, qx, qy, qz, qw, then the taxels' values
+row by row.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from msgspec import Meta, Struct
+from numpy.typing import NDArray
+
+from palpate.core import Floats, split_pose
+from palpate.core.touch import contact_mask
+from palpate.messages.types import SensorInfo, TactileFrame
+from palpate.nodes.specs.sensors import SensorSpec, calibration_of_info, info_of, pad_of_info
+
+MAX_FILE_BYTES = 256 << 20  # Largest file, also when it is unpacked
+# Arrays of an NPZ file, and their dimensions; the times may be missing.
+NPZ_ARRAYS = {"frames": 3, "poses": 2, "times": 1}
+POSE_NUMBERS = 7  # Numbers of a pose: x, y, z in m, and a quaternion x, y, z, w
+MIN_SIDE, MAX_SIDE = 4, 64  # Rows or columns of an array
+QUATERNION_TOLERANCE = 0.01  # A quaternion may be rounded; its length is 1 within this
+ArraySize = tuple[int, int]
+MIN_COMPRESSION = 50e-6  # Least compression that counts as touched, m, as for the filter
+# Topics of every driver.
+DRIVER_OUTPUTS: dict[str, type] = {"/touch/info": SensorInfo, "/touch/raw": TactileFrame}
+
+
+class FrameSequence(NamedTuple):
+    """Frames of one array, in the order in which they were taken."""
+
+    images: Floats  # What the taxels sent, (n, rows, cols)
+    # Poses of the pad: x, y, z in m, a quaternion x, y, z, w; its z axis points into the object;
+    # (n, 7).
+    poses: Floats
+    times: Floats | None  # When each was taken, (n,), s; None if the file does not say
+
+
+def read_frames(
+    path: str | os.PathLike[str], rows: int | None = None, cols: int | None = None
+) -> FrameSequence:
+    """The frames of a file.
+
+    Parameters
+    ----------
+    path : path
+        A ``.csv`` with a frame a line: x, y, z, qx, qy, qz, qw and the values row by row, maybe
+        with a time before them, maybe under a header. Or an ``.npz`` with ``frames``
+        (n, rows, cols), ``poses`` (n, 7) and maybe ``times`` (n,).
+    rows, cols : int, optional
+        Of the array; needed for a CSV file whose array is not square.
+
+    Raises
+    ------
+    ValueError
+        With file and line, if the file cannot be read, is too large, or a frame is none.
+    """
+    place = Path(path)
+    if place.suffix not in (".csv", ".npz"):
+        raise ValueError(f"{place}: is no file of frames; its name must end in .csv or .npz")
+    try:
+        with place.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise ValueError(f"{place}: cannot be read: {error.strerror}") from None
+    if len(data) > MAX_FILE_BYTES:
+        raise ValueError(
+            f"{place}: is larger than {MAX_FILE_BYTES >> 20} MB, the most that is read"
+        )
+    shape = None if rows is None or cols is None else (rows, cols)
+    frames = _of_npz(data, place) if place.suffix == ".npz" else _of_csv(data, place, shape)
+    _check(frames, place, shape)
+    return frames
+
+
+def _of_npz(data: bytes, path: Path) -> FrameSequence:
+    found = _arrays(data, path)
+    for name, array in found.items():
+        if array.dtype.kind not in "fiu" or array.ndim != NPZ_ARRAYS[name]:
+            raise ValueError(
+                f"{path}: {name} is an array of {array.dtype} with {array.ndim} dimensions; "
+                f"expected numbers with {NPZ_ARRAYS[name]}"
+            )
+        if not np.isfinite(array).all():
+            raise ValueError(f"{path}: {name} must be finite")
+        found[name] = np.ascontiguousarray(array, np.float64)
+    for name in ("frames", "poses"):
+        if name not in found:
+            raise ValueError(f"{path}: lacks the array {name!r}")
+    images, poses, times = found["frames"], found["poses"], found.get("times")
+    wanted = {"poses": (len(images), POSE_NUMBERS), "times": (len(images),)}
+    for name, shape in wanted.items():
+        if name in found and found[name].shape != shape:
+            raise ValueError(f"{path}: {name} has shape {found[name].shape}; expected {shape}")
+    if times is not None and (np.diff(times) < 0.0).any():
+        raise ValueError(f"{path}: times must not fall")
+    turned = [unit_pose(pose, f"{path}: poses[{i}]") for i, pose in enumerate(poses)]
+    return FrameSequence(images, np.array(turned).reshape(-1, POSE_NUMBERS), times)
+
+
+def _arrays(data: bytes, path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays that mean something, once it is known how large they are."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            size = sum(one.file_size for one in archive.infolist())
+        if size <= MAX_FILE_BYTES:
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                return {name: arrays[name] for name in NPZ_ARRAYS if name in arrays}
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError) as error:
+        raise ValueError(f"{path}: is no NPZ file of plain arrays: {error}") from None
+    raise ValueError(f"{path}: unpacks to more than {MAX_FILE_BYTES >> 20} MB")
+
+
+def _of_csv(data: bytes, path: Path, shape: ArraySize | None) -> FrameSequence:
+    try:
+        lines = data.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is not text in UTF-8: {error.reason}") from None
+    said = [(number, line) for number, line in enumerate(lines, start=1) if line.strip()]
+    if said and is_header(said[0][1]):
+        said = said[1:]
+    found = list[FrameRow]()
+    for number, line in said:
+        row = parse_row(line, f"{path}:{number}", shape)
+        if found and (row.time is None) != (found[0].time is None):
+            raise ValueError(f"{path}:{number}: not every line has a time; expected all or none")
+        if found and row.time is not None and row.time < (found[-1].time or 0.0):
+            raise ValueError(
+                f"{path}:{number}: the time {row.time:g} comes before {found[-1].time:g}"
+            )
+        found.append(row)
+        shape = row.image.shape[0], row.image.shape[1]
+    if not found:
+        raise ValueError(f"{path}: holds no frames")
+    times = None if found[0].time is None else np.array([row.time for row in found])
+    poses = np.array([row.pose for row in found])
+    return FrameSequence(np.array([row.image for row in found]), poses, times)
+
+
+def _check(frames: FrameSequence, path: Path, shape: ArraySize | None) -> None:
+    count, *size = frames.images.shape
+    if not count:
+        raise ValueError(f"{path}: holds no frames")
+    if shape is not None and tuple(size) != shape:
+        raise ValueError(
+            f"{path}: has frames of {size[0]} by {size[1]}; expected {shape[0]} by {shape[1]}"
+        )
+    if not all(MIN_SIDE <= side <= MAX_SIDE for side in size):
+        raise ValueError(
+            f"{path}: has frames of {size[0]} by {size[1]}; "
+            f"expected {MIN_SIDE} to {MAX_SIDE} each way"
+        )
+
+
+class FrameRow(NamedTuple):
+    """What a line says."""
+
+    time: float | None  # When the frame was taken, s; None if the line does not say
+    pose: Floats  # Pose of the pad, (7,), its quaternion of length 1
+    image: Floats  # What the taxels sent, (rows, cols)
+
+
+def parse_row(text: str, where: str, shape: ArraySize | None) -> FrameRow:
+    """The frame in a line.
+
+    Parameters
+    ----------
+    text : str
+        ``x,y,z,qx,qy,qz,qw``, then the values row by row; a time may come first.
+    where : str
+        Where the line stands, for complaints.
+    shape : rows and columns, or None
+        Of the array; None for a square one, as large as the line tells.
+
+    Raises
+    ------
+    ValueError
+        If the line has another number of columns, or one of them is no finite number, or the
+        quaternion is none.
+    """
+    cells = text.split(",")
+    shape = shape or square_size(len(cells))
+    if shape is None:
+        raise ValueError(
+            f"{where}: has {len(cells)} columns; "
+            f"expected {POSE_NUMBERS} of the pose and those of a square "
+            "array, or say how many rows and columns it has"
+        )
+    wanted = POSE_NUMBERS + shape[0] * shape[1]
+    if len(cells) not in (wanted, wanted + 1):
+        raise ValueError(
+            f"{where}: has {len(cells)} columns; expected {wanted}: x,y,z,qx,qy,qz,qw and "
+            f"{shape[0]} by {shape[1]} values, or one more with the time first"
+        )
+    values = _numbers(cells, where)
+    time, rest = (float(values[0]), values[1:]) if len(cells) > wanted else (None, values)
+    return FrameRow(time, unit_pose(rest[:POSE_NUMBERS], where), rest[POSE_NUMBERS:].reshape(shape))
+
+
+def square_size(columns: int) -> ArraySize | None:
+    """Rows and columns of the square array of a line with so many columns; None if there is none.
+
+    With or without a time: no two squares from 4 by 4 on differ by one.
+    """
+    for rest in (columns - POSE_NUMBERS, columns - POSE_NUMBERS - 1):
+        side = math.isqrt(max(rest, 0))
+        if side * side == rest and MIN_SIDE <= side <= MAX_SIDE:
+            return side, side
+    return None
+
+
+def _numbers(cells: list[str], where: str) -> Floats:
+    values = []
+    for cell in cells:
+        try:
+            values.append(float(cell))
+        except ValueError:
+            values.append(math.nan)
+        if not math.isfinite(values[-1]):
+            shown = f"column {len(values)} is {cell.strip()!r:.40}"
+            raise ValueError(f"{where}: {shown}; expected a finite number")
+    return np.array(values)
+
+
+def unit_pose(pose: Floats, where: str) -> Floats:
+    """The pose with a quaternion of length 1.
+
+    Raises
+    ------
+    ValueError
+        If its length is another one, and not by rounding.
+    """
+    length = float(np.linalg.norm(pose[3:]))
+    if not abs(length - 1.0) <= QUATERNION_TOLERANCE:
+        raise ValueError(f"{where}: the quaternion has length {length:.3g}; expected 1")
+    return np.concatenate([pose[:3], pose[3:] / length])
+
+
+def is_header(text: str) -> bool:
+    """Whether a line names columns, and is no frame."""
+    return any(_is_word(cell) for cell in text.split(","))
+
+
+def _is_word(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return bool(cell.strip())
+    return False
+
+
+class SensorParams(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a driver must know of its sensor."""
+
+    # Rows, columns, pitch and pad of the array, and what it sends.
+    sensor: SensorSpec = SensorSpec()
+    # What the numbers are: compression of the pad in m, or the sensor's signal, times in s or
+    # forces in N, as ``sensor.signal`` says.
+    values: Literal["compression", "signal"] = "compression"
+    # What a number is multiplied by to be in m, s or N: 0.001 for mm.
+    scale: Annotated[float, Meta(gt=0)] = 1.0
+    # Standard deviation of one taxel's compression, m, if there is no calibration.
+    noise: Annotated[float, Meta(ge=0, le=0.001)] = 0.0
+
+
+def sensor_info(sensing: SensorParams) -> SensorInfo:
+    """What the listeners are told of the sensor."""
+    return info_of(sensing.sensor, sensing.noise)
+
+
+def tactile_frame(
+    sensing: SensorParams, touch: int, time: float, pose: Floats, image: Floats
+) -> TactileFrame:
+    """One frame as a message.
+
+    Parameters
+    ----------
+    sensing : Sensing
+        What the numbers mean.
+    touch : int
+        Number of the frame, from 0; two frames of one number are one frame to the filter.
+    time : float
+        When it was taken, s.
+    pose : (7,) array
+        Of the pad: x, y, z in m, a quaternion x, y, z, w; its z axis points into the object.
+    image : (rows, cols) array
+        What the taxels sent, in the driver's own unit.
+    """
+    info = sensor_info(sensing)
+    calibration, pad = calibration_of_info(info), pad_of_info(info)
+    scaled = sensing.scale * np.asarray(image, np.float64)
+    array = calibration.encode(scaled) if sensing.values == "compression" else scaled
+    compression = calibration.decode(array)
+    pressed = bool(contact_mask(pad, compression, MIN_COMPRESSION, info.noise).any())
+    bottomed = float(compression.max()) >= pad.saturation * pad.thickness
+    _, axes = split_pose(pose)
+    return TactileFrame(
+        goal=0,
+        touch=touch,
+        finger=1,
+        direction=axes[:, 0].copy(),
+        pose=np.array(pose, np.float64),
+        outcome="bottomed" if bottomed else "hit" if pressed else "miss",
+        array=array,
+        robot_time=time,
+    )

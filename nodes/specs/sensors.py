@@ -1,0 +1,167 @@
+"""The fingertip's array, pad and calibration as data, for scenes and for nodes."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from palpate.core.explore.tracing import TOUCH_DEPTH
+from palpate.core.touch import SPRINGS, Calibration, FaceModel, Pad, Signal
+from palpate.messages.types import SensorInfo
+
+# Widths of an array, m: with those that were tried between them, domed and flat, contours of a
+# ball, a box and a vase of 80 to 100 mm close.
+MIN_WIDTH, MAX_WIDTH = 5.0e-3, 40.0e-3
+RESOLUTION = 0.01  # Of the pitch: points of contours are off by as much where there is no noise
+Gain = Annotated[float, Meta(ge=0, le=10, description="1")]
+Offset = Annotated[float, Meta(ge=-0.01, le=0.01, description="m")]
+
+
+class PadSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The elastic pad over the transducers."""
+
+    thickness: Annotated[float, Meta(ge=0.0005, le=0.05, description="m")] = 0.003  # Thickness, m
+    # Radius of the domed pad, m; null for a flat one.
+    radius: Annotated[float, Meta(gt=0, le=1, description="m")] | None = 0.015
+    # Speed of sound, m/s.
+    sound_speed: Annotated[float, Meta(ge=100, le=5000, description="m/s")] = 1000.0
+    # Largest compression, as a share of the thickness.
+    saturation: Annotated[float, Meta(gt=0.4, le=0.95)] = 0.8
+    # Pressure for each metre of compression, N/m3: 0.2 MPa at 1 mm.
+    stiffness: Annotated[float, Meta(ge=1e6, le=1e10, description="N/m3")] = 2e8
+
+
+class CalibrationSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a calibration found; without one, the listener trusts the data sheet."""
+
+    # Factor that corrects each taxel, rows of columns; 0 for a taxel not to be trusted.
+    gain: tuple[tuple[Gain, ...], ...]
+    offset: tuple[tuple[Offset, ...], ...]  # What is added to each taxel after that, m
+    # Speed of sound in the pad, m/s.
+    sound_speed: Annotated[float, Meta(ge=100, le=5000, description="m/s")]
+    # Standard deviation of one taxel, m.
+    noise: Annotated[float, Meta(ge=0, le=0.001, description="m")]
+
+
+class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The fingertip's array."""
+
+    rows: Annotated[int, Meta(ge=4, le=64)] = 16  # Rows of taxels
+    cols: Annotated[int, Meta(ge=4, le=64)] = 16  # Columns of taxels
+    # Distance between neighbouring taxels, m.
+    pitch: Annotated[float, Meta(ge=0.0002, le=0.005, description="m")] = 0.001
+    pad: PadSpec = PadSpec()  # The pad
+    # What a taxel sends: the time of flight of its echo, or the force on it.
+    signal: Signal = "time"
+    calibration: CalibrationSpec | None = None  # What its calibration found
+
+    def __post_init__(self) -> None:
+        widths = [self.pitch * (count - 1) for count in (self.rows, self.cols)]
+        if min(widths) < MIN_WIDTH or max(widths) > MAX_WIDTH:
+            raise ValueError(
+                f"rows, cols and pitch make an array of {1e3 * widths[0]:.3g} by "
+                f"{1e3 * widths[1]:.3g} mm; contours are followed with {1e3 * MIN_WIDTH:g} "
+                f"to {1e3 * MAX_WIDTH:g} mm"
+            )
+        corner = 0.5 * math.hypot(*widths)
+        if self.pad.radius is not None and self.pad.radius <= corner:
+            raise ValueError(
+                f"pad.radius is {self.pad.radius} m; a dome over this array needs more than "
+                f"{corner:.3g} m, half its diagonal"
+            )
+        if self.pad.saturation * self.pad.thickness < TOUCH_DEPTH:
+            raise ValueError(
+                f"pad.thickness is {self.pad.thickness} m; with pad.saturation "
+                f"{self.pad.saturation} it must be at least "
+                f"{TOUCH_DEPTH / self.pad.saturation:.3g} m, "
+                f"to be pressed by {TOUCH_DEPTH} m"
+            )
+        if self.calibration is not None:
+            _check_shape(self, self.calibration)
+
+
+def _check_shape(sensor: SensorSpec, calibration: CalibrationSpec) -> None:
+    for name in ("gain", "offset"):
+        table = getattr(calibration, name)
+        if len(table) != sensor.rows or any(len(row) != sensor.cols for row in table):
+            raise ValueError(
+                f"calibration.{name} must have {sensor.rows} rows of {sensor.cols}, "
+                "as the array has; calibrate this sensor anew"
+            )
+
+
+def pad_of_spec(sensor: SensorSpec) -> Pad:
+    """The pad that a scene describes."""
+    return Pad(
+        rows=sensor.rows,
+        cols=sensor.cols,
+        pitch=sensor.pitch,
+        thickness=sensor.pad.thickness,
+        dome=0.0 if sensor.pad.radius is None else 1.0 / sensor.pad.radius,
+        saturation=sensor.pad.saturation,
+    )
+
+
+def data_sheet(sensor: SensorSpec) -> Calibration:
+    """What the sensor's signal means if every taxel is as it should be."""
+    return Calibration(
+        signal=sensor.signal,
+        thickness=sensor.pad.thickness,
+        sound_speed=sensor.pad.sound_speed,
+        taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
+    )
+
+
+def info_of(sensor: SensorSpec, noise: float, face: FaceModel = SPRINGS) -> SensorInfo:
+    """What the listeners are told: the calibration, or the data sheet and its noise, m."""
+    pad, found = pad_of_spec(sensor), sensor.calibration
+    shape = (pad.rows, pad.cols)
+    return SensorInfo(
+        rows=pad.rows,
+        cols=pad.cols,
+        pitch=pad.pitch,
+        thickness=pad.thickness,
+        dome=pad.dome,
+        saturation=pad.saturation,
+        signal=sensor.signal,
+        sound_speed=sensor.pad.sound_speed if found is None else found.sound_speed,
+        taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
+        gain=np.ones(shape) if found is None else np.array(found.gain, np.float64),
+        offset=np.zeros(shape) if found is None else np.array(found.offset, np.float64),
+        face=face.kind,
+        face_decay=face.decay,
+        noise=noise if found is None else found.noise,
+    )
+
+
+def pad_of_info(info: SensorInfo) -> Pad:
+    """Pad with the array and dome of a SensorInfo."""
+    return Pad(
+        rows=info.rows,
+        cols=info.cols,
+        pitch=info.pitch,
+        thickness=info.thickness,
+        dome=info.dome,
+        saturation=info.saturation,
+        face=FaceModel(info.face, info.face_decay),
+    )
+
+
+def resolution_of_info(info: SensorInfo) -> float:
+    """Smallest difference of a surface that the sensor tells, m."""
+    return max(RESOLUTION * info.pitch, info.noise)
+
+
+def calibration_of_info(info: SensorInfo) -> Calibration:
+    """What the signal of a SensorInfo means."""
+    return Calibration(
+        signal=info.signal,
+        thickness=info.thickness,
+        sound_speed=info.sound_speed,
+        taxel_stiffness=info.taxel_stiffness,
+        gain=info.gain,
+        offset=info.offset,
+    )

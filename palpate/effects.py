@@ -1,0 +1,17 @@
+"""What can disturb a sensor, and what an effect of your own is made of: see docs/effects.md."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.core.touch import Effect as Effect
+    from palpate.core.touch import Fingertip as Fingertip
+    from palpate.core.touch import KeyedRandom as KeyedRandom
+    from palpate.core.touch import Phase as Phase
+    from palpate.core.touch import SimulatedTouch as SimulatedTouch
+    from palpate.core.touch import Stage as Stage
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,0 +1,13 @@
+"""Plane and solid geometry, and distances between surfaces: see docs/distances.md."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.core.geometry import compare_surfaces as compare_surfaces
+    from palpate.core.geometry import prepare_surface as prepare_surface
+else:
+    __getattr__, __dir__ = lazy(__name__)

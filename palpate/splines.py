@@ -1,0 +1,19 @@
+"""B-splines, closed curves and free-form deformation: see docs/shapes.md and docs/lattice.md."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.core.splines import Basis as Basis
+    from palpate.core.splines import PeriodicBasis as PeriodicBasis
+    from palpate.core.splines import box_lattice as box_lattice
+    from palpate.core.splines import clamped_basis as clamped_basis
+    from palpate.core.splines import fit_closed_curve as fit_closed_curve
+    from palpate.core.splines import fold_report as fold_report
+    from palpate.core.splines import invert_points as invert_points
+    from palpate.core.splines import pull_points as pull_points
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,0 +1,12 @@
+"""The thesis's own formulas, kept for comparison: see docs/thesis.md."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.core.thesis import rebuild_thesis as rebuild_thesis
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,0 +1,333 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.bench.explore import explorations as bench_explore_calibration
+from palpate.bench.explore import explorations as bench_explore_fingers
+from palpate.bench.explore import explorations as bench_explore_frames
+from palpate.bench.explore import explorations as bench_explore_whole
+from palpate.bench.explore import harness as bench_explore_trial
+from palpate.bench.explore import planners as bench_explore_planners
+from palpate.bench.explore.explorations import RunClaim, calibration_figures, run_claim
+from palpate.bench.explore.harness import (
+    EXACT,
+    WORST,
+    Demand,
+    Explored,
+    contour_error,
+    explore_object,
+    first_within,
+    side_of,
+)
+from palpate.bench.explore.planners import (
+    ContourCounts,
+    at_end,
+    contours_error,
+    first_within_percent,
+    taxel_error,
+)
+from palpate.bench.objects.touched import EXPLORED_OBJECTS
+from palpate.bench.peers import gp_explorer as bench_explore_peer
+from palpate.bench.suite import groups as bench_explore
+from palpate.bench.table import WIDTH, Row
+from palpate.core.explore.planners.predicted import COVERING
+from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED
+from palpate.nodes.runtime.composed import Ending
+
+COUNT = 2
+
+
+@pytest.fixture(scope="module")
+def explored() -> Explored:
+    return explore_object(
+        EXPLORED_OBJECTS["ellipsoid"], EXACT, Demand("uniform", settings={"count": COUNT})
+    )
+
+
+def changed(one: Explored, *, bound: float | None, within: bool = True) -> Explored:
+    done = type(one.done)(
+        **{
+            **{name: getattr(one.done, name) for name in one.done.__dataclass_fields__},
+            "bound": bound,
+            "within": within,
+        }
+    )
+    return one._replace(done=done)
+
+
+def named(rows: list[Row], part: str) -> Row:
+    [found] = [row for row in rows if part in row.name]
+    return found
+
+
+def test_an_exploration_is_kept_with_all_that_was_heard_of_it(explored: Explored) -> None:
+    assert len(explored.contours) == explored.score.contours == COUNT
+    assert explored.score.final
+    assert explored.models[-1].final
+    assert explored.touches >= sum(one.touches for one in explored.contours)
+    assert 0.01 * explored.touches < explored.travel < 10.0
+    assert 0.0 < explored.percent < 0.5
+    assert explored.truth.height == pytest.approx(0.09)
+
+
+def test_a_run_that_states_a_bound_holds_it_or_not(explored: Explored) -> None:
+    assert explored.held is None
+    size = explored.score.size
+    assert changed(explored, bound=0.5 * size).held is True
+    assert changed(explored, bound=1e-9 * size).held is False
+
+
+def test_an_exploration_that_dies_is_told_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    ending = Ending(status="died", reason="the tracer: no way on")
+    monkeypatch.setattr(bench_explore_trial, "run_composed", lambda *args, **kwargs: ending)
+    with pytest.raises(RuntimeError, match="exploration died: the tracer: no way on"):
+        explore_object(EXPLORED_OBJECTS["ellipsoid"], EXACT, Demand())
+
+
+def test_the_side_is_good_from_contours_with_slopes_and_better_from_everything(
+    explored: Explored,
+) -> None:
+    side = side_of(explored.truth)
+    share = side.points[:, 2] / side.height
+    assert 0.03 <= share.min() <= share.max() <= 0.97
+    slopes = contour_error(side, explored.contours, slopes=True)
+    assert slopes < contour_error(side, explored.contours, slopes=False)
+    assert taxel_error(side, explored, COUNT) < 0.5
+    assert contours_error(side, explored, COUNT) == slopes
+    assert contour_error(side, explored.contours[:1], slopes=True) == WORST
+
+
+def test_contours_are_counted_until_the_side_is_good_enough(explored: Explored) -> None:
+    side = side_of(explored.truth)
+    more = explored._replace(contours=2 * explored.contours)
+    errors = {2: 1.0, 3: 0.2, 4: 0.1}
+    assert first_within_percent(side, more, lambda side, one, count: errors[count]) == 3
+    assert (
+        first_within_percent(side, explored, lambda side, one, count: 1.0) == MOST_CONTOURS_PLANNED
+    )
+    few = explored._replace(contours=explored.contours[:1])
+    assert at_end(side, few) == MOST_CONTOURS_PLANNED
+
+
+def test_whole_explorations_are_held_against_error_and_cost(
+    explored: Explored, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    demands: list[Demand] = []
+
+    def explore(target: Any, noise: Any, demand: Demand) -> Explored:
+        demands.append(demand)
+        return changed(explored, bound=0.5, within=len(demands) > 1)
+
+    monkeypatch.setattr(bench_explore_whole, "explore_object", explore)
+    monkeypatch.setattr(bench_explore_whole, "QUICK_OBJECTS", ("sphere", "box"))
+    rows = list(bench_explore_whole.exploration_rows(True))
+    assert len({row.name for row in rows}) == len(rows)
+    assert max(len(row.name) for row in rows) < WIDTH
+    assert [one.tolerance for one in demands] == pytest.approx([9e-5, 9e-5, 1.8e-4, 1.8e-4])
+    good = explored.percent <= 0.2
+    assert named(rows, "box, noise: rms").holds == good
+    assert named(rows, "objects, noise: within").value == ("2 of 2" if good else "0 of 2")
+    assert named(rows, "objects, exact: bound holds").value == "2 of 2"
+    assert "held" in named(rows, "box, exact: stated bound").value
+    assert named(rows, "ended, because").value == explored.done.reason
+    monkeypatch.setattr(bench_explore_whole, "MOST_TOUCHES", explored.touches - 1)
+    rows = list(bench_explore_whole.exploration_rows(True))
+    assert not named(rows, "box, noise: contours, touches").holds
+
+
+def test_an_object_that_leans_is_held_against_itself(
+    explored: Explored, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poses: list[Any] = []
+
+    def explore(target: Any, noise: Any, demand: Any, seed: int, moved: Any) -> Explored:
+        poses.append(moved)
+        return explored
+
+    monkeypatch.setattr(bench_explore_frames, "explore_object", explore)
+    [row] = list(bench_explore_frames.tilted_rows(True))
+    assert (row.value, row.holds) == ("1.00 x", True)
+    assert [pose is None for pose in poses] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("leaning", "value", "holds"), [(1.2, "1.20 x", True), (1.21, "1.21 x", False)]
+)
+def test_a_leaning_object_may_be_a_fifth_worse(
+    monkeypatch: pytest.MonkeyPatch, leaning: float, value: str, holds: bool
+) -> None:
+    monkeypatch.setattr(
+        bench_explore_frames,
+        "mean_chamfer",
+        lambda target, demand, quick, moved=None: 1.0 if moved is None else leaning,
+    )
+    [row] = list(bench_explore_frames.tilted_rows(True))
+    assert (row.value, row.holds) == (value, holds)
+
+
+@pytest.mark.parametrize(
+    ("times", "value", "holds"), [(0.9, "1.11 x", True), (0.8, "1.25 x", False)]
+)
+def test_a_direction_that_is_much_better_than_the_other_is_a_miss_too(
+    monkeypatch: pytest.MonkeyPatch, times: float, value: str, holds: bool
+) -> None:
+    asked: list[Any] = []
+
+    def mean(target: Any, demand: Any, quick: bool) -> float:
+        asked.append(demand.axis)
+        return 1.0 if demand.axis is None else times
+
+    monkeypatch.setattr(bench_explore_frames, "mean_chamfer", mean)
+    [row] = list(bench_explore_frames.direction_rows(True))
+    assert (row.value, row.holds) == (value, holds)
+    assert asked[0] is None
+    assert np.linalg.norm(asked[1]) == pytest.approx(1.0)
+
+
+def test_three_fingers_are_held_against_one(
+    explored: Explored, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seconds = {1: 100.0, 3: 41.0}
+    asked = iter([1, 3])
+
+    def explore(target: Any, noise: Any, demand: Any, fingers: int = 1) -> Explored:
+        assert fingers == next(asked)
+        return explored._replace(wall=seconds[fingers])
+
+    monkeypatch.setattr(bench_explore_fingers, "explore_object", explore)
+    monkeypatch.setattr(bench_explore_fingers, "tracing_seconds", lambda one: one.wall)
+    time, _, _, error = bench_explore_fingers.finger_rows(True)
+    assert (time.value, time.holds) == ("0.41 x", True)
+    assert (error.value, error.holds) == ("1.00 x", True)
+
+
+def test_the_time_of_tracing_begins_with_the_end_of_the_first_contour(explored: Explored) -> None:
+    times = [one.robot_time for one in explored.contours]
+    assert bench_explore_fingers.tracing_seconds(explored) == max(times) - min(times)
+
+
+def test_a_run_is_near_if_it_ended_within_one_contour(explored: Explored) -> None:
+    after = explored.scores[0].contours
+    assert first_within(explored.scores, 100.0) == after
+    assert first_within(explored.scores, 0.0) is None
+    assert run_claim(explored, 0.0) == RunClaim(held=False, late=None, late_covered=None)
+    told = run_claim(changed(explored, bound=1.0), 100.0)
+    assert told == RunClaim(held=True, late=COUNT - after, late_covered=COUNT - after)
+    covering = explored._replace(reasons=(COVERING,) * COUNT)
+    assert run_claim(covering, 100.0).late_covered == 0
+
+
+@pytest.mark.parametrize(("held", "holds"), [(89, False), (90, True), (98, True), (99, False)])
+def test_a_bound_of_95_percent_may_hold_neither_too_seldom_nor_too_often(
+    held: int, holds: bool
+) -> None:
+    told = [RunClaim(i < held, 0 if i < 80 else 5, 0) for i in range(100)]
+    rows = list(calibration_figures(told))
+    assert named(rows, "bound of 95 %").holds == holds
+    assert named(rows, "first count within tolerance").holds
+    assert named(rows, "first count and nothing unfelt").holds
+    fewer = list(calibration_figures([RunClaim(True, 5, 0 if i < 79 else 2) for i in range(100)]))
+    assert not named(fewer, "first count within tolerance").holds
+    assert not named(fewer, "first count and nothing unfelt").holds
+    assert len(list(calibration_figures([RunClaim(True, None, None)]))) == 2
+
+
+def test_runs_of_the_calibration_tell_how_far_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        bench_explore_calibration, "calibration_run", lambda number: RunClaim(True, 0, 0)
+    )
+    rows = list(bench_explore_calibration.calibration_rows(False))
+    assert sum("runs so far" in row.name for row in rows) == 9
+    assert named(rows, "200 runs").value == "100.0%"
+
+
+def counts(**more: int) -> ContourCounts:
+    given = {"positions": 8, "uniform": 6, "predicted": 5, "felt": 4, **more}
+    thesis = (given.pop("thesis", 7), 9)
+    felt = given.pop("felt")
+    return ContourCounts(**given, thesis=thesis, uniform_taxels=felt, predicted_taxels=felt)
+
+
+@pytest.mark.parametrize(
+    ("more", "missed"),
+    [
+        ({}, []),
+        ({"uniform": 5}, ["predicted over uniform"]),
+        ({"thesis": 5}, ["predicted over best thesis set"]),
+        ({"positions": 7}, ["predicted over uniform, positions only"]),
+    ],
+)
+def test_the_default_planner_is_held_against_each_rival(
+    more: dict[str, int], missed: list[str]
+) -> None:
+    rows = list(bench_explore_planners.count_sums({"a": counts(**more), "b": counts(**more)}))
+    assert [row.name for row in rows if not row.holds] == missed
+
+
+def test_no_object_may_take_two_contours_more_than_even_ones() -> None:
+    found = {"a": counts(predicted=3), "b": counts(predicted=8)}
+    rows = list(bench_explore_planners.count_sums(found))
+    assert not named(rows, "on the worst object").holds
+
+
+def test_where_there_is_no_checkout_the_peer_is_missed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(bench_explore_peer, "PEER", tmp_path / "none.py")
+    [row] = bench_explore_peer.gp_rows(True)
+    assert (row.value, row.holds) == ("not here", False)
+
+
+def test_the_rows_of_the_peer_are_those_that_its_program_prints(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    program = tmp_path / "peer.py"
+    said = Row("ratio", "2.1 x", ">= 2 x", True)
+    text = "import sys\nassert sys.argv[1:] == ['--quick']\nprint('''{}''')\nsys.exit({})\n"
+    monkeypatch.setattr(bench_explore_peer, "PEER", program)
+    program.write_text(text.format(json.dumps(said._asdict()), 0))
+    assert list(bench_explore_peer.gp_rows(True)) == [said]
+    program.write_text(text.format(json.dumps(said._asdict()), 4))
+    assert [row.value for row in bench_explore_peer.gp_rows(True)] == ["2.1 x", "ended with 4"]
+
+
+def test_the_peer_of_this_checkout_is_where_it_is_looked_for() -> None:
+    assert bench_explore_peer.PEER.is_file()
+
+
+def test_a_bench_of_one_group_prints_it_alone_as_text_or_as_json(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def good(quick: bool) -> Iterator[Row]:
+        yield Row("one", "1", "", True)
+
+    def bad(quick: bool) -> Iterator[Row]:
+        yield Row("two", "2", "<= 1", False)
+
+    monkeypatch.setattr(bench_explore, "EXPLORE_GROUPS", {"good": (good,), "bad": (bad,)})
+    lines: list[str] = []
+    assert (
+        bench_explore.bench_explore(quick=True, only="good", as_json=True, echo=lines.append) == 0
+    )
+    wanted = {"group": "good", "name": "one", "value": "1", "target": "", "holds": True}
+    assert json.loads(lines.pop()) == wanted
+    assert bench_explore.bench_explore(quick=True, echo=lines.append) == 1
+    assert [line.split()[0] for line in lines] == ["--", "one", "--", "two"]
+    assert lines[-1].endswith("MISSED")
+
+
+def test_the_objects_of_the_figures_are_all_there() -> None:
+    names = {
+        *bench_explore_whole.QUICK_OBJECTS,
+        *bench_explore_frames.TILTED,
+        *bench_explore_fingers.FINGER_OBJECTS,
+        *bench_explore_planners.QUICK,
+    }
+    assert names <= set(EXPLORED_OBJECTS)
+    assert np.isfinite([one.degrees for one in bench_explore_frames.TURNED.values()]).all()

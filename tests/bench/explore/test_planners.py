@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+from palpate.bench.explore.planners import (
+    MOST_MILLISECONDS,
+    errors_of,
+    first_counts,
+    plan_claim,
+    plan_counts,
+    planner_rows,
+)
+from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED, TUNED, PlannerTrial
+from palpate.core.explore.planners.uniform import Uniform
+
+
+def test_every_demand_on_planners_that_needs_no_clock_is_met() -> None:
+    rows = list(planner_rows(True))
+    assert len({row.name for row in rows}) == len(rows)
+    timed = [row for row in rows if row.name.endswith("ms")]
+    assert [row.target for row in timed] == [f"<= {MOST_MILLISECONDS:g}"]
+    assert sum(bool(row.target) for row in rows) == 7
+    assert [str(row) for row in rows if not row.holds and row not in timed] == []
+
+
+def test_a_plan_that_never_gets_there_counts_as_the_most() -> None:
+    trials = {"vase": PlannerTrial(TUNED["vase"])}
+    assert plan_counts(Uniform(count=3), trials) == {"vase": MOST_CONTOURS_PLANNED}
+    assert first_counts(Uniform(count=3), trials) == {"vase": MOST_CONTOURS_PLANNED}
+    assert plan_counts(Uniform(count=9), trials) == {"vase": 9}
+
+
+def test_a_run_is_told_with_the_slice_at_which_it_was_good_enough() -> None:
+    trial = PlannerTrial(TUNED["pear"])
+    one = plan_claim(trial, 0.0025)
+    assert one.first_true is not None
+    assert one.first_bound is not None
+    assert 3 <= one.first_true <= one.first_bound <= one.slices
+    assert one.true <= one.bound <= 0.0025
+    slices = [trial.slice_at(height) for height in (0.003, 0.04, 0.08)]
+    assert errors_of(trial, slices)[0] == 1.0

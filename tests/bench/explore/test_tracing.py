@@ -1,0 +1,205 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from palpate.bench.explore import tracing as bench_tracing
+from palpate.bench.explore.tracing import (
+    DOMED,
+    FLAT,
+    InProcessLoop,
+    TouchNoise,
+    outline_distances,
+    trace_figures,
+    trace_with_gaps,
+    unreachable_chord,
+)
+from palpate.bench.objects.touched import TRACED_OBJECTS, TracedSolid, dented, notched, wedged
+from palpate.core.explore.tracing.contour_path import Gap
+from palpate.core.poses import pose_of
+from palpate.core.touch.pad import Pad, guarded_move
+from palpate.nodes import filter
+from palpate.nodes.simulator import Params
+from palpate.nodes.specs.objects import ObjectSpec
+from palpate.nodes.specs.sensors import MAX_WIDTH, MIN_WIDTH, PadSpec, SensorSpec
+from palpate.nodes.specs.solids import PoseSpec, SuperquadricSpec
+
+
+@pytest.mark.parametrize("name", sorted(TRACED_OBJECTS))
+def test_every_object_has_the_outline_that_its_rays_meet(name: str) -> None:
+    target = TRACED_OBJECTS[name]
+    height = 0.4 * target.half
+    outline = target.outline(height)
+    for number in range(0, len(outline), len(outline) // 7):
+        away = outline[number] / np.linalg.norm(outline[number])
+        start = np.array([[0.1 * away[0], 0.1 * away[1], height]])
+        met = target.shape.cast(start, np.array([-away[0], -away[1], 0.0]), 0.1)
+        assert 0.1 - met[0] == pytest.approx(np.linalg.norm(outline[number]), abs=1e-8)
+
+
+def test_a_ray_of_a_radial_solid_says_where_it_is() -> None:
+    star = TRACED_OBJECTS["star"].shape
+    starts = np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.01, 0.3]])
+    found = star.cast(starts, np.array([0.0, 0.0, -1.0]), 0.15)
+    assert found.tolist() == pytest.approx([0.055, -np.inf, np.inf, np.inf])
+
+
+def test_a_radial_solid_has_no_mesh() -> None:
+    with pytest.raises(NotImplementedError, match="no mesh"):
+        TRACED_OBJECTS["star"].shape.mesh(3)
+
+
+def test_points_off_a_polygon_are_measured_to_its_sides() -> None:
+    square = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    off = outline_distances(np.array([[0.9, 0.0], [1.3, 1.4], [-0.5, 1.25]]), square)
+    assert off.tolist() == pytest.approx([0.1, 0.5, 0.25])
+
+
+def test_a_ball_is_traced_whole_and_exactly() -> None:
+    for pad, most in ((FLAT, 20), (DOMED, 26)):
+        found, gaps = trace_with_gaps(TRACED_OBJECTS["sphere"], 0.3, pad)
+        assert (found.status, gaps, found.covered) == ("closed", (), 1.0)
+        assert found.touches <= most
+        assert found.worst < 10e-6
+
+
+def test_noise_moves_the_points_as_far_as_the_pose() -> None:
+    found = trace_figures(TRACED_OBJECTS["box"], 0.0, FLAT, TouchNoise(), seed=1)
+    assert found.status == "closed"
+    assert 50e-6 < found.rms < 200e-6
+    assert found == trace_figures(TRACED_OBJECTS["box"], 0.0, FLAT, TouchNoise(), seed=1)
+
+
+def test_a_slot_is_occluded_for_as_long_as_nothing_can_be_felt() -> None:
+    target = notched(0.010, 0.0025)
+    found, [gap] = trace_with_gaps(target, 0.0, DOMED)
+    assert found.status == "occluded"
+    assert gap.extent == pytest.approx(unreachable_chord(target, DOMED, 0.0, gap), abs=1e-3)
+
+
+def test_every_demand_has_its_rows() -> None:
+    assert len(bench_tracing.TRACING_GROUPS) == 4
+    rows = [str(row) for row in bench_tracing.width_rows(quick=True)]
+    assert len(rows) == 4
+    assert not any("MISSED" in row for row in rows)
+
+
+def mouth(target: TracedSolid, half_width: float) -> Gap:
+    """A gap as wide as the hollow opposite the first touch."""
+    angle = half_width / 0.028
+    ends = [
+        0.028 * np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+        for azimuth in (math.pi - angle, math.pi + angle)
+    ]
+    return Gap(ends[0], ends[1], "bridged")
+
+
+@pytest.mark.parametrize("pad", [FLAT, DOMED], ids=["flat", "domed"])
+def test_nothing_of_a_convex_object_is_hidden(pad: Pad) -> None:
+    assert (
+        unreachable_chord(
+            TRACED_OBJECTS["cylinder"], pad, 0.0, mouth(TRACED_OBJECTS["cylinder"], 0.004)
+        )
+        == 0.0
+    )
+
+
+def test_a_slot_that_is_deeper_than_it_is_wide_is_hidden_but_for_its_rims() -> None:
+    target = notched(0.020, 0.002)
+    chord = unreachable_chord(target, DOMED, 0.0, mouth(target, 0.003))
+    assert 0.003 < chord < 0.0045
+
+
+def test_a_dent_shallower_than_the_deepest_press_is_not_hidden() -> None:
+    target = dented(0.0022, 0.004)
+    assert unreachable_chord(target, FLAT, 0.0, mouth(target, 0.005)) == 0.0
+
+
+def test_a_blunt_wedge_that_an_edge_of_the_pad_enters_is_not_hidden() -> None:
+    target = wedged(0.004, 0.006)
+    assert unreachable_chord(target, FLAT, 0.0, mouth(target, 0.0065)) == 0.0
+
+
+def test_what_is_said_to_be_within_reach_is_felt_by_a_press_at_some_place() -> None:
+    target = wedged(0.004, 0.006)
+    bottom = np.array([-0.024, 0.0, 0.0])
+    nearest = math.inf
+    for turn in np.radians([-40.0, -30.0, 30.0, 40.0]):
+        # The pad's edge comes first: it stands half a pad beside the bottom, to either side.
+        z = -np.array([-math.cos(turn), -math.sin(turn), 0.0])
+        y = np.array([0.0, 0.0, -1.0])
+        axes = np.column_stack([np.cross(y, z), y, z])
+        for side in (-7.5e-3, 7.5e-3):
+            start = bottom - 0.03 * z + side * axes[:, 0] + 0.5e-3 * y
+            end = guarded_move(target.shape, FLAT, pose_of(start, axes), 0.05, 2.4e-3)
+            x, _ = FLAT.grid()
+            felt = end.compression[8, 0 if side > 0 else 15]
+            if felt > 0.0:
+                place = end.pose[:3] + axes @ [x[0, 0] * math.copysign(1, side), 0.0, -felt]
+                nearest = min(nearest, float(np.linalg.norm(place[:2] - bottom[:2])))
+    assert nearest < 0.1e-3
+
+
+BALL = ObjectSpec(
+    superquadric=SuperquadricSpec(size=(0.03,) * 3, exponents=(1.0, 1.0)),
+    pose=PoseSpec(position=(0.0, 0.0, 0.03)),
+)
+
+
+def test_a_contour_is_traced_without_a_bus() -> None:
+    contour = InProcessLoop(Params(object=BALL)).trace(height=0.03, radius=0.03)
+    assert contour.status == "closed"
+    middle = np.array([0.0, 0.0, 0.03])
+    assert np.allclose(np.linalg.norm(contour.points - middle, axis=1), 0.03, atol=5e-6)
+
+
+def test_several_contours_follow_each_other() -> None:
+    loop = InProcessLoop(Params(object=BALL))
+    first, second = loop.trace(0.03, 0.03, number=0), loop.trace(0.04, 0.028, number=1)
+    assert [first.id, second.id] == [0, 1]
+    assert second.robot_time > first.robot_time
+
+
+def test_two_fingers_have_clocks_and_errors_of_their_own() -> None:
+    noisy = Params(object=BALL, effects={"pose_error": {}})
+    loop = InProcessLoop(noisy, fingers=2)
+    first, second = (loop.trace(0.03, 0.03, number, number + 1) for number in (0, 1))
+    assert [first.finger, second.finger] == [1, 2]
+    assert second.robot_time == pytest.approx(first.robot_time, rel=0.2)
+    assert first.points[0] != pytest.approx(second.points[0], abs=1e-6)
+    assert InProcessLoop(noisy).trace(0.03, 0.03).points == pytest.approx(first.points, abs=0)
+
+
+@pytest.mark.parametrize("width", [MIN_WIDTH, MAX_WIDTH])
+@pytest.mark.parametrize("domed", [False, True])
+@pytest.mark.parametrize("exponent", [1.0, 0.1])
+def test_the_narrowest_and_the_widest_array_close_contours(
+    width: float, domed: bool, exponent: float
+) -> None:
+    pad = PadSpec(radius=width if domed else None)
+    sensor = SensorSpec(pitch=width / 15, pad=pad)
+    solid = SuperquadricSpec(size=(0.035, 0.03, 0.04), exponents=(exponent, exponent))
+    contour = InProcessLoop(Params(object=ObjectSpec(superquadric=solid), sensor=sensor)).trace(
+        0.01, 0.05
+    )
+    assert contour.status == "closed"
+
+
+@pytest.mark.parametrize("effects", [{"transport": {"duplicate": 0.5, "drop": 0.3}}, {"creep": {}}])
+def test_a_lossy_link_and_a_lazy_pad_do_not_stop_the_loop(
+    effects: dict[str, dict[str, float]],
+) -> None:
+    contour = InProcessLoop(Params(object=BALL, effects=effects)).trace(0.03, 0.03)
+    assert contour.status == "closed"
+
+
+def test_the_filter_is_the_one_that_was_asked_for() -> None:
+    salty = Params(object=BALL, effects={"salt_and_pepper": {"rate": 0.02}})
+    errors = []
+    for order in ("auto", "none"):
+        contour = InProcessLoop(salty, filter.Params(order=order)).trace(0.03, 0.03)  # type: ignore[arg-type]
+        distance = np.linalg.norm(contour.points - np.array([0.0, 0.0, 0.03]), axis=1)
+        errors.append(np.sqrt(np.mean((distance - 0.03) ** 2)))
+    assert errors[0] < 0.1 * errors[1]

@@ -1,0 +1,154 @@
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.bench.explore.harness import NOISY, Demand, leaning, write_scene
+from palpate.bench.objects import touched as explore_objects
+from palpate.bench.objects import touched as explore_objects_drawn
+from palpate.bench.objects.touched import (
+    DOME,
+    EXPLORED_HEIGHT,
+    EXPLORED_OBJECTS,
+    ROUNDING,
+    drawn_object,
+    hidden_depth,
+    mesh_of_radius,
+    rounded,
+)
+from palpate.core.arrays import Floats
+from palpate.core.explore.planners.trial import TUNED
+from palpate.core.geometry.meshes import solidity
+from palpate.launch.scene import load_scene
+from palpate.nodes.specs.objects import build_shape
+
+DEMAND = Demand(tolerance=2e-4)
+AROUND = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
+
+
+def straight(z: Floats, t: Floats) -> Floats:
+    return 0.3 + 0.0 * z + 0.0 * t
+
+
+def test_there_are_plain_objects_and_featured_ones() -> None:
+    kinds = [one.kind for one in EXPLORED_OBJECTS.values()]
+    assert len(kinds) >= 14
+    assert min(kinds.count("plain"), kinds.count("featured")) >= 5
+    assert all((one.solid is None) != (one.radius is None) for one in EXPLORED_OBJECTS.values())
+
+
+@pytest.mark.parametrize("name", ["cone", "star"])
+def test_a_mesh_of_a_radius_is_one_closed_solid_that_stands_on_the_floor(name: str) -> None:
+    mesh = EXPLORED_OBJECTS[name].mesh()
+    found = solidity(mesh.vertices, mesh.faces)
+    assert (found.watertight, found.genus, found.components) == (True, 0, 1)
+    assert mesh.vertices[:, 2].min() == 0.0
+    assert mesh.vertices[:, 2].max() == pytest.approx(EXPLORED_HEIGHT)
+
+
+def test_a_mesh_has_the_volume_of_its_radius() -> None:
+    mesh = mesh_of_radius(straight)
+    volume = np.pi * (0.3 * EXPLORED_HEIGHT) ** 2 * EXPLORED_HEIGHT
+    assert solidity(mesh.vertices, mesh.faces).volume == pytest.approx(volume, rel=2e-4)
+
+
+def test_flat_ends_are_rounded_off_and_nothing_else() -> None:
+    shape = rounded(straight)
+    z = np.array([0.0, ROUNDING * (1.0 - np.sqrt(0.5)), ROUNDING, 0.5, 1.0])[:, None]
+    found = shape(z, AROUND[None])
+    drop = ROUNDING * (1.0 - np.sqrt(0.5))
+    wanted = np.array([0.3 - ROUNDING, 0.3 - drop, 0.3, 0.3, 0.3 - ROUNDING])
+    assert found == pytest.approx(np.repeat(wanted[:, None], 90, axis=1))
+
+
+def test_an_end_that_comes_to_a_point_is_left_as_it_is() -> None:
+    z = np.linspace(0.0, 1.0, 50)[:, None]
+    assert (rounded(TUNED["pear"])(z, AROUND[None]) == TUNED["pear"](z, AROUND[None])).all()
+
+
+def test_an_object_that_scenes_know_by_name_has_no_mesh_of_its_own() -> None:
+    with pytest.raises(ValueError, match="radius must be given for an object to have a mesh"):
+        EXPLORED_OBJECTS["sphere"].mesh()
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, one in EXPLORED_OBJECTS.items() if one.radius is None]
+)
+def test_a_described_object_is_as_high_as_the_others(name: str, tmp_path: Path) -> None:
+    scene = load_scene(write_scene(tmp_path, EXPLORED_OBJECTS[name], (), DEMAND))
+    assert scene.size[2] == pytest.approx(EXPLORED_HEIGHT, rel=0.06)
+    assert build_shape(scene.spec.object).bounds()[0, 2] == pytest.approx(0.0, abs=2e-3)
+
+
+def test_a_scene_says_what_stands_where_and_what_is_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(explore_objects, "RINGS", 60)
+    monkeypatch.setattr(explore_objects, "TURNS", 48)
+    demand = Demand("uniform", 3e-4, {"count": 5})
+    pose = leaning(25.0, 0.03, 0.07)
+    path = write_scene(tmp_path, EXPLORED_OBJECTS["bottle"], NOISY, demand, 9, pose)
+    scene = load_scene(path)
+    assert scene.spec.seed == 9
+    assert scene.spec.effects["pose_error"] == {"sigma": 1e-4}
+    assert scene.spec.effects["gaussian_noise"] == {"sigma": 1e-5}
+    asked = scene.spec.explore
+    assert (asked["planner"], asked["tolerance"]) == ("uniform", 3e-4)
+    assert asked["settings"] == {"count": 5}
+    low, high = build_shape(scene.spec.object).bounds()
+    top = 0.03 + np.sin(np.radians(25.0)) * EXPLORED_HEIGHT
+    assert low[0] < 0.01 < top < high[0]
+    assert high[2] == pytest.approx(0.07 + np.cos(np.radians(25.0)) * EXPLORED_HEIGHT, abs=0.008)
+
+
+def test_a_described_object_is_moved_with_its_own_place(tmp_path: Path) -> None:
+    path = write_scene(
+        tmp_path, EXPLORED_OBJECTS["sphere"], (), DEMAND, moved=leaning(90.0, 0.01, 0.07)
+    )
+    low, high = build_shape(load_scene(path).spec.object).bounds()
+    assert 0.5 * (low + high) == pytest.approx([0.055, 0.0, 0.07])
+
+
+def test_an_object_by_chance_is_always_the_same_one() -> None:
+    z = np.linspace(0.05, 0.95, 30)[:, None]
+    one, again, other = (drawn_object(seed) for seed in (3, 3, 4))
+    assert one.radius is not None and again.radius is not None and other.radius is not None
+    assert (one.radius(z, AROUND[None]) == again.radius(z, AROUND[None])).all()
+    assert not np.allclose(one.radius(z, AROUND[None]), other.radius(z, AROUND[None]))
+
+
+def test_a_seed_below_0_is_refused() -> None:
+    with pytest.raises(ValueError, match="seed must be 0 or more, got -1"):
+        drawn_object(-1)
+
+
+def test_a_seed_that_leads_to_no_object_a_pad_can_feel_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(explore_objects_drawn, "DEEPEST", -1.0)
+    monkeypatch.setattr(explore_objects_drawn, "DRAWS", 2)
+    with pytest.raises(ValueError, match="that a pad can feel, 5 does not"):
+        drawn_object(5)
+
+
+def test_nothing_of_a_convex_side_is_hidden_from_the_dome() -> None:
+    assert hidden_depth(straight) < 1e-9
+    assert hidden_depth(TUNED["sphere"]) < 1e-6
+
+
+@pytest.mark.parametrize("round_by", [0.007, 0.01])
+def test_a_hollow_rounder_than_the_dome_hides_what_lies_between_both(round_by: float) -> None:
+    half = 0.006
+
+    def depth(ball: float) -> float:
+        return math.sqrt(ball**2 - half**2) - ball
+
+    def hollow(z: Floats, t: Floats) -> Floats:
+        away = np.minimum(np.abs(z - 0.5) * EXPLORED_HEIGHT, half)
+        bottom = np.sqrt(round_by**2 - away**2) - np.sqrt(round_by**2 - half**2)
+        return np.asarray(0.3 - bottom / EXPLORED_HEIGHT + 0.0 * t)
+
+    assert hidden_depth(hollow) == pytest.approx(depth(DOME) - depth(round_by), abs=1e-4)

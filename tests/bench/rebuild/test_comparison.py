@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import sys
+from types import ModuleType
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from palpate.bench.objects.contoured import REBUILT_SHAPES, MeshErrors, truth_of
+from palpate.bench.rebuild.comparison import (
+    CASES,
+    OURS,
+    TOUCHED,
+    Peer,
+    PeerCase,
+    case_rows,
+    errors_of,
+    loft,
+    noisy_contours,
+    poisson,
+    poisson_installed,
+    radial_functions,
+    ratio_of,
+    shell_and_core,
+    shuffled,
+    smoothed_loft,
+    with_outliers,
+)
+from palpate.core.arrays import Floats
+from palpate.core.geometry.meshes import solidity
+from palpate.core.shapes.tessellations import icosphere
+
+ONE = {"vase": REBUILT_SHAPES["vase"]}
+PEERS = [loft, smoothed_loft, radial_functions, shell_and_core]
+SEED = 0
+
+
+def contours_of(name: str, size: tuple[int, int], noise: float = 0.0) -> Floats:
+    return noisy_contours(REBUILT_SHAPES[name], size, noise, np.random.default_rng(SEED))
+
+
+@pytest.mark.parametrize("build", PEERS, ids=[one.__name__ for one in PEERS])
+def test_a_peer_makes_a_closed_mesh_near_the_object(build: Peer) -> None:
+    mesh = build(contours_of("vase", (12, 32)))  # type: ignore[operator]
+    found = solidity(mesh.vertices, mesh.faces)
+    assert (found.watertight, found.genus) == (True, 0)
+    assert truth_of("vase").errors_of(mesh).chamfer < 1.5
+
+
+def test_smoothing_helps_a_loft_among_noise() -> None:
+    contours = contours_of("vase", (12, 81), 0.5)
+    plain, smooth = (truth_of("vase").errors_of(build(contours)) for build in (loft, smoothed_loft))
+    assert smooth.chamfer < 0.95 * plain.chamfer
+    assert smooth.normal_deg < plain.normal_deg
+
+
+def test_palpate_is_compared_on_the_same_contours_with_and_without_touched_ends() -> None:
+    case = PeerCase((12, 32), 0.0, (Peer("loft", loft),), 0.85, 0.45, 3.0)
+    found = errors_of(case, ONE, 1)
+    assert set(found) == {OURS, TOUCHED, "loft"}
+    assert found[OURS]["vase"].chamfer < found["loft"]["vase"].chamfer
+    rows = list(case_rows(case, found))
+    assert len({row.name for row in rows}) == len(rows)
+    assert all(row.holds for row in rows)
+
+
+def test_a_way_that_is_no_better_misses_its_demand() -> None:
+    case = PeerCase((12, 32), 0.0, (Peer("loft", loft),), 0.85, 0.0, 3.0)
+    errors = {"vase": MeshErrors(0.1, 1.0, 4.0, -0.01)}
+    rows = list(case_rows(case, {OURS: errors, "loft": errors}))
+    missed = [row.name for row in rows if not row.holds]
+    assert len(missed) == 2
+    assert "mean over the loft's" in missed[0]
+    assert "normals" in missed[1]
+
+
+def test_the_demands_are_on_the_sizes_that_are_named() -> None:
+    assert {case.size for case in CASES} == {(27, 81), (24, 41), (9, 24)}
+
+
+def test_disorder_keeps_the_object_and_changes_everything_else() -> None:
+    contours = contours_of("vase", (12, 40))
+    mixed = shuffled(REBUILT_SHAPES["vase"], contours, np.random.default_rng(1))
+    heights = [float(one[:, 2].mean()) for one in mixed]
+    assert sorted(heights) == pytest.approx(contours[:, 0, 2], abs=0.3)
+    assert heights != sorted(heights)
+    assert len({len(one) for one in mixed}) > 3
+    off = (
+        np.array(with_outliers(REBUILT_SHAPES["vase"], contours, np.random.default_rng(1)))
+        - contours
+    )
+    moved = np.linalg.norm(off, axis=-1)
+    assert 0.005 < (moved > 0.0).mean() < 0.04
+    assert moved[moved > 0.0] == pytest.approx(3.0)
+    assert np.abs(off[..., 2]).max() == 0.0
+
+
+def test_disorder_costs_nothing_on_one_object() -> None:
+    assert ratio_of(shuffled, ONE) < 1.2
+
+
+class Meshes:
+    """Stands in for the package's set of meshes: its surface is a ball of the points' size."""
+
+    depths: ClassVar[list[int]] = []
+
+    def add_mesh(self, cloud: tuple[np.ndarray, np.ndarray]) -> None:
+        points, normals = cloud
+        assert points.shape == normals.shape
+        self.radius = float(np.linalg.norm(points, axis=1).max())
+
+    def generate_surface_reconstruction_screened_poisson(self, depth: int) -> None:
+        self.depths.append(depth)
+
+    def current_mesh(self) -> Meshes:
+        return self
+
+    def vertex_matrix(self) -> np.ndarray:
+        return self.radius * icosphere(2)[0]
+
+    def face_matrix(self) -> np.ndarray:
+        return icosphere(2)[1]
+
+
+@pytest.fixture
+def package(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake = ModuleType("pymeshlab")
+    fake.MeshSet = Meshes  # type: ignore[attr-defined]
+    fake.Mesh = lambda vertex_matrix, v_normals_matrix: (  # type: ignore[attr-defined]
+        vertex_matrix,
+        v_normals_matrix,
+    )
+    monkeypatch.setitem(sys.modules, "pymeshlab", fake)
+
+
+@pytest.mark.usefixtures("package")
+def test_points_and_normals_go_in_and_a_mesh_comes_out() -> None:
+    points = 3.0 * icosphere(3)[0].reshape(-1, 2, 3)
+
+    mesh = poisson(points, points / 3.0)
+
+    assert np.linalg.norm(mesh.vertices, axis=1) == pytest.approx(np.full(len(mesh.vertices), 3.0))
+    assert mesh.faces.dtype == np.int32
+    assert Meshes.depths == [8]
+
+
+def test_without_the_package_it_is_said_to_be_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+
+    assert not poisson_installed()

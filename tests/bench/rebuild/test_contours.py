@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.bench.objects.contoured import ROUND_OBJECTS
+from palpate.bench.rebuild.contours import (
+    NARROW,
+    WIDE,
+    band_rows,
+    disorder_ratio,
+    judge_band,
+    outlier_ratio,
+    step_swing,
+)
+from palpate.core.rebuild.loft.lofting import fit_contour_loft
+
+TIMED = ("fit, ms", "deviation on", "contour more", "time")
+
+
+def test_every_demand_on_the_band_that_needs_no_clock_is_met() -> None:
+    rows = list(band_rows(True))
+    assert len({row.name for row in rows}) == len(rows)
+    judged = [row for row in rows if not any(word in row.name for word in TIMED)]
+    assert len(judged) == 19
+    assert [str(row) for row in judged if not row.holds] == []
+
+
+def test_a_surface_that_is_off_by_more_than_its_band_is_found_out() -> None:
+    thing, heights = ROUND_OBJECTS["barrel"], np.linspace(-1.0, 1.0, 12)
+    grid = thing.contours(heights, 32)
+    grid += 1e-3 * np.random.default_rng(0).normal(size=grid.shape)
+    good = judge_band(thing, fit_contour_loft(heights, grid, low=-1.04, high=1.04))
+    bad = judge_band(thing, fit_contour_loft(heights, grid + 0.05, low=-1.04, high=1.04))
+    assert good.covered > 0.8
+    assert good.safe_rms
+    assert good.safe_most
+    assert bad.covered < 0.3
+    assert not bad.safe_rms
+    assert bad.rms > 10 * good.rms
+
+
+def test_contours_begun_anywhere_cost_little() -> None:
+    assert 0.7 < disorder_ratio((9, 24), 1) < 1.3
+
+
+def test_points_that_stray_cost_little() -> None:
+    assert 0.9 < outlier_ratio((9, 24), 1) < 1.3
+
+
+def test_a_step_keeps_its_radii() -> None:
+    assert 0.0 <= step_swing(0) < 0.05 < NARROW / WIDE

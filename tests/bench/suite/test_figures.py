@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import doctest
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.bench.objects.contoured import REBUILT_SHAPES
+from palpate.bench.rebuild.thesis import EXAMPLES
+from palpate.bench.suite import figures as figures_peers
+from palpate.bench.suite import figures as figures_rebuild
+from palpate.bench.suite.figures import section_lines, write_thesis_figures
+from palpate.core.geometry.ring_meshes import close_rings
+from palpate.core.shapes.protocol import Mesh
+
+ROOT = Path(__file__).parent.parent.parent
+PAGE = ROOT / "docs" / "thesis.md"
+
+
+def test_a_section_of_a_tube_is_its_outline() -> None:
+    turn = 2.0 * np.pi * np.arange(96) / 96
+    ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    rings = np.stack([ring, ring + [0, 0, 2.0]])
+    lines = section_lines(Mesh(*close_rings(np.zeros(3), rings, np.array([0, 0, 2.0]))))
+    lengths = np.linalg.norm(np.diff(lines, axis=1)[:, 0], axis=1)
+    assert lengths.sum() == pytest.approx(2 * 2.0 + 2 * 2.0, rel=1e-3)
+    assert np.abs(lines[..., 0]).max() == pytest.approx(1.0)
+
+
+def test_the_figures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("ROWS", 20), ("COLUMNS", 24), ("DPI", 30), ("EXAMPLES", EXAMPLES[1:])):
+        monkeypatch.setattr(figures_rebuild, name, value)
+    write_thesis_figures(tmp_path / "new")
+    assert (tmp_path / "new" / "thesis_example_2.png").stat().st_size > 1000
+
+
+def test_the_page_shows_figures_that_are_there_and_examples_that_are_right() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    for number in (1, 2):
+        assert f"figures/thesis_example_{number}.png" in page
+        assert (ROOT / "docs" / "figures" / f"thesis_example_{number}.png").is_file()
+    outcome = doctest.testfile(str(PAGE), module_relative=False)
+    assert outcome.failed == 0
+    assert outcome.attempted >= 10
+
+
+def test_the_figure_shows_each_object_thrice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures_peers, "REBUILT_SHAPES", {"vase": REBUILT_SHAPES["vase"]})
+    monkeypatch.setattr(figures_peers, "TOLERANCE", 2.0)
+    monkeypatch.setattr(figures_peers, "PEER_DPI", 20)
+    figures_peers.write_peer_figures(tmp_path / "new")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == [figures_peers.NAME]
+    assert len(figures_peers.draw_shapes().axes) == 4

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.bench.table import Row
+from palpate.bench.touch import frames as bench_effects
+from palpate.bench.touch import frames as bench_touch
+from palpate.bench.touch.frames import (
+    BODIES,
+    WORN,
+    estimator_summary,
+    exactness_rows,
+    frame_costs,
+    speed_rows,
+    trace_contour,
+)
+from palpate.core.arrays import Floats
+from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.touch.effects.catalogue import EFFECT_NAMES
+
+
+def test_casts_are_as_exact_as_is_demanded() -> None:
+    rows = list(exactness_rows(frames=4))
+    assert [row.name.partition(" of ")[0] for row in rows] == ["error", "error"]
+    assert all(row.holds for row in rows)
+
+
+def test_a_cast_that_is_a_nanometre_off_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    cast = Superquadric.cast
+
+    def off(self: Superquadric, origins: Floats, direction: Floats, reach: float) -> Floats:
+        return cast(self, origins, direction, reach) + 2e-9
+
+    monkeypatch.setattr(Superquadric, "cast", off)
+    assert not next(iter(exactness_rows(frames=2))).holds
+
+
+def test_curvatures_are_as_good_as_is_demanded() -> None:
+    jet, *errors = estimator_summary(trials=6)
+    assert jet.target == "<= 10 us"
+    assert [row.target for row in errors] == [
+        "<= 0.5e-3 /pitch",
+        "<= 1.6e-3 /pitch",
+        ">= 20",
+        "< 5 %",
+    ]
+    assert all(row.holds for row in errors)
+
+
+def test_each_speed_has_its_demand() -> None:
+    rows = list(speed_rows(frames=3, rounds=1))
+    assert [row.target for row in rows] == [
+        ">= 2000 /s",
+        ">= 3000 /s",
+        "<= 1.25",
+        "<= 600 us",
+        "<= 600 us",
+        "<= 2000 us",
+    ]
+    assert all(row.value for row in rows)
+
+
+@pytest.mark.parametrize(("holds", "code"), [(True, 0), (False, 1)])
+def test_a_missed_demand_is_said_and_told_by_the_exit_code(
+    holds: bool, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = Row("something", "3 us", "<= 2 us", holds)
+    monkeypatch.setattr(bench_touch, "speed_rows", lambda *_: [row])
+    monkeypatch.setattr(bench_touch, "exactness_rows", lambda *_: [])
+    monkeypatch.setattr(bench_touch, "estimator_summary", lambda *_: [])
+    lines: list[str] = []
+    assert bench_touch.bench_touch(quick=True, echo=lines.append) == code
+    assert ("MISSED" in lines[0]) != holds
+
+
+def test_the_oracle_tells_inside_from_outside() -> None:
+    shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array([0.5, 0.7]))
+    start, along = np.zeros((2, 3)), np.array([0.0, 0.0, 1.0])
+    way = np.array([0.0399999, 0.0400001])
+    assert (bench_touch._outside(shape, start, along, way) > 0.0).tolist() == [False, True]
+
+
+def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor() -> None:
+    lines: list[str] = []
+    bench_effects.bench_effects(quick=True, echo=lines.append)
+    assert [line.split()[0] for line in lines[1:-1]] == ["(ideal)", *EFFECT_NAMES, WORN]
+
+
+@pytest.mark.parametrize(("body", "most"), [("ball", 4.3e-6), ("box", 1e-7)])
+def test_without_effects_a_contour_is_as_good_as_a_straight_line_between_rows(
+    body: str, most: float
+) -> None:
+    traced = trace_contour(BODIES[body], {})
+    assert traced.status == "closed"
+    # Rows are 1 mm apart: a chord of the ball is pitch^2 / 8 R = 4.2 um off.
+    assert traced.rms < most
+
+
+def test_an_effect_is_seen_in_the_contour() -> None:
+    ideal = trace_contour(BODIES["ball"], {})
+    offset = trace_contour(BODIES["ball"], {"arm_compliance": {"stiffness": 50e3}})
+    assert offset.rms > 10 * ideal.rms
+
+
+def test_costs_are_told_for_each_set() -> None:
+    found = frame_costs({"none": {}, "aperture": {"aperture": {}}}, frames=20, repeats=5)
+    assert set(found) == {"none", "aperture"}
+    assert all(cost.ideal > 0.0 for cost in found.values())
+    assert found["aperture"].added > 0.0  # nine casts for one
+    assert found["aperture"].ratio > 1.0

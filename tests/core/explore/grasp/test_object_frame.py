@@ -1,0 +1,265 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.grasp.coarse_model import correct_solid
+from palpate.core.explore.grasp.object_frame import (
+    AxialExtent,
+    Contacts,
+    ObjectFrame,
+    extent_along,
+    fit_object_frame,
+)
+from palpate.core.poses import pose_of, split_pose
+from palpate.core.rebuild.reconstruction import fit_coarse
+from palpate.core.shapes.superquadrics import Superquadric
+
+NOISE = 1e-4
+ELLIPSOID = Superquadric(np.array([0.02, 0.028, 0.042]), np.ones(2))
+TILE = Superquadric(np.array([0.04, 0.04, 0.012]), np.array([0.2, 1.0]))
+BALL = Superquadric(np.full(3, 0.03), np.ones(2))
+
+
+def about_x(angle: float) -> Floats:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def contacts(shape: Superquadric, turn: Floats, place: Floats) -> tuple[Floats, Floats, float]:
+    """Contacts of a posed solid that none of its lower fifth has, and the platform's height."""
+    vertices, faces = shape.mesh(3)
+    a, b, c = (vertices[faces] @ turn.T + place).transpose(1, 0, 2)
+    middles, normals = (a + b + c) / 3.0, np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    # On the surface itself, not on its facets.
+    local = (middles - place) @ turn
+    points = (local / shape.gauge(local)[:, None]) @ turn.T + place
+    chosen = np.random.default_rng(0).permutation(len(points))
+    platform = float((vertices @ turn.T + place)[:, 2].min())
+    seen = points[chosen, 2] > platform + 0.2 * np.ptp(points[:, 2])
+    return points[chosen][seen][:60], normals[chosen][seen][:60], platform
+
+
+def frame_of(shape: Superquadric, turn: Floats, place: Floats) -> ObjectFrame:
+    points, normals, platform = contacts(shape, turn, place)
+    return fit_object_frame(fit_coarse(points, NOISE), points, normals, platform, NOISE)
+
+
+PLACE = np.array([0.03, -0.01, 0.05])
+
+
+@pytest.mark.parametrize("degrees", [25.0, 60.0, 90.0, 140.0])
+def test_a_tilted_object_is_sliced_along_its_longest_axis(degrees: float) -> None:
+    turn = about_x(math.radians(degrees))
+    found = frame_of(ELLIPSOID, turn, PLACE)
+    origin, axes = split_pose(found.pose)
+
+    assert found.axis == "longest"
+    assert np.linalg.norm(np.cross(axes[:, 2], turn[:, 2])) < math.radians(0.5)
+    assert origin == pytest.approx(PLACE, abs=3e-4)
+    assert (found.low, found.high) == pytest.approx((-0.042, 0.042), abs=3e-4)
+    assert found.radius == pytest.approx(0.028, abs=3e-4)
+    assert axes[2, 2] > -1e-9  # it points up
+
+
+def test_a_tile_is_sliced_along_its_shortest_axis_or_that_of_revolution() -> None:
+    turn = about_x(0.5)
+    found = frame_of(TILE, turn, PLACE)
+
+    assert found.axis in ("shortest", "revolution")
+    assert np.linalg.norm(np.cross(split_pose(found.pose)[1][:, 2], turn[:, 2])) < 0.01
+
+
+def test_an_object_that_stands_upright_is_sliced_in_the_worlds_axes_and_heights() -> None:
+    found = frame_of(ELLIPSOID, about_x(math.radians(0.4)), PLACE)
+    origin, axes = split_pose(found.pose)
+
+    assert np.array_equal(axes, np.eye(3))
+    assert origin == pytest.approx([0.03, -0.01, 0.0], abs=3e-4)
+    assert (found.low, found.high) == pytest.approx((0.008, 0.092), abs=3e-4)
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
+def test_a_given_axis_is_taken(axis: tuple[float, float, float]) -> None:
+    points, normals, platform = contacts(ELLIPSOID, about_x(0.5), PLACE)
+    fit = fit_coarse(points, NOISE)
+    found = fit_object_frame(fit, points, normals, platform, NOISE, np.array(axis))
+
+    assert (found.axis, found.axis_error) == ("given", 0.0)
+    assert split_pose(found.pose)[1][:, 2] == pytest.approx(axis, abs=1e-12)
+    reach = np.linalg.norm(about_x(0.5).T @ axis * [0.02, 0.028, 0.042])
+    # Along an axis of no symmetry its ends are less certain, and it says so.
+    assert abs(found.high - found.low - 2.0 * reach) < 2.0 * found.extent_error < 2e-3
+
+
+def test_a_ball_has_no_axis_and_says_so() -> None:
+    found = frame_of(BALL, about_x(0.5), PLACE)
+
+    assert found.ambiguous
+    assert np.array_equal(found.pose[3:], [0.0, 0.0, 0.0, 1.0])
+    assert found.radius == pytest.approx(0.03, abs=3e-4)
+
+
+def test_an_object_moved_and_turned_about_the_vertical_takes_its_frame_along() -> None:
+    one = frame_of(ELLIPSOID, about_x(0.5), PLACE)
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    other = frame_of(ELLIPSOID, quarter @ about_x(0.5), quarter @ PLACE + [0.1, 0.2, 0.3])
+
+    axes = [split_pose(frame.pose)[1][:, 2] for frame in (one, other)]
+    assert axes[1] == pytest.approx(quarter @ axes[0], abs=2e-3)
+    assert other.pose[:3] == pytest.approx(quarter @ one.pose[:3] + [0.1, 0.2, 0.3], abs=2e-4)
+    assert other.high - other.low == pytest.approx(one.high - one.low, abs=2e-4)
+
+
+def test_a_lying_object_points_the_same_way_however_it_was_turned() -> None:
+    for degrees in (90.0, -90.0):
+        axes = split_pose(frame_of(ELLIPSOID, about_x(math.radians(degrees)), PLACE).pose)[1]
+        assert abs(axes[1, 2]) == pytest.approx(1.0, abs=1e-4)
+        assert np.linalg.det(axes) == pytest.approx(1.0)
+
+
+def test_few_contacts_give_an_upright_frame_about_them() -> None:
+    points, normals, platform = contacts(ELLIPSOID, np.eye(3), PLACE)
+    few = points[:6]
+    found = fit_object_frame(fit_coarse(few, NOISE), few, normals[:6], platform, NOISE)
+
+    assert found.ambiguous
+    assert (found.low, found.high) == (platform, few[:, 2].max())
+    assert found.extent_error > 0.01
+
+
+@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 0.0, -1.0)])
+def test_an_axis_is_taken_even_if_contacts_tell_nothing(axis: tuple[float, float, float]) -> None:
+    points, normals, platform = contacts(ELLIPSOID, np.eye(3), PLACE)
+    few = points[:6]
+    fit = fit_coarse(few, NOISE)
+    found = fit_object_frame(fit, few, normals[:6], platform, NOISE, np.array(axis))
+
+    assert found.axis == "given"
+    assert split_pose(found.pose)[1][:, 2] == pytest.approx(np.abs(axis), abs=1e-12)
+    assert found.high > found.low
+
+
+def test_a_fit_that_came_to_a_bound_makes_the_axis_less_certain() -> None:
+    points, normals, platform = contacts(ELLIPSOID, about_x(0.5), PLACE)
+    found = fit_coarse(points, NOISE)
+    strained = replace(found, doubts=("at a bound",))
+    sure, unsure = (
+        fit_object_frame(fit, points, normals, platform, NOISE) for fit in (found, strained)
+    )
+
+    assert unsure.ambiguous or unsure.axis_error == pytest.approx(6.0 * sure.axis_error)
+
+
+def test_the_same_contacts_give_the_same_frame() -> None:
+    one, two = (frame_of(ELLIPSOID, about_x(0.5), PLACE) for _ in range(2))
+
+    assert one.pose.tobytes() == two.pose.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("count", "normals", "noise", "words"),
+    [
+        (0, np.zeros((0, 3)), NOISE, "points must hold at least one contact, got none"),
+        (20, np.zeros((3, 3)), NOISE, r"normals must have shape \(20, 3\), got \(3, 3\)"),
+        (20, np.full((20, 3), np.inf), NOISE, "normals must be finite"),
+        (20, np.zeros((20, 3)), -1.0, "noise must be positive and finite, got -1.0 m"),
+    ],
+)
+def test_what_is_no_grasp_is_refused(count: int, normals: Floats, noise: float, words: str) -> None:
+    points = contacts(ELLIPSOID, np.eye(3), PLACE)[0]
+    found = fit_coarse(points, NOISE)
+
+    with pytest.raises(ValueError, match=words):
+        fit_object_frame(found, points[:count], normals, 0.0, noise)
+
+
+def test_a_pose_of_the_world_is_the_worlds() -> None:
+    found = frame_of(ELLIPSOID, np.eye(3), np.array([0.0, 0.0, 0.042]))
+
+    assert found.pose == pytest.approx(pose_of(np.zeros(3), np.eye(3)), abs=3e-4)
+
+
+Rotations = Callable[[int], Floats]
+HALF, RADIUS = 0.045, 0.025
+
+
+def bottle(rng: np.random.Generator, count: int = 60) -> tuple[Floats, Floats]:
+    """Contacts of the side of a body whose upper half is much narrower."""
+    z, angle = rng.uniform(-0.8 * HALF, 0.9 * HALF, count), rng.uniform(0.0, 2 * np.pi, count)
+    rim = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * z])
+    radius = np.where(z > 0.0, 0.5 * RADIUS, RADIUS)
+    return radius[:, None] * rim + z[:, None] * [0.0, 0.0, 1.0], rim
+
+
+def ends(points: Floats, normals: Floats, lean: float = 0.0, rim: float = RADIUS) -> AxialExtent:
+    """Of a body that leans on its platform by its lower rim."""
+    c, s = math.cos(lean), math.sin(lean)
+    turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    platform = -HALF * c - rim * s
+    points, normals = points @ turn.T, normals @ turn.T
+    found = fit_coarse(points, NOISE)
+    solid = correct_solid(found.shape().mesh(3), points, found.residuals, found.rms, NOISE)
+    pose = pose_of(np.zeros(3), turn)
+    return extent_along(pose, solid, found, Contacts(points, normals), platform)
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.4, 0.8])
+def test_an_end_that_was_not_touched_is_where_the_platform_cuts_it_off(lean: float) -> None:
+    found = ends(*bottle(np.random.default_rng(0)), lean)
+
+    assert found.low == pytest.approx(-HALF, abs=1.5e-3)
+    assert found.radius == pytest.approx(RADIUS, abs=1e-3)
+    assert found.error > 2e-3
+
+
+def test_an_end_that_was_touched_is_where_it_was_touched() -> None:
+    points, normals = bottle(np.random.default_rng(1))
+    top = np.array([[0.003, 0.0, HALF], [-0.004, 0.002, HALF]])
+    found = ends(np.vstack([points, top]), np.vstack([normals, [[0.0, 0.0, 1.0]] * 2]))
+
+    assert found.high == pytest.approx(HALF, abs=1e-9)
+
+
+def test_a_round_end_that_was_touched_beside_its_pole_reaches_beyond() -> None:
+    points, normals = bottle(np.random.default_rng(2))
+    beside, radius = 0.3, 0.5 * RADIUS
+    normal = np.array([[math.sin(beside), 0.0, math.cos(beside)]])
+    top = radius * normal + [[0.0, 0.0, HALF - radius]]
+    found = ends(np.vstack([points, top]), np.vstack([normals, normal]))
+
+    assert found.high == pytest.approx(HALF, abs=0.1e-3)
+    assert found.high > top[0, 2]
+
+
+def test_a_leaning_contact_may_be_of_an_edge_and_the_error_says_so() -> None:
+    points, normals = bottle(np.random.default_rng(3))
+    normal = np.array([[math.sqrt(0.5), 0.0, math.sqrt(0.5)]])
+    top = np.array([[0.5 * RADIUS, 0.0, HALF]])
+    found = ends(np.vstack([points, top]), np.vstack([normals, normal]))
+
+    assert HALF < found.high < HALF + 0.5 * RADIUS
+    assert found.error > 0.5 * (found.high - HALF)
+
+
+def test_a_solid_that_fits_tells_where_its_untouched_ends_are() -> None:
+    shape = Superquadric(np.array([0.02, 0.028, 0.042]), np.ones(2))
+    vertices, faces = shape.mesh(3)
+    middles = vertices[faces].mean(axis=1)
+    points = middles / shape.gauge(middles)[:, None]
+    normals = points / np.square([0.02, 0.028, 0.042])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    side = np.flatnonzero(np.abs(points[:, 2]) < 0.03)[::8]
+    found = fit_coarse(points[side], NOISE)
+    solid = correct_solid(found.shape().mesh(4), points[side], found.residuals, found.rms, NOISE)
+    seen = Contacts(points[side], normals[side])
+    given = extent_along(pose_of(np.zeros(3), np.eye(3)), solid, found, seen, -0.042)
+
+    assert (given.low, given.high) == pytest.approx((-0.042, 0.042), abs=2e-4)
+    assert given.error < 1.5e-3

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from palpate.core.explore.planners.protocol import (
+    Budget,
+    Height,
+    Observation,
+    ObservedSlice,
+    Stop,
+    Wait,
+)
+from palpate.core.explore.planners.uniform import Uniform, nested, sweep
+
+Walk = Callable[..., tuple[list[float], Stop | None]]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 9, 10, 41])
+@pytest.mark.parametrize("order", [sweep, nested])
+def test_every_height_is_visited_once(count: int, order: Callable[[int], list[int]]) -> None:
+    assert sorted(order(count)) == list(range(count))
+
+
+def test_a_sweep_goes_up_from_the_middle_and_then_down() -> None:
+    assert sweep(5) == [2, 3, 4, 1, 0]
+
+
+def test_the_beginnings_of_a_nested_order_are_even() -> None:
+    for size in (3, 5, 9):
+        begun = np.sort(nested(17)[:size])
+        assert len(set(np.diff(begun).tolist())) == 1
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 24, 45])
+@pytest.mark.parametrize("order", ["sweep", "nested"])
+def test_the_heights_are_even_whatever_their_number(
+    count: int, order: str, sides: dict[str, Callable[[float], float]], explored: Walk
+) -> None:
+    planner = Uniform(count=count, order="sweep" if order == "sweep" else "nested")
+    heights, stop = explored(planner, sides["vase"])
+    assert stop is not None
+    wanted = [0.5] if count == 1 else np.linspace(0.03, 0.97, count)
+    np.testing.assert_allclose(sorted(heights), wanted, rtol=1e-12)
+
+
+def test_a_height_that_fails_is_tried_once_more_nearer_to_the_middle(
+    failed: Callable[..., ObservedSlice], known: Callable[..., Observation]
+) -> None:
+    planner, asked = Uniform(count=3), []
+    slices: list[ObservedSlice] = []
+    while isinstance(choice := planner.next(known(slices)), Height):
+        asked.append(choice.height / 0.09)
+        slices.append(failed(choice.height))
+    np.testing.assert_allclose(asked, [0.5, 0.3825, 0.97, 0.8525, 0.03, 0.1475])
+
+
+def test_heights_near_other_fingers_wait(known: Callable[..., Observation]) -> None:
+    taken = Uniform(count=3).next(known(taken=(0.045,), apart=0.02))
+    assert isinstance(taken, Height)
+    assert taken.height == pytest.approx(0.97 * 0.09)
+    assert isinstance(Uniform(count=3).next(known(taken=(0.045,), apart=0.05)), Wait)
+
+
+def test_a_spent_budget_ends_the_plan(
+    slice_of: Callable[..., ObservedSlice], known: Callable[..., Observation]
+) -> None:
+    one = slice_of(lambda z: 0.3, 0.5, seconds=16.0)
+    stop = Uniform().next(known([one], budget=Budget(most_seconds=40.0, seconds=28.0)))
+    assert isinstance(stop, Stop)
+    assert stop.reason == "the budget is spent: 28 of 40 s of robot time, a slice takes 16"
+    begun = Budget(most_touches=40, touches=30)  # from above, before the first slice
+    assert isinstance(Uniform().next(known(budget=begun)), Height)
+    ended = Budget(most_touches=40, touches=40)
+    assert isinstance(Uniform().next(known(budget=ended)), Stop)
+
+
+def test_plans_that_cannot_be_are_refused() -> None:
+    with pytest.raises(ValueError, match="count is 0; expected 1 to 200"):
+        Uniform(count=0)
+    with pytest.raises(ValueError, match="order must be sweep or nested, got 'random'"):
+        Uniform(order="random")  # type: ignore[arg-type]

@@ -1,0 +1,129 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.probing.end_observation import ProbeCommand, ProbeResult, SideContour
+from palpate.core.explore.probing.faces import (
+    FOOT,
+    EndFace,
+    covers,
+    fit_face,
+    inner_outline,
+    interior_point,
+    is_plane,
+    largest_untouched_disc,
+)
+from palpate.core.geometry.polygons import winding_number
+from palpate.core.poses import IDENTITY_POSE
+
+WIDTH = 0.015
+FACE = EndFace(0.04, np.array([0.1, -0.05]))
+
+
+def _made(
+    place: tuple[float, float], normal: Floats | None = None, off: float = 0.0
+) -> ProbeResult:
+    height = FACE.at(np.array([place]))[0] + off
+    probing = ProbeCommand(IDENTITY_POSE, 0.0, "face", np.zeros(3))
+    at = np.array([*place, height])
+    return ProbeResult(probing, "hit", at, FACE.normal if normal is None else normal)
+
+
+def test_a_touch_with_its_normal_tells_the_plane() -> None:
+    found = fit_face([_made((0.005, -0.002))], WIDTH)
+    assert found.height == pytest.approx(0.04, abs=1e-12)
+    np.testing.assert_allclose(found.slopes, FACE.slopes, atol=1e-12)
+
+
+def test_a_normal_from_an_edge_is_not_believed() -> None:
+    places = [(0.0, 0.0), (0.02, 0.0), (0.0, 0.02)]
+    touches = [_made(place, np.array([0.9, 0.0, 0.4])) for place in places]
+    np.testing.assert_allclose(fit_face(touches, WIDTH).slopes, FACE.slopes, atol=1e-6)
+    np.testing.assert_allclose(fit_face(touches[:1], WIDTH).slopes, 0.0, atol=1e-12)
+
+
+def test_touches_in_a_plane_are_one(ring: Callable[..., SideContour]) -> None:
+    touches = [_made((0.0, 0.0)), _made((0.02, 0.0)), _made((0.0, 0.02), off=1e-4)]
+    face = fit_face(touches, WIDTH)
+    assert is_plane(face, touches, ring(0.025, 0.03), 2e-4)
+
+
+@pytest.mark.parametrize(
+    ("last", "above"),
+    [
+        (_made((0.0, 0.02), off=2e-3), 0.0),
+        (_made((0.0, 0.02), np.array([0.0, 0.1, 0.995])), 0.0),
+        (_made((0.0, 0.02)), 0.02),
+    ],
+    ids=["a step", "a lean", "a hollow"],
+)
+def test_what_is_no_plane_is_none(
+    ring: Callable[..., SideContour], last: ProbeResult, above: float
+) -> None:
+    touches = [_made((0.0, 0.0)), _made((0.02, 0.0)), last]
+    wall = ring(0.025, 0.03, above=above)
+    assert not is_plane(fit_face(touches, WIDTH), touches, wall, 2e-4)
+
+
+def test_the_band_of_a_steep_wall_ends_on_the_contour(ring: Callable[..., SideContour]) -> None:
+    wall = ring(0.025, 0.03, above=5e-3)
+    np.testing.assert_allclose(inner_outline(wall), wall.points[:, :2], atol=1e-15)
+
+
+def test_the_band_of_a_leaning_wall_ends_farther_in(ring: Callable[..., SideContour]) -> None:
+    wall = ring(0.025, 0.03, lean=math.radians(45.0), above=5e-3)
+    np.testing.assert_allclose(np.linalg.norm(inner_outline(wall), axis=1), 0.02, atol=1e-12)
+
+
+def test_of_a_horseshoe_the_heart_lies_within() -> None:
+    turn = np.linspace(-0.4 * math.pi, 1.4 * math.pi, 80)
+    out = np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])
+    points = np.concatenate([0.03 * out, 0.02 * out[::-1]])
+    count = np.zeros(len(points))
+    place = interior_point(SideContour(points, points, count, count))
+    assert winding_number(points[:, :2], place[None])[0] != 0
+
+
+def test_on_a_disc_the_gap_lies_between_touch_and_rim(ring: Callable[..., SideContour]) -> None:
+    gap = largest_untouched_disc(ring(0.025, 0.0).points[:, :2], np.zeros((1, 2)), WIDTH)
+    wanted = 0.5 * (0.025 - FOOT * WIDTH)
+    assert gap.radius == pytest.approx(wanted, abs=1e-3)
+    assert np.linalg.norm(gap.place) == pytest.approx(0.025 - wanted, abs=1.5e-3)
+
+
+def test_where_a_foot_covers_all_there_is_no_gap(ring: Callable[..., SideContour]) -> None:
+    assert (
+        largest_untouched_disc(ring(0.004, 0.0).points[:, :2], np.zeros((1, 2)), WIDTH).radius
+        <= 0.0
+    )
+    tiny = 1e-9 * ring(1.0, 0.0).points[:, :2] + 5e-5
+    assert largest_untouched_disc(tiny, np.zeros((1, 2)), WIDTH).radius <= 0.0
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(st.integers(0, 10_000), st.integers(1, 6))
+def test_a_gap_is_empty_and_inside(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    turn = 2.0 * np.pi * np.arange(40) / 40
+    radius = 0.03 * (1.0 + 0.3 * np.cos(rng.integers(2, 5) * turn + rng.uniform(0.0, 6.0)))
+    outline = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+    tried = rng.uniform(-0.03, 0.03, (count, 2))
+    gap = largest_untouched_disc(outline, tried, WIDTH)
+    if gap.radius > 0.0:
+        assert winding_number(outline, gap.place[None])[0] != 0
+        reach = FOOT * WIDTH + gap.radius
+        assert np.linalg.norm(tried - gap.place, axis=1).min() >= reach - 1e-12
+
+
+def test_a_contour_covers_what_lies_inside_or_close_beside_it(
+    ring: Callable[..., SideContour],
+) -> None:
+    places = np.array([[0.0, 0.0], [0.024, 0.0], [0.029, 0.0], [0.031, 0.0]])
+    assert covers(ring(0.025, 0.03), places, 5e-3).tolist() == [True, True, True, False]

@@ -1,0 +1,171 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.core.geometry.meshes import (
+    areas_and_normals,
+    is_closed,
+    is_inside_out,
+    solidity,
+    triangle_corners,
+)
+from palpate.core.shapes.protocol import Mesh
+from palpate.core.shapes.tessellations import icosphere
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    """All meshes as one, no vertex shared."""
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]),
+    )
+
+
+def test_a_cube_is_a_solid_of_unit_volume(box: Mesh) -> None:
+    assert solidity(*box) == (True, 1, 0, pytest.approx(1.0, rel=1e-12))
+
+
+def test_a_torus_has_one_handle_and_the_volume_of_pappus(torus: Mesh) -> None:
+    found = solidity(*torus)
+
+    assert found[:3] == (True, 1, 1)
+    section = 20 / 2 * np.sin(2 * np.pi / 20)  # of the polygon, for a circle of radius 1
+    assert found.volume == pytest.approx(2 * np.pi * 3 * section, rel=0.01)
+
+
+def test_handles_and_pieces_add_up(torus: Mesh, box: Mesh) -> None:
+    far = Mesh(torus.vertices + 10.0, torus.faces)
+
+    found = solidity(*joined(torus, far, box))
+
+    assert found[:3] == (True, 3, 2)
+
+
+def test_two_cubes_that_touch_in_a_vertex_are_two_spheres(box: Mesh) -> None:
+    # The far corner of one is vertex 0 of the other.
+    second = np.where(box.faces == 0, 6, box.faces + 8)
+    vertices = np.concatenate([box.vertices, box.vertices + 1.0])
+
+    found = solidity(vertices, np.concatenate([box.faces, second]))
+
+    assert found == (True, 2, 0, pytest.approx(2.0))
+
+
+def test_turned_inside_out_the_volume_is_negative(box: Mesh) -> None:
+    found = solidity(box.vertices, box.faces[:, ::-1])
+
+    assert found == (True, 1, 0, pytest.approx(-1.0))
+
+
+def test_far_from_the_origin_the_volume_stays(box: Mesh) -> None:
+    assert solidity(box.vertices + 1e6, box.faces).volume == pytest.approx(1.0, rel=1e-9)
+
+
+def test_vertices_that_no_face_names_are_ignored(box: Mesh) -> None:
+    vertices = np.concatenate([box.vertices, [[9.0, 9.0, 9.0]]])
+
+    assert solidity(vertices, box.faces)[:3] == (True, 1, 0)
+
+
+def test_a_missing_face_opens_the_surface(box: Mesh) -> None:
+    assert solidity(box.vertices, box.faces[1:])[:3] == (False, 1, None)
+
+
+def test_a_face_turned_the_wrong_way_is_not_watertight(box: Mesh) -> None:
+    faces = box.faces.copy()
+    faces[3] = faces[3, ::-1]
+
+    assert not solidity(box.vertices, faces).watertight
+
+
+def test_a_face_given_twice_is_not_watertight(box: Mesh) -> None:
+    assert not solidity(box.vertices, np.concatenate([box.faces, box.faces[:1]])).watertight
+
+
+def test_two_solids_that_share_an_edge_are_not_watertight(box: Mesh) -> None:
+    # Edge 2-6 of one becomes edge 0-4 of the other: four faces at one edge.
+    second = box.faces + 8
+    second[box.faces == 0], second[box.faces == 4] = 2, 6
+    vertices = np.concatenate([box.vertices, box.vertices + np.array([1.0, 1.0, 0.0])])
+
+    assert not solidity(vertices, np.concatenate([box.faces, second])).watertight
+
+
+def test_a_face_with_a_doubled_corner_is_not_watertight() -> None:
+    assert not solidity(np.eye(3), [[0, 1, 1], [1, 0, 0]]).watertight
+
+
+def test_the_order_of_faces_does_not_matter(torus: Mesh) -> None:
+    shuffled = np.random.default_rng(0).permutation(torus.faces)
+
+    assert solidity(torus.vertices, shuffled)[:3] == (True, 1, 1)
+
+
+def test_a_ball_is_closed_until_a_face_is_taken_away_doubled_or_turned() -> None:
+    _, faces = icosphere(2)
+    assert is_closed(faces)
+    assert is_closed(faces[:, ::-1])
+    assert is_closed(np.random.default_rng(0).permutation(faces))
+    assert not is_closed(faces[1:])
+    assert not is_closed(np.concatenate([faces, faces[:1]]))
+    turned = faces.copy()
+    turned[7] = turned[7, ::-1]
+    assert not is_closed(turned)
+    assert not is_closed(faces[:0])
+
+
+def test_two_balls_are_closed_and_a_fin_is_not() -> None:
+    _, faces = icosphere(1)
+    assert is_closed(np.concatenate([faces, faces + 42]))
+    a, b = faces[0, :2]
+    assert not is_closed(np.concatenate([faces, [[a, b, 42]]]).astype(np.int32))
+
+
+def test_turned_faces_are_seen_wherever_the_mesh_is_and_even_with_a_hole() -> None:
+    directions, faces = icosphere(2)
+    for place in ([0.0, 0.0, 0.0], [50.0, -20.0, 9.0]):
+        for some in (faces, faces[40:]):
+            assert not is_inside_out(directions + place, some)
+            assert is_inside_out(directions + place, some[:, ::-1])
+
+
+TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+
+
+def test_a_cube_has_six_unit_sides_whose_normals_point_outwards(box: Mesh) -> None:
+    corners = triangle_corners(box.vertices, box.faces)
+
+    areas, normals = areas_and_normals(corners)
+
+    np.testing.assert_array_equal(areas, 0.5)
+    outwards = corners.mean(axis=1) - 0.5
+    assert np.einsum("ij,ij->i", normals, outwards) == pytest.approx(0.5)
+
+
+def test_a_triangle_without_area_has_no_normal() -> None:
+    flat = np.array([[[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]])
+
+    areas, normals = areas_and_normals(flat)
+
+    assert areas.tolist() == [0.0]
+    assert normals.tolist() == [[0.0, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "words"),
+    [
+        (TRIANGLE[:, :2], [[0, 1, 2]], r"vertices must have shape \(any, 3\), got \(3, 2\)"),
+        (TRIANGLE * np.nan, [[0, 1, 2]], "vertices must be finite"),
+        (TRIANGLE, np.empty((0, 3), int), "at least one row, got int64 of shape"),
+        (TRIANGLE, [0, 1, 2], "faces must be integers of shape"),
+        (TRIANGLE, [[0, 1, 2, 0]], "faces must be integers of shape"),
+        (TRIANGLE, [[0.0, 1.0, 2.0]], "faces must be integers of shape .* got float64"),
+        (TRIANGLE, [[0, 1, 3]], "faces must name vertices from 0 to 2, got 3"),
+        (TRIANGLE, [[0, -1, 2]], "faces must name vertices from 0 to 2, got -1"),
+    ],
+)
+def test_what_is_no_mesh_is_refused(vertices: np.ndarray, faces: object, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        triangle_corners(vertices, faces)  # type: ignore[arg-type]

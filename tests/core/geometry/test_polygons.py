@@ -1,0 +1,363 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.core.arrays import Floats
+from palpate.core.geometry.polygons import (
+    area_centroid,
+    edge_distance,
+    inscribed_circle,
+    inscribed_ellipse_scale,
+    self_intersects,
+    signed_area,
+    winding_number,
+)
+from palpate.core.geometry.star_shapes import (
+    angle_between,
+    azimuth_match,
+    radial_match,
+    turn_between,
+)
+
+SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+SEEDS = st.integers(0, 10**6)
+
+
+def test_the_area_is_positive_counter_clockwise() -> None:
+    assert signed_area(SQUARE) == 1.0
+    assert signed_area(SQUARE[::-1]) == -1.0
+    assert signed_area(1e6 + 1e-6 * SQUARE) == pytest.approx(1e-12, rel=1e-3)
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(SEEDS, st.floats(0.1, 10.0), st.floats(-3.0, 3.0))
+def test_the_centroid_moves_with_the_figure(seed: int, scale: float, angle: float) -> None:
+    rng = np.random.default_rng(seed)
+    turn = np.sort(rng.uniform(0, 2 * np.pi, 12))
+    figure = rng.uniform(0.5, 1.5, (12, 1)) * np.column_stack([np.cos(turn), np.sin(turn)])
+    cosine, sine = math.cos(angle), math.sin(angle)
+    rotation, shift = np.array([[cosine, -sine], [sine, cosine]]), rng.normal(size=2)
+    moved = scale * figure @ rotation.T + shift
+    wanted = scale * rotation @ area_centroid(figure) + shift
+    assert np.allclose(area_centroid(moved), wanted, rtol=0, atol=1e-11 * scale)
+
+
+def test_the_centroid_of_a_triangle_is_the_mean_of_its_corners() -> None:
+    corners = np.array([[0, 0, 7], [3, 0, 7], [0, 6, 7.0]])
+    assert np.allclose(area_centroid(corners), [1, 2])
+
+
+@settings(derandomize=True, deadline=None, max_examples=40)
+@given(SEEDS, st.floats(-12.0, 0.49))
+def test_angles_are_found_at_any_size_of_the_vectors(seed: int, power: float) -> None:
+    rng, angle = np.random.default_rng(seed), 10.0**power
+    plane, _ = np.linalg.qr(rng.normal(size=(3, 2)))
+    first = 10.0 ** rng.uniform(-200, 150) * plane[:, 0]
+    second = 10.0 ** rng.uniform(-200, 150) * (plane @ [math.cos(angle), math.sin(angle)])
+    assert angle_between(first, second) == pytest.approx(angle, rel=1e-12, abs=1e-15)
+
+
+def test_turns_are_positive_counter_clockwise() -> None:
+    east, north = np.array([2.0, 0.0]), np.array([0.0, 0.5])
+    assert turn_between(east, north) == pytest.approx(np.pi / 2)
+    assert turn_between(north, east) == pytest.approx(-np.pi / 2)
+    assert turn_between(east, -east) == pytest.approx(np.pi)
+    assert np.array_equal(angle_between(np.array([east, north]), east), [0.0, np.pi / 2])
+
+
+def test_half_a_turn_is_positive_whatever_the_sign_of_zero() -> None:
+    for zero in (0.0, -0.0):
+        for x in (1.0, -1.0):
+            assert turn_between(np.array([x, zero]), np.array([-x, 0.0])) == np.pi
+
+
+def test_a_direction_of_no_length_makes_no_angle() -> None:
+    assert angle_between(np.zeros(3), np.array([1.0, 2.0, 3.0])) == 0.0
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(SEEDS)
+def test_winding_and_distance_agree_with_sums_of_angles_and_fine_sampling(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    polygon, points = rng.normal(size=(9, 2)), rng.normal(size=(40, 2))
+    away = polygon - points[:, None, :]
+    angles = turn_between(away, np.roll(away, -1, axis=1)).sum(axis=1)
+    assert np.array_equal(winding_number(polygon, points), np.round(angles / (2 * np.pi)))
+    share = np.linspace(0, 1, 400)[:, None, None]
+    edges = (1 - share) * polygon + share * np.roll(polygon, -1, axis=0)
+    sampled = np.linalg.norm(points[:, None] - edges.reshape(1, -1, 2), axis=2).min(axis=1)
+    distance = edge_distance(polygon, points)
+    assert (distance <= sampled + 1e-12).all()
+    assert np.allclose(distance, sampled, atol=1e-2)
+
+
+def test_an_edge_of_no_length_is_a_point() -> None:
+    doubled = np.repeat(SQUARE, 2, axis=0)
+    assert edge_distance(doubled, np.array([[0.5, 0.2]]))[0] == pytest.approx(0.2)
+
+
+def _crosses_plainly(polygon: Floats) -> bool:
+    count = len(polygon)
+
+    def side(a: Floats, b: Floats, c: Floats) -> float:
+        return float((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0])
+
+    for i in range(count):
+        for j in range(i + 2, count):
+            if i == 0 and j == count - 1:
+                continue
+            a, b = polygon[i], polygon[(i + 1) % count]
+            c, d = polygon[j], polygon[(j + 1) % count]
+            if side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0:
+                return True
+    return False
+
+
+@settings(derandomize=True, deadline=None, max_examples=50)
+@given(SEEDS, st.integers(3, 12), st.floats(0.0, 0.5))
+def test_crossings_are_those_that_all_pairs_show(seed: int, count: int, noise: float) -> None:
+    rng = np.random.default_rng(seed)
+    turn = 2 * np.pi * np.arange(count) / count
+    polygon = np.column_stack([np.cos(turn), np.sin(turn)]) + noise * rng.normal(size=(count, 2))
+    assert self_intersects(polygon) == _crosses_plainly(polygon)
+
+
+def test_a_polygon_that_touches_itself_meets_itself(three_lobes: Callable[..., Floats]) -> None:
+    touching = np.array([[0, 0], [2, 0], [2, 2], [1, 0], [0, 2.0]])
+    assert self_intersects(touching)
+    assert not self_intersects(SQUARE)
+    assert not self_intersects(three_lobes(0.9))
+    assert self_intersects(SQUARE[[0, 2, 1, 3]])
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-9, 1.0, 1e200])
+def test_vertices_that_come_twice_are_no_touch(scale: float) -> None:
+    closed = scale * np.vstack([SQUARE, SQUARE[:1]])
+    assert not self_intersects(closed)
+    assert not self_intersects(np.repeat(closed, 3, axis=0))
+    assert self_intersects(closed[[0, 2, 1, 3, 0]])
+    assert not self_intersects(np.zeros((9, 2)))
+
+
+@pytest.mark.parametrize("count", [33, 64, 65, 1000])
+def test_one_crossing_among_many_edges_is_found_wherever_it_is(count: int) -> None:
+    turn = 2 * np.pi * np.arange(count) / count
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    assert not self_intersects(circle)
+    for place in range(0, count, max(count // 33, 1)):
+        crossed = np.roll(circle, place, axis=0)
+        crossed[[5, 6]] = crossed[[6, 5]]
+        assert self_intersects(crossed)
+
+
+def test_no_polygon_and_what_is_not_finite_are_refused() -> None:
+    origin, nan = np.zeros((1, 2)), np.full((1, 2), math.nan)
+    for measure in (signed_area, area_centroid):
+        with pytest.raises(ValueError, match="polygon must have at least 1 vertex, got 0"):
+            measure(np.zeros((0, 2)))
+    with pytest.raises(ValueError, match="polygon must be finite"):
+        self_intersects(nan)
+    for relate in (edge_distance, winding_number):
+        with pytest.raises(ValueError, match="polygon must have at least 1 vertex, got 0"):
+            relate(np.zeros((0, 2)), origin)
+        with pytest.raises(ValueError, match="points must be finite"):
+            relate(SQUARE, nan)
+    with pytest.raises(ValueError, match="second must be finite"):
+        angle_between(SQUARE[1], nan)
+    with pytest.raises(ValueError, match=r"first must have shape \(..., 2\), got \(3,\)"):
+        turn_between(np.zeros(3), SQUARE[1])
+    with pytest.raises(ValueError, match=r"first must have shape \(..., 2\) or \(..., 3\)"):
+        angle_between(np.zeros(4), np.zeros(4))
+
+
+def polygon(azimuth: Floats, radius: Floats | float, middle: tuple[float, float]) -> Floats:
+    away = np.column_stack([np.cos(azimuth), np.sin(azimuth)]) * np.reshape(radius, (-1, 1))
+    return np.column_stack([away + middle, np.full(len(azimuth), 0.05)])
+
+
+def test_the_middle_of_an_unevenly_felt_circle_is_its_centre() -> None:
+    rng = np.random.default_rng(0)
+    azimuth = np.sort(np.concatenate([rng.uniform(0, 2 * np.pi, 60), rng.uniform(0, 0.5, 300)]))
+    contour = polygon(azimuth, 0.03, (0.1, -0.2))
+    assert np.linalg.norm(area_centroid(contour) - [0.1, -0.2]) < 0.01 * 0.03
+    assert np.linalg.norm(contour[:, :2].mean(axis=0) - [0.1, -0.2]) > 0.5 * 0.03
+
+
+def test_the_middle_does_not_depend_on_direction_or_start_or_a_repeated_end() -> None:
+    azimuth = np.sort(np.random.default_rng(1).uniform(0, 2 * np.pi, 40))
+    contour = polygon(azimuth, 0.03 + 0.01 * np.cos(3 * azimuth), (1.0, 2.0))
+    middle = area_centroid(contour)
+    for other in (
+        contour[::-1],
+        np.roll(contour, 13, axis=0),
+        np.concatenate([contour, contour[:1]]),
+    ):
+        assert np.allclose(area_centroid(other), middle, rtol=0, atol=1e-15)
+
+
+def test_the_middle_of_a_small_ring_far_away_keeps_its_digits() -> None:
+    azimuth = np.linspace(0, 2 * np.pi, 50, endpoint=False)
+    contour = polygon(azimuth, 1e-6, (1e3, -1e3))
+    assert np.linalg.norm(area_centroid(contour) - [1e3, -1e3]) < 1e-11
+
+
+@pytest.mark.parametrize("count", [1, 2, 40])
+def test_points_that_enclose_nothing_have_the_middle_of_the_points(count: int) -> None:
+    on_a_line = np.outer(np.linspace(1.0, 2.0, count), [0.01, 0.02, 0.0])
+    assert np.allclose(area_centroid(on_a_line), on_a_line.mean(axis=0)[:2], atol=1e-15)
+
+
+def test_the_circle_in_a_square_a_rectangle_and_a_triangle_is_the_known_one() -> None:
+    for scale, shift in ((1.0, 0.0), (1e-9, 1e-3), (1e9, 0.0)):
+        middle, radius = inscribed_circle(scale * SQUARE + shift)
+        assert radius == pytest.approx(0.5 * scale, rel=1e-6)
+        assert np.allclose(middle, 0.5 * scale + shift, rtol=1e-6)
+    flat = inscribed_circle(SQUARE * [10, 1])
+    assert flat.radius == pytest.approx(0.5, rel=1e-6)
+    triangle = inscribed_circle(np.array([[0, 0], [4, 0], [0, 3.0]]))
+    assert triangle.radius == pytest.approx(1.0, rel=1e-4)
+    assert np.allclose(triangle.middle, [1, 1], atol=1e-3)
+
+
+@settings(derandomize=True, deadline=None, max_examples=15)
+@given(st.integers(0, 10**6))
+def test_no_sampled_place_holds_a_larger_circle(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turn = np.sort(rng.uniform(0, 2 * np.pi, 20))
+    polygon = rng.uniform(0.3, 1.5, (20, 1)) * np.column_stack([np.cos(turn), np.sin(turn)])
+    middle, radius = inscribed_circle(polygon)
+    places = rng.uniform(polygon.min(axis=0), polygon.max(axis=0), (3000, 2))
+    places = places[winding_number(polygon, places) != 0]
+    assert radius >= edge_distance(polygon, places).max() - 1e-3 * np.ptp(polygon, axis=0).max()
+    assert edge_distance(polygon, middle[None])[0] == pytest.approx(radius)
+    assert winding_number(polygon, middle[None])[0] != 0
+
+
+def test_a_polygon_that_encloses_nothing_holds_no_circle() -> None:
+    assert inscribed_circle(np.tile([1.0, 2.0], (5, 1))).radius == 0.0
+    assert inscribed_circle(np.array([[0, 0], [1, 1], [2, 2.0]])).radius == 0.0
+
+
+def test_an_ellipse_touches_the_box_around_it() -> None:
+    box = np.array([[-2, -1], [2, -1], [2, 1], [-2, 1.0]])
+    assert inscribed_ellipse_scale(box, np.zeros(2), np.array([2.0, 1.0])) == 1.0
+    assert inscribed_ellipse_scale(box, np.zeros(2), np.array([1.0, 1.0])) == 1.0
+    assert inscribed_ellipse_scale(box, np.array([1.0, 0.0]), np.array([2.0, 1.0])) == 0.5
+    assert inscribed_ellipse_scale(box[::-1], np.zeros(2), np.array([4.0, 2.0])) == 0.5
+
+
+@settings(derandomize=True, deadline=None, max_examples=20)
+@given(st.integers(0, 10**6))
+def test_the_ellipse_of_the_scale_found_stays_inside_and_a_larger_one_does_not(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turn = np.linspace(0, 2 * np.pi, 15, endpoint=False)
+    polygon = rng.uniform(0.5, 1.5, (15, 1)) * np.column_stack([np.cos(turn), np.sin(turn)])
+    axes, around = rng.uniform(0.3, 2.0, 2), np.linspace(0, 2 * np.pi, 5000)
+    circle = axes * np.column_stack([np.cos(around), np.sin(around)])
+    scale = inscribed_ellipse_scale(polygon, np.zeros(2), axes)
+    assert (winding_number(polygon, (1 - 1e-9) * scale * circle) == 1).all()
+    assert (winding_number(polygon, (1 + 1e-3) * scale * circle) == 0).any()
+
+
+def test_what_encloses_nothing_or_is_no_ellipse_is_refused(
+    three_lobes: Callable[..., Floats],
+) -> None:
+    with pytest.raises(ValueError, match="polygon must have at least 3 vertices, got 2"):
+        inscribed_circle(np.zeros((2, 2)))
+    with pytest.raises(ValueError, match="polygon must be finite"):
+        inscribed_circle(np.full((3, 2), np.nan))
+    with pytest.raises(ValueError, match=r"semi_axes must be positive, got \[1\.0, 0\.0\] m"):
+        inscribed_ellipse_scale(three_lobes(0.3), np.zeros(2), np.array([1.0, 0.0]))
+
+
+AZIMUTHS = 2 * np.pi * np.arange(80) / 80
+
+
+def test_an_unevenly_sampled_circle_has_its_centroid_in_the_middle() -> None:
+    # Three quarters of the points lie on one quarter of the circle.
+    angle = np.concatenate(
+        [
+            np.linspace(0, np.pi / 2, 60, endpoint=False),
+            np.linspace(np.pi / 2, 2 * np.pi, 20, endpoint=False),
+        ]
+    )
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    assert np.linalg.norm(circle.mean(axis=0)) > 0.4
+    assert np.linalg.norm(area_centroid(circle)) < 0.01
+    assert np.linalg.norm(area_centroid(np.vstack([circle, circle[:1]]))) < 0.01
+
+
+def test_a_concave_slice_is_matched_in_order_or_flagged_where_rays_miss_or_meet_it_often(
+    u_shape: Floats, refined: Callable[..., Floats]
+) -> None:
+    contour = refined(u_shape)
+    outside, inside = area_centroid(u_shape), inscribed_circle(u_shape).middle
+    assert winding_number(u_shape, outside[None])[0] == 0
+    assert set(radial_match(contour, outside, AZIMUTHS + 0.01).meetings) == {0, 2}
+    assert set(radial_match(contour, inside, AZIMUTHS + 0.01).meetings) == {1, 3}
+    for middle in (outside, inside):
+        match = azimuth_match(contour, middle, AZIMUTHS)
+        assert match.inside == (middle is inside)
+        assert not match.one_to_one
+        steps = np.mod(np.diff(match.turns, append=match.turns[0]), 1.0)
+        assert (steps > 0.0).all()
+        assert steps.sum() == pytest.approx(1.0)
+        assert np.allclose(edge_distance(u_shape, match.points), 0.0, atol=1e-12)
+    # Where a ray meets the outline only once, the match from inside is nearly that place.
+    match = azimuth_match(contour, inside, AZIMUTHS)
+    radial = radial_match(contour, inside, AZIMUTHS)
+    below = (np.sin(AZIMUTHS) < -0.8) & (np.cos(AZIMUTHS) < 0.0)
+    off = np.linalg.norm(match.points - radial.points, axis=1)[below]
+    assert off.max() < 1.0
+
+
+def test_the_largest_circle_in_a_u_lies_inside_where_the_middle_of_its_box_does_not(
+    u_shape: Floats,
+) -> None:
+    box = 0.5 * (u_shape.min(axis=0) + u_shape.max(axis=0))
+    assert winding_number(u_shape, box[None])[0] == 0
+    middle, radius = inscribed_circle(u_shape)
+    assert winding_number(u_shape, middle[None])[0] == 1
+    # It touches two sides of a corner and the corner opposite: (1 - r) sqrt 2 = r.
+    assert radius == pytest.approx(2 - math.sqrt(2), rel=1e-6)
+
+
+def test_an_angle_of_a_nanoradian_is_found() -> None:
+    first, second = np.array([1.0, 0.0]), np.array([math.cos(1e-9), math.sin(1e-9)])
+    assert math.acos(min(float(first @ second), 1.0)) == 0.0
+    assert angle_between(first, second) == pytest.approx(1e-9, rel=1e-12)
+
+
+def test_the_ellipse_in_a_polygon_with_hollows_is_not_cut_by_lines_beyond_its_edges(
+    three_lobes: Callable[..., Floats],
+) -> None:
+    polygon = three_lobes(0.45, 16)
+    low, high = polygon.min(axis=0), polygon.max(axis=0)
+    middle, axes = 0.5 * (low + high), 0.5 * (high - low)
+    around = (polygon - middle) / axes
+    along = np.roll(around, -1, axis=0) - around
+    lines = np.abs(along[:, 0] * around[:, 1] - along[:, 1] * around[:, 0])
+    lines /= np.linalg.norm(along, axis=1)
+    assert lines.min() == pytest.approx(0.168, abs=1e-3)
+    assert inscribed_ellipse_scale(polygon, middle, axes) == pytest.approx(0.399, abs=1e-3)
+
+
+def test_the_largest_ellipse_comes_in_closed_form_where_the_search_has_no_branch(
+    three_lobes: Callable[..., Floats], u_shape: Floats
+) -> None:
+    polygon, axes = three_lobes(0.5, 90) * [2.0, 1.0], np.array([2.0, 1.0])
+    around = 2 * np.pi * np.arange(20000) / 20000
+    circle = axes * np.column_stack([np.cos(around), np.sin(around)])
+    low, high = 0.0, 1.0
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        fits = (winding_number(polygon, middle * circle) == 1).all()
+        low, high = (middle, high) if fits else (low, middle)
+    assert inscribed_ellipse_scale(polygon, np.zeros(2), axes) == pytest.approx(low, abs=1e-5)
+    assert inscribed_ellipse_scale(u_shape, np.array([2.5, 2.0]), np.array([2.5, 2.0])) == 0.0

@@ -1,0 +1,262 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.contours.consistency import (
+    InconsistentContours,
+    inconsistent_contours,
+    look_like_features,
+    neighbour_misfits,
+    neighbour_weights,
+)
+from palpate.core.rebuild.contours.correspondence import match_slices
+from palpate.core.rebuild.contours.slices import slices_of
+
+HEIGHTS = np.linspace(-0.98, 0.98, 27)
+ANGLE = 2 * np.pi * np.arange(60) / 60
+NOISE = 0.01  # Half a percent of the height
+Sections = dict[str, Callable[[Floats, float], Floats]]
+PROFILES: dict[str, Callable[[Floats], Any]] = {
+    "lobed": lambda z: np.sqrt(1.04 - z * z) * (0.75 + 0.18 * np.sin(9 * z)),
+    "ball": lambda z: np.sqrt(1.0004 - z * z),
+    "cylinder": lambda z: 0.6 + 0 * z,
+    "cone": lambda z: 0.1 + 0.3 * (1 - z),
+    "edge": lambda z: 0.2 + 0.6 * (1 - np.abs(z)),
+    "step": lambda z: 0.4 + 0.3 * (z > 0.1),
+    "two steps": lambda z: 0.4 + 0.3 * (z > 0.13) - 0.2 * (z > 0.62),
+    "neck": lambda z: 0.7 - 0.4 * np.exp(-(((z - 0.1) / 0.08) ** 2)),
+    "groove": lambda z: 0.7 - 0.2 * (np.abs(z - 0.1) < 0.085),
+    "flange": lambda z: 0.5 + 0.3 * (np.abs(z - 0.1) < 0.085),
+    "capsule": lambda z: np.sqrt(np.maximum(0.36 - np.maximum(np.abs(z) - 0.4, 0) ** 2, 1e-4)),
+    "bottle": lambda z: 0.25 + 0.4 * np.clip((0.5 - z) / 0.3, 0, 1),
+    "zigzag": lambda z: 0.6 + 0.1 * np.arcsin(np.sin(4 * np.pi * z)),
+    "fine zigzag": lambda z: 0.6 + 0.1 * np.arcsin(np.sin(12 * np.pi * z)),
+}
+
+
+def grid_of(name: str, heights: Floats = HEIGHTS) -> Floats:
+    around = (1 + 0.1 * np.cos(2 * ANGLE))[:, None] * np.column_stack(
+        [np.cos(ANGLE), np.sin(ANGLE)]
+    )
+    return np.asarray(PROFILES[name](heights)[:, None, None] * around)
+
+
+def rows(found: InconsistentContours) -> list[int]:
+    return np.flatnonzero(found.bad).tolist()
+
+
+def shaken(grid: Floats, noise: float, seed: int = 0) -> Floats:
+    return grid + noise * np.random.default_rng(seed).normal(size=grid.shape)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.4 * NOISE, NOISE])
+@pytest.mark.parametrize("name", PROFILES)
+def test_of_clean_contours_none_is_bad(name: str, noise: float) -> None:
+    """Hard case 47: necks, steps, edges and zigzags are the object's own."""
+    rng = np.random.default_rng(0)
+    uneven = HEIGHTS.copy()
+    uneven[1:-1] += 0.3 * (HEIGHTS[1] - HEIGHTS[0]) * rng.uniform(-1, 1, 25)
+    for heights in (HEIGHTS, uneven):
+        found = inconsistent_contours(heights, shaken(grid_of(name, heights), noise))
+        assert rows(found) == []
+        assert not found.off.any()
+
+
+@pytest.mark.parametrize("factor", [1.3, 0.7])
+@pytest.mark.parametrize("noise", [0.0, NOISE])
+@pytest.mark.parametrize("name", ["lobed", "ball", "cylinder", "edge", "bottle"])
+def test_one_contour_of_another_size_is_found(name: str, noise: float, factor: float) -> None:
+    """Hard case 47."""
+    for row in (3, 9, 12):
+        grid = shaken(grid_of(name), noise)
+        size = np.sqrt((grid[row] ** 2).sum(axis=1).mean())
+        grid[row] *= factor
+        found = inconsistent_contours(HEIGHTS, grid)
+        assert rows(found) == [row]
+        assert found.off[row] == pytest.approx(abs(factor - 1) * size, rel=0.25)
+
+
+@pytest.mark.parametrize("noise", [0.0, NOISE])
+@pytest.mark.parametrize("bad", [[5, 13, 20], [5, 8, 20], [9, 11, 18], [2, 12, 24]])
+@pytest.mark.parametrize("name", ["lobed", "cylinder", "ball"])
+def test_three_of_27_are_found(name: str, bad: list[int], noise: float) -> None:
+    grid = shaken(grid_of(name), noise)
+    grid[bad] *= 1.3
+    assert rows(inconsistent_contours(HEIGHTS, grid)) == bad
+
+
+def test_a_contour_that_was_moved_or_turned_is_found() -> None:
+    moved, turned = grid_of("bottle"), grid_of("bottle")
+    moved[7] += [0.1, -0.05]
+    turned[7] = turned[7] @ np.array([[0.9, 0.436], [-0.436, 0.9]])
+    assert (
+        rows(inconsistent_contours(HEIGHTS, moved))
+        == rows(inconsistent_contours(HEIGHTS, turned))
+        == [7]
+    )
+
+
+def test_a_contour_next_to_an_end_is_bad_only_where_the_object_goes_on_evenly() -> None:
+    for name, wanted in (("cylinder", [25]), ("ball", [])):
+        grid = grid_of(name)
+        grid[25] *= 1.05
+        assert rows(inconsistent_contours(HEIGHTS, grid)) == wanted
+    for end in (0, 26):
+        grid = grid_of("cylinder")
+        grid[end] *= 1.3
+        assert rows(inconsistent_contours(HEIGHTS, grid)) == []
+
+
+def test_next_to_sharp_edges_of_the_object_a_bad_contour_stays() -> None:
+    grid = grid_of("zigzag")
+    grid[9] *= 1.3
+    assert rows(inconsistent_contours(HEIGHTS, grid)) == []
+
+
+def test_one_in_five_is_found_and_of_every_other_one_none_is_singled_out() -> None:
+    for every, wanted in ((slice(2, None, 5), [2, 7, 12, 17, 22]), (slice(0, None, 2), [])):
+        grid = grid_of("cylinder")
+        grid[every] *= 1.3
+        assert rows(inconsistent_contours(HEIGHTS, grid)) == wanted
+
+
+def test_of_nine_contours_one_is_found_and_fewer_are_not_judged() -> None:
+    for count, wanted in ((9, [4]), (8, [])):
+        grid = grid_of("cylinder", HEIGHTS[:count])
+        grid[4] *= 1.3
+        assert rows(inconsistent_contours(HEIGHTS[:count], grid)) == wanted
+
+
+def test_unit_and_place_change_nothing() -> None:
+    grid = shaken(grid_of("lobed"), NOISE)
+    grid[13] *= 1.3
+    wanted = inconsistent_contours(HEIGHTS, grid)
+    found = inconsistent_contours(1e-3 * HEIGHTS + 4.0, 1e-3 * grid + [7.0, -3.0])
+    assert rows(found) == rows(wanted) == [13]
+    assert found.off[13] == pytest.approx(1e-3 * wanted.off[13], rel=1e-6)
+    assert found.usual == pytest.approx(1e-3 * wanted.usual, rel=1e-6)
+
+
+def test_traced_contours_are_cleaned_of_a_bad_one_by_all_steps_together(
+    traced: Callable[..., Any], sections: Sections
+) -> None:
+    """Hard case 47: matched, judged, left out, matched again."""
+    contours = traced(sections["lobed"]).contours(HEIGHTS, 81, noise=NOISE)
+    contours[11][:, :2] *= 1.3
+    slices = slices_of(contours)
+    found = inconsistent_contours(slices.heights, match_slices(slices, 60).grid)
+    left = slices.without(found.bad, "unlike its neighbours", found.off)
+    (dropped,) = left.dropped
+    assert dropped[:2] == (11, "unlike its neighbours")
+    assert dropped.height == slices.heights[11] and dropped.off == found.off[11] > 0.1
+    again = inconsistent_contours(left.heights, match_slices(left, 60).grid)
+    assert rows(again) == []
+
+
+@pytest.mark.parametrize(
+    ("heights", "grid", "words"),
+    [
+        (np.zeros((3, 2)), np.zeros((3, 4, 2)), r"heights must have shape \(any\)"),
+        (np.arange(3.0), np.zeros((4, 4, 2)), r"grid must have shape \(3, any, 2\)"),
+        (np.arange(3.0), np.full((3, 4, 2), np.nan), "grid must be finite"),
+        (np.array([0.0, 1.0, 1.0]), np.zeros((3, 4, 2)), "heights must rise, got"),
+    ],
+)
+def test_what_is_no_stack_is_refused(heights: Floats, grid: Floats, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        inconsistent_contours(heights, grid)
+
+
+SUSPECTS_ANGLE = 2 * np.pi * np.arange(40) / 40
+RIM = np.stack([np.cos(SUSPECTS_ANGLE), np.sin(SUSPECTS_ANGLE)], axis=-1)
+
+
+def stack(radii: Floats) -> tuple[Floats, Floats]:
+    return np.linspace(-40.0, 40.0, len(radii)), np.asarray(radii)[:, None, None] * RIM
+
+
+@pytest.mark.parametrize("count", [4, 6, 8])
+def test_one_contour_far_off_is_suspicious_and_says_by_how_much(count: int) -> None:
+    for row in range(1, count - 1):
+        radii = np.full(count, 30.0)
+        radii[row] = 39.0
+        off = neighbour_misfits(*stack(radii))
+        assert np.flatnonzero(off).tolist() == [row]
+        assert off[row] == pytest.approx(9.0, rel=0.3)
+
+
+@pytest.mark.parametrize("count", [3, 4, 6, 9, 27])
+def test_smooth_objects_are_not_suspicious(count: int) -> None:
+    heights = np.linspace(-49.5, 49.5, count)
+    ball = np.sqrt(50.0**2 - heights**2)
+    vase = 30.0 + 8.0 * np.sin(heights / 25.0)
+    leaning = 30.0 * RIM + 0.3 * heights[:, None, None] * [1.0, 0.0]
+    for grid in (ball[:, None, None] * RIM, vase[:, None, None] * RIM, leaning):
+        assert not neighbour_misfits(heights, grid).any()
+
+
+def test_an_end_is_suspicious_if_it_is_wider_or_aside_but_not_if_it_rounds_off() -> None:
+    for end in (0, -1):
+        for radius, suspect in ((45.0, True), (5.0, False)):
+            radii = np.full(9, 30.0)
+            radii[end] = radius
+            assert (neighbour_misfits(*stack(radii))[end] > 0.0) == suspect
+        heights, grid = stack(np.full(9, 30.0))
+        grid[end] += [20.0, 0.0]
+        assert neighbour_misfits(heights, grid)[end] == pytest.approx(20.0)
+
+
+def test_of_three_the_middle_one_is_suspicious_if_it_is_narrow_or_aside() -> None:
+    assert neighbour_misfits(*stack(np.array([30.0, 20.0, 30.0]))).tolist() == [0.0, 10.0, 0.0]
+    assert not neighbour_misfits(*stack(np.array([30.0, 45.0, 30.0]))).any()
+    heights, grid = stack(np.full(3, 30.0))
+    grid[1] += [0.0, 15.0]
+    assert neighbour_misfits(heights, grid).tolist() == pytest.approx([0.0, 15.0, 0.0])
+    assert not neighbour_misfits(*stack(np.array([30.0, 10.0]))).any()
+
+
+def test_what_is_alike_but_for_its_size_may_be_a_feature() -> None:
+    _, grid = stack(np.array([30.0, 30.0, 20.0, 30.0, 30.0]))
+    grid[3] *= [1.4, 1.0]
+    bad = np.array([False, False, True, True, False])
+    star = np.ones(5, bool)
+    assert look_like_features(grid, star, bad).tolist() == [False, False, True, False, False]
+    star[2] = False
+    assert not look_like_features(grid, star, bad).any()
+
+
+LEAVE_ONE_OUT_HEIGHTS = np.array([0.0, 0.4, 1.0, 1.7, 2.0, 3.1, 3.5])
+
+
+def test_cubics_are_predicted_inside_and_parabolas_at_the_ends() -> None:
+    weights = neighbour_weights(LEAVE_ONE_OUT_HEIGHTS)
+    assert np.allclose(weights @ LEAVE_ONE_OUT_HEIGHTS**2, LEAVE_ONE_OUT_HEIGHTS**2)
+    inner = slice(2, -2)
+    assert np.allclose(
+        (weights @ LEAVE_ONE_OUT_HEIGHTS**3)[inner], LEAVE_ONE_OUT_HEIGHTS[inner] ** 3
+    )
+    assert np.allclose(weights.sum(axis=1), 1.0)
+
+
+def test_no_contour_predicts_itself_and_only_neighbours_count() -> None:
+    weights = neighbour_weights(LEAVE_ONE_OUT_HEIGHTS)
+    away = np.abs(np.arange(7)[:, None] - np.arange(7))
+    assert (weights[away == 0] == 0.0).all()
+    assert (weights[away > 3] == 0.0).all()
+    assert np.count_nonzero(weights[3]) == 4
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_too_few_contours_predict_nothing(count: int) -> None:
+    assert not neighbour_weights(LEAVE_ONE_OUT_HEIGHTS[:count]).any()
+
+
+def test_three_contours_predict_each_other_linearly() -> None:
+    weights = neighbour_weights(LEAVE_ONE_OUT_HEIGHTS[:3])
+    assert np.allclose(weights @ LEAVE_ONE_OUT_HEIGHTS[:3], LEAVE_ONE_OUT_HEIGHTS[:3])
+    assert (np.count_nonzero(weights, axis=1) == 2).all()

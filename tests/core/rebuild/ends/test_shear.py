@@ -1,0 +1,291 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.contours.contacts import ContactPoints, stack_points
+from palpate.core.rebuild.ends.shear import (
+    Shear,
+    end_contacts_of,
+    end_plane,
+    only_given,
+    shear_between,
+    straight,
+)
+
+PLACES = [(0.0, 0.0), (0.012, 0.0), (-0.012, 0.0), (0.0, 0.012), (0.0, -0.012)]
+TOP = np.array([0.1, -0.05])
+NOISE = 1e-5
+
+
+def touch(
+    place: tuple[float, float], height: float, slopes: Floats, way: float = 1.0
+) -> ContactPoints:
+    """A touch of 49 taxels of a plane; its height is that on the axis."""
+    x, y = np.meshgrid(*2 * (1e-3 * np.arange(-3, 4),), indexing="ij")
+    at = np.column_stack([x.ravel(), y.ravel()]) + place
+    normal = way * np.array([-slopes[0], -slopes[1], 1.0])
+    normals = np.tile(normal / np.linalg.norm(normal), (49, 1))
+    points = np.column_stack([at, height + at @ slopes])
+    return ContactPoints(points, normals, np.zeros(49, np.int32))
+
+
+def sides(shear: Shear | None = None) -> ContactPoints:
+    """A ring of an upright column of 20 mm, from 0 to 80 mm."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    out = np.column_stack([np.cos(turns), np.sin(turns), np.zeros(400)])
+    heights = np.linspace(0.0, 0.08, 400)
+    points = 0.02 * out + np.column_stack([np.zeros((400, 2)), heights])
+    return ContactPoints(points, out, np.zeros(400, np.int32))
+
+
+def felt_top(slopes: Floats, *, pose: float = 0.0, noise: float = 0.0) -> ContactPoints:
+    rng = np.random.default_rng(0)
+    parts = [touch(place, 0.08 + rng.normal(0.0, pose), slopes) for place in PLACES]
+    parts = [one._replace(points=one.points + rng.normal(0.0, noise, (49, 3))) for one in parts]
+    return stack_points([sides(), *parts])
+
+
+@pytest.mark.parametrize("pose", [0.0, 1e-4])
+def test_a_plane_leans_as_its_touches_do_whatever_the_error_of_their_places(pose: float) -> None:
+    found = end_plane(felt_top(TOP, pose=pose), 1.0)
+    assert found is not None
+    assert found.slopes == pytest.approx(TOP, abs=1e-12)
+    assert found.height == pytest.approx(0.08, abs=2.0 * pose + 1e-12)
+
+
+def test_noise_of_taxels_leaves_a_slope_that_it_is_sure_of() -> None:
+    found = end_plane(felt_top(TOP, noise=NOISE), 1.0)
+    assert found is not None
+    assert np.abs(found.slopes - TOP).max() < 4.0 * found.error < 4e-3
+
+
+def test_a_touch_across_an_edge_has_no_say() -> None:
+    bent = touch((0.016, 0.0), 0.08, TOP)
+    beyond = bent.points[:, 0] > 0.017
+    bent.points[beyond, 2] -= 3e-4
+    felt = stack_points([felt_top(TOP, noise=1e-6), bent])
+    assert [one.kind == "flat" for one in end_contacts_of(felt, 1.0)] == [True] * 5 + [False]
+    found = end_plane(felt, 1.0)
+    assert found is not None
+    assert found.slopes == pytest.approx(TOP, abs=1e-3)
+
+
+def test_taxels_in_a_line_say_nothing_of_a_slope() -> None:
+    row = touch((0.0, 0.0), 0.08, TOP)
+    at = np.column_stack([np.linspace(-0.005, 0.005, 49), np.zeros(49)])
+    row.points[:] = np.column_stack([at, 0.08 + at @ TOP])
+    felt = stack_points([felt_top(TOP), row])
+    assert [one.kind for one in end_contacts_of(felt, 1.0)] == ["flat"] * 5 + ["edge"]
+
+
+def test_a_dome_that_one_touch_finds_flat_is_no_plane() -> None:
+    parts = [touch(PLACES[0], 0.08, TOP)]
+    for place in PLACES[1:]:
+        one = touch(place, 0.08, TOP)
+        one.points[:, 2] -= (one.points[:, :2] ** 2).sum(axis=1) / 0.3
+        parts.append(one)
+    felt = stack_points([sides(), *parts])
+    assert [one.kind for one in end_contacts_of(felt, 1.0)] == ["flat"] + ["bent"] * 4
+    assert end_plane(felt, 1.0) is None
+
+
+def test_a_ledge_below_the_top_has_no_say() -> None:
+    ledge = touch((0.01, 0.01), 0.04, np.zeros(2))
+    found = end_plane(stack_points([felt_top(TOP), ledge]), 1.0)
+    assert found is not None
+    assert found.slopes == pytest.approx(TOP, abs=1e-12)
+
+
+def test_a_dome_is_no_plane() -> None:
+    parts = []
+    for place in PLACES:
+        one = touch(place, 0.08, np.zeros(2))
+        one.points[:, 2] -= (one.points[:, :2] ** 2).sum(axis=1) / 0.08
+        parts.append(one)
+    felt = stack_points([sides(), *parts])
+    assert {one.kind for one in end_contacts_of(felt, 1.0)} == {"bent"}
+    assert end_plane(felt, 1.0) is None
+    assert shear_between(felt, np.zeros(2), (0.0, None)) is None
+
+
+def test_a_plane_over_which_something_stands_out_is_no_end() -> None:
+    knob = sides()._replace(points=sides().points * [0.2, 0.2, 1.0] + [0.0, 0.0, 0.01])
+    assert end_plane(stack_points([felt_top(TOP), knob]), 1.0) is None
+
+
+def test_between_a_platform_and_an_oblique_top_the_slant_grows() -> None:
+    felt = felt_top(TOP)
+    low = np.array([0.0, 0.0, -1e-3])
+    found = shear_between(felt, np.zeros(2), (low[2], None))
+    assert found is not None
+    assert found.steepness(-1e-3) == pytest.approx(0.0, abs=1e-12)
+    assert found.slopes + 0.08 * found.change == pytest.approx(TOP)
+    top = np.asarray(found.straightened_felt(felt).points)[400:]
+    assert np.ptp(top[:, 2]) < 1e-12
+
+
+def test_two_ends_that_lean_alike_make_the_same_slant_everywhere() -> None:
+    bottom = [touch(place, 0.0, TOP, -1.0) for place in PLACES]
+    found = shear_between(stack_points([felt_top(TOP), *bottom]), np.zeros(2), (None, None))
+    assert found is not None
+    assert found.change == pytest.approx(np.zeros(2), abs=1e-12)
+    assert found.slopes == pytest.approx(TOP)
+
+
+def test_level_ends_are_left_as_they_are() -> None:
+    assert shear_between(felt_top(np.zeros(2)), np.zeros(2), (0.0, None)) is None
+    assert shear_between(felt_top(np.zeros(2), noise=NOISE), np.zeros(2), (0.0, None)) is None
+
+
+def test_an_object_that_leans_as_a_whole_is_not_slanted_but_turned() -> None:
+    lean = np.arctan(0.2)  # more than an axis is ever off
+    turn = np.array(
+        [[np.cos(lean), 0.0, np.sin(lean)], [0.0, 1.0, 0.0], [-np.sin(lean), 0.0, np.cos(lean)]]
+    )
+    bottom = [touch(place, 0.0, np.zeros(2), -1.0) for place in PLACES]
+    felt = stack_points([felt_top(np.zeros(2)), *bottom])
+    leaning = felt._replace(points=felt.points @ turn.T, normals=np.asarray(felt.normals) @ turn.T)
+    assert end_plane(leaning, 1.0) is not None
+    assert shear_between(leaning, np.zeros(2), (None, None)) is None
+
+
+def test_an_end_that_no_taxel_faces_is_only_given() -> None:
+    level = felt_top(np.zeros(2))
+    assert only_given(level, -1.0, 0.0)
+    assert only_given(level, 1.0, 0.081)
+    assert not only_given(level, 1.0, 0.08)
+    assert not only_given(level, -1.0, None)
+
+
+@pytest.mark.parametrize("low", [0.0, -1e-5])
+def test_a_taxel_of_the_side_on_the_platform_or_below_leaves_that_level(low: float) -> None:
+    felt = felt_top(TOP)
+    one = felt.points[:1] * [1.0, 1.0, 0.0] + [0.0, 0.0, low]
+    more = felt._replace(
+        points=np.concatenate([felt.points, one]),
+        normals=np.concatenate([np.asarray(felt.normals), [[1.0, 0.0, 0.0]]]),
+        touch=np.append(felt.touch, 0).astype(np.int32),
+    )
+    found = shear_between(more, np.zeros(2), (0.0, None))
+    assert found is not None
+    assert found.steepness(0.0) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_both_flanks_of_a_gable_are_no_plane() -> None:
+    flanks = [np.array([0.3, 0.0]), np.array([-0.3, 0.0])]
+    parts = [
+        touch((way * away, 0.004 * k), 0.08, flanks[int(way > 0)])
+        for way in (1.0, -1.0)
+        for k, away in enumerate((0.006, 0.01, 0.014))
+    ]
+    assert end_plane(stack_points([sides(), *parts]), 1.0) is None
+
+
+def test_the_slant_moves_and_grows_with_the_object() -> None:
+    felt, away = felt_top(TOP), np.array([1.0, -2.0, 0.5])
+    one = shear_between(felt, np.zeros(2), (None, None))
+    moved = felt._replace(points=1e3 * (felt.points + away))
+    other = shear_between(moved, 1e3 * away[:2], (None, None))
+    assert one is not None and other is not None
+    expected = 1e3 * (one.straightened(felt.points) + away)
+    found = other.straightened(moved.points)
+    assert np.ptp(found - expected, axis=0) == pytest.approx(np.zeros(3), abs=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-3, 1.0, 1e9])
+def test_a_dome_is_bent_in_any_unit(scale: float) -> None:
+    one = touch((0.0, 0.0), 0.08, np.zeros(2))
+    one.points[:, 2] -= (one.points[:, :2] ** 2).sum(axis=1) / 0.08
+    felt = stack_points([one])
+    [foot] = end_contacts_of(felt._replace(points=scale * felt.points), 1.0)
+    assert foot.kind == "bent"
+
+
+def test_taxels_of_one_height_are_a_plane() -> None:
+    found = end_plane(stack_points([touch(place, 0.0, np.zeros(2)) for place in PLACES]), 1.0)
+    assert found is None or found.slopes == pytest.approx(np.zeros(2), abs=1e-12)
+
+
+SLANT = Shear(np.array([0.01, -0.02]), np.array([0.2, -0.1]), np.array([1.5, 0.8]))
+STEP = 1e-6
+
+
+def ball(v: Floats, turns: Floats) -> Floats:
+    """A ball of 30 mm, (n, 3)."""
+    polar, around = np.pi * v, 2.0 * np.pi * turns
+    level = 0.03 * np.sin(polar)
+    z = 0.05 - 0.03 * np.cos(polar)
+    return np.column_stack([level * np.cos(around), level * np.sin(around), z])
+
+
+def differences(v: Floats, turns: Floats, by: tuple[int, int]) -> Floats:
+    """Derivatives of the ball by central differences, which are linear in it."""
+    if by == (0, 0):
+        return ball(v, turns)
+    one = (1, 0) if by[0] else (0, 1)
+    rest = by[0] - one[0], by[1] - one[1]
+    ahead = differences(v + STEP * one[0], turns + STEP * one[1], rest)
+    behind = differences(v - STEP * one[0], turns - STEP * one[1], rest)
+    return (ahead - behind) / (2.0 * STEP)
+
+
+@pytest.fixture
+def places() -> tuple[Floats, Floats]:
+    rng = np.random.default_rng(0)
+    return rng.uniform(0.1, 0.9, 40), rng.uniform(0.0, 1.0, 40)
+
+
+def test_points_come_back_from_the_straight_space(places: tuple[Floats, Floats]) -> None:
+    points = ball(*places)
+    assert SLANT.slanted(SLANT.straightened(points)) == pytest.approx(points, abs=1e-15)
+    assert SLANT.straightened(SLANT.slanted(points)) == pytest.approx(points, abs=1e-15)
+    assert np.array_equal(SLANT.slanted(points)[:, :2], points[:, :2])
+
+
+def test_what_is_level_in_the_straight_space_is_as_steep_as_it_says() -> None:
+    level = np.column_stack(
+        [np.random.default_rng(1).normal(0.0, 0.02, (30, 2)), np.full(30, 0.04)]
+    )
+    slanted = SLANT.slanted(level)
+    rows = np.column_stack([np.ones(30), level[:, :2]])
+    plane, left = np.linalg.lstsq(rows, slanted[:, 2], rcond=None)[:2]
+    assert left == pytest.approx(0.0, abs=1e-28)
+    assert plane[1:] == pytest.approx(SLANT.slopes + 0.04 * SLANT.change)
+    assert np.hypot(*plane[1:]) == pytest.approx(SLANT.steepness(0.04))
+
+
+@pytest.mark.parametrize("by", [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2)])
+def test_derivatives_are_those_of_the_slanted_surface(
+    places: tuple[Floats, Floats], by: tuple[int, int]
+) -> None:
+    found = SLANT.carried(lambda order: differences(*places, order), by)
+    one = (1, 0) if by[0] else (0, 1)
+    rest = by[0] - one[0], by[1] - one[1]
+
+    def below(sign: float) -> Floats:
+        v, turns = places[0] + sign * STEP * one[0], places[1] + sign * STEP * one[1]
+        return SLANT.carried(lambda order: differences(v, turns, order), rest)
+
+    expected = (below(1.0) - below(-1.0)) / (2.0 * STEP)
+    assert found == pytest.approx(expected, abs=1e-9 if sum(by) == 1 else 2e-3)
+
+
+def test_normals_are_square_to_the_surface_on_both_sides(places: tuple[Floats, Floats]) -> None:
+    tangents = [
+        SLANT.carried(lambda order: differences(*places, order), by) for by in ((1, 0), (0, 1))
+    ]
+    normals = np.cross(tangents[1], tangents[0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    felt = ContactPoints(SLANT.slanted(ball(*places)), normals, np.zeros(40, np.int32))
+    found = straight(SLANT, felt)
+    assert found.points == pytest.approx(ball(*places), abs=1e-15)
+    outwards = (ball(*places) - [0.0, 0.0, 0.05]) / 0.03
+    assert np.asarray(found.normals) == pytest.approx(outwards, abs=1e-8)
+
+
+def test_nothing_changes_without_a_slant_or_without_normals(places: tuple[Floats, Floats]) -> None:
+    felt = ContactPoints(ball(*places), None, np.zeros(40, np.int32))
+    assert straight(None, felt) is felt
+    assert straight(SLANT, felt).normals is None

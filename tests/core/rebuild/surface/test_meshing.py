@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.geometry.meshes import solidity
+from palpate.core.geometry.nearest import nearest_points, nearest_search
+from palpate.core.geometry.self_intersections import self_intersection
+from palpate.core.rebuild.ends.closing import End
+from palpate.core.rebuild.ends.profiles import Conic, Flat, Profile, Superellipse
+from palpate.core.rebuild.surface.closed import Surface, close_surface
+from palpate.core.rebuild.surface.meshing import DEFAULT_TOLERANCE, SurfaceMesh, mesh_surface
+
+SIZE = np.array([0.05, 0.04, 0.03])
+RIM = float(SIZE[2] * np.sin(1.0))
+PROFILES = [Flat(0.0), Flat(-1.0), Conic(-0.9), Superellipse(0.4, 20.0, 30.0)]
+
+
+class TwistedBox:
+    """A prism of rounded square section that turns on its way up."""
+
+    def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Points (n, 3), or derivatives of them, by complex steps where that is exact."""
+        if by == (0, 0):
+            return np.asarray(self._points(v + 0j, turns + 0j).real)
+        along, around = (1e-5, 0.0) if by[0] else (0.0, 1e-5)
+        lower = (by[0] - 1, by[1]) if by[0] else (by[0], by[1] - 1)
+        ahead = self.at(v + along, turns + around, lower)
+        behind = self.at(v - along, turns - around, lower)
+        return np.asarray((ahead - behind) / 2e-5)
+
+    @staticmethod
+    def _points(v: Any, turns: Any) -> Any:
+        angle = 2 * np.pi * turns
+        radius = (np.cos(angle) ** 8 + np.sin(angle) ** 8) ** -0.125
+        turned = angle + 1.5 * v
+        return 0.03 * np.stack(
+            [radius * np.cos(turned), radius * np.sin(turned), 3 * v + 0 * angle], axis=-1
+        )
+
+
+def capped(side: Any, top: Profile, rim: tuple[float, float], gap: float) -> Surface:
+    none = np.zeros(2)
+    bottom = End("fan", rim[0], rim[0], 0.0, Flat(0.0), none, True)
+    return close_surface(side, bottom, End("flat", rim[1], rim[1] + gap, 0.0, top, none, True))
+
+
+def farthest(surface: Surface, mesh: SurfaceMesh) -> float:
+    """Largest distance of points of the surface from the mesh."""
+    rng = np.random.default_rng(0)
+    points = surface.at(rng.random(8000), rng.random(8000))
+    return float(nearest_points(nearest_search(mesh.vertices[mesh.faces]), points).distances.max())
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 2e-5])
+def test_the_mesh_stays_within_the_tolerance_and_does_not_waste_it(
+    ellipsoid_side: Callable[..., Any], tolerance: float
+) -> None:
+    surface = close_surface(ellipsoid_side(SIZE))
+
+    off = farthest(surface, mesh_surface(surface, tolerance))
+
+    assert 0.3 * tolerance < off <= tolerance
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_meshes_with_ends_are_closed_and_within_the_tolerance(
+    ellipsoid_side: Callable[..., Any], profile: Profile
+) -> None:
+    surface = capped(ellipsoid_side(SIZE, -1.0, 1.0), profile, (-RIM, RIM), 0.01)
+
+    mesh = mesh_surface(surface)
+
+    found = solidity(mesh.vertices, mesh.faces)
+    assert found[:3] == (True, 1, 0)
+    assert found.volume > 0.0
+    assert farthest(surface, mesh) <= DEFAULT_TOLERANCE * surface.size
+    assert self_intersection(mesh.vertices, mesh.faces).count == 0
+
+
+def test_a_twisted_side_with_corners_is_within_the_tolerance() -> None:
+    surface = capped(TwistedBox(), Flat(0.0), (0.0, 0.09), 0.01)
+
+    mesh = mesh_surface(surface, 1e-4)
+
+    assert solidity(mesh.vertices, mesh.faces)[:3] == (True, 1, 0)
+    assert farthest(surface, mesh) <= 1e-4
+
+
+def test_a_quarter_of_the_tolerance_takes_four_times_the_vertices(
+    ellipsoid_side: Callable[..., Any],
+) -> None:
+    surface = close_surface(ellipsoid_side(SIZE))
+    coarse, fine = (len(mesh_surface(surface, one).vertices) for one in (8e-5, 2e-5))
+
+    assert fine / coarse == pytest.approx(4.0, rel=0.25)
+
+
+def test_vertices_know_their_places(ellipsoid_side: Callable[..., Any]) -> None:
+    surface = close_surface(ellipsoid_side(SIZE))
+
+    mesh = mesh_surface(surface, 1e-4)
+
+    np.testing.assert_allclose(surface.at(mesh.v, mesh.turns), mesh.vertices, atol=1e-15)
+
+
+def test_triangles_at_the_poles_are_no_slivers(ellipsoid_side: Callable[..., Any]) -> None:
+    mesh = mesh_surface(close_surface(ellipsoid_side(SIZE)), 2e-5)
+    corners = mesh.vertices[mesh.faces]
+    edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+
+    # In rings of equal numbers the edges at the poles would be some hundred times shorter.
+    assert (edges.max(axis=1) / edges.min(axis=1)).max() < 15.0
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1e-4, np.nan, np.inf])
+def test_a_tolerance_that_is_none_is_refused(
+    ellipsoid_side: Callable[..., Any], tolerance: float
+) -> None:
+    with pytest.raises(ValueError, match="tolerance must be positive and finite"):
+        mesh_surface(close_surface(ellipsoid_side(SIZE)), tolerance)
+
+
+def test_a_tolerance_that_needs_too_many_vertices_is_refused(
+    ellipsoid_side: Callable[..., Any],
+) -> None:
+    with pytest.raises(ValueError, match="tolerance must let 2000000 vertices suffice, got 1e-09"):
+        mesh_surface(close_surface(ellipsoid_side(SIZE)), 1e-9)

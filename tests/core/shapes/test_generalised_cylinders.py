@@ -1,0 +1,278 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from palpate.core.arrays import Floats
+from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder, profile_mesh
+from palpate.core.shapes.protocol import INSIDE, MISS
+from palpate.core.shapes.sections import SplineSection, SuperellipseSection, straight_pieces
+
+RADII = np.array([0.03, 0.022, 0.031, 0.025, 0.028])
+HEIGHTS, SCALES = np.array([0.0, 0.03, 0.05, 0.09]), np.array([1.0, 1.3, 0.5, 0.7])
+ROUND = SuperellipseSection(np.array([0.03, 0.03]), 1.0)
+DOWN, SIDEWAYS = np.array([0.0, 0.0, -1.0]), np.array([-1.0, 0.0, 0.0])
+CYLINDER = GeneralisedCylinder(ROUND, np.array([0.0, 0.1]), np.ones(2))
+CONE = GeneralisedCylinder(ROUND, np.array([0.0, 0.09]), np.array([1.0, 0.0]))
+VASE = GeneralisedCylinder(SplineSection(RADII), HEIGHTS, SCALES, smooth=True)
+CASES: dict[str, tuple[bool, bool, float, float]] = {
+    "smooth": (True, True, 0.0, 0.0),
+    "kinked": (True, False, 0.0, 0.0),
+    "leaning": (True, True, 0.5, 2.0),
+    "superellipse": (False, False, -0.3, 1.0),
+}
+
+
+def made(name: str) -> tuple[GeneralisedCylinder, Callable[[Any], Any]]:
+    """A solid, and the function of which it is the zero set by its definition."""
+    spline, smooth, tilt, towards = CASES[name]
+    section = SplineSection(RADII) if spline else SuperellipseSection(np.array([0.03, 0.02]), 0.4)
+    solid = GeneralisedCylinder(section, HEIGHTS, SCALES, smooth, tilt, towards)
+    knots = np.linspace(0, 2 * math.pi, len(RADII) + 1)
+    rho = CubicSpline(knots, np.append(RADII, RADII[0]), bc_type="periodic")
+    scale = CubicSpline(HEIGHTS, SCALES, bc_type="natural")
+
+    def level(points: Any) -> Any:
+        x, y, z = np.moveaxis(points, -1, 0)
+        along = z / np.cos(np.longdouble(tilt))
+        x = x - along * np.sin(np.longdouble(tilt)) * math.cos(towards)
+        y = y - along * np.sin(np.longdouble(tilt)) * math.sin(towards)
+        if spline:
+            gauge = np.hypot(x, y) / rho(np.mod(np.arctan2(y, x), 2 * math.pi).astype(float))
+        else:
+            gauge = (np.abs(x / 0.03) ** 5 + np.abs(y / 0.02) ** 5) ** (1 / np.longdouble(5))
+        clipped = np.clip(along.astype(float), 0.0, 0.09)
+        size = scale(clipped) if smooth else np.interp(clipped, HEIGHTS, SCALES)
+        end = np.maximum(-along, along - 0.09) / solid._half[0]
+        return np.maximum(gauge - size, end)
+
+    return solid, level
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_casts_pass_nothing(name: str, cast_check: Callable[..., int]) -> None:
+    (solid, level), rng, met = made(name), np.random.default_rng(2), 0
+    low, high = solid.enclosure()
+    for number in range(9):
+        towards = rng.normal(size=3) if number % 3 else np.eye(3)[number // 3]
+        towards /= np.linalg.norm(towards)
+        places = rng.uniform(low - 0.005, high + 0.005, (40, 3))
+        origins = places - rng.choice([0.0, 0.12], 40)[:, None] * towards
+        met += cast_check(solid, level, origins, towards, 0.25)
+    assert met > 40
+
+
+@given(seed=st.integers(0, 999), scale=st.floats(0.1, 30.0), turns=st.integers(0, 4))
+@settings(derandomize=True, deadline=None, max_examples=25)
+def test_size_and_turns_carry_over_to_the_ranges(seed: int, scale: float, turns: int) -> None:
+    other = GeneralisedCylinder(
+        SplineSection(scale * np.roll(RADII, turns)), scale * HEIGHTS, SCALES, smooth=True
+    )
+    rng = np.random.default_rng(seed)
+    towards = rng.normal(size=3)
+    towards /= np.linalg.norm(towards)
+    origins = [0, 0, 0.045] + rng.uniform(-0.04, 0.04, (60, 3)) - 0.1 * towards
+    angle = 2 * math.pi * turns / len(RADII)
+    turn = np.array([[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0]])
+    matrix = np.vstack([turn, [0, 0, 1]])
+    wanted = VASE.cast(origins, towards, 1.0)
+    found = other.cast(scale * origins @ matrix, towards @ matrix, scale) / scale
+    assert (np.isfinite(found) == np.isfinite(wanted)).mean() > 0.98
+    both = np.isfinite(found) & np.isfinite(wanted)
+    assert np.allclose(found[both], wanted[both], rtol=0, atol=1e-10)
+
+
+def test_a_cylinder_and_a_cone_are_met_where_they_are() -> None:
+    origins = np.array([[0.1, 0.0, 0.05], [0.1, 0.018, 0.05], [0.1, 0.0, 0.0], [0.1, 0.0, 0.1]])
+    assert np.allclose(
+        CYLINDER.cast(origins, SIDEWAYS, 1.0), [0.07, 0.076, 0.07, 0.07], rtol=0, atol=1e-15
+    )
+    heights = np.array([0.0, 0.03, 0.06, 0.089999])
+    origins = np.column_stack([np.full(4, 0.1), np.zeros(4), heights])
+    wanted = 0.1 - 0.03 * (1 - heights / 0.09)
+    assert np.allclose(CONE.cast(origins, SIDEWAYS, 1.0), wanted, rtol=0, atol=1e-15)
+    below = np.column_stack([np.array([0.0, 0.01, 0.02999, 0.03001]), np.zeros(4), np.full(4, 0.2)])
+    found = CONE.cast(below, DOWN, 1.0)
+    assert np.allclose(found[:3], [0.11, 0.14, 0.2 - 0.03e-3], rtol=0, atol=1e-9)
+    assert found[3] == MISS
+
+
+def test_the_plane_ends_are_met_and_left() -> None:
+    origins = np.array([[0.01, 0.0, 0.2], [0.0299999, 0.0, 0.2], [0.0300001, 0.0, 0.2]])
+    found = CYLINDER.cast(origins, DOWN, 1.0)
+    assert np.allclose(found[:2], 0.1, rtol=0, atol=1e-13)
+    assert found[2] == MISS
+    assert np.allclose(CYLINDER.cast(-origins, -DOWN, 1.0)[:2], 0.2, rtol=0, atol=1e-13)
+    assert CYLINDER.cast(np.array([[0.0, 0.0, 0.05]]), DOWN, 1.0)[0] == INSIDE
+    assert CYLINDER.cast(np.array([[0.0, 0.0, -0.001]]), DOWN, 1.0)[0] == MISS
+    assert CYLINDER.cast(np.array([[0.1, 0.0, 0.05]]), SIDEWAYS, 0.0699)[0] == MISS
+
+
+def test_a_ray_along_the_axis_and_one_through_the_apex_are_told() -> None:
+    axis = np.array([[0.0, 0.0, 0.2]])
+    for solid, top in ((CYLINDER, 0.1), (CONE, 0.09), (VASE, 0.09)):
+        assert solid.cast(axis, DOWN, 1.0)[0] == pytest.approx(0.2 - top, abs=1e-11)
+    past = np.array([[0.1, 1e-7, 0.09 - 1e-9], [0.1, 0.0, 0.09 + 1e-9]])
+    assert (CONE.cast(past, SIDEWAYS, 1.0) == MISS).all()
+
+
+def test_the_linear_cylinder_is_a_cone_cut_off() -> None:
+    """Fung, 1999, (1.4): the radius is (A z + B) lambda(theta)."""
+    a, b = -4.0, 1.0
+    heights = np.array([0.02, 0.1])
+    solid = GeneralisedCylinder(SplineSection(RADII), heights, a * heights + b)
+    places = np.linspace(0.021, 0.099, 7)
+    origins = np.column_stack([np.full(7, 0.1), np.zeros(7), places])
+    wanted = 0.1 - RADII[0] * (a * places + b)
+    assert np.allclose(solid.cast(origins, SIDEWAYS, 1.0), wanted, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_meshes_are_closed_and_lie_on_the_surface(
+    name: str, is_closed: Callable[[Any], bool], signed_volume: Callable[[Any], float]
+) -> None:
+    solid, _ = made(name)
+    mesh = solid.mesh(4)
+    assert is_closed(mesh)
+    assert signed_volume(mesh) > 0.0
+    level = solid.inside_out(mesh.vertices, np.zeros_like(mesh.vertices))[0]
+    assert np.abs(level).max() < 1e-12
+    low, high = solid.enclosure()
+    assert ((mesh.vertices >= low - 1e-12) & (mesh.vertices <= high + 1e-12)).all()
+    assert np.allclose(solid.bounds()[:, 2], [low[2], high[2]], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_spans_and_slopes_agree_with_the_function(name: str) -> None:
+    (solid, level), rng = made(name), np.random.default_rng(6)
+    towards = rng.normal(size=3)
+    towards /= np.linalg.norm(towards)
+    low, high = solid.enclosure()
+    origins = rng.uniform(low, high, (40, 3)) - rng.choice([0, 0.1], 40)[:, None] * towards
+    spans = solid.spans(origins, towards)
+    ways = np.linspace(0.0, 0.25, 801)
+    points = origins[:, None] + ways[:, None] * towards
+    seen = level(points.astype(np.longdouble)).astype(float)
+    within = ((ways >= spans[..., :1]) & (ways <= spans[..., 1:])).any(axis=1)
+    assert (within == (seen <= 0))[np.abs(seen) > 1e-6].all()
+    flat = points.reshape(-1, 3)
+    value, slope = solid.inside_out(flat, np.broadcast_to(towards, flat.shape))
+    assert np.allclose(value, seen.ravel(), rtol=0, atol=1e-11)
+    step = 1e-8
+    there, back = (solid.inside_out(flat + s * towards, 0 * flat)[0] for s in (step, -step))
+    assert np.quantile(np.abs(slope - (there - back) / (2 * step)), 0.98) < 1e-3
+
+
+def test_what_is_convex_is_known_to_be() -> None:
+    assert CYLINDER.convex
+    assert CONE.convex
+    dome = GeneralisedCylinder(ROUND, HEIGHTS, np.array([1.0, 0.95, 0.85, 0.4]), smooth=False)
+    assert dome.convex
+    assert not VASE.convex
+    assert not GeneralisedCylinder(ROUND, HEIGHTS, SCALES).convex
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ({"heights": [0.0]}, r"scales must have shape \(1\)"),
+        ({"heights": [0.0], "scales": [1.0]}, "heights must be 2 to 64, got 1"),
+        ({"heights": [0.0, 0.1, 0.1]}, "heights must increase"),
+        ({"scales": [1.0, 0.0, 1.0]}, "scales must be positive, but for 0 at an end"),
+        ({"scales": [1.0, -1.0, 1.0]}, "scales must be positive"),
+        ({"scales": [0.0, 1.0, -0.1]}, "scales must be positive"),
+        ({"heights": [0.0, 0.1], "scales": [0.0, 0.0]}, "scales must be positive"),
+        ({"tilt": 1.4}, "tilt must be at most 75 degrees, got 80.2"),
+        ({"tilt": math.nan}, "tilt must be at most 75 degrees"),
+        ({"tilt_direction": math.inf}, "tilt_direction must be finite"),
+        (
+            {"heights": [0, 1, 2, 3], "scales": [1, 0.01, 0.01, 1], "smooth": True},
+            "smooth curve through them down to -.* at the height 1.5 m",
+        ),
+    ],
+)
+def test_what_makes_no_solid_is_refused(words: dict[str, Any], sentence: str) -> None:
+    given_: dict[str, Any] = {"heights": [0.0, 0.05, 0.1], "scales": [1.0, 1.0, 1.0], **words}
+    heights, scales = (np.array(given_.pop(name), float) for name in ("heights", "scales"))
+    with pytest.raises(ValueError, match=sentence):
+        GeneralisedCylinder(ROUND, heights, scales, **given_)
+
+
+def test_points_beyond_the_ends_are_outside() -> None:
+    points: Floats = np.array([[0.0, 0, 0.11], [0.0, 0, -0.01], [0.0, 0, 0.1], [0.0, 0, 0.05]])
+    value = CYLINDER.inside_out(points, np.zeros((4, 3)))[0]
+    assert np.array_equal(np.sign(value), [1.0, 1.0, 0.0, -1.0])
+
+
+def test_a_ray_that_leaves_through_a_slanting_side_is_seen_to_leave() -> None:
+    # The gauge of a rhombus has creases, and this ray gains on its scale only slowly.
+    spindle = GeneralisedCylinder(
+        SuperellipseSection(np.array([0.0325, 0.0164]), 2.0),
+        np.array([-0.022, 0.002, 0.01, 0.035]),
+        np.array([0.0, 0.32, 0.6, 1.03]),
+    )
+    rng = np.random.default_rng(5)
+    ways = np.linspace(0.0, 0.2, 2001)
+    for direction in rng.normal(size=(8, 3)):
+        towards = direction / np.linalg.norm(direction)
+        origins = rng.uniform([-0.02, -0.01, 0.0], [0.02, 0.01, 0.03], (50, 3)) - 0.1 * towards
+        spans = spindle.spans(origins, towards)
+        points = (origins[:, None] + ways[:, None] * towards).reshape(-1, 3)
+        level = spindle.inside_out(points, np.zeros_like(points))[0].reshape(50, -1)
+        within = ((spans[..., :1] <= ways) & (ways <= spans[..., 1:])).any(axis=1)
+        assert (within == (level <= 0.0))[np.abs(level) > 1e-9].all()
+
+
+CIRCLE = SuperellipseSection(np.array([0.03, 0.03]), 1.0)
+STEPS = straight_pieces(np.array([0.0, 0.031, 0.05, 0.08]), np.array([1.0, 1.0, 0.4, 0.7]))
+
+
+def test_rims_and_kinks_are_rings_of_the_mesh(is_closed: Callable[[Any], bool]) -> None:
+    mesh = profile_mesh(CIRCLE.outline, STEPS, np.eye(3), 2)
+    assert is_closed(mesh)
+    height, radius = mesh.vertices[:, 2], np.hypot(*mesh.vertices[:, :2].T)
+    for knot, scale in zip(STEPS.knots, (1.0, 1.0, 0.4, 0.7), strict=True):
+        ring = radius[np.abs(height - knot) < 1e-15]
+        assert ring.max() == pytest.approx(0.03 * scale)
+
+
+def test_each_level_has_about_four_times_the_faces_and_a_quarter_of_the_error(
+    signed_volume: Callable[[Any], float],
+) -> None:
+    true = 0.0
+    for low, high, a, b in ((0, 0.031, 1, 1), (0.031, 0.05, 1, 0.4), (0.05, 0.08, 0.4, 0.7)):
+        true += math.pi * 0.03**2 * (high - low) * (a * a + a * b + b * b) / 3
+    meshes = [profile_mesh(CIRCLE.outline, STEPS, np.eye(3), level) for level in (2, 3, 4, 6)]
+    faces = [len(mesh.faces) for mesh in meshes]
+    errors = np.array([true - signed_volume(mesh) for mesh in meshes])
+    assert (errors > 0).all()
+    assert np.diff(np.log2(errors))[:2] == pytest.approx([-2, -2], abs=0.1)
+    assert np.diff(np.log2(faces))[:2] == pytest.approx([2, 2], abs=0.3)
+    assert 7e4 < faces[3] < 9e4
+
+
+@pytest.mark.parametrize("scales", [(1.0, 0.0), (0.0, 1.0), (0.0, 0.5, 0.0)])
+def test_an_apex_is_one_vertex(scales: tuple[float], is_closed: Callable[[Any], bool]) -> None:
+    knots = np.linspace(0.0, 0.1, len(scales))
+    for level in (0, 3):
+        mesh = profile_mesh(
+            CIRCLE.outline, straight_pieces(knots, np.array(scales)), np.eye(3), level
+        )
+        assert is_closed(mesh)
+        for end in (knots[0], knots[-1]):
+            on = np.abs(mesh.vertices[:, 2] - end) < 1e-15
+            assert on.sum() == 1 or scales[0 if end == 0.0 else -1] > 0.0
+
+
+def test_a_shear_moves_the_sections_sideways() -> None:
+    shear = np.array([[1.0, 0, 0.5], [0, 1, 0], [0, 0, 0.8]])
+    plain, leaning = (profile_mesh(CIRCLE.outline, STEPS, m, 2) for m in (np.eye(3), shear))
+    assert np.allclose(leaning.vertices, plain.vertices @ shear.T, rtol=0, atol=1e-17)
+    assert np.array_equal(leaning.faces, plain.faces)

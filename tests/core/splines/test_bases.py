@@ -1,0 +1,314 @@
+from __future__ import annotations
+
+import math
+from math import comb
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import BSpline
+
+from palpate.core.arrays import Floats
+from palpate.core.splines.bases import (
+    Basis,
+    PeriodicBasis,
+    averaged_knots,
+    bernstein_basis,
+    check_knots,
+    clamped_basis,
+    clamped_knots,
+    greville,
+    periodic_knots,
+    uniform_knots,
+)
+
+EVERYWHERE = np.concatenate([[0.0, 1.0, 1e-300, 1 - 1e-16], np.random.default_rng(0).random(200)])
+SHAPES = [
+    Basis(np.array([0, 0, 0, 0, 0.2, 0.35, 0.35, 0.7, 1, 1, 1, 1]), 3),
+    Basis(np.array([0, 0, 0, 0, 0.5, 0.5, 0.5, 0.5, 1, 1, 1, 1]), 3),
+    Basis(uniform_knots(9, 2), 2),
+    Basis(np.array([-1, -0.5, 0.1, 0.4, 0.9, 2, 2.5]), 1),
+    clamped_basis(12, 5),
+    bernstein_basis(4),
+]
+NAMES = ["double", "broken", "uniform", "linear", "quintic", "bernstein"]
+
+
+def within(basis: Basis) -> Floats:
+    low, high = basis.domain
+    inner = basis.knots[(basis.knots >= low) & (basis.knots <= high)]
+    return np.concatenate([low + (high - low) * EVERYWHERE, inner])
+
+
+def slow(basis: Basis, i: int, degree: int, x: float) -> float:
+    """Cox's and de Boor's recursion, with 0/0 as 0 and the last piece closed."""
+    knots, (_, high) = basis.knots, basis.domain
+    if degree == 0:
+        closed = x == high and knots[i] < high == knots[i + 1]
+        return float(knots[i] <= x < knots[i + 1] or closed)
+    total = 0.0
+    if knots[i + degree] > knots[i]:
+        share = (x - knots[i]) / (knots[i + degree] - knots[i])
+        total += share * slow(basis, i, degree - 1, x)
+    if knots[i + degree + 1] > knots[i + 1]:
+        share = (knots[i + degree + 1] - x) / (knots[i + degree + 1] - knots[i + 1])
+        total += share * slow(basis, i + 1, degree - 1, x)
+    return total
+
+
+@pytest.mark.parametrize("basis", SHAPES, ids=NAMES)
+def test_the_functions_are_those_of_the_recursion_written_out(basis: Basis) -> None:
+    x = within(basis)[::9]
+    wanted = [[slow(basis, i, basis.degree, at) for i in range(basis.count)] for at in x]
+    assert np.allclose(basis.matrix(x).toarray(), wanted, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("basis", SHAPES, ids=NAMES)
+def test_values_and_all_derivatives_are_scipys(basis: Basis) -> None:
+    x, theirs = within(basis), BSpline(basis.knots, np.eye(basis.count), basis.degree)
+    for order in range(basis.degree + 1):
+        wanted = theirs(x, nu=order)
+        found = basis.matrix(x, order).toarray()
+        assert np.allclose(found, wanted, rtol=1e-13, atol=1e-13 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("basis", SHAPES, ids=NAMES)
+def test_the_functions_sum_to_one_everywhere_and_are_never_negative(basis: Basis) -> None:
+    values = basis.matrix(within(basis)).toarray()
+    assert np.allclose(values.sum(axis=1), 1.0, rtol=0, atol=1e-15)
+    assert (values >= 0.0).all()
+
+
+@pytest.mark.parametrize("basis", SHAPES, ids=NAMES)
+def test_greville_abscissae_reproduce_the_identity(basis: Basis) -> None:
+    x = within(basis)
+    assert np.allclose(basis.matrix(x) @ basis.greville(), x, rtol=0, atol=2e-15)
+    assert np.allclose(basis.matrix(x, 1) @ basis.greville(), 1.0, rtol=0, atol=1e-13)
+
+
+@given(
+    st.integers(1, 5),
+    st.lists(st.floats(0.01, 0.99), max_size=8),
+    st.floats(0.0, 1.0),
+    st.sampled_from([2.0**-30, 2.0**30]),
+)
+@settings(derandomize=True, deadline=None, max_examples=50)
+def test_any_knots_in_any_unit_give_a_partition_of_unity(
+    degree: int, inner: list[float], at: float, scale: float
+) -> None:
+    ends = [0.0] * (degree + 1), [1.0] * (degree + 1)
+    knots = np.array([*ends[0], *sorted(set(inner)), *ends[1]])
+    here = Basis(knots, degree).matrix(np.array([at])).toarray()
+    scaled = Basis(scale * knots, degree).matrix(np.array([scale * at])).toarray()
+    assert here.sum() == pytest.approx(1.0, abs=1e-14)
+    assert np.array_equal(scaled, here)
+
+
+@given(st.integers(1, 5), st.integers(1, 6), st.floats(0.0, 1.0))
+@settings(derandomize=True, deadline=None, max_examples=50)
+def test_mirrored_knots_give_mirrored_functions(degree: int, more: int, at: float) -> None:
+    knots = clamped_basis(degree + more, degree).knots ** 2
+    mirrored = Basis(1.0 - knots[::-1], degree)
+    here = Basis(knots, degree).matrix(np.array([at])).toarray()[0]
+    there = mirrored.matrix(np.array([1.0 - at])).toarray()[0]
+    assert np.allclose(there[::-1], here, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_derivatives_are_difference_quotients_of_the_order_below(order: int) -> None:
+    basis, step = clamped_basis(9, 4), 1e-6
+    x = np.random.default_rng(1).uniform(0.01, 0.99, 50)
+    ahead, back = basis.matrix(x + step, order - 1), basis.matrix(x - step, order - 1)
+    quotient = (ahead - back).toarray() / (2 * step)
+    size = np.abs(quotient).max()
+    assert np.allclose(basis.matrix(x, order).toarray(), quotient, rtol=0, atol=1e-5 * size)
+
+
+@pytest.mark.parametrize("degree", [1, 3, 6])
+def test_the_bernstein_basis_is_bernsteins(degree: int) -> None:
+    x = EVERYWHERE[:, None]
+    i = np.arange(degree + 1)
+    binomials = np.array([comb(degree, k) for k in i])
+    wanted = binomials * x**i * (1.0 - x) ** (degree - i)
+    found = bernstein_basis(degree).matrix(EVERYWHERE).toarray()
+    assert np.allclose(found, wanted, rtol=0, atol=1e-14)
+
+
+def test_only_as_many_functions_as_the_degree_and_one_are_given_at_a_place() -> None:
+    basis = clamped_basis(9, 3)
+    local = basis.nonzero(np.array([0.0, 0.5, 1.0]), 1)
+    assert local.first.tolist() == [0, 3, 5]
+    assert local.values.shape == (2, 3, 4)
+    assert local.columns()[1].tolist() == [3, 4, 5, 6]
+
+
+@pytest.mark.parametrize(
+    ("x", "words"),
+    [
+        (np.array([0.5, math.nan]), "x must be finite"),
+        (np.array([[0.5]]), r"x must have shape \(any\)"),
+        (
+            np.array([-0.2, 0.5, 1.1]),
+            "x must lie in the domain from 0 to 1, got 2 outside, .* -0.2",
+        ),
+    ],
+)
+def test_places_that_are_none_are_refused(x: Floats, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        clamped_basis(5).matrix(x)
+
+
+def test_a_negative_derivative_is_refused() -> None:
+    with pytest.raises(ValueError, match="derivatives must be 0 or more, got -1"):
+        clamped_basis(5).nonzero(np.array([0.5]), -1)
+    with pytest.raises(ValueError, match="derivatives must be 0 or more, got -1"):
+        PeriodicBasis(5).matrix(np.array([0.5]), -1)
+
+
+def test_knots_that_are_none_are_refused() -> None:
+    with pytest.raises(ValueError, match="knots must not fall"):
+        Basis(np.array([0, 1, 0.5, 2.0]), 1)
+
+
+@pytest.mark.parametrize(("count", "degree"), [(4, 3), (5, 3), (48, 3), (2, 1), (7, 5)])
+def test_the_periodic_basis_sums_to_one_all_around(count: int, degree: int) -> None:
+    turns = np.concatenate([EVERYWHERE, -EVERYWHERE, 5 * EVERYWHERE])
+    basis = PeriodicBasis(count, degree).matrix(turns)
+    assert basis.shape == (len(turns), count)
+    assert (np.diff(basis.indptr) == degree + 1).all()
+    assert np.allclose(basis.toarray().sum(axis=1), 1.0, rtol=0, atol=1e-14)
+
+
+def test_a_whole_turn_changes_nothing() -> None:
+    turns = np.array([-0.3, 0.0, -1e-17, 0.25, 0.999])
+    here = PeriodicBasis(12).matrix(turns).toarray()
+    assert np.allclose(PeriodicBasis(12).matrix(turns + 1.0).toarray(), here, atol=1e-14)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_the_periodic_basis_has_no_seam(order: int) -> None:
+    coefficients, step = np.random.default_rng(2).normal(size=11), 1e-9
+    for knot in (0.0, 3 / 11):
+        ends = PeriodicBasis(11).matrix(np.array([knot - step, knot + step]), order)
+        jump = abs(np.diff(ends @ coefficients)[0])
+        assert jump < 3 * step * 11 ** (order + 1) * 8 * np.abs(coefficients).max()
+
+
+def test_shifting_the_coefficients_turns_the_curve() -> None:
+    coefficients = np.random.default_rng(2).normal(size=9)
+    turns, basis = np.linspace(0.0, 1.0, 40), PeriodicBasis(9)
+    moved = basis.matrix(turns + 1 / 9) @ np.roll(coefficients, 1)
+    assert np.allclose(moved, basis.matrix(turns) @ coefficients, atol=1e-13)
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_periodic_coefficients_stand_where_their_functions_are_symmetric(degree: int) -> None:
+    basis = PeriodicBasis(8, degree)
+    places = basis.greville()
+    left, right = basis.matrix(places - 0.07), basis.matrix(places + 0.07)
+    assert np.allclose(left.diagonal(), right.diagonal(), atol=1e-14)
+    assert np.allclose(np.diff(places), 1 / 8, atol=1e-15)
+
+
+def test_a_circle_of_too_few_coefficients_is_refused() -> None:
+    with pytest.raises(ValueError, match="count must be larger than the degree 3, got 3"):
+        PeriodicBasis(3)
+
+
+def test_clamped_knots_are_even_between_repeated_ends() -> None:
+    assert clamped_knots(6).tolist() == pytest.approx([0, 0, 0, 0, 1 / 3, 2 / 3, 1, 1, 1, 1])
+    assert clamped_knots(4).tolist() == [0, 0, 0, 0, 1, 1, 1, 1]  # Bernstein polynomials
+
+
+def test_uniform_knots_run_on_in_even_steps_beyond_the_domain() -> None:
+    knots = uniform_knots(7, 3)
+    assert len(knots) == 7 + 3 + 1
+    assert np.allclose(np.diff(knots), 0.25, rtol=0, atol=1e-15)
+    assert (knots[3], knots[7]) == (0.0, 1.0)
+
+
+def test_periodic_knots_hold_one_turn_and_what_comes_again() -> None:
+    knots = periodic_knots(5, 2)
+    assert len(knots) == 5 + 2 * 2 + 1
+    assert np.allclose(knots * 5, np.arange(-2, 8), rtol=0, atol=1e-15)
+
+
+def test_averaged_knots_are_means_of_as_many_sites_as_the_degree() -> None:
+    sites = np.array([0.0, 1.0, 3.0, 4.0, 8.0, 10.0])
+    assert averaged_knots(sites, 3)[3:-3].tolist() == pytest.approx([0, 8 / 3, 5, 10])
+    assert averaged_knots(sites, 5).tolist() == [0.0] * 6 + [10.0] * 6
+
+
+def test_greville_abscissae_are_means_of_as_many_knots_as_the_degree() -> None:
+    knots = np.array([0, 0, 0, 1, 4, 4, 4.0])
+    assert greville(knots, 2).tolist() == [0.0, 0.5, 2.5, 4.0]
+
+
+@given(
+    st.integers(1, 6),
+    st.lists(st.floats(0.0, 1.0), min_size=0, max_size=12),
+)
+@settings(derandomize=True, deadline=None, max_examples=50)
+def test_greville_abscissae_never_fall_and_end_where_clamped_knots_do(
+    degree: int, inner: list[float]
+) -> None:
+    knots = np.array([0.0] * (degree + 1) + sorted(set(inner)) + [1.0] * (degree + 1))
+    if not knots[degree + 1] > 0.0 or not knots[-degree - 2] < 1.0:
+        return  # an end would occur too often
+    places = greville(knots, degree)
+    assert len(places) == len(knots) - degree - 1
+    assert (np.diff(places) >= 0.0).all()
+    assert (places[0], places[-1]) == (0.0, 1.0)
+
+
+def test_a_checked_knot_vector_is_a_copy_that_nobody_can_write() -> None:
+    given_knots = clamped_knots(5)
+    checked = check_knots(given_knots, 3)
+    given_knots[4] = 7.0
+    assert checked[4] == 0.5
+    with pytest.raises(ValueError, match="read-only"):
+        checked[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("knots", "degree", "words"),
+    [
+        ([0, 1, 2, 3], 0, "degree must be at least 1, got 0"),
+        ([0, 0, math.nan, 1, 1], 1, "knots must be finite"),
+        ([[0, 0, 1, 1]], 1, r"knots must have shape \(any\)"),
+        ([0, 0, 1, 1], 2, "knots must be at least 6 for degree 2, got 4"),
+        ([0, 0, 2, 1, 3, 3], 1, "knots must not fall, got 1 after 2"),
+        ([0, 0, 1, 1, 1, 2, 2], 1, "knots may repeat 2 times at degree 1, got 1 3 times"),
+        ([0, 1, 1, 2], 1, "knots leave no domain: it begins and ends at 1"),
+    ],
+)
+def test_what_is_no_knot_vector_is_refused(knots: list[float], degree: int, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        check_knots(np.array(knots, float), degree)
+
+
+@pytest.mark.parametrize("make", [clamped_knots, uniform_knots, periodic_knots])
+def test_too_few_coefficients_are_refused(make: type) -> None:
+    with pytest.raises(ValueError, match="count must be larger than the degree 3, got 3"):
+        make(3, 3)
+    with pytest.raises(ValueError, match="degree must be at least 1, got 0"):
+        make(3, 0)
+
+
+@pytest.mark.parametrize(
+    ("sites", "words"),
+    [
+        ([0, 0.5, 1], "sites must be more than the degree 3, got 3"),
+        ([0, 0.2, 0.2, 0.6, 1], "sites must increase"),
+        ([0, 0.2, math.inf, 0.6, 1], "sites must be finite"),
+    ],
+)
+def test_sites_that_allow_no_knots_are_refused(sites: list[float], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        averaged_knots(np.array(sites))
+
+
+def test_averages_of_no_sites_are_refused() -> None:
+    with pytest.raises(ValueError, match="degree must be at least 1, got 0"):
+        averaged_knots(np.arange(5.0), 0)

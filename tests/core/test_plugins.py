@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import pytest
+
+from palpate.core.plugins import Range, check_ranges, ranges_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Described:
+    kind: ClassVar = "no number"
+    length: Annotated[float, Range(0.0, 2e-3, "m")] = 1e-3
+    share: Annotated[float, Range(0.1, 0.9, "1")] = 0.5
+    count: Annotated[int | None, Range(1, 32, "1")] = None
+    free: float = math.inf
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+def test_ranges_are_read_off_the_fields_that_have_one() -> None:
+    assert ranges_of(Described) == {
+        "length": Range(0.0, 2e-3, "m"),
+        "share": Range(0.1, 0.9, "1"),
+        "count": Range(1, 32, "1"),
+    }
+
+
+def test_a_range_is_said_with_its_unit_unless_it_has_none() -> None:
+    assert str(Range(0.0, 2e-3, "m")) == "0 to 0.002 m"
+    assert str(Range(0.1, 0.9, "1")) == "0.1 to 0.9"
+
+
+def test_both_ends_of_a_range_belong_to_it() -> None:
+    Described(length=0.0, share=0.1, count=1)
+    Described(length=2e-3, share=0.9, count=32)
+
+
+def test_a_number_that_was_left_out_is_not_checked() -> None:
+    assert Described(count=None).count is None
+
+
+def test_any_kind_of_number_is_one() -> None:
+    Described(length=0, share=np.float64(0.5), count=np.int64(3))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"length": "1e-3"}, "length is '1e-3'; expected a number, 0 to 0.002 m"),
+        ({"length": None}, "length is None; expected a number, 0 to 0.002 m"),
+        ({"share": [0.5]}, "share is [0.5]; expected a number, 0.1 to 0.9"),
+        ({"count": 2.0}, "count is 2.0; expected a whole number, 1 to 32"),
+        ({"count": True}, "count is True; expected a whole number, 1 to 32"),
+    ],
+)
+def test_what_is_no_number_or_no_whole_one_is_refused(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        Described(**given)
+    assert str(caught.value) == said
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"length": 3e-3}, "length is 0.003 m; expected 0 to 0.002 m"),
+        ({"length": -1e-9}, "length is -1e-09 m; expected 0 to 0.002 m"),
+        ({"share": 0.0}, "share is 0; expected 0.1 to 0.9"),
+        ({"share": math.nan}, "share is nan; expected 0.1 to 0.9"),
+        ({"length": math.inf}, "length is inf m; expected 0 to 0.002 m"),
+        ({"count": 33}, "count is 33; expected 1 to 32"),
+    ],
+)
+def test_a_number_outside_its_range_is_refused(given: dict[str, float], said: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        Described(**given)  # type: ignore[arg-type]
+    assert str(caught.value) == said

@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from palpate.bench.fuzz.meshes import LEVEL, SIZE, glb, gltf_of, valid_meshes
+from palpate.core.shapes.superquadrics import Superquadric
+from palpate.launch.files.mesh_file import READERS
+from palpate.launch.files.mesh_formats import RawMesh
+
+
+@pytest.mark.parametrize("name", valid_meshes())
+def test_every_format_gives_the_surface_that_was_written(name: str) -> None:
+    vertices, faces = Superquadric(np.array(SIZE), np.array([1.0, 1.0])).mesh(LEVEL)
+    found = READERS[name.rpartition(".")[2]](valid_meshes()[name])
+
+    assert found.vertices.dtype == np.float64
+    assert found.faces.dtype == np.int64
+    assert len(found.faces) == len(faces)
+    raised = np.array([0.0, 0.0, 50.0]) if name.endswith("glb") else np.zeros(3)
+    # A quadrilateral may be cut along its other diagonal; corners and volume stay nearly so.
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    np.testing.assert_allclose(found.vertices.min(axis=0), low + raised, atol=1e-4)
+    np.testing.assert_allclose(found.vertices.max(axis=0), high + raised, atol=1e-4)
+    off = 0.01 if name == "mixed.ply" else 1e-5
+    assert volume(found) == pytest.approx(volume(RawMesh(vertices, faces)), rel=off)
+
+
+def volume(mesh: RawMesh) -> float:
+    a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "faces"),
+    [
+        (b"f 1 2 3\n", [[0, 1, 2]]),
+        (b"f 1/5 2/6/7 3//8\n", [[0, 1, 2]]),
+        (b"f -4 -3 -2\n", [[0, 1, 2]]),
+        (b"f 1 2 3 4\n", [[0, 1, 2], [0, 2, 3]]),
+        (b"f 1 2 \\\n3 # a comment\n", [[0, 1, 2]]),
+        (b"o one\nf 1 2 3\no other\nusemtl red\nf 1 3 4\n", [[0, 1, 2], [0, 2, 3]]),
+    ],
+)
+def test_faces_of_obj_are_numbered_from_one_or_back_from_the_last(
+    text: bytes, faces: list[list[int]]
+) -> None:
+    assert READERS["obj"](CORNERS + text).faces.tolist() == faces
+
+
+def test_vertices_may_have_colours_and_lines_any_end() -> None:
+    obj = READERS["obj"](b"v 0 0 0 1 0 0\r\nv 1 0 0 0.5 0 0\r\nv 0 1 0 1 1 1\r\nf 1 2 3\r\n")
+    off = READERS["off"](
+        b"COFF 3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 0 0 0\n0 1 0 0 0 0 0\n3 0 1 2 9\n"
+    )
+
+    for found in (obj, off):
+        np.testing.assert_array_equal(found.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        assert found.faces.tolist() == [[0, 1, 2]]
+
+
+def test_a_mesh_is_where_its_nodes_put_it() -> None:
+    described, held = gltf_of(valid_meshes()["plain.glb"])
+    turn = {"children": [1], "rotation": [0.0, 0.0, 0.5**0.5, 0.5**0.5], "scale": [2.0, 2.0, 2.0]}
+    place = np.eye(4)
+    place[:3, 3] = [100.0, 0.0, 0.0]
+    moved = {"mesh": 0, "matrix": place.T.ravel().tolist()}
+    found = READERS["glb"](glb({**described, "nodes": [turn, moved]}, held))
+
+    # First 100 mm along x, then twice as large and turned about z, from x to y.
+    np.testing.assert_allclose(found.vertices.mean(axis=0), [0.0, 200.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(np.ptp(found.vertices, axis=0), [100.0, 120.0, 160.0], rtol=1e-2)
+
+
+def changed(**parts: object) -> bytes:
+    described, held = gltf_of(valid_meshes()["plain.glb"])
+    return glb({**described, **parts}, held)
+
+
+def ply(old: bytes, new: bytes, name: str = "text.ply") -> bytes:
+    data = valid_meshes()[name]
+    assert old in data
+    return data.replace(old, new, 1)
+
+
+def stl(old: bytes, new: bytes) -> bytes:
+    return valid_meshes()["text.stl"].replace(old, new, 1)
+
+
+REFUSED: list[tuple[str, Callable[[], bytes], str]] = [
+    (
+        "ply",
+        lambda: b"ply\n" + b"comment x\n" * 9999,
+        "a header without an end, or of more than 64",
+    ),
+    ("ply", lambda: ply(b"vertex 162", b"vertex -162"), "states '-162' as a count"),
+    ("ply", lambda: ply(b"vertex 162", b"vertex 9999999"), "states 9999999 vertices"),
+    ("ply", lambda: ply(b"face 320", b"face 2000000000"), "states 2000000000 faces"),
+    ("ply", lambda: ply(b"face 320", b"face 321"), "is cut short: it has not the 321 of 'face'"),
+    ("ply", lambda: ply(b"face 320", b"face 319"), "has more in it than its header states"),
+    ("ply", lambda: ply(b"face 320", b"face 321", "big.ply"), "is cut short"),
+    ("ply", lambda: ply(b"float z", b"float w"), "has vertices without z"),
+    ("ply", lambda: ply(b"float z", b"float y"), "the property 'y' twice"),
+    ("ply", lambda: ply(b"float z", b"text z"), "the property 'text z' in its header"),
+    ("ply", lambda: ply(b"uchar int", b"float int"), "whose length is no whole number"),
+    ("ply", lambda: ply(b"vertex_indices", b"corners"), "faces without a list 'vertex_indices'"),
+    ("ply", lambda: ply(b"element", b"elephant"), "the line 'elephant vertex 162' in its header"),
+    ("ply", lambda: ply(b"format ascii 1.0\n", b""), "does not tell its format"),
+    ("ply", lambda: ply(b"\n3 ", b"\n2000000000 "), "a list 'vertex_indices' of 2e"),
+    ("ply", lambda: ply(b"\n3 ", b"\n-3 "), "a list 'vertex_indices' of -3 items"),
+    ("ply", lambda: ply(b"\n3 ", b"\n3 0.5"), "a corner that is no whole number"),
+    ("ply", lambda: ply(b"\n3 ", b"\nthree "), "something else where there must be numbers"),
+    ("stl", lambda: b"\0" * 83, "is cut short"),
+    ("stl", lambda: valid_meshes()["binary.stl"][:-1], "has not the triangles that it states"),
+    ("stl", lambda: stl(b"endsolid", b"end"), "its last solid has no end"),
+    ("stl", lambda: stl(b"vertex", b"vortex"), "has 959 corners in 320 facets"),
+    ("stl", lambda: stl(b"vertex", b"vertex 1"), "a corner that is not three numbers"),
+    ("obj", lambda: CORNERS + b"f 1 2\n", "a face of 2 corners"),
+    ("obj", lambda: CORNERS + b"f 1 2 x\n", "a face with the corner 'x'"),
+    (
+        "obj",
+        lambda: CORNERS + b"f 1 2 " + b"9" * 5000,
+        "a face with the corner '99999999999999999999'",
+    ),
+    ("obj", lambda: CORNERS + b"f " + b"1 2 3 4 " * 500, "a face of 2000 corners; at most 1024"),
+    ("obj", lambda: b"v 1 2\n", "a vertex that is not three numbers"),
+    ("off", lambda: b"OFF", "does not state how many"),
+    ("off", lambda: b"OFF\n-1 1 0\n", "states -1 vertices"),
+    ("off", lambda: b"OFF\n4 4 0\n0 0 0\n", "states 4 vertices and 4 faces, and has 1 lines"),
+    ("off", lambda: b"OFF\n1 1 0\n0 0 0\n9 0 0 0\n", "a face without the corners that it states"),
+    ("off", lambda: b"mesh", "does not begin with OFF"),
+    ("glb", lambda: b"glTF", "is cut short"),
+    ("glb", lambda: b"glTF" + b"\1\0\0\0" * 4, "does not begin as glTF 2 does"),
+    ("glb", lambda: valid_meshes()["plain.glb"] + b"x", "bytes and states"),
+    ("glb", lambda: glb(b"[" * 100_000, b""), "is described by something else than glTF"),
+    ("glb", lambda: changed(meshes=[]), "holds 0 meshes"),
+    ("glb", lambda: changed(bufferViews=[]), "names a part that does not exist"),
+    ("glb", lambda: changed(nodes=[{"children": [0], "mesh": 0}]), "within itself"),
+    ("glb", lambda: changed(nodes=[{"mesh": 0}, {"mesh": 0}]), "in 2 places"),
+    ("glb", lambda: changed(nodes=[{"children": [1, 1]}, {"mesh": 0}]), "within two others"),
+    ("glb", lambda: changed(nodes=[{"mesh": 0, "matrix": [1.0]}]), "a matrix of 1 numbers"),
+]
+
+
+@pytest.mark.parametrize(("kind", "data", "words"), REFUSED)
+def test_what_is_not_what_it_says_is_refused(
+    kind: str, data: Callable[[], bytes], words: str
+) -> None:
+    with pytest.raises(ValueError, match=r"^[a-z]") as caught:
+        READERS[kind](data())
+
+    assert words in str(caught.value)
+    assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("count", 10**9, "states 1000000000 numbers that it does not hold"),
+        ("count", -1, "states -1 numbers"),
+        ("byteOffset", -4, "numbers that it does not hold"),
+        ("byteOffset", 10**12, "numbers that it does not hold"),
+        ("componentType", 5130, "numbers of a kind that is not read"),
+        ("type", "MAT4", "numbers of a kind that is not read"),
+        ("sparse", {"count": 1}, "numbers of a kind that is not read"),
+        ("bufferView", None, "names a part that does not exist"),
+        ("count", "many", "is described by something else than glTF"),
+    ],
+)
+def test_numbers_that_a_glb_file_does_not_hold_are_not_made_up(
+    key: str, value: object, words: str
+) -> None:
+    described, _ = gltf_of(valid_meshes()["plain.glb"])
+    first, second = described["accessors"]
+
+    for accessors in ([{**first, key: value}, second], [first, {**second, key: value}]):
+        with pytest.raises(ValueError, match=words):
+            READERS["glb"](changed(accessors=accessors))

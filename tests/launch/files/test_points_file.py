@@ -1,0 +1,237 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.launch.files.point_clouds import order_points, slice_cloud, slices_by_height
+from palpate.launch.files.points_file import read_points, read_tops
+from palpate.launch.files.source_map import InputError
+
+TURN = 2 * np.pi * np.arange(24) / 24
+
+
+def ring(z: float, radius: float = 3.0) -> Floats:
+    return np.column_stack([radius * np.cos(TURN), radius * np.sin(TURN), np.full(24, z)])
+
+
+def kidney(count: int = 60) -> Floats:
+    """A horseshoe, whose middle lies outside of it."""
+    turn = np.linspace(-2.4, 2.4, count // 2)
+    outer = 3.0 * np.column_stack([np.cos(turn), np.sin(turn)])
+    inner = 1.8 * np.column_stack([np.cos(turn[::-1]), np.sin(turn[::-1])])
+    return np.concatenate([outer, inner])
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    (folder / name).write_text(text, encoding="utf-8")
+    return folder / name
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t", " "], ids=["comma", "semicolon", "tab", "blank"])
+def test_a_table_gives_its_contours_in_the_order_of_its_lines(tmp_path: Path, mark: str) -> None:
+    rows = [[1, 2, 3, 7], [4, 5, 6, 7], [7, 8, 9, 2], [1, 1, 1, 7]]
+    text = "# a comment\n" + "\n".join(
+        mark.join(map(str, row)) for row in [["z", "y", "X", "contour"], *rows]
+    )
+    found = read_points(write(tmp_path, "a.csv", f"{text}  # the last\n\n"))
+    assert [one.tolist() for one in found.contours] == [
+        [[3, 2, 1], [6, 5, 4], [1, 1, 1]],
+        [[9, 8, 7]],
+    ]
+    assert found.places == ("contour 7 (lines 3 to 6)", "contour 2 (lines 5 to 5)")
+    assert found.normals is None
+    assert found.felt is None
+
+
+def test_normals_and_touches_are_read_and_other_columns_passed_over(tmp_path: Path) -> None:
+    text = "x,y,z,contour,colour,nx,ny,nz,touch\n0,1,2,0,red,1,0,0,4\n3,4,5,0,blue,0,1,0,5\n"
+    found = read_points(write(tmp_path, "a.csv", text))
+    assert found.normals is not None and found.felt is not None
+    assert found.normals[0].tolist() == [[1, 0, 0], [0, 1, 0]]
+    assert found.felt.touch.tolist() == [0, 1]
+    assert found.felt.points.tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert found.scaled(0.1).felt.points.max() == pytest.approx(0.5)  # type: ignore[union-attr]
+
+
+def test_points_that_are_not_finite_are_left_out_and_their_lines_told(tmp_path: Path) -> None:
+    lines = ["x,y,z,contour"] + [f"{i},nan,0,0" if i % 3 else f"{i},1,0,0" for i in range(12)]
+    found = read_points(write(tmp_path, "a.csv", "\n".join(lines)))
+    assert len(found.contours[0]) == 4
+    assert found.notes == ("left out 8 points not finite, lines 3, 4, 6, 7, 9, 10 and 2 more",)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "a.csv: holds no points"),
+        ("# nothing\n", "a.csv: holds no points"),
+        ("x,y,z\n", "a.csv:1: holds no points under its header"),
+        ("x,y\n1,2\n", "a.csv:1: lacks the column z"),
+        ("x,y,z,x\n1,2,3,4\n", "a.csv:1: has the column x more than once"),
+        ("x,y,z,nx\n1,2,3,4\n", "a.csv:1: has nx alone; nx, ny and nz belong together"),
+        ("1,2,3,4\n", "a.csv:1: has 4 columns and no header; name them, as in x,y,z,contour"),
+        ("x,y,z\n1,2,3\n\n1,2\n", "a.csv:4: has 2 columns where 3 are named"),
+        ("x,y,z\n1,two,3\n", "a.csv:2: y must be a number, got 'two'"),
+        ("x,y,z,contour\n1,2,3,1.5\n", "a.csv:2: contour must be a whole number, got 1.5"),
+        ("x,y,z,touch\n1,2,3,1e20\n", "a.csv:2: touch must be at most 2147483647, got 1e+20"),
+        ("x,y,z,contour\nnan,2,3,1\n", "a.csv: holds no points"),
+        ("x,y,z\n1,2,3\n", "a.csv: holds 1 points; at least 6 are needed"),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_refused_with_its_line(
+    tmp_path: Path, text: str, said: str
+) -> None:
+    with pytest.raises(InputError) as refused:
+        read_points(write(tmp_path, "a.csv", text))
+    assert said in str(refused.value)
+
+
+def test_a_file_that_is_no_text_is_refused_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(b"x,y,z\n1,2,3\n\xff\xfe\n")
+    with pytest.raises(InputError, match=r"a\.csv:3: is no text in UTF-8"):
+        read_points(tmp_path / "a.csv")
+
+
+def test_files_of_other_kinds_and_files_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.stl").touch()
+    with pytest.raises(InputError, match=r"'.stl' is no format of points; known: .npz"):
+        read_points(tmp_path / "a.stl")
+    with pytest.raises(InputError, match=r"a.csv: cannot be read: No such file"):
+        read_points(tmp_path / "a.csv")
+    with pytest.raises(InputError, match=r"topics.mcap"):
+        read_points(tmp_path)
+
+
+def test_contours_come_out_of_arrays_in_each_of_three_forms(tmp_path: Path) -> None:
+    rings = [ring(0.0), ring(1.0), ring(2.0)]
+    np.savez(tmp_path / "a.npz", contour_10=rings[2], contour_2=rings[1], contour_0=rings[0])
+    np.savez(tmp_path / "b.npz", contours=np.array(rings), tops=[[0, 0, 3.0]])
+    numbers = np.repeat([5, 1, 9], 24)
+    np.savez(
+        tmp_path / "c.npz",
+        contours=np.concatenate(rings),
+        contour=numbers,
+        normals=np.concatenate(rings),
+        touch=numbers,
+    )
+    for name in "abc":
+        found = read_points(tmp_path / f"{name}.npz")
+        assert np.array_equal(np.array(found.contours), np.array(rings))
+        assert (found.tops is not None) == (name == "b")
+        assert (found.normals is not None) == (name == "c")
+    assert read_points(tmp_path / "c.npz").places == ("contour 5", "contour 1", "contour 9")
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        ({"points": ring(0.0)}, "must hold contours and contour, or contour_0"),
+        ({}, "it holds nothing"),
+        ({"contours": ring(0.0)}, "contour must number them"),
+        ({"contours": ring(0.0), "contour": np.zeros(3)}, "contour must have 24 rows"),
+        ({"contour_0": np.zeros((3, 2))}, r"contour_0 must be (n, 3), got float64 (3, 2)"),
+        ({"contour_0": ring(0.0), "normals_1": ring(0.0)}, "lacks normals_0"),
+        ({"contour_0": ring(0.0), "normals_0": np.ones((2, 3))}, "normals_0 must have 24 rows"),
+        ({"contours": np.array(["a"])}, "contours must be (n, 3)"),
+        ({"contour_0": ring(0.0), "tops": np.ones(3)}, "tops must be (n, 3)"),
+    ],
+)
+def test_arrays_that_cannot_be_used_are_refused(
+    tmp_path: Path, arrays: dict[str, Any], said: str
+) -> None:
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(InputError) as refused:
+        read_points(tmp_path / "a.npz")
+    assert said in str(refused.value)
+
+
+def test_a_file_that_only_looks_like_arrays_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.npz").write_bytes(b"PK\x03\x04 nothing more")
+    with pytest.raises(InputError, match=r"a.npz: is no NPZ file"):
+        read_points(tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", contours=np.array([None]))
+    with pytest.raises(InputError, match=r"b.npz: is no NPZ file of numbers"):
+        read_points(tmp_path / "b.npz")
+
+
+def test_a_cloud_is_cut_at_its_heights_and_put_in_order() -> None:
+    rng = np.random.default_rng(0)
+    rings = [ring(z, 3.0 + z) for z in (0.0, 0.7, 2.0, 3.1)]
+    noisy = np.concatenate(rings) + 0.01 * rng.normal(size=(96, 3))
+    found = slice_cloud(noisy[rng.permutation(96)])
+    assert [len(one) for one in found.contours] == [24] * 4
+    for one, true in zip(found.contours, rings, strict=True):
+        steps = np.linalg.norm(np.roll(one, -1, axis=0) - one, axis=1)
+        assert steps.max() < 1.3 * np.linalg.norm(true[1] - true[0])
+    assert "96 points lie at 4 heights" in found.notes[0]
+    assert found.places[0] == "slice 0 (z = 0.0005471)" or found.places[0].startswith("slice 0")
+
+
+@pytest.mark.parametrize(
+    "z",
+    [np.linspace(0.0, 1.0, 60), np.zeros(60), np.random.default_rng(0).random(200)],
+    ids=["ramp", "one height", "anywhere"],
+)
+def test_a_cloud_without_repeated_heights_is_refused(z: Floats) -> None:
+    with pytest.raises(ValueError, match="do not lie at repeated heights"):
+        slices_by_height(z)
+
+
+def test_exact_heights_are_cut_whatever_their_spacing() -> None:
+    z = np.repeat([0.0, 1e-3, 5.0, 5.5], 10)
+    slice_of, spread = slices_by_height(np.random.default_rng(0).permutation(z))
+    assert sorted(np.bincount(slice_of)) == [10, 10, 10, 10]
+    assert spread == 0.0
+
+
+def test_points_of_a_star_shaped_section_are_ordered_by_azimuth() -> None:
+    points = np.random.default_rng(0).permutation(ring(0.0)[:, :2] * [1.0, 0.4])
+    found = order_points(points)
+    assert found.by_azimuth
+    assert sorted(found.rows) == list(range(24))
+    steps = np.diff(np.unwrap(np.arctan2(*points[found.rows].T[::-1])))
+    assert (steps > 0.0).all()
+
+
+def test_points_of_a_horseshoe_are_ordered_by_the_shortest_way() -> None:
+    true = kidney()
+    mixed = np.random.default_rng(1).permutation(len(true))
+    found = order_points(true[mixed])
+    assert not found.by_azimuth
+    assert sorted(found.rows) == list(range(len(true)))
+    loop = true[mixed][found.rows]
+    length = np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()
+    best = np.linalg.norm(np.roll(true, -1, axis=0) - true, axis=1).sum()
+    assert length <= best * (1 + 1e-9)
+    cloud = np.column_stack([np.tile(true, (3, 1)), np.repeat([0.0, 1.0, 2.0], len(true))])
+    assert "3 of 3 slices are not star-shaped" in slice_cloud(cloud).notes[1]
+
+
+def test_a_few_points_are_ordered_too() -> None:
+    assert sorted(order_points(np.eye(3)[:, :2]).rows) == [0, 1, 2]
+
+
+def test_tops_are_read_from_a_table(tmp_path: Path) -> None:
+    assert read_tops(write(tmp_path, "t.csv", "0 0 5\n0 0 -1\n")).tolist() == [
+        [0, 0, 5],
+        [0, 0, -1],
+    ]
+    with pytest.raises(InputError, match="holds no points that are finite"):
+        read_tops(write(tmp_path, "u.csv", "0 0 nan\n"))
+
+
+@pytest.mark.parametrize("wrong", [np.nan, 0.5, 1e20])
+@pytest.mark.parametrize("name", ["contour", "touch"])
+def test_numbers_of_contours_and_touches_must_be_whole(
+    tmp_path: Path, name: str, wrong: float
+) -> None:
+    numbers = np.repeat([0.0, 1.0], 24)
+    arrays: dict[str, Any] = {"contour": numbers, "touch": numbers}
+    arrays[name] = np.where(np.arange(48) == 7, wrong, numbers)
+    np.savez(tmp_path / "a.npz", contours=np.concatenate([ring(0.0), ring(1.0)]), **arrays)
+    with pytest.raises(InputError, match=f"{name} must hold whole numbers up to .* in row 7"):
+        read_points(tmp_path / "a.npz")

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from palpate.launch.processes.fork_server import preloaded_modules, without_main_module
+
+RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
+
+
+def said_by(script: str) -> list[str]:
+    """Lines that a new interpreter prints."""
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def test_the_script_is_hidden_only_for_a_moment() -> None:
+    script = sys.modules["__main__"]
+    with without_main_module():
+        assert not hasattr(sys.modules["__main__"], "__file__")
+    assert sys.modules["__main__"] is script
+
+
+def test_each_kind_of_palpates_own_is_preloaded_once_and_none_of_a_users() -> None:
+    tracer = "palpate.nodes.tracer"
+    modules = [
+        tracer,
+        "my_lab.denoise",
+        tracer,
+        "palpate.nodes.filter",
+        "palpate.bench.bus.toy_node",
+    ]
+    assert preloaded_modules(modules) == (*RUNTIME, tracer, "palpate.nodes.filter")
+    assert preloaded_modules([]) == RUNTIME
+
+
+PRELOADED = """
+import gc, os, sys
+import zmq
+opened = []
+made = zmq.Context.__init__
+zmq.Context.__init__ = lambda self, *a, **k: (opened.append(self), made(self, *a, **k))[1]
+from palpate.launch.launch_source import named_modules
+from palpate.launch.launch_source import EXPLORE
+from palpate.launch.processes.fork_server import preloaded_modules
+from palpate.nodes.runtime.preloading import preload
+names = preloaded(named_modules(EXPLORE))
+preload(names)
+print([name for name in names if name not in sys.modules])
+print(len(opened), zmq.Context._instance)
+effects = "palpate.core.touch.effects."
+print([name for name in sys.modules if name.startswith(effects)])
+print("scipy" in sys.modules, "trimesh" in sys.modules, "palpate.launch.run" in sys.modules)
+print(gc.isenabled(), gc.get_freeze_count() > 1000)
+if sys.platform == "linux":
+    print(len(os.listdir("/proc/self/task")))
+"""
+
+
+def test_what_is_preloaded_for_exploring_has_no_socket_no_thread_and_no_effect(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    missing, sockets, effects, heavy, garbage, *threads = said_by(PRELOADED)
+    assert missing == "[]"
+    assert sockets == "0 None"
+    assert effects == "['palpate.core.touch.effects.catalogue']"
+    assert heavy == "True False False"
+    assert garbage == "True True"
+    assert threads in ([], ["1"])
+
+
+BROKEN = """
+import sys
+from palpate.nodes.runtime.preloading import preload
+preload(["palpate.nodes.nothing", "", "palpate.nodes.filter"])
+print("palpate.nodes.filter" in sys.modules)
+"""
+
+
+def test_what_cannot_be_imported_keeps_nothing_else_from_being_preloaded() -> None:
+    assert said_by(BROKEN) == ["True"]
+
+
+DRAWN = """
+import os
+from palpate.nodes.runtime.preloading import preload
+preload(["numpy.random"])
+import numpy
+drawn = []
+for _ in range(2):
+    readable, writable = os.pipe()
+    if os.fork() == 0:
+        os.write(writable, repr(numpy.random.random()).encode())
+        os._exit(0)
+    drawn.append(os.read(readable, 100))
+print(drawn[0] != drawn[1])
+"""
+
+
+def test_two_nodes_that_draw_from_the_global_generator_draw_different_numbers() -> None:
+    assert said_by(DRAWN) == ["True"]
+
+
+LAUNCHED = """
+from palpate.bench.bus.toy_node import Quiet
+from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.launch.launcher import launch
+from palpate.launch.processes.fork_server import start_fork_server
+from palpate.nodes.runtime.wiring import Wiring
+wake(["palpate.nodes.nothing", "palpate.nodes.filter"])
+source = toy("source", Params(burst=5))
+nobody = dict(params={}, inputs=(), outputs={}, listeners={})
+lost = Wiring(name="lost", module="palpate.nodes.nothing", **nobody)
+for graph in ([source, lost], [source, toy("counter", Params(expects=5), hears="source")]):
+    ending = launch(graph, ends=graph[-1].name, hear=(), watcher=Quiet())
+    print(ending.status, ending.reason)
+"""
+
+
+@pytest.mark.graph
+def test_a_module_that_is_missing_is_told_and_the_next_graph_of_other_nodes_runs() -> None:
+    first, second = said_by(LAUNCHED)
+    assert first.startswith(
+        "died lost failed while loading: ValueError: no module 'palpate.nodes.nothing'"
+    )
+    assert second.startswith("finished")

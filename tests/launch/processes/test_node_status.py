@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from palpate.launch.processes.node_status import (
+    RETRY,
+    SILENCE,
+    Edge,
+    MessageCounts,
+    NodeStatusTable,
+    TerminationDetector,
+)
+from palpate.messages.codec import encode
+from palpate.messages.types.graph import NodeStatus
+
+STATUS = NodeStatus(
+    node="filter",
+    state="ending",
+    messages=3,
+    sent=3,
+    gaps=0,
+    duplicates=0,
+    p50=1.0,
+    p99=2.0,
+    cpu=0.1,
+)
+
+
+def test_a_node_is_ready_and_says_goodbye_with_its_counters() -> None:
+    roll = NodeStatusTable(["filter"])
+    assert roll.hear("filter", {"kind": "ready"}) == []
+    assert roll.hear("filter", {"kind": "bye", "status": encode(STATUS)}) == []
+    assert roll.ready == roll.bye == {"filter"}
+    assert roll.statuses["filter"].messages == 3
+
+
+def test_a_failure_is_one_line_and_its_trace_another() -> None:
+    roll = NodeStatusTable(["filter"])
+    lines = roll.hear("filter", {"kind": "failed", "text": "it broke", "trace": "T" * 99_999})
+    assert roll.failed == {"filter": "it broke"}
+    assert [(line.level, len(line.text)) for line in lines] == [("error", 8), ("debug", 4000)]
+    for line in lines:
+        encode(line)
+
+
+def test_a_stranger_is_refused() -> None:
+    with pytest.raises(ValueError, match="somebody called 'spy' spoke, who is not in the graph"):
+        NodeStatusTable(["filter"]).hear("spy", {"kind": "ready"})
+
+
+def test_counters_that_cannot_be_read_are_refused() -> None:
+    with pytest.raises(ValueError, match="not a NodeStatus"):
+        NodeStatusTable(["filter"]).hear("filter", {"kind": "bye", "status": b""})
+
+
+def test_silence_is_mentioned_once_until_the_node_speaks_again() -> None:
+    roll = NodeStatusTable(["filter"])
+    late = time.monotonic() + 2 * SILENCE
+    [line] = roll.silent(late)
+    assert line.text.startswith("filter is still starting, or hangs")
+    assert roll.silent(late) == []
+    roll.hear("filter", {"kind": "ready"})
+    [line] = roll.silent(late)
+    assert line.text.startswith("filter is still working, or hangs")
+
+
+EDGE = Edge("hearer", "talker", "/talk")
+
+
+def census() -> TerminationDetector:
+    return TerminationDetector(["talker", "hearer"], [EDGE])
+
+
+def answer(
+    one: TerminationDetector, sent: int, consumed: int, now: float, waits: tuple[str, ...] = ()
+) -> None:
+    round_ = one.round
+    one.answer("talker", round_, MessageCounts({"/talk": sent}, {}), now, 0.0)
+    one.answer(
+        "hearer", round_, MessageCounts({}, {("talker", "/talk"): consumed}, waits), now, 0.0
+    )
+
+
+def test_two_equal_rounds_with_everything_consumed_are_settled() -> None:
+    one = census()
+    answer(one, 3, 3, 0.0)
+    assert not one.settled
+    answer(one, 3, 3, 1.0)
+    assert one.settled
+    assert one.still_for(2.0) == 2.0
+
+
+def test_a_message_that_is_on_its_way_is_not_settled() -> None:
+    one = census()
+    answer(one, 3, 2, 0.0)
+    answer(one, 3, 2, 1.0)
+    assert not one.settled
+    assert one.unheard() == [(EDGE, 3, 2)]
+
+
+def test_rounds_that_differ_are_not_settled() -> None:
+    one = census()
+    answer(one, 3, 3, 0.0)
+    answer(one, 3, 3, 1.0)
+    answer(one, 4, 4, 2.0)
+    assert not one.settled
+    assert one.still_for(3.0) == 0.0
+
+
+def test_what_was_counted_before_is_forgotten() -> None:
+    one = census()
+    answer(one, 3, 3, 0.0)
+    one.forget()
+    answer(one, 3, 3, 1.0)
+    assert not one.settled
+
+
+def test_an_answer_to_an_earlier_round_does_not_count() -> None:
+    one = census()
+    answer(one, 3, 3, 0.0)
+    one.answer("talker", 0, MessageCounts({"/talk": 3}, {}), 1.0, 0.0)
+    one.answer("stranger", 1, MessageCounts({"/talk": 3}, {}), 1.0, 0.0)
+    assert one.to_ask(1.0) == ["talker", "hearer"]
+
+
+def test_who_has_not_answered_is_asked_again() -> None:
+    one = census()
+    assert one.to_ask(0.0) == ["talker", "hearer"]
+    one.answer("talker", 0, MessageCounts({}, {}), 0.0, 0.0)
+    assert one.to_ask(RETRY / 2) == []
+    assert one.to_ask(RETRY) == ["hearer"]
+
+
+def test_complaints_name_who_waits_for_what() -> None:
+    one = census()
+    answer(one, 3, 1, 0.0, waits=("/world",))
+    assert one.complaints() == [
+        "hearer needs /world before anything else",
+        "hearer has consumed 1 of 3 on /talk from talker",
+    ]
+    answer(one, 0, 0, 1.0)
+    assert one.complaints() == ["hearer has heard nothing on /talk (talker)"]
+
+
+def test_who_is_dropped_is_neither_asked_nor_waited_for() -> None:
+    one = TerminationDetector(["talker", "hearer"], [EDGE, Edge("late", "talker", "/talk")])
+    one.drop("hearer")
+    assert one.to_ask(1.0) == ["talker"]
+    for now in (1.0, 2.0):
+        one.answer("talker", one.round, MessageCounts({"/talk": 3}, {}), now, 0.0)
+    assert one.settled

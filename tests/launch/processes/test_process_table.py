@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from palpate.launch.processes import process_table as pulse
+from palpate.launch.processes.process_table import (
+    ProcessState,
+    RestartPolicy,
+    Watchdog,
+    process_state,
+)
+
+
+def test_a_node_may_be_started_again_but_not_in_a_storm() -> None:
+    restarts = RestartPolicy({"a": "restart", "b": "restart"})
+    how = "was killed by SIGKILL"
+    assert [restarts.refusal("a", how, False, now) for now in (0.0, 1.0, 2.0)] == [None] * 3
+    assert restarts.refusal("b", how, False, 3.0) is None
+    assert restarts.refusal("a", how, False, 9.0) == (
+        "a was killed by SIGKILL, after it had been started again 3 times in 10 s"
+    )
+    assert restarts.refusal("a", how, False, 10.5) is None
+    assert restarts.counts == {"a": 4, "b": 1}
+
+
+def test_a_message_of_which_a_node_dies_twice_ends_the_run() -> None:
+    restarts = RestartPolicy({"a": "restart"})
+    how = "failed while handling /in 7 from b: ValueError: no"
+    assert restarts.refusal("a", how, True, 0.0) is None
+    assert restarts.refusal("a", how.replace("7", "8"), True, 50.0) is None
+    assert restarts.refusal("a", how.replace("7", "8"), True, 90.0) == (
+        "a failed while handling /in 8 from b: ValueError: no; so it did when it was started again"
+    )
+
+
+def test_a_node_that_the_launch_file_says_so_of_ends_the_run_at_once() -> None:
+    restarts = RestartPolicy({"a": "stop"})
+    assert restarts.refusal("a", "hung", False, 0.0) == "a hung"
+    assert restarts.counts == {"a": 0}
+
+
+PIDS = {"node": 1}
+
+
+def watched(
+    monkeypatch: pytest.MonkeyPatch, does: ProcessState | None, longest: float = 1.0
+) -> Watchdog:
+    """A pulse whose node gave its last sign at 10 s, with 2 s used, looked at ten times a s."""
+    monkeypatch.setattr(pulse, "process_state", lambda pid: does)
+    made = Watchdog({"node": longest})
+    made.hung(10.0, PIDS)
+    made.sign("node", 10.0, 2.0)
+    return made
+
+
+def hung_at(made: Watchdog, until: float) -> float | None:
+    """When it is found to hang, s after its last sign."""
+    for tick in range(1, round(10 * until) + 1):
+        found = made.hung(10.0 + 0.1 * tick, PIDS)
+        if found:
+            return 0.1 * tick
+    return None
+
+
+@pytest.mark.parametrize(
+    ("does", "longest", "found"),
+    [
+        (ProcessState("T", 2.0), 60.0, 1.3),  # stopped
+        (ProcessState("S", 2.0), 1.0, 1.3),  # blocked
+        (ProcessState("S", 2.0), 3.0, 3.1),
+        (ProcessState("R", 3.5), 1.0, 1.3),  # in an endless loop
+        (ProcessState("R", 2.1), 1.0, None),  # starved by others
+        (ProcessState("R", 3.5), 60.0, None),  # at work
+        (None, 1.0, 1.3),
+        (None, 3.0, 3.1),
+    ],
+)
+def test_a_node_hangs_that_neither_works_nor_waits_for_the_processor(
+    monkeypatch: pytest.MonkeyPatch, does: ProcessState | None, longest: float, found: float | None
+) -> None:
+    at = hung_at(watched(monkeypatch, does, longest), 5.0)
+    assert at == (None if found is None else pytest.approx(found))
+
+
+def test_nobody_is_blamed_for_the_time_in_which_the_launcher_did_not_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = watched(monkeypatch, ProcessState("T", 2.0))
+    assert made.hung(60.0, PIDS) == {}
+    assert made.hung(60.4, PIDS) == {}
+    assert made.hung(60.8, PIDS) == {}
+    assert "node" in made.hung(61.3, PIDS)
+
+
+@pytest.mark.parametrize(
+    ("does", "found"),
+    [(ProcessState("T", 2.0), 1.3), (ProcessState("S", 2.0), None), (ProcessState("R", 9.0), None)],
+)
+def test_a_node_that_begins_may_take_its_time_but_must_not_be_stopped(
+    monkeypatch: pytest.MonkeyPatch, does: ProcessState, found: float | None
+) -> None:
+    made = watched(monkeypatch, does)
+    made.begin("node", 10.0)
+    assert hung_at(made, 5.0) == (None if found is None else pytest.approx(found))
+
+
+def test_nothing_is_expected_of_a_node_that_has_said_goodbye(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = watched(monkeypatch, ProcessState("T", 2.0))
+    made.forget("node")
+    assert hung_at(made, 5.0) is None
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux says what a process does")
+def test_the_system_says_what_a_process_does() -> None:
+    assert process_state(1 << 30) is None
+    child = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        deadline = time.monotonic() + 20
+        while (does := process_state(child.pid)) is None or does.used < 0.1:
+            assert time.monotonic() < deadline
+        assert does.state == "R"
+        os.kill(child.pid, signal.SIGSTOP)
+        while (does := process_state(child.pid)) is None or does.state != "T":
+            assert time.monotonic() < deadline
+    finally:
+        child.kill()
+        child.wait()

@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from palpate.launch.processes.registry import (
+    CARD_FILE,
+    GRACE_AGE,
+    LOCK_FILE,
+    RunCard,
+    addresses_of,
+    announce,
+    find_run,
+    private_folder,
+    remove_stale_folders,
+    running_graphs,
+    stale_folders,
+)
+
+
+def card(run: str, name: str = "vase", folder: str = "") -> RunCard:
+    return RunCard(
+        run=run,
+        name=name,
+        began=f"2026-01-01T00:00:{run[-2:]}",
+        pid=1,
+        folder=folder,
+        ends="a",
+        nodes=(),
+        taps={},
+        tools="",
+    )
+
+
+def test_a_graph_runs_as_long_as_its_lock_is_held(tmp_path: Path) -> None:
+    with private_folder(tmp_path) as folder:
+        assert running_graphs(tmp_path) == []
+        announce(folder, card("ab01"))
+        assert [one.run for one in running_graphs(tmp_path)] == ["ab01"]
+    assert running_graphs(tmp_path) == []
+
+
+def left(
+    folder: Path, *, age: float = 0.0, announced: bool = True, run: Path | None = None
+) -> None:
+    """What a launcher leaves that was killed."""
+    folder.mkdir()
+    (folder / LOCK_FILE).touch()
+    when = time.time() - age
+    os.utime(folder / LOCK_FILE, (when, when))
+    if announced:
+        announce(folder, card("dead", folder="" if run is None else str(run)))
+
+
+def test_what_a_killed_launcher_left_is_no_running_graph_and_is_swept(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    (run / ".said").mkdir(parents=True)
+    left(tmp_path / "palpate-run-dead", run=run)
+    left(tmp_path / "palpate-run-old", age=2 * GRACE_AGE, announced=False)
+    assert running_graphs(tmp_path) == []
+    assert len(stale_folders(tmp_path)) == 2
+    with private_folder(tmp_path) as folder:
+        assert sorted(tmp_path.iterdir()) == sorted([folder, run])
+    assert list(run.iterdir()) == []
+
+
+@pytest.mark.parametrize(("age", "swept"), [(0.0, False), (GRACE_AGE + 1.0, True)])
+def test_what_was_taken_away_but_for_a_part_is_swept_when_it_is_old(
+    age: float, swept: bool, tmp_path: Path
+) -> None:
+    half = tmp_path / "palpate-run-half"
+    half.mkdir()
+    (half / "n0").touch()
+    os.utime(half, (time.time() - age,) * 2)
+    remove_stale_folders(tmp_path)
+    assert half.exists() != swept
+
+
+def test_what_is_not_ours_or_just_coming_up_is_left_alone(tmp_path: Path) -> None:
+    left(tmp_path / "palpate-run-young", announced=False)
+    left(tmp_path / "somebody-dead")
+    (tmp_path / "palpate-run-file").touch()
+    with private_folder(tmp_path) as one, private_folder(tmp_path) as other:
+        announce(one, card("ab01"))
+        assert stale_folders(tmp_path) == []
+        assert one.is_dir() and other.is_dir()
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_spoilt_card_is_no_running_graph(tmp_path: Path) -> None:
+    with private_folder(tmp_path) as folder:
+        (folder / CARD_FILE).write_text("{")
+        assert running_graphs(tmp_path) == []
+
+
+def test_a_run_is_found_by_its_number_or_name_or_as_the_latest(tmp_path: Path) -> None:
+    with private_folder(tmp_path) as one, private_folder(tmp_path) as other:
+        announce(one, card("ab01"))
+        announce(other, card("ac02", "egg"))
+        assert find_run(None, tmp_path).run == "ac02"
+        assert find_run("ab", tmp_path).run == "ab01"
+        assert find_run("egg", tmp_path).run == "ac02"
+        with pytest.raises(ValueError, match=r"several running graphs are called 'a'; there are"):
+            find_run("a", tmp_path)
+        with pytest.raises(ValueError, match=r"no running graph is called 'x'; .* ab01 \(vase\)"):
+            find_run("x", tmp_path)
+
+
+def test_without_a_running_graph_that_is_said(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no graph of yours is running"):
+        find_run(None, tmp_path)
+
+
+def test_a_folder_that_holds_anything_else_is_somebodys_own(tmp_path: Path) -> None:
+    mine = tmp_path / "palpate-run-of-mine"
+    left(mine, age=2 * GRACE_AGE)
+    (mine / "thesis.tex").touch()
+    other = tmp_path / "palpate-thesis"
+    other.mkdir()
+    os.utime(other, (0.0, 0.0))
+    remove_stale_folders(tmp_path)
+    assert mine.exists() and other.exists()
+
+
+def test_the_folder_is_private_and_vanishes_with_all_that_is_in_it(tmp_path: Path) -> None:
+    with private_folder(tmp_path) as folder:
+        assert folder.stat().st_mode & 0o777 == 0o700
+        (folder / "n0").touch()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_users_own_folder_is_preferred(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with private_folder(None) as folder:
+        assert folder.parent == tmp_path
+
+
+def test_without_a_folder_of_ones_own_the_temporary_one_will_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "nowhere"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with private_folder(None) as folder:
+        assert folder.parent == tmp_path
+
+
+def test_nodes_of_any_name_have_addresses_of_their_own(tmp_path: Path) -> None:
+    place = addresses_of(tmp_path, ["finger_1/filter", "x" * 200], depth=7, past=tmp_path)
+    addresses = [*place.endpoints.values(), *place.taps.values(), place.control, place.tools]
+    assert len(set(addresses)) == 6
+    assert all(address.startswith(f"ipc://{tmp_path}/") for address in addresses)
+    assert place.depth == 7

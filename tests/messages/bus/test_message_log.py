@@ -1,0 +1,254 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.messages.bus.message_log import (
+    Cause,
+    Consumed,
+    Journal,
+    MessageLog,
+    SendTimes,
+    SourceProgress,
+)
+from palpate.messages.codec import Header, pack_frame, split_frame
+
+
+def frame(seq: int, size: int = 100, topic: str = "/talk") -> bytes:
+    return pack_frame(topic, Header(1, 0, seq, seq, 0.0, 5), bytes([seq % 256]) * size)
+
+
+def test_what_is_within_the_limit_needs_no_file(tmp_path: Path) -> None:
+    past = MessageLog(tmp_path / "past", ["/talk"])
+    for seq in range(10):
+        past.add("/talk", frame(seq))
+    assert list(past.since("/talk", 7)) == [frame(7), frame(8), frame(9)]
+    assert past.counts == {"/talk": 10}
+    assert not (tmp_path / "past").exists()
+
+
+def test_what_is_beyond_the_limit_is_found_in_the_file(tmp_path: Path) -> None:
+    past = MessageLog(tmp_path / "past", ["/talk"], memory=1000)
+    for seq in range(50):
+        past.add("/talk", frame(seq))
+    assert list(past.since("/talk", 0)) == [frame(seq) for seq in range(50)]
+    held = sum(len(frame(seq)) for seq in range(50)) - (tmp_path / "past").stat().st_size
+    assert 0 < held <= 1000
+    past.close()
+
+
+def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_say_it_again(tmp_path: Path) -> None:
+    for _ in range(2):
+        past = MessageLog(tmp_path / "past", ["/talk"], memory=0)
+        past.add("/talk", frame(0))
+        assert list(past.since("/talk", 0)) == [frame(0)]
+        past.close()
+    # One record: its length, that of its cause, of which there is none, and that of the frame.
+    assert (tmp_path / "past").stat().st_size == len(frame(0)) + 12
+
+
+def test_what_nobody_hears_is_only_counted(tmp_path: Path) -> None:
+    past = MessageLog(tmp_path / "past", [], silent=["/talk"], memory=0)
+    for seq in range(9):
+        past.add("/talk", frame(seq))
+    assert past.counts == {"/talk": 9}
+    assert list(past.since("/talk", 0)) == []
+    assert not (tmp_path / "past").exists()
+
+
+def test_what_cannot_be_said_again_outlives_its_node(tmp_path: Path) -> None:
+    names = {"silent": ["/mute"], "keep": True}
+    past = MessageLog(tmp_path / "past", ["/talk"], memory=250, **names)  # type: ignore[arg-type]
+    for seq in range(5):
+        past.add("/talk", frame(seq))
+        past.add("/mute", frame(seq, topic="/mute"))
+    past.close()
+    again = MessageLog(tmp_path / "past", ["/talk"], epoch=3, **names)  # type: ignore[arg-type]
+    assert again.counts == {"/talk": 5, "/mute": 5}
+    headers = [split_frame(one)[1] for one in again.since("/talk", 0)]
+    assert [(one.seq, one.epoch) for one in headers] == [(seq, 3) for seq in range(5)]
+    again.add("/talk", frame(5))
+    assert again.counts["/talk"] == 6
+    again.close()
+
+
+@pytest.mark.parametrize("cut", [1, 4, 30])
+def test_a_frame_that_was_cut_off_when_its_node_died_was_never_said(
+    tmp_path: Path, cut: int
+) -> None:
+    path = tmp_path / "past"
+    past = MessageLog(path, ["/talk"], keep=True)
+    for seq in range(3):
+        past.add("/talk", frame(seq))
+    past.close()
+    path.write_bytes(path.read_bytes()[:-cut])
+    again = MessageLog(path, ["/talk"], keep=True)
+    assert again.counts == {"/talk": 2}
+    again.add("/talk", frame(2))
+    again.close()
+    assert MessageLog(path, ["/talk"], keep=True).counts == {"/talk": 3}
+
+
+def test_what_was_answered_is_known_with_all_its_answers(tmp_path: Path) -> None:
+    past = MessageLog(tmp_path / "past", ["/talk", "/more"], keep=True)
+    past.add("/talk", frame(0))
+    past.answer([("/talk", frame(1)), ("/more", frame(0, topic="/more"))], Cause("a", "/in", 4))
+    past.answer([], Cause("b", "/in", 7, "all done"))
+    past.close()
+    again = MessageLog(tmp_path / "past", ["/talk", "/more"], keep=True)
+    assert again.handled == {("a", "/in"): 5, ("b", "/in"): 8}
+    assert again.finished == "all done"
+    assert again.counts == {"/talk": 2, "/more": 1}
+    assert list(again.since("/talk", 0)) == [frame(0), frame(1)]
+
+
+@pytest.mark.parametrize("cut", [1, 60, 200])
+def test_of_an_answer_there_is_all_or_nothing(tmp_path: Path, cut: int) -> None:
+    past = MessageLog(tmp_path / "past", ["/talk"], keep=True)
+    past.add("/talk", frame(0))
+    past.answer([("/talk", frame(1)), ("/talk", frame(2))], Cause("a", "/in", 4))
+    past.close()
+    path = tmp_path / "past"
+    path.write_bytes(path.read_bytes()[:-cut])
+    again = MessageLog(path, ["/talk"], keep=True)
+    assert (again.handled, again.counts) == ({}, {"/talk": 1})
+
+
+def test_answers_beyond_the_limit_are_found_in_the_file(tmp_path: Path) -> None:
+    past = MessageLog(tmp_path / "past", ["/talk"], keep=True, memory=200)
+    for seq in range(0, 10, 2):
+        frames = [("/talk", frame(seq)), ("/talk", frame(seq + 1))]
+        past.answer(frames, Cause("a", "/in", seq))
+    assert list(past.since("/talk", 0)) == [frame(seq) for seq in range(10)]
+
+
+def test_what_is_promised_is_made_once_and_only_if_somebody_wants_it(tmp_path: Path) -> None:
+    made = []
+
+    def make() -> bytes:
+        made.append(1)
+        return frame(1)
+
+    past = MessageLog(tmp_path / "past", ["/talk"], silent=["/mute"])
+    past.add("/talk", frame(0))
+    past.promise("/talk", make)
+    past.promise("/mute", make)
+    past.add("/talk", frame(2))
+    assert past.counts == {"/talk": 3, "/mute": 1}
+    assert list(past.since("/talk", 2)) == [frame(2)] and not made
+    assert list(past.since("/talk", 0)) == [frame(0), frame(1), frame(2)]
+    assert list(past.since("/talk", 1)) == [frame(1), frame(2)] and made == [1]
+
+
+def test_an_unknown_topic_is_refused(tmp_path: Path) -> None:
+    past = MessageLog(tmp_path / "past", ["/talk"])
+    with pytest.raises(KeyError, match="/elsewhere"):
+        past.count("/elsewhere")
+
+
+def test_a_tally_goes_on_where_it_was(tmp_path: Path) -> None:
+    tally = SourceProgress(tmp_path / "tally")
+    assert tally.number == 0
+    for _ in range(3):
+        tally.up()
+    tally.close()
+    again = SourceProgress(tmp_path / "tally")
+    assert again.number == 3
+    again.close()
+
+
+TOPICS = ["/talk", "/more"]
+
+
+def test_times_outlive_their_node(tmp_path: Path) -> None:
+    first = SendTimes(tmp_path / "times", "talker", TOPICS)
+    assert first.before("/talk", 0) is None
+    first.note("/talk", 5)
+    first.note("/more", 6)
+    first.note("/talk", 1 << 60)
+    first.close()
+    again = SendTimes(tmp_path / "times", "talker", TOPICS)
+    again.close()
+    said = [again.before(topic, seq) for topic in TOPICS for seq in range(2)]
+    assert (said, again.before("/talk", 2)) == ([5, 1 << 60, 6, None], None)
+
+
+def test_what_is_said_again_keeps_its_time_and_what_is_new_is_later(
+    bench: Any, tmp_path: Path
+) -> None:
+    headers = []
+    for epoch in range(2):
+        times = SendTimes(tmp_path / "said", "talker", TOPICS)
+        talker = bench.publisher(f"talker_{epoch}", epoch=epoch, times=times, again=epoch > 0)
+        frames = [
+            talker.send(topic, b"", robot_time=0.0, schema=5)
+            for topic in ("/talk", "/more", "/talk", *(["/more"] if epoch else []))
+        ]
+        headers.append([split_frame(frame)[1] for frame in frames])
+    first, again = headers
+    assert [one._replace(epoch=1) for one in first] == again[:3]
+    assert again[3].sent_ns > again[2].sent_ns
+
+
+@pytest.mark.parametrize("latest", [0, 1 << 62])
+def test_who_goes_on_with_what_was_kept_speaks_later_than_that(
+    latest: int, bench: Any, tmp_path: Path
+) -> None:
+    kept = MessageLog(tmp_path / "past", TOPICS, keep=True)
+    kept.add("/talk", pack_frame("/talk", Header(1, 0, 0, latest, 0.0, 5), b""))
+    kept.close()
+    past = MessageLog(tmp_path / "past", TOPICS, keep=True, epoch=1)
+    talker = bench.publisher(past=past)
+    frame = talker.send("/talk", b"", robot_time=0.0, schema=5)
+    past.close()
+    assert split_frame(frame)[1].sent_ns > latest
+
+
+EDGES = [("a", "/one"), ("b", "/two")]
+
+
+def test_what_was_put_down_is_there_at_the_next_start_in_its_order(tmp_path: Path) -> None:
+    first = Journal(tmp_path / "j", EDGES)
+    assert first.before == ()
+    first.note("b", "/two", 0)
+    first.note("a", "/one", 0)
+    first.note("b", "/two", 1 << 40)
+    second = Journal(tmp_path / "j", EDGES)
+    assert second.before == (
+        Consumed("b", "/two", 0),
+        Consumed("a", "/one", 0),
+        Consumed("b", "/two", 1 << 40),
+    )
+    second.note("a", "/one", 1)
+    assert Journal(tmp_path / "j", EDGES).before[3:] == (Consumed("a", "/one", 1),)
+
+
+@pytest.mark.parametrize("cut", range(1, 12))
+def test_an_entry_that_was_cut_off_is_written_anew(tmp_path: Path, cut: int) -> None:
+    path = tmp_path / "j"
+    first = Journal(path, EDGES)
+    first.note("a", "/one", 0)
+    first.note("b", "/two", 0)
+    path.write_bytes(path.read_bytes()[:-cut])
+    second = Journal(path, EDGES)
+    assert second.before == (Consumed("a", "/one", 0),)
+    second.note("b", "/two", 7)
+    assert Journal(path, EDGES).before[1:] == (Consumed("b", "/two", 7),)
+
+
+def test_a_journal_of_another_node_is_refused(tmp_path: Path) -> None:
+    Journal(tmp_path / "j", EDGES).note("b", "/two", 0)
+    with pytest.raises(ValueError, match="speaks of input 1, there are 1"):
+        Journal(tmp_path / "j", EDGES[:1])
+
+
+def test_an_entry_for_which_there_is_no_room_is_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = Journal(tmp_path / "j", EDGES)
+    monkeypatch.setattr(os, "write", lambda file, data: len(data) - 1)
+    with pytest.raises(OSError, match="journal of what was consumed has no more room"):
+        journal.note("a", "/one", 0)

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.messages.codec import Header, encode, schema_hash
+from palpate.messages.recording.writer import RecordingWriter
+from palpate.messages.types.touch import TactileFrame, TactileImage
+from palpate.messages.types.world import SensorInfo, World
+from palpate.nodes import curvature, filter
+from palpate.nodes.runtime.feeding import feed, recorded
+from palpate.nodes.runtime.node import Node
+from palpate.nodes.runtime.testing import assert_same, drive, messages_on
+from palpate.nodes.runtime.wiring import Input, Wiring, describe_wirings
+
+TYPES = {"/touch/info": "SensorInfo", "/f/raw": "TactileFrame", "/f/image": "TactileImage"}
+Record = Callable[..., Path]
+
+
+def wiring(name: str, params: Any = None) -> Wiring:
+    return Wiring(
+        name=name,
+        module="palpate.nodes.filter",
+        params=params or filter.Params(contact=100e-6),
+        inputs=(
+            Input("simulator", "/touch/info", "/touch/info", "SensorInfo"),
+            Input("simulator", "/f/raw", "/touch/raw", "TactileFrame"),
+        ),
+        outputs={"/touch/image": "/f/image"},
+        listeners={},
+    )
+
+
+def frame(touch: int, info: SensorInfo) -> TactileFrame:
+    pressed = np.zeros((16, 16))
+    pressed[6:10, 6:10] = 80e-6 + 1e-5 * touch
+    return TactileFrame(
+        goal=0,
+        touch=touch,
+        finger=1,
+        direction=np.array([1.0, 0.0, 0.0]),
+        pose=np.array([0.0, 0, 0, 0, 0, 0, 1]),
+        outcome="hit",
+        array=2.0 * (info.thickness - pressed) / info.sound_speed,
+        robot_time=float(touch),
+    )
+
+
+@pytest.fixture
+def record(tmp_path: Path, info: SensorInfo) -> Record:
+    """Writes a recording of two filters, of which one heard three frames."""
+
+    def make(*graph: Wiring, name: str = "topics.mcap") -> Path:
+        heard: list[tuple[str, Any]] = [("/touch/info", info)]
+        heard += [("/touch/raw", frame(touch, info)) for touch in range(3)]
+        said = drive(filter.NODE, heard, {"contact": 100e-6})
+        images = [("/f/image", image) for image in messages_on(said, "/touch/image")]
+        # The recorder heard the sensor last, though it was sent first.
+        sent = [heard[0], *((t.replace("touch", "f"), m) for t, m in heard[1:]), *images]
+        about = {"graph": describe_wirings(graph).decode() if graph else ""}
+        writer = RecordingWriter(tmp_path / name, TYPES, {}, about)
+        for time, (topic, message) in [*enumerate(sent)][::-1]:
+            seq = sum(t == topic for t, _ in sent[:time])
+            writer.write(
+                topic, Header(1, 0, seq, time, 0.0, schema_hash(type(message))), encode(message)
+            )
+        writer.close()
+        return tmp_path / name
+
+    return make
+
+
+def test_a_node_says_what_it_said_when_it_was_recorded(record: Record) -> None:
+    path = record(wiring("filter"))
+
+    said = feed(filter.NODE, path)
+    assert [image.touch for image in messages_on(said, "/touch/image")] == [0, 1, 2]
+    images = sorted(recorded(path, "/f/image", TactileImage), key=lambda image: image.touch)
+    assert_same(said, [("/touch/image", image) for image in images])
+    assert_same(feed(filter.NODE, path.parent), said)
+
+
+def test_parameters_may_be_others_than_were_recorded(record: Record) -> None:
+    path = record(wiring("filter"))
+
+    lower = messages_on(feed(filter.NODE, path, params={"contact": 50e-6}), "/touch/image")
+    assert [int(image.mask.sum()) for image in lower] == [16, 16, 16]
+    assert not messages_on(feed(filter.NODE, path), "/touch/image")[0].mask.any()
+
+
+def test_a_new_node_takes_the_place_that_is_named(record: Record) -> None:
+    path, own = record(wiring("filter")), replace(filter.NODE)
+
+    said = feed(own, path, name="filter", params={"contact": 100e-6})
+    assert_same(said, feed(filter.NODE, path))
+    with pytest.raises(ValueError, match="hears /touch/image, none of what filter heard in it"):
+        feed(replace(curvature.NODE, inputs=only("/touch/image")), path, name="filter")
+
+
+def only(topic: str) -> Any:
+    return {topic: curvature.NODE.inputs[topic]}
+
+
+def test_a_node_that_was_not_there_hears_its_topics(record: Record) -> None:
+    path, heard = record(), curvature.NODE.inputs["/touch/image"]
+
+    node = replace(
+        curvature.NODE,
+        inputs={"/touch/info": curvature.NODE.inputs["/touch/info"], "/f/image": heard},
+    )
+    patches = messages_on(feed(node, path), "/touch/patch")
+    assert [patch.touch for patch in patches] == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("graph", "name", "words"),
+    [
+        (["filter"], "fliter", "has no node 'fliter'; it has filter"),
+        ([], "filter", "has no node 'filter'; it has none"),
+        (["a", "b"], None, "has a, b; say with name whose place to take"),
+    ],
+)
+def test_a_place_that_is_not_there_is_told(
+    record: Record, graph: list[str], name: str | None, words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        feed(filter.NODE, record(*map(wiring, graph)), name=name)
+
+
+def test_a_node_that_hears_nothing_of_the_recording_is_told(record: Record) -> None:
+    node: Node = replace(curvature.NODE, inputs=only("/touch/image"), needs=())
+
+    with pytest.raises(ValueError, match="the node hears /touch/image, none of its topics"):
+        feed(node, record())
+
+
+def test_a_topic_or_type_that_is_not_there_is_told(record: Record, tmp_path: Path) -> None:
+    path = record()
+
+    with pytest.raises(ValueError, match="has nothing on /raw; it has /f/image, /f/raw"):
+        recorded(path, "/raw")
+    with pytest.raises(ValueError, match="/f/raw is not a World of this version"):
+        recorded(path, "/f/raw", World)
+    with pytest.raises(ValueError, match="cannot be read"):
+        recorded(tmp_path / "no.mcap", "/f/raw")
+    assert len(recorded(path, "/f/raw")) == 3

@@ -1,0 +1,201 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.bench.bus.toy_node import frame
+from palpate.messages.codec import Header, encode, schema_hash
+from palpate.messages.types.model import ShapeModel
+from palpate.messages.types.touch import TactileFrame
+from palpate.tools.introspection.echo import (
+    EchoFormat,
+    LossReport,
+    message_text,
+    read_filter,
+    read_path,
+)
+from palpate.tools.introspection.message_text import TextStyle
+from palpate.tools.introspection.topics import TapMessage, Topic
+
+TOPIC = Topic("/t", "TactileFrame", ("talker",), ())
+
+
+def heard(touch: int, **more: Any) -> TapMessage:
+    schema = more.get("schema", schema_hash(TactileFrame))
+    return TapMessage(
+        "/t", "talker", Header(1, 0, touch, 0, 0.0, schema), encode(frame(touch)), 0, 0
+    )
+
+
+def paths(*texts: str) -> tuple[Any, ...]:
+    return tuple(read_path(text, TactileFrame) for text in texts)
+
+
+def test_a_message_is_shown_in_yaml_with_a_line_after_it() -> None:
+    text = message_text(TOPIC, heard(3), EchoFormat())
+    assert text is not None
+    assert text.splitlines()[:2] == ["goal: 0", "touch: 3"]
+    assert 'array: "16 x 16 float64: 2.0e-06, 2.0e-06, 2.0e-06, ..."' in text
+    assert text.endswith("\n---")
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        (EchoFormat(paths("touch")), "3\n---"),
+        (
+            EchoFormat(paths("touch", "pose[6]", "pose.x")),
+            "touch: 3\npose[6]: 1.0\npose.x: null\n---",
+        ),
+        (EchoFormat(paths("touch", "direction"), csv=True), "3,0.0,0.0,1.0"),
+        (EchoFormat(wanted=read_filter("touch > 3", TactileFrame)), None),
+        (EchoFormat(paths("touch"), wanted=read_filter("touch > 2", TactileFrame)), "3\n---"),
+        (EchoFormat(raw=True), f"{encode(frame(3))!r}\n---"),
+        (EchoFormat(raw=True, wanted=read_filter("touch > 3", TactileFrame)), None),
+    ],
+)
+def test_what_is_asked_for_is_shown(form: EchoFormat, text: str | None) -> None:
+    assert message_text(TOPIC, heard(3), form) == text
+
+
+def test_a_row_has_the_same_columns_for_every_message() -> None:
+    form = EchoFormat(csv=True, style=TextStyle(full=True))
+    rows = [message_text(TOPIC, heard(touch), form) for touch in (3, 4)]
+    counts = {row.count(",") for row in rows if row is not None}
+    assert counts == {3 + 3 + 7 + 1 + 256 + 5 + 1 - 1}
+
+
+def test_a_message_of_another_version_is_refused() -> None:
+    with pytest.raises(ValueError, match="the graph was started by another version"):
+        message_text(TOPIC, heard(3, schema=1), EchoFormat())
+    assert message_text(TOPIC, heard(3, schema=1), EchoFormat(raw=True)) is not None
+
+
+def test_losses_are_told_once_a_second_and_never_twice() -> None:
+    told: list[str] = []
+    losses = LossReport("/t", told.append)
+    for lost, now in ((0, 10.0), (2, 10.5), (3, 10.9), (0, 11.1), (0, 13.0), (1, 13.5)):
+        losses.add(lost, now)
+    losses.tell()
+    losses.tell()
+    assert told == [f"/t: {lost} messages lost on the way here so far" for lost in (5, 6)]
+
+
+FIELDS: dict[str, Any] = {
+    "goal": 2,
+    "touch": 7,
+    "outcome": "hit",
+    "pose": np.array([0.0, 0.5, -1.0, 0.0, 0.0, 0.0, 1.0]),
+    "robot_time": 1.5,
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("touch > 3", True),
+        ("touch>=8", False),
+        ("m.touch == 7", True),
+        ("touch == 7.0", True),
+        ("touch != 7", False),
+        ("pose[1] <= 5e-1", True),
+        ("pose[2] < -.5", True),
+        ("outcome == 'hit'", True),
+        ('outcome != "and"', True),
+        ("outcome < 'i'", True),
+        ("goal == 2 and touch == 0 or outcome == 'hit'", True),
+        ("goal == 2 and (touch == 0 or outcome == 'miss')", False),
+        ("goal == 0 or goal == 1 or goal == 2", True),
+        ("  ( ( touch == 7 ) )  ", True),
+        ("outcome == 3", False),
+        ("goal != null", True),
+        ("goal < None", False),
+        ("robot_time[0] > 0", False),
+        ("pose[9] == 0", False),
+        ("pose.x != 0", False),
+        ("goal == true", False),
+    ],
+)
+def test_a_filter_wants_what_it_says(text: str, wanted: bool) -> None:
+    assert read_filter(text, TactileFrame)(FIELDS) is wanted
+
+
+def test_entries_of_a_table_can_be_compared() -> None:
+    wanted = read_filter("health.condition > 2", ShapeModel)
+    assert wanted({"health": {"condition": 3.0}})
+    assert not wanted({"health": {}})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "expected a field; it ends there"),
+        ("touch", "expected one of == != <= >= < >; it ends there"),
+        ("touch >", "expected a number, 'text', true, false or null; it ends there"),
+        ("touch > goal", "expected a number, 'text', true, false or null; got 'goal'"),
+        ("touch > 3 4", "'4' is one too many"),
+        ("touch > 3)", "')' is one too many"),
+        ("(touch > 3", "a bracket is not closed"),
+        ("touch > 3 and", "expected a field; it ends there"),
+        ("not touch > 3", "TactileFrame has no field 'not'"),
+        ("tuch > 3", "TactileFrame has no field 'tuch'; did you mean 'touch'?"),
+        ("touch + 1 > 3", "cannot read '+ 1 > 3'"),
+        ("touch > 3x", "cannot read '3x'"),
+        ("__import__('os').system('ls')", "cannot read"),
+        ("touch.__class__()", "expected one of =="),
+        ("touch = 3", "cannot read '= 3'"),
+        ("outcome == 'hit", 'cannot read "\'hit"'),
+        ("lambda: 0", "cannot read ': 0'"),
+        ("3 > touch", "expected a field; got '3'"),
+        ("(" * 21 + "touch > 3" + ")" * 21, "more than 20 brackets within brackets"),
+        ("touch > 3 or " * 100 + "touch > 3", "at most 1000 characters, got 1309"),
+    ],
+)
+def test_anything_else_is_refused_in_one_sentence(text: str, words: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        read_filter(text, TactileFrame)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("pose > 3", "pose holds several values; name one, as pose[0]"),
+        ("outcome > 3", "outcome is 'hit'; 3 is of another kind"),
+        ("touch < 'a'", "touch is 7; 'a' is of another kind"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_with_the_message(text: str, words: str) -> None:
+    wanted = read_filter(text, TactileFrame)
+    with pytest.raises(ValueError) as caught:
+        wanted(FIELDS)
+    assert words in str(caught.value)
+
+
+def test_a_path_leads_to_a_value_within_the_message() -> None:
+    fields = {"pose": np.arange(7.0), "array": np.eye(2), "touch": 3}
+    assert read_path("touch", TactileFrame).of(fields) == 3
+    assert read_path("m.pose[2]", TactileFrame).of(fields) == 2.0
+    assert read_path("array[1][1]", TactileFrame).of(fields) == 1.0
+    assert type(read_path("pose[2]", TactileFrame).of(fields)) is float
+    assert read_path("health.fallbacks", ShapeModel).of({"health": {"fallbacks": 1.0}}) == 1.0
+
+
+@pytest.mark.parametrize("text", ["pose[7]", "pose.x", "touch[0]", "touch.real", "array[0][0][0]"])
+def test_a_path_that_leads_nowhere_is_no_value(text: str) -> None:
+    fields = {"pose": np.arange(7.0), "array": np.eye(2), "touch": 3}
+    with pytest.raises(LookupError):
+        read_path(text, TactileFrame).of(fields)
+
+
+@pytest.mark.parametrize("text", ["", ".", "pose[]", "pose[-1]", "pose[x]", "pose..x", "3", "a b"])
+def test_what_is_no_path_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="is no field; expected something like"):
+        read_path(text, TactileFrame)
+
+
+def test_an_unknown_field_is_refused_with_the_nearest() -> None:
+    with pytest.raises(ValueError, match=r"has no field 'robot_tim'; did you mean 'robot_time'\?"):
+        read_path("robot_tim", TactileFrame)

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterable
+
+import pytest
+
+from palpate.messages.codec import HEADER_SIZE
+from palpate.tools.introspection.rates import Rates, bandwidth_text, delay_text, rate_text
+from palpate.tools.introspection.topics import TapMessage
+
+Copy = Callable[..., TapMessage]
+
+
+def rates_of(copies: Iterable[TapMessage], window: int = 10_000) -> Rates:
+    rates = Rates(window)
+    for one in copies:
+        rates.add(one)
+    return rates
+
+
+@pytest.mark.parametrize("heard", [1.0, 0.5, 0.05])
+def test_lost_copies_do_not_falsify_a_rate_of_1_khz(copy: Copy, heard: float) -> None:
+    rng = random.Random(1)
+    # Sent every millisecond, a little early or late; copies come late, in bursts, or not at all.
+    sent = [1e-3 * seq + 2e-4 * rng.random() for seq in range(5000)]
+    late = [0.3 * rng.random() for _ in sent]
+    copies = (copy(seq, sent[seq], late=late[seq]) for seq in range(5000) if rng.random() < heard)
+    rate = rates_of(copies).rate()
+    # Both ends may be off by 0.2 ms each, in about 5 s.
+    assert rate == pytest.approx(1000.0, rel=1e-4)
+
+
+def test_a_rate_is_right_after_the_longest_loss(copy: Copy) -> None:
+    copies = [copy(seq, 1e-3 * seq) for seq in (0, 1, 4000, 4001)]
+    assert rates_of(copies).rate() == pytest.approx(1000.0)
+
+
+def test_periods_are_those_of_neighbours_alone(copy: Copy) -> None:
+    rates = rates_of([copy(0, 0.0), copy(1, 0.01), copy(5, 0.05), copy(6, 0.08)])
+    periods = rates.periods()
+    assert periods is not None
+    assert (periods.least, periods.most) == pytest.approx((0.01, 0.03))
+    assert periods.deviation == pytest.approx(0.01)
+    text = rate_text(rates)
+    assert text == (
+        "average rate: 75.000\n\tmin: 0.010000s max: 0.030000s std dev: 0.010000s "
+        "window: 4 (3 sent, but not heard)"
+    )
+
+
+def test_without_two_neighbours_there_is_a_rate_but_no_period(copy: Copy) -> None:
+    rates = rates_of([copy(0, 0.0), copy(9, 0.09)])
+    assert rates.periods() is None
+    assert rate_text(rates) == (
+        "average rate: 100.000\n\tno two neighbouring messages came "
+        "window: 2 (8 sent, but not heard)"
+    )
+
+
+def test_one_message_has_no_rate(copy: Copy) -> None:
+    assert rate_text(rates_of([copy(0, 0.0)])) is None
+    assert bandwidth_text(rates_of([copy(0, 0.0)])) is None
+    assert rate_text(Rates()) is delay_text(Rates()) is bandwidth_text(Rates()) is None
+
+
+def test_a_figure_is_that_of_the_window(copy: Copy) -> None:
+    slow, fast = [copy(n, 1.0 * n) for n in range(10)], [copy(9 + n, 9 + 0.1 * n) for n in (1, 2)]
+    rates = rates_of([*slow, *fast], window=3)
+    assert (rates.rate(), rates.heard) == (pytest.approx(10.0), 3)
+
+
+def test_counting_from_0_once_more_begins_the_window_anew(copy: Copy) -> None:
+    rates = rates_of([copy(7, 0.0), copy(8, 1.0), copy(0, 5.0), copy(1, 5.5)])
+    assert (rates.rate(), rates.sent) == (2.0, 2)
+
+
+def test_bandwidth_counts_whole_frames_and_those_not_heard(copy: Copy) -> None:
+    body = bytes(1000 - HEADER_SIZE - 3)
+    rates = rates_of(copy(seq, 0.001 * seq, body=body) for seq in (0, 1, 3))
+    assert rates.bandwidth() == pytest.approx(1e6)
+    assert bandwidth_text(rates) == (
+        "1.00 MB/s from 3 messages\n\tMessage size mean: 1.00 KB min: 1.00 KB max: 1.00 KB "
+        "window: 3 (1 sent, but not heard)"
+    )
+
+
+def test_a_delay_is_from_sending_to_taking(copy: Copy) -> None:
+    rates = rates_of([copy(0, 1.0, late=0.001), copy(1, 2.0, late=0.003)])
+    assert delay_text(rates) == (
+        "average delay: 0.002000\n\tmin: 0.001000s max: 0.003000s std dev: 0.001000s window: 2"
+    )

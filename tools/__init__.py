@@ -1,0 +1,17 @@
+"""What a person does with graphs, runs and recordings: one chapter or room a tool.
+
+Each chapter is one tool that may be changed or left out by itself; nothing below knows of it.
+Rests on palpate.launch; the command line in tools.cli calls it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.tools.reconstruction import single_threaded as single_threaded
+    from palpate.tools.report import check_scene as check_scene
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,0 +1,177 @@
+"""The messages of a recording decoded for export, and what those of a topic share.
+
+A table has as many columns in its last row as in its first: shapes of arrays and names in tables
+are known after a first reading.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from palpate.launch import find_bag
+from palpate.launch.files import InputError, hint
+from palpate.messages import CodecError, decode, schema, schema_hash
+from palpate.messages.recording import DamagedRecording, RecordedMessage, Recording, open_recording
+from palpate.messages.types import TYPES
+
+MAX_STEM_LENGTH = 100  # Characters of a topic's name in a file's name
+FIRST_FIELD = "robot_time"  # The field that comes first
+
+
+class DecodedMessage(NamedTuple):
+    """One message."""
+
+    topic: str
+    seq: int
+    sent_ns: int  # The publisher's monotonic clock, ns
+    message: Any
+
+
+class DecodedRecording(NamedTuple):
+    """Topics of a recording."""
+
+    recording: Recording
+    topics: tuple[str, ...]  # Those that are wanted
+    first_ns: int  # When the first message of the recording was sent, whatever its topic
+
+    def said(
+        self, topics: Iterable[str] | None = None, also: frozenset[str] = frozenset()
+    ) -> Iterator[DecodedMessage]:
+        """Messages of these topics, in the order of arrival.
+
+        Parameters
+        ----------
+        topics : texts, optional
+            All that are wanted if left out.
+        also : set of str
+            Types of messages that are given whatever their topic.
+
+        Raises
+        ------
+        InputError
+            If one of them was recorded with other types than those of today.
+        """
+        wanted = frozenset(self.topics if topics is None else topics)
+        for kept in self.recording.messages():
+            if kept.topic in wanted or kept.type in also:
+                yield DecodedMessage(kept.topic, kept.seq, kept.sent_ns, self._decoded(kept))
+
+    def _decoded(self, kept: RecordedMessage) -> Any:
+        place = f"{self.recording.path}: {kept.topic}"
+        cls = TYPES.get(kept.type)
+        if cls is None:
+            raise InputError(f"{place} holds {kept.type}; there is no such type of message")
+        if kept.schema != schema_hash(cls):
+            raise InputError(
+                f"{place} was recorded with another version of {kept.type} "
+                f"(schema {kept.schema:08x}, now {schema_hash(cls):08x})"
+            )
+        try:
+            return decode(cls, kept.body)
+        except CodecError as error:
+            raise InputError(f"{place} {kept.seq}: {error}") from None
+
+
+def open_decoded(bag: Path, topics: Sequence[str] = ()) -> DecodedRecording:
+    """Check a recording from end to end.
+
+    Parameters
+    ----------
+    bag : Path
+        A recording, or a run directory.
+    topics : sequence of str
+        The topics that are wanted; all if empty.
+
+    Raises
+    ------
+    InputError
+        If there is no such recording or topic, or it is damaged.
+    """
+    path = find_bag(bag)
+    try:
+        recording = open_recording(path)
+    except DamagedRecording as error:
+        raise InputError(f"{error}; `palpate bag recover` saves what is whole of it") from None
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    if not recording.counts:
+        raise InputError(f"{path}: holds no message")
+    for topic in topics:
+        if topic not in recording.counts:
+            raise InputError(f"{path}: has no topic {topic!r}; {hint(topic, recording.counts)}")
+    first = min((kept.sent_ns for kept in recording.messages()), default=0)
+    return DecodedRecording(
+        recording, tuple(dict.fromkeys(topics or sorted(recording.counts))), first
+    )
+
+
+def file_stems(topics: Iterable[str]) -> dict[str, str]:
+    """Names for topics in which nothing but letters, digits and ``_`` occurs: ``touch_raw``.
+
+    A name that an earlier topic has already is numbered.
+    """
+    found: dict[str, str] = {}
+    for topic in topics:
+        stem = re.sub(r"[^A-Za-z0-9_]", "_", topic.strip("/"))[:MAX_STEM_LENGTH] or "_"
+        free, number = stem, 1
+        while free in found.values():
+            number += 1
+            free = f"{stem}_{number}"
+        found[topic] = free
+    return found
+
+
+@dataclasses.dataclass(slots=True)
+class FieldSurvey:
+    """One topic, as far as it has been read."""
+
+    cls: type
+    count: int = 0  # Messages
+    # Shape of each array, a list's being its length; None if it varies.
+    shapes: dict[str, tuple[int, ...] | None] = dataclasses.field(default_factory=dict)
+    # Names that occur in each table, in the order of their first mention.
+    names: dict[str, dict[str, None]] = dataclasses.field(default_factory=dict)
+
+    def fields(self) -> list[str]:
+        """The fields of a message, robot time first."""
+        names = [field.name for field in dataclasses.fields(self.cls)]
+        return sorted(names, key=lambda name: name != FIRST_FIELD)
+
+    def add(self, message: Any) -> None:
+        """Look at one more message."""
+        for name in self.fields():
+            value = getattr(message, name)
+            if isinstance(value, dict):
+                self.names.setdefault(name, {}).update(dict.fromkeys(value))
+            elif (shape := shape_of(value)) is not None:
+                same = self.shapes.setdefault(name, shape) == shape
+                self.shapes[name] = shape if same else None
+        self.count += 1
+
+
+def shape_of(value: Any) -> tuple[int, ...] | None:
+    """Shape of an array or a list; None for anything else."""
+    if isinstance(value, tuple):
+        return (len(value),)
+    shape: tuple[int, ...] | None = getattr(value, "shape", None)
+    return shape
+
+
+def is_list(cls: type, field: str) -> bool:
+    """Whether a field is a list of any length, not an array."""
+    described: dict[str, Any] = schema(cls)["properties"][field]
+    return described.get("type") == "array"
+
+
+def units_of(cls: type) -> dict[str, str]:
+    """Units of the fields that have one."""
+    found = {}
+    for name, described in schema(cls)["properties"].items():
+        unit = described.get("unit") or described.get("anyOf", [{}])[0].get("unit")
+        if unit not in (None, "#"):
+            found[name] = unit
+    return found

@@ -1,0 +1,216 @@
+"""A recording in other formats: CSV (one table a topic), NPZ (one array a field), Foxglove."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.launch.files import check_new, write_new
+from palpate.messages import schema
+from palpate.tools.bag.decoding import (
+    DecodedMessage,
+    DecodedRecording,
+    FieldSurvey,
+    file_stems,
+    is_list,
+    open_decoded,
+    units_of,
+)
+from palpate.tools.bag.foxglove import write_foxglove
+
+UNITS_FILE = "units.json"  # The file beside the tables that says the units of their columns
+MAX_COLUMNS = 4096  # Of one array: a larger one is written into one cell
+Values = NDArray[Any]
+
+
+def export_bag(bag: Path, kind: str, out: Path, topics: Sequence[str] = ()) -> str:
+    """Write a recording in another format.
+
+    Parameters
+    ----------
+    bag : Path
+        A recording, or a run directory.
+    kind : str
+        ``"csv"``, ``"npz"`` or ``"foxglove"``.
+    out : Path
+        The new file, or for ``"csv"`` the new folder.
+    topics : sequence of str
+        The topics to write; all if empty.
+
+    Returns
+    -------
+    str
+        What was written, in a line.
+
+    Raises
+    ------
+    InputError
+        If the recording is damaged, has other message types than today's or no such topic, or
+        there is something at `out` already.
+    """
+    check_new(out)
+    source = open_decoded(bag, topics)
+    write, what = FORMATS[kind]
+    written: list[object] = []
+    write_new(out, lambda part: written.append(write(source, part)))
+    count = written[0] if isinstance(written[0], int) else len(written[0])  # type: ignore[arg-type]
+    note = (
+        "" if source.recording.closed else "; the recording was never closed, it may lack its end"
+    )
+    return f"{out}: {count} {what} of {len(source.topics)} topics{note}"
+
+
+def write_csv(source: DecodedRecording, folder: Path) -> tuple[str, ...]:
+    """Write a new folder with a table for each topic; returns the names of the files.
+
+    Notes
+    -----
+    A row has ``seq``, ``sent_s`` (since the first message of the recording), ``robot_time`` if the
+    message has one, and all its other fields. An array that has the same shape in all rows takes a
+    column for each element, ``pose.0``; one that has not, and a list, is one cell of JSON. Of a
+    table each name has its column. Truth is 1 or 0, and nothing is an empty cell.
+    """
+    surveys: dict[str, FieldSurvey] = {}
+    for said in source.said():
+        surveys.setdefault(said.topic, FieldSurvey(type(said.message))).add(said.message)
+    surveys = dict(sorted(surveys.items()))
+    names = {topic: f"{stem}.csv" for topic, stem in file_stems(surveys).items()}
+    folder.mkdir()
+    with ExitStack() as files:
+        tables = {}
+        for topic, survey in surveys.items():
+            path = folder / names[topic]
+            file = files.enter_context(path.open("w", encoding="utf-8", newline=""))
+            tables[topic] = csv.writer(file, lineterminator="\n")
+            tables[topic].writerow(["seq", "sent_s", *_head(survey)])
+        for said in source.said():
+            row = [said.seq, _seconds(said, source.first_ns)]
+            tables[said.topic].writerow([*row, *_cells(surveys[said.topic], said.message)])
+    units = {names[topic]: {"sent_s": "s", **units_of(one.cls)} for topic, one in surveys.items()}
+    (folder / UNITS_FILE).write_text(json.dumps(units, indent=2) + "\n", encoding="utf-8")
+    return (*names.values(), UNITS_FILE)
+
+
+def _head(survey: FieldSurvey) -> Iterator[str]:
+    """Names of the columns, field by field."""
+    for field in survey.fields():
+        if field in survey.names:
+            yield from (f"{field}.{name}" for name in survey.names[field])
+        elif (shape := _columns(survey, field)) is not None:
+            for place in product(*map(range, shape)):
+                yield ".".join([field, *map(str, place)])
+        else:
+            yield field
+
+
+def _seconds(said: DecodedMessage, first_ns: int) -> str:
+    """Seconds since the first message, to the nanosecond."""
+    whole, rest = divmod(said.sent_ns - first_ns, 1_000_000_000)
+    return f"{whole}.{rest:09}"
+
+
+def _cells(survey: FieldSurvey, message: Any) -> Iterator[object]:
+    """Values of one row, in the order of `_head`."""
+    for field in survey.fields():
+        value = getattr(message, field)
+        if isinstance(value, dict):
+            yield from (value.get(name, "") for name in survey.names[field])
+        elif isinstance(value, tuple):
+            yield json.dumps(value, ensure_ascii=False)
+        elif not isinstance(value, np.ndarray):
+            yield int(value) if isinstance(value, bool) else value
+        elif _columns(survey, field) is None:
+            yield json.dumps(value.tolist())
+        else:
+            yield from (value.astype(np.int8) if value.dtype == bool else value).ravel().tolist()
+
+
+def _columns(survey: FieldSurvey, field: str) -> tuple[int, ...] | None:
+    """Shape of an array that has a column for each element; None for all else."""
+    shape = survey.shapes.get(field)
+    if shape is None or math.prod(shape) > MAX_COLUMNS or is_list(survey.cls, field):
+        return None
+    return shape
+
+
+def write_npz(source: DecodedRecording, path: Path) -> int:
+    """Write a new file that `numpy.load` reads without pickle; returns the number of arrays.
+
+    Notes
+    -----
+    Arrays are called ``touch_raw.pose``; beside them are ``touch_raw.seq``, and
+    ``touch_raw.sent_s`` since the first message of the recording. Where messages differ in length
+    they are joined, and ``touch_raw.array.lengths`` says how long each was; where they differ in
+    other axes too they are flattened and joined, and ``.shapes`` says their shapes. Of a table each
+    name is an array of its own. What is missing is NaN.
+    """
+    count = 0
+    names = file_stems(source.topics)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as file:
+        for topic, stem in names.items():  # one at a time: only its messages are in memory
+            for name, values in _topic_arrays(source, topic).items():
+                entry = zipfile.ZipInfo(f"{stem}.{name}.npy")  # without the time of day
+                with file.open(entry, "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, values, allow_pickle=False)
+                count += 1
+    return count
+
+
+def _topic_arrays(source: DecodedRecording, topic: str) -> dict[str, Values]:
+    said = list(source.said([topic]))
+    survey = FieldSurvey(type(said[0].message))
+    for one in said:
+        survey.add(one.message)
+    found: dict[str, Values] = {
+        "seq": np.array([one.seq for one in said], np.int64),
+        "sent_s": 1e-9 * np.array([one.sent_ns - source.first_ns for one in said], np.float64),
+    }
+    for field in survey.fields():
+        values = [getattr(one.message, field) for one in said]
+        found |= {field + end: array for end, array in _arrays(survey, field, values).items()}
+    return found
+
+
+def _arrays(survey: FieldSurvey, field: str, values: list[Any]) -> dict[str, Values]:
+    """One field of all messages, by what is added to its name."""
+    if field in survey.names:
+        return {
+            f".{name}": np.array([value.get(name, np.nan) for value in values])
+            for name in survey.names[field]
+        }
+    if field not in survey.shapes:
+        missing = [np.nan if value is None else value for value in values]
+        return {"": np.array(missing if None in values else values)}
+    arrays = [np.asarray(value, _item_dtype(survey.cls, field)) for value in values]
+    if survey.shapes[field] is not None:
+        return {"": np.stack(arrays)}
+    if len({array.shape[1:] for array in arrays}) == 1:
+        lengths = np.array([len(array) for array in arrays], np.int64)
+        return {"": np.concatenate(arrays), ".lengths": lengths}
+    shapes = np.array([array.shape for array in arrays], np.int64)
+    return {"": np.concatenate([array.ravel() for array in arrays]), ".shapes": shapes}
+
+
+def _item_dtype(cls: type, field: str) -> Any:
+    """Type of the elements of an array or a list."""
+    described = schema(cls)["properties"][field]
+    if "dtype" in described:
+        return described["dtype"]
+    return np.int64 if described["items"].get("type") == "integer" else np.str_
+
+
+FORMATS = {
+    "csv": (write_csv, "files"),
+    "npz": (write_npz, "arrays"),
+    "foxglove": (write_foxglove, "messages"),
+}

@@ -1,0 +1,473 @@
+"""A recording as an MCAP file in JSON that Foxglove shows.
+
+Models, contours, touched points, the finger and the log become its own messages. Schemas are those
+of foxglove-sdk, as far as they are used.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from palpate import __version__
+from palpate.core import Floats
+from palpate.messages import schema
+from palpate.messages.types import (
+    Contour,
+    LogRecord,
+    SensorInfo,
+    ShapeModel,
+    SurfacePatch,
+    TactileFrame,
+    Truth,
+)
+from palpate.nodes.specs import pad_of_info
+from palpate.tools.bag.decoding import DecodedMessage, DecodedRecording
+
+WORLD_FRAME = "world"
+FRAMES_TOPIC = "/tf"  # Topic of the frames of the fingers
+LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4}
+LINE_STRIP, LINE_LOOP, ALL, FLOAT32 = 0, 1, 1, 7
+LINE_PIXELS = 3.0  # Width of a contour
+MODEL_COLOUR = {"r": 0.36, "g": 0.55, "b": 0.84, "a": 1.0}
+TRUTH_COLOUR = {"r": 0.6, "g": 0.6, "b": 0.6, "a": 0.3}
+CONTOUR_COLOUR = {"r": 0.9, "g": 0.45, "b": 0.1, "a": 1.0}
+IDENTITY = {
+    "position": {"x": 0.0, "y": 0.0, "z": 0.0},
+    "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+}
+PRIMITIVES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
+Schema = dict[str, Any]
+NUMBER: Schema = {"type": "number"}
+TEXT: Schema = {"type": "string"}
+BOOLEAN: Schema = {"type": "boolean"}
+NATURAL: Schema = {"type": "integer", "minimum": 0}
+BASE64: Schema = {"type": "string", "contentEncoding": "base64"}
+NANOSECONDS: Schema = {**NATURAL, "maximum": 999_999_999}
+
+
+def write_foxglove(source: DecodedRecording, path: Path) -> int:
+    """Write a new file; returns the number of messages.
+
+    Notes
+    -----
+    Models, the truth and log lines become Foxglove's own messages; contours, patches and the poses
+    of fingers have them beside what was recorded. All else is JSON with the schema of our message,
+    arrays as lists within lists.
+    """
+    with path.open("xb") as file:
+        writer = Writer(file, compression=CompressionType.LZ4)
+        writer.start(library=f"palpate {__version__}")
+        channels, views, count = _Channels(writer), FoxgloveConverter(), 0
+        for said in source.said(also=frozenset({SensorInfo.__name__})):
+            shown = views.of(said)
+            if said.topic not in source.topics:
+                continue
+            cls = type(said.message)
+            if not is_replaced(cls):
+                shown = [
+                    FoxgloveMessage(said.topic, cls.__name__, plain_json(said.message)),
+                    *shown,
+                ]
+            for view in shown:
+                data = json.dumps(view.content, allow_nan=False, ensure_ascii=False).encode()
+                time = said.sent_ns
+                writer.add_message(channels.of(view, cls), time, data, time, said.seq)
+            count += len(shown)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return count
+
+
+def is_replaced(cls: type) -> bool:
+    """Whether a view stands for the message, which is not exported beside it."""
+    return cls in _INSTEAD
+
+
+def plain_json(message: Any) -> dict[str, Any]:
+    """A message as JSON has it, its arrays as lists within lists."""
+    found = {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
+    return {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in found.items()
+    }
+
+
+class _Channels:
+    """Channels and schemas that the file has already."""
+
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}
+
+    def of(self, view: FoxgloveMessage, cls: type) -> int:
+        """Channel of a view of a message of type `cls`."""
+        key = (view.topic, view.schema)
+        if key not in self._channels:
+            if view.schema not in self._schemas:
+                described = SCHEMAS.get(view.schema) or plain_schema(cls)
+                text = json.dumps(described).encode()
+                self._schemas[view.schema] = self._writer.register_schema(
+                    view.schema, "jsonschema", text
+                )
+            schema_id = self._schemas[view.schema]
+            self._channels[key] = self._writer.register_channel(view.topic, "json", schema_id)
+        return self._channels[key]
+
+
+def plain_schema(cls: type) -> dict[str, Any]:
+    """JSON schema of a message as `plain_json` gives it."""
+    described = schema(cls)
+    fields = {name: _plain_field(one) for name, one in described["properties"].items()}
+    return {**described, "properties": fields}
+
+
+def _plain_field(described: dict[str, Any]) -> dict[str, Any]:
+    """Schema of a field, whose arrays are lists and no longer bytes."""
+    if "dtype" not in described:
+        return described
+    kind = np.dtype(described["dtype"]).kind
+    items: dict[str, Any] = {"type": {"f": "number", "b": "boolean"}.get(kind, "integer")}
+    for length in reversed(described["shape"]):
+        items = {"type": "array", "items": items}
+        if length is not None:
+            items |= {"minItems": length, "maxItems": length}
+    return {**items, "unit": described["unit"]}
+
+
+class FoxgloveMessage(NamedTuple):
+    """One message for Foxglove."""
+
+    topic: str
+    schema: str
+    content: dict[str, Any]
+
+
+class FoxgloveConverter:
+    """Turns messages into views; remembers the sensor, without which a patch has no size."""
+
+    def __init__(self) -> None:
+        self._sensor: SensorInfo | None = None
+
+    def of(self, said: DecodedMessage) -> list[FoxgloveMessage]:
+        """What Foxglove shall draw of a message; nothing of most."""
+        match said.message:
+            case SensorInfo() as info:
+                self._sensor = info
+            case ShapeModel() | Truth() | LogRecord():
+                return [_INSTEAD[type(said.message)](said)]
+            case Contour():
+                return [_contour(said)]
+            case SurfacePatch() as patch if self._sensor is not None:
+                grid = (self._sensor.rows, self._sensor.cols)
+                fits = patch.mask.shape == patch.height.shape == grid
+                return [_patch(said, self._sensor)] if fits else []
+            case TactileFrame():
+                return _finger(said)
+        return []
+
+
+def _contour(said: DecodedMessage) -> FoxgloveMessage:
+    contour: Contour = said.message
+    line = {
+        "type": LINE_LOOP if contour.status == "closed" else LINE_STRIP,
+        "pose": IDENTITY,
+        "thickness": LINE_PIXELS,
+        "scale_invariant": True,
+        "points": _points(contour.points),
+        "color": CONTOUR_COLOUR,
+        "colors": [],
+        "indices": [],
+    }
+    told = {"status": contour.status, "height_m": contour.height, "touches": contour.touches}
+    entity = _entity(said, f"contour {contour.id}", {"lines": [line]}, told)
+    return _update(f"{said.topic}/lines", {"deletions": [], "entities": [entity]})
+
+
+def _patch(said: DecodedMessage, sensor: SensorInfo) -> FoxgloveMessage:
+    """Touched taxels in the frame of the pad, whose pose the cloud carries."""
+    patch: SurfacePatch = said.message
+    x, y = pad_of_info(sensor).grid()
+    cells = [x[patch.mask], y[patch.mask], patch.height[patch.mask]]
+    data = np.column_stack(cells).astype("<f4").tobytes()
+    content = {
+        "timestamp": foxglove_time(said.sent_ns),
+        "frame_id": WORLD_FRAME,
+        "pose": foxglove_pose(patch.pose),
+        "point_stride": 12,
+        "fields": [
+            {"name": name, "offset": 4 * number, "type": FLOAT32}
+            for number, name in enumerate("xyz")
+        ],
+        "data": base64.b64encode(data).decode(),
+    }
+    return FoxgloveMessage(f"{said.topic}/points", "foxglove.PointCloud", content)
+
+
+def _finger(said: DecodedMessage) -> list[FoxgloveMessage]:
+    frame: TactileFrame = said.message
+    time, pose = foxglove_time(said.sent_ns), foxglove_pose(frame.pose)
+    transform = {
+        "timestamp": time,
+        "parent_frame_id": WORLD_FRAME,
+        "child_frame_id": f"finger_{frame.finger}",
+        "translation": pose["position"],
+        "rotation": pose["orientation"],
+    }
+    placed = {"timestamp": time, "frame_id": WORLD_FRAME, "pose": pose}
+    return [
+        FoxgloveMessage(f"{said.topic}/pose", "foxglove.PoseInFrame", placed),
+        FoxgloveMessage(FRAMES_TOPIC, "foxglove.FrameTransforms", {"transforms": [transform]}),
+    ]
+
+
+def foxglove_pose(pose: Floats) -> dict[str, Any]:
+    """A pose as Foxglove has it."""
+    values = pose.tolist()
+    return {"position": _named("xyz", values[:3]), "orientation": _named("xyzw", values[3:])}
+
+
+def _named(names: str, values: list[float]) -> dict[str, float]:
+    return dict(zip(names, values, strict=True))
+
+
+def foxglove_time(ns: int) -> dict[str, int]:
+    """A time as Foxglove has it."""
+    sec, nsec = divmod(ns, 1_000_000_000)
+    return {"sec": sec, "nsec": nsec}
+
+
+def _model(said: DecodedMessage) -> FoxgloveMessage:
+    model: ShapeModel = said.message
+    told = {
+        "number": model.number,
+        "touches": model.touches,
+        "deviation_m": model.deviation,
+        "final": str(model.final).lower(),
+    }
+    return _mesh(said, model.vertices, model.faces, MODEL_COLOUR, told)
+
+
+def _truth(said: DecodedMessage) -> FoxgloveMessage:
+    truth: Truth = said.message
+    return _mesh(said, truth.vertices, truth.faces, TRUTH_COLOUR, {"height_m": truth.height})
+
+
+def _mesh(
+    said: DecodedMessage,
+    vertices: Floats,
+    faces: np.ndarray[Any, Any],
+    colour: Mapping[str, float],
+    told: Mapping[str, object],
+) -> FoxgloveMessage:
+    if len(faces) == 0:  # nothing could be rebuilt: what was there before must go
+        gone = {"timestamp": foxglove_time(said.sent_ns), "type": ALL, "id": ""}
+        return _update(said.topic, {"deletions": [gone], "entities": []})
+    triangles = {
+        "pose": IDENTITY,
+        "points": _points(vertices),
+        "color": colour,
+        "colors": [],
+        "indices": faces.ravel().tolist(),
+    }
+    entity = _entity(said, said.topic, {"triangles": [triangles]}, told)
+    return _update(said.topic, {"deletions": [], "entities": [entity]})
+
+
+def _update(topic: str, content: dict[str, Any]) -> FoxgloveMessage:
+    return FoxgloveMessage(topic, "foxglove.SceneUpdate", content)
+
+
+def _points(points: Floats) -> list[dict[str, float]]:
+    return [{"x": x, "y": y, "z": z} for x, y, z in points.tolist()]
+
+
+def _entity(
+    said: DecodedMessage, name: str, primitives: Mapping[str, object], told: Mapping[str, object]
+) -> dict[str, Any]:
+    return {
+        "timestamp": foxglove_time(said.sent_ns),
+        "frame_id": WORLD_FRAME,
+        "id": name,
+        "lifetime": {"sec": 0, "nsec": 0},
+        "frame_locked": False,
+        "metadata": [{"key": key, "value": str(value)} for key, value in told.items()],
+        **{kind: primitives.get(kind, []) for kind in PRIMITIVES},
+    }
+
+
+def _log(said: DecodedMessage) -> FoxgloveMessage:
+    record: LogRecord = said.message
+    content = {
+        "timestamp": foxglove_time(said.sent_ns),
+        "level": LEVELS[record.level],
+        "message": record.text,
+        "name": record.node,
+        "file": "",
+        "line": 0,
+    }
+    return FoxgloveMessage(said.topic, "foxglove.Log", content)
+
+
+def _object(title: str, **fields: Schema) -> Schema:
+    return {"title": title, "type": "object", "properties": fields, "required": list(fields)}
+
+
+def _list(items: Schema) -> Schema:
+    return {"type": "array", "items": items}
+
+
+def _choice(title: str, *names: str) -> Schema:
+    options = [{"title": name, "const": number} for number, name in enumerate(names)]
+    return {"title": f"foxglove.{title}", "oneOf": options}
+
+
+def _numbers(title: str, names: str) -> Schema:
+    return _object(f"foxglove.{title}", **dict.fromkeys(names, NUMBER))
+
+
+def _timed(title: str, seconds: Schema) -> Schema:
+    """A time or a duration; neither field is required."""
+    fields = {"sec": seconds, "nsec": NANOSECONDS}
+    return {"title": title, "type": "object", "properties": fields}
+
+
+_INSTEAD: Mapping[type, Callable[[DecodedMessage], FoxgloveMessage]] = {
+    ShapeModel: _model,
+    Truth: _truth,
+    LogRecord: _log,
+}
+TIME = _timed("time", NATURAL)
+DURATION = _timed("duration", {"type": "integer"})
+VECTOR = _numbers("Vector3", "xyz")
+POINT = _numbers("Point3", "xyz")
+QUATERNION = _numbers("Quaternion", "xyzw")
+COLOR = _numbers("Color", "rgba")
+POSE = _object("foxglove.Pose", position=VECTOR, orientation=QUATERNION)
+_CORNERS = {
+    "points": _list(POINT),
+    "color": COLOR,
+    "colors": _list(COLOR),
+    "indices": _list(NATURAL),
+}
+ARROW = _object(
+    "foxglove.ArrowPrimitive",
+    pose=POSE,
+    shaft_length=NUMBER,
+    shaft_diameter=NUMBER,
+    head_length=NUMBER,
+    head_diameter=NUMBER,
+    color=COLOR,
+)
+CUBE = _object("foxglove.CubePrimitive", pose=POSE, size=VECTOR, color=COLOR)
+SPHERE = _object("foxglove.SpherePrimitive", pose=POSE, size=VECTOR, color=COLOR)
+CYLINDER = _object(
+    "foxglove.CylinderPrimitive",
+    pose=POSE,
+    size=VECTOR,
+    bottom_scale=NUMBER,
+    top_scale=NUMBER,
+    color=COLOR,
+)
+LINE = _object(
+    "foxglove.LinePrimitive",
+    type=_choice("LineType", "LINE_STRIP", "LINE_LOOP", "LINE_LIST"),
+    pose=POSE,
+    thickness=NUMBER,
+    scale_invariant=BOOLEAN,
+    **_CORNERS,
+)
+TRIANGLES = _object("foxglove.TriangleListPrimitive", pose=POSE, **_CORNERS)
+LABEL = _object(
+    "foxglove.TextPrimitive",
+    pose=POSE,
+    billboard=BOOLEAN,
+    font_size=NUMBER,
+    scale_invariant=BOOLEAN,
+    color=COLOR,
+    text=TEXT,
+)
+MODEL = _object(
+    "foxglove.ModelPrimitive",
+    pose=POSE,
+    scale=VECTOR,
+    color=COLOR,
+    override_color=BOOLEAN,
+    url=TEXT,
+    media_type=TEXT,
+    data=BASE64,
+)
+ENTITY = _object(
+    "foxglove.SceneEntity",
+    timestamp=TIME,
+    frame_id=TEXT,
+    id=TEXT,
+    lifetime=DURATION,
+    frame_locked=BOOLEAN,
+    metadata=_list(_object("foxglove.KeyValuePair", key=TEXT, value=TEXT)),
+    arrows=_list(ARROW),
+    cubes=_list(CUBE),
+    spheres=_list(SPHERE),
+    cylinders=_list(CYLINDER),
+    lines=_list(LINE),
+    triangles=_list(TRIANGLES),
+    texts=_list(LABEL),
+    models=_list(MODEL),
+)
+DELETION = _object(
+    "foxglove.SceneEntityDeletion",
+    timestamp=TIME,
+    type=_choice("SceneEntityDeletionType", "MATCHING_ID", "ALL"),
+    id=TEXT,
+)
+FIELD = _object(
+    "foxglove.PackedElementField",
+    name=TEXT,
+    offset=NATURAL,
+    type=_choice(
+        "NumericType",
+        *("UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64"),
+    ),
+)
+TRANSFORM = _object(
+    "foxglove.FrameTransform",
+    timestamp=TIME,
+    parent_frame_id=TEXT,
+    child_frame_id=TEXT,
+    translation=VECTOR,
+    rotation=QUATERNION,
+)
+# Schemas of whole messages, by their names.
+SCHEMAS: Mapping[str, Schema] = {
+    one["title"]: one
+    for one in (
+        _object("foxglove.SceneUpdate", deletions=_list(DELETION), entities=_list(ENTITY)),
+        _object(
+            "foxglove.PointCloud",
+            timestamp=TIME,
+            frame_id=TEXT,
+            pose=POSE,
+            point_stride=NATURAL,
+            fields=_list(FIELD),
+            data=BASE64,
+        ),
+        _object("foxglove.PoseInFrame", timestamp=TIME, frame_id=TEXT, pose=POSE),
+        _object("foxglove.FrameTransforms", transforms=_list(TRANSFORM)),
+        _object(
+            "foxglove.Log",
+            timestamp=TIME,
+            level=_choice("LogLevel", "UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"),
+            message=TEXT,
+            name=TEXT,
+            file=TEXT,
+            line=NATURAL,
+        ),
+    )
+}

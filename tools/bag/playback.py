@@ -1,0 +1,161 @@
+"""Plays a recording in a graph of its own; the keyboard pauses and steps it."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import sys
+import termios
+import tty
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from palpate.launch import Entry, Graph, find_bag, launch
+from palpate.launch.files import InputError
+from palpate.launch.processes import running_graphs
+from palpate.messages.types import LogRecord, NodeStatus
+from palpate.nodes.runtime import Wiring
+from palpate.tools.introspection import notify
+
+PLAYER_NAME = "player"
+DONE, DIED, INTERRUPTED = 0, 3, 130
+SPACE, RIGHT = b" ", b"\x1b[C"
+_KEY = re.compile(rb"\x1b\[[A-D]|[^\x1b]", re.DOTALL)
+
+
+def read_remap(pairs: Sequence[str]) -> dict[str, str]:
+    """Old topics to new ones, from texts like ``/a:=/b``.
+
+    Raises
+    ------
+    InputError
+        If a text is no such pair.
+    """
+    remap = {}
+    for pair in pairs:
+        old, sign, new = pair.partition(":=")
+        if not (old and sign and new):
+            raise InputError(f"--remap {pair}: must look like /touch/raw:=/touch/again")
+        remap[old] = new
+    return remap
+
+
+def player_entry(bag: Path, params: Mapping[str, Any], remap: Mapping[str, str]) -> Entry:
+    """The player of a recording, given as a file or as the run directory that holds it."""
+    return Entry(name=PLAYER_NAME, params={"path": str(find_bag(bag)), **params}, remap=remap)
+
+
+def play_recording(entry: Entry, *, quiet: bool) -> int:
+    """Play until the end of the recording, or Ctrl-C; returns the exit code.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be played; nothing has been started.
+    """
+    wirings = Graph((entry,), ends=PLAYER_NAME).wirings()
+    with Keyboard() as keys:
+        watcher = PlaybackWatcher(wirings[0], quiet=quiet, keys=keys)
+        try:
+            ending = launch(
+                wirings,
+                ends=PLAYER_NAME,
+                hear=(),
+                watcher=watcher,
+                name=Path(entry.params["path"]).stem,
+            )
+        except ValueError as error:
+            raise InputError(str(error)) from None
+    if ending.status == "interrupted":
+        watcher.say(f"stopped after {watcher.sent} messages")
+        return INTERRUPTED
+    watcher.say(ending.reason)
+    return DONE if ending.status == "finished" else DIED
+
+
+class PlaybackWatcher:
+    """Says what a player does.
+
+    Parameters
+    ----------
+    wiring : Wiring
+        The player's.
+    quiet : bool
+        Whether it says nothing.
+    keys : Keys
+        Told that the graph is up, and that it goes on.
+    """
+
+    def __init__(self, wiring: Wiring, *, quiet: bool, keys: Keyboard) -> None:
+        self.sent = 0
+        """Messages that the player has said."""
+        self._wiring, self._quiet, self._keys = wiring, quiet, keys
+        self._paused: bool = wiring.params.paused
+
+    def ready(self, seconds: float) -> None:
+        """Say what is played."""
+        number, params = len(self._wiring.outputs), self._wiring.params
+        how = ", paused" if params.paused else ""
+        self.say(f"playing {params.path}: {number} topics, {params.rate:g} x{how}")
+
+    def heard(self, topic: str, message: object) -> None:
+        """Nothing is asked for."""
+
+    def log(self, record: LogRecord) -> None:
+        """Show what went wrong."""
+        if record.level in ("warning", "error"):
+            self.say(record.text)
+
+    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
+        """Count, and see to the keyboard."""
+        if PLAYER_NAME in statuses:
+            self.sent = statuses[PLAYER_NAME].sent
+        for key in self._keys.pressed():
+            self._press(key)
+
+    def _press(self, key: bytes) -> None:
+        own = [card for card in running_graphs() if card.pid == os.getpid()]
+        if own and key == RIGHT:
+            notify(own[-1], "step", node=PLAYER_NAME, number=1)
+        elif own and key == SPACE:
+            self._paused = not self._paused
+            notify(own[-1], "pause" if self._paused else "resume", node=PLAYER_NAME)
+            self.say("paused" if self._paused else "goes on")
+
+    def say(self, text: str) -> None:
+        """Print a line, unless quiet."""
+        if not self._quiet:
+            print(text, flush=True)
+
+
+class Keyboard:
+    """Reads single keys while its ``with`` block lasts; does nothing where there is no terminal."""
+
+    def __init__(self) -> None:
+        self._before: list[Any] | None = None
+
+    def __enter__(self) -> Keyboard:
+        with suppress(termios.error, OSError, ValueError):
+            file = sys.stdin.fileno()
+            # Who runs in the background would be stopped for touching the terminal.
+            if sys.stdin.isatty() and os.tcgetpgrp(file) == os.getpgrp():
+                self._before = termios.tcgetattr(sys.stdin)
+                tty.setcbreak(sys.stdin)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._before is not None:
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+
+    def pressed(self) -> list[bytes]:
+        """Return the keys that have been pressed since it was asked last."""
+        keys: list[bytes] = []
+        while self._before is not None and select.select([sys.stdin], [], [], 0.0)[0]:
+            data = os.read(sys.stdin.fileno(), 64)
+            if not data:
+                break
+            keys += _KEY.findall(data)
+        return keys

@@ -1,0 +1,295 @@
+"""Calibrate a scene's sensor: press a known flat and a known ball, estimate, and judge."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core import FACING_DOWN, ROBOT_PRESETS, Floats, pose_of, split_pose
+from palpate.core.explore.tracing import TOUCH_DEPTH
+from palpate.core.shapes import LEAST_EXPONENT, PosedShape, Shape, Superquadric
+from palpate.core.touch import (
+    Calibration,
+    CalibrationEstimate,
+    CalibrationTouches,
+    Pad,
+    Pipeline,
+    SimulatedTouch,
+    StageStates,
+    clean,
+    contact_mask,
+    estimate_calibration,
+    fit_patch,
+)
+from palpate.launch import SceneSpec
+from palpate.nodes import filter
+from palpate.nodes.specs import SensorSpec, build_pipeline, sensed_face
+
+ROBOT = "modern"  # Preset of the robot's speeds
+BALL_RADIUS = 0.03  # Radius of the known ball, m
+TILTS = 7  # Ways to lean along each axis
+DEPTHS = (0.4 * TOUCH_DEPTH, 0.7 * TOUCH_DEPTH, TOUCH_DEPTH)
+FREE_FRAMES = 40
+# The pad's middle starts this high over what is pressed, and goes this far at most, m.
+HEIGHT, REACH = 0.03, 0.05
+# Least compression that counts as touched, m: what the filter takes.
+CONTACT = filter.Params().contact
+PAUSE = 3.0  # Between two presses, s: a pad that creeps has come to rest
+CalibrationProgress = Callable[[str], None]
+# Share of taxels that may be lost or not reached before the calibration is doubted.
+MAX_LOST_SHARE = 0.35
+MIN_SOUND_SPEED, MAX_SOUND_SPEED = 100.0, 5000.0
+MAX_GAIN = 10.0
+MAX_POSE_ERROR = 0.6e-3  # m
+MAX_RADIUS_ERROR = 0.25  # Share by which the ball may be felt too large or too small
+MIN_VARIANCE = 1e-6  # 1/m2: no curvature is surer than to a thousandth of 1 / m
+ReadingCorrection = Callable[[Floats], Floats]
+UP = np.array([0.0, 1.0, 0.0])
+
+
+class KnownPress(NamedTuple):
+    """One touch of something known."""
+
+    pose: Floats  # Where the arm believed the pad, (7,)
+    read: Floats  # What the data sheet makes of the signal, (rows, cols), m
+    # Compression that the known shape makes there, (rows, cols), m; 0 where it does not press.
+    known: Floats
+
+
+class Calibrated(NamedTuple):
+    """What came of pressing."""
+
+    estimate: CalibrationEstimate  # The calibration
+    pad: Pad  # The array, and what its data sheet says of its face
+    sheet: Calibration  # What it was read by
+    on_ball: tuple[KnownPress, ...]  # The touches of the ball
+    touches: int  # All touches made
+    robot_time: float  # Robot time that they took, s
+
+
+def calibrate(scene: SceneSpec, progress: CalibrationProgress) -> Calibrated:
+    """Press a known flat and a known ball with the sensor of a scene.
+
+    Raises
+    ------
+    ValueError
+        If too few taxels could be pressed.
+    """
+    pipeline = build_pipeline(scene.sensor, scene.effects, ROBOT_PRESETS[ROBOT], seed=scene.seed)
+    finger = _Finger(pipeline)
+    pad = pipeline.finger.pad
+    free = [finger.touch(_flat_plate(), lean, 0.0).read for lean in _tilts(pad)[:1] * FREE_FRAMES]
+    progress(f"{FREE_FRAMES} frames of nothing")
+    on_flat = tuple(_presses(finger, _flat_plate(), progress, "the flat"))
+    on_ball = tuple(_presses(finger, _ball(), progress, "the ball"))
+    felt = [*on_flat, *on_ball]
+    presses = CalibrationTouches(
+        known=np.stack([one.known.ravel() for one in felt]),
+        read=np.stack([one.read.ravel() for one in felt]),
+        free=np.stack([one.ravel() for one in free]),
+    )
+    x, y = pad.grid()
+    progress(f"all done; fitting {len(felt)} presses")
+    estimate = estimate_calibration(presses, x.ravel(), y.ravel(), pipeline.finger.calibration)
+    sheet = pipeline.finger.calibration
+    pad = replace(pad, face=sensed_face(pipeline))
+    return Calibrated(estimate, pad, sheet, on_ball, finger.touches, finger.clock)
+
+
+def _flat_plate() -> Shape:
+    """A plate with its top at height 0, flat to far less than a nanometre where it is pressed."""
+    return _below(Superquadric(np.array([0.2, 0.2, 0.05]), np.full(2, LEAST_EXPONENT)))
+
+
+def _presses(
+    finger: _Finger, shape: Shape, progress: CalibrationProgress, name: str
+) -> Iterator[KnownPress]:
+    leans = _tilts(finger.pad)
+    for depth in DEPTHS:
+        for lean in leans:
+            yield finger.touch(shape, lean, depth)
+        progress(f"{len(leans)} presses of {name}, {1e3 * depth:.1f} mm deep")
+
+
+def _tilts(pad: Pad) -> list[Floats]:
+    """Poses over the top of something: upright first, then so that each taxel is reached."""
+    half = 0.5 * pad.pitch * max(pad.rows - 1, pad.cols - 1)
+    most = math.atan(pad.dome * half) + TOUCH_DEPTH / (2.0 * half)
+    angles = sorted(np.linspace(-most, most, TILTS).tolist(), key=abs)
+    position = np.array([0.0, 0.0, HEIGHT])
+    return [pose_of(position, FACING_DOWN @ _turn(a, b)) for a in angles for b in angles]
+
+
+def _turn(about_x: float, about_y: float) -> Floats:
+    """Rotation about x, then about the new y."""
+    c, s = math.cos(about_x), math.sin(about_x)
+    first = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    c, s = math.cos(about_y), math.sin(about_y)
+    then = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    both: Floats = first @ then
+    return both
+
+
+def _ball() -> Shape:
+    return _below(Superquadric(np.full(3, BALL_RADIUS), np.ones(2)))
+
+
+def _below(shape: Superquadric) -> Shape:
+    return PosedShape(shape, pose_of(np.array([0.0, 0.0, -float(shape.size[2])]), np.eye(3)))
+
+
+class _Finger:
+    """A finger on its way through the presses."""
+
+    def __init__(self, pipeline: Pipeline):
+        self._pipeline, self._face = pipeline, sensed_face(pipeline)
+        self.pad = pipeline.finger.pad
+        self._states: StageStates = pipeline.begin()
+        self.touches, self.clock = 0, 0.0
+
+    def touch(self, shape: Shape, pose: Floats, depth: float) -> KnownPress:
+        """Press to a depth; 0 to stop before anything is met."""
+        pad, sheet = self._pipeline.finger.pad, self._pipeline.finger.calibration
+        touch = SimulatedTouch(
+            shape=shape,
+            number=self.touches,
+            believed=pose,
+            actual=pose,
+            reach=REACH if depth else 0.0,
+            depth=depth,
+            begun=self.clock + PAUSE,
+            previous=self.clock,
+        )
+        self._states = self._pipeline.simulate(touch, self._states)
+        self.touches, self.clock = self.touches + 1, touch.time
+        read = sheet.decode(sheet.encode(touch.reading))
+        known = _ideal_compression(shape, pad, touch.believed)
+        if self._face.kind != "springs":
+            # It is touched by less of the shape than that would cut through it.
+            listener = replace(self.pad, face=self._face)
+            loaded = contact_mask(listener, read, CONTACT, self._pipeline.noise)
+            known = np.where(loaded, known, 0.0)
+        return KnownPress(touch.believed, read, known)
+
+
+def _ideal_compression(shape: Shape, pad: Pad, pose: Floats) -> Floats:
+    """Compression that an ideal pad would have in this pose, (rows, cols), m."""
+    position, axes = split_pose(pose)
+    rays = pad.transducers() @ axes.T + position
+    ranges = shape.cast(rays, axes[:, 2], pad.thickness)
+    compression: Floats = np.clip(pad.thickness - ranges, 0.0, pad.saturation * pad.thickness)
+    shaped: Floats = compression.reshape((pad.rows, pad.cols))
+    return shaped
+
+
+def calibration_text(found: Calibrated, sensor: SensorSpec) -> str:
+    """One line for each quantity with its standard error, and a check on the ball."""
+    estimate, reached = found.estimate, found.estimate.reached
+    gain, offset = estimate.gain[reached], 1e6 * estimate.offset[reached]
+    gain_error = float(np.median(estimate.gain_error[reached]))
+    offset_error = 1e6 * float(np.median(estimate.offset_error[reached]))
+    lost = int((~estimate.trusted).sum())
+    unreached = int((estimate.trusted & ~reached).sum())
+    sheet = sensor.pad.sound_speed
+    rows = [
+        ("touches", f"{found.touches} in {found.robot_time:.0f} s of robot time ({ROBOT})"),
+        ("sound speed", f"{_speed(estimate)}   (data sheet {sheet:g})"),
+        ("gain", f"{gain.min():.4f} to {gain.max():.4f}, each +- {gain_error:.4f}"),
+        ("offset", f"{_spread(offset)}, each +- {offset_error:.1f} um"),
+        ("noise", f"{1e6 * estimate.noise:.2f} um, one taxel"),
+        ("arm", f"{1e6 * estimate.pose_error:.0f} um off along the pad's normal, one touch"),
+        ("taxels", f"{int(reached.sum())} calibrated, {unreached} not reached, {lost} not trusted"),
+        ("ball", ball_text(found)),
+    ]
+    return "\n".join(f"{name:<13}{said}" for name, said in rows)
+
+
+def _speed(estimate: CalibrationEstimate) -> str:
+    if not estimate.sound_speed_error:
+        return f"{estimate.sound_speed:.1f} m/s, not estimated: the array sends forces"
+    return f"{estimate.sound_speed:.1f} +- {estimate.sound_speed_error:.1f} m/s"
+
+
+def _spread(offset: Floats) -> str:
+    common = float(np.median(offset))
+    low, high = float(offset.min()) - common, float(offset.max()) - common
+    return f"{low:.1f} to {high:.1f} um about a common {common:.1f} um"
+
+
+def ball_text(found: Calibrated) -> str:
+    """Radius of the ball as it is felt, with and without the calibration."""
+    before, after = _radius(found, _as_read(found)), _radius(found, _corrected(found))
+    return f"of {1e3 * BALL_RADIUS:g} mm felt as {_mm(after)}; {_mm(before)} by the data sheet"
+
+
+def _mm(radius: MeasuredRadius | None) -> str:
+    if radius is None:
+        return "nothing smooth"
+    return f"{1e3 * radius.mean:.2f} +- {1e3 * radius.error:.2f} mm"
+
+
+def calibration_warnings(found: Calibrated) -> list[str]:
+    """Reasons not to trust a calibration, in words; none if there is nothing to say."""
+    estimate = found.estimate
+    said = []
+    lost = int((~estimate.reached).sum())
+    if lost > MAX_LOST_SHARE * len(estimate.reached):
+        said.append(f"{lost} of {len(estimate.reached)} taxels could not be calibrated")
+    if not MIN_SOUND_SPEED <= estimate.sound_speed <= MAX_SOUND_SPEED:
+        said.append(f"a speed of sound of {estimate.sound_speed:.0f} m/s is none of rubber's")
+    if estimate.gain.max() > MAX_GAIN:
+        said.append(f"a gain of {estimate.gain.max():.1f} is no sensor's")
+    if estimate.pose_error > MAX_POSE_ERROR:
+        said.append(f"the arm was {1e3 * estimate.pose_error:.1f} mm off, or the pad is no spring")
+    before, after = _radius(found, _as_read(found)), _radius(found, _corrected(found))
+    if after is None or abs(after.mean - BALL_RADIUS) > MAX_RADIUS_ERROR * BALL_RADIUS:
+        said.append("with it the ball is not felt as a ball of its size")
+    elif (
+        before is not None
+        and abs(after.mean - BALL_RADIUS) > abs(before.mean - BALL_RADIUS) + 3 * after.error
+    ):
+        said.append("with it the ball is felt worse than by the data sheet")
+    return said
+
+
+def _radius(found: Calibrated, reading: ReadingCorrection) -> MeasuredRadius | None:
+    pad, estimate = found.pad, found.estimate
+    lost = ~estimate.trusted.reshape(pad.rows, pad.cols)
+    curvatures, weights = [], []
+    for one in found.on_ball:
+        cleaned = clean(pad, reading(one.read), estimate.noise, CONTACT, "auto", lost)
+        height = np.where(cleaned.touched, -(cleaned.compression + pad.sag()), 0.0)
+        patch = fit_patch(pad, height, cleaned.touched, UP, estimate.noise)
+        if patch.kind == "smooth" and patch.mean > 0.0:
+            curvatures.append(patch.mean)
+            weights.append(1.0 / max(sum(e**2 for e in patch.principal_error), MIN_VARIANCE))
+    if len(curvatures) < 2:
+        return None
+    mean, total = float(np.average(curvatures, weights=weights)), float(np.sum(weights))
+    spread = float(np.sum(np.multiply(weights, (np.array(curvatures) - mean) ** 2)))
+    error = math.sqrt(spread / (total * (len(curvatures) - 1)))
+    return MeasuredRadius(1.0 / mean, error / mean**2)
+
+
+def _as_read(found: Calibrated) -> ReadingCorrection:
+    return lambda read: read
+
+
+def _corrected(found: Calibrated) -> ReadingCorrection:
+    """What turns a frame that the data sheet read into one that the calibration reads."""
+    estimate, thickness = found.estimate, found.pad.thickness
+    ratio = estimate.sound_speed / found.sheet.sound_speed
+    shape = (found.pad.rows, found.pad.cols)
+    gain, offset = estimate.gain.reshape(shape), estimate.offset.reshape(shape)
+    return lambda read: (thickness - ratio * (thickness - read)) * gain + offset
+
+
+class MeasuredRadius(NamedTuple):
+    """A radius that was felt."""
+
+    mean: float  # m
+    error: float  # Its standard error, m

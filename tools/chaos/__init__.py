@@ -1,0 +1,20 @@
+"""Fault injection: explorations in which processes are killed and stopped, and judged after.
+
+Kinds of fault and their timing may be changed in `fault_injection`; `history` shares no code with
+what it judges, and should not. Rests on launch.processes and on the command line, which it starts
+as a user would.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.tools.chaos.bystanders import FloodParams as FloodParams
+    from palpate.tools.chaos.fault_injection import FAULT_KINDS as FAULT_KINDS
+    from palpate.tools.chaos.trials import Exploration as Exploration
+    from palpate.tools.chaos.trials import run_trials as run_trials
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,0 +1,407 @@
+"""Run after run with faults until the time is over, each examined when it has ended."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from palpate.launch import RECORDING
+from palpate.launch.processes import FOLDER_PREFIX, remove_stale_folders
+from palpate.messages.recording import open_recording
+from palpate.nodes.runtime import recorded_nodes
+from palpate.tools.chaos.fault_injection import (
+    Fault,
+    FaultInjector,
+    GraphFacts,
+    InjectionLog,
+    NodeRecovery,
+    draw_faults,
+)
+from palpate.tools.chaos.history import causality_violations, digests, read_history, violations_in
+
+FAULTS_PER_RUN = 8  # Of one run, unless one of them ends it
+# A run may take so many times as long as the undisturbed one, and so many s more.
+SLOWER, LONGEST = 20.0, 120.0
+INTERRUPTED = 130
+EXIT_GRACE = 5.0  # Processes are gone so soon after their launcher, s
+FLOODED_LAUNCH_FILE = """# Another graph with a source beside it that floods the recorder.
+include: {included}
+nodes:
+  flood: {{kind: "palpate.tools.chaos.bystanders:SOURCE"}}
+"""
+
+
+@dataclass(slots=True)
+class Tally:
+    """What came of all runs so far."""
+
+    seed: int  # Of the first run; the others follow
+    runs: int = 0  # Runs with faults
+    injected: Counter[str] = field(default_factory=Counter)  # Faults by kind
+    phases: Counter[str] = field(default_factory=Counter)  # Faults by phase
+    nodes: Counter[str] = field(default_factory=Counter)  # Faults by the node that they hit
+    survived: int = 0  # Faults of runs with which nothing was wrong
+    lost: int = 0  # Messages that are in no recording
+    duplicated: int = 0  # Messages that are in a recording twice
+    back: list[NodeRecovery] = field(default_factory=list)  # Nodes that were hit and came back
+    # Seeds of runs with which something was wrong, and what.
+    failed: list[tuple[int, str]] = field(default_factory=list)
+
+    def add(self, injected: InjectionLog, found: Examination) -> None:
+        """Count one run."""
+        self.runs += 1
+        self.injected.update(fault.kind for fault in injected.faults)
+        self.phases.update(fault.moment.phase for fault in injected.faults)
+        self.nodes.update(name for fault in injected.faults for name in fault.whom)
+        self.survived += 0 if found.wrong else len(injected.faults)
+        self.lost += found.lost
+        self.duplicated += found.duplicated
+        self.back += injected.back
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """All of it, for a program."""
+        return {
+            "seed": self.seed,
+            "runs": self.runs,
+            "injected": sum(self.injected.values()),
+            "survived": self.survived,
+            "lost": self.lost,
+            "duplicated": self.duplicated,
+            "recovery_p50_s": quantile(self._killed, 0.5),
+            "recovery_p99_s": quantile(self._killed, 0.99),
+            "stopped_p50_s": quantile(self._stopped, 0.5),
+            "stopped_p99_s": quantile(self._stopped, 0.99),
+            "kinds": dict(self.injected),
+            "phases": dict(self.phases),
+            "nodes": dict(self.nodes),
+            "back": [one._asdict() for one in self.back],
+            "failed": [{"seed": seed, "what": what} for seed, what in self.failed],
+        }
+
+    def __str__(self) -> str:
+        text = (
+            f"injected {sum(self.injected.values())} survived {self.survived} "
+            f"lost {self.lost} duplicated {self.duplicated}"
+        )
+        for name, times in (("recovery", self._killed), ("stopped", self._stopped)):
+            if times:
+                text += (
+                    f" {name} p50 {quantile(times, 0.5):.2f} s p99 {quantile(times, 0.99):.2f} s"
+                )
+        return text
+
+    @property
+    def _killed(self) -> list[float]:
+        return [one.seconds for one in self.back if one.kind != "stop"]
+
+    @property
+    def _stopped(self) -> list[float]:
+        return [one.seconds for one in self.back if one.kind == "stop"]
+
+
+def quantile(times: Sequence[float], share: float) -> float | None:
+    """The least of the times that this share of them does not exceed; None without any."""
+    ordered = sorted(times)
+    return ordered[max(0, -int(-share * len(ordered) // 1) - 1)] if ordered else None
+
+
+def run_trials(
+    subject: Exploration,
+    *,
+    seed: int,
+    minutes: float,
+    kinds: Sequence[str],
+    echo: Callable[[str], None],
+    faults: int = FAULTS_PER_RUN,
+) -> Tally:
+    """Run an exploration undisturbed, and then with faults until the time is over, but once.
+
+    Parameters
+    ----------
+    subject : Subject
+        What is explored.
+    seed : int
+        Of the first run; each further one has the next.
+    minutes : float
+        No run is begun later than this.
+    kinds : sequence of str
+        Faults that may be put in.
+    echo : callable
+        Takes lines about the progress.
+    faults : int
+        Most faults of one run.
+
+    Raises
+    ------
+    ValueError
+        If the undisturbed run fails.
+    """
+    work = Path(tempfile.mkdtemp(prefix="chaos-"))
+    tally = Tally(seed)
+    try:
+        before = run_baseline(subject, work / "undisturbed")
+        echo(f"undisturbed: {before.seconds:.1f} s, {sum(before.known.counts.values())} messages")
+        deadline = time.monotonic() + 60.0 * minutes
+        while not tally.runs or time.monotonic() < deadline:
+            number = seed + tally.runs
+            planned = draw_faults(number, before.known, kinds, faults)
+            _run_trial(subject, before, planned, work / f"seed_{number}", number, tally, echo)
+    finally:
+        if tally.failed:
+            echo(f"what was wrong lies in {work}")
+        else:
+            shutil.rmtree(work, ignore_errors=True)
+    return tally
+
+
+def run_baseline(subject: Exploration, out: Path) -> Baseline:
+    """Run it once.
+
+    Raises
+    ------
+    ValueError
+        If it comes to no end by itself.
+    """
+    code = subject.start(out).wait()
+    if code not in (0, 1) or not (out / "summary.json").exists():
+        raise ValueError(f"the undisturbed run fails: {stderr_of(out)}")
+    summary = summary_of(out)
+    counts = {topic: number for topic, (number, _) in messages_in(out).items()}
+    graph = recorded_nodes(open_recording(out / RECORDING).graph)
+    pairs = {(one.name, heard.publisher) for one in graph for heard in one.inputs}
+    known = GraphFacts(tuple(summary["nodes"]), tuple(sorted(pairs)), counts)
+    said, seconds = messages_in(out), float(summary["wall_s"])
+    return Baseline(code, summary["mesh_sha256"], said, seconds, known)
+
+
+def _run_trial(
+    subject: Exploration,
+    before: Baseline,
+    planned: Sequence[Fault],
+    out: Path,
+    seed: int,
+    tally: Tally,
+    echo: Callable[[str], None],
+) -> None:
+    flooded = any(fault.kind == "flood" for fault in planned)
+    process = subject.start(out, flooded=flooded)
+    injector = FaultInjector(process, out, planned)
+    try:
+        ended = injector.run(time.monotonic() + SLOWER * before.seconds + LONGEST)
+    finally:
+        if process.poll() is None:
+            kill_session(process.pid)
+    code = process.wait()
+    found = examine_run(subject, before, injector.done, code, out)
+    if not ended:
+        found = found._replace(wrong=("it came to no end", *found.wrong))
+    tally.add(injector.done, found)
+    echo(f"seed {seed}: {len(injector.done.faults)} of {len(planned)} faults; {tally}")
+    if found.wrong:
+        tally.failed += [(seed, text) for text in found.wrong]
+        for text in [*map(str, injector.done.faults), *found.wrong]:
+            echo(f"  {text}")
+    else:
+        shutil.rmtree(out, ignore_errors=True)
+
+
+def examine_run(
+    subject: Exploration, before: Baseline, injected: InjectionLog, code: int, out: Path
+) -> Examination:
+    """Look at all that a run that is over should be, and should not have left."""
+    wrong = list(_left_over(injected, out))
+    recording = out / RECORDING
+    if injected.ended_by and code != before.code:
+        expected = INTERRUPTED if injected.ended_by == "ctrl_c" else -signal.SIGKILL
+        if code != expected:
+            wrong.append(f"exit code {code} instead of {expected}: {stderr_of(out)}")
+        if not recording.exists():
+            return Examination(tuple(wrong), 0, 0)
+        history = _judged(recording, whole=False)
+        wrong += history.wrong
+        wrong += _resumed_result(subject, before, recording, out)
+        return Examination(tuple(wrong), history.lost, history.duplicated)
+    if code != before.code:
+        wrong.append(f"exit code {code} instead of {before.code}: {stderr_of(out)}")
+    if not recording.exists():
+        return Examination((*wrong, "there is no recording"), 0, 0)
+    history = _judged(recording, whole=True)
+    wrong += [*history.wrong, *_other_result(before, out)]
+    return Examination(tuple(wrong), history.lost + _lost(before.said, out), history.duplicated)
+
+
+def _left_over(injected: InjectionLog, out: Path) -> Iterator[str]:
+    if injected.session:
+        deadline = time.monotonic() + EXIT_GRACE
+        while (living := _processes_of(injected.session)) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        if living:
+            yield f"processes {living} are left"
+            kill_session(injected.session)
+    if injected.ended_by == "launcher":
+        remove_stale_folders(out.parent)  # as the next launch does
+    elif (out / ".said").exists():
+        yield "what nodes had said is left in the run directory"
+    for folder in out.parent.glob(f"{FOLDER_PREFIX}*"):
+        yield f"the private folder {folder} is left"
+
+
+def kill_session(session: int) -> None:
+    """Kill what is left of a run."""
+    for pid in _processes_of(session):
+        os.kill(pid, signal.SIGKILL)
+
+
+def _processes_of(session: int) -> list[int]:
+    """Processes of a session; one that only waits to be buried does not count."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdecimal():
+            continue
+        try:
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if fields[0] != "Z" and int(fields[3]) == session:
+            found.append(int(folder.name))
+    return found
+
+
+def _judged(recording: Path, *, whole: bool) -> Examination:
+    history = read_history(recording)
+    found = [*violations_in(history), *causality_violations(history, whole=whole)]
+    wrong = [f"{one.law}: {one.text}" for one in found]
+    if whole and not history.closed:
+        wrong.append("the recording was not closed")
+    lost = sum(one.law == "gap" for one in found)
+    return Examination(tuple(wrong), lost, sum(one.law == "twice" for one in found))
+
+
+def _resumed_result(
+    subject: Exploration, before: Baseline, recording: Path, out: Path
+) -> Iterator[str]:
+    """What is wrong with going on from what was recorded, to the end."""
+    try:
+        open_recording(recording)
+    except ValueError as error:
+        yield f"the recording cannot be read: {error}"
+        return
+    again = out / "again"
+    code = subject.go_on(recording, again).wait()
+    if code != before.code:
+        yield f"going on ends with exit code {code}: {stderr_of(again)}"
+    else:
+        yield from (f"gone on, {text}" for text in _other_result(before, again))
+
+
+def stderr_of(out: Path) -> str:
+    """What a run has said on its standard error, in one line."""
+    words = _stderr_file(out)
+    text = words.read_text(encoding="utf-8", errors="replace") if words.exists() else ""
+    return " ".join(text.split()) or "it said nothing"
+
+
+def _other_result(before: Baseline, out: Path) -> Iterator[str]:
+    """In what the result is not that of the undisturbed run."""
+    mesh = summary_of(out)["mesh_sha256"]
+    if mesh != before.mesh:
+        yield f"the mesh is {mesh} instead of {before.mesh}"
+    said = messages_in(out)
+    for topic, (number, digest) in before.said.items():
+        if said.get(topic) != (number, digest):
+            yield f"{topic} is not what it is undisturbed"
+
+
+def summary_of(out: Path) -> dict[str, Any]:
+    """The figures of a run directory."""
+    found: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    return found
+
+
+def _lost(before: Mapping[str, tuple[int, str]], out: Path) -> int:
+    """Messages at the ends of topics, which leave no gap."""
+    said = messages_in(out)
+    return sum(
+        max(0, number - said.get(topic, (0, ""))[0]) for topic, (number, _) in before.items()
+    )
+
+
+def messages_in(out: Path) -> dict[str, tuple[int, str]]:
+    """Number and digest of the messages of each topic that a run directory's recording holds."""
+    return digests(read_history(out / RECORDING))
+
+
+class Examination(NamedTuple):
+    """What was found after one run."""
+
+    wrong: tuple[str, ...]  # What should not be so; nothing if the run survived
+    lost: int  # Messages that are not in the recording
+    duplicated: int  # Messages that are there more than once
+
+
+@dataclass(frozen=True, slots=True)
+class Exploration:
+    """An exploration as the command line starts it."""
+
+    file: str  # The launch file, by path or as a shipped one is called
+    arguments: tuple[str, ...] = ()  # Its arguments, ``name:=value``
+    own: tuple[str, ...] = ()  # Nodes whose modules are not palpate's own
+
+    def start(self, out: Path, *, flooded: bool = False) -> subprocess.Popen[bytes]:
+        """Start it in a session of its own; it writes into `out`, all else of it is beside that."""
+        file = self.file
+        if flooded:
+            beside = out.with_suffix(".yaml")
+            shipped = Path(self.file)
+            included = str(shipped.resolve()) if shipped.is_file() else self.file
+            beside.write_text(
+                FLOODED_LAUNCH_FILE.format(included=json.dumps(included)), encoding="utf-8"
+            )
+            file = str(beside)
+        return _start_palpate(["launch", file, *self.arguments], out)
+
+    def go_on(self, bag: Path, out: Path) -> subprocess.Popen[bytes]:
+        """Go on with what was recorded of it."""
+        own = ["--nodes", ",".join(self.own)] if self.own else []
+        return _start_palpate(["replay", str(bag), "--from", "end", *own], out)
+
+
+def _start_palpate(arguments: list[str], out: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "palpate", *arguments, "--out", str(out), "--quiet"]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with _stderr_file(out).open("wb") as words:
+        return subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=words,
+            stderr=words,
+            start_new_session=True,
+            env={**os.environ, "XDG_RUNTIME_DIR": str(out.parent)},
+        )
+
+
+def _stderr_file(out: Path) -> Path:
+    return out.with_suffix(".txt")
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """What the exploration comes to when nothing is done to it."""
+
+    code: int  # Exit code
+    mesh: str | None  # SHA-256 of the mesh; None where there is none
+    said: Mapping[str, tuple[int, str]]  # Number and digest of the messages of each topic
+    seconds: float  # Wall time of the graph, s
+    known: GraphFacts  # Its graph

@@ -1,0 +1,17 @@
+"""The command line: one chapter a family of verbs, all imported only when a verb is called.
+
+Verbs parse arguments and print; whatever they do is a function of another room. A new verb is a
+click command in its family and one line in `command_line`. Rests on click, and lazily on
+everything else.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.tools.cli.command_line import main as main
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,0 +1,195 @@
+"""``palpate``: the outermost boundary between the program and whoever calls it, and its verbs.
+
+Every failure leaves here as one sentence on standard error and an exit code; a traceback is
+written to a file, never to the screen. A verb is imported only when it is called.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import tempfile
+import traceback
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import NoReturn
+
+import click
+
+from palpate import __version__
+from palpate.launch.files import InputError, hint
+
+DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Do what the command line asks for, and exit.
+
+    Parameters
+    ----------
+    arguments : texts, optional
+        The command line without the program's name; the process's own if left out.
+    """
+    code = run(sys.argv[1:] if arguments is None else arguments)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt
+    sys.exit(code)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Do what the arguments ask for; returns the exit code."""
+    try:
+        code = palpate_group.main(list(arguments), prog_name="palpate", standalone_mode=False)
+        sys.stdout.flush()
+    except InputError as error:
+        return _print_error(str(error), BAD_INPUT)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help() if error.ctx else "", err=True)
+        return BAD_INPUT
+    except click.ClickException as error:
+        return _print_error(_usage_text(error), BAD_INPUT)
+    except SystemExit as error:
+        # With 1 it is click's own answer to a pipe that was closed while it wrote.
+        if error.code == 1:
+            return DONE
+        return _print_error(
+            f"something in the program called exit({error.code}); nothing is done", DIED
+        )
+    except (KeyboardInterrupt, click.Abort):
+        return _print_error("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # Whoever read our output has had enough, as in ``palpate node kinds | head -1``.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except OSError as error:
+        return _print_error(
+            f"{error.filename or 'the system'}: {error.strerror or error}", BAD_INPUT
+        )
+    except Exception as error:  # the outermost boundary: a bug must not reach the screen raw
+        return _print_error(_bug_text(error), DIED)
+    return code if isinstance(code, int) else DONE
+
+
+def _print_error(text: str, code: int) -> int:
+    print(f"palpate: {' '.join(text.split())}", file=sys.stderr)
+    return code
+
+
+def _usage_text(error: click.ClickException) -> str:
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context is not None else "palpate"
+    return f"{error.format_message().rstrip('.')} (see {path} --help)"
+
+
+def _bug_text(error: Exception) -> str:
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="palpate-", suffix=".txt", delete=False, encoding="utf-8"
+    ) as file:
+        traceback.print_exception(error, file=file)
+    return f"a bug: {type(error).__name__}: {error!s:.200}; the traceback is in {file.name}"
+
+
+class LazyGroup(click.Group):
+    """Verbs by name, each with where it stands (``module:attribute``) and its help in one line."""
+
+    def __init__(self, name: str, verbs: Mapping[str, tuple[str, str]], help: str) -> None:
+        super().__init__(name, help=help)
+        self._verbs = verbs
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the verbs."""
+        return list(self._verbs)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The verb of a name."""
+        if cmd_name not in self._verbs:
+            return None
+        module, _, attribute = self._verbs[cmd_name][0].partition(":")
+        command: click.Command = getattr(import_module(f"palpate.{module}"), attribute)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The verb that the arguments begin with."""
+        if args[0] not in self._verbs and not args[0].startswith("-"):
+            raise click.UsageError(
+                f"there is no verb {args[0]!r}; {hint(args[0], self._verbs)}", ctx
+            )
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the verbs without importing them."""
+        with formatter.section("Verbs"):
+            formatter.write_dl([(verb, text) for verb, (_, text) in self._verbs.items()])
+
+
+palpate_group = LazyGroup(
+    "palpate",
+    {
+        "run": ("tools.cli.launching:run_command", "Explore a scene and rebuild its object."),
+        "launch": ("tools.cli.launching:launch_command", "Start the graph of a launch file."),
+        "host": (
+            "tools.cli.launching:host_command",
+            "Lend this machine to graphs that are launched elsewhere.",
+        ),
+        "keys": (
+            "tools.cli.launching:keys_command",
+            "Make the key that the machines of a graph share.",
+        ),
+        "replay": (
+            "tools.cli.launching:replay_command",
+            "Run nodes on a recording and compare what they say.",
+        ),
+        "bag": (
+            "tools.cli.recordings:bag_group",
+            "Look into recordings, play, recover and compare them, and hand them on.",
+        ),
+        "scene": ("tools.cli.preparation:scene_group", "List and check scenes."),
+        "node": (
+            "tools.cli.running_graph:node_group",
+            "Look at the nodes of a running graph, or at the kinds of node.",
+        ),
+        "topic": (
+            "tools.cli.topics:topic_group",
+            "Hear and speak on the topics of a running graph.",
+        ),
+        "param": (
+            "tools.cli.running_graph:param_group",
+            "Look at the parameters of a running graph's nodes.",
+        ),
+        "doctor": (
+            "tools.cli.running_graph:doctor_command",
+            "Say whether machine, installation and running graphs are well.",
+        ),
+        "init": (
+            "tools.cli.preparation:init_group",
+            "Begin a node, a driver, an effect or a planner of your own.",
+        ),
+        "calibrate": (
+            "tools.cli.preparation:calibrate_command",
+            "Press a known flat and ball, and say what each taxel means.",
+        ),
+        "rebuild": (
+            "tools.cli.solids:rebuild_command",
+            "Rebuild a solid from contours that anybody measured.",
+        ),
+        "score": (
+            "tools.cli.solids:score_command",
+            "Measure a solid against a CAD model or measured points.",
+        ),
+        "cost": (
+            "tools.cli.recordings:cost_command",
+            "Say what a recorded run would have cost another robot.",
+        ),
+        "bench": ("bench.suite.verb:bench_command", "Measure speed and accuracy."),
+        "chaos": (
+            "tools.cli.launching:chaos_command",
+            "Put faults into explorations and say what they survive.",
+        ),
+    },
+    "Feels an unknown object with a simulated fingertip and rebuilds it as a solid.",
+)
+
+
+click.version_option(__version__, prog_name="palpate")(palpate_group)

@@ -1,0 +1,248 @@
+"""The verb topic: list, info, echo, hz, bw, delay and pub."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from palpate.tools.cli.command_line import LazyGroup
+from palpate.tools.cli.running_graph import (
+    Command,
+    as_input_errors,
+    card_of,
+    print_aside,
+    run_option,
+)
+
+if TYPE_CHECKING:
+    from palpate.tools.introspection import RateText
+
+topic_group = LazyGroup(
+    "topic",
+    {
+        "list": ("tools.cli.topics:topic_list_command", "Name the topics."),
+        "info": (
+            "tools.cli.topics:topic_info_command",
+            "Say what a topic carries, from whom to whom.",
+        ),
+        "echo": ("tools.cli.topics:topic_echo_command", "Print the messages of a topic."),
+        "hz": ("tools.cli.topics:topic_hz_command", "Measure how often topics are published."),
+        "bw": ("tools.cli.topics:topic_bw_command", "Measure how many bytes topics carry."),
+        "delay": (
+            "tools.cli.topics:topic_delay_command",
+            "Measure how long messages are on their way.",
+        ),
+        "pub": ("tools.cli.topics:topic_pub_command", "Publish a message on a console's topic."),
+    },
+    "Hear and speak on the topics of a running graph.",
+)
+
+
+@click.command("list")
+@run_option
+@click.option("-t", "--show-types", is_flag=True, help="Add the type.")
+@click.option("-c", "--count-topics", is_flag=True, help="Print only how many there are.")
+@click.option("-v", "--verbose", is_flag=True, help="Add who publishes and who listens.")
+def topic_list_command(
+    run: str | None, show_types: bool, count_topics: bool, verbose: bool
+) -> None:
+    """Name the topics of the running graph."""
+    from palpate.tools.introspection import topics_of
+
+    topics = topics_of(card_of(run)).values()
+    if count_topics:
+        click.echo(len(topics))
+        return
+    for topic in topics:
+        line = f"{topic.name} [{topic.type}]" if show_types or verbose else topic.name
+        if verbose:
+            listeners = ", ".join(topic.listeners) or "nobody"
+            line += f" from {', '.join(topic.publishers)} to {listeners}"
+        click.echo(line)
+
+
+@click.command("info")
+@click.argument("topic")
+@run_option
+@click.option("-v", "--verbose", is_flag=True, help="Add the fields with their units.")
+def topic_info_command(topic: str, run: str | None, verbose: bool) -> None:
+    """Say what TOPIC carries, who publishes it and who listens."""
+    from palpate.tools.introspection import field_lines, find_topic, type_of
+
+    with as_input_errors():
+        found = find_topic(card_of(run), topic)
+        lines = field_lines(type_of(found)) if verbose else []
+    click.echo(f"Type: {found.type or 'not said'}")
+    click.echo(f"Publisher count: {len(found.publishers)}  {', '.join(found.publishers)}")
+    click.echo(f"Subscription count: {len(found.listeners)}  {', '.join(found.listeners)}".rstrip())
+    if lines:
+        click.echo("Fields:")
+    for line in lines:
+        click.echo(f"  {line}")
+
+
+@click.command("echo")
+@click.argument("topic")
+@run_option
+@click.option("--once", is_flag=True, help="Print one message and end.")
+@click.option("-n", "most", type=click.IntRange(1), help="Print so many messages and end.")
+@click.option("--field", "fields", multiple=True, metavar="A.B", help="One value; repeatable.")
+@click.option("--filter", "wanted", metavar="EXPR", help="Like touch > 3 and outcome == 'hit'.")
+@click.option("--csv", is_flag=True, help="One row a message, arrays whole.")
+@click.option("--raw", is_flag=True, help="The bytes as they come.")
+@click.option("--no-arr", is_flag=True, help="Of arrays and lists only what they are.")
+@click.option("-f", "--full-length", is_flag=True, help="Long arrays whole.")
+@click.option("--flow-style", is_flag=True, help="Each message in one line.")
+@click.option("--no-lost-messages", is_flag=True, help="Do not say how many were lost.")
+def topic_echo_command(
+    topic: str,
+    run: str | None,
+    once: bool,
+    most: int | None,
+    fields: tuple[str, ...],
+    wanted: str | None,
+    csv: bool,
+    raw: bool,
+    no_arr: bool,
+    full_length: bool,
+    flow_style: bool,
+    no_lost_messages: bool,
+) -> None:
+    """Print the messages of TOPIC in YAML until the graph ends, or Ctrl-C.
+
+    Copies may be lost on the way here, of which standard error tells; the graph loses nothing.
+    """
+    from palpate.tools.introspection import (
+        EchoFormat,
+        LossReport,
+        TextStyle,
+        echo_topic,
+        find_topic,
+        read_filter,
+        read_path,
+        type_of,
+    )
+
+    card = card_of(run)
+    with as_input_errors():
+        found = find_topic(card, topic)
+        asks = fields or wanted is not None
+        cls = type_of(found) if asks or not raw else None
+        form = EchoFormat(
+            paths=tuple(read_path(text, cls) for text in fields) if cls else (),
+            style=TextStyle(arrays=not no_arr, full=full_length or csv, flow=flow_style),
+            csv=csv,
+            raw=raw,
+            wanted=read_filter(wanted, cls) if cls and wanted is not None else None,
+        )
+        echo_topic(
+            card,
+            found,
+            form,
+            most=1 if once else most,
+            say=click.echo,
+            tell=print_aside,
+            losses=LossReport(found.name, (lambda _: None) if no_lost_messages else print_aside),
+        )
+
+
+def measuring_options(command: Command) -> Command:
+    """The arguments of a verb that measures topics."""
+    for option in (
+        click.option("--duration", type=click.FloatRange(0.0, min_open=True), help="End after, s."),
+        click.option("-a", "--all", "every", is_flag=True, help="All topics of the graph."),
+        click.option(
+            "-w",
+            "--window",
+            type=click.IntRange(2, 1_000_000),
+            default=10_000,
+            show_default=True,
+            help="Messages over which figures are taken.",
+        ),
+        run_option,
+        click.argument("topics", nargs=-1, metavar="TOPIC..."),
+    ):
+        command = option(command)
+    return command
+
+
+@click.command("hz")
+@measuring_options
+def topic_hz_command(
+    topics: tuple[str, ...], run: str | None, window: int, every: bool, duration: float | None
+) -> None:
+    """Measure how often TOPICs are published, by their publishers' own numbers and times."""
+    from palpate.tools.introspection import rate_text
+
+    measure(topics, run, window=window, every=every, duration=duration, say=rate_text)
+
+
+@click.command("bw")
+@measuring_options
+def topic_bw_command(
+    topics: tuple[str, ...], run: str | None, window: int, every: bool, duration: float | None
+) -> None:
+    """Measure how many bytes a second TOPICs carry."""
+    from palpate.tools.introspection import bandwidth_text
+
+    measure(topics, run, window=window, every=every, duration=duration, say=bandwidth_text)
+
+
+@click.command("delay")
+@measuring_options
+def topic_delay_command(
+    topics: tuple[str, ...], run: str | None, window: int, every: bool, duration: float | None
+) -> None:
+    """Measure how long messages of TOPICs are on their way to this tool."""
+    from palpate.tools.introspection import delay_text
+
+    measure(topics, run, window=window, every=every, duration=duration, say=delay_text)
+
+
+def measure(
+    topics: tuple[str, ...],
+    run: str | None,
+    *,
+    window: int,
+    every: bool,
+    duration: float | None,
+    say: RateText,
+) -> None:
+    """Measure topics of a running graph until it ends, the time is over, or Ctrl-C."""
+    from palpate.tools.introspection import STATUS_TOPICS, RateMonitor, find_topics, topics_of
+
+    if every == bool(topics):
+        raise click.UsageError("name at least one topic, or take --all of them, not both")
+    card = card_of(run)
+    with as_input_errors():
+        if every:
+            found = [one for name, one in topics_of(card).items() if name not in STATUS_TOPICS]
+        else:
+            found = find_topics(card, topics)
+        RateMonitor(found, window, say, click.echo).run(card, found, duration)
+
+
+@click.command("pub")
+@click.argument("topic")
+@click.argument("body")
+@click.option("-r", "--rate", default=1.0, show_default=True, help="Messages in a second.")
+@click.option("-1", "--once", is_flag=True, help="Publish once.")
+@click.option("-t", "--times", type=click.IntRange(1), help="Publish so many times.")
+@click.option("--run", metavar="ID", help="Which running graph; the latest if left out.")
+def topic_pub_command(
+    topic: str, body: str, rate: float, once: bool, times: int | None, run: str | None
+) -> None:
+    r"""Publish BODY, a message's fields in YAML, on TOPIC.
+
+    A graph has one publisher for each topic. So what is to be spoken from outside belongs to a
+    console in its launch file:
+
+    \b
+        console: {params: {topics: {/finger/goal: TouchGoal}}}
+
+    What is published is recorded and heard like any other message.
+    """
+    from palpate.tools.introspection import publish
+
+    publish(topic, body, rate=rate, times=1 if once else times, run=run, echo=click.echo)

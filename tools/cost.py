@@ -1,0 +1,364 @@
+"""What the moves of a recorded run would have cost one robot or another.
+
+Fingers work at once, so a run takes as long as the slowest of them. A finger that waits does so
+until another one has come to the end of a move, which is seen from the recorded times; with
+another robot that move ends at another time, and the wait with it. Any other wait stays as it was.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+
+from palpate.core import (
+    ROBOTS,
+    Bools,
+    Floats,
+    MoveDurations,
+    MoveGeometry,
+    RobotPreset,
+    SlidingPreset,
+    move_durations,
+)
+from palpate.launch import find_bag
+from palpate.launch.files import InputError, hint
+from palpate.messages import CodecError, decode
+from palpate.messages.recording import Recording, open_recording
+from palpate.messages.types import ContourGoal, GraspContacts, ProbeGoal, TactileFrame
+from palpate.nodes.runtime import recorded_nodes
+
+# Of a time, in the order in which they are told.
+PARTS = ("travel", "approach", "dwell", "retract", "wait")
+# What a move was for; other where the recording has no goal for it.
+Phase = Literal["grasp", "contours", "probes", "other"]
+PHASES: tuple[Phase, ...] = get_args(Phase)
+Costs = dict[str, Any]
+TIME_TOLERANCE = 1e-9  # Times that differ by less of themselves are one: sums are rounded
+SIMULATOR = "palpate.nodes.simulator"
+HAND_FINGER = 1  # The hand is moved by the arm of this finger
+# What is read, by type: topics may have been given other names.
+KINDS: Mapping[str, type] = {
+    kind.__name__: kind for kind in (ContourGoal, ProbeGoal, TactileFrame, GraspContacts)
+}
+TITLE_WIDTH, COLUMN_WIDTH = 12, 10  # Widths, in letters
+
+
+def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:
+    """What a recorded run would have cost, by stable names with the unit in them.
+
+    Parameters
+    ----------
+    run : Path
+        A recording, or the folder of a run.
+    names : sequence of str
+        Robots; all that palpate knows if none is named.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be read or tells no moves, or a robot is unknown.
+    """
+    for name in names:
+        if name not in ROBOTS:
+            raise InputError(f"there is no robot {name!r}; {hint(name, ROBOTS)}")
+    return costs_of(read_moves(run), tuple(dict.fromkeys(names)) or tuple(ROBOTS))
+
+
+def costs_of(run: RunMoves, names: Sequence[str]) -> Costs:
+    """The same of moves that were read."""
+    closings = sum(one.phases.count("grasp") for one in run.fingers)
+    touches = sum(len(one.phases) for one in run.fingers) - closings
+    return {
+        "recording": str(run.path),
+        "complete": run.closed,
+        "fingers": len(run.fingers),
+        "touches": touches,
+        "closings": closings,
+        "recorded": _recorded_figures(run),
+        "robots": {name: _cost(run, name, touches) for name in names},
+    }
+
+
+def _recorded_figures(run: RunMoves) -> Costs:
+    """The recorded times against the sum of the moves, as the same robot makes them."""
+    slowest = max(run.fingers, key=lambda one: float(one.ends[-1]))
+    ended = float(slowest.ends[-1])
+    known = all(one.robot in ROBOTS for one in run.fingers)
+    missing = max(map(_missing, run.fingers)) if known else None
+    return {
+        "robot": slowest.robot,
+        "robot_time_s": ended,
+        "missing_s": missing,
+        "agrees": None if missing is None else missing <= TIME_TOLERANCE * ended,
+    }
+
+
+def _missing(finger: FingerMoves) -> float:
+    """By how much its moves, as its own robot makes them, miss its recorded time, s."""
+    made = move_durations(finger.moves, ROBOTS[str(finger.robot)]).total().sum()
+    return abs(float(made - finger.ends[-1]))
+
+
+def _cost(run: RunMoves, name: str, touches: int) -> Costs:
+    robot = ROBOTS[name]
+    made = [move_durations(moves, robot) for moves in with_recomputed_waits(run.fingers, robot)]
+    totals = [float(one.total().sum()) for one in made]
+    slowest = int(np.argmax(totals))
+    phases = np.array(run.fingers[slowest].phases)
+    total = totals[slowest]
+    return {
+        **_part_figures(made[slowest], np.ones(len(phases), dtype=bool)),
+        "per_touch_s": total / touches if touches else None,
+        "slowest_finger": run.fingers[slowest].finger,
+        "finger_s": {str(one.finger): s for one, s in zip(run.fingers, totals, strict=True)},
+        "phases": {
+            phase: _phase_figures(made[slowest], phases == phase)
+            for phase in PHASES
+            if phase != "other" or phase in phases
+        },
+    }
+
+
+def with_recomputed_waits(
+    fingers: Sequence[FingerMoves], robot: RobotPreset | SlidingPreset
+) -> list[MoveGeometry]:
+    """The moves of all fingers, with the waits that this robot would have.
+
+    Parameters
+    ----------
+    fingers : sequence of FingerMoves
+        What was recorded.
+    robot : Preset or Sliding
+        Who makes the moves.
+    """
+    work = [move_durations(one.moves._replace(wait=0.0 * one.moves.wait), robot) for one in fingers]
+    lasts = [one.total() for one in work]
+    waits = [one.moves.wait.copy() for one in fingers]
+    ends = [np.zeros(len(one.ends)) for one in fingers]
+    for end, finger, move in _by_end_time(fingers):
+        before = ends[finger][move - 1] if move else 0.0
+        if waits[finger][move] > TIME_TOLERANCE * end:
+            awaited = _awaited(fingers, MoveIndex(finger, move))
+            if awaited is not None:
+                waits[finger][move] = max(ends[awaited.finger][awaited.move] - before, 0.0)
+        ends[finger][move] = before + waits[finger][move] + lasts[finger][move]
+    return [one.moves._replace(wait=wait) for one, wait in zip(fingers, waits, strict=True)]
+
+
+def _by_end_time(fingers: Sequence[FingerMoves]) -> list[tuple[float, int, int]]:
+    """All moves as they ended: who is waited for comes before who waits."""
+    ends = [(end, i, k) for i, one in enumerate(fingers) for k, end in enumerate(one.ends.tolist())]
+    return sorted(ends)
+
+
+def _awaited(fingers: Sequence[FingerMoves], place: MoveIndex) -> MoveIndex | None:
+    """The other finger's move at whose end this one began; None if there is none."""
+    one, move = fingers[place.finger], place.move
+    begun = float(one.moves.wait[move]) + (float(one.ends[move - 1]) if move else 0.0)
+    for i, other in enumerate(fingers):
+        near = _nearest(other.ends, begun)
+        if i != place.finger and abs(float(other.ends[near]) - begun) <= TIME_TOLERANCE * begun:
+            return MoveIndex(i, near)
+    return None
+
+
+def _nearest(times: Floats, wanted: float) -> int:
+    return int(np.argmin(np.abs(times - wanted)))
+
+
+def _phase_figures(made: MoveDurations, which: Bools) -> Costs:
+    parts, moves = _part_figures(made, which), int(which.sum())
+    return {"moves": moves, **parts, "per_move_s": parts["total_s"] / moves if moves else None}
+
+
+def _part_figures(made: MoveDurations, which: Bools) -> Costs:
+    parts = {f"{part}_s": float(getattr(made, part)[which].sum()) for part in PARTS}
+    return {**parts, "total_s": float(made.total()[which].sum())}
+
+
+def read_moves(run: Path) -> RunMoves:
+    """The moves of a run.
+
+    Parameters
+    ----------
+    run : Path
+        A recording, or the folder of a run.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or does not tell its moves.
+    """
+    path = find_bag(run)
+    heard = _MoveCollector()
+    try:
+        recording = open_recording(path)
+        robots = _robots(recording)
+        for kept in recording.messages():
+            if kept.type in KINDS:
+                heard.take(kept.publisher, decode(KINDS[kept.type], kept.body))
+    except CodecError as error:
+        raise InputError(f"{path}: was recorded with other messages: {error}") from None
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    fingers = tuple(
+        FingerMoves(
+            number,
+            robots.get(finger.publisher),
+            MoveGeometry.of_rows(np.array(finger.rows)),
+            tuple(heard.phases.get(goal, "other") for goal in finger.goals),
+            np.array(finger.ends),
+        )
+        for number, finger in sorted(heard.fingers.items())
+    )
+    # The frame of a sensor that no arm moved has a move of nothing.
+    if not any((one.moves.approach > 0.0).any() for one in fingers):
+        raise InputError(f"{path}: holds no moves of an arm, so no robot's time follows from it")
+    return RunMoves(path, fingers, recording.closed)
+
+
+def _robots(recording: Recording) -> dict[str, str]:
+    """The preset of each simulator that was recorded, by its name in the graph."""
+    if not recording.graph:
+        return {}
+    found = {
+        one.name: json.loads(bytes(one.params)).get("robot")
+        for one in recorded_nodes(recording.graph)
+        if one.module == SIMULATOR
+    }
+    return {name: robot for name, robot in found.items() if isinstance(robot, str)}
+
+
+class MoveIndex(NamedTuple):
+    """One move of one finger."""
+
+    finger: int  # Place of the finger among them
+    move: int  # Place among its moves
+
+
+class FingerMoves(NamedTuple):
+    """What one finger did."""
+
+    finger: int  # Its number, from 1
+    robot: str | None  # Preset by which its times were made, if the recording says so
+    moves: MoveGeometry  # In their order
+    phases: tuple[Phase, ...]  # What each move was for
+    ends: Floats  # Recorded robot time at the end of each move, (n,), s
+
+
+class RunMoves(NamedTuple):
+    """What all fingers did."""
+
+    path: Path  # The recording
+    fingers: tuple[FingerMoves, ...]  # By their numbers; at least one
+    closed: bool  # Whether the recording is complete
+
+
+@dataclass(slots=True)
+class _Finger:
+    """One finger's moves as they come."""
+
+    publisher: str
+    rows: list[Floats] = field(default_factory=list)
+    goals: list[int | None] = field(default_factory=list)  # None where the hand closed
+    ends: list[float] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class _MoveCollector:
+    """A recording as it comes."""
+
+    fingers: dict[int, _Finger] = field(default_factory=dict)
+    phases: dict[int | None, Phase] = field(default_factory=lambda: {None: "grasp"})  # By goal
+    seen: set[tuple[int, int, int]] = field(default_factory=set)
+
+    def take(self, publisher: str, message: object) -> None:
+        """Keep one message."""
+        match message:
+            case ContourGoal():
+                self.phases[message.id] = "contours"
+            case ProbeGoal():
+                self.phases[message.id] = "probes"
+            case GraspContacts():
+                self._moved(publisher, HAND_FINGER, None, message)
+            case TactileFrame():
+                key = (message.finger, message.goal, message.touch)
+                if key not in self.seen:  # a link may deliver a frame twice
+                    self._moved(publisher, message.finger, message.goal, message)
+                self.seen.add(key)
+
+    def _moved(
+        self, publisher: str, number: int, goal: int | None, moved: TactileFrame | GraspContacts
+    ) -> None:
+        finger = self.fingers.setdefault(number, _Finger(publisher))
+        finger.rows.append(moved.move)
+        finger.goals.append(goal)
+        finger.ends.append(moved.robot_time)
+
+
+def robot_time_text(costs: Costs) -> str:
+    """The figures of `palpate.tools.robot_time`."""
+    fingers, closings = costs["fingers"], costs["closings"]
+    counts = [_many(costs["touches"], "touch", "touches")]
+    counts += [f"{_many(closings, 'closing', 'closings')} of the hand"] if closings else []
+    counts += [f"{fingers} fingers"] if fingers > 1 else []
+    lines = [_line("read", f"{costs['recording']}: {', '.join(counts)}"), *_recorded_lines(costs)]
+    for name, cost in costs["robots"].items():
+        lines += ["", *_table(name, cost, costs)]
+    return "\n".join(lines)
+
+
+def _many(count: int, one: str, more: str) -> str:
+    return f"{count} {one if count == 1 else more}"
+
+
+def _recorded_lines(costs: Costs) -> list[str]:
+    recorded = costs["recorded"]
+    robot, ended = recorded["robot"], recorded["robot_time_s"]
+    if recorded["agrees"]:
+        lines = [_line("recorded", f"{robot}, {ended:.1f} s: its moves add up to that")]
+    elif recorded["agrees"] is None:
+        lines = [
+            _line("recorded", f"{ended:.1f} s"),
+            _line("doubtful", "which robot made that is not known, so it cannot be checked"),
+        ]
+    else:
+        lines = [
+            _line("recorded", f"{robot}, {ended:.1f} s"),
+            _line(
+                "doubtful", f"its moves miss that by {recorded['missing_s']:.3g} s: some are lost"
+            ),
+        ]
+    if not costs["complete"]:
+        lines.append(_line("doubtful", "the recording was never closed: its end may be missing"))
+    return lines
+
+
+def _table(name: str, cost: Mapping[str, Any], costs: Costs) -> list[str]:
+    """One robot: where its time goes, phase by phase; of several fingers, the slowest."""
+    phases = {phase: one for phase, one in cost["phases"].items() if one["moves"]}
+    rows = [_row(f"{name}, s", [*phases, "all"])]
+    for part in (*PARTS, "total"):
+        each = [one[f"{part}_s"] for one in (*phases.values(), cost)]
+        rows.append(_row(part, [f"{value:.1f}" for value in each]))
+    moves = [one["moves"] for one in phases.values()]
+    rows.append(_row("moves", [str(count) for count in (*moves, sum(moves))]))
+    if costs["fingers"] > 1:
+        totals = [f"{number} {total:.1f} s" for number, total in cost["finger_s"].items()]
+        rows.append(_line("fingers", f"{', '.join(totals)}; the table is of the slowest"))
+    if cost["per_touch_s"] is not None:
+        rows.append(_line("a touch", f"{cost['per_touch_s']:.2f} s, all counted"))
+    return rows
+
+
+def _row(title: str, cells: list[str]) -> str:
+    return f"{title:<{TITLE_WIDTH}}" + "".join(f"{cell:>{COLUMN_WIDTH}}" for cell in cells)
+
+
+def _line(title: str, text: str) -> str:
+    return f"{title:<{TITLE_WIDTH}}{text}"

@@ -1,0 +1,279 @@
+"""Whether machine, installation and running graphs are well, and what to do if not."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import resource
+import shutil
+import sys
+from collections.abc import Iterator, Mapping
+from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import zmq
+
+from palpate import __version__
+from palpate.launch import VERSIONED_PACKAGES
+from palpate.launch.processes import FOLDER_PREFIX, SILENCE, RunCard, runtime_folder, stale_folders
+from palpate.tools.introspection.node_status import StatusSample, sample_status
+from palpate.tools.introspection.requests import request
+from palpate.tools.introspection.topics import is_running
+
+# Free space on a disk that makes a long recording doubtful, and any, bytes.
+LOW_SPACE, MIN_SPACE = 1 << 30, 1 << 24
+MIN_OPEN_FILES = 256  # Open files that a process needs, at the least
+_RANDOM = 8  # Letters that the name of a private folder has after its beginning
+_LONGEST_NAME = "control"
+# Variables of the environment by which palpate is affected.
+ENVIRONMENT_VARIABLES = (
+    "XDG_RUNTIME_DIR",
+    "TMPDIR",
+    "OPENBLAS_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "MKL_NUM_THREADS",
+)
+
+
+def machine_findings() -> Iterator[Finding]:
+    """What there is to say of machine and installation."""
+    yield fine(
+        f"palpate {__version__}, Python {platform.python_version()}, "
+        f"{platform.system()} {platform.machine()}"
+    )
+    yield packages_finding()
+    yield from zmq_findings()
+    yield compiled_finding("msgpack", "msgpack._cmsgpack", "messages are packed slowly")
+    yield compiled_finding("lz4", "lz4.frame", "recordings cannot be compressed")
+    yield compiled_finding("embreex", "embreex", "casts at meshes are slow")
+    yield space_finding(Path())
+    yield space_finding(runtime_folder())
+    yield socket_finding(runtime_folder())
+    yield cores_finding()
+    yield threads_finding()
+    yield files_finding()
+    yield proc_finding(Path("/proc"))
+    yield stale_finding(stale_folders())
+
+
+def packages_finding() -> Finding:
+    """Whether all is there that results and recordings depend on."""
+    found, missing = [], []
+    for name in VERSIONED_PACKAGES:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            missing.append(name)
+    if missing:
+        return failing(f"packages are missing: {', '.join(missing)}; install palpate once more")
+    return fine(f"packages: {', '.join(found)}")
+
+
+def zmq_findings() -> Iterator[Finding]:
+    """Whether ZeroMQ has what the bus uses."""
+    said = f"ZeroMQ {zmq.zmq_version()}"
+    if zmq.zmq_version_info() < (4, 3):
+        yield failing(f"{said} is too old, the bus needs 4.3; install a newer pyzmq")
+    elif not zmq.has("ipc"):
+        yield failing(f"{said} has no Unix sockets, which the bus needs; install another pyzmq")
+    elif not zmq.has("curve"):
+        yield doubtful(f"{said} cannot encrypt (no CURVE); do not let it leave this machine")
+    else:
+        yield fine(f"{said} with Unix sockets and CURVE")
+
+
+def compiled_finding(package: str, module: str, without: str) -> Finding:
+    """Whether the compiled part of a package is there."""
+    try:
+        there = find_spec(module) is not None
+    except ModuleNotFoundError:
+        there = False
+    if there:
+        return fine(f"{package} is there, compiled")
+    return doubtful(f"{package} is not there as compiled code, so {without}; install {package}")
+
+
+def space_finding(folder: Path) -> Finding:
+    """Whether a folder can be written, and has room."""
+    place = folder.resolve()
+    if not os.access(place, os.W_OK | os.X_OK):
+        return failing(f"{place} cannot be written; choose another folder")
+    free = shutil.disk_usage(place).free
+    said = f"{free / 1e9:.1f} GB free in {place}"
+    if free < MIN_SPACE:
+        return failing(f"{said}: make room")
+    return doubtful(f"{said}: a long recording may not fit") if free < LOW_SPACE else fine(said)
+
+
+def socket_finding(folder: Path) -> Finding:
+    """Whether the paths of sockets will be short enough."""
+    path = folder / f"{FOLDER_PREFIX}{'x' * _RANDOM}" / _LONGEST_NAME
+    length, most = len(os.fsencode(path)), zmq.IPC_PATH_MAX_LEN
+    if length > most:
+        return failing(
+            f"sockets in {folder} would have paths of {length} bytes, at most {most} will do; "
+            "set XDG_RUNTIME_DIR or TMPDIR to a folder with a shorter path"
+        )
+    return fine(f"paths of sockets have {length} of at most {most} bytes, in {folder}")
+
+
+def cores_finding() -> Finding:
+    """How many processor cores there are for the nodes."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    cores = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+    said = f"{cores} processor cores, load {os.getloadavg()[0]:.1f}"
+    if cores < 2:
+        return doubtful(f"{said}: nodes take turns; --composed is faster here")
+    return fine(said)
+
+
+def threads_finding() -> Finding:
+    """Whether linear algebra outside nodes keeps to one thread."""
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    limits = [f"{name}={os.environ[name]}" for name in names if name in os.environ]
+    said = ", ".join(limits) if limits else "this shell sets no limit for others"
+    return fine(f"linear algebra of nodes runs on one thread; {said}")
+
+
+def files_finding() -> Finding:
+    """How many files a process may have open."""
+    most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    said = f"at most {most} open files a process"
+    if 0 <= most < MIN_OPEN_FILES:
+        return doubtful(f"{said}, a large graph needs {MIN_OPEN_FILES}; raise it with ulimit -n")
+    return fine(said)
+
+
+def proc_finding(proc: Path) -> Finding:
+    """Whether the system says what a process does."""
+    if (proc / "self" / "stat").exists():
+        return fine(f"{proc} says what processes do")
+    return doubtful(f"there is no {proc}: a busy node cannot be told from one that hangs")
+
+
+def stale_finding(folders: list[Path]) -> Finding:
+    """What killed launchers have left."""
+    if not folders:
+        return fine("nothing is left of killed launchers")
+    names = ", ".join(path.name for path in folders)
+    return doubtful(f"killed launchers have left {names}; the next run takes them away")
+
+
+def graphs_findings(cards: list[RunCard]) -> Iterator[Finding]:
+    """What there is to say of each running graph."""
+    if not cards:
+        yield fine("no graph of yours is running")
+    for card in cards:
+        try:
+            answer = request(card, "status")
+            beats = sample_status(card, [n for n, one in answer["nodes"].items() if one["pid"]])
+        except ValueError as error:
+            if is_running(card):
+                yield failing(f"{error}; if it stays so, kill {card.pid}")
+            continue
+        yield from graph_findings(card, answer, beats)
+
+
+def graph_findings(
+    card: RunCard, answer: Mapping[str, Any], beats: Mapping[str, StatusSample]
+) -> Iterator[Finding]:
+    """What there is to say of one graph.
+
+    Parameters
+    ----------
+    card : Card
+        The running graph.
+    answer : mapping
+        What its launcher says.
+    beats : mapping of str to Beats
+        What its nodes say.
+    """
+    nodes, title = answer["nodes"], f"{card.run[:6]} ({card.name})"
+    faults = list(_faults(title, nodes, beats))
+    if faults:
+        yield from faults
+        return
+    handled = sum(one.status.messages for one in beats.values())
+    yield fine(
+        f"{title} runs for {answer['for_s']:.0f} s: {len(nodes)} nodes, "
+        f"{handled} messages handled, none missing"
+    )
+
+
+def _faults(
+    title: str, nodes: Mapping[str, Mapping[str, Any]], beats: Mapping[str, StatusSample]
+) -> Iterator[Finding]:
+    for name, about in nodes.items():
+        who = f"{title}: {name}"
+        if not about["pid"]:
+            yield doubtful(f"{who} does not run; if it should, see log.jsonl for why it ended")
+            continue
+        if about["restarts"]:
+            yield doubtful(f"{who} was started again {about['restarts']} times; see log.jsonl")
+        if about["silent_s"] > SILENCE:
+            yield doubtful(
+                f"{who} has been silent for {about['silent_s']:.0f} s: it works, or hangs"
+            )
+        if name in beats and beats[name].status.gaps:
+            yield failing(f"{who} misses {beats[name].status.gaps} messages: start the run anew")
+
+
+def doubtful(text: str) -> Finding:
+    """It works, but worse than it could."""
+    return Finding("WARN", text)
+
+
+def failing(text: str) -> Finding:
+    """It does not work."""
+    return Finding("FAIL", text)
+
+
+def fine(text: str) -> Finding:
+    """It is as it should be."""
+    return Finding("ok", text)
+
+
+class Finding(NamedTuple):
+    """One thing that was looked at."""
+
+    # ``WARN``: it works, but worse. ``FAIL``: it does not work.
+    level: Literal["ok", "WARN", "FAIL"]
+    text: str  # What was found, and what to do about it, in one sentence
+
+    def __str__(self) -> str:
+        return f"{self.level:<5}{self.text}"
+
+
+def report_lines(cards: list[RunCard]) -> Iterator[str]:
+    """Lines for whoever helps: system, packages, environment, running graphs."""
+    yield f"system    {platform.platform()}"
+    yield f"python    {sys.executable}, {platform.python_version()}"
+    for name in _required():
+        yield f"package   {name} {_version(name)}"
+    for name in ENVIRONMENT_VARIABLES:
+        yield f"variable  {name}={os.environ.get(name, '')}"
+    for card in cards:
+        yield (
+            f"graph     {card.run} ({card.name}), launcher {card.pid}, since {card.began}, "
+            f"in {card.folder or 'no run directory'}: {', '.join(one.name for one in card.nodes)}"
+        )
+
+
+def _required() -> list[str]:
+    """Names of the packages that palpate needs, if its installation says so."""
+    try:
+        lines = requires("palpate") or []
+    except PackageNotFoundError:
+        return []
+    plain = [line for line in lines if "extra ==" not in line]
+    return [match[0] for line in plain if (match := re.match(r"[A-Za-z0-9._-]+", line))]
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "is not installed"

@@ -1,0 +1,353 @@
+"""The messages of a topic as text, as they come: filtered, and counted if they were lost.
+
+A filter like ``touch > 3 and outcome == 'hit'`` compares fields with values, joined by ``and``,
+``or`` and brackets; nothing is run.
+"""
+
+from __future__ import annotations
+
+import operator
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from palpate.launch.files import hint
+from palpate.launch.processes import RunCard
+from palpate.messages import codec_of, decode
+from palpate.tools.introspection.message_text import TextStyle, csv_line, yaml_lines, yaml_value
+from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, type_of
+
+LOSS_INTERVAL = 1.0  # Losses are told at most this often, s
+QUIET_TIME = 3.0  # If nothing has come for so long, that is told, s
+Echo = Callable[[str], None]
+MessageFilter = Callable[[Mapping[str, Any]], bool]  # Whether a message, by its fields, is wanted
+MAX_FILTER_LENGTH = 1000  # Longest filter, characters
+MAX_FILTER_DEPTH = 20  # Most brackets within brackets
+_OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<=": operator.le,
+    ">=": operator.ge,
+    "<": operator.lt,
+    ">": operator.gt,
+}
+_WORDS = {"true": True, "True": True, "false": False, "False": False, "null": None, "None": None}
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_NAME = r"[A-Za-z_][A-Za-z0-9_]*"
+PATH_PATTERN = rf"{_NAME}(?:\.{_NAME}|\[[0-9]+\])*"  # Pattern of a path
+_TOKEN = re.compile(
+    rf"\s*(?:(?P<op>[=!<>]=|[<>])|(?P<bracket>[()])|(?P<number>{_NUMBER}(?![\w.]))"
+    rf"|(?P<text>'[^']*'|\"[^\"]*\")|(?P<word>{PATH_PATTERN}))\s*"
+)
+_SHAPE = "a filter looks like touch > 3 and (outcome == 'hit' or pose[2] < 0.01)"
+_STEP = re.compile(rf"\.?({_NAME})|\[([0-9]{{1,9}})\]")
+
+
+class EchoFormat(NamedTuple):
+    """What is shown of each message, and how."""
+
+    paths: tuple[FieldPath, ...] = ()  # The values wanted; all fields if there is none
+    style: TextStyle = TextStyle()
+    csv: bool = False
+    raw: bool = False  # Whether bytes are shown as they came, unread
+    wanted: MessageFilter | None = None  # Which messages are shown; all of them if None
+
+
+class LossReport:
+    """How many messages were sent and not heard.
+
+    Parameters
+    ----------
+    topic : str
+        Its name.
+    tell : callable
+        Takes a sentence.
+    """
+
+    def __init__(self, topic: str, tell: Echo) -> None:
+        self._topic, self._tell = topic, tell
+        self._lost = self._told = 0
+        self._due = 0.0
+
+    def add(self, lost: int, now: float) -> None:
+        """So many are missing more; tells of it from time to time."""
+        self._lost += lost
+        if now >= self._due:
+            self._due = now + LOSS_INTERVAL
+            self.tell()
+
+    def tell(self) -> None:
+        """Tell of what has not been told of."""
+        if self._lost > self._told:
+            self._told = self._lost
+            self._tell(f"{self._topic}: {self._lost} messages lost on the way here so far")
+
+
+def echo_topic(
+    card: RunCard,
+    topic: Topic,
+    form: EchoFormat,
+    *,
+    most: int | None,
+    say: Echo,
+    tell: Echo,
+    losses: LossReport,
+) -> None:
+    """Show the messages of a topic until the graph ends, or enough have been shown.
+
+    Parameters
+    ----------
+    card, topic
+        Whose, and what.
+    form : Form
+        How they are shown.
+    most : int, optional
+        How many.
+    say : callable
+        Takes a text for each message.
+    tell : callable
+        Is told what is odd.
+    losses : Losses
+        Counts what did not come.
+
+    Raises
+    ------
+    ValueError
+        If what comes is not what the topic carries, or cannot be compared as the filter asks.
+    """
+    with TapSubscription(card, [topic]) as hearing:
+        shown = 0
+        for heard in _received(hearing, topic, losses, tell):
+            text = message_text(topic, heard, form)
+            if text is None:
+                continue
+            say(text)
+            shown += 1
+            if shown == most:
+                break
+    losses.tell()
+
+
+def _received(
+    hearing: TapSubscription, topic: Topic, losses: LossReport, tell: Echo
+) -> Iterator[TapMessage]:
+    quiet: float | None = time.monotonic() + QUIET_TIME
+    for batch in hearing.batches():
+        for heard in batch:
+            quiet = None
+            losses.add(heard.lost, time.monotonic())
+            yield heard
+        if quiet is not None and time.monotonic() > quiet:
+            quiet = None
+            tell(f"nothing has come on {topic.name} yet; what was said before is not said again")
+
+
+def message_text(topic: Topic, heard: TapMessage, form: EchoFormat) -> str | None:
+    """A message as text; None if the filter does not want it."""
+    if form.raw and form.wanted is None:
+        return f"{heard.body!r}\n---"
+    fields = fields_of(topic, heard)
+    if form.wanted is not None and not form.wanted(fields):
+        return None
+    if form.raw:
+        return f"{heard.body!r}\n---"
+    if not form.paths:
+        if form.csv:
+            return csv_line(list(fields.values()), form.style)
+        return "\n".join([*yaml_lines(fields, form.style), "---"])
+    values = [_value_at(path, fields) for path in form.paths]
+    if form.csv:
+        return csv_line(values, form.style)
+    shown = [yaml_value(value, form.style) for value in values]
+    if len(shown) > 1:
+        shown = [f"{p.text}: {text}" for p, text in zip(form.paths, shown, strict=True)]
+    return "\n".join([*shown, "---"])
+
+
+def fields_of(topic: Topic, heard: TapMessage) -> dict[str, Any]:
+    """Name of each field of a message to its value.
+
+    Raises
+    ------
+    ValueError
+        If the message is not of the topic's type as it is known here.
+    """
+    cls = type_of(topic)
+    codec = codec_of(cls)
+    if heard.header.schema != codec.hash:
+        raise ValueError(
+            f"{topic.name} carries a {topic.type} with other fields than this palpate knows: "
+            "the graph was started by another version"
+        )
+    return dict(zip(codec.names, codec.values(decode(cls, heard.body)), strict=True))
+
+
+def _value_at(path: FieldPath, fields: dict[str, Any]) -> Any:
+    try:
+        return path.of(fields)
+    except LookupError:
+        return None
+
+
+def read_filter(text: str, cls: type) -> MessageFilter:
+    """A filter for messages of one type.
+
+    Raises
+    ------
+    ValueError
+        If it is not made of such comparisons, or the type has no such field.
+    """
+    if len(text) > MAX_FILTER_LENGTH:
+        raise ValueError(f"a filter has at most {MAX_FILTER_LENGTH} characters, got {len(text)}")
+    reader = _Reader(_tokens(text), cls)
+    wanted = reader.either()
+    if reader.next()[0]:
+        raise ValueError(f"--filter: {reader.next()[1]!r} is one too many; {_SHAPE}")
+    return wanted
+
+
+def _tokens(text: str) -> list[tuple[str, str]]:
+    found, at = [], len(text) - len(text.lstrip())
+    while at < len(text):
+        match = _TOKEN.match(text, at)
+        if match is None:
+            raise ValueError(f"--filter: cannot read {text[at : at + 20]!r}; {_SHAPE}")
+        kind = str(match.lastgroup)
+        found.append((kind, match[kind]))
+        at = match.end()
+    return found
+
+
+class _Reader:
+    """Reads a filter from left to right; ``and`` binds more tightly than ``or``."""
+
+    def __init__(self, tokens: list[tuple[str, str]], cls: type) -> None:
+        self._tokens, self._cls, self._at, self._depth = tokens, cls, 0, 0
+
+    def next(self) -> tuple[str, str]:
+        """Kind and text of what is read next; empty at the end."""
+        return self._tokens[self._at] if self._at < len(self._tokens) else ("", "")
+
+    def either(self) -> MessageFilter:
+        """Parts joined by ``or``."""
+        parts = [self._all()]
+        while self._took("word", "or"):
+            parts.append(self._all())
+        return lambda fields: any(part(fields) for part in parts)
+
+    def _all(self) -> MessageFilter:
+        parts = [self._one()]
+        while self._took("word", "and"):
+            parts.append(self._one())
+        return lambda fields: all(part(fields) for part in parts)
+
+    def _one(self) -> MessageFilter:
+        if self._took("bracket", "("):
+            return self._bracket()
+        path = read_path(self._take("word", "a field"), self._cls)
+        compare = _OPERATORS[self._take("op", f"one of {' '.join(_OPERATORS)}")]
+        return _comparison(path, compare, self._value())
+
+    def _bracket(self) -> MessageFilter:
+        self._depth += 1
+        if self._depth > MAX_FILTER_DEPTH:
+            raise ValueError(
+                f"--filter: more than {MAX_FILTER_DEPTH} brackets within brackets; {_SHAPE}"
+            )
+        inner = self.either()
+        if not self._took("bracket", ")"):
+            raise ValueError(f"--filter: a bracket is not closed; {_SHAPE}")
+        self._depth -= 1
+        return inner
+
+    def _value(self) -> Any:
+        kind, text = self.next()
+        if kind == "number":
+            self._at += 1
+            return int(text) if text.lstrip("+-").isdigit() else float(text)
+        if kind == "text":
+            self._at += 1
+            return text[1:-1]
+        if kind == "word" and text in _WORDS:
+            self._at += 1
+            return _WORDS[text]
+        got = f"got {text!r}" if kind else "it ends there"
+        raise ValueError(f"--filter: expected a number, 'text', true, false or null; {got}")
+
+    def _take(self, kind: str, what: str) -> str:
+        got, text = self.next()
+        if got != kind:
+            came = f"got {text!r}" if got else "it ends there"
+            raise ValueError(f"--filter: expected {what}; {came}; {_SHAPE}")
+        self._at += 1
+        return text
+
+    def _took(self, kind: str, text: str) -> bool:
+        if self.next() != (kind, text):
+            return False
+        self._at += 1
+        return True
+
+
+def read_path(text: str, cls: type) -> FieldPath:
+    """A path in messages of one type; ``m.`` before it means the message and may be left out.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read, or the type has no such field.
+    """
+    wanted = text.removeprefix("m.")
+    if not re.fullmatch(PATH_PATTERN, wanted):
+        raise ValueError(f"{text!r} is no field; expected something like pose[2] or robot_time")
+    steps = tuple(int(index) if index else name for name, index in _STEP.findall(wanted))
+    known = codec_of(cls).names
+    if steps[0] not in known:
+        raise ValueError(f"{cls.__name__} has no field {steps[0]!r}; {hint(str(steps[0]), known)}")
+    return FieldPath(text, steps)
+
+
+def _comparison(path: FieldPath, compare: Callable[[Any, Any], bool], wanted: Any) -> MessageFilter:
+    orders = compare not in (operator.eq, operator.ne)
+
+    def holds(fields: Mapping[str, Any]) -> bool:
+        try:
+            value = path.of(fields)
+        except LookupError:
+            return False
+        if isinstance(value, (np.ndarray, tuple, Mapping)):
+            raise ValueError(
+                f"--filter: {path.text} holds several values; name one, as {path.text}[0]"
+            )
+        if orders and (value is None or wanted is None):
+            return False
+        if orders and isinstance(value, str) != isinstance(wanted, str):
+            raise ValueError(f"--filter: {path.text} is {value!r}; {wanted!r} is of another kind")
+        return compare(value, wanted)
+
+    return holds
+
+
+class FieldPath(NamedTuple):
+    """Steps from a message to one of its values."""
+
+    text: str  # As it was written
+    steps: tuple[str | int, ...]  # Field, then keys of tables and indices of sequences
+
+    def of(self, fields: Mapping[str, Any]) -> Any:
+        """The value at this path.
+
+        Raises
+        ------
+        LookupError
+            If this message has none there.
+        """
+        value: Any = fields
+        for step in self.steps:
+            if not isinstance(value, (np.ndarray, tuple) if isinstance(step, int) else Mapping):
+                raise LookupError(self.text)
+            value = value[step]  # type: ignore[index]
+        return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,18 @@
+"""Recorded graphs run again: nodes compared message by message, and runs that go on.
+
+What counts as a difference is in `comparison`. Rests on the pure handlers of palpate.nodes and on
+palpate.messages.recording.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.tools.replay.rerun import replay as replay
+    from palpate.tools.replay.resumption import past_differences as past_differences
+    from palpate.tools.replay.resumption import plan_resume as plan_resume
+else:
+    __getattr__, __dir__ = lazy(__name__)

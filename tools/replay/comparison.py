@@ -1,0 +1,243 @@
+"""Recorded messages beside those published now: what has changed, field by field."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import deque
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import numpy as np
+
+from palpate.messages import CodecError, decode, first_difference, schema, shortened
+
+# What is not measured but counted: arrays of another shape, tables with other keys, elements of a
+# mask, texts and the like, and bodies that differ though their values do not.
+ChangeKind = Literal["shape", "keys", "element", "value", "byte"]
+# Units of single numbers, where a field names fewer than it has numbers: a pose.
+POSE_UNITS = {"m, 1": ("m",) * 3 + ("1",) * 4}
+
+
+class TopicComparison:
+    """The messages of one topic; those that wait for their counterpart are held.
+
+    Parameters
+    ----------
+    topic : str
+        The topic on the wire.
+    cls : type
+        Type of its messages.
+    """
+
+    def __init__(self, topic: str, cls: type) -> None:
+        self.topic = topic
+        self.compared = 0
+        """Messages that were compared."""
+        self.differ = 0
+        """Messages of them that differ."""
+        self.fewer = 0
+        """Messages that were recorded, but are not said now."""
+        self.more = 0
+        """Messages that are said now, but were not recorded."""
+        self.changes = TopicChanges(cls)
+        """Field by field."""
+        self.first = ""
+        """The first difference, in words; empty as long as there is none."""
+        self._cls = cls
+        self._then: deque[bytes] = deque()
+        self._now: deque[bytes] = deque()
+        self._silent, self._unsaid = False, 0
+
+    def recorded(self, body: bytes) -> None:
+        """Take the next message that was recorded."""
+        self._then.append(body)
+        self._compare()
+        if self._silent:
+            self.fall_silent()
+
+    def said(self, body: bytes) -> None:
+        """Take the next message that is said now."""
+        self._now.append(body)
+        self._compare()
+
+    def fall_silent(self) -> None:
+        """Nothing is said any more: what was recorded is counted, but not held."""
+        self._silent = True
+        self._unsaid += len(self._then)
+        self._then.clear()
+
+    def end(self, *, closed: bool) -> None:
+        """Count what one side said and the other did not, if all was recorded."""
+        if not closed:
+            return
+        self.fewer, self.more = self._unsaid + len(self._then), len(self._now)
+        if not self.first and self.fewer:
+            self.first = f"{self.topic} {self.compared}: recorded, but not said again"
+        elif not self.first and self.more:
+            self.first = f"{self.topic} {self.compared}: said now, but not recorded"
+
+    def _compare(self) -> None:
+        if not (self._then and self._now):
+            return
+        then, now, seq = self._then.popleft(), self._now.popleft(), self.compared
+        self.compared += 1
+        if then == now:
+            return
+        self.differ += 1
+        self.changes.add(seq, then, now)
+        found = None if self.first else first_difference(self._cls, then, now)
+        if found is not None:
+            field, before, after = found
+            self.first = f"{self.topic} {seq} {field}: recorded {before}, now {after}"
+
+
+@dataclasses.dataclass(slots=True)
+class ChangeNote:
+    """Changes that have no size."""
+
+    count: int  # How many
+    then: str  # Before the first of them
+    now: str  # After it
+
+
+@dataclasses.dataclass(slots=True)
+class FieldChange:
+    """What has become of one field of a topic's messages.
+
+    Numbers are measured over all numbers of the field in the messages in which it differs.
+    """
+
+    unit: str  # Unit of the numbers; empty if it is no quantity
+    first: int  # Sequence of the first message in which it differs
+    differ: int = 0  # Messages in which it differs
+    numbers: int = 0  # Numbers that were measured
+    largest: float = 0.0  # The largest absolute change of a number
+    squares: float = 0.0  # Sum of the squared changes
+    # What was counted.
+    notes: dict[ChangeKind, ChangeNote] = dataclasses.field(default_factory=dict)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square change of a number."""
+        return math.sqrt(self.squares / self.numbers) if self.numbers else 0.0
+
+    def measure(self, then: Any, now: Any) -> None:
+        """Take up a number, or an array of numbers, that differs."""
+        with np.errstate(over="ignore"):  # beyond all floats it is infinite, and shown like that
+            change = np.asarray(now, np.float64) - np.asarray(then, np.float64)
+            self.squares += float(np.square(change).sum())
+        self.numbers += change.size
+        self.largest = max(self.largest, float(np.abs(change).max()))
+
+    def note(self, kind: ChangeKind, count: int, then: str, now: str) -> None:
+        """Take up changes that have no size."""
+        if kind in self.notes:
+            self.notes[kind].count += count
+        else:
+            self.notes[kind] = ChangeNote(count, then, now)
+
+
+class TopicChanges:
+    """The changes of one topic's messages.
+
+    Parameters
+    ----------
+    cls : type
+        The message type.
+    """
+
+    def __init__(self, cls: type) -> None:
+        self._cls = cls
+        self._fields: dict[str, FieldChange] = {}
+        self._units = {name: _unit(one) for name, one in schema(cls)["properties"].items()}
+        self._seq = 0
+        self._touched: set[str] = set()
+
+    @property
+    def fields(self) -> dict[str, FieldChange]:
+        """In the order of the type; a field by its parts if these have different units."""
+        places = {name: place for place, name in enumerate(self._units)}
+        names = sorted(self._fields, key=lambda name: places.get(name.partition("[")[0], -1))
+        return {name: self._fields[name] for name in names}
+
+    def add(self, seq: int, then: bytes, now: bytes) -> None:
+        """Take up two bodies that differ; they are the message `seq` then and now."""
+        self._seq, self._touched = seq, set()
+        try:
+            before: Any = decode(self._cls, then)
+            after: Any = decode(self._cls, now)
+        except CodecError as error:
+            self._change("bytes").note("byte", 1, f"{len(then)} bytes", str(error))
+            return
+        for name in self._units:
+            self._compare(name, getattr(before, name), getattr(after, name))
+        if not self._touched:
+            self._change("bytes").note("byte", 1, f"{len(then)} bytes", f"{len(now)} bytes")
+
+    def _compare(self, name: str, then: Any, now: Any) -> None:
+        if isinstance(then, np.ndarray) and isinstance(now, np.ndarray):
+            self._compare_arrays(name, then, now)
+        elif isinstance(then, dict) and isinstance(now, dict):
+            self._compare_tables(name, then, now)
+        elif repr(then) == repr(now):
+            return
+        elif _is_number(then) and _is_number(now):
+            self._change(name, self._units[name]).measure(then, now)
+        else:
+            self._change(name).note("value", 1, shortened(then), shortened(now))
+
+    def _compare_arrays(self, name: str, then: Any, now: Any) -> None:
+        if then.shape != now.shape:
+            self._change(name).note("shape", 1, str(then.shape), str(now.shape))
+            return
+        for part, where, unit in _parts(self._units[name], then.shape):
+            before, after = then[where], now[where]
+            if before.tobytes() == after.tobytes():
+                continue
+            if then.dtype.kind in "fi":
+                self._change(name + part, unit).measure(before, after)
+            else:  # a mask, or bytes that mean something only to who packed them
+                other = before != after
+                first = (shortened(one[other][0].item()) for one in (before, after))
+                self._change(name + part).note("element", int(other.sum()), *first)
+
+    def _compare_tables(self, name: str, then: dict[str, float], now: dict[str, float]) -> None:
+        if then.keys() != now.keys():
+            lost, new = sorted(then.keys() - now.keys()), sorted(now.keys() - then.keys())
+            self._change(name).note("keys", 1, shortened(lost), shortened(new))
+        for key in sorted(then.keys() & now.keys()):
+            if repr(then[key]) != repr(now[key]):
+                self._change(f"{name}[{key!r}]").measure(then[key], now[key])
+
+    def _change(self, field: str, unit: str = "") -> FieldChange:
+        """The change of a field, in which the message differs."""
+        change = self._fields.setdefault(field, FieldChange(unit, self._seq))
+        change.unit = change.unit or unit
+        change.differ += field not in self._touched
+        self._touched.add(field)
+        return change
+
+
+def _unit(described: dict[str, Any]) -> str:
+    """The unit in the schema of a field, which may be one that can be null."""
+    unit: str = described.get("unit") or described.get("anyOf", [{}])[0].get("unit", "")
+    return unit
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _parts(unit: str, shape: tuple[int, ...]) -> Iterator[tuple[str, slice, str]]:
+    """Stretches of an array with one unit each, and what is put behind the field's name."""
+    units = POSE_UNITS.get(unit, tuple(unit.split(", ")))
+    if len(units) == 1 or (len(units),) != shape:
+        yield "", slice(None), unit
+        return
+    start = 0
+    for end in range(1, len(units) + 1):
+        if end == len(units) or units[end] != units[start]:
+            where = str(start) if end == start + 1 else f"{start}:{end}"
+            yield f"[{where}]", slice(start, end), units[start]
+            start = end

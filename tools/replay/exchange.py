@@ -1,0 +1,326 @@
+"""Replayed nodes, and the messages between them: recorded ones, and those published now.
+
+The k-th message that a replayed node publishes on a topic is handed over in place of the k-th that
+was recorded of it. If it publishes fewer, its subscribers receive no more; if it publishes more,
+they receive the rest after all that was recorded.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import count
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.launch import search_current_folder
+from palpate.messages import Header, schema_hash
+from palpate.messages.bus import Received
+from palpate.messages.recording import RecordedMessage, Recording
+from palpate.nodes.runtime import (
+    ContractError,
+    Finished,
+    Node,
+    NodeWork,
+    Outgoing,
+    RecordedNode,
+    Wiring,
+    load_node,
+    recorded_nodes,
+)
+from palpate.tools.replay.comparison import TopicComparison
+
+# A recording names modules to import; others than ours only if the user names the node.
+OWN_PACKAGE = "palpate."
+
+
+class Shortage(NamedTuple):
+    """A topic of which replayed nodes heard fewer or more messages than had been recorded."""
+
+    topic: str
+    publisher: str
+    listeners: tuple[str, ...]
+    fewer: int
+    more: int
+
+
+@dataclass(slots=True)
+class _Link:
+    """A topic that a replayed node says and replayed nodes hear."""
+
+    publisher: str
+    # Said now, before their place has come; numbered in the order in which they were said.
+    waiting: deque[tuple[int, Outgoing]] = field(default_factory=deque)
+    owed: int = 0  # Places that have come before their messages were said
+    heard: int = 0
+    more: int = 0  # Messages heard after all that was recorded
+
+
+class MessageExchange:
+    """Replayed nodes, and what is under way between them.
+
+    Parameters
+    ----------
+    players : sequence of Player
+        The nodes.
+    """
+
+    def __init__(self, players: Sequence[ReplayedNode]) -> None:
+        self._players = players
+        self._listeners: dict[str, list[ReplayedNode]] = {}
+        for player in players:
+            for topic in player.hears:
+                self._listeners.setdefault(topic, []).append(player)
+        self._links = {
+            topic: _Link(player.name)
+            for player in players
+            for topic in player.says
+            if topic in self._listeners
+        }
+        self._ready: deque[tuple[str, Header, bytes]] = deque()
+        self._numbers = count()
+        self._ended = False
+
+    def begin(self) -> None:
+        """Start the nodes."""
+        for player in self._players:
+            self._take(player.begin())
+
+    def hear(self, kept: RecordedMessage) -> None:
+        """Take the next recorded message.
+
+        Raises
+        ------
+        ValueError
+            If it is of another version than the nodes are.
+        """
+        for player in self._players:
+            player.check(kept)
+            player.had_said(kept)
+        link = self._links.get(kept.topic)
+        if link is None:
+            header = Header(kept.run, kept.epoch, kept.seq, kept.sent_ns, 0.0, kept.schema)
+            self._ready.append((kept.topic, header, kept.body))
+        elif link.waiting:
+            self._pass_on(link, link.waiting.popleft()[1])
+        else:
+            link.owed += 1
+        self._deliver()
+
+    def end(self) -> None:
+        """Hand over what was said beyond the recorded, until all is quiet."""
+        self._ended = True
+        rest = [one for link in self._links.values() for one in link.waiting]
+        for link in self._links.values():
+            link.waiting.clear()
+        self._take(parcel for _, parcel in sorted(rest, key=lambda one: one[0]))
+        self._deliver()
+
+    def shortages(self) -> tuple[Shortage, ...]:
+        """Topics of which other numbers were heard than had been recorded."""
+        return tuple(
+            Shortage(
+                topic,
+                link.publisher,
+                tuple(player.name for player in self._listeners[topic]),
+                link.owed,
+                link.more,
+            )
+            for topic, link in self._links.items()
+            if link.owed or link.more
+        )
+
+    def _take(self, said: Iterable[Outgoing]) -> None:
+        for parcel in said:
+            link = self._links.get(parcel.topic)
+            if link is None:
+                continue
+            if link.owed:
+                link.owed -= 1
+                self._pass_on(link, parcel)
+            elif self._ended:
+                link.more += 1
+                self._pass_on(link, parcel)
+            else:
+                link.waiting.append((next(self._numbers), parcel))
+
+    def _pass_on(self, link: _Link, parcel: Outgoing) -> None:
+        header = Header(0, 0, link.heard, 0, parcel.robot_time, parcel.schema)
+        link.heard += 1
+        self._ready.append((parcel.topic, header, parcel.body))
+
+    def _deliver(self) -> None:
+        while self._ready:
+            topic, header, body = self._ready.popleft()
+            for player in self._listeners.get(topic, ()):
+                self._take(player.hear(topic, header, body))
+
+
+class ReplayedNode:
+    """A node under replay.
+
+    Parameters
+    ----------
+    chosen : Chosen
+        The node.
+
+    Raises
+    ------
+    ValueError
+        If it was recorded with topics that it has no more.
+    """
+
+    def __init__(self, chosen: ReplayNode) -> None:
+        node, wiring = chosen
+        self.name = wiring.name
+        try:
+            self._work = NodeWork(node, wiring.params, wiring)
+        except ContractError as error:
+            raise ValueError(f"{error}; it was recorded with another version of it") from None
+        self.failure = ""
+        """What it raised and when, in words; it hears and says no more after that."""
+        self.first = ""
+        """Its first difference, in words."""
+        self.says = {
+            topic: TopicComparison(topic, node.outputs[local])
+            for local, topic in wiring.outputs.items()
+        }
+        """What it says, by topic."""
+        self.hears = {one.topic: node.inputs[one.local][0] for one in wiring.inputs}
+        """Types of what it hears, by topic."""
+        self._types = {wiring.outputs[local]: node.outputs[local] for local in wiring.outputs}
+        self._types |= self.hears
+        self._publishers = {one.topic: one.publisher for one in wiring.inputs}
+
+    def begin(self) -> list[Outgoing]:
+        """Start the node; what it says."""
+        return self._run(self._work.begin)
+
+    def hear(self, topic: str, header: Header, body: bytes) -> list[Outgoing]:
+        """Hand it one message; what it says."""
+        arrival = Received(self._publishers[topic], topic, header, body)
+        return [] if self.failure else self._run(lambda: self._work.take(arrival))
+
+    def check(self, kept: RecordedMessage) -> None:
+        """Refuse a recorded message of a topic of its own that is of another version.
+
+        Raises
+        ------
+        ValueError
+            If its schema is not that of today.
+        """
+        cls = self._types.get(kept.topic)
+        if cls is not None and kept.schema != schema_hash(cls):
+            raise ValueError(
+                f"{kept.topic} was recorded with another version of {cls.__name__} "
+                f"(schema {kept.schema:08x}, now {schema_hash(cls):08x})"
+            )
+
+    def had_said(self, kept: RecordedMessage) -> None:
+        """Compare with what it had said, if the recorded message was its own."""
+        if kept.topic in self.says:
+            comparison = self.says[kept.topic]
+            comparison.recorded(kept.body)
+            self.first = self.first or comparison.first
+
+    def end(self, *, closed: bool) -> None:
+        """Count what was said only then or only now, if all was recorded."""
+        for comparison in self.says.values():
+            comparison.end(closed=closed)
+            self.first = self.first or comparison.first
+
+    def _run(self, act: Callable[[], list[Outgoing | Finished]]) -> list[Outgoing]:
+        try:
+            said = act()
+        except Exception as error:  # The edge of the node: whatever it was must be told in words.
+            text = " ".join(str(error).split())
+            self.failure = f"{type(error).__name__} {self._work.doing}: {text}"
+            for comparison in self.says.values():
+                comparison.fall_silent()
+            return []
+        parcels = [one for one in said if isinstance(one, Outgoing)]
+        for topic, body, *_ in parcels:
+            self.says[topic].said(body)
+            self.first = self.first or self.says[topic].first
+        return parcels
+
+
+class ReplayNode(NamedTuple):
+    """A node that is run again."""
+
+    node: Node  # What it does
+    wiring: Wiring  # Its place in the recorded graph, and its parameters
+
+
+def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode, ...]:
+    """Load the named nodes; all that can be replayed exactly if none is named.
+
+    A node that heard one publisher beside its needs is replayed exactly: of two publishers it may
+    have heard the other one first.
+
+    Raises
+    ------
+    ValueError
+        If the recording does not describe its graph, a node is unknown, a sink, cannot be
+        loaded or has other parameters by now, or none can be replayed exactly.
+    """
+    if not recording.graph:
+        raise ValueError(f"recording {recording.path} does not say which nodes made it")
+    known = {one.name: one for one in recorded_nodes(recording.graph)}
+    for name in names:
+        if name not in known:
+            raise ValueError(f"recording {recording.path} has no node {name!r}; it has {[*known]}")
+    chosen = []
+    for one in [known[name] for name in dict.fromkeys(names)] or known.values():
+        if not names and not one.module.startswith(OWN_PACKAGE):
+            continue
+        if not one.module.startswith(OWN_PACKAGE):
+            search_current_folder(f"{one.module}:NODE")
+        node = load_node(one.module)
+        if isinstance(node, Node) and (names or _is_exact(one, node, recording)):
+            chosen.append(ReplayNode(node, one.wiring(node.params)))
+        elif names:
+            raise ValueError(
+                f"{one.name} is no node that hears and says: there is nothing to be compared"
+            )
+    if not chosen:
+        raise ValueError(f"recording {recording.path} has no node that can be replayed exactly")
+    return tuple(chosen)
+
+
+def _is_exact(place: RecordedNode, node: Node, recording: Recording) -> bool:
+    """Whether the recorded order is sure to be the order in which the node heard."""
+    heard = [one for one in place.inputs if recording.counts.get(one.topic)]
+    return len({one.publisher for one in heard if one.local not in node.needs}) <= 1
+
+
+def in_order_of_sending(recording: Recording) -> Iterator[RecordedMessage]:
+    """Messages by the time at which they were sent; those of one time as they were heard.
+
+    Processes of one machine share the clock, so no effect comes before its cause.
+
+    Parameters
+    ----------
+    recording : Recording
+        What to read; it is read twice.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read, or loses messages while it is read.
+    """
+    sent = np.fromiter((kept.sent_ns for kept in recording.messages()), np.uint64)
+    turns = iter(np.argsort(sent, kind="stable").tolist())
+    early: dict[int, RecordedMessage] = {}
+    turn = next(turns, None)
+    for place, kept in enumerate(recording.messages()):
+        early[place] = kept
+        while turn in early:
+            yield early.pop(turn)
+            turn = next(turns, None)
+        if turn is None:
+            return
+    if turn is not None:
+        raise ValueError(f"recording {recording.path} became shorter while it was read")

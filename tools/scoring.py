@@ -1,0 +1,382 @@
+"""A solid measured against a CAD model or against measured points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core import FORM_KEY, inverse_pose, transform_points
+from palpate.core.geometry import (
+    Alignment,
+    PreparedSurface,
+    Solidity,
+    align,
+    compare_surfaces,
+    facet_sag,
+    nearest_points,
+    prepare_surface,
+    self_intersection,
+    solidity,
+    triangle_corners,
+)
+from palpate.launch.files import (
+    MAX_MESH_BYTES,
+    METRES_PER_UNIT,
+    InputError,
+    load,
+    read_bounded,
+    read_cloud,
+    read_npz,
+    read_surface,
+)
+
+MAX_SIZE_RATIO = 5.0  # Times as large or as small: one of the units is probably wrong
+ScoreRecord = Mapping[str, Any]
+# Unit of a format if the user does not say, where it is not the metre: as palpate writes it.
+OWN_UNITS = {".stl": "mm"}
+POINT_SUFFIXES = (".csv", ".xyz", ".txt")  # Formats that hold points alone
+MIN_POINTS = 6  # Points, so that they say anything
+MAX_COORDINATE = 1e30  # Coordinate, m, of which powers are still numbers
+
+
+def score(
+    model: Path,
+    reference: Path,
+    *,
+    unit: str | None = None,
+    reference_unit: str | None = None,
+    aligned: bool = False,
+) -> ScoreRecord:
+    """Distances between a model and what it should be, by stable names.
+
+    Parameters
+    ----------
+    model : Path
+        A surface.
+    reference : Path
+        A surface, or points; against points the distances are one-sided.
+    unit, reference_unit : str, optional
+        Units of their coordinates; see `read_mesh_or_points`.
+    aligned : bool
+        Move the model onto the reference first, rigidly.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or does not hold what it must.
+    """
+    solid = _outwards(read_mesh_or_points(model, unit))
+    wanted = _outwards(read_mesh_or_points(reference, reference_unit))
+    if not len(solid.faces):
+        raise InputError(f"{model}: holds points; the model must be a surface")
+    surface = _prepared(model, solid)
+    shared = {
+        "model": str(model),
+        "reference": str(reference),
+        "unit": solid.unit,
+        "reference_unit": wanted.unit,
+        "one_sided": not len(wanted.faces),
+        **_size_figures(solid, wanted),
+        **_solid_figures(solid),
+    }
+    if len(wanted.faces):
+        return {**shared, **_against_surface(surface, solid, reference, wanted, aligned)}
+    return {**shared, **_against_points(surface, wanted.vertices, aligned)}
+
+
+def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
+    """What a file holds.
+
+    Parameters
+    ----------
+    path : Path
+        A surface (PLY, STL, OBJ, OFF, GLB, or an NPZ file of a run or of `palpate.save`),
+        closed or not; or points (CSV, or a PLY without faces).
+    unit : str or None
+        Unit of its coordinates: ``m``, ``cm`` or ``mm``; as palpate writes it if None, which is
+        mm for STL and m for all others.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or holds neither.
+    """
+    shape = _read(path, unit)
+    size = float(np.abs(shape.vertices).max(initial=0.0))
+    if len(shape.vertices) and np.isfinite(size) and not size <= MAX_COORDINATE:
+        raise InputError(
+            f"{path}: reaches {size:g} m from the origin; at most {MAX_COORDINATE:g} m can"
+        )
+    return shape
+
+
+def _read(path: Path, unit: str | None) -> MeshOrPoints:
+    kind = path.suffix.lower()
+    taken = unit if unit is not None else OWN_UNITS.get(kind, "m")
+    none = np.zeros((0, 3), np.int32)
+    if kind in POINT_SUFFIXES:
+        return MeshOrPoints(
+            _checked_points(path, _read_csv(path) * METRES_PER_UNIT[taken]), none, taken
+        )
+    if kind == ".npz":
+        vertices, faces = _read_model(path)
+        return MeshOrPoints(vertices * METRES_PER_UNIT[taken], faces, taken)
+    if kind == ".ply" and (points := read_cloud(path, taken)) is not None:
+        return MeshOrPoints(_checked_points(path, points), none, taken)
+    return MeshOrPoints(*read_surface(path, taken), taken)
+
+
+def _checked_points(path: Path, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    if len(points) < MIN_POINTS:
+        raise InputError(f"{path}: holds {len(points)} points; at least {MIN_POINTS} are needed")
+    if not np.isfinite(points).all():
+        bad = int(np.argmin(np.isfinite(points).all(axis=1)))
+        raise InputError(f"{path}: point {bad} is not finite")
+    if not np.ptp(points, axis=0).any():
+        raise InputError(f"{path}: all {len(points)} points are in one place")
+    return points
+
+
+def _read_csv(path: Path) -> NDArray[np.float64]:
+    """The columns x, y and z if a header names them, else the first three."""
+    try:
+        text = read_bounded(path, MAX_MESH_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is no text in UTF-8") from None
+    lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
+    if not lines:
+        raise InputError(f"{path}: holds no points")
+    delimiter = next((mark for mark in (",", ";", "\t") if mark in lines[0]), None)
+    header = [name.strip().strip('"').lower() for name in lines[0].split(delimiter)]
+    named = not all(_is_number(name) for name in header)
+    columns = [0, 1, 2]
+    if named and {"x", "y", "z"} <= set(header):
+        columns = [header.index(name) for name in "xyz"]
+    if len(header) < 3:
+        raise InputError(f"{path}: has {len(header)} columns; x, y and z are needed")
+    rows = lines[1:] if named else lines
+    if not rows:
+        raise InputError(f"{path}: holds no points under its header")
+    try:
+        found = np.loadtxt(rows, delimiter=delimiter, usecols=columns, ndmin=2, comments=None)
+    except ValueError as error:
+        raise InputError(f"{path}: is no table of numbers: {error}") from None
+    return np.asarray(found, np.float64)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Vertices, m, and faces of a model as a run or `palpate.save` leaves it."""
+    data = read_bounded(path, MAX_MESH_BYTES)
+    try:
+        arrays = read_npz(data)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    if FORM_KEY in arrays and "vertices" not in arrays:
+        return _meshed(path)
+    for name in ("vertices", "faces"):
+        if name not in arrays:
+            raise InputError(f"{path}: is no model: it lacks {name}")
+    vertices, faces = arrays["vertices"], arrays["faces"]
+    if faces.ndim == 0:
+        raise InputError(f"{path}: is no model: its faces are a single number")
+    if not len(faces):
+        raise InputError(f"{path}: the model has no surface; nothing could be rebuilt")
+    try:
+        triangle_corners(vertices, faces)
+    except (ValueError, TypeError) as error:
+        raise _no_surface(path, error) from None
+    return np.asarray(vertices, np.float64), faces.astype(np.int32)
+
+
+def _meshed(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """The mesh of a solid that `save` wrote, as fine as meshes are by themselves."""
+    mesh = load(path).mesh()
+    return mesh.vertices, mesh.faces
+
+
+def _no_surface(path: Path, error: Exception) -> InputError:
+    return InputError(f"{path}: is no model: {error}")
+
+
+def _outwards(shape: MeshOrPoints) -> MeshOrPoints:
+    """A closed surface with its normals outside."""
+    if not len(shape.faces):
+        return shape
+    found = solidity(shape.vertices, shape.faces)
+    if found.watertight and found.volume < 0.0:
+        return shape._replace(faces=np.ascontiguousarray(shape.faces[:, ::-1]))
+    return shape
+
+
+def _size_figures(solid: MeshOrPoints, wanted: MeshOrPoints) -> ScoreRecord:
+    """Height of the reference, and whether the two are of one order."""
+    diagonals = [float(np.linalg.norm(np.ptp(one.vertices, axis=0))) for one in (solid, wanted)]
+    alike = max(diagonals) <= MAX_SIZE_RATIO * min(diagonals)
+    return {"size_m": float(np.ptp(wanted.vertices[:, 2])), "same_order_of_size": alike}
+
+
+def _solid_figures(solid: MeshOrPoints) -> ScoreRecord:
+    found: Solidity = solidity(solid.vertices, solid.faces)
+    return {
+        "watertight": found.watertight,
+        "components": found.components,
+        "genus": found.genus,
+        "self_intersections": self_intersection(solid.vertices, solid.faces).count,
+    }
+
+
+def _against_surface(
+    surface: PreparedSurface,
+    solid: MeshOrPoints,
+    reference: Path,
+    wanted: MeshOrPoints,
+    aligned: bool,
+) -> ScoreRecord:
+    truth = _prepared(reference, wanted)
+    found = align(surface.samples.points, truth) if aligned else None
+    if found is not None:
+        moved = transform_points(found.pose, solid.vertices)
+        surface = prepare_surface(moved, solid.faces)
+    distances = compare_surfaces(truth, surface)
+    volumes = [solidity(one.vertices, one.faces) for one in (solid, wanted)]
+    closed = all(one.watertight and one.volume != 0.0 for one in volumes)
+    return {
+        **_alignment_figures(found, None if found is None else found.pose),
+        "chamfer_m": distances.chamfer,
+        "mean_m": None,
+        "rms_m": distances.rms,
+        "p95_m": distances.p95,
+        "hausdorff_m": distances.hausdorff,
+        "normal_deg": distances.normal_deg,
+        "volume_error": volumes[0].volume / volumes[1].volume - 1.0 if closed else None,
+        "sampling_floor_m": facet_sag(wanted.vertices, wanted.faces),
+        "points": None,
+    }
+
+
+def _prepared(path: Path, shape: MeshOrPoints) -> PreparedSurface:
+    try:
+        return prepare_surface(shape.vertices, shape.faces)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _against_points(
+    surface: PreparedSurface, points: NDArray[np.float64], aligned: bool
+) -> ScoreRecord:
+    found = align(points, surface) if aligned else None
+    moved = points if found is None else transform_points(found.pose, points)
+    distances = nearest_points(surface.search, moved).distances
+    return {
+        **_alignment_figures(found, None if found is None else inverse_pose(found.pose)),
+        "chamfer_m": None,
+        "mean_m": float(distances.mean()),
+        "rms_m": float(np.sqrt(np.mean(distances**2))),
+        "p95_m": float(np.quantile(distances, 0.95)),
+        "hausdorff_m": float(distances.max()),
+        "normal_deg": None,
+        "volume_error": None,
+        "sampling_floor_m": None,
+        "points": len(points),
+    }
+
+
+def _alignment_figures(found: Alignment | None, pose: NDArray[np.float64] | None) -> ScoreRecord:
+    """What the alignment says; `pose` is the model's in the reference's frame."""
+    return {
+        "aligned": found is not None,
+        "pose": None if pose is None else [float(value) for value in pose],
+        "alignment_rms_m": None if found is None else found.rms,
+        "alignment_converged": None if found is None else found.converged,
+        "alignment_ambiguous": None if found is None else found.ambiguous,
+    }
+
+
+class MeshOrPoints(NamedTuple):
+    """A surface or points, in m."""
+
+    vertices: NDArray[np.float64]  # (n, 3)
+    faces: NDArray[np.int32]  # (m, 3); none for points
+    unit: str  # As which the file was read
+
+
+def score_text(scored: ScoreRecord) -> str:
+    """The figures of a score; lengths in mm."""
+    lines = [
+        _line("model", f"{scored['model']}, read in {scored['unit']}"),
+        _line("reference", f"{scored['reference']}, read in {scored['reference_unit']}"),
+        *_alignment_lines(scored),
+        *_distance_lines(scored),
+        _line("solid", _solid_text(scored)),
+    ]
+    if not scored["same_order_of_size"]:
+        lines.append(
+            _line("doubtful", "their sizes differ widely: see --unit and --reference-unit")
+        )
+    return "\n".join(lines)
+
+
+def _alignment_lines(scored: ScoreRecord) -> list[str]:
+    if not scored["aligned"]:
+        return []
+    x, y, z, *axis, w = scored["pose"]
+    turn = math.degrees(2.0 * math.atan2(math.hypot(*axis), abs(w)))
+    place = ", ".join(f"{1000.0 * value:.3f}" for value in (x, y, z))
+    rest = _mm(scored["alignment_rms_m"])
+    lines = [_line("aligned", f"model moved by ({place}) mm, turned by {turn:.2f} deg; rms {rest}")]
+    if not scored["alignment_converged"]:
+        lines.append(_line("doubtful", "the alignment had not come to rest"))
+    if scored["alignment_ambiguous"]:
+        lines.append(_line("doubtful", "another pose fits as well: it looks alike from there"))
+    return lines
+
+
+def _distance_lines(scored: ScoreRecord) -> list[str]:
+    near = [f"rms {_mm(scored['rms_m'])}", f"p95 {_mm(scored['p95_m'])}"]
+    worst = f"worst {_mm(scored['hausdorff_m'])}"
+    if scored["one_sided"]:
+        text = [f"mean {_mm(scored['mean_m'])}", *near, worst]
+        told = (
+            f"from {scored['points']} points to the model, not back: "
+            "what the points do not cover is not judged"
+        )
+        return [_line("distance", "  ".join(text)), _line("one-sided", told)]
+    text = [f"chamfer {_mm(scored['chamfer_m'])}", *near, worst]
+    volume = scored["volume_error"]
+    rest = [
+        f"sampling floor {_mm(scored['sampling_floor_m'])}",
+        f"normals {scored['normal_deg']:.1f} deg",
+        "volume not known" if volume is None else f"volume {100.0 * volume:+.2f} %",
+    ]
+    return [_line("distance", "  ".join(text)), _line("", "  ".join(rest))]
+
+
+def _mm(metres: Any) -> str:
+    return f"{1000.0 * metres:.3f} mm"
+
+
+def _line(title: str, text: str) -> str:
+    return f"{title:<11}{text}"
+
+
+def _solid_text(scored: ScoreRecord) -> str:
+    parts = [
+        f"watertight {'yes' if scored['watertight'] else 'NO'}",
+        f"pieces {scored['components']}",
+        f"holes through it {scored['genus']}" if scored["genus"] is not None else "",
+        f"crossings with itself {scored['self_intersections']}",
+    ]
+    return "  ".join(part for part in parts if part)

@@ -1,0 +1,76 @@
+"""Template of a driver: your own sensor in the simulator's place. Make it yours.
+
+It joins the graph by its launch file; start palpate in the folder of this file:
+
+    palpate launch template.yaml
+
+As it is, it presses a flat pad of 16 by 16 taxels onto a ball, again and again. Frames that lie in
+a file, or come over TCP, need no driver of your own: `palpate launch driver.yaml path:=frames.csv`,
+`palpate launch socket_driver.yaml address:=127.0.0.1:5555`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from palpate.core import IDENTITY_POSE, Floats
+from palpate.nodes import Finished, Source, Timed
+from palpate.nodes.specs import (
+    DRIVER_OUTPUTS,
+    PadSpec,
+    SensorParams,
+    SensorSpec,
+    sensor_info,
+    tactile_frame,
+)
+
+
+class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the launch file may set, beside what it may say of any sensor."""
+
+    sensor: SensorSpec = SensorSpec(rows=16, cols=16, pitch=0.001, pad=PadSpec(radius=None))
+    """The array: rows, columns, distance between taxels in m, and the pad over them."""
+    frames: Annotated[int, Meta(ge=1)] = 20
+    """Frames until it ends."""
+    rate: Annotated[float, Meta(gt=0)] = 50.0
+    """Frames per second, Hz."""
+    radius: Annotated[float, Meta(gt=0)] = 0.02
+    """Of the ball, m."""
+
+
+def read_frame(params: Params, number: int) -> tuple[Floats, Floats] | None:
+    """One frame of the sensor: what the taxels send, and the pose of the pad.
+
+    YOUR HARDWARE HERE. Return None if there is no new frame yet, and wait no longer than 0.1 s for
+    one. Times and compressions are made of your numbers by `scale` and `values` in the launch file.
+    """
+    side = (np.arange(params.sensor.rows) - (params.sensor.rows - 1) / 2) * params.sensor.pitch
+    x, y = np.meshgrid(side, side)
+    depth = 0.5e-3 + 0.3e-3 * np.sin(0.5 * number)
+    gap = params.radius - np.sqrt(params.radius**2 - x**2 - y**2)
+    return np.maximum(depth - gap, 0.0), IDENTITY_POSE
+
+
+def read(params: Params) -> Iterator[Timed | Finished | None]:
+    """The sensor, and each frame as it comes."""
+    yield Timed(0.0, "/touch/info", sensor_info(params))
+    touch = 0
+    while touch < params.frames:
+        found = read_frame(params, touch)
+        if found is None:
+            yield None  # nothing yet: palpate does what else is to be done, and asks again
+            continue
+        image, pose = found
+        time = touch / params.rate
+        # With hardware: due 0.0, for it is time to say what has come; and the time that it gives.
+        yield Timed(time, "/touch/raw", tactile_frame(params, touch, time, pose, image))
+        touch += 1
+    yield Finished(f"felt {touch} frames")
+
+
+# repeats: whether it says the same when it is started again. With hardware: False.
+SOURCE = Source(params=Params, outputs=lambda params: DRIVER_OUTPUTS, open=read, repeats=True)

@@ -1,0 +1,27 @@
+"""What must hold of the driver template. Run it with ``python -m pytest`` in this folder."""
+
+from __future__ import annotations
+
+from palpate.nodes import curvature, filter
+from palpate.testing import drive, messages_on
+from palpate.tools.templates.driver import SOURCE
+
+
+def test_the_sensor_is_told_first_and_then_the_frames_in_their_order() -> None:
+    """The filter and whoever comes after it wait for the sensor."""
+    said = drive(SOURCE, params={"frames": 5})
+    assert len(messages_on(said[:1], "/touch/info")) == 1
+    assert [frame.touch for frame in messages_on(said, "/touch/raw")] == [0, 1, 2, 3, 4]
+
+
+def test_what_it_says_is_understood() -> None:
+    """By the nodes that hear it: each patch is of a ball of 20 mm, its curvature within 2 %."""
+    said = drive(SOURCE, params={"frames": 5})
+    info = said[:1]
+    images = drive(filter.NODE, said)
+    patches = messages_on(drive(curvature.NODE, [*info, *images]), "/touch/patch")
+    assert len(patches) == 5
+    for patch in patches:
+        assert patch.kind == "smooth"
+        assert abs(patch.k1 - 50.0) < 1.0
+        assert abs(patch.k2 - 50.0) < 1.0

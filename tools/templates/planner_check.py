@@ -1,0 +1,118 @@
+"""What must hold of the planner Template. Run it with ``python -m pytest`` in this folder.
+
+`PlannerTrial` answers for an object of a formula, at once: no touch is simulated. `TUNED` has sixteen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from palpate.planning import (
+    TUNED,
+    Budget,
+    Height,
+    Observation,
+    ObservedSlice,
+    PlannerTrial,
+    Stop,
+    Wait,
+    lost_slice,
+    observation_of,
+    run_planner,
+)
+from palpate.tools.templates.planner import Template
+
+TOLERANCE = 0.0025
+"""Root mean square error that is asked for, over the object's height."""
+
+
+def test_everything_a_pad_can_touch_is_touched() -> None:
+    """On each object the plan ends, and leaves nothing untouched that is larger than a feature."""
+    for name, radius in TUNED.items():
+        slices, stop = run_planner(Template(), PlannerTrial(radius), TOLERANCE)
+        assert stop is not None, f"{name}: no end after {len(slices)} slices"
+        assert stop.unfelt is not None
+        assert stop.unfelt <= observation_of(slices, TOLERANCE).feature, name
+
+
+def test_the_side_is_within_tolerance_where_the_planner_says_so() -> None:
+    """`PlannerTrial` knows the truth, and rebuilds the side from positions and slopes."""
+    for name, radius in TUNED.items():
+        trial = PlannerTrial(radius)
+        slices, stop = run_planner(Template(), trial, TOLERANCE)
+        assert stop is not None
+        assert not stop.within or trial.rms(slices) < TOLERANCE, name
+
+
+def test_no_height_is_asked_for_twice_and_none_beyond_the_ends() -> None:
+    """Nor is one of the ends themselves."""
+    for radius in TUNED.values():
+        slices, _ = run_planner(Template(), PlannerTrial(radius), TOLERANCE)
+        observation = observation_of(slices, TOLERANCE)
+        heights = [one.height for one in slices]
+        assert len(set(heights)) == len(heights)
+        assert observation.low < min(heights) <= max(heights) < observation.high
+
+
+def test_the_plan_in_millimetres_is_the_plan_in_metres() -> None:
+    """A planner that compares a length with a number of its own fails here."""
+    slices, _ = run_planner(Template(), PlannerTrial(TUNED["vase"]), TOLERANCE)
+    for count in range(len(slices) + 1):
+        observation = observation_of(slices[:count], TOLERANCE)
+        metres, millimetres = (
+            Template().next(observation),
+            Template().next(times(observation, 1000.0)),
+        )
+        assert metres.reason == millimetres.reason
+        if isinstance(metres, Height):
+            assert isinstance(millimetres, Height)
+            assert abs(millimetres.height / 1000.0 - metres.height) < 1e-9 * observation.extent
+
+
+def test_a_plan_ends_where_nothing_can_be_traced() -> None:
+    """Every slice fails; the planner must not ask for ever."""
+    slices = tuple[ObservedSlice, ...]()
+    while isinstance(choice := Template().next(observation_of(slices, TOLERANCE)), Height):
+        slices = (*slices, lost_slice(choice.height))
+        assert len(slices) < 100
+    assert isinstance(choice, Stop)
+
+
+def test_the_budget_is_kept() -> None:
+    """Nothing more is begun when it would be overrun."""
+    observation = replace(
+        observation_of((), TOLERANCE), budget=Budget(most_touches=100, touches=100)
+    )
+    assert isinstance(Template().next(observation), Stop)
+
+
+def test_other_fingers_are_kept_away_from() -> None:
+    """Fingers at work are waited for where there is no room beside them."""
+    observation = observation_of((), TOLERANCE)
+    first = Template().next(observation)
+    assert isinstance(first, Height)
+    taken, apart = (first.height,), 0.1 * observation.extent
+    second = Template().next(replace(observation, taken=taken, apart=apart))
+    assert isinstance(second, Height)
+    assert abs(second.height - first.height) >= apart
+    alone = Template().next(replace(observation, taken=taken, apart=observation.extent))
+    assert isinstance(alone, Wait)
+
+
+def times(observation: Observation, unit: float) -> Observation:
+    """The same in another unit of length, of which the old one has so many."""
+
+    def scaled(one: ObservedSlice) -> ObservedSlice:
+        return replace(
+            one,
+            height=one.height * unit,
+            radii=one.radii * unit,
+            curvatures=one.curvatures / unit,
+            contact_low=one.contact_low * unit,
+            contact_high=one.contact_high * unit,
+            deviation=one.deviation * unit,
+        )
+
+    names = ("low", "high", "tolerance", "resolution", "feature")
+    lengths = {name: getattr(observation, name) * unit for name in names}
+    return replace(observation, **lengths, slices=tuple(map(scaled, observation.slices)))
