@@ -41,7 +41,7 @@ from ruamel.yaml import YAML
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import palpate
-from palpate.launch.cli.main import command as command_tree  # moves with the command line
+from palpate.tools.cli.command_line import palpate_group as command_tree
 
 # Words of keys, and values of one word, that were called otherwise when the goldens were stored.
 RENAMED: dict[str, str] = {}
