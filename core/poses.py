@@ -184,7 +184,6 @@ def vector_from_rotation(matrix: Floats) -> Floats:
     By way of the quaternion: an angle near 0 or near pi keeps all its digits. Of the two vectors
     of a half turn it is the one that `quaternion` happens to give.
     """
-
     turn = quaternion_from_matrix(matrix)
     if turn[3] < 0.0:
         turn = -turn

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.geometry import self_intersects
+from palpate.core.robust import probable_error_sigma
 from palpate.core.splines.bases import CUBIC, periodic_knots
 from palpate.core.splines.curve_fits import (
     LEAST_CONTROL,
@@ -41,9 +42,6 @@ LARGEST = float(np.finfo(float).max)
 # With fewer points noise and shape cannot be told apart: each of a square's corners shows in five
 # of them.
 LEAST_POINTS = 25
-# Median size of an error of deviation 1. Only one coordinate shows it: the parameters follow the
-# points along the curve.
-NORMAL_MEDIAN = 0.6745
 OPPOSED = -0.5  # Cosine between neighbouring deviations below which they alternate. Noise has -0.8.
 
 
@@ -243,7 +241,8 @@ def local_noise(points: Floats, parameters: Floats) -> float:
     along = np.einsum("md,md->m", deviations, following)
     if np.median(along - OPPOSED * lengths * np.roll(lengths, -1)) >= 0.0:
         return 0.0
-    return float(np.median(lengths)) / NORMAL_MEDIAN
+    # Only one coordinate shows noise: the parameters follow the points along the curve.
+    return probable_error_sigma(lengths)
 
 
 def _cubic_weights(away: Floats) -> Floats:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.robust import scaled_mad
 
 # A surface that leans less lies level: the object stands on a platform and ends level, however its
 # middles lean.
@@ -155,7 +156,7 @@ def _settle(lines: Floats, axis: Floats) -> tuple[Floats, float, float]:
         if sweep >= PLACING:
             axis = turned[:, 0]
         missed = lines @ np.concatenate([axis, -slides @ axis])
-        scale = max(1.4826 * float(np.median(np.abs(missed))), QUIET)
+        scale = max(scaled_mad(missed), QUIET)
         off = np.minimum(np.abs(missed) / (CUT * scale), 1.0)
         weights = (1.0 - off * off) ** 2
     # Not the least spread: half of the contacts may agree on an axis that the others refute.
