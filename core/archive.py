@@ -2,14 +2,16 @@
 
 The tree's form is one text, which names the class of each node; every array lies beside it under
 its path, ``solid/evidence/noise``. What is read may be from anybody: only dataclasses and named
-tuples of `palpate.core` are built, by their own constructors, and nothing is ever run.
+tuples of `palpate.core` are built, by their own constructors, and nothing is ever run. A class
+goes by its own name, wherever in core it stands, so that a module may move and every archive is
+still read.
 """
 
 from __future__ import annotations
 
 import collections.abc
 import dataclasses
-import importlib.util
+import importlib
 import io
 import json
 import math
@@ -18,6 +20,7 @@ import types
 import zipfile
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -28,10 +31,7 @@ FORM_KEY = "form"  # Name of the text that tells the tree's form
 ROOT = "solid"  # Path of the tree itself
 NUMERIC = "fiub"  # Kinds of arrays that are kept: floats, integers and truth values
 Arrays = dict[str, NDArray[np.generic]]
-CLASS_HOME = "palpate.core."  # Where all of them live
-# Module below `CLASS_HOME`, and class.
-CLASS_NAME = re.compile(r"[a-z_0-9]+(\.[a-z_0-9]+)*:[A-Za-z_][A-Za-z_0-9]*")
-LONGEST_CLASS_NAME = 200  # Name, in letters
+CLASS_HOME = "palpate.core"  # Where all classes live that are kept
 # What stands for each kind of number.
 NUMBER_TYPES: dict[type, tuple[type, ...]] = {
     float: (float, int, np.floating, np.integer),
@@ -222,7 +222,7 @@ class _Reader:
             raise ValueError(f"{path} of the archive is no {name}: {error}") from None
 
 
-def class_named(name: str) -> Any:
+def class_named(name: str) -> type:
     """The class of a name.
 
     Raises
@@ -230,25 +230,32 @@ def class_named(name: str) -> Any:
     ValueError
         If there is no such class, or archives do not hold it.
     """
-    refused = ValueError(f"archives hold no class {name!r:.80}")
-    if len(name) > LONGEST_CLASS_NAME or not CLASS_NAME.fullmatch(name):
-        raise refused
-    module, _, kind = name.partition(":")
-    try:
-        found = getattr(importlib.import_module(CLASS_HOME + module), kind, None)
-    except ModuleNotFoundError:
-        raise refused from None
-    # Not what a module merely imports: a class has one name.
-    if not isinstance(found, type) or class_name(found) != name:
-        raise refused
-    return found
+    found = [
+        kind
+        for module in _homes().get(name, ())
+        if _is_record(kind := getattr(importlib.import_module(module), name))
+    ]
+    if len(found) != 1:
+        raise ValueError(f"archives hold no class {name!r:.80}")
+    return found[0]
 
 
 def class_name(kind: type) -> str | None:
     """Name of a class in archives; None if they do not hold it."""
-    if not (kind.__module__.startswith(CLASS_HOME) and _is_record(kind)):
-        return None
-    return f"{kind.__module__.removeprefix(CLASS_HOME)}:{kind.__qualname__}"
+    name = kind.__qualname__
+    kept = kind.__module__ in _homes().get(name, ()) and _is_record(kind)
+    return name if kept and class_named(name) is kind else None
+
+
+@cache
+def _homes() -> dict[str, list[str]]:
+    """Modules of core by the classes that stand in them, read off the sources."""
+    root, homes = Path(__file__).parent, dict[str, list[str]]()
+    for path in sorted(root.rglob("*.py")):
+        module = ".".join((CLASS_HOME, *path.relative_to(root).with_suffix("").parts))
+        for name in re.findall(r"^class (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE):
+            homes.setdefault(name, []).append(module)
+    return homes
 
 
 def _is_record(kind: type) -> bool:
