@@ -28,16 +28,15 @@ import numpy as np
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.shapes.superquadrics import Superquadric
-from palpate.core.touch.pad import Calibration
-from palpate.core.touch.pad import Pad
+from palpate.core.touch.pad import Calibration, Pad
 from palpate.core.touch.pipeline import assemble
 from palpate.core.touch.effect import Fingertip, SimulatedTouch
 
 pad = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
-finger = Finger(pad, Calibration("time", 3e-3, 1000.0, 0.2e3), PRESETS["modern"])
-pipeline, start = assemble(finger, []), pose_of(np.array([0.0, 0.0, 0.033]), DOWN)
+finger = Fingertip(pad, Calibration("time", 3e-3, 1000.0, 0.2e3), ROBOT_PRESETS["modern"])
+pipeline, start = assemble(finger, []), pose_of(np.array([0.0, 0.0, 0.033]), FACING_DOWN)
 ball = Superquadric(np.full(3, 0.03), np.ones(2))
-touch = Touch(ball, 0, start, start, reach=0.01, depth=1e-3, begun=0.0, previous=0.0)
+touch = SimulatedTouch(ball, 0, start, start, reach=0.01, depth=1e-3, begun=0.0, previous=0.0)
 pipeline.simulate(touch, pipeline.begin())
 assert touch.outcome == "hit"
 print(*sorted(sys.modules))
