@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from palpate.nodes.runtime import Finished as Finished
     from palpate.nodes.runtime import Node as Node
     from palpate.nodes.runtime import Outputs as Outputs
-    from palpate.nodes.runtime import Sink as Sink
     from palpate.nodes.runtime import Source as Source
     from palpate.nodes.runtime import Timed as Timed
 else:

@@ -58,7 +58,6 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
-@pytest.mark.slow
 def test_every_module_of_the_wheel_can_be_imported(installed: Path) -> None:
     done = run(sys.executable, "-P", "-c", IMPORT_ALL, installed, PYTHONPATH=str(installed))
 
@@ -71,7 +70,6 @@ def test_every_module_of_the_wheel_can_be_imported(installed: Path) -> None:
     assert int(done.stdout) == here + public
 
 
-@pytest.mark.slow
 def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed: Path) -> None:
     names = {path.name for path in (ROOT / "scenes").iterdir() if path.suffix in (".yaml", ".ply")}
 
@@ -82,7 +80,6 @@ def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed:
     assert (installed / "palpate/py.typed").is_file()
 
 
-@pytest.mark.slow
 def test_the_wheel_installs_nothing_but_palpate(installed: Path) -> None:
     tops = {path.name for path in installed.iterdir()}
 
@@ -131,7 +128,8 @@ def test_the_pins_have_no_address_and_cover_what_is_required() -> None:
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pinned = {re.split("==", line)[0].replace("_", "-").lower() for line in lines}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    wanted = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    extras = project["optional-dependencies"]
+    wanted = [*project["dependencies"], *extras["dev"], *extras["docs"]]
 
     assert all(re.fullmatch(r"[a-z0-9.-]+==[a-z0-9.]+( ; .+)?", line) for line in lines)
     assert {re.split(r"[>=;\[ ]", name)[0].lower() for name in wanted} <= pinned

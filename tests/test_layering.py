@@ -26,7 +26,7 @@ LIBRARIES = {
     "palpate.nodes": {"numpy", "msgspec"},
     "palpate.nodes.runtime": {"numpy", "msgspec", "threadpoolctl"},
     "palpate.launch": {"numpy", "msgspec", "ruamel", "rich", "trimesh", "scipy", "zmq"},
-    "palpate.tools": {"numpy", "msgspec", "ruamel", "rich", "scipy", "threadpoolctl"},
+    "palpate.tools": {"numpy", "click", "msgspec", "ruamel", "rich", "scipy", "threadpoolctl"},
     "palpate.tools.cli": {"click", "rich"},
     "palpate.tools.bag": {"numpy", "msgspec", "rich", "mcap"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},

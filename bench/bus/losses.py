@@ -32,7 +32,6 @@ from palpate.messages.types import NodeStatus
 from palpate.nodes import recorder
 from palpate.nodes.runtime import Input, Wiring, with_description
 from palpate.tools.chaos import FloodParams
-from palpate.tools.chaos import bystanders as flood
 
 MESSAGES, QUICK = 1_000_000, 20_000
 STALLS, LONGEST = 3, 2.0  # A listener stands still so often, for so many s at most
@@ -66,7 +65,7 @@ def _disturbed(number: int, rng: random.Random) -> tuple[int, int]:
     """Messages that were lost or came out of turn among three listeners, and restarts."""
     source = Wiring(
         name=SOURCE,
-        module=flood.__name__,
+        module="palpate.tools.chaos.bystanders",
         params=FloodParams(messages=number),
         inputs=(),
         outputs={TOPIC: TOPIC},

@@ -108,7 +108,6 @@ class GpSurface:
 
     def mesh(self, box: Floats, floor: float) -> Mesh:
         """The surface within a box (2, 3), cut off at the height of what the object stands on."""
-
         size = np.ceil((box[1] - box[0]) / CELL).astype(int) + 1
         axes = [np.linspace(box[0, i], box[1, i], size[i]) for i in range(3)]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

@@ -53,9 +53,7 @@ def bench_command(
 
 
 def _write_figures(what: str, folder: str) -> None:
-    if what == "curvature":
-        pass
-    elif what == "shapes":
+    if what == "curvature" or what == "shapes":
         pass
     elif what == "rebuild":
         from palpate.bench.suite.figures import write_peer_figures as write_peers

@@ -18,9 +18,9 @@ from multiprocessing import forkserver, resource_tracker
 from types import ModuleType
 
 from palpate.nodes.runtime import PRELOAD_VARIABLE
-from palpate.nodes.runtime import preloading as runtime_preload
 
 _RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
+_PRELOADING = "palpate.nodes.runtime.preloading"
 _OWN = "palpate.nodes."
 # Of all processes of a graph.
 NODE_ENVIRONMENT = {
@@ -46,7 +46,7 @@ def start_fork_server(modules: Iterable[str]) -> None:
     What must not reach a node is blocked while the server is started, and stays so in all
     that is forked from it. Blocked, not ignored: a Ctrl-C in this moment still reaches us.
     """
-    multiprocessing.get_context("forkserver").set_forkserver_preload([runtime_preload.__name__])
+    multiprocessing.get_context("forkserver").set_forkserver_preload([_PRELOADING])
     blocked = {signal.SIGINT, signal.SIGHUP, signal.SIGTERM}
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
     try:

@@ -148,17 +148,17 @@ def build_boolean(spec: PartSpec) -> BooleanShape:
 
 
 def _tree(spec: PartSpec, outer: np.ndarray) -> Tree:
-    from palpate.core.shapes import boolean_solids as boolean_tree
+    from palpate.core.shapes import Intersection, Union, complement, difference
 
     pose = compose_poses(outer, pose_array(spec.pose))
     if spec.union is not None:
-        return boolean_tree.Union(tuple(_tree(part, pose) for part in spec.union))
+        return Union(tuple(_tree(part, pose) for part in spec.union))
     if spec.intersection is not None:
-        return boolean_tree.Intersection(tuple(_tree(part, pose) for part in spec.intersection))
+        return Intersection(tuple(_tree(part, pose) for part in spec.intersection))
     if spec.difference is not None:
-        return boolean_tree.difference(*(_tree(part, pose) for part in spec.difference))
+        return difference(*(_tree(part, pose) for part in spec.difference))
     if spec.complement is not None:
-        return boolean_tree.complement(_tree(spec.complement, pose))
+        return complement(_tree(spec.complement, pose))
     if spec.half_space is not None:
         return _half_space(spec.half_space, pose)
     from palpate.core.shapes import PosedSolid
