@@ -1,7 +1,7 @@
 """Writes the reference of the names that users import, one page for each public room.
 
-A hook of mkdocs: the pages are made while the site is built and stand in no folder. Which names a room offers is
-read from its own list of exports, so that nothing has to be kept in step by hand.
+A hook of mkdocs: the pages are made while the site is built and stand in no folder. Which names a
+room offers is read from its own list of exports, so that nothing has to be kept in step by hand.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from palpate.core.shapes.boolean_solids import Intersection as Intersection
     from palpate.core.shapes.boolean_solids import Tree as Tree
     from palpate.core.shapes.boolean_solids import Union as Union
+    from palpate.core.shapes.boolean_solids import complement_of as complement_of
     from palpate.core.shapes.boolean_solids import difference as difference
     from palpate.core.shapes.deformed_shapes import DeformedShape as DeformedShape
     from palpate.core.shapes.deformed_superquadrics import (

@@ -157,7 +157,7 @@ class Complement:
 def difference(first: Tree, *others: Tree) -> Intersection:
     """All that is in the first and in none of the others."""
     _check_parts("difference", (first, *others))
-    return Intersection((first, *(complement(other) for other in others)))
+    return Intersection((first, *(complement_of(other) for other in others)))
 
 
 def _check_parts(name: str, parts: tuple[Tree, ...]) -> None:
@@ -168,16 +168,16 @@ def _check_parts(name: str, parts: tuple[Tree, ...]) -> None:
 def with_inner_complement(tree: Tree) -> Tree:
     """The same whole, outermost a complement only if it is that of a solid (De Morgan)."""
     if isinstance(tree, Complement) and isinstance(tree.part, (Union, Intersection)):
-        parts = tuple(complement(part) for part in tree.part.parts)
+        parts = tuple(complement_of(part) for part in tree.part.parts)
         return Intersection(parts) if isinstance(tree.part, Union) else Union(parts)
     return tree
 
 
-def complement(part: Tree) -> Tree:
+def complement_of(part: Tree) -> Tree:
     """All that is not in the part; twice that is the part, and a half-space has another."""
     if isinstance(part, Complement):
         return part.part
-    return part.complement() if isinstance(part, HalfSpace) else Complement(part)
+    return part.complement_of() if isinstance(part, HalfSpace) else Complement(part)
 
 
 def tree_leaves(tree: Tree) -> Iterator[Leaf]:

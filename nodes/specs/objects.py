@@ -148,7 +148,7 @@ def build_boolean(spec: PartSpec) -> BooleanShape:
 
 
 def _tree(spec: PartSpec, outer: np.ndarray) -> Tree:
-    from palpate.core.shapes import Intersection, Union, complement, difference
+    from palpate.core.shapes import Intersection, Union, complement_of, difference
 
     pose = compose_poses(outer, pose_array(spec.pose))
     if spec.union is not None:
@@ -158,7 +158,7 @@ def _tree(spec: PartSpec, outer: np.ndarray) -> Tree:
     if spec.difference is not None:
         return difference(*(_tree(part, pose) for part in spec.difference))
     if spec.complement is not None:
-        return complement(_tree(spec.complement, pose))
+        return complement_of(_tree(spec.complement, pose))
     if spec.half_space is not None:
         return _half_space(spec.half_space, pose)
     from palpate.core.shapes import PosedSolid

@@ -17,7 +17,7 @@ from palpate.core.shapes.boolean_solids import (
     Intersection,
     Tree,
     Union,
-    complement,
+    complement_of,
     difference,
     tree_enclosure,
     tree_leaves,
@@ -205,7 +205,7 @@ def test_balls_however_combined_have_the_spans_of_the_definition(
         Union((a, b, c)),
         Union((a, Intersection((b, c)))),
         Union((difference(a, b), c)),
-        difference(Union((a, b)), complement(complement(c)), UPPER),
+        difference(Union((a, b)), complement_of(complement_of(c)), UPPER),
     )[kind]
     assume_there = membership(tree, np.random.default_rng(0).uniform(-0.06, 0.06, (4000, 3)))
     if not (assume_there < -0.05).any():
@@ -221,10 +221,10 @@ def test_balls_however_combined_have_the_spans_of_the_definition(
 @pytest.mark.parametrize(
     ("tree", "sentence"),
     [
-        (complement(ball()), "the complement that is the tree is unbounded"),
+        (complement_of(ball()), "the complement that is the tree is unbounded"),
         (Union((ball(), UPPER)), r"the half-space that is union\[1\] of the tree is unbounded"),
         (
-            Union((ball(), Union((ball(), complement(ball()))))),
+            Union((ball(), Union((ball(), complement_of(ball()))))),
             r"the complement that is union\[1\] of union\[1\] of the tree is unbounded",
         ),
         (difference(UPPER, ball()), "the intersection that is the tree is unbounded"),
@@ -256,7 +256,7 @@ def test_too_few_parts_are_refused(make: Callable[[], Tree], sentence: str) -> N
 
 
 def test_what_complements_and_nesting_bound_is_bounded() -> None:
-    lens = complement(Union((complement(ball(-0.02)), complement(ball(0.02)))))
+    lens = complement_of(Union((complement_of(ball(-0.02)), complement_of(ball(0.02)))))
     assert np.allclose(tree_enclosure(lens), [[-0.01, -R, -R], [0.01, R, R]])
     assert BooleanShape(lens).bounds()[1, 0] == pytest.approx(0.01, rel=1e-3)
     walls = [HalfSpace(np.array(n, float), 0.02) for n in ([1, 1, 0], [-1, 1, 0], [0, -1, 0])]
@@ -335,8 +335,8 @@ def test_leaves_come_in_the_order_of_the_tree() -> None:
 
 
 def test_the_complement_of_a_complement_is_the_part_and_a_half_space_is_turned() -> None:
-    assert complement(complement(A)) is A
-    turned = complement(UP)
+    assert complement_of(complement_of(A)) is A
+    turned = complement_of(UP)
     assert isinstance(turned, HalfSpace)
     assert turned.normal.tolist() == [0.0, 0.0, -1.0]
     assert turned.offset == -0.02

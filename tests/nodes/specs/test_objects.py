@@ -151,7 +151,7 @@ def test_exact_is_refused_for_a_mesh() -> None:
 def test_a_tapered_or_bent_superquadric_needs_numpy_alone(bend: float) -> None:
     script = (
         "import sys\n"
-        "from palpate.nodes.specs.objects import ObjectSpec\nfrom palpate.nodes.specs.solids import SuperquadricSpec\n"
+        "from palpate.nodes.specs import ObjectSpec, SuperquadricSpec\n"
         "from palpate.nodes.simulator import Params, start\n"
         "egg = SuperquadricSpec(size=(0.03, 0.03, 0.04), exponents=(1.0, 1.0),\n"
         f"    taper=(-0.2, -0.2), bend={bend})\n"

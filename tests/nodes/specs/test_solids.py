@@ -189,7 +189,7 @@ def test_what_cannot_be_is_refused_with_a_sentence(words: dict[str, Any], senten
 def test_a_simulator_of_a_superquadric_imports_no_other_model() -> None:
     script = (
         "import sys\n"
-        "from palpate.nodes.specs.objects import ObjectSpec, build_shape\nfrom palpate.nodes.specs.solids import SuperquadricSpec\n"
+        "from palpate.nodes.specs import ObjectSpec, SuperquadricSpec, build_shape\n"
         "ball = SuperquadricSpec(size=(0.03, 0.03, 0.03), exponents=(1.0, 1.0))\n"
         "build_shape(ObjectSpec(superquadric=ball)).mesh(2)\n"
         "names = ('hyperquadric', 'generalised_cylinder', 'boolean', 'polyhedron', 'spans')\n"
