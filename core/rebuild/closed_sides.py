@@ -233,7 +233,7 @@ def radial_rows(
     ----------
     slices : Slices
         The contours; they say where the axis is.
-    felt : FeltPoints
+    felt : ContactPoints
         All touched taxels, checked.
     bottom, top : float or None
         Heights at which a touch found the ends, m.

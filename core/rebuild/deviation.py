@@ -47,7 +47,7 @@ def whole_deviation(closed: ContourSolid, felt: ContactPoints | None) -> float:
     ----------
     closed : ContourSolid
         Skin and ends.
-    felt : FeltPoints or None
+    felt : ContactPoints or None
         All touched taxels, seen from the slicing frame; those at the ends tell how well the ends
         fit.
     """

@@ -73,7 +73,7 @@ def reconstruct(
         at both ends. Rows that are not finite are left out, and single points that stick out.
     normals : sequence of (n, 3) arrays, optional
         Outward normals at the contours' points, of any length.
-    patches : FeltPoints, optional
+    patches : ContactPoints, optional
         Everything that touched, as points with the numbers of their touches.
     tops : (k, 3) array, optional
         Where single touches found the ends: those above the middle of the contours, along the

@@ -158,7 +158,7 @@ def checked_contacts(felt: object) -> ContactPoints:
     """
     if not isinstance(felt, ContactPoints):
         kind = type(felt).__name__
-        raise ValueError(f"patches must be FeltPoints(points, normals, touch), got {kind}")
+        raise ValueError(f"patches must be ContactPoints(points, normals, touch), got {kind}")
     points = finite_array("patches.points", felt.points, (None, 3))
     touch = finite_array("patches.touch", felt.touch, (len(points),))
     if len(touch) and not (touch.min() >= 0.0 and (touch == np.round(touch)).all()):

@@ -68,7 +68,7 @@ def shear_between(
 
     Parameters
     ----------
-    felt : FeltPoints
+    felt : ContactPoints
         All taxels, seen from the slicing frame; with normals.
     middle : (2,) array
         Of the object, m.

@@ -64,7 +64,7 @@ def touched_end(
 
     Parameters
     ----------
-    felt : FeltPoints
+    felt : ContactPoints
         All taxels.
     last : float
         Height of the last contour, m: what does not lie beyond tells nothing of the end.
@@ -128,7 +128,7 @@ def dome_height(felt: ContactPoints, on: Bools, way: float) -> float | None:
 
     Parameters
     ----------
-    felt : FeltPoints
+    felt : ContactPoints
         All taxels; with normals.
     on : (n,) array of bool
         Which of them lie on the end.
@@ -180,7 +180,7 @@ def end_from_contacts(
 
     Parameters
     ----------
-    felt : FeltPoints
+    felt : ContactPoints
         All taxels.
     skin : FeltSkin
         The side.
@@ -225,7 +225,7 @@ def edge_samples(
 
     Parameters
     ----------
-    felt : FeltPoints
+    felt : ContactPoints
         With normals; as felt, for shifts that fit the smooth side would hide the edge.
     skin : FeltSkin
         The side.
@@ -275,7 +275,7 @@ def with_touched_middle(end: End, row: Floats, felt: ContactPoints) -> End:
         The end, its middle as the contours lean.
     row : (k, 2) array
         The last row of the side, m.
-    felt : FeltPoints
+    felt : ContactPoints
         With normals.
     """
     assert felt.normals is not None

@@ -69,7 +69,7 @@ def side_equations(
 
     Parameters
     ----------
-    felt : FeltPoints
+    felt : ContactPoints
         With normals; those outside the heights, or on level faces, are left out.
     axis_curve : Spine
         The axis.

@@ -57,7 +57,7 @@ def fit_shifted_spline(felt: ContactPoints, plain: RadialSpline) -> ShiftedSplin
 
     Parameters
     ----------
-    felt : FeltPoints
+    felt : ContactPoints
         What the plain skin was fitted to; with normals.
     plain : FeltSkin
         The skin without shifts.

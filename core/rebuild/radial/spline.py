@@ -136,7 +136,7 @@ def fit_radial_spline(
 
     Parameters
     ----------
-    felt : FeltPoints
+    felt : ContactPoints
         With normals; those outside the heights, or on level faces, are left out.
     axis_curve : Spine
         The axis.

@@ -342,7 +342,7 @@ def test_the_lattice_is_put_around_the_section_that_a_grasp_found() -> None:
 
 
 def test_what_is_no_patches_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"patches must be FeltPoints\(.*\), got int"):
+    with pytest.raises(ValueError, match=r"patches must be ContactPoints\(.*\), got int"):
         reconstruct(EGG, patches=3)  # type: ignore[arg-type]
 
 
