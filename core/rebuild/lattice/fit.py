@@ -14,12 +14,14 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.lattice.section import Section, fit_section, section_matrix
-from palpate.core.rebuild.lattice.system import (
+from palpate.core.rebuild.lattice.section import (
     Layers,
+    Section,
     SectionFill,
     SectionSystem,
+    fit_section,
     layers_of,
+    section_matrix,
     section_system,
     solve_section,
 )
@@ -40,12 +42,16 @@ from palpate.core.splines import (
 SIDES = (7, 9, 11, 13, 17, 21)  # Control points across a section each way that are tried
 FILLS: tuple[SectionFill, ...] = ("bending", "rings", "cones")
 FURTHER = 1  # How many larger sides are tried once the skin is met, if the inside folds
+
+
 # Of the size: a misfit that matters to nobody, and one that does however little is known.
 PRECISE, POOR = 1e-5, 1e-3
 TURNS_EACH = 2  # Places around for each coefficient of the skin
 LEAST_TURNS = 96
 BLOCK = 4096  # Turns for which columns of layers are laid out at a time
 _CHOOSE = ((1, 0, 0), (1, 1, 0), (1, 2, 1))
+
+
 # Places at which folds are looked for: across a section, and for each layer.
 RADII, TURNS, LAYERS = 7, 24, 3
 

@@ -17,6 +17,6 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.recovery.distances import distances_alone as distances_alone
     from palpate.core.rebuild.recovery.distances import normal_distances as normal_distances
     from palpate.core.rebuild.recovery.fitting import recover as recover
-    from palpate.core.rebuild.recovery.record import Recovery as Recovery
+    from palpate.core.rebuild.recovery.report import Recovery as Recovery
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -1,10 +1,15 @@
 """First-order distances of points from many superquadrics at once, and their derivatives.
 
-The distance along the normal is (N - 1) / |grad N|, N being the gauge of the straightened point.
-It is what the radial distance is not: as large for a point off a disc's flat side as for one off
-its rim, so that a model cannot grow unnoticed. Because the gradient's length is the slope along
-the normal, and to first order does not feel how the normal turns, its derivative is that of the
-slope along a fixed direction: one second derivative for each point.
+The distance along the normal is (N - 1) / |grad N|, N being the gauge of the straightened point. It
+is as large for a point off a disc's flat side as for one off its rim, which the radial distance is
+not: so a model cannot grow unnoticed. Because the gradient's length is the slope along the normal,
+and to first order does not depend on how the normal turns, its derivative is that of the slope
+along a fixed direction: one second derivative for each point.
+
+Below, points are unbent and untapered. Places and rates go forwards, slopes come back; a rate is
+how a place changes along one direction, which the caller picks for each point. A bend is its
+curvature times its direction, two numbers in which no bend is nothing special: no form here divides
+by the curvature (`palpate.core.shapes.global_deformations` has the same map for one solid).
 """
 
 from __future__ import annotations
@@ -15,30 +20,19 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import right_jacobians, rotations_from_vectors
-from palpate.core.rebuild.recovery.straightening import (
-    Triple,
-    Unbent,
-    Untapered,
-    slope_by_bend,
-    slope_by_taper,
-    straight_places,
-    turned,
-    turned_back,
-    unbend,
-    unbend_rate,
-    unbend_slope,
-    unbend_slope_of_both,
-    untaper,
-    untaper_rate,
-    untaper_slope,
-    untaper_slope_of_both,
-)
 from palpate.core.shapes import PNorm, PNormCurvature, p_norm, p_norm_curvature
 
 # Parameters: 3 logarithms of the size, 2 exponents, 3 of the rotation vector, 3 of the position; 2
 # more if tapered, then 2 more if bent (curvature times direction).
 RIGID = 11
 LEAST_SLOPE = 1e-12
+LEAST_CURVATURE = 1e-150  # Below it, a bend is none: its square would underflow
+# Nearer to the centre of curvature, as a share of the radius, slopes are taken as there.
+LEAST_STRETCH = 1e-3
+# Of the half height: beyond the ends, the widths go over to constants within about that, without
+# the sudden stop that would make derivatives jump where the top's own points lie.
+SOFT_END = 0.05
+Triple = tuple[Floats, Floats, Floats]  # Three coordinates, (b, n) each
 
 
 class Warps(NamedTuple):
@@ -77,26 +71,12 @@ class Seen(NamedTuple):
 def normal_distances(
     parameters: Floats, points: Floats, frames: Floats, warps: Warps
 ) -> tuple[Floats, Floats]:
-    """Distances and their derivatives.
+    """Distances (b, n), negative inside, and their derivatives (b, n, p).
 
-    Parameters
-    ----------
-    parameters : (b, p) array
-        Of each solid, see `RIGID`. Rotation vectors turn the solid's own axes, and positions are
-        along the axes of its frame: so nothing depends on how points and frames lie together.
-    points : (n, 3) array
-        In the unit of the sizes.
-    frames : (b, 3, 3) array
-        Axes, as columns, in which each solid stands where no rotation leaves it.
-    warps : Warps
-        Which parameters there are.
-
-    Returns
-    -------
-    distances : (b, n) array
-        Negative inside.
-    jacobian : (b, n, p) array
-        Their derivatives by the parameters.
+    Parameters ---------- !parameters : (b, p) array Of each solid, see `RIGID`. Rotation vectors
+    turn the solid's own axes, and positions are along the axes of its frame: so nothing depends on
+    how points and frames lie together. points : (n, 3) array In the unit of the sizes. frames : (b,
+    3, 3) array Axes, as columns, in which each solid stands where no rotation leaves it.
     """
     turns, body = _body(parameters, points, frames)
     seen = _see(parameters, body, warps)
@@ -110,75 +90,6 @@ def normal_distances(
     jacobian[:, :, 5:8] = np.cross(force, body) @ right_jacobians(parameters[:, 5:8])
     jacobian[:, :, 8:11] = -force @ turns.transpose(0, 2, 1)
     return distance, jacobian
-
-
-def distances_alone(parameters: Floats, points: Floats, frames: Floats, warps: Warps) -> Floats:
-    """Distances (b, n), at a third of the cost; see `normal_distances`."""
-    return _distances(_see(parameters, _body(parameters, points, frames)[1], warps))[2]
-
-
-def _body(parameters: Floats, points: Floats, frames: Floats) -> tuple[Floats, Floats]:
-    """How solids are turned in their frames (b, 3, 3), and points (b, n, 3) in their own axes."""
-    turns = rotations_from_vectors(parameters[:, 5:8])
-    return turns, (points @ frames - parameters[:, None, 8:11]) @ turns
-
-
-def _distances(seen: Seen) -> tuple[Triple, Floats, Floats]:
-    """Gradient of the gauge by the body's coordinates, its length, and the distances."""
-    gradient = _back(seen, _gauge_slope(seen))
-    length = np.sqrt(gradient[0] ** 2 + gradient[1] ** 2 + gradient[2] ** 2)
-    length = np.maximum(length, LEAST_SLOPE)
-    return gradient, length, (seen.whole.value - 1.0) / length
-
-
-def _see(parameters: Floats, body: Floats, warps: Warps) -> Seen:
-    """Straighten points (b, n, 3) of the bodies' axes and work out their gauges."""
-    places = (body[:, :, 0], body[:, :, 1], body[:, :, 2])
-    unbent, straight = None, places
-    if warps.bend:
-        unbent = unbend(places, parameters[:, warps.bend_columns])
-        straight = straight_places(unbent)
-    taper = parameters[:, warps.taper_columns] if warps.taper else None
-    untapered = untaper(straight, np.exp(parameters[:, :3]), taper)
-    x, y, z = untapered.place
-    e1, e2 = parameters[:, 3, None], parameters[:, 4, None]
-    across = p_norm(np.abs(x), np.abs(y), e2)
-    whole = p_norm(across.value, np.abs(z), e1)
-    return Seen(places, unbent, untapered, across, whole, (np.sign(x), np.sign(y), np.sign(z)))
-
-
-def _gauge_slope(seen: Seen) -> Triple:
-    """Derivatives of the gauge by the places of the unit superquadric."""
-    (sx, sy, sz), across, whole = seen.signs, seen.across, seen.whole
-    return sx * whole.by_x * across.by_x, sy * whole.by_x * across.by_y, sz * whole.by_y
-
-
-def _back(seen: Seen, by_place: Triple) -> Triple:
-    """Derivatives by the body's coordinates."""
-    by_straight = untaper_slope(seen.untapered, by_place)
-    if seen.unbent is None:
-        return by_straight
-    bent = unbend_slope(seen.unbent, turned(seen.unbent, by_straight))
-    return turned_back(seen.unbent, bent)
-
-
-class Rates(NamedTuple):
-    """How places change along the normals."""
-
-    bent: Triple  # The body's, in the bend's axes
-    unbent: Triple  # The straight ones, in the bend's axes
-    straight: Triple  # The straight ones, in the body's axes
-    unit: Triple  # Those of the unit superquadric
-
-
-def _rates(seen: Seen, normal: Triple) -> Rates:
-    unbent, untapered = seen.unbent, seen.untapered
-    if unbent is None:
-        return Rates(normal, normal, normal, untaper_rate(untapered, normal))
-    bent = turned(unbent, normal)
-    moved = unbend_rate(unbent, bent)
-    straight = turned_back(unbent, moved)
-    return Rates(bent, moved, straight, untaper_rate(untapered, straight))
 
 
 def _columns(
@@ -238,3 +149,307 @@ def _less(first: Triple, distance: Floats, second: Triple) -> Triple:
         first[1] - distance * second[1],
         first[2] - distance * second[2],
     )
+
+
+def slope_by_taper(
+    at: Untapered, moving: Triple, by_place: Triple, by_rate: Triple
+) -> tuple[Floats, Floats]:
+    """Derivatives by the two widenings."""
+    high, found = moving[2], []
+    for i in (0, 1):
+        share = at.share / at.width[i]
+        first = at.hold[0] / at.width[i]
+        change = at.place[i] * high * (share * at.narrowing[i] - first) - share * moving[i]
+        found.append(by_rate[i] * change - by_place[i] * at.place[i] * share)
+    return found[0], found[1]
+
+
+def untaper_slope_of_both(
+    at: Untapered, moving: Triple, by_place: Triple, by_rate: Triple
+) -> Triple:
+    """Derivatives by the straight places, of what depends on places and on rates `moving`."""
+    high = moving[2]
+    across = [(by_place[i] - by_rate[i] * at.narrowing[i] * high) * at.scale[i] for i in (0, 1)]
+    lean = by_place[2]
+    for i in (0, 1):
+        narrowing = at.narrowing[i]
+        lean = lean - by_place[i] * at.place[i] * narrowing
+        curve = at.place[i] * (narrowing * narrowing - at.easing[i])
+        lean = lean + by_rate[i] * (curve * high - narrowing * moving[i])
+    return across[0], across[1], lean * at.scale[2]
+
+
+def slope_by_bend(
+    at: Unbent, bent: Triple, moving: Triple, by_place: Triple, by_rate: Triple
+) -> tuple[Floats, Floats]:
+    """Derivatives by the two numbers of the bend; `bent` is the rate before unbending.
+
+    All in the bend's axes. The first is by the curvature, the second by the direction, divided
+    by the curvature.
+    """
+    r, z, stretch, s, c = at.inwards, at.along, at.stretch, at.sine, at.cosine
+    angle = at.curvature * z
+    sag = z * angle * at.rise
+    turn, stretching = z * at.chord / stretch, sag - r
+    along_curvature = (
+        -by_place[0] * z * z * at.rise
+        + by_place[2] * z * (r - z * angle * at.lag) / stretch
+        - by_rate[0] * stretch * moving[2] * turn
+        + by_rate[2] * (moving[0] * turn - moving[2] * stretching) / stretch
+    )
+    chord = z * at.chord
+    along_direction = (
+        -by_place[0] * at.across * sag
+        - by_place[1] * stretch * z * z * at.rise
+        + by_place[2] * chord * at.across / stretch
+        - by_rate[0] * (bent[1] * sag + s * moving[2] * at.across)
+        - by_rate[1] * (bent[0] * sag + chord * bent[2])
+        + by_rate[2]
+        * (chord * bent[1] + (moving[2] * c + moving[0] * s / stretch) * at.across)
+        / stretch
+    )
+    cx, cy = at.towards
+    return (
+        along_curvature * cx - along_direction * cy,
+        along_curvature * cy + along_direction * cx,
+    )
+
+
+def unbend_slope_of_both(at: Unbent, moving: Triple, by_place: Triple, by_rate: Triple) -> Triple:
+    """Derivatives by the bent places, of what depends on straight places and rates `moving`."""
+    inwards, across, up = unbend_slope(at, by_place)
+    spin = at.curvature * (by_rate[2] * moving[0] / at.stretch**2 - by_rate[0] * moving[2])
+    stretching = at.curvature * by_rate[2] * moving[2] / at.stretch
+    return (
+        inwards + spin * at.sine + stretching * at.cosine,
+        across,
+        up + spin * at.cosine - stretching * at.sine,
+    )
+
+
+def _rates(seen: Seen, normal: Triple) -> Rates:
+    unbent, untapered = seen.unbent, seen.untapered
+    if unbent is None:
+        return Rates(normal, normal, normal, untaper_rate(untapered, normal))
+    bent = turned(unbent, normal)
+    moved = unbend_rate(unbent, bent)
+    straight = turned_back(unbent, moved)
+    return Rates(bent, moved, straight, untaper_rate(untapered, straight))
+
+
+def untaper_rate(at: Untapered, straight: Triple) -> Triple:
+    """How the places change, from how the straight ones do."""
+    high = straight[2] * at.scale[2]
+    return (
+        straight[0] * at.scale[0] - at.place[0] * at.narrowing[0] * high,
+        straight[1] * at.scale[1] - at.place[1] * at.narrowing[1] * high,
+        high,
+    )
+
+
+def unbend_rate(at: Unbent, bent: Triple) -> Triple:
+    """How straight places change, from how bent ones do; both in the bend's axes."""
+    inwards, across, up = bent
+    return (
+        at.cosine * inwards - at.sine * up,
+        across,
+        (at.cosine * up + at.sine * inwards) / at.stretch,
+    )
+
+
+def distances_alone(parameters: Floats, points: Floats, frames: Floats, warps: Warps) -> Floats:
+    """Distances (b, n), at a third of the cost; see `normal_distances`."""
+    return _distances(_see(parameters, _body(parameters, points, frames)[1], warps))[2]
+
+
+def _distances(seen: Seen) -> tuple[Triple, Floats, Floats]:
+    """Gradient of the gauge by the body's coordinates, its length, and the distances."""
+    gradient = _back(seen, _gauge_slope(seen))
+    length = np.sqrt(gradient[0] ** 2 + gradient[1] ** 2 + gradient[2] ** 2)
+    length = np.maximum(length, LEAST_SLOPE)
+    return gradient, length, (seen.whole.value - 1.0) / length
+
+
+def _back(seen: Seen, by_place: Triple) -> Triple:
+    """Derivatives by the body's coordinates."""
+    by_straight = untaper_slope(seen.untapered, by_place)
+    if seen.unbent is None:
+        return by_straight
+    bent = unbend_slope(seen.unbent, turned(seen.unbent, by_straight))
+    return turned_back(seen.unbent, bent)
+
+
+def untaper_slope(at: Untapered, by_place: Triple) -> Triple:
+    """Derivatives by the straight places, from those by the places."""
+    lean = sum(by_place[i] * at.place[i] * at.narrowing[i] for i in (0, 1))
+    return (
+        by_place[0] * at.scale[0],
+        by_place[1] * at.scale[1],
+        (by_place[2] - lean) * at.scale[2],
+    )
+
+
+def unbend_slope(at: Unbent, by_straight: Triple) -> Triple:
+    """Derivatives by the bent places, from those by the straight ones, in the bend's axes."""
+    inwards, across, along = by_straight
+    along = along / at.stretch
+    return (
+        inwards * at.cosine + along * at.sine,
+        across,
+        along * at.cosine - inwards * at.sine,
+    )
+
+
+def turned(at: Unbent, vector: Triple) -> Triple:
+    """A vector of the body's axes in those of the bend."""
+    cx, cy = at.towards
+    return vector[0] * cx + vector[1] * cy, vector[1] * cx - vector[0] * cy, vector[2]
+
+
+def turned_back(at: Unbent, vector: Triple) -> Triple:
+    """A vector of the bend's axes in those of the body."""
+    cx, cy = at.towards
+    return vector[0] * cx - vector[1] * cy, vector[0] * cy + vector[1] * cx, vector[2]
+
+
+def _gauge_slope(seen: Seen) -> Triple:
+    """Derivatives of the gauge by the places of the unit superquadric."""
+    (sx, sy, sz), across, whole = seen.signs, seen.across, seen.whole
+    return sx * whole.by_x * across.by_x, sy * whole.by_x * across.by_y, sz * whole.by_y
+
+
+def _see(parameters: Floats, body: Floats, warps: Warps) -> Seen:
+    """Straighten points (b, n, 3) of the bodies' axes and work out their gauges."""
+    places = (body[:, :, 0], body[:, :, 1], body[:, :, 2])
+    unbent, straight = None, places
+    if warps.bend:
+        unbent = unbend(places, parameters[:, warps.bend_columns])
+        straight = straight_places(unbent)
+    taper = parameters[:, warps.taper_columns] if warps.taper else None
+    untapered = untaper(straight, np.exp(parameters[:, :3]), taper)
+    x, y, z = untapered.place
+    e1, e2 = parameters[:, 3, None], parameters[:, 4, None]
+    across = p_norm(np.abs(x), np.abs(y), e2)
+    whole = p_norm(across.value, np.abs(z), e1)
+    return Seen(places, unbent, untapered, across, whole, (np.sign(x), np.sign(y), np.sign(z)))
+
+
+def unbend(bent: Triple, bend: Floats) -> Unbent:
+    """Straighten places (b, n) of bends (b, 2), each curvature times direction."""
+    x, y, z = bent
+    k = np.hypot(bend[:, 0], bend[:, 1])[:, None]
+    none = k < LEAST_CURVATURE
+    safe = np.where(none, 1.0, k)
+    cx = np.where(none, 1.0, bend[:, 0, None] / safe)
+    cy = np.where(none, 0.0, bend[:, 1, None] / safe)
+    inwards, across = x * cx + y * cy, y * cx - x * cy
+    up, level = k * z, 1.0 - k * inwards
+    stretch = np.maximum(np.hypot(up, level), LEAST_STRETCH)
+    angle = np.arctan2(up, level)
+    # Less digits are lost in 1 - cos and t - sin below by their series than by themselves.
+    small = np.abs(angle) < 0.3
+    safe_angle, square = np.where(small, 1.0, angle), angle * angle
+    chord = np.sinc(angle / np.pi)
+    half = np.sinc(angle / (2.0 * np.pi))
+    series = 1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0 - square / 362880.0))
+    lag = np.where(small, series, (angle - np.sin(angle)) / safe_angle**3)
+    return Unbent(
+        k,
+        (cx, cy),
+        (2.0 * inwards - k * (inwards * inwards + z * z)) / (1.0 + stretch),
+        across,
+        np.where(none, z, angle / safe),
+        stretch,
+        level / stretch,
+        up / stretch,
+        chord,
+        0.5 * half * half,
+        lag,
+    )
+
+
+def straight_places(at: Unbent) -> Triple:
+    """The straight places in the body's axes."""
+    cx, cy = at.towards
+    return at.inwards * cx - at.across * cy, at.inwards * cy + at.across * cx, at.along
+
+
+def untaper(straight: Triple, size: Floats, taper: Floats | None) -> Untapered:
+    """Places of the unit superquadric, from semi-axes (b, 3) and widenings (b, 2)."""
+    x, y, z = straight
+    a, b, c = (1.0 / size[:, i, None] for i in range(3))
+    high = z * c
+    if taper is None:
+        one, none = np.ones((1, 1)), np.zeros((1, 1))
+        pair = (none, none)
+        place = (x * a, y * b, high)
+        return Untapered(place, straight, (one, one), high, (one, none), pair, pair, (a, b, c))
+    share, first, second = _held(high)
+    along_x, along_y = taper[:, 0, None], taper[:, 1, None]
+    wide, deep = 1.0 + along_x * share, 1.0 + along_y * share
+    scale = (a / wide, b / deep, c)
+    return Untapered(
+        (x * scale[0], y * scale[1], high),
+        straight,
+        (wide, deep),
+        share,
+        (first, second),
+        (along_x * first / wide, along_y * first / deep),
+        (along_x * second / wide, along_y * second / deep),
+        scale,
+    )
+
+
+def _held(high: Floats) -> Triple:
+    """Heights that do not go far beyond 1, with their first and second derivatives."""
+    beyond = np.maximum(np.abs(high) - 1.0, 0.0) / SOFT_END
+    bent = np.tanh(beyond)
+    share = np.clip(high, -1.0, 1.0) + np.sign(high) * SOFT_END * bent
+    first = 1.0 - bent * bent
+    return share, first, -2.0 / SOFT_END * np.sign(high) * bent * first
+
+
+def _body(parameters: Floats, points: Floats, frames: Floats) -> tuple[Floats, Floats]:
+    """How solids are turned in their frames (b, 3, 3), and points (b, n, 3) in their own axes."""
+    turns = rotations_from_vectors(parameters[:, 5:8])
+    return turns, (points @ frames - parameters[:, None, 8:11]) @ turns
+
+
+class Rates(NamedTuple):
+    """How places change along the normals."""
+
+    bent: Triple  # The body's, in the bend's axes
+    unbent: Triple  # The straight ones, in the bend's axes
+    straight: Triple  # The straight ones, in the body's axes
+    unit: Triple  # Those of the unit superquadric
+
+
+class Unbent(NamedTuple):
+    """Places in the planes of the bends, straightened; (b, n) unless said otherwise."""
+
+    curvature: Floats  # (b, 1)
+    towards: tuple[Floats, Floats]  # Direction of the bend, (b, 1) each
+    inwards: Floats
+    across: Floats
+    along: Floats
+    stretch: Floats  # Length of the fibre, as a share of the axis's
+    cosine: Floats
+    sine: Floats
+    chord: Floats  # sin(t) / t of the angle t by which the bend turned the place
+    rise: Floats  # (1 - cos(t)) / t^2
+    lag: Floats  # (t - sin(t)) / t^3
+
+
+class Untapered(NamedTuple):
+    """Places divided by the semi-axes and by the taper's widths; (b, n) all."""
+
+    place: Triple
+    straight: Triple  # The places before
+    width: tuple[Floats, Floats]  # Of the section, as a share
+    share: Floats  # Height as a share of the half height, held near 1 beyond the ends
+    hold: tuple[Floats, Floats]  # Its first and second derivative by the height in half heights
+    # Logarithmic derivative of the width by the height in half heights.
+    narrowing: tuple[Floats, Floats]
+    # Second derivative of the width by that height, as a share of the width.
+    easing: tuple[Floats, Floats]
+    scale: Triple  # Reciprocals of the semi-axes, (b, 1), the first two over the width

@@ -21,15 +21,17 @@ from palpate.core.arrays import Bools, Floats, Ints, finite_array, positive
 from palpate.core.least_squares import Loss, cauchy_loss, levenberg_marquardt, linear_loss
 from palpate.core.poses import principal_axes
 from palpate.core.rebuild.recovery.distances import Warps, distances_alone, normal_distances
-from palpate.core.rebuild.recovery.record import (
+from palpate.core.rebuild.recovery.report import (
     CHOICES,
     Recovery,
+    SearchResult,
     core_of,
     degeneracy,
     outlyingness,
+    reported,
+    scaled_down,
     unfitted,
 )
-from palpate.core.rebuild.recovery.report import SearchResult, reported, scaled_down
 from palpate.core.shapes import (
     LARGEST_EXPONENT,
     LEAST_EXPONENT,
@@ -40,6 +42,8 @@ from palpate.core.shapes import (
 
 FARTHEST = 1e150  # m: squares beyond it overflow
 FIRST_STEPS, SECOND_STEPS, NEXT_STEPS, LAST_STEPS = 4, 6, 60, 200
+
+
 # One in so many starts goes on after the first steps, but at least this many.
 DROPPED, FEWEST = 3, 48
 KEPT, KEPT_ROBUST = 4, 8  # Starts that are solved to the end
@@ -47,9 +51,13 @@ TURN = slice(5, 8)  # Where the rotation vector is among the parameters
 MANY = 200  # Points among which the best start is found; all of them end it
 ROUGH, FINE = 1e-6, 1e-9  # Tolerances: see `levenberg_marquardt`
 SCALES = (0.02, 0.01)  # Of the points' diameter: distances beyond which a robust loss grows slowly
+
+
 # Shares of the outlying points that the extents of starts may leave out.
 TRIMMED = (0.15, 0.3, 0.45)
 FAR = 3.0  # Standard deviations beyond which a point is an outlier
+
+
 # Standard deviation over the median of the absolute values, for the normal distribution.
 MAD = 1.4826
 ALIKE = 1e-6  # Share of its cost by which a fit must be worse than another to be another
@@ -58,6 +66,8 @@ REFITS = 6
 EXACT = 1e-13  # Of the points' diameter: residuals of this size are roundings
 LEAST_NOISE = 1e-9  # Of the points' diameter
 LEAST_EXTENT = 5e-3  # Of the points' diameter: what is thinner starts as thick as that
+
+
 # Of half the extent along each axis: a taper widens by up to 2, a bend shows its sag.
 RIGID_SIZES, WARPED_SIZES = (0.5, 1.3), (0.3, 1.5)
 LARGEST_TURN = 0.8  # Rad, of each component: the next start is nearer than that
@@ -67,6 +77,8 @@ MOST_ANGLE = 2.2  # Rad, by which a bend may turn an end
 FIRST_ANGLE = 0.7  # Rad, by which the bends that are tried besides the estimated one turn an end
 STEEPEST_GUESS = 0.8  # Largest widening to start from
 Exponents = tuple[tuple[float, float], ...]
+
+
 # Near a box the exponents' slopes vanish, near an octahedron there are creases: from round neither
 # is always found.
 FREE_EXPONENTS: Exponents = ((1.0, 1.0), (0.2, 0.2), (1.8, 1.8))
@@ -74,6 +86,8 @@ BENT_EXPONENTS = FREE_EXPONENTS[:2]  # Where each is started with six bends
 SWEEPS = 6  # Of plane rotations; each is exact, and three or four end it
 HALF = np.sqrt(0.5)
 EIGHTH_TURN: Floats = np.array([[HALF, -HALF, 0.0], [HALF, HALF, 0.0], [0.0, 0.0, 1.0]])
+
+
 # Rotations that make each of three axes the z axis.
 ORDERS: Floats = np.stack([np.eye(3)[:, order] for order in ([0, 1, 2], [1, 2, 0], [2, 0, 1])])
 

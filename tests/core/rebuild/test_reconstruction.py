@@ -12,7 +12,7 @@ from palpate.core.geometry.meshes import solidity
 from palpate.core.poses import pose_of
 from palpate.core.rebuild.contours.contacts import ContactPoints
 from palpate.core.rebuild.reconstruction import coarse_patch, fit_coarse, reconstruct
-from palpate.core.rebuild.recovery.record import Recovery
+from palpate.core.rebuild.recovery.report import Recovery
 from palpate.core.rebuild.solid import Method, Solid
 from palpate.core.rebuild.surface.closed import closed_surface, measure_surface
 from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric

@@ -26,12 +26,14 @@ from palpate.core.rebuild.contours.contacts import (
     stack_points,
 )
 from palpate.core.rebuild.reconstruction import reconstruct
-from palpate.core.rebuild.recovery.record import Recovery
+from palpate.core.rebuild.recovery.report import Recovery
 from palpate.core.rebuild.solid import Method, Solid
 from palpate.core.splines.spline_volumes import SplineVolume
 
 METHODS: tuple[Method, ...] = ("lattice", "skin", "thesis", "coarse")
 TURN = np.array([0.1, -0.4, 0.3, 0.86])
+
+
 # Leaning by some 50 degrees.
 POSE = np.concatenate([[0.03, -0.2, 0.05], TURN / np.linalg.norm(TURN)])
 SIZE = 0.1

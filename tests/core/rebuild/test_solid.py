@@ -1,13 +1,18 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.poses import transform_points
+from palpate.core.rebuild.contours.contacts import ContactPoints
 from palpate.core.rebuild.ends.shear import Shear
-from palpate.core.rebuild.solid import moved_lattice, sheared_volume
+from palpate.core.rebuild.reconstruction import reconstruct
+from palpate.core.rebuild.solid import Solid, moved_lattice, sheared_volume
 from palpate.core.splines.bases import clamped_basis
 from palpate.core.splines.lattices import Lattice
 from palpate.core.splines.spline_volumes import SplineVolume
@@ -59,3 +64,151 @@ def test_what_is_not_deformed_is_not_slanted(volume: SplineVolume) -> None:
     found = moved_lattice(lattice, None, SHEAR)
     assert found.undeformed is volume
     assert moved_lattice(lattice, None) is lattice
+
+
+Make = Callable[..., Any]
+SEVEN = np.linspace(-0.9, 0.9, 7)
+BOX = ([0.03, 0.02, 0.04], [0.2, 0.2])
+EGG = ([0.03, 0.025, 0.045], [1.0, 1.0])
+TURN = 2 * np.pi * np.arange(80) / 80
+
+
+def said(solid: Solid) -> float:
+    found = solid.whole_deviation()
+    assert found is not None and np.isfinite(found) and found > 0.0
+    return found
+
+
+def cylinder(heights: Floats, scale: float = 1.0) -> list[Floats]:
+    rim = np.column_stack([0.03 * np.cos(TURN), 0.02 * np.sin(TURN)])
+    return [scale * np.column_stack([rim, np.full(80, z)]) for z in heights]
+
+
+def ends(low: float, high: float) -> Floats:
+    return np.array([[0.0, 0.0, low], [0.0, 0.0, high]])
+
+
+@pytest.mark.parametrize("shape", [BOX, EGG])
+def test_it_is_of_the_size_of_the_true_error(shape: Any, oracle: Make) -> None:
+    true = oracle(*shape)
+    rng = np.random.default_rng(0)
+    contours, felt, tops = true.evidence(SEVEN)
+    poses = 1e-4 * rng.normal(size=(120, 3))  # of touches, each of which felt a part of the points
+    touch = (len(poses) * np.arange(len(felt.points)) // len(felt.points)).astype(np.int32)
+    noisy = felt._replace(points=felt.points + poses[touch], touch=touch)
+    contours = [one + 1e-4 * rng.normal(size=one.shape) for one in contours]
+    solid = reconstruct(contours, patches=noisy, tops=tops, method="skin")
+    mesh = solid.mesh(1e-4)
+    error = float(np.sqrt(np.mean(true.distances(mesh.vertices) ** 2)))
+    assert 0.4 * error < said(solid) < 4.0 * error
+
+
+def test_sharp_edges_of_the_side_that_taxels_felt_are_owned_up_to() -> None:
+    rng = np.random.default_rng(0)
+    turn, heights = rng.uniform(0.0, 2.0 * np.pi, 20_000), rng.uniform(-0.05, 0.05, 20_000)
+    facet = (np.floor(turn / (np.pi / 3)) + 0.5) * np.pi / 3
+    apothem = 0.026 / np.cos(turn - facet)
+    points = np.column_stack([apothem * np.cos(turn), apothem * np.sin(turn), heights])
+    normals = np.column_stack([np.cos(facet), np.sin(facet), np.zeros(20_000)])
+    felt = ContactPoints(points, normals, np.arange(20_000, dtype=np.int32) // 100)
+    rings = [
+        np.column_stack([points[::200, :2][np.argsort(turn[::200])], np.full(100, z)])
+        for z in np.linspace(-0.045, 0.045, 9)
+    ]
+    solid = reconstruct(rings, patches=felt, tops=ends(-0.05, 0.05), method="skin")
+    assert solid.closed is not None and solid.closed.felt is not None
+    assert solid.closed.felt.rms > 2.0 * solid.closed.felt.sigma
+    error = np.sqrt(np.mean(solid.search().nearest(points[:2000]).distances ** 2))
+    assert 0.5 * error < said(solid) < 4.0 * error
+
+
+def test_an_end_that_nobody_touched_costs_what_it_may_hide() -> None:
+    contours = cylinder(np.linspace(-0.045, 0.045, 10))
+    one, neither = ends(-0.05, 0.05)[1:], None
+    both, upper, none = (
+        said(reconstruct(contours, tops=tops, method="skin"))
+        for tops in (ends(-0.05, 0.05), one, neither)
+    )
+    assert 5.0 * both < upper < none
+    # 10 mm that it may go on, all lengths alike, on an end that is a seventh of the surface.
+    assert 1e-3 < none < 5e-3
+
+
+def test_a_touched_end_hides_more_the_farther_the_last_contour_is() -> None:
+    contours = cylinder(np.linspace(-0.045, 0.045, 10))
+    away = [0.046, 0.048, 0.052, 0.06]
+    told = [said(reconstruct(contours, tops=ends(-z, z), method="skin")) for z in away]
+    assert told == sorted(told)
+    assert told[-1] > 5.0 * told[0]
+
+
+def test_fewer_contours_felt_alone_are_trusted_less(oracle: Make) -> None:
+    true = oracle(*EGG)
+    told = [said(true.rebuilt(np.linspace(-0.9, 0.9, count))) for count in (3, 5, 9)]
+    assert told == sorted(told, reverse=True)
+
+
+def test_noise_is_in_it(oracle: Make) -> None:
+    rng = np.random.default_rng(0)
+    contours, felt, tops = oracle(*EGG).evidence(SEVEN)
+    noise = rng.normal(size=felt.points.shape)
+    told = [
+        said(
+            reconstruct(
+                contours,
+                patches=felt._replace(points=felt.points + sigma * noise),
+                tops=tops,
+                method="skin",
+            )
+        )
+        for sigma in (0.0, 1e-4, 3e-4)
+    ]
+    assert told == sorted(told)
+
+
+def test_what_was_felt_off_an_end_is_in_it(oracle: Make) -> None:
+    contours, felt, tops = oracle([0.03, 0.03, 0.04], [0.1, 1.0]).evidence(SEVEN)
+    assert felt.normals is not None
+    level = felt.normals[:, 2] > 0.95
+    tilted = felt.points.copy()
+    tilted[level, 2] -= 0.05 * (tilted[level, 0] + 0.03)  # 3 deg, from one side of the top on
+    straight, leaning = (
+        said(reconstruct(contours, patches=one, tops=tops, method="skin"))
+        for one in (felt, felt._replace(points=tilted))
+    )
+    assert leaning > 2.0 * straight
+    assert leaning > 1e-4
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_it_has_the_unit_of_the_contours(scale: float) -> None:
+    heights = np.linspace(-0.045, 0.045, 10)
+    one = said(reconstruct(cylinder(heights), tops=ends(-0.05, 0.05), method="skin"))
+    other = said(
+        reconstruct(cylinder(heights, scale), tops=scale * ends(-0.05, 0.05), method="skin")
+    )
+    assert other == pytest.approx(scale * one, rel=1e-6)
+
+
+def test_it_is_the_same_upside_down(oracle: Make) -> None:
+    over = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # half a turn about x
+    contours, felt, tops = oracle(*EGG).evidence(SEVEN)
+    assert felt.normals is not None
+    upside = ContactPoints(
+        transform_points(over, felt.points), transform_points(over, felt.normals), felt.touch
+    )
+    one = reconstruct(contours, patches=felt, tops=tops, method="skin")
+    other = reconstruct(
+        [transform_points(over, each) for each in contours],
+        patches=upside,
+        tops=transform_points(over, tops),
+        method="skin",
+    )
+    assert said(other) == pytest.approx(said(one), rel=0.05)
+    assert other.measures().moments.volume == pytest.approx(one.measures().moments.volume, rel=1e-4)
+
+
+def test_methods_that_do_not_say_have_none() -> None:
+    contours = cylinder(np.linspace(-0.045, 0.045, 10))
+    assert reconstruct(contours, method="thesis").whole_deviation() is None
+    assert reconstruct(contours, method="coarse").whole_deviation() is None

@@ -9,7 +9,7 @@ import pytest
 from palpate.core.rebuild.lattice.body import fit_body_lattice, second_differences, solve_sparse
 from palpate.core.rebuild.reconstruction import coarse_patch
 from palpate.core.rebuild.recovery.fitting import recover
-from palpate.core.rebuild.recovery.record import Recovery
+from palpate.core.rebuild.recovery.report import Recovery
 from palpate.core.rebuild.surface.closed import Surface, closed_surface
 from palpate.core.shapes.global_deformations import Bend
 from palpate.core.splines.lattices import box_lattice

@@ -12,7 +12,7 @@ from palpate.core.arrays import Floats
 from palpate.core.geometry.distances import sample_surface
 from palpate.core.geometry.nearest import nearest_points, nearest_search
 from palpate.core.poses import pose_of, transform_points
-from palpate.core.rebuild.recovery.record import Recovery
+from palpate.core.rebuild.recovery.report import Recovery
 from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.global_deformations import Bend, Taper
 from palpate.core.shapes.protocol import PosedShape, Shape

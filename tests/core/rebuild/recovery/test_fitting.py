@@ -10,8 +10,7 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import principal_axes, split_pose
 from palpate.core.rebuild.recovery.distances import Warps
 from palpate.core.rebuild.recovery.fitting import folds, recover, starts_of, suggested_axes
-from palpate.core.rebuild.recovery.record import CHOICES, name_of
-from palpate.core.rebuild.recovery.report import scaled_down
+from palpate.core.rebuild.recovery.report import CHOICES, name_of, scaled_down
 from palpate.core.shapes.global_deformations import Bend
 from palpate.core.shapes.superquadrics import Superquadric
 

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from palpate.core.poses import rotations_from_vectors
-from palpate.core.rebuild.recovery.record import CanonicalSolid, canonical, outlyingness
-from palpate.core.rebuild.recovery.report import caution, certainty, looseness, uncovered
+from palpate.core.rebuild.recovery.report import (
+    CanonicalSolid,
+    canonical,
+    caution,
+    certainty,
+    looseness,
+    outlyingness,
+    uncovered,
+)
 from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.global_deformations import Bend
 from palpate.core.shapes.superquadrics import Superquadric
