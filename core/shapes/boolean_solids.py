@@ -177,7 +177,7 @@ def complement_of(part: Tree) -> Tree:
     """All that is not in the part; twice that is the part, and a half-space has another."""
     if isinstance(part, Complement):
         return part.part
-    return part.complement_of() if isinstance(part, HalfSpace) else Complement(part)
+    return part.complement() if isinstance(part, HalfSpace) else Complement(part)
 
 
 def tree_leaves(tree: Tree) -> Iterator[Leaf]:
