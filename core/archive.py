@@ -43,21 +43,10 @@ NUMBER_TYPES: dict[type, tuple[type, ...]] = {
 def tree_to_arrays(tree: object) -> Arrays:
     """Flat arrays that hold a whole tree.
 
-    Parameters
-    ----------
-    tree : object
-        Dataclasses and named tuples of `palpate.core`, tuples, lists, dicts with texts as keys,
-        numbers, texts, None and numeric arrays, in any depth.
-
-    Returns
-    -------
-    dict
-        Arrays by path, and the form of the tree under ``form``.
-
-    Raises
-    ------
-    ValueError
-        If something else is in the tree, a function for example: the sentence tells its path.
+    `tree`: dataclasses and named tuples of `palpate.core`, tuples, lists, dicts with texts as keys,
+    numbers, texts, None and numeric arrays, in any depth. Returns arrays by path, and the form of
+    the tree under ``form``. Raises ValueError if something else is in the tree, a function for
+    example: the sentence tells its path.
     """
     writer = _Writer()
     form = {"version": VERSION, "tree": writer.node(tree, ROOT)}
@@ -68,16 +57,9 @@ def tree_to_arrays(tree: object) -> Arrays:
 def tree_from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> Any:
     """The tree that `tree_to_arrays` was given.
 
-    Parameters
-    ----------
-    arrays : map
-        What `tree_to_arrays` returned; other arrays may lie beside.
-
-    Raises
-    ------
-    ValueError
-        If there is no form or it is of another version, if an array is missing, if a class is
-        unknown or has other fields here, or if a class refuses what it is given.
+    `arrays`: what `tree_to_arrays` returned; other arrays may lie beside. Raises ValueError if
+    there is no form or it is of another version, if an array is missing, if a class is unknown or
+    has other fields here, or if a class refuses what it is given.
     """
     if FORM_KEY not in arrays or arrays[FORM_KEY].dtype.kind != "U" or arrays[FORM_KEY].ndim:
         raise ValueError(f"an archive must have the text {FORM_KEY!r}, got none")
@@ -225,10 +207,7 @@ class _Reader:
 def class_named(name: str) -> type:
     """The class of a name.
 
-    Raises
-    ------
-    ValueError
-        If there is no such class, or archives do not hold it.
+    Raises ValueError if there is no such class, or archives do not hold it.
     """
     found = [
         kind
@@ -293,10 +272,7 @@ def equal_trees(one: object, other: object) -> bool:
 def tree_to_bytes(tree: object) -> NDArray[np.uint8]:
     """Bytes (n,) that hold a tree; the same for the same tree.
 
-    Raises
-    ------
-    ValueError
-        As `tree_to_arrays`.
+    Raises ValueError as `tree_to_arrays`.
     """
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **tree_to_arrays(tree))
@@ -306,10 +282,7 @@ def tree_to_bytes(tree: object) -> NDArray[np.uint8]:
 def arrays_from_bytes(data: NDArray[np.uint8]) -> Arrays:
     """The arrays in bytes (n,) that `tree_to_bytes` returned, for `from_arrays`.
 
-    Raises
-    ------
-    ValueError
-        If they are no such bytes.
+    Raises ValueError if they are no such bytes.
     """
     try:
         with np.load(io.BytesIO(data.tobytes()), allow_pickle=False) as arrays:

@@ -15,11 +15,8 @@ Bools = NDArray[np.bool_]
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floats:
     """A finite float array of the wanted shape; None stands for any length.
 
-    Raises
-    ------
-    ValueError
-        If `value` holds anything but real numbers, has another shape, or holds a NaN or an
-        infinity.
+    Raises ValueError if `value` holds anything but real numbers, has another shape, or holds a NaN
+    or an infinity.
     """
     array = _real_numbers(name, value)
     fits = array.ndim == len(shape) and all(

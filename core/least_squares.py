@@ -110,26 +110,13 @@ def levenberg_marquardt(
 ) -> Solutions:
     """Minimise sums of squares, each from its own start and within its own bounds.
 
-    Parameters
-    ----------
-    problem : callable
-        Residuals and Jacobians of some of the problems.
-    starts : (b, p) array
-        Where they begin; moved into the bounds.
-    low, high : (b, p) or (p,) arrays
-        Bounds of the parameters; may be infinite.
-    loss : callable
-        What squared residuals cost.
-    steps : int
-        Most steps of each.
-    enough : float
-        Length of the residuals below which a problem is solved.
-    tolerance : float
-        A problem has converged when no free column of the Jacobian has a larger cosine with
-        the residuals, or when a step promises to lower the cost by less than this squared.
+    `problem`: residuals and Jacobians of some of the problems. `starts` (b, p): where they begin;
+    moved into the bounds. `low` and `high` (b, p) or (p,): bounds of the parameters; may be
+    infinite. `loss`: what squared residuals cost. `steps`: most steps of each. `enough`: length of
+    the residuals below which a problem is solved. `tolerance`: a problem has converged when no free
+    column of the Jacobian has a larger cosine with the residuals, or when a step promises to lower
+    the cost by less than this squared.
 
-    Notes
-    -----
     A parameter at a bound that it would leave is held for the step; the others' step is cut at
     their bounds. Damping is in the units of each column, so that the path does not depend on
     the parameters' units: Marquardt, 1963, where Fung, 1999, (2.16) damps all alike. How it

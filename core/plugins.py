@@ -21,23 +21,10 @@ def class_by_name(
 ) -> object:
     """What stands under a name; whether it is of any use is for the caller to see.
 
-    Parameters
-    ----------
-    name : str
-        One of `names`, or ``module:Class``.
-    what : str
-        The kind of thing, for complaints: "effect".
-    names : sequence of str
-        Modules of `package`, each with one such thing.
-    package, attribute : str
-        Where those are, and what they call it.
-
-    Raises
-    ------
-    LookupError
-        If there is none of this name.
-    ValueError
-        If the module cannot be imported.
+    `name`: one of `names`, or ``module:Class``. `what`: the kind of thing, for complaints:
+    "effect". `names`: modules of `package`, each with one such thing. `package` and `attribute`:
+    where those are, and what they call it. Raises LookupError if there is none of this name. Raises
+    ValueError if the module cannot be imported.
     """
     module, colon, wanted = name.partition(":")
     if name in names:
@@ -75,11 +62,8 @@ def ranges_of(described: type) -> Mapping[str, Range]:
 def check_ranges(value: Any) -> None:
     """Refuse a dataclass with a number outside its range; call it in ``__post_init__``.
 
-    Raises
-    ------
-    ValueError
-        With the field, its value, the range and the unit; also if it is no number, or should be a
-        whole one.
+    Raises ValueError with the field, its value, the range and the unit; also if it is no number, or
+    should be a whole one.
     """
     described: type = type(value)
     for name, allowed in _ranges_of(described).items():

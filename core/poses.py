@@ -23,10 +23,7 @@ SERIES_BELOW = 0.1  # Angle, rad, below which the Jacobian's last coefficient co
 def rotation_matrix(quaternion: Floats) -> Floats:
     """Rotation matrix (3, 3) of a quaternion x, y, z, w.
 
-    Raises
-    ------
-    ValueError
-        If the quaternion is not of unit length within 1e-6.
+    Raises ValueError if the quaternion is not of unit length within 1e-6.
     """
     length = math.sqrt(float(quaternion @ quaternion))
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
@@ -92,33 +89,16 @@ def transform_points(pose: Floats, points: Floats) -> Floats:
 def pad_rotation(heading: float, tilt: float) -> Floats:
     """Rotation of a pad that faces a surface with this outward normal.
 
-    Parameters
-    ----------
-    heading : float
-        Azimuth of the outward normal, rad.
-    tilt : float
-        Elevation of the outward normal, rad.
-
-    Returns
-    -------
-    (3, 3) array
-        Pad axes as columns: x along the contour, counter-clockwise; z into the object; y
-        completes them and points downwards where `tilt` is 0.
+    `heading`: azimuth of the outward normal, rad. `tilt`: elevation of the outward normal, rad.
+    Returns (3, 3), pad axes as columns: x along the contour, counter-clockwise; z into the object;
+    y completes them and points downwards where `tilt` is 0.
     """
     along = np.array([-math.sin(heading), math.cos(heading), 0.0])
     into = -np.array(
-        [
-            math.cos(tilt) * math.cos(heading),
-            math.cos(tilt) * math.sin(heading),
-            math.sin(tilt),
-        ]
+        [math.cos(tilt) * math.cos(heading), math.cos(tilt) * math.sin(heading), math.sin(tilt)]
     )
     across = np.array(
-        [
-            -into[2] * along[1],
-            into[2] * along[0],
-            into[0] * along[1] - into[1] * along[0],
-        ]
+        [-into[2] * along[1], into[2] * along[0], into[0] * along[1] - into[1] * along[0]]
     )
     return np.column_stack([along, across, into])
 
@@ -139,8 +119,6 @@ def rotation_angle(first: Floats, second: Floats) -> float:
 def rotations_from_vectors(vectors: Floats) -> Floats:
     """Rotation matrices (b, 3, 3) of rotation vectors (b, 3), in rad.
 
-    Notes
-    -----
     Rodrigues's formula by sinc, so that no turn at all is nothing special.
     """
     cross = _cross_matrices(vectors)
@@ -179,8 +157,6 @@ def _cross_matrices(vectors: Floats) -> Floats:
 def vector_from_rotation(matrix: Floats) -> Floats:
     """Rotation vector (3,), of angle 0 to pi, of a rotation matrix (3, 3).
 
-    Notes
-    -----
     By way of the quaternion: an angle near 0 or near pi keeps all its digits. Of the two vectors
     of a half turn it is the one that `quaternion` happens to give.
     """

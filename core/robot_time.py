@@ -24,10 +24,7 @@ LIFTED = -1.0  # Length of the way along the surface where there was none
 class RobotPreset:
     """How fast an arm is.
 
-    Raises
-    ------
-    ValueError
-        If a speed or the acceleration is not positive, or a duration is negative.
+    Raises ValueError if a speed or the acceleration is not positive, or a duration is negative.
     """
 
     speed: float  # Of free travel, m/s
@@ -56,19 +53,8 @@ def touch_seconds(preset: RobotPreset, travel: float, turn: float, approach: flo
 def free_seconds(preset: RobotPreset, travel: float, turn: float) -> float:
     """Robot time from one start pose to the next, travelling and turning together.
 
-    Parameters
-    ----------
-    preset : Preset
-        The arm.
-    travel : float
-        Way from the last start pose to this one, m.
-    turn : float
-        Angle between the two, rad.
-
-    Raises
-    ------
-    ValueError
-        If the way or the angle is negative or not finite.
+    `preset`: the arm. `travel`: way from the last start pose to this one, m. `turn`: angle between
+    the two, rad. Raises ValueError if the way or the angle is negative or not finite.
     """
     _check_not_negative("travel", travel, "m")
     _check_not_negative("turn", turn, "rad")
@@ -85,17 +71,8 @@ def _travel_seconds(preset: RobotPreset, distance: float) -> float:
 def contact_seconds(preset: RobotPreset, approach: float) -> float:
     """Robot time of a move to the surface and back: approach, rest, retreat, two commands.
 
-    Parameters
-    ----------
-    preset : Preset
-        The arm.
-    approach : float
-        Way from the start pose to the end of the touch, m; the finger goes back as far.
-
-    Raises
-    ------
-    ValueError
-        If the way is negative or not finite.
+    `preset`: the arm. `approach`: way from the start pose to the end of the touch, m; the finger
+    goes back as far. Raises ValueError if the way is negative or not finite.
     """
     _check_not_negative("approach", approach, "m")
     there_and_back = approach / preset.approach + approach / preset.retract
@@ -123,10 +100,8 @@ class MoveGeometry(NamedTuple):
     def of_rows(cls, rows: ArrayLike) -> MoveGeometry:
         """Moves from rows of (wait, travel, turn, approach, along), as messages carry them.
 
-        Raises
-        ------
-        ValueError
-            If they are no finite (n, 5) array, or a length, angle or time is negative.
+        Raises ValueError if they are no finite (n, 5) array, or a length, angle or time is
+        negative.
         """
         table = finite_array("moves", rows, (None, COLUMNS))
         if (table[:, :4] < 0.0).any():
@@ -153,10 +128,7 @@ class MoveDurations(NamedTuple):
 class SlidingPreset:
     """An arm that stays on the surface between two touches of one goal.
 
-    Raises
-    ------
-    ValueError
-        If a speed or the time of a frame is not positive.
+    Raises ValueError if a speed or the time of a frame is not positive.
     """
 
     arm: RobotPreset  # How it moves otherwise
@@ -171,15 +143,8 @@ class SlidingPreset:
 def move_durations(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> MoveDurations:
     """Durations of moves, as this robot would make them.
 
-    Parameters
-    ----------
-    moves : Moves
-        Their geometry.
-    robot : Preset or Sliding
-        Who makes them.
+    `moves`: their geometry. `robot`: who makes them.
 
-    Notes
-    -----
     With the preset of which a recording was made they add up to its robot times; see
     `elapsed_seconds`.
     """

@@ -111,12 +111,7 @@ def align(points: ArrayLike, surface: PreparedSurface) -> Alignment:
     good = rms <= max(ALIKE * float(rms[won]), FLOOR * size)
     pose = pose_of(position, rotations[won])
     pose[3:] *= np.copysign(1.0, pose[6])
-    return Alignment(
-        pose,
-        float(rms[won]),
-        bool(fine.converged[won]),
-        bool((good & apart).any()),
-    )
+    return Alignment(pose, float(rms[won]), bool(fine.converged[won]), bool((good & apart).any()))
 
 
 def _least_turned(rms: Floats, rotations: Floats, size: float) -> int:

@@ -59,17 +59,8 @@ class BoxTree:
     def within(self, points: Floats, reach: Floats) -> Iterator[tuple[Indices, Indices]]:
         """Things whose boxes begin nearer to a point than its reach.
 
-        Parameters
-        ----------
-        points : (n, 3) array
-            m.
-        reach : (n,) array
-            m.
-
-        Yields
-        ------
-        point, thing : (p,) arrays
-            All such pairs, by ascending point; all pairs of a point come together.
+        `points` (n, 3), m. `reach` (n,), m. Yields `point`, `thing` (p,): all such pairs, by
+        ascending point; all pairs of a point come together.
         """
         square = reach * reach
         blocks = np.split(np.arange(len(points)), range(BLOCK, len(points), BLOCK))[::-1]
@@ -156,17 +147,9 @@ class BoundingDiscs(NamedTuple):
 def cut_long_triangles(corners: Floats) -> tuple[Floats, NDArray[np.intp]]:
     """Cut triangles across their longest edges until all are short, or there are too many.
 
-    Parameters
-    ----------
-    corners : (m, 3, 3) array
-        Corners of the triangles, m.
-
-    Returns
-    -------
-    pieces : (p, 3, 3) array
-        Corners of the pieces, m; together they are the same surface.
-    faces : (p,) array
-        The triangle that each was cut from.
+    `corners` (m, 3, 3): corners of the triangles, m. Returns `pieces` (p, 3, 3): corners of the
+    pieces, m; together they are the same surface. `faces` (p,): the triangle that each was cut
+    from.
     """
     pieces, faces = corners, np.arange(len(corners))
     most = 2 * len(corners) + EXTRA_PIECES

@@ -99,22 +99,9 @@ class SurfaceSamples(NamedTuple):
 def sample_surface(corners: Floats, count: int, rng: np.random.Generator) -> SurfaceSamples:
     """Points on triangles, uniform by area.
 
-    Parameters
-    ----------
-    corners : (m, 3, 3) array
-        Corners of the triangles, m.
-    count : int
-        Number of points.
-    rng : Generator
-        Source of the randomness.
+    `corners` (m, 3, 3): corners of the triangles, m. `count`: number of points. `rng`: source of
+    the randomness. Raises ValueError if the triangles have no area.
 
-    Raises
-    ------
-    ValueError
-        If the triangles have no area.
-
-    Notes
-    -----
     Stratified: the faces are laid end to end by area, the line is cut into `count` equal
     pieces, and each piece gets one point. Every point of the surface is as likely as any
     other, so means stay unbiased, but their scatter is that of a much larger plain sample.

@@ -24,19 +24,9 @@ SHARP = math.radians(30.0)
 def are_outside(vertices: Floats, faces: Ints, points: Floats, nearest: Nearest) -> Bools:
     """Whether points (n, 3) lie outside a closed mesh, or on it.
 
-    Parameters
-    ----------
-    vertices : (m, 3) array
-        m.
-    faces : (f, 3) array
-        Counter-clockwise seen from outside.
-    points : (n, 3) array
-        m.
-    nearest : Nearest
-        Where the mesh is nearest to each.
+    `vertices` (m, 3), m. `faces` (f, 3): counter-clockwise seen from outside. `points` (n, 3), m.
+    `nearest`: where the mesh is nearest to each.
 
-    Notes
-    -----
     By the normal at the nearest point: of the face, the sum of two along an edge, and at a
     vertex that of all its faces, each by its angle there. No other weights are right for every
     mesh: Bærentzen and Aanæs, *Signed distance computation using the angle weighted
@@ -72,15 +62,8 @@ def _barycentric(corners: Floats, normals: Floats, points: Floats) -> Floats:
 def facet_sag(vertices: Floats, faces: Ints) -> float:
     """Mean distance between a mesh and the surface that its corners' normals tell, m.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m.
-    faces : (m, 3) array
-        Rows of `vertices`, turned alike.
+    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`, turned alike.
 
-    Notes
-    -----
     A linear triangle misses a curved one by half the sum over its edges e of l_i l_j II(e, e),
     with the barycentric coordinates l at the edge's ends; their product is 1/12 on average.
     How the normal turns along an edge tells II(e, e).
@@ -98,18 +81,10 @@ def facet_sag(vertices: Floats, faces: Ints) -> float:
 def corner_normals(vertices: Floats, faces: Ints, sharp: float) -> Floats:
     """Unit normals (m, 3, 3) at the corners of faces.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m.
-    faces : (m, 3) array
-        Rows of `vertices`, turned alike.
-    sharp : float
-        Angle between neighbouring faces, rad, from which the edge between them is one of the
-        solid; pi or more for none.
+    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`, turned alike. `sharp`: angle between
+    neighbouring faces, rad, from which the edge between them is one of the solid; pi or more for
+    none.
 
-    Notes
-    -----
     The faces at a vertex that hang together by blunt edges share a normal: the sum of theirs,
     each by its angle there.
     """

@@ -27,20 +27,10 @@ class Solidity(NamedTuple):
 def solidity(vertices: ArrayLike, faces: ArrayLike) -> Solidity:
     """Examine a mesh.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m. Vertices that no face names are ignored.
-    faces : (m, 3) array of integers
-        Rows of `vertices`.
+    `vertices` (n, 3): m. Vertices that no face names are ignored. `faces` (m, 3): rows of
+    `vertices`. Raises ValueError if a vertex is not finite, or a face names a vertex that is not
+    there.
 
-    Raises
-    ------
-    ValueError
-        If a vertex is not finite, or a face names a vertex that is not there.
-
-    Notes
-    -----
     The genus is that of Euler's formula, V - E + F = 2 (components - genus). A vertex at which
     two fans of faces touch counts once for each, so that two solids that touch in a point
     remain two spheres.
@@ -114,10 +104,7 @@ def _next_corner(edges: Indices) -> Indices:
 def is_closed(faces: Ints) -> bool:
     """Whether each edge is walked once each way: no holes, and all faces turned alike.
 
-    Parameters
-    ----------
-    faces : (m, 3) array
-        Corners, by number. Corners that only lie in the same place are not the same.
+    `faces` (m, 3): corners, by number. Corners that only lie in the same place are not the same.
     """
     begin = faces.ravel().astype(np.int64)
     end = faces[:, [1, 2, 0]].ravel().astype(np.int64)
@@ -129,12 +116,7 @@ def is_closed(faces: Ints) -> bool:
 def is_inside_out(vertices: Floats, faces: Ints) -> bool:
     """Whether the faces, seen from the mesh's middle, look inwards more than outwards.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m.
-    faces : (m, 3) array
-        Corners, by number.
+    `vertices` (n, 3), m. `faces` (m, 3): corners, by number.
     """
     a, b, c = (vertices - vertices.mean(axis=0))[faces].transpose(1, 0, 2)
     return float(np.einsum("ni,ni->", a, np.cross(b, c))) < 0.0
@@ -143,22 +125,9 @@ def is_inside_out(vertices: Floats, faces: Ints) -> bool:
 def triangle_corners(vertices: ArrayLike, faces: ArrayLike) -> Floats:
     """Corners of each face.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m.
-    faces : (m, 3) array of integers
-        Rows of `vertices`.
-
-    Returns
-    -------
-    (m, 3, 3) array
-        Face, corner, coordinate.
-
-    Raises
-    ------
-    ValueError
-        If a vertex is not finite, there is no face, or a face names a vertex that is not there.
+    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`. Returns (m, 3, 3), face, corner,
+    coordinate. Raises ValueError if a vertex is not finite, there is no face, or a face names a
+    vertex that is not there.
     """
     places = finite_array("vertices", vertices, (None, 3))
     return places[checked_faces(faces, len(places))]
@@ -169,10 +138,7 @@ def checked_faces(
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
     """Faces (m, 3), all of whose corners are among this many vertices.
 
-    Raises
-    ------
-    ValueError
-        If there is no face, or a face names a vertex that is not there.
+    Raises ValueError if there is no face, or a face names a vertex that is not there.
     """
     rows = np.asarray(faces)
     if rows.ndim != 2 or rows.shape[1] != 3 or not len(rows) or rows.dtype.kind not in "iu":

@@ -94,19 +94,8 @@ def _measure(triangles: Triangles, faces: Indices, points: Floats) -> tuple[Floa
 def nearest_on(triangles: Triangles, faces: NDArray[np.intp], points: Floats) -> Floats:
     """Nearest point of one triangle to each point.
 
-    Parameters
-    ----------
-    triangles : Triangles
-        The surface.
-    faces : (n,) array
-        The triangle that each point is asked about.
-    points : (n, 3) array
-        m.
-
-    Returns
-    -------
-    (n, 3) array
-        m.
+    `triangles`: the surface. `faces` (n,): the triangle that each point is asked about. `points`
+    (n, 3), m. Returns (n, 3), m.
     """
     start = triangles.corner[faces]
     edges = triangles.edges[faces]

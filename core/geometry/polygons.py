@@ -37,13 +37,8 @@ def inscribed_circle(polygon: Floats) -> Circle:
 
     Its middle is inside where that of the box, or of the area, is not: in a U or a C.
 
-    Raises
-    ------
-    ValueError
-        If the polygon has fewer than 3 vertices or is not finite.
+    Raises ValueError if the polygon has fewer than 3 vertices or is not finite.
 
-    Notes
-    -----
     Squares that may hold the middle of a larger circle than the best one so far are quartered:
     the distance to the edges changes by no more than the way. So the result is the largest
     one to a tolerance of 1e-3 of the polygon's size, however many local ones there are. Then
@@ -102,27 +97,10 @@ def _depth(polygon: Floats, points: Floats) -> Floats:
 def inscribed_ellipse_scale(polygon: Floats, middle: Floats, semi_axes: Floats) -> float:
     """The largest factor of an ellipse's semi-axes for which it lies inside a polygon.
 
-    Parameters
-    ----------
-    polygon : (n, 2) array
-        Closed, need not be convex, m.
-    middle : (2,) array
-        Centre of the ellipse, m.
-    semi_axes : (2,) array
-        Along x and y, m.
+    `polygon` (n, 2): closed, need not be convex, m. `middle` (2,): centre of the ellipse, m.
+    `semi_axes` (2,): along x and y, m. Returns 1; 0 where the middle is not inside. Raises
+    ValueError if a shape is wrong, a number not finite, or a semi-axis not positive.
 
-    Returns
-    -------
-    float
-        1; 0 where the middle is not inside.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong, a number not finite, or a semi-axis not positive.
-
-    Notes
-    -----
     In the plane in which the ellipse is the unit circle this is the distance of its middle
     from the polygon's edges: the answer to the search of Fung, 1999, table 4.2, which also
     tests the edges as if they were infinite lines.
@@ -145,15 +123,8 @@ def area_centroid(contour: Floats) -> Floats:
     Of the area, because the mean of unevenly felt points lies nearer to where they are dense;
     where there is no area, that mean.
 
-    Parameters
-    ----------
-    contour : (n, 2) or (n, 3) array
-        Around it, in either direction, m; a third coordinate is ignored.
-
-    Raises
-    ------
-    ValueError
-        If the contour has no point, or is not finite (n, 2) or (n, 3).
+    `contour` (n, 2) or (n, 3): around it, in either direction, m; a third coordinate is ignored.
+    Raises ValueError if the contour has no point, or is not finite (n, 2) or (n, 3).
     """
     polygon = closed_polygon(np.asarray(contour)[..., :2])
     return np.asarray(area_centroids(polygon[None])[0])
@@ -188,10 +159,7 @@ def signed_area(polygon: Floats) -> float:
 
     About its first vertex, so that a small polygon far from the origin keeps its digits.
 
-    Raises
-    ------
-    ValueError
-        If the polygon has no vertex, or is not finite (n, 2).
+    Raises ValueError if the polygon has no vertex, or is not finite (n, 2).
     """
     polygon = closed_polygon(polygon)
     near = polygon - polygon[0]
@@ -206,10 +174,7 @@ def winding_number(polygon: Floats, points: Floats) -> Ints:
     Positive counter-clockwise. Edges that cross the level of a point to its right are counted,
     so that no angle is ever taken: Sunday, *Inclusion of a point in a polygon*, 2001.
 
-    Raises
-    ------
-    ValueError
-        If the polygon has no vertex, or something is not finite or of another shape.
+    Raises ValueError if the polygon has no vertex, or something is not finite or of another shape.
     """
     polygon, points = closed_polygon(polygon), finite_array("points", points, (None, 2))
     starts, ends = polygon, np.roll(polygon, -1, axis=0)
@@ -229,10 +194,7 @@ def edge_distance(polygon: Floats, points: Floats) -> Floats:
 
     To the edges, not to the lines that they lie on.
 
-    Raises
-    ------
-    ValueError
-        If the polygon has no vertex, or something is not finite or of another shape.
+    Raises ValueError if the polygon has no vertex, or something is not finite or of another shape.
     """
     polygon, points = closed_polygon(polygon), finite_array("points", points, (None, 2))
     along = np.roll(polygon, -1, axis=0) - polygon
@@ -249,13 +211,8 @@ def self_intersects(polygon: Floats) -> bool:
 
     Vertices that come twice in a row, as where the first is given again at the end, are one.
 
-    Raises
-    ------
-    ValueError
-        If the polygon is not finite (n, 2).
+    Raises ValueError if the polygon is not finite (n, 2).
 
-    Notes
-    -----
     Edges that follow each other lie together in ever larger boxes; only where two boxes
     overlap are their halves looked at.
     """
@@ -330,10 +287,7 @@ def _side(a: Floats, b: Floats, point: Floats) -> Floats:
 def closed_polygon(polygon: ArrayLike, least: int = 1) -> Floats:
     """Vertices (n, 2) of a closed polygon, m, once they have been looked at.
 
-    Raises
-    ------
-    ValueError
-        If they are not finite (n, 2), or fewer than `least`.
+    Raises ValueError if they are not finite (n, 2), or fewer than `least`.
     """
     checked = finite_array("polygon", polygon, (None, 2))
     if len(checked) < least:

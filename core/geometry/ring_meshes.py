@@ -13,19 +13,9 @@ from palpate.core.arrays import Floats, Ints
 def close_rings(bottom: Floats, rings: Floats, top: Floats) -> tuple[Floats, Ints]:
     """Watertight mesh of genus 0 from two poles and the rings between them.
 
-    Parameters
-    ----------
-    bottom, top : (3,) arrays
-        The poles, m.
-    rings : (m, n, 3) array
-        From the bottom to the top; each counter-clockwise seen from above.
-
-    Returns
-    -------
-    vertices : (m n + 2, 3) array
-        m.
-    faces : (2 m n, 3) array
-        Counter-clockwise seen from outside.
+    `bottom` and `top` (3,): the poles, m. `rings` (m, n, 3): from the bottom to the top; each
+    counter-clockwise seen from above. Returns `vertices` (m n + 2, 3): m. `faces` (2 m n, 3):
+    counter-clockwise seen from outside.
     """
     count, size = rings.shape[:2]
     vertices = np.concatenate([bottom[None], rings.reshape(-1, 3), top[None]])
@@ -45,22 +35,11 @@ def close_rings(bottom: Floats, rings: Floats, top: Floats) -> tuple[Floats, Int
 def join_rings(sizes: Ints) -> Ints:
     """Faces of a closed surface from two poles and the rings between them.
 
-    Parameters
-    ----------
-    sizes : (m,) array
-        Points of each ring, from the bottom to the top. They begin at the same turn and run
-        counter-clockwise seen from above; neighbours have as many, half or twice as many.
-
-    Returns
-    -------
-    (f, 3) array
-        Counter-clockwise seen from outside. Vertex 0 is the lower pole, then come the rings
-        in order, then the upper pole.
-
-    Raises
-    ------
-    ValueError
-        If there is no ring, one has fewer than 3 points, or neighbours have other sizes.
+    `sizes` (m,): points of each ring, from the bottom to the top. They begin at the same turn and
+    run counter-clockwise seen from above; neighbours have as many, half or twice as many. Returns
+    (f, 3), counter-clockwise seen from outside. Vertex 0 is the lower pole, then come the rings in
+    order, then the upper pole. Raises ValueError if there is no ring, one has fewer than 3 points,
+    or neighbours have other sizes.
     """
     counts = [int(size) for size in sizes]
     if min(counts, default=0) < 3:

@@ -42,20 +42,10 @@ class SelfIntersection:
 def self_intersection(vertices: ArrayLike, faces: ArrayLike) -> SelfIntersection:
     """Pairs of faces that pass through each other.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        Vertices in the same place count as one.
-    faces : (m, 3) array of integers
-        Rows of `vertices`. Faces without area cross nothing.
+    `vertices` (n, 3): vertices in the same place count as one. `faces` (m, 3): rows of `vertices`.
+    Faces without area cross nothing. Raises ValueError if a vertex is not finite, or a face names a
+    vertex that is not there.
 
-    Raises
-    ------
-    ValueError
-        If a vertex is not finite, or a face names a vertex that is not there.
-
-    Notes
-    -----
     Faces that only touch do not cross, nor do faces that lie on each other in one plane, and
     nor does one that has an edge in the other's plane: those are cases that the last digit
     decides.

@@ -40,22 +40,10 @@ class AzimuthMatch(NamedTuple):
 def azimuth_match(polygon: Floats, middle: Floats, azimuths: Floats) -> AzimuthMatch:
     """Match a contour to azimuths about a middle.
 
-    Parameters
-    ----------
-    polygon : (n, 2) array
-        Closed, fine, counter-clockwise, m.
-    middle : (2,) array
-        From where azimuths are taken, m.
-    azimuths : (k,) array
-        rad.
+    `polygon` (n, 2): closed, fine, counter-clockwise, m. `middle` (2,): from where azimuths are
+    taken, m. `azimuths` (k,), rad. Raises ValueError if the polygon has fewer than 3 vertices, or
+    anything is not finite.
 
-    Raises
-    ------
-    ValueError
-        If the polygon has fewer than 3 vertices, or anything is not finite.
-
-    Notes
-    -----
     Along a concave contour the azimuth rises, falls back, and rises again; a ray then meets
     it several times. Here the azimuth is replaced by the middle between the largest one so
     far and the least one still to come, which never falls.
@@ -110,10 +98,7 @@ def radial_match(polygon: Floats, middle: Floats, azimuths: Floats) -> RadialMat
     Kept for comparison; `azimuth_match` gives a match where a ray meets the contour several
     times or not at all.
 
-    Raises
-    ------
-    ValueError
-        If the polygon has no vertex, or something is not finite or of another shape.
+    Raises ValueError if the polygon has no vertex, or something is not finite or of another shape.
     """
     polygon, middle = closed_polygon(polygon), finite_array("middle", middle, (2,))
     azimuths = finite_array("azimuths", azimuths, (None,))
@@ -134,13 +119,8 @@ def radial_match(polygon: Floats, middle: Floats, azimuths: Floats) -> RadialMat
 def kernel_point(polygon: Floats) -> Floats | None:
     """The place (2,) deepest behind all edges of a polygon, m; None if none sees it whole.
 
-    Parameters
-    ----------
-    polygon : (n, 2) array
-        Counter-clockwise, finite, m.
+    `polygon` (n, 2): counter-clockwise, finite, m.
 
-    Notes
-    -----
     The edges' half planes have the kernel in common (Lee and Preparata, *An optimal algorithm for
     finding the kernel of a polygon*, 1979); here a linear programme finds the middle of the
     largest disc in it.
@@ -170,10 +150,7 @@ def angle_between(first: Floats, second: Floats) -> Floats:
     By the arc tangent of cross and scalar product: an arc cosine knows nothing of angles
     below 1e-8. A direction of length 0 is taken to lie along any other.
 
-    Raises
-    ------
-    ValueError
-        If a direction is not finite (..., 2) or (..., 3).
+    Raises ValueError if a direction is not finite (..., 2) or (..., 3).
     """
     first, second = _scaled("first", first, (2, 3)), _scaled("second", second, (2, 3))
     along = np.einsum("...d,...d->...", first, second)
@@ -190,10 +167,7 @@ def turn_between(first: Floats, second: Floats) -> Floats:
 
     Positive counter-clockwise; made as `angle_between` makes its.
 
-    Raises
-    ------
-    ValueError
-        If a direction is not finite (..., 2).
+    Raises ValueError if a direction is not finite (..., 2).
     """
     first, second = _scaled("first", first, (2,)), _scaled("second", second, (2,))
     along = np.einsum("...d,...d->...", first, second)

@@ -24,19 +24,8 @@ ROOM = 3.0  # All that is unbounded is cut to a box that is this many times as l
 def combined_mesh(tree: Tree, box: Floats, level: int) -> Mesh:
     """The mesh of a tree of solids.
 
-    Parameters
-    ----------
-    tree : Tree
-        What is combined.
-    box : (2, 3) array
-        Corners of a box that holds the whole, m.
-    level : int
-        That of the leaves' tessellations.
-
-    Raises
-    ------
-    ValueError
-        If a leaf's tessellation is not closed.
+    `tree`: what is combined. `box` (2, 3): corners of a box that holds the whole, m. `level`: that
+    of the leaves' tessellations. Raises ValueError if a leaf's tessellation is not closed.
     """
     extent = float(np.linalg.norm(box[1] - box[0]))
     solid = _combined(tree, box.mean(axis=0), ROOM * extent, level)

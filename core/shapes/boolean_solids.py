@@ -218,8 +218,6 @@ def tree_membership(tree: Tree, states: Iterator[Bools]) -> Bools:
 def tree_function(tree: Tree, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
     """The R-function of the leaves' functions, negative inside, and its slope, (n,) each.
 
-    Notes
-    -----
     Fung, 1999, (2.34) and (2.35). An R-function is positive inside, ours are negative: so
     the conjunction joins what the union wants.
     """

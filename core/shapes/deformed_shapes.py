@@ -105,34 +105,15 @@ class DeformedShape:
 
 
 def polish(
-    base: ImplicitShape,
-    deformation: Deformation,
-    places: Floats,
-    starts: Floats,
-    direction: Floats,
+    base: ImplicitShape, deformation: Deformation, places: Floats, starts: Floats, direction: Floats
 ) -> tuple[Floats, Bools]:
     """Ways along parallel rays from near a deformed surface onto it.
 
-    Parameters
-    ----------
-    base : ImplicitShape
-        What is deformed.
-    deformation : Deformation
-        How.
-    places : (n, 3) array
-        Near the surface of the base, m.
-    starts : (n, 3) array
-        Where they are on the rays, about, m.
-    direction : (3,) array
-        The rays' unit direction.
-
-    Returns
-    -------
-    ways : (n,) array
-        To the surface, m; negative backwards.
-    converged : (n,) array
-        Where the way can be believed: the steps vanished, and on all of them the place stayed
-        near and the surface faced the ray.
+    `base`: what is deformed. `deformation`: how. `places` (n, 3): near the surface of the base, m.
+    `starts` (n, 3): where they are on the rays, about, m. `direction` (3,): the rays' unit
+    direction. Returns `ways` (n,): to the surface, m; negative backwards. `converged` (n,): where
+    the way can be believed: the steps vanished, and on all of them the place stayed near and the
+    surface faced the ray.
     """
     low, high = base.enclosure()  # a lattice says nothing of what lies beyond
     size = float((high - low).min())

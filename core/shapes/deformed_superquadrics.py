@@ -41,19 +41,9 @@ NormFunction = Callable[[Floats, Floats], tuple[Floats, Floats]]
 class DeformedSuperquadric:
     """A superquadric about the origin, tapered along z, then bent.
 
-    Parameters
-    ----------
-    base : Superquadric
-        What is tapered and bent.
-    taper : (2,) array
-        Widening of x and y at the top, as a share: see `Taper`.
-    bend : Bend
-        How the tapered solid is bent.
-
-    Raises
-    ------
-    ValueError
-        If a taper collapses the solid, or the bend folds it or closes it to a ring.
+    `base`: what is tapered and bent. `taper` (2,): widening of x and y at the top, as a share: see
+    `Taper`. `bend`: how the tapered solid is bent. Raises ValueError if a taper collapses the
+    solid, or the bend folds it or closes it to a ring.
     """
 
     def __init__(self, base: Superquadric, taper: Floats, bend: Bend = NO_BEND):
@@ -172,14 +162,8 @@ class DeformedSuperquadric:
 def largest_curvature(base: Superquadric, taper: Floats, direction: float) -> float:
     """Largest curvature to which a tapered superquadric is bent, 1/m.
 
-    Parameters
-    ----------
-    base : Superquadric
-        What is tapered and bent.
-    taper : (2,) array
-        Widening of x and y at the top.
-    direction : float
-        Azimuth of the bend, rad.
+    `base`: what is tapered and bent. `taper` (2,): widening of x and y at the top. `direction`:
+    azimuth of the bend, rad.
     """
     inwards, _, height = _half_box(base, taper, direction).tolist()
     return LARGEST_SHARE * float(min(1.0 / inwards, math.pi / height))
@@ -211,21 +195,9 @@ def posed_superquadric(
 ) -> PosedShape:
     """The solid with these parameters.
 
-    Parameters
-    ----------
-    size, exponents : (3,), (2,) arrays
-        Semi-axes, m; e1 and e2.
-    pose : (7,) array
-        Of its own frame in the world.
-    taper : (2,) array
-        Widening of x and y at the top.
-    bend : Bend
-        How the tapered solid is bent.
-
-    Raises
-    ------
-    ValueError
-        If it has no extent, or its bend folds it.
+    `size` and `exponents` (3,): semi-axes, m; e1 and e2. `pose` (7,): of its own frame in the
+    world. `taper` (2,): widening of x and y at the top. `bend`: how the tapered solid is bent.
+    Raises ValueError if it has no extent, or its bend folds it.
     """
     base = Superquadric(size, exponents)
     if not taper.any() and bend.curvature == 0.0:
@@ -257,14 +229,7 @@ class Straightening:
 
     Rays are given by their coordinates towards the bend's centre, square to its plane and up.
 
-    Parameters
-    ----------
-    size : (3,) array
-        Semi-axes, m.
-    taper : (2,) array
-        Widening of x and y at the top.
-    bend : Bend
-        The bend.
+    `size` (3,): semi-axes, m. `taper` (2,): widening of x and y at the top. `bend`: the bend.
     """
 
     size: Floats
@@ -374,14 +339,8 @@ def outside_minorant(
 ) -> MinorantFunction:
     """Bounds from below of f, which bends down by `dip` at most.
 
-    Parameters
-    ----------
-    curve, norm : functions
-        Give c, w and N.
-    dip : float
-        N(c'') + |w''| at most, 1/m2.
-    gaps : tuple of gaps
-        Where f is known to be positive and nothing else is.
+    `curve` and `norm`: give c, w and N. `dip`: N(c'') + |w''| at most, 1/m2. `gaps`: where f is
+    known to be positive and nothing else is.
     """
 
     def floor(places: Floats, lengths: Floats, which: Ints) -> Minorant:

@@ -242,16 +242,10 @@ def profile_mesh(
 ) -> Mesh:
     """A swept section, closed by plane ends.
 
-    Parameters
-    ----------
-    outline : function
-        Gives that many points (n, 2) around the section, m.
-    scale : PiecewiseCubic
-        Scale of the section along the axis; 0 at an end is an apex, else the end is a plane.
-    shear : (3, 3) array
-        From the upright solid to the wanted one.
-    level : int
-        Each has four times the faces of the one before: 80,000 for level 6.
+    `outline`: gives that many points (n, 2) around the section, m. `scale`: scale of the section
+    along the axis; 0 at an end is an apex, else the end is a plane. `shear` (3, 3): from the
+    upright solid to the wanted one. `level`: each has four times the faces of the one before:
+    80,000 for level 6.
     """
     around = max(2 ** (level + 2), LEAST_AROUND)
     size, height = _profile(scale, int(SIDE_RINGS * around), int(CAP_RINGS * around))

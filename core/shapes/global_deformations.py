@@ -182,17 +182,10 @@ def clip_to_bent_box(
 ) -> ClippedRays:
     """Where parallel rays enter and leave a box that was bent with its axis.
 
-    Parameters
-    ----------
-    origins : (3, n) array
-        Where the rays start, by coordinate: towards the centre of curvature, square to the
-        bend's plane, up, m.
-    direction : (3,) array
-        Their unit direction.
-    half : (3,) array
-        Half the edges of the box before it was bent, m.
-    curvature : float
-        1/m; smaller than 1 over the first half edge and than pi over the last.
+    `origins` (3, n): where the rays start, by coordinate: towards the centre of curvature, square
+    to the bend's plane, up, m. `direction` (3,): their unit direction. `half` (3,): half the edges
+    of the box before it was bent, m. `curvature`: 1/m; smaller than 1 over the first half edge and
+    than pi over the last.
     """
     if abs(curvature) < LEAST_CURVATURE:
         return ClippedRays(*clip_to_box(origins, direction, half), ())

@@ -21,17 +21,9 @@ CONCURRENT = 1e-9
 class HalfSpace:
     """The points p with normal p <= offset.
 
-    Parameters
-    ----------
-    normal : (3,) array
-        Outward normal of any length but 0.
-    offset : float
-        Distance of the plane from the origin along the normal, m.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite or the normal has no length.
+    `normal` (3,): outward normal of any length but 0. `offset`: distance of the plane from the
+    origin along the normal, m. Raises ValueError if a number is not finite or the normal has no
+    length.
     """
 
     def __init__(self, normal: Floats, offset: float):
@@ -69,20 +61,9 @@ class HalfSpace:
 def polytope_box(normals: Floats, offsets: Floats) -> Floats:
     """Smallest upright box about the points p with normals p <= offsets.
 
-    Parameters
-    ----------
-    normals : (n, 3) array
-        Outward normals of any length.
-    offsets : (n,) array
-        Their bounds.
+    `normals` (n, 3): outward normals of any length. `offsets` (n,): their bounds. Returns (2, 3),
+    smallest and largest coordinates, infinite where there is no bound.
 
-    Returns
-    -------
-    (2, 3) array
-        Smallest and largest coordinates, infinite where there is no bound.
-
-    Notes
-    -----
     By the duality of linear programming, the largest coordinate is the least bound that any
     three of the half-spaces, or fewer, give together: a combination of their normals with
     weights that are not negative is the axis, and that of their offsets is the bound.
@@ -121,17 +102,9 @@ def deepest_point(
 ) -> tuple[Floats, float]:
     """Point at which a function is least, and its value there.
 
-    Parameters
-    ----------
-    level : function
-        Values (n,) at points (n, 3).
-    box : (2, 3) array
-        Where to look, m.
-    planes : (n, 4) array
-        Planes a x + b y + c z + d = 0 in whose common points the function may be least.
+    `level`: values (n,) at points (n, 3). `box` (2, 3): where to look, m. `planes` (n, 4): planes a
+    x + b y + c z + d = 0 in whose common points the function may be least.
 
-    Notes
-    -----
     A grid, then ever smaller boxes about the best point. Powers below 1 are least in corners
     of the planes' arrangement, which are looked at as they are.
     """

@@ -141,11 +141,8 @@ def range_of_slopes(h: Floats, rate: Floats, exponents: Floats, lengths: Floats)
 def checked_terms(planes: Floats, exponents: Floats) -> tuple[Floats, Floats]:
     """Planes (n, 4) and exponents (n,) of some terms.
 
-    Raises
-    ------
-    ValueError
-        If there is none, their numbers differ, an exponent is out of range, or a plane faces
-        nowhere.
+    Raises ValueError if there is none, their numbers differ, an exponent is out of range, or a
+    plane faces nowhere.
     """
     planes = finite_array("planes", planes, (None, 4))
     if not len(planes):
@@ -190,12 +187,8 @@ def powers(h: Floats, exponents: Floats) -> Floats:
 def power_slopes(h: Floats, rate: Floats, exponents: Floats) -> Floats:
     """Derivatives of the powers along rays, (k, n); 0 in a cusp.
 
-    Parameters
-    ----------
-    h, rate : (k, n) arrays
-        Quantities, and their derivatives along the rays.
-    exponents : (k, 1) array
-        Positive.
+    `h` and `rate` (k, n): quantities, and their derivatives along the rays. `exponents` (k, 1):
+    positive.
     """
     size = np.minimum(np.abs(h), LARGEST)
     result: Floats = exponents * (size + TINY) ** (exponents - 1.0) * (np.sign(h) * rate)

@@ -253,8 +253,6 @@ def ray_bundle(
 def first_entries(rays: RayBundle, starts: Floats, ends: Floats, tolerance: float) -> Floats:
     """First place (n,) of each ray at which it is inside, or `MISS`.
 
-    Notes
-    -----
     Powers of 1 and more are convex along a ray, and a dent with powers of 2 and more bends
     downwards no more than is known: these go by `first_roots`, all others by bounds.
     """

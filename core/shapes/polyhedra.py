@@ -176,19 +176,10 @@ class Polyhedron:
 def winged_edges(faces: Sequence[Sequence[int]], vertices: int) -> WingedEdges:
     """The edges of a closed surface.
 
-    Parameters
-    ----------
-    faces : sequence of sequences of int
-        Corners of each face in order, by number, at least 3.
-    vertices : int
-        How many vertices there are.
-
-    Raises
-    ------
-    ValueError
-        If a face has too few corners, or one of them twice, or names a vertex that is not
-        there; if an edge does not have a face on each side, or these are turned opposite
-        ways; if a vertex belongs to no face, or joins parts that only touch there.
+    `faces`: corners of each face in order, by number, at least 3. `vertices`: how many vertices
+    there are. Raises ValueError if a face has too few corners, or one of them twice, or names a
+    vertex that is not there; if an edge does not have a face on each side, or these are turned
+    opposite ways; if a vertex belongs to no face, or joins parts that only touch there.
     """
     counts = np.array([len(face) for face in faces])
     _refuse(counts < 3, "faces[{0}] must have at least 3 corners, got {1}", counts)
@@ -294,24 +285,10 @@ def _refuse(bad: Bools, sentence: str, values: Longs) -> None:
 def triangulate_polygons(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> Ints:
     """Triangles of plane polygons, turned as these are.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m.
-    begins, corners : arrays
-        Where each polygon's corners begin, with the end of the last, and all corners in order.
-    normals : (m, 3) array
-        The polygons' unit normals, about which they run counter-clockwise.
-
-    Returns
-    -------
-    (k, 3) array
-        Corners of triangles, polygon after polygon; no vertex is added.
-
-    Raises
-    ------
-    ValueError
-        If a polygon crosses itself.
+    `vertices` (n, 3), m. `begins` and `corners`: where each polygon's corners begin, with the end
+    of the last, and all corners in order. `normals` (m, 3): the polygons' unit normals, about which
+    they run counter-clockwise. Returns (k, 3), corners of triangles, polygon after polygon; no
+    vertex is added. Raises ValueError if a polygon crosses itself.
     """
     count = np.diff(begins)
     convex = _convex(vertices, begins, corners, normals)

@@ -31,19 +31,9 @@ class Shape(Protocol):
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range to the first surface along parallel rays.
 
-        Parameters
-        ----------
-        origins : (n, 3) array
-            Where the rays start.
-        direction : (3,) array
-            Their common unit direction.
-        reach : float
-            How far they go.
-
-        Returns
-        -------
-        (n,) array
-            Range in m; `MISS` where nothing is met, `INSIDE` where the ray starts inside.
+        `origins` (n, 3): where the rays start. `direction` (3,): their common unit direction.
+        `reach`: how far they go. Returns (n,), range in m; `MISS` where nothing is met, `INSIDE`
+        where the ray starts inside.
         """
 
     def mesh(self, level: int) -> Mesh:
@@ -59,15 +49,8 @@ class ImplicitShape(Shape, Protocol):
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """A function that is negative inside, 0 on the surface and positive outside.
 
-        Parameters
-        ----------
-        points, directions : (n, 3) arrays
-            Where, near the solid, and the direction of its derivative, m.
-
-        Returns
-        -------
-        value, slope : (n,) arrays
-            The function and its derivative, 1 and 1/m.
+        `points` and `directions` (n, 3): where, near the solid, and the direction of its
+        derivative, m. Returns `value`, `slope` (n,): the function and its derivative, 1 and 1/m.
         """
 
 
@@ -130,12 +113,7 @@ class PosedShape:
 class PosedSolid:
     """A bounded solid in a rotated and shifted frame.
 
-    Parameters
-    ----------
-    base : BoundedSolid
-        The solid in its own frame.
-    pose : (7,) array
-        Its pose.
+    `base`: the solid in its own frame. `pose` (7,): its pose.
     """
 
     def __init__(self, base: BoundedCsgSolid, pose: Floats):

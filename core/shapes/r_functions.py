@@ -36,26 +36,12 @@ def complement(f: ArrayLike) -> Floats:
 def conjunction(f1: ArrayLike, f2: ArrayLike, omega: float = 0.0, *, smoothness: int = 0) -> Floats:
     """Intersection of two solids.
 
-    Parameters
-    ----------
-    f1, f2 : arrays that broadcast
-        Values of the defining functions, positive inside.
-    omega : float
-        Above -1, at most 1. With 1 it is the minimum; 0 is the usual choice.
-    smoothness : int
-        How often the result can be differentiated where both functions vanish. The value
-        grows with this power of the functions beside their own: (2.37).
-
-    Returns
-    -------
-    array
-        Positive where both are. A value that would leave the range of floating point numbers
-        stays at its end and keeps its sign.
-
-    Raises
-    ------
-    ValueError
-        If a value is not finite, omega not in (-1, 1], or the smoothness negative.
+    `f1` and `f2`: values of the defining functions, positive inside. `omega`: above -1, at most 1.
+    With 1 it is the minimum; 0 is the usual choice. `smoothness`: how often the result can be
+    differentiated where both functions vanish. The value grows with this power of the functions
+    beside their own: (2.37). Returns positive where both are. A value that would leave the range of
+    floating point numbers stays at its end and keeps its sign. Raises ValueError if a value is not
+    finite, omega not in (-1, 1], or the smoothness negative.
     """
     return -disjunction(complement(f1), complement(f2), omega, smoothness=smoothness)
 
@@ -90,8 +76,6 @@ def conjunction_slopes(
 ) -> tuple[Floats, Floats]:
     """Derivatives of `conjunction` by f1 and by f2; parameters and errors as there.
 
-    Notes
-    -----
     Where there is no derivative (both functions vanish; with omega 1, they are equal) each is
     1 / (1 + omega), the middle of what is found nearby; with a smoothness, 0.
     """

@@ -64,19 +64,10 @@ def marched_spans(
 ) -> Floats:
     """Spans found by going from surface to surface.
 
-    Parameters
-    ----------
-    entering, leaving : functions
-        Bounds from below of a function that is negative inside, and of its negative.
-    starts, ends : (n,) arrays
-        The part of each ray in which the solid lies, from 0 on; outside it the ray is outside.
-    tolerance : float
-        How exactly ranges are wanted, m.
-
-    Returns
-    -------
-    (n, k, 2) array
-        At most 64 spans on each ray.
+    `entering` and `leaving`: bounds from below of a function that is negative inside, and of its
+    negative. `starts` and `ends` (n,): the part of each ray in which the solid lies, from 0 on;
+    outside it the ray is outside. `tolerance`: how exactly ranges are wanted, m. Returns (n, k, 2),
+    at most 64 spans on each ray.
     """
     found: list[Floats] = []
     rows = np.flatnonzero(starts <= ends)
@@ -119,25 +110,12 @@ def first_roots(
 ) -> Floats:
     """First place (n,) from `starts` on where each function is not positive.
 
-    Parameters
-    ----------
-    function : function
-        Gives values and slopes.
-    starts, ends : (n,) arrays
-        Where to begin and to stop.
-    tolerance : float
-        How exactly a root is wanted, in the unit of the places.
-    dip, rise : float
-        The second derivatives lie between -`dip` and `rise`.
-    gaps : tuple of gaps
-        Where nothing needs to be looked for, and the two bounds need not hold. No two of a
-        function may meet.
-
-    Returns
-    -------
-    (n,) array
-        `MISS` where there is no root, or none was found in 2000 steps. The start itself, to
-        the bit, where the function is not positive there.
+    `function`: gives values and slopes. `starts` and `ends` (n,): where to begin and to stop.
+    `tolerance`: how exactly a root is wanted, in the unit of the places. `dip` and `rise`: the
+    second derivatives lie between -`dip` and `rise`. `gaps`: where nothing needs to be looked for,
+    and the two bounds need not hold. No two of a function may meet. Returns (n,), `MISS` where
+    there is no root, or none was found in 2000 steps. The start itself, to the bit, where the
+    function is not positive there.
     """
     found = np.full(len(starts), MISS)
     places = starts
@@ -206,20 +184,10 @@ def guaranteed_first_roots(
 ) -> Floats:
     """First place (n,) from `starts` on where each function is not positive.
 
-    Parameters
-    ----------
-    below : function
-        Gives parabolas below the functions.
-    starts, ends : (n,) arrays
-        Where to begin and to stop, finite.
-    tolerance : float
-        How exactly a root is wanted, in the unit of the places.
-
-    Returns
-    -------
-    (n,) array
-        `MISS` where there is no root, or none was found in 2000 steps. The start itself, to
-        the bit, where the function is not positive there.
+    `below`: gives parabolas below the functions. `starts` and `ends` (n,): where to begin and to
+    stop, finite. `tolerance`: how exactly a root is wanted, in the unit of the places. Returns
+    (n,), `MISS` where there is no root, or none was found in 2000 steps. The start itself, to the
+    bit, where the function is not positive there.
     """
     found = np.full(len(starts), MISS)
     rows: Ints = np.flatnonzero(starts <= ends).astype(np.int32)
@@ -278,19 +246,9 @@ def _judged(
 def clip_to_box(origins: Floats, direction: Floats, half: Floats) -> tuple[Floats, Floats]:
     """Where parallel rays enter and leave a box about the origin.
 
-    Parameters
-    ----------
-    origins : (3, n) array
-        Where the rays start, by coordinate, m.
-    direction : (3,) array
-        Their direction.
-    half : (3,) array
-        Half the box's edges, m.
-
-    Returns
-    -------
-    starts, ends : (n,) arrays
-        Ranges, at least 0; a ray that misses the box starts after its end.
+    `origins` (3, n): where the rays start, by coordinate, m. `direction` (3,): their direction.
+    `half` (3,): half the box's edges, m. Returns `starts`, `ends` (n,): ranges, at least 0; a ray
+    that misses the box starts after its end.
     """
     slowness = 1.0 / np.where(np.abs(direction) < LEAST_DIRECTION, LEAST_DIRECTION, direction)
     middle = origins * -slowness[:, None]

@@ -46,15 +46,8 @@ class Section(Protocol):
 class SplineSection:
     """The closed cubic spline through radii at even azimuths, the first at 0.
 
-    Parameters
-    ----------
-    radii : (n,) array
-        3 to 64 distances from the axis, m.
-
-    Raises
-    ------
-    ValueError
-        If there are too few or too many, or the outline would reach the axis.
+    `radii` (n,): 3 to 64 distances from the axis, m. Raises ValueError if there are too few or too
+    many, or the outline would reach the axis.
     """
 
     def __init__(self, radii: Floats):
@@ -143,17 +136,8 @@ def _ends(at: Floats, more: Floats) -> Floats:
 class SuperellipseSection:
     """A superellipse about 0.
 
-    Parameters
-    ----------
-    size : (2,) array
-        Semi-axes along x and y, m.
-    exponent : float
-        0.02 nearly a rectangle, 1 an ellipse, 2 a rhombus.
-
-    Raises
-    ------
-    ValueError
-        If a semi-axis is not positive or the exponent is out of its range.
+    `size` (2,): semi-axes along x and y, m. `exponent`: 0.02 nearly a rectangle, 1 an ellipse, 2 a
+    rhombus. Raises ValueError if a semi-axis is not positive or the exponent is out of its range.
     """
 
     def __init__(self, size: Floats, exponent: float):

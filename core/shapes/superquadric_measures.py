@@ -69,20 +69,9 @@ def superquadric_volume(size: ArrayLike, exponents: ArrayLike) -> float:
 def superquadric_moments(shape: Superquadric, taper: ArrayLike = (0.0, 0.0)) -> MassMoments:
     """Volume, centroid and second moments of a superquadric that may be tapered.
 
-    Parameters
-    ----------
-    shape : Superquadric
-        What is tapered.
-    taper : (2,) array
-        Widening of x and y at the top: see `Taper`.
+    `shape`: what is tapered. `taper` (2,): widening of x and y at the top: see `Taper`. Raises
+    ValueError if a widening is not between -1 and 1.
 
-    Raises
-    ------
-    ValueError
-        If a widening is not between -1 and 1.
-
-    Notes
-    -----
     A section at the share h of the half height is widened by 1 + K h, so that every moment is a
     polynomial in the widenings. Its coefficients are integrals over h of a power of h times the
     section's area, or times its square for the moments across. A bend would leave the volume.
@@ -146,10 +135,7 @@ class SampledSurface:
 
 
 def sampled_surface(
-    shape: Superquadric,
-    taper: Floats = NO_TAPER,
-    bend: Bend = NO_BEND,
-    level: int = LEVEL,
+    shape: Superquadric, taper: Floats = NO_TAPER, bend: Bend = NO_BEND, level: int = LEVEL
 ) -> SampledSurface:
     """Prepare the surface of a solid for sampling.
 

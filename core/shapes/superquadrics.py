@@ -222,12 +222,7 @@ def p_norm(x: Floats, y: Floats, e: Floats) -> PNorm:
     entropy = np.log1p(part) - part / total * log_part
     share_x, share_y = x / value, y / value
     return PNorm(
-        value,
-        share_x ** (p - 1.0),
-        share_y ** (p - 1.0),
-        0.5 * value * entropy,
-        share_x,
-        share_y,
+        value, share_x ** (p - 1.0), share_y ** (p - 1.0), 0.5 * value * entropy, share_x, share_y
     )
 
 
@@ -337,10 +332,7 @@ class Angles(NamedTuple):
 def grid_of_angles(rows: int, columns: int) -> Angles:
     """A grid, row by row: eta rises with the row, omega with the column.
 
-    Raises
-    ------
-    ValueError
-        If there are not at least 2 rows and 3 columns.
+    Raises ValueError if there are not at least 2 rows and 3 columns.
     """
     if rows < FEWEST_ETA or columns < FEWEST_OMEGA:
         raise ValueError(
@@ -355,20 +347,9 @@ def grid_of_angles(rows: int, columns: int) -> Angles:
 def trigonometric_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) -> SurfacePoints:
     """Points of (2.1), with powers that keep the sign.
 
-    Parameters
-    ----------
-    shape : Superquadric
-        Whose surface it is.
-    eta, omega : (n,) arrays
-        Angles, rad.
+    `shape`: whose surface it is. `eta` and `omega` (n,): angles, rad. Raises ValueError if the
+    angles are not finite or not as many of one as of the other.
 
-    Raises
-    ------
-    ValueError
-        If the angles are not finite or not as many of one as of the other.
-
-    Notes
-    -----
     Normals by Barr, *Superquadrics and angle-preserving transformations*, 1981: the same angles
     with exponents 2 - e over the semi-axes. They are finite everywhere, poles and seam too.
     """

@@ -37,17 +37,9 @@ EdgeFunction = Callable[[Floats], tuple[Floats, Floats]]
 def icosphere(level: int) -> tuple[Floats, Ints]:
     """Icosahedron, its faces split in four `level` times, on the unit sphere.
 
-    Returns
-    -------
-    directions : (10 * 4**level + 2, 3) array
-        Unit vectors; read-only.
-    faces : (20 * 4**level, 3) array
-        Counter-clockwise seen from outside; read-only.
-
-    Raises
-    ------
-    ValueError
-        If `level` is not between 0 and 8.
+    Returns `directions` (10 * 4**level + 2, 3): unit vectors; read-only. `faces` (20 * 4**level,
+    3): counter-clockwise seen from outside; read-only. Raises ValueError if `level` is not between
+    0 and 8.
     """
     if not 0 <= level <= MOST_LEVELS:
         raise ValueError(f"level must be between 0 and {MOST_LEVELS}, got {level}")
@@ -101,19 +93,10 @@ def _split(directions: Floats, faces: Ints) -> tuple[Floats, Ints]:
 def isosurface(inside_out: InsideOut, box: Floats, level: int) -> Mesh:
     """The surface on which a function is 0, negative inside.
 
-    Parameters
-    ----------
-    inside_out : function
-        Gives values and slopes: see `ImplicitShape.inside_out`.
-    box : (2, 3) array
-        Corners of a box that holds the solid, m.
-    level : int
-        The box is cut into 2^level cells along its longest side, and at least 16.
-
-    Returns
-    -------
-    Mesh
-        Closed, turned outwards. Parts that are thinner than a cell may be missing.
+    `inside_out`: gives values and slopes: see `ImplicitShape.inside_out`. `box` (2, 3): corners of
+    a box that holds the solid, m. `level`: the box is cut into 2^level cells along its longest
+    side, and at least 16. Returns closed, turned outwards. Parts that are thinner than a cell may
+    be missing.
     """
     cells = max(2**level, LEAST_CELLS)
     extent = box[1] - box[0]
@@ -205,19 +188,10 @@ def bracketed_roots(
 ) -> Floats:
     """A root (n,) of each function between a place where it is positive and one where it is not.
 
-    Parameters
-    ----------
-    function : function
-        Gives values and slopes.
-    outside, inside : (n,) arrays
-        Where the functions are positive, and where they are not; either may be the larger.
-    tolerance : float
-        How exactly a root is wanted, in the unit of the places.
-
-    Returns
-    -------
-    (n,) array
-        A place where the function is not positive, or within the tolerance of one.
+    `function`: gives values and slopes. `outside` and `inside` (n,): where the functions are
+    positive, and where they are not; either may be the larger. `tolerance`: how exactly a root is
+    wanted, in the unit of the places. Returns (n,), a place where the function is not positive, or
+    within the tolerance of one.
     """
     outside, inside = outside.copy(), inside.copy()
     places = 0.5 * (outside + inside)

@@ -198,12 +198,8 @@ def _depths(corners: Floats, rays: Floats) -> tuple[Floats, Floats, Floats]:
 class CrossedMesh:
     """A closed mesh, ready to be crossed.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m.
-    faces : (m, 3) array
-        Corners by number, counter-clockwise seen from outside; each edge has two faces.
+    `vertices` (n, 3), m. `faces` (m, 3): corners by number, counter-clockwise seen from outside;
+    each edge has two faces.
     """
 
     def __init__(self, vertices: Floats, faces: Ints):

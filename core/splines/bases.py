@@ -100,12 +100,9 @@ def greville(knots: Floats, degree: int) -> Floats:
 def check_knots(knots: Floats, degree: int) -> Floats:
     """A knot vector on which a basis of a degree can stand, as a read-only copy.
 
-    Raises
-    ------
-    ValueError
-        If the degree is below 1, a knot is not finite, there are fewer than ``2 degree + 2``,
-        they fall anywhere, one of them occurs more than ``degree + 1`` times, or the domain is
-        empty.
+    Raises ValueError if the degree is below 1, a knot is not finite, there are fewer than ``2
+    degree + 2``, they fall anywhere, one of them occurs more than ``degree + 1`` times, or the
+    domain is empty.
     """
     _check_degree(degree)
     checked = finite_array("knots", knots, (None,)).copy()
@@ -132,20 +129,10 @@ def check_knots(knots: Floats, degree: int) -> Floats:
 def local_basis(knots: Floats, degree: int, x: Floats, derivatives: int) -> LocalBasis:
     """Values and derivatives at places in the domain.
 
-    Parameters
-    ----------
-    knots : (count + degree + 1,) array
-        Knot vector.
-    degree : int
-        Degree.
-    x : (m,) array
-        Places within the domain. At a knot the limit from the right is taken, at the last one
-        that from the left.
-    derivatives : int
-        Highest derivative; those above the degree are 0.
+    `knots` (count + degree + 1,): knot vector. `degree`: degree. `x` (m,): places within the
+    domain. At a knot the limit from the right is taken, at the last one that from the left.
+    `derivatives`: highest derivative; those above the degree are 0.
 
-    Notes
-    -----
     De Boor, *A practical guide to splines*, 1978, chapter X. The derivative of order d raises
     functions of ``degree - d`` by differences, one degree at a time: Fung, 1999, (3.25) with
     its indices put right; (3.27) divides by zero at the highest order.
@@ -267,10 +254,7 @@ def clamped_knots(count: int, degree: int = CUBIC) -> Floats:
 
     With one more coefficient than the degree they are those of the Bernstein basis.
 
-    Raises
-    ------
-    ValueError
-        If there are not more coefficients than the degree.
+    Raises ValueError if there are not more coefficients than the degree.
     """
     _check_count(count, degree)
     inner = np.linspace(0.0, 1.0, count - degree + 1)
@@ -280,10 +264,7 @@ def clamped_knots(count: int, degree: int = CUBIC) -> Floats:
 def bernstein_basis(degree: int) -> Basis:
     """Bernstein polynomials on [0, 1]: clamped knots without inner ones.
 
-    Raises
-    ------
-    ValueError
-        If the degree is below 1.
+    Raises ValueError if the degree is below 1.
     """
     return clamped_basis(degree + 1, degree)
 
@@ -291,10 +272,7 @@ def bernstein_basis(degree: int) -> Basis:
 def clip_to_domain(x: Floats, domain: tuple[float, float]) -> Floats:
     """Places (m,) in a domain; those outside by no more than rounding are taken to its ends.
 
-    Raises
-    ------
-    ValueError
-        If one lies farther outside: how many do, and the worst of them.
+    Raises ValueError if one lies farther outside: how many do, and the worst of them.
     """
     low, high = domain
     rounding = ROUNDING * max(abs(low), abs(high))
@@ -325,10 +303,7 @@ class LocalBasis(NamedTuple):
 def uniform_knots(count: int, degree: int = CUBIC) -> Floats:
     """Uniform knots that run on beyond both ends of the domain [0, 1].
 
-    Raises
-    ------
-    ValueError
-        If there are not more coefficients than the degree.
+    Raises ValueError if there are not more coefficients than the degree.
     """
     _check_count(count, degree)
     return np.arange(-degree, count + 1) / (count - degree)
@@ -339,10 +314,7 @@ def periodic_knots(count: int, degree: int = CUBIC) -> Floats:
 
     The first `degree` control points come again at the end: ``count + 2 degree + 1`` knots.
 
-    Raises
-    ------
-    ValueError
-        If there are not more coefficients than the degree.
+    Raises ValueError if there are not more coefficients than the degree.
     """
     _check_count(count, degree)
     return np.arange(-degree, count + degree + 1) / count
@@ -357,18 +329,9 @@ def _check_count(count: int, degree: int) -> None:
 def averaged_knots(sites: Floats, degree: int = CUBIC) -> Floats:
     """Clamped knots with which values at the sites can be interpolated.
 
-    Parameters
-    ----------
-    sites : (n,) array
-        Parameters of the values, increasing.
+    `sites` (n,): parameters of the values, increasing. Raises ValueError if the degree is below 1,
+    there are not more sites than it, or they do not increase.
 
-    Raises
-    ------
-    ValueError
-        If the degree is below 1, there are not more sites than it, or they do not increase.
-
-    Notes
-    -----
     Each inner knot is the average of `degree` sites: Fung, 1999, (4.19), where the sum must
     begin with its first site. As printed the knots fall, and sorted they make the system
     singular.

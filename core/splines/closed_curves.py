@@ -74,10 +74,7 @@ class ClosedCurve:
     def at(self, turn: ArrayLike, derivative: int = 0) -> Floats:
         """Points (k, d), m, or derivatives by the turn, at parameters (k,) or a number: any turns.
 
-        Raises
-        ------
-        ValueError
-            If a parameter is not finite, or the derivative is negative.
+        Raises ValueError if a parameter is not finite, or the derivative is negative.
         """
         turns = np.mod(np.atleast_1d(np.asarray(turn, np.float64)), 1.0)
         return closed_curve_points(self.control, self.knots, turns, derivative)
@@ -220,12 +217,7 @@ def local_noise(points: Floats, parameters: Floats) -> float:
     smooth curve, the deviations of neighbours agree; of noise they are opposed. The median
     knows nothing of corners, for they are few.
 
-    Parameters
-    ----------
-    points : (m, d) array
-        Around the curve.
-    parameters : (m,) array
-        Increasing, in turns.
+    `points` (m, d): around the curve. `parameters` (m,): increasing, in turns.
     """
     count = len(points)
     if count < LEAST_POINTS:
@@ -301,22 +293,11 @@ class ClosedPoints(NamedTuple):
 def order_closed_points(points: Floats) -> ClosedPoints:
     """Drop what is not finite or comes twice, centre, scale, and put in order.
 
-    Parameters
-    ----------
-    points : (m, d) array
-        In 2 or 3 dimensions, m. The first may come again at the end.
-
-    Returns
-    -------
-    Ring
-        From the point that comes last in alphabetical order, counter-clockwise (seen along
-        that axis from which the curve is broadest). The same points, begun anywhere and
-        listed in either direction, give the same ring to the last bit.
-
-    Raises
-    ------
-    ValueError
-        If no row is finite, or they spread farther than a number can say.
+    `points` (m, d): in 2 or 3 dimensions, m. The first may come again at the end. Returns from the
+    point that comes last in alphabetical order, counter-clockwise (seen along that axis from which
+    the curve is broadest). The same points, begun anywhere and listed in either direction, give the
+    same ring to the last bit. Raises ValueError if no row is finite, or they spread farther than a
+    number can say.
     """
     rows = np.flatnonzero(np.isfinite(points).all(axis=1)).astype(np.int32)
     dropped = len(points) - len(rows)

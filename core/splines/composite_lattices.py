@@ -41,19 +41,10 @@ class Moved(NamedTuple):
 class CompositeLattice:
     """Lattices that together deform one body.
 
-    Parameters
-    ----------
-    lattices : tuple of lattices
-        Each with its own undeformed volume; where two of those share a face, the deformed ones
-        must share it too.
+    `lattices`: each with its own undeformed volume; where two of those share a face, the deformed
+    ones must share it too. Raises ValueError if a shared face is torn, or knots or weights differ
+    on it.
 
-    Raises
-    ------
-    ValueError
-        If a shared face is torn, or knots or weights differ on it.
-
-    Notes
-    -----
     Coquillart, *Extended free-form deformation*, 1990. Across a shared face the deformation is
     continuous; its slopes are where the control points next to the face are in line.
     """
@@ -78,10 +69,7 @@ class CompositeLattice:
 
         A point on a shared face belongs to the first of its lattices.
 
-        Raises
-        ------
-        ValueError
-            If points are not finite (n, 3).
+        Raises ValueError if points are not finite (n, 3).
         """
         points = finite_array("points", points, (None, 3))
         found = np.full(len(points), NOWHERE, np.int32)
@@ -95,10 +83,7 @@ class CompositeLattice:
     def deform(self, points: Floats) -> Moved:
         """Where points (n, 3) go, and which of them a lattice holds.
 
-        Raises
-        ------
-        ValueError
-            If points are not finite (n, 3).
+        Raises ValueError if points are not finite (n, 3).
         """
         embedding = self.embed(points)
         moved = np.array(points, dtype=np.float64)
@@ -112,10 +97,7 @@ class CompositeLattice:
 def shared_faces(lattices: Sequence[Lattice]) -> tuple[SharedFace, ...]:
     """Faces whose undeformed control points are the same, in whichever direction they run.
 
-    Raises
-    ------
-    ValueError
-        If knots or weights differ on such a face: then it is not one surface.
+    Raises ValueError if knots or weights differ on such a face: then it is not one surface.
     """
     if not lattices:
         return ()

@@ -148,17 +148,9 @@ def fit_closed_least_squares(
 ) -> CurveFit:
     """Closed cubic of `count` control points, at least 4.
 
-    Parameters
-    ----------
-    points : (m, d) array
-        Around the curve.
-    parameters : (m,) array
-        Increasing, in turns.
-    count : int
-        Control points.
-    smoothing : float or None
-        Weight of the bending against the mean weight of the points; None chooses it by
-        cross-validation. It is never below `LEAST_SMOOTHING` nor above `MOST_SMOOTHING`.
+    `points` (m, d): around the curve. `parameters` (m,): increasing, in turns. `count`: control
+    points. `smoothing`: weight of the bending against the mean weight of the points; None chooses
+    it by cross-validation. It is never below `LEAST_SMOOTHING` nor above `MOST_SMOOTHING`.
     """
     periodic = PeriodicBasis(count)
     bending = _bending(count)
@@ -200,17 +192,9 @@ def _bending(count: int) -> Floats:
 def choose_smoothing(basis: Floats, bending: Floats, points: Floats) -> float:
     """The smoothing with the least generalised cross-validation score.
 
-    Parameters
-    ----------
-    basis : (m, n) array
-        Basis functions at the points' parameters.
-    bending : (n, n) array
-        Quadratic form of the penalty.
-    points : (m, d) array
-        What is fitted.
+    `basis` (m, n): basis functions at the points' parameters. `bending` (n, n): quadratic form of
+    the penalty. `points` (m, d): what is fitted.
 
-    Notes
-    -----
     Craven and Wahba, *Smoothing noisy data with spline functions*, 1979.
     """
     count = len(points)
@@ -240,14 +224,8 @@ def moved_parameters(parameters: Floats, points: Floats, places: Floats, slopes:
     Each takes the step of (4.40), but never so far that it could meet a neighbour, so that
     the points keep their order around the curve.
 
-    Parameters
-    ----------
-    parameters : (m,) array
-        Increasing, in turns.
-    points : (m, d) array
-        What the curve should pass.
-    places, slopes : (m, d) arrays
-        The curve and its derivative at the parameters.
+    `parameters` (m,): increasing, in turns. `points` (m, d): what the curve should pass. `places`
+    and `slopes` (m, d): the curve and its derivative at the parameters.
     """
     squares = np.einsum("md,md->m", slopes, slopes)
     wanted = np.einsum("md,md->m", points - places, slopes)
@@ -281,17 +259,10 @@ class Modes(NamedTuple):
 def demmler_reinsch(weight: Floats, bending: Floats, basis: Floats) -> Modes:
     """Modes of points and a penalty.
 
-    Parameters
-    ----------
-    weight : (n, n) array
-        ``basis.T @ basis``, over its mean diagonal.
-    bending : (n, n) array
-        Quadratic form of the penalty, in the same measure.
-    basis : (m, n) array
-        Basis functions at the points, times the roots of the points' weights.
+    `weight` (n, n): ``basis.T @ basis``, over its mean diagonal. `bending` (n, n): quadratic form
+    of the penalty, in the same measure. `basis` (m, n): basis functions at the points, times the
+    roots of the points' weights.
 
-    Notes
-    -----
     Demmler and Reinsch, *Oscillation matrices with spline smoothing*, 1975. The modes v solve
     ``G v = mu (G + B) v``, G the weight and B the bending: unlike ``B v = w G v`` this is well
     conditioned however the points lie, and what no point sees drops out.

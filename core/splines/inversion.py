@@ -214,22 +214,11 @@ def _axis_by_axis(volume: SplineVolume, regular: RegularPlanes, points: Floats) 
 def invert_monotone(basis: Basis, coefficients: Floats, values: Floats) -> MonotoneRoots:
     """Parameters at which a spline takes values.
 
-    Parameters
-    ----------
-    basis : Basis
-        Its basis.
-    coefficients : (count,) array
-        Rising: the spline rises with them, for its derivative is a spline of their differences.
-    values : (n,) array
-        Those beyond the spline's ends are answered with its ends.
+    `basis`: its basis. `coefficients` (count,): rising: the spline rises with them, for its
+    derivative is a spline of their differences. `values` (n,): those beyond the spline's ends are
+    answered with its ends. Raises ValueError if the coefficients are not `count` finite numbers
+    that rise, or a value is NaN.
 
-    Raises
-    ------
-    ValueError
-        If the coefficients are not `count` finite numbers that rise, or a value is NaN.
-
-    Notes
-    -----
     The spline rises, so that its values at the knots tell between which two a root lies. There
     it is one polynomial, of which Newton's method finds the root, by halves where a step would
     leave the bracket. A root that is found stays: the bracket's end is on it, and halving would
@@ -314,8 +303,6 @@ def _finish(
 def invert_general(volume: SplineVolume, points: Floats) -> Inversion:
     """Parameters of points (n, 3) in any volume, polynomial or rational.
 
-    Notes
-    -----
     The distance is minimised by the method of Levenberg and Marquardt within the bounds of the
     parameters, from the affine guess and, where that fails, from the nearest of a grid of
     samples. Newton's method on the derivative of the distance, as in Fung, 1999, (4.12),

@@ -296,12 +296,8 @@ class LatticeLayer(NamedTuple):
 def layered_lattice(box: Floats, layers: Sequence[LatticeLayer]) -> Lattice:
     """A control lattice over a box, each layer scaled, turned, then shifted.
 
-    Parameters
-    ----------
-    box : (2, 3) array
-        Smallest and largest coordinates, m.
-    layers : sequence of layers
-        From the bottom to the top; at least 4.
+    `box` (2, 3): smallest and largest coordinates, m. `layers`: from the bottom to the top; at
+    least 4.
     """
     lattice = box_lattice(box[0], box[1] - box[0], (SIDE, SIDE, len(layers)))
     control = lattice.control.copy()
@@ -453,9 +449,7 @@ def _least_corner(pieces: BernsteinPieces) -> tuple[float, Floats]:
 
 def _keep(pieces: BernsteinPieces, which: Bools) -> BernsteinPieces:
     return pieces._replace(
-        low=pieces.low[which],
-        width=pieces.width[which],
-        coefficients=pieces.coefficients[which],
+        low=pieces.low[which], width=pieces.width[which], coefficients=pieces.coefficients[which]
     )
 
 

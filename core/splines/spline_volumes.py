@@ -46,22 +46,11 @@ Bases = tuple[Basis, Basis, Basis]  # Along s, t and u
 class SplineVolume:
     """A spline solid over parameters s, t, u between 0 and 1.
 
-    Parameters
-    ----------
-    control : (l, m, n, 3) array
-        Control points along s, t, u, m.
-    bases : three bases
-        One for each axis, with as many functions as there are control points, over [0, 1].
-    weights : (l, m, n) array, optional
-        Positive weights of the control points; without them all are alike.
+    `control` (l, m, n, 3): control points along s, t, u, m. `bases`: one for each axis, with as
+    many functions as there are control points, over [0, 1]. `weights` (l, m, n): positive weights
+    of the control points; without them all are alike. Raises ValueError if shapes do not fit,
+    something is not finite, or a weight is not positive.
 
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, something is not finite, or a weight is not positive.
-
-    Notes
-    -----
     Fung, 1999, (2.20), (2.22), and with weights (2.24), (2.25).
     """
 
@@ -96,11 +85,8 @@ class SplineVolume:
     def at(self, parameters: Floats) -> Floats:
         """Points (n, 3) at parameters (n, 3), m.
 
-        Raises
-        ------
-        ValueError
-            If parameters are not finite (n, 3), or lie outside 0 to 1 by more than rounding,
-            here and below.
+        Raises ValueError if parameters are not finite (n, 3), or lie outside 0 to 1 by more than
+        rounding, here and below.
         """
         value: Floats = evaluate_scattered(self.bases, self.spline, parameters, VALUE_ORDERS)[0]
         return value if self.weights is None else value[:, :3] / value[:, 3:]
@@ -294,20 +280,10 @@ def _halves(degree: int) -> tuple[Floats, Floats]:
 class Parallelepiped:
     """A corner and three edge vectors.
 
-    Parameters
-    ----------
-    corner : (3,) array
-        Where s = t = u = 0, m.
-    edges : (3, 3) array
-        A row for each of s, t and u: from the corner to where it is 1, m.
+    `corner` (3,): where s = t = u = 0, m. `edges` (3, 3): a row for each of s, t and u: from the
+    corner to where it is 1, m. Raises ValueError if an edge has no length, or the three lie in a
+    plane.
 
-    Raises
-    ------
-    ValueError
-        If an edge has no length, or the three lie in a plane.
-
-    Notes
-    -----
     Fung, 1999, (2.17) to (2.19), with the edges themselves: with unit vectors, as printed,
     the far end of an edge would be its length, not 1.
     """
@@ -361,10 +337,7 @@ class Parallelepiped:
         They deform nothing under Bernstein polynomials alone; under other bases the parameters
         of a point are to be found by inversion.
 
-        Raises
-        ------
-        ValueError
-            If there are fewer than two along an edge.
+        Raises ValueError if there are fewer than two along an edge.
         """
         if min(counts) < 2:
             raise ValueError(f"counts must be at least 2 along each edge, got {counts}")
@@ -386,10 +359,7 @@ def _combine(columns: list[Floats], matrix: Floats) -> Floats:
 def upright_parallelepiped(low: Floats, extent: Floats) -> Parallelepiped:
     """Frame of an upright box: smallest coordinates (3,) and edge lengths (3,), m.
 
-    Raises
-    ------
-    ValueError
-        If a length is not positive.
+    Raises ValueError if a length is not positive.
     """
     extent = finite_array("extent", extent, (3,))
     if not (extent > 0.0).all():

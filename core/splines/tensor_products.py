@@ -23,26 +23,10 @@ def evaluate_scattered(
 ) -> Floats:
     """Derivatives of a tensor product at scattered places.
 
-    Parameters
-    ----------
-    bases : sequence of d bases
-        One for each axis.
-    control : (count_1, ..., count_d, c) array
-        Coefficients.
-    at : (m, d) array
-        Parameters.
-    orders : sequence of tuples of d integers
-        Which derivatives; all zeros for the value.
-
-    Returns
-    -------
-    (len(orders), m, c) array
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, a coefficient or parameter is not finite, a parameter lies outside
-        the domain by more than rounding, or an order is negative.
+    `bases`: one for each axis. `control` (count_1, ..., count_d, c): coefficients. `at` (m, d):
+    parameters. `orders`: which derivatives; all zeros for the value. Returns (len(orders). Raises
+    ValueError if shapes do not fit, a coefficient or parameter is not finite, a parameter lies
+    outside the domain by more than rounding, or an order is negative.
     """
     at = finite_array("at", at, (None, len(bases)))
     control = _checked(bases, control, orders)
@@ -92,26 +76,11 @@ def evaluate_grid(
 ) -> Floats:
     """A tensor product, or a derivative of it, on a grid.
 
-    Parameters
-    ----------
-    bases : sequence of d bases
-        One for each axis.
-    control : (count_1, ..., count_d, c) array
-        Coefficients.
-    axes : sequence of d arrays
-        Parameters along each axis.
-    orders : tuple of d integers, optional
-        Order of the derivative along each axis; the value if left out.
-
-    Returns
-    -------
-    (len(axes[0]), ..., len(axes[-1]), c) array
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, a coefficient or parameter is not finite, a parameter lies outside
-        the domain by more than rounding, or an order is negative.
+    `bases`: one for each axis. `control` (count_1, ..., count_d, c): coefficients. `axes`:
+    parameters along each axis. `orders`: order of the derivative along each axis; the value if left
+    out. Returns (len(axes[0]). Raises ValueError if shapes do not fit, a coefficient or parameter
+    is not finite, a parameter lies outside the domain by more than rounding, or an order is
+    negative.
     """
     orders = (0,) * len(bases) if orders is None else orders
     values = _checked(bases, control, [orders])
@@ -146,20 +115,10 @@ def interpolate_grid(
 ) -> Interpolant:
     """The spline that takes given values on a grid.
 
-    Parameters
-    ----------
-    bases : sequence of d bases
-        One for each axis.
-    sites : sequence of d arrays
-        Parameters along each axis, as many as its basis has functions.
-    values : (n_1, ..., n_d, c) array
-        Values on the grid of sites.
-
-    Raises
-    ------
-    ValueError
-        If there are not sites for each basis, if the values do not fit them or are not finite,
-        or if the sites of an axis determine no spline.
+    `bases`: one for each axis. `sites`: parameters along each axis, as many as its basis has
+    functions. `values` (n_1, ..., n_d, c): values on the grid of sites. Raises ValueError if there
+    are not sites for each basis, if the values do not fit them or are not finite, or if the sites
+    of an axis determine no spline.
     """
     if len(sites) != len(bases):
         raise ValueError(f"sites must be given for {len(bases)} axes, got {len(sites)}")
@@ -183,20 +142,9 @@ def interpolate_grid(
 def is_interpolable(basis: Basis, sites: Floats) -> bool:
     """Whether exactly one spline takes given values at given sites.
 
-    Parameters
-    ----------
-    basis : Basis
-        Basis.
-    sites : (n,) array
-        Parameters in its domain.
+    `basis`: basis. `sites` (n,): parameters in its domain. Raises ValueError if a site lies outside
+    the domain, or is not finite.
 
-    Raises
-    ------
-    ValueError
-        If a site lies outside the domain, or is not finite.
-
-    Notes
-    -----
     Schoenberg and Whitney, 1953: there are as many sites as functions, they increase, and each
     lies where its function does not vanish.
     """
@@ -258,22 +206,10 @@ def insert_knots(basis: Basis, control: Floats, new: Floats, axis: int = 0) -> t
 def de_casteljau(control: Floats, at: Floats) -> Floats:
     """Points of a Bézier curve, surface or solid: Fung, 1999, (2.20), without its binomials.
 
-    Parameters
-    ----------
-    control : (n_1, ..., n_d, c) array
-        Control points; the degree along each axis is one less than their number.
-    at : (m, d) array
-        Parameters from 0 to 1.
-
-    Returns
-    -------
-    (m, c) array
-
-    Raises
-    ------
-    ValueError
-        If something is not finite, there is no control point, or `at` has another number of axes
-        or lies outside 0 to 1.
+    `control` (n_1, ..., n_d, c): control points; the degree along each axis is one less than their
+    number. `at` (m, d): parameters from 0 to 1. Returns (m, c). Raises ValueError if something is
+    not finite, there is no control point, or `at` has another number of axes or lies outside 0 to
+    1.
     """
     control = finite_array("control", control, (None,) * np.ndim(control))
     if 0 in control.shape[:-1] or not control.ndim:

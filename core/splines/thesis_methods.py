@@ -24,14 +24,8 @@ TINY = 1e-300
 def fit_closed_thesis(points: Floats, parameters: Floats, count: int) -> CurveFit:
     """Cubic by (4.27) to (4.40), of `count` vertices, at least 4; see the module.
 
-    Parameters
-    ----------
-    points : (m, d) array
-        Around the curve; the first is used once more at the end.
-    parameters : (m,) array
-        Of the points, increasing from 0, in turns.
-    count : int
-        Vertices, without the pseudo-vertices.
+    `points` (m, d): around the curve; the first is used once more at the end. `parameters` (m,): of
+    the points, increasing from 0, in turns. `count`: vertices, without the pseudo-vertices.
     """
     basis = clamped_basis(count + PSEUDO)
     closed = np.vstack([points, points[:1]])

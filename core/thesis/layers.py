@@ -44,15 +44,9 @@ class ThesisLayer(NamedTuple):
 def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
     """A layer whose rim is the control polygon of a contour.
 
-    Parameters
-    ----------
-    points : (k, 2) array
-        Of the contour, counter-clockwise, begun where all layers begin.
-    sides : two integers
-        Control points along s and t, at least 4.
+    `points` (k, 2): of the contour, counter-clockwise, begun where all layers begin. `sides`:
+    control points along s and t, at least 4.
 
-    Notes
-    -----
     The polygon is that of a periodic spline, which closes. The core is the largest rectangle
     inside it that has the proportions of the box around it. As printed it is the box around
     the largest such ellipse, the corners of which stand out of a round polygon.
@@ -95,22 +89,9 @@ def _polygon(points: Floats, count: int) -> Floats:
 def rectangle_scale(polygon: Floats, middle: Floats, half_sides: Floats) -> float:
     """The largest factor of a rectangle's half sides for which it lies inside a polygon.
 
-    Parameters
-    ----------
-    polygon : (n, 2) array
-        Closed, need not be convex.
-    middle : (2,) array
-        Of the rectangle.
-    half_sides : (2,) array
-        Along x and y; positive.
+    `polygon` (n, 2): closed, need not be convex. `middle` (2,): of the rectangle. `half_sides`
+    (2,): along x and y; positive. Returns 1; 0 where the middle is not inside.
 
-    Returns
-    -------
-    float
-        1; 0 where the middle is not inside.
-
-    Notes
-    -----
     In the plane in which the rectangle is the square from -1 to 1 this is the distance of the
     middle from the polygon's edges, by the larger coordinate. Along an edge it is convex and
     made of straight pieces: its least value is at an end, or where a coordinate is 0, or where
@@ -144,15 +125,9 @@ def rim_cells(sides: tuple[int, int]) -> Ints:
 def make_program_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
     """A layer from the points of a contour as they are given.
 
-    Parameters
-    ----------
-    points : (k, 2) array
-        Around the contour, each once; their beginning and direction matter.
-    sides : two integers
-        Control points along s and t, at least 4.
+    `points` (k, 2): around the contour, each once; their beginning and direction matter. `sides`:
+    control points along s and t, at least 4.
 
-    Notes
-    -----
     The shell's polygon is that of a clamped spline whose constraints contradict each other; it
     is laid along the rim clockwise, so that a counter-clockwise contour mirrors the lattice.
     The core is turned one way or the other by the quadrant of the polygon's first vertex about
@@ -187,17 +162,9 @@ def _program_polygon(points: Floats, count: int) -> tuple[Floats, float]:
 def searched_scale(polygon: Floats, middle: Floats, semi_axes: Floats, edges: int) -> float:
     """Factor of an ellipse's semi-axes that the program finds.
 
-    Parameters
-    ----------
-    polygon : (n, 2) array
-        Closed.
-    middle, semi_axes : (2,) arrays
-        Of the ellipse.
-    edges : int
-        How many of the polygon's edges are tested.
+    `polygon` (n, 2): closed. `middle` and `semi_axes` (2,): of the ellipse. `edges`: how many of
+    the polygon's edges are tested.
 
-    Notes
-    -----
     Table 4.2 asks at each step whether two ellipses meet an edge. Meeting a line is monotone
     in the scale, so that one number for each edge answers every such question.
     """

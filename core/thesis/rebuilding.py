@@ -133,18 +133,10 @@ def rebuild_thesis(
 def stack_contours(contours: Sequence[ArrayLike] | Floats) -> ContourStack:
     """Sort contours by height and put them into the cube from -1 to 1.
 
-    Parameters
-    ----------
-    contours : (m, n, 3) array or sequence of m arrays (n, 3)
-        At least 2 level contours, in any order, m; each with at least 4 points around it, the
-        first again at the end of all of them or of none. A contour's height is the mean of its
-        points'.
-
-    Raises
-    ------
-    ValueError
-        If there are too few contours or points, not as many points in each, some are not
-        finite, or the contours have no extent along x, y or z.
+    `contours` (m, n, 3): at least 2 level contours, in any order, m; each with at least 4 points
+    around it, the first again at the end of all of them or of none. A contour's height is the mean
+    of its points'. Raises ValueError if there are too few contours or points, not as many points in
+    each, some are not finite, or the contours have no extent along x, y or z.
     """
     given = [np.asarray(contour, dtype=np.float64) for contour in contours]
     if len(given) < 2:
@@ -212,15 +204,9 @@ def ray_azimuths(count: int) -> Floats:
 def match_contour(points: Floats, azimuths: Floats) -> ContourMatch:
     """Where rays from the middle of a contour meet the closed curve through its points.
 
-    Parameters
-    ----------
-    points : (n, 2) array
-        Around it, begun anywhere, in either direction.
-    azimuths : (k,) array
-        Of the rays, rad.
+    `points` (n, 2): around it, begun anywhere, in either direction. `azimuths` (k,): of the rays,
+    rad.
 
-    Notes
-    -----
     The middle is that of the area: the mean of the points, as printed, lies where they are
     dense. Where a ray meets the curve several times or not at all, the azimuth is made
     monotone, or gives way to the length.

@@ -74,10 +74,7 @@ class ThesisSolid:
     def surface(self, eta: Floats, nu: Floats) -> Floats:
         """Points of the surface on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3), m.
 
-        Raises
-        ------
-        ValueError
-            If a number is not finite or outside 0 to 1.
+        Raises ValueError if a number is not finite or outside 0 to 1.
         """
         eta, nu = (_unit(name, places) for name, places in (("eta", eta), ("nu", nu)))
         triples = self.triples.at(eta, nu)
@@ -86,13 +83,8 @@ class ThesisSolid:
     def mesh(self, rows: int, columns: int) -> Mesh:
         """Closed mesh of so many rows and columns of points, with a point at either end.
 
-        Raises
-        ------
-        ValueError
-            If there are not at least 2 rows and 3 columns.
+        Raises ValueError if there are not at least 2 rows and 3 columns.
 
-        Notes
-        -----
         The triangles are turned round where the lattice mirrors. Where it folds, the mesh may
         meet itself.
         """
@@ -185,10 +177,7 @@ class TripleSpline:
 
         Clipped to 0 and 1, which the spline overshoots where the model has edges.
 
-        Raises
-        ------
-        ValueError
-            If a number is not finite, or outside 0 to 1 by more than rounding.
+        Raises ValueError if a number is not finite, or outside 0 to 1 by more than rounding.
         """
         clipped: Floats = np.clip(evaluate_grid(self.bases, self.control, (eta, nu)), 0.0, 1.0)
         return clipped

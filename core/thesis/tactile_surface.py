@@ -30,18 +30,10 @@ class SplinePatch(NamedTuple):
 def fit_spline(pad: Pad, height: Floats, noise: float = 0.0) -> SplinePatch:
     """Bicubic B-spline surface (3.23) of a whole frame.
 
-    Parameters
-    ----------
-    pad : Pad
-        The array.
-    height : (rows, cols) array
-        Surface over the plane of the pad's face, m; every taxel counts, touched or not.
-    noise : float
-        Standard deviation of one taxel, m: the sum of squared misfits is let grow to what
-        noise explains. With 0 the surface passes through every taxel.
+    `pad`: the array. `height` (rows, cols): surface over the plane of the pad's face, m; every
+    taxel counts, touched or not. `noise`: standard deviation of one taxel, m: the sum of squared
+    misfits is let grow to what noise explains. With 0 the surface passes through every taxel.
 
-    Notes
-    -----
     FITPACK gives up where the wanted misfit is far below what the frame holds. The surface
     then passes through every taxel, and says so.
     """
@@ -86,17 +78,9 @@ def fundamental_forms(
 ) -> FundamentalForms:
     """Fundamental forms of a parametric surface from its derivatives, (3,) each.
 
-    Parameters
-    ----------
-    by_u, by_v, by_uu, by_uv, by_vv : (3,) arrays
-        Partial derivatives of the surface.
-    outward : (3,) array
-        Any vector on the free side of the tangent plane: it says which way the normal goes.
-
-    Raises
-    ------
-    ValueError
-        If the tangents are parallel, or zero: the point is not regular.
+    `by_u`, `by_v`, `by_uu`, `by_uv`, `by_vv` (3,): partial derivatives of the surface. `outward`
+    (3,): any vector on the free side of the tangent plane: it says which way the normal goes.
+    Raises ValueError if the tangents are parallel, or zero: the point is not regular.
     """
     normal = outward_normal(by_u, by_v, outward)
     second = tuple(-float(normal @ by) for by in (by_uu, by_uv, by_vv))
@@ -109,10 +93,7 @@ def normal_curvature(forms: FundamentalForms, du: float, dv: float) -> float:
 
     (3.15), whose h = dv/du is infinite across the contour; a pair never is.
 
-    Raises
-    ------
-    ValueError
-        If the step is zero.
+    Raises ValueError if the step is zero.
     """
     size = math.hypot(du, dv)
     if not size > 0.0:

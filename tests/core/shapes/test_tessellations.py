@@ -104,9 +104,7 @@ def test_every_face_looks_outwards() -> None:
     assert ((np.cross(b - a, c - a) * (a + b + c)).sum(axis=1) >= -1e-12).all()
 
 
-def test_a_surface_through_the_grids_own_nodes_is_closed(
-    is_closed: Callable[[Any], bool],
-) -> None:
+def test_a_surface_through_the_grids_own_nodes_is_closed(is_closed: Callable[[Any], bool]) -> None:
     def box(points: Floats, directions: Floats) -> tuple[Floats, Floats]:
         axis = np.abs(points).argmax(axis=1)
         rows = np.arange(len(points))

@@ -16,10 +16,7 @@ from palpate.core.shapes.tessellations import icosphere
 from palpate.core.shapes.triangle_meshes import MOST_LAYERS, CrossedMesh, TriangleShape
 
 NO_EMBREE = find_spec("embreex") is None
-BACKENDS = [
-    False,
-    pytest.param(True, marks=pytest.mark.skipif(NO_EMBREE, reason="no Embree here")),
-]
+BACKENDS = [False, pytest.param(True, marks=pytest.mark.skipif(NO_EMBREE, reason="no Embree here"))]
 PLANE = 1e-13  # Ranges are those of the faces' planes in double precision, m
 
 
@@ -210,10 +207,7 @@ def in_cube(origin: Floats, direction: Floats) -> tuple[float, float]:
     return begin, end
 
 
-@given(
-    st.tuples(STEPS, STEPS, STEPS),
-    st.tuples(*[st.integers(-2, 2)] * 3).filter(any),
-)
+@given(st.tuples(STEPS, STEPS, STEPS), st.tuples(*[st.integers(-2, 2)] * 3).filter(any))
 @settings(max_examples=50, derandomize=True, deadline=None)
 def test_rays_through_corners_and_edges_count_them_once(
     place: tuple[float, float, float], towards: tuple[int, int, int]

@@ -245,10 +245,7 @@ def test_greville_abscissae_are_means_of_as_many_knots_as_the_degree() -> None:
     assert greville(knots, 2).tolist() == [0.0, 0.5, 2.5, 4.0]
 
 
-@given(
-    st.integers(1, 6),
-    st.lists(st.floats(0.0, 1.0), min_size=0, max_size=12),
-)
+@given(st.integers(1, 6), st.lists(st.floats(0.0, 1.0), min_size=0, max_size=12))
 @settings(derandomize=True, deadline=None, max_examples=50)
 def test_greville_abscissae_never_fall_and_end_where_clamped_knots_do(
     degree: int, inner: list[float]

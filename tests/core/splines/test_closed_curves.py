@@ -257,10 +257,7 @@ def square(turn: Floats) -> Floats:
 
 
 def relative_hausdorff(found: Floats, wanted: Floats) -> float:
-    far = max(
-        cKDTree(found).query(wanted)[0].max(),
-        cKDTree(wanted).query(found)[0].max(),
-    )
+    far = max(cKDTree(found).query(wanted)[0].max(), cKDTree(wanted).query(found)[0].max())
     return float(far / np.ptp(wanted, axis=0).max())
 
 

@@ -255,9 +255,7 @@ def test_normals_that_are_none_are_refused(normals: Floats, words: str) -> None:
 
 
 def test_a_deformed_mesh_keeps_its_outside(
-    ball: Superquadric,
-    is_closed: Callable[[Mesh], bool],
-    signed_volume: Callable[[Mesh], float],
+    ball: Superquadric, is_closed: Callable[[Mesh], bool], signed_volume: Callable[[Mesh], float]
 ) -> None:
     box = np.array([[-0.03, -0.03, -0.03], [0.03, 0.03, 0.03]])
     plain, mesh = box_lattice(box[0], box[1] - box[0], (4, 4, 4)), ball.mesh(3)

@@ -143,9 +143,7 @@ def test_the_corners_have_parameters_0_and_1() -> None:
     assert np.allclose(frame.local(CORNER + EDGES), np.eye(3), rtol=0, atol=1e-15)
 
 
-def test_parameters_and_points_are_each_others_inverse(
-    rotations: Callable[[int], Floats],
-) -> None:
+def test_parameters_and_points_are_each_others_inverse(rotations: Callable[[int], Floats]) -> None:
     rng = np.random.default_rng(0)
     for rotation in rotations(5):
         frame = Parallelepiped(CORNER, EDGES @ rotation)

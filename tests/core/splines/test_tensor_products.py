@@ -157,8 +157,7 @@ def test_what_counts_as_interpolable_is_what_has_a_solution(places: list[float])
 
 
 @pytest.mark.parametrize(
-    "sites",
-    [[0, 0.2, 0.4, 0.6, 1], [0, 0.2, 0.2, 0.4, 0.7, 1], [0, 0.1, 0.2, 0.25, 0.3, 0.32]],
+    "sites", [[0, 0.2, 0.4, 0.6, 1], [0, 0.2, 0.2, 0.4, 0.7, 1], [0, 0.1, 0.2, 0.25, 0.3, 0.32]]
 )
 def test_sites_that_determine_no_spline_are_refused(sites: list[float]) -> None:
     assert not is_interpolable(clamped_basis(6), np.array(sites))

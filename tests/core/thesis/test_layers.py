@@ -85,9 +85,7 @@ def test_row_45_the_core_of_a_u_is_in_the_middle_of_its_largest_circle(figure: F
     assert (winding_number(rim, core_of(layer.control)) == 1).all()
 
 
-def test_row_71_a_core_is_bounded_by_edges_and_not_by_the_lines_they_lie_on(
-    figure: Figure,
-) -> None:
+def test_row_71_a_core_is_bounded_by_edges_and_not_by_the_lines_they_lie_on(figure: Figure) -> None:
     turn = 2 * np.pi * np.arange(16) / 16
     polygon = (1 + 0.45 * np.cos(3 * turn))[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
     low, high = polygon.min(axis=0), polygon.max(axis=0)

@@ -153,9 +153,7 @@ def test_a_rounder_model_is_drawn_inwards(vase: Vase) -> None:
     assert 0.0 < lost[1] < 0.04
 
 
-def test_row_43_contours_of_uneven_points_make_the_same_solid_as_even_ones(
-    prism: Prism,
-) -> None:
+def test_row_43_contours_of_uneven_points_make_the_same_solid_as_even_ones(prism: Prism) -> None:
     def circle(turns: Floats) -> Floats:
         return np.column_stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)])
 
@@ -304,9 +302,7 @@ def test_row_44_a_contour_around_a_middle_outside_is_matched_in_order_and_flagge
     assert 70 <= numbers[-1] - numbers[0] <= 80
 
 
-def test_a_contour_is_matched_the_same_way_however_it_is_begun_and_directed(
-    figure: Figure,
-) -> None:
+def test_a_contour_is_matched_the_same_way_however_it_is_begun_and_directed(figure: Figure) -> None:
     points, azimuths = figure("lobes", 48), ray_azimuths(48)
     expected = match_contour(points, azimuths).points
     for other in (np.roll(points, 17, axis=0), points[::-1]):
