@@ -179,7 +179,7 @@ def test_the_schema_names_every_field(cls: type) -> None:
 
 
 def test_the_documentation_lists_every_type_and_field() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "messages.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "messages.md").read_text()
 
     missing = [
         f"{cls.__name__}.{name}" for cls, name in FIELDS if f"`{name}`" not in _section(page, cls)

@@ -96,9 +96,9 @@ def coarse_spans(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def coarse_skin(coarse_spans: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """A skin with few coefficients, and places of the surface for a mesh, each computed once."""
     for module, name in (
-        (reconstructor, "rebuilt_from"),
+        (reconstructor, "rebuild_set"),
         (reconstructor, "coarse_model"),
-        (planner_grasp, "slicing_frame"),
+        (planner_grasp, "fit_object_frame"),
     ):
         monkeypatch.setattr(module, name, remembered(getattr(module, name)))
     monkeypatch.setattr(skin, "AROUND", 16)
