@@ -50,9 +50,9 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "scene": scene,
         "seed": seed,
         **_distances(progress.score),
-        "bound_m": None if progress.done is None else progress.done.bound,
-        "within": None if progress.done is None else progress.done.within,
-        "unfelt_m": None if progress.done is None else progress.done.unfelt,
+        "rms_bound_95_m": None if progress.done is None else progress.done.rms_bound_95,
+        "tolerance_met": None if progress.done is None else progress.done.tolerance_met,
+        "largest_untouched_m": None if progress.done is None else progress.done.largest_untouched,
         "contacts": progress.contacts,
         "contours": progress.contours,
         "contours_failed": progress.failed,
@@ -183,11 +183,11 @@ def _result(summary: Mapping[str, Any]) -> list[str]:
 
 def _error_bound(summary: Mapping[str, Any]) -> list[str]:
     """What the run says of its own error, beside the truth."""
-    if summary["bound_m"] is None:
+    if summary["rms_bound_95_m"] is None:
         return []
-    parts = [f"rms below {_mm(summary['bound_m'])} (95 %), in truth {_mm(summary['rms_m'])}"]
-    if summary["unfelt_m"] is not None:
-        parts.append(f"unfelt at most {_mm(summary['unfelt_m'])}")
+    parts = [f"rms below {_mm(summary['rms_bound_95_m'])} (95 %), in truth {_mm(summary['rms_m'])}"]
+    if summary["largest_untouched_m"] is not None:
+        parts.append(f"untouched at most {_mm(summary['largest_untouched_m'])}")
     return _row("promise", parts)
 
 

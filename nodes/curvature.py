@@ -66,7 +66,7 @@ def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State
         curvature_across=felt.across,
         curvature_across_error=felt.across_error,
         kind=felt.kind,
-        trust=felt.trust,
+        confidence=felt.confidence,
         residual=felt.residual,
         robot_time=image.robot_time,
     )

@@ -303,9 +303,9 @@ def done(
         touches=goal.touches,
         robot_time=goal.robot_time,
         reason=reason,
-        within=None if stop is None else stop.within,
-        bound=None if stop is None else stop.bound,
-        unfelt=None if stop is None else stop.unfelt,
+        tolerance_met=None if stop is None else stop.tolerance_met,
+        rms_bound_95=None if stop is None else stop.rms_bound_95,
+        largest_untouched=None if stop is None else stop.largest_untouched,
         uncovered=0.0 if known is None else untraceable_height(known),
     )
     return state, [("/plan/done", plan_done)]

@@ -241,7 +241,7 @@ def coarse_model(number: int, contacts: Floats) -> Superquadric:
         taper=found.taper,
         bend=found.bend.curvature,
         bend_direction=found.bend.direction,
-        doubts=found.doubts,
+        warnings=found.warnings,
         residual=found.rms,
         residuals=found.residuals,
         rank=found.rank,

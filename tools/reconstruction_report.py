@@ -129,8 +129,8 @@ def rebuild_warnings(
     if crossings:
         pairs = "1 pair" if crossings == 1 else f"{crossings} pairs"
         said.append(f"the surface passes through itself: {pairs} of triangles cross")
-    if isinstance(solid.model, Recovery) and solid.model.doubts:
-        said.append(f"the superquadric's fit is {', '.join(solid.model.doubts)}")
+    if isinstance(solid.model, Recovery) and solid.model.warnings:
+        said.append(f"the superquadric's fit is {', '.join(solid.model.warnings)}")
     if health.get("overshoot", 0.0) > MAX_OVERSHOOT:
         said.append(
             f"between contours the side swings out by {health['overshoot']:.0%} of the width: "

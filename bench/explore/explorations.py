@@ -78,14 +78,14 @@ def _rows(title: str, one: Explored, percent: float) -> Iterator[Row]:
     floor = 100.0 * one.score.sampling_floor / one.score.size
     times = f"{one.score.robot_time:.0f}, {one.wall:.1f} s, {floor:.3f} %"
     yield Row(f"{title}: robot, computer, sampling floor", times, "", True)
-    if not one.done.within:
+    if not one.done.tolerance_met:
         yield Row(f"{title}: ended, because", one.done.reason, "", True)
 
 
 def _stated(one: Explored) -> str:
     bound = "none" if one.bound is None else f"{one.bound:.3f} % {'' if one.held else 'NOT '}held"
-    unfelt = "-" if one.done.unfelt is None else f"{1e3 * one.done.unfelt:.1f} mm"
-    return f"{bound}, {unfelt}"
+    height = one.done.largest_untouched
+    return f"{bound}, {'-' if height is None else f'{1e3 * height:.1f} mm'}"
 
 
 def _sums(noise: str, found: list[Explored], percent: float) -> Iterator[Row]:

@@ -87,7 +87,8 @@ class Explored(NamedTuple):
     @property
     def bound(self) -> float | None:
         """What the run states of that error, % of the object's height."""
-        return None if self.done.bound is None else 100.0 * self.done.bound / self.score.size
+        bound = self.done.rms_bound_95
+        return None if bound is None else 100.0 * bound / self.score.size
 
     @property
     def held(self) -> bool | None:

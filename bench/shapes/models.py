@@ -205,7 +205,7 @@ def recover_one(kind: RecoveryKind, rng: np.random.Generator) -> RecoveryOutcome
     begin = time.perf_counter()
     found = recover(trial.points, taper=kind.taper, bend=kind.bend, outliers=kind.outliers > 0.0)
     seconds = time.perf_counter() - begin
-    if not found.fitted or "folded" in found.doubts:
+    if not found.fitted or "folded" in found.warnings:
         return RecoveryOutcome(np.inf, np.inf, np.inf, True, seconds)
     vertices, faces = found.shape().mesh(LEVEL)
     there = _distances(trial.surface, vertices[faces], rng)
@@ -214,7 +214,7 @@ def recover_one(kind: RecoveryKind, rng: np.random.Generator) -> RecoveryOutcome
         float(np.sqrt(np.mean(there**2))) / trial.diameter,
         0.5 * float(there.mean() + back.mean()) / trial.diameter,
         _floor(trial, rng),
-        bool(found.doubts),
+        bool(found.warnings),
         seconds,
     )
 

@@ -45,7 +45,7 @@ LEAST, WIDEST = 4, 64  # Control points of a lattice: the fewest each way, and t
 MOST_POINTS = 600  # More are thinned out: a superquadric has 15 parameters
 # Of which fits the best is taken: neither tapered nor bent, tapered, both.
 WARPS = ((False, False), (True, False), (True, True))
-# A fit with one of these doubts is taken only if there is no other.
+# A fit with one of these warnings is taken only if there is no other.
 USELESS = frozenset({"folded", "not converged"})
 
 
@@ -200,7 +200,7 @@ def _coarse(evidence: Evidence) -> Solid:
     ]
     found = fit_coarse(np.concatenate(points), evidence.noise)
     if not found.fitted:
-        raise ValueError(f"contours must determine a superquadric, got {found.doubts[0]}")
+        raise ValueError(f"contours must determine a superquadric, got {found.warnings[0]}")
     surface = closed_surface((coarse_patch(found),))
     return Solid(surface=surface, method="coarse", evidence=evidence, model=found)
 
@@ -307,7 +307,7 @@ def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
     -------
     Recovery
         Tapered and bent where that pays. If the points are too few, or all in a plane, it is an
-        ellipsoid in their extents, and says so in its doubts.
+        ellipsoid in their extents, and says so in its warnings.
 
     Raises
     ------
@@ -328,7 +328,7 @@ def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
     fitted = [fit for fit in fits if fit.fitted]
     if not fitted:
         return fits[0]
-    sound = [fit for fit in fitted if not USELESS.intersection(fit.doubts)]
+    sound = [fit for fit in fitted if not USELESS.intersection(fit.warnings)]
     return min(sound or fitted[:1], key=lambda fit: _information(fit, len(places), noise or 0.0))
 
 

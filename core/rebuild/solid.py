@@ -527,7 +527,7 @@ def _of_recovery(model: Recovery) -> Figures:
         "condition": model.condition,
         "looseness": model.looseness,
         "uncovered_share": model.uncovered,
-        "doubts": float(len(model.doubts)),
+        "warnings": float(len(model.warnings)),
     }
 
 

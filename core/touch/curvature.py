@@ -31,7 +31,7 @@ CONTACT = 50e-6  # Least compression that counts as touched, m, as for the filte
 LEAST = 4  # Rows and columns of an array
 ALONG_ROWS: Floats = np.array([1.0, 0.0, 0.0])  # The pad's x axis, along which `across` is told
 PatchKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
-# In pitches: a misfit of this size, or of 4 standard deviations of the noise, halves the trust.
+# In pitches: a misfit of this size, or of 4 deviations of the noise, halves the confidence.
 TRUSTED = 0.04
 TRUSTED_SPREADS = 4.0
 # Standard deviations by which k1 and k2 must differ before their directions mean anything.
@@ -113,7 +113,7 @@ class Patch(NamedTuple):
     principal: tuple[float, float] = (0.0, 0.0)
     across: float = 0.0  # Normal curvature along the asked direction, 1/m
     # From 0 to 1: share of the taxels that touch, damped by the misfit of the jet.
-    trust: float = 0.0
+    confidence: float = 0.0
     residual: float = 0.0  # Root mean square misfit of the jet, m
     gaussian: float = 0.0  # Product of the principal curvatures, 1/m^2
     mean: float = 0.0  # Their mean, 1/m
@@ -212,12 +212,12 @@ def _patch(
         fit.derivatives, fit.derivative_factor, max(noise, fit.deviation), shape, direction
     )
     limit = max(TRUSTED_SPREADS * noise, TRUSTED * pad.pitch)
-    trust = float(touched.mean()) / (1.0 + (fit.residual / limit) ** 2)
+    confidence = float(touched.mean()) / (1.0 + (fit.residual / limit) ** 2)
     patch = Patch(
         kind,
         fit.jet,
         shape.normal,
-        trust=0.0 if fit.jet.degree < 2 else trust,
+        confidence=0.0 if fit.jet.degree < 2 else confidence,
         residual=fit.residual,
         normal_error=min(errors.normal, math.pi),
         place=np.array(fit.middle),

@@ -65,12 +65,12 @@ class PlanDone:
     """Robot time spent."""
     reason: str
     """Why it is over."""
-    within: bool | None
+    tolerance_met: bool | None
     """Whether the tolerance was met, as far as can be told; null where nobody looked."""
-    bound: Metres | None
+    rms_bound_95: Metres | None
     """The root mean square error of the solid is below this in 95 of 100 runs; null where nobody
     can tell."""
-    unfelt: Metres | None
+    largest_untouched: Metres | None
     """Height of the largest stretch of the side that nothing has felt; null where nobody looked."""
     uncovered: Metres
     """Height of stretches of the side that no touch could reach."""
@@ -94,7 +94,7 @@ class Superquadric:
     """Curvature of the bent axis."""
     bend_direction: Radians
     """Azimuth towards which both ends are bent, its own frame."""
-    doubts: tuple[str, ...]
+    warnings: tuple[str, ...]
     """Why not to believe the fit; none if there is no reason."""
     residual: Metres
     """Root mean square distance of the contacts."""

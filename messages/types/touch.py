@@ -139,7 +139,7 @@ class SurfacePatch:
     """Its standard error; 0 unless `kind` is smooth."""
     kind: SurfaceKind
     """What the surface is."""
-    trust: Ratio
+    confidence: Ratio
     """From 0 to 1: share of the taxels that touch, damped by the misfit of the jet."""
     residual: Metres
     """Root mean square misfit of the jet."""

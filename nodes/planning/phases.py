@@ -92,7 +92,7 @@ def with_coarse(state: State, coarse: Superquadric, axis: Floats | None) -> Stat
         bend=Bend(coarse.bend, coarse.bend_direction if coarse.bend else 0.0),
         residuals=coarse.residuals,
         rms=coarse.residual,
-        doubts=coarse.doubts,
+        warnings=coarse.warnings,
     )
     return with_frame(replace(state, grasped=replace(state.grasped, fit=fit)), axis)
 

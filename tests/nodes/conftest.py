@@ -204,7 +204,7 @@ class Cylinder:
                 taper=np.zeros(2),
                 bend=0.0,
                 bend_direction=0.0,
-                doubts=(),
+                warnings=(),
                 residual=1e-5,
                 residuals=np.zeros(self.contacts * goal.closings),
                 rank=11,

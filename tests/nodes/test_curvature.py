@@ -70,7 +70,7 @@ def test_the_normal_points_out_of_the_object(
 
 def test_a_miss_is_called_one(info: SensorInfo, sideways: Callable[[float], Floats]) -> None:
     patch = felt(info, image_of(np.zeros((16, 16)), sideways(0.0), outcome="miss"))
-    assert (patch.kind, patch.trust, len(patch.jet)) == ("miss", 0.0, 0)
+    assert (patch.kind, patch.confidence, len(patch.jet)) == ("miss", 0.0, 0)
 
 
 def test_four_taxels_are_insufficient(

@@ -118,7 +118,7 @@ def test_contacts_that_tell_nothing_and_a_top_that_leans_come_to_an_end(
             topic, model = super().model_of(goal)
             if isinstance(model, Superquadric):
                 fields = {name: getattr(model, name) for name in model.__dataclass_fields__}
-                model = Superquadric(**{**fields, "doubts": ("coplanar points",)})
+                model = Superquadric(**{**fields, "warnings": ("coplanar points",)})
             return topic, model
 
     said = explored(UNIFORM, world, Leaning())
@@ -155,7 +155,7 @@ def test_it_ends_when_the_hand_closes_on_nothing(
     assert len(of(said, "/hand/goal")) > 800  # everywhere within reach, twice
     [done] = of(said, "/plan/done")
     assert done.reason == "the hand closed on nothing within reach"
-    assert (done.contours, done.within, done.bound) == ((), None, None)
+    assert (done.contours, done.tolerance_met, done.rms_bound_95) == ((), None, None)
 
 
 def test_a_slice_that_fails_is_tried_again_nearby_and_told_of(
@@ -177,9 +177,9 @@ def test_the_default_rule_covers_the_side_and_states_a_bound(
 ) -> None:
     said = explored(Params(), world)
     [done] = of(said, "/plan/done")
-    assert done.within
-    assert done.bound < Params().tolerance
-    assert done.unfelt <= Params().feature
+    assert done.tolerance_met
+    assert done.rms_bound_95 < Params().tolerance
+    assert done.largest_untouched <= Params().feature
     heights = sorted(goal.height for goal in of(said, "/contour/goal"))
     assert max(np.diff(heights)) <= 8e-3 + Params().feature + 1e-9
 
@@ -195,7 +195,7 @@ def test_a_budget_ends_it_and_is_kept(
     [done] = of(explored(params, world), "/plan/done")
     assert done.reason.startswith("the budget is spent")
     assert words in done.reason
-    assert done.within is False
+    assert done.tolerance_met is False
     assert done.touches <= budget.get("most_touches", 10_000)
 
 
@@ -210,7 +210,7 @@ def test_fingers_work_side_by_side_apart_from_each_other(
     heights = sorted(goal.height for goal in first)
     assert min(np.diff(heights)) > 1.5 * 0.016 - 1e-12
     [done] = of(said, "/plan/done")
-    assert done.within
+    assert done.tolerance_met
 
 
 def test_the_order_in_which_fingers_are_heard_changes_nothing(

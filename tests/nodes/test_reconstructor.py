@@ -95,7 +95,8 @@ def model_goal(number: int, contours: Sequence[int], probes: Sequence[int]) -> M
 def plan_done(number: int, contours: Sequence[int], probes: Sequence[int]) -> PlanDone:
     return PlanDone(
         number=number, contours=tuple(contours), probes=tuple(probes), touches=19,
-        robot_time=30.0, reason="enough", within=None, bound=None, unfelt=None, uncovered=0.0,
+        robot_time=30.0, reason="enough", tolerance_met=None, rms_bound_95=None,
+        largest_untouched=None, uncovered=0.0,
     )  # fmt: skip
 
 
@@ -286,7 +287,7 @@ def test_a_hand_that_met_nothing_says_so() -> None:
     nothing = ("/hand/contacts", contacts(0, 0))
     goal = grasps(1)[0]
     [coarse] = models([nothing, goal])
-    assert coarse.doubts == ("too few points",) and encode(coarse)
+    assert coarse.warnings == ("too few points",) and encode(coarse)
 
 
 def test_models_follow_their_numbers_whatever_they_are_of(inputs: Heard) -> None:

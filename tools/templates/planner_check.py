@@ -31,8 +31,8 @@ def test_everything_a_pad_can_touch_is_touched() -> None:
     for name, radius in TUNED.items():
         slices, stop = run_planner(Template(), PlannerTrial(radius), TOLERANCE)
         assert stop is not None, f"{name}: no end after {len(slices)} slices"
-        assert stop.unfelt is not None
-        assert stop.unfelt <= observation_of(slices, TOLERANCE).feature, name
+        assert stop.largest_untouched is not None
+        assert stop.largest_untouched <= observation_of(slices, TOLERANCE).feature, name
 
 
 def test_the_side_is_within_tolerance_where_the_planner_says_so() -> None:
@@ -41,7 +41,7 @@ def test_the_side_is_within_tolerance_where_the_planner_says_so() -> None:
         trial = PlannerTrial(radius)
         slices, stop = run_planner(Template(), trial, TOLERANCE)
         assert stop is not None
-        assert not stop.within or trial.rms(slices) < TOLERANCE, name
+        assert not stop.tolerance_met or trial.rms(slices) < TOLERANCE, name
 
 
 def test_no_height_is_asked_for_twice_and_none_beyond_the_ends() -> None:

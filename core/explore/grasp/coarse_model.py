@@ -32,7 +32,7 @@ class CoarseModel(Protocol):
         """False if the contacts could not be fitted."""
 
     @property
-    def doubts(self) -> Sequence[str]:
+    def warnings(self) -> Sequence[str]:
         """Why not to believe it."""
 
     @property
@@ -58,12 +58,12 @@ class CoarseFit:
     bend: Bend  # How it is bent
     residuals: Floats  # Distance of each contact, (n,), m
     rms: float  # Root mean square of those that count, m
-    doubts: tuple[str, ...]  # Why not to believe it
+    warnings: tuple[str, ...]  # Why not to believe it
 
     @property
     def fitted(self) -> bool:
         """False if it is but an ellipsoid about the contacts."""
-        return not any(doubt.endswith("points") for doubt in self.doubts)
+        return not any(doubt.endswith("points") for doubt in self.warnings)
 
     def shape(self) -> PosedShape:
         """The solid where it stands.

@@ -123,7 +123,7 @@ def fit_object_frame(
     if axis is not None:
         line = _Line(axis, solid.body.centroid, "given", 0.0, solid.shift)
         return _framed(line, solid, found, Contacts(points, normals), platform)
-    strain = STRAINED if "at a bound" in found.doubts else 1.0
+    strain = STRAINED if "at a bound" in found.warnings else 1.0
     line = _line(solid, revolution_axis(points, normals, solid.body.axes.T), strain)
     straight = extrusion_axis(normals, line.axis) if line.kind in ("longest", "shortest") else None
     if straight is not None:
@@ -240,7 +240,7 @@ def extent_along(
     allowed = FITS * float(np.ptp(vertices, axis=0).max())
     over = solid.vertices[:, 2] >= platform - allowed
     known = None
-    if found.rms < (BOUNDED if "at a bound" in found.doubts else 1.0) * allowed:
+    if found.rms < (BOUNDED if "at a bound" in found.warnings else 1.0) * allowed:
         known = FittedSolid(vertices[over], solid.deviation[over], found.rms / allowed)
     down = np.array([1.0, 1.0, -1.0])
     foot = _foot(pose, axes, here, platform)

@@ -169,12 +169,12 @@ class Stop(NamedTuple):
 
     reason: str  # Why, in words
     # Whether the demand is met, as far as the planner can tell; None where it does not look.
-    within: bool | None
+    tolerance_met: bool | None
     # The root mean square error of the side is below this in 95 of 100 runs, m; None where the
     # planner does not say.
-    bound: float | None = None
+    rms_bound_95: float | None = None
     # Largest height that nothing has felt, m; None where the planner does not say.
-    unfelt: float | None = None
+    largest_untouched: float | None = None
 
 
 class Planner(Protocol):
@@ -271,7 +271,7 @@ def _wrong_height(known: Observation, height: float) -> str:
 
 
 def _wrong_stop(stop: Stop) -> str:
-    for name in ("bound", "unfelt"):
+    for name in ("rms_bound_95", "largest_untouched"):
         value = getattr(stop, name)
         if value is not None and not 0.0 <= value < math.inf:
             return f"{name} must be 0 or more and finite, got {value} m"

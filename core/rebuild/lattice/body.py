@@ -78,7 +78,7 @@ def fit_body_lattice(
     if min(counts) <= CUBIC:
         raise ValueError(f"counts must be at least {CUBIC + 1} each, got {counts}")
     if not prior.fitted:
-        raise ValueError(f"prior must be fitted, got {prior.doubts[0]}")
+        raise ValueError(f"prior must be fitted, got {prior.warnings[0]}")
     v = (np.arange(ROWS) + 0.5) / ROWS
     turns = np.arange(COLUMNS) / COLUMNS
     targets = surface.at(v[:, None], turns).reshape(-1, 3)

@@ -120,7 +120,7 @@ def recover(
     Returns
     -------
     Recovery
-        Always: what could not be fitted says so in `Recovery.doubts`.
+        Always: what could not be fitted says so in `Recovery.warnings`.
 
     Raises
     ------

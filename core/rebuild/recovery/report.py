@@ -155,7 +155,7 @@ def reported(
         uncovered=share,
         looseness=unit * loose,
         converged=found.converged,
-        doubts=_warnings(found, solid, rms, share, cautious),
+        warnings=_warnings(found, solid, rms, share, cautious),
         choice=name_of(solid.exponents) if chosen else None,
         starts=found.starts,
         steps=found.steps,
@@ -306,7 +306,7 @@ def _in_metres(covariance: Floats, axes: Floats, warps: Warps, unit: float) -> F
 def _warnings(
     found: SearchResult, solid: CanonicalSolid, rms: float, share: float, loose: float
 ) -> tuple[RecoveryWarning, ...]:
-    doubts: list[tuple[bool, RecoveryWarning]] = [
+    warnings: list[tuple[bool, RecoveryWarning]] = [
         (not found.converged, "not converged"),
         (found.bounded, "at a bound"),
         (found.folded, "folded"),
@@ -314,7 +314,7 @@ def _warnings(
         (share > MOST_UNCOVERED, "one-sided"),
         (loose > LOOSE, "loose"),
     ]
-    return tuple(doubt for applies, doubt in doubts if applies)
+    return tuple(doubt for applies, doubt in warnings if applies)
 
 
 def name_of(exponents: Floats) -> str:
@@ -381,7 +381,7 @@ class Recovery:
     # the scatter of the points lets it be.
     looseness: float
     converged: bool
-    doubts: tuple[RecoveryWarning, ...]  # Why not to believe the fit; empty if there is no reason
+    warnings: tuple[RecoveryWarning, ...]  # Why not to believe the fit; empty if there is no reason
     choice: str | None  # Name of the shape that was chosen, where the exponents were given a choice
     starts: int  # Fits that were started
     steps: int  # Steps of the one that was taken
@@ -389,7 +389,7 @@ class Recovery:
     @property
     def fitted(self) -> bool:
         """False if the points could not be fitted, and the solid is but an ellipsoid about them."""
-        return not any(doubt.endswith("points") for doubt in self.doubts)
+        return not any(doubt.endswith("points") for doubt in self.warnings)
 
     def shape(self) -> PosedShape:
         """The solid where it stands.
@@ -456,7 +456,7 @@ def unfitted(points: Floats, warps: Warps, doubt: RecoveryWarning) -> Recovery:
         uncovered=1.0,
         looseness=unit,
         converged=False,
-        doubts=(doubt,),
+        warnings=(doubt,),
         choice=None,
         starts=0,
         steps=0,

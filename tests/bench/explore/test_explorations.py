@@ -54,8 +54,8 @@ def changed(one: Explored, *, bound: float | None, within: bool = True) -> Explo
     done = type(one.done)(
         **{
             **{name: getattr(one.done, name) for name in one.done.__dataclass_fields__},
-            "bound": bound,
-            "within": within,
+            "rms_bound_95": bound,
+            "tolerance_met": within,
         }
     )
     return one._replace(done=done)

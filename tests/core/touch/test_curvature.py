@@ -205,7 +205,7 @@ def test_an_edge_a_corner_and_a_step_are_that_and_have_no_curvature(flat: Pad) -
         assert patch.umbilic
         assert patch.shape is patch.shape_covariance is None
         assert (patch.principal_direction == 0.0).all()
-        assert 0.0 <= patch.trust < 0.5
+        assert 0.0 <= patch.confidence < 0.5
         assert patch.residual > 40e-6
         assert 0.0 < patch.normal_error < math.pi
 
@@ -233,7 +233,7 @@ def test_a_few_taxels_are_insufficient(count: int, flat: Pad) -> None:
     patch = fit_patch(flat, np.zeros((16, 16)), touched, ALONG_Y, 0.0)
     assert patch.kind == "insufficient"
     assert patch.jet is None
-    assert patch.trust == 0.0
+    assert patch.confidence == 0.0
 
 
 def test_what_is_enough_for_a_plane_has_a_normal_and_no_curvature(flat: Pad) -> None:

@@ -35,9 +35,9 @@ def test_trust_falls_with_the_misfit_and_with_the_share_of_touched_taxels(flat: 
     clean = feel(flat, height)
     rough = feel(flat, height + 2e-5 * np.random.default_rng(0).normal(size=x.shape))
     half = fit_patch(flat, height, x > 0, ALONG_Y, 0.0)
-    assert clean.trust == pytest.approx(1.0)
-    assert half.trust == pytest.approx(0.5)
-    assert rough.trust < 0.9 * clean.trust
+    assert clean.confidence == pytest.approx(1.0)
+    assert half.confidence == pytest.approx(0.5)
+    assert rough.confidence < 0.9 * clean.confidence
 
 
 def test_gaussian_and_mean_curvature_and_direction_belong_to_the_principal_ones(

@@ -58,7 +58,8 @@ def probe(number: int, *, hit: bool) -> Probe:
 def done(contours: tuple[int, ...], probes: tuple[int, ...]) -> PlanDone:
     return PlanDone(
         number=1, contours=contours, probes=probes, touches=9, robot_time=3.0,
-        reason="enough", within=None, bound=None, unfelt=None, uncovered=0.0,
+        reason="enough", tolerance_met=None, rms_bound_95=None, largest_untouched=None,
+        uncovered=0.0,
     )  # fmt: skip
 
 

@@ -113,7 +113,7 @@ def patch() -> SurfacePatch:
         curvature_across=0.0,
         curvature_across_error=0.0,
         kind="smooth",
-        trust=0.5,
+        confidence=0.5,
         residual=0.0,
         robot_time=0.5,
     )
@@ -163,9 +163,9 @@ def explored(
         touches=4,
         robot_time=2.0,
         reason="within, all of it",
-        within=True,
-        bound=None,
-        unfelt=None,
+        tolerance_met=True,
+        rms_bound_95=None,
+        largest_untouched=None,
         uncovered=0.0,
     )
     log = LogRecord(node="filter", level="warning", text="a, b\n=c", robot_time=0.0)

@@ -230,7 +230,8 @@ def test_truth_is_one_nothing_is_empty_and_texts_are_whole(folder: Path) -> None
     (patch,) = rows(folder / "touch_patch.csv")
     (log,) = rows(folder / "log.csv")
 
-    assert (done["within"], done["bound"], done["reason"]) == ("1", "", "within, all of it")
+    assert (done["tolerance_met"], done["rms_bound_95"]) == ("1", "")
+    assert done["reason"] == "within, all of it"
     assert [patch[f"mask.0.{j}"] for j in range(3)] == ["0", "1", "1"]
     assert patch["umbilic"] == "0"
     assert log["text"] == "a, b\n=c"
@@ -259,7 +260,7 @@ def test_the_units_lie_beside_the_tables(folder: Path) -> None:
         "move": "s, m, rad, m, m",
         "robot_time": "s",
     }
-    assert units["plan_done.csv"]["bound"] == "m"
+    assert units["plan_done.csv"]["rms_bound_95"] == "m"
     assert units.keys() == {path.name for path in folder.glob("*.csv")}
 
 
@@ -340,7 +341,7 @@ def test_lists_of_one_length_are_stacked(arrays: Arrays) -> None:
 def test_tables_have_an_array_for_each_name_and_nan_where_it_is_missing(arrays: Arrays) -> None:
     assert arrays["model_shape.health.condition"].tolist() == [3.5, 1.5]
     assert np.isnan(arrays["model_shape.health.folds"]).tolist() == [True, False]
-    assert np.isnan(arrays["plan_done.bound"]).all()
+    assert np.isnan(arrays["plan_done.rms_bound_95"]).all()
 
 
 def test_the_same_recording_gives_the_same_file(explored: Path, tmp_path: Path) -> None:

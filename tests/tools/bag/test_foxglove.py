@@ -217,7 +217,7 @@ def test_all_else_is_json_with_lists_within_lists(found: Found) -> None:
         "unit": "s or N",
     }
     assert schema["properties"]["pose"]["maxItems"] == 7
-    assert found["/plan/done"][0][2]["bound"] is None
+    assert found["/plan/done"][0][2]["rms_bound_95"] is None
     assert found["/touch/patch"][0][2]["mask"][0] == [False, True, True]
 
 

@@ -95,9 +95,9 @@ DONE = PlanDone(
     touches=3,
     robot_time=1.0,
     reason="enough",
-    within=True,
-    bound=1e-3,
-    unfelt=None,
+    tolerance_met=True,
+    rms_bound_95=1e-3,
+    largest_untouched=None,
     uncovered=0.0,
 )
 
@@ -171,20 +171,20 @@ def test_what_has_no_size_is_counted() -> None:
 def test_the_first_of_many_is_shown() -> None:
     changes = TopicChanges(PlanDone)
     for seq, (then, now) in enumerate([(None, 0.5), (None, None), (0.5, None), (0.5, 0.25)]):
-        one, other = replace(DONE, bound=then), replace(DONE, bound=now, number=2)
+        one, other = replace(DONE, rms_bound_95=then), replace(DONE, rms_bound_95=now, number=2)
         changes.add(seq, encode(one), encode(other))
 
-    bound = changes.fields["bound"]
+    bound = changes.fields["rms_bound_95"]
 
     assert bound.notes == {"value": ChangeNote(2, "None", "0.5")}
     assert (bound.differ, bound.first, bound.largest, bound.unit) == (3, 0, 0.25, "m")
 
 
 def test_lists_and_truth_values_are_no_quantities() -> None:
-    found = changed(DONE, contours=(1, 3), within=False).fields
+    found = changed(DONE, contours=(1, 3), tolerance_met=False).fields
 
     assert found["contours"].notes == {"value": ChangeNote(1, "(1, 2)", "(1, 3)")}
-    assert found["within"].notes == {"value": ChangeNote(1, "True", "False")}
+    assert found["tolerance_met"].notes == {"value": ChangeNote(1, "True", "False")}
 
 
 def test_arrays_of_another_shape_are_counted() -> None:

@@ -40,7 +40,7 @@ def test_contacts_that_are_too_few_give_an_ellipsoid_and_say_so() -> None:
     found = fit_coarse(np.random.default_rng(0).normal(size=(8, 3)), NOISE)
 
     assert not found.fitted
-    assert found.doubts == ("too few points",)
+    assert found.warnings == ("too few points",)
 
 
 @pytest.mark.parametrize(

@@ -149,7 +149,7 @@ def test_an_axis_is_taken_even_if_contacts_tell_nothing(axis: tuple[float, float
 def test_a_fit_that_came_to_a_bound_makes_the_axis_less_certain() -> None:
     points, normals, platform = contacts(ELLIPSOID, about_x(0.5), PLACE)
     found = fit_coarse(points, NOISE)
-    strained = replace(found, doubts=("at a bound",))
+    strained = replace(found, warnings=("at a bound",))
     sure, unsure = (
         fit_object_frame(fit, points, normals, platform, NOISE) for fit in (found, strained)
     )

@@ -63,7 +63,7 @@ def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(
     assert stop is not None
     assert other is not None
     assert other.reason == stop.reason
-    assert (other.bound or 0.0) == pytest.approx(1000.0 * (stop.bound or 0.0))
+    assert (other.rms_bound_95 or 0.0) == pytest.approx(1000.0 * (stop.rms_bound_95 or 0.0))
 
 
 def test_case_66_a_bottles_neck_is_not_stepped_over(
@@ -73,7 +73,7 @@ def test_case_66_a_bottles_neck_is_not_stepped_over(
     found = known([slice_of(sides["bottle"], share) for share in heights])
 
     assert stop is not None
-    assert stop.within
+    assert stop.tolerance_met
     assert rms_error(found, sides["bottle"]) < 0.0025
     np.testing.assert_allclose([min(heights), max(heights)], [0.03, 0.97])
     assert sum(0.62 < height < 0.82 for height in heights) >= 3
@@ -83,7 +83,7 @@ def test_case_66_a_bottles_neck_is_not_stepped_over(
 def test_case_67_flat_tops_and_poles_end_the_plan(name: str, sides: Sides, explored: Walk) -> None:
     heights, stop = explored(Predicted(), sides[name])
     assert stop is not None
-    assert stop.within
+    assert stop.tolerance_met
     assert len(heights) <= 11
 
 
@@ -109,7 +109,7 @@ def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
     heights, stop = explored(Predicted(), grooved)
     found = known([slice_of(grooved, share) for share in heights])
     assert stop is not None
-    assert stop.within
+    assert stop.tolerance_met
     assert rms_error(found, grooved) < 0.0025
 
 
@@ -126,10 +126,10 @@ def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides: Sides, expl
     assert stop.reason == (
         "the error is within tolerance, and nothing larger than a feature is unfelt"
     )
-    assert stop.bound is not None
-    assert stop.unfelt is not None
-    assert 1e-5 <= stop.bound <= 0.0025 * 0.09
-    assert stop.unfelt <= 2.5e-3
+    assert stop.rms_bound_95 is not None
+    assert stop.largest_untouched is not None
+    assert 1e-5 <= stop.rms_bound_95 <= 0.0025 * 0.09
+    assert stop.largest_untouched <= 2.5e-3
 
 
 @pytest.mark.parametrize(
@@ -146,10 +146,10 @@ def test_a_slice_that_would_overrun_the_budget_is_not_begun(
     stop = Predicted().next(known(cover, budget=budget))
     assert isinstance(stop, Stop)
     assert words in stop.reason
-    assert stop.within is False
-    assert stop.bound is not None
-    assert stop.unfelt is not None
-    assert stop.unfelt > 0.02
+    assert stop.tolerance_met is False
+    assert stop.rms_bound_95 is not None
+    assert stop.largest_untouched is not None
+    assert stop.largest_untouched > 0.02
 
 
 def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(
@@ -160,7 +160,7 @@ def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(
         slices.append(slice_of(sides["vase"], choice.height / 0.09, deviation=1e-3))
     assert isinstance(choice, Stop)
     assert choice.reason.startswith("the noise of the slices is beyond the tolerance")
-    assert choice.within is False
+    assert choice.tolerance_met is False
     assert len(slices) <= 11
 
 
@@ -189,8 +189,8 @@ def test_what_the_pad_cannot_reach_is_left_and_said(
     assert choice.reason == (
         "the error is within tolerance, but what is left unfelt cannot be reached"
     )
-    assert choice.unfelt is not None
-    assert choice.unfelt > 2.5e-3
+    assert choice.largest_untouched is not None
+    assert choice.largest_untouched > 2.5e-3
 
 
 def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(
@@ -202,8 +202,8 @@ def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(
         assert len(slices) < 60
     assert isinstance(choice, Stop)
     assert choice.reason == "fewer than two slices could be traced"
-    assert choice.bound is None
-    assert choice.unfelt == pytest.approx(0.94 * 0.09)
+    assert choice.rms_bound_95 is None
+    assert choice.largest_untouched == pytest.approx(0.94 * 0.09)
 
 
 def test_occluded_slices_count_as_far_as_they_were_felt(

@@ -145,8 +145,12 @@ def test_an_answer_that_can_be_acted_on_is_handed_on(
             "0.02 m is nearer than 0.02 m to a finger at 0.03 m",
         ),
         (Wait(""), {}, "it waits, but no finger is at work"),
-        (Stop("", True, -1.0), {}, "bound must be 0 or more and finite, got -1.0 m"),
-        (Stop("", True, None, math.nan), {}, "unfelt must be 0 or more and finite, got nan m"),
+        (Stop("", True, -1.0), {}, "rms_bound_95 must be 0 or more and finite, got -1.0 m"),
+        (
+            Stop("", True, None, math.nan),
+            {},
+            "largest_untouched must be 0 or more and finite, got nan",
+        ),
     ],
 )
 def test_an_answer_that_nobody_could_act_on_is_refused(

@@ -70,7 +70,7 @@ def test_what_cannot_be_a_lattice_is_refused() -> None:
     with pytest.raises(ValueError, match=r"counts must be at least 4 each, got \(3, 9, 9\)"):
         fit_body_lattice(ellipsoid(), surface, (3, 9, 9))
     with pytest.raises(ValueError, match="prior must be fitted, got too few points"):
-        fit_body_lattice(replace(ellipsoid(), doubts=("too few points",)), surface)
+        fit_body_lattice(replace(ellipsoid(), warnings=("too few points",)), surface)
 
 
 def test_a_surface_through_the_middle_is_refused() -> None:

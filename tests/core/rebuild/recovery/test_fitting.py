@@ -22,7 +22,7 @@ Draw = Callable[[int], Floats]
 def test_exact_points_give_the_solid_back(cloud: Made, exponents: list[float]) -> None:
     made = cloud([0.3, 0.2, 0.5], exponents, noise=0.0)
     found = recover(made.points)
-    assert found.doubts == ()
+    assert found.warnings == ()
     assert found.rms < 1e-9
     assert np.sort(found.size) == pytest.approx([0.2, 0.3, 0.5], rel=1e-6)
     assert np.allclose(found.shape().bounds(), made.truth.bounds(), rtol=0, atol=1e-3)
@@ -33,7 +33,7 @@ def test_a_tapered_and_bent_solid_is_recovered(cloud: Made, chamfer: Made) -> No
         [0.3, 0.2, 0.6], [0.4, 1.1], count=100, noise=0.002, taper=[0.5, -0.3], bend=Bend(0.9, 0.4)
     )
     found = recover(made.points, taper=True, bend=True)
-    assert found.doubts == ()
+    assert found.warnings == ()
     assert found.names[11:] == ("taper x", "taper y", "bend x", "bend y")
     assert chamfer(found, made) < 0.004
     assert abs(found.bend.curvature) == pytest.approx(0.9, abs=5 * 0.05)
@@ -91,7 +91,7 @@ def test_of_thousands_of_points_all_count(cloud: Made) -> None:
     made = cloud([0.3, 0.2, 0.5], [0.5, 0.8], count=5000, noise=0.01, turned=False)
     for options in ({}, {"outliers": True}):
         found = recover(made.points, **options)
-        assert found.doubts == ()
+        assert found.warnings == ()
         assert found.size == pytest.approx([0.3, 0.2, 0.5], rel=0.01)
         assert found.deviations()["log size z"] < 0.002
         assert found.inliers.mean() > 0.99
@@ -101,12 +101,12 @@ def test_of_thousands_of_points_all_count(cloud: Made) -> None:
 def test_a_turn_that_the_start_did_not_foresee_is_no_bound(cloud: Made) -> None:
     for seed in range(20):
         found = recover(cloud([0.5, 0.5, 0.7], [0.1, 1.0], noise=0.01, seed=seed).points)
-        assert found.doubts == ()
+        assert found.warnings == ()
 
 
 def test_a_noise_larger_than_the_solid_is_as_large_as_the_solid(cloud: Made) -> None:
     found = recover(cloud([0.3, 0.2, 0.5], [0.5, 0.8]).points, outliers=True, noise=1e300)
-    assert "loose" in found.doubts
+    assert "loose" in found.warnings
     assert np.isfinite(found.covariance).all()
 
 

@@ -92,7 +92,7 @@ def test_points_that_determine_no_solid_give_an_ellipsoid_and_say_why(
     points: Floats, doubt: str, options: dict[str, Any]
 ) -> None:
     found = recover(points, **options)
-    assert found.doubts == (doubt,)
+    assert found.warnings == (doubt,)
     assert not found.fitted
     assert not found.converged
     assert found.rank == 0
@@ -111,14 +111,14 @@ def test_points_that_are_next_to_coplanar_are_finite_and_doubted() -> None:
         found = recover(rng.normal(size=(60, 3)) * [1.0, 1.0, thickness])
         assert np.isfinite(found.size).all()
         assert np.isfinite(found.covariance).all()
-        assert found.doubts
+        assert found.warnings
 
 
 def test_when_most_points_are_one_the_others_still_say_where_the_solid_is(cloud: Made) -> None:
     made = cloud([0.3, 0.2, 0.5], [0.6, 0.8], count=60)
     points = np.concatenate([np.tile(made.points[:1], (70, 1)), made.points[1:]])
     found = recover(points, outliers=True)
-    assert found.doubts
+    assert found.warnings
     low, high = made.truth.bounds()
     assert (np.abs(found.pose[:3] - 0.5 * (low + high)) < 0.3 * (high - low)).all()
     assert np.isfinite(found.covariance).all()
@@ -128,11 +128,11 @@ def test_when_most_points_are_one_the_others_still_say_where_the_solid_is(cloud:
 def test_points_that_are_few_or_scatter_much_leave_the_surface_loose(
     cloud: Made, count: int, noise: float
 ) -> None:
-    doubts = [
+    warnings = [
         recover(cloud([0.3, 0.2, 0.5], [0.6, 0.8], count=count, noise=noise, seed=seed).points)
         for seed in range(6)
     ]
-    assert sum("loose" in found.doubts for found in doubts) >= 5
+    assert sum("loose" in found.warnings for found in warnings) >= 5
 
 
 def test_half_a_solid_gives_sizes_within_the_points_extents_and_is_doubted(cloud: Made) -> None:
@@ -142,9 +142,9 @@ def test_half_a_solid_gives_sizes_within_the_points_extents_and_is_doubted(cloud
         middle = made.points.mean(axis=0)
         whole = recover(made.points)
         half = recover(made.points[made.points[:, 2] > middle[2]])
-        named.append("one-sided" in half.doubts)
-        assert not set(whole.doubts) & {"one-sided", "loose"}
-        assert set(half.doubts) & {"one-sided", "at a bound"}
+        named.append("one-sided" in half.warnings)
+        assert not set(whole.warnings) & {"one-sided", "loose"}
+        assert set(half.warnings) & {"one-sided", "at a bound"}
         assert half.size.max() < 2.0 * whole.size.max()
         # The size that the points leave open is the least certain.
         sizes = [
