@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from palpate.core.shapes.deformed_superquadrics import (
         DeformedSuperquadric as DeformedSuperquadric,
     )
+    from palpate.core.shapes.deformed_superquadrics import FittedSuperquadric as FittedSuperquadric
     from palpate.core.shapes.deformed_superquadrics import largest_curvature as largest_curvature
-    from palpate.core.shapes.deformed_superquadrics import posed_superquadric as posed_superquadric
     from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder as GeneralisedCylinder
     from palpate.core.shapes.global_deformations import Bend as Bend
     from palpate.core.shapes.global_deformations import Taper as Taper

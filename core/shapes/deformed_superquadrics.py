@@ -190,6 +190,36 @@ def _dual_norm(x: float, y: float, e2: float) -> float:
     return result
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FittedSuperquadric:
+    """A superquadric, tapered and bent, as it was fitted to points."""
+
+    size: Floats  # Semi-axes (3,), m
+    exponents: Floats  # e1 and e2, (2,)
+    pose: Floats  # (7,)
+    taper: Floats  # Widening of x and y at the top, (2,)
+    bend: Bend  # How the tapered solid is bent
+    # First-order distance of each point along the normal, (n,), m; negative inside.
+    residuals: Floats
+    rms: float  # Root mean square of the residuals of the points that count, m
+    warnings: tuple[str, ...]  # Why not to believe the fit; empty if there is no reason
+
+    @property
+    def fitted(self) -> bool:
+        """False if the points could not be fitted, and the solid is but an ellipsoid about them."""
+        return not any(warning.endswith("points") for warning in self.warnings)
+
+    def shape(self) -> PosedShape:
+        """The solid where it stands.
+
+        Raises
+        ------
+        ValueError
+            If it has no extent, as all points were in one place, or its bend folds it.
+        """
+        return posed_superquadric(self.size, self.exponents, self.pose, self.taper, self.bend)
+
+
 def posed_superquadric(
     size: Floats, exponents: Floats, pose: Floats, taper: Floats, bend: Bend
 ) -> PosedShape:

@@ -11,7 +11,6 @@ import numpy as np
 from palpate.core import Floats, inverse_pose, split_pose, transform_points
 from palpate.core.explore import Survey
 from palpate.core.explore.grasp import (
-    CoarseFit,
     Hand,
     ObjectFrame,
     end_face_axis,
@@ -29,7 +28,7 @@ from palpate.core.explore.probing import (
     SideContour,
     next_probe,
 )
-from palpate.core.shapes import Bend
+from palpate.core.shapes import Bend, FittedSuperquadric
 from palpate.messages.types import GraspContacts, GraspGoal, Probe, Superquadric
 from palpate.nodes.planning.state import HandContacts, State, Task
 
@@ -84,7 +83,7 @@ def with_contacts(state: State, contacts: GraspContacts) -> State:
 
 def with_coarse(state: State, coarse: Superquadric, axis: Floats | None) -> State:
     """The state with the slicing frame that the coarse model lets choose, or with a given axis."""
-    fit = CoarseFit(
+    fit = FittedSuperquadric(
         size=coarse.size,
         exponents=coarse.exponents,
         pose=coarse.pose,

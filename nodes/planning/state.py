@@ -11,9 +11,10 @@ import numpy as np
 
 from palpate.core import Floats, compose_poses, inverse_pose, split_pose, transform_points
 from palpate.core.explore import Survey, TracedContour
-from palpate.core.explore.grasp import CoarseFit, ObjectFrame
+from palpate.core.explore.grasp import ObjectFrame
 from palpate.core.explore.planners import Height
 from palpate.core.explore.probing import End, ProbeCommand, ProbeResult
+from palpate.core.shapes import FittedSuperquadric
 from palpate.messages.types import Contour, ContourGoal, ModelGoal, Probe, ProbeGoal, World
 
 
@@ -36,7 +37,7 @@ class HandContacts:
     normals: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     closings: int = 0  # Times that the hand has closed
     grips: int = 0  # Of these, since it first met something
-    fit: CoarseFit | None = None  # The coarse model through all that, once there is one
+    fit: FittedSuperquadric | None = None  # The coarse model through all that, once there is one
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,9 +1,8 @@
 """Grasp by containment.
 
 The first coarse knowledge of size, place and slicing axis, from few contacts of a closing hand.
-A hand and its poses may be replaced, and so may the coarse model (`CoarseModel` says what is
-asked of it). It rests on shapes and touch; what comes out is an `ObjectFrame`, in which all else
-is told.
+A hand and its poses may be replaced, and so may the coarse model (any `FittedSuperquadric` will
+do). It rests on shapes and touch; what comes out is an `ObjectFrame`, in which all else is told.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from palpate.core.explore.grasp.axes import end_face_axis as end_face_axis
     from palpate.core.explore.grasp.closing import Closing as Closing
     from palpate.core.explore.grasp.closing import close_hand as close_hand
-    from palpate.core.explore.grasp.coarse_model import CoarseFit as CoarseFit
     from palpate.core.explore.grasp.coarse_model import MassProperties as MassProperties
     from palpate.core.explore.grasp.coarse_model import mass_properties as mass_properties
     from palpate.core.explore.grasp.hand import Hand as Hand

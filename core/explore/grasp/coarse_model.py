@@ -9,71 +9,17 @@ learning*, 2006, (2.25) and (2.26).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.shapes import Bend, Mesh, PosedShape, Shape, posed_superquadric
+from palpate.core.shapes import Mesh
 
 REACH = 0.2  # Of the diameter: how far one residual speaks for its neighbourhood
 # A fit follows the contacts: away from them it is off by this many times what it shows there.
 UNSEEN = 5.0
 TIED = 1e-6  # Of the largest variance: no gap between two counts as smaller
-
-
-class CoarseModel(Protocol):
-    """What the slicing frame asks of a coarse model."""
-
-    @property
-    def fitted(self) -> bool:
-        """False if the contacts could not be fitted."""
-
-    @property
-    def warnings(self) -> Sequence[str]:
-        """Why not to believe it."""
-
-    @property
-    def residuals(self) -> Floats:
-        """Distance of each contact along the normal, (n,), m; negative inside."""
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of the residuals, m."""
-
-    def shape(self) -> Shape:
-        """The solid where it stands."""
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class CoarseFit:
-    """A superquadric, tapered and bent, as somebody else has fitted it."""
-
-    size: Floats  # Semi-axes (3,), m
-    exponents: Floats  # e1 and e2, (2,)
-    pose: Floats  # (7,)
-    taper: Floats  # Widening of x and y at the top, (2,)
-    bend: Bend  # How it is bent
-    residuals: Floats  # Distance of each contact, (n,), m
-    rms: float  # Root mean square of those that count, m
-    warnings: tuple[str, ...]  # Why not to believe it
-
-    @property
-    def fitted(self) -> bool:
-        """False if it is but an ellipsoid about the contacts."""
-        return not any(doubt.endswith("points") for doubt in self.warnings)
-
-    def shape(self) -> PosedShape:
-        """The solid where it stands.
-
-        Raises
-        ------
-        ValueError
-            If it has no extent, or its bend folds it.
-        """
-        return posed_superquadric(self.size, self.exponents, self.pose, self.taper, self.bend)
 
 
 class CorrectedSolid(NamedTuple):

@@ -16,8 +16,9 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats, finite_array, positive
 from palpate.core.explore.grasp.axes import ROUND, RevolutionAxis, extrusion_axis, revolution_axis
-from palpate.core.explore.grasp.coarse_model import CoarseModel, CorrectedSolid, correct_solid
+from palpate.core.explore.grasp.coarse_model import CorrectedSolid, correct_solid
 from palpate.core.poses import inverse_pose, pose_of, split_pose, transform_points
+from palpate.core.shapes import FittedSuperquadric
 
 # Which axis: that about which the surface was turned, a principal axis, no axis of its own, or one
 # that was given.
@@ -82,7 +83,7 @@ class _Line(NamedTuple):
 
 
 def fit_object_frame(
-    found: CoarseModel,
+    found: FittedSuperquadric,
     points: Floats,
     normals: Floats,
     platform: float,
@@ -153,7 +154,7 @@ def _is_vertical(axis: Floats) -> bool:
 
 
 def _on_platform(
-    found: CoarseModel, points: Floats, platform: float, noise: float
+    found: FittedSuperquadric, points: Floats, platform: float, noise: float
 ) -> CorrectedSolid:
     """The solid through its contacts, the lowest of which it has with the platform."""
     mesh = found.shape().mesh(LEVEL)
@@ -164,7 +165,11 @@ def _on_platform(
 
 
 def _framed(
-    line: _Line, solid: CorrectedSolid, found: CoarseModel, touched: Contacts, platform: float
+    line: _Line,
+    solid: CorrectedSolid,
+    found: FittedSuperquadric,
+    touched: Contacts,
+    platform: float,
 ) -> ObjectFrame:
     axis = _upwards(line.axis)
     lean = math.atan2(math.hypot(axis[0], axis[1]), axis[2])
@@ -217,7 +222,11 @@ def _turn_to(axis: Floats) -> Floats:
 
 
 def extent_along(
-    pose: Floats, solid: CorrectedSolid, found: CoarseModel, touched: Contacts, platform: float
+    pose: Floats,
+    solid: CorrectedSolid,
+    found: FittedSuperquadric,
+    touched: Contacts,
+    platform: float,
 ) -> AxialExtent:
     """Extent along the z axis of a frame.
 

@@ -139,9 +139,9 @@ def recover(
     if choice not in (None, "thesis"):
         raise ValueError(f"choice must be 'thesis' or None, got {choice!r}")
     warps = Warps(bool(taper), bool(bend))
-    doubt = degeneracy(places, warps.total)
-    if doubt is not None:
-        return unfitted(places, warps, doubt)
+    warning = degeneracy(places, warps.total)
+    if warning is not None:
+        return unfitted(places, warps, warning)
     scaled = scaled_down(places, core_of(places, max(TRIMMED)) if outliers else None)
     pairs = None if choice is None else tuple(CHOICES.values())
     spread = None if noise is None else min(noise, scaled.unit) / scaled.unit

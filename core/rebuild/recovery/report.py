@@ -20,10 +20,9 @@ from palpate.core.poses import pose_of, principal_axes, rotations_from_vectors
 from palpate.core.rebuild.recovery.distances import RIGID, Warps, distances_alone, normal_distances
 from palpate.core.shapes import (
     Bend,
-    PosedShape,
+    FittedSuperquadric,
     Superquadric,
     area_samples,
-    posed_superquadric,
     sampled_surface,
 )
 
@@ -306,7 +305,7 @@ def _in_metres(covariance: Floats, axes: Floats, warps: Warps, unit: float) -> F
 def _warnings(
     found: SearchResult, solid: CanonicalSolid, rms: float, share: float, loose: float
 ) -> tuple[RecoveryWarning, ...]:
-    warnings: list[tuple[bool, RecoveryWarning]] = [
+    reasons: list[tuple[bool, RecoveryWarning]] = [
         (not found.converged, "not converged"),
         (found.bounded, "at a bound"),
         (found.folded, "folded"),
@@ -314,7 +313,7 @@ def _warnings(
         (share > MOST_UNCOVERED, "one-sided"),
         (loose > LOOSE, "loose"),
     ]
-    return tuple(doubt for applies, doubt in warnings if applies)
+    return tuple(warning for applies, warning in reasons if applies)
 
 
 def name_of(exponents: Floats) -> str:
@@ -355,18 +354,14 @@ class Certainty(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Recovery:
-    """A superquadric, tapered and bent, and how well its points determine it."""
+class Recovery(FittedSuperquadric):
+    """A superquadric, tapered and bent, and how well its points determine it.
 
-    size: Floats  # Semi-axes (3,), m; x is the larger of the first two
-    exponents: Floats  # e1 and e2, (2,)
-    pose: Floats  # (7,): of the several that mean the same, the one that turns least
-    taper: Floats  # Widening of x and y at the top, (2,)
-    bend: Bend  # How the tapered solid is bent
-    # First-order distance of each point along the normal, (n,), m; negative inside.
-    residuals: Floats
+    Of the poses that mean the same, the one that turns least; x is the larger of the first two
+    semi-axes; the residuals of the inliers count.
+    """
+
     inliers: Bools  # Which points were fitted, (n,)
-    rms: float  # Root mean square of the residuals of the inliers, m
     covariance: Floats  # Of the parameters, in the order of `names`
     # Parameters: logarithms of the semi-axes; exponents; a small turn, rad, about the solid's own
     # axes; position, m; widenings; curvature of the bend times its direction, 1/m.
@@ -381,25 +376,10 @@ class Recovery:
     # the scatter of the points lets it be.
     looseness: float
     converged: bool
-    warnings: tuple[RecoveryWarning, ...]  # Why not to believe the fit; empty if there is no reason
+    warnings: tuple[RecoveryWarning, ...]
     choice: str | None  # Name of the shape that was chosen, where the exponents were given a choice
     starts: int  # Fits that were started
     steps: int  # Steps of the one that was taken
-
-    @property
-    def fitted(self) -> bool:
-        """False if the points could not be fitted, and the solid is but an ellipsoid about them."""
-        return not any(doubt.endswith("points") for doubt in self.warnings)
-
-    def shape(self) -> PosedShape:
-        """The solid where it stands.
-
-        Raises
-        ------
-        ValueError
-            If it has no extent, as all points were in one place, or its bend folds it.
-        """
-        return posed_superquadric(self.size, self.exponents, self.pose, self.taper, self.bend)
 
     def deviations(self) -> dict[str, float]:
         """Standard deviation of each parameter, by name."""
@@ -431,7 +411,7 @@ def degeneracy(points: Floats, needed: int) -> RecoveryWarning | None:
     return "too few points" if len(points) < needed else None
 
 
-def unfitted(points: Floats, warps: Warps, doubt: RecoveryWarning) -> Recovery:
+def unfitted(points: Floats, warps: Warps, warning: RecoveryWarning) -> Recovery:
     """An ellipsoid in the box of the points' principal axes, and why there is nothing better."""
     size, axes, middle = _ellipsoid_about(points)
     solid = canonical(CanonicalSolid(size, np.ones(2), axes, np.zeros(2), np.zeros(2)))
@@ -456,7 +436,7 @@ def unfitted(points: Floats, warps: Warps, doubt: RecoveryWarning) -> Recovery:
         uncovered=1.0,
         looseness=unit,
         converged=False,
-        warnings=(doubt,),
+        warnings=(warning,),
         choice=None,
         starts=0,
         steps=0,

@@ -76,7 +76,7 @@ def flat(rng: np.random.Generator) -> Floats:
 
 
 @pytest.mark.parametrize(
-    ("points", "doubt"),
+    ("points", "warning"),
     [
         (np.zeros((0, 3)), "too few points"),
         (np.random.default_rng(0).normal(size=(10, 3)), "too few points"),
@@ -89,10 +89,10 @@ def flat(rng: np.random.Generator) -> Floats:
 )
 @pytest.mark.parametrize("options", [{}, {"taper": True, "bend": True}, {"outliers": True}])
 def test_points_that_determine_no_solid_give_an_ellipsoid_and_say_why(
-    points: Floats, doubt: str, options: dict[str, Any]
+    points: Floats, warning: str, options: dict[str, Any]
 ) -> None:
     found = recover(points, **options)
-    assert found.warnings == (doubt,)
+    assert found.warnings == (warning,)
     assert not found.fitted
     assert not found.converged
     assert found.rank == 0
@@ -128,11 +128,11 @@ def test_when_most_points_are_one_the_others_still_say_where_the_solid_is(cloud:
 def test_points_that_are_few_or_scatter_much_leave_the_surface_loose(
     cloud: Made, count: int, noise: float
 ) -> None:
-    warnings = [
+    fits = [
         recover(cloud([0.3, 0.2, 0.5], [0.6, 0.8], count=count, noise=noise, seed=seed).points)
         for seed in range(6)
     ]
-    assert sum("loose" in found.warnings for found in warnings) >= 5
+    assert sum("loose" in found.warnings for found in fits) >= 5
 
 
 def test_half_a_solid_gives_sizes_within_the_points_extents_and_is_doubted(cloud: Made) -> None:
