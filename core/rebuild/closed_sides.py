@@ -259,7 +259,7 @@ def radial_rows(
         # Other ends were felt by taxels, which say where they are in the straight space.
         bottom = bottom if only_given(felt, -1.0, bottom) else None
         top = top if only_given(felt, 1.0, top) else None
-        felt, levels = shear.straightened_felt(felt), shear.straightened(levels)
+        felt, levels = shear.levelled_contacts(felt), shear.levelled(levels)
         axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])
     found = _rows_between(felt, axis_curve, levels[:, 2], bottom, top)
     return None if found is None else found._replace(shear=shear)
@@ -283,7 +283,7 @@ def _rows_between(
     pose = pose_sigma(shifted)
     bottom = touched_end(felt, float(levels[0]), -1.0, pose, bottom)
     top = touched_end(felt, float(levels[-1]), 1.0, pose, top)
-    return _rows(felt, shifted.skin, levels, (bottom, top), seen, pose)
+    return _rows(felt, shifted.spline, levels, (bottom, top), seen, pose)
 
 
 def _reach(

@@ -68,7 +68,7 @@ class Evidence(NamedTuple):
     @property
     def strays(self) -> int:
         """Single points of the contours that were found to be wrong, and left out."""
-        return int(sum(loop.stray.sum() for loop in self.slices.loops))
+        return int(sum(loop.outlier.sum() for loop in self.slices.loops))
 
     def health(self) -> dict[str, float]:
         """Figures of what the contours are like, by name: see `Solid.health`."""
@@ -77,7 +77,7 @@ class Evidence(NamedTuple):
         return {
             "contours": float(len(slices.heights)),
             "dropped": float(len(slices.dropped)),
-            "perhaps_features": float(sum(one.perhaps for one in slices.dropped)),
+            "perhaps_features": float(sum(one.may_be_feature for one in slices.dropped)),
             "suspicious": float(len(self.feature_candidates)),
             "outlying_points": float(self.strays),
             "tilted": float(slices.tilted.sum()),
@@ -160,7 +160,7 @@ def _mended(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspond
     for _ in range(PASSES):
         strays = point_outliers(slices.loops, matched.places)
         same = zip(slices.loops, strays.masks, strict=True)
-        if all(np.array_equal(loop.stray, mask) for loop, mask in same):
+        if all(np.array_equal(loop.outlier, mask) for loop, mask in same):
             break
         loops = map(refitted_curve, slices.loops, strays.mended, strays.masks)
         slices = restack(tuple(loops), slices.dropped)

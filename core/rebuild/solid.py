@@ -24,7 +24,7 @@ from palpate.core.geometry import self_intersection, solidity
 from palpate.core.poses import split_pose
 from palpate.core.rebuild.closed_sides import ContourSolid, refine_solid
 from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame
-from palpate.core.rebuild.ends import End, Shear, on_end, straight
+from palpate.core.rebuild.ends import End, Shear, levelled, on_end
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice import LatticeFit
 from palpate.core.rebuild.loft import SidePatch, Uncertainty
@@ -189,7 +189,7 @@ class Solid:
         if shear is not None:
             if not shear.reaches(seen).all():
                 raise ValueError("points must lie beside the object, got one far aside of it")
-            seen = shear.straightened(seen)
+            seen = shear.levelled(seen)
         surface, lattice = refine_solid(
             self.lattice, self.closed, seen, sigma=sigma, weights=weights
         )
@@ -322,7 +322,7 @@ def sheared_volume(volume: SplineVolume, shear: Shear) -> SplineVolume:
     """
     sites = [basis.greville() for basis in volume.bases]
     places = volume.grid(*sites)
-    moved = shear.slanted(places.reshape(-1, 3)).reshape(places.shape)
+    moved = shear.sheared(places.reshape(-1, 3)).reshape(places.shape)
     if volume.weights is None:
         return SplineVolume(interpolate_grid(volume.bases, sites, moved).control, volume.bases)
     weights = evaluate_grid(volume.bases, volume.spline[..., 3:], sites)
@@ -341,7 +341,7 @@ def whole_deviation(closed: ContourSolid, felt: ContactPoints | None) -> float:
         All touched taxels, seen from the slicing frame; those at the ends tell how well the ends
         fit.
     """
-    felt = None if felt is None else straight(closed.shear, felt)
+    felt = None if felt is None else levelled(closed.shear, felt)
     pieces = closed.surface.pieces
     side = next(i for i, piece in enumerate(pieces) if isinstance(piece, SidePatch))
     cells = _cells(pieces[side], SIDE_ROWS)
@@ -479,7 +479,7 @@ def _of_side(closed: ContourSolid) -> Figures:
         "degrees_of_freedom": skin.freedom,
         "condition": skin.condition,
         "swing": skin.swing,
-        "paced": float(closed.skin.surface.latitude.pace is not None),
+        "paced": float(closed.skin.surface.axial_parameter.reparametrisation is not None),
     }
 
 

@@ -38,7 +38,7 @@ FAR = 0.1  # Of the mean radius: a contour that is off by less does little harm
 # Times what its neighbours are off once it is put away, by which a contour must be off.
 CANDIDATE_CLEARLY = 4.0
 # With fewer nothing is left to compare with. Of three the middle one may well be the widest; one
-# that is narrower than both others, or aside, is suspicious.
+# that is narrower than both others, or aside, is a candidate.
 CANDIDATE_LEAST_SLICES = 4
 ALIKE = 0.05  # Root mean square difference of two shapes of radius 1 that are alike
 EACH_SIDE = 2  # Neighbours below and above that tell of a contour
@@ -55,12 +55,12 @@ class InconsistentContours(NamedTuple):
 def inconsistent_contours(heights: ArrayLike, grid: ArrayLike) -> InconsistentContours:
     """Find contours that contradict their neighbours.
 
-    Each contour is predicted from two neighbours on either side. If one of them is wrong by
-    some displacement, its own prediction and those of its neighbours are off by known shares
-    of that; where they are, it is bad. An edge, a step or a zigzag of the object itself leaves
-    other shares. But what a single contour has seen, a groove narrower than twice the spacing,
-    is no different from a contour gone wrong. The lowest and the highest contour are never
-    bad: beyond them nothing tells how the object rounds off.
+    A wrong contour's own prediction and those of its neighbours are off by known shares of its
+    displacement; an edge, a step or a zigzag of the object itself leaves other shares. But what a
+    single contour has touched, a groove narrower than twice the spacing, is no different from a
+    contour gone wrong. The lowest and the highest contour are never bad: beyond them nothing tells
+    how the object rounds off. None is bad where there are fewer than 9, or so many bad, more than
+    one in five or so, that nothing tells how good ones fare.
 
     Parameters
     ----------
@@ -68,12 +68,6 @@ def inconsistent_contours(heights: ArrayLike, grid: ArrayLike) -> InconsistentCo
         Rising, m.
     grid : (M, K, 2) array
         Contours, matched place by place, m.
-
-    Returns
-    -------
-    BadContours
-        None is bad where there are fewer than 9, or where so many are bad, more than one in
-        five or so, that nothing tells how good ones fare.
 
     Raises
     ------
@@ -115,8 +109,8 @@ def _worst(shares: Floats, errors: Floats, bad: Bools, least: float) -> tuple[in
     columns = shares - removed @ (removed.T @ shares)
     errors = errors - removed @ (removed.T @ errors)
     beside = bad | np.roll(bad, 1) | np.roll(bad, -1)
-    suspect = ~beside & (_rms(errors) > OWN * least)
-    candidates = [row for row in range(1, count - 1) if suspect[row]]
+    looked_at = ~beside & (_rms(errors) > OWN * least)
+    candidates = [row for row in range(1, count - 1) if looked_at[row]]
     singles = [(row,) for row in candidates]
     pairs = [(row, row + apart) for apart in PAIRED for row in candidates]
     pairs = [pair for pair in pairs if pair[1] in candidates]
@@ -171,17 +165,10 @@ class FeatureCandidate(NamedTuple):
 def neighbour_misfits(heights: Floats, grid: Floats) -> Floats:
     """By how much contours are unlike their neighbours, (M,), m; 0 where they are not clearly so.
 
-    A contour is put away, and the others are predicted from each other: where they agree far
-    better than with it, it may have gone wrong, or have felt something by itself. The first
-    and the last are suspicious only if they are wider or farther aside than the others tell:
-    an object may round off beyond them.
-
-    Parameters
-    ----------
-    heights : (M,) array
-        Rising, m.
-    grid : (M, K, 2) array
-        Contours, matched place by place, m.
+    Of contours (M, K, 2) at rising heights (M,), matched place by place, m, one is put away, and
+    the others are predicted from each other: where they agree far better than with it, it may have
+    gone wrong, or have touched something by itself. The first and the last are candidates only if
+    they are wider or farther aside than the others tell: an object may round off beyond them.
     """
     count = len(heights)
     found = np.zeros(count)
@@ -228,8 +215,7 @@ def _beyond(heights: Floats, grid: Floats, row: int) -> float:
 def look_like_features(grid: Floats, star: Bools, bad: Bools) -> Bools:
     """Which bad contours (M,) look as if the object were like that: its shape in another size.
 
-    A groove that one contour alone has felt is such a contour, and so is one that is wrong in
-    scale.
+    A groove that one contour alone has touched is such a contour, and so is one wrong in scale.
     """
     middles = grid.mean(axis=1, keepdims=True)
     away = grid - middles
@@ -249,19 +235,11 @@ def _rms_length(apart: Floats) -> Floats:
 
 
 def neighbour_weights(heights: Floats) -> Floats:
-    """Weights (M, M) that predict each contour from its neighbours: ``weights @ rows``.
+    """Weights (M, M) that predict contours at rising heights (M,): ``weights @ rows``.
 
-    Parameters
-    ----------
-    heights : (M,) array
-        Rising, m.
-
-    Returns
-    -------
-    (M, M) array
-        Lagrange's weights of the polynomial through the two nearest contours below and the two
-        above, or as many as there are; at either end through the three nearest ones. Rows sum
-        to 1; they are 0 where there are fewer than 2 others.
+    Lagrange's weights of the polynomial through the two nearest contours below and the two above,
+    or as many as there are; at either end through the three nearest ones. Rows sum to 1; they are 0
+    where there are fewer than 2 others.
     """
     return _weights(tuple(heights.tolist()))
 

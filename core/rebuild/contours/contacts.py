@@ -2,9 +2,9 @@
 
 Next to an edge, which no smooth surface follows, a taxel has the slopes of the plane, through a
 small square of taxels with it among them, that fits best (Nagao and Matsuyama, *Edge preserving
-smoothing*, 1979, who take the square that varies least); where none fits, nobody can say how it
+smoothing*, 1979, who take the square that varies least); where none fits, nobody can tell how it
 leans. A contour's point with a normal is three contact points: itself, and one a little above
-and below in its plane, for a normal says where the surface goes from there.
+and below in its plane, for a normal tells where the surface goes from there.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ WORSE, LEAST = 3.0, 0.02
 UNLIKE = 6.0
 STEP = 0.02  # Of the mean distance of contours: how far above and below the further points lie
 ALONE = 1e-3  # The same of the width, where there is but one contour
-LEVEL = 0.05  # Level part of a normal, of 1, below which it says nothing of the side
+LEVEL = 0.05  # Level part of a normal, of 1, below which it tells nothing of the side
 
 
 class ContactPoints(NamedTuple):
@@ -37,9 +37,7 @@ class ContactPoints(NamedTuple):
 
     points: Floats  # (n, 3), m
     normals: Floats | None  # Outward unit normals, (n, 3); None where nobody measured them
-    # The touch that felt each point, (n,), not negative: those of one touch share the error of its
-    # pose.
-    touch: Ints
+    touch: Ints  # Of each point, (n,), from 0 on: those of one touch share the error of its pose
 
 
 def contact_points_of(
@@ -47,19 +45,10 @@ def contact_points_of(
 ) -> ContactPoints:
     """Surface points under the touched taxels of one touch, and normals from the jet.
 
-    Parameters
-    ----------
-    pad : Pad
-        The array.
-    pose : (7,) array
-        Pose of the pad in the world.
-    surface : (rows, cols) array
-        Surface over the plane of the pad's face, m.
-    touched : (rows, cols) array of bool
-        Which taxels count.
-    jet : Jet or None
-        Without one the normal is the pad's own. Next to an edge, which it does not follow,
-        normals are those of the taxels beside it; a taxel whose normal nobody can tell is left out.
+    `pose` (7,) is the pad's in the world, `surface` (rows, cols) lies over the plane of its face,
+    m, and `touched` (rows, cols) tells which taxels count. Without a jet the normal is the pad's
+    own. Next to an edge, which it does not follow, normals are those of the taxels beside it; a
+    taxel whose normal nobody can tell is left out.
     """
     position, axes = split_pose(pose)
     x, y = pad.grid()
@@ -80,17 +69,7 @@ def contact_points_of(
 
 
 def edge_slopes(surface: Floats, smooth: Floats, touched: Bools, pitch: float) -> EdgeSlopes:
-    """Slopes next to edges.
-
-    Parameters
-    ----------
-    surface, smooth : (rows, cols) arrays
-        Heights of the taxels, and of a smooth surface fitted to them, m.
-    touched : (rows, cols) array of bool
-        Which taxels count.
-    pitch : float
-        Distance of neighbouring taxels, m.
-    """
+    """Slopes next to edges of heights (rows, cols), m, which a smooth surface was fitted to."""
     nowhere = np.zeros(surface.shape)
     if min(surface.shape) < SIDE:
         none = np.zeros(surface.shape, np.bool_)
@@ -130,7 +109,7 @@ def _best_square(off: Floats) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]
 
 
 def stack_points(parts: list[ContactPoints]) -> ContactPoints:
-    """All points of several touches, or of stacks of them; no two parts share a touch.
+    """All points of several touches or stacks, no two of which share a touch.
 
     Without normals if a part has none.
     """
@@ -147,7 +126,7 @@ def stack_points(parts: list[ContactPoints]) -> ContactPoints:
     )
 
 
-def checked_contacts(felt: object) -> ContactPoints:
+def checked_contacts(contacts: object) -> ContactPoints:
     """The same, once it is known that it can be used.
 
     Raises
@@ -156,19 +135,19 @@ def checked_contacts(felt: object) -> ContactPoints:
         If it is nothing of the kind, shapes do not fit, a number is not finite, a normal has no
         length, or a touch is negative or no whole number.
     """
-    if not isinstance(felt, ContactPoints):
-        kind = type(felt).__name__
+    if not isinstance(contacts, ContactPoints):
+        kind = type(contacts).__name__
         raise ValueError(f"patches must be ContactPoints(points, normals, touch), got {kind}")
-    points = finite_array("patches.points", felt.points, (None, 3))
-    touch = finite_array("patches.touch", felt.touch, (len(points),))
+    points = finite_array("patches.points", contacts.points, (None, 3))
+    touch = finite_array("patches.touch", contacts.touch, (len(points),))
     if len(touch) and not (touch.min() >= 0.0 and (touch == np.round(touch)).all()):
         raise ValueError(
             f"patches.touch must be whole numbers from 0 on, got {touch.min():g} to {touch.max():g}"
         )
     numbers = np.unique(touch, return_inverse=True)[1].astype(np.int32)
-    if felt.normals is None:
+    if contacts.normals is None:
         return ContactPoints(points, None, numbers)
-    normals = finite_array("patches.normals", felt.normals, points.shape)
+    normals = finite_array("patches.normals", contacts.normals, points.shape)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     if not (length > 0.0).all():
         raise ValueError(f"patches.normals must have a length, got {int((length == 0).sum())} of 0")
@@ -190,19 +169,11 @@ def normals_as_points(
     heights: ArrayLike | None = None,
     frame: Floats | None = None,
 ) -> ContactPoints:
-    """Felt points of contours with normals; every point is a touch by itself.
+    """Contact points of contours with normals; every point is a touch by itself.
 
-    Parameters
-    ----------
-    contours : sequence of (n, 3) arrays, or of (n, 2) arrays with `heights`
-        Rows that are not finite are left out.
-    normals : sequence of (n, 3) arrays
-        Outward, of any length; rows that are not finite or of length 0 are left out.
-    heights : (m,) array, optional
-        Of plane contours.
-    frame : (7,) array, optional
-        Pose in the world of the frame in which the felt points are to be; the contours and
-        normals are given in the world.
+    Contours are (n, 3) arrays, or (n, 2) with `heights` (m,); normals (n, 3) point outward and have
+    any length. Rows that are not finite, or whose normal has no length, are left out. Both are
+    given in the world, the contact points lie in the `frame` (7,), if there is one.
 
     Raises
     ------
@@ -277,11 +248,11 @@ def into_frame(frame: Floats | None, points: Floats) -> Floats:
     return seen
 
 
-def contacts_into_frame(frame: Floats | None, felt: ContactPoints) -> ContactPoints:
-    """Felt points of the world as they are seen from a frame."""
-    normals = felt.normals
-    return felt._replace(
-        points=into_frame(frame, felt.points),
+def contacts_into_frame(frame: Floats | None, contacts: ContactPoints) -> ContactPoints:
+    """Contact points of the world as they are seen from a frame."""
+    normals = contacts.normals
+    return contacts._replace(
+        points=into_frame(frame, contacts.points),
         normals=None if normals is None else turned_into_frame(frame, normals),
     )
 

@@ -129,12 +129,9 @@ def _places(slices: Slices, count: int, methods: tuple[CorrespondenceMethod, ...
 def start_ray(shapes: Floats) -> Floats:
     """Turns (M,) from 0 to 1 at which curves come up through the ray along x, the farthest out.
 
-    Parameters
-    ----------
-    shapes : (M, n, 2) array
-        Closed counter-clockwise curves, each about its own middle, at even steps of the turn, m.
-        One that does not cross the ray, as its middle lies outside, begins where it is
-        farthest along x.
+    Of closed counter-clockwise curves (M, n, 2), each about its own middle, at even steps of the
+    turn. One that does not cross the ray, as its middle lies outside, begins where it is farthest
+    along x.
     """
     count = shapes.shape[1]
     following = np.roll(shapes, -1, axis=1)
@@ -153,15 +150,8 @@ def start_ray(shapes: Floats) -> Floats:
 def minimum_twist(shapes: Floats) -> Floats:
     """Steps (M - 1,), in turns, from where one curve begins to where the next one should.
 
-    Parameters
-    ----------
-    shapes : (M, n, 2) array
-        Closed curves, each about its own middle, at even steps of the turn, m.
-
-    Notes
-    -----
-    The step s makes the sum of ``|a(u) - b(u + s)|^2`` smallest, and so their circular
-    correlation largest, which the Fourier transform gives for all s at once.
+    Of curves as of `start_ray`. The step s makes the sum of ``|a(u) - b(u + s)|^2`` smallest, and
+    so their circular correlation largest, which the Fourier transform gives for all s at once.
     """
     waves = np.fft.fft(shapes[..., 0] + 1j * shapes[..., 1], axis=1)
     # The sum over both coordinates is the real part of one complex product.
@@ -190,10 +180,7 @@ def _azimuths(slices: Slices, around: Floats) -> Floats:
 
 
 def begin_turns(steps: Floats, from_slice: int, begin: float) -> Floats:
-    """Turns (M,) from 0 to 1 at which curves begin, given the steps (M - 1,) between them.
-
-    `from_slice` is the curve whose beginning is given.
-    """
+    """Turns (M,) from 0 to 1 at which curves begin, by steps (M - 1,), given that of one."""
     turns = np.concatenate([[0.0], np.cumsum(steps)])
     begins: Floats = np.mod(turns - turns[from_slice] + begin, 1.0)
     return begins
@@ -202,18 +189,9 @@ def begin_turns(steps: Floats, from_slice: int, begin: float) -> Floats:
 def follow_signatures(shapes: Floats, steps: Floats) -> Floats:
     """Steps (M - 1,), in turns, under which the signatures of neighbours agree.
 
-    Parameters
-    ----------
-    shapes : (M, n, 2) array
-        Closed curves, each about its own middle, at even steps of the turn, m.
-    steps : (M - 1,) array
-        Those of the least twist.
-
-    Notes
-    -----
-    Lobes look alike: any one step could as well be a lobe further. So all are chosen together,
-    for the largest sum of correlations less what changes of the twist cost (dynamic
-    programming: Bellman, 1957).
+    Of curves as of `start_ray`, and the steps of the least twist. Lobes look alike: any one step
+    could as well be a lobe further. So all are chosen together, for the largest sum of correlations
+    less what changes of the twist cost (dynamic programming: Bellman, 1957).
     """
     if not len(steps):
         return steps
@@ -282,17 +260,10 @@ def _scores(slices: Slices, places: Floats) -> Floats:
 
 
 def slice_distance(curves: Floats, points: Floats) -> Floats:
-    """Distances (c, M, k) of points from their slices' curves, m.
+    """Distances (c, M, k) of c sets of points (c, M, k, 2) from their slices' curves (M, n, 2), m.
 
-    To the tangent at the nearest of the curve's places, as far as that place stands for it:
-    one search for all.
-
-    Parameters
-    ----------
-    curves : (M, n, 2) array
-        Each curve at even steps of its turn, m.
-    points : (c, M, k, 2) array
-        c sets of k points for each slice, m.
+    To the tangent at the nearest of the curve's places, at even steps of its turn, as far as that
+    place stands for it: one search for all.
     """
     # About each slice's own middle: width must not grow by where an object leans to.
     middles = curves.mean(axis=1)

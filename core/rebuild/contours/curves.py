@@ -59,8 +59,8 @@ class SliceCurve(NamedTuple):
 def slice_curve(points: Floats) -> SliceCurve:
     """Closed cubic through points (m, 2) around a contour, in any order and direction.
 
-    It passes all points. Only where it would then meet itself, because points are nearer to
-    each other than their noise, it is smoothed, if that helps.
+    It passes all points. Only where it would then meet itself, because points are nearer to each
+    other than their noise, it is smoothed, if that helps.
     """
     ring = order_closed_points(points)
     if len(ring.points) < LEAST_CURVE_POINTS:
@@ -77,9 +77,9 @@ def slice_curve(points: Floats) -> SliceCurve:
 def slice_parameters(points: Floats) -> Floats:
     """Parameters (m,) of points (m, 2) around a closed curve, in turns; the first is 0.
 
-    Even steps where the points were felt at even distances, else in proportion to the chords.
-    Of points that are hardly farther apart than their noise, chords tell the noise: there
-    only chords over several steps are compared.
+    Even steps where the points were touched at even distances, else in proportion to the chords. Of
+    points that are hardly farther apart than their noise, chords tell the noise: there only chords
+    over several steps are compared.
     """
     parameters = curve_parameters(points, "even")
     count = len(points)
@@ -205,10 +205,7 @@ def chord_places(fine: Floats, turns: Floats) -> Floats:
 
 
 def curve_places(curves: Sequence[ClosedCurve], turns: Floats) -> Floats:
-    """Points (M, k, 2) of M curves at turns (M, k).
-
-    Those with knots at even steps, as most have, are evaluated together.
-    """
+    """Points (M, k, 2) of M curves at turns (M, k); those of even steps, as most have, together."""
     even = [curve.smoothing == 0.0 and same_steps(curve.parameters) for curve in curves]
     found = np.empty((*turns.shape, 2))
     if any(even):

@@ -26,19 +26,19 @@ LEAST_POINTS = 12  # Contours of fewer points are not judged: seven points in a 
 ROUNDS = 5  # Of looking, for what sticks out most hides what is beside it
 # Of uneven steps: what a point may be off along the contour, once others have been mended.
 SLACK = 0.3
-SWEEPS = 3  # Of mending, for points that stray side by side
+SWEEPS = 3  # Of mending, for outliers side by side
 BESIDE = 3  # Points on either side that one point spoils
 REACH = 3  # Neighbours on either side that tell of a point
 SAMPLES = 128  # Places around at which curves are compared
 NEAREST = 4  # Curves beside one that tell what is the object's
 WINDOW = 1.5  # Steps on either side within which a curve may have the same corner
-# Neighbours through which lines foretell the point between or beyond them: of seven in a row.
+# Neighbours through which lines predict the point between or beyond them: of seven in a row.
 PAIRS = ((2, 4), (1, 5), (0, 6), (2, 1), (4, 5))
 CUBIC = (1, 2, 4, 5)  # Neighbours that a cubic passes
 
 
 class PointOutliers(NamedTuple):
-    """What was found, for each of the loops."""
+    """What was found, for each of the curves."""
 
     masks: tuple[Bools, ...]  # (n,): which points are wrong
     # (n, 2): with these where their neighbours and the contours beside tell.
@@ -46,7 +46,7 @@ class PointOutliers(NamedTuple):
 
 
 class _Points(NamedTuple):
-    """All points of all loops in a row."""
+    """All points of all curves in a row."""
 
     owner: NDArray[np.intp]
     turns: Floats
@@ -56,17 +56,12 @@ class _Points(NamedTuple):
 
 
 def point_outliers(loops: tuple[ContourCurve, ...], places: Floats) -> PointOutliers:
-    """Find single points that stick out, starting from those that are known.
+    """Find single points that stick out of M contours, starting from those that are known.
 
-    Parameters
-    ----------
-    loops : tuple of Loop
-        M contours from the lowest to the highest.
-    places : (M, K) array
-        Turns of their curves that correspond, rising, over less than one turn.
+    `places` (M, K) are turns of their curves that correspond, rising, over less than one turn.
     """
-    points = np.concatenate([loop.felt for loop in loops])
-    known = np.concatenate([loop.aloft for loop in loops])
+    points = np.concatenate([loop.as_given for loop in loops])
+    known = np.concatenate([loop.off_height for loop in loops])
     all_ = _in_a_row(loops)
     steps = np.array([1.0 / len(loop.points) for loop in loops])
     sizes = np.array([loop.perimeter for loop in loops])
@@ -77,26 +72,26 @@ def point_outliers(loops: tuple[ContourCurve, ...], places: Floats) -> PointOutl
     shared = shared_deviation(np.stack([loop.fine for loop in loops]), places, steps, sizes)
     there = shared.at(all_.owner, all_.turns)
     mended = np.concatenate([loop.points for loop in loops])
-    stray = np.concatenate([loop.stray for loop in loops])
+    outlier = np.concatenate([loop.outlier for loop in loops])
     for number in range(ROUNDS):
         course = neighbour_deviation(mended[all_.near], _turns_beside(all_))
         off = course.off - there.off
         over = _over(off, _allowed(off, there.most, least, all_))
         new = (over > 1.0) & (over >= over[all_.near].max(axis=1))
-        new = (known & ~stray) if number == 0 and (known & ~stray).any() else new & ~stray
+        new = (known & ~outlier) if number == 0 and (known & ~outlier).any() else new & ~outlier
         if not new.any():
             break
-        stray |= new
-        mended[new] = course.foretold(there.bend)[new]
-    stray = _still_off(points, mended, stray & ~known, there, least, all_) | (known & stray)
-    counts = np.bincount(all_.owner, stray, len(loops)) * steps
-    stray &= (counts <= MOST)[all_.owner]
-    mended = np.where(stray[:, None], mended, points)
-    for _ in range(SWEEPS if stray.any() else 0):
+        outlier |= new
+        mended[new] = course.predicted(there.bend)[new]
+    outlier = _still_off(points, mended, outlier & ~known, there, least, all_) | (known & outlier)
+    counts = np.bincount(all_.owner, outlier, len(loops)) * steps
+    outlier &= (counts <= MOST)[all_.owner]
+    mended = np.where(outlier[:, None], mended, points)
+    for _ in range(SWEEPS if outlier.any() else 0):
         course = neighbour_deviation(mended[all_.near], _turns_beside(all_))
-        mended[stray] = course.foretold(there.bend)[stray]
+        mended[outlier] = course.predicted(there.bend)[outlier]
     ends = np.cumsum([len(loop.points) for loop in loops])[:-1]
-    return PointOutliers(tuple(np.split(stray, ends)), tuple(np.split(mended, ends)))
+    return PointOutliers(tuple(np.split(outlier, ends)), tuple(np.split(mended, ends)))
 
 
 def _in_a_row(loops: tuple[ContourCurve, ...]) -> _Points:
@@ -168,14 +163,14 @@ def _nearest(count: int) -> NDArray[np.intp]:
 
 
 def _still_off(
-    points: Floats, mended: Floats, stray: Bools, there: DeviationAt, least: Floats, all_: _Points
+    points: Floats, mended: Floats, outlier: Bools, there: DeviationAt, least: Floats, all_: _Points
 ) -> Bools:
-    """Those that stray which do so as well once their neighbours have been mended."""
+    """Those outliers that are so as well once their neighbours have been mended."""
     beside, ahead = mended[all_.near], _turns_beside(all_)
     allowed = _allowed(neighbour_deviation(beside, ahead).off - there.off, there.most, least, all_)
     allowed[:, 0] += SLACK * all_.slack
     beside[:, BESIDE] = points
-    return stray & (_over(neighbour_deviation(beside, ahead).off - there.off, allowed) > 1.0)
+    return outlier & (_over(neighbour_deviation(beside, ahead).off - there.off, allowed) > 1.0)
 
 
 def _turns_beside(all_: _Points) -> Floats:
@@ -200,17 +195,11 @@ def _allowed(off: Floats, shared: Floats, least: Floats, all_: _Points) -> Float
 
 
 def neighbour_deviation(beside: Floats, ahead: Floats) -> NeighbourDeviation:
-    """How far points are off.
+    """How far points are off what their neighbours predict of them.
 
-    The neighbours foretell a point five times, and the median counts: one wrong neighbour
+    `beside` (N, 7, 2) is each point in the middle of its neighbours, which are `ahead` (N, 7) of
+    it, in turns, rising. They predict it five times, and the median counts: one wrong neighbour
     spoils two of the five at most.
-
-    Parameters
-    ----------
-    beside : (N, 7, 2) array
-        Each point in the middle of its neighbours.
-    ahead : (N, 7) array
-        How far ahead of it, in turns, they are: rising, 0 in the middle.
     """
     point = beside[:, REACH]
     beside = beside - point[:, None]
@@ -255,14 +244,14 @@ def _over(off: Floats, allowed: Floats) -> Floats:
 
 
 class NeighbourDeviation(NamedTuple):
-    """Points and what their neighbours foretell of them."""
+    """Points and what their neighbours predict of them."""
 
     off: Floats  # (N, 2): how far each is off, along and across, by the median of several guesses
     bend: Floats  # (N, 2): how far each is off the cubic through two neighbours on either side
     frame: Floats  # (N, 2, 2): unit vectors along and across
     points: Floats  # (N, 2)
 
-    def foretold(self, bend: Floats) -> Floats:
+    def predicted(self, bend: Floats) -> Floats:
         """Where they should be if they ought to be off the cubic by as much, (N, 2)."""
         moved: Floats = self.points + np.einsum("ni,nij->nj", bend - self.bend, self.frame)
         return moved

@@ -45,9 +45,9 @@ class ContourCurve:
     height: float  # m
     curve: ClosedCurve  # Through its points
     points: Floats  # (n, 2), those that the curve was made from, in its order, m
-    felt: Floats  # (n, 2), the same as they were given; those that stray are mended in `points`, m
-    stray: Bools  # (n,): single points that are wrong: they are not used
-    aloft: Bools  # (n,): those that are known to be, for they are not at the contour's height
+    as_given: Floats  # (n, 2), the same as they were given; outliers are mended in `points`, m
+    outlier: Bools  # (n,): single points that are wrong: they are not used
+    off_height: Bools  # (n,): those that are known to be, for they are not at the contour's height
     fine: Floats  # (k, 2), the curve at even steps of its turn, m
     star: bool  # Each ray from the middle of its area meets the curve once
     perimeter: float  # m
@@ -61,18 +61,10 @@ def contour_curves(
     first: int = 0,
     frame: Floats | None = None,
 ) -> tuple[ContourCurve | DroppedContour, ...]:
-    """Each contour as a closed curve, or why it is none; see `slices_of`.
+    """Each contour as a closed curve, or why it is none; contours and heights as of `slices_of`.
 
-    Parameters
-    ----------
-    contours : sequence of (n, 3) arrays, or of (n, 2) arrays with `heights`
-        Points around each contour.
-    heights : (len(contours),) array, optional
-        z of plane contours, m.
-    first : int
-        Number of the first of them.
-    frame : (7,) array, optional
-        Pose of the frame around whose z axis they run, in the world in which they are given.
+    `first` is the number of the first of them; `frame` (7,) the pose of the frame around whose z
+    axis they run, in the world in which they are given.
 
     Raises
     ------
@@ -124,7 +116,6 @@ def _numbers(which: int, contour: ArrayLike) -> Floats:
 
 
 def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
-    """The closed curve through a contour's points."""
     level = float(np.median(points[:, 2])) if len(points) else None
     if len(points) < LEAST_CURVE_POINTS:
         return DroppedContour(which, "too few points", level)
@@ -135,17 +126,17 @@ def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
     if found.curve.flags.degenerate:
         return DroppedContour(which, "on one line", level)
     perimeter = _length(found.fine)
-    aloft = height_outliers(used[:, 2], perimeter)
-    good = used[~aloft]
+    off_height = height_outliers(used[:, 2], perimeter)
+    good = used[~off_height]
     height_residual = height_residual_of(good)
     return ContourCurve(
         which=which,
         height=float(good[0, 2] + (good[:, 2] - good[0, 2]).mean()),
         curve=found.curve,
         points=used[:, :2],
-        felt=used[:, :2],
-        stray=np.zeros(len(used), np.bool_),
-        aloft=aloft,
+        as_given=used[:, :2],
+        outlier=np.zeros(len(used), np.bool_),
+        off_height=off_height,
         fine=found.fine,
         star=found.star,
         perimeter=perimeter,
@@ -157,8 +148,8 @@ def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
 def height_outliers(z: Floats, perimeter: float) -> Bools:
     """Which points of a contour, by their z (n,) in order around, are far above or below it.
 
-    A contour that is tilted or bent changes its height little by little: its points are
-    in the middle of those beside them.
+    A contour that is tilted or bent changes its height little by little: its points are in the
+    middle of those beside them.
     """
     nothing = np.zeros(len(z), np.bool_)
     if len(z) < LEAST_HEIGHT_POINTS:
@@ -167,15 +158,17 @@ def height_outliers(z: Floats, perimeter: float) -> Bools:
     low, middle, high = np.quantile(near, [0.25, 0.5, 0.75], axis=0)
     off = np.abs(z - middle)
     scale = float(np.median(off)) / MEDIAN
-    stray: Bools = off > np.maximum(SPREAD * (high - low), max(CLEARLY * scale, LEAST * perimeter))
-    return nothing if stray.mean() > MOST else stray
+    outlier: Bools = off > np.maximum(
+        SPREAD * (high - low), max(CLEARLY * scale, LEAST * perimeter)
+    )
+    return nothing if outlier.mean() > MOST else outlier
 
 
 def height_residual_of(points: Floats) -> HeightResidual:
-    """How z of points (n, 3) departs from its mean.
+    """How z of points (n, 3) departs from its mean: from a quadric over the plane.
 
-    z is compared with a quadric over the plane, and the share that noise alone would have
-    in the fit is taken out of it; of 6 points and fewer all is taken for shape.
+    The share that noise alone would have in the fit is taken out of it; of 6 points and fewer all
+    is taken for shape.
     """
     z = points[:, 2] - points[0, 2]
     z = z - z.mean()
@@ -195,10 +188,10 @@ def height_residual_of(points: Floats) -> HeightResidual:
     return HeightResidual(size * float(shape), size * float(noise))
 
 
-def refitted_curve(loop: ContourCurve, points: Floats, stray: Bools) -> ContourCurve:
-    """The same contour with those points (n, 2) mended that stray (n,)."""
+def refitted_curve(loop: ContourCurve, points: Floats, outlier: Bools) -> ContourCurve:
+    """The same contour with its outliers (n,) moved to where they should be, points (n, 2)."""
     if np.array_equal(points, loop.points):
-        return replace(loop, stray=stray)
+        return replace(loop, outlier=outlier)
     found = slice_curve(points)
     used = found.curve.used
     if len(used) < LEAST_CURVE_POINTS or found.curve.flags.degenerate:
@@ -207,9 +200,9 @@ def refitted_curve(loop: ContourCurve, points: Floats, stray: Bools) -> ContourC
         loop,
         curve=found.curve,
         points=points[used],
-        felt=loop.felt[used],
-        stray=stray[used],
-        aloft=loop.aloft[used],
+        as_given=loop.as_given[used],
+        outlier=outlier[used],
+        off_height=loop.off_height[used],
         fine=found.fine,
         star=found.star,
         perimeter=_length(found.fine),
@@ -236,10 +229,10 @@ class DroppedContour(NamedTuple):
     height: float | None = None  # Its height, if it has one, m
     # By how much it contradicts its neighbours, root mean square, m, if that is why.
     off: float = 0.0
-    # It is unlike them in its size alone, and whole: it may as well have felt what no other contour
-    # did, a neck or a groove, and nothing tells. It is left out, for a wrong contour costs more
-    # than a groove that is missed.
-    perhaps: bool = False
+    # It is unlike them in its size alone, and whole: it may as well have touched what no other
+    # contour did, a neck or a groove, and nothing tells. It is left out, for a wrong contour costs
+    # more than a groove that is missed.
+    may_be_feature: bool = False
 
 
 def drop_reasons(dropped: Sequence[DroppedContour]) -> str:

@@ -29,7 +29,7 @@ EACH_SLICE = (
     *("heights", "middles", "perimeter", "fine", "star", "self_intersecting"),
     *("tilt", "tilted", "rows"),
 )
-ALIKE = 0.02  # Of the perimeter: curves that are apart by less, root mean square, say the same
+ALIKE = 0.02  # Of the perimeter: curves that are apart by less, root mean square, are one curve
 EACH = 8  # Every so many places of a fine curve are compared with the other one
 
 
@@ -65,7 +65,7 @@ class Slices:
         bad: Bools,
         why: DropReason,
         off: Floats | None = None,
-        perhaps: Bools | None = None,
+        may_be_feature: Bools | None = None,
     ) -> Slices:
         """The slices but those that are bad, (M,), for a reason.
 
@@ -82,8 +82,8 @@ class Slices:
             )
         stay = np.flatnonzero(~bad)
         off = np.zeros(len(bad)) if off is None else off
-        perhaps = np.zeros(len(bad), np.bool_) if perhaps is None else perhaps
-        figures = zip(self.rows, self.heights, off, perhaps, strict=True)
+        may_be_feature = np.zeros(len(bad), np.bool_) if may_be_feature is None else may_be_feature
+        figures = zip(self.rows, self.heights, off, may_be_feature, strict=True)
         left = [
             DroppedContour(int(which), why, float(height), float(far), bool(may))
             for (which, height, far, may), out in zip(figures, bad, strict=True)
@@ -114,7 +114,7 @@ def slices_of(contours: Sequence[ArrayLike], heights: ArrayLike | None = None) -
     -------
     Slices
         Without contours of fewer than 3 different points, in one place, or on one line. Of
-        contours at one height one stays: the better of two that say the same or that cross,
+        contours at one height one stays: the better of two that repeat each other or cross,
         the outer one of nested ones, the larger of two that lie side by side.
 
     Raises
@@ -126,13 +126,7 @@ def slices_of(contours: Sequence[ArrayLike], heights: ArrayLike | None = None) -
 
 
 def stack_curves(given: Sequence[ContourCurve | DroppedContour]) -> Slices:
-    """Put loops in order, as `slices_of` does with the contours that they are made of.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """Put curves in order, as `slices_of` does with contours; ValueError if there is none."""
     dropped = [one for one in given if isinstance(one, DroppedContour)]
     loops = [one for one in given if isinstance(one, ContourCurve)]
     if not loops:
@@ -146,7 +140,7 @@ def stack_curves(given: Sequence[ContourCurve | DroppedContour]) -> Slices:
 def _one_at_each_height(
     loops: list[ContourCurve],
 ) -> tuple[list[ContourCurve], list[DroppedContour]]:
-    """Those of rising loops that stay, no two at one height, and the others."""
+    """Those of rising curves that stay, no two at one height, and the others."""
     spacing = (loops[-1].height - loops[0].height) / max(len(loops) - 1, 1)
     kept, dropped = loops[:1], []
     for loop in loops[1:]:
@@ -163,7 +157,7 @@ def _one_at_each_height(
 
 
 def duplicate_of_two(first: ContourCurve, second: ContourCurve) -> tuple[ContourCurve, DropReason]:
-    """Which one of two loops at one height to drop, and why."""
+    """Which one of two curves at one height to drop, and why."""
     smaller, larger = sorted((first, second), key=lambda loop: abs(signed_area(loop.fine)))
     worse = min((second, first), key=_worth)
     off = edge_distance(larger.fine, smaller.fine[::EACH])
@@ -188,7 +182,7 @@ def _rank(loop: ContourCurve) -> tuple[float, float, int, float]:
 
 
 def restack(loops: Sequence[ContourCurve], dropped: tuple[DroppedContour, ...]) -> Slices:
-    """The stack of loops at rising heights, and of what was dropped before."""
+    """The stack of curves at rising heights, and of what was dropped before."""
     return _stack(list(loops), dropped)
 
 

@@ -3,7 +3,7 @@
 An end of known height belongs to the family that would have told the last contour: that is left
 out, and each family predicts its radius from the others. An end that nobody touched closes where
 the squared radii of the last contours, a quadratic of the height for every quadric, become zero,
-or where a superellipse of unknown height does; contours of a cylinder say nothing of it.
+or where a superellipse of unknown height does; contours of a cylinder tell nothing of it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from palpate.core.rebuild.ends.profiles import (
 )
 
 EndKind = Literal["flat", "conic", "superellipse", "flared", "rounded", "pole", "fan"]
-LEAN_CONTOURS = 3  # Contours whose middles say which way the axis leans
+LEAN_CONTOURS = 3  # Contours whose middles tell which way the axis leans
 LEAST_GAP = 1e-6  # Of the contours' range: an end that lies nearer to the last contour lies on it
 FEWEST = 12  # With fewer contours they lie too far apart for a test by the last one
 # Of the largest radius: families that predict within this are equally good; the plainest is taken.
@@ -132,7 +132,7 @@ def close_ends(
     dense: bool = False,
     beyond: tuple[EdgeSamples | None, EdgeSamples | None] = (None, None),
 ) -> tuple[End, End]:
-    """Both ends of a stack of contours.
+    """Both ends of a stack of contours, below and above.
 
     Parameters
     ----------
@@ -146,12 +146,8 @@ def close_ends(
         Standard deviation of a point, in the same unit.
     dense : bool
         Whether the contours are rows of a surface, as close together as one likes.
-    beyond : pair of Beyond or None
-        What was felt below and above dense contours, between them and touched ends.
-
-    Returns
-    -------
-    bottom, top : End
+    beyond : pair of EdgeSamples or None
+        What was touched below and above dense contours, between them and touched ends.
 
     Raises
     ------
@@ -205,14 +201,8 @@ def _end(
 def free_pole(depths: Floats, radii: Floats, scatter: float) -> float | None:
     """How far beyond the last contour the solid closes; None where nobody can know.
 
-    Parameters
-    ----------
-    depths : (n,) array
-        Outward coordinates of the contours, ascending.
-    radii : (n,) array
-        Mean radii there, positive.
-    scatter : float
-        Standard deviation of a mean radius.
+    By outward coordinates (n,) of the contours, ascending, mean radii there, positive, and a mean
+    radius's standard deviation `scatter`.
     """
     if len(depths) < POLE_FEWEST:
         return None
@@ -252,19 +242,8 @@ def _rounded_or_open(stack: _Stack) -> End:
 
 
 def free_shoulder(depths: Floats, radii: Floats, scatter: float) -> float | None:
-    """How far beyond the last contour the solid closes; None where nobody can know.
+    """The same where a superellipse closes it; parameters as of `free_pole`.
 
-    Parameters
-    ----------
-    depths : (n,) array
-        Outward coordinates of the contours, ascending.
-    radii : (n,) array
-        Mean radii there, positive.
-    scatter : float
-        Standard deviation of a mean radius.
-
-    Notes
-    -----
     For each height and pair of exponents the width follows by projection, for all at once.
     """
     if len(depths) < SHOULDER_FEWEST or not radii[-1] ** 2 < SHOULDER_NARROWED * radii[-4] ** 2:
@@ -296,22 +275,10 @@ def choose_profile(
     dense: bool = False,
     beyond: EdgeSamples | None = None,
 ) -> ProfileChoice:
-    """Profile of an end whose height is known.
+    """Profile of an end whose outward coordinate, beyond the last contour, is known.
 
-    Parameters
-    ----------
-    depths : (n,) array
-        Outward coordinates of the contours, ascending.
-    radii : (n,) array
-        Mean radii there, positive.
-    end : float
-        Outward coordinate of the end, beyond the last contour.
-    scatter : float
-        Standard deviation of a mean radius.
-    dense : bool
-        Whether the contours are rows of a surface, as close together as one likes.
-    beyond : Beyond, optional
-        What was felt between dense contours and the end: it has to be met as well.
+    Parameters as of `free_pole`; of dense contours, which are rows of a surface, as close together
+    as one likes, what was touched `beyond` them has to be met as well.
     """
     families, slack = (DENSE, DENSE_SLACK) if dense else (FAMILIES, SLACK)
     profiles = {name: family(depths, radii, end) for name, family in families.items()}
@@ -325,9 +292,9 @@ def choose_profile(
     misses = _misses(families, depths, radii, end, LEFT_OUT[dense])
     if beyond is not None:
         rim, radius = float(depths[-1]), float(radii[-1])
-        felt = {name: beyond.miss(one, rim, end, radius) for name, one in profiles.items()}
-        # What was felt beyond says more of the end than any contour that is left out.
-        misses = felt
+        contacts = {name: beyond.miss(one, rim, end, radius) for name, one in profiles.items()}
+        # What was touched beyond tells more of the end than any contour that is left out.
+        misses = contacts
     enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
     kind = next(name for name, miss in misses.items() if miss <= enough)
     if kind not in LEVEL or not dense:
@@ -365,17 +332,17 @@ def _level(
 ) -> ProfileChoice:
     """A sharp edge, or what follows the rows clearly better: a shoulder, or an arc."""
 
-    def strays(profile: Profile) -> float:
+    def misfit_of(profile: Profile) -> float:
         return _profile_misfit(profile, depths, radii, end, beyond)
 
-    by_edge, by_shoulder = strays(profiles["flat"]), strays(profiles["flared"])
+    by_edge, by_shoulder = misfit_of(profiles["flat"]), misfit_of(profiles["flared"])
     most = min(CLEARLY * by_shoulder, CLOSELY * float(radii[-1]) + TOGETHER * scatter)
     if kind == "flat":
         is_shoulder = by_shoulder < BY_FAR * by_edge
         kind = "flared" if is_shoulder else "flat"
         most = by_shoulder if is_shoulder else BY_FAR * by_edge
     arc = rounded(depths, radii, end)
-    if arc is not None and strays(arc) < most:
+    if arc is not None and misfit_of(arc) < most:
         return ProfileChoice("rounded", arc, {})
     return ProfileChoice(kind, profiles[kind], {})
 
@@ -383,7 +350,7 @@ def _level(
 def _profile_misfit(
     profile: Profile, depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None
 ) -> float:
-    """Root mean square distance of the last rows, and of what was felt beyond, from a profile."""
+    """Root mean square distance of the last rows, and of samples beyond, from a profile."""
     rim, last = float(depths[-1]), float(radii[-1])
     way = (depths[-ROWS:] - rim) / (end - rim)
     missed = [last * profile.shares(way) - radii[-ROWS:]]

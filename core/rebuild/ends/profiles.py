@@ -45,14 +45,9 @@ class ProfileCurve(Protocol):
     """Part of a profile."""
 
     def at(self, way: Floats, by: int = 0) -> Floats:
-        """Height and radius (n, 2), as shares, or their derivatives up to the second.
+        """Height and radius (n, 2), as shares, or their `by`-th derivatives, up to the second.
 
-        Parameters
-        ----------
-        way : (n,) array
-            From 0 at its outer end to 1 at its inner.
-        by : int
-            How often it is differentiated.
+        The way (n,) runs from 0 at the outer end to 1 at the inner.
         """
 
 
@@ -114,10 +109,7 @@ class RoundCurve:
         return tuple(np.concatenate(pair, axis=1) for pair in zip(heights, radius, strict=True))
 
     def _polar(self, angle: Floats) -> tuple[Floats, Floats, Floats]:
-        """Places and their first two derivatives by the angle, (n, 2) each.
-
-        The distance from the centre is an implicit function of the angle.
-        """
+        """Places and their first two derivatives by the angle, (n, 2) each, by implicit slopes."""
         ahead = np.stack([np.sin(angle), np.cos(angle)], axis=-1)
         aside = np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
         distance = self._distance(ahead)[:, None]
@@ -169,12 +161,7 @@ def _dot(one: Floats, other: Floats) -> Floats:
 def profile_curves(profile: Profile, gap: float) -> tuple[ProfileCurve, ...]:
     """A profile's smooth parts, from the rim to the middle.
 
-    Parameters
-    ----------
-    profile : Profile
-        How the radius changes.
-    gap : float
-        Way from rim to end; where there is none, all that is left is a disc.
+    Where there is no `gap` from rim to end, all that is left is a disc.
     """
     if isinstance(profile, Rounded):
         leaves = float(profile.shares(np.array([1.0]))[0])
@@ -232,7 +219,7 @@ class Superellipse(NamedTuple):
 
 
 class EdgeSamples(NamedTuple):
-    """What was felt of an end beyond the last contour."""
+    """What was touched of an end beyond the last contour."""
 
     depths: Floats  # Outward coordinates, (n,), between the last contour and the end
     radii: Floats  # Mean radii there, (n,), as if the last contour's had shrunk or grown as a whole
@@ -259,12 +246,7 @@ class Trend(NamedTuple):
 def trend_of(depths: Floats, radii: Floats) -> Trend:
     """Quadratic through the last three squared radii; of lower degree through fewer.
 
-    Parameters
-    ----------
-    depths : (n,) array
-        Outward coordinates of the contours, ascending.
-    radii : (n,) array
-        Mean radii there.
+    By outward coordinates (n,) of the contours, ascending, and mean radii there.
     """
     count = min(TREND_CONTOURS, len(depths))
     depths, square = depths[-count:] - depths[-1], radii[-count:] ** 2
@@ -297,18 +279,9 @@ def _slope(depths: Floats, radii: Floats, end: float) -> float:
 def superellipse(depths: Floats, radii: Floats, end: float) -> Profile:
     """Superellipse that best follows the last contours.
 
-    Parameters
-    ----------
-    depths : (n,) array
-        Outward coordinates of the contours, ascending.
-    radii : (n,) array
-        Mean radii there.
-    end : float
-        Outward coordinate of the end, beyond the last contour.
-
-    Notes
-    -----
-    For each pair of exponents the scale follows by projection, for all pairs at once.
+    By outward coordinates (n,) of the contours, ascending, mean radii there, and the outward
+    coordinate of the end, beyond the last contour. For each pair of exponents the scale follows by
+    projection, for all pairs at once.
     """
     begin = depths[max(0, len(depths) - SHOULDER_REACH)]
     zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - NEAR_END)
@@ -324,12 +297,8 @@ def flared(depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None
     """Superellipse on a wall that flares or narrows; parameters as of `superellipse`.
 
     It follows all the contours that are given, which have to lie close together, and what was
-    felt beyond them.
-
-    Notes
-    -----
-    For each pair of exponents width and trend follow by orthogonal projection (QR), for all
-    pairs at once.
+    touched beyond them. For each pair of exponents width and trend follow by orthogonal projection
+    (QR), for all pairs at once.
     """
     begin, last = depths[0], len(depths) - 1
     weights = np.ones(len(depths))
@@ -381,7 +350,7 @@ class ArcCurve:
     profile: Rounded
 
     def at(self, way: Floats, by: int = 0) -> Floats:
-        """See `palpate.core.rebuild.ends.ProfileCurve.at`."""
+        """See `ProfileCurve.at`."""
         arc, width, (level, slope, bend) = self.profile
         first = math.asin(1.0 - 1.0 / arc)
         rate = 0.5 * math.pi - first
@@ -399,25 +368,10 @@ class ArcCurve:
 
 
 def rounded(depths: Floats, radii: Floats, end: float) -> Rounded | None:
-    """Wall and arc that best follow the last rows of a side.
+    """Wall and arc that best follow the last rows of a side; parameters as of `superellipse`.
 
-    Parameters
-    ----------
-    depths : (n,) array
-        Outward coordinates of the rows, ascending, close together.
-    radii : (n,) array
-        Mean radii there, positive.
-    end : float
-        Outward coordinate of the end, beyond the last row.
-
-    Returns
-    -------
-    Rounded or None
-        None if no arc leaves a disc within it, or none is the best.
-
-    Notes
-    -----
-    For each radius of the arc the wall follows by projection, for all radii at once.
+    None if no arc leaves a disc within it, or none is the best. For each radius of the arc the wall
+    follows by projection, for all radii at once.
     """
     depths, radii, last = depths[-ROWS:], radii[-ROWS:], float(radii[-1])
     gap = end - float(depths[-1])

@@ -25,15 +25,15 @@ OUTER = 0.1
 # Touches that tell themselves how sure their mean is; of fewer, each may be wrong by this, and none
 # that is not flat may lie beside them: a dome looks flat somewhere.
 FEW, UNSURE = 3, math.radians(0.25)
-SHORT = 2e-3  # Of the extent: what was felt so near to a given height was felt of that end
+SHORT = 2e-3  # Of the extent: what was touched so near to a given height is of that end
 SURE = 3.0  # Standard deviations by which a slope must differ from none
 LEAST = 1e-4  # Of the extent: what heights must be moved by to be worth it
 # Slope up to which an end is nearly level: one of both must be, else it is the axis that leans.
 LEVEL = 0.15
 STEEPEST = 1.0  # Slope beyond which nothing was understood
 ContactKind = Literal["flat", "bent", "edge"]
-FACING = 0.8  # Part of a normal along the axis from which on a taxel lies on an end, slanted or not
-FEWEST = 24  # Taxels of a touch: fewer felt but an edge
+FACING = 0.8  # Part of a normal along the axis from which on a taxel lies on an end, sloping or not
+FEWEST = 24  # Taxels of a touch: fewer met but an edge
 # A touch is flat if its taxels lie no farther off a plane than this share of its width; with noise,
 # if a bent surface follows them no better than by the second factor, nor the best touch its plane
 # by the third: else it lies across an edge.
@@ -62,46 +62,40 @@ class EndPlane(NamedTuple):
 
 
 def shear_between(
-    felt: ContactPoints, middle: Floats, ends: tuple[float | None, float | None]
+    contacts: ContactPoints, middle: Floats, ends: tuple[float | None, float | None]
 ) -> Shear | None:
     """The shear of the space between the ends; None where both are level, or not planes.
 
-    Parameters
-    ----------
-    felt : ContactPoints
-        All taxels, seen from the slicing frame; with normals.
-    middle : (2,) array
-        Of the object, m.
-    ends : pair of float or None
-        Heights of its ends, as touched by whatever means, m: where no taxel was, they are level;
-        an end of which nothing is known is like the other.
+    By all taxels, with normals, and the object's middle (2,), seen from the slicing frame. An end
+    where no taxel was is level at the height in `ends`, m, as touched by whatever means; one of
+    which nothing is known is like the other.
     """
-    extent = float(np.ptp(felt.points[:, 2]))
-    low, high = end_plane(felt, -1.0), end_plane(felt, 1.0)
-    away = felt.points[:, :2] - middle
+    extent = float(np.ptp(contacts.points[:, 2]))
+    low, high = end_plane(contacts, -1.0), end_plane(contacts, 1.0)
+    away = contacts.points[:, :2] - middle
     reach = float(np.linalg.norm(away, axis=1).max())
     if not any(_slants(plane, reach, extent) for plane in (low, high)):
         return None
-    below = low or _like(high, felt, -1.0, ends[0], middle)
-    above = high or _like(low, felt, 1.0, ends[1], middle)
+    below = low or _like(high, contacts, -1.0, ends[0], middle)
+    above = high or _like(low, contacts, 1.0, ends[1], middle)
     bottom, top = (float(plane.at(middle[None])[0]) for plane in (below, above))
     if not top > bottom:
         return None
     change = (above.slopes - below.slopes) / (top - bottom)
     shear = Shear(middle, below.slopes - bottom * change, change)
     steep = sorted(float(np.linalg.norm(plane.slopes)) for plane in (below, above))
-    sound = bool(shear.reaches(felt.points).all()) and steep[0] < LEVEL and steep[1] < STEEPEST
+    sound = bool(shear.reaches(contacts.points).all()) and steep[0] < LEVEL and steep[1] < STEEPEST
     return shear if sound else None
 
 
-def end_plane(felt: ContactPoints, way: float) -> EndPlane | None:
-    """The plane of an end, way 1 or -1; None if it was not felt to be one."""
-    end_contacts = end_contacts_of(felt, way)
+def end_plane(contacts: ContactPoints, way: float) -> EndPlane | None:
+    """The plane of an end, way 1 or -1; None if it was not touched as one."""
+    end_contacts = end_contacts_of(contacts, way)
     flat = [one for one in end_contacts if one.kind == "flat"]
     if not flat:
         return None
-    extent = float(np.ptp(felt.points[:, 2]))
-    first = max(flat, key=lambda foot: way * float(foot.place[2]))
+    extent = float(np.ptp(contacts.points[:, 2]))
+    first = max(flat, key=lambda contact: way * float(contact.place[2]))
     near = [
         one for one in end_contacts if way * float(first.place[2] - one.place[2]) <= OUTER * extent
     ]
@@ -115,7 +109,7 @@ def end_plane(felt: ContactPoints, way: float) -> EndPlane | None:
     height = float(np.mean([one.place[2] - one.place[:2] @ mean for one in alike]))
     scatter = np.sqrt(np.mean((slopes - mean) ** 2)) if len(alike) >= FEW else math.tan(UNSURE)
     plane = EndPlane(height, mean, float(scatter / np.sqrt(len(alike))))
-    beyond = float((way * (felt.points[:, 2] - plane.at(felt.points[:, :2]))).max())
+    beyond = float((way * (contacts.points[:, 2] - plane.at(contacts.points[:, :2]))).max())
     return plane if beyond < TOGETHER * extent else None
 
 
@@ -127,24 +121,24 @@ def _slants(plane: EndPlane | None, reach: float, extent: float) -> bool:
 
 
 def _like(
-    other: EndPlane | None, felt: ContactPoints, way: float, given: float | None, middle: Floats
+    other: EndPlane | None, contacts: ContactPoints, way: float, given: float | None, middle: Floats
 ) -> EndPlane:
     """What stands for an end that is no plane: level if only given, else as the other one."""
     assert other is not None
-    if given is not None and only_given(felt, way, given):
+    if given is not None and only_given(contacts, way, given):
         return EndPlane(given, np.zeros(2), 0.0)
-    farthest = way * float((way * felt.points[:, 2]).max())
+    farthest = way * float((way * contacts.points[:, 2]).max())
     return EndPlane(farthest - float(middle @ other.slopes), other.slopes, other.error)
 
 
-def only_given(felt: ContactPoints, way: float, given: float | None) -> bool:
+def only_given(contacts: ContactPoints, way: float, given: float | None) -> bool:
     """Whether an end is known by a given height alone, as by a platform: no taxel there faces."""
     if given is None:
         return False
-    assert felt.normals is not None
-    heights = way * felt.points[:, 2]
+    assert contacts.normals is not None
+    heights = way * contacts.points[:, 2]
     there = heights > way * given - SHORT * float(np.ptp(heights))
-    return not bool((way * felt.normals[there, 2] > FACING).any())
+    return not bool((way * contacts.normals[there, 2] > FACING).any())
 
 
 class EndContact(NamedTuple):
@@ -174,14 +168,15 @@ class EndContact(NamedTuple):
         return float(np.linalg.norm(other.slopes - self.slopes)) < math.tan(ALIKE)
 
 
-def end_contacts_of(felt: ContactPoints, way: float) -> list[EndContact]:
-    """The touches that face an end, way 1 or -1, with enough taxels to say how it leans there."""
-    assert felt.normals is not None
-    facing = way * felt.normals[:, 2] > FACING
-    counts = np.bincount(felt.touch[facing], minlength=1)
+def end_contacts_of(contacts: ContactPoints, way: float) -> list[EndContact]:
+    """The touches that face an end, way 1 or -1, with enough taxels to tell how it leans there."""
+    assert contacts.normals is not None
+    facing = way * contacts.normals[:, 2] > FACING
+    counts = np.bincount(contacts.touch[facing], minlength=1)
     numbers = np.flatnonzero(counts >= FEWEST)
     end_contacts = [
-        _end_contact(int(each), felt.points[facing & (felt.touch == each)]) for each in numbers
+        _end_contact(int(each), contacts.points[facing & (contacts.touch == each)])
+        for each in numbers
     ]
     best = min((one.off for one in end_contacts), default=0.0)
     least = [FLAT * one.width for one in end_contacts]
@@ -212,11 +207,11 @@ class Shear(NamedTuple):
     """By how much heights are moved; places are seen from the slicing frame, m."""
 
     middle: Floats  # Where nothing is moved, (2,)
-    slopes: Floats  # At the height 0 of the straight space, (2,)
+    slopes: Floats  # At the height 0 of the levelled space, (2,)
     change: Floats  # By which they change with each m of it, (2,)
 
-    def straightened(self, points: Floats) -> Floats:
-        """Points (n, 3) in the straight space."""
+    def levelled(self, points: Floats) -> Floats:
+        """Points (n, 3) in the levelled space."""
         away = points[:, :2] - self.middle
         heights = (points[:, 2] - away @ self.slopes) / (1.0 + away @ self.change)
         return np.column_stack([points[:, :2], heights])
@@ -226,42 +221,37 @@ class Shear(NamedTuple):
         before: Bools = 1.0 + (points[:, :2] - self.middle) @ self.change > LEAST_STRETCH
         return before
 
-    def slanted(self, points: Floats) -> Floats:
-        """Points (n, 3) of the straight space where they are."""
+    def sheared(self, points: Floats) -> Floats:
+        """Points (n, 3) of the levelled space where they are."""
         away = points[:, :2] - self.middle
         moved = np.einsum("ni,ni->n", self._at(points[:, 2]), away)
         return np.column_stack([points[:, :2], points[:, 2] + moved])
 
-    def straightened_felt(self, felt: ContactPoints) -> ContactPoints:
-        """Felt points in the straight space, their normals square to what is the surface there."""
-        points = self.straightened(felt.points)
-        if felt.normals is None:
-            return felt._replace(points=points)
-        upward = felt.normals[:, 2:]
-        level = felt.normals[:, :2] + upward * self._at(points[:, 2])
+    def levelled_contacts(self, contacts: ContactPoints) -> ContactPoints:
+        """Contact points in the levelled space, normals square to what is the surface there."""
+        points = self.levelled(contacts.points)
+        if contacts.normals is None:
+            return contacts._replace(points=points)
+        upward = contacts.normals[:, 2:]
+        level = contacts.normals[:, :2] + upward * self._at(points[:, 2])
         stretch = 1.0 + (points[:, :2] - self.middle) @ self.change
         normals = np.column_stack([level, upward[:, 0] * stretch])
-        return felt._replace(
+        return contacts._replace(
             points=points, normals=normals / np.linalg.norm(normals, axis=1, keepdims=True)
         )
 
     def steepness(self, height: float) -> float:
-        """How steep a plane is that is level at a height of the straight space, m."""
+        """How steep a plane is that is level at a height of the levelled space, m."""
         return float(np.linalg.norm(self._at(np.array([height]))))
 
     def carried(self, at: Callable[[By], Floats], by: By) -> Floats:
-        """Points (n, 3) of a surface of the straight space, or derivatives, where they are.
+        """Points (n, 3) of a surface of the levelled space, or derivatives, where they are.
 
-        Parameters
-        ----------
-        at : callable
-            The same of the straight space, for any derivatives.
-        by : pair of int
-            Together up to 2.
+        `at` gives the same of the levelled space, for any derivatives; `by` is together up to 2.
         """
         points = at((0, 0))
         if by == (0, 0):
-            return self.slanted(points)
+            return self.sheared(points)
         found = at(by).copy()
         stretch = 1.0 + (points[:, :2] - self.middle) @ self.change
         along = np.einsum("ni,ni->n", self._at(points[:, 2]), found[:, :2])
@@ -273,7 +263,7 @@ class Shear(NamedTuple):
         return found
 
     def _at(self, heights: Floats) -> Floats:
-        """Slopes (n, 2) at heights (n,) of the straight space."""
+        """Slopes (n, 2) at heights (n,) of the levelled space."""
         slopes: Floats = self.slopes + heights[:, None] * self.change
         return slopes
 
@@ -286,6 +276,6 @@ def _halves(by: By) -> tuple[By, By]:
     return first, first
 
 
-def straight(shear: Shear | None, felt: ContactPoints) -> ContactPoints:
-    """Felt points in the straight space; as they are if there is no shear."""
-    return felt if shear is None else shear.straightened_felt(felt)
+def levelled(shear: Shear | None, contacts: ContactPoints) -> ContactPoints:
+    """Contact points in the levelled space; as they are if there is no shear."""
+    return contacts if shear is None else shear.levelled_contacts(contacts)

@@ -33,21 +33,21 @@ STRETCH = 0.15  # Share of the side over which they lie
 # Of the last row's radius: an end whose middle lies farther aside of where the rows lead is seen
 # about its own axis.
 LEANS = 0.15
-FACING = 0.995  # Part of a normal along the axis from which on a taxel belongs to the crown
+FACING = 0.995  # Part of a normal along the axis from which on a taxel belongs to the dome
 DEEP = 0.01  # Of the extent: how far below the farthest taxel it still does
 FEWEST = 3  # Touches: of fewer, the highest is as good
 SURER = 0.1  # Taxels err so much less than the poses; the quadric may be as wrong
-# As many points at the very end, felt from each side, does the lean of the contours count.
+# As many points at the very end, touched from each side, does the lean of the contours count.
 PRIOR = 2.0
 PASSES = 4  # Azimuths are taken about the middle, which moves
 MOST = 1.0  # Of the row's radius: an end whose middle seems to lie farther off was not understood
 BINS = 12  # Heights between the last row and the end at which points are averaged
-LEAST_FACING = 0.2  # Radial part of a normal: a point on a level face says nothing of the radius
+LEAST_FACING = 0.2  # Radial part of a normal: a point on a level face tells nothing of the radius
 # Parts of a turn, and in how many of them points must be: one side alone may be a feature.
 SECTORS, FEWEST_SECTORS = 12, 4
-# Of the way to the end: what was felt less far says the same of all ends, for they begin alike.
+# Of the way to the end: what was touched less far tells the same of all ends, for they begin alike.
 REACH = 0.6
-# Of the way to the end: what was felt farther lies on it. A row of taxels over a sharp edge has
+# Of the way to the end: what was touched farther lies on it. A row of taxels over a sharp edge has
 # normals between both sides, and would pass for a rounding.
 NEARLY = 0.95
 WALL = 0.4  # Mean radial part of the normals: where they lean over the end, nothing is an edge
@@ -55,41 +55,31 @@ TURNS = 192  # At which the last row is taken
 
 
 def touched_end(
-    felt: ContactPoints, last: float, way: float, pose: float | None, given: float | None
+    contacts: ContactPoints, last: float, way: float, pose: float | None, given: float | None
 ) -> float | None:
     """Height of an end, m, from the taxels that touched it; as given, if none did.
 
     Each touch errs by its pose, and the farthest of many by the luckiest one's: so those that may
-    be one height are averaged, from the highest on.
-
-    Parameters
-    ----------
-    felt : ContactPoints
-        All taxels.
-    last : float
-        Height of the last contour, m: what does not lie beyond tells nothing of the end.
-    way : float
-        1 for the upper end, -1 for the lower one.
-    pose : float or None
-        Standard deviation of a touch's height, m; None if there is no noise to be seen.
-    given : float or None
-        Height at which the end was touched by whatever means, m.
+    be one height are averaged, from the highest on. What does not lie beyond the `last` contour
+    tells nothing of the end. `way` is 1 for the upper end and -1 for the lower one; `pose` the
+    standard deviation of a touch's height, m, None without noise to be seen; `given` the height at
+    which the end was touched by whatever means, m.
     """
-    beyond = on_end(felt, last, way)
+    beyond = on_end(contacts, last, way)
     if not beyond.any():
         return given
     within = NOISES * (pose or 0.0)
-    level, others = _touched_heights(felt, beyond, way)
+    level, others = _touched_heights(contacts, beyond, way)
     told = _one_height(np.concatenate([level, others]), within)
-    # Level touches decide if nothing that was felt reaches over them.
+    # Level touches decide if nothing that was touched reaches over them.
     is_level = len(level) >= FEW and told <= float(level.max()) + within
     found = told
     if is_level:
         found = _one_height(level, LEVEL_NOISES * (pose or 0.0))
     elif pose is not None:
-        crown = dome_height(felt, beyond, way)
-        found = told if crown is None else crown
-    farthest = float((way * felt.points[beyond, 2]).max())
+        dome = dome_height(contacts, beyond, way)
+        found = told if dome is None else dome
+    farthest = float((way * contacts.points[beyond, 2]).max())
     if given is None or way * given <= farthest:
         return way * found
     # Without noise the farthest is the truest; with it, the mean of what may be one height.
@@ -97,15 +87,17 @@ def touched_end(
     return way * (found if is_one else max(found, way * given))
 
 
-def _touched_heights(felt: ContactPoints, beyond: Bools, way: float) -> tuple[Floats, Floats]:
-    """How far touches of an end say that it reaches, m: level ones, and others.
+def _touched_heights(contacts: ContactPoints, beyond: Bools, way: float) -> tuple[Floats, Floats]:
+    """How far touches of an end tell that it reaches, m: level ones, and others.
 
-    A level touch says it by all its taxels, another by the farthest; one across an edge says
+    A level touch tells it by all its taxels, another by the farthest; one across an edge tells
     nothing, nor do a few taxels beside whole touches.
     """
-    heights = np.full(int(felt.touch.max()) + 1, -np.inf)
-    np.maximum.at(heights, felt.touch[beyond], way * felt.points[beyond, 2])
-    end_contacts = [one for one in end_contacts_of(felt, way) if np.isfinite(heights[one.touch])]
+    heights = np.full(int(contacts.touch.max()) + 1, -np.inf)
+    np.maximum.at(heights, contacts.touch[beyond], way * contacts.points[beyond, 2])
+    end_contacts = [
+        one for one in end_contacts_of(contacts, way) if np.isfinite(heights[one.touch])
+    ]
     level = [way * float(one.place[2]) for one in end_contacts if one.level]
     others = [
         float(heights[one.touch]) for one in end_contacts if one.kind != "edge" and not one.level
@@ -123,26 +115,20 @@ def _one_height(heights: Floats, within: float) -> float:
     return float(means[beyond[0] if len(beyond) else -1])
 
 
-def dome_height(felt: ContactPoints, on: Bools, way: float) -> float | None:
+def dome_height(contacts: ContactPoints, on: Bools, way: float) -> float | None:
     """How far an end reaches, along the axis in its own direction, m; None if few touched it.
 
-    Parameters
-    ----------
-    felt : ContactPoints
-        All taxels; with normals.
-    on : (n,) array of bool
-        Which of them lie on the end.
-    way : float
-        1 for the upper end, -1 for the lower one.
+    `contacts` have normals, `on` (n,) tells which of them lie on the end, `way` is as of
+    `touched_end`.
     """
-    assert felt.normals is not None
-    reach = way * felt.points[:, 2]
+    assert contacts.normals is not None
+    reach = way * contacts.points[:, 2]
     deep = DEEP * float(np.ptp(reach))
-    used = on & (way * felt.normals[:, 2] > FACING) & (reach > reach[on].max() - deep)
-    touch, counts = np.unique(felt.touch[used], return_inverse=True)
+    used = on & (way * contacts.normals[:, 2] > FACING) & (reach > reach[on].max() - deep)
+    touch, counts = np.unique(contacts.touch[used], return_inverse=True)
     if len(touch) < FEWEST:
         return None
-    places = felt.points[used, :2]
+    places = contacts.points[used, :2]
     middle = places.mean(axis=0)
     scale = max(float(np.abs(places - middle).max()), np.finfo(float).tiny)
     quadric = _quadric((places - middle) / scale)
@@ -159,56 +145,45 @@ def _quadric(places: Floats) -> Floats:
     return np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
 
 
-def on_end(felt: ContactPoints, last: float, way: float) -> Bools:
+def on_end(contacts: ContactPoints, last: float, way: float) -> Bools:
     """Which taxels (n,) lie on an end, way 1 or -1, beyond the last contour at a height, m."""
-    if felt.normals is None:
-        return np.zeros(len(felt.points), np.bool_)
-    found: Bools = (way * felt.normals[:, 2] > UPRIGHT) & (way * (felt.points[:, 2] - last) > 0.0)
+    if contacts.normals is None:
+        return np.zeros(len(contacts.points), np.bool_)
+    found: Bools = (way * contacts.normals[:, 2] > UPRIGHT) & (
+        way * (contacts.points[:, 2] - last) > 0.0
+    )
     return found
 
 
 def end_from_contacts(
-    felt: ContactPoints,
-    skin: RadialSpline,
+    contacts: ContactPoints,
+    spline: RadialSpline,
     turns: Floats,
     rim: float,
     inwards: float,
     end: float | None,
     noise: float,
 ) -> End:
-    """How the side goes on from its first or last row.
+    """How the side, a radial spline, goes on from its first or last row.
 
-    Parameters
-    ----------
-    felt : ContactPoints
-        All taxels.
-    skin : FeltSkin
-        The side.
-    turns : (k,) array
-        Of the rows.
-    rim : float
-        Height of that row, m.
-    inwards : float
-        Height of the side from there on, negative downwards, m.
-    end : float or None
-        Height at which it was touched, m.
-    noise : float
-        Standard deviation of a point of a row, m.
+    The row has `turns` (k,) and the height `rim`, from which the side goes on `inwards`, negative
+    downwards; the end was touched at the height `end`; `noise` is the standard deviation of a point
+    of a row; all in m.
     """
     heights = np.sort(rim + STRETCH * inwards * np.arange(ROWS) / (ROWS - 1))
-    grid = skin.rings(heights, turns)
+    grid = spline.rings(heights, turns)
     row = grid[0 if inwards > 0.0 else -1]
     radius = float(np.sqrt(np.mean(np.sum((row - area_centroid(row)) ** 2, axis=1))))
 
     def closed(lean: Floats) -> End:
-        beyond = None if end is None else edge_samples(felt, skin, rim, end, radius, lean)
+        beyond = None if end is None else edge_samples(contacts, spline, rim, end, radius, lean)
         if inwards > 0.0:
             below = beyond, None
             ends = close_ends(heights, grid, bottom=end, noise=noise, dense=True, beyond=below)
-            return with_touched_middle(ends[0], row, felt)
+            return with_touched_middle(ends[0], row, contacts)
         above = None, beyond
         ends = close_ends(heights, grid, top=end, noise=noise, dense=True, beyond=above)
-        return with_touched_middle(ends[1], row, felt)
+        return with_touched_middle(ends[1], row, contacts)
 
     ahead = _lean(heights, grid) * (0.0 if end is None else end - rim)
     first = closed(ahead)
@@ -219,34 +194,32 @@ def end_from_contacts(
 
 
 def edge_samples(
-    felt: ContactPoints, skin: RadialSpline, rim: float, end: float, radius: float, lean: Floats
+    contacts: ContactPoints,
+    spline: RadialSpline,
+    rim: float,
+    end: float,
+    radius: float,
+    lean: Floats,
 ) -> EdgeSamples | None:
-    """Mean radii between the last row and the end; None where too little was felt.
+    """Mean radii between the last row and the end; None where too little was touched.
 
-    Parameters
-    ----------
-    felt : ContactPoints
-        With normals; as felt, for shifts that fit the smooth side would hide the edge.
-    skin : FeltSkin
-        The side.
-    rim, end : float
-        Heights of its last row, and of the end, m.
-    radius : float
-        Mean radius of that row, m.
-    lean : (2,) array
-        How far aside of that row's middle the end's middle lies, m.
+    From contacts as measured, for shifts that fit the smooth side would hide the edge. `rim` and
+    `end` are the heights of the side's last row and of the end, `radius` is that row's mean one,
+    and `lean` (2,) how far aside of its middle the end's middle lies, m.
     """
-    assert felt.normals is not None
+    assert contacts.normals is not None
     sign = 1.0 if end > rim else -1.0
-    depth = sign * (felt.points[:, 2] - rim)
+    depth = sign * (contacts.points[:, 2] - rim)
     way = np.clip(depth / abs(end - rim), 0.0, 1.0)
-    away = felt.points[:, :2] - skin.axis_curve.at(felt.points[:, 2]) - way[:, None] * lean
+    away = (
+        contacts.points[:, :2] - spline.axis_curve.at(contacts.points[:, 2]) - way[:, None] * lean
+    )
     distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
-    facing = np.einsum("ni,ni->n", felt.normals[:, :2], away) / distance
+    facing = np.einsum("ni,ni->n", contacts.normals[:, :2], away) / distance
     told = (depth > 0.0) & (depth < NEARLY * abs(end - rim)) & (facing > LEAST_FACING)
     turns = np.mod(np.arctan2(away[told, 1], away[told, 0]) / (2.0 * np.pi), 1.0)
     at = np.arange(TURNS) / TURNS
-    row = np.sqrt(skin.squared(np.array([rim]), at)[0])
+    row = np.sqrt(spline.squared(np.array([rim]), at)[0])
     share = distance[told] / np.interp(turns, at, row, period=1.0)
     bins = np.minimum((depth[told] / abs(end - rim) * BINS).astype(int), BINS - 1)
     seen = np.zeros((BINS, SECTORS), np.bool_)
@@ -266,27 +239,17 @@ def edge_samples(
     return EdgeSamples(sign * rim + mean(depth[told]), radius * mean(share), weights)
 
 
-def with_touched_middle(end: End, row: Floats, felt: ContactPoints) -> End:
-    """The end about the middle that was felt.
-
-    Parameters
-    ----------
-    end : End
-        The end, its middle as the contours lean.
-    row : (k, 2) array
-        The last row of the side, m.
-    felt : ContactPoints
-        With normals.
-    """
-    assert felt.normals is not None
+def with_touched_middle(end: End, row: Floats, contacts: ContactPoints) -> End:
+    """The end about the middle that was touched, beside a last row (k, 2), m."""
+    assert contacts.normals is not None
     gap = end.height - end.rim
     if not abs(gap) > 0.0:
         return end
-    way = (felt.points[:, 2] - end.rim) / gap
+    way = (contacts.points[:, 2] - end.rim) / gap
     beyond = (way > 0.0) & (way <= 1.0)
     if not beyond.any():
         return end
-    points, normals, way = felt.points[beyond, :2], felt.normals[beyond, :2], way[beyond]
+    points, normals, way = contacts.points[beyond, :2], contacts.normals[beyond, :2], way[beyond]
     centre, shares = area_centroid(row), end.profile.shares(way)
     away = row - centre
     turns, radii = np.arctan2(away[:, 1], away[:, 0]), np.hypot(*away.T)

@@ -120,7 +120,7 @@ def _cubic(basis: Basis, control: Floats) -> tuple[Basis, Floats]:
 
 def _for_heights(surface: ContourSurface, basis: Basis, curves: Floats) -> tuple[Basis, Floats]:
     """With a knot in the middle of each interval in which the height is not yet followed."""
-    extent = surface.latitude.high - surface.latitude.low
+    extent = surface.axial_parameter.high - surface.axial_parameter.low
     while basis.count < MOST_LAYERS:
         heights = _interpolated(basis, _height(surface, basis.greville()))
         breaks = np.unique(basis.knots)
@@ -144,7 +144,7 @@ def _interpolated(basis: Basis, values: Floats) -> Floats:
 
 def _height(surface: ContourSurface, shares: Floats) -> Floats:
     low, high = surface.along.domain
-    return surface.latitude.height(low + (high - low) * shares)
+    return surface.axial_parameter.height(low + (high - low) * shares)
 
 
 def _fitted(basis: Basis, places: Floats, values: Floats) -> Floats:

@@ -34,8 +34,8 @@ LEAST_ROWS = 5
 CAUTION = 1.2
 # Rows from which on that can be told, and the correlation above which they do.
 MANY_ROWS, ALIKE = 12, 0.25
-# Swing from which on rows are tried at another pace, and how much of it may be left then. Of smooth
-# objects it stays below a quarter or so, however few rows there are.
+# Swing from which on rows are tried in another parameter, and how much of it may be left then. Of
+# smooth objects it stays below a quarter or so, however few rows there are.
 SWINGS, CALMER = 0.5, 0.5
 # Of the way along the surface; less of it is calmer where steps are of many lengths: Lee, *Choosing
 # nodes in parametric curve interpolation*, 1989.
@@ -43,12 +43,12 @@ POWERS = (1.0, 0.5, 0.25)
 SLIGHT = 0.05  # Of the size: swings below half of that are noise
 STILL = 1e-9  # Slope around, over the size, of a contour that is a point
 # Rows from which on the way along the surface is tried as the parameter without need, and how much
-# better it must foretell rows.
+# better it must predict rows.
 LEAST_PACED, FAR_BETTER = 8, 0.72
-PREDICTED = 0.01  # Of the size: rows that are foretold as well as this lie close enough together
+PREDICTED = 0.01  # Of the size: rows that are predicted as well as this lie close enough together
 LEAST_TURNS = 4
 SAME_HEIGHT = 1e-3  # Of the mean spacing: rows at heights nearer to each other are one
-LEAN_ROWS = 3  # Outermost contours whose middles say which way the axis leans
+LEAN_ROWS = 3  # Outermost contours whose middles tell which way the axis leans
 # Whether a surface closes in a point: where the axis leads, or at a place (2,), m.
 Pole = bool | ArrayLike
 
@@ -56,7 +56,7 @@ Pole = bool | ArrayLike
 class ContourFit(NamedTuple):
     """A smoothed grid and what its coefficients belong to."""
 
-    latitude: AxialParameter  # Parameter along the axis
+    axial_parameter: AxialParameter  # Parameter along the axis
     caution: float  # Of the choice of strengths
     along: Basis  # Splines along it
     sites: Floats  # Parameters (m,) of rows and poles, rising
@@ -81,9 +81,9 @@ class ContourFit(NamedTuple):
         return np.stack([y / length * moving, -x / length * moving], axis=-1)
 
     def swing(self) -> float:
-        """How far it leaves the middle between two rows, over how far rows there differ.
+        """How far it leaves the middle between two rows, at most, over how far rows there differ.
 
-        At most, between any two rows, and seen against the steps before and after as well.
+        Seen against the steps before and after as well.
         """
         rows = self.along.matrix(self.sites) @ self.control.reshape(self.along.count, -1)
         middles = 0.5 * (self.sites[1:] + self.sites[:-1])
@@ -125,113 +125,117 @@ def _longest(rows: Floats) -> Floats:
 def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) -> ContourFit:
     """Fit rows in the height, or in the latitude, with which they agree better.
 
-    The third way is to be round only where there is a pole. Each end by itself is not left to
-    the rows to decide: there the choice costs more than it gains.
-
-    Parameters
-    ----------
-    rows : ContourRows
-        The rows.
-    low, high : float
-        Heights of the ends, m.
-    noise : float or None
-        Standard deviation of a coordinate in the unit of the rows, if it is known.
+    The third way is to be round only where there is a pole. Each end by itself is not left to the
+    rows to decide: there the choice costs more than it gains. `low` and `high` are the ends'
+    heights, m; `noise` is a coordinate's standard deviation in the unit of the rows, if it is
+    known.
     """
     below, above = (pole is not None for pole in rows.poles)
     trials = [(below, above)]
     if len(rows.heights) + below + above >= LEAST_ROWS:
         trials += [both for both in ((False, False), (True, True)) if both != trials[0]]
-    latitudes = [AxialParameter(low, high, ends) for ends in trials]
-    fit = _careful(rows, latitudes, noise)
+    candidates = [AxialParameter(low, high, ends) for ends in trials]
+    fit = _careful(rows, candidates, noise)
     swing = fit.swing()
     if swing <= SWINGS:
-        return _far_better_reparametrised(rows, latitudes, noise, fit)
+        return _far_better_reparametrised(rows, candidates, noise, fit)
     attempts = [
-        _careful(rows, [reparametrised(rows, latitude, power) for latitude in latitudes], noise)
+        _careful(
+            rows,
+            [reparametrised(rows, axial_parameter, power) for axial_parameter in candidates],
+            noise,
+        )
         for power in POWERS
     ]
-    paced = min(attempts, key=ContourFit.swing)
-    return paced if paced.swing() < CALMER * swing else fit
+    mapped = min(attempts, key=ContourFit.swing)
+    return mapped if mapped.swing() < CALMER * swing else fit
 
 
 def _far_better_reparametrised(
-    rows: ContourRows, latitudes: list[AxialParameter], noise: float | None, fit: ContourFit
+    rows: ContourRows, candidates: list[AxialParameter], noise: float | None, fit: ContourFit
 ) -> ContourFit:
-    """A fit that follows the way along the surface, as steps ask for, if it foretells far better.
+    """A fit that follows the way along the surface, as steps ask for, if it predicts far better.
 
     Where it is but somewhat better, it is as often worse between the rows.
     """
     off = _prediction_error(fit) ** 2 / np.sqrt(rows.grid.shape[1])
     if len(rows.heights) < LEAST_PACED or off < PREDICTED:
         return fit
-    paced = _careful(rows, [reparametrised(rows, one, 1.0) for one in latitudes], noise)
-    return paced if _prediction_error(paced) < FAR_BETTER * _prediction_error(fit) else fit
+    mapped = _careful(rows, [reparametrised(rows, one, 1.0) for one in candidates], noise)
+    return mapped if _prediction_error(mapped) < FAR_BETTER * _prediction_error(fit) else fit
 
 
-def _careful(rows: ContourRows, latitudes: list[AxialParameter], noise: float | None) -> ContourFit:
-    """The best of some latitudes, with caution where noise is not shared by rows."""
+def _careful(
+    rows: ContourRows, candidates: list[AxialParameter], noise: float | None
+) -> ContourFit:
+    """The best of some parameters, with caution where noise is not shared by rows."""
     if noise is None and len(rows.heights) >= MANY_ROWS:
-        fit = _best(rows, latitudes, noise, CAUTION)
+        fit = _best(rows, candidates, noise, CAUTION)
         if abs(fit.likeness(rows.grid)) < ALIKE:
             return fit
-    return _best(rows, latitudes, noise, 1.0)
+    return _best(rows, candidates, noise, 1.0)
 
 
-def reparametrised(rows: ContourRows, latitude: AxialParameter, power: float) -> AxialParameter:
-    """The same latitude, but running by a power of the way from row to row along the surface."""
-    places = latitude.of(np.concatenate([[latitude.low], rows.heights, [latitude.high]]))
+def reparametrised(
+    rows: ContourRows, axial_parameter: AxialParameter, power: float
+) -> AxialParameter:
+    """The same parameter, but running by a power of the way from row to row along the surface."""
+    places = axial_parameter.of(
+        np.concatenate([[axial_parameter.low], rows.heights, [axial_parameter.high]])
+    )
     below, above = rows.poles
     grid = rows.grid
     first = grid[:1] if below is None else np.broadcast_to(below, grid[:1].shape)
     last = grid[-1:] if above is None else np.broadcast_to(above, grid[:1].shape)
     apart = np.diff(np.concatenate([first, grid, last]), axis=0)
     across = np.sqrt(np.square(apart).sum(axis=2).mean(axis=1))
-    rise = np.diff(places) * (latitude.high - latitude.low) / (places[-1] - places[0]) / rows.size
+    rise = (
+        np.diff(places)
+        * (axial_parameter.high - axial_parameter.low)
+        / (places[-1] - places[0])
+        / rows.size
+    )
     distinct = np.diff(places) > 0.0
     kept = np.concatenate([[True], distinct])
     lengths = np.hypot(rise, across)[distinct] ** power
-    return replace(latitude, pace=reparametrisation_through(places[kept], lengths))
+    return replace(
+        axial_parameter, reparametrisation=reparametrisation_through(places[kept], lengths)
+    )
 
 
 def fit_heights_or_round(rows: ContourRows, low: float, high: float) -> ContourFit:
-    """Fit rows in the height or in the latitude, without regard to poles, steps and shared noise.
-
-    Parameters
-    ----------
-    rows : ContourRows
-        The rows.
-    low, high : float
-        Heights of the ends, m.
-    """
+    """Fit rows in the height or the latitude, whatever their poles, steps and shared noise."""
     both = [AxialParameter(low, high, ends) for ends in ((False, False), (True, True))]
     return _best(rows, both if len(rows.heights) >= LEAST_ROWS else both[:1], None, 1.0)
 
 
 def _best(
-    rows: ContourRows, latitudes: list[AxialParameter], noise: float | None, caution: float
+    rows: ContourRows, candidates: list[AxialParameter], noise: float | None, caution: float
 ) -> ContourFit:
-    fits = [fit_axial_parameter(rows, latitude, noise, caution) for latitude in latitudes]
+    fits = [
+        fit_axial_parameter(rows, axial_parameter, noise, caution) for axial_parameter in candidates
+    ]
     return min(fits, key=_prediction_error)
 
 
 def _prediction_error(fit: ContourFit) -> float:
-    """By how much the inner rows are foretold wrongly by the others.
+    """By how much the inner rows are predicted wrongly by the others.
 
-    The mean of roots: a step that no parameter foretells must not decide, nor the rows that
-    each foretells well by chance. The score of the strengths is no measure here: where rows
-    are passed exactly it compares rounding.
+    The mean of roots: a step that no parameter predicts must not decide, nor the rows that each
+    predicts well by chance. The score of the strengths is no measure here: where rows are passed
+    exactly it compares rounding.
     """
     inner = fit.smoothed.missed[1:-1]
     return float(np.sqrt(inner).mean()) if len(inner) else fit.smoothed.score
 
 
 def fit_axial_parameter(
-    rows: ContourRows, latitude: AxialParameter, noise: float | None, caution: float = 1.0
+    rows: ContourRows, axial_parameter: AxialParameter, noise: float | None, caution: float = 1.0
 ) -> ContourFit:
     """Fit rows in a given parameter; `caution` is that of `smooth`."""
     below, above = rows.poles
-    ends = latitude.of(np.array([latitude.low, latitude.high]))
-    places = latitude.of(rows.heights)
+    ends = axial_parameter.of(np.array([axial_parameter.low, axial_parameter.high]))
+    places = axial_parameter.of(rows.heights)
     sites = np.concatenate([ends[:1][: below is not None], places, ends[1:][: above is not None]])
     along = basis_along(sites, (float(ends[0]), float(ends[1])))
     inner = slice(int(below is not None), along.count - int(above is not None))
@@ -247,7 +251,7 @@ def fit_axial_parameter(
     )
     control = np.repeat(line[:, None], smoothed.around.weight.shape[0], axis=1)
     control[inner] += smoothed.coefficients
-    return ContourFit(latitude, caution, along, sites, smoothed, control, matrix @ line)
+    return ContourFit(axial_parameter, caution, along, sites, smoothed, control, matrix @ line)
 
 
 def _line(along: Basis, below: Floats | None, above: Floats | None) -> Floats:

@@ -4,7 +4,7 @@ Contours that correspond, point by point, are the rows of a grid; a spline runs 
 and closes around its rows, both as smooth as the points ask for. Where the surface closes in a
 point, it does so exactly. A smooth surface bends around a single wrong point, while a feature is
 seen by several points of several contours: points that stick out are replaced by what the fit
-says of them and fitted again, until that no longer changes.
+predicts of them and fitted again, until that no longer changes.
 """
 
 from __future__ import annotations
@@ -100,30 +100,26 @@ class ContourLoft:
     def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats:
         """Standard deviation of the surface along its normal, m, on a grid (a, b).
 
-        From the noise, and from what leaving out each contour would have cost. What nobody
-        could know, such as features between two contours, is not in it.
-
-        Parameters
-        ----------
-        heights, turns : (a,), (b,) arrays
-            As for `at`.
+        From the noise, and from what leaving out each contour would have cost. What nobody could
+        know, such as features between two contours, is not in it. Heights (a,) and turns (b,) as
+        for `at`.
         """
         heights = finite_array("heights", heights, (None,))
-        latitudes = self.surface.latitude.of(heights)
-        return self._deviation(latitudes, finite_array("turns", turns, (None,)))[0]
+        parameters = self.surface.axial_parameter.of(heights)
+        return self._deviation(parameters, finite_array("turns", turns, (None,)))[0]
 
     def uncertainty(self) -> Uncertainty:
         """One number for the whole side, and what it does not tell."""
-        sites, latitude = self.between.sites, self.surface.latitude
+        sites, axial_parameter = self.between.sites, self.surface.axial_parameter
         breaks = sites if len(sites) > 1 else np.array(self.surface.along.domain)
         shares = (np.arange(STEPS_ALONG) + 0.5) / STEPS_ALONG
-        latitudes = (breaks[:-1, None] + np.diff(breaks)[:, None] * shares).ravel()
+        parameters = (breaks[:-1, None] + np.diff(breaks)[:, None] * shares).ravel()
         steps = np.repeat(np.diff(breaks), STEPS_ALONG)
-        deviation, area = self._deviation(latitudes, np.arange(STEPS_AROUND) / STEPS_AROUND)
+        deviation, area = self._deviation(parameters, np.arange(STEPS_AROUND) / STEPS_AROUND)
         area = area * steps[:, None]
         total = max(float(area.sum()), np.finfo(float).tiny)
         rms = float(np.sqrt((area * np.square(deviation)).sum() / total))
-        spacing = self.spacing or latitude.high - latitude.low
+        spacing = self.spacing or axial_parameter.high - axial_parameter.low
         return Uncertainty(SAFE_RMS * rms, SAFE_MOST * float(deviation.max()), 0.5 * spacing)
 
     def update(self, height: float, row: ArrayLike) -> ContourLoft:
@@ -132,25 +128,25 @@ class ContourLoft:
         return fit_contour_loft(
             np.append(given.heights, height),
             np.concatenate([given.grid, finite_array("row", row, given.grid.shape[1:])[None]]),
-            low=self.surface.latitude.low,
-            high=self.surface.latitude.high,
+            low=self.surface.axial_parameter.low,
+            high=self.surface.axial_parameter.high,
             pole=given.pole,
             noise=given.noise,
         )
 
-    def _deviation(self, latitudes: Floats, turns: Floats) -> tuple[Floats, Floats]:
+    def _deviation(self, parameters: Floats, turns: Floats) -> tuple[Floats, Floats]:
         """Along the normal, m, and the area per parameter, on a grid."""
         surface = self.surface
-        inside = np.clip(latitudes, *surface.along.domain)
+        inside = np.clip(parameters, *surface.along.domain)
         below, above = (pole is not None for pole in self.given.places)
         inner = slice(int(below), surface.along.count - int(above))
         variance = np.square(self.health.sigma) * self.smoothed.variance(
             surface.along.matrix(inside)[:, inner],
             PeriodicBasis(surface.control.shape[1]).matrix(turns),
         )
-        variance += np.square(self.size) * self.between.variance(latitudes, turns)
+        variance += np.square(self.size) * self.between.variance(parameters, turns)
         up, round_ = surface.on_grid(inside, turns, (1, 0)), surface.on_grid(inside, turns, (0, 1))
-        rise = surface.latitude.height(inside, 1)[:, None]
+        rise = surface.axial_parameter.height(inside, 1)[:, None]
         level = rise * np.hypot(round_[..., 0], round_[..., 1])
         area = np.hypot(level, up[..., 0] * round_[..., 1] - up[..., 1] * round_[..., 0])
         upright = np.divide(level, area, out=np.zeros_like(area), where=area > 0.0)
@@ -158,7 +154,7 @@ class ContourLoft:
 
 
 class LoftInput(NamedTuple):
-    """What a skin was fitted to."""
+    """What a loft was fitted to."""
 
     heights: Floats  # (M,), m
     grid: Floats  # (M, K, 2), m
@@ -206,7 +202,9 @@ def fit_contour_loft(
     fit = fit_rows(rows, low, high, scaled)
 
     def again(points: Floats) -> ContourFit:
-        return fit_axial_parameter(rows._replace(grid=points), fit.latitude, scaled, fit.caution)
+        return fit_axial_parameter(
+            rows._replace(grid=points), fit.axial_parameter, scaled, fit.caution
+        )
 
     if noise == 0.0:  # who knows that there is no noise knows that no point is wrong
         used, outlying = rows.grid, np.zeros(rows.grid.shape[:2], np.bool_)
@@ -223,25 +221,10 @@ def fit_contour_loft(
 
 
 def without_outliers(grid: Floats, fit: ContourFit, again: Fit) -> tuple[Floats, ContourFit, Bools]:
-    """Leave out single points that stick out, if the residuals of a fit suggest any.
+    """Leave out single points that stick out of a grid (m, k, 2), if residuals suggest any.
 
-    Parameters
-    ----------
-    grid : (m, k, 2) array
-        Points.
-    fit : ContourFit
-        Fit to all of them.
-    again : callable
-        The same fit to other points.
-
-    Returns
-    -------
-    grid : (m, k, 2) array
-        With those points replaced by what the fit says.
-    fit : ContourFit
-        Fit to it.
-    outlying : (m, k) array of bool
-        Those points.
+    `again` fits other points like `fit` did these. Returned are the grid with those points replaced
+    by what the fit predicts of them, the fit to it, and which points they are, (m, k).
     """
     across = fit.across()
     off = _off(grid, fit, across)
@@ -286,10 +269,7 @@ def _noise_between_neighbours(grid: Floats, across: Floats) -> float:
 def local_outliers(off: Floats) -> Bools:
     """Points that stick out of their contour where the contours next to it do not.
 
-    Parameters
-    ----------
-    off : (m, k) array
-        Distance of each point from a smooth surface.
+    By the distance `off` (m, k) of each point from a smooth surface.
     """
     alone = _less_neighbours(unpredicted(off))
     size = np.abs(alone)
@@ -301,9 +281,9 @@ def local_outliers(off: Floats) -> Bools:
 
 
 def unpredicted(off: Floats) -> Floats:
-    """What the points beside each along the last axis, around a contour, do not foretell of it.
+    """What the points beside each along the last axis, around a contour, do not predict of it.
 
-    They foretell the median of five guesses, of which one wrong point spoils two at most.
+    They predict the median of five guesses, of which one wrong point spoils two at most.
     """
     before, after = (np.stack([np.roll(off, way * n, -1) for n in (1, 2, 3)]) for way in (1, -1))
     guesses = [*(0.5 * (before + after)), 2.0 * before[0] - before[1], 2.0 * after[0] - after[1]]
@@ -349,7 +329,7 @@ def _less_neighbours(off: Floats, outlying: Bools | None = None) -> Floats:
 
 
 def _loft(rows: ContourRows, fit: ContourFit, outlying: Bools, given: LoftInput) -> ContourLoft:
-    """What a fit says in the contours' own unit."""
+    """A fit in the contours' own unit."""
     across = fit.across()
     spare = max(fit.smoothed.spare - float(outlying.sum()), 0.5 * fit.smoothed.spare)
     sigma = _sigma(rows, fit, spare)
@@ -359,7 +339,9 @@ def _loft(rows: ContourRows, fit: ContourFit, outlying: Bools, given: LoftInput)
     around = np.pad(across, (beside, (0, 0), (0, 0)))
     smoothed = fit.smoothed
     return ContourLoft(
-        surface=ContourSurface(fit.latitude, fit.along, rows.size * fit.control, rows.middle),
+        surface=ContourSurface(
+            fit.axial_parameter, fit.along, rows.size * fit.control, rows.middle
+        ),
         size=rows.size,
         smoothed=smoothed,
         between=between_contours(fit.sites, rows.with_poles, around, sigma),
@@ -370,7 +352,7 @@ def _loft(rows: ContourRows, fit: ContourFit, outlying: Bools, given: LoftInput)
             freedom=smoothed.freedom,
             condition=smoothed.condition,
             strengths=smoothed.strengths,
-            round=fit.latitude.round,
+            round=fit.axial_parameter.round,
             merged=len(rows.owner) - len(rows.heights),
             outlying=int(outlying.sum()),
             swing=fit.swing(),

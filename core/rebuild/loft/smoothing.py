@@ -5,7 +5,7 @@ The smoother is the product of one along and one around; in the bases in which e
 by a root, a matrix whose product with the coefficients has the penalty as its sum of squares. A
 smoother knows its noise, not what happens where nobody touched: each contour is predicted from
 its neighbours, and by how much it misses, less the noise, is what a surface may miss at about
-twice the spacing; how that grows with the spacing says how much of it is left at once.
+twice the spacing; how that grows with the spacing tells how much of it is left at once.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Smoothed:
 
     @property
     def missed(self) -> Floats:
-        """By how much each line along, smoothed around, is foretold wrongly by the others, (m,).
+        """By how much each line along, smoothed around, is predicted wrongly by the others, (m,).
 
         Root of its sum of squares, from the modes alone: all there is where each line has a
         coefficient of its own. The strengths stay what they are.
@@ -109,14 +109,8 @@ class Smoothed:
     def variance(self, along: csr_array, around: csr_array) -> Floats:
         """Posterior variance of a component over that of the noise, (a, b).
 
-        Parameters
-        ----------
-        along, around : (a, n), (b, k) sparse arrays
-            Bases at the places that are asked for.
-
-        Notes
-        -----
-        Wahba, *Bayesian confidence intervals for the cross-validated smoothing spline*, 1983.
+        At places given by their bases along (a, n) and around (b, k). Wahba, *Bayesian confidence
+        intervals for the cross-validated smoothing spline*, 1983.
         """
         rows = np.square(along @ self.along.modes.control)
         columns = np.square(around @ self.around.modes.control)
@@ -127,14 +121,8 @@ class Smoothed:
 def smoothing_axis(basis: Floats, root: Floats, weights: Floats | None = None) -> SmoothingAxis:
     """Prepare one axis of a grid.
 
-    Parameters
-    ----------
-    basis : (m, n) array
-        Basis functions at the grid's m lines.
-    root : (r, n) array
-        Root of the penalty.
-    weights : (m,) array, optional
-        Of the lines; 1 if left out.
+    By basis functions (m, n) at its lines, the root (r, n) of the penalty, and the lines' weights
+    (m,), 1 if left out.
 
     Raises
     ------
@@ -179,7 +167,7 @@ def smooth(
     ----------
     values : (m, l, d) array
         d components at each place.
-    along, around : Axis
+    along, around : SmoothingAxis
         Prepared for m and l lines.
     noise : float or None
         Standard deviation of a component, if it is known: the strengths are those of the least
@@ -198,9 +186,9 @@ def smooth(
     Notes
     -----
     Craven and Wahba, *Smoothing noisy data with spline functions*, 1979, for both at once;
-    caution: Kim and Gu, *Smoothing spline Gaussian regression*, 2004. Nothing
-    is subtracted from almost the same, so that the score has its limit (of leaving one out)
-    where as many degrees of freedom are spent as there are values.
+    caution: Kim and Gu, *Smoothing spline Gaussian regression*, 2004. Nothing is subtracted from
+    almost the same, so that the score has its limit (of leaving one out) where as many degrees of
+    freedom are spent as there are values.
     """
     lines = len(along.roots), len(around.roots)
     values = finite_array("values", values, (*lines, None))
@@ -262,9 +250,9 @@ def bending_along(basis: Basis, order: int = 2) -> Floats:
 def bending_around(count: int) -> Floats:
     """Root (count, count) of the bending of a closed curve, beyond that of an ellipse.
 
-    Second differences of what remains of the control points when points and ellipses are taken
-    out: constants and the first harmonic cost nothing, so that a smoothed circle keeps its size
-    however strongly it is smoothed.
+    Second differences of what remains of the control points when points and ellipses are taken out:
+    constants and the first harmonic cost nothing, so that a smoothed circle keeps its size however
+    strongly it is smoothed.
     """
     unit = np.eye(count)
     before, after = np.roll(unit, 1, axis=1), np.roll(unit, -1, axis=1)
@@ -291,8 +279,8 @@ class BetweenContours:
     def variance(self, places: Floats, turns: Floats) -> Floats:
         """On a grid of parameters (a,) and turns (b,): (a, b).
 
-        Nothing at the contours, most midway between them; beyond the outermost ones it grows
-        with the squared distance.
+        Nothing at the contours, most midway between them; beyond the outermost ones it grows with
+        the squared distance.
         """
         count = len(self.sites)
         if count < 2:
@@ -312,18 +300,10 @@ class BetweenContours:
 def between_contours(
     sites: Floats, contours: Floats, across: Floats, sigma: float
 ) -> BetweenContours:
-    """Judge how far a surface through contours can be trusted between them.
+    """Judge how far a surface through contours (m, k, 2), at even turns, can be trusted.
 
-    Parameters
-    ----------
-    sites : (m,) array
-        Parameters of the contours along the axis, rising.
-    contours : (m, k, 2) array
-        Their points at even turns.
-    across : (m, k, 2) array
-        Unit vectors across the contours; zero where a contour is a point.
-    sigma : float
-        Standard deviation of the noise across.
+    At rising parameters `sites` (m,) along the axis; `across` (m, k, 2) are unit vectors across the
+    contours, 0 where one is a point, and `sigma` is the standard deviation of the noise across.
     """
     one = _misses(sites, contours, across)
     width = contours.shape[1]

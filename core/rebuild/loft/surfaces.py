@@ -30,7 +30,7 @@ MOST_SITES = 128  # Coefficients along the axis; of more contours some share a k
 class ContourSurface:
     """The surface, from its lowest contour or pole to its highest."""
 
-    latitude: AxialParameter  # Parameter along the axis
+    axial_parameter: AxialParameter  # Parameter along the axis
     along: Basis  # Splines along it; the surface spans their domain
     control: Floats  # Coefficients (n, k, 2) about `middle`, m
     middle: Floats  # (2,), m
@@ -38,21 +38,15 @@ class ContourSurface:
     @property
     def reach(self) -> tuple[float, float]:
         """Heights at which it begins and ends, m."""
-        low, high = self.latitude.height(np.array(self.along.domain))
+        low, high = self.axial_parameter.height(np.array(self.along.domain))
         return float(low), float(high)
 
     def at(self, heights: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
         """Places in the plane at heights, m, and turns, which are broadcast: (..., 2), m.
 
-        Beyond its reach its section is carried on.
-
-        Parameters
-        ----------
-        heights, turns : arrays
-            Any; a whole turn is 1.
-        by : pair of int
-            How often to differentiate by the height, once at most, and by the turn. At a round
-            end the slope by the height grows without limit: see `places`.
+        Beyond its reach its section is carried on. `by` says how often to differentiate by the
+        height, once at most, and by the turn. At a round end the slope by the height grows without
+        limit: see `places`.
 
         Raises
         ------
@@ -63,37 +57,37 @@ class ContourSurface:
             raise ValueError(f"by must be 0 or 1 in the height, got {by[0]}")
         heights, turns = np.broadcast_arrays(np.asarray(heights, float), np.asarray(turns, float))
         flat = finite_array("heights", heights.ravel(), (None,))
-        latitudes = self.within(flat)
-        plane = self.places(latitudes, turns.ravel(), by)[:, :2]
+        parameters = self.within(flat)
+        plane = self.places(parameters, turns.ravel(), by)[:, :2]
         if by[0]:
-            rise = np.maximum(self.latitude.height(latitudes, 1), np.finfo(float).tiny)
+            rise = np.maximum(self.axial_parameter.height(parameters, 1), np.finfo(float).tiny)
             outside = (flat < self.reach[0]) | (flat > self.reach[1])
             plane = np.where(outside, 0.0, 1.0 / rise)[:, None] * plane
         return plane.reshape(*heights.shape, 2)
 
     def within(self, heights: Floats) -> Floats:
-        """Latitudes (n,) of heights (n,), m; those beyond its reach are taken to its ends."""
+        """Parameters (n,) of heights (n,), m; those beyond its reach are taken to its ends."""
         low, high = self.along.domain
-        latitudes: Floats = np.clip(self.latitude.of(heights), low, high)
-        return latitudes
+        parameters: Floats = np.clip(self.axial_parameter.of(heights), low, high)
+        return parameters
 
-    def places(self, latitudes: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Points (n, 3), m, at latitudes and turns (n,), or derivatives by them.
+    def places(self, parameters: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Points (n, 3), m, at parameters along the axis and turns (n,), or derivatives by them.
 
         Raises
         ------
         ValueError
-            If a number is not finite, a latitude lies outside the domain, or a derivative is
+            If a number is not finite, a parameter lies outside the domain, or a derivative is
             negative.
         """
-        at = np.stack([latitudes, np.mod(finite_array("turns", turns, (None,)), 1.0)], axis=-1)
+        at = np.stack([parameters, np.mod(finite_array("turns", turns, (None,)), 1.0)], axis=-1)
         (plane,) = evaluate_scattered(self._bases, self._wound, at, [by])
-        rise = self.latitude.height(latitudes, by[0]) if by[1] == 0 else np.zeros(len(at))
+        rise = self.axial_parameter.height(parameters, by[0]) if by[1] == 0 else np.zeros(len(at))
         return np.column_stack([plane + self.middle if by == (0, 0) else plane, rise])
 
-    def on_grid(self, latitudes: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Their first two coordinates at every pair of latitudes (a,) and turns (b,): (a, b, 2)."""
-        plane = evaluate_grid(self._bases, self._wound, [latitudes, np.mod(turns, 1.0)], by)
+    def on_grid(self, parameters: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Their first two coordinates at each pair of parameters (a,) and turns (b,): (a, b, 2)."""
+        plane = evaluate_grid(self._bases, self._wound, [parameters, np.mod(turns, 1.0)], by)
         return plane + self.middle if by == (0, 0) else plane
 
     @property
@@ -107,15 +101,15 @@ class ContourSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SidePatch:
-    """The same from 0 at its lower end to 1 at its upper one, evenly in the latitude."""
+    """The same from 0 at its lower end to 1 at its upper one, evenly in the parameter."""
 
     surface: ContourSurface  # The surface
 
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (n, 3), m, at shares v and turns (n,), or derivatives by them."""
         low, high = self.surface.along.domain
-        latitudes = np.clip(low + (high - low) * v, low, high)
-        return (high - low) ** by[0] * self.surface.places(latitudes, turns, by)
+        parameters = np.clip(low + (high - low) * v, low, high)
+        return (high - low) ** by[0] * self.surface.places(parameters, turns, by)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,58 +124,60 @@ class AxialParameter:
     high: float  # Height of the upper end, m
     # Whether the surface closes there with a slope like a sphere's: below, above.
     round: tuple[bool, bool]
-    pace: Reparametrisation | None = None  # How fast it runs, if not evenly in this
+    reparametrisation: Reparametrisation | None = None  # How fast it runs, if not evenly in this
 
     def of(self, heights: Floats) -> Floats:
-        """Latitudes (n,) of heights (n,), m; those beyond an end are taken to it."""
+        """Parameters (n,) of heights (n,), m; those beyond an end are taken to it."""
         above = np.clip((heights - self.low) / (self.high - self.low), 0.0, 1.0)
         below = np.clip((self.high - heights) / (self.high - self.low), 0.0, 1.0)
         match self.round:
             case (True, True):
                 # From both distances: the sine's own inverse is blind next to an end.
-                latitudes = 2.0 * np.arctan2(np.sqrt(above), np.sqrt(below)) - 0.5 * np.pi
+                parameters = 2.0 * np.arctan2(np.sqrt(above), np.sqrt(below)) - 0.5 * np.pi
             case (True, False):
-                latitudes = np.sqrt(above)
+                parameters = np.sqrt(above)
             case (False, True):
-                latitudes = -np.sqrt(below)
+                parameters = -np.sqrt(below)
             case _:
-                latitudes = above
-        result: Floats = latitudes if self.pace is None else self.pace.of(latitudes)
+                parameters = above
+        result: Floats = (
+            parameters if self.reparametrisation is None else self.reparametrisation.of(parameters)
+        )
         return result
 
-    def height(self, latitudes: Floats, derivative: int = 0) -> Floats:
-        """Heights (n,) of latitudes (n,), m, or their first or second derivative."""
-        if self.pace is None:
-            return self._height(latitudes, derivative)
-        even = self.pace.value(latitudes)
+    def height(self, parameters: Floats, derivative: int = 0) -> Floats:
+        """Heights (n,) of parameters (n,), m, or their first or second derivative."""
+        if self.reparametrisation is None:
+            return self._height(parameters, derivative)
+        even = self.reparametrisation.value(parameters)
         if derivative == 0:
             return self._height(even, 0)
-        slope = self.pace.value(latitudes, 1)
+        slope = self.reparametrisation.value(parameters, 1)
         if derivative == 1:
             return slope * self._height(even, 1)
-        bend = self.pace.value(latitudes, 2)
+        bend = self.reparametrisation.value(parameters, 2)
         return slope**2 * self._height(even, 2) + bend * self._height(even, 1)
 
-    def _height(self, latitudes: Floats, derivative: int) -> Floats:
-        """The same where the pace is even."""
+    def _height(self, parameters: Floats, derivative: int) -> Floats:
+        """The same without a reparametrisation."""
         extent = self.high - self.low
         match self.round:
             case (True, True):
-                half, angle = 0.5 * extent, latitudes + 0.5 * np.pi * derivative
+                half, angle = 0.5 * extent, parameters + 0.5 * np.pi * derivative
                 middle = 0.5 * (self.low + self.high)
                 result: Floats = half * np.sin(angle) + (middle if derivative == 0 else 0.0)
                 return result
             case (True, False):
-                result = np.polyval(np.polyder([extent, 0.0, self.low], derivative), latitudes)
+                result = np.polyval(np.polyder([extent, 0.0, self.low], derivative), parameters)
             case (False, True):
-                result = np.polyval(np.polyder([-extent, 0.0, self.high], derivative), latitudes)
+                result = np.polyval(np.polyder([-extent, 0.0, self.high], derivative), parameters)
             case _:
-                result = np.polyval(np.polyder([extent, self.low], derivative), latitudes)
+                result = np.polyval(np.polyder([extent, self.low], derivative), parameters)
         return result
 
 
 def basis_along(sites: Floats, ends: tuple[float, float]) -> Basis:
-    """Spline basis with which values at rising latitudes (n,) can be interpolated.
+    """Spline basis with which values at rising parameters (n,) can be interpolated.
 
     Cubic, or of a lower degree where there are few sites; with knots that are averages of the
     sites. For a single site it is linear between two `ends` of the parameter.
@@ -200,41 +196,39 @@ def basis_along(sites: Floats, ends: tuple[float, float]) -> Basis:
 class Reparametrisation:
     """A rising function with a continuous slope, and its inverse, through given places.
 
-    Notes
-    -----
     Gregory and Delbourgo, *Piecewise rational quadratic interpolation to monotonic data*, 1982:
     within each step the inverse is the root of a quadratic.
     """
 
-    even: Floats  # (m,): rising values at the places
-    paced: Floats  # (m,): the places, rising
+    given: Floats  # (m,): rising values at the places
+    mapped: Floats  # (m,): the places, rising
     slopes: Floats  # (m,): of the values by the places, positive
 
     def of(self, even: Floats) -> Floats:
         """Places (n,) of values (n,); those beyond the ends are taken to them."""
-        value = np.clip(even, self.even[0], self.even[-1])
-        step = self._step(self.even, value)
+        value = np.clip(even, self.given[0], self.given[-1])
+        step = self._step(self.given, value)
         rise, run, mean, begin, more = self._terms(step)
-        share = (value - self.even[step]) / rise
+        share = (value - self.given[step]) / rise
         # share (mean + more t (1 - t)) = mean t^2 + begin t (1 - t) in t.
         square = mean - begin + share * more
         linear = begin - share * more
         constant = -share * mean
         root = np.sqrt(np.maximum(linear**2 - 4.0 * square * constant, 0.0))
         way = 2.0 * constant / -(linear + root)
-        places: Floats = self.paced[step] + run * np.clip(way, 0.0, 1.0)
+        places: Floats = self.mapped[step] + run * np.clip(way, 0.0, 1.0)
         return places
 
-    def value(self, paced: Floats, derivative: int = 0) -> Floats:
+    def value(self, mapped: Floats, derivative: int = 0) -> Floats:
         """Values (n,) at places (n,), or their first or second derivative."""
-        place = np.clip(paced, self.paced[0], self.paced[-1])
-        step = self._step(self.paced, place)
+        place = np.clip(mapped, self.mapped[0], self.mapped[-1])
+        step = self._step(self.mapped, place)
         rise, run, mean, begin, more = self._terms(step)
-        t = (place - self.paced[step]) / run
+        t = (place - self.mapped[step]) / run
         over, under = mean * t**2 + begin * t * (1.0 - t), mean + more * t * (1.0 - t)
         share = over / under
         if derivative == 0:
-            return np.asarray(self.even[step] + rise * share)
+            return np.asarray(self.given[step] + rise * share)
         under_slope = more * (1.0 - 2.0 * t)
         slope = (2.0 * mean * t + begin * (1.0 - 2.0 * t) - share * under_slope) / under
         if derivative == 1:
@@ -247,22 +241,22 @@ class Reparametrisation:
 
     def _terms(self, step: NDArray[np.intp]) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """Rise, run, mean slope and first slope of steps, and how the slopes exceed the mean."""
-        rise, run = np.diff(self.even)[step], np.diff(self.paced)[step]
+        rise, run = np.diff(self.given)[step], np.diff(self.mapped)[step]
         mean = rise / run
         begin, end = self.slopes[step], self.slopes[step + 1]
         return rise, run, mean, begin, begin + end - 2.0 * mean
 
 
 def reparametrisation_through(even: Floats, lengths: Floats) -> Reparametrisation:
-    """The pace with steps of given lengths (m - 1,) between values (m,), both rising.
+    """One with steps of given lengths (m - 1,) between values (m,), both rising, and their span.
 
-    It spans what the values do. Its slopes are those of Fritsch and Butland, *A method for
-    constructing local monotone piecewise cubic interpolants*, 1984.
+    Its slopes are those of Fritsch and Butland, *A method for constructing local monotone piecewise
+    cubic interpolants*, 1984.
     """
     places = np.concatenate([[0.0], np.cumsum(lengths)])
-    paced = even[0] + (even[-1] - even[0]) * places / places[-1]
-    means, runs = np.diff(even) / np.diff(paced), np.diff(paced)
+    mapped = even[0] + (even[-1] - even[0]) * places / places[-1]
+    means, runs = np.diff(even) / np.diff(mapped), np.diff(mapped)
     near, far = 2.0 * runs[1:] + runs[:-1], runs[1:] + 2.0 * runs[:-1]
     inner = (near + far) / (near / means[:-1] + far / means[1:])
     slopes = np.concatenate([means[:1], inner, means[-1:]])
-    return Reparametrisation(even, paced, slopes)
+    return Reparametrisation(even, mapped, slopes)

@@ -24,7 +24,7 @@ from palpate.core.rebuild.loft import bending_around
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
 LEAST_DISTANCE = 0.05  # Least distance from the axis in a point's weight, as a share of the median
-# Least radial part of a normal: a point on a level face says nothing of the distance.
+# Least radial part of a normal: a point on a level face tells nothing of the distance.
 LEAST_FACING = 0.05
 # Radial part of a normal below which a point looks towards the axis, and the share of such points
 # above which sections are not star-shaped about it.
@@ -49,46 +49,37 @@ class SideEquations(NamedTuple):
     middle: float  # Median distance from the axis, m
 
 
-def looks_inward(felt: ContactPoints, axis_curve: AxisCurve) -> bool:
+def looks_inward(contacts: ContactPoints, axis_curve: AxisCurve) -> bool:
     """Whether too many points look towards the axis for one distance a turn; needs normals."""
-    if felt.normals is None or not len(felt.points):
+    if contacts.normals is None or not len(contacts.points):
         return False
-    _, _, facing = _about(felt.points, felt.normals, axis_curve)
+    _, _, facing = _about(contacts.points, contacts.normals, axis_curve)
     return bool(np.mean(facing < INWARD) > MOST_INWARD)
 
 
 def side_equations(
-    felt: ContactPoints,
+    contacts: ContactPoints,
     axis_curve: AxisCurve,
     low: float,
     high: float,
     along: Basis,
     around: PeriodicBasis,
 ) -> SideEquations:
-    """Equations of the points between two heights.
+    """Equations of the points between two heights, m; those on level faces are left out.
 
-    Parameters
-    ----------
-    felt : ContactPoints
-        With normals; those outside the heights, or on level faces, are left out.
-    axis_curve : Spine
-        The axis.
-    low, high : float
-        Heights, m.
-    along, around : Basis, PeriodicBasis
-        Splines along the heights, over 0 to 1, and around.
+    `contacts` have normals; splines along run over 0 to 1.
 
     Raises
     ------
     ValueError
         If no point is left.
     """
-    assert felt.normals is not None
-    away, distance, facing = _about(felt.points, felt.normals, axis_curve)
-    height = felt.points[:, 2]
+    assert contacts.normals is not None
+    away, distance, facing = _about(contacts.points, contacts.normals, axis_curve)
+    height = contacts.points[:, 2]
     within = (height >= low) & (height <= high) & (facing > LEAST_FACING)
     if not within.any():
-        raise ValueError(f"no felt point lies on the side between {low:g} and {high:g} m")
+        raise ValueError(f"no contact point lies on the side between {low:g} and {high:g} m")
     away, distance, facing = away[within], distance[within], facing[within]
     turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi)
     middle = float(np.median(distance))
@@ -100,8 +91,8 @@ def side_equations(
     return SideEquations(
         csr_array(diags_array(weights) @ basis),
         weights * distance**2,
-        felt.normals[within],
-        felt.touch[within],
+        contacts.normals[within],
+        contacts.touch[within],
         height,
         np.stack([local, turns], axis=-1),
         middle,
@@ -155,9 +146,9 @@ class SideSystem:
 
     @property
     def condition(self) -> float:
-        """Estimate of the condition number, to 2 digits.
+        """Estimate of the condition number, to 2 digits, by inverse iteration from a fixed start.
 
-        By inverse iteration from a fixed start; more digits would depend on the machine.
+        More digits would depend on the machine.
         """
         vector = np.cos(np.arange(self.factor.shape[1], dtype=float) ** 2)
         length = 1.0
@@ -170,20 +161,11 @@ class SideSystem:
 def side_system(
     rows: csr_array, turns: int, along: tuple[Floats, Floats], around: float
 ) -> SideSystem:
-    """Least squares of rows, penalised.
+    """Least squares of rows (n, along * around), penalised, with `turns` coefficients around.
 
-    Parameters
-    ----------
-    rows : (n, along * around) sparse array
-        Equations.
-    turns : int
-        Coefficients around.
-    along : pair of arrays
-        Strength of the bending along, from knot to knot, (spans,); and the root of the bending,
-        (r, along).
-    around : float
-        Strength of the bending around. Of strength 1, a penalty has the mean diagonal of the
-        equations.
+    `along` is the strength of the bending along, from knot to knot, (spans,), with the root of the
+    bending, (r, along); `around` the strength of the bending around. Of strength 1, a penalty has
+    the mean diagonal of the equations.
     """
     normal = csr_array(rows.T @ rows)
     band = banded(normal, _width(turns))

@@ -42,25 +42,20 @@ BANDS, BAND_TURNS = 25, 4
 # alone. Measured on shipped scenes with 5 and 9 contours, where it makes the 95 % band true.
 POSE_LEFT = 0.4
 SECTORS = 24  # Parts of a turn, each of which is looked at by itself
-TINY = 0.02  # Of the height that was felt: a stretch without a point that is lower is none
+TINY = 0.02  # Of the height that was touched: a stretch without a point that is lower is none
 
 
 class ShiftedSpline(NamedTuple):
-    """A skin, and by how much each touch was shifted."""
+    """A radial spline, and by how much each touch was shifted."""
 
-    skin: RadialSpline  # The better one of both
+    spline: RadialSpline  # The better one of both
     shifts: Floats | None  # (touches, 3), m; None if they were not believed
 
 
-def fit_shifted_spline(felt: ContactPoints, plain: RadialSpline) -> ShiftedSpline:
-    """Fit the skin once more, with a shift of each touch, if that explains its misfits.
+def fit_shifted_spline(contacts: ContactPoints, plain: RadialSpline) -> ShiftedSpline:
+    """Fit a spline once more, with a shift of each touch, if that explains its misfits.
 
-    Parameters
-    ----------
-    felt : ContactPoints
-        What the plain skin was fitted to; with normals.
-    plain : FeltSkin
-        The skin without shifts.
+    `contacts` are those that the plain one was fitted to, with normals.
     """
     used = np.bincount(plain.rows.touch)
     used = used[used > 0]
@@ -68,36 +63,36 @@ def fit_shifted_spline(felt: ContactPoints, plain: RadialSpline) -> ShiftedSplin
     if not before > WORTHWHILE * (plain.high - plain.low):
         return ShiftedSpline(plain, None)
     if len(used) < FEWEST_TOUCHES or np.median(used) < FEWEST_TAXELS:
-        return ShiftedSpline(stiffened(felt, plain), None)
-    shifts = np.zeros((int(felt.touch.max()) + 1, 3))
-    skin = plain
+        return ShiftedSpline(stiffened(contacts, plain), None)
+    shifts = np.zeros((int(contacts.touch.max()) + 1, 3))
+    spline = plain
     for _ in range(SWEEPS):
-        shifts += _more_shifts(skin, shifts)
-        moved = felt._replace(points=felt.points - shifts[felt.touch])
-        skin = fit_radial_spline(moved, plain.axis_curve, plain.low, plain.high)
-    if skin.sigma < EXPLAINED * before:
-        return ShiftedSpline(stiffened(moved, skin), shifts)
-    return ShiftedSpline(stiffened(felt, plain), None)
+        shifts += _more_shifts(spline, shifts)
+        moved = contacts._replace(points=contacts.points - shifts[contacts.touch])
+        spline = fit_radial_spline(moved, plain.axis_curve, plain.low, plain.high)
+    if spline.sigma < EXPLAINED * before:
+        return ShiftedSpline(stiffened(moved, spline), shifts)
+    return ShiftedSpline(stiffened(contacts, plain), None)
 
 
-def _more_shifts(skin: RadialSpline, believed: Floats) -> Floats:
+def _more_shifts(spline: RadialSpline, believed: Floats) -> Floats:
     """Shifts (k, 3) on top of those believed, whose points have been moved back by them.
 
     The surface is eliminated: what remains is a system of the shifts, solved by conjugate
     gradients with each touch's own block as preconditioner.
     """
-    rows, count = skin.rows, len(believed)
+    rows, count = spline.rows, len(believed)
     blocks = _blocks(rows.normals, rows.touch, count)
     own = _own(rows.normals, rows.touch, count)
     inverse = np.linalg.inv(own)
 
     def system(shifts: Floats) -> Floats:
         moved = blocks @ shifts.ravel()
-        smooth = rows.matrix @ skin.system.solve(rows.matrix.T @ moved)
+        smooth = rows.matrix @ spline.system.solve(rows.matrix.T @ moved)
         found: Floats = (blocks.T @ (moved - smooth)).reshape(-1, 3) + STRICTNESS * shifts
         return found
 
-    right = (blocks.T @ skin.misfits()).reshape(-1, 3) - STRICTNESS * believed
+    right = (blocks.T @ spline.misfits()).reshape(-1, 3) - STRICTNESS * believed
     found = np.zeros_like(right)
     rest = right
     ahead = direction = np.einsum("kij,kj->ki", inverse, rest)
@@ -132,29 +127,31 @@ def pose_sigma(shifted: ShiftedSpline) -> float | None:
     """Standard deviation of a pose along the normals, from the median shift, m."""
     if shifted.shifts is None:
         return None
-    return _along_normals(shifted.skin, shifted.shifts)
+    return _along_normals(shifted.spline, shifted.shifts)
 
 
-def _along_normals(skin: RadialSpline, shifts: Floats) -> float:
+def _along_normals(spline: RadialSpline, shifts: Floats) -> float:
     """Standard deviation of shifts (k, 3) along the normals, from their median, m."""
-    along = np.einsum("ni,ni->n", skin.rows.normals, shifts[skin.rows.touch])
+    along = np.einsum("ni,ni->n", spline.rows.normals, shifts[spline.rows.touch])
     return float(np.median(np.abs(along))) / MEDIAN
 
 
 class RadialFit(NamedTuple):
-    """A fit of the side to felt points; lengths in m."""
+    """A fit of the side to contact points; lengths in m."""
 
     points: int  # Points on the side
-    rms: float  # Root mean square distance of the points from the skin along their normals
+    rms: float  # Root mean square distance of the points from the spline along their normals
     sigma: float  # Standard deviation of a point, from the median distance
-    pose_blocks: bool  # Whether a shift of each touch was estimated with the skin
+    pose_blocks: bool  # Whether a shift of each touch was estimated with the spline
     pose_sigma: float  # Standard deviation of those shifts along the normals; 0 without
     condition: float  # Estimate of the system's condition number, to 2 digits
-    unfelt_gap: float  # The highest stretch of the side in which nothing was felt on some azimuth
-    stretched: bool  # Whether the side had to be drawn higher than it was felt
-    lows: Floats  # Lowest height that was felt in each of 24 even sectors, (24,)
+    unfelt_gap: (
+        float  # The highest stretch of the side in which nothing was touched on some azimuth
+    )
+    stretched: bool  # Whether the side had to be drawn higher than it was touched
+    lows: Floats  # Lowest height that was touched in each of 24 even sectors, (24,)
     highs: Floats  # Highest one, (24,)
-    gaps: Floats  # Heights of the stretches in which nothing was felt, in any of the sectors, (n,)
+    gaps: Floats  # Heights of the stretches that were not touched, in any of the sectors, (n,)
     band_heights: Floats  # (25,)
     band: Floats  # Standard deviation of the surface at those heights, (25,)
 
@@ -174,36 +171,26 @@ class RadialFit(NamedTuple):
 
 
 def radial_fit(
-    skin: RadialSpline,
+    spline: RadialSpline,
     seen: Coverage,
     pose: float | None,
     reach: tuple[float, float],
     stretched: bool,
 ) -> RadialFit:
-    """What is kept of a skin.
+    """What is kept of a spline that is used between two heights, the `reach`, m.
 
-    Parameters
-    ----------
-    skin : FeltSkin
-        The skin.
-    seen : Coverage
-        Where it was felt.
-    pose : float or None
-        Standard deviation of the touches' shifts, m; None if they were not estimated.
-    reach : pair of float
-        Heights between which it is used, m.
-    stretched : bool
-        Whether that is more than was felt.
+    `pose` is the standard deviation of the touches' shifts, m, None if they were not estimated;
+    `stretched` says that the reach is more than was touched.
     """
     heights = np.linspace(*reach, BANDS)
-    deviation = skin.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
+    deviation = spline.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
     return RadialFit(
-        points=len(skin.rows.touch),
-        rms=float(np.sqrt(np.mean(skin.misfits() ** 2))),
-        sigma=skin.sigma,
+        points=len(spline.rows.touch),
+        rms=float(np.sqrt(np.mean(spline.misfits() ** 2))),
+        sigma=spline.sigma,
         pose_blocks=pose is not None,
         pose_sigma=0.0 if pose is None else pose,
-        condition=skin.system.condition,
+        condition=spline.system.condition,
         unfelt_gap=seen.gap,
         stretched=stretched,
         lows=seen.lows,
@@ -217,14 +204,12 @@ def radial_fit(
 class Coverage(NamedTuple):
     """Of the side, m."""
 
-    low: float  # Height from which on it was felt all around
+    low: float  # Height from which on it was touched all around
     high: float  # Height up to which it was
-    gap: float  # The highest stretch between them in which nothing was felt on some azimuth
-    lows: Floats  # Lowest height that was felt in each sector, (24,)
+    gap: float  # The highest stretch between them in which nothing was touched on some azimuth
+    lows: Floats  # Lowest height that was touched in each sector, (24,)
     highs: Floats  # Highest one, (24,)
-    # Heights of all stretches in which nothing was felt, in any sector, (n,); tiny ones are left
-    # out.
-    gaps: Floats
+    gaps: Floats  # Heights of stretches not touched, in any sector, (n,); tiny ones are left out
 
 
 def coverage_of(heights: Floats, turns: Floats) -> Coverage | None:

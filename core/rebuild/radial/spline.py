@@ -28,11 +28,13 @@ from palpate.core.rebuild.radial.equations import (
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
 AROUND = 96  # Coefficients around
-# Strength of bending along, where the side was felt all around and where it was not: there so
+# Strength of bending along, where the side was touched all around and where it was not: there so
 # strong that what lies farther off bridges the gap, not the last points before it alone.
 TOUCHED, UNTOUCHED = 1e-3, 1e-2
-BESIDE = 2  # Spans between knots on either side of one that was not felt for which the same holds
-# Parts of a turn, and the share of them that may be without a point in a span that was felt.
+BESIDE = (
+    2  # Spans between knots on either side of one that was not touched for which the same holds
+)
+# Parts of a turn, and the share of them that may be without a point in a span that was touched.
 SECTORS, HOLES = 24, 0.1
 BENDING_AROUND = 1e-2  # Strength of bending around
 LEAST = 1e-6  # Smallest squared distance ever given, over that of the median
@@ -109,8 +111,8 @@ class RadialSpline:
     def deviation(self, heights: Floats, turns: Floats) -> Floats:
         """Standard deviation of the surface across its rings on a grid, (heights, turns), m.
 
-        The posterior of the penalised fit (Wahba, *Bayesian confidence intervals*, 1983):
-        noise and what the penalty lets move, not features narrower than the knots.
+        The posterior of the penalised fit (Wahba, *Bayesian confidence intervals*, 1983): noise and
+        what the penalty lets move, not features narrower than the knots.
         """
         along = along_basis().matrix(self._local(heights))
         rows = kron(along, PeriodicBasis(AROUND).matrix(turns)).toarray()
@@ -130,20 +132,12 @@ class RadialSpline:
 
 
 def fit_radial_spline(
-    felt: ContactPoints, axis_curve: AxisCurve, low: float, high: float, stiffness: float = 1.0
+    contacts: ContactPoints, axis_curve: AxisCurve, low: float, high: float, stiffness: float = 1.0
 ) -> RadialSpline:
-    """Fit the side surface between two heights to felt points.
+    """Fit the side surface between two heights, m, to contact points with normals.
 
-    Parameters
-    ----------
-    felt : ContactPoints
-        With normals; those outside the heights, or on level faces, are left out.
-    axis_curve : Spine
-        The axis.
-    low, high : float
-        Heights, m.
-    stiffness : float
-        How much more bending costs than it does without noise.
+    Those outside the heights, or on level faces, are left out. `stiffness` is how much more bending
+    costs than it does without noise.
 
     Raises
     ------
@@ -151,7 +145,7 @@ def fit_radial_spline(
         If no point is left.
     """
     along, around = along_basis(), PeriodicBasis(AROUND)
-    rows = side_equations(felt, axis_curve, low, high, along, around)
+    rows = side_equations(contacts, axis_curve, low, high, along, around)
     bending = stiffness * _strengths(rows.places), bending_root()
     system = side_system(rows.matrix, AROUND, bending, stiffness * BENDING_AROUND)
     found = system.solve(rows.matrix.T @ rows.target).reshape(along.count, AROUND)
@@ -162,10 +156,10 @@ def _strengths(places: Floats) -> Floats:
     """Strength of bending along in each span, from the points' places (n, 2) along and around."""
     span = np.minimum((places[:, 0] * SPANS).astype(int), SPANS - 1)
     sector = (np.mod(places[:, 1], 1.0) * SECTORS).astype(int) % SECTORS
-    felt = np.zeros((SPANS, SECTORS), np.bool_)
-    felt[span, sector] = True
-    unfelt = np.mean(~felt, axis=1) > HOLES
-    near = np.convolve(unfelt, np.ones(2 * BESIDE + 1), mode="same") > 0.5
+    touched = np.zeros((SPANS, SECTORS), np.bool_)
+    touched[span, sector] = True
+    untouched = np.mean(~touched, axis=1) > HOLES
+    near = np.convolve(untouched, np.ones(2 * BESIDE + 1), mode="same") > 0.5
     return np.where(near, UNTOUCHED, TOUCHED)[even_spans()]
 
 
@@ -189,49 +183,49 @@ def bending_root() -> Floats:
     return weighted
 
 
-def stiffened(felt: ContactPoints, skin: RadialSpline) -> RadialSpline:
-    """The skin as stiff as its points ask for: at least as stiff as it is."""
+def stiffened(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
+    """The spline as stiff as its points ask for: at least as stiff as it is."""
     for _ in range(MOST_STIFFER):
         stiffer = fit_radial_spline(
-            felt, skin.axis_curve, skin.low, skin.high, STIFFER * skin.stiffness
+            contacts, spline.axis_curve, spline.low, spline.high, STIFFER * spline.stiffness
         )
-        if not stiffer.score < skin.score:
+        if not stiffer.score < spline.score:
             break
-        skin = stiffer
-    return skin
+        spline = stiffer
+    return spline
 
 
 def with_normals(
-    felt: ContactPoints, axis_curve: AxisCurve, low: float, high: float
+    contacts: ContactPoints, axis_curve: AxisCurve, low: float, high: float
 ) -> ContactPoints:
-    """Felt points with normals: where nobody measured them, those of a fit to the points.
+    """Contact points with normals: where nobody measured them, those of a fit to the points.
 
     That fit takes them to be radial. Parameters and errors as of `fit_radial_spline`.
     """
-    if felt.normals is not None:
-        return felt
-    away = felt.points[:, :2] - axis_curve.at(felt.points[:, 2])
+    if contacts.normals is not None:
+        return contacts
+    away = contacts.points[:, :2] - axis_curve.at(contacts.points[:, 2])
     length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), np.finfo(float).tiny)
     level = np.concatenate([away / length, np.zeros((len(away), 1))], axis=1)
-    first = fit_radial_spline(felt._replace(normals=level), axis_curve, low, high)
-    return felt._replace(normals=_gradient_normals(first, felt.points))
+    first = fit_radial_spline(contacts._replace(normals=level), axis_curve, low, high)
+    return contacts._replace(normals=_gradient_normals(first, contacts.points))
 
 
-def _gradient_normals(skin: RadialSpline, points: Floats) -> Floats:
-    """Outward unit normals (n, 3) of a skin at points next to it."""
-    away = points[:, :2] - skin.axis_curve.at(points[:, 2])
+def _gradient_normals(spline: RadialSpline, points: Floats) -> Floats:
+    """Outward unit normals (n, 3) of a spline at points next to it."""
+    away = points[:, :2] - spline.axis_curve.at(points[:, 2])
     turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi)
-    local = skin._local(points[:, 2])
-    flat = skin.coefficients.ravel()
+    local = spline._local(points[:, 2])
+    flat = spline.coefficients.ravel()
     along, around = along_basis(), PeriodicBasis(AROUND)
-    extent = skin.high - skin.low
+    extent = spline.high - spline.low
     by_height = tensor_rows(along.matrix(local, 1), around.matrix(turns)) @ flat / extent
     by_turn = tensor_rows(along.matrix(local), around.matrix(turns, 1)) @ flat / (2.0 * np.pi)
     distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)[:, None]
     out = away / distance
     beside = np.stack([-out[:, 1], out[:, 0]], axis=-1)
     level = 2.0 * distance * out - by_turn[:, None] / distance * beside
-    leaning = np.einsum("ni,ni->n", away, skin.axis_curve.slope(points[:, 2]))
+    leaning = np.einsum("ni,ni->n", away, spline.axis_curve.slope(points[:, 2]))
     gradient = np.column_stack([level, -2.0 * leaning - by_height])
     normals: Floats = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
     return normals

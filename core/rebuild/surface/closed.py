@@ -249,7 +249,7 @@ def placed(surface: Surface, frame: Floats | None, shear: Shear | None = None) -
     """A surface that is where its pieces are, slanted and carried along by a frame's pose (7,)."""
     if frame is None and shear is None:
         return surface
-    middle = surface.middle[None] if shear is None else shear.slanted(surface.middle[None])
+    middle = surface.middle[None] if shear is None else shear.sheared(surface.middle[None])
     if frame is not None:
         middle = transform_points(frame, middle)
     return replace(surface, middle=middle[0], frame=frame, shear=shear)

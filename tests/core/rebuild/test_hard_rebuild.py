@@ -198,7 +198,7 @@ def test_a_contour_scaled_is_dropped_and_says_that_it_may_be_a_feature() -> None
     assert (dropped.which, dropped.why) == (11, "unlike its neighbours")
     assert dropped.height == pytest.approx(contours[11][0, 2])
     assert dropped.off == pytest.approx(0.3 * 30.0, rel=0.05)
-    assert dropped.perhaps and solid.health()["perhaps_features"] == 1.0
+    assert dropped.may_be_feature and solid.health()["perhaps_features"] == 1.0
     assert same_side(solid, skin(contours[:11] + contours[12:])) == 0.0
 
 

@@ -225,7 +225,7 @@ def test_of_few_contours_a_neck_that_one_alone_has_felt_stays_and_is_listed(coun
     rebuilt = reconstruct(contours, tops=TOPS, method="skin")
 
     listed = [one.which for one in rebuilt.evidence.feature_candidates]
-    dropped = [(one.which, one.perhaps) for one in rebuilt.slices.dropped]
+    dropped = [(one.which, one.may_be_feature) for one in rebuilt.slices.dropped]
     assert (listed, dropped) == (([which], []) if count < 12 else ([], [(which, True)]))
 
 
@@ -236,7 +236,7 @@ def test_of_few_contours_one_of_another_shape_goes() -> None:
 
     dropped = reconstruct(contours, tops=TOPS, method="skin").slices.dropped
 
-    assert [(one.which, one.perhaps) for one in dropped] == [(4, False)]
+    assert [(one.which, one.may_be_feature) for one in dropped] == [(4, False)]
 
 
 TURN = 2 * np.pi * np.arange(48) / 48
@@ -443,9 +443,9 @@ def test_taper_and_bend_are_fitted_where_the_points_ask_for_them() -> None:
     plain = area_samples(sampled_surface(BASE), 900, rng)
     tapered = area_samples(sampled_surface(BASE, taper=np.array([-0.3, -0.2])), 900, rng)
 
-    straight, narrowed = fit_coarse(plain + 0.1 * rng.normal(size=plain.shape)), fit_coarse(tapered)
+    levelled, narrowed = fit_coarse(plain + 0.1 * rng.normal(size=plain.shape)), fit_coarse(tapered)
 
-    assert "taper x" not in straight.names
+    assert "taper x" not in levelled.names
     assert narrowed.taper == pytest.approx([-0.3, -0.2], abs=1e-3)
 
 

@@ -37,7 +37,7 @@ def places() -> Floats:
 
 def off(volume: SplineVolume, shear: Shear, places: Floats) -> float:
     """How far the slanted volume is from the volume slanted, root mean square, m."""
-    missed = sheared_volume(volume, shear).at(places) - shear.slanted(volume.at(places))
+    missed = sheared_volume(volume, shear).at(places) - shear.sheared(volume.at(places))
     return float(np.sqrt(np.mean(missed**2)))
 
 
@@ -54,8 +54,8 @@ def test_where_both_ends_are_parallel_it_is_the_slanted_volume(
 def test_else_it_is_nearer_than_its_slanted_control_points(
     volume: SplineVolume, places: Floats
 ) -> None:
-    control = WEDGE.slanted(volume.control.reshape(-1, 3)).reshape(volume.control.shape)
-    moved = SplineVolume(control, volume.bases).at(places) - WEDGE.slanted(volume.at(places))
+    control = WEDGE.sheared(volume.control.reshape(-1, 3)).reshape(volume.control.shape)
+    moved = SplineVolume(control, volume.bases).at(places) - WEDGE.sheared(volume.at(places))
     assert off(volume, WEDGE, places) < 0.5 * float(np.sqrt(np.mean(moved**2))) < 1e-4
 
 

@@ -32,11 +32,13 @@ def test_touched_taxels_lie_on_the_ball_with_its_normals(
             surface = -(end.compression + pad.sag())
             fitted = fit_jet(pad, surface, touched)
             assert fitted is not None
-            felt = contact_points_of(pad, end.pose, surface, touched, fitted.jet)
-            assert felt.points.shape == np.asarray(felt.normals).shape == (touched.sum(), 3)
-            assert np.allclose(np.linalg.norm(felt.points, axis=1), 0.03, rtol=1e-12)
-            assert np.allclose(np.asarray(felt.normals), felt.points / 0.03, atol=5e-3)
-            assert np.allclose(np.linalg.norm(np.asarray(felt.normals), axis=1), 1.0, atol=1e-14)
+            contacts = contact_points_of(pad, end.pose, surface, touched, fitted.jet)
+            assert contacts.points.shape == np.asarray(contacts.normals).shape == (touched.sum(), 3)
+            assert np.allclose(np.linalg.norm(contacts.points, axis=1), 0.03, rtol=1e-12)
+            assert np.allclose(np.asarray(contacts.normals), contacts.points / 0.03, atol=5e-3)
+            assert np.allclose(
+                np.linalg.norm(np.asarray(contacts.normals), axis=1), 1.0, atol=1e-14
+            )
 
 
 def test_without_a_jet_the_normal_is_the_pads(
@@ -45,10 +47,10 @@ def test_without_a_jet_the_normal_is_the_pads(
     axes = rotations(1)[0]
     touched = np.zeros((16, 16), bool)
     touched[3, 4] = True
-    felt = contact_points_of(flat, pose_of(np.ones(3), axes), np.zeros((16, 16)), touched, None)
-    assert np.allclose(np.asarray(felt.normals), -axes[:, 2])
+    contacts = contact_points_of(flat, pose_of(np.ones(3), axes), np.zeros((16, 16)), touched, None)
+    assert np.allclose(np.asarray(contacts.normals), -axes[:, 2])
     x, y = flat.grid()
-    assert np.allclose(felt.points[0], 1.0 + axes @ [x[3, 4], y[3, 4], 0.0])
+    assert np.allclose(contacts.points[0], 1.0 + axes @ [x[3, 4], y[3, 4], 0.0])
 
 
 def test_stacking_keeps_the_order_and_nothing_is_no_points(flat: Pad) -> None:
@@ -78,12 +80,12 @@ def test_a_stack_has_normals_only_if_every_part_has(flat: Pad) -> None:
 
 
 def test_touches_are_numbered_anew_and_normals_get_length_1() -> None:
-    felt = ContactPoints(np.zeros((3, 3)), np.full((3, 3), 2.0), np.array([7, 7, 3], np.int32))
-    found = checked_contacts(felt)
+    contacts = ContactPoints(np.zeros((3, 3)), np.full((3, 3), 2.0), np.array([7, 7, 3], np.int32))
+    found = checked_contacts(contacts)
     assert found.touch.tolist() == [1, 1, 0]
     assert found.normals is not None
     assert np.allclose(np.linalg.norm(found.normals, axis=1), 1.0)
-    assert checked_contacts(felt._replace(normals=None)).normals is None
+    assert checked_contacts(contacts._replace(normals=None)).normals is None
 
 
 @pytest.mark.parametrize(
@@ -99,9 +101,9 @@ def test_touches_are_numbered_anew_and_normals_get_length_1() -> None:
     ],
 )
 def test_felt_points_that_cannot_be_used_are_refused(wrong: dict[str, Any], words: str) -> None:
-    felt = ContactPoints(np.zeros((3, 3)), np.ones((3, 3)), np.arange(3, dtype=np.int32))
+    contacts = ContactPoints(np.zeros((3, 3)), np.ones((3, 3)), np.arange(3, dtype=np.int32))
     with pytest.raises(ValueError, match=words):
-        checked_contacts(felt._replace(**wrong))
+        checked_contacts(contacts._replace(**wrong))
 
 
 PITCH = 1e-3
@@ -171,9 +173,9 @@ def test_felt_points_have_the_normals_of_both_sides_of_an_edge(flat: Pad) -> Non
     surface = roof(x)
     fitted = fit_jet(flat, surface, ALL)
     assert fitted is not None
-    felt = contact_points_of(flat, pose_of(np.zeros(3), np.eye(3)), surface, ALL, fitted.jet)
-    expected = np.where(felt.points[:, 0] < 0, 0.2, -0.5)
-    normals = np.asarray(felt.normals)
+    contacts = contact_points_of(flat, pose_of(np.zeros(3), np.eye(3)), surface, ALL, fitted.jet)
+    expected = np.where(contacts.points[:, 0] < 0, 0.2, -0.5)
+    normals = np.asarray(contacts.normals)
     off = np.abs(-normals[:, 0] / normals[:, 2] - expected)
     assert len(off) > 240
     assert (off < 1e-9).mean() > 0.5
@@ -192,14 +194,14 @@ def cone(height: float) -> tuple[Floats, Floats]:
 
 def test_a_point_with_a_normal_is_three_on_the_surface() -> None:
     contours, normals = zip(*(cone(z) for z in (0.0, 0.02, 0.04)), strict=True)
-    felt = normals_as_points(contours, normals)
-    assert felt.normals is not None
-    assert len(felt.points) == 3 * 36
-    assert np.allclose(np.hypot(*felt.points[:, :2].T), 0.1 - felt.points[:, 2], atol=1e-15)
-    apart = np.linalg.norm(felt.points[2] - felt.points[0])
+    contacts = normals_as_points(contours, normals)
+    assert contacts.normals is not None
+    assert len(contacts.points) == 3 * 36
+    assert np.allclose(np.hypot(*contacts.points[:, :2].T), 0.1 - contacts.points[:, 2], atol=1e-15)
+    apart = np.linalg.norm(contacts.points[2] - contacts.points[0])
     assert apart == pytest.approx(2 * STEP * 0.02)
-    assert np.allclose(np.linalg.norm(felt.normals, axis=1), 1.0)
-    assert np.bincount(felt.touch).tolist() == [3] * 36
+    assert np.allclose(np.linalg.norm(contacts.normals, axis=1), 1.0)
+    assert np.bincount(contacts.touch).tolist() == [3] * 36
 
 
 def test_points_without_a_use_are_left_out() -> None:
@@ -212,8 +214,8 @@ def test_points_without_a_use_are_left_out() -> None:
 
 def test_plane_contours_get_their_heights() -> None:
     points, normals = cone(0.01)
-    felt = normals_as_points([points[:, :2]], [normals], [0.01])
-    assert np.allclose(felt.points[1::3], points)
+    contacts = normals_as_points([points[:, :2]], [normals], [0.01])
+    assert np.allclose(contacts.points[1::3], points)
 
 
 def test_normals_that_do_not_fit_their_contours_are_refused() -> None:

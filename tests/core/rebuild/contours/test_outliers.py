@@ -35,14 +35,14 @@ def object_(edged: bool, noise: float, seed: int = 0) -> Floats:
 
 def found_in(contours: Floats) -> tuple[PointOutliers, list[Floats]]:
     slices = stack_curves(contour_curves(list(contours)))
-    strays = point_outliers(slices.loops, match_slices(slices, COUNT).places)
-    return strays, [loop.felt for loop in slices.loops]
+    outliers = point_outliers(slices.loops, match_slices(slices, COUNT).places)
+    return outliers, [loop.as_given for loop in slices.loops]
 
 
-def are(strays: PointOutliers, felt: list[Floats], wrong: Bools, contours: Floats) -> Bools:
+def are(outliers: PointOutliers, felt: list[Floats], wrong: Bools, contours: Floats) -> Bools:
     """Which points (15, 60), in their own order, were found."""
     out = np.zeros(wrong.shape, bool)
-    for row, (mask, points) in enumerate(zip(strays.masks, felt, strict=True)):
+    for row, (mask, points) in enumerate(zip(outliers.masks, felt, strict=True)):
         bad = {tuple(point) for point in points[mask].tolist()}
         out[row] = [tuple(point) in bad for point in contours[row, :, :2].tolist()]
     return out
@@ -52,8 +52,8 @@ def are(strays: PointOutliers, felt: list[Floats], wrong: Bools, contours: Float
 @pytest.mark.parametrize("noise", [0.0, 0.2])
 def test_of_good_points_none_strays(edged: bool, noise: float) -> None:
     for seed in range(3):
-        strays, _ = found_in(object_(edged, noise, seed))
-        assert not np.concatenate(strays.masks).any()
+        outliers, _ = found_in(object_(edged, noise, seed))
+        assert not np.concatenate(outliers.masks).any()
 
 
 @pytest.mark.parametrize("edged", [False, True])
@@ -69,8 +69,8 @@ def test_nine_of_ten_points_3_mm_off_are_found_and_next_to_no_others(
         away = rng.normal(size=contours.shape)
         away *= 3.0 / np.linalg.norm(away, axis=2, keepdims=True)
         contours = contours + away * wrong[..., None]
-        strays, felt = found_in(contours)
-        out = are(strays, felt, wrong, contours)
+        outliers, felt = found_in(contours)
+        out = are(outliers, felt, wrong, contours)
         hits, misses = hits + (out & wrong).sum(), misses + (~out & wrong).sum()
         others += (out & ~wrong).sum()
     assert hits > 8 * misses
@@ -81,9 +81,9 @@ def test_a_point_that_strays_is_put_where_its_neighbours_tell() -> None:
     contours = object_(False, 0.0)
     wanted = contours[7, 20, :2].copy()
     contours[7, 20, :2] *= 1.1
-    strays, _ = found_in(contours)
-    assert [int(mask.sum()) for mask in strays.masks] == [int(row == 7) for row in range(15)]
-    assert np.linalg.norm(strays.mended[7] - wanted, axis=1).min() < 0.02
+    outliers, _ = found_in(contours)
+    assert [int(mask.sum()) for mask in outliers.masks] == [int(row == 7) for row in range(15)]
+    assert np.linalg.norm(outliers.mended[7] - wanted, axis=1).min() < 0.02
 
 
 def test_a_corner_that_neighbours_share_stays_and_one_alone_does_not() -> None:
@@ -108,12 +108,14 @@ def test_a_curve_is_made_again_without_what_strays() -> None:
     contours = object_(False, 0.0)
     contours[7, 20, :2] *= 1.1
     slices = stack_curves(contour_curves(list(contours)))
-    strays = point_outliers(slices.loops, match_slices(slices, COUNT).places)
-    again = refitted_curve(slices.loops[7], strays.mended[7], strays.masks[7])
-    assert again.stray.sum() == 1
-    assert np.array_equal(np.sort(again.felt, axis=0), np.sort(slices.loops[7].felt, axis=0))
+    outliers = point_outliers(slices.loops, match_slices(slices, COUNT).places)
+    again = refitted_curve(slices.loops[7], outliers.mended[7], outliers.masks[7])
+    assert again.outlier.sum() == 1
+    assert np.array_equal(
+        np.sort(again.as_given, axis=0), np.sort(slices.loops[7].as_given, axis=0)
+    )
     assert again.perimeter < slices.loops[7].perimeter
-    same = refitted_curve(slices.loops[3], strays.mended[3], strays.masks[3])
+    same = refitted_curve(slices.loops[3], outliers.mended[3], outliers.masks[3])
     assert same.curve is slices.loops[3].curve
 
 
@@ -140,4 +142,4 @@ def test_one_wrong_neighbour_does_not_put_a_point_off_its_course() -> None:
     beside[3, 1] = 0.5
     found = neighbour_deviation(beside[None], ahead[None])
     assert np.abs(found.off[0]) == pytest.approx([0.0, 0.5])
-    assert np.abs(found.foretold(np.zeros((1, 2))) - [0.0, 0.0]).max() < 1e-15
+    assert np.abs(found.predicted(np.zeros((1, 2))) - [0.0, 0.0]).max() < 1e-15

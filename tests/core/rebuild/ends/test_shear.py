@@ -9,9 +9,9 @@ from palpate.core.rebuild.ends.shear import (
     Shear,
     end_contacts_of,
     end_plane,
+    levelled,
     only_given,
     shear_between,
-    straight,
 )
 
 PLACES = [(0.0, 0.0), (0.012, 0.0), (-0.012, 0.0), (0.0, 0.012), (0.0, -0.012)]
@@ -65,9 +65,9 @@ def test_a_touch_across_an_edge_has_no_say() -> None:
     bent = touch((0.016, 0.0), 0.08, TOP)
     beyond = bent.points[:, 0] > 0.017
     bent.points[beyond, 2] -= 3e-4
-    felt = stack_points([felt_top(TOP, noise=1e-6), bent])
-    assert [one.kind == "flat" for one in end_contacts_of(felt, 1.0)] == [True] * 5 + [False]
-    found = end_plane(felt, 1.0)
+    contacts = stack_points([felt_top(TOP, noise=1e-6), bent])
+    assert [one.kind == "flat" for one in end_contacts_of(contacts, 1.0)] == [True] * 5 + [False]
+    found = end_plane(contacts, 1.0)
     assert found is not None
     assert found.slopes == pytest.approx(TOP, abs=1e-3)
 
@@ -76,8 +76,8 @@ def test_taxels_in_a_line_say_nothing_of_a_slope() -> None:
     row = touch((0.0, 0.0), 0.08, TOP)
     at = np.column_stack([np.linspace(-0.005, 0.005, 49), np.zeros(49)])
     row.points[:] = np.column_stack([at, 0.08 + at @ TOP])
-    felt = stack_points([felt_top(TOP), row])
-    assert [one.kind for one in end_contacts_of(felt, 1.0)] == ["flat"] * 5 + ["edge"]
+    contacts = stack_points([felt_top(TOP), row])
+    assert [one.kind for one in end_contacts_of(contacts, 1.0)] == ["flat"] * 5 + ["edge"]
 
 
 def test_a_dome_that_one_touch_finds_flat_is_no_plane() -> None:
@@ -86,9 +86,9 @@ def test_a_dome_that_one_touch_finds_flat_is_no_plane() -> None:
         one = touch(place, 0.08, TOP)
         one.points[:, 2] -= (one.points[:, :2] ** 2).sum(axis=1) / 0.3
         parts.append(one)
-    felt = stack_points([sides(), *parts])
-    assert [one.kind for one in end_contacts_of(felt, 1.0)] == ["flat"] + ["bent"] * 4
-    assert end_plane(felt, 1.0) is None
+    contacts = stack_points([sides(), *parts])
+    assert [one.kind for one in end_contacts_of(contacts, 1.0)] == ["flat"] + ["bent"] * 4
+    assert end_plane(contacts, 1.0) is None
 
 
 def test_a_ledge_below_the_top_has_no_say() -> None:
@@ -104,10 +104,10 @@ def test_a_dome_is_no_plane() -> None:
         one = touch(place, 0.08, np.zeros(2))
         one.points[:, 2] -= (one.points[:, :2] ** 2).sum(axis=1) / 0.08
         parts.append(one)
-    felt = stack_points([sides(), *parts])
-    assert {one.kind for one in end_contacts_of(felt, 1.0)} == {"bent"}
-    assert end_plane(felt, 1.0) is None
-    assert shear_between(felt, np.zeros(2), (0.0, None)) is None
+    contacts = stack_points([sides(), *parts])
+    assert {one.kind for one in end_contacts_of(contacts, 1.0)} == {"bent"}
+    assert end_plane(contacts, 1.0) is None
+    assert shear_between(contacts, np.zeros(2), (0.0, None)) is None
 
 
 def test_a_plane_over_which_something_stands_out_is_no_end() -> None:
@@ -116,13 +116,13 @@ def test_a_plane_over_which_something_stands_out_is_no_end() -> None:
 
 
 def test_between_a_platform_and_an_oblique_top_the_slant_grows() -> None:
-    felt = felt_top(TOP)
+    contacts = felt_top(TOP)
     low = np.array([0.0, 0.0, -1e-3])
-    found = shear_between(felt, np.zeros(2), (low[2], None))
+    found = shear_between(contacts, np.zeros(2), (low[2], None))
     assert found is not None
     assert found.steepness(-1e-3) == pytest.approx(0.0, abs=1e-12)
     assert found.slopes + 0.08 * found.change == pytest.approx(TOP)
-    top = np.asarray(found.straightened_felt(felt).points)[400:]
+    top = np.asarray(found.levelled_contacts(contacts).points)[400:]
     assert np.ptp(top[:, 2]) < 1e-12
 
 
@@ -145,8 +145,10 @@ def test_an_object_that_leans_as_a_whole_is_not_slanted_but_turned() -> None:
         [[np.cos(lean), 0.0, np.sin(lean)], [0.0, 1.0, 0.0], [-np.sin(lean), 0.0, np.cos(lean)]]
     )
     bottom = [touch(place, 0.0, np.zeros(2), -1.0) for place in PLACES]
-    felt = stack_points([felt_top(np.zeros(2)), *bottom])
-    leaning = felt._replace(points=felt.points @ turn.T, normals=np.asarray(felt.normals) @ turn.T)
+    contacts = stack_points([felt_top(np.zeros(2)), *bottom])
+    leaning = contacts._replace(
+        points=contacts.points @ turn.T, normals=np.asarray(contacts.normals) @ turn.T
+    )
     assert end_plane(leaning, 1.0) is not None
     assert shear_between(leaning, np.zeros(2), (None, None)) is None
 
@@ -161,12 +163,12 @@ def test_an_end_that_no_taxel_faces_is_only_given() -> None:
 
 @pytest.mark.parametrize("low", [0.0, -1e-5])
 def test_a_taxel_of_the_side_on_the_platform_or_below_leaves_that_level(low: float) -> None:
-    felt = felt_top(TOP)
-    one = felt.points[:1] * [1.0, 1.0, 0.0] + [0.0, 0.0, low]
-    more = felt._replace(
-        points=np.concatenate([felt.points, one]),
-        normals=np.concatenate([np.asarray(felt.normals), [[1.0, 0.0, 0.0]]]),
-        touch=np.append(felt.touch, 0).astype(np.int32),
+    contacts = felt_top(TOP)
+    one = contacts.points[:1] * [1.0, 1.0, 0.0] + [0.0, 0.0, low]
+    more = contacts._replace(
+        points=np.concatenate([contacts.points, one]),
+        normals=np.concatenate([np.asarray(contacts.normals), [[1.0, 0.0, 0.0]]]),
+        touch=np.append(contacts.touch, 0).astype(np.int32),
     )
     found = shear_between(more, np.zeros(2), (0.0, None))
     assert found is not None
@@ -184,13 +186,13 @@ def test_both_flanks_of_a_gable_are_no_plane() -> None:
 
 
 def test_the_slant_moves_and_grows_with_the_object() -> None:
-    felt, away = felt_top(TOP), np.array([1.0, -2.0, 0.5])
-    one = shear_between(felt, np.zeros(2), (None, None))
-    moved = felt._replace(points=1e3 * (felt.points + away))
+    contacts, away = felt_top(TOP), np.array([1.0, -2.0, 0.5])
+    one = shear_between(contacts, np.zeros(2), (None, None))
+    moved = contacts._replace(points=1e3 * (contacts.points + away))
     other = shear_between(moved, 1e3 * away[:2], (None, None))
     assert one is not None and other is not None
-    expected = 1e3 * (one.straightened(felt.points) + away)
-    found = other.straightened(moved.points)
+    expected = 1e3 * (one.levelled(contacts.points) + away)
+    found = other.levelled(moved.points)
     assert np.ptp(found - expected, axis=0) == pytest.approx(np.zeros(3), abs=1e-6)
 
 
@@ -198,9 +200,9 @@ def test_the_slant_moves_and_grows_with_the_object() -> None:
 def test_a_dome_is_bent_in_any_unit(scale: float) -> None:
     one = touch((0.0, 0.0), 0.08, np.zeros(2))
     one.points[:, 2] -= (one.points[:, :2] ** 2).sum(axis=1) / 0.08
-    felt = stack_points([one])
-    [foot] = end_contacts_of(felt._replace(points=scale * felt.points), 1.0)
-    assert foot.kind == "bent"
+    contacts = stack_points([one])
+    [contact] = end_contacts_of(contacts._replace(points=scale * contacts.points), 1.0)
+    assert contact.kind == "bent"
 
 
 def test_taxels_of_one_height_are_a_plane() -> None:
@@ -239,18 +241,18 @@ def places() -> tuple[Floats, Floats]:
 
 def test_points_come_back_from_the_straight_space(places: tuple[Floats, Floats]) -> None:
     points = ball(*places)
-    assert SLANT.slanted(SLANT.straightened(points)) == pytest.approx(points, abs=1e-15)
-    assert SLANT.straightened(SLANT.slanted(points)) == pytest.approx(points, abs=1e-15)
-    assert np.array_equal(SLANT.slanted(points)[:, :2], points[:, :2])
+    assert SLANT.sheared(SLANT.levelled(points)) == pytest.approx(points, abs=1e-15)
+    assert SLANT.levelled(SLANT.sheared(points)) == pytest.approx(points, abs=1e-15)
+    assert np.array_equal(SLANT.sheared(points)[:, :2], points[:, :2])
 
 
 def test_what_is_level_in_the_straight_space_is_as_steep_as_it_says() -> None:
     level = np.column_stack(
         [np.random.default_rng(1).normal(0.0, 0.02, (30, 2)), np.full(30, 0.04)]
     )
-    slanted = SLANT.slanted(level)
+    sheared = SLANT.sheared(level)
     rows = np.column_stack([np.ones(30), level[:, :2]])
-    plane, left = np.linalg.lstsq(rows, slanted[:, 2], rcond=None)[:2]
+    plane, left = np.linalg.lstsq(rows, sheared[:, 2], rcond=None)[:2]
     assert left == pytest.approx(0.0, abs=1e-28)
     assert plane[1:] == pytest.approx(SLANT.slopes + 0.04 * SLANT.change)
     assert np.hypot(*plane[1:]) == pytest.approx(SLANT.steepness(0.04))
@@ -278,14 +280,14 @@ def test_normals_are_square_to_the_surface_on_both_sides(places: tuple[Floats, F
     ]
     normals = np.cross(tangents[1], tangents[0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    felt = ContactPoints(SLANT.slanted(ball(*places)), normals, np.zeros(40, np.int32))
-    found = straight(SLANT, felt)
+    contacts = ContactPoints(SLANT.sheared(ball(*places)), normals, np.zeros(40, np.int32))
+    found = levelled(SLANT, contacts)
     assert found.points == pytest.approx(ball(*places), abs=1e-15)
     outwards = (ball(*places) - [0.0, 0.0, 0.05]) / 0.03
     assert np.asarray(found.normals) == pytest.approx(outwards, abs=1e-8)
 
 
 def test_nothing_changes_without_a_slant_or_without_normals(places: tuple[Floats, Floats]) -> None:
-    felt = ContactPoints(ball(*places), None, np.zeros(40, np.int32))
-    assert straight(None, felt) is felt
-    assert straight(SLANT, felt).normals is None
+    contacts = ContactPoints(ball(*places), None, np.zeros(40, np.int32))
+    assert levelled(None, contacts) is contacts
+    assert levelled(SLANT, contacts).normals is None

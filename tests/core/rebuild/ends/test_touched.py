@@ -35,32 +35,32 @@ def touches(heights: Floats, way: float = 1.0) -> ContactPoints:
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_touches_that_may_be_one_height_are_averaged(way: float) -> None:
-    felt = touches(np.array([0.1, 0.1002, 0.0998, 0.0996, 0.097]), way)
-    found = touched_end(felt, way * LAST, way, 1.5e-4, None)
+    contacts = touches(np.array([0.1, 0.1002, 0.0998, 0.0996, 0.097]), way)
+    found = touched_end(contacts, way * LAST, way, 1.5e-4, None)
     assert found == pytest.approx(way * 0.0999)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_without_noise_the_farthest_is_the_truest(way: float) -> None:
-    felt = touches(np.array([0.1, 0.0999]), way)
-    assert touched_end(felt, way * LAST, way, None, way * 0.0999) == pytest.approx(way * 0.1)
-    assert touched_end(felt, way * LAST, way, None, way * 0.1001) == pytest.approx(way * 0.1001)
+    contacts = touches(np.array([0.1, 0.0999]), way)
+    assert touched_end(contacts, way * LAST, way, None, way * 0.0999) == pytest.approx(way * 0.1)
+    assert touched_end(contacts, way * LAST, way, None, way * 0.1001) == pytest.approx(way * 0.1001)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_an_end_that_is_known_to_lie_farther_is_not_pulled_in(way: float) -> None:
-    felt = touches(np.array([0.097]), way)
-    assert touched_end(felt, way * LAST, way, 1e-4, way * 0.1) == pytest.approx(way * 0.1)
+    contacts = touches(np.array([0.097]), way)
+    assert touched_end(contacts, way * LAST, way, 1e-4, way * 0.1) == pytest.approx(way * 0.1)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_what_is_no_touch_of_the_end_says_nothing_of_it(way: float) -> None:
     short = touches(np.array([0.08]), way)
     sideways = touches(np.array([0.1]), -way)._replace(points=touches(np.array([0.1]), way).points)
-    for felt in (short, sideways, touches(np.array([0.1]), way)._replace(normals=None)):
-        assert not on_end(felt, way * LAST, way).any()
-        assert touched_end(felt, way * LAST, way, 1e-4, None) is None
-        assert touched_end(felt, way * LAST, way, 1e-4, 0.1) == 0.1
+    for contacts in (short, sideways, touches(np.array([0.1]), way)._replace(normals=None)):
+        assert not on_end(contacts, way * LAST, way).any()
+        assert touched_end(contacts, way * LAST, way, 1e-4, None) is None
+        assert touched_end(contacts, way * LAST, way, 1e-4, 0.1) == 0.1
 
 
 def test_flat_flanks_do_not_outvote_the_tip_between_them() -> None:
@@ -73,12 +73,12 @@ def test_flat_flanks_do_not_outvote_the_tip_between_them() -> None:
         slope[np.arange(len(at)), steep] = -0.3 * np.sign(at[np.arange(len(at)), steep])
         parts.append(np.column_stack([at, 0.1 + (slope * at).sum(axis=1)]))
         normals.append(np.column_stack([-slope, np.ones(len(at))]) / np.sqrt(1.09))
-    felt = ContactPoints(
+    contacts = ContactPoints(
         np.concatenate([*parts, [[0.05, 0.0, 0.0]]]),
         np.concatenate([*normals, [[1.0, 0.0, 0.0]]]),
         np.append(np.repeat(np.arange(5), len(x)), 0).astype(np.int32),
     )
-    assert touched_end(felt, 0.09, 1.0, None, 0.1) == pytest.approx(0.1, abs=1e-12)
+    assert touched_end(contacts, 0.09, 1.0, None, 0.1) == pytest.approx(0.1, abs=1e-12)
 
 
 RADIUS, TOP, POSE = 0.08, 0.1, 1e-4
@@ -102,17 +102,17 @@ def domed(shifts: Floats, way: float = 1.0) -> ContactPoints:
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_touches_beside_the_top_tell_how_high_it_is(way: float) -> None:
-    felt = domed(np.zeros(5), way)
-    on = np.arange(len(felt.points)) < len(felt.points) - 1
-    assert dome_height(felt, on, way) == pytest.approx(TOP, abs=1e-5)
+    contacts = domed(np.zeros(5), way)
+    on = np.arange(len(contacts.points)) < len(contacts.points) - 1
+    assert dome_height(contacts, on, way) == pytest.approx(TOP, abs=1e-5)
 
 
 def test_the_errors_of_the_poses_average_out() -> None:
     rng = np.random.default_rng(0)
     off = []
     for _ in range(200):
-        felt = domed(rng.normal(0.0, POSE, 5))
-        off.append(touched_end(felt, 0.09, 1.0, POSE, None))
+        contacts = domed(rng.normal(0.0, POSE, 5))
+        off.append(touched_end(contacts, 0.09, 1.0, POSE, None))
     errors = np.array(off, np.float64) - TOP
     assert abs(errors.mean()) < 0.15 * POSE
     assert errors.std() < 0.55 * POSE  # of the highest alone it is .67, and the mean is off by 1.2
@@ -131,16 +131,16 @@ def test_noise_that_hides_a_dome_does_not_lower_it() -> None:
             normals.append(np.column_stack([at / 0.6, np.ones(len(x))]))
         points = np.concatenate([*parts, [[0.08, 0.0, 0.0]]])
         touch = np.append(np.repeat(np.arange(5), len(x)), 0).astype(np.int32)
-        felt = ContactPoints(points, np.concatenate([*normals, [[1.0, 0.0, 0.0]]]), touch)
-        off.append(touched_end(felt, 0.09, 1.0, POSE, None))
+        contacts = ContactPoints(points, np.concatenate([*normals, [[1.0, 0.0, 0.0]]]), touch)
+        off.append(touched_end(contacts, 0.09, 1.0, POSE, None))
     assert abs(np.mean(np.array(off, np.float64) - TOP)) < 0.3 * POSE
 
 
 def test_two_touches_are_as_they_are() -> None:
-    felt = domed(np.array([0.0, 2e-5]))
-    on = np.arange(len(felt.points)) < len(felt.points) - 1
-    assert dome_height(felt, on, 1.0) is None
-    assert touched_end(felt, 0.09, 1.0, 1e-6, None) == pytest.approx(TOP, abs=2e-5)
+    contacts = domed(np.array([0.0, 2e-5]))
+    on = np.arange(len(contacts.points)) < len(contacts.points) - 1
+    assert dome_height(contacts, on, 1.0) is None
+    assert touched_end(contacts, 0.09, 1.0, 1e-6, None) == pytest.approx(TOP, abs=2e-5)
 
 
 RIM, HEIGHT, END_MIDDLE_RADIUS = 0.06, 0.07, 0.008
@@ -182,12 +182,14 @@ def test_one_side_alone_tells_of_its_own_direction() -> None:
 
 
 def test_an_end_that_nobody_felt_stays_where_it_is() -> None:
-    felt = _felt(np.zeros(2))
-    below = ContactPoints(felt.points - np.array([0.0, 0.0, 0.02]), felt.normals, felt.touch)
+    contacts = _felt(np.zeros(2))
+    below = ContactPoints(
+        contacts.points - np.array([0.0, 0.0, 0.02]), contacts.normals, contacts.touch
+    )
     told = _end(np.array([0.004, 0.0]))
     assert with_touched_middle(told, ROW, below) is told
     level = replace(told, height=RIM)
-    assert with_touched_middle(level, ROW, felt) is level
+    assert with_touched_middle(level, ROW, contacts) is level
 
 
 def test_a_middle_far_outside_is_not_believed() -> None:
@@ -200,9 +202,9 @@ NO_LEAN = np.zeros(2)
 FELT_BEYOND_RIM, END = 0.072, 0.08  # Of a box: its edge is rounded over some 8 mm
 
 
-def skin_of(felt: ContactPoints) -> RadialSpline:
+def skin_of(contacts: ContactPoints) -> RadialSpline:
     axis_curve = fit_axis_curve(np.array([0.0, END]), np.zeros((2, 2)))
-    return fit_radial_spline(felt, axis_curve, 0.0, END)
+    return fit_radial_spline(contacts, axis_curve, 0.0, END)
 
 
 def felt_at(true: Any, heights: Floats) -> ContactPoints:
@@ -214,9 +216,9 @@ def felt_at(true: Any, heights: Floats) -> ContactPoints:
 
 def test_an_edge_is_told_as_mean_radii(oracle: Make) -> None:
     true = oracle([0.03, 0.02, 0.04], [0.4, 0.4])
-    felt = felt_at(true, np.linspace(0.002, 0.079, 60))
-    skin = skin_of(felt)
-    found = edge_samples(felt, skin, FELT_BEYOND_RIM, END, 0.02, NO_LEAN)
+    contacts = felt_at(true, np.linspace(0.002, 0.079, 60))
+    spline = skin_of(contacts)
+    found = edge_samples(contacts, spline, FELT_BEYOND_RIM, END, 0.02, NO_LEAN)
     assert found is not None
     assert (np.diff(found.depths) > 0.0).all() and (np.diff(found.radii) < 0.0).all()
     assert found.depths[0] > FELT_BEYOND_RIM and found.depths[-1] < END
@@ -228,26 +230,28 @@ def test_an_edge_is_told_as_mean_radii(oracle: Make) -> None:
 
 def test_what_was_felt_next_to_the_last_row_alone_tells_nothing(oracle: Make) -> None:
     true = oracle([0.03, 0.02, 0.04], [0.4, 0.4])
-    felt = felt_at(
+    contacts = felt_at(
         true, np.append(np.linspace(0.002, 0.072, 40), np.nextafter(FELT_BEYOND_RIM, 1.0))
     )
-    assert edge_samples(felt, skin_of(felt), FELT_BEYOND_RIM, END, 0.02, NO_LEAN) is None
+    assert edge_samples(contacts, skin_of(contacts), FELT_BEYOND_RIM, END, 0.02, NO_LEAN) is None
 
 
 def test_what_was_felt_on_one_side_alone_tells_nothing(oracle: Make) -> None:
     true = oracle([0.03, 0.02, 0.04], [0.4, 0.4])
-    felt = felt_at(true, np.linspace(0.002, 0.079, 60))
-    assert felt.normals is not None
-    aside = (felt.points[:, 0] > 0.0) & (np.abs(felt.points[:, 1]) < 0.4 * felt.points[:, 0])
-    kept = (felt.points[:, 2] < FELT_BEYOND_RIM) | aside
-    less = ContactPoints(felt.points[kept], felt.normals[kept], felt.touch[kept])
-    assert edge_samples(less, skin_of(felt), FELT_BEYOND_RIM, END, 0.02, NO_LEAN) is None
+    contacts = felt_at(true, np.linspace(0.002, 0.079, 60))
+    assert contacts.normals is not None
+    aside = (contacts.points[:, 0] > 0.0) & (
+        np.abs(contacts.points[:, 1]) < 0.4 * contacts.points[:, 0]
+    )
+    kept = (contacts.points[:, 2] < FELT_BEYOND_RIM) | aside
+    less = ContactPoints(contacts.points[kept], contacts.normals[kept], contacts.touch[kept])
+    assert edge_samples(less, skin_of(contacts), FELT_BEYOND_RIM, END, 0.02, NO_LEAN) is None
 
 
 def test_a_surface_that_leans_over_the_end_has_no_edge_to_tell_of(oracle: Make) -> None:
     true = oracle([0.03, 0.03, 0.04], [1.0, 1.0])
     heights = np.append(np.linspace(0.002, 0.077, 60), np.linspace(0.0772, 0.0798, 14))
-    felt = felt_at(true, heights)
-    skin = skin_of(felt)
-    assert edge_samples(felt, skin, 0.077, END, 0.01, NO_LEAN) is None
-    assert edge_samples(felt, skin, 0.06, END, 0.02, NO_LEAN) is not None
+    contacts = felt_at(true, heights)
+    spline = skin_of(contacts)
+    assert edge_samples(contacts, spline, 0.077, END, 0.01, NO_LEAN) is None
+    assert edge_samples(contacts, spline, 0.06, END, 0.02, NO_LEAN) is not None

@@ -25,20 +25,20 @@ def fitted(radii: Floats, pole: tuple[bool, bool] = (False, False)) -> ContourFi
 
 
 def test_a_ball_is_taken_as_round_and_a_cone_is_not() -> None:
-    assert fitted(np.sqrt(1.0 - HEIGHTS**2)).latitude.round == (True, True)
-    assert fitted(2.0 - HEIGHTS).latitude.round == (False, False)
+    assert fitted(np.sqrt(1.0 - HEIGHTS**2)).axial_parameter.round == (True, True)
+    assert fitted(2.0 - HEIGHTS).axial_parameter.round == (False, False)
 
 
 def test_with_poles_a_ball_is_exact_and_closed() -> None:
     fit = fitted(np.sqrt(1.0 - HEIGHTS**2), (True, True))
-    assert fit.latitude.round == (True, True)
+    assert fit.axial_parameter.round == (True, True)
     assert np.abs(fit.control[[0, -1]]).max() < 1e-12
     assert len(fit.sites) == 14
 
 
 def test_a_sharp_tip_is_not_rounded() -> None:
     fit = fitted(1.0 - HEIGHTS, (False, True))
-    assert fit.latitude.round == (False, False)
+    assert fit.axial_parameter.round == (False, False)
     assert np.ptp(fit.control[-1], axis=0).max() < 1e-12
 
 
@@ -47,7 +47,7 @@ def test_few_contours_decide_nothing(count: int) -> None:
     for pole in ((False, False), (True, False)):
         fit = fitted(np.sqrt(1.0 - HEIGHTS[:count] ** 2), pole)
         if count + sum(pole) < 5:
-            assert fit.latitude.round == pole
+            assert fit.axial_parameter.round == pole
 
 
 def test_vectors_across_are_units_outwards_and_none_at_a_point() -> None:
@@ -88,7 +88,7 @@ def test_noise_that_neighbours_share_is_not_followed() -> None:
         assert fit.caution > 1.0
         assert abs(fit.likeness(rows.grid)) < 0.25
         chosen.append(fit.smoothed.freedom)
-        plain.append(fit_axial_parameter(rows, fit.latitude, None).smoothed.freedom)
+        plain.append(fit_axial_parameter(rows, fit.axial_parameter, None).smoothed.freedom)
     assert max(chosen) < 0.25 * grid[..., 0].size
     assert np.mean(chosen) < 0.8 * np.mean(plain)
 
@@ -101,7 +101,7 @@ def test_a_clean_shape_that_takes_all_freedom_gets_it() -> None:
     fit = fit_rows(rows, -1.0, 1.0, None)
     assert fit.caution == 1.0
     assert np.abs(fit.fitted() - rows.grid).max() < 1e-4
-    careful = fit_axial_parameter(rows, fit.latitude, None, 1.2)
+    careful = fit_axial_parameter(rows, fit.axial_parameter, None, 1.2)
     assert careful.likeness(rows.grid) > 0.9
 
 

@@ -48,9 +48,9 @@ def test_heights_and_turns_are_broadcast(ball: ContourSurface) -> None:
     grid = ball.at(heights[:, None], TURNS)
     assert grid.shape == (5, 40, 2)
     assert np.array_equal(ball.at(heights[2], TURNS[7]), grid[2, 7])
-    latitudes = ball.within(heights)
-    assert np.allclose(ball.on_grid(latitudes, TURNS), grid, atol=1e-14)
-    points = ball.places(np.repeat(latitudes, 40), np.tile(TURNS, 5))
+    parameters = ball.within(heights)
+    assert np.allclose(ball.on_grid(parameters, TURNS), grid, atol=1e-14)
+    points = ball.places(np.repeat(parameters, 40), np.tile(TURNS, 5))
     assert np.allclose(points[:, :2].reshape(5, 40, 2), grid, atol=1e-14)
     assert np.allclose(points[:, 2], np.repeat(heights, 40))
 
@@ -73,11 +73,11 @@ def test_derivatives_by_latitude_are_smooth_up_to_the_pole(
     ball: ContourSurface, by: tuple[int, int]
 ) -> None:
     low, high = ball.along.domain
-    latitudes, turns = np.array([low, low + 0.1, high]), np.full(3, 0.2)
-    found = ball.places(latitudes, turns, by)
+    parameters, turns = np.array([low, low + 0.1, high]), np.full(3, 0.2)
+    found = ball.places(parameters, turns, by)
     assert np.isfinite(found).all()
     assert np.abs(found).max() < 50.0
-    assert np.allclose(found[:, :2], ball.on_grid(latitudes, turns[:1], by)[:, 0], atol=1e-13)
+    assert np.allclose(found[:, :2], ball.on_grid(parameters, turns[:1], by)[:, 0], atol=1e-13)
 
 
 def test_beyond_its_reach_the_section_is_carried_on(ball: ContourSurface) -> None:
@@ -116,43 +116,46 @@ KINDS = list(itertools.product((False, True), repeat=2))
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_heights_and_latitudes_are_inverse(kind: tuple[bool, bool]) -> None:
-    latitude = AxialParameter(-2.0, 5.0, kind)
+    axial_parameter = AxialParameter(-2.0, 5.0, kind)
     heights = np.linspace(-2.0, 5.0, 201)
-    latitudes = latitude.of(heights)
-    assert (np.diff(latitudes) > 0.0).all()
-    assert np.allclose(latitude.height(latitudes), heights, rtol=0, atol=1e-14)
+    parameters = axial_parameter.of(heights)
+    assert (np.diff(parameters) > 0.0).all()
+    assert np.allclose(axial_parameter.height(parameters), heights, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_height_stands_still_at_round_ends_alone(kind: tuple[bool, bool]) -> None:
-    latitude = AxialParameter(1.0, 3.0, kind)
-    slopes = latitude.height(latitude.of(np.array([1.0, 3.0])), 1)
+    axial_parameter = AxialParameter(1.0, 3.0, kind)
+    slopes = axial_parameter.height(axial_parameter.of(np.array([1.0, 3.0])), 1)
     assert (np.abs(slopes) < 1e-15).tolist() == list(kind)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_of_the_height_are_those_of_differences(kind: tuple[bool, bool]) -> None:
-    latitude = AxialParameter(-1.0, 0.5, kind)
-    places = latitude.of(np.linspace(-0.9, 0.4, 7))
+    axial_parameter = AxialParameter(-1.0, 0.5, kind)
+    places = axial_parameter.of(np.linspace(-0.9, 0.4, 7))
     step = 1e-4
-    below, here, above = (latitude.height(places + way * step) for way in (-1, 0, 1))
-    assert np.allclose(latitude.height(places, 1), (above - below) / (2 * step), atol=1e-6)
-    assert np.allclose(latitude.height(places, 2), (above - 2 * here + below) / step**2, atol=1e-5)
+    below, here, above = (axial_parameter.height(places + way * step) for way in (-1, 0, 1))
+    assert np.allclose(axial_parameter.height(places, 1), (above - below) / (2 * step), atol=1e-6)
+    assert np.allclose(
+        axial_parameter.height(places, 2), (above - 2 * here + below) / step**2, atol=1e-5
+    )
 
 
 def test_the_radius_of_a_ball_is_a_cosine_of_its_latitude_up_to_the_pole() -> None:
     gap = np.array([1e-15, 1e-12, 1e-6, 0.1])
-    latitude = AxialParameter(-1.0, 1.0, (True, True))
+    axial_parameter = AxialParameter(-1.0, 1.0, (True, True))
     heights = 1.0 - gap
     exact = np.sqrt((1.0 - heights) * (1.0 + heights))
-    assert np.allclose(np.cos(latitude.of(heights)), exact, rtol=1e-8, atol=0.0)
+    assert np.allclose(np.cos(axial_parameter.of(heights)), exact, rtol=1e-8, atol=0.0)
 
 
 def test_heights_beyond_an_end_are_taken_to_it() -> None:
     for kind in KINDS:
-        latitude = AxialParameter(0.0, 1.0, kind)
+        axial_parameter = AxialParameter(0.0, 1.0, kind)
         assert (
-            latitude.of(np.array([-3.0, 4.0])).tolist() == latitude.of(np.array([0, 1.0])).tolist()
+            axial_parameter.of(np.array([-3.0, 4.0])).tolist()
+            == axial_parameter.of(np.array([0, 1.0])).tolist()
         )
 
 
@@ -197,10 +200,10 @@ LENGTHS = np.array([1.0, 4.0, 1.5, 2.0, 0.5])
 
 
 def test_a_pace_passes_its_places_and_spans_what_the_values_do() -> None:
-    pace = reparametrisation_through(EVEN, LENGTHS)
-    assert np.allclose(pace.paced, np.append(0.0, np.cumsum(LENGTHS)) / LENGTHS.sum())
-    assert np.abs(pace.of(EVEN) - pace.paced).max() < 1e-14
-    assert np.abs(pace.value(pace.paced) - EVEN).max() < 1e-14
+    reparametrisation = reparametrisation_through(EVEN, LENGTHS)
+    assert np.allclose(reparametrisation.mapped, np.append(0.0, np.cumsum(LENGTHS)) / LENGTHS.sum())
+    assert np.abs(reparametrisation.of(EVEN) - reparametrisation.mapped).max() < 1e-14
+    assert np.abs(reparametrisation.value(reparametrisation.mapped) - EVEN).max() < 1e-14
 
 
 @given(
@@ -210,41 +213,45 @@ def test_a_pace_passes_its_places_and_spans_what_the_values_do() -> None:
 def test_a_pace_rises_and_is_undone_by_its_inverse(steps: list[tuple[float, float]]) -> None:
     rises, lengths = np.array(steps).T
     even = np.concatenate([[-1.0], -1.0 + np.cumsum(rises)])
-    pace = reparametrisation_through(even, lengths)
-    places = np.linspace(pace.paced[0], pace.paced[-1], 301)
-    values = pace.value(places)
+    reparametrisation = reparametrisation_through(even, lengths)
+    places = np.linspace(reparametrisation.mapped[0], reparametrisation.mapped[-1], 301)
+    values = reparametrisation.value(places)
     assert (np.diff(values) > 0.0).all()
-    assert np.abs(pace.value(pace.of(values)) - values).max() < 1e-10 * np.ptp(even)
+    assert np.abs(
+        reparametrisation.value(reparametrisation.of(values)) - values
+    ).max() < 1e-10 * np.ptp(even)
 
 
 def test_its_derivatives_are_those_of_its_values() -> None:
-    pace, step = reparametrisation_through(EVEN, LENGTHS), 1e-5
+    reparametrisation, step = reparametrisation_through(EVEN, LENGTHS), 1e-5
     places = np.linspace(0.01, 0.99, 200)
-    places = places[np.abs(places[:, None] - pace.paced).min(axis=1) > 2 * step]
+    places = places[np.abs(places[:, None] - reparametrisation.mapped).min(axis=1) > 2 * step]
     for derivative in (0, 1):
-        slope = pace.value(places + step, derivative) - pace.value(places - step, derivative)
-        wanted = pace.value(places, derivative + 1)
+        slope = reparametrisation.value(places + step, derivative) - reparametrisation.value(
+            places - step, derivative
+        )
+        wanted = reparametrisation.value(places, derivative + 1)
         assert np.abs(slope / (2 * step) - wanted).max() < 1e-5 * np.abs(wanted).max()
 
 
 def test_steps_as_long_as_the_values_change_nothing() -> None:
-    pace = reparametrisation_through(EVEN, np.diff(EVEN))
+    reparametrisation = reparametrisation_through(EVEN, np.diff(EVEN))
     places = np.linspace(0.0, 1.0, 101)
-    assert np.abs(pace.value(places) - places).max() < 1e-14
-    assert np.abs(pace.value(places, 2)).max() < 1e-9
+    assert np.abs(reparametrisation.value(places) - places).max() < 1e-14
+    assert np.abs(reparametrisation.value(places, 2)).max() < 1e-9
 
 
 @pytest.mark.parametrize("ends", [(False, False), (True, False), (False, True), (True, True)])
 def test_a_paced_latitude_knows_its_heights(ends: tuple[bool, bool]) -> None:
     even = AxialParameter(-2.0, 3.0, ends)
     rows = even.of(np.array([-2.0, -1.0, 0.9, 1.0, 3.0]))
-    paced = AxialParameter(
+    mapped = AxialParameter(
         -2.0, 3.0, ends, reparametrisation_through(rows, np.array([1.0, 2.0, 3.0, 1.0]))
     )
     heights = np.linspace(-2.0, 3.0, 50)
-    assert np.abs(paced.height(paced.of(heights)) - heights).max() < 1e-12
-    places, step = paced.of(np.linspace(-1.9, 2.9, 40)), 1e-6
+    assert np.abs(mapped.height(mapped.of(heights)) - heights).max() < 1e-12
+    places, step = mapped.of(np.linspace(-1.9, 2.9, 40)), 1e-6
     for derivative in (0, 1):
-        slope = paced.height(places + step, derivative) - paced.height(places - step, derivative)
-        wanted = paced.height(places, derivative + 1)
+        slope = mapped.height(places + step, derivative) - mapped.height(places - step, derivative)
+        wanted = mapped.height(places, derivative + 1)
         assert np.median(np.abs(slope / (2 * step) - wanted)) < 1e-5 * np.abs(wanted).max()

@@ -38,20 +38,20 @@ def patches(seed: int, touches: int = 120, pose: float = POSE) -> ContactPoints:
     return ContactPoints(points.reshape(-1, 3), normals.reshape(-1, 3), touch)
 
 
-def error(skin: RadialSpline) -> float:
+def error(spline: RadialSpline) -> float:
     heights = np.linspace(0.008, 0.052, 30)
     wanted = np.sqrt(0.03**2 - (heights - 0.03) ** 2)[:, None]
-    off: Floats = (np.sqrt(skin.squared(heights, TURNS)) - wanted) * wanted / 0.03
+    off: Floats = (np.sqrt(spline.squared(heights, TURNS)) - wanted) * wanted / 0.03
     return float(np.sqrt(np.mean(off**2)))
 
 
 def test_shifts_of_touches_are_found_with_the_surface() -> None:
-    felt = patches(0)
-    plain = fit_radial_spline(felt, upright(), 0.0, HEIGHT)
-    shifted = fit_shifted_spline(felt, plain)
+    contacts = patches(0)
+    plain = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
+    shifted = fit_shifted_spline(contacts, plain)
     assert shifted.shifts is not None
-    assert error(shifted.skin) < 0.7 * error(plain)
-    assert shifted.skin.sigma < 2.0 * TAXEL
+    assert error(shifted.spline) < 0.7 * error(plain)
+    assert shifted.spline.sigma < 2.0 * TAXEL
     sigma = pose_sigma(shifted)
     assert sigma is not None
     assert 0.6 * POSE < sigma < 1.3 * POSE
@@ -60,45 +60,47 @@ def test_shifts_of_touches_are_found_with_the_surface() -> None:
 def test_the_band_of_a_shifted_skin_holds_the_surface() -> None:
     within = []
     for seed in range(4):
-        felt = patches(seed)
-        shifted = fit_shifted_spline(felt, fit_radial_spline(felt, upright(), 0.0, HEIGHT))
-        x, y, z = felt.points.T
+        contacts = patches(seed)
+        shifted = fit_shifted_spline(contacts, fit_radial_spline(contacts, upright(), 0.0, HEIGHT))
+        x, y, z = contacts.points.T
         seen = coverage_of(z, np.arctan2(y, x) / (2 * np.pi))
         assert seen is not None
-        fit = radial_fit(shifted.skin, seen, pose_sigma(shifted), (0.008, 0.052), False)
+        fit = radial_fit(shifted.spline, seen, pose_sigma(shifted), (0.008, 0.052), False)
         wanted = np.sqrt(0.03**2 - (fit.band_heights - 0.03) ** 2)[:, None]
-        off = np.sqrt(shifted.skin.squared(fit.band_heights, TURNS)) - wanted
+        off = np.sqrt(shifted.spline.squared(fit.band_heights, TURNS)) - wanted
         within.append(np.abs(off * wanted / 0.03) < 1.96 * fit.band[:, None])
     assert 0.9 < np.mean(within) <= 1.0
 
 
 def test_without_noise_no_shift_is_looked_for() -> None:
-    felt = patches(1, pose=0.0)
-    exact = felt._replace(points=np.array([0.0, 0.0, 0.03]) + 0.03 * np.asarray(felt.normals))
+    contacts = patches(1, pose=0.0)
+    exact = contacts._replace(
+        points=np.array([0.0, 0.0, 0.03]) + 0.03 * np.asarray(contacts.normals)
+    )
     plain = fit_radial_spline(exact, upright(), 0.0, HEIGHT)
     shifted = fit_shifted_spline(exact, plain)
     assert shifted.shifts is None
-    assert shifted.skin is plain
+    assert shifted.spline is plain
     assert pose_sigma(shifted) is None
 
 
 def test_edges_are_not_taken_for_shifts() -> None:
     # What a spline leaves of edges is no shift: waves within each touch.
-    felt = patches(2, pose=0.0)
-    normals = np.asarray(felt.normals)
-    waves = 1e-4 * np.sin(4000.0 * felt.points @ np.array([1.0, 0.3, 0.7]))
-    rough = felt._replace(points=felt.points + waves[:, None] * normals)
+    contacts = patches(2, pose=0.0)
+    normals = np.asarray(contacts.normals)
+    waves = 1e-4 * np.sin(4000.0 * contacts.points @ np.array([1.0, 0.3, 0.7]))
+    rough = contacts._replace(points=contacts.points + waves[:, None] * normals)
     plain = fit_radial_spline(rough, upright(), 0.0, HEIGHT)
     assert fit_shifted_spline(rough, plain).shifts is None
 
 
 def test_a_few_touches_are_not_shifted_but_smoothed() -> None:
-    felt = patches(3, touches=120)
-    one = felt._replace(touch=np.zeros(len(felt.points), np.int32))
+    contacts = patches(3, touches=120)
+    one = contacts._replace(touch=np.zeros(len(contacts.points), np.int32))
     plain = fit_radial_spline(one, upright(), 0.0, HEIGHT)
     shifted = fit_shifted_spline(one, plain)
     assert shifted.shifts is None
-    assert shifted.skin.stiffness >= plain.stiffness
+    assert shifted.spline.stiffness >= plain.stiffness
 
 
 COVERAGE_TURNS = (np.arange(SECTORS) + 0.5) / SECTORS

@@ -33,10 +33,10 @@ def upright() -> AxisCurve:
 
 
 def everywhere(ellipsoid: Any) -> ContactPoints:
-    felt: ContactPoints = ellipsoid.felt(
+    contacts: ContactPoints = ellipsoid.felt(
         np.concatenate([ellipsoid.section(s) for s in np.linspace(-0.98, 0.98, 49)])
     )
-    return felt
+    return contacts
 
 
 def ellipse(heights: Floats, turns: Floats, a: float, b: float) -> Floats:
@@ -47,14 +47,14 @@ def ellipse(heights: Floats, turns: Floats, a: float, b: float) -> Floats:
 
 
 def test_the_skin_of_an_ellipsoid_is_the_ellipsoid(oracle: Make) -> None:
-    felt = everywhere(oracle([0.04, 0.025, 0.03], [1.0, 1.0]))
-    skin = fit_radial_spline(felt, upright(), 0.0, HEIGHT)
+    contacts = everywhere(oracle([0.04, 0.025, 0.03], [1.0, 1.0]))
+    spline = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
     heights = np.linspace(0.003, 0.057, 40)
     wanted = ellipse(heights, TURNS, 0.04, 0.025)
-    error = np.sqrt(skin.squared(heights, TURNS)) - np.sqrt(wanted)
+    error = np.sqrt(spline.squared(heights, TURNS)) - np.sqrt(wanted)
     assert np.abs(error).max() < 5e-6
-    assert skin.sigma < 2e-6
-    assert 1.0 < skin.system.condition < 1e8
+    assert spline.sigma < 2e-6
+    assert 1.0 < spline.system.condition < 1e8
 
 
 def test_the_skin_is_taken_about_a_leaning_axis() -> None:
@@ -66,18 +66,18 @@ def test_the_skin_is_taken_about_a_leaning_axis() -> None:
     normals = np.column_stack([rim, np.zeros(len(rim))])
     ends = np.array([0.0, HEIGHT])
     axis_curve = fit_axis_curve(ends, np.column_stack([0.2 * ends, -0.1 * ends]))
-    skin = fit_radial_spline(
+    spline = fit_radial_spline(
         ContactPoints(points, normals, np.zeros(len(points), np.int32)), axis_curve, 0.0, HEIGHT
     )
-    squared = skin.squared(np.linspace(0, HEIGHT, 20), TURNS)
+    squared = spline.squared(np.linspace(0, HEIGHT, 20), TURNS)
     assert np.allclose(np.sqrt(squared), 0.02, rtol=0, atol=1e-9)
 
 
 def test_a_band_that_was_not_felt_is_bridged_smoothly(oracle: Make) -> None:
     ball = oracle([0.03] * 3, [1.0, 1.0])
-    felt = stack_points([ball.band(share) for share in (-0.8, 0.8)] + [ball.top()])
-    skin = fit_radial_spline(felt, upright(), 0.0, HEIGHT)
-    radius = np.sqrt(skin.squared(np.linspace(0.01, 0.05, 30), TURNS))
+    contacts = stack_points([ball.band(share) for share in (-0.8, 0.8)] + [ball.top()])
+    spline = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
+    radius = np.sqrt(spline.squared(np.linspace(0.01, 0.05, 30), TURNS))
     wanted = np.sqrt(ellipse(np.linspace(0.01, 0.05, 30), TURNS, 0.03, 0.03))
     assert np.abs(radius - wanted).max() < 1e-3
     assert np.isfinite(radius).all()
@@ -85,29 +85,29 @@ def test_a_band_that_was_not_felt_is_bridged_smoothly(oracle: Make) -> None:
 
 def test_the_deviation_is_large_where_nothing_was_felt(oracle: Make) -> None:
     ball = oracle([0.03] * 3, [1.0, 1.0])
-    felt = stack_points([ball.band(-0.7), ball.band(0.7)])
-    noise = np.random.default_rng(0).normal(scale=2e-5, size=(len(felt.points), 1))
-    noisy = felt._replace(points=felt.points + noise * np.asarray(felt.normals))
-    skin = fit_radial_spline(noisy, upright(), 0.0, HEIGHT)
-    at_bands, between = skin.deviation(np.array([0.009, 0.03]), TURNS).mean(axis=1)
+    contacts = stack_points([ball.band(-0.7), ball.band(0.7)])
+    noise = np.random.default_rng(0).normal(scale=2e-5, size=(len(contacts.points), 1))
+    noisy = contacts._replace(points=contacts.points + noise * np.asarray(contacts.normals))
+    spline = fit_radial_spline(noisy, upright(), 0.0, HEIGHT)
+    at_bands, between = spline.deviation(np.array([0.009, 0.03]), TURNS).mean(axis=1)
     assert 0.0 < at_bands < 3e-5
     assert between > 10 * at_bands
 
 
 def test_noise_is_averaged_and_the_deviation_says_how_well(oracle: Make) -> None:
     ball = oracle([0.03] * 3, [1.0, 1.0])
-    felt, sigma = everywhere(ball), 5e-5
-    noise = np.random.default_rng(1).normal(scale=sigma, size=(len(felt.points), 1))
-    noisy = felt._replace(points=felt.points + noise * np.asarray(felt.normals))
-    skin = stiffened(noisy, fit_radial_spline(noisy, upright(), 0.0, HEIGHT))
-    assert skin.stiffness > 1.0
+    contacts, sigma = everywhere(ball), 5e-5
+    noise = np.random.default_rng(1).normal(scale=sigma, size=(len(contacts.points), 1))
+    noisy = contacts._replace(points=contacts.points + noise * np.asarray(contacts.normals))
+    spline = stiffened(noisy, fit_radial_spline(noisy, upright(), 0.0, HEIGHT))
+    assert spline.stiffness > 1.0
     heights = np.linspace(0.01, 0.05, 30)
-    error = np.sqrt(skin.squared(heights, TURNS)) - np.sqrt(ellipse(heights, TURNS, 0.03, 0.03))
+    error = np.sqrt(spline.squared(heights, TURNS)) - np.sqrt(ellipse(heights, TURNS, 0.03, 0.03))
     along_normal = error * (np.sqrt(ellipse(heights, TURNS, 0.03, 0.03)) / 0.03)
-    assert skin.sigma == pytest.approx(sigma, rel=0.2)
+    assert spline.sigma == pytest.approx(sigma, rel=0.2)
     pooled = float(np.sqrt(np.mean(along_normal**2)))
     assert pooled < 0.6 * sigma
-    said = float(np.sqrt(np.mean(skin.deviation(heights, TURNS) ** 2)))
+    said = float(np.sqrt(np.mean(spline.deviation(heights, TURNS) ** 2)))
     assert 0.5 < said / pooled < 2.0
 
 
@@ -117,41 +117,41 @@ def felt_of(points: Floats, normals: Floats) -> ContactPoints:
 
 def test_points_on_level_faces_and_outside_the_heights_are_left_out(oracle: Make) -> None:
     ball = oracle([0.03] * 3, [1.0, 1.0])
-    felt = everywhere(ball)
+    contacts = everywhere(ball)
     level = felt_of(np.array([[0.001, 0.0, 0.03]] * 50), np.array([[0.0, 0.0, 1.0]] * 50))
     beyond = felt_of(np.array([[0.5, 0.0, 0.09]] * 50), np.array([[1.0, 0.0, 0.0]] * 50))
     on_axis = felt_of(np.array([[0.0, 0.0, 0.03]]), np.array([[1.0, 0.0, 0.0]]))
-    alone = fit_radial_spline(felt, upright(), 0.0, HEIGHT)
+    alone = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
     with_them = fit_radial_spline(
-        stack_points([felt, level, beyond, on_axis]), upright(), 0.0, HEIGHT
+        stack_points([contacts, level, beyond, on_axis]), upright(), 0.0, HEIGHT
     )
     assert np.array_equal(alone.coefficients, with_them.coefficients)
 
 
 def test_a_skin_without_any_point_on_the_side_is_refused() -> None:
     up = felt_of(np.array([[0.01, 0.0, 0.03]]), np.array([[0.0, 0.0, 1.0]]))
-    for felt in (up, stack_points([])):
+    for contacts in (up, stack_points([])):
         with pytest.raises(
-            ValueError, match=r"no felt point lies on the side between 0 and 0.06 m"
+            ValueError, match=r"no contact point lies on the side between 0 and 0.06 m"
         ):
-            fit_radial_spline(felt, upright(), 0.0, HEIGHT)
+            fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
 
 
 def test_normals_that_nobody_measured_are_those_of_the_surface(oracle: Make) -> None:
-    felt = everywhere(oracle([0.04, 0.025, 0.03], [1.0, 1.0]))
-    side = np.abs(felt.points[:, 2] - 0.03) < 0.02
-    blind = felt._replace(normals=None)
+    contacts = everywhere(oracle([0.04, 0.025, 0.03], [1.0, 1.0]))
+    side = np.abs(contacts.points[:, 2] - 0.03) < 0.02
+    blind = contacts._replace(normals=None)
     found = with_normals(blind, upright(), 0.0, HEIGHT).normals
-    assert found is not None and felt.normals is not None
-    assert np.einsum("ni,ni->n", found, felt.normals)[side].min() > np.cos(np.radians(0.5))
-    assert with_normals(felt, upright(), 0.0, HEIGHT) is felt
+    assert found is not None and contacts.normals is not None
+    assert np.einsum("ni,ni->n", found, contacts.normals)[side].min() > np.cos(np.radians(0.5))
+    assert with_normals(contacts, upright(), 0.0, HEIGHT) is contacts
 
 
 def test_the_squared_distance_never_falls_below_its_least(oracle: Make) -> None:
     ball = oracle([0.03] * 3, [1.0, 1.0])
-    skin = fit_radial_spline(ball.band(0.0), upright(), 0.0, HEIGHT)
-    least = LEAST * skin.middle**2
-    assert skin.squared(np.linspace(-1.0, 1.0, 50), TURNS).min() >= least > 0.0
+    spline = fit_radial_spline(ball.band(0.0), upright(), 0.0, HEIGHT)
+    least = LEAST * spline.middle**2
+    assert spline.squared(np.linspace(-1.0, 1.0, 50), TURNS).min() >= least > 0.0
 
 
 def test_spans_are_even_but_for_those_at_the_ends_which_are_halved_and_halved_again() -> None:
@@ -174,10 +174,14 @@ def test_bending_counts_on_a_span_by_the_third_power_of_its_width() -> None:
 def blunt_error(oracle: Make) -> float:
     """Misfit along the normals next to the ends of a solid blunter than an ellipsoid, m."""
     solid = oracle([0.04, 0.025, 0.03], [0.5, 1.0])
-    felt = solid.felt(np.concatenate([solid.section(s) for s in np.linspace(-0.995, 0.995, 133)]))
-    skin = fit_radial_spline(felt, fit_axis_curve(np.array([0.0]), np.zeros((1, 2))), 0.0, 0.06)
-    next_to_ends = np.abs(skin.rows.heights / 0.03 - 1.0) > 0.95
-    return float(np.sqrt(np.mean(skin.misfits()[next_to_ends] ** 2)))
+    contacts = solid.felt(
+        np.concatenate([solid.section(s) for s in np.linspace(-0.995, 0.995, 133)])
+    )
+    spline = fit_radial_spline(
+        contacts, fit_axis_curve(np.array([0.0]), np.zeros((1, 2))), 0.0, 0.06
+    )
+    next_to_ends = np.abs(spline.rows.heights / 0.03 - 1.0) > 0.95
+    return float(np.sqrt(np.mean(spline.misfits()[next_to_ends] ** 2)))
 
 
 def test_halved_spans_follow_a_blunt_end_where_even_ones_swing(
