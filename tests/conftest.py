@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from zlib import crc32
-
-import pytest
 
 # Before numpy is imported: with several threads BLAS rounds differently from run to run, and
 # bodies are compared to the last bit. Nodes run with one thread each as well.
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
 
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+
+from palpate.core.poses import IDENTITY_POSE  # noqa: E402
+from palpate.messages.types.model import Score, ShapeModel  # noqa: E402
+from palpate.messages.types.motion import Contour  # noqa: E402
+
+Write = Callable[[str, str], Path]
 SAMPLED = 10  # One slow test in so many runs with --slow-sample; which ones, their names decide
 
 
@@ -33,3 +42,97 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def _sampled(item: pytest.Item, every: int) -> bool:
     return bool(every) and crc32(item.nodeid.encode()) % every == 0
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty folder in which palpate is started; its modules are forgotten afterwards."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*sys.path])
+    yield tmp_path
+    for name, module in [*sys.modules.items()]:
+        if str(getattr(module, "__file__", "")).startswith(str(tmp_path)):
+            del sys.modules[name]
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    """Writes a text into a file of the test's own folder."""
+
+    def do(name: str, text: str) -> Path:
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return do
+
+
+@pytest.fixture
+def tetrahedron() -> ShapeModel:
+    """The smallest closed solid."""
+    return ShapeModel(
+        number=1,
+        contours=(0, 1),
+        probes=(),
+        dropped=(2,),
+        dropped_reasons=("too short",),
+        control=np.zeros((4, 4, 4, 3)),
+        undeformed=np.zeros((4, 4, 4, 3)),
+        knots_columns=np.zeros(8),
+        knots_rows=np.zeros(8),
+        knots_layers=np.zeros(8),
+        vertices=np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, 0, 0.03]]),
+        faces=np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32),
+        frame=IDENTITY_POSE,
+        deviation=0.0,
+        uncertainty_height=np.array([0.0]),
+        uncertainty=np.array([0.001]),
+        health={"condition": 3.5, "fallbacks": 0.0},
+        touches=40,
+        robot_time=20.0,
+        final=True,
+    )
+
+
+@pytest.fixture
+def contour() -> Contour:
+    """A contour of one point."""
+    return Contour(
+        id=0,
+        finger=1,
+        frame=np.array([0.0, 0, 0, 0, 0, 0, 1]),
+        height=0.01,
+        points=np.zeros((1, 3)),
+        normals=np.array([[1.0, 0, 0]]),
+        curvature=np.zeros(1),
+        status="closed",
+        gap_starts=np.zeros((0, 3)),
+        gap_ends=np.zeros((0, 3)),
+        gap_reasons=(),
+        contact_low=np.zeros(0),
+        contact_high=np.zeros(0),
+        touches=30,
+        robot_time=15.0,
+    )
+
+
+@pytest.fixture
+def score() -> Score:
+    """A score of the tetrahedron."""
+    return Score(
+        number=1,
+        contours=2,
+        touches=40,
+        robot_time=20.0,
+        chamfer=0.0003,
+        rms=0.0004,
+        p95=0.0008,
+        hausdorff=0.002,
+        normal=3.0,
+        volume_error=-0.01,
+        sampling_floor=0.00005,
+        size=0.03,
+        watertight=True,
+        genus=0,
+        final=True,
+    )
