@@ -72,7 +72,7 @@ def init_node(name: str, folder: Path, kind: Literal["node", "driver"]) -> NodeF
 def _sorted_imports(text: str, name: str) -> str:
     """The imports as they are sorted where palpate is somebody else's, and the module one's own."""
     text = re.sub(r"(from msgspec import .+\n)\n(from palpate)", r"\1\2", text)
-    return re.sub(rf"(from {name} import .+\n)((?:from palpate.+\n)+)", r"\2\n\1", text)
+    return re.sub(rf"(from palpate.+\n)(from {name} import .+\n)", r"\1\n\2", text)
 
 
 def init_effect(name: str, folder: Path) -> tuple[Path, str]:

@@ -254,7 +254,7 @@ def test_the_test_of_the_template_fails_for_a_planner_that_has_a_length_of_its_o
     with pytest.raises(AssertionError):
         planner_check.test_the_budget_is_kept()
     with pytest.raises(AssertionError):
-        planner_check.test_everything_a_pad_can_feel_is_felt()
+        planner_check.test_everything_a_pad_can_touch_is_touched()
 
 
 @pytest.mark.parametrize(
@@ -266,7 +266,7 @@ def test_the_test_of_the_template_fails_for_a_planner_that_has_a_length_of_its_o
         ("fuzzy", "'fuzzy' is a planner that palpate has"),
         ("if", "'if' cannot name a module"),
         ("height", "the class Height of 'height' has a meaning already"),
-        ("trial", "the class Trial of 'trial' has a meaning already"),
+        ("planner_trial", "the class PlannerTrial of 'planner_trial' has a meaning already"),
         ("numpy", "'numpy' is a module that Python has"),
     ],
 )

@@ -1,6 +1,7 @@
 """What must hold of the planner Template. Run it with ``python -m pytest`` in this folder.
 
-`PlannerTrial` answers for an object of a formula, at once: no touch is simulated. `TUNED` has sixteen.
+`PlannerTrial` answers for an object of a formula, at once: no touch is simulated. `TUNED` has
+sixteen.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ def test_the_line_says_what_came_of_all_runs(monkeypatch: pytest.MonkeyPatch, ca
     back = [NodeRecovery("kill", "tracer", "tracing", 0.25)]
     tally.injected.update(one.kind for one in InjectionLog([fault, fault]).faults)
     tally.back += back
-    monkeypatch.setattr("palpate.tools.chaos.trials.run_trials", lambda *_, **__: tally)
+    monkeypatch.setattr("palpate.tools.chaos.run_trials", lambda *_, **__: tally)
     assert run(["chaos"]) == 1
     said = capsys.readouterr()
     assert said.out == (
