@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     from palpate.launch.node_kinds import describe_kind as describe_kind
     from palpate.launch.node_kinds import list_kinds as list_kinds
     from palpate.launch.node_kinds import search_current_folder as search_current_folder
+    from palpate.launch.printing import counted as counted
+    from palpate.launch.printing import millimetres as millimetres
+    from palpate.launch.printing import size_text as size_text
+    from palpate.launch.printing import text_table as text_table
+    from palpate.launch.printing import titled as titled
     from palpate.launch.progress import SilentDisplay as SilentDisplay
     from palpate.launch.progress import open_display as open_display
     from palpate.launch.run import Plan as Plan

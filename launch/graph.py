@@ -14,6 +14,7 @@ from typing import Any
 from palpate.launch.files import InputError, convert, hint
 from palpate.launch.hosts import read_host
 from palpate.launch.node_kinds import Entry, load_entry
+from palpate.launch.printing import text_table
 from palpate.messages import CodecError, schema
 from palpate.messages.bus import LAUNCHER
 from palpate.messages.types import TYPES, Truth
@@ -84,9 +85,7 @@ class Graph:
         for wiring in wirings:
             for topic, listeners in wiring.listeners.items():
                 rows.append((topic, types[topic].__name__, wiring.name, ", ".join(listeners)))
-        widths = [max(len(row[i]) for row in rows) for i in range(3)]
-        lines = ["  ".join((*map(str.ljust, row[:3], widths), row[3])).rstrip() for row in rows]
-        return "\n".join((*lines, f"ends with the Finished of {self.ends}"))
+        return "\n".join((*text_table(rows), f"ends with the Finished of {self.ends}"))
 
     def _check_ends(self, placed: Iterable[ResolvedNode]) -> None:
         nodes = [one.entry.name for one in placed if not isinstance(one.node, Sink)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import json
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -22,6 +22,7 @@ from palpate.launch.files import InputError, SourceMapped, convert, hint, read_y
 from palpate.launch.graph import Graph
 from palpate.launch.launch_source import find_launch_file, read_with_includes, substitute
 from palpate.launch.node_kinds import Entry
+from palpate.launch.printing import text_table
 from palpate.launch.scene import Scene, load_scene
 from palpate.nodes.runtime import MAX_FINGERS, OnExit
 
@@ -224,8 +225,7 @@ def arguments_table(path: Path) -> str:
     if not rows:
         return f"{path} takes no arguments"
     head = ("argument", "type", "default") if python else ("argument", "default", "")
-    lines = _aligned([head, *rows])
-    return "\n".join([f"{path} takes, each as NAME:=VALUE", *lines])
+    return "\n".join([f"{path} takes, each as NAME:=VALUE", *text_table([head, *rows])])
 
 
 def _python_rows(path: Path) -> list[tuple[str, str, str]]:
@@ -321,8 +321,3 @@ def _plain(value: Any) -> str:
         if isinstance(value, str) and value
         else json.dumps(value, default=str, ensure_ascii=False)
     )
-
-
-def _aligned(rows: Sequence[tuple[str, str, str]]) -> list[str]:
-    widths = [max(len(row[i]) for row in rows) for i in range(2)]
-    return ["  ".join((*map(str.ljust, row[:2], widths), row[2])).rstrip() for row in rows]

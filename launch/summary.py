@@ -5,20 +5,19 @@ Keys are stable and hold their unit. What is not known is null, never zero.
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from palpate import __version__
 from palpate.launch.files import mesh_sha256
+from palpate.launch.printing import millimetres, text_table, titled
 from palpate.launch.progress import Progress
 from palpate.messages.types import NodeStatus, PlanDone, Score
 from palpate.nodes.runtime import Ending
 
 Summary = dict[str, Any]
-TEXT_WIDTH = 80
-INDENT = " " * 9
+TITLE_WIDTH = 11
 ENDED = {"finished": "done", "died": "died", "stalled": "stalled", "interrupted": "stopped"}
 
 
@@ -157,42 +156,39 @@ def summary_text(summary: Mapping[str, Any], files: Sequence[str], folder: Path)
         Where it lies.
     """
     lines = [*_result(summary), *_time(summary), *_node_table(summary["nodes"])]
-    lines += _row("numerics", [f"{k} {v:.3g}" for k, v in summary["numerics"].items()])
-    lines += _row("outputs", list(files))
-    lines += _row(ENDED[summary["status"]], [summary["reason"]])
-    return "\n".join((*lines, f"{'run':<9}{folder}"))
+    lines += titled("numerics", *[f"{k} {v:.3g}" for k, v in summary["numerics"].items()])
+    lines += titled("outputs", *files)
+    lines += titled(ENDED[summary["status"]], summary["reason"])
+    return "\n".join((*lines, *titled("run", str(folder))))
 
 
 def _result(summary: Mapping[str, Any]) -> list[str]:
     if summary["chamfer_m"] is None:
-        return _row("result", ["no model was measured"])
+        return titled("result", "no model was measured")
     share = 100.0 * summary["chamfer_m"] / summary["size_m"]
     near = [
-        f"chamfer {_mm(summary['chamfer_m'])} ({share:.2f} % of the height)",
-        f"p95 {_mm(summary['p95_m'])}",
-        f"worst {_mm(summary['hausdorff_m'])}",
+        f"chamfer {millimetres(summary['chamfer_m'])} ({share:.2f} % of the height)",
+        f"p95 {millimetres(summary['p95_m'])}",
+        f"worst {millimetres(summary['hausdorff_m'])}",
     ]
     rest = [
-        f"sampling floor {_mm(summary['sampling_floor_m'])}",
+        f"sampling floor {millimetres(summary['sampling_floor_m'])}",
         f"normals {summary['normal_deg']:.1f} deg",
         f"volume {100.0 * summary['volume_error']:+.2f} %",
         f"watertight {'yes' if summary['watertight'] else 'NO'}",
     ]
-    return [*_row("result", near), *_row("", rest), *_error_bound(summary)]
+    return [*titled("result", *near), *titled("", *rest), *_error_bound(summary)]
 
 
 def _error_bound(summary: Mapping[str, Any]) -> list[str]:
     """What the run says of its own error, beside the truth."""
     if summary["rms_bound_95_m"] is None:
         return []
-    parts = [f"rms below {_mm(summary['rms_bound_95_m'])} (95 %), in truth {_mm(summary['rms_m'])}"]
+    bound, truth = millimetres(summary["rms_bound_95_m"]), millimetres(summary["rms_m"])
+    parts = [f"rms below {bound} (95 %), in truth {truth}"]
     if summary["largest_untouched_m"] is not None:
-        parts.append(f"untouched at most {_mm(summary['largest_untouched_m'])}")
-    return _row("promise", parts)
-
-
-def _mm(metres: float) -> str:
-    return f"{1000.0 * metres:.3f} mm"
+        parts.append(f"untouched at most {millimetres(summary['unfelt_m'])}")
+    return titled("promise", *parts)
 
 
 def _time(summary: Mapping[str, Any]) -> list[str]:
@@ -207,30 +203,14 @@ def _time(summary: Mapping[str, Any]) -> list[str]:
         parts.append(f"compute {summary['compute_s']:.1f} s")
     if summary["touches_per_s"]:
         parts.append(f"{summary['touches_per_s']:.0f} touches/s")
-    return _row("time", parts)
-
-
-def _row(title: str, parts: Sequence[str]) -> list[str]:
-    """Parts behind a title, broken between parts where they can be."""
-    lines = [""]
-    for part in parts:
-        joined = f"{lines[-1]}  {part}" if lines[-1] else part
-        if len(joined) <= TEXT_WIDTH - len(INDENT) or not lines[-1]:
-            lines[-1] = joined
-        else:
-            lines.append(part)
-    broken = [piece for line in lines for piece in textwrap.wrap(line, TEXT_WIDTH - len(INDENT))]
-    heads = [f"{title:<9}", *[INDENT] * len(broken)]
-    return [head + piece for head, piece in zip(heads, broken, strict=False)]
+    return titled("time", *parts)
 
 
 def _node_table(nodes: Mapping[str, Mapping[str, Any]]) -> list[str]:
     if not nodes:
         return []
-    lines = [f"{'nodes':<9}{'node':<20}{'messages':>9}{'p50 us':>9}{'p99 us':>9}{'CPU s':>8}"]
-    for name, figures in nodes.items():
-        lines.append(
-            f"{INDENT}{name:<20}{figures['messages']:>9}{figures['p50_us']:>9.0f}"
-            f"{figures['p99_us']:>9.0f}{figures['cpu_s']:>8.2f}"
-        )
-    return lines
+    rows = [("nodes", "node", "messages", "p50 us", "p99 us", "CPU s")]
+    for name, one in nodes.items():
+        timing = f"{one['p50_us']:.0f}", f"{one['p99_us']:.0f}", f"{one['cpu_s']:.2f}"
+        rows.append(("", name, str(one["messages"]), *timing))
+    return text_table(rows, right=range(2, 6), least=(TITLE_WIDTH - 2,))

@@ -25,7 +25,7 @@ from palpate.core import (
     SlidingPreset,
     move_durations,
 )
-from palpate.launch import find_bag
+from palpate.launch import counted, find_bag, text_table, titled
 from palpate.launch.files import InputError, hint
 from palpate.messages import CodecError, decode
 from palpate.messages.recording import Recording, open_recording
@@ -45,7 +45,7 @@ HAND_FINGER = 1  # The hand is moved by the arm of this finger
 KINDS: Mapping[str, type] = {
     kind.__name__: kind for kind in (ContourGoal, ProbeGoal, TactileFrame, GraspContacts)
 }
-TITLE_WIDTH, COLUMN_WIDTH = 12, 10  # Widths, in letters
+TITLE_WIDTH = 12  # Letters
 
 
 def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:
@@ -304,61 +304,53 @@ class _MoveCollector:
 def robot_time_text(costs: Costs) -> str:
     """The figures of `palpate.tools.robot_time`."""
     fingers, closings = costs["fingers"], costs["closings"]
-    counts = [_many(costs["touches"], "touch", "touches")]
-    counts += [f"{_many(closings, 'closing', 'closings')} of the hand"] if closings else []
+    counts = [counted(costs["touches"], "touch", "touches")]
+    counts += [f"{counted(closings, 'closing')} of the hand"] if closings else []
     counts += [f"{fingers} fingers"] if fingers > 1 else []
-    lines = [_line("read", f"{costs['recording']}: {', '.join(counts)}"), *_recorded_lines(costs)]
+    lines = titled("read", f"{costs['recording']}: {', '.join(counts)}", width=TITLE_WIDTH)
+    lines += _recorded_lines(costs)
     for name, cost in costs["robots"].items():
-        lines += ["", *_table(name, cost, costs)]
+        lines += ["", *_phase_table(name, cost), *_finger_lines(cost, costs["fingers"])]
     return "\n".join(lines)
-
-
-def _many(count: int, one: str, more: str) -> str:
-    return f"{count} {one if count == 1 else more}"
 
 
 def _recorded_lines(costs: Costs) -> list[str]:
     recorded = costs["recorded"]
-    robot, ended = recorded["robot"], recorded["robot_time_s"]
-    if recorded["agrees"]:
-        lines = [_line("recorded", f"{robot}, {ended:.1f} s: its moves add up to that")]
-    elif recorded["agrees"] is None:
-        lines = [
-            _line("recorded", f"{ended:.1f} s"),
-            _line("doubtful", "which robot made that is not known, so it cannot be checked"),
-        ]
+    robot, told = recorded["robot"], f"{recorded['robot_time_s']:.1f} s"
+    warnings = []
+    if recorded["agrees"] is None:
+        warnings = ["which robot made that is not known, so it cannot be checked"]
+    elif recorded["agrees"]:
+        told = f"{robot}, {told}: its moves add up to that"
     else:
-        lines = [
-            _line("recorded", f"{robot}, {ended:.1f} s"),
-            _line(
-                "doubtful", f"its moves miss that by {recorded['missing_s']:.3g} s: some are lost"
-            ),
-        ]
+        told = f"{robot}, {told}"
+        warnings = [f"its moves miss that by {recorded['missing_s']:.3g} s: some are lost"]
     if not costs["complete"]:
-        lines.append(_line("doubtful", "the recording was never closed: its end may be missing"))
+        warnings.append("the recording was never closed: its end may be missing")
+    lines = titled("recorded", told, width=TITLE_WIDTH)
+    for text in warnings:
+        lines += titled("warning", text, width=TITLE_WIDTH)
     return lines
 
 
-def _table(name: str, cost: Mapping[str, Any], costs: Costs) -> list[str]:
+def _phase_table(name: str, cost: Mapping[str, Any]) -> list[str]:
     """One robot: where its time goes, phase by phase; of several fingers, the slowest."""
     phases = {phase: one for phase, one in cost["phases"].items() if one["moves"]}
-    rows = [_row(f"{name}, s", [*phases, "all"])]
+    rows = [(f"{name}, s", *phases, "all")]
     for part in (*PARTS, "total"):
-        each = [one[f"{part}_s"] for one in (*phases.values(), cost)]
-        rows.append(_row(part, [f"{value:.1f}" for value in each]))
+        rows.append((part, *(f"{one[f'{part}_s']:.1f}" for one in (*phases.values(), cost))))
     moves = [one["moves"] for one in phases.values()]
-    rows.append(_row("moves", [str(count) for count in (*moves, sum(moves))]))
-    if costs["fingers"] > 1:
-        totals = [f"{number} {total:.1f} s" for number, total in cost["finger_s"].items()]
-        rows.append(_line("fingers", f"{', '.join(totals)}; the table is of the slowest"))
+    rows.append(("moves", *map(str, (*moves, sum(moves)))))
+    return text_table(rows, right=range(1, len(rows[0])), least=(TITLE_WIDTH, *[8] * len(moves), 8))
+
+
+def _finger_lines(cost: Mapping[str, Any], fingers: int) -> list[str]:
+    lines = []
+    if fingers > 1:
+        totals = ", ".join(f"{number} {total:.1f} s" for number, total in cost["finger_s"].items())
+        told = f"{totals}; the table is of the slowest"
+        lines += titled("fingers", told, width=TITLE_WIDTH)
     if cost["per_touch_s"] is not None:
-        rows.append(_line("a touch", f"{cost['per_touch_s']:.2f} s, all counted"))
-    return rows
-
-
-def _row(title: str, cells: list[str]) -> str:
-    return f"{title:<{TITLE_WIDTH}}" + "".join(f"{cell:>{COLUMN_WIDTH}}" for cell in cells)
-
-
-def _line(title: str, text: str) -> str:
-    return f"{title:<{TITLE_WIDTH}}{text}"
+        told = f"{cost['per_touch_s']:.2f} s, all counted"
+        lines += titled("a touch", told, width=TITLE_WIDTH)
+    return lines

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,11 +14,10 @@ from palpate.core.rebuild import Solid
 from palpate.core.rebuild.contours import into_frame
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.surface import SurfaceMesh
+from palpate.launch import titled
 from palpate.launch.files import MESH_UNITS, MeasuredContours
 from palpate.tools.reconstruction import RebuildResult
 
-TEXT_WIDTH, TITLE_WIDTH = 88, 11
-NO_BREAK = "\N{NO-BREAK SPACE}"  # Between what must stay on one line
 MAX_PLAUSIBLE_SIZE, MIN_PLAUSIBLE_SIZE = 10.0, 1e-3  # Sizes, m, beyond which the unit is doubted
 # Share of the width by which the side leaves the contours, from which it is doubtful.
 MAX_OVERSHOOT = 0.05
@@ -211,18 +209,18 @@ def _ends(solid: Solid, vertices: Floats) -> list[str]:
 def rebuild_text(record: Mapping[str, Any]) -> str:
     """A record as lines; lengths in mm."""
     assumed = " (assumed; if not, give --unit)" if record["unit_assumed"] else ""
-    lines = _line(
+    lines = titled(
         "read",
         f"{record['points']}: {record['contours']} contours, {record['points_read']} points, "
         f"unit {record['unit']}{assumed}",
     )
     for note in record["notes"]:
-        lines += _line("", note)
+        lines += titled("", note)
     for one in record["dropped"]:
         off = f" by {1e3 * one['off_m']:.3g} mm" if one["off_m"] else ""
-        lines += _line("dropped", f"{one['contour']}: {one['why']}{off}")
+        lines += titled("dropped", f"{one['contour']}: {one['why']}{off}")
     size = " x ".join(f"{1e3 * length:.4g}" for length in record["size_m"])
-    lines += _line(
+    lines += titled(
         "solid",
         f"{record['method']}: {size} mm, {1e6 * record['volume_m3']:.5g} ml, "
         f"{1e4 * record['area_m2']:.5g} cm2; {record['faces']} triangles, "
@@ -230,24 +228,13 @@ def rebuild_text(record: Mapping[str, Any]) -> str:
         f"holes through it {record['genus']}, crossings with itself "
         f"{record['self_intersections']}",
     )
-    lines += _line("trust", _confidence_text(record))
+    lines += titled("confidence", _confidence_text(record))
     for text in record["warnings"]:
-        lines += _line("doubtful", text)
-    figures = [f"{name}{NO_BREAK}{value:.3g}" for name, value in record["health"].items()]
-    lines += _line("health", "  ".join(figures))
+        lines += titled("warning", text)
+    lines += titled("health", *(f"{name} {value:.3g}" for name, value in record["health"].items()))
     for one in record["written"]:
-        lines += _line("wrote", f"{one['file']} ({one['holds']})")
+        lines += titled("wrote", f"{one['file']} ({one['holds']})")
     return "\n".join(lines)
-
-
-def _line(title: str, text: str) -> list[str]:
-    """Text behind a title, broken where it is too long."""
-    parts = textwrap.wrap(
-        text, TEXT_WIDTH - TITLE_WIDTH, break_long_words=False, break_on_hyphens=False
-    )
-    heads = [f"{title:<{TITLE_WIDTH}}", *[" " * TITLE_WIDTH] * len(parts)]
-    parts = [part.replace(NO_BREAK, " ") for part in parts]
-    return [f"{head}{part}" for head, part in zip(heads, parts or [""], strict=False)]
 
 
 def _confidence_text(record: Mapping[str, Any]) -> str:

@@ -24,6 +24,7 @@ from palpate.core.geometry import (
     solidity,
     triangle_corners,
 )
+from palpate.launch import millimetres, titled
 from palpate.launch.files import (
     MAX_MESH_BYTES,
     METRES_PER_UNIT,
@@ -315,17 +316,12 @@ class MeshOrPoints(NamedTuple):
 
 def score_text(scored: ScoreRecord) -> str:
     """The figures of a score; lengths in mm."""
-    lines = [
-        _line("model", f"{scored['model']}, read in {scored['unit']}"),
-        _line("reference", f"{scored['reference']}, read in {scored['reference_unit']}"),
-        *_alignment_lines(scored),
-        *_distance_lines(scored),
-        _line("solid", _solid_text(scored)),
-    ]
+    lines = titled("model", f"{scored['model']}, read in {scored['unit']}")
+    lines += titled("reference", f"{scored['reference']}, read in {scored['reference_unit']}")
+    lines += [*_alignment_lines(scored), *_distance_lines(scored)]
+    lines += titled("solid", *_solid_parts(scored))
     if not scored["same_order_of_size"]:
-        lines.append(
-            _line("doubtful", "their sizes differ widely: see --unit and --reference-unit")
-        )
+        lines += titled("warning", "their sizes differ widely: see --unit and --reference-unit")
     return "\n".join(lines)
 
 
@@ -335,48 +331,38 @@ def _alignment_lines(scored: ScoreRecord) -> list[str]:
     x, y, z, *axis, w = scored["pose"]
     turn = math.degrees(2.0 * math.atan2(math.hypot(*axis), abs(w)))
     place = ", ".join(f"{1000.0 * value:.3f}" for value in (x, y, z))
-    rest = _mm(scored["alignment_rms_m"])
-    lines = [_line("aligned", f"model moved by ({place}) mm, turned by {turn:.2f} deg; rms {rest}")]
+    rest = millimetres(scored["alignment_rms_m"])
+    lines = titled("aligned", f"model moved by ({place}) mm, turned by {turn:.2f} deg; rms {rest}")
     if not scored["alignment_converged"]:
-        lines.append(_line("doubtful", "the alignment had not come to rest"))
+        lines += titled("warning", "the alignment had not come to rest")
     if scored["alignment_ambiguous"]:
-        lines.append(_line("doubtful", "another pose fits as well: it looks alike from there"))
+        lines += titled("warning", "another pose fits as well: it looks alike from there")
     return lines
 
 
 def _distance_lines(scored: ScoreRecord) -> list[str]:
-    near = [f"rms {_mm(scored['rms_m'])}", f"p95 {_mm(scored['p95_m'])}"]
-    worst = f"worst {_mm(scored['hausdorff_m'])}"
+    first = "mean" if scored["one_sided"] else "chamfer"
+    named = {first: f"{first}_m", "rms": "rms_m", "p95": "p95_m", "worst": "hausdorff_m"}
+    lines = titled(
+        "distance", *(f"{name} {millimetres(scored[key])}" for name, key in named.items())
+    )
     if scored["one_sided"]:
-        text = [f"mean {_mm(scored['mean_m'])}", *near, worst]
-        told = (
-            f"from {scored['points']} points to the model, not back: "
-            "what the points do not cover is not judged"
-        )
-        return [_line("distance", "  ".join(text)), _line("one-sided", told)]
-    text = [f"chamfer {_mm(scored['chamfer_m'])}", *near, worst]
+        told = f"from {scored['points']} points to the model, not back: "
+        return lines + titled("one-sided", told + "what the points do not cover is not judged")
     volume = scored["volume_error"]
-    rest = [
-        f"sampling floor {_mm(scored['sampling_floor_m'])}",
+    rest = (
+        f"sampling floor {millimetres(scored['sampling_floor_m'])}",
         f"normals {scored['normal_deg']:.1f} deg",
         "volume not known" if volume is None else f"volume {100.0 * volume:+.2f} %",
-    ]
-    return [_line("distance", "  ".join(text)), _line("", "  ".join(rest))]
+    )
+    return lines + titled("", *rest)
 
 
-def _mm(metres: Any) -> str:
-    return f"{1000.0 * metres:.3f} mm"
-
-
-def _line(title: str, text: str) -> str:
-    return f"{title:<11}{text}"
-
-
-def _solid_text(scored: ScoreRecord) -> str:
+def _solid_parts(scored: ScoreRecord) -> list[str]:
     parts = [
         f"watertight {'yes' if scored['watertight'] else 'NO'}",
         f"pieces {scored['components']}",
         f"holes through it {scored['genus']}" if scored["genus"] is not None else "",
         f"crossings with itself {scored['self_intersections']}",
     ]
-    return "  ".join(part for part in parts if part)
+    return [part for part in parts if part]

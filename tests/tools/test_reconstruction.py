@@ -252,7 +252,7 @@ def test_contours_that_are_odd_but_used_are_named(home: Path, capsys: Output) ->
     (home / "odd.csv").write_text("\n".join(lines))
     assert run("odd.csv") == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "doubtful contour 19 (lines 62 to 91)" in said
+    assert "warning contour 19 (lines 62 to 91)" in said
 
 
 def test_crossings_of_the_surface_are_told(
@@ -329,16 +329,6 @@ def test_several_files_are_written_together_or_not_at_all(home: Path) -> None:
     assert (home / "a").read_text() == "old"
     write_atomically({home / "a": lambda path: path.write_text("new")})
     assert (home / "a").read_text() == "new"
-
-
-def test_what_belongs_together_stays_on_one_line() -> None:
-    pairs = [f"figure_{number}{rebuild_text.NO_BREAK}{number}" for number in range(40)]
-
-    lines = rebuild_text._line("health", "  ".join(pairs))
-
-    assert len(lines) > 3
-    assert not any(line[rebuild_text.TITLE_WIDTH :][0].isdigit() for line in lines)
-    assert rebuild_text.NO_BREAK not in "".join(lines)
 
 
 REBUILD_FRAMED_HEIGHTS = np.linspace(-0.045, 0.045, 10)

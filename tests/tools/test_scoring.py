@@ -88,7 +88,7 @@ def test_a_wrong_unit_is_doubted(saved: Callable[..., Path]) -> None:
     found = score(saved("a.ply"), saved("b.stl"))  # written in m, and read in mm
 
     assert not found["same_order_of_size"]
-    assert "doubtful   their sizes differ widely: see --unit" in score_text(found)
+    assert "warning    their sizes differ widely: see --unit" in score_text(found)
 
 
 def test_aligned_files_may_lie_anywhere(saved: Callable[..., Path]) -> None:
@@ -180,7 +180,7 @@ def test_an_alignment_that_fits_two_ways_is_doubted(tmp_path: Path) -> None:
 
     assert found["alignment_ambiguous"]
     assert found["pose"] == pytest.approx([0, 0, 0, 0, 0, 0, 1], abs=1e-9)
-    assert "doubtful   another pose fits as well" in score_text(found)
+    assert "warning    another pose fits as well" in score_text(found)
 
 
 def test_the_command_prints_a_table(saved: Callable[..., Path], capsys: Output) -> None:

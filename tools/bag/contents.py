@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypedDict
 from mcap.records import Channel, Message, Metadata, Schema
 
 from palpate import __version__
-from palpate.launch import find_bag
+from palpate.launch import find_bag, size_text, text_table, titled
 from palpate.launch.files import InputError, check_new, write_new
 from palpate.messages.recording import (
     ABOUT,
@@ -30,7 +30,6 @@ from palpate.nodes.runtime import recorded_nodes
 
 MAX_VALUE_LENGTH = 60  # Characters of a value that is shown whole
 FEW = 12  # Entries of a metadata record that are named one by one
-INFO_COLUMNS = ("topic", "type", "publisher", "messages", "bytes", "share")
 RECOVERED_RECORD = "recovered"  # Name of the metadata record that says where a copy comes from
 
 
@@ -176,31 +175,24 @@ def printable(text: str) -> str:
 
 def info_text(info: BagInfo) -> str:
     """All that is known of a recording, and a table of its topics."""
-    lines = [
-        *_parts(info),
-        _line("version", info["version"] or "not known"),
-        _line("closed", _closed_text(info)),
-        _line("duration", f"{info['duration_s']:.3f} s"),
-        _line("messages", str(info["messages"])),
-        _line("nodes", ", ".join(info["nodes"]) or "not known"),
-    ]
-    for name, values in info["metadata"].items():
-        if name == MISSING:
-            values = {topic: lacks for topic, lacks in values.items() if lacks != "0"}
-        lines.append(_line("metadata", f"{name}: {_entries(values)}"))
-    return "\n".join([*lines, "", *_table([INFO_COLUMNS, *map(_row, info["topics"])])])
-
-
-def _parts(info: BagInfo) -> list[str]:
-    names = [
+    parts = [
         f"{part['path']}, {size_text(part['bytes'])}{'' if part['closed'] else ', not closed'}"
         for part in info["parts"]
     ]
-    return [_line("" if number else "recording", name) for number, name in enumerate(names)]
-
-
-def _line(name: str, text: str) -> str:
-    return f"{name:<10} {text}"
+    lines = [f"{'' if number else 'recording':<11}{part}" for number, part in enumerate(parts)]
+    for title, text in (
+        ("version", info["version"] or "not known"),
+        ("closed", _closed_text(info)),
+        ("duration", f"{info['duration_s']:.3f} s"),
+        ("messages", str(info["messages"])),
+        ("nodes", ", ".join(info["nodes"]) or "not known"),
+    ):
+        lines += titled(title, text)
+    for name, values in info["metadata"].items():
+        if name == MISSING:
+            values = {topic: lacks for topic, lacks in values.items() if lacks != "0"}
+        lines += titled("metadata", f"{name}: {_entries(values)}")
+    return "\n".join([*lines, "", *_topic_table(info["topics"])])
 
 
 def _closed_text(info: BagInfo) -> str:
@@ -215,37 +207,22 @@ def _entries(values: dict[str, str | int]) -> str:
     if len(values) > FEW:
         return f"{len(values)} entries"
     return (
-        "none"
-        if not values
-        else ", ".join(
+        ", ".join(
             f"{name} of {value} characters" if isinstance(value, int) else f"{name} {value}"
             for name, value in values.items()
         )
+        or "none"
     )
 
 
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(len(row[column]) for row in rows) for column in range(len(INFO_COLUMNS))]
-    return [
-        "  ".join(
-            cell.ljust(width) if column < 3 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
-
-
-def _row(one: BagTopic) -> Sequence[str]:
-    size, share = size_text(one["bytes"]), f"{100.0 * one['share']:.1f} %"
-    return one["topic"], one["type"], one["publisher"], str(one["messages"]), size, share
-
-
-def size_text(size: int) -> str:
-    """A number of bytes in the unit that suits it."""
-    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if size >= factor:
-            return f"{size / factor:.1f} {unit}"
-    return f"{size} B"
+def _topic_table(topics: Sequence[BagTopic]) -> list[str]:
+    rows = [("topic", "type", "publisher", "messages", "bytes", "share")]
+    for one in topics:
+        size, share = size_text(one["bytes"]), f"{100.0 * one['share']:.1f} %"
+        rows.append(
+            (one["topic"], one["type"], one["publisher"], str(one["messages"]), size, share)
+        )
+    return text_table(rows, right=(3, 4, 5))
 
 
 class Recovered(NamedTuple):

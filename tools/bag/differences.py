@@ -11,14 +11,13 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
 
-from palpate.launch import find_bag
+from palpate.launch import counted, find_bag, text_table
 from palpate.launch.files import hint
 from palpate.messages import first_difference
 from palpate.messages.recording import RecordedMessage, Recording, open_recording
 from palpate.messages.types import TYPES
 
 DIGEST_BYTES = 16  # So many that no two messages are taken for each other by chance
-DIFF_COLUMNS = ("topic", "compared", "differ", "only in A", "only in B")
 
 
 class MessageKey(NamedTuple):
@@ -153,26 +152,15 @@ def _differing_field(one: RecordedMessage, other: RecordedMessage) -> tuple[str,
 def diff_text(diff: RecordingDiff) -> str:
     """The first difference, and a line for each topic that differs."""
     lines = [f"{path} was never closed: comparing as far as it goes" for path in diff.unfinished]
+    topics = counted(len(diff.topics), "topic")
     if not diff.first:
         count = sum(one.compared for one in diff.topics.values())
-        lines.append(f"identical, {_many(count, 'message')} on {_many(len(diff.topics), 'topic')}")
-        return "\n".join(lines)
-    rows = [DIFF_COLUMNS]
+        return "\n".join([*lines, f"identical, {counted(count, 'message')} on {topics}"])
+    rows: list[tuple[str, ...]] = [("topic", "compared", "differ", "only in A", "only in B")]
     for topic, one in diff.topics.items():
         if not one.identical:
-            compared, differ, only_a, only_b = one.compared, one.differ, one.only_a, one.only_b
-            rows.append((topic, str(compared), str(differ), str(only_a), str(only_b)))
-    width = max(len(row[0]) for row in rows)
-    lines.append(f"first difference: {diff.first}")
-    for topic, *figures in rows:
-        cells = (
-            figure.rjust(len(head)) for figure, head in zip(figures, DIFF_COLUMNS[1:], strict=True)
-        )
-        lines.append("  ".join((topic.ljust(width), *cells)))
+            counts = (one.compared, one.differ, one.only_a, one.only_b)
+            rows.append((topic, *map(str, counts)))
     same = sum(one.identical for one in diff.topics.values())
-    lines.append(f"identical on {same} of {_many(len(diff.topics), 'topic')}")
-    return "\n".join(lines)
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+    lines += [f"first difference: {diff.first}", *text_table(rows, right=range(1, 5))]
+    return "\n".join([*lines, f"identical on {same} of {topics}"])

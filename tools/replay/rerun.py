@@ -6,18 +6,18 @@ parameters it must publish the same, and with others the difference is what thes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from palpate.launch import Entry, Graph, find_bag, override
+from palpate.launch import Entry, Graph, counted, find_bag, override, text_table
 from palpate.launch.files import SourceMapped, convert
 from palpate.messages.recording import RecordedMessage, Recording, open_recording
 from palpate.nodes.runtime import RecordedNode, Wiring, recorded_nodes
-from palpate.tools.replay.comparison import ChangeKind, ChangeNote, FieldChange, TopicComparison
+from palpate.tools.replay.comparison import ChangeKind, FieldChange, TopicComparison
 from palpate.tools.replay.exchange import (
     MessageExchange,
     ReplayedNode,
@@ -27,9 +27,7 @@ from palpate.tools.replay.exchange import (
     in_order_of_sending,
 )
 
-COUNT_COLUMNS = ("topic", "field", "compared", "differ", "first")
-SIZE_COLUMNS = ("largest", "rms", "unit")
-LEFT_COLUMNS = ("topic", "field", "unit")  # Columns of texts; numbers stand to the right
+CHANGE_COLUMNS = "topic", "field", "compared", "differ", "first", "largest", "rms", "unit"
 UNIT_WORDS = {"#": "count"}
 KIND_WORDS: dict[ChangeKind, str] = {
     "shape": "of another shape",
@@ -186,73 +184,38 @@ def verdict(player: ReplayedNode) -> str:
     if player.first:
         return f"{player.name}: differs, {player.first}"
     counts = ", ".join(f"{one.compared} on {topic}" for topic, one in player.says.items())
-    return f"{player.name}: identical, {counts or 'nothing said'}"
+    return f"{player.name}: identical, {counts or 'nothing published'}"
 
 
 def shortage_text(shortage: Shortage) -> str:
-    """One line on a topic of which another number was heard than had been recorded."""
+    """One line on a topic of which another number was received than had been recorded."""
     topic, publisher, listeners, fewer, more = shortage
     if fewer:
-        told = f"{_messages(fewer, 'fewer')} on {topic} than recorded: {publisher} says no more"
+        missed = counted(fewer, "fewer message")
+        told = f"{missed} on {topic} than recorded: {publisher} publishes no more"
     else:
-        told = f"{_messages(more, 'more')} on {topic}, after those recorded: {publisher} says more"
-    return f"{', '.join(listeners)}: heard {told}"
+        beyond = counted(more, "more message")
+        told = f"{beyond} on {topic}, after those recorded: {publisher} publishes more"
+    return f"{', '.join(listeners)}: received {told}"
 
 
-def _messages(number: int, which: str) -> str:
-    return f"{number} {which} message{'s' if number > 1 else ''}"
-
-
-def change_table(players: Sequence[ReplayedNode]) -> Iterator[str]:
+def change_table(players: Sequence[ReplayedNode]) -> list[str]:
     """Lines of what has changed, by topic and field; none if nothing has."""
     rows = [row for player in players for one in player.says.values() for row in _rows(one)]
-    if not rows:
-        return
-    rows.insert(0, _Row(COUNT_COLUMNS, SIZE_COLUMNS))
-    counts, sizes = _widths(row.counts for row in rows), _widths(row.sizes for row in rows)
-    for row in rows:
-        cells = (
-            *_aligned(COUNT_COLUMNS, row.counts, counts),
-            *_aligned(SIZE_COLUMNS, row.sizes, sizes),
-        )
-        yield "  ".join((*cells, row.note)).rstrip()
+    return text_table([CHANGE_COLUMNS, *rows], right=range(2, 7)) if rows else []
 
 
-def _rows(one: TopicComparison) -> Iterator[_Row]:
+def _rows(one: TopicComparison) -> Iterator[tuple[str, ...]]:
+    compared = str(one.compared)
     for field, change in one.changes.fields.items():
-        counts = (str(one.compared), str(change.differ), str(change.first))
-        notes = "; ".join(_note(kind, note) for kind, note in change.notes.items())
-        yield _Row((one.topic, field, *counts), _sizes(change), notes)
+        sizes = (f"{change.largest:.3g}", f"{change.rms:.3g}") if change.numbers else ("", "")
+        unit = UNIT_WORDS.get(change.unit, change.unit) if change.numbers else ""
+        notes = "; ".join(
+            f"{note.count} {KIND_WORDS[kind]}, first {note.then} -> {note.now}"
+            for kind, note in change.notes.items()
+        )
+        told = "  ".join(filter(None, (unit, notes)))
+        yield one.topic, field, compared, str(change.differ), str(change.first), *sizes, told
     if one.fewer or one.more:
         told = f"{one.fewer} fewer" if one.fewer else f"{one.more} more"
-        counts = (str(one.compared), "", str(one.compared))
-        yield _Row((one.topic, "messages", *counts), note=f"{told} than recorded")
-
-
-def _note(kind: ChangeKind, note: ChangeNote) -> str:
-    return f"{note.count} {KIND_WORDS[kind]}, first {note.then} -> {note.now}"
-
-
-def _sizes(change: FieldChange) -> tuple[str, ...]:
-    if not change.numbers:
-        return ()
-    unit = UNIT_WORDS.get(change.unit, change.unit)
-    return (f"{change.largest:.3g}", f"{change.rms:.3g}", unit)
-
-
-def _widths(rows: Iterable[tuple[str, ...]]) -> list[int]:
-    """Width of each column; rows may be empty."""
-    return [max(map(len, column)) for column in zip(*filter(None, rows), strict=True)]
-
-
-def _aligned(heads: tuple[str, ...], row: tuple[str, ...], widths: Sequence[int]) -> Iterator[str]:
-    for head, cell, width in zip(heads, row, widths, strict=False):
-        yield cell.ljust(width) if head in LEFT_COLUMNS else cell.rjust(width)
-
-
-class _Row(NamedTuple):
-    """What is told of one field; where it has no size, the note stands in its place."""
-
-    counts: tuple[str, ...]
-    sizes: tuple[str, ...] = ()
-    note: str = ""
+        yield one.topic, "messages", compared, "", compared, "", "", f"{told} than recorded"

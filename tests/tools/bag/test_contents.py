@@ -39,7 +39,6 @@ from palpate.tools.bag.contents import (
     info_text,
     recover_recording,
     recovered_text,
-    size_text,
 )
 from palpate.tools.cli import command_line as cli
 
@@ -145,14 +144,6 @@ def test_lines_for_people(record: Record) -> None:
     assert lines[-3].split() == ["topic", "type", "publisher", "messages", "bytes", "share"]
     assert lines[-2].split()[:4] == ["/log", "LogRecord", "somebody", "30"]
     assert len({len(line) for line in lines[-3:]}) == 1
-
-
-@pytest.mark.parametrize(
-    ("size", "text"),
-    [(0, "0 B"), (999, "999 B"), (1500, "1.5 kB"), (2e6, "2.0 MB"), (3e9, "3.0 GB")],
-)
-def test_sizes_have_the_unit_that_suits_them(size: int, text: str) -> None:
-    assert size_text(int(size)) == text
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,10 @@ def sentence(output: Output) -> str:
 
 
 def test_help_lists_the_verbs_without_importing_one() -> None:
-    code = "import sys; from palpate.tools.cli.command_line import run; run(['--help']); print(*sys.modules)"
+    code = (
+        "import sys; from palpate.tools.cli.command_line import run; "
+        "run(['--help']); print(*sys.modules)"
+    )
 
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True

@@ -68,7 +68,7 @@ def test_if_a_node_says_fewer_its_listener_hears_no_more(record_chain: RecordCha
     assert lines == [
         "first: differs, /b 0: recorded, but not said again",
         "second: differs, /c 0: recorded, but not said again",
-        "second: heard 3 fewer messages on /b than recorded: first says no more",
+        "second: received 3 fewer messages on /b than recorded: first publishes no more",
         "topic field compared differ first largest rms unit",
         "/b messages 0 0 3 fewer than recorded",
         "/c messages 0 0 3 fewer than recorded",
@@ -85,7 +85,7 @@ def test_if_a_node_says_more_its_listener_hears_the_rest_in_the_end(
     assert lines == [
         "first: differs, /b 1 robot_time: recorded 4.0, now 2.0",
         "second: differs, /c 1 robot_time: recorded 8.0, now 4.0",
-        "second: heard 3 more messages on /b, after those recorded: first says more",
+        "second: received 3 more messages on /b, after those recorded: first publishes more",
         "topic field compared differ first largest rms unit",
         "/b robot_time 3 2 1 2 2 s",
         "/b messages 3 3 3 more than recorded",
@@ -117,7 +117,7 @@ def test_after_a_node_has_failed_nothing_more_of_it_is_heard(
     assert lines == [
         "first: fails, ArithmeticError handling /a 1 from source: no more",
         "second: differs, /c 1: recorded, but not said again",
-        "second: heard 2 fewer messages on /b than recorded: first says no more",
+        "second: received 2 fewer messages on /b than recorded: first publishes no more",
         "topic field compared differ first largest rms unit",
         "/b messages 1 1 2 fewer than recorded",
         "/c messages 1 1 2 fewer than recorded",

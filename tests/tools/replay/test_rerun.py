@@ -584,7 +584,7 @@ def player(fields: dict[str, FieldChange], *, fewer: int = 0, more: int = 0) -> 
     return SimpleNamespace(says={"/x": said})
 
 
-def test_a_field_without_a_size_has_its_note_in_that_place() -> None:
+def test_a_field_without_a_size_has_its_note_at_the_end() -> None:
     height = FieldChange("m", 3, 12, 4, 0.5, 0.25, {"shape": ChangeNote(2, "(1,)", "(2,)")})
     kind = FieldChange("", 5, 1, notes={"value": ChangeNote(1, "'hit'", "'miss'")})
     count = FieldChange("#", 5, 1, 1, 2.0, 4.0)
@@ -593,11 +593,11 @@ def test_a_field_without_a_size_has_its_note_in_that_place() -> None:
 
     assert lines == [
         "topic  field     compared  differ  first  largest   rms  unit",
-        "/x     height          20      12      3      0.5  0.25  m      2 of another shape, "
+        "/x     height          20      12      3      0.5  0.25  m  2 of another shape, "
         "first (1,) -> (2,)",
-        "/x     kind            20       1      5  1 changed, first 'hit' -> 'miss'",
+        "/x     kind            20       1      5                 1 changed, first 'hit' -> 'miss'",
         "/x     count           20       1      5        2     2  count",
-        "/x     messages        20             20  3 fewer than recorded",
+        "/x     messages        20             20                 3 fewer than recorded",
     ]
 
 
@@ -610,5 +610,5 @@ def test_a_table_of_nothing_but_counts_has_all_heads() -> None:
 
     assert lines == [
         "topic  field     compared  differ  first  largest  rms  unit",
-        "/x     messages        20             20  1 more than recorded",
+        "/x     messages        20             20                1 more than recorded",
     ]

@@ -1,0 +1,91 @@
+"""What is printed: aligned tables, titled blocks of 80 columns, and figures with their units.
+
+All of it is plain text, on a terminal as in a pipe. Rich is imported when a table is made.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Collection, Sequence
+from typing import Literal
+
+TEXT_WIDTH = 80  # Columns of what is printed; tables may be wider, so that no cell is broken
+GAP = "  "  # Between two columns, and between two parts of a block
+
+
+def text_table(
+    rows: Sequence[Sequence[str]], right: Collection[int] = (), least: Sequence[int] = ()
+) -> list[str]:
+    """Rows as lines in which columns are aligned.
+
+    Parameters
+    ----------
+    rows : sequence of sequences of str
+        Cells, the heads first; what a row lacks at its end is empty.
+    right : collection of int
+        Numbers of the columns that stand to the right, as numbers do.
+    least : sequence of int
+        Least width of each column, in letters.
+    """
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    grid = Table.grid(padding=(0, len(GAP), 0, 0))
+    for column, width in enumerate([*least, *[0] * (max(map(len, rows)) - len(least))]):
+        side: Literal["left", "right"] = "right" if column in right else "left"
+        grid.add_column(justify=side, min_width=width, no_wrap=True)
+    for row in rows:
+        grid.add_row(*(Text(cell.replace("\t", " ")) for cell in row))
+    console = Console(width=1_000_000, no_color=True, force_terminal=False)
+    with console.capture() as printed:
+        console.print(grid)
+    return [line.rstrip() for line in printed.get().splitlines()]
+
+
+def titled(title: str, *parts: str, width: int = 11) -> list[str]:
+    """Parts behind a title, in lines of 80 columns that break between parts where they can.
+
+    Parameters
+    ----------
+    title : str
+        What the parts are; empty where they belong to the lines above.
+    *parts : str
+        Texts; one that is longer than a line is broken between its words.
+    width : int
+        Columns before the parts.
+    """
+    lines = [""]
+    for part in parts:
+        joined = f"{lines[-1]}{GAP}{part}" if lines[-1] else part
+        if len(joined) <= TEXT_WIDTH - width or not lines[-1]:
+            lines[-1] = joined
+        else:
+            lines.append(part)
+    broken = [
+        piece
+        for line in lines
+        for piece in textwrap.wrap(
+            line, TEXT_WIDTH - width, break_long_words=False, break_on_hyphens=False
+        )
+    ]
+    heads = [title, *[""] * len(broken)]
+    return [f"{head:<{width}}{piece}" for head, piece in zip(heads, broken or [""], strict=False)]
+
+
+def counted(count: int, one: str, more: str = "") -> str:
+    """A number of things: ``1 touch``, ``3 touches``."""
+    return f"{count} {one if count == 1 else more or f'{one}s'}"
+
+
+def millimetres(metres: float) -> str:
+    """A length to a micrometre, in mm."""
+    return f"{1000.0 * metres:.3f} mm"
+
+
+def size_text(size: int) -> str:
+    """A number of bytes in the unit that suits it."""
+    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size >= factor:
+            return f"{size / factor:.1f} {unit}"
+    return f"{size} B"
