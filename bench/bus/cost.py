@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -24,24 +25,26 @@ from typing import Any
 
 import zmq
 
-from palpate.bench.bus.toy_node import Quiet, ToyParams, frame, settle, toy
-from palpate.bench.table import Row
+from palpate.bench.bus.toy_node import frame, settle, token_ring
+from palpate.bench.table import Row, SilentWatcher, at_least, at_most, best_seconds, in_turns
 from palpate.launch import launch
 from palpate.launch.hosts import free_endpoints
 from palpate.launch.processes import RunCard, running_graphs, without_main_module
 from palpate.messages import Header, decode, encode, pack_frame, schema_hash, split_frame
 from palpate.messages.bus import STATUS_TOPIC, SocketContext, bind, make_key
 from palpate.messages.types import NodeStatus, TactileFrame
+from palpate.nodes.runtime import Ending, Wiring
 from palpate.tools.introspection import TapSubscription, Topic
 
 LAPS = 2000
+CORES = ((0, "one core"), (-1, "free cores"))
 MOST_LOCKED = 1.3
 _DEADLINE_MS = 20_000
 TURNS = 9
-STATUSES = 6  # Words of a node over which a rate is taken, four a second
+STATUSES = 6  # Status messages of a node over which a rate is taken, four a second
 LEAST_RATE_KEPT = 0.9  # Share of its rate that a graph must keep
 _DEADLINE = 30.0
-_SCRIPT = "import sys; from palpate.bench.bus.cost import launch_ring; turn(sys.argv[1])"
+_SCRIPT = "import sys; from palpate.bench.bus.cost import launch_ring; launch_ring(sys.argv[1])"
 
 
 def hop_rows(quick: bool) -> Iterator[Row]:
@@ -53,50 +56,72 @@ def hop_rows(quick: bool) -> Iterator[Row]:
 def _codec_row(rounds: int = 300, batches: int = 10) -> Row:
     message, schema = frame(1), schema_hash(TactileFrame)
 
-    def once() -> None:
-        header = Header(1, 0, 7, time.monotonic_ns(), 0.1, schema)
-        data = pack_frame("/touch/raw", header, encode(message))
-        decode(TactileFrame, split_frame(data)[2])
-
-    def batch() -> float:
-        began = time.perf_counter()
+    def batch() -> None:
         for _ in range(rounds):
-            once()
-        return (time.perf_counter() - began) / rounds * 1e6
+            header = Header(1, 0, 7, time.monotonic_ns(), 0.1, schema)
+            data = pack_frame("/touch/raw", header, encode(message))
+            decode(TactileFrame, split_frame(data)[2])
 
-    cost = min(batch() for _ in range(batches))
+    cost = best_seconds(batch, batches) / rounds
     name = "codec, checks and header, both sides, 16 x 16"
-    return Row(name, f"{cost:.1f} us", "<= 30 us", cost <= 30.0)
+    return at_most(name, 1e6 * cost, 30.0, ".1f", " us")
 
 
 def _full_and_bare(laps: int, turns: int = 5) -> Iterator[Row]:
-    """Hops of the full stack and of the bare sockets, in turn, so that both meet the same load."""
-    for core, where in ((0, "one core"), (-1, "free cores")):
-        full, bare = [], []
-        for _ in range(turns):
-            full.append(_full_hop(laps, core))
-            bare.append(_bare_hop(laps, core))
-        over = min(full) - min(bare)
-        yield Row(f"one hop, bare sockets, {where}", f"{min(bare):.1f} us", "", True)
-        yield Row(f"one hop, full stack, {where}", f"{min(full):.1f} us", "", True)
-        yield Row(f"overhead of a hop, {where}", f"{over:.1f} us", "<= 30 us", over <= 30.0)
+    for core, where in CORES:
+        calls = {
+            "full": partial(_full_hop, laps, core),
+            "bare": partial(_bare_hop, laps, core),
+        }
+        full, bare = (min(found) for found in in_turns(calls, turns).values())
+        yield Row(f"one hop, bare sockets, {where}", f"{bare:.1f} us")
+        yield Row(f"one hop, full stack, {where}", f"{full:.1f} us")
+        yield at_most(f"overhead of a hop, {where}", full - bare, 30.0, ".1f", " us")
         if core < 0:
-            rate = 1e6 / (4 * min(full))
-            yield Row("touches of 4 hops", f"{rate:.0f} /s", ">= 300 /s", rate >= 300.0)
+            yield at_least("touches of 4 hops", 1e6 / (4 * full), 300.0, ".0f", " /s")
 
 
 def _full_hop(laps: int, core: int) -> float:
     """Time of one hop between two nodes, us."""
-    watcher = Quiet()
-    ring = [
-        toy("source", ToyParams(burst=1, laps=laps, expects=laps, core=core), hears="relay"),
-        toy("relay", ToyParams(relay=True, core=core), hears="source"),
-    ]
-    ending = launch(ring, ends="source", hear=["/source/mark"], watcher=watcher)
-    if ending.status != "finished":
-        raise RuntimeError(f"the ring {ending.status}: {ending.reason}")
+    return 1e6 * ring_seconds(token_ring(laps, core)) / (2 * (laps - 1))
+
+
+def ring_seconds(graph: Sequence[Wiring]) -> float:
+    """Time between the first and the last mark of a ring that is launched, s.
+
+    Raises
+    ------
+    RuntimeError
+        If it does not finish.
+    """
+    watcher = _Times()
+    finished(launch(graph, ends="source", hear=["/source/mark"], watcher=watcher), "the ring")
     first, last = watcher.times
-    return (last - first) / (2 * (laps - 1)) * 1e6
+    return last - first
+
+
+def finished(ending: Ending, what: str) -> Ending:
+    """An ending, if it is that of a graph that finished.
+
+    Raises
+    ------
+    RuntimeError
+        If it is not.
+    """
+    if ending.status != "finished":
+        raise RuntimeError(f"{what} {ending.status}: {ending.reason}")
+    return ending
+
+
+class _Times(SilentWatcher):
+    """Keeps the times at which it received something, s on the performance counter."""
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+
+    def heard(self, topic: str, message: object) -> None:
+        """Keep the time."""
+        self.times.append(time.perf_counter())
 
 
 def _bare_hop(laps: int, core: int) -> float:
@@ -106,28 +131,21 @@ def _bare_hop(laps: int, core: int) -> float:
         return bare_hop(there, back, laps, core=core)
 
 
-def lock_rows(laps: int = 2000, turns: int = 15) -> Iterator[Row]:
-    """Rows of the table; the two are measured in turn, so that both meet the same load."""
+def lock_rows(quick: bool, turns: int = 15) -> Iterator[Row]:
+    """A hop over TCP with the lock and without it; fewer laps if quick."""
+    laps = 500 if quick else LAPS
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         key = Path(folder) / "graph.key"
         make_key(key)
-        for core, where in ((0, "one core"), (-1, "free cores")):
-            plain, locked = [], []
-            for _ in range(turns):
-                plain.append(_hop(laps, core, ""))
-                locked.append(_hop(laps, core, str(key)))
-            ratio = min(locked) / min(plain)
-            yield Row(f"one hop over tcp, bare sockets, {where}", f"{min(plain):.1f} us", "", True)
-            yield Row(f"the same, locked, {where}", f"{min(locked):.1f} us", "", True)
-            yield Row(
-                f"locked over plain, {where}",
-                f"{ratio:.2f}",
-                f"<= {MOST_LOCKED:g}",
-                ratio <= MOST_LOCKED,
-            )
+        for core, where in CORES:
+            calls = {one: partial(_tcp_hop, laps, core, one) for one in ("", str(key))}
+            plain, locked = (min(found) for found in in_turns(calls, turns).values())
+            yield Row(f"one hop over tcp, bare sockets, {where}", f"{plain:.1f} us")
+            yield Row(f"the same, locked, {where}", f"{locked:.1f} us")
+            yield at_most(f"locked over plain, {where}", locked / plain, MOST_LOCKED)
 
 
-def _hop(laps: int, core: int, key: str) -> float:
+def _tcp_hop(laps: int, core: int, key: str) -> float:
     ends = free_endpoints("127.0.0.1", ("there", "back"))
     return bare_hop(ends["there"], ends["back"], laps, core=core, key=key)
 
@@ -202,35 +220,25 @@ def _pair(wires: SocketContext, endpoint: str, other: str, key: str) -> tuple[An
     return out, into
 
 
-def introspection_rows(turns: int = TURNS) -> list[Row]:
-    """How fast a ring of two nodes turns while a tool hears all that one of them says.
+def introspection_rows(quick: bool, turns: int = TURNS) -> Iterator[Row]:
+    """How fast a ring of two nodes turns while a tool subscribes to all that one publishes.
 
-    Parameters
-    ----------
-    turns : int
-        How often each rate is taken. A share is the median of those in each turn, for the machine's
-        other work comes and goes.
+    A share is the median of those in each turn, for the machine's other work comes and goes.
     """
     alone, beside, stopped = [], [], []
     with _ring() as (card, folder):
-        for _ in range(turns):
+        for _ in range(2 if quick else turns):
             alone.append(_rate(card))
             with _topic_echo(folder) as echo:
                 beside.append(_rate(card))
                 echo.send_signal(signal.SIGSTOP)
                 stopped.append(_rate(card))
         alone.append(_rate(card))
-    kept, cost = _share(stopped, alone), _share(beside, alone)
-    return [
-        Row("a ring of two nodes turns, nobody looking", f"{median(alone):.0f} /s", "", True),
-        Row("topic echo of all its messages: share of that rate", f"{cost:.2f}", "", True),
-        Row(
-            "a stopped topic echo: share of that rate",
-            f"{kept:.2f}",
-            f">= {LEAST_RATE_KEPT}",
-            kept >= LEAST_RATE_KEPT,
-        ),
-    ]
+    yield Row("a ring of two nodes turns, nobody looking", f"{median(alone):.0f} /s")
+    title = "topic echo of all its messages: share of that rate"
+    yield Row(title, f"{_share(beside, alone):.2f}")
+    kept = _share(stopped, alone)
+    yield at_least("a stopped topic echo: share of that rate", kept, LEAST_RATE_KEPT)
 
 
 @contextmanager
@@ -260,22 +268,20 @@ def _card(folder: Path, process: subprocess.Popen[bytes]) -> RunCard:
 def _rate(card: RunCard) -> float:
     """Turns a second by the source's own count, which costs it nothing."""
     beats: list[tuple[int, int]] = []
-    with TapSubscription(
-        card, [Topic(STATUS_TOPIC, NodeStatus.__name__, ("source",), ())]
-    ) as hearing:
-        for batch in hearing.batches(_DEADLINE):
-            for heard in batch:
-                beats.append((heard.header.sent_ns, decode(NodeStatus, heard.body).messages))
+    with TapSubscription(card, [Topic(STATUS_TOPIC, NodeStatus.__name__, ("source",), ())]) as tap:
+        for batch in tap.batches(_DEADLINE):
+            for one in batch:
+                beats.append((one.header.sent_ns, decode(NodeStatus, one.body).messages))
             if len(beats) >= STATUSES:
                 break
     if len(beats) < STATUSES:
-        raise RuntimeError("the ring says nothing of itself")
+        raise RuntimeError("the ring publishes no status")
     return 1e9 * (beats[-1][1] - beats[0][1]) / (beats[-1][0] - beats[0][0])
 
 
 @contextmanager
 def _topic_echo(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Run ``topic echo``, once it hears something, with an output that is read no further."""
+    """Run ``topic echo``, once it receives something, with an output that is read no further."""
     with subprocess.Popen(
         [sys.executable, "-m", "palpate", "topic", "echo", "/relay", "--field", "touch", "--csv"],
         stdout=subprocess.PIPE,
@@ -285,7 +291,7 @@ def _topic_echo(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
         try:
             assert process.stdout is not None
             if not process.stdout.readline():
-                raise RuntimeError("topic echo heard nothing")
+                raise RuntimeError("topic echo received nothing")
             yield process
         finally:
             process.kill()
@@ -301,16 +307,6 @@ def _share(rates: Sequence[float], alone: Sequence[float]) -> float:
 
 def launch_ring(folder: str) -> None:
     """Launch a ring of two nodes that turns until it is interrupted."""
-    from palpate.bench.bus.toy_node import Quiet
-
-    launch(
-        [
-            toy("source", ToyParams(burst=1, laps=10**12), hears="relay"),
-            toy("relay", ToyParams(relay=True), hears="source"),
-        ],
-        ends="source",
-        hear=(),
-        watcher=Quiet(),
-        name="ring",
-        work_dir=Path(folder),
-    )
+    ring = token_ring(10**12)
+    watcher, place = SilentWatcher(), Path(folder)
+    launch(ring, ends="source", hear=(), watcher=watcher, name="ring", work_dir=place)

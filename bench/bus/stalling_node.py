@@ -1,7 +1,4 @@
-"""A node that subscribes to a flood, stalls now and then.
-
-And counts what is missing or out of turn.
-"""
+"""A node that subscribes to a flood, stalls now and then, and counts what is missing or late."""
 
 from __future__ import annotations
 
@@ -14,14 +11,14 @@ import msgspec
 from palpate.messages.types import Clock
 from palpate.nodes.runtime import Finished, Input, Node, Outputs, Wiring
 
-MODULE = "palpate.bench.bus.stalling_node"
+MODULE = __name__
 SOURCE, TOPIC = "source", "/flood"
 
 
 class StallingParams(msgspec.Struct, frozen=True, kw_only=True):
     """What a listener does."""
 
-    expects: int  # Messages that will be said, numbered by their times in ms
+    expects: int  # Messages that will be published, numbered by their times in ms
     # Messages at which it stands still, and for how long, s.
     stalls: tuple[tuple[int, float], ...] = ()
     late: float = 0.0  # Time after which its process begins to join, s
@@ -33,31 +30,31 @@ class StallingParams(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class FloodCount:
-    """What was heard so far."""
+    """What was received so far."""
 
     number: int = 0  # Messages
     latest: int = -1  # Highest number
-    early: int = 0  # Numbers that were left out when a higher one came
-    again: int = 0  # Messages with a number that is not higher than the one before
+    missing: int = 0  # Numbers that were left out when a higher one came
+    late: int = 0  # Messages with a number that is not higher than the one before
 
 
 def _on_message(
-    params: StallingParams, heard: FloodCount, message: Clock
+    params: StallingParams, count: FloodCount, message: Clock
 ) -> tuple[FloodCount, Outputs]:
     number = round(1000.0 * message.time)
     for place, seconds in params.stalls:
         if place == number:
             time.sleep(seconds)
-    if number > heard.latest:
-        left_out = number - heard.latest - 1
-        heard = replace(heard, latest=number, early=heard.early + left_out)
+    if number > count.latest:
+        missing = count.missing + number - count.latest - 1
+        count = replace(count, latest=number, missing=missing)
     else:
-        heard = replace(heard, again=heard.again + 1)
-    heard = replace(heard, number=heard.number + 1)
-    if heard.number < params.expects:
-        return heard, []
-    said = f"{heard.number} heard, {heard.early} left out, {heard.again} out of turn"
-    return heard, [Finished(said)]
+        count = replace(count, late=count.late + 1)
+    count = replace(count, number=count.number + 1)
+    if count.number < params.expects:
+        return count, []
+    told = f"{count.number} received, {count.missing} missing, {count.late} out of turn"
+    return count, [Finished(told)]
 
 
 NODE = Node(

@@ -12,10 +12,10 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from palpate.bench.table import Row
+from palpate.bench.table import Row, SilentWatcher, at_most
 
 MOST = 0.2  # Of the time of fresh interpreters
 _DEADLINE = 60.0
@@ -34,40 +34,29 @@ class _Enough(Exception):
     """All nodes are ready."""
 
 
-def start_rows(turns: int = 7) -> Iterator[Row]:
+def start_rows(quick: bool, turns: int = 7) -> Iterator[Row]:
     """Rows of the table; of each time the least of some turns, which others' load disturbs least.
 
     The server wakes while the graph is checked. What that takes from the check is counted apart:
     it is next to nothing where a second core is free, and most of the import where none is.
-
-    Parameters
-    ----------
-    turns : int
-        Launches of each kind.
     """
     woken, not_woken, fresh = [], [], []
-    for _ in range(turns):
+    for _ in range(2 if quick else turns):
         woken.append(_in_new_process(early=True))
         fresh.append(seconds_of_fresh(woken[-1].modules))
         not_woken.append(_in_new_process(early=False))
     ready, alone = (min(one.ready for one in many) for many in (woken, not_woken))
     delay = min(one.checked for one in woken) - min(one.checked for one in not_woken)
-    nodes = "seven nodes ready"
-    yield _time("seven fresh interpreters", min(fresh))
-    yield _time(f"{nodes}, from the launch on", ready)
-    yield _time("check of the graph, longer for the server waking", delay)
-    yield _time(f"{nodes}, had the server not been woken before", alone)
-    yield _share(f"{nodes}, over seven fresh interpreters", ready / min(fresh))
-    both = ready + max(delay, 0.0)
-    yield _share("the same, with what the check lost to the server", both / min(fresh))
-
-
-def _share(name: str, share: float) -> Row:
-    return Row(name, f"{share:.2f}", f"<= {MOST}", share <= MOST)
-
-
-def _time(name: str, seconds: float) -> Row:
-    return Row(name, f"{1e3 * seconds:.0f} ms", "", True)
+    for name, seconds in (
+        ("seven fresh interpreters", min(fresh)),
+        ("seven nodes ready, from the launch on", ready),
+        ("check of the graph, longer for the server waking", delay),
+        ("seven nodes ready, had the server not been woken before", alone),
+    ):
+        yield Row(name, f"{1e3 * seconds:.0f} ms")
+    yield at_most("seven nodes ready, over seven fresh interpreters", ready / min(fresh), MOST)
+    both = (ready + max(delay, 0.0)) / min(fresh)
+    yield at_most("the same, with what the check lost to the server", both, MOST)
 
 
 def start_once(*, early: bool) -> Started:
@@ -115,35 +104,25 @@ def seconds_of_fresh(modules: Sequence[str]) -> float:
             started.append(
                 subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
             )
-        said = [one.stdout.readline() if one.stdout else "" for one in started]
+        lines = [one.stdout.readline() if one.stdout else "" for one in started]
         took = time.perf_counter() - began
     finally:
         for one in started:
             one.kill()
             one.communicate()
-    if said != ["ready\n"] * len(modules):
+    if lines != ["ready\n"] * len(modules):
         raise RuntimeError("a fresh interpreter could not import its node")
     return took
 
 
-class _UntilReady:
-    """A watcher that has seen enough when all nodes are ready."""
+class _UntilReady(SilentWatcher):
+    """Has seen enough when all nodes are ready."""
 
-    def __init__(self) -> None:
-        self.seconds = 0.0
+    seconds = 0.0
 
     def ready(self, seconds: float) -> None:
         self.seconds = seconds
         raise _Enough
-
-    def heard(self, topic: str, message: object) -> None:
-        pass
-
-    def log(self, record: object) -> None:
-        pass
-
-    def tick(self, statuses: Mapping[str, object]) -> None:
-        pass
 
 
 def _in_new_process(*, early: bool) -> Started:

@@ -1,7 +1,4 @@
-"""A toy node that counts and passes on, by which the bus is measured.
-
-And a watcher that keeps times alone.
-"""
+"""A toy node that counts and passes on, by which the bus is measured."""
 
 from __future__ import annotations
 
@@ -9,15 +6,14 @@ import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Mapping
 
 import msgspec
 import numpy as np
 
-from palpate.messages.types import LogRecord, NodeStatus, TactileFrame
+from palpate.messages.types import TactileFrame
 from palpate.nodes.runtime import Finished, Input, Node, Outputs, Wiring
 
-MODULE = "palpate.bench.bus.toy_node"
+MODULE = __name__
 _UP = np.array([0.0, 0.0, 1.0])
 _POSE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 _ARRAY = np.full((16, 16), 2e-6)
@@ -28,8 +24,8 @@ class ToyParams(msgspec.Struct, frozen=True, kw_only=True):
 
     burst: int = 0  # Frames published at the start
     laps: int = 0  # Publishes the next frame when one comes, until it has published this many
-    relay: bool = False  # Publishes what it hears
-    expects: int = 0  # Says that it has finished when it has heard this many; 0 never does
+    relay: bool = False  # Publishes what it receives
+    expects: int = 0  # Finishes when it has received this many; 0 never does
     work: float = 0.0  # Time that each message takes, s
     late: float = 0.0  # Time after which its process begins to join, s
     core: int = -1  # Processor core on which it runs; -1 leaves it free
@@ -65,7 +61,7 @@ def frame(touch: int) -> TactileFrame:
 def toy(
     name: str, params: ToyParams, *, hears: str = "", listeners: tuple[str, ...] = ()
 ) -> Wiring:
-    """Wiring of a toy that publishes ``/<name>`` and hears at most one other toy."""
+    """Wiring of a toy that publishes ``/<name>`` and subscribes to at most one other."""
     inputs = (Input(hears, f"/{hears}", "/in", "TactileFrame"),) if hears else ()
     outputs = {"/out": f"/{name}", "/mark": f"/{name}/mark"}
     return Wiring(
@@ -79,47 +75,35 @@ def toy(
     )
 
 
-class Quiet:
-    """A watcher that only keeps the times at which it heard something."""
-
-    def __init__(self) -> None:
-        self.times: list[float] = []
-        """Seconds on the performance counter."""
-
-    def ready(self, seconds: float) -> None:
-        """Nothing to say."""
-
-    def heard(self, topic: str, message: object) -> None:
-        """Keep the time."""
-        self.times.append(time.perf_counter())
-
-    def log(self, record: LogRecord) -> None:
-        """Nothing to say."""
-
-    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
-        """Nothing to say."""
+def token_ring(laps: int, core: int = -1) -> list[Wiring]:
+    """Two toys that pass a frame there and back, so often."""
+    source = ToyParams(burst=1, laps=laps, expects=laps, core=core)
+    return [
+        toy("source", source, hears="relay"),
+        toy("relay", ToyParams(relay=True, core=core), hears="source"),
+    ]
 
 
 def _start(params: ToyParams) -> tuple[int, Outputs]:
     return 0, [("/out", frame(touch)) for touch in range(params.burst)]
 
 
-def _on_frame(params: ToyParams, heard: int, message: TactileFrame) -> tuple[int, Outputs]:
-    if message.touch != heard:
-        raise ValueError(f"expected number {heard}, got {message.touch}")
-    heard += 1
+def _on_frame(params: ToyParams, received: int, message: TactileFrame) -> tuple[int, Outputs]:
+    if message.touch != received:
+        raise ValueError(f"expected number {received}, got {message.touch}")
+    received += 1
     if params.work:
         time.sleep(params.work)
-    said: Outputs = []
+    outputs: Outputs = []
     if params.relay:
-        said.append(("/out", message))
-    elif params.laps > heard:
-        said.append(("/out", frame(heard)))
-    if params.laps and heard in (1, params.laps):
-        said.append(("/mark", message))
-    if heard == params.expects:
-        said.append(Finished(f"{heard} heard"))
-    return heard, said
+        outputs.append(("/out", message))
+    elif params.laps > received:
+        outputs.append(("/out", frame(received)))
+    if params.laps and received in (1, params.laps):
+        outputs.append(("/mark", message))
+    if received == params.expects:
+        outputs.append(Finished(f"{received} received"))
+    return received, outputs
 
 
 NODE = Node(

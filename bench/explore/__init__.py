@@ -13,21 +13,14 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.bench.explore.explorations import calibration_rows as calibration_rows
-    from palpate.bench.explore.explorations import direction_rows as direction_rows
-    from palpate.bench.explore.explorations import exploration_rows as exploration_rows
-    from palpate.bench.explore.explorations import finger_rows as finger_rows
-    from palpate.bench.explore.explorations import tilted_rows as tilted_rows
-    from palpate.bench.explore.grasping import grasp_rows as grasp_rows
     from palpate.bench.explore.harness import NOISES as NOISES
     from palpate.bench.explore.harness import Demand as Demand
     from palpate.bench.explore.harness import Explored as Explored
+    from palpate.bench.explore.harness import InProcessLoop as InProcessLoop
+    from palpate.bench.explore.harness import LoopNode as LoopNode
     from palpate.bench.explore.harness import explore_scene as explore_scene
     from palpate.bench.explore.harness import path_length as path_length
+    from palpate.bench.explore.harness import touching_nodes as touching_nodes
     from palpate.bench.explore.harness import write_scene as write_scene
-    from palpate.bench.explore.planners import planner_rows as planner_rows
-    from palpate.bench.explore.planners import whole_planner_rows as whole_planner_rows
-    from palpate.bench.explore.tracing import TRACING_GROUPS as TRACING_GROUPS
-    from palpate.bench.explore.tracing import InProcessLoop as InProcessLoop
 else:
     __getattr__, __dir__ = lazy(__name__)

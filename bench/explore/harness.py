@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import tempfile
 import time
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.bench.objects import EXPLORED_HEIGHT, ExploreObject
+from palpate.bench.table import SilentWatcher
 from palpate.core import (
     Floats,
     Ints,
@@ -34,15 +36,14 @@ from palpate.messages.types import (
     Contour,
     ContourGoal,
     GraspContacts,
-    LogRecord,
-    NodeStatus,
     PlanDone,
     Score,
     ShapeModel,
     TactileFrame,
     Truth,
 )
-from palpate.nodes.runtime import Ending, run_composed
+from palpate.nodes import curvature, filter, simulator
+from palpate.nodes.runtime import Ending, Finished, Node, Outputs, run_composed
 
 KEPT_TYPES = (Contour, ContourGoal, GraspContacts, PlanDone, Score, ShapeModel, TactileFrame, Truth)
 MOVE_TRAVEL, MOVE_APPROACH = 1, 3  # Places in a touch's `move`
@@ -96,19 +97,13 @@ class Explored(NamedTuple):
         return None if self.bound is None else self.percent <= self.bound
 
 
-class MessageCollector:
-    """A watcher that keeps what it hears, by type."""
+class MessageCollector(SilentWatcher):
+    """Keeps what is published, by type."""
 
     def __init__(self) -> None:
         self.messages_of: dict[type, list[Any]] = {kind: [] for kind in KEPT_TYPES}
-        """The messages of each type, in their order."""
-        self.touches = 0
-        """Touches of all fingers."""
-        self.travel = 0.0
-        """Way of the fingers and of the hand, m."""
-
-    def ready(self, seconds: float) -> None:
-        """All nodes are up."""
+        self.touches = 0  # Of all fingers
+        self.travel = 0.0  # Way of the fingers and of the hand, m
 
     def heard(self, topic: str, message: object) -> None:
         """Keep a message; of a touch, only its way."""
@@ -117,12 +112,6 @@ class MessageCollector:
             self.travel += path_length(message.move)
         else:
             self.messages_of[type(message)].append(message)
-
-    def log(self, record: LogRecord) -> None:
-        """A node has something to say: not of interest."""
-
-    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
-        """Time has gone by."""
 
 
 def explore_object(
@@ -320,3 +309,62 @@ def contour_error(side: Side, contours: Sequence[Contour], *, slopes: bool) -> f
 def model_error(side: Side, model: ShapeModel) -> float:
     """Error of the side of a model that was rebuilt from everything that was felt, %."""
     return side.percent(model.vertices, model.faces) if len(model.faces) else WORST
+
+
+class LoopNode(NamedTuple):
+    """A node of one finger."""
+
+    finger: int  # From 1
+    node: Node
+    params: Any  # Instance of the node's own parameter type
+
+
+class InProcessLoop:
+    """Nodes as plain calls: every message goes to the nodes of its topic, first in, first out.
+
+    Parameters
+    ----------
+    nodes : sequence of LoopNode
+        What each publishes reaches the nodes of its finger, a shared topic those of all.
+    """
+
+    def __init__(self, nodes: Sequence[LoopNode]) -> None:
+        self._nodes = tuple(nodes)
+        started = [one.node.start(one.params) for one in nodes]
+        self._states: list[Any] = [state for state, _ in started]
+        first = [_routed(one, out) for one, (_, out) in zip(nodes, started, strict=True)]
+        self._deliver([message for some in first for message in some])
+
+    def publish(self, topic: str, message: object) -> dict[str, Any]:
+        """Publish to all fingers, and run until it is quiet; the last message of each topic."""
+        return self._deliver([(ALL_FINGERS, topic, message)])
+
+    def _deliver(self, first: list[_Routed]) -> dict[str, Any]:
+        waiting, last = deque(first), dict[str, Any]()
+        while waiting:
+            finger, topic, message = waiting.popleft()
+            last[topic] = message
+            for i, one in enumerate(self._nodes):
+                if topic in one.node.inputs and finger in (ALL_FINGERS, one.finger):
+                    _, handler = one.node.inputs[topic]
+                    self._states[i], outputs = handler(one.params, self._states[i], message)
+                    waiting += _routed(one, outputs)
+        return last
+
+
+def _routed(one: LoopNode, outputs: Outputs) -> list[_Routed]:
+    sent = [out for out in outputs if not isinstance(out, Finished)]
+    return [(ALL_FINGERS if t in one.node.shared else one.finger, t, body) for t, body in sent]
+
+
+def touching_nodes(simulated: simulator.Params, finger: int = 1) -> list[LoopNode]:
+    """Simulator, filter and curvature of a finger, in this order."""
+    return [
+        LoopNode(finger, simulator.NODE, simulated),
+        LoopNode(finger, filter.NODE, filter.Params()),
+        LoopNode(finger, curvature.NODE, curvature.Params()),
+    ]
+
+
+ALL_FINGERS = 0  # A message of no single finger
+_Routed = tuple[int, str, object]  # Finger, topic as the nodes call it, message

@@ -10,18 +10,15 @@ deeper as it can be compressed. So one cast answers for all places at which the 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from palpate.bench.objects import TRACED_OBJECTS, TracedSolid, dented, notched, wedged
 from palpate.bench.table import Row
 from palpate.core import (
-    IDENTITY_POSE,
     Bools,
     Floats,
     pad_rotation,
@@ -41,9 +38,6 @@ from palpate.core.explore.tracing import (
     next_command,
 )
 from palpate.core.touch import Pad, fit_patch, guarded_move
-from palpate.messages.types import Contour, ContourGoal
-from palpate.nodes import curvature, filter, simulator, tracer
-from palpate.nodes.runtime import Finished, Node, Outputs
 
 FLAT = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 DOMED = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=1.0 / 0.015, saturation=0.8)
@@ -84,8 +78,6 @@ CELL = 0.75e-3  # Of the field, m
 FINE = 0.1e-3  # Distance of the outline's points that are asked about, m
 SEEN = 0.1e-3  # A point is seen that is as far away as the first thing in its way, m
 FAR, PAST = 0.07, 0.01  # Rays begin this far before the stretch and end this far past it, m
-LOOP_APPROACH = 0.02  # The finger comes from this far outside of the object, m
-ALL_FINGERS = 0  # A message of no single finger: all hear it
 
 
 class TouchNoise(NamedTuple):
@@ -106,98 +98,15 @@ class SliceFigures(NamedTuple):
     covered: float  # Share of the true slice within 1 mm of a point
 
 
-class LoopNode(NamedTuple):
-    """A node of one finger."""
-
-    finger: int  # The finger, from 1
-    node: Node  # What it does
-    params: Any  # Instance of the node's own parameter type
-
-
-class Routed(NamedTuple):
-    """A message under way."""
-
-    finger: int  # The finger whose nodes hear it, or `ALL_FINGERS`
-    topic: str  # As the nodes call it
-    message: object  # What was said
-
-
-class InProcessLoop:
-    """Simulator, filter, curvature and tracer of each finger: each hearing what the others say.
-
-    Parameters
-    ----------
-    simulated : simulator.Params
-        Object, sensor, effects and seed.
-    filtered : filter.Params
-        How frames are cleaned.
-    fingers : int
-        How many fingers there are.
-    """
-
-    def __init__(
-        self,
-        simulated: simulator.Params,
-        filtered: filter.Params | None = None,
-        fingers: int = 1,
-    ) -> None:
-        self._seats = [
-            seat
-            for finger in range(1, fingers + 1)
-            for seat in (
-                LoopNode(
-                    finger, simulator.NODE, replace(simulated, finger=finger, fingers=fingers)
-                ),
-                LoopNode(finger, filter.NODE, filtered or filter.Params()),
-                LoopNode(finger, curvature.NODE, curvature.Params()),
-                LoopNode(finger, tracer.NODE, tracer.Params(finger=finger)),
-            )
-        ]
-        self._states: list[Any] = []
-        first: list[Routed] = []
-        for seat in self._seats:
-            state, outputs = seat.node.start(seat.params)
-            self._states.append(state)
-            first += _routed(seat, outputs)
-        self._deliver(first)
-
-    def trace(self, height: float, radius: float, number: int = 0, finger: int = 1) -> Contour:
-        """Trace the slice at a height about the world's axis; radius of the object there, m."""
-        goal = ContourGoal(
-            id=number,
-            finger=finger,
-            frame=IDENTITY_POSE,
-            height=height,
-            centre=np.zeros(2),
-            radius=radius + LOOP_APPROACH,
-            not_before=0.0,
-        )
-        said = self._deliver([Routed(ALL_FINGERS, "/contour/goal", goal)])
-        contour = said["/contour/traced"]
-        assert isinstance(contour, Contour)
-        return contour
-
-    def _deliver(self, first: list[Routed]) -> dict[str, object]:
-        """Hand every message to who hears its topic, first in, first out; the last of each."""
-        waiting, last = deque(first), dict[str, object]()
-        while waiting:
-            said = waiting.popleft()
-            last[said.topic] = said.message
-            for i, seat in enumerate(self._seats):
-                if said.topic in seat.node.inputs and said.finger in (ALL_FINGERS, seat.finger):
-                    _, handler = seat.node.inputs[said.topic]
-                    self._states[i], outputs = handler(seat.params, self._states[i], said.message)
-                    waiting += _routed(seat, outputs)
-        return last
-
-
-def _routed(seat: LoopNode, outputs: Outputs) -> list[Routed]:
-    said = [one for one in outputs if not isinstance(one, Finished)]
-    shared = seat.node.shared
-    return [Routed(ALL_FINGERS if t in shared else seat.finger, t, message) for t, message in said]
-
-
 def tracing_rows(quick: bool) -> Iterator[Row]:
+    """All figures of slices that are traced."""
+    yield from closed_rows()
+    yield from noisy_rows(quick)
+    yield from hollow_rows(quick)
+    yield from width_rows()
+
+
+def closed_rows() -> Iterator[Row]:
     """Closed contours: touches and accuracy, without noise."""
     for pad in PADS:
         yield from _rows(f"smooth, {pad}", SMOOTH, PADS[pad], MOST_SMOOTH[pad])
@@ -337,7 +246,7 @@ def _longest(points: Floats, hidden: Bools) -> float:
     )
 
 
-def width_rows(quick: bool) -> Iterator[Row]:
+def width_rows() -> Iterator[Row]:
     """Narrow and wide arrays of 16 by 16."""
     for width in WIDTHS:
         for name, pad in PADS.items():
@@ -436,6 +345,3 @@ def outline_distances(points: Floats, outline: Floats) -> Floats:
         share = np.clip(np.einsum("ni,ni->n", points - start, way) / length, 0.0, 1.0)
         off = np.minimum(off, np.linalg.norm(points - start - share[:, None] * way, axis=1))
     return off
-
-
-TRACING_GROUPS = (tracing_rows, noisy_rows, hollow_rows, width_rows)

@@ -4,14 +4,3 @@ With the same finger and the same noise as palpate: what it is compared with. It
 chosen on two objects that do not count; a kernel or a way to choose may be added. It rests on
 the harness of bench.explore for scenes and ways; palpate itself needs none of it.
 """
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
-
-if TYPE_CHECKING:
-    from palpate.bench.peers.gp_explorer import gp_rows as gp_rows
-else:
-    __getattr__, __dir__ = lazy(__name__)

@@ -16,17 +16,23 @@ not count.
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.explore import NOISES, Demand, Explored, explore_scene, path_length, write_scene
+from palpate.bench.explore import (
+    NOISES,
+    Demand,
+    Explored,
+    InProcessLoop,
+    explore_scene,
+    path_length,
+    touching_nodes,
+    write_scene,
+)
 from palpate.bench.objects import EXPLORED_OBJECTS
 from palpate.bench.peers.gp_surface import (
     UNKNOWN,
@@ -46,12 +52,10 @@ from palpate.core.shapes import Mesh
 from palpate.core.touch import Jet
 from palpate.launch import load_scene
 from palpate.messages.types import SurfacePatch, TactileFrame, TouchGoal
-from palpate.nodes import curvature, filter, simulator
-from palpate.nodes.runtime import Finished
+from palpate.nodes import simulator
 from palpate.nodes.specs import build_shape, pad_of_spec
 from palpate.tools import single_threaded
 
-PEER = Path(__file__).resolve().parent.parent / "benchmarks" / "gp_peer.py"
 TUNED_ON = ("ellipsoid", "groove")
 COMPARED = ("egg", "box", "vase", "bottle", "twist", "hourglass")
 QUICK = ("egg", "vase")
@@ -72,24 +76,10 @@ EMPTY, EMPTY_ERROR = 4e-3, 3e-3  # What a miss says of the place where it ended,
 LEAST_UP = -0.7  # Of a normal's z: the finger comes from no farther below
 
 
-def gp_rows(quick: bool) -> Iterable[Row]:
-    """Figures of the peer, as it prints them.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer objects.
-    """
-    if not PEER.is_file():
-        yield Row("peer", "not here", "a checkout with benchmarks/", False)
-        return
-    command = [sys.executable, str(PEER), *(["--quick"] if quick else [])]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
-        assert running.stdout is not None
-        for line in running.stdout:
-            yield Row(**json.loads(line))
-    if running.returncode:
-        yield Row("peer", f"ended with {running.returncode}", "0", False)
+def gp_rows(quick: bool) -> Iterator[Row]:
+    """Figures of the peer beside ours; fewer objects if quick."""
+    with single_threaded():
+        yield from gp_comparison(QUICK if quick else COMPARED)
 
 
 class GpErrors(NamedTuple):
@@ -257,14 +247,7 @@ class GuardedFinger:
             reach=spec.world.reach,
             seed=spec.seed,
         )
-        given = ((simulator, params), (filter, filter.Params()), (curvature, curvature.Params()))
-        self._nodes = [(module.NODE, own) for module, own in given]
-        started = [node.start(own) for node, own in self._nodes]
-        self._states: list[Any] = [state for state, _ in started]
-        said = [one for _, outputs in started for one in outputs if not isinstance(one, Finished)]
-        info = dict(said)["/touch/info"]
-        for index in (1, 2):
-            self._hear(index, "/touch/info", info)
+        self._loop = InProcessLoop(touching_nodes(params))
 
     def touch(self, place: Floats, normal: Floats, standoff: float, beyond: float) -> TouchResult:
         """Come along a normal from before a place, and go no farther than behind it.
@@ -290,10 +273,8 @@ class GuardedFinger:
             not_before=0.0,
         )
         self._made += 1
-        frame, *_ = self._hear(0, "/finger/goal", goal)  # a link may deliver it twice
-        [image] = self._hear(1, "/touch/raw", frame)
-        [patch] = self._hear(2, "/touch/image", image)
-        return self._touched(frame, patch)
+        published = self._loop.publish("/finger/goal", goal)
+        return self._touched(published["/touch/raw"], published["/touch/patch"])
 
     def _touched(self, frame: TactileFrame, patch: SurfacePatch) -> TouchResult:
         jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
@@ -302,12 +283,6 @@ class GuardedFinger:
         return TouchResult(
             frame.outcome, end, felt, patch.kind == "smooth", path_length(frame.move)
         )
-
-    def _hear(self, index: int, topic: str, message: object) -> list[Any]:
-        node, params = self._nodes[index]
-        _, handler = node.inputs[topic]
-        self._states[index], said = handler(params, self._states[index], message)
-        return [one[1] for one in said if not isinstance(one, Finished)]
 
 
 def compare_on(name: str, noise: str) -> Comparison:
@@ -363,18 +338,7 @@ def _means(title: str, ratios: list[tuple[float, float]], *, demanded: bool) -> 
     yield Row(f"{title}, same touches", f"{touches:.2f} x", "", True)
 
 
-def main() -> None:
-    """Print each figure as soon as it is known."""
-    with single_threaded():
-        for row in gp_comparison(QUICK if "--quick" in sys.argv[1:] else COMPARED):
-            print(json.dumps(row._asdict()), flush=True)
-
-
 # As it is published, and with a travel that counts, which serves it better.
 TUNINGS = {"largest variance": Tuning(travel=0.0), "nearer preferred": Tuning()}
 # palpate's run on one object, and the peer's by how it chooses.
 Comparison = tuple[Explored, dict[str, GpErrors]]
-
-
-if __name__ == "__main__":
-    main()

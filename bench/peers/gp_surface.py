@@ -1,9 +1,10 @@
 """A Gaussian-process implicit surface: 0 on the object, negative inside, about 1 m a metre.
 
-Williams and Fitzgibbon, *Gaussian process implicit surfaces*, 2006; with normals as observed gradients, Dragiev, Toussaint
-and Gienger, *Gaussian process implicit surfaces for shape estimation and grasping*, 2011. Before anything is touched it is
-a ball. A kernel is a function of the distance r. Between values it is k; between a value at x and a gradient at y,
--g (x - y); between two gradients, -(h d d' + g 1), where g is k' / r, h is (k'' - g) / r^2 and d is x - y.
+Williams and Fitzgibbon, *Gaussian process implicit surfaces*, 2006; with normals as observed
+gradients, Dragiev, Toussaint and Gienger, *Gaussian process implicit surfaces for shape estimation
+and grasping*, 2011. Before anything is touched it is a ball. A kernel is a function of the distance
+r. Between values it is k; between a value at x and a gradient at y, -g (x - y); between two
+gradients, -(h d d' + g 1), where g is k' / r, h is (k'' - g) / r^2 and d is x - y.
 """
 
 from __future__ import annotations

@@ -13,15 +13,9 @@ from palpate.rooms import lazy
 
 if TYPE_CHECKING:
     from palpate.bench.rebuild.comparison import CONTOUR_NOISE as CONTOUR_NOISE
-    from palpate.bench.rebuild.comparison import disorder_rows as disorder_rows
     from palpate.bench.rebuild.comparison import loft as loft
     from palpate.bench.rebuild.comparison import noisy_contours as noisy_contours
-    from palpate.bench.rebuild.comparison import peer_rows as peer_rows
-    from palpate.bench.rebuild.contours import band_rows as band_rows
-    from palpate.bench.rebuild.contours import contour_rows as contour_rows
-    from palpate.bench.rebuild.contours import taxel_rows as taxel_rows
     from palpate.bench.rebuild.thesis import EXAMPLES as EXAMPLES
     from palpate.bench.rebuild.thesis import Example as Example
-    from palpate.bench.rebuild.thesis import thesis_rows as thesis_rows
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -12,17 +12,8 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.bench.shapes.models import BOTH as BOTH
-    from palpate.bench.shapes.models import OUTLIERS as OUTLIERS
-    from palpate.bench.shapes.models import RIGID as RIGID
-    from palpate.bench.shapes.models import RecoveryKind as RecoveryKind
-    from palpate.bench.shapes.models import draw_trial as draw_trial
-    from palpate.bench.shapes.models import model_rows as model_rows
-    from palpate.bench.shapes.models import recovery_rows as recovery_rows
     from palpate.bench.shapes.splines import CLOSED_CURVES as CLOSED_CURVES
     from palpate.bench.shapes.splines import CURVE_CONTROLS as CURVE_CONTROLS
     from palpate.bench.shapes.splines import CURVE_POINTS as CURVE_POINTS
-    from palpate.bench.shapes.splines import curve_rows as curve_rows
-    from palpate.bench.shapes.splines import spline_rows as spline_rows
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -1,9 +1,6 @@
-"""What `palpate bench` measures, by name.
+"""What `palpate bench` measures, by name; and the shipped scenes from start to exit.
 
-Groups of figures, and the shipped scenes from start to exit.
-
-Each scene is run as a user runs it, in a fresh interpreter; a group yields its rows one at a
-time.
+Each scene is run as a user runs it, in a fresh interpreter.
 """
 
 from __future__ import annotations
@@ -14,68 +11,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate.bench.explore import (
-    TRACING_GROUPS,
-    calibration_rows,
-    direction_rows,
-    exploration_rows,
-    finger_rows,
-    grasp_rows,
-    planner_rows,
-    tilted_rows,
-    whole_planner_rows,
-)
-from palpate.bench.peers import gp_rows
-from palpate.bench.rebuild import (
-    band_rows,
-    contour_rows,
-    disorder_rows,
-    peer_rows,
-    taxel_rows,
-    thesis_rows,
-)
-from palpate.bench.shapes import curve_rows, model_rows, recovery_rows, spline_rows
-from palpate.bench.table import Group, Row
-
-# What ``palpate bench explore`` measures, the quickest first.
-EXPLORE_GROUPS: Mapping[str, tuple[Group, ...]] = {
-    "tracing": TRACING_GROUPS,
-    "grasp": (grasp_rows,),
-    "planners": (planner_rows,),
-    "whole": (exploration_rows,),
-    "tilted": (tilted_rows,),
-    "directions": (direction_rows,),
-    "fingers": (finger_rows,),
-    "planners_whole": (whole_planner_rows,),
-    "calibration": (calibration_rows,),
-    "peer": (gp_rows,),
-}
-# What ``palpate bench rebuild`` measures.
-REBUILD_GROUPS: tuple[Group, ...] = (
-    *(peer_rows, contour_rows, taxel_rows),
-    *(disorder_rows, band_rows, thesis_rows),
-)
-# What ``palpate bench shapes`` measures.
-SHAPE_GROUPS: tuple[Group, ...] = (recovery_rows, spline_rows, curve_rows, model_rows)
 SCENES = (
-    "vase",
-    "sphere",
-    "box",
-    "cylinder",
-    "egg",
-    "twisted",
-    "hyperquadric",
-    "dented",
-    "bottle",
-    "oblique",
-    "notched",
-    "gem",
-    "from_mesh",
-    "worn_sensor",
+    *("vase", "sphere", "box", "cylinder", "egg", "twisted", "hyperquadric", "dented", "bottle"),
+    *("oblique", "notched", "gem", "from_mesh", "worn_sensor"),
 )
 REPEATS = 5
 MOST_SECONDS = 300.0  # A run that takes longer has hung, s
@@ -83,47 +25,64 @@ MOST_CHAMFER = 0.2  # Of the object's height, %
 MOST_CONTOURS = 15
 MOST_WALL = 15.0  # From start to exit, s
 LEAST_RATE = 300.0  # Touches per second
-Echo = Callable[[str], None]
+SCENE_LINE = "{:<12}{:>9}{:>9}{:>9}{:>8}{:>6}{:>8}{:>5}  {}"
 
-
-def bench_explore(
-    *,
-    quick: bool,
-    only: str | None = None,
-    as_json: bool = False,
-    echo: Callable[[str], None] = print,
-) -> int:
-    """Print figures, each as soon as it is known.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer objects and runs.
-    only : str or None
-        One group; all of them if left out.
-    as_json : bool
-        One JSON object a line, with the group's name.
-    echo : callable
-        Takes one line.
-
-    Returns
-    -------
-    int
-        0 if every demand is met, else 1.
-    """
-    missed = False
-    for name in EXPLORE_GROUPS if only is None else (only,):
-        if not as_json:
-            echo(f"-- {name}")
-        for group in EXPLORE_GROUPS[name]:
-            for row in group(quick):
-                missed = missed or not row.holds
-                echo(_json(name, row) if as_json else str(row))
-    return int(missed)
-
-
-def _json(group: str, row: Row) -> str:
-    return json.dumps({"group": group, **row._asdict()})
+EXPLORE, BUS, REBUILD = "palpate.bench.explore", "palpate.bench.bus", "palpate.bench.rebuild"
+SHAPES, TOUCH = "palpate.bench.shapes", "palpate.bench.touch"
+# Groups of each bench: ``module:function`` by name, each imported at its turn; the quickest first.
+BENCHES: Mapping[str, Mapping[str, str]] = {
+    "scenes": {"scenes": f"{__name__}:scene_rows"},
+    "explore": {
+        "tracing": f"{EXPLORE}.tracing:tracing_rows",
+        "grasp": f"{EXPLORE}.grasping:grasp_rows",
+        "planners": f"{EXPLORE}.planners:planner_rows",
+        "whole": f"{EXPLORE}.explorations:exploration_rows",
+        "tilted": f"{EXPLORE}.explorations:tilted_rows",
+        "directions": f"{EXPLORE}.explorations:direction_rows",
+        "fingers": f"{EXPLORE}.explorations:finger_rows",
+        "planners_whole": f"{EXPLORE}.planners:whole_planner_rows",
+        "calibration": f"{EXPLORE}.explorations:calibration_rows",
+        "peer": "palpate.bench.peers.gp_explorer:gp_rows",
+    },
+    "bus": {
+        "losses": f"{BUS}.losses:loss_rows",
+        "hops": f"{BUS}.cost:hop_rows",
+        "reliability": f"{BUS}.losses:reliability_rows",
+        "start": f"{BUS}.start:start_rows",
+        "locked": f"{BUS}.cost:lock_rows",
+        "introspection": f"{BUS}.cost:introspection_rows",
+        "fuzz": "palpate.bench.fuzz.trials:fuzz_rows",
+    },
+    "touch": {
+        "frames": f"{TOUCH}.frames:touch_rows",
+        "costs": f"{TOUCH}.costs:cost_rows",
+    },
+    "effects": {"effects": f"{TOUCH}.frames:effect_rows"},
+    "curvature": {"curvature": f"{TOUCH}.curvature:curvature_rows"},
+    "shapes": {
+        "recovery": f"{SHAPES}.models:recovery_rows",
+        "splines": f"{SHAPES}.splines:spline_rows",
+        "curves": f"{SHAPES}.splines:curve_rows",
+        "models": f"{SHAPES}.models:model_rows",
+    },
+    "rebuild": {
+        "peers": f"{REBUILD}.comparison:peer_rows",
+        "contours": f"{REBUILD}.contours:contour_rows",
+        "taxels": f"{REBUILD}.contours:taxel_rows",
+        "disorder": f"{REBUILD}.comparison:disorder_rows",
+        "band": f"{REBUILD}.contours:band_rows",
+        "thesis": f"{REBUILD}.thesis:thesis_rows",
+    },
+}
+# What draws the pictures of a bench into a folder.
+FIGURES: Mapping[str, tuple[str, ...]] = {
+    "curvature": ("palpate.bench.suite.figures:write_curvature_figures",),
+    "shapes": ("palpate.bench.suite.figures:write_shape_figures",),
+    "rebuild": (
+        "palpate.bench.suite.figures:write_peer_figures",
+        "palpate.bench.suite.figures:write_thesis_figures",
+    ),
+}
 
 
 class SceneFigures(NamedTuple):
@@ -134,31 +93,52 @@ class SceneFigures(NamedTuple):
     wall: float  # Median time from start to exit, s
     hashes: frozenset[str]  # SHA-256 of the meshes of all runs
 
+    @property
+    def missed(self) -> list[str]:
+        """Demands that it misses, in words."""
+        summary = self.summary
+        checks = {
+            "chamfer": self._percent("chamfer_m") <= MOST_CHAMFER,
+            "contours": summary["contours"] <= MOST_CONTOURS,
+            "wall": self.wall <= MOST_WALL,
+            "per s": summary["touches_per_s"] >= LEAST_RATE,
+            "lost": summary["gaps"] == summary["duplicates"] == 0,
+            "not watertight": summary["watertight"],
+            "has handles": summary["genus"] == 0,
+            "not repeatable": len(self.hashes) == 1,
+        }
+        return [name for name, holds in checks.items() if not holds]
 
-def bench_scenes(*, quick: bool, echo: Echo = print) -> int:
-    """Print the table of scenes and that of the bus.
+    @property
+    def holds(self) -> bool:
+        """Whether it meets every demand."""
+        return not self.missed
 
-    Parameters
-    ----------
-    quick : bool
-        One run of each scene and few messages; else 5 runs and many.
-    echo : callable
-        Takes one line.
+    def __str__(self) -> str:
+        summary = self.summary
+        return SCENE_LINE.format(
+            self.scene,
+            f"{self._percent('chamfer_m'):.3f} %",
+            f"{self._percent('sampling_floor_m'):.3f} %",
+            summary["contours"],
+            summary["touches"],
+            f"{summary['touches_per_s']:.0f}",
+            f"{self.wall:.1f} s",
+            summary["gaps"] + summary["duplicates"],
+            "MISSED " + ", ".join(self.missed) if self.missed else "",
+        ).rstrip()
 
-    Returns
-    -------
-    int
-        0 if every demand is met, else 1.
-    """
-    repeats = 1 if quick else REPEATS
-    echo(_line("scene", "chamfer", "floor", "contours", "touches", "per s", "wall", "lost", ""))
-    missed = False
+    def _percent(self, key: str) -> float:
+        share: float = self.summary[key] / self.summary["size_m"]
+        return 100.0 * share
+
+
+def scene_rows(quick: bool) -> Iterator[SceneFigures | str]:
+    """The table of scenes; one run of each if quick, else the median of 5."""
+    heads = ("scene", "chamfer", "floor", "contours", "touches", "per s", "wall", "lost", "")
+    yield SCENE_LINE.format(*heads).rstrip()
     for scene in SCENES:
-        outcome = explore_shipped(scene, repeats)
-        faults = missed_by_scene(outcome)
-        missed = missed or bool(faults)
-        echo(_row(outcome, faults))
-    return int(missed)
+        yield explore_shipped(scene, 1 if quick else REPEATS)
 
 
 def explore_shipped(scene: str, repeats: int) -> SceneFigures:
@@ -167,7 +147,7 @@ def explore_shipped(scene: str, repeats: int) -> SceneFigures:
     Raises
     ------
     RuntimeError
-        If a run fails; with what it said.
+        If a run fails; with what it printed.
     """
     runs = [_run(scene) for _ in range(repeats)]
     runs.sort(key=lambda run: run[0]["touches_per_s"])
@@ -182,7 +162,7 @@ def explore_shipped(scene: str, repeats: int) -> SceneFigures:
 def _run(scene: str) -> tuple[dict[str, Any], float]:
     with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
         out = Path(folder) / "run"
-        command = [sys.executable, "-m", "palpate", "run", scene, "--out", str(out), "--quiet"]
+        command = [sys.executable, "-m", "palpate", "run", scene, "--out", str(out), "--quick"]
         began = time.perf_counter()
         done = subprocess.run(command, capture_output=True, text=True, timeout=MOST_SECONDS)
         wall = time.perf_counter() - began
@@ -190,100 +170,3 @@ def _run(scene: str) -> tuple[dict[str, Any], float]:
             raise RuntimeError(f"{scene} ended with {done.returncode}: {done.stderr.strip()}")
         summary: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
         return summary, wall
-
-
-def missed_by_scene(outcome: SceneFigures) -> list[str]:
-    """Demands that a scene misses, in words."""
-    summary = outcome.summary
-    checks = {
-        "chamfer": _percent(summary) <= MOST_CHAMFER,
-        "contours": summary["contours"] <= MOST_CONTOURS,
-        "wall": outcome.wall <= MOST_WALL,
-        "per s": summary["touches_per_s"] >= LEAST_RATE,
-        "lost": summary["gaps"] == summary["duplicates"] == 0,
-        "not watertight": summary["watertight"],
-        "has handles": summary["genus"] == 0,
-        "not repeatable": len(outcome.hashes) == 1,
-    }
-    return [name for name, holds in checks.items() if not holds]
-
-
-def _row(outcome: SceneFigures, faults: Sequence[str]) -> str:
-    summary = outcome.summary
-    return _line(
-        outcome.scene,
-        f"{_percent(summary):.3f} %",
-        f"{_percent(summary, 'sampling_floor_m'):.3f} %",
-        str(summary["contours"]),
-        str(summary["touches"]),
-        f"{summary['touches_per_s']:.0f}",
-        f"{outcome.wall:.1f} s",
-        str(summary["gaps"] + summary["duplicates"]),
-        "MISSED " + ", ".join(faults) if faults else "",
-    )
-
-
-def _line(*cells: str) -> str:
-    widths = (12, 9, 9, 9, 8, 6, 8, 5)
-    parts = [f"{cells[0]:<{widths[0]}}"]
-    parts += [f"{cell:>{width}}" for cell, width in zip(cells[1:8], widths[1:], strict=True)]
-    return ("".join(parts) + "  " + cells[8]).rstrip()
-
-
-def _percent(summary: Mapping[str, Any], key: str = "chamfer_m") -> float:
-    share: float = summary[key] / summary["size_m"]
-    return 100.0 * share
-
-
-def _losses(quick: bool) -> Iterator[Row]:
-    from palpate.bench.bus import loss_rows
-
-    return loss_rows(quick)
-
-
-def _hops(quick: bool) -> Iterator[Row]:
-    from palpate.bench.bus import hop_rows
-
-    return hop_rows(quick)
-
-
-def _reliability(quick: bool) -> Iterator[Row]:
-    from palpate.bench.bus import reliability_rows
-
-    return iter(reliability_rows(quick))
-
-
-def _start(quick: bool) -> Iterator[Row]:
-    from palpate.bench.bus import start_rows
-
-    return start_rows(2 if quick else 7)
-
-
-def _locked(quick: bool) -> Iterator[Row]:
-    from palpate.bench.bus import lock_rows
-
-    return lock_rows(500 if quick else 2000)
-
-
-def _introspection(quick: bool) -> Iterator[Row]:
-    from palpate.bench.bus import TURNS, introspection_rows
-
-    return iter(introspection_rows(2 if quick else TURNS))
-
-
-def _fuzz(quick: bool) -> Iterator[Row]:
-    from palpate.bench.fuzz import fuzz_rows
-
-    return fuzz_rows(quick)
-
-
-# Groups of figures, by name.
-BUS_GROUPS: dict[str, Group] = {
-    "losses": _losses,
-    "hops": _hops,
-    "reliability": _reliability,
-    "start": _start,
-    "locked": _locked,
-    "looking": _introspection,
-    "damage": _fuzz,
-}

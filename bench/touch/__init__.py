@@ -16,10 +16,7 @@ if TYPE_CHECKING:
     from palpate.bench.touch.curvature import HEADS as HEADS
     from palpate.bench.touch.curvature import TRIALS as TRIALS
     from palpate.bench.touch.curvature import EstimatorErrors as EstimatorErrors
-    from palpate.bench.touch.curvature import bench_curvature as bench_curvature
     from palpate.bench.touch.curvature import estimator_rows as estimator_rows
     from palpate.bench.touch.curvature import noise_variance as noise_variance
-    from palpate.bench.touch.frames import bench_effects as bench_effects
-    from palpate.bench.touch.frames import bench_touch as bench_touch
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -37,7 +37,6 @@ from palpate.core.touch import (
     wiener_then_median,
 )
 
-Echo = Callable[[str], None]
 # Noise in pitches, and share of impulses.
 COLUMNS = ((0.0, 0.0), (0.01, 0.0), (0.05, 0.0), (0.05, 0.02), (0.05, 0.08))
 TRIALS, QUICK_TRIALS = 40, 6  # Frames of each shape and column
@@ -165,8 +164,8 @@ def _masked(frame: Floats, touched: Bools) -> tuple[float, float] | None:
     return patch.principal if patch.kind == "smooth" else None
 
 
-def bench_curvature(quick: bool = False, echo: Echo = print) -> int:
-    """Print what the ways to curvature are worth; 0 if every demand is met, else 1."""
+def curvature_rows(quick: bool) -> Iterator[Missed | str]:
+    """Four tables of what the ways to curvature are worth, and the demands that are missed."""
     trials = QUICK_TRIALS if quick else TRIALS
     rows = estimator_rows(trials)
     partial = partial_rows(trials)
@@ -179,13 +178,22 @@ def bench_curvature(quick: bool = False, echo: Echo = print) -> int:
         verdict_table(calls, borderline),
         fusion_table(scores),
     ):
-        for line in table:
-            echo(line)
-        echo("")
-    missed = missed_demands(rows, partial, calls, scores)
-    for demand in missed:
-        echo(f"MISSED {demand}")
-    return int(bool(missed))
+        yield from (*table, "")
+    yield from map(Missed, missed_demands(rows, partial, calls, scores))
+
+
+class Missed(NamedTuple):
+    """A demand that is not met."""
+
+    demand: str  # In words
+
+    @property
+    def holds(self) -> bool:
+        """It does not."""
+        return False
+
+    def __str__(self) -> str:
+        return f"MISSED {self.demand}"
 
 
 def confusion(draws: int, seed: int) -> tuple[Counter[tuple[PatchKind, PatchKind]], int]:

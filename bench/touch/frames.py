@@ -8,13 +8,14 @@ from __future__ import annotations
 import statistics
 import time
 import timeit
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.bench.explore import InProcessLoop
-from palpate.bench.table import Row
+from palpate.bench.explore import InProcessLoop, LoopNode, touching_nodes
+from palpate.bench.table import Row, at_least, at_most, in_turns
 from palpate.bench.touch.curvature import (
     COLUMNS,
     MOST_ERROR,
@@ -26,15 +27,13 @@ from palpate.bench.touch.curvature import (
     estimator_rows,
     partial_rows,
 )
-from palpate.core import ROBOT_PRESETS, Floats, pad_rotation, pose_of
+from palpate.core import IDENTITY_POSE, ROBOT_PRESETS, Floats, pad_rotation, pose_of, split_pose
 from palpate.core.shapes import Superquadric, TriangleShape
 from palpate.core.touch import Pipeline, SimulatedTouch, fit_jet
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch import load_scene
-from palpate.messages.types import SensorInfo, SurfacePatch, TactileFrame, TactileImage, TouchGoal
-from palpate.nodes import curvature, filter, simulator
-from palpate.nodes import simulator as simulator_node
-from palpate.nodes.runtime import Outputs
+from palpate.messages.types import Contour, ContourGoal, TouchGoal
+from palpate.nodes import simulator, tracer
 from palpate.nodes.specs import (
     EffectSpecs,
     ObjectSpec,
@@ -51,39 +50,17 @@ WORN = "worn_sensor"  # The scene with all the faults of 1999
 SIZE, EXPONENTS = (0.03, 0.025, 0.04), (0.7, 0.9)
 MESH_LEVEL = 5  # 20k faces
 FRAMES, ROUNDS = 40, 31
-Echo = Callable[[str], None]
-Message = TypeVar("Message")
 EFFECT_FRAMES = 40  # Touches on which a cost is measured at a time
 EFFECT_REPEATS = 15
 SEED = 5
+APPROACH = 0.02  # The finger comes from this far outside of the object, m
 
 
-def bench_touch(*, quick: bool, echo: Echo = print) -> int:
-    """Print the figures of a touch, one a line.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer frames.
-    echo : callable
-        Takes one line.
-
-    Returns
-    -------
-    int
-        0 if every demand is met, else 1.
-    """
-    frames, rounds = (FRAMES, 5) if quick else (FRAMES, ROUNDS)
-    missed = False
-    rows = (
-        *speed_rows(frames, rounds),
-        *exactness_rows(frames),
-        *estimator_summary(QUICK_TRIALS if quick else TRIALS),
-    )
-    for row in rows:
-        missed = missed or not row.holds
-        echo(str(row))
-    return int(missed)
+def touch_rows(quick: bool) -> Iterable[Row]:
+    """Speed, exactness and curvature of a touch; fewer frames if quick."""
+    yield from speed_rows(FRAMES, 5 if quick else ROUNDS)
+    yield from exactness_rows(FRAMES)
+    yield from estimator_summary(QUICK_TRIALS if quick else TRIALS)
 
 
 def speed_rows(frames: int, rounds: int) -> Iterable[Row]:
@@ -94,42 +71,39 @@ def speed_rows(frames: int, rounds: int) -> Iterable[Row]:
     worn = load_scene(WORN).spec.effects
     # A dead taxel under the contact looks like an impulse.
     quiet = {name: worn[name] for name in worn if name not in ("salt_and_pepper", "dead_taxels")}
-    chains = {
-        "ideal": TouchChain(simulator.Params(object=exact)),
-        "mesh": TouchChain(simulator.Params(object=mesh)),
-        "worn": TouchChain(simulator.Params(object=exact, effects=worn)),
-        "quiet": TouchChain(simulator.Params(object=exact, effects=quiet)),
-        "salty": TouchChain(
-            simulator.Params(object=exact, effects={**worn, "salt_and_pepper": {"rate": 0.08}})
-        ),
+    salty = {**worn, "salt_and_pepper": {"rate": 0.08}}
+    params = {
+        "ideal": simulator.Params(object=exact),
+        "mesh": simulator.Params(object=mesh),
+        "worn": simulator.Params(object=exact, effects=worn),
+        "quiet": simulator.Params(object=exact, effects=quiet),
+        "salty": simulator.Params(object=exact, effects=salty),
     }
     goals = list(_goals(frames))
-    simulated: dict[str, list[float]] = {name: [] for name in chains}
-    whole: dict[str, list[float]] = {name: [] for name in chains}
-    for _ in range(rounds):
-        for name, chain in chains.items():
-            simulated[name].append(_seconds(chain.simulate, goals))
-            whole[name].append(_seconds(chain.feel, goals))
-    frame = {name: statistics.median(seconds) for name, seconds in simulated.items()}
-    patch = {name: statistics.median(seconds) for name, seconds in whole.items()}
-    yield _at_least("ideal superquadric, 256 rays", 1.0 / frame["ideal"], 2000)
-    yield _at_least(f"mesh of {len(faces) // 1000}k faces, 256 rays", 1.0 / frame["mesh"], 3000)
-    ratio = frame["worn"] / frame["ideal"]
-    yield Row(f"frame of {WORN}, to the ideal one", f"{ratio:.2f}", "<= 1.25", ratio <= 1.25)
-    yield _at_most("simulator, filter and curvature: ideal", patch["ideal"], 600)
-    yield _at_most(f"the same: {WORN} without impulses", patch["quiet"], 600)
-    yield _at_most("the same, 8 % impulses: the robust fit is on", patch["salty"], 2000)
+    calls: dict[tuple[str, str], Callable[[], float]] = {}
+    for name, one in params.items():
+        nodes = touching_nodes(one)
+        for what, some in (("frame", nodes[:1]), ("patch", nodes)):
+            calls[what, name] = partial(_seconds, InProcessLoop(some), goals)
+    cost = {key: statistics.median(found) for key, found in in_turns(calls, rounds).items()}
+    ideal, meshed = cost["frame", "ideal"], cost["frame", "mesh"]
+    yield at_least("ideal superquadric, 256 rays", 1.0 / ideal, 2000, ".0f", " /s")
+    faceted = f"mesh of {len(faces) // 1000}k faces, 256 rays"
+    yield at_least(faceted, 1.0 / meshed, 3000, ".0f", " /s")
+    yield at_most(f"frame of {WORN}, to the ideal one", cost["frame", "worn"] / ideal, 1.25)
+    for title, name, most in (
+        ("simulator, filter and curvature: ideal", "ideal", 600),
+        (f"the same: {WORN} without impulses", "quiet", 600),
+        ("the same, 8 % impulses: the robust fit is on", "salty", 2000),
+    ):
+        yield at_most(title, 1e6 * cost["patch", name], most, ".0f", " us")
 
 
-def _seconds(feel: Callable[[TouchGoal], object], goals: list[TouchGoal]) -> float:
+def _seconds(loop: InProcessLoop, goals: list[TouchGoal]) -> float:
     began = time.perf_counter()
     for goal in goals:
-        feel(goal)
+        loop.publish("/finger/goal", goal)
     return (time.perf_counter() - began) / len(goals)
-
-
-def _at_least(name: str, rate: float, least: float) -> Row:
-    return Row(name, f"{rate:.0f} /s", f">= {least:.0f} /s", rate >= least)
 
 
 def exactness_rows(frames: int) -> Iterable[Row]:
@@ -181,7 +155,7 @@ def _rays(count: int) -> Iterable[tuple[Floats, Floats]]:
     axis = (np.arange(16) - 7.5) * 1e-3
     x, y = (side.ravel() for side in np.meshgrid(axis, axis))
     for goal in _goals(count):
-        axes = pad_rotation(0.1 * goal.touch, 0.4 * np.sin(goal.touch))
+        _, axes = split_pose(goal.pose)
         face = np.column_stack([x, y, np.zeros_like(x)])
         yield face @ axes.T + goal.pose[:3], axes[:, 2]
 
@@ -221,7 +195,7 @@ def _error_of_facets(
 
 def estimator_summary(trials: int) -> Iterable[Row]:
     """Cost of a plain jet, and errors of the curvatures: the whole is ``bench curvature``."""
-    yield _at_most("plain jet of a full pad", _jet_seconds(), 10)
+    yield at_most("plain jet of a full pad", 1e6 * _jet_seconds(), 10, ".0f", " us")
     rows = {row.name: row for row in estimator_rows(trials)}
     ours, thesis = rows[OURS].errors, rows[THESIS].errors
     for column, most in MOST_ERROR.items():
@@ -235,45 +209,11 @@ def estimator_summary(trials: int) -> Iterable[Row]:
     yield Row("the same, 32 taxels or more touched", f"{worst:.1%}", "< 5 %", worst < MOST_PARTIAL)
 
 
-def _at_most(name: str, seconds: float, most: float) -> Row:
-    return Row(name, f"{1e6 * seconds:.0f} us", f"<= {most:.0f} us", 1e6 * seconds <= most)
-
-
 def _jet_seconds() -> float:
     pad = pad_of_spec(SensorSpec(pad=PadSpec(radius=None)))
     x, y = pad.grid()
     height, everywhere = (x * x + y * y) / 0.04, np.ones((pad.rows, pad.cols), bool)
     return min(timeit.repeat(lambda: fit_jet(pad, height, everywhere), number=500, repeat=9)) / 500
-
-
-class TouchChain:
-    """Simulator, filter and curvature as plain calls, one touch after the other."""
-
-    def __init__(self, params: simulator.Params):
-        self._params = params
-        self._state, said = simulator.start(params)
-        info = _only(said, SensorInfo)
-        self._filter, _ = filter.calibrate(filter.Params(), None, info)
-        self._sensor, _ = curvature.know_sensor(curvature.Params(), None, info)
-
-    def simulate(self, goal: TouchGoal) -> TactileFrame:
-        """One raw frame."""
-        self._state, said = simulator.touch(self._params, self._state, goal)
-        return _only(said, TactileFrame)
-
-    def feel(self, goal: TouchGoal) -> SurfacePatch:
-        """One raw frame, and what is made of it."""
-        frame = self.simulate(goal)
-        _, said = filter.take_frame(filter.Params(), self._filter, frame)
-        assert self._sensor is not None
-        _, said = curvature.on_image(curvature.Params(), self._sensor, _only(said, TactileImage))
-        return _only(said, SurfacePatch)
-
-
-def _only(said: Outputs, kind: type[Message]) -> Message:
-    """The one message of a kind among what a node said."""
-    (message,) = (out[1] for out in said if isinstance(out, tuple) and isinstance(out[1], kind))
-    return message
 
 
 class TracedBody(NamedTuple):
@@ -300,57 +240,60 @@ class TracedContour(NamedTuple):
     worst: float  # Largest distance, m
 
 
-def bench_effects(*, quick: bool, echo: Echo = print) -> int:
-    """Print the cost of each effect and the error that it causes.
+class EffectFigures(NamedTuple):
+    """A set of effects: what it costs, and what it does to contours."""
 
-    Parameters
-    ----------
-    quick : bool
-        Fewer frames.
-    echo : callable
-        Takes one line.
+    name: str  # Of the set
+    cost: FrameCost
+    traced: tuple[TracedContour, ...]  # Of each body
 
-    Returns
-    -------
-    int
-        0 if every contour was closed, else 1.
-    """
+    @property
+    def holds(self) -> bool:
+        """Whether every contour was closed."""
+        return all(one.status == "closed" for one in self.traced)
+
+    def __str__(self) -> str:
+        cells = "".join(
+            f"{1e6 * one.rms:>11.1f}{1e6 * one.worst:>8.0f}{one.touches:>8}  "
+            f"{'' if one.status == 'closed' else one.status:<6}"
+            for one in self.traced
+        )
+        return (
+            f"{self.name:<16}{1e6 * self.cost.added:>9.1f}{self.cost.ratio:>8.2f}{cells}".rstrip()
+        )
+
+
+def effect_rows(quick: bool) -> Iterator[EffectFigures | str]:
+    """The cost of each effect and the error that it causes; fewer frames if quick."""
     frames, repeats = (EFFECT_FRAMES // 2, 3) if quick else (EFFECT_FRAMES, EFFECT_REPEATS)
     sets: dict[str, EffectSpecs] = {"(ideal)": {}, **{name: {name: {}} for name in EFFECT_NAMES}}
     sets[WORN] = load_scene(WORN).spec.effects
     costs = frame_costs(sets, frames, repeats)
-    echo(_HEAD)
-    closed = True
+    heads = "".join(f"{name + ' um':>11}{'worst':>8}{'touches':>8}  {'':<6}" for name in BODIES)
+    yield f"{'effect':<16}{'us/frame':>9}{'ratio':>8}{heads}".rstrip()
     for name, effects in sets.items():
-        cost = costs[name]
-        traced = [trace_contour(body, effects) for body in BODIES.values()]
-        closed = closed and all(one.status == "closed" for one in traced)
-        cells = "".join(_cells(one) for one in traced)
-        echo(f"{name:<16}{1e6 * cost.added:>9.1f}{cost.ratio:>8.2f}{cells}".rstrip())
-    ideal = statistics.median(cost.ideal for cost in costs.values())
-    echo(f"the ideal frame takes {1e6 * ideal:.0f} us: a superquadric, {_taxels()} rays")
-    return 0 if closed else 1
+        traced = tuple(trace_contour(body, effects) for body in BODIES.values())
+        yield EffectFigures(name, costs[name], traced)
+    ideal, sensor = statistics.median(cost.ideal for cost in costs.values()), SensorSpec()
+    rays = sensor.rows * sensor.cols
+    yield f"the ideal frame takes {1e6 * ideal:.0f} us: a superquadric, {rays} rays"
 
 
 def frame_costs(sets: Mapping[str, EffectSpecs], frames: int, repeats: int) -> dict[str, FrameCost]:
-    """What each set of effects adds to an ideal frame.
-
-    Each is timed in pairs with the ideal frame, by turns: machines change their speed. The
-    medians over the pairs are given.
-    """
+    """What each set of effects adds to an ideal frame: medians over pairs measured in turns."""
     ideal = _pipeline({})
-    pipelines = {name: _pipeline(effects) for name, effects in sets.items()}
-    pairs: dict[str, list[tuple[float, float]]] = {name: [] for name in sets}
-    for _ in range(repeats):
-        for name, pipeline in pipelines.items():
-            pairs[name].append((_time(ideal, frames), _time(pipeline, frames)))
+
+    def pair(pipeline: Pipeline) -> tuple[float, float]:
+        return _time(ideal, frames), _time(pipeline, frames)
+
+    calls = {name: partial(pair, _pipeline(effects)) for name, effects in sets.items()}
     return {
         name: FrameCost(
             ideal=statistics.median(bare for bare, _ in found),
             added=statistics.median(full - bare for bare, full in found),
             ratio=statistics.median(full / bare for bare, full in found),
         )
-        for name, found in pairs.items()
+        for name, found in in_turns(calls, repeats).items()
     }
 
 
@@ -360,11 +303,7 @@ def _pipeline(effects: EffectSpecs) -> Pipeline:
 
 def _time(pipeline: Pipeline, frames: int) -> float:
     """Seconds of one frame, of so many at different places of a ball."""
-    shape = Superquadric(np.array([0.03, 0.025, 0.04]), np.array([0.7, 0.9]))
-    starts = [
-        pose_of(axes @ np.array([0.0, 0.0, -0.08]), axes)
-        for axes in (pad_rotation(0.1 * i, 0.4 * np.sin(i)) for i in range(frames))
-    ]
+    shape, starts = _solid(), [goal.pose for goal in _goals(frames)]
     states, clock = pipeline.begin(), 0.0
     began = time.perf_counter()
     for number, start in enumerate(starts):
@@ -380,8 +319,18 @@ def trace_contour(body: TracedBody, effects: EffectSpecs, height: float = 0.0) -
         superquadric=SuperquadricSpec(size=body.size, exponents=body.exponents),
         pose=PoseSpec(position=(0.0, 0.0, body.size[2])),
     )
-    loop = InProcessLoop(simulator_node.Params(object=spec, effects=effects, seed=SEED))
-    contour = loop.trace(height + body.size[2], radius=max(body.size[:2]))
+    params = simulator.Params(object=spec, effects=effects, seed=SEED)
+    loop = InProcessLoop([*touching_nodes(params), LoopNode(1, tracer.NODE, tracer.Params())])
+    goal = ContourGoal(
+        id=0,
+        finger=1,
+        frame=IDENTITY_POSE,
+        height=height + body.size[2],
+        centre=np.zeros(2),
+        radius=max(body.size[:2]) + APPROACH,
+        not_before=0.0,
+    )
+    contour: Contour = loop.publish("/contour/goal", goal)["/contour/traced"]
     distance = np.abs(_distance(body, contour.points - np.array([0.0, 0.0, body.size[2]])))
     if not len(distance):
         return TracedContour(contour.status, contour.touches, np.nan, np.nan)
@@ -401,21 +350,7 @@ def _distance(body: TracedBody, points: Floats) -> Floats:
     return result
 
 
-def _cells(traced: TracedContour) -> str:
-    status = "" if traced.status == "closed" else traced.status
-    return f"{1e6 * traced.rms:>11.1f}{1e6 * traced.worst:>8.0f}{traced.touches:>8}  {status:<6}"
-
-
-def _taxels() -> int:
-    sensor = SensorSpec()
-    return sensor.rows * sensor.cols
-
-
 BODIES: Mapping[str, TracedBody] = {
     "ball": TracedBody((0.03, 0.03, 0.03), (1.0, 1.0)),
     "box": TracedBody((0.03, 0.02, 0.04), (0.1, 0.1)),
 }
-_HEAD = (
-    f"{'effect':<16}{'us/frame':>9}{'ratio':>8}"
-    + "".join(f"{name + ' um':>11}{'worst':>8}{'touches':>8}  {'':<6}" for name in BODIES)
-).rstrip()

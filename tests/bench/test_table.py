@@ -1,31 +1,92 @@
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
+
 import pytest
 
-from palpate.bench.table import Row, print_groups
+from palpate.bench import table
+from palpate.bench.suite.groups import BENCHES, FIGURES
+from palpate.bench.table import Row, at_least, at_most, best_seconds, in_turns, named, run_groups
+
+told: list[bool] = []
 
 
-@pytest.mark.parametrize(("holds", "code"), [(True, 0), (False, 1)])
-def test_a_missed_demand_is_said_and_told_by_the_exit_code(holds: bool, code: int) -> None:
-    row = Row("something", "3 us", "<= 2 us", holds)
+def good(quick: bool) -> Iterator[Row | str]:
+    told.append(quick)
+    yield "a heading"
+    yield Row("one", "1")
+
+
+def bad(quick: bool) -> Iterator[Row]:
+    yield at_most("two", 2.0, 1.0, ".1f", " us")
+
+
+GROUPS = {"good": f"{__name__}:good", "bad": f"{__name__}:bad"}
+
+
+@pytest.fixture(autouse=True)
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Groups of this file are found whatever name it was imported by."""
+    monkeypatch.setattr(table, "named", lambda place: globals()[place.rpartition(":")[2]])
+
+
+def test_a_missed_demand_is_printed_and_told_by_the_exit_code() -> None:
     lines: list[str] = []
+    assert run_groups(GROUPS, quick=True, echo=lines.append) == 1
+    assert [line.split()[0] for line in lines] == ["--", "a", "one", "--", "two"]
+    assert lines[-1].endswith("2.0 us  <= 1 us   MISSED")
+    assert told[-1] is True
 
-    assert print_groups([lambda _: [row], lambda _: []], quick=True, echo=lines.append) == code
-    assert ("MISSED" in lines[0]) != holds
 
-
-def test_groups_are_told_whether_to_be_quick() -> None:
-    told: list[bool] = []
-
-    def group(quick: bool) -> list[Row]:
-        told.append(quick)
-        return []
-
-    print_groups([group], quick=True, echo=print)
-    print_groups([group], quick=False, echo=print)
-
-    assert told == [True, False]
+def test_a_group_by_itself_is_printed_alone_as_text_or_as_json() -> None:
+    lines: list[str] = []
+    only = {"good": GROUPS["good"]}
+    assert run_groups(only, quick=False, echo=lines.append) == 0
+    assert told[-1] is False
+    assert lines == ["a heading", str(Row("one", "1"))]
+    assert run_groups(only, quick=False, as_json=True, echo=lines.append) == 0
+    wanted = {"group": "good", "name": "one", "value": "1", "target": "", "holds": True}
+    assert json.loads(lines[-1]) == wanted
 
 
 def test_a_line_without_a_demand_ends_with_its_value() -> None:
-    assert str(Row("cost", "3 us", "", True)).endswith("3 us")
+    assert str(Row("cost", "3 us")).endswith("3 us")
+
+
+@pytest.mark.parametrize(
+    ("row", "target", "holds"),
+    [
+        (at_most("a", 2.0, 2.0), "<= 2", True),
+        (at_most("a", 2.1, 2.0), "<= 2", False),
+        (at_least("a", 0.95, 0.95, ".1%"), ">= 95%", True),
+        (at_least("a", 0.94, 0.95, ".1%"), ">= 95%", False),
+        (at_least("a", float("nan"), 0.0), ">= 0", False),
+    ],
+)
+def test_a_demand_is_met_up_to_its_bound(row: Row, target: str, holds: bool) -> None:
+    assert (row.target, row.holds) == (target, holds)
+
+
+def test_what_is_compared_is_called_in_turns() -> None:
+    order: list[str] = []
+
+    def call(name: str) -> float:
+        order.append(name)
+        return float(len(order))
+
+    assert in_turns({"a": lambda: call("a"), "b": lambda: call("b")}, 2) == {
+        "a": [1.0, 3.0],
+        "b": [2.0, 4.0],
+    }
+
+
+def test_the_best_of_some_rounds_counts() -> None:
+    clock = iter([0.0, 3.0, 10.0, 11.0, 20.0, 22.0])
+    assert best_seconds(lambda: None, 3, lambda: next(clock)) == 1.0
+
+
+def test_every_group_and_figure_is_where_the_table_says() -> None:
+    places = [place for groups in BENCHES.values() for place in groups.values()]
+    for place in [*places, *(one for some in FIGURES.values() for one in some)]:
+        assert callable(named(place))

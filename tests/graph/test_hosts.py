@@ -77,7 +77,7 @@ def test_a_graph_on_two_machines_loses_nothing(
     away: tuple[str, subprocess.Popen[str]], watcher: Any, tmp_path: Path
 ) -> None:
     ending = launch(ring(away[0]), ends="counter", hear=["/relay"], watcher=watcher)
-    assert (ending.status, ending.reason) == ("finished", f"{FRAMES} heard")
+    assert (ending.status, ending.reason) == ("finished", f"{FRAMES} received")
     assert [message.touch for _, message in watcher.messages] == list(range(FRAMES))
     assert (ending.gaps, ending.duplicates) == (0, 0)
     away[1].send_signal(signal.SIGINT)
@@ -100,7 +100,7 @@ def test_a_node_that_dies_on_the_other_machine_goes_on(
 
     watcher.heard = kill_at
     ending = launch(slow, ends="counter", hear=["/relay"], watcher=watcher)
-    assert (ending.status, ending.reason) == ("finished", f"{FRAMES} heard")
+    assert (ending.status, ending.reason) == ("finished", f"{FRAMES} received")
     assert ending.restarts == {"relay": 1}
     assert [message.touch for _, message in watcher.messages] == list(range(FRAMES))
 

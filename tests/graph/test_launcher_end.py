@@ -41,7 +41,7 @@ def test_a_graph_ends_when_all_that_was_sent_has_been_consumed(
     watcher: Any, tmp_path: Path
 ) -> None:
     ending = run([source(50), counter(50)], watcher, tmp_path, ends="counter", hear=["/source"])
-    assert (ending.status, ending.reason) == ("finished", "50 heard")
+    assert (ending.status, ending.reason) == ("finished", "50 received")
     assert (ending.gaps, ending.duplicates) == (0, 0)
     assert ending.statuses["counter"].messages == 50
     assert ending.statuses["source"].sent == 50
@@ -55,7 +55,7 @@ def test_a_graph_ends_when_all_that_was_sent_has_been_consumed(
 def test_the_word_of_any_other_node_does_not_end_the_graph(watcher: Any, tmp_path: Path) -> None:
     early = toy("early", ToyParams(expects=1), hears="source")
     ending = run([source(50), early, counter(50)], watcher, tmp_path, ends="counter")
-    assert ending.reason == "50 heard"
+    assert ending.reason == "50 received"
 
 
 def test_a_sink_has_written_everything_when_the_graph_ends(

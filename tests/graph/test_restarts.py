@@ -92,7 +92,7 @@ def test_nodes_that_are_killed_go_on_where_they_were(
     random.Random(seed).shuffle(names)
     harm = Harm(names, signal.SIGKILL, seed)
     ending = run(line(tmp_path), watcher, tmp_path, harm)
-    assert (ending.status, ending.reason) == ("finished", f"{FRAMES} heard")
+    assert (ending.status, ending.reason) == ("finished", f"{FRAMES} received")
     assert sum(ending.restarts.values()) == len(harm.when)
     assert (ending.gaps, [one.touch for _, one in watcher.messages]) == (0, list(range(FRAMES)))
     assert recorded(tmp_path) == ALL
@@ -108,7 +108,7 @@ def test_neighbours_that_die_at_once_rebuild_each_other(watcher: Any, tmp_path: 
     watch = threading.Thread(target=_kill_both, daemon=True)
     watch.start()
     ending = launch([a, b], ends="b", hear=[], watcher=watcher, work_dir=tmp_path)
-    assert (ending.status, ending.reason, ending.gaps) == ("finished", "3000 heard", 0)
+    assert (ending.status, ending.reason, ending.gaps) == ("finished", "3000 received", 0)
     assert ending.restarts == {"a": 2, "b": 2}
 
 
@@ -178,7 +178,7 @@ def test_the_run_goes_on_without_a_node_that_may_be_missed(
         replace(toys.broken("kill"), on_exit="ignore"),
     ]
     ending = launch(wirings, ends="counter", hear=[], watcher=watcher, work_dir=tmp_path)
-    assert (ending.status, ending.reason) == ("finished", "50 heard")
+    assert (ending.status, ending.reason) == ("finished", "50 received")
     [said] = [one.text for one in watcher.lines if one.level == "warning"]
     assert said == "broken was killed by SIGKILL; the run goes on without it"
 
@@ -229,7 +229,7 @@ def test_a_full_disk_ends_the_recording_and_the_run_as_it_is_told_to(
     said = " ".join(one.text for one in watcher.lines) + ending.reason
     assert "MiB are free on the disk" in said
     if on_exit == "ignore":
-        assert (ending.status, ending.reason) == ("finished", f"{FRAMES} heard")
+        assert (ending.status, ending.reason) == ("finished", f"{FRAMES} received")
         assert "the run goes on without it" in said
     else:
         assert ending.status == "died"

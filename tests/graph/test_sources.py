@@ -159,7 +159,7 @@ def test_what_a_user_types_is_heard_though_the_console_dies_in_between(
     counter = toy("counter", ToyParams(expects=4), hears="console")
     ending = launch([typing(), counter], ends="counter", hear=["/console"], watcher=watcher)
     assert aside.failure is None
-    assert (ending.status, ending.reason) == ("finished", "4 heard")
+    assert (ending.status, ending.reason) == ("finished", "4 received")
     assert [message.touch for _, message in watcher.messages] == [0, 1, 2, 3]
     assert said == ["published TactileFrame on /console"] * 4
 

@@ -13,7 +13,7 @@ def test_a_share_is_that_in_the_rates_before_and_after_it() -> None:
 @pytest.mark.graph
 @pytest.mark.slow
 def test_a_ring_turns_on_while_a_tool_is_stopped() -> None:
-    alone, beside, stopped = introspection_rows(turns=1)
+    alone, beside, stopped = introspection_rows(quick=False, turns=1)
     assert float(alone.value.split()[0]) > 0.0
     # Far below the demand, which is the bench's to judge on a quiet machine: a ring that is held up
     # turns not at all.

@@ -17,7 +17,7 @@ def rows(monkeypatch: pytest.MonkeyPatch, *, ready: float, longer: float) -> lis
 
     monkeypatch.setattr(bench_start, "_in_new_process", started)
     monkeypatch.setattr(bench_start, "seconds_of_fresh", lambda modules: 2.0)
-    return list(start_rows(2))
+    return list(start_rows(quick=True))
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,8 +30,6 @@ from palpate.bench.explore.planners import (
     taxel_error,
 )
 from palpate.bench.objects.touched import EXPLORED_OBJECTS
-from palpate.bench.peers import gp_explorer as bench_explore_peer
-from palpate.bench.suite import groups as bench_explore
 from palpate.bench.table import WIDTH, Row
 from palpate.core.explore.planners.predicted import COVERING
 from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED
@@ -274,52 +269,6 @@ def test_no_object_may_take_two_contours_more_than_even_ones() -> None:
     found = {"a": counts(predicted=3), "b": counts(predicted=8)}
     rows = list(bench_explore_planners.count_sums(found))
     assert not named(rows, "on the worst object").holds
-
-
-def test_where_there_is_no_checkout_the_peer_is_missed(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(bench_explore_peer, "PEER", tmp_path / "none.py")
-    [row] = bench_explore_peer.gp_rows(True)
-    assert (row.value, row.holds) == ("not here", False)
-
-
-def test_the_rows_of_the_peer_are_those_that_its_program_prints(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    program = tmp_path / "peer.py"
-    said = Row("ratio", "2.1 x", ">= 2 x", True)
-    text = "import sys\nassert sys.argv[1:] == ['--quick']\nprint('''{}''')\nsys.exit({})\n"
-    monkeypatch.setattr(bench_explore_peer, "PEER", program)
-    program.write_text(text.format(json.dumps(said._asdict()), 0))
-    assert list(bench_explore_peer.gp_rows(True)) == [said]
-    program.write_text(text.format(json.dumps(said._asdict()), 4))
-    assert [row.value for row in bench_explore_peer.gp_rows(True)] == ["2.1 x", "ended with 4"]
-
-
-def test_the_peer_of_this_checkout_is_where_it_is_looked_for() -> None:
-    assert bench_explore_peer.PEER.is_file()
-
-
-def test_a_bench_of_one_group_prints_it_alone_as_text_or_as_json(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def good(quick: bool) -> Iterator[Row]:
-        yield Row("one", "1", "", True)
-
-    def bad(quick: bool) -> Iterator[Row]:
-        yield Row("two", "2", "<= 1", False)
-
-    monkeypatch.setattr(bench_explore, "EXPLORE_GROUPS", {"good": (good,), "bad": (bad,)})
-    lines: list[str] = []
-    assert (
-        bench_explore.bench_explore(quick=True, only="good", as_json=True, echo=lines.append) == 0
-    )
-    wanted = {"group": "good", "name": "one", "value": "1", "target": "", "holds": True}
-    assert json.loads(lines.pop()) == wanted
-    assert bench_explore.bench_explore(quick=True, echo=lines.append) == 1
-    assert [line.split()[0] for line in lines] == ["--", "one", "--", "two"]
-    assert lines[-1].endswith("MISSED")
 
 
 def test_the_objects_of_the_figures_are_all_there() -> None:

@@ -1,11 +1,19 @@
 from __future__ import annotations
 
-from types import ModuleType
-from typing import Any
-
 import numpy as np
 import pytest
 
+from palpate.bench.peers import gp_surface
+from palpate.bench.peers.gp_surface import (
+    BallPrior,
+    CholeskyFactor,
+    GpSurface,
+    Kernel,
+    Observations,
+    covariance_block,
+    matern,
+    thin_plate,
+)
 from palpate.core.arrays import Floats
 from palpate.core.geometry.meshes import solidity
 
@@ -13,8 +21,8 @@ STEP = 1e-5
 AXES = np.array([1.2, 0.8, 1.0])
 
 
-def kernel_of(kernels: ModuleType, name: str) -> Any:
-    return kernels.matern(0.7) if name == "matern" else kernels.thin_plate(5.0)
+def kernel_of(name: str) -> Kernel:
+    return matern(0.7) if name == "matern" else thin_plate(5.0)
 
 
 def ellipsoid(count: int) -> tuple[Floats, Floats]:
@@ -24,26 +32,24 @@ def ellipsoid(count: int) -> tuple[Floats, Floats]:
     return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def felt_ellipsoid(kernels: ModuleType, surface: ModuleType, shared: float = 0.0) -> Any:
-    found = surface.Implicit(kernels.matern(1.5), surface.Ball(np.zeros(3), 1.0))
+def touched_ellipsoid(shared: float = 0.0) -> GpSurface:
+    found = GpSurface(matern(1.5), BallPrior(np.zeros(3), 1.0))
     points, normals = ellipsoid(60)
     for start in range(0, 60, 5):
         some = slice(start, start + 5)
         errors = np.full(5, 1e-3), shared, normals[some], np.full(5, 0.02)
-        found.observe(surface.Observed(points[some], np.zeros(5), *errors))
+        found.observe(Observations(points[some], np.zeros(5), *errors))
     return found
 
 
 @pytest.mark.parametrize("name", ["matern", "thin plate"])
-def test_covariances_of_gradients_are_derivatives_of_those_of_values(
-    kernels: ModuleType, name: str
-) -> None:
-    kernel, rng = kernel_of(kernels, name), np.random.default_rng(0)
+def test_covariances_of_gradients_are_derivatives_of_those_of_values(name: str) -> None:
+    kernel, rng = kernel_of(name), np.random.default_rng(0)
     x, y = rng.normal(size=(2, 3))
-    found = kernels.block(kernel, x[None], y[None], True)
+    found = covariance_block(kernel, x[None], y[None], True)
 
     def k(dx: Floats, dy: Floats) -> float:
-        return float(kernels.block(kernel, (x + dx)[None], (y + dy)[None], False)[0, 0])
+        return float(covariance_block(kernel, (x + dx)[None], (y + dy)[None], False)[0, 0])
 
     still, steps = np.zeros(3), STEP * np.eye(3)
     by_y = [(k(still, s) - k(still, -s)) / (2.0 * STEP) for s in steps]
@@ -58,35 +64,33 @@ def test_covariances_of_gradients_are_derivatives_of_those_of_values(
 
 
 @pytest.mark.parametrize("name", ["matern", "thin plate"])
-def test_a_gradient_has_unit_variance(kernels: ModuleType, name: str) -> None:
+def test_a_gradient_has_unit_variance(name: str) -> None:
     place = np.zeros((1, 3))
-    found = kernels.block(kernel_of(kernels, name), place, place, True)
+    found = covariance_block(kernel_of(name), place, place, True)
     assert np.diag(found)[1:] == pytest.approx(np.ones(3))
 
 
-def test_a_factor_that_grew_solves_as_the_whole_matrix_does(factor: ModuleType) -> None:
+def test_a_factor_that_grew_solves_as_the_whole_matrix_does() -> None:
     rng = np.random.default_rng(0)
     half = rng.normal(size=(600, 600))
     whole = half @ half.T + 600.0 * np.eye(600)
-    grown = factor.Factor()
+    grown = CholeskyFactor()
     for start, stop in ((0, 10), (10, 300), (300, 600)):
         grown.append(whole[start:stop, :start], whole[start:stop, start:stop])
     right = rng.normal(size=600)
     assert grown.solve(right) == pytest.approx(np.linalg.solve(whole, right), rel=1e-9)
 
 
-def test_before_anything_is_felt_the_surface_is_the_ball(surface: ModuleType) -> None:
-    ball = surface.Ball(np.array([1.0, 0.0, 0.0]), 2.0)
-    found = surface.Implicit(lambda r: None, ball)
+def test_before_anything_is_touched_the_surface_is_the_ball() -> None:
+    ball = BallPrior(np.array([1.0, 0.0, 0.0]), 2.0)
+    found = GpSurface(lambda r: None, ball)
     value, gradient = found.at(np.array([[3.0, 0.0, 0.0], [1.0, 1.0, 0.0]]))
     assert value == pytest.approx([0.0, -0.75])
     assert gradient == pytest.approx(np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.0]]))
 
 
-def test_the_surface_goes_through_what_was_felt_along_its_normals(
-    kernels: ModuleType, surface: ModuleType
-) -> None:
-    found = felt_ellipsoid(kernels, surface)
+def test_the_surface_goes_through_what_was_touched_along_its_normals() -> None:
+    found = touched_ellipsoid()
     points, normals = ellipsoid(60)
     value, gradient = found.at(points)
     assert np.abs(value).max() < 3e-3
@@ -96,25 +100,23 @@ def test_the_surface_goes_through_what_was_felt_along_its_normals(
     assert gradient == pytest.approx(np.array(slopes).T, abs=1e-6)
 
 
-def test_less_is_known_farther_from_what_was_felt(kernels: ModuleType, surface: ModuleType) -> None:
-    found = felt_ellipsoid(kernels, surface)
+def test_less_is_known_farther_from_what_was_touched() -> None:
+    found = touched_ellipsoid()
     near, far = found.deviations(np.array([ellipsoid(1)[0][0], [3.0, 3.0, 3.0]]))
     assert near < 2e-3
     assert far > 0.5
 
 
-def test_points_of_one_touch_are_off_together(kernels: ModuleType, surface: ModuleType) -> None:
-    alone, together = (felt_ellipsoid(kernels, surface, shared) for shared in (0.0, 0.1))
+def test_points_of_one_touch_are_off_together() -> None:
+    alone, together = (touched_ellipsoid(shared) for shared in (0.0, 0.1))
     place = ellipsoid(1)[0]
     assert together.deviations(place)[0] > 2.0 * alone.deviations(place)[0]
 
 
-def test_the_mesh_is_closed_and_ends_at_the_floor(
-    kernels: ModuleType, surface: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(surface, "CELL", 0.15)
-    monkeypatch.setattr(surface, "LEVEL", 4)
-    mesh = felt_ellipsoid(kernels, surface).mesh(np.array([[-1.5] * 3, [1.5] * 3]), -0.5)
+def test_the_mesh_is_closed_and_ends_at_the_floor(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gp_surface, "CELL", 0.15)
+    monkeypatch.setattr(gp_surface, "LEVEL", 4)
+    mesh = touched_ellipsoid().mesh(np.array([[-1.5] * 3, [1.5] * 3]), -0.5)
     whole = solidity(mesh.vertices, mesh.faces)
     assert whole.watertight
     assert mesh.vertices[:, 2].min() == pytest.approx(-0.5, abs=0.02)

@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.bench.rebuild import thesis as bench_rebuild_thesis
 from palpate.bench.rebuild import thesis as thesis_examples
 from palpate.bench.rebuild.thesis import (
     EXAMPLE_HEIGHT,
@@ -25,13 +24,10 @@ from palpate.core.geometry.meshes import solidity
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Truths and lofts coarse enough to be compared in no time."""
-    for name, value in (("TRUE_ROWS", 121), ("TRUE_COLUMNS", 180)):
-        monkeypatch.setattr(thesis_examples, name, value)
-    monkeypatch.setattr(bench_rebuild_thesis, "FLOOR_ROWS", 91)
-    monkeypatch.setattr(bench_rebuild_thesis, "FLOOR_COLUMNS", 131)
-    for module in (thesis_examples, bench_rebuild_thesis):
-        monkeypatch.setattr(module, "ROWS", 61)
-        monkeypatch.setattr(module, "COLUMNS", 80)
+    sizes = {"TRUE": (121, 180), "FLOOR": (91, 131), "MESH": (61, 80)}
+    for name, (rows, columns) in sizes.items():
+        monkeypatch.setattr(thesis_examples, f"{name}_ROWS", rows)
+        monkeypatch.setattr(thesis_examples, f"{name}_COLUMNS", columns)
 
 
 def test_the_examples_have_as_many_contours_and_points_as_the_thesiss() -> None:
@@ -63,9 +59,9 @@ def test_what_the_page_says_of_the_ways_holds() -> None:
 @pytest.mark.usefixtures("coarse")
 def test_a_row_for_each_way_says_what_it_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     ways = (VARIANTS[0], VARIANTS[2]._replace(most=1e-6))
-    monkeypatch.setattr(bench_rebuild_thesis, "VARIANTS", ways)
-    monkeypatch.setattr(bench_rebuild_thesis, "NOISY_VARIANTS", (NOISY_VARIANTS[0],))
-    monkeypatch.setattr(bench_rebuild_thesis, "loop_ratio", lambda looped: float(looped))
+    monkeypatch.setattr(thesis_examples, "VARIANTS", ways)
+    monkeypatch.setattr(thesis_examples, "NOISY_VARIANTS", (NOISY_VARIANTS[0],))
+    monkeypatch.setattr(thesis_examples, "loop_ratio", lambda looped: float(looped))
     rows = list(thesis_rows(True))
     assert [row.name.split(";")[0] for row in rows] == [
         "example 1: floor",

@@ -14,7 +14,7 @@ from palpate.bench.suite.figures import section_lines, write_thesis_figures
 from palpate.core.geometry.ring_meshes import close_rings
 from palpate.core.shapes.protocol import Mesh
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parents[3]
 PAGE = ROOT / "docs" / "thesis.md"
 
 
@@ -29,7 +29,12 @@ def test_a_section_of_a_tube_is_its_outline() -> None:
 
 
 def test_the_figures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in (("ROWS", 20), ("COLUMNS", 24), ("DPI", 30), ("EXAMPLES", EXAMPLES[1:])):
+    for name, value in (
+        ("ROWS", 20),
+        ("COLUMNS", 24),
+        ("THESIS_DPI", 30),
+        ("EXAMPLES", EXAMPLES[1:]),
+    ):
         monkeypatch.setattr(figures_rebuild, name, value)
     write_thesis_figures(tmp_path / "new")
     assert (tmp_path / "new" / "thesis_example_2.png").stat().st_size > 1000

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from palpate.bench.suite.groups import SceneFigures, missed_by_scene
+from palpate.bench.suite.groups import SceneFigures
 
 GOOD: dict[str, Any] = {
     "chamfer_m": 1e-4,
@@ -27,7 +27,10 @@ def outcome(
 
 
 def test_a_run_that_meets_every_demand_has_no_faults() -> None:
-    assert missed_by_scene(outcome()) == []
+    assert (outcome().missed, outcome().holds) == ([], True)
+    line = "vase          0.100 %  0.010 %        9     200   400   8.0 s    0"
+    assert str(outcome()) == line
+    assert str(outcome(wall=20.0)).endswith("  20.0 s    0  MISSED wall")
 
 
 @pytest.mark.parametrize(
@@ -45,4 +48,4 @@ def test_a_run_that_meets_every_demand_has_no_faults() -> None:
     ],
 )
 def test_each_missed_demand_is_named(changes: dict[str, Any], fault: str) -> None:
-    assert missed_by_scene(outcome(**changes)) == [fault]
+    assert outcome(**changes).missed == [fault]

@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.bench.table import Row
 from palpate.bench.touch import frames as bench_effects
 from palpate.bench.touch import frames as bench_touch
 from palpate.bench.touch.frames import (
@@ -61,19 +60,6 @@ def test_each_speed_has_its_demand() -> None:
     assert all(row.value for row in rows)
 
 
-@pytest.mark.parametrize(("holds", "code"), [(True, 0), (False, 1)])
-def test_a_missed_demand_is_said_and_told_by_the_exit_code(
-    holds: bool, code: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    row = Row("something", "3 us", "<= 2 us", holds)
-    monkeypatch.setattr(bench_touch, "speed_rows", lambda *_: [row])
-    monkeypatch.setattr(bench_touch, "exactness_rows", lambda *_: [])
-    monkeypatch.setattr(bench_touch, "estimator_summary", lambda *_: [])
-    lines: list[str] = []
-    assert bench_touch.bench_touch(quick=True, echo=lines.append) == code
-    assert ("MISSED" in lines[0]) != holds
-
-
 def test_the_oracle_tells_inside_from_outside() -> None:
     shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array([0.5, 0.7]))
     start, along = np.zeros((2, 3)), np.array([0.0, 0.0, 1.0])
@@ -82,9 +68,8 @@ def test_the_oracle_tells_inside_from_outside() -> None:
 
 
 def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor() -> None:
-    lines: list[str] = []
-    bench_effects.bench_effects(quick=True, echo=lines.append)
-    assert [line.split()[0] for line in lines[1:-1]] == ["(ideal)", *EFFECT_NAMES, WORN]
+    lines = list(bench_effects.effect_rows(quick=True))
+    assert [str(line).split()[0] for line in lines[1:-1]] == ["(ideal)", *EFFECT_NAMES, WORN]
 
 
 @pytest.mark.parametrize(("body", "most"), [("ball", 4.3e-6), ("box", 1e-7)])

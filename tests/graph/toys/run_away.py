@@ -5,11 +5,12 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-from palpate.bench.bus.toy_node import Quiet, ToyParams, toy
+from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.bench.table import SilentWatcher
 from palpate.launch.launcher import launch
 
 
-class Telling(Quiet):
+class Telling(SilentWatcher):
     """Says when all nodes are up."""
 
     def ready(self, seconds: float) -> None:

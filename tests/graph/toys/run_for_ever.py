@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from palpate.bench.bus.toy_node import Quiet, ToyParams, toy
+from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.bench.table import SilentWatcher
 from palpate.launch.launcher import launch
 from palpate.nodes.runtime.wiring import Input, Wiring
 
@@ -38,7 +39,7 @@ ending = launch(
     ],
     ends="source",
     hear=["/source/mark"],
-    watcher=Quiet(),
+    watcher=SilentWatcher(),
     work_dir=folder,
 )
 

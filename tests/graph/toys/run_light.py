@@ -6,7 +6,8 @@ import os
 import sys
 from pathlib import Path
 
-from palpate.bench.bus.toy_node import Quiet, ToyParams, toy
+from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.bench.table import SilentWatcher
 from palpate.launch.launcher import launch
 from palpate.nodes.runtime.wiring import Input, Wiring
 
@@ -25,7 +26,7 @@ broken = Wiring(
 )
 before = dict(os.environ)
 ending = launch(
-    [toy("source", ToyParams(burst=5)), broken], ends="source", hear=(), watcher=Quiet()
+    [toy("source", ToyParams(burst=5)), broken], ends="source", hear=(), watcher=SilentWatcher()
 )
 
 

@@ -107,7 +107,7 @@ def test_two_nodes_that_draw_from_the_global_generator_draw_different_numbers() 
 
 
 LAUNCHED = """
-from palpate.bench.bus.toy_node import Quiet
+from palpate.bench.table import SilentWatcher
 from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes.fork_server import start_fork_server
@@ -117,7 +117,7 @@ source = toy("source", Params(burst=5))
 nobody = dict(params={}, inputs=(), outputs={}, listeners={})
 lost = Wiring(name="lost", module="palpate.nodes.nothing", **nobody)
 for graph in ([source, lost], [source, toy("counter", Params(expects=5), hears="source")]):
-    ending = launch(graph, ends=graph[-1].name, hear=(), watcher=Quiet())
+    ending = launch(graph, ends=graph[-1].name, hear=(), watcher=SilentWatcher())
     print(ending.status, ending.reason)
 """
 
