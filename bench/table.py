@@ -61,7 +61,7 @@ class SilentWatcher:
     def ready(self, seconds: float) -> None:
         """All nodes are up."""
 
-    def heard(self, topic: str, message: object) -> None:
+    def received(self, topic: str, message: object) -> None:
         """A message of a topic that is watched."""
 
     def log(self, record: object) -> None:

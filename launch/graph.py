@@ -66,8 +66,8 @@ class Graph:
                 host=one.entry.host,
                 nice=one.entry.nice,
                 on_exit=one.entry.on_exit,
-                longest=one.node.longest,
-                keeps=is_persistent(one.node),
+                handler_timeout=one.node.handler_timeout,
+                persistent=is_persistent(one.node),
                 listeners={topic: _listeners(topic, inputs) for topic in one.outputs.values()},
             )
             for one in placed
@@ -186,11 +186,11 @@ def _sources(
 ) -> list[str]:
     """Topics on the wire that an input hears: in the node's own namespace first, then outside.
 
-    An input that is `many` hears the topic in every namespace.
+    An input that is `fan_in` subscribes to the topic in every namespace.
     """
     if local in entry.remap:
         candidates = [entry.remap[local]]
-    elif local in node.many:
+    elif local in node.fan_in:
         spaces = dict.fromkeys(other.entry.namespace for other in placed)
         candidates = [f"/{space}{local}" if space else local for space in spaces]
     else:
@@ -200,7 +200,7 @@ def _sources(
     if not found:
         near = hint(candidates[-1], said)
         raise entry.error(f"hears {candidates[-1]}, which nobody publishes; {near}")
-    return found if local in node.many else found[:1]
+    return found if local in node.fan_in else found[:1]
 
 
 def _check_type(entry: Entry, topic: str, wanted: type, heard: Publisher) -> None:
@@ -303,9 +303,9 @@ def is_left_out(entry: Entry, node: Node, topic: str) -> bool:
     return entry.finger > 1 and topic in node.shared
 
 
-def _check_remap(entry: Entry, node: AnyNode, says: Iterable[str]) -> None:
+def _check_remap(entry: Entry, node: AnyNode, publications: Iterable[str]) -> None:
     # Of several fingers' nodes, those that leave a topic to the first may have it remapped, too.
-    known = (*node.inputs, *node.outputs) if isinstance(node, Node) else tuple(says)
+    known = (*node.inputs, *node.outputs) if isinstance(node, Node) else tuple(publications)
     for local, topic in entry.remap.items():
         if local not in known:
             raise entry.error(f"has no topic {local!r} to remap; {hint(local, known)}")

@@ -30,7 +30,7 @@ def launch(
     wirings: Sequence[Wiring],
     *,
     ends: str,
-    hear: Sequence[str],
+    watch: Sequence[str],
     watcher: Watcher,
     name: str = "graph",
     run_dir: Path | None = None,
@@ -46,7 +46,7 @@ def launch(
         The nodes.
     ends : str
         Name of the node whose `Finished` ends the graph.
-    hear : sequence of str
+    watch : sequence of str
         Topics of which the watcher is told every message.
     watcher : Watcher
         Is told what happens. What it raises ends the graph, and is raised again.
@@ -76,7 +76,7 @@ def launch(
     """
     began = time.monotonic()
     _check(wirings, ends)
-    sources = _sources(wirings, hear)
+    sources = _sources(wirings, watch)
     names = [wiring.name for wiring in wirings]
     with (
         Interrupts() as interrupts,
@@ -90,7 +90,7 @@ def launch(
             ForkServer([wiring.module for wiring in wirings]) as nursery,
         ):
             homes = ProcessHosts(nursery, abroad.homes)
-            wired = _with_listeners(wirings, hear)
+            wired = _with_listeners(wirings, watch)
             if before is not None:
                 before.lay(wired, place)
             announce(folder, _card(wirings, place, name, ends, run_dir))
@@ -149,20 +149,20 @@ def _check(wirings: Sequence[Wiring], ends: str) -> None:
                 )
 
 
-def _sources(wirings: Sequence[Wiring], hear: Sequence[str]) -> dict[str, list[str]]:
+def _sources(wirings: Sequence[Wiring], watch: Sequence[str]) -> dict[str, list[str]]:
     """Who publishes each topic that the launcher hears."""
     publisher = {topic: w.name for w in wirings for topic in w.outputs.values()}
     sources: dict[str, list[str]] = {}
-    for topic in hear:
+    for topic in watch:
         if topic not in publisher:
             raise ValueError(f"nobody publishes {topic}; there are {sorted(publisher)}")
         sources.setdefault(publisher[topic], []).append(topic)
     return sources
 
 
-def _with_listeners(wirings: Sequence[Wiring], hear: Sequence[str]) -> list[Wiring]:
+def _with_listeners(wirings: Sequence[Wiring], watch: Sequence[str]) -> list[Wiring]:
     """The wirings, each with all who hear what it says."""
-    listeners: dict[str, list[str]] = {topic: [LAUNCHER] for topic in hear}
+    listeners: dict[str, list[str]] = {topic: [LAUNCHER] for topic in watch}
     for wiring in wirings:
         for one in wiring.inputs:
             listeners.setdefault(one.topic, []).append(wiring.name)

@@ -96,7 +96,7 @@ class ProgressWatcher:
         self.progress.ready = seconds
         self._display.ready(self._nodes, seconds)
 
-    def heard(self, topic: str, message: object) -> None:
+    def received(self, topic: str, message: object) -> None:
         """A message on one of the gathered topics."""
         progress = self.progress
         self._stamp()

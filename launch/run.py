@@ -284,20 +284,20 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
 def _start(plan: Plan, gatherer: ProgressWatcher, *, composed: bool) -> Ending:
     said = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
     gathered = {cls.__name__ for cls in GATHERED_TYPES}
-    ends, hear = plan.ends, tuple(topic for topic, name in said.items() if name in gathered)
+    ends, watch = plan.ends, tuple(topic for topic, name in said.items() if name in gathered)
     if composed:
         from palpate.launch.processes import signals_as_ctrl_c
         from palpate.nodes.runtime import run_composed
 
         with signals_as_ctrl_c():
-            return run_composed(plan.wirings, ends=ends, hear=hear, watcher=gatherer)
+            return run_composed(plan.wirings, ends=ends, watch=watch, watcher=gatherer)
     from palpate.launch.launcher import launch
 
     try:
         return launch(
             plan.wirings,
             ends=ends,
-            hear=hear,
+            watch=watch,
             watcher=gatherer,
             name=plan.name,
             run_dir=plan.folder.path,

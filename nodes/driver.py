@@ -71,4 +71,4 @@ def _read_once(path: str, changed: int, rows: int, cols: int) -> FrameSequence:
     return read_frames(path, rows, cols)
 
 
-SOURCE = Source(params=Params, outputs=outputs_of, open=open_file, longest=20.0)
+SOURCE = Source(params=Params, outputs=outputs_of, open=open_file, handler_timeout=20.0)

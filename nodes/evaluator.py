@@ -111,7 +111,7 @@ def _score(truth: TrueSurface, model: ShapeModel) -> Score:
 NODE = Node(
     params=Params,
     start=lambda params: (None, []),
-    longest=120.0,
+    handler_timeout=120.0,
     inputs={"/truth": (Truth, take_truth), "/model/shape": (ShapeModel, take_model)},
     outputs={"/score": Score},
     needs=("/truth",),

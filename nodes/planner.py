@@ -157,8 +157,8 @@ def take_clock(params: Params, state: State, clock: FingerClock) -> tuple[State,
 
 def take_result(params: Params, state: State, result: Contour | Probe) -> tuple[State, Outputs]:
     """Take up what a finger has finished, when its turn has come."""
-    heard = {**state.heard, result.finger: result}
-    return take_up(params.demand, _rule(params), replace(state, heard=heard))
+    pending = {**state.pending, result.finger: result}
+    return take_up(params.demand, _rule(params), replace(state, pending=pending))
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
@@ -195,14 +195,14 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     """Take up the result whose turn it is, and go on; wait while it is nobody's."""
     if state.asked:
         return state, []
-    times = {finger: result.robot_time for finger, result in state.heard.items()}
+    times = {finger: result.robot_time for finger, result in state.pending.items()}
     finger = next_finished(times, state.tasks.keys(), state.clocks)
     if finger is None:
         return state, []
-    result, task = state.heard[finger], state.tasks[finger]
+    result, task = state.pending[finger], state.tasks[finger]
     state = replace(
         state,
-        heard={other: one for other, one in state.heard.items() if other != finger},
+        pending={other: one for other, one in state.pending.items() if other != finger},
         tasks={other: one for other, one in state.tasks.items() if other != finger},
         clocks={**state.clocks, finger: result.robot_time},
         touches=state.touches + result.touches,
@@ -326,7 +326,7 @@ def _shape(state: State) -> str:
 NODE = Node(
     params=Params,
     start=start,
-    longest=20.0,
+    handler_timeout=20.0,
     inputs={
         "/world": (World, know_world),
         "/touch/info": (SensorInfo, know_sensor),
@@ -345,5 +345,5 @@ NODE = Node(
         "/plan/done": PlanDone,
     },
     needs=("/world", "/touch/info"),
-    many=("/finger/clock", "/contour/traced", "/probe/traced"),
+    fan_in=("/finger/clock", "/contour/traced", "/probe/traced"),
 )

@@ -56,8 +56,8 @@ def outputs(params: Params) -> Mapping[str, type]:
         if topic not in recording.counts:
             known = ", ".join(sorted(recording.counts)) or "none"
             raise ValueError(f"recording {params.path} has no topic {topic!r}; it has {known}")
-    said = {topic: _type_of(topic, recording) for topic in sorted(_played(params, recording))}
-    return {**said, CLOCK_TOPIC: Clock} if params.clock else said
+    published = {topic: _type_of(topic, recording) for topic in sorted(_played(params, recording))}
+    return {**published, CLOCK_TOPIC: Clock} if params.clock else published
 
 
 def play(params: Params) -> Iterator[Timed | Finished]:
@@ -67,10 +67,10 @@ def play(params: Params) -> Iterator[Timed | Finished]:
     number, begun = 0, 0.0
     for turn in count():
         end = begun
-        for said in _with_clock(_turn(params, recording, played), params):
-            end = begun + said.due / params.rate
-            number += said.topic != CLOCK_TOPIC
-            yield said._replace(due=end)
+        for published in _with_clock(_turn(params, recording, played), params):
+            end = begun + published.due / params.rate
+            number += published.topic != CLOCK_TOPIC
+            yield published._replace(due=end)
         if not params.loop or number == 0:
             yield Finished(f"played {number} messages" + (f" in {turn + 1} turns" if turn else ""))
             return
@@ -130,12 +130,12 @@ def _latched(before: dict[tuple[str, int], bytes] | None) -> Iterator[Timed]:
 def _with_clock(turn: Iterator[Timed], params: Params) -> Iterator[Timed]:
     """Ticks of the clock between the messages; it ticks in the player's own time."""
     tick, every = 0, params.rate / params.clock if params.clock else 0.0
-    for said in turn:
-        while every and tick * every <= said.due:
+    for published in turn:
+        while every and tick * every <= published.due:
             time = params.start_offset + tick * every
             yield Timed(tick * every, CLOCK_TOPIC, Clock(time=time))
             tick += 1
-        yield said
+        yield published
 
 
 SOURCE = Source(params=Params, outputs=outputs, open=play, paused=lambda params: params.paused)

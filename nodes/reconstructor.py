@@ -177,9 +177,9 @@ def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State
     return _fit_ready(replace(state, felt={**state.felt, patch.goal: of_goal}))
 
 
-def take_contacts(params: Params, state: State, heard: GraspContacts) -> tuple[State, Outputs]:
+def take_contacts(params: Params, state: State, received: GraspContacts) -> tuple[State, Outputs]:
     """Keep what the hand met."""
-    contacts = {**state.contacts, heard.number: heard.points}
+    contacts = {**state.contacts, received.number: received.points}
     return _fit_ready(replace(state, contacts=contacts))
 
 
@@ -389,7 +389,7 @@ def rebuild_set(
 NODE = Node(
     params=Params,
     start=start,
-    longest=120.0,
+    handler_timeout=120.0,
     inputs={
         "/world": (World, know_world),
         "/touch/info": (SensorInfo, know_sensor),
@@ -402,5 +402,5 @@ NODE = Node(
     },
     outputs={"/model/coarse": Superquadric, "/model/shape": ShapeModel},
     needs=("/world", "/touch/info"),
-    many=("/touch/patch", "/contour/traced", "/probe/traced"),
+    fan_in=("/touch/patch", "/contour/traced", "/probe/traced"),
 )

@@ -239,7 +239,7 @@ def _between(before: Floats | None, pose: Floats) -> tuple[float, float]:
 NODE = Node(
     params=Params,
     start=start,
-    longest=20.0,
+    handler_timeout=20.0,
     inputs={"/finger/goal": (TouchGoal, touch), "/hand/goal": (GraspGoal, take_grasp)},
     outputs={
         "/world": World,

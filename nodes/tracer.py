@@ -172,15 +172,15 @@ def _send(state: State, job: Job, goal: ContourGoal, now: float) -> tuple[State,
 
 
 def _finish(
-    params: Params, state: State, said: tuple[str, object], now: float
+    params: Params, state: State, published: tuple[str, object], now: float
 ) -> tuple[State, Outputs]:
     """Report a goal and begin with the next one."""
     state = replace(state, job=None)
     if not state.waiting:
-        return state, [said]
+        return state, [published]
     following, *rest = state.waiting
     state, outputs = _begin(params, replace(state, waiting=tuple(rest)), following, now)
-    return state, [said, *outputs]
+    return state, [published, *outputs]
 
 
 def _slice_arc(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> SliceArc | None:

@@ -95,7 +95,7 @@ def ring_seconds(graph: Sequence[Wiring]) -> float:
         If it does not finish.
     """
     watcher = _Times()
-    finished(launch(graph, ends="source", hear=["/source/mark"], watcher=watcher), "the ring")
+    finished(launch(graph, ends="source", watch=["/source/mark"], watcher=watcher), "the ring")
     first, last = watcher.times
     return last - first
 
@@ -119,7 +119,7 @@ class _Times(SilentWatcher):
     def __init__(self) -> None:
         self.times: list[float] = []
 
-    def heard(self, topic: str, message: object) -> None:
+    def received(self, topic: str, message: object) -> None:
         """Keep the time."""
         self.times.append(time.perf_counter())
 
@@ -309,4 +309,4 @@ def launch_ring(folder: str) -> None:
     """Launch a ring of two nodes that turns until it is interrupted."""
     ring = token_ring(10**12)
     watcher, place = SilentWatcher(), Path(folder)
-    launch(ring, ends="source", hear=(), watcher=watcher, name="ring", work_dir=place)
+    launch(ring, ends="source", watch=(), watcher=watcher, name="ring", work_dir=place)

@@ -81,7 +81,7 @@ def _disturbed(number: int, rng: random.Random) -> tuple[int, int]:
     ]
     watcher = _Killer("dies", first)
     graph = [source, *listeners]
-    ending = finished(launch(graph, ends="dies", hear=(), watcher=watcher), "the graph")
+    ending = finished(launch(graph, ends="dies", watch=(), watcher=watcher), "the graph")
     counts = [ending.statuses[one.name].messages for one in listeners]
     wrong = sum(number - one for one in counts) + ending.gaps
     if ending.reason != f"{number} received, 0 missing, 0 out of turn":
@@ -226,8 +226,8 @@ def _random_starts(rng: random.Random) -> int:
     return _lost_in(
         [
             toy("source", ToyParams(burst=200, late=late[0])),
-            toy("relay", ToyParams(relay=True, late=late[1]), hears="source"),
-            toy("counter", ToyParams(expects=200, late=late[2]), hears="relay"),
+            toy("relay", ToyParams(relay=True, late=late[1]), upstream="source"),
+            toy("counter", ToyParams(expects=200, late=late[2]), upstream="relay"),
         ],
         expected=200,
         depth=1000,
@@ -237,7 +237,7 @@ def _random_starts(rng: random.Random) -> int:
 def _slow_subscriber(rng: random.Random) -> int:
     pair = [
         toy("source", ToyParams(burst=300), listeners=("counter",)),
-        toy("counter", ToyParams(expects=300, work=2e-4 * rng.random()), hears="source"),
+        toy("counter", ToyParams(expects=300, work=2e-4 * rng.random()), upstream="source"),
     ]
     return _lost_in(pair, expected=300, depth=2)
 
@@ -247,14 +247,14 @@ def _last_message(rng: random.Random) -> int:
     work = 5e-4 + 5e-4 * rng.random()
     graph = [
         toy("source", ToyParams(burst=200), listeners=("counter", "slow")),
-        toy("counter", ToyParams(expects=200), hears="source"),
-        toy("slow", ToyParams(work=work), hears="source"),
+        toy("counter", ToyParams(expects=200), upstream="source"),
+        toy("slow", ToyParams(work=work), upstream="source"),
     ]
     return _lost_in(graph, expected=200, depth=1)
 
 
 def _lost_in(graph: Sequence[Wiring], *, expected: int, depth: int) -> int:
-    ending = launch(graph, ends="counter", hear=(), watcher=SilentWatcher(), depth=depth)
+    ending = launch(graph, ends="counter", watch=(), watcher=SilentWatcher(), depth=depth)
     finished(ending, "the graph")
     counts = [ending.statuses[one.name].messages for one in graph if one.inputs]
     return ending.gaps + sum(expected - number for number in counts)

@@ -62,7 +62,7 @@ NODE = Node(
     start=lambda params: (FloodCount(), []),
     inputs={"/in": (Clock, _on_message)},
     outputs={},
-    longest=5.0,
+    handler_timeout=5.0,
 )
 
 
@@ -75,5 +75,5 @@ def listener(name: str, params: StallingParams) -> Wiring:
         inputs=(Input(SOURCE, TOPIC, "/in", "Clock"),),
         outputs={},
         listeners={},
-        longest=NODE.longest,
+        handler_timeout=NODE.handler_timeout,
     )

@@ -83,7 +83,7 @@ def start_once(*, early: bool) -> Started:
     checked = time.perf_counter() - began
     watcher = _UntilReady()
     try:
-        launch(plan.wirings, ends=plan.ends, hear=(), watcher=watcher)
+        launch(plan.wirings, ends=plan.ends, watch=(), watcher=watcher)
     except _Enough:
         modules = tuple(wiring.module for wiring in plan.wirings)
         return Started(modules, checked, watcher.seconds)

@@ -59,10 +59,10 @@ def frame(touch: int) -> TactileFrame:
 
 
 def toy(
-    name: str, params: ToyParams, *, hears: str = "", listeners: tuple[str, ...] = ()
+    name: str, params: ToyParams, *, upstream: str = "", listeners: tuple[str, ...] = ()
 ) -> Wiring:
     """Wiring of a toy that publishes ``/<name>`` and subscribes to at most one other."""
-    inputs = (Input(hears, f"/{hears}", "/in", "TactileFrame"),) if hears else ()
+    inputs = (Input(upstream, f"/{upstream}", "/in", "TactileFrame"),) if upstream else ()
     outputs = {"/out": f"/{name}", "/mark": f"/{name}/mark"}
     return Wiring(
         name=name,
@@ -79,8 +79,8 @@ def token_ring(laps: int, core: int = -1) -> list[Wiring]:
     """Two toys that pass a frame there and back, so often."""
     source = ToyParams(burst=1, laps=laps, expects=laps, core=core)
     return [
-        toy("source", source, hears="relay"),
-        toy("relay", ToyParams(relay=True, core=core), hears="source"),
+        toy("source", source, upstream="relay"),
+        toy("relay", ToyParams(relay=True, core=core), upstream="source"),
     ]
 
 

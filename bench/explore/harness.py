@@ -105,7 +105,7 @@ class MessageCollector(SilentWatcher):
         self.touches = 0  # Of all fingers
         self.travel = 0.0  # Way of the fingers and of the hand, m
 
-    def heard(self, topic: str, message: object) -> None:
+    def received(self, topic: str, message: object) -> None:
         """Keep a message; of a touch, only its way."""
         if isinstance(message, (TactileFrame, GraspContacts)):
             self.touches += isinstance(message, TactileFrame)
@@ -150,9 +150,9 @@ def explore_scene(scene: Path, fingers: int = 1) -> Explored:
     ears = MessageCollector()
     said = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
     names = {cls.__name__ for cls in KEPT_TYPES}
-    hear = tuple(topic for topic, name in said.items() if name in names)
+    watch = tuple(topic for topic, name in said.items() if name in names)
     began = time.perf_counter()
-    ending = run_composed(plan.wirings, ends=plan.ends, hear=hear, watcher=ears)
+    ending = run_composed(plan.wirings, ends=plan.ends, watch=watch, watcher=ears)
     return _explored(ending, ears, time.perf_counter() - began)
 
 

@@ -48,14 +48,14 @@ _NODE_WORDS: tuple[dict[str, Any], ...] = (
     {"kind": "ready"},
     {"kind": "finished", "reason": "all felt"},
     {"kind": "failed", "text": "on /touch/raw 3: ValueError", "trace": "Traceback\n" * 20},
-    {"kind": "bye", "status": bytes(40)},
+    {"kind": "exiting", "status": bytes(40)},
     {
         "kind": "count",
         "round": 3,
         "sent": {"/touch/raw": 17, "/finger/goal": 18},
         "consumed": [["simulator", "/touch/raw", 17], ["tracer", "/finger/goal", 18]],
         "waits": ["/world"],
-        "speaks": False,
+        "can_publish": False,
     },
 )
 _LAUNCHER_WORDS: tuple[dict[str, Any], ...] = (

@@ -352,7 +352,7 @@ class TopicCollector:
     def ready(self, seconds: float) -> None:
         """Nothing waits for it."""
 
-    def heard(self, topic: str, message: object) -> None:
+    def received(self, topic: str, message: object) -> None:
         """Keep a message."""
         self.said[topic].append(message)
 
@@ -421,7 +421,7 @@ def explore_evenly(scene: str, count: int, noisy: bool) -> TouchedScene:
     graph = override(describe(EXPLORE, args, folder.path).graph, settings)
     wirings = [one for one in graph.wirings() if one.name != "evaluator"]
     ears = TopicCollector()
-    run_composed(wirings, ends="planner", hear=KEPT_TOPICS, watcher=ears)
+    run_composed(wirings, ends="planner", watch=KEPT_TOPICS, watcher=ears)
     return _touched_scene(ears.said)
 
 

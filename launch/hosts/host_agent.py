@@ -60,7 +60,7 @@ class HostedRun:
             "taps": {name: taps[f"t {name}"] for name in names},
         }
 
-    def bear(self, word: ControlMessage) -> ControlMessage | None:
+    def spawn(self, word: ControlMessage) -> ControlMessage | None:
         """Start a node; its files are this machine's. An answer says that it cannot be."""
         name = str(word["node"])
         place = msgspec.msgpack.decode(word["place"], type=Addresses)
@@ -74,9 +74,9 @@ class HostedRun:
         )
         try:
             packed = msgspec.msgpack.encode(own)
-            self.sentinels[self._nursery.bear(name, word["wiring"], packed)] = name
+            self.sentinels[self._nursery.spawn(name, word["wiring"], packed)] = name
         except ChildProcessError as error:
-            return {"kind": "unborn", "node": name, "text": str(error)}
+            return {"kind": "spawn_failed", "node": name, "text": str(error)}
         return None
 
     def kill(self, word: ControlMessage) -> None:
@@ -113,7 +113,7 @@ def run_host_agent(address: str, port: int, key: Path, echo: Callable[[str], Non
     """
     wires = SocketContext(str(key))
     try:
-        line = ControlServer(wires.context, f"tcp://{address}:{port}", hears=TO_HOSTS)
+        line = ControlServer(wires.context, f"tcp://{address}:{port}", accepts=TO_HOSTS)
     except zmq.ZMQError as error:
         wires.destroy()
         raise ValueError(f"{address}:{port} cannot be listened at: {error}") from None
@@ -191,10 +191,10 @@ class HostAgent:
             return
         guest.heard = now
         match word["kind"]:
-            case "bear":
-                unborn = guest.bear(word)
-                if unborn is not None:
-                    self._line.send(name, **unborn)
+            case "spawn":
+                spawn_failed = guest.spawn(word)
+                if spawn_failed is not None:
+                    self._line.send(name, **spawn_failed)
             case "kill":
                 guest.kill(word)
             case "alive":
@@ -210,5 +210,5 @@ class HostAgent:
     def _part(self, name: str, why: str) -> None:
         guest = self._guests.pop(name)
         guest.close()
-        self._line.send(name, "parted")
+        self._line.send(name, "closed")
         self._echo(f"{name} {why}")

@@ -50,7 +50,7 @@ class EarlierRun:
         """
         later_ns = time.monotonic_ns() - max(self._all_times(), default=0)
         for wiring in wirings:
-            if wiring.keeps:
+            if wiring.persistent:
                 self._remember(wiring, place, later_ns)
             else:
                 self._put_down(wiring, place, later_ns)
@@ -74,7 +74,9 @@ class EarlierRun:
 
     def _remember(self, wiring: Wiring, place: Addresses, later_ns: int) -> None:
         """What a node has answered, and how."""
-        past = MessageLog(Path(place.pasts[wiring.name]), tuple(wiring.outputs.values()), keep=True)
+        past = MessageLog(
+            Path(place.pasts[wiring.name]), tuple(wiring.outputs.values()), persistent=True
+        )
         with closing(past):
             for topic, sent_ns, schema, body in self.spoken.get(wiring.name, ()):
                 seq, when = past.count(topic), sent_ns + later_ns

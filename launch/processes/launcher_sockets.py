@@ -37,7 +37,7 @@ class LauncherSockets:
         self._wires = SocketContext(place.key)
         context = self._wires.context
         self.line = ControlServer(context, place.control)
-        self.tools = ControlServer(context, place.tools, hears=FROM_TOOLS)
+        self.tools = ControlServer(context, place.tools, accepts=FROM_TOOLS)
         self.ears = Subscriber(
             context,
             name=LAUNCHER,
@@ -77,7 +77,7 @@ class LauncherSockets:
         """Wait until something arrives or a process ends; returns the sentinels of such."""
         return [who for who, _ in self._poller.poll(timeout_ms) if isinstance(who, int)]
 
-    def hear(self) -> tuple[str, object] | None:
+    def receive(self) -> tuple[str, object] | None:
         """Topic and message of what has arrived next on the topics, or None."""
         arrival = self.ears.receive()
         if arrival is None:
@@ -87,7 +87,7 @@ class LauncherSockets:
             self._type_of(arrival.topic, arrival.header.schema), arrival.body
         )
 
-    def hear_tap(self) -> object | None:
+    def receive_tap(self) -> object | None:
         """What a node has said about itself, or None."""
         heard = self.taps.receive()
         if heard is None:

@@ -36,14 +36,14 @@ class NodeStatusTable:
         """The latest counters of each node."""
         self.ready: set[str] = set()
         """Nodes of which all inputs are in step."""
-        self.bye: set[str] = set()
+        self.exiting: set[str] = set()
         """Nodes that have put away what they held."""
         self.failed: dict[str, str] = {}
         """Nodes that have failed, and of what."""
         self._alive = dict.fromkeys(names, time.monotonic())
         self._mentioned: set[str] = set()
 
-    def hear(self, name: str, word: ControlMessage) -> list[LogRecord]:
+    def receive(self, name: str, word: ControlMessage) -> list[LogRecord]:
         """Take a node's word about itself; returns what is worth a line in the log.
 
         Raises
@@ -58,8 +58,8 @@ class NodeStatusTable:
         self._mentioned.discard(name)
         if kind == "ready":
             self.ready.add(name)
-        elif kind == "bye":
-            self.bye.add(name)
+        elif kind == "exiting":
+            self.exiting.add(name)
             self.statuses[name] = decode(NodeStatus, word["status"])
         elif kind == "failed":
             self.failed[name] = str(word["text"])
@@ -84,7 +84,7 @@ class NodeStatusTable:
         """Lines for the log about nodes that have not been heard of for long, once each."""
         lines = []
         for name, when in self._alive.items():
-            if now - when > SILENCE and name not in self._mentioned and name not in self.bye:
+            if now - when > SILENCE and name not in self._mentioned and name not in self.exiting:
                 self._mentioned.add(name)
                 doing = "is still working" if name in self.ready else "is still starting"
                 text = f"{name} {doing}, or hangs: no sign of life for {SILENCE:g} s"
@@ -112,7 +112,7 @@ class MessageCounts:
     consumed: dict[tuple[str, str], int]  # Messages consumed, by publisher and topic
     waits: tuple[str, ...] = ()  # Topics without whose first message the node handles nothing else
     # Whether it may still say something of its own: then nothing need move for long.
-    speaks: bool = False
+    can_publish: bool = False
 
 
 class TerminationDetector:
@@ -180,8 +180,8 @@ class TerminationDetector:
 
     def still_for(self, now: float) -> float:
         """Time for which nothing has been sent or consumed, s; 0 if a source may speak yet."""
-        speaks = any(count.speaks for count in (self._last or {}).values())
-        if self._equal < 2 or (speaks and not self.unheard()):
+        can_publish = any(count.can_publish for count in (self._last or {}).values())
+        if self._equal < 2 or (can_publish and not self.unheard()):
             return 0.0
         return now - self._since
 

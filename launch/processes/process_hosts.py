@@ -40,7 +40,7 @@ class ProcessHosts:
         self.hosts = list({host.name: host for host in away.values()}.values())
         """The other machines."""
 
-    def bear(self, name: str, wiring: bytes, place: bytes) -> int:
+    def spawn(self, name: str, wiring: bytes, place: bytes) -> int:
         """Start the process of a node, and return its sentinel.
 
         Raises
@@ -48,7 +48,7 @@ class ProcessHosts:
         ChildProcessError
             If it cannot be started.
         """
-        return (self._away.get(name) or self._nursery).bear(name, wiring, place)
+        return (self._away.get(name) or self._nursery).spawn(name, wiring, place)
 
     def exit_code(self, name: str) -> int:
         """Exit code of a process that has ended; negative for a signal."""
@@ -62,11 +62,11 @@ class ProcessHosts:
         """Number of a node's process; 0 if it runs elsewhere."""
         return 0 if name in self._away else self._nursery.pid(name)
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         """Take in what other machines say."""
         now = time.monotonic()
         for host in self.hosts:
-            host.hear(now)
+            host.receive(now)
 
     def end(self) -> None:
         """End all processes."""
@@ -95,7 +95,7 @@ class ForkServer:
     def __exit__(self, *_: object) -> None:
         self.end()
 
-    def bear(self, name: str, wiring: bytes, place: bytes) -> int:
+    def spawn(self, name: str, wiring: bytes, place: bytes) -> int:
         """Start the process of a node, and return its sentinel.
 
         Raises
@@ -167,7 +167,7 @@ class RemoteHost:
     def __init__(self, wires: SocketContext, name: str, endpoint: str, run: str) -> None:
         self.name = name
         """Address and port."""
-        self.line = ControlClient(wires.context, endpoint, name=run, hears=FROM_HOSTS)
+        self.line = ControlClient(wires.context, endpoint, name=run, accepts=FROM_HOSTS)
         """The line to it."""
         self._ends: dict[str, tuple[int, int]] = {}
         self._codes: dict[str, int] = {}
@@ -200,7 +200,7 @@ class RemoteHost:
         self._heard = time.monotonic()
         return word["endpoints"], word["taps"], (asked + heard) // 2 - word["ns"]
 
-    def bear(self, name: str, wiring: bytes, place: bytes) -> int:
+    def spawn(self, name: str, wiring: bytes, place: bytes) -> int:
         """Have a node started; returns what wakes when it ends.
 
         Raises
@@ -212,7 +212,7 @@ class RemoteHost:
             raise ChildProcessError(f"{name} cannot be started: host {self.name} is lost")
         self._close(name)
         self._ends[name] = os.pipe()
-        self.line.send("bear", node=name, wiring=wiring, place=place)
+        self.line.send("spawn", node=name, wiring=wiring, place=place)
         return self._ends[name][0]
 
     def exit_code(self, name: str) -> int:
@@ -223,7 +223,7 @@ class RemoteHost:
         """Have a node killed at once."""
         self.line.send("kill", node=name)
 
-    def hear(self, now: float) -> None:
+    def receive(self, now: float) -> None:
         """Take in what the machine says, and give a sign of life."""
         while (word := self.line.receive()) is not None:
             self._heard = now
@@ -243,7 +243,7 @@ class RemoteHost:
         while not self._lost and time.monotonic() < deadline:
             if self.line.socket.poll(50):
                 word = self.line.receive()
-                if word is not None and word["kind"] == "parted":
+                if word is not None and word["kind"] == "closed":
                     break
         for name in list(self._ends):
             self._close(name)
@@ -252,9 +252,9 @@ class RemoteHost:
     def _take(self, word: ControlMessage) -> None:
         if word["kind"] == "ended":
             self._end(str(word["node"]), int(word["code"]))
-        elif word["kind"] == "unborn":
+        elif word["kind"] == "spawn_failed":
             self._end(str(word["node"]), 1)
-        elif word["kind"] == "parted":
+        elif word["kind"] == "closed":
             self._lost = True
             for name in self._ends:
                 self._end(name, 1)

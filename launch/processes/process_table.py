@@ -59,7 +59,7 @@ class ProcessTable:
         """What has died so far."""
         self._place, self._homes, self._desk = place, homes, desk
         self._ahead_ns = ahead_ns
-        self._pulse = Watchdog({one.name: one.longest for one in wirings})
+        self._pulse = Watchdog({one.name: one.handler_timeout for one in wirings})
         self._hung: dict[str, float] = {}
         self._living: dict[int, str] = {}
 
@@ -72,7 +72,7 @@ class ProcessTable:
         """Number of the process of a node."""
         return self._homes.pid(name)
 
-    def bear(self, name: str, *, going: bool = False) -> None:
+    def spawn(self, name: str, *, going: bool = False) -> None:
         """Start the process of a node, again if the graph is going.
 
         Raises
@@ -83,7 +83,7 @@ class ProcessTable:
         epoch, ahead_ns = self.restarts.counts[name], self._ahead_ns(name)
         place = replace(self._place, epoch=epoch, going=going, ahead_ns=ahead_ns)
         packed = msgspec.msgpack.encode(place)
-        sentinel = self._homes.bear(name, _packed_wiring(self.wirings[name]), packed)
+        sentinel = self._homes.spawn(name, _packed_wiring(self.wirings[name]), packed)
         self._living[sentinel] = name
         self._pulse.begin(name, time.monotonic())
         self._desk.watch(sentinel)
@@ -104,7 +104,7 @@ class ProcessTable:
 
     def sign(self, name: str, kind: str) -> None:
         """A node has said a word of a kind to the launcher."""
-        if kind in ("bye", "failed"):
+        if kind in ("exiting", "failed"):
             self._pulse.forget(name)
         elif name in self.living:
             does = process_state(self._homes.pid(name))
@@ -195,12 +195,12 @@ class Watchdog:
 
     Parameters
     ----------
-    longest : mapping of str to float
+    handler_timeout : mapping of str to float
         Name of the node to the longest time that one of its handlers may take, s.
     """
 
-    def __init__(self, longest: Mapping[str, float]) -> None:
-        self._longest = longest
+    def __init__(self, handler_timeout: Mapping[str, float]) -> None:
+        self._handler_timeout = handler_timeout
         self._signs: dict[str, _Heartbeat] = {}
         self._looked = 0.0
 
@@ -243,10 +243,10 @@ class Watchdog:
             return True
         if not sign.begun:
             return False
-        silence, longest = now - sign.when, max(self._longest[name], SILENCE_LIMIT)
+        silence, handler_timeout = now - sign.when, max(self._handler_timeout[name], SILENCE_LIMIT)
         if does is not None and does.state == "R":
-            return does.used - sign.used > longest
-        return silence > longest
+            return does.used - sign.used > handler_timeout
+        return silence > handler_timeout
 
 
 def process_state(pid: int) -> ProcessState | None:

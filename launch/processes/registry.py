@@ -59,8 +59,8 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
 
     def listeners(self, topic: str) -> tuple[str, ...]:
         """The nodes that hear a topic."""
-        hears = [(one.name, heard.topic) for one in self.nodes for heard in one.inputs]
-        return tuple(name for name, heard in hears if heard == topic)
+        subscriptions = [(one.name, heard.topic) for one in self.nodes for heard in one.inputs]
+        return tuple(name for name, heard in subscriptions if heard == topic)
 
 
 def runtime_folder(parent: Path | None = None) -> Path:

@@ -123,8 +123,8 @@ class Supervisor:
             if self._interrupts.came:
                 return self._interrupted()
             try:
-                self._ward.bear(wiring.name, going=self._going)
-                self._homes.hear()  # other machines take nobody for lost who is busy
+                self._ward.spawn(wiring.name, going=self._going)
+                self._homes.receive()  # other machines take nobody for lost who is busy
             except ChildProcessError as error:
                 return Verdict("died", str(error))
         return None
@@ -160,7 +160,7 @@ class Supervisor:
     def _turn(self) -> Verdict | None:
         """Wait for something to happen, and see to it; returns what must end the graph."""
         ended = self._desk.wait(5 if self._finished else 50)
-        self._homes.hear()
+        self._homes.receive()
         self._hear_nodes()
         self._hear_topics()
         self._reception.serve()
@@ -175,12 +175,12 @@ class Supervisor:
     def _bury(self, sentinel: int) -> Verdict | None:
         name, code = self._ward.bury(sentinel)
         deadline = time.monotonic() + (LAST_WORDS if code in (0, FAILED) else 0.0)
-        while name not in self._roll.failed and name not in self._roll.bye:
+        while name not in self._roll.failed and name not in self._roll.exiting:
             if time.monotonic() >= deadline:
                 break
             self._desk.wait(10)
             self._hear_nodes()
-        if name in self._roll.bye:
+        if name in self._roll.exiting:
             return None
         failed = self._roll.left(name)
         self._reception.buried(name)
@@ -206,7 +206,7 @@ class Supervisor:
             return Verdict("died", refusal)
         self._warn(name, f"{name} {how}; it is started again")
         try:
-            self._ward.bear(name, going=self._going)
+            self._ward.spawn(name, going=self._going)
         except ChildProcessError as error:
             return Verdict("died", str(error))
         return None
@@ -234,7 +234,7 @@ class Supervisor:
         try:
             while (heard := self._desk.line.receive()) is not None:
                 name, word = heard
-                for line in self._roll.hear(name, word):
+                for line in self._roll.receive(name, word):
                     self._watcher.log(line)
                 self._ward.sign(name, word["kind"])
                 if self._stopping and word["kind"] == "alive":
@@ -242,12 +242,12 @@ class Supervisor:
                 if word["kind"] == "finished" and name == self._ends and self._finished is None:
                     self._finished = str(word["reason"])
                     self._census.forget()
-                elif word["kind"] == "did":
+                elif word["kind"] == "acknowledged":
                     self._reception.done(word["ticket"])
                 elif word["kind"] == "count":
                     consumed = {(p, t): number for p, t, number in word["consumed"]}
                     count = MessageCounts(
-                        word["sent"], consumed, tuple(word["waits"]), word["speaks"]
+                        word["sent"], consumed, tuple(word["waits"]), word["can_publish"]
                     )
                     self._counted(name, word["round"], count)
         except ValueError as error:
@@ -256,12 +256,12 @@ class Supervisor:
     def _hear_topics(self) -> None:
         for _ in range(_BATCH):
             try:
-                heard, said = self._desk.hear(), self._desk.hear_tap()
+                heard, said = self._desk.receive(), self._desk.receive_tap()
             except ValueError as error:
                 self._roll.failed[LAUNCHER] = f"hearing: {error}"
                 return
             if heard is not None:
-                self._watcher.heard(*heard)
+                self._watcher.received(*heard)
             if isinstance(said, NodeStatus):
                 self._roll.statuses[said.node] = said
             elif isinstance(said, LogRecord):
@@ -374,7 +374,7 @@ class ToolServer:
             return {"kind": "refused", "text": str(error)}
         fields = {key: value for key, value in word.items() if key not in ("kind", "node")}
         if not self._nodes.send(name, word["kind"], **{**fields, "ticket": ticket}):
-            return {"kind": "not_yet", "text": f"{name} is not up"}
+            return {"kind": "not_ready", "text": f"{name} is not up"}
         self._pending[ticket] = tool, name
         while len(self._pending) > _MAX_PENDING:
             self._pending.pop(next(iter(self._pending)))

@@ -67,7 +67,7 @@ class ControlClient:
         Address of the launcher.
     name : str
         Name of the node.
-    hears : Language
+    accepts : ControlProtocol
         What may be said to it.
     """
 
@@ -77,9 +77,9 @@ class ControlClient:
         endpoint: str,
         *,
         name: str,
-        hears: ControlProtocol = TO_NODES,
+        accepts: ControlProtocol = TO_NODES,
     ) -> None:
-        self._hears = hears
+        self._accepts = accepts
         self.socket = context.socket(zmq.DEALER)
         self.socket.setsockopt(zmq.IDENTITY, name.encode())
         self.socket.setsockopt(zmq.LINGER, LINGER_MS)
@@ -98,7 +98,7 @@ class ControlClient:
             If what arrived is no word.
         """
         try:
-            return read_control(self.socket.recv(zmq.DONTWAIT), self._hears)
+            return read_control(self.socket.recv(zmq.DONTWAIT), self._accepts)
         except zmq.Again:
             return None
 
@@ -139,10 +139,10 @@ FROM_NODES = ControlProtocol(
             "sent": _are_sent,
             "consumed": _are_consumed,
             "waits": _are_texts,
-            "speaks": _is_truth,
+            "can_publish": _is_truth,
         },
-        "did": {"ticket": _is_count},
-        "bye": {"status": _is_bytes},
+        "acknowledged": {"ticket": _is_count},
+        "exiting": {"status": _is_bytes},
         "failed": {"text": _is_text, "trace": _is_text},
     }
 )
@@ -157,7 +157,7 @@ class ControlServer:
         Where the socket lives.
     endpoint : str
         Address to bind.
-    hears : Language
+    accepts : ControlProtocol
         What may be said to it.
     """
 
@@ -166,9 +166,9 @@ class ControlServer:
         context: zmq.Context[zmq.Socket[bytes]],
         endpoint: str,
         *,
-        hears: ControlProtocol = FROM_NODES,
+        accepts: ControlProtocol = FROM_NODES,
     ) -> None:
-        self._hears = hears
+        self._accepts = accepts
         self.socket = context.socket(zmq.ROUTER)
         self.socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
         # A node that was started again speaks before its old line is known to be gone.
@@ -201,7 +201,7 @@ class ControlServer:
             return None
         if len(parts) != 2:
             raise ValueError(f"a word has one part, got {len(parts) - 1}")
-        return parts[0].decode(errors="replace"), read_control(parts[1], self._hears)
+        return parts[0].decode(errors="replace"), read_control(parts[1], self._accepts)
 
     def close(self) -> None:
         """Close at once."""
@@ -215,7 +215,7 @@ def read_control(data: bytes, language: ControlProtocol) -> ControlMessage:
     ----------
     data : bytes
         The frame.
-    language : Language
+    language : ControlProtocol
         What may be said.
 
     Raises
@@ -283,7 +283,7 @@ TO_TOOLS = ControlProtocol(
     {
         "status": {"launcher": _is_count, "for_s": _is_number, "nodes": _is_map},
         "done": {},
-        "not_yet": {"text": _is_text},
+        "not_ready": {"text": _is_text},
         "refused": {"text": _is_text},
     }
 )
@@ -291,7 +291,7 @@ TO_TOOLS = ControlProtocol(
 TO_HOSTS = ControlProtocol(
     {
         "hello": {"names": _are_texts, "modules": _are_texts},
-        "bear": {"node": _is_text, "wiring": _is_bytes, "place": _is_bytes},
+        "spawn": {"node": _is_text, "wiring": _is_bytes, "place": _is_bytes},
         "kill": {"node": _is_text},
         "alive": {},
         "end": {},
@@ -302,9 +302,9 @@ TO_HOSTS = ControlProtocol(
 FROM_HOSTS = ControlProtocol(
     {
         "hello": {"ns": _is_count, "endpoints": _are_addresses, "taps": _are_addresses},
-        "unborn": {"node": _is_text, "text": _is_text},
+        "spawn_failed": {"node": _is_text, "text": _is_text},
         "ended": {"node": _is_text, "code": _is_integer},
         "alive": {},
-        "parted": {},
+        "closed": {},
     }
 )

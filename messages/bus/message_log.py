@@ -50,7 +50,7 @@ class MessageLog:
         The topics that nobody hears.
     memory : int
         Most bytes of frames in memory.
-    keep : bool
+    persistent : bool
         Whether every frame is kept in the file, too, and what an earlier start has kept is gone on
         with.
     epoch : int
@@ -69,10 +69,10 @@ class MessageLog:
         *,
         silent: Iterable[str] = (),
         memory: int = MEMORY_BYTES,
-        keep: bool = False,
+        persistent: bool = False,
         epoch: int = 0,
     ) -> None:
-        self._path, self._room, self._keep = path, memory, keep
+        self._path, self._room, self._persistent = path, memory, persistent
         self._frames: dict[str, list[StoredFrame]] = {topic: [] for topic in topics}
         self._silent = dict.fromkeys(silent, 0)
         self._file: int | None = None
@@ -83,7 +83,7 @@ class MessageLog:
         """Why an earlier start has finished, if it has."""
         self.latest_ns = 0
         """The latest time in what an earlier start has kept, ns."""
-        if keep:
+        if persistent:
             self._go_on(epoch)
 
     @property
@@ -113,7 +113,7 @@ class MessageLog:
         """
         silent, fits = topic in self._silent, len(frame) <= self._room
         kept: StoredFrame = frame
-        if self._keep or not (silent or fits):
+        if self._persistent or not (silent or fits):
             (place,) = self._write((frame,))
             kept = frame if fits else place
         self._hold(topic, kept)
@@ -189,7 +189,9 @@ class MessageLog:
     def _opened(self) -> int:
         if self._file is None:
             flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
-            self._file = os.open(self._path, flags if self._keep else flags | os.O_TRUNC, 0o600)
+            self._file = os.open(
+                self._path, flags if self._persistent else flags | os.O_TRUNC, 0o600
+            )
         return self._file
 
     def _go_on(self, epoch: int) -> None:
@@ -253,8 +255,8 @@ class SendTimes:
 
     def before(self, topic: str, seq: int) -> int | None:
         """Time at which an earlier start has sent a message, ns; None if that is not put down."""
-        said = self._before.get(topic, ())
-        return said[seq] if seq < len(said) else None
+        published = self._before.get(topic, ())
+        return published[seq] if seq < len(published) else None
 
     def note(self, topic: str, sent_ns: int) -> None:
         """Put down the time of a topic's next message, before it is sent; of other topics nothing.

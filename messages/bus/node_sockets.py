@@ -28,12 +28,12 @@ class NodeSockets:
         Name of the node.
     place : Place
         Addresses of the run.
-    hears : mapping of str to sequence of str
+    subscriptions : mapping of str to sequence of str
         Name of each publisher to the topics that are heard from it.
-    says : mapping of str to tuple of str
+    publications : mapping of str to tuple of str
         Each topic that the node publishes, with the names of those who hear it.
 
-    keeps : bool
+    persistent : bool
         Whether what it says is kept beyond the node's death.
 
     Raises
@@ -47,27 +47,29 @@ class NodeSockets:
         name: str,
         place: Addresses,
         *,
-        hears: Mapping[str, Sequence[str]],
-        says: Mapping[str, tuple[str, ...]],
-        keeps: bool = False,
+        subscriptions: Mapping[str, Sequence[str]],
+        publications: Mapping[str, tuple[str, ...]],
+        persistent: bool = False,
     ) -> None:
         self._past = MessageLog(
             Path(place.pasts[name]),
-            [topic for topic, listeners in says.items() if listeners],
-            silent=[topic for topic, listeners in says.items() if not listeners],
-            keep=keeps,
+            [topic for topic, listeners in publications.items() if listeners],
+            silent=[topic for topic, listeners in publications.items() if not listeners],
+            persistent=persistent,
             epoch=place.epoch,
         )
         self._wires = SocketContext(place.key)
         # What nobody hears is not said again, and what is kept carries its times itself.
-        timed = [topic for topic, listeners in says.items() if listeners and not keeps]
+        timed = [topic for topic, listeners in publications.items() if listeners and not persistent]
         self._times = SendTimes(Path(place.times[name]), name, timed)
         self._inbox: deque[Received] = deque()
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
         self.while_blocked: Callable[[], None] = lambda: None
         """Called now and then while a listener's queue is full: who waits for it does not hang."""
         try:
-            self._open(name, place, hears, says, again=place.going and not keeps)
+            self._open(
+                name, place, subscriptions, publications, again=place.going and not persistent
+            )
         except zmq.ZMQError:
             self._wires.destroy()
             self._times.close()
@@ -77,8 +79,8 @@ class NodeSockets:
         self,
         name: str,
         place: Addresses,
-        hears: Mapping[str, Sequence[str]],
-        says: Mapping[str, tuple[str, ...]],
+        subscriptions: Mapping[str, Sequence[str]],
+        publications: Mapping[str, tuple[str, ...]],
         *,
         again: bool,
     ) -> None:
@@ -90,7 +92,7 @@ class NodeSockets:
             name=name,
             run=run,
             epoch=epoch,
-            sources=hears,
+            sources=subscriptions,
             endpoints=place.endpoints,
             depth=depth,
         )
@@ -100,7 +102,7 @@ class NodeSockets:
             name=name,
             run=run,
             epoch=epoch,
-            listeners=says,
+            listeners=publications,
             depth=depth,
             drain=self._drain,
             past=self._past,
@@ -128,23 +130,23 @@ class NodeSockets:
         heard, told : bool
             Whether messages, and words of the launcher, are there to be taken.
         """
-        heard = told = False
+        received = told = False
         for socket, _ in self._poller.poll(timeout_ms):
             if socket is self.subscriber.socket:
-                heard = True
+                received = True
             elif socket is self.line.socket:
                 told = True
             else:
                 self.publisher.serve()
-        return heard, told
+        return received, told
 
     def receive(self) -> Received | None:
         """Return the next message in the order of arrival, or None; never waits."""
-        return self._inbox.popleft() if self._inbox else self._heard()
+        return self._inbox.popleft() if self._inbox else self._received()
 
     def take_in(self) -> None:
         """Move all that has arrived into the inbox."""
-        while (arrival := self._heard()) is not None:
+        while (arrival := self._received()) is not None:
             self._inbox.append(arrival)
 
     def give_back(self, arrivals: Iterable[Received]) -> None:
@@ -162,7 +164,7 @@ class NodeSockets:
         frame = self.publisher.send(topic, body, robot_time=robot_time, schema=schema)
         self.tap.mirror(frame)
 
-    def answer(self, said: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> None:
+    def answer(self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> None:
         """Publish all that answers one message, once it is kept, with copies for the tap.
 
         Raises
@@ -170,7 +172,7 @@ class NodeSockets:
         BlockedError
             If a listener's queue stays full for too long.
         """
-        for frame in self.publisher.answer(said, cause):
+        for frame in self.publisher.answer(published, cause):
             self.tap.mirror(frame)
 
     def close(self) -> None:
@@ -181,7 +183,7 @@ class NodeSockets:
         self.line.close()
         self._wires.close()
 
-    def _heard(self) -> Received | None:
+    def _received(self) -> Received | None:
         arrival = self.subscriber.receive()
         if arrival is not None:
             self.publisher.latest_ns = max(self.publisher.latest_ns, arrival.header.sent_ns)

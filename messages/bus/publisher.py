@@ -120,7 +120,7 @@ class Publisher:
         if self._lacks is None:
             self._put(frame, topic)
         else:
-            self._say_again(self._lacks, frame, topic, seq)
+            self._resend(self._lacks, frame, topic, seq)
         return frame
 
     @property
@@ -128,7 +128,9 @@ class Publisher:
         """What has been said so far."""
         return self._past
 
-    def answer(self, said: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> list[bytes]:
+    def answer(
+        self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause
+    ) -> list[bytes]:
         """Send all that answers one message, once all of it is kept; returns the frames.
 
         Parameters
@@ -145,7 +147,7 @@ class Publisher:
         """
         counts = Counter[str]()
         frames = []
-        for topic, body, robot_time, schema in said:
+        for topic, body, robot_time, schema in published:
             seq = self._past.count(topic) + counts[topic]
             header = Header(self.run, self.epoch, seq, self._time(topic, seq), robot_time, schema)
             frames.append((topic, pack_frame(topic, header, body)))
@@ -155,7 +157,7 @@ class Publisher:
             self._put(frame, topic)
         return [frame for _, frame in frames]
 
-    def was_said(self, topic: str) -> bool:
+    def was_published(self, topic: str) -> bool:
         """Whether an earlier start had said the message that comes next on a topic."""
         return self._times.before(topic, self._past.count(topic)) is not None
 
@@ -169,7 +171,7 @@ class Publisher:
         """
         seq = self._past.count(topic)
         lacked = [wanted for (_, asked), wanted in (self._lacks or {}).items() if asked == topic]
-        if not self.was_said(topic) or any(seq >= wanted for wanted in lacked):
+        if not self.was_published(topic) or any(seq >= wanted for wanted in lacked):
             self.send(topic, make(), robot_time=0.0, schema=schema)
             return
         header = Header(self.run, self.epoch, seq, self._time(topic, seq), 0.0, schema)
@@ -220,10 +222,10 @@ class Publisher:
         if self._lacks is None:
             self._put(in_step_notice(request.call, request.topic), request.topic)
         else:
-            said = self._past.count(request.topic)
-            self._lacks[request.call, request.topic] = max(request.wanted, said)
+            published = self._past.count(request.topic)
+            self._lacks[request.call, request.topic] = max(request.wanted, published)
 
-    def _say_again(
+    def _resend(
         self, lacks: dict[tuple[bytes, str], int], frame: bytes, topic: str, seq: int
     ) -> None:
         for (call, asked), wanted in lacks.items():

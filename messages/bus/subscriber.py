@@ -127,7 +127,7 @@ class Subscriber:
             except zmq.Again:
                 return None
             if frame.startswith(b"@"):
-                again = self._hear_answer(read_reply(frame))
+                again = self._handle_reply(read_reply(frame))
                 if again is None:
                     continue
                 frame = again
@@ -162,7 +162,7 @@ class Subscriber:
             self.early += 1
         return None
 
-    def _hear_answer(self, answer: JoinReply) -> bytes | None:
+    def _handle_reply(self, answer: JoinReply) -> bytes | None:
         """Go on with the joining; a frame of the past is returned."""
         if answer.kind == RESENT:
             return answer.rest

@@ -38,7 +38,7 @@ class Tap:
         self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str, *, run: int, epoch: int
     ) -> None:
         self.run, self.epoch = run, epoch
-        self._said: Counter[str] = Counter()
+        self._published: Counter[str] = Counter()
         self._wanted: set[bytes] = set()
         self._mirroring = False
         self.socket = context.socket(zmq.XPUB)
@@ -57,11 +57,11 @@ class Tap:
         own = {_prefix(STATUS_TOPIC), _prefix(LOG_TOPIC)}
         self._mirroring = not self._wanted <= own
 
-    def say(self, message: NodeStatus | LogRecord) -> None:
+    def publish(self, message: NodeStatus | LogRecord) -> None:
         """Send the node's own word, if anybody listens."""
         topic = STATUS_TOPIC if isinstance(message, NodeStatus) else LOG_TOPIC
-        cls, seq = type(message), self._said[topic]
-        self._said[topic] += 1
+        cls, seq = type(message), self._published[topic]
+        self._published[topic] += 1
         time_ns = time.monotonic_ns()
         robot_time = getattr(message, "robot_time", 0.0)
         header = Header(self.run, self.epoch, seq, time_ns, robot_time, schema_hash(cls))

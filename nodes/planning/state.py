@@ -57,7 +57,7 @@ class State:
     # Finger to what it is at.
     tasks: Mapping[int, Task] = field(default_factory=lambda: MappingProxyType({}))
     # Finger to its result, not yet taken up.
-    heard: Mapping[int, Contour | Probe] = field(default_factory=lambda: MappingProxyType({}))
+    pending: Mapping[int, Contour | Probe] = field(default_factory=lambda: MappingProxyType({}))
     # Finger to the robot time that it has reached, s.
     clocks: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({}))
     # Numbers of all slices, in the order in which they were taken up.

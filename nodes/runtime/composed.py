@@ -34,7 +34,7 @@ def run_composed(
     wirings: Sequence[Wiring],
     *,
     ends: str,
-    hear: Sequence[str],
+    watch: Sequence[str],
     watcher: Watcher,
     schedule: int | None = None,
 ) -> Ending:
@@ -46,7 +46,7 @@ def run_composed(
         The nodes.
     ends : str
         The node whose Finished ends the graph.
-    hear : sequence of str
+    watch : sequence of str
         Topics, as on the wire, that the watcher wants to hear.
     watcher : Watcher
         Hears them.
@@ -58,7 +58,7 @@ def run_composed(
     Ending
         A node that raises ends the graph as ``died``.
     """
-    composition = Composition(wirings, hear, watcher, schedule)
+    composition = Composition(wirings, watch, watcher, schedule)
     with ExitStack() as closing:
         try:
             for name, work in composition.open():
@@ -92,7 +92,7 @@ class Composition:
     def __init__(
         self,
         wirings: Sequence[Wiring],
-        hear: Sequence[str],
+        watch: Sequence[str],
         watcher: Watcher,
         schedule: int | None,
     ) -> None:
@@ -108,7 +108,7 @@ class Composition:
         for wiring in wirings:
             for one in wiring.inputs:
                 self._listeners.setdefault(one.topic, []).append(wiring.name)
-        self._hear, self._watcher = set(hear), watcher
+        self._watch, self._watcher = set(watch), watcher
         self._edges: dict[RoutedEdge, deque[Received]] = {}
         self._order: deque[RoutedEdge] = deque()
         self._draw = None if schedule is None else random.Random(schedule)
@@ -126,8 +126,8 @@ class Composition:
                 made.append((name, NodeWork(node, wiring.params, wiring)))
             elif isinstance(node, Source):
                 made.append((name, SourceWork(node, wiring.params, wiring)))
-                says = node.outputs(wiring.params)
-                self._types |= {wire: says[local] for local, wire in wiring.outputs.items()}
+                publications = node.outputs(wiring.params)
+                self._types |= {wire: publications[local] for local, wire in wiring.outputs.items()}
             else:
                 made.insert(0, (name, SinkWork(node, wiring.params, wiring)))
         return made
@@ -180,7 +180,7 @@ class Composition:
             if isinstance(work, SourceWork) and (left := work.wait()) is not None:
                 time.sleep(left)
                 if work.wait() == 0.0:
-                    self._publish(name, lambda work=work: [work.say()])  # type: ignore[misc]
+                    self._publish(name, lambda work=work: [work.publish_next()])  # type: ignore[misc]
                 return True
         return False
 
@@ -194,10 +194,10 @@ class Composition:
     def _publish(self, name: str, act: Callable[[], Iterable[Outgoing | Finished]]) -> None:
         work = self.works[name]
         try:
-            said = act()
+            published = act()
         finally:
             self.doing = f"{name} {work.doing}"
-        for one in said:
+        for one in published:
             if isinstance(one, Finished):
                 self.finished.setdefault(name, one.reason)
             else:
@@ -215,8 +215,8 @@ class Composition:
             self._edges.setdefault(edge, deque()).append(arrival)
             if self._draw is None:
                 self._order.append(edge)
-        if topic in self._hear:
-            self._watcher.heard(topic, decode(self._types[topic], body))
+        if topic in self._watch:
+            self._watcher.received(topic, decode(self._types[topic], body))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,7 +242,7 @@ class Watcher(Protocol):
     def ready(self, seconds: float) -> None:
         """All nodes are up and joined, this long after the launch began."""
 
-    def heard(self, topic: str, message: object) -> None:
+    def received(self, topic: str, message: object) -> None:
         """A message on one of the topics that were asked for."""
 
     def log(self, record: LogRecord) -> None:

@@ -98,13 +98,13 @@ def feed(
     )
     work = NodeWork(node, given, wiring)
     publishers = {one.topic: one.publisher for one in wiring.inputs}
-    said: list[Outgoing | Finished] = work.begin()
+    published: list[Outgoing | Finished] = work.begin()
     # Processes of one machine share the clock; the recorder may have heard them in another order.
     for kept in sorted(bag.messages(), key=lambda kept: kept.sent_ns):
         if kept.topic in publishers:
             header = Header(kept.run, kept.epoch, kept.seq, kept.sent_ns, 0.0, kept.schema)
-            said += work.take(Received(publishers[kept.topic], kept.topic, header, kept.body))
-    return decoded_outputs(node, said, outputs)
+            published += work.take(Received(publishers[kept.topic], kept.topic, header, kept.body))
+    return decoded_outputs(node, published, outputs)
 
 
 def _open(recording: RecordingPath) -> Recording:
@@ -160,6 +160,6 @@ def _inputs(bag: Recording, node: Node, place: RecordedNode | None) -> tuple[Inp
         found = [one for one in place.inputs if one.local in node.inputs]
     if not found and node.inputs:
         whose = f"what {place.name} heard in it" if place else "its topics"
-        hears = ", ".join(node.inputs)
-        raise ValueError(f"recording {bag.path}: the node hears {hears}, none of {whose}")
+        subscriptions = ", ".join(node.inputs)
+        raise ValueError(f"recording {bag.path}: the node hears {subscriptions}, none of {whose}")
     return tuple(found)

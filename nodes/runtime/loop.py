@@ -104,16 +104,22 @@ def run_node(wiring: Wiring, place: Addresses, protect: OnTerminate) -> int:
     int
         Exit code: 0, or `FAILED` after the launcher has been told why.
     """
-    says = {topic: wiring.listeners.get(topic, ()) for topic in wiring.outputs.values()}
-    hears = topics_by_publisher(wiring.inputs)
-    station = NodeSockets(wiring.name, place, hears=hears, says=says, keeps=wiring.keeps)
+    publications = {topic: wiring.listeners.get(topic, ()) for topic in wiring.outputs.values()}
+    subscriptions = topics_by_publisher(wiring.inputs)
+    station = NodeSockets(
+        wiring.name,
+        place,
+        subscriptions=subscriptions,
+        publications=publications,
+        persistent=wiring.persistent,
+    )
     loop = NodeLoop(wiring.name, station, going=place.going)
     try:
         with ExitStack() as kept:
             loop.run(_load(wiring, place, loop, protect, kept))
-        loop.say_bye()
+        loop.send_exiting()
     except Exception as error:  # The edge of the process: whatever it was must be told in words.
-        loop.say_failed(error)
+        loop.send_failed(error)
         return FAILED
     finally:
         station.close()
@@ -129,7 +135,7 @@ def _load(
     file = Path(place.journals[wiring.name])
     if isinstance(node, Node):
         edges = [(one.publisher, one.topic) for one in wiring.inputs]
-        if not node.acts:
+        if not node.has_side_effects:
             loop.journal = kept.enter_context(closing(Journal(file, edges)))
         loop.work = NodeWork(node, params, wiring)
     elif isinstance(node, Source):
@@ -205,29 +211,29 @@ class NodeLoop:
             self._beat_if_due()
             self._publish(owed)
         while not self._ended:
-            heard, told = station.wait(self._patience(work))
+            received, told = station.wait(self._patience(work))
             if told:
                 self._obey(work)
             if not self._going:
                 self._join()
-            elif heard or station.waiting:
+            elif received or station.waiting:
                 arrival = station.receive()
                 if arrival is not None:
                     self._handle(work, arrival)
             elif isinstance(work, SinkWork) and work.unwritten:
                 work.flush()
             elif isinstance(work, SourceWork):
-                self._publish(work.say_due())
+                self._publish(work.publish_due())
             self._beat_if_due()
         if isinstance(work, SinkWork):
             self._take_the_rest(work)
             work.missing = station.subscriber.missing
 
-    def say_bye(self) -> None:
+    def send_exiting(self) -> None:
         """Tell the launcher the last counters."""
-        self._station.line.send("bye", status=encode(self._status("ending")))
+        self._station.line.send("exiting", status=encode(self._status("ending")))
 
-    def say_failed(self, error: Exception) -> None:
+    def send_failed(self, error: Exception) -> None:
         """Tell the launcher, and those who listen, what went wrong."""
         doing = self.work.doing if self.work else "loading"
         what = next(iter(str(error).splitlines()), "")
@@ -249,17 +255,17 @@ class NodeLoop:
     def _handle(self, work: Work, arrival: Received) -> None:
         """Handle a message, once it is put down that it is; if that acts on the world, after it."""
         publisher, topic, seq = arrival.publisher, arrival.topic, arrival.header.seq
-        if isinstance(work, NodeWork) and work.acts:
+        if isinstance(work, NodeWork) and work.has_side_effects:
             self._answer(work.take(arrival), Cause(publisher, topic, seq))
             return
         if self.journal is not None:
             self.journal.note(publisher, topic, seq)
         self._publish(work.take(arrival))
 
-    def _answer(self, said: Sequence[Outgoing | Finished], cause: Cause) -> None:
+    def _answer(self, published: Sequence[Outgoing | Finished], cause: Cause) -> None:
         """Publish what a node that acts has said, with what it had heard."""
-        ends = [one for one in said if isinstance(one, Finished)]
-        parcels = [one for one in said if isinstance(one, Outgoing)]
+        ends = [one for one in published if isinstance(one, Finished)]
+        parcels = [one for one in published if isinstance(one, Outgoing)]
         reason = ends[0].reason if ends else ""
         self._station.answer(parcels, cause._replace(finished=reason))
         self._publish(ends)
@@ -268,7 +274,7 @@ class NodeLoop:
         """Take up what an earlier start has done; returns what it had not come to say."""
         station, owed = self._station, list[Outgoing | Promise | Finished]()
         gc.freeze()
-        if isinstance(work, NodeWork) and work.acts:
+        if isinstance(work, NodeWork) and work.has_side_effects:
             past = station.publisher.past
             self.skip(work.leave_out(past.handled))
             self._publish(unpublished(work.begin(), past.counts))
@@ -314,29 +320,29 @@ class NodeLoop:
                 consumed = [[*edge, number] for edge, number in work.consumed.items()]
                 sent = self._station.publisher.sent
                 waits = work.waits
-                speaks = isinstance(work, SourceWork) and work.speaks
+                can_publish = isinstance(work, SourceWork) and work.can_publish
                 line.send(
                     "count",
                     round=word["round"],
                     sent=sent,
                     consumed=consumed,
                     waits=waits,
-                    speaks=speaks,
+                    can_publish=can_publish,
                 )
             elif word["kind"] == "stop":
                 self._ended = True
             elif isinstance(work, SourceWork):
                 self._publish(work.obey(word))
-                line.send("did", ticket=word["ticket"])
+                line.send("acknowledged", ticket=word["ticket"])
 
-    def _publish(self, said: Iterable[Outgoing | Promise | Finished]) -> None:
-        for one in said:
+    def _publish(self, published: Iterable[Outgoing | Promise | Finished]) -> None:
+        for one in published:
             if isinstance(one, Promise):
                 self._station.publisher.promise(*one)
             elif isinstance(one, Finished):
                 self._station.line.send("finished", reason=one.reason)
                 text = f"finished: {one.reason}"
-                self._station.tap.say(
+                self._station.tap.publish(
                     LogRecord(node=self._name, level="info", text=text, robot_time=0.0)
                 )
             else:
@@ -348,7 +354,7 @@ class NodeLoop:
             return
         self._next_beat = time.monotonic() + HEARTBEAT_PERIOD
         self._station.tap.refresh()
-        self._station.tap.say(self._status(self._state))
+        self._station.tap.publish(self._status(self._state))
         self._station.line.send("alive")
 
     def _status(self, state: str) -> NodeStatus:

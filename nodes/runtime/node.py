@@ -59,15 +59,15 @@ class Node:
     inputs: Mapping[str, tuple[type, Handler]]  # Topic to message type and handler
     outputs: Mapping[str, type]  # Topic to message type
     needs: tuple[str, ...] = ()  # Latched inputs without which no other input is handed over
-    many: tuple[str, ...] = ()  # Inputs with one publisher in each finger's namespace
+    fan_in: tuple[str, ...] = ()  # Inputs with one publisher in each finger's namespace
     # Topics that stay outside the fingers' namespaces: where there is such a node for each finger,
     # that of the first finger alone hears and says them.
     shared: tuple[str, ...] = ()
     # Longest time that a handler may take, s: after it, a node that is at work hangs.
-    longest: float = HANDLER_TIMEOUT
+    handler_timeout: float = HANDLER_TIMEOUT
     # It acts on the world: when it is started again it is not handed once more what it has handled,
     # and begins with a fresh state; what it has said is kept in a file.
-    acts: bool = False
+    has_side_effects: bool = False
 
 
 class Timed(NamedTuple):
@@ -93,7 +93,7 @@ class Source:
     # ``params ->`` whether it stands still at the beginning until a tool has it go on.
     paused: Callable[[Any], bool] = lambda params: False
     outside: bool = False  # Whether tools may publish its topics
-    longest: float = HANDLER_TIMEOUT  # Longest time that it may take for one message, s
+    handler_timeout: float = HANDLER_TIMEOUT  # Longest time that it may take for one message, s
 
     def __post_init__(self) -> None:
         """Refuse a source that could not say again what tools had it say."""
@@ -130,7 +130,7 @@ class Sink:
     # The same after it was killed, with the messages of each topic that it has kept; without it the
     # sink cannot be started again.
     resume: Callable[[Any, Mapping[str, str]], tuple[SinkWriter, Mapping[str, int]]] | None = None
-    longest: float = 10 * HANDLER_TIMEOUT  # Longest time that writing may take, s
+    handler_timeout: float = 10 * HANDLER_TIMEOUT  # Longest time that writing may take, s
 
 
 AnyNode = Node | Source | Sink
@@ -140,4 +140,4 @@ def is_persistent(node: AnyNode) -> bool:
     """Whether what a node says comes from the world, and could not be said again."""
     if isinstance(node, Source):
         return not node.repeats
-    return isinstance(node, Node) and node.acts
+    return isinstance(node, Node) and node.has_side_effects

@@ -61,18 +61,18 @@ def replay(
 
 
 def _republish(
-    said: OutgoingSequence, station: NodeSockets, publish: Publish
+    published: OutgoingSequence, station: NodeSockets, publish: Publish
 ) -> list[Outgoing | Promise | Finished]:
     """Publish what had been said before; returns what takes long and had not, and all after it."""
-    for place, one in enumerate(said):
-        if isinstance(one, Promise) and not station.publisher.was_said(one.topic):
-            return list(said[place:])
+    for place, one in enumerate(published):
+        if isinstance(one, Promise) and not station.publisher.was_published(one.topic):
+            return list(published[place:])
         publish([one])
     return []
 
 
 def unpublished(
-    said: Iterable[Outgoing | Finished], counts: Mapping[str, int]
+    published: Iterable[Outgoing | Finished], counts: Mapping[str, int]
 ) -> Iterator[Outgoing | Finished]:
     """What of it an earlier start had not come to say.
 
@@ -84,7 +84,7 @@ def unpublished(
         Messages that it had said on each topic.
     """
     had = dict(counts)
-    for one in said:
+    for one in published:
         if isinstance(one, Outgoing) and had[one.topic]:
             had[one.topic] -= 1
         else:

@@ -50,7 +50,7 @@ class SourceWork:
         self._source, self._params, self._wires = source, params, wiring.outputs
         self._types = source.outputs(params)
         self._tally = tally
-        self._said: Iterator[Timed | Finished | None] = iter(())
+        self._published: Iterator[Timed | Finished | None] = iter(())
         self._next: Timed | Finished | None = None
         self._doing = "starting"
 
@@ -60,18 +60,18 @@ class SourceWork:
         return self._doing
 
     @property
-    def speaks(self) -> bool:
+    def can_publish(self) -> bool:
         """Whether it may say something yet."""
         return self._next is not _END
 
     def begin(self) -> Iterator[Outgoing | Finished]:
         """Open the source; what an earlier start of it had said is said at once."""
-        self._said = iter(self._source.open(self._params))
-        words = (one for one in self._said if isinstance(one, Timed))
+        self._published = iter(self._source.open(self._params))
+        words = (one for one in self._published if isinstance(one, Timed))
         due = 0.0
-        for said in islice(words, self._tally.number if self._tally else 0):
-            due = said.due
-            yield self._pack(said)
+        for published in islice(words, self._tally.number if self._tally else 0):
+            due = published.due
+            yield self._pack(published)
         self.pace.start(due, time.monotonic())
 
     def wait(self) -> float | None:
@@ -79,7 +79,7 @@ class SourceWork:
         if self._next is None:
             self._doing = "looking for what comes next"
             began = time.perf_counter_ns()
-            self._next = next(self._said, _END)
+            self._next = next(self._published, _END)
             if isinstance(self._next, Timed):
                 self.latency.add(time.perf_counter_ns() - began)
         if self._next is None:
@@ -93,34 +93,34 @@ class SourceWork:
         left = self.wait()
         return idle_ms if left is None else min(idle_ms, int(1000.0 * max(0.0, left - SPIN_TIME)))
 
-    def say_due(self) -> Iterator[Outgoing | Finished]:
+    def publish_due(self) -> Iterator[Outgoing | Finished]:
         """Say what is due, and what is due before anything else could be done."""
         for _ in range(BATCH):
             left = self.wait()
             if left is None or left > SPIN_TIME or self._next is None:
                 return
             _wait(left)
-            yield self.say()
+            yield self.publish_next()
 
-    def say(self) -> Outgoing | Finished:
+    def publish_next(self) -> Outgoing | Finished:
         """Say what comes next, at once."""
-        said, self._next = self._next, None
-        if isinstance(said, Finished):
-            return said
-        assert said is not None
-        self._doing = f"saying {said.topic}"
-        self.pace.gone(said.due, time.monotonic())
-        packed = self._pack(said)
+        published, self._next = self._next, None
+        if isinstance(published, Finished):
+            return published
+        assert published is not None
+        self._doing = f"saying {published.topic}"
+        self.pace.gone(published.due, time.monotonic())
+        packed = self._pack(published)
         if self._tally is not None:
             self._tally.up()
         return packed
 
     def all(self) -> Iterator[Outgoing | Finished]:
         """All that it says, at once: nobody waits for the time of anything."""
-        while self.speaks:
+        while self.can_publish:
             self.wait()
             if self._next is not None and self._next is not _END:
-                yield self.say()
+                yield self.publish_next()
 
     def obey(self, word: ControlMessage) -> list[Outgoing | Finished]:
         """Do what a tool asks for: pause, resume, step, or publish a message.
@@ -156,32 +156,32 @@ class SourceWork:
 
     def close(self) -> None:
         """Let go of what it reads."""
-        close = getattr(self._said, "close", None)
+        close = getattr(self._published, "close", None)
         if close is not None:
             close()
 
-    def _pack(self, said: Timed) -> Outgoing:
-        cls = self._types.get(said.topic)
+    def _pack(self, published: Timed) -> Outgoing:
+        cls = self._types.get(published.topic)
         if cls is None:
             known = ", ".join(self._types) or "nothing"
             raise ContractError(
-                f"{self.name} published {said.topic}, which it does not declare; "
+                f"{self.name} published {published.topic}, which it does not declare; "
                 f"it declares {known}"
             )
-        body, robot_time = said.message, 0.0
+        body, robot_time = published.message, 0.0
         if not isinstance(body, bytes):
             if type(body) is not cls:
                 raise ContractError(
-                    f"{self.name} published a {type(body).__name__} on {said.topic}, "
+                    f"{self.name} published a {type(body).__name__} on {published.topic}, "
                     f"declared as {cls.__name__}"
                 )
             robot_time = float(getattr(body, "robot_time", 0.0))
             body = encode(body)
-        return Outgoing(self._wires[said.topic], body, robot_time, codec_of(cls).hash)
+        return Outgoing(self._wires[published.topic], body, robot_time, codec_of(cls).hash)
 
 
-def _due(said: Timed | Finished) -> float:
-    return said.due if isinstance(said, Timed) else 0.0
+def _due(published: Timed | Finished) -> float:
+    return published.due if isinstance(published, Timed) else 0.0
 
 
 def _wait(seconds: float) -> None:

@@ -74,19 +74,19 @@ def drive(
         if list(inputs):
             raise ValueError("a source hears nothing; give it no inputs")
         return list(_published_by(node, given, most))
-    heard = tuple(
+    received = tuple(
         Input("test", local, local, cls.__name__) for local, (cls, _) in node.inputs.items()
     )
     outputs = {local: local for local in node.outputs}
     wiring = Wiring(
-        name=NODE_NAME, module="", params=given, inputs=heard, outputs=outputs, listeners={}
+        name=NODE_NAME, module="", params=given, inputs=received, outputs=outputs, listeners={}
     )
     work, counts = NodeWork(node, given, wiring), Counter[str]()
-    said = work.begin()
+    published = work.begin()
     for topic, message in (one for one in inputs if not isinstance(one, Finished)):
-        said += work.take(_arrival(node, topic, message, counts[topic]))
+        published += work.take(_arrival(node, topic, message, counts[topic]))
         counts[topic] += 1
-    return decoded_outputs(node, said, outputs)
+    return decoded_outputs(node, published, outputs)
 
 
 def _published_by(
@@ -112,8 +112,8 @@ def _published_by(
 def _arrival(node: Node, topic: str, message: object, seq: int) -> Received:
     """A message on its way to a node."""
     if topic not in node.inputs:
-        hears = ", ".join(node.inputs) or "nothing"
-        raise ValueError(f"the node does not hear {topic}; it hears {hears}")
+        subscriptions = ", ".join(node.inputs) or "nothing"
+        raise ValueError(f"the node does not hear {topic}; it hears {subscriptions}")
     wanted = node.inputs[topic][0]
     if type(message) is not wanted:
         raise ValueError(
@@ -140,7 +140,7 @@ def params_of(node: Node | Source, params: object) -> Any:
 
 
 def decoded_outputs(
-    node: Node, said: Iterable[Outgoing | Finished], outputs: Mapping[str, str]
+    node: Node, published: Iterable[Outgoing | Finished], outputs: Mapping[str, str]
 ) -> Published:
     """What a listener gets, topics as the node calls them.
 
@@ -154,14 +154,14 @@ def decoded_outputs(
         The topic as the node calls it, to the topic on the wire.
     """
     local_of = {wire: local for local, wire in outputs.items()}
-    heard: Published = []
-    for one in said:
+    received: Published = []
+    for one in published:
         if isinstance(one, Finished):
-            heard.append(one)
+            received.append(one)
         else:
             local = local_of[one.topic]
-            heard.append((local, decode(node.outputs[local], one.body)))
-    return heard
+            received.append((local, decode(node.outputs[local], one.body)))
+    return received
 
 
 def example(cls: type[Message], **fields: object) -> Message:
@@ -209,13 +209,14 @@ def _plain(rule: dict[str, Any]) -> Any:
     return {} if rule["type"] == "object" else _PLAIN[rule["type"]]
 
 
-def messages_on(said: Sequence[tuple[str, Any] | Finished], topic: str) -> list[Any]:
+def messages_on(published: Sequence[tuple[str, Any] | Finished], topic: str) -> list[Any]:
     """The messages on one topic, in their order."""
-    return [one[1] for one in said if not isinstance(one, Finished) and one[0] == topic]
+    return [one[1] for one in published if not isinstance(one, Finished) and one[0] == topic]
 
 
 def assert_same(
-    said: Sequence[tuple[str, object] | Finished], expected: Sequence[tuple[str, object] | Finished]
+    published: Sequence[tuple[str, object] | Finished],
+    expected: Sequence[tuple[str, object] | Finished],
 ) -> None:
     """Compare what was said with what is expected, bit by bit.
 
@@ -224,7 +225,7 @@ def assert_same(
     AssertionError
         With the first message, and the first field in it, that differs.
     """
-    for number, (one, other) in enumerate(zip(said, expected, strict=False)):
+    for number, (one, other) in enumerate(zip(published, expected, strict=False)):
         if _named(one) != _named(other):
             raise AssertionError(f"{number}: said {_named(one)}, expected {_named(other)}")
         if isinstance(one, Finished) or isinstance(other, Finished):
@@ -233,11 +234,11 @@ def assert_same(
         if found is not None:
             field, now, then = found
             raise AssertionError(f"{number}: {one[0]} {field}: said {now}, expected {then}")
-    rest = said[len(expected) :] or expected[len(said) :]
+    rest = published[len(expected) :] or expected[len(published) :]
     if rest:
-        more = "more was said" if len(said) > len(expected) else "not said"
+        more = "more was said" if len(published) > len(expected) else "not said"
         raise AssertionError(
-            f"said {len(said)}, expected {len(expected)}; {more}: {_named(rest[0])}"
+            f"said {len(published)}, expected {len(expected)}; {more}: {_named(rest[0])}"
         )
 
 

@@ -43,9 +43,9 @@ class Wiring:
     nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
     on_exit: OnExit = "restart"  # What is done when it dies
     # Longest time for which it may give no sign of life though it works, s.
-    longest: float = HANDLER_TIMEOUT
+    handler_timeout: float = HANDLER_TIMEOUT
     # Whether what it says is kept beyond its death, for it could not say it again.
-    keeps: bool = False
+    persistent: bool = False
 
 
 def load_node(module: str) -> AnyNode:
@@ -152,8 +152,8 @@ def schemas_of(graph: bytes) -> Mapping[str, str]:
     """Name of each message type that palpate does not have, to its JSON schema."""
     if not graph:
         return {}
-    heard = [edge for one in recorded_nodes(graph) for edge in one.inputs]
-    return {edge.type: edge.schema for edge in heard if edge.schema}
+    received = [edge for one in recorded_nodes(graph) for edge in one.inputs]
+    return {edge.type: edge.schema for edge in received if edge.schema}
 
 
 def with_description(wirings: Sequence[Wiring], about: Mapping[str, str]) -> tuple[Wiring, ...]:

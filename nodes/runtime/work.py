@@ -71,14 +71,14 @@ class NodeWork:
             raise ContractError(
                 f"{wiring.name} is wired to {unknown[0]}, which it does not declare"
             )
-        self.name, self.acts = wiring.name, node.acts
+        self.name, self.has_side_effects = wiring.name, node.has_side_effects
         self.latency = Latency()
         """Time of its handlers."""
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         """Messages handled, by publisher and topic."""
         self._node, self._params, self._state = node, params, None
         self._wires = wiring.outputs
-        self._heard = {one.topic: _subscription(node, one.local) for one in wiring.inputs}
+        self._received = {one.topic: _subscription(node, one.local) for one in wiring.inputs}
         self._current: Received | None = None
         self._missing = {one.topic for one in wiring.inputs if one.local in node.needs}
         self._held: list[Received] = []
@@ -131,31 +131,31 @@ class NodeWork:
     def close(self) -> None:
         """Nothing to put away."""
 
-    def _take(self, arrival: Received, say: Callable[[Output], OutputT]) -> list[OutputT]:
+    def _take(self, arrival: Received, pack: Callable[[Output], OutputT]) -> list[OutputT]:
         if self._missing and arrival.topic not in self._missing:
             self._held.append(arrival)
             return []
-        said = self._handle(arrival, say)
+        published = self._handle(arrival, pack)
         if self._missing:
             self._missing.discard(arrival.topic)
             if not self._missing:
                 for held in self._held:
-                    said += self._handle(held, say)
+                    published += self._handle(held, pack)
                 self._held.clear()
-        return said
+        return published
 
-    def _handle(self, arrival: Received, say: Callable[[Output], OutputT]) -> list[OutputT]:
+    def _handle(self, arrival: Received, pack: Callable[[Output], OutputT]) -> list[OutputT]:
         self._current = arrival
-        cls, handler, schema = self._heard[arrival.topic]
+        cls, handler, schema = self._received[arrival.topic]
         if arrival.header.schema != schema:
             raise ContractError(f"{arrival.topic} is not a {cls.__name__} of this version")
         message: object = decode(cls, arrival.body)
         began = time.perf_counter_ns()
         self._state, outputs = handler(self._params, self._state, message)
-        said = [say(output) for output in outputs]
+        published = [pack(output) for output in outputs]
         self.latency.add(time.perf_counter_ns() - began)
         self.consumed[arrival.publisher, arrival.topic] += 1
-        return said
+        return published
 
     def _promise(self, output: Output) -> Outgoing | Promise | Finished:
         if isinstance(output, Finished):

@@ -125,11 +125,11 @@ def _of_csv(data: bytes, path: Path, shape: ArraySize | None) -> FrameSequence:
         lines = data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: is not text in UTF-8: {error.reason}") from None
-    said = [(number, line) for number, line in enumerate(lines, start=1) if line.strip()]
-    if said and is_header(said[0][1]):
-        said = said[1:]
+    published = [(number, line) for number, line in enumerate(lines, start=1) if line.strip()]
+    if published and is_header(published[0][1]):
+        published = published[1:]
     found = list[FrameRow]()
-    for number, line in said:
+    for number, line in published:
         row = parse_row(line, f"{path}:{number}", shape)
         if found and (row.time is None) != (found[0].time is None):
             raise ValueError(f"{path}:{number}: not every line has a time; expected all or none")

@@ -169,7 +169,10 @@ def _tree(spec: PartSpec, outer: np.ndarray) -> Tree:
 def _lattice(base: ImplicitShape, layers: tuple[LayerSpec, ...]) -> Lattice:
     from palpate.core.splines import LatticeLayer, layered_lattice
 
-    made = [LatticeLayer(said.scale, math.radians(said.turn), said.shift) for said in layers]
+    made = [
+        LatticeLayer(published.scale, math.radians(published.turn), published.shift)
+        for published in layers
+    ]
     return layered_lattice(base.enclosure(), made)
 
 

@@ -22,7 +22,7 @@ class Listening:
     def ready(self, seconds: float) -> None:
         self.seconds.append(seconds)
 
-    def heard(self, topic: str, message: object) -> None:
+    def received(self, topic: str, message: object) -> None:
         self.messages.append((topic, message))
 
     def log(self, record: LogRecord) -> None:
@@ -40,35 +40,35 @@ def watcher() -> Listening:
 class Toys:
     """Wirings of the toy nodes beside this file."""
 
-    def broken(self, how: str, hears: str = "source") -> Wiring:
+    def broken(self, how: str, upstream: str = "source") -> Wiring:
         return Wiring(
             name="broken",
             module="palpate_toy_broken",
             params={"how": how},
-            inputs=(Input(hears, f"/{hears}", "/in", "TactileFrame"),),
+            inputs=(Input(upstream, f"/{upstream}", "/in", "TactileFrame"),),
             outputs={"/out": "/broken"},
             listeners={},
             on_exit="stop",
         )
 
-    def sink(self, path: Path, hears: str = "source", **params: object) -> Wiring:
+    def sink(self, path: Path, upstream: str = "source", **params: object) -> Wiring:
         return Wiring(
             name="sink",
             module="palpate_toy_sink",
             params={"path": str(path), **params},
-            inputs=(Input(hears, f"/{hears}", f"/{hears}", "TactileFrame"),),
+            inputs=(Input(upstream, f"/{upstream}", f"/{upstream}", "TactileFrame"),),
             outputs={},
             listeners={},
         )
 
-    def needy(self, need: str, hears: str) -> Wiring:
+    def needy(self, need: str, upstream: str) -> Wiring:
         return Wiring(
             name="needy",
             module="palpate_toy_needy",
             params={},
             inputs=(
                 Input(need, f"/{need}", "/need", "TactileFrame"),
-                Input(hears, f"/{hears}", "/in", "TactileFrame"),
+                Input(upstream, f"/{upstream}", "/in", "TactileFrame"),
             ),
             outputs={},
             listeners={},

@@ -151,10 +151,12 @@ def test_no_order_of_the_edges_changes_a_byte(
     composed: tuple[Path, Bodies], tmp_path: Path, watcher: Any
 ) -> None:
     graph = wirings(tmp_path, FINGERS)
-    hear = tuple(topic for one in graph for topic in one.outputs.values())
+    watch = tuple(topic for one in graph for topic in one.outputs.values())
     for schedule in range(SCHEDULES):
         watcher.messages.clear()
-        ending = run_composed(graph, ends="planner", hear=hear, watcher=watcher, schedule=schedule)
+        ending = run_composed(
+            graph, ends="planner", watch=watch, watcher=watcher, schedule=schedule
+        )
         assert ending.status == "finished", ending.reason
         said: Bodies = {}
         for topic, message in watcher.messages:

@@ -68,15 +68,15 @@ def away(key: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
 def ring(where: str) -> list[Any]:
     return [
         toy("source", ToyParams(burst=FRAMES)),
-        replace(toy("relay", ToyParams(relay=True), hears="source"), host=where),
-        toy("counter", ToyParams(expects=FRAMES), hears="relay"),
+        replace(toy("relay", ToyParams(relay=True), upstream="source"), host=where),
+        toy("counter", ToyParams(expects=FRAMES), upstream="relay"),
     ]
 
 
 def test_a_graph_on_two_machines_loses_nothing(
     away: tuple[str, subprocess.Popen[str]], watcher: Any, tmp_path: Path
 ) -> None:
-    ending = launch(ring(away[0]), ends="counter", hear=["/relay"], watcher=watcher)
+    ending = launch(ring(away[0]), ends="counter", watch=["/relay"], watcher=watcher)
     assert (ending.status, ending.reason) == ("finished", f"{FRAMES} received")
     assert [message.touch for _, message in watcher.messages] == list(range(FRAMES))
     assert (ending.gaps, ending.duplicates) == (0, 0)
@@ -91,15 +91,15 @@ def test_a_node_that_dies_on_the_other_machine_goes_on(
 ) -> None:
     slow = ring(away[0])
     slow[1] = replace(slow[1], params=ToyParams(relay=True, work=3e-3))
-    heard = watcher.heard
+    heard = watcher.received
 
     def kill_at(topic: str, message: Any) -> None:
         heard(topic, message)
         if message.touch == FRAMES // 3:
             os.kill(node_of(away[1]), signal.SIGKILL)
 
-    watcher.heard = kill_at
-    ending = launch(slow, ends="counter", hear=["/relay"], watcher=watcher)
+    watcher.received = kill_at
+    ending = launch(slow, ends="counter", watch=["/relay"], watcher=watcher)
     assert (ending.status, ending.reason) == ("finished", f"{FRAMES} received")
     assert ending.restarts == {"relay": 1}
     assert [message.touch for _, message in watcher.messages] == list(range(FRAMES))
@@ -124,7 +124,7 @@ def test_who_has_another_key_is_refused(
     key_file().unlink()
     make_key(key_file())
     with pytest.raises(ValueError, match="gives no answer: palpate host must run there, with the"):
-        launch(ring(away[0]), ends="counter", hear=[], watcher=watcher)
+        launch(ring(away[0]), ends="counter", watch=[], watcher=watcher)
 
 
 def test_a_launcher_of_another_version_hurts_nobody_else(
@@ -133,8 +133,8 @@ def test_a_launcher_of_another_version_hurts_nobody_else(
     wires = SocketContext(str(key_file()))
     line = ControlClient(wires.context, f"tcp://{away[0]}", name="other")
     line.send("hello", names=["a"], modules=["m"], more=1)
-    line.send("bear", node="a", wiring=b"", place=b"")
-    ending = launch(ring(away[0]), ends="counter", hear=[], watcher=watcher)
+    line.send("spawn", node="a", wiring=b"", place=b"")
+    ending = launch(ring(away[0]), ends="counter", watch=[], watcher=watcher)
     assert ending.status == "finished"
     line.close()
     wires.close()
@@ -145,7 +145,7 @@ def test_without_a_key_nothing_is_started(
 ) -> None:
     key_file().unlink()
     with pytest.raises(ValueError, match=r"graph\.key cannot be used: No such file"):
-        launch(ring(away[0]), ends="counter", hear=[], watcher=watcher)
+        launch(ring(away[0]), ends="counter", watch=[], watcher=watcher)
 
 
 def test_who_connects_without_a_key_hears_nothing(key: Path) -> None:

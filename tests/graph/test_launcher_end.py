@@ -21,9 +21,9 @@ pytestmark = pytest.mark.graph
 
 def run(wirings: list[Wiring], watcher: Any, folder: Path, **more: Any) -> Ending:
     """Launch, and see that no process and no file of it is left."""
-    hear = more.pop("hear", ())
+    watch = more.pop("watch", ())
     ends = more.pop("ends", wirings[0].name)
-    ending = launch(wirings, ends=ends, hear=hear, watcher=watcher, work_dir=folder, **more)
+    ending = launch(wirings, ends=ends, watch=watch, watcher=watcher, work_dir=folder, **more)
     assert multiprocessing.active_children() == []
     assert [path for path in folder.iterdir() if path.suffix != ".txt"] == []
     return ending
@@ -33,14 +33,14 @@ def source(burst: int = 5) -> Wiring:
     return toy("source", ToyParams(burst=burst))
 
 
-def counter(expects: int, hears: str = "source", **more: Any) -> Wiring:
-    return toy("counter", ToyParams(expects=expects, **more), hears=hears)
+def counter(expects: int, upstream: str = "source", **more: Any) -> Wiring:
+    return toy("counter", ToyParams(expects=expects, **more), upstream=upstream)
 
 
 def test_a_graph_ends_when_all_that_was_sent_has_been_consumed(
     watcher: Any, tmp_path: Path
 ) -> None:
-    ending = run([source(50), counter(50)], watcher, tmp_path, ends="counter", hear=["/source"])
+    ending = run([source(50), counter(50)], watcher, tmp_path, ends="counter", watch=["/source"])
     assert (ending.status, ending.reason) == ("finished", "50 received")
     assert (ending.gaps, ending.duplicates) == (0, 0)
     assert ending.statuses["counter"].messages == 50
@@ -53,7 +53,7 @@ def test_a_graph_ends_when_all_that_was_sent_has_been_consumed(
 
 
 def test_the_word_of_any_other_node_does_not_end_the_graph(watcher: Any, tmp_path: Path) -> None:
-    early = toy("early", ToyParams(expects=1), hears="source")
+    early = toy("early", ToyParams(expects=1), upstream="source")
     ending = run([source(50), early, counter(50)], watcher, tmp_path, ends="counter")
     assert ending.reason == "50 received"
 
@@ -141,7 +141,7 @@ def test_quiet_without_an_end_is_reported(
 ) -> None:
     monkeypatch.setattr(supervisor, "STALL", 0.6)
     silent = toy("silent", ToyParams())
-    waiting = toy("waiting", ToyParams(), hears="silent")
+    waiting = toy("waiting", ToyParams(), upstream="silent")
     ending = run([source(5), counter(6), silent, waiting], watcher, tmp_path, ends="counter")
     assert ending.status == "stalled"
     assert ending.reason == (
@@ -165,7 +165,7 @@ def test_a_node_that_lacks_what_it_needs_is_named(
 def test_what_is_needed_is_handled_first(
     turn: int, watcher: Any, toys: Any, tmp_path: Path
 ) -> None:
-    late = toy("late", ToyParams(relay=True), hears="source")
+    late = toy("late", ToyParams(relay=True), upstream="source")
     graph = [source(3), late, toys.needy("late", "source")]
     ending = run(graph, watcher, tmp_path, ends="needy")
     assert (ending.status, ending.reason) == ("finished", "all there")
@@ -175,9 +175,9 @@ def test_what_the_watcher_raises_ends_the_graph(watcher: Any, tmp_path: Path) ->
     def full(topic: str, message: object) -> None:
         raise OSError("the screen is full")
 
-    watcher.heard = full
+    watcher.received = full
     with pytest.raises(OSError, match="the screen is full"):
-        run([source(), counter(0)], watcher, tmp_path, hear=["/source"])
+        run([source(), counter(0)], watcher, tmp_path, watch=["/source"])
     assert multiprocessing.active_children() == []
     assert list(tmp_path.iterdir()) == []
 
@@ -196,8 +196,8 @@ def test_a_sink_still_writes_what_had_arrived_when_a_node_died(
     watcher: Any, toys: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "lines.txt"
-    slow = toy("slow", ToyParams(relay=True, work=0.05), hears="source")
-    graph = [source(50), slow, toys.broken("raise", hears="slow"), toys.sink(path, work=0.01)]
+    slow = toy("slow", ToyParams(relay=True, work=0.05), upstream="source")
+    graph = [source(50), slow, toys.broken("raise", upstream="slow"), toys.sink(path, work=0.01)]
     assert run(graph, watcher, tmp_path).status == "died"
     lines = path.read_text().splitlines()
     assert len(lines) == 1 + 50 + 1

@@ -12,7 +12,7 @@ from palpate.launch.launcher import launch
 from palpate.nodes.runtime.wiring import Input, Wiring
 
 SOURCE = toy("source", ToyParams())
-COUNTER = toy("counter", ToyParams(), hears="source")
+COUNTER = toy("counter", ToyParams(), upstream="source")
 
 
 def renamed(name: str) -> Wiring:
@@ -24,7 +24,7 @@ LOST = dataclasses.replace(COUNTER, inputs=(Input("source", "/sauce", "/in", "Ta
 
 
 @pytest.mark.parametrize(
-    ("wirings", "ends", "hear", "words"),
+    ("wirings", "ends", "watch", "words"),
     [
         ([SOURCE, SOURCE], "source", [], "'source' is there twice"),
         ([SOURCE], "sink", [], r"no node 'sink' that could end the graph; there are \['source'\]"),
@@ -36,10 +36,10 @@ LOST = dataclasses.replace(COUNTER, inputs=(Input("source", "/sauce", "/in", "Ta
     ],
 )
 def test_a_graph_that_cannot_run_is_refused(
-    wirings: list[Wiring], ends: str, hear: list[str], words: str, watcher: Any
+    wirings: list[Wiring], ends: str, watch: list[str], words: str, watcher: Any
 ) -> None:
     with pytest.raises(ValueError, match=words):
-        launch(wirings, ends=ends, hear=hear, watcher=watcher)
+        launch(wirings, ends=ends, watch=watch, watcher=watcher)
     assert watcher.ticks == 0
 
 
@@ -47,13 +47,13 @@ def test_a_folder_with_too_long_a_path_is_refused(watcher: Any, tmp_path: Path) 
     deep = tmp_path / ("x" * 100)
     deep.mkdir()
     with pytest.raises(ValueError, match="choose a folder with a shorter path"):
-        launch([SOURCE], ends="source", hear=[], watcher=watcher, work_dir=deep)
+        launch([SOURCE], ends="source", watch=[], watcher=watcher, work_dir=deep)
     assert list(deep.iterdir()) == []
 
 
 def test_a_folder_that_is_not_there_is_refused(watcher: Any, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no folder for sockets can be made in"):
-        launch([SOURCE], ends="source", hear=[], watcher=watcher, work_dir=tmp_path / "nowhere")
+        launch([SOURCE], ends="source", watch=[], watcher=watcher, work_dir=tmp_path / "nowhere")
 
 
 def test_a_launch_from_another_thread_is_refused(watcher: Any) -> None:
@@ -61,7 +61,7 @@ def test_a_launch_from_another_thread_is_refused(watcher: Any) -> None:
 
     def attempt() -> None:
         try:
-            launch([SOURCE], ends="source", hear=[], watcher=watcher)
+            launch([SOURCE], ends="source", watch=[], watcher=watcher)
         except RuntimeError as error:
             errors.append(error)
 

@@ -52,8 +52,8 @@ def line(folder: Path) -> list[Wiring]:
     """A source, one who passes on, one who counts, and a recorder."""
     wirings = [
         toy("source", ToyParams(burst=FRAMES)),
-        toy("relay", ToyParams(relay=True, work=1e-3), hears="source"),
-        toy("counter", ToyParams(expects=FRAMES, work=1e-3), hears="relay"),
+        toy("relay", ToyParams(relay=True, work=1e-3), upstream="source"),
+        toy("counter", ToyParams(expects=FRAMES, work=1e-3), upstream="relay"),
     ]
     kept = Wiring(
         name="recorder",
@@ -70,7 +70,7 @@ def line(folder: Path) -> list[Wiring]:
 
 def run(wirings: list[Wiring], watcher: Any, folder: Path, harm: Harm) -> Ending:
     harm.start()
-    ending = launch(wirings, ends="counter", hear=["/relay"], watcher=watcher, work_dir=folder)
+    ending = launch(wirings, ends="counter", watch=["/relay"], watcher=watcher, work_dir=folder)
     assert multiprocessing.active_children() == []
     return ending
 
@@ -103,11 +103,11 @@ def test_nodes_that_are_killed_go_on_where_they_were(
 
 
 def test_neighbours_that_die_at_once_rebuild_each_other(watcher: Any, tmp_path: Path) -> None:
-    a = toy("a", ToyParams(laps=3000, burst=1), hears="b")
-    b = toy("b", ToyParams(relay=True, expects=3000), hears="a")
+    a = toy("a", ToyParams(laps=3000, burst=1), upstream="b")
+    b = toy("b", ToyParams(relay=True, expects=3000), upstream="a")
     watch = threading.Thread(target=_kill_both, daemon=True)
     watch.start()
-    ending = launch([a, b], ends="b", hear=[], watcher=watcher, work_dir=tmp_path)
+    ending = launch([a, b], ends="b", watch=[], watcher=watcher, work_dir=tmp_path)
     assert (ending.status, ending.reason, ending.gaps) == ("finished", "3000 received", 0)
     assert ending.restarts == {"a": 2, "b": 2}
 
@@ -142,7 +142,7 @@ def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(
         listeners={},
     )
     graph = [flooding, busy]
-    ending = launch(graph, ends="busy", hear=[], watcher=watcher, work_dir=tmp_path, depth=1)
+    ending = launch(graph, ends="busy", watch=[], watcher=watcher, work_dir=tmp_path, depth=1)
     assert (ending.reason, ending.restarts) == ("12000 heard, 0 left out, 0 out of turn", {})
 
 
@@ -150,7 +150,7 @@ def test_a_message_that_breaks_a_node_twice_ends_the_run(
     watcher: Any, toys: Any, tmp_path: Path
 ) -> None:
     wirings = [toy("source", ToyParams(burst=5)), replace(toys.broken("raise"), on_exit="restart")]
-    ending = launch(wirings, ends="source", hear=[], watcher=watcher, work_dir=tmp_path)
+    ending = launch(wirings, ends="source", watch=[], watcher=watcher, work_dir=tmp_path)
     assert ending.status == "died"
     assert ending.reason == (
         "broken failed while handling /source 2 from source: ZeroDivisionError: "
@@ -162,7 +162,7 @@ def test_a_node_that_dies_again_and_again_ends_the_run(
     watcher: Any, toys: Any, tmp_path: Path
 ) -> None:
     wirings = [toy("source", ToyParams(burst=5)), replace(toys.broken("kill"), on_exit="restart")]
-    ending = launch(wirings, ends="source", hear=[], watcher=watcher, work_dir=tmp_path)
+    ending = launch(wirings, ends="source", watch=[], watcher=watcher, work_dir=tmp_path)
     assert (ending.status, ending.restarts) == ("died", {"broken": 3})
     assert ending.reason == (
         "broken was killed by SIGKILL, after it had been started again 3 times in 10 s"
@@ -174,10 +174,10 @@ def test_the_run_goes_on_without_a_node_that_may_be_missed(
 ) -> None:
     wirings = [
         toy("source", ToyParams(burst=50)),
-        toy("counter", ToyParams(expects=50, work=1e-2), hears="source"),
+        toy("counter", ToyParams(expects=50, work=1e-2), upstream="source"),
         replace(toys.broken("kill"), on_exit="ignore"),
     ]
-    ending = launch(wirings, ends="counter", hear=[], watcher=watcher, work_dir=tmp_path)
+    ending = launch(wirings, ends="counter", watch=[], watcher=watcher, work_dir=tmp_path)
     assert (ending.status, ending.reason) == ("finished", "50 received")
     [said] = [one.text for one in watcher.lines if one.level == "warning"]
     assert said == "broken was killed by SIGKILL; the run goes on without it"
@@ -193,16 +193,16 @@ def test_a_node_that_acts_does_nothing_twice_but_what_was_under_way(
         inputs=(Input("relay", "/relay", "/in", "TactileFrame"),),
         outputs={"/out": "/actor"},
         listeners={},
-        keeps=True,
+        persistent=True,
     )
     wirings = [
         toy("source", ToyParams(burst=FRAMES)),
-        toy("relay", ToyParams(relay=True, work=1e-3), hears="source"),
+        toy("relay", ToyParams(relay=True, work=1e-3), upstream="source"),
         actor,
     ]
     harm = Harm(["actor", "relay", "actor"], signal.SIGKILL, seed=5)
     harm.start()
-    ending = launch(wirings, ends="actor", hear=["/actor"], watcher=watcher, work_dir=tmp_path)
+    ending = launch(wirings, ends="actor", watch=["/actor"], watcher=watcher, work_dir=tmp_path)
     assert (ending.status, ending.reason) == ("finished", f"{FRAMES} done")
     assert ending.restarts["actor"] == 2
     dents = [int(line) for line in (tmp_path / "dents").read_text().split()]
@@ -222,7 +222,7 @@ def test_a_full_disk_ends_the_recording_and_the_run_as_it_is_told_to(
     ending = launch(
         [source, relay, counter, kept],
         ends="counter",
-        hear=["/relay"],
+        watch=["/relay"],
         watcher=watcher,
         work_dir=tmp_path,
     )

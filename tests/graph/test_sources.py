@@ -64,7 +64,7 @@ def typing() -> Wiring:
         outputs={"/console": "/console"},
         types={"/console": "TactileFrame"},
         listeners={},
-        keeps=True,
+        persistent=True,
     )
 
 
@@ -86,9 +86,9 @@ class Aside(threading.Thread):
 
 
 def test_a_recording_is_played_to_its_last_message(watcher: Any, tmp_path: Path) -> None:
-    counter = toy("counter", ToyParams(expects=300), hears="player")
+    counter = toy("counter", ToyParams(expects=300), upstream="player")
     wirings = [playing(bag(tmp_path / "a.mcap", 300)), counter]
-    ending = launch(wirings, ends="player", hear=["/player"], watcher=watcher)
+    ending = launch(wirings, ends="player", watch=["/player"], watcher=watcher)
     assert (ending.status, ending.reason) == ("finished", "played 300 messages")
     assert [message.touch for _, message in watcher.messages] == list(range(300))
     assert ending.statuses["counter"].messages == 300
@@ -97,17 +97,17 @@ def test_a_recording_is_played_to_its_last_message(watcher: Any, tmp_path: Path)
 def test_messages_come_at_their_times(watcher: Any, tmp_path: Path) -> None:
     wirings = [playing(bag(tmp_path / "a.mcap", 21, every=0.02))]
     times: list[float] = []
-    watcher.heard = lambda *_: times.append(time.monotonic())
-    launch(wirings, ends="player", hear=["/player"], watcher=watcher)
+    watcher.received = lambda *_: times.append(time.monotonic())
+    launch(wirings, ends="player", watch=["/player"], watcher=watcher)
     assert times[-1] - times[0] > 0.02 * 20 - 0.1
 
 
 def test_a_player_that_is_killed_goes_on_where_it_was(watcher: Any, tmp_path: Path) -> None:
     harm = Harm(["player", "counter", "player"], signal.SIGKILL, seed=3)
-    counter = toy("counter", ToyParams(expects=900), hears="player")
+    counter = toy("counter", ToyParams(expects=900), upstream="player")
     harm.start()
     wirings = [playing(bag(tmp_path / "a.mcap", 900, every=2e-3)), counter]
-    ending = launch(wirings, ends="player", hear=["/player"], watcher=watcher)
+    ending = launch(wirings, ends="player", watch=["/player"], watcher=watcher)
     assert (ending.status, ending.reason) == ("finished", "played 900 messages")
     assert [message.touch for _, message in watcher.messages] == list(range(900))
     assert (ending.gaps, ending.statuses["counter"].messages) == (0, 900)
@@ -127,7 +127,7 @@ def test_a_player_stands_still_steps_and_goes_on(watcher: Any, tmp_path: Path) -
     aside = Aside(act)
     aside.start()
     wirings = [playing(bag(tmp_path / "a.mcap", 50), paused=True)]
-    ending = launch(wirings, ends="player", hear=["/player"], watcher=watcher)
+    ending = launch(wirings, ends="player", watch=["/player"], watcher=watcher)
     assert aside.failure is None
     assert ending.status == "finished"
     assert heard == [4]
@@ -156,8 +156,8 @@ def test_what_a_user_types_is_heard_though_the_console_dies_in_between(
     said: list[str] = []
     aside = Aside(act)
     aside.start()
-    counter = toy("counter", ToyParams(expects=4), hears="console")
-    ending = launch([typing(), counter], ends="counter", hear=["/console"], watcher=watcher)
+    counter = toy("counter", ToyParams(expects=4), upstream="console")
+    ending = launch([typing(), counter], ends="counter", watch=["/console"], watcher=watcher)
     assert aside.failure is None
     assert (ending.status, ending.reason) == ("finished", "4 received")
     assert [message.touch for _, message in watcher.messages] == [0, 1, 2, 3]
@@ -188,8 +188,8 @@ def test_what_cannot_be_published_is_refused_in_a_sentence(watcher: Any, tmp_pat
 
     aside = Aside(act)
     aside.start()
-    counter = toy("counter", ToyParams(expects=1), hears="console")
-    launch([typing(), counter], ends="counter", hear=[], watcher=watcher)
+    counter = toy("counter", ToyParams(expects=1), upstream="console")
+    launch([typing(), counter], ends="counter", watch=[], watcher=watcher)
     assert aside.failure is None
     words = [
         "has no topic '/consule'",
@@ -210,7 +210,7 @@ def test_a_source_that_is_quiet_for_long_has_not_stalled(
 ) -> None:
     monkeypatch.setattr("palpate.launch.processes.supervisor.STALL", 0.2)
     wirings = [playing(bag(tmp_path / "a.mcap", 3, every=1.5))]
-    ending = launch(wirings, ends="player", hear=["/player"], watcher=watcher)
+    ending = launch(wirings, ends="player", watch=["/player"], watcher=watcher)
     assert (ending.status, ending.reason) == ("finished", "played 3 messages")
 
 
@@ -233,8 +233,8 @@ def test_a_tool_of_another_version_cannot_hurt_a_source(watcher: Any, tmp_path: 
 
     aside = Aside(act)
     aside.start()
-    counter = toy("counter", ToyParams(expects=1), hears="console")
-    ending = launch([typing(), counter], ends="counter", hear=[], watcher=watcher)
+    counter = toy("counter", ToyParams(expects=1), upstream="console")
+    ending = launch([typing(), counter], ends="counter", watch=[], watcher=watcher)
     assert aside.failure is None
     assert (ending.status, ending.restarts) == ("finished", {})
     assert refused[0] == "console does not publish '/nowhere' for tools"

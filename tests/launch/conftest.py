@@ -29,19 +29,19 @@ def make_node(monkeypatch: pytest.MonkeyPatch) -> MakeNode:
 
     def make(
         module: str,
-        hears: Mapping[str, type] | None = None,
-        says: Mapping[str, type] | None = None,
+        inputs: Mapping[str, type] | None = None,
+        outputs: Mapping[str, type] | None = None,
         params: type = NoParams,
-        many: tuple[str, ...] = (),
+        fan_in: tuple[str, ...] = (),
         shared: tuple[str, ...] = (),
         value: object = None,
     ) -> str:
         node = Node(
             params=params,
             start=lambda _: (None, []),
-            inputs={topic: (said, _quiet) for topic, said in (hears or {}).items()},
-            outputs=says or {},
-            many=many,
+            inputs={topic: (said, _quiet) for topic, said in (inputs or {}).items()},
+            outputs=outputs or {},
+            fan_in=fan_in,
             shared=shared,
         )
         made = ModuleType(module)

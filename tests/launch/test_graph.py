@@ -34,8 +34,8 @@ def graph_of(*entries: Entry, ends: str = "b") -> Graph:
 
 @pytest.fixture
 def pair(make_node: MakeNode) -> tuple[Entry, Entry]:
-    make_node("t.a", says={"/x": LogRecord}, params=Dials)
-    make_node("t.b", hears={"/x": LogRecord})
+    make_node("t.a", outputs={"/x": LogRecord}, params=Dials)
+    make_node("t.b", inputs={"/x": LogRecord})
     return Entry(name="a", kind="t.a", source="f.yaml:2"), Entry(name="b", kind="t.b")
 
 
@@ -55,9 +55,9 @@ def test_a_wiring_says_who_hears_what_from_whom(pair: tuple[Entry, Entry]) -> No
 
 
 def test_a_namespace_is_put_before_the_topics_and_looked_into_first(make_node: MakeNode) -> None:
-    make_node("t.a", says={"/x": LogRecord})
-    make_node("t.b", hears={"/x": LogRecord, "/y": LogRecord})
-    make_node("t.c", says={"/y": LogRecord})
+    make_node("t.a", outputs={"/x": LogRecord})
+    make_node("t.b", inputs={"/x": LogRecord, "/y": LogRecord})
+    make_node("t.c", outputs={"/y": LogRecord})
 
     wirings = graph_of(
         Entry(name="a1", kind="t.a", namespace="one"),
@@ -71,8 +71,8 @@ def test_a_namespace_is_put_before_the_topics_and_looked_into_first(make_node: M
 
 
 def test_an_input_that_is_many_hears_every_namespace(make_node: MakeNode) -> None:
-    make_node("t.a", says={"/x": LogRecord})
-    make_node("t.b", hears={"/x": LogRecord}, many=("/x",))
+    make_node("t.a", outputs={"/x": LogRecord})
+    make_node("t.b", inputs={"/x": LogRecord}, fan_in=("/x",))
 
     b = graph_of(
         Entry(name="a1", kind="t.a", namespace="one"),
@@ -91,12 +91,12 @@ def test_what_a_node_shares_is_heard_and_said_by_the_first_finger_alone(
 ) -> None:
     make_node(
         "t.a",
-        hears={"/x": LogRecord, "/ask": LogRecord},
-        says={"/y": LogRecord, "/told": LogRecord},
+        inputs={"/x": LogRecord, "/ask": LogRecord},
+        outputs={"/y": LogRecord, "/told": LogRecord},
         shared=("/ask", "/told"),
     )
-    make_node("t.b", hears={"/told": LogRecord}, says={"/x": LogRecord})
-    make_node("t.c", hears={"/y": LogRecord}, says={"/ask": LogRecord}, many=("/y",))
+    make_node("t.b", inputs={"/told": LogRecord}, outputs={"/x": LogRecord})
+    make_node("t.c", inputs={"/y": LogRecord}, outputs={"/ask": LogRecord}, fan_in=("/y",))
 
     a1, a2, b1, b2, c = graph_of(
         *(
@@ -122,7 +122,7 @@ def test_what_a_node_shares_is_heard_and_said_by_the_first_finger_alone(
 
 
 def test_in_any_other_namespace_a_node_keeps_what_it_shares(make_node: MakeNode) -> None:
-    make_node("t.a", says={"/told": LogRecord}, shared=("/told",))
+    make_node("t.a", outputs={"/told": LogRecord}, shared=("/told",))
 
     spaces = ("", "lab", "finger_0", "finger_10")
     entries = [Entry(name=f"a{n}", kind="t.a", namespace=one) for n, one in enumerate(spaces)]
@@ -203,15 +203,15 @@ def test_two_publishers_of_one_topic_are_refused(pair: tuple[Entry, Entry]) -> N
 
 
 def test_types_that_differ_are_refused(pair: tuple[Entry, Entry], make_node: MakeNode) -> None:
-    make_node("t.c", hears={"/x": NodeStatus})
+    make_node("t.c", inputs={"/x": NodeStatus})
 
     with pytest.raises(InputError, match="hears /x as NodeStatus, but 'a' publishes it as LogReco"):
         graph_of(*pair, Entry(name="c", kind="t.c")).check()
 
 
 def test_a_publisher_outside_the_namespace_hears_nothing_within(make_node: MakeNode) -> None:
-    make_node("t.a", says={"/x": LogRecord})
-    make_node("t.b", hears={"/x": LogRecord})
+    make_node("t.a", outputs={"/x": LogRecord})
+    make_node("t.b", inputs={"/x": LogRecord})
 
     with pytest.raises(InputError, match="hears /x, which nobody publishes"):
         graph_of(Entry(name="a", kind="t.a", namespace="one"), Entry(name="b", kind="t.b")).check()
@@ -234,14 +234,14 @@ def test_a_sink_cannot_end_a_graph(pair: tuple[Entry, Entry], make_node: MakeNod
 def test_the_truth_is_for_the_evaluator_alone_under_any_name(
     make_node: MakeNode, topic: str
 ) -> None:
-    make_node("t.a", says={"/truth": Truth})
-    make_node("t.b", hears={topic: Truth})
-    make_node("palpate.nodes.evaluator", hears={topic: Truth})
-    says = Entry(name="a", kind="t.a", remap={"/truth": topic})
+    make_node("t.a", outputs={"/truth": Truth})
+    make_node("t.b", inputs={topic: Truth})
+    make_node("palpate.nodes.evaluator", inputs={topic: Truth})
+    outputs = Entry(name="a", kind="t.a", remap={"/truth": topic})
 
-    graph_of(says, Entry(name="b", kind="evaluator")).check()
+    graph_of(outputs, Entry(name="b", kind="evaluator")).check()
     with pytest.raises(InputError, match="only an evaluator, a view or a recorder may"):
-        graph_of(says, Entry(name="b", kind="t.b")).check()
+        graph_of(outputs, Entry(name="b", kind="t.b")).check()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -260,10 +260,10 @@ def named(name: str) -> type:
     return Made
 
 
-def graph(make_node: MakeNode, path: Path, *says: type) -> tuple[Wiring, ...]:
-    for number, cls in enumerate(says):
-        make_node(f"t.n{number}", says={f"/n{number}": cls})
-    entries = [Entry(name=f"n{i}", kind=f"t.n{i}") for i in range(len(says))]
+def graph(make_node: MakeNode, path: Path, *outputs: type) -> tuple[Wiring, ...]:
+    for number, cls in enumerate(outputs):
+        make_node(f"t.n{number}", outputs={f"/n{number}": cls})
+    entries = [Entry(name=f"n{i}", kind=f"t.n{i}") for i in range(len(outputs))]
     keeps = Entry(name="recorder", params={"path": str(path)})
     return Graph((*entries, keeps), ends="n0").wirings()
 
@@ -294,21 +294,21 @@ def test_without_its_schema_a_type_of_ones_own_is_not_recorded(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("says", "words"),
+    ("outputs", "words"),
     [
         (
             (named("World"),),
-            "node 'n0': publishes /n0 as World of .*, but palpate.messages.types.catalogue",
+            "node 'n0': publishes /n0 as World of .*, but palpate.messages.types.world",
         ),
         ((Width, named("Width")), "node 'n1': publishes /n1 as Width of .*; call it otherwise"),
         ((int,), "node 'n0': publishes /n0: int is not a message type"),
     ],
 )
 def test_types_that_could_not_be_told_apart_are_refused(
-    make_node: MakeNode, tmp_path: Path, says: tuple[type, ...], words: str
+    make_node: MakeNode, tmp_path: Path, outputs: tuple[type, ...], words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
-        graph(make_node, tmp_path / "topics.mcap", *says)
+        graph(make_node, tmp_path / "topics.mcap", *outputs)
 
 
 def test_one_type_may_be_on_two_topics(make_node: MakeNode, tmp_path: Path) -> None:

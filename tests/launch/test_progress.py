@@ -32,7 +32,7 @@ def test_the_gatherer_adds_up_what_it_hears(
 
     gatherer.ready(0.5)
     for message in (contour, dataclasses.replace(contour, robot_time=9.0), tetrahedron, score):
-        gatherer.heard("/any", message)
+        gatherer.received("/any", message)
     gatherer.tick({})
 
     progress = gatherer.progress

@@ -49,7 +49,7 @@ class Ears:
     def ready(self, seconds: float) -> None:
         assert seconds >= 0.0
 
-    def heard(self, topic: str, message: object) -> None:
+    def received(self, topic: str, message: object) -> None:
         self.messages.append((topic, message))
 
     def log(self, record: LogRecord) -> None:
@@ -60,7 +60,7 @@ class Ears:
 
     def of(self, topic: str) -> list[Any]:
         """All messages of a topic."""
-        return [message for heard, message in self.messages if heard == topic]
+        return [message for received, message in self.messages if received == topic]
 
 
 @pytest.fixture
@@ -243,7 +243,7 @@ def cylinder() -> type[Cylinder]:
 def explored(info: SensorInfo) -> Callable[..., Said]:
     """Everything that the planner says, each goal answered at once or in any order."""
 
-    def said(
+    def published(
         params: Params,
         world: World,
         shape: Cylinder | None = None,
@@ -251,7 +251,7 @@ def explored(info: SensorInfo) -> Callable[..., Said]:
     ) -> Said:
         return everything_said(params, info, world, shape or Cylinder(), order)
 
-    return said
+    return published
 
 
 def everything_said(
@@ -263,7 +263,7 @@ def everything_said(
 ) -> Said:
     """Everything that the planner says, each goal answered at once or in any order."""
     state, _ = NODE.start(params)
-    said: Said = []
+    published: Said = []
     waiting: Said = [("/touch/info", info), ("/world", world)]
     while waiting:
         # Messages of one publisher on one topic keep their order; others may overtake.
@@ -275,7 +275,7 @@ def everything_said(
         state, outputs = NODE.inputs[topic][1](params, state, message)
         assert encode(message)
         for one in outputs:
-            said.append(one)
+            published.append(one)
             answers = shape.answers(*one)
             waiting += answers
             if world.fingers > 1:
@@ -285,4 +285,4 @@ def everything_said(
                     if isinstance(m, (Contour, Probe))
                 ]
     assert isinstance(state, State)
-    return said
+    return published

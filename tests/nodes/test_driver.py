@@ -42,11 +42,11 @@ def table(tmp_path: Path) -> Path:
 
 
 def test_the_frames_of_a_file_become_patches(table: Path) -> None:
-    said = drive(driver.SOURCE, params={**PAD, "path": str(table)})
-    images = drive(filter.NODE, said)
-    patches = messages_on(drive(curvature.NODE, [*said[:1], *images]), "/touch/patch")
+    published = drive(driver.SOURCE, params={**PAD, "path": str(table)})
+    images = drive(filter.NODE, published)
+    patches = messages_on(drive(curvature.NODE, [*published[:1], *images]), "/touch/patch")
 
-    assert said[-1] == Finished(f"said the 3 frames of {table}")
+    assert published[-1] == Finished(f"said the 3 frames of {table}")
     assert [patch.kind for patch in patches] == ["smooth"] * 3
     for patch in patches:
         # Rounding alone: a paraboloid is a jet.
@@ -58,9 +58,9 @@ def test_the_frames_of_a_file_become_patches(table: Path) -> None:
 def test_a_frame_is_due_at_its_time_or_at_once(table: Path) -> None:
     params = msgspec.convert({**PAD, "path": str(table), "rate": 20.0}, driver.Params)
 
-    said = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
-    assert [one.due for one in said] == [0.0, 0.0, 0.05, 0.1]
-    times = [one.message.robot_time for one in said[1:]]  # type: ignore[attr-defined]
+    published = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
+    assert [one.due for one in published] == [0.0, 0.0, 0.05, 0.1]
+    times = [one.message.robot_time for one in published[1:]]  # type: ignore[attr-defined]
     assert times == [0.0, 0.05, 0.1]
     quick = driver.SOURCE.open(msgspec.structs.replace(params, at_once=True))
     assert [one.due for one in quick if isinstance(one, Timed)] == [0.0] * 4
@@ -71,8 +71,8 @@ def test_the_times_of_the_file_count_from_its_first_frame(table: Path) -> None:
     table.write_text("\n".join(f"{t},{one}" for t, one in zip((7.0, 7.5, 9.0), lines, strict=True)))
     params = msgspec.convert({**PAD, "path": str(table)}, driver.Params)
 
-    said = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
-    assert [one.due for one in said] == [0.0, 0.0, 0.5, 2.0]
+    published = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
+    assert [one.due for one in published] == [0.0, 0.0, 0.5, 2.0]
 
 
 def test_a_file_that_cannot_be_said_is_refused_before_the_start(table: Path) -> None:
@@ -134,19 +134,19 @@ def port(server: socket.socket) -> str:
 
 def test_lines_become_frames_as_they_come(server: socket.socket) -> None:
     params = msgspec.convert({**PAD, "address": port(server), "rate": 4.0}, socket_driver.Params)
-    said = socket_driver.SOURCE.open(params)
-    assert next(said).topic == "/touch/info"  # type: ignore[union-attr]
-    assert next(said) is None
+    published = socket_driver.SOURCE.open(params)
+    assert next(published).topic == "/touch/info"  # type: ignore[union-attr]
+    assert next(published) is None
 
     peer, _ = server.accept()
     with peer:
-        assert next(said) is None
+        assert next(published) is None
         text = line(ball())
         peer.sendall(b"x,y,z,what,ever\n" + text[:50].encode())
-        assert next(said) is None
+        assert next(published) is None
         peer.sendall(f"{text[50:]}\n\n{text}".encode())
-        first = next(one for one in said if one is not None)
-    rest = [one for one in said if one is not None]
+        first = next(one for one in published if one is not None)
+    rest = [one for one in published if one is not None]
 
     assert isinstance(first, Timed) and first.due == 0.0
     assert [one.message.touch for one in (first, *rest[:-1])] == [0, 1]  # type: ignore[union-attr]
@@ -168,15 +168,15 @@ def test_lines_become_frames_as_they_come(server: socket.socket) -> None:
 )
 def test_what_is_no_line_of_a_frame_is_told(server: socket.socket, sent: bytes, words: str) -> None:
     params = socket_driver.Params(address=port(server))
-    said = socket_driver.SOURCE.open(params)
-    assert list(itertools.islice(said, 2))[1] is None
+    published = socket_driver.SOURCE.open(params)
+    assert list(itertools.islice(published, 2))[1] is None
     peer, _ = server.accept()
     peer.setblocking(False)
     with peer, pytest.raises(ValueError, match=words):
         rest = sent
         while True:
             rest = rest[peer.send(rest) :] if rest else rest
-            next(said)
+            next(published)
 
 
 def test_nobody_at_the_address_is_told(server: socket.socket) -> None:

@@ -22,8 +22,8 @@ Said = list[tuple[str, Any]]
 Explored = Callable[..., Said]
 
 
-def of(said: Said, topic: str) -> list[Any]:
-    return [message for heard, message in said if heard == topic]
+def of(published: Said, topic: str) -> list[Any]:
+    return [message for received, message in published if received == topic]
 
 
 @pytest.fixture
@@ -34,13 +34,13 @@ def several(world: World) -> World:
 def test_it_grasps_then_asks_for_the_coarse_model_and_then_slices(
     explored: Explored, world: World
 ) -> None:
-    said = explored(UNIFORM, world)
-    topics = [topic for topic, _ in said]
+    published = explored(UNIFORM, world)
+    topics = [topic for topic, _ in published]
     closings = topics.count("/hand/goal")
     assert topics[:closings] == ["/hand/goal"] * closings
-    assert [goal.number for goal in of(said, "/hand/goal")] == list(range(closings))
+    assert [goal.number for goal in of(published, "/hand/goal")] == list(range(closings))
     assert topics[closings] == "/model/goal"
-    coarse = said[closings][1]
+    coarse = published[closings][1]
     assert (coarse.contours, coarse.probes, coarse.closings) == ((), (), closings)
     assert 6 * closings >= 60 > 6 * (closings - 1)
     assert topics[closings + 1] == "/probe/goal"
@@ -49,36 +49,36 @@ def test_it_grasps_then_asks_for_the_coarse_model_and_then_slices(
 def test_nothing_is_decided_before_the_model_of_what_is_known(
     explored: Explored, world: World
 ) -> None:
-    said = explored(UNIFORM, world)
-    work = [topic for topic, _ in said if topic in ("/contour/goal", "/model/goal")][1:]
+    published = explored(UNIFORM, world)
+    work = [topic for topic, _ in published if topic in ("/contour/goal", "/model/goal")][1:]
     assert work[0] == "/contour/goal"
     assert all(a != b for a, b in pairwise(work))
-    numbers = [goal.number for goal in of(said, "/model/goal")]
+    numbers = [goal.number for goal in of(published, "/model/goal")]
     assert numbers == list(range(1, len(numbers) + 1))
-    [done] = of(said, "/plan/done")
+    [done] = of(published, "/plan/done")
     assert (done.number, len(done.contours)) == (numbers[-1] + 1, 5)
-    assert done.touches == 5 * TOUCHES + len(of(said, "/probe/goal"))
+    assert done.touches == 5 * TOUCHES + len(of(published, "/probe/goal"))
     assert done.uncovered == 0.0
 
 
 def test_goals_are_numbered_through_and_carry_frame_and_time(
     explored: Explored, world: World
 ) -> None:
-    said = explored(UNIFORM, world)
-    goals = [goal for topic, goal in said if topic in ("/contour/goal", "/probe/goal")]
+    published = explored(UNIFORM, world)
+    goals = [goal for topic, goal in published if topic in ("/contour/goal", "/probe/goal")]
     assert [goal.id for goal in goals] == list(range(len(goals)))
     times = [goal.not_before for goal in goals]
     assert times == sorted(times)
-    assert times[0] == 8.0 * len(of(said, "/hand/goal"))
-    frames = {goal.frame.tobytes() for goal in of(said, "/contour/goal")}
+    assert times[0] == 8.0 * len(of(published, "/hand/goal"))
+    frames = {goal.frame.tobytes() for goal in of(published, "/contour/goal")}
     assert len(frames) == 1
 
 
 def test_a_flat_top_is_touched_five_times_and_the_platform_never(
     explored: Explored, world: World
 ) -> None:
-    said = explored(UNIFORM, world)
-    probes = of(said, "/probe/goal")
+    published = explored(UNIFORM, world)
+    probes = of(published, "/probe/goal")
     assert all(
         transform_points(inverse_pose(goal.pose), np.zeros((1, 3)))[0, 2] > 0.0 for goal in probes
     )
@@ -88,8 +88,10 @@ def test_a_flat_top_is_touched_five_times_and_the_platform_never(
 def test_the_object_is_sliced_along_the_axis_that_is_asked_for_whatever_its_top_says(
     explored: Explored, world: World
 ) -> None:
-    said = explored(Params(axis=(0.6, 0.0, 0.8), planner="uniform", settings={"count": 3}), world)
-    axes = np.stack([split_pose(goal.frame)[1][:, 2] for goal in of(said, "/contour/goal")])
+    published = explored(
+        Params(axis=(0.6, 0.0, 0.8), planner="uniform", settings={"count": 3}), world
+    )
+    axes = np.stack([split_pose(goal.frame)[1][:, 2] for goal in of(published, "/contour/goal")])
     assert axes == pytest.approx(np.tile([0.6, 0.0, 0.8], (len(axes), 1)))
 
 
@@ -121,10 +123,10 @@ def test_contacts_that_tell_nothing_and_a_top_that_leans_come_to_an_end(
                 model = Superquadric(**{**fields, "warnings": ("coplanar points",)})
             return topic, model
 
-    said = explored(UNIFORM, world, Leaning())
-    assert len(of(said, "/probe/goal")) < 30
-    probes = [goal.id for goal in of(said, "/probe/goal")]
-    [done] = of(said, "/plan/done")
+    published = explored(UNIFORM, world, Leaning())
+    assert len(of(published, "/probe/goal")) < 30
+    probes = [goal.id for goal in of(published, "/probe/goal")]
+    [done] = of(published, "/plan/done")
     assert set(done.probes) <= set(probes) and done.probes[0] == probes[0]
 
 
@@ -139,9 +141,9 @@ def test_a_level_top_sets_an_axis_upright_that_contacts_made_lean(
             found.points[:, 0] += 0.6 * (found.points[:, 2] - 0.05)
             return found
 
-    said = explored(UNIFORM, world, Oblique())
-    axes = np.stack([split_pose(goal.frame)[1][:, 2] for goal in of(said, "/contour/goal")])
-    probes = np.stack([split_pose(goal.pose)[1][:, 2] for goal in of(said, "/probe/goal")])
+    published = explored(UNIFORM, world, Oblique())
+    axes = np.stack([split_pose(goal.frame)[1][:, 2] for goal in of(published, "/contour/goal")])
+    probes = np.stack([split_pose(goal.pose)[1][:, 2] for goal in of(published, "/probe/goal")])
     assert probes[0, 2] > -0.95  # along an axis that leans
     assert np.array_equal(axes, np.tile([0.0, 0.0, 1.0], (len(axes), 1)))
 
@@ -151,9 +153,9 @@ def test_it_ends_when_the_hand_closes_on_nothing(
 ) -> None:
     shape = cylinder()
     shape.contacts = 0
-    said = explored(UNIFORM, world, shape)
-    assert len(of(said, "/hand/goal")) > 800  # everywhere within reach, twice
-    [done] = of(said, "/plan/done")
+    published = explored(UNIFORM, world, shape)
+    assert len(of(published, "/hand/goal")) > 800  # everywhere within reach, twice
+    [done] = of(published, "/plan/done")
     assert done.reason == "the hand closed on nothing within reach"
     assert (done.contours, done.tolerance_met, done.rms_bound_95) == ((), None, None)
 
@@ -164,10 +166,10 @@ def test_a_slice_that_fails_is_tried_again_nearby_and_told_of(
     def stuck(goal: ContourGoal) -> str:
         return "stuck" if 0.06 < goal.height < 0.09 else "closed"
 
-    said = explored(UNIFORM, world, cylinder(stuck))
-    tried = [goal.height for goal in of(said, "/contour/goal")]
+    published = explored(UNIFORM, world, cylinder(stuck))
+    tried = [goal.height for goal in of(published, "/contour/goal")]
     assert len([height for height in tried if 0.06 < height < 0.09]) == 2
-    [done] = of(said, "/plan/done")
+    [done] = of(published, "/plan/done")
     assert len(done.contours) == 4
     assert 0.03 < done.uncovered < 0.05
 
@@ -175,12 +177,12 @@ def test_a_slice_that_fails_is_tried_again_nearby_and_told_of(
 def test_the_default_rule_covers_the_side_and_states_a_bound(
     explored: Explored, world: World
 ) -> None:
-    said = explored(Params(), world)
-    [done] = of(said, "/plan/done")
+    published = explored(Params(), world)
+    [done] = of(published, "/plan/done")
     assert done.tolerance_met
     assert done.rms_bound_95 < Params().tolerance
     assert done.largest_untouched <= Params().feature
-    heights = sorted(goal.height for goal in of(said, "/contour/goal"))
+    heights = sorted(goal.height for goal in of(published, "/contour/goal"))
     assert max(np.diff(heights)) <= 8e-3 + Params().feature + 1e-9
 
 
@@ -202,14 +204,14 @@ def test_a_budget_ends_it_and_is_kept(
 def test_fingers_work_side_by_side_apart_from_each_other(
     explored: Explored, several: World
 ) -> None:
-    said = explored(Params(), several)
-    goals = of(said, "/contour/goal")
+    published = explored(Params(), several)
+    goals = of(published, "/contour/goal")
     assert {goal.finger for goal in goals} == {1, 2, 3}
     first = goals[:3]
     assert sorted(goal.finger for goal in first) == [1, 2, 3]
     heights = sorted(goal.height for goal in first)
     assert min(np.diff(heights)) > 1.5 * 0.016 - 1e-12
-    [done] = of(said, "/plan/done")
+    [done] = of(published, "/plan/done")
     assert done.tolerance_met
 
 
@@ -217,8 +219,8 @@ def test_the_order_in_which_fingers_are_heard_changes_nothing(
     explored: Explored, several: World
 ) -> None:
     def bodies(order: random.Random | None) -> list[bytes]:
-        said = explored(Params(), several, order=order)
-        return [encode(message) for _, message in said]
+        published = explored(Params(), several, order=order)
+        return [encode(message) for _, message in published]
 
     expected = bodies(None)
     for seed in range(6):
@@ -264,6 +266,6 @@ def test_a_model_that_drops_a_contour_has_its_slice_traced_again(
                 )
             return topic, model
 
-    said = explored(UNIFORM, world, Dropping())
-    heights = [goal.height for goal in of(said, "/contour/goal")]
+    published = explored(UNIFORM, world, Dropping())
+    heights = [goal.height for goal in of(published, "/contour/goal")]
     assert len(heights) == 6  # the one that was dropped, once more

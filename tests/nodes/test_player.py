@@ -52,7 +52,7 @@ def bag(tmp_path: Path) -> Path:
     return record(tmp_path / "bag.mcap", entries)
 
 
-def said(bag: Path, **params: Any) -> list[tuple[float, str, Any]]:
+def published(bag: Path, **params: Any) -> list[tuple[float, str, Any]]:
     """Time, topic and number of what is said before it has finished."""
     words = [one for one in play(Params(path=str(bag), **params)) if isinstance(one, Timed)]
     return [(round(one.due, 9), one.topic, _number(one)) for one in words]
@@ -70,18 +70,18 @@ def _number(one: Timed) -> Any:
 
 
 def test_everything_is_said_at_its_time(bag: Path) -> None:
-    words = said(bag)
+    words = published(bag)
     assert words[:3] == [(0.0, "/world", 1), (0.05, "/world", 2), (0.1, "/log", 1)]
     assert words[-1] == (1.0, "/log", 10)
     assert len(words) == 12
 
 
 def test_at_twice_the_rate_it_takes_half_the_time(bag: Path) -> None:
-    assert said(bag, rate=2.0)[-1] == (0.5, "/log", 10)
+    assert published(bag, rate=2.0)[-1] == (0.5, "/log", 10)
 
 
 def test_what_was_latched_before_the_offset_is_said_first_and_only_that(bag: Path) -> None:
-    words = said(bag, start_offset=0.55)
+    words = published(bag, start_offset=0.55)
     assert words[:3] == [(0.0, "/world", 2), (0.05, "/log", 6), (0.15, "/log", 7)]
 
 
@@ -102,15 +102,15 @@ def test_of_latched_topics_that_keep_all_all_are_said(tmp_path: Path) -> None:
 
 
 def test_an_offset_beyond_the_end_says_what_is_latched(bag: Path) -> None:
-    assert said(bag, start_offset=9.0) == [(0.0, "/world", 2)]
+    assert published(bag, start_offset=9.0) == [(0.0, "/world", 2)]
 
 
 def test_it_ends_where_it_is_told_to(bag: Path) -> None:
-    assert said(bag, until=0.25)[-1] == (0.2, "/log", 2)
+    assert published(bag, until=0.25)[-1] == (0.2, "/log", 2)
 
 
 def test_only_the_topics_that_are_asked_for_are_played(bag: Path) -> None:
-    assert {topic for _, topic, _ in said(bag, topics=("/log",))} == {"/log"}
+    assert {topic for _, topic, _ in published(bag, topics=("/log",))} == {"/log"}
     assert list(outputs(Params(path=str(bag), topics=("/log",)))) == ["/log"]
 
 
@@ -128,7 +128,7 @@ def test_a_loop_over_nothing_ends(bag: Path) -> None:
 
 
 def test_the_clock_ticks_in_the_recordings_time(bag: Path) -> None:
-    words = said(bag, clock=10.0, rate=2.0, start_offset=0.15, until=0.85)
+    words = published(bag, clock=10.0, rate=2.0, start_offset=0.15, until=0.85)
     ticks = [(due, time) for due, topic, time in words if topic == "/clock"]
     assert ticks == [(0.0, 0.15), (0.1, 0.35), (0.2, 0.55), (0.3, 0.75)]
     assert outputs(Params(path=str(bag), clock=10.0))["/clock"] is Clock
@@ -137,8 +137,8 @@ def test_the_clock_ticks_in_the_recordings_time(bag: Path) -> None:
 def test_a_recorded_clock_gives_way_to_its_own(tmp_path: Path) -> None:
     entries: list[Entry] = [(0.0, "/clock", Clock(time=99.0)), (0.1, "/log", log(1))]
     bag = record(tmp_path / "c.mcap", entries)
-    assert [n for _, topic, n in said(bag, clock=1.0) if topic == "/clock"] == [0.0]
-    assert [n for _, topic, n in said(bag) if topic == "/clock"] == [99.0]
+    assert [n for _, topic, n in published(bag, clock=1.0) if topic == "/clock"] == [0.0]
+    assert [n for _, topic, n in published(bag) if topic == "/clock"] == [99.0]
 
 
 def test_it_says_how_much_it_has_played(bag: Path) -> None:

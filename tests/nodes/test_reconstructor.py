@@ -65,7 +65,7 @@ def felt_by(goals: Iterable[ContourGoal | ProbeGoal]) -> Heard:
     effects = {"pose_error": {"sigma": 2e-5}}
     params = {module: module.NODE.params() for module in (filter, curvature, tracer)}
     params[simulator] = simulator.Params(object=ball, effects=effects)
-    states, waiting, said = {}, deque[tuple[str, Any]](), []
+    states, waiting, published = {}, deque[tuple[str, Any]](), []
     for module in (simulator, filter, curvature, tracer):
         states[module], outputs = module.NODE.start(params[module])
         waiting.extend(outputs)
@@ -76,13 +76,13 @@ def felt_by(goals: Iterable[ContourGoal | ProbeGoal]) -> Heard:
             topic = "/contour/goal" if isinstance(goal, ContourGoal) else "/probe/goal"
             waiting.append((topic, goal))
         topic, message = waiting.popleft()
-        said.append((topic, message))
+        published.append((topic, message))
         for module in states:
             if topic in module.NODE.inputs:
                 handler = module.NODE.inputs[topic][1]
                 states[module], outputs = handler(params[module], states[module], message)
                 waiting.extend((where, resolved(one)) for where, one in outputs)  # type: ignore[misc]
-    return [one for one in said if one[0] in NODE.inputs]
+    return [one for one in published if one[0] in NODE.inputs]
 
 
 def model_goal(number: int, contours: Sequence[int], probes: Sequence[int]) -> ModelGoal:
@@ -124,13 +124,13 @@ def inputs() -> Heard:
 def models(messages: Iterable[tuple[str, Any]]) -> list[Any]:
     """What the node says to these messages, in this order."""
     state, _ = NODE.start(Params())
-    said: list[Any] = []
+    published: list[Any] = []
     for topic, message in messages:
         state, outputs = NODE.inputs[topic][1](Params(), state, message)
         for where, model in outputs:  # type: ignore[misc]
-            said.append(resolved(model))
-            assert type(said[-1]) is NODE.outputs[where]
-    return said
+            published.append(resolved(model))
+            assert type(published[-1]) is NODE.outputs[where]
+    return published
 
 
 def contacts(number: int, count: int = 12) -> GraspContacts:
@@ -156,10 +156,10 @@ def grasps(closings: int, *order: int) -> Heard:
 
 def test_each_goal_gets_one_model_of_exactly_its_set(inputs: Heard) -> None:
     goals = [m for t, m in inputs if t in ("/model/goal", "/plan/done")]
-    said = told()
-    assert [model.number for model in said] == [goal.number for goal in goals]
-    assert [model.contours for model in said] == [goal.contours for goal in goals]
-    assert [model.final for model in said] == [False, False, True]
+    published = told()
+    assert [model.number for model in published] == [goal.number for goal in goals]
+    assert [model.contours for model in published] == [goal.contours for goal in goals]
+    assert [model.final for model in published] == [False, False, True]
 
 
 def test_a_model_can_be_sent_and_is_closed() -> None:
@@ -292,10 +292,10 @@ def test_a_hand_that_met_nothing_says_so() -> None:
 
 def test_models_follow_their_numbers_whatever_they_are_of(inputs: Heard) -> None:
     goal, *closings = grasps(2, 0, 1)
-    said = models([*inputs[:2], goal, *inputs[2:], *closings])
-    assert [type(one) for one in said] == [Superquadric, *[ShapeModel] * 3]
-    assert [one.number for one in said] == [0, 1, 2, 3]
+    published = models([*inputs[:2], goal, *inputs[2:], *closings])
+    assert [type(one) for one in published] == [Superquadric, *[ShapeModel] * 3]
+    assert [one.number for one in published] == [0, 1, 2, 3]
 
 
 def test_each_finger_has_its_own_touches_but_the_hand_is_one() -> None:
-    assert NODE.many == ("/touch/patch", "/contour/traced", "/probe/traced")
+    assert NODE.fan_in == ("/touch/patch", "/contour/traced", "/probe/traced")

@@ -45,10 +45,10 @@ def goal_at(pose: Floats, **changes: Any) -> TouchGoal:
 
 def test_it_tells_where_the_object_stands_and_how_high_it_is(ball: ObjectSpec) -> None:
     _, outputs = start(Params(object=ball))
-    said = dict(outputs)  # type: ignore[arg-type]
-    assert said["/world"].platform == pytest.approx(0.0, abs=1e-12)
-    assert said["/truth"].height == pytest.approx(0.06, rel=1e-9)
-    assert said["/touch/info"].dome == pytest.approx(1 / 0.015)
+    published = dict(outputs)  # type: ignore[arg-type]
+    assert published["/world"].platform == pytest.approx(0.0, abs=1e-12)
+    assert published["/truth"].height == pytest.approx(0.06, rel=1e-9)
+    assert published["/touch/info"].dome == pytest.approx(1 / 0.015)
 
 
 def test_everything_it_says_can_be_sent(ball: ObjectSpec, sideways: Pose) -> None:
@@ -189,8 +189,8 @@ def frames_of(ball: ObjectSpec, pose: Floats, effects: dict[str, Any]) -> list[A
     state, _ = start(params)
     frames = []
     for _ in range(3):
-        state, said = touch(params, state, goal_at(pose))
-        frames += [encode(frame) for _, frame in said]  # type: ignore[misc]
+        state, published = touch(params, state, goal_at(pose))
+        frames += [encode(frame) for _, frame in published]  # type: ignore[misc]
     return frames
 
 
@@ -228,8 +228,8 @@ def test_adding_an_effect_leaves_the_draws_of_the_others(ball: ObjectSpec, sidew
 def test_a_frame_is_sent_as_often_as_the_link_delivers_it(ball: ObjectSpec, sideways: Pose) -> None:
     params = Params(object=ball, effects={"transport": {"duplicate": 1.0, "drop": 0.0}})
     state, _ = start(params)
-    _, said = touch(params, state, goal_at(sideways(0.03)))
-    assert [encode(frame) for _, frame in said] == [encode(said[0][1])] * 2  # type: ignore
+    _, published = touch(params, state, goal_at(sideways(0.03)))
+    assert [encode(frame) for _, frame in published] == [encode(published[0][1])] * 2  # type: ignore
 
 
 def test_the_arm_says_where_it_believes_to_be(ball: ObjectSpec, sideways: Pose) -> None:
@@ -247,8 +247,8 @@ def test_the_arm_says_where_it_believes_to_be(ball: ObjectSpec, sideways: Pose) 
 
 def test_listeners_are_told_of_noise_and_of_a_face_that_yields(ball: ObjectSpec) -> None:
     listed = {"gaussian_noise": {"sigma": 3e-6}, "tenting": {"decay": 2e-3}}
-    _, said = start(Params(object=ball, effects=listed))
-    info = dict(said)["/touch/info"]  # type: ignore[arg-type]
+    _, published = start(Params(object=ball, effects=listed))
+    info = dict(published)["/touch/info"]  # type: ignore[arg-type]
     assert info.noise == pytest.approx(3e-6)
     assert (info.face, info.face_decay) == ("membrane", 2e-3)
 
@@ -268,9 +268,9 @@ def test_a_bad_effect_is_refused(ball: ObjectSpec, effects: dict[str, Any], word
 
 
 def test_only_the_first_finger_tells_what_all_may_know(ball: ObjectSpec) -> None:
-    _, said = start(Params(object=ball, finger=1, fingers=2))
-    assert dict(said)["/world"].fingers == 2  # type: ignore[arg-type]
-    assert [topic for topic, _ in said] == ["/world", "/touch/info", "/truth"]  # type: ignore[misc]
+    _, published = start(Params(object=ball, finger=1, fingers=2))
+    assert dict(published)["/world"].fingers == 2  # type: ignore[arg-type]
+    assert [topic for topic, _ in published] == ["/world", "/touch/info", "/truth"]  # type: ignore[misc]
     assert start(Params(object=ball, finger=2, fingers=2))[1] == []
 
 

@@ -85,11 +85,11 @@ def finger(ball: ObjectSpec, info: SensorInfo) -> Finger:
 def followed(state: State, outputs: Any, finger: Finger, **params: Any) -> Iterator[Any]:
     """Everything that the tracer says until it asks for no more touches."""
     while outputs:
-        said = dict(outputs)
+        published = dict(outputs)
         yield from (message for topic, message in outputs if topic != "/finger/goal")
-        if "/finger/goal" not in said:
+        if "/finger/goal" not in published:
             return
-        patch = finger.touch(said["/finger/goal"])
+        patch = finger.touch(published["/finger/goal"])
         state, outputs = take_patch(Params(**params), state, patch)
 
 
@@ -265,8 +265,8 @@ def test_where_there_are_several_fingers_each_touch_tells_the_time(
     state, _ = know_world(Params(), ready, TWO)
     state, outputs = take_goal(Params(), state, probe_goal())
     patch = finger.touch(dict(outputs)["/finger/goal"])  # type: ignore[arg-type]
-    said = dict(take_patch(Params(), state, patch)[1])  # type: ignore[arg-type]
-    clock = said["/finger/clock"]
+    published = dict(take_patch(Params(), state, patch)[1])  # type: ignore[arg-type]
+    clock = published["/finger/clock"]
     assert isinstance(clock, FingerClock)
     assert (clock.finger, clock.robot_time) == (1, patch.robot_time)
-    assert said["/probe/traced"].robot_time == patch.robot_time
+    assert published["/probe/traced"].robot_time == patch.robot_time

@@ -63,7 +63,7 @@ def play_recording(entry: Entry, *, quiet: bool) -> int:
             ending = launch(
                 wirings,
                 ends=PLAYER_NAME,
-                hear=(),
+                watch=(),
                 watcher=watcher,
                 name=Path(entry.params["path"]).stem,
             )
@@ -101,7 +101,7 @@ class PlaybackWatcher:
         how = ", paused" if params.paused else ""
         self.say(f"playing {params.path}: {number} topics, {params.rate:g} x{how}")
 
-    def heard(self, topic: str, message: object) -> None:
+    def received(self, topic: str, message: object) -> None:
         """Nothing is asked for."""
 
     def log(self, record: LogRecord) -> None:

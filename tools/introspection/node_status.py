@@ -81,13 +81,13 @@ def _health_lines(about: Mapping[str, Any], beats: StatusSample | None) -> list[
 
 def _traffic_lines(card: RunCard, node: RecordedNode) -> list[str]:
     topics = topics_of(card)
-    hears = [(one.topic, one.type, f"from {one.publisher}") for one in node.inputs]
-    says = [
+    subscriptions = [(one.topic, one.type, f"from {one.publisher}") for one in node.inputs]
+    publications = [
         (wire, topics[wire].type, f"to {', '.join(topics[wire].listeners) or 'nobody'}")
         for wire in node.outputs.values()
     ]
     lines = []
-    for what, rows in (("hears", hears), ("says", says)):
+    for what, rows in (("hears", subscriptions), ("says", publications)):
         lines += [f"  {what}", *(f"    {topic}  {said}  {who}" for topic, said, who in rows)]
     return lines
 

@@ -49,13 +49,13 @@ def request(card: RunCard, kind: str, **fields: Any) -> ControlMessage:
         while True:
             line.send(kind, **fields)
             answer = _answer(line, card, deadline)
-            if answer["kind"] != "not_yet" or time.monotonic() > deadline:
+            if answer["kind"] != "not_ready" or time.monotonic() > deadline:
                 break
             time.sleep(RETRY)
     finally:
         line.socket.close(0)
         wires.close()
-    if answer["kind"] in ("refused", "not_yet"):
+    if answer["kind"] in ("refused", "not_ready"):
         raise ValueError(str(answer["text"]))
     return answer
 
@@ -65,7 +65,7 @@ def _line(wires: SocketContext, card: RunCard) -> ControlClient:
         wires.context,
         card.tools,
         name=f"tool {os.getpid()} {os.urandom(4).hex()}",
-        hears=TO_TOOLS,
+        accepts=TO_TOOLS,
     )
 
 

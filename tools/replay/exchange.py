@@ -71,12 +71,12 @@ class MessageExchange:
         self._players = players
         self._listeners: dict[str, list[ReplayedNode]] = {}
         for player in players:
-            for topic in player.hears:
+            for topic in player.subscriptions:
                 self._listeners.setdefault(topic, []).append(player)
         self._links = {
             topic: _Link(player.name)
             for player in players
-            for topic in player.says
+            for topic in player.publications
             if topic in self._listeners
         }
         self._ready: deque[tuple[str, Header, bytes]] = deque()
@@ -88,7 +88,7 @@ class MessageExchange:
         for player in self._players:
             self._take(player.begin())
 
-    def hear(self, kept: RecordedMessage) -> None:
+    def receive(self, kept: RecordedMessage) -> None:
         """Take the next recorded message.
 
         Raises
@@ -155,7 +155,7 @@ class MessageExchange:
         while self._ready:
             topic, header, body = self._ready.popleft()
             for player in self._listeners.get(topic, ()):
-                self._take(player.hear(topic, header, body))
+                self._take(player.receive(topic, header, body))
 
 
 class ReplayedNode:
@@ -183,22 +183,22 @@ class ReplayedNode:
         """What it raised and when, in words; it hears and says no more after that."""
         self.first = ""
         """Its first difference, in words."""
-        self.says = {
+        self.publications = {
             topic: TopicComparison(topic, node.outputs[local])
             for local, topic in wiring.outputs.items()
         }
         """What it says, by topic."""
-        self.hears = {one.topic: node.inputs[one.local][0] for one in wiring.inputs}
+        self.subscriptions = {one.topic: node.inputs[one.local][0] for one in wiring.inputs}
         """Types of what it hears, by topic."""
         self._types = {wiring.outputs[local]: node.outputs[local] for local in wiring.outputs}
-        self._types |= self.hears
+        self._types |= self.subscriptions
         self._publishers = {one.topic: one.publisher for one in wiring.inputs}
 
     def begin(self) -> list[Outgoing]:
         """Start the node; what it says."""
         return self._run(self._work.begin)
 
-    def hear(self, topic: str, header: Header, body: bytes) -> list[Outgoing]:
+    def receive(self, topic: str, header: Header, body: bytes) -> list[Outgoing]:
         """Hand it one message; what it says."""
         arrival = Received(self._publishers[topic], topic, header, body)
         return [] if self.failure else self._run(lambda: self._work.take(arrival))
@@ -220,14 +220,14 @@ class ReplayedNode:
 
     def had_said(self, kept: RecordedMessage) -> None:
         """Compare with what it had said, if the recorded message was its own."""
-        if kept.topic in self.says:
-            comparison = self.says[kept.topic]
+        if kept.topic in self.publications:
+            comparison = self.publications[kept.topic]
             comparison.recorded(kept.body)
             self.first = self.first or comparison.first
 
     def end(self, *, closed: bool) -> None:
         """Count what was said only then or only now, if all was recorded."""
-        for comparison in self.says.values():
+        for comparison in self.publications.values():
             comparison.end(closed=closed)
             self.first = self.first or comparison.first
 
@@ -237,13 +237,13 @@ class ReplayedNode:
         except Exception as error:  # The edge of the node: whatever it was must be told in words.
             text = " ".join(str(error).split())
             self.failure = f"{type(error).__name__} {self._work.doing}: {text}"
-            for comparison in self.says.values():
+            for comparison in self.publications.values():
                 comparison.fall_silent()
             return []
         parcels = [one for one in said if isinstance(one, Outgoing)]
         for topic, body, *_ in parcels:
-            self.says[topic].said(body)
-            self.first = self.first or self.says[topic].first
+            self.publications[topic].said(body)
+            self.first = self.first or self.publications[topic].first
         return parcels
 
 

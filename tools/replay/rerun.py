@@ -17,7 +17,7 @@ from palpate.launch import Entry, Graph, counted, find_bag, override, text_table
 from palpate.launch.files import SourceMapped, convert
 from palpate.messages.recording import RecordedMessage, Recording, open_recording
 from palpate.nodes.runtime import RecordedNode, Wiring, recorded_nodes
-from palpate.tools.replay.comparison import ChangeKind, FieldChange, TopicComparison
+from palpate.tools.replay.comparison import ChangeKind, TopicComparison
 from palpate.tools.replay.exchange import (
     MessageExchange,
     ReplayedNode,
@@ -164,7 +164,7 @@ def _feed(recording: Recording, exchange: MessageExchange) -> None:
     sequence: dict[str, int] = {}
     for kept in in_order_of_sending(recording):
         _check_sequence(recording, sequence, kept)
-        exchange.hear(kept)
+        exchange.receive(kept)
     exchange.end()
 
 
@@ -183,7 +183,7 @@ def verdict(player: ReplayedNode) -> str:
         return f"{player.name}: fails, {player.failure}"
     if player.first:
         return f"{player.name}: differs, {player.first}"
-    counts = ", ".join(f"{one.compared} on {topic}" for topic, one in player.says.items())
+    counts = ", ".join(f"{one.compared} on {topic}" for topic, one in player.publications.items())
     return f"{player.name}: identical, {counts or 'nothing published'}"
 
 
@@ -201,7 +201,7 @@ def shortage_text(shortage: Shortage) -> str:
 
 def change_table(players: Sequence[ReplayedNode]) -> list[str]:
     """Lines of what has changed, by topic and field; none if nothing has."""
-    rows = [row for player in players for one in player.says.values() for row in _rows(one)]
+    rows = [row for player in players for one in player.publications.values() for row in _rows(one)]
     return text_table([CHANGE_COLUMNS, *rows], right=range(2, 7)) if rows else []
 
 

@@ -94,7 +94,9 @@ def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[Wir
         if one.module == RECORDER:
             params = msgspec.structs.replace(wiring.params, path=str(path))
             wiring = replace(wiring, params=params)
-        wirings.append(replace(wiring, longest=node.longest, keeps=is_persistent(node)))
+        wirings.append(
+            replace(wiring, handler_timeout=node.handler_timeout, persistent=is_persistent(node))
+        )
     return wirings
 
 
@@ -122,8 +124,10 @@ def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage
     listeners: dict[str, list[tuple[str, str]]] = {}
     speaker = {topic: one for one in wirings for topic in one.outputs.values()}
     heard: dict[str, list[ConsumedAt]] = {one.name: [] for one in wirings}
-    spoken: dict[str, list[SentMessage]] = {one.name: [] for one in wirings if one.keeps}
-    times: dict[str, list[tuple[str, int]]] = {one.name: [] for one in wirings if not one.keeps}
+    spoken: dict[str, list[SentMessage]] = {one.name: [] for one in wirings if one.persistent}
+    times: dict[str, list[tuple[str, int]]] = {
+        one.name: [] for one in wirings if not one.persistent
+    }
     for wiring in wirings:
         for edge in () if wiring.module == RECORDER else wiring.inputs:
             listeners.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
@@ -131,14 +135,14 @@ def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage
         for name, publisher in listeners.get(one.topic, ()):
             heard[name].append((Consumed(publisher, one.topic, one.seq), one.sent_ns))
         wiring = speaker[one.topic]
-        if wiring.keeps:
+        if wiring.persistent:
             said = SentMessage(one.topic, one.sent_ns, one.schema, one.body)
             spoken[wiring.name].append(said)
         else:
             times[wiring.name].append((one.topic, one.sent_ns))
     consumed = {
         one.name: answered_messages(one, heard[one.name], spoken[one.name])
-        if one.keeps
+        if one.persistent
         else [each for each, _ in heard[one.name]]
         for one in wirings
     }

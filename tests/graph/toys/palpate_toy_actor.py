@@ -29,5 +29,5 @@ NODE = Node(
     start=lambda params: (None, []),
     inputs={"/in": (TactileFrame, _act)},
     outputs={"/out": TactileFrame},
-    acts=True,
+    has_side_effects=True,
 )

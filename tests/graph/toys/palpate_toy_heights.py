@@ -128,5 +128,5 @@ NODE = Node(
         "/probe/goal": ProbeGoal,
     },
     needs=("/world",),
-    many=("/contour/traced", "/finger/clock"),
+    fan_in=("/contour/traced", "/finger/clock"),
 )

@@ -17,15 +17,15 @@ class Telling(SilentWatcher):
         print("ready", flush=True)
 
 
-relay = toy("relay", ToyParams(relay=True), hears="source")
+relay = toy("relay", ToyParams(relay=True), upstream="source")
 
 
 launch(
     [
-        toy("source", ToyParams(burst=1, laps=10**9), hears="relay"),
+        toy("source", ToyParams(burst=1, laps=10**9), upstream="relay"),
         replace(relay, host=sys.argv[1]),
     ],
     ends="source",
-    hear=[],
+    watch=[],
     watcher=Telling(),
 )

@@ -33,12 +33,12 @@ print("launching", flush=True)
 
 ending = launch(
     [
-        toy("source", ToyParams(burst=1, laps=10**9), hears="relay"),
-        toy("relay", ToyParams(relay=True, work=work), hears="source"),
+        toy("source", ToyParams(burst=1, laps=10**9), upstream="relay"),
+        toy("relay", ToyParams(relay=True, work=work), upstream="source"),
         sink,
     ],
     ends="source",
-    hear=["/source/mark"],
+    watch=["/source/mark"],
     watcher=SilentWatcher(),
     work_dir=folder,
 )

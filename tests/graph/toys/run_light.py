@@ -26,7 +26,7 @@ broken = Wiring(
 )
 before = dict(os.environ)
 ending = launch(
-    [toy("source", ToyParams(burst=5)), broken], ends="source", hear=(), watcher=SilentWatcher()
+    [toy("source", ToyParams(burst=5)), broken], ends="source", watch=(), watcher=SilentWatcher()
 )
 
 

@@ -116,8 +116,8 @@ wake(["palpate.nodes.nothing", "palpate.nodes.filter"])
 source = toy("source", Params(burst=5))
 nobody = dict(params={}, inputs=(), outputs={}, listeners={})
 lost = Wiring(name="lost", module="palpate.nodes.nothing", **nobody)
-for graph in ([source, lost], [source, toy("counter", Params(expects=5), hears="source")]):
-    ending = launch(graph, ends=graph[-1].name, hear=(), watcher=SilentWatcher())
+for graph in ([source, lost], [source, toy("counter", Params(expects=5), upstream="source")]):
+    ending = launch(graph, ends=graph[-1].name, watch=(), watcher=SilentWatcher())
     print(ending.status, ending.reason)
 """
 

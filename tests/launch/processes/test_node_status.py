@@ -30,15 +30,15 @@ STATUS = NodeStatus(
 
 def test_a_node_is_ready_and_says_goodbye_with_its_counters() -> None:
     roll = NodeStatusTable(["filter"])
-    assert roll.hear("filter", {"kind": "ready"}) == []
-    assert roll.hear("filter", {"kind": "bye", "status": encode(STATUS)}) == []
-    assert roll.ready == roll.bye == {"filter"}
+    assert roll.receive("filter", {"kind": "ready"}) == []
+    assert roll.receive("filter", {"kind": "exiting", "status": encode(STATUS)}) == []
+    assert roll.ready == roll.exiting == {"filter"}
     assert roll.statuses["filter"].messages == 3
 
 
 def test_a_failure_is_one_line_and_its_trace_another() -> None:
     roll = NodeStatusTable(["filter"])
-    lines = roll.hear("filter", {"kind": "failed", "text": "it broke", "trace": "T" * 99_999})
+    lines = roll.receive("filter", {"kind": "failed", "text": "it broke", "trace": "T" * 99_999})
     assert roll.failed == {"filter": "it broke"}
     assert [(line.level, len(line.text)) for line in lines] == [("error", 8), ("debug", 4000)]
     for line in lines:
@@ -47,12 +47,12 @@ def test_a_failure_is_one_line_and_its_trace_another() -> None:
 
 def test_a_stranger_is_refused() -> None:
     with pytest.raises(ValueError, match="somebody called 'spy' spoke, who is not in the graph"):
-        NodeStatusTable(["filter"]).hear("spy", {"kind": "ready"})
+        NodeStatusTable(["filter"]).receive("spy", {"kind": "ready"})
 
 
 def test_counters_that_cannot_be_read_are_refused() -> None:
     with pytest.raises(ValueError, match="not a NodeStatus"):
-        NodeStatusTable(["filter"]).hear("filter", {"kind": "bye", "status": b""})
+        NodeStatusTable(["filter"]).receive("filter", {"kind": "exiting", "status": b""})
 
 
 def test_silence_is_mentioned_once_until_the_node_speaks_again() -> None:
@@ -61,7 +61,7 @@ def test_silence_is_mentioned_once_until_the_node_speaks_again() -> None:
     [line] = roll.silent(late)
     assert line.text.startswith("filter is still starting, or hangs")
     assert roll.silent(late) == []
-    roll.hear("filter", {"kind": "ready"})
+    roll.receive("filter", {"kind": "ready"})
     [line] = roll.silent(late)
     assert line.text.startswith("filter is still working, or hangs")
 

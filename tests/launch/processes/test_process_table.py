@@ -49,11 +49,11 @@ PIDS = {"node": 1}
 
 
 def watched(
-    monkeypatch: pytest.MonkeyPatch, does: ProcessState | None, longest: float = 1.0
+    monkeypatch: pytest.MonkeyPatch, does: ProcessState | None, handler_timeout: float = 1.0
 ) -> Watchdog:
     """A pulse whose node gave its last sign at 10 s, with 2 s used, looked at ten times a s."""
     monkeypatch.setattr(pulse, "process_state", lambda pid: does)
-    made = Watchdog({"node": longest})
+    made = Watchdog({"node": handler_timeout})
     made.hung(10.0, PIDS)
     made.sign("node", 10.0, 2.0)
     return made
@@ -69,7 +69,7 @@ def hung_at(made: Watchdog, until: float) -> float | None:
 
 
 @pytest.mark.parametrize(
-    ("does", "longest", "found"),
+    ("does", "handler_timeout", "found"),
     [
         (ProcessState("T", 2.0), 60.0, 1.3),  # stopped
         (ProcessState("S", 2.0), 1.0, 1.3),  # blocked
@@ -82,9 +82,12 @@ def hung_at(made: Watchdog, until: float) -> float | None:
     ],
 )
 def test_a_node_hangs_that_neither_works_nor_waits_for_the_processor(
-    monkeypatch: pytest.MonkeyPatch, does: ProcessState | None, longest: float, found: float | None
+    monkeypatch: pytest.MonkeyPatch,
+    does: ProcessState | None,
+    handler_timeout: float,
+    found: float | None,
 ) -> None:
-    at = hung_at(watched(monkeypatch, does, longest), 5.0)
+    at = hung_at(watched(monkeypatch, does, handler_timeout), 5.0)
     assert at == (None if found is None else pytest.approx(found))
 
 

@@ -48,7 +48,7 @@ class Bench:
         self._made.append(made)
         return made
 
-    def say(self, publisher: Publisher, *bodies: bytes, topic: str = "/talk") -> None:
+    def publish(self, publisher: Publisher, *bodies: bytes, topic: str = "/talk") -> None:
         for body in bodies:
             publisher.send(topic, body, robot_time=0.0, schema=5)
 
@@ -56,20 +56,20 @@ class Bench:
         self, publisher: Publisher, subscriber: Subscriber, until: Callable[[], bool]
     ) -> list[Received]:
         """Turn both ends until something is so, and all that is there has been heard."""
-        heard: list[Received] = []
+        received: list[Received] = []
         deadline = time.monotonic() + 10
         while not until():
             assert time.monotonic() < deadline, "nothing came of it"
             publisher.socket.poll(1)
             publisher.serve()
-            heard += self.hear(subscriber)
-        return heard + self.hear(subscriber)
+            received += self.receive(subscriber)
+        return received + self.receive(subscriber)
 
-    def hear(self, subscriber: Subscriber) -> list[Received]:
-        heard = []
+    def receive(self, subscriber: Subscriber) -> list[Received]:
+        received = []
         while (arrival := subscriber.receive()) is not None:
-            heard.append(arrival)
-        return heard
+            received.append(arrival)
+        return received
 
     def close(self) -> None:
         for one in self._made:

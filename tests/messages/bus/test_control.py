@@ -79,7 +79,7 @@ COUNT: dict[str, Any] = {
     "sent": {"/a": 1},
     "consumed": [["source", "/b", 2]],
     "waits": ["/b"],
-    "speaks": True,
+    "can_publish": True,
 }
 
 
@@ -89,7 +89,7 @@ COUNT: dict[str, Any] = {
         {"kind": "ready"},
         {"kind": "alive"},
         {"kind": "finished", "reason": "all felt"},
-        {"kind": "bye", "status": b"\x80"},
+        {"kind": "exiting", "status": b"\x80"},
         {"kind": "failed", "text": "on /a 3", "trace": ""},
         COUNT,
     ],
@@ -103,11 +103,11 @@ def test_words_of_nodes_are_read_as_they_were_said(word: dict[str, Any]) -> None
     [
         (
             {"kind": "go"},
-            "a word is one of ready, alive, finished, count, did, bye, failed, got 'go'",
+            "one of ready, alive, finished, count, acknowledged, exiting, failed, got 'go'",
         ),
-        ({"kind": "bye"}, "the word bye has the fields status"),
+        ({"kind": "exiting"}, "the word exiting has the fields status"),
         ({"kind": "ready", "more": 1}, "the word ready has the fields none"),
-        ({"kind": "bye", "status": 7}, "the word bye has a status that cannot be one"),
+        ({"kind": "exiting", "status": 7}, "the word exiting has a status that cannot be one"),
         ({**COUNT, "round": True}, "a round that cannot be one"),
         ({**COUNT, "sent": {"/a": -1}}, "a sent that cannot be one"),
         ({**COUNT, "sent": [1]}, "a sent that cannot be one"),
@@ -115,7 +115,7 @@ def test_words_of_nodes_are_read_as_they_were_said(word: dict[str, Any]) -> None
         ({**COUNT, "consumed": [["source", 1, 1]]}, "a consumed that cannot be one"),
         ({**COUNT, "consumed": 7}, "a consumed that cannot be one"),
         ({**COUNT, "waits": "/b"}, "a waits that cannot be one"),
-        ({**COUNT, "speaks": 1}, "a speaks that cannot be one"),
+        ({**COUNT, "can_publish": 1}, "a can_publish that cannot be one"),
         ({"kind": "x" * 5000}, "got 'x{40}'$"),
     ],
 )

@@ -60,7 +60,7 @@ def test_what_nobody_hears_is_only_counted(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_said_again_outlives_its_node(tmp_path: Path) -> None:
-    names = {"silent": ["/mute"], "keep": True}
+    names = {"silent": ["/mute"], "persistent": True}
     past = MessageLog(tmp_path / "past", ["/talk"], memory=250, **names)  # type: ignore[arg-type]
     for seq in range(5):
         past.add("/talk", frame(seq))
@@ -80,25 +80,25 @@ def test_a_frame_that_was_cut_off_when_its_node_died_was_never_said(
     tmp_path: Path, cut: int
 ) -> None:
     path = tmp_path / "past"
-    past = MessageLog(path, ["/talk"], keep=True)
+    past = MessageLog(path, ["/talk"], persistent=True)
     for seq in range(3):
         past.add("/talk", frame(seq))
     past.close()
     path.write_bytes(path.read_bytes()[:-cut])
-    again = MessageLog(path, ["/talk"], keep=True)
+    again = MessageLog(path, ["/talk"], persistent=True)
     assert again.counts == {"/talk": 2}
     again.add("/talk", frame(2))
     again.close()
-    assert MessageLog(path, ["/talk"], keep=True).counts == {"/talk": 3}
+    assert MessageLog(path, ["/talk"], persistent=True).counts == {"/talk": 3}
 
 
 def test_what_was_answered_is_known_with_all_its_answers(tmp_path: Path) -> None:
-    past = MessageLog(tmp_path / "past", ["/talk", "/more"], keep=True)
+    past = MessageLog(tmp_path / "past", ["/talk", "/more"], persistent=True)
     past.add("/talk", frame(0))
     past.answer([("/talk", frame(1)), ("/more", frame(0, topic="/more"))], Cause("a", "/in", 4))
     past.answer([], Cause("b", "/in", 7, "all done"))
     past.close()
-    again = MessageLog(tmp_path / "past", ["/talk", "/more"], keep=True)
+    again = MessageLog(tmp_path / "past", ["/talk", "/more"], persistent=True)
     assert again.handled == {("a", "/in"): 5, ("b", "/in"): 8}
     assert again.finished == "all done"
     assert again.counts == {"/talk": 2, "/more": 1}
@@ -107,18 +107,18 @@ def test_what_was_answered_is_known_with_all_its_answers(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("cut", [1, 60, 200])
 def test_of_an_answer_there_is_all_or_nothing(tmp_path: Path, cut: int) -> None:
-    past = MessageLog(tmp_path / "past", ["/talk"], keep=True)
+    past = MessageLog(tmp_path / "past", ["/talk"], persistent=True)
     past.add("/talk", frame(0))
     past.answer([("/talk", frame(1)), ("/talk", frame(2))], Cause("a", "/in", 4))
     past.close()
     path = tmp_path / "past"
     path.write_bytes(path.read_bytes()[:-cut])
-    again = MessageLog(path, ["/talk"], keep=True)
+    again = MessageLog(path, ["/talk"], persistent=True)
     assert (again.handled, again.counts) == ({}, {"/talk": 1})
 
 
 def test_answers_beyond_the_limit_are_found_in_the_file(tmp_path: Path) -> None:
-    past = MessageLog(tmp_path / "past", ["/talk"], keep=True, memory=200)
+    past = MessageLog(tmp_path / "past", ["/talk"], persistent=True, memory=200)
     for seq in range(0, 10, 2):
         frames = [("/talk", frame(seq)), ("/talk", frame(seq + 1))]
         past.answer(frames, Cause("a", "/in", seq))
@@ -172,8 +172,8 @@ def test_times_outlive_their_node(tmp_path: Path) -> None:
     first.close()
     again = SendTimes(tmp_path / "times", "talker", TOPICS)
     again.close()
-    said = [again.before(topic, seq) for topic in TOPICS for seq in range(2)]
-    assert (said, again.before("/talk", 2)) == ([5, 1 << 60, 6, None], None)
+    published = [again.before(topic, seq) for topic in TOPICS for seq in range(2)]
+    assert (published, again.before("/talk", 2)) == ([5, 1 << 60, 6, None], None)
 
 
 def test_what_is_said_again_keeps_its_time_and_what_is_new_is_later(
@@ -197,10 +197,10 @@ def test_what_is_said_again_keeps_its_time_and_what_is_new_is_later(
 def test_who_goes_on_with_what_was_kept_speaks_later_than_that(
     latest: int, bench: Any, tmp_path: Path
 ) -> None:
-    kept = MessageLog(tmp_path / "past", TOPICS, keep=True)
+    kept = MessageLog(tmp_path / "past", TOPICS, persistent=True)
     kept.add("/talk", pack_frame("/talk", Header(1, 0, 0, latest, 0.0, 5), b""))
     kept.close()
-    past = MessageLog(tmp_path / "past", TOPICS, keep=True, epoch=1)
+    past = MessageLog(tmp_path / "past", TOPICS, persistent=True, epoch=1)
     talker = bench.publisher(past=past)
     frame = talker.send("/talk", b"", robot_time=0.0, schema=5)
     past.close()

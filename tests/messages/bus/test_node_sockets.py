@@ -30,8 +30,8 @@ def place(folder: Path) -> Addresses:
 def ring(folder: Path) -> tuple[NodeSockets, NodeSockets]:
     where = place(folder)
     return (
-        NodeSockets("a", where, hears={"b": ["/b"]}, says={"/a": ("b",)}),
-        NodeSockets("b", where, hears={"a": ["/a"]}, says={"/b": ("a",)}),
+        NodeSockets("a", where, subscriptions={"b": ["/b"]}, publications={"/a": ("b",)}),
+        NodeSockets("b", where, subscriptions={"a": ["/a"]}, publications={"/b": ("a",)}),
     )
 
 
@@ -73,8 +73,8 @@ def test_what_was_taken_in_comes_first(stations: tuple[NodeSockets, NodeSockets]
     turn(stations, lambda: a.waiting)
     b.send("/b", b"1", robot_time=0.0, schema=1)
     assert a.subscriber.socket.poll(5000)
-    heard = [a.receive(), a.receive()]
-    assert [one.body for one in heard if one is not None] == [b"0", b"1"]
+    received = [a.receive(), a.receive()]
+    assert [one.body for one in received if one is not None] == [b"0", b"1"]
 
 
 def test_waiting_tells_messages_from_words(stations: tuple[NodeSockets, NodeSockets]) -> None:
@@ -89,4 +89,4 @@ def test_waiting_tells_messages_from_words(stations: tuple[NodeSockets, NodeSock
 def test_an_address_that_cannot_be_bound_is_an_error(tmp_path: Path) -> None:
     where = replace(place(tmp_path), endpoints=place(tmp_path / "nowhere").endpoints)
     with pytest.raises(zmq.ZMQError):
-        NodeSockets("a", where, hears={}, says={})
+        NodeSockets("a", where, subscriptions={}, publications={})

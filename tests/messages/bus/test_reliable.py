@@ -17,25 +17,25 @@ def seqs(arrivals: list[Any]) -> list[int]:
 
 def test_what_was_said_before_anybody_listened_is_heard(bench: Any) -> None:
     publisher = bench.publisher()
-    bench.say(publisher, b"one", b"two")
+    bench.publish(publisher, b"one", b"two")
     subscriber = bench.subscriber()
-    heard = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    assert [arrival.body for arrival in heard] == [b"one", b"two"]
+    received = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    assert [arrival.body for arrival in received] == [b"one", b"two"]
     assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
 
 
 def test_what_is_said_while_a_listener_joins_is_heard_once(bench: Any) -> None:
     publisher = bench.publisher()
-    bench.say(publisher, b"0")
+    bench.publish(publisher, b"0")
     subscriber = bench.subscriber()
-    heard = []
+    received = []
     for number in range(1, 50):
-        bench.say(publisher, b"%d" % number)
+        bench.publish(publisher, b"%d" % number)
         publisher.serve()
-        heard += bench.hear(subscriber)
-    heard += bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    heard += bench.hear(subscriber)
-    assert seqs(heard) == list(range(50))
+        received += bench.receive(subscriber)
+    received += bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    received += bench.receive(subscriber)
+    assert seqs(received) == list(range(50))
     assert subscriber.gaps == 0
 
 
@@ -43,10 +43,10 @@ def test_topics_are_counted_apart(bench: Any) -> None:
     publisher = bench.publisher()
     subscriber = bench.subscriber("/talk", "/more")
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    bench.say(publisher, b"a", b"b")
-    bench.say(publisher, b"c", topic="/more")
-    heard = bench.hear(subscriber)
-    assert [(one.topic, one.header.seq) for one in heard] == [
+    bench.publish(publisher, b"a", b"b")
+    bench.publish(publisher, b"c", topic="/more")
+    received = bench.receive(subscriber)
+    assert [(one.topic, one.header.seq) for one in received] == [
         ("/talk", 0),
         ("/talk", 1),
         ("/more", 0),
@@ -59,7 +59,7 @@ def test_a_header_carries_what_the_receiver_checks(bench: Any) -> None:
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
     publisher.send("/talk", b"body", robot_time=2.5, schema=9)
-    [arrival] = bench.hear(subscriber)
+    [arrival] = bench.receive(subscriber)
     header = arrival.header
     assert (header.run, header.epoch, header.seq, header.robot_time, header.schema) == (
         1,
@@ -75,23 +75,23 @@ def test_a_large_frame_arrives_whole(bench: Any) -> None:
     publisher = bench.publisher()
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    bench.say(publisher, bytes(1 << 20))
-    assert bench.hear(subscriber)[0].body == bytes(1 << 20)
+    bench.publish(publisher, bytes(1 << 20))
+    assert bench.receive(subscriber)[0].body == bytes(1 << 20)
 
 
 def test_a_topic_that_is_not_the_publishers_is_refused(bench: Any) -> None:
     with pytest.raises(KeyError, match="/elsewhere"):
-        bench.say(bench.publisher(), b"", topic="/elsewhere")
+        bench.publish(bench.publisher(), b"", topic="/elsewhere")
 
 
 def test_a_frame_that_is_dropped_on_the_way_is_counted_as_a_gap(bench: Any) -> None:
     publisher = bench.publisher()
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    bench.say(publisher, b"zero")
+    bench.publish(publisher, b"zero")
     publisher._past.add("/talk", b"lost")
-    bench.say(publisher, b"two", b"three")
-    assert seqs(bench.hear(subscriber)) == [0]
+    bench.publish(publisher, b"two", b"three")
+    assert seqs(bench.receive(subscriber)) == [0]
     assert subscriber.gaps == 3
     assert subscriber.duplicates == 0
 
@@ -100,22 +100,22 @@ def test_a_frame_that_comes_twice_is_counted_and_dropped(bench: Any) -> None:
     publisher = bench.publisher()
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    bench.say(publisher, b"zero")
+    bench.publish(publisher, b"zero")
     publisher.socket.send(next(publisher._past.since("/talk", 0)))
-    bench.say(publisher, b"one")
-    assert seqs(bench.hear(subscriber)) == [0, 1]
+    bench.publish(publisher, b"one")
+    assert seqs(bench.receive(subscriber)) == [0, 1]
     assert (subscriber.gaps, subscriber.duplicates) == (0, 1)
 
 
 def test_a_frame_before_its_past_is_early_and_comes_again_in_order(bench: Any) -> None:
     publisher = bench.publisher()
-    bench.say(publisher, b"0", b"1")
+    bench.publish(publisher, b"0", b"1")
     subscriber = bench.subscriber()
     publisher.socket.poll(1000)
     publisher.serve()
-    bench.say(publisher, b"2")
-    heard = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    assert seqs(heard) == [0, 1, 2]
+    bench.publish(publisher, b"2")
+    received = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    assert seqs(received) == [0, 1, 2]
     assert subscriber.early == 1
     assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
 
@@ -126,39 +126,39 @@ def after_death(bench: Any, folder: Path) -> tuple[str, Any, list[Any]]:
     first = bench.publisher(endpoint=endpoint)
     subscriber = bench.subscriber(endpoints={"talker": endpoint})
     bench.turn(first, subscriber, lambda: subscriber.in_step)
-    bench.say(first, b"0", b"1")
-    heard: list[Any] = []
-    while len(heard) < 2:
+    bench.publish(first, b"0", b"1")
+    received: list[Any] = []
+    while len(received) < 2:
         assert subscriber.socket.poll(5000)
-        heard += bench.hear(subscriber)
+        received += bench.receive(subscriber)
     first.close(0)
-    return endpoint, subscriber, heard
+    return endpoint, subscriber, received
 
 
 def test_a_publisher_that_starts_again_is_taken_up_where_it_was_left(
     bench: Any, tmp_path: Path
 ) -> None:
-    endpoint, subscriber, heard = after_death(bench, tmp_path)
+    endpoint, subscriber, received = after_death(bench, tmp_path)
     second = bench.publisher(endpoint=endpoint, epoch=1)
-    bench.say(second, b"0", b"1", b"2")
-    heard += bench.turn(
+    bench.publish(second, b"0", b"1", b"2")
+    received += bench.turn(
         second, subscriber, lambda: subscriber._greeted["talker"] == 1 and subscriber.in_step
     )
-    bench.say(second, b"3")
+    bench.publish(second, b"3")
     assert subscriber.socket.poll(5000)
-    heard += bench.hear(subscriber)
-    assert seqs(heard) == [0, 1, 2, 3]
+    received += bench.receive(subscriber)
+    assert seqs(received) == [0, 1, 2, 3]
     assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
 
 
 def test_a_stale_cursor_is_not_answered(bench: Any) -> None:
     publisher = bench.publisher(epoch=2)
-    bench.say(publisher, b"0")
+    bench.publish(publisher, b"0")
     subscriber = bench.subscriber()
     stale = join.join_cursor(join.join_call("hearer", 0, "talker"), 1, "/talk", 0)
     subscriber.socket.subscribe(stale)
-    heard = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    assert seqs(heard) == [0]
+    received = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+    assert seqs(received) == [0]
     assert subscriber.duplicates == 0
 
 
@@ -168,19 +168,19 @@ def test_a_sender_whose_queue_is_full_drains_and_names_who_blocks_it(bench: Any)
     subscriber = bench.subscriber(depth=1)
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
     with pytest.raises(BlockedError, match=r"talker could not send /talk for 0.2 s: hearer does"):
-        bench.say(publisher, *[b"x"] * 100)
+        bench.publish(publisher, *[b"x"] * 100)
     assert drained
     assert publisher.blocked > 0
 
 
 def test_a_full_queue_loses_nothing_once_it_is_drained(bench: Any) -> None:
-    heard: list[Any] = []
-    publisher = bench.publisher(depth=1, drain=lambda: heard.extend(bench.hear(subscriber)))
+    received: list[Any] = []
+    publisher = bench.publisher(depth=1, drain=lambda: received.extend(bench.receive(subscriber)))
     subscriber = bench.subscriber(depth=1)
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    bench.say(publisher, *[b"x"] * 1000)
-    heard += bench.hear(subscriber)
-    assert seqs(heard) == list(range(1000))
+    bench.publish(publisher, *[b"x"] * 1000)
+    received += bench.receive(subscriber)
+    assert seqs(received) == list(range(1000))
     assert publisher.blocked > 0
 
 
@@ -205,27 +205,29 @@ def test_a_malformed_frame_is_refused(bench: Any) -> None:
 def test_a_publisher_that_says_it_all_again_tells_each_listener_what_it_lacks(
     bench: Any, tmp_path: Path
 ) -> None:
-    endpoint, early, heard = after_death(bench, tmp_path)
+    endpoint, early, received = after_death(bench, tmp_path)
     second = bench.publisher(endpoint=endpoint, epoch=1, again=True)
     late = bench.subscriber(name="late", endpoints={"talker": endpoint})
-    bench.say(second, b"0")
-    heard += bench.turn(second, early, lambda: early._greeted["talker"] == 1)
+    bench.publish(second, b"0")
+    received += bench.turn(second, early, lambda: early._greeted["talker"] == 1)
     told = bench.turn(second, late, lambda: "talker" in late._greeted)
     while len(second._lacks) < 2:
         second.socket.poll(10)
         second.serve()
-    bench.say(second, b"1", b"2")
+    bench.publish(second, b"1", b"2")
     assert not early.in_step and not late.in_step
     second.go_live()
-    bench.say(second, b"3")
-    heard += bench.turn(second, early, lambda: early.in_step and early._edges["/talk"].wanted == 4)
+    bench.publish(second, b"3")
+    received += bench.turn(
+        second, early, lambda: early.in_step and early._edges["/talk"].wanted == 4
+    )
     told += bench.turn(second, late, lambda: late.in_step and late._edges["/talk"].wanted == 4)
-    assert (seqs(heard), seqs(told)) == ([0, 1, 2, 3], [0, 1, 2, 3])
+    assert (seqs(received), seqs(told)) == ([0, 1, 2, 3], [0, 1, 2, 3])
     assert (early.gaps, late.gaps, early.duplicates) == (0, 0, 0)
 
 
 def test_what_nobody_lacks_is_not_made_once_more(bench: Any, tmp_path: Path) -> None:
-    endpoint, early, heard = after_death(bench, tmp_path)
+    endpoint, early, received = after_death(bench, tmp_path)
     times = SendTimes(tmp_path / "before", "talker", ["/talk", "/more"])
     for sent_ns in (100, 200):  # its first life had sent two
         times.note("/talk", sent_ns)
@@ -233,7 +235,7 @@ def test_what_nobody_lacks_is_not_made_once_more(bench: Any, tmp_path: Path) -> 
     times = SendTimes(tmp_path / "before", "talker", ["/talk", "/more"])
     second = bench.publisher(endpoint=endpoint, epoch=1, again=True, times=times)
     had = early._edges["/talk"].wanted
-    heard += bench.turn(second, early, lambda: early._greeted["talker"] == 1)
+    received += bench.turn(second, early, lambda: early._greeted["talker"] == 1)
     while not second._lacks:
         second.socket.poll(10)
         second.serve()
@@ -247,9 +249,9 @@ def test_what_nobody_lacks_is_not_made_once_more(bench: Any, tmp_path: Path) -> 
         second.promise("/talk", lambda number=number: promised(number), 5)
     assert made == list(range(had, 3)) or made == [2]
     second.go_live()
-    heard += bench.turn(second, early, lambda: early._edges["/talk"].wanted == 3)
+    received += bench.turn(second, early, lambda: early._edges["/talk"].wanted == 3)
     late = bench.subscriber(name="late", endpoints={"talker": endpoint})
     told = bench.turn(second, late, lambda: late.in_step)
     assert sorted(made) == [0, 1, 2]
-    assert (seqs(heard), seqs(told)) == ([0, 1, 2], [0, 1, 2])
+    assert (seqs(received), seqs(told)) == ([0, 1, 2], [0, 1, 2])
     assert [one.header.sent_ns for one in told[:2]] == [100, 200]

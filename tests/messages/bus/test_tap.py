@@ -27,10 +27,10 @@ def close(*ends: Tap | TapReader) -> None:
 
 def test_a_node_is_heard_by_who_listens_to_its_tap(bench: Any) -> None:
     tap, reader = pair(bench.context, LOG_TOPIC)
-    tap.say(LINE)
-    heard = reader.receive()
-    assert heard is not None
-    topic, header, body = heard
+    tap.publish(LINE)
+    received = reader.receive()
+    assert received is not None
+    topic, header, body = received
     assert (topic, header.seq, header.robot_time) == (LOG_TOPIC, 0, 1.5)
     assert decode(LogRecord, body).text == "hello"
     assert reader.receive() is None
@@ -49,8 +49,8 @@ def test_a_frame_is_copied_for_who_wants_its_topic(bench: Any) -> None:
     tap, reader = pair(bench.context, "/touch/raw")
     tap.mirror(FRAME)
     tap.mirror(FRAME.replace(b"raw", b"raw_not_wanted", 1))
-    heard = reader.receive()
-    assert heard is not None and heard[2] == b"body"
+    received = reader.receive()
+    assert received is not None and received[2] == b"body"
     assert reader.receive() is None
     close(tap, reader)
 
@@ -68,10 +68,10 @@ def test_copying_ends_with_the_last_who_wants_it(bench: Any) -> None:
 def test_a_listener_that_does_not_listen_holds_nobody_up(bench: Any) -> None:
     tap, reader = pair(bench.context, LOG_TOPIC)
     for _ in range(10 * TAP_DEPTH):
-        tap.say(LINE)
+        tap.publish(LINE)
     seqs = []
-    while (heard := reader.receive()) is not None:
-        seqs.append(heard[1].seq)
+    while (received := reader.receive()) is not None:
+        seqs.append(received[1].seq)
     assert seqs[0] == 0
     assert len(seqs) < 10 * TAP_DEPTH
     close(tap, reader)

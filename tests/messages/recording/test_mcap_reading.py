@@ -169,8 +169,8 @@ def test_no_file_that_would_burst_takes_a_second_or_64_megabytes(tmp_path: Path)
     assert done.returncode == 0, done.stderr
     found = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(found) == len(known)
-    for (name, (_, words)), (said, seconds, _) in zip(known.items(), found, strict=True):
-        assert words in said and "\n" not in said, name
+    for (name, (_, words)), (published, seconds, _) in zip(known.items(), found, strict=True):
+        assert words in published and "\n" not in published, name
         assert seconds < MOST_SECONDS, name
     # The peak only ever rises: the sum is what the worst of them took.
     assert sum(growth for _, _, growth in found) < MOST_GROWTH
@@ -192,8 +192,8 @@ def test_a_large_file_of_zeros_takes_no_more_than_its_own_share(tmp_path: Path) 
         check=True,
     )
 
-    said, seconds, growth = json.loads(done.stdout)
-    assert "was not written by palpate" in said
+    published, seconds, growth = json.loads(done.stdout)
+    assert "was not written by palpate" in published
     assert seconds < MOST_SECONDS
     # Once as the file has it, once unpacked, once as the body that is handed over.
     assert growth < (1 + 2 * MAX_CHUNK_RATIO) * share + 16 * MEBIBYTE
@@ -220,8 +220,8 @@ def test_an_attachment_is_passed_over_unread(
         check=True,
     )
 
-    said, _, growth = json.loads(done.stdout)
-    assert said == "{'/world': 1, '/log': 100}"
+    published, _, growth = json.loads(done.stdout)
+    assert published == "{'/world': 1, '/log': 100}"
     assert growth < 16 * MEBIBYTE
 
 

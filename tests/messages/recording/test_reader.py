@@ -259,7 +259,7 @@ TYPES = {"/world": "World"}
 COUNT = 200
 
 
-def say(writer: object, seqs: range) -> None:
+def publish(writer: object, seqs: range) -> None:
     body = encode(World(platform=0.0, reach=0.3, fingers=1, seed=3))
     for seq in seqs:
         header = Header(7, 0, seq, 1_000_000 * seq, 0.0, schema_hash(World))
@@ -286,7 +286,7 @@ def test_a_recorder_that_was_killed_goes_on_and_all_is_there_once(
     path = tmp_path / "topics.mcap"
     params = Params(path=str(path))
     first = SINK.open(params, TYPES)
-    say(first, range(COUNT // 2))
+    publish(first, range(COUNT // 2))
     first.close()
     whole = path.read_bytes()
     path.write_bytes(whole[: int(keep * len(whole))])
@@ -294,7 +294,7 @@ def test_a_recorder_that_was_killed_goes_on_and_all_is_there_once(
     assert SINK.resume is not None
     second, had = SINK.resume(params, TYPES)
     assert had == counts_of(path)
-    say(second, range(had.get("/world", 0), COUNT))
+    publish(second, range(had.get("/world", 0), COUNT))
     second.close()
 
     recording = open_recording(path)
@@ -313,11 +313,11 @@ def in_two_parts(path: Path) -> Path:
     """A recording whose recorder was started again half-way; its second file."""
     params = Params(path=str(path))
     first = SINK.open(params, TYPES)
-    say(first, range(COUNT // 2))
+    publish(first, range(COUNT // 2))
     first.close()
     assert SINK.resume is not None
     second, had = SINK.resume(params, TYPES)
-    say(second, range(had["/world"], COUNT))
+    publish(second, range(had["/world"], COUNT))
     second.close()
     return part_path(path, 1)
 

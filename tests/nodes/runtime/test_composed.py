@@ -39,8 +39,8 @@ def places_of(solid: Solid, final: bool) -> SurfaceMesh:
 
 def test_the_loop_closes_and_ends(ball: ObjectSpec, exploration: Exploration, ears: Any) -> None:
     wirings = exploration(ball, 3)
-    hear = ("/score", "/model/shape", "/contour/traced")
-    ending = run_composed(wirings, ends="evaluator", hear=hear, watcher=ears)
+    watch = ("/score", "/model/shape", "/contour/traced")
+    ending = run_composed(wirings, ends="evaluator", watch=watch, watcher=ears)
     assert (ending.status, ending.gaps, ending.duplicates) == ("finished", 0, 0)
     assert [contour.status for contour in ears.of("/contour/traced")] == ["closed"] * 3
     score = ears.of("/score")[-1]
@@ -118,7 +118,7 @@ def test_no_order_of_the_edges_changes_the_solid(
     for schedule in range(SCHEDULES):
         ears.messages.clear()
         ending = run_composed(
-            wirings, ends="reconstructor", hear=("/model/shape",), watcher=ears, schedule=schedule
+            wirings, ends="reconstructor", watch=("/model/shape",), watcher=ears, schedule=schedule
         )
         assert ending.status == "stalled", ending.reason  # quiet, and nobody says Finished
         models = ears.of("/model/shape")
@@ -134,7 +134,7 @@ def test_a_node_that_raises_ends_the_graph_with_its_words(
         raise ValueError("a taxel came off")
 
     monkeypatch.setattr("palpate.nodes.filter.clean", fail)
-    ending = run_composed(exploration(ball, 1), ends="evaluator", hear=(), watcher=ears)
+    ending = run_composed(exploration(ball, 1), ends="evaluator", watch=(), watcher=ears)
     assert ending.status == "died"
     assert "filter handling /touch/raw 0" in ending.reason
     assert "a taxel came off" in ending.reason
@@ -144,7 +144,7 @@ def test_a_graph_that_falls_quiet_has_stalled(
     ball: ObjectSpec, exploration: Exploration, ears: Any
 ) -> None:
     wirings = [one for one in exploration(ball, 1) if one.name != "tracer"]
-    ending = run_composed(wirings, ends="evaluator", hear=(), watcher=ears)
+    ending = run_composed(wirings, ends="evaluator", watch=(), watcher=ears)
     assert (ending.status, ending.reason) == (
         "stalled",
         "all is quiet, and evaluator has not finished",

@@ -56,12 +56,12 @@ def record(tmp_path: Path, info: SensorInfo) -> Record:
     """Writes a recording of two filters, of which one heard three frames."""
 
     def make(*graph: Wiring, name: str = "topics.mcap") -> Path:
-        heard: list[tuple[str, Any]] = [("/touch/info", info)]
-        heard += [("/touch/raw", frame(touch, info)) for touch in range(3)]
-        said = drive(filter.NODE, heard, {"contact": 100e-6})
-        images = [("/f/image", image) for image in messages_on(said, "/touch/image")]
+        received: list[tuple[str, Any]] = [("/touch/info", info)]
+        received += [("/touch/raw", frame(touch, info)) for touch in range(3)]
+        published = drive(filter.NODE, received, {"contact": 100e-6})
+        images = [("/f/image", image) for image in messages_on(published, "/touch/image")]
         # The recorder heard the sensor last, though it was sent first.
-        sent = [heard[0], *((t.replace("touch", "f"), m) for t, m in heard[1:]), *images]
+        sent = [received[0], *((t.replace("touch", "f"), m) for t, m in received[1:]), *images]
         about = {"graph": describe_wirings(graph).decode() if graph else ""}
         writer = RecordingWriter(tmp_path / name, TYPES, {}, about)
         for time, (topic, message) in [*enumerate(sent)][::-1]:
@@ -78,11 +78,11 @@ def record(tmp_path: Path, info: SensorInfo) -> Record:
 def test_a_node_says_what_it_said_when_it_was_recorded(record: Record) -> None:
     path = record(wiring("filter"))
 
-    said = feed(filter.NODE, path)
-    assert [image.touch for image in messages_on(said, "/touch/image")] == [0, 1, 2]
+    published = feed(filter.NODE, path)
+    assert [image.touch for image in messages_on(published, "/touch/image")] == [0, 1, 2]
     images = sorted(recorded(path, "/f/image", TactileImage), key=lambda image: image.touch)
-    assert_same(said, [("/touch/image", image) for image in images])
-    assert_same(feed(filter.NODE, path.parent), said)
+    assert_same(published, [("/touch/image", image) for image in images])
+    assert_same(feed(filter.NODE, path.parent), published)
 
 
 def test_parameters_may_be_others_than_were_recorded(record: Record) -> None:
@@ -96,8 +96,8 @@ def test_parameters_may_be_others_than_were_recorded(record: Record) -> None:
 def test_a_new_node_takes_the_place_that_is_named(record: Record) -> None:
     path, own = record(wiring("filter")), replace(filter.NODE)
 
-    said = feed(own, path, name="filter", params={"contact": 100e-6})
-    assert_same(said, feed(filter.NODE, path))
+    published = feed(own, path, name="filter", params={"contact": 100e-6})
+    assert_same(published, feed(filter.NODE, path))
     with pytest.raises(ValueError, match="hears /touch/image, none of what filter heard in it"):
         feed(replace(curvature.NODE, inputs=only("/touch/image")), path, name="filter")
 
@@ -107,11 +107,11 @@ def only(topic: str) -> Any:
 
 
 def test_a_node_that_was_not_there_hears_its_topics(record: Record) -> None:
-    path, heard = record(), curvature.NODE.inputs["/touch/image"]
+    path, received = record(), curvature.NODE.inputs["/touch/image"]
 
     node = replace(
         curvature.NODE,
-        inputs={"/touch/info": curvature.NODE.inputs["/touch/info"], "/f/image": heard},
+        inputs={"/touch/info": curvature.NODE.inputs["/touch/info"], "/f/image": received},
     )
     patches = messages_on(feed(node, path), "/touch/patch")
     assert [patch.touch for patch in patches] == [0, 1, 2]

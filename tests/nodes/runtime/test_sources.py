@@ -19,7 +19,7 @@ from palpate.nodes.runtime.work import ContractError, Outgoing
 
 
 class Params(msgspec.Struct, frozen=True):
-    says: Any = ()
+    publications: Any = ()
     paused: bool = False
 
 
@@ -31,7 +31,7 @@ def source(**more: Any) -> Source:
     return Source(
         params=Params,
         outputs=lambda params: {"/out": LogRecord},
-        open=lambda params: iter(params.says),
+        open=lambda params: iter(params.publications),
         paused=lambda params: params.paused,
         **more,
     )
@@ -47,9 +47,9 @@ def lines(count: int, every: float = 0.0) -> list[Timed]:
 
 
 def work(
-    says: Any, *, paused: bool = False, tally: SourceProgress | None = None, **more: Any
+    publications: Any, *, paused: bool = False, tally: SourceProgress | None = None, **more: Any
 ) -> SourceWork:
-    made = SourceWork(source(**more), Params(says, paused), WIRING, tally)
+    made = SourceWork(source(**more), Params(publications, paused), WIRING, tally)
     made.began = list(made.begin())  # type: ignore[attr-defined]
     return made
 
@@ -59,7 +59,7 @@ def texts(parcels: Any) -> list[str]:
 
 
 def test_what_is_due_is_said_on_the_wire_with_its_robot_time() -> None:
-    [parcel] = work(lines(1)).say_due()
+    [parcel] = work(lines(1)).publish_due()
     assert isinstance(parcel, Outgoing)
     assert (parcel.topic, parcel.robot_time) == ("/a/out", 2.5)
     assert texts([parcel]) == ["0"]
@@ -67,32 +67,32 @@ def test_what_is_due_is_said_on_the_wire_with_its_robot_time() -> None:
 
 def test_what_is_due_later_is_not_said_yet() -> None:
     made = work(lines(3, every=60.0))
-    assert texts(made.say_due()) == ["0"]
+    assert texts(made.publish_due()) == ["0"]
     left = made.wait()
     assert left is not None and 59.0 < left <= 60.0
     assert made.patience(125) == 125
 
 
 def test_a_short_wait_is_waited_to_its_end() -> None:
-    assert texts(work(lines(3, every=1e-3)).say_due()) == ["0", "1", "2"]
+    assert texts(work(lines(3, every=1e-3)).publish_due()) == ["0", "1", "2"]
 
 
 def test_encoded_bodies_are_said_as_they_are() -> None:
-    [parcel] = work([Timed(0.0, "/out", encode(line("x")))]).say_due()
+    [parcel] = work([Timed(0.0, "/out", encode(line("x")))]).publish_due()
     assert texts([parcel]) == ["x"]
 
 
 def test_it_ends_with_its_word_and_has_nothing_to_say_after_it() -> None:
     made = work([*lines(1), Finished("enough")])
-    assert list(made.say_due())[1:] == [Finished("enough")]
+    assert list(made.publish_due())[1:] == [Finished("enough")]
     assert made.wait() is None
     assert made.patience(125) == 125
 
 
 def test_where_there_is_nothing_yet_it_is_asked_again_soon() -> None:
     made = work([None, *lines(1)])
-    assert texts(made.say_due()) == []
-    assert texts(made.say_due()) == ["0"]
+    assert texts(made.publish_due()) == []
+    assert texts(made.publish_due()) == ["0"]
     assert made.latency.count == 1
 
 
@@ -101,10 +101,10 @@ def test_what_an_earlier_start_had_said_is_said_at_once_and_the_rest_in_its_time
 ) -> None:
     tally = SourceProgress(tmp_path / "tally")
     first = work(lines(5, every=60.0), tally=tally)
-    assert texts(first.say_due()) == ["0"]
+    assert texts(first.publish_due()) == ["0"]
     first.obey({"kind": "pause"})
     first.obey({"kind": "step", "number": 2})
-    assert texts(first.say_due()) == ["1", "2"]
+    assert texts(first.publish_due()) == ["1", "2"]
     tally.close()
     again = work(lines(5, every=60.0), tally=SourceProgress(tmp_path / "tally"))
     assert texts(again.began) == ["0", "1", "2"]  # type: ignore[attr-defined]
@@ -116,12 +116,12 @@ def test_what_an_earlier_start_had_said_is_said_at_once_and_the_rest_in_its_time
 
 def test_it_stands_still_goes_on_and_steps_when_it_is_told_to() -> None:
     made = work(lines(4, every=1e-3), paused=True)
-    assert texts(made.say_due()) == ["0"]
+    assert texts(made.publish_due()) == ["0"]
     assert made.wait() is None
     made.obey({"kind": "step", "number": 1})
-    assert texts(made.say_due()) == ["1"]
+    assert texts(made.publish_due()) == ["1"]
     made.obey({"kind": "resume"})
-    assert texts(made.say_due()) == ["2", "3"]
+    assert texts(made.publish_due()) == ["2", "3"]
 
 
 def test_tools_may_speak_for_a_source_that_lets_them() -> None:
@@ -139,7 +139,7 @@ def test_what_a_tool_says_must_be_of_the_topics_type() -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "words"),
+    ("published", "words"),
     [
         (Timed(0.0, "/else", line("x")), "published /else, which it does not declare"),
         (
@@ -148,9 +148,9 @@ def test_what_a_tool_says_must_be_of_the_topics_type() -> None:
         ),
     ],
 )
-def test_what_is_not_declared_is_refused(said: Timed, words: str) -> None:
+def test_what_is_not_declared_is_refused(published: Timed, words: str) -> None:
     with pytest.raises(ContractError, match=words):
-        list(work([said]).say_due())
+        list(work([published]).publish_due())
 
 
 def test_it_hears_nothing() -> None:
@@ -171,7 +171,7 @@ def test_what_it_reads_is_let_go_of() -> None:
             closed.append(True)
 
     made = work(read())
-    list(made.say_due())
+    list(made.publish_due())
     made.close()
     assert closed == [True]
 

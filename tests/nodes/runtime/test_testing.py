@@ -20,7 +20,7 @@ from palpate.nodes.runtime.work import ContractError
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    says: str = "heard"
+    prefix: str = "got"
     topic: str = "/out"
 
 
@@ -31,7 +31,7 @@ def line(text: str) -> LogRecord:
 def on_line(params: Params, count: int, message: LogRecord) -> tuple[int, Outputs]:
     if message.text == "end":
         return count, [Finished("done")]
-    return count + 1, [(params.topic, line(f"{params.says} {count} {message.text}"))]
+    return count + 1, [(params.topic, line(f"{params.prefix} {count} {message.text}"))]
 
 
 NODE = Node(
@@ -43,40 +43,40 @@ NODE = Node(
 )
 
 
-def texts(said: list[Any]) -> list[str]:
-    return [one.reason if isinstance(one, Finished) else one[1].text for one in said]
+def texts(published: list[Any]) -> list[str]:
+    return [one.reason if isinstance(one, Finished) else one[1].text for one in published]
 
 
 def test_a_node_says_what_its_handlers_return_once_its_needs_have_come() -> None:
-    heard = [("/in", line("a")), ("/in", line("b"))]
+    received = [("/in", line("a")), ("/in", line("b"))]
 
-    assert drive(NODE, heard) == []
-    said = drive(NODE, [*heard, ("/need", line("n")), ("/in", line("end"))])
-    assert texts(said) == ["heard 0 n", "heard 1 a", "heard 2 b", "done"]
+    assert drive(NODE, received) == []
+    published = drive(NODE, [*received, ("/need", line("n")), ("/in", line("end"))])
+    assert texts(published) == ["got 0 n", "got 1 a", "got 2 b", "done"]
 
 
-@pytest.mark.parametrize("params", [{"says": "got"}, Params(says="got")])
+@pytest.mark.parametrize("params", [{"prefix": "had"}, Params(prefix="had")])
 def test_parameters_may_be_a_map_or_an_instance(params: object) -> None:
-    assert texts(drive(NODE, [("/need", line("n"))], params)) == ["got 0 n"]
+    assert texts(drive(NODE, [("/need", line("n"))], params)) == ["had 0 n"]
 
 
 @pytest.mark.parametrize(
-    ("heard", "params", "error", "words"),
+    ("received", "params", "error", "words"),
     [
         ([("/inn", line("n"))], None, ValueError, "does not hear /inn; it hears /in, /need"),
         ([("/in", 3)], None, ValueError, "hears /in as LogRecord, got a int"),
         ([("/in", replace(line("n"), robot_time=np.nan))], None, CodecError, "must be finite"),
         ([], {"sais": 1}, ValueError, "the parameters do not fit: .*sais"),
-        ([], {"says": 1}, ValueError, "the parameters do not fit: Expected `str`"),
-        ([], {"says": object()}, ValueError, "the parameters do not fit"),
+        ([], {"prefix": 1}, ValueError, "the parameters do not fit: Expected `str`"),
+        ([], {"prefix": object()}, ValueError, "the parameters do not fit"),
         ([("/need", line("n"))], {"topic": "/no"}, ContractError, "node published /no, which"),
     ],
 )
 def test_what_the_runtime_would_refuse_is_refused(
-    heard: list[Any], params: object, error: type[Exception], words: str
+    received: list[Any], params: object, error: type[Exception], words: str
 ) -> None:
     with pytest.raises(error, match=words):
-        drive(NODE, heard, params)
+        drive(NODE, received, params)
 
 
 def test_a_handler_that_writes_into_its_input_is_found() -> None:
@@ -104,9 +104,9 @@ def test_what_one_node_says_can_be_given_to_the_next(info: SensorInfo) -> None:
     assert messages_on([*patches, Finished("end")], "/touch/image") == []
 
 
-def source(*said: object, **declared: type) -> Source:
+def source(*published: object, **declared: type) -> Source:
     def opened(params: Params) -> Iterator[Any]:
-        yield from said
+        yield from published
 
     outputs = {"/out": LogRecord, **{f"/{name}": cls for name, cls in declared.items()}}
     return Source(params=Params, outputs=lambda params: outputs, open=opened)
@@ -127,15 +127,17 @@ def test_a_source_is_driven_to_its_end_and_bodies_are_decoded() -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "words"),
+    ("published", "words"),
     [
         (Timed(0.0, "/x", line("a")), "published /x, which it does not declare; it declares /out"),
         (Timed(0.0, "/out", example(World)), "published a World on /out, declared as LogRecord"),
     ],
 )
-def test_a_source_that_says_what_it_does_not_declare_is_refused(said: Timed, words: str) -> None:
+def test_a_source_that_says_what_it_does_not_declare_is_refused(
+    published: Timed, words: str
+) -> None:
     with pytest.raises(ContractError, match=words):
-        drive(source(said))
+        drive(source(published))
 
 
 def test_a_source_is_given_no_inputs() -> None:
@@ -161,9 +163,9 @@ def test_every_message_type_has_an_example() -> None:
 
 
 def test_messages_that_are_the_same_to_the_last_bit_are_the_same() -> None:
-    said = [("/out", line("a")), Finished("done")]
+    published = [("/out", line("a")), Finished("done")]
 
-    assert_same(said, [("/out", line("a")), Finished("done")])
+    assert_same(published, [("/out", line("a")), Finished("done")])
 
 
 @pytest.mark.parametrize(

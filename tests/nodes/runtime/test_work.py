@@ -26,15 +26,15 @@ from palpate.nodes.runtime.work import (
 
 
 class Params(msgspec.Struct, frozen=True):
-    says: Any = None
+    publications: Any = None
 
 
 def line(text: str) -> LogRecord:
     return LogRecord(node="n", level="info", text=text, robot_time=2.5)
 
 
-def on_line(params: Params, heard: list[str], message: LogRecord) -> tuple[list[str], Outputs]:
-    return [*heard, message.text], list(params.says or [])
+def on_line(params: Params, received: list[str], message: LogRecord) -> tuple[list[str], Outputs]:
+    return [*received, message.text], list(params.publications or [])
 
 
 NODE = Node(
@@ -72,8 +72,8 @@ def need(text: str) -> Received:
     return arrival("needed", "/a/need", text)
 
 
-def started(*says: object) -> NodeWork:
-    work = NodeWork(NODE, Params(list(says)), WIRING)
+def started(*publications: object) -> NodeWork:
+    work = NodeWork(NODE, Params(list(publications)), WIRING)
     work.begin()
     return work
 
@@ -111,8 +111,8 @@ def test_a_need_that_is_not_wired_is_not_waited_for() -> None:
 
 
 def test_finished_is_handed_on_in_its_place() -> None:
-    said = started(("/out", line("a")), Finished("done")).take(need("n"))
-    assert said[1] == Finished("done")
+    published = started(("/out", line("a")), Finished("done")).take(need("n"))
+    assert published[1] == Finished("done")
 
 
 @pytest.mark.parametrize(

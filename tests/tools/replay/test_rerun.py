@@ -340,7 +340,7 @@ class Deaf:
 
     def ready(self, seconds: float) -> None: ...
 
-    def heard(self, topic: str, message: object) -> None: ...
+    def received(self, topic: str, message: object) -> None: ...
 
     def log(self, record: LogRecord) -> None: ...
 
@@ -361,7 +361,7 @@ def explore(path: Path, contact: float = 50e-6) -> Path:
     }
     entries = tuple(Entry(name=kind, params=params.get(kind, {})) for kind in [*KINDS, "recorder"])
     wirings = with_description(Graph(entries, ends="evaluator").wirings(), {})
-    ending = run_composed(wirings, ends="evaluator", hear=(), watcher=Deaf())
+    ending = run_composed(wirings, ends="evaluator", watch=(), watcher=Deaf())
     assert ending.status == "finished", ending.reason
     return path
 
@@ -581,7 +581,7 @@ def player(fields: dict[str, FieldChange], *, fewer: int = 0, more: int = 0) -> 
     """A node that says ``/x``, of which 20 messages were compared."""
     changes = SimpleNamespace(fields=fields)
     said = SimpleNamespace(topic="/x", compared=20, fewer=fewer, more=more, changes=changes)
-    return SimpleNamespace(says={"/x": said})
+    return SimpleNamespace(publications={"/x": said})
 
 
 def test_a_field_without_a_size_has_its_note_at_the_end() -> None:

@@ -29,7 +29,7 @@ def actor(monkeypatch: pytest.MonkeyPatch) -> Wiring:
         inputs={"/world": (LogRecord, quiet), "/goal": (LogRecord, quiet)},
         outputs={"/done": LogRecord},
         needs=("/world",),
-        acts=True,
+        has_side_effects=True,
     )
     monkeypatch.setitem(sys.modules, "actor", made)
     return Wiring(
@@ -42,7 +42,7 @@ def actor(monkeypatch: pytest.MonkeyPatch) -> Wiring:
         ),
         outputs={"/done": "/done"},
         listeners={},
-        keeps=True,
+        persistent=True,
     )
 
 
