@@ -44,9 +44,5 @@ if TYPE_CHECKING:
     from palpate.core.robot_time import contact_seconds as contact_seconds
     from palpate.core.robot_time import free_seconds as free_seconds
     from palpate.core.robot_time import move_durations as move_durations
-    from palpate.core.robust import MAD_TO_SIGMA as MAD_TO_SIGMA
-    from palpate.core.robust import PROBABLE_ERROR as PROBABLE_ERROR
-    from palpate.core.robust import probable_error_sigma as probable_error_sigma
-    from palpate.core.robust import scaled_mad as scaled_mad
 else:
     __getattr__, __dir__ = lazy(__name__)

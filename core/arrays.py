@@ -51,3 +51,10 @@ def positive(name: str, value: float, unit: str) -> float:
     if not 0.0 < value < math.inf:
         raise ValueError(f"{name} must be positive and finite, got {value} {unit}")
     return float(value)
+
+
+def not_negative(name: str, value: float, unit: str) -> float:
+    """A finite number that is 0 or more; else ValueError."""
+    if not 0.0 <= value < math.inf:
+        raise ValueError(f"{name} must be 0 or more and finite, got {value} {unit}")
+    return float(value)

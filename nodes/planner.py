@@ -171,12 +171,12 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     survey = replace(
         state.survey,
         traced=tuple(one._replace(dropped=number in dropped) for number, one in pairs),
-        doubt=_doubt(model) if len(model.faces) else None,
+        uncertainty=_uncertainty(model) if len(model.faces) else None,
     )
     return decide(params.demand, _rule(params), replace(state, survey=survey, asked=False))
 
 
-def _doubt(model: ShapeModel) -> ModelUncertainty:
+def _uncertainty(model: ShapeModel) -> ModelUncertainty:
     starlike = model.health.get("felt_unused", 0.0) == 0.0
     return ModelUncertainty(
         heights=model.uncertainty_height,
@@ -250,13 +250,13 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
             return state, []
         if state.is_stale:
             return _ask(state)
-        known = _known(demand, state)
-        choice = check_choice(rule, known)
+        observation = _observation(demand, state)
+        choice = check_choice(rule, observation)
         if isinstance(choice, Height):
             task = Task(state.goals, state.clock, choice.height)
             slice_goal = contour_goal(state, finger, choice)
             return _with_task(state, finger, task), [("/contour/goal", slice_goal)]
-        if isinstance(choice, Stop) and not state.tasks and not known.budget.spent:
+        if isinstance(choice, Stop) and not state.tasks and not observation.budget.spent:
             touch = next_touch(state, demand.tolerance, last=True)
     if touch is None:
         return state, []
@@ -277,21 +277,23 @@ def _with_task(state: State, finger: int, task: Task) -> State:
 
 def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
     """The end, with what the rule says of it."""
-    known = _known(demand, state)
-    stop = check_choice(rule, known)
+    observation = _observation(demand, state)
+    stop = check_choice(rule, observation)
     if not isinstance(stop, Stop):
         raise ValueError(f"nothing is under way, and the planner neither stops nor goes on: {stop}")
-    return done(state, stop.reason + _shape(state), known, stop)
+    return done(state, stop.reason + _shape(state), observation, stop)
 
 
-def _known(demand: Demand, state: State) -> Observation:
+def _observation(demand: Demand, state: State) -> Observation:
     assert state.survey is not None
-    taken = tuple(task.height for task in state.tasks.values())
-    return state.survey.known(demand, touches=state.touches, seconds=state.clock, taken=taken)
+    busy = tuple(task.height for task in state.tasks.values())
+    return state.survey.observation(
+        demand, touches=state.touches, seconds=state.clock, busy_heights=busy
+    )
 
 
 def done(
-    state: State, reason: str, known: Observation | None = None, stop: Stop | None = None
+    state: State, reason: str, observation: Observation | None = None, stop: Stop | None = None
 ) -> tuple[State, Outputs]:
     """Say that it is over."""
     state = replace(state, models=state.models + 1)
@@ -306,7 +308,7 @@ def done(
         tolerance_met=None if stop is None else stop.tolerance_met,
         rms_bound_95=None if stop is None else stop.rms_bound_95,
         largest_untouched=None if stop is None else stop.largest_untouched,
-        uncovered=0.0 if known is None else untraceable_height(known),
+        uncovered=0.0 if observation is None else untraceable_height(observation),
     )
     return state, [("/plan/done", plan_done)]
 
@@ -316,9 +318,9 @@ def _shape(state: State) -> str:
     assert state.survey is not None
     if not state.usable:
         return ""
-    if state.survey.doubt is None:
+    if state.survey.uncertainty is None:
         return "; no solid could be rebuilt from its slices"
-    if not state.survey.doubt.starlike:
+    if not state.survey.uncertainty.starlike:
         return "; its slices are not star-shaped: it is rebuilt from contours alone"
     return ""
 

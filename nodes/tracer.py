@@ -209,7 +209,7 @@ def _contour(job: Job, goal: ContourGoal, trace: Trace, status: TraceStatus, now
         status=status,
         gap_starts=_placed(goal, [gap.start for gap in trace.gaps]),
         gap_ends=_placed(goal, [gap.end for gap in trace.gaps]),
-        gap_reasons=tuple(gap.why for gap in trace.gaps),
+        gap_reasons=tuple(gap.reason for gap in trace.gaps),
         touches=job.touches,
         robot_time=now,
     )

@@ -79,7 +79,7 @@ def simulation_text(scene: SceneSpec) -> str:
     lines.append(f"simulated  exact contact, and {_effect_count(len(effects))}, in this order:")
     width = max(len(name) for name in effects)
     for name, effect in effects.items():
-        place = effect.place.name.lower()
+        place = effect.phase.name.lower()
         lines.append(f"  {place:<7} {name:<{width}}  {_parameters(effect)}".rstrip())
     return "\n".join(lines)
 

@@ -225,7 +225,7 @@ def plan_claim(trial: PlannerTrial, tolerance: float) -> PlanClaim:
     """Let the default planner work until it stops, and compare its word with the truth."""
     slices, _ = run_planner(Predicted(), trial, tolerance, most=40)
     bounds = [
-        predict_error(one, profile_of(one), untouched_spans(one)).bound
+        predict_error(one, profile_of(one), untouched_spans(one)).rms_bound_95
         if len(one.slices) > 2
         else 1.0
         for one in (observation_of(slices[: i + 1], tolerance) for i in range(len(slices)))
@@ -253,8 +253,8 @@ def _decision() -> float:
     slices = tuple(
         trial.slice_at(height) for height in (EXTENT * np.linspace(0.03, 0.97, 12)).tolist()
     )
-    known, planner = observation_of(slices, 0.0002), Predicted()
-    return _least(lambda: planner.next(known))
+    observation, planner = observation_of(slices, 0.0002), Predicted()
+    return _least(lambda: planner.next(observation))
 
 
 def _least(call: Callable[[], object]) -> float:
@@ -266,9 +266,9 @@ def _least(call: Callable[[], object]) -> float:
 class ByContours(Predicted):
     """The default planner, not counting on what pads feel beside the slices."""
 
-    def next(self, known: Observation) -> Choice:
+    def next(self, observation: Observation) -> Choice:
         """As `Predicted.next`."""
-        return Predicted.next(self, replace(known, taxels=False, deviation=None))
+        return Predicted.next(self, replace(observation, all_taxels=False, deviation=None))
 
 
 class ContourCounts(NamedTuple):

@@ -70,10 +70,10 @@ class Survey:
     reached: tuple[float, float]  # Lowest and highest height at which anything was felt, m
     traced: tuple[TracedContour, ...] = ()  # Slices in the order in which they were taken up
     tips: tuple[Floats, ...] = ()  # Where ends were touched, the farthest place of each, (3,), m
-    doubt: ModelUncertainty | None = None  # Of the last model
+    uncertainty: ModelUncertainty | None = None  # Of the last model
 
-    def known(
-        self, demand: Demand, *, touches: int, seconds: float, taken: tuple[float, ...] = ()
+    def observation(
+        self, demand: Demand, *, touches: int, seconds: float, busy_heights: tuple[float, ...] = ()
     ) -> Observation:
         """What a rule is told.
 
@@ -83,7 +83,7 @@ class Survey:
             What is asked for.
         touches, seconds : int, float
             What is spent; robot time in s.
-        taken : tuple of float
+        busy_heights : tuple of float
             Heights at which fingers are at work, m.
         """
         budget = Budget(
@@ -102,14 +102,14 @@ class Survey:
             feature=max(demand.feature, LEAST_FEATURE * (self.high - self.low)),
             budget=budget,
             slices=observed_slices(self.traced, self._deviations()),
-            taken=taken,
-            apart=self.apart,
-            taxels=True,
-            deviation=None if self.doubt is None else self.doubt.whole,
+            busy_heights=busy_heights,
+            finger_spacing=self.finger_spacing,
+            all_taxels=True,
+            deviation=None if self.uncertainty is None else self.uncertainty.whole,
         )
 
     @property
-    def apart(self) -> float:
+    def finger_spacing(self) -> float:
         """Height that two fingers keep between them, m."""
         return APART * self.pad_width
 
@@ -152,10 +152,10 @@ class Survey:
         return replace(survey, low=min(height, self.reached[0]), low_deviation=0.0)
 
     def _deviations(self) -> tuple[float, ...]:
-        if self.doubt is None or not len(self.doubt.heights):
+        if self.uncertainty is None or not len(self.uncertainty.heights):
             return (0.0,) * len(self.traced)
         at = [one.height for one in self.traced]
-        found = np.interp(at, self.doubt.heights, self.doubt.deviations)
+        found = np.interp(at, self.uncertainty.heights, self.uncertainty.deviations)
         return tuple(found.tolist())
 
 

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from palpate.core.touch.jet import Jet as Jet
     from palpate.core.touch.jet import fit_jet as fit_jet
     from palpate.core.touch.jet import fit_robust_jet as fit_robust_jet
-    from palpate.core.touch.jet import jet_design as jet_design
     from palpate.core.touch.jet import monomials as monomials
     from palpate.core.touch.keyed_random import KeyedRandom as KeyedRandom
     from palpate.core.touch.pad import SPRINGS as SPRINGS

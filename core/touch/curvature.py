@@ -32,8 +32,8 @@ LEAST = 4  # Rows and columns of an array
 ALONG_ROWS: Floats = np.array([1.0, 0.0, 0.0])  # The pad's x axis, along which `across` is told
 PatchKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
 # In pitches: a misfit of this size, or of 4 deviations of the noise, halves the confidence.
-TRUSTED = 0.04
-TRUSTED_SPREADS = 4.0
+CONFIDENT = 0.04
+CONFIDENT_DEVIATIONS = 4.0
 # Standard deviations by which k1 and k2 must differ before their directions mean anything.
 DIRECTED = 3.0
 LEVEL = 1e-9  # In 1 / pads' widths: k1 and k2 that differ by less are equal but for rounding
@@ -211,7 +211,7 @@ def _patch(
     errors = graph_errors(
         fit.derivatives, fit.derivative_factor, max(noise, fit.deviation), shape, direction
     )
-    limit = max(TRUSTED_SPREADS * noise, TRUSTED * pad.pitch)
+    limit = max(CONFIDENT_DEVIATIONS * noise, CONFIDENT * pad.pitch)
     confidence = float(touched.mean()) / (1.0 + (fit.residual / limit) ** 2)
     patch = Patch(
         kind,

@@ -40,7 +40,7 @@ class Stage(NamedTuple):
 
     # Takes the touch, which it changes, and the stage's state; gives its next state. Pure
     # otherwise: the same touch and state give the same again.
-    act: Callable[[SimulatedTouch, Any], Any]
+    apply: Callable[[SimulatedTouch, Any], Any]
     state: Any = None  # The state in which the finger begins; None if there is nothing to remember
     # What it adds to the standard deviation of one taxel, as a calibration would find it, m.
     noise: float = 0.0
@@ -51,7 +51,7 @@ class Stage(NamedTuple):
 class Effect(Protocol):
     """A description of an effect."""
 
-    place: ClassVar[Phase]  # Where it acts
+    phase: ClassVar[Phase]  # When it acts
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.

@@ -54,7 +54,7 @@ class Pipeline(NamedTuple):
         following = []
         for stage, name, state in zip(self.stages, self.names, states, strict=True):
             try:
-                following.append(stage.act(touch, state))
+                following.append(stage.apply(touch, state))
             except Exception as error:  # an effect may be anybody's: whose it was must be said
                 kind = type(error).__name__
                 raise ValueError(f"the effect {name} failed: {kind}: {error}") from error
@@ -78,17 +78,17 @@ def assemble(finger: Fingertip, effects: Sequence[Effect]) -> Pipeline:
     ValueError
         If an effect cannot be had on this finger, or two take the place of the cast.
     """
-    casts = [effect for effect in effects if effect.place is Phase.CAST]
+    casts = [effect for effect in effects if effect.phase is Phase.CAST]
     if len(casts) > 1:
         names = " and ".join(type(effect).__name__ for effect in casts)
         raise ValueError(f"{names} both say how a taxel sees the surface; list one of them")
     stages = [
-        (effect.place, type(effect).__name__, _prepared(effect, finger)) for effect in effects
+        (effect.phase, type(effect).__name__, _prepared(effect, finger)) for effect in effects
     ]
     if not casts:
         stages.append((Phase.CAST, "cast", _cast(finger)))
     stages.append((Phase.ARM, "transducer", _transduce(finger)))
-    stages.sort(key=lambda placed: placed[0])  # stable: within a place the order stays
+    stages.sort(key=lambda placed: placed[0])  # stable: within a phase the order stays
     return Pipeline(
         finger, tuple(stage for _, _, stage in stages), tuple(name for _, name, _ in stages)
     )
@@ -111,10 +111,10 @@ def _prepared(effect: Effect, finger: Fingertip) -> Stage:
 
 
 def _cast(finger: Fingertip) -> Stage:
-    def act(touch: SimulatedTouch, state: None) -> None:
+    def apply(touch: SimulatedTouch, state: None) -> None:
         cast_single_rays(finger, touch)
 
-    return Stage(act)
+    return Stage(apply)
 
 
 def cast_single_rays(finger: Fingertip, touch: SimulatedTouch) -> None:
@@ -129,10 +129,10 @@ def _transduce(finger: Fingertip) -> Stage:
     stiffness = finger.stiffness
     by_force = finger.calibration.signal == "force"
 
-    def act(touch: SimulatedTouch, state: None) -> None:
+    def apply(touch: SimulatedTouch, state: None) -> None:
         touch.reading = touch.pressure / stiffness if by_force else touch.compression
 
-    return Stage(act)
+    return Stage(apply)
 
 
 def record_move(finger: Fingertip, touch: SimulatedTouch, end: GuardedMove) -> None:

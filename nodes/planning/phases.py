@@ -116,22 +116,22 @@ def next_touch(state: State, tolerance: float, *, last: bool) -> EndTouch | None
         return None
     for end in ENDS:
         height = survey.high if end == "upper" else survey.low
-        if any(abs(task.height - height) < survey.apart for task in state.tasks.values()):
+        if any(abs(task.height - height) < survey.finger_spacing for task in state.tasks.values()):
             continue
-        found = next_probe(end, _end_known(state, survey, end, tolerance, last))
+        found = next_probe(end, _end_observation(state, survey, end, tolerance, last))
         if isinstance(found, ProbeCommand):
             return EndTouch(end, height, found)
     return None
 
 
-def _end_known(
+def _end_observation(
     state: State, survey: Survey, end: End, tolerance: float, last: bool
 ) -> EndObservation:
     upper = end == "upper"
     here, there = (survey.high, survey.low) if upper else (survey.low, survey.high)
-    wall = survey.outermost(upper=upper)
-    due = wall is not None and (
-        last or abs(wall.height - here) < END_NEARNESS * (survey.high - survey.low)
+    contour = survey.outermost(upper=upper)
+    due = contour is not None and (
+        last or abs(contour.height - here) < END_NEARNESS * (survey.high - survey.low)
     )
     return EndObservation(
         height=here,
@@ -140,10 +140,12 @@ def _end_known(
         radius=survey.radius,
         width=survey.pad_width,
         tolerance=tolerance,
-        noise=0.0 if survey.doubt is None else survey.doubt.pose,
+        noise=0.0 if survey.uncertainty is None else survey.uncertainty.pose,
         standing=survey.standing and not upper,
-        wall=SideContour(wall.points, wall.normals, wall.contact_low, wall.contact_high)
-        if wall is not None and due
+        contour=SideContour(
+            contour.points, contour.normals, contour.contact_low, contour.contact_high
+        )
+        if contour is not None and due
         else None,
         probes=state.ends.get(end, ()),
     )
@@ -165,7 +167,7 @@ def with_probe(state: State, task: Task, probe: Probe) -> State:
         probing, probe.outcome, transform_points(into, probe.point[None])[0], probe.normal @ axes
     )
     ends = {**state.ends, end: (*state.ends.get(end, ()), made)}
-    faces = [one for one in ends[end] if one.touched and one.probing.why != "edge"]
+    faces = [one for one in ends[end] if one.touched and one.probing.reason != "edge"]
     if made.touched:
         survey = survey.reaching(float(made.point[2]), float(made.point[2]))
     if faces:

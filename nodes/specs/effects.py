@@ -29,7 +29,7 @@ def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, Effec
         If there is no such effect, or a parameter is unknown or out of its range.
     """
     described = {name: _described(name, parameters) for name, parameters in listed.items()}
-    ordered = sorted(described, key=lambda name: (described[name].place, rank(name), name))
+    ordered = sorted(described, key=lambda name: (described[name].phase, rank(name), name))
     return {name: described[name] for name in ordered}
 
 

@@ -264,16 +264,16 @@ from palpate.core.touch.effect import Phase, Stage
 
 @dataclass(frozen=True, kw_only=True)
 class Ringing:
-    place: ClassVar = Place.SIGNAL
+    phase: ClassVar = Phase.SIGNAL
     size: Annotated[float, Range(0.0, 1.0, "m")] = 1e-6
 
     def __post_init__(self):
         check_ranges(self)
 
     def prepare(self, finger):
-        def act(touch, state):
+        def apply(touch, state):
             touch.reading = touch.reading + self.size
-        return Stage(act)
+        return Stage(apply)
 """
 
 
@@ -283,10 +283,10 @@ class Ringing:
         ("def (", "cannot be imported: SyntaxError"),
         ("1 / 0", "cannot be imported: ZeroDivisionError"),
         ("import sys; sys.exit(0)", "cannot be imported: SystemExit"),
-        (OWN.replace("place: ClassVar = Place.SIGNAL", "pass"), "its place must be one of Place"),
-        (OWN.replace("Place.SIGNAL", "6"), "its place must be one of Place"),
+        (OWN.replace("phase: ClassVar = Phase.SIGNAL", "pass"), "its phase must be one of Phase"),
+        (OWN.replace("Phase.SIGNAL", "6"), "its phase must be one of Phase"),
         (OWN.replace("Annotated[float", "Annotated[flaot"), "cannot be imported: NameError"),
-        (OWN.replace("return Stage(act)", "return None"), "prepares a NoneType, not a Stage"),
+        (OWN.replace("return Stage(apply)", "return None"), "prepares a NoneType, not a Stage"),
     ],
 )
 def test_a_module_that_is_no_effect_is_refused_in_one_sentence(

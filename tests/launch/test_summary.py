@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.launch.progress import Progress
 from palpate.launch.printing import TEXT_WIDTH
+from palpate.launch.progress import Progress
 from palpate.launch.summary import exit_code, summarise, summary_text
 from palpate.messages.types.graph import NodeStatus
 from palpate.messages.types.model import Score, ShapeModel

@@ -244,8 +244,8 @@ def test_the_test_of_the_template_fails_for_a_planner_that_has_a_length_of_its_o
     from palpate.core.explore.planners.protocol import Choice, Height, Observation, Stop
 
     class Metres(Template):
-        def next(self, known: Observation) -> Choice:
-            heights = [known.low + 0.01 * (i + 1) for i in range(len(known.slices) + 1)]
+        def next(self, observation: Observation) -> Choice:
+            heights = [observation.low + 0.01 * (i + 1) for i in range(len(observation.slices) + 1)]
             return Height(heights[-1], "on") if heights[-1] < 0.08 else Stop("end", None)
 
     monkeypatch.setattr(planner_check, "Template", Metres)

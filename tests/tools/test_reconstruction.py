@@ -17,7 +17,6 @@ from palpate.launch.files.file_access import write_atomically
 from palpate.launch.files.point_clouds import MeasuredContours
 from palpate.launch.files.solid_file import load, save
 from palpate.launch.files.source_map import InputError
-from palpate.tools import reconstruction_report as rebuild_text
 from palpate.tools.cli import command_line as cli
 from palpate.tools.scoring import read_mesh_or_points
 

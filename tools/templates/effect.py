@@ -24,7 +24,7 @@ from palpate.effects import Fingertip, Phase, SimulatedTouch, Stage
 class Template:
     """A hum, ``v + size sin(2 pi frequency t)``, the same in all taxels of a touch."""
 
-    place: ClassVar = Phase.SIGNAL
+    phase: ClassVar = Phase.SIGNAL
 
     size: Annotated[float, Range(0.0, 1e-3, "m")] = 5e-6
     """Amplitude, as compression."""
@@ -38,9 +38,9 @@ class Template:
         """The stage for one finger: called once. What can be computed before is computed here."""
         size, turning = self.size, 2.0 * math.pi * self.frequency
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             # Called for every touch, misses too. Replace arrays, do not write into them. What
             # has to be remembered until the next touch is returned, and comes back as state.
             touch.reading = touch.reading + size * math.sin(turning * touch.time)
 
-        return Stage(act)
+        return Stage(apply)

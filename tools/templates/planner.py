@@ -70,7 +70,7 @@ class Template:
         height = _middle(observation, bowed)
         if height is not None:
             return Height(height, "the side bows there")
-        if observation.taken:
+        if observation.busy_heights:
             return Wait("other fingers are at work on what is left")
         if untouched > observation.feature:
             return Stop("what is left cannot be reached", False, largest_untouched=untouched)

@@ -92,11 +92,13 @@ def test_other_fingers_are_kept_away_from() -> None:
     observation = observation_of((), TOLERANCE)
     first = Template().next(observation)
     assert isinstance(first, Height)
-    taken, apart = (first.height,), 0.1 * observation.extent
-    second = Template().next(replace(observation, taken=taken, apart=apart))
+    busy, spacing = (first.height,), 0.1 * observation.extent
+    second = Template().next(replace(observation, busy_heights=busy, finger_spacing=spacing))
     assert isinstance(second, Height)
-    assert abs(second.height - first.height) >= apart
-    alone = Template().next(replace(observation, taken=taken, apart=observation.extent))
+    assert abs(second.height - first.height) >= spacing
+    alone = Template().next(
+        replace(observation, busy_heights=busy, finger_spacing=observation.extent)
+    )
     assert isinstance(alone, Wait)
 
 

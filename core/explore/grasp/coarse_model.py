@@ -27,7 +27,7 @@ class CorrectedSolid(NamedTuple):
 
     vertices: Floats  # (n, 3), m
     faces: Ints  # (m, 3)
-    body: MassProperties  # What it bounds
+    mass: MassProperties  # What it bounds
     deviation: Floats  # Standard deviation of each vertex along its normal, (n,), m
     # Covariance of the body's principal axes: turns about the first, second and third of them, (3,
     # 3), rad2.
@@ -62,16 +62,16 @@ def correct_solid(
     gain = np.linalg.solve(among, towards.T).T
     moved = vertices + normals * (gain @ residuals)[:, None]
     left = np.maximum(size - np.einsum("vn,vn->v", gain, towards), 0.0)
-    body = mass_properties(moved, faces)
-    if not body.sound:  # the contacts contradict the solid: it is left as it is
-        moved, body = vertices, mass_properties(vertices, faces)
-    effects = _effects(body, moved, area)
+    mass = mass_properties(moved, faces)
+    if not mass.sound:  # the contacts contradict the solid: it is left as it is
+        moved, mass = vertices, mass_properties(vertices, faces)
+    effects = _effects(mass, moved, area)
     covariance = size * effects @ (_kernel(vertices, vertices, reach) @ effects.T)
     covariance -= (effects @ gain) @ (effects @ towards).T
     return CorrectedSolid(
         moved,
         faces,
-        body,
+        mass,
         np.sqrt(left),
         covariance[:3, :3],
         float(np.sqrt(max(np.trace(covariance[3:, 3:]), 0.0))),
@@ -96,20 +96,20 @@ def _kernel(one: Floats, other: Floats, reach: float) -> Floats:
     return result
 
 
-def _effects(body: MassProperties, vertices: Floats, area: Floats) -> Floats:
+def _effects(mass: MassProperties, vertices: Floats, area: Floats) -> Floats:
     """What a displacement of each vertex does, (6, n): turns of the principal axes, shifts.
 
     To first order: a layer of area A and thickness d at x adds A d x x^T to the second moment,
     and an axis turns by the mixed part over the gap of the two variances.
     """
-    at = (vertices - body.centroid) @ body.axes
-    spread = body.spread
+    at = (vertices - mass.centroid) @ mass.axes
+    spread = mass.spread
     least = TIED * spread[2]
     turns = [
-        area * at[:, i] * at[:, j] / (body.volume * max(spread[j] - spread[i], least))
+        area * at[:, i] * at[:, j] / (mass.volume * max(spread[j] - spread[i], least))
         for i, j in ((1, 2), (0, 2), (0, 1))
     ]
-    return np.vstack([*turns, area * at.T / body.volume])
+    return np.vstack([*turns, area * at.T / mass.volume])
 
 
 class MassProperties(NamedTuple):

@@ -130,15 +130,15 @@ def _about_z(angle: float) -> Floats:
 
 
 def _expected_contacts(
-    ways: FingerPaths, middle: Floats, axes: Floats, size: Floats
+    paths: FingerPaths, middle: Floats, axes: Floats, size: Floats
 ) -> tuple[Bools, Floats]:
     """Which fingertips (h, f) meet the ellipsoid within reach, and where, (h, f, 3)."""
-    start, way = (ways.starts - middle) @ axes / size, ways.along @ axes / size
+    start, way = (paths.starts - middle) @ axes / size, paths.along @ axes / size
     a, b, c = (np.einsum("hfi,hfi->hf", *two) for two in ((way, way), (start, way), (start, start)))
     root = b * b - a * (c - 1.0)
     distance = (-b - np.sqrt(np.maximum(root, 0.0))) / a
-    meets = (root > 0.0) & (distance > 0.0) & (distance < ways.reach)
-    return meets, ways.starts + distance[..., None] * ways.along
+    meets = (root > 0.0) & (distance > 0.0) & (distance < paths.reach)
+    return meets, paths.starts + distance[..., None] * paths.along
 
 
 def _distances(places: Floats, points: Floats) -> Floats:
@@ -190,10 +190,10 @@ class FingertipStarts(NamedTuple):
 def fingertip_starts(hand: Hand, pose: Floats, platform: float) -> FingertipStarts:
     """Fingertips of an open hand at a pose (7,): see `finger_paths`."""
     place, axes = split_pose(pose)
-    ways = finger_paths(hand, place[None], axes[None], platform)
+    paths = finger_paths(hand, place[None], axes[None], platform)
     turns = _in_hand(hand.fingers)[1]
-    poses = [pose_of(at, axes @ turn) for at, turn in zip(ways.starts[0], turns, strict=True)]
-    return FingertipStarts(np.stack(poses), ways.reach[0])
+    poses = [pose_of(at, axes @ turn) for at, turn in zip(paths.starts[0], turns, strict=True)]
+    return FingertipStarts(np.stack(poses), paths.reach[0])
 
 
 def finger_paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> FingerPaths:

@@ -119,13 +119,13 @@ def fit_object_frame(
     if not found.fitted or len(points) < FEWEST:
         return _about_contacts(points, platform, axis)
     solid = _on_platform(found, points, platform, noise)
-    if not solid.body.sound:
+    if not solid.mass.sound:
         return _about_contacts(points, platform, axis)
     if axis is not None:
-        line = _Line(axis, solid.body.centroid, "given", 0.0, solid.shift)
+        line = _Line(axis, solid.mass.centroid, "given", 0.0, solid.shift)
         return _framed(line, solid, found, Contacts(points, normals), platform)
     strain = STRAINED if "at a bound" in found.warnings else 1.0
-    line = _line(solid, revolution_axis(points, normals, solid.body.axes.T), strain)
+    line = _line(solid, revolution_axis(points, normals, solid.mass.axes.T), strain)
     straight = extrusion_axis(normals, line.axis) if line.kind in ("longest", "shortest") else None
     if straight is not None:
         line = line._replace(axis=straight)
@@ -138,9 +138,12 @@ def _about_contacts(points: Floats, platform: float, given: Floats | None) -> Ob
     kind: AxisKind = "none" if given is None else "given"
     turn = np.eye(3) if _is_vertical(axis) else _turn_to(axis)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    here = (points - middle) @ turn
-    low, high = float(here[:, 2].min()), float(here[:, 2].max())
-    away, size = float(np.hypot(*here[:, :2].T).max()), float(np.ptp(points, axis=0).max())
+    local_contacts = (points - middle) @ turn
+    low, high = float(local_contacts[:, 2].min()), float(local_contacts[:, 2].max())
+    away, size = (
+        float(np.hypot(*local_contacts[:, :2].T).max()),
+        float(np.ptp(points, axis=0).max()),
+    )
     if not _is_vertical(axis):
         return ObjectFrame(pose_of(middle, turn), low, high, away, kind, 0.0, size, size)
     # An upright frame has the world's heights.
@@ -168,14 +171,14 @@ def _framed(
     line: _Line,
     solid: CorrectedSolid,
     found: FittedSuperquadric,
-    touched: Contacts,
+    contacts: Contacts,
     platform: float,
 ) -> ObjectFrame:
     axis = _upwards(line.axis)
     lean = math.atan2(math.hypot(axis[0], axis[1]), axis[2])
     upright = lean <= _snap(line)
     pose = pose_of(line.point, np.eye(3) if upright else _turn_to(axis))
-    ends = extent_along(pose, solid, found, touched, platform)
+    ends = extent_along(pose, solid, found, contacts, platform)
     # An upright frame has the world's heights.
     shift = -float(line.point[2]) if upright else 0.5 * (ends.low + ends.high)
     origin = line.point + shift * (np.array([0.0, 0.0, 1.0]) if upright else axis)
@@ -225,7 +228,7 @@ def extent_along(
     pose: Floats,
     solid: CorrectedSolid,
     found: FittedSuperquadric,
-    touched: Contacts,
+    contacts: Contacts,
     platform: float,
 ) -> AxialExtent:
     """Extent along the z axis of a frame.
@@ -238,13 +241,15 @@ def extent_along(
         The fitted solid, moved on to its contacts.
     found : Recovery
         How well it fits.
-    touched : Touched
+    contacts : Touched
         The contacts in the world, at least one.
     platform : float
         Height of the platform in the world, m.
     """
     axes = split_pose(pose)[1]
-    here = Contacts(transform_points(inverse_pose(pose), touched.points), touched.normals @ axes)
+    local_contacts = Contacts(
+        transform_points(inverse_pose(pose), contacts.points), contacts.normals @ axes
+    )
     vertices = transform_points(inverse_pose(pose), solid.vertices)
     allowed = FITS * float(np.ptp(vertices, axis=0).max())
     over = solid.vertices[:, 2] >= platform - allowed
@@ -252,65 +257,71 @@ def extent_along(
     if found.rms < (BOUNDED if "at a bound" in found.warnings else 1.0) * allowed:
         known = FittedSolid(vertices[over], solid.deviation[over], found.rms / allowed)
     down = np.array([1.0, 1.0, -1.0])
-    foot = _foot(pose, axes, here, platform)
-    high, above = _end(here, known, None)
-    turned = Contacts(here.points * down, here.normals * down)
+    foot = _foot(pose, axes, local_contacts, platform)
+    high, above = _end(local_contacts, known, None)
+    turned = Contacts(local_contacts.points * down, local_contacts.normals * down)
     low, below = _end(turned, known and known._replace(vertices=known.vertices * down), foot)
-    wide = here.points if known is None else np.vstack([here.points, known.vertices])
+    wide = (
+        local_contacts.points
+        if known is None
+        else np.vstack([local_contacts.points, known.vertices])
+    )
     return AxialExtent(-low, high, float(np.hypot(wide[:, 0], wide[:, 1]).max()), max(above, below))
 
 
-def _foot(pose: Floats, axes: Floats, here: Contacts, platform: float) -> float | None:
+def _foot(pose: Floats, axes: Floats, local_contacts: Contacts, platform: float) -> float | None:
     """Where a level lower end that stands on the platform by its rim is, downwards, m."""
     cosine = float(axes[2, 2])
     if cosine < LEAST_COSINE:
         return None
     sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
-    along = here.points[:, 2]
+    along = local_contacts.points[:, 2]
     lowest = along <= along.min() + QUARTER * np.ptp(along)
-    rim = float(np.hypot(here.points[lowest, 0], here.points[lowest, 1]).max())
+    rim = float(np.hypot(local_contacts.points[lowest, 0], local_contacts.points[lowest, 1]).max())
     return -(platform - float(pose[2]) + rim * sine) / cosine
 
 
-def _end(here: Contacts, known: FittedSolid | None, foot: float | None) -> tuple[float, float]:
+def _end(
+    local_contacts: Contacts, known: FittedSolid | None, foot: float | None
+) -> tuple[float, float]:
     """Where the upper end is, and its standard deviation, m."""
-    along = here.points[:, 2]
+    along = local_contacts.points[:, 2]
     outermost = float(along.max())
     near = along >= outermost - NEAR * (outermost - float(along.min()))
-    felt = _felt_end(here, near & (here.normals[:, 2] > FACING), 0.5)
+    felt = _felt_end(local_contacts, near & (local_contacts.normals[:, 2] > FACING), 0.5)
     if felt is not None:
         return felt
     if known is not None:
         vertex = int(known.vertices[:, 2].argmax())
         end = max(outermost, float(known.vertices[vertex, 2]))
         return end, float(known.deviation[vertex]) + known.poor * (end - outermost)
-    radius = float(np.hypot(here.points[:, 0], here.points[:, 1]).max())
+    radius = float(np.hypot(local_contacts.points[:, 0], local_contacts.points[:, 1]).max())
     level = outermost if foot is None else max(outermost, foot)
-    round_end = _felt_end(here, near & (here.normals[:, 2] > LEANING), 0.5)
+    round_end = _felt_end(local_contacts, near & (local_contacts.normals[:, 2] > LEANING), 0.5)
     if round_end is None:
         return level, (0.5 if foot is None else 0.25) * radius
     # An edge and a round end feel alike: between the two.
     return 0.5 * (level + round_end[0]), 0.5 * abs(round_end[0] - level) + 0.1 * radius
 
 
-def _felt_end(here: Contacts, at_end: Bools, share: float) -> tuple[float, float] | None:
+def _felt_end(local_contacts: Contacts, at_end: Bools, share: float) -> tuple[float, float] | None:
     """Where the top is of the paraboloid about the axis through a contact, across its normal.
 
     The paraboloid's share is a half.
     """
     if not at_end.any():
         return None
-    points, normals = here.points[at_end], here.normals[at_end]
+    points, normals = local_contacts.points[at_end], local_contacts.normals[at_end]
     outwards = (points[:, :2] * normals[:, :2]).sum(axis=1) / normals[:, 2]
     tops = points[:, 2] + share * np.maximum(outwards, 0.0)
     best = int(normals[:, 2].argmax())
-    top = max(float(tops[best]), float(here.points[:, 2].max()))
+    top = max(float(tops[best]), float(local_contacts.points[:, 2].max()))
     return top, 0.5 * abs(top - float(points[best, 2])) + float(np.ptp(points[:, 2])) / 4.0
 
 
 def _line(solid: CorrectedSolid, turned: RevolutionAxis, strain: float) -> _Line:
     """The slicing axis and why; a principal axis is less certain by the factor `strain`."""
-    body = solid.body
+    body = solid.mass
     is_turned = turned.rms < ROUND and turned.share > MOST_NORMALS
     if is_turned and turned.lift > LIFT and turned.error < SURE:
         size = math.sqrt(float(body.spread.sum()))

@@ -51,13 +51,13 @@ class Span(NamedTuple):
         return 0.5 * (self.low + self.high)
 
 
-def untouched_spans(known: Observation) -> list[Span]:
+def untouched_spans(observation: Observation) -> list[Span]:
     """Stretches between the first and the last height that no slice has felt, from below."""
-    bottom, top = first_and_last(known)
-    count = max(int(np.ceil(ROWS * (top - bottom) / known.feature)), 1)
+    bottom, top = first_and_last(observation)
+    count = max(int(np.ceil(ROWS * (top - bottom) / observation.feature)), 1)
     edges = np.linspace(bottom, top, count + 1)
     rows = 0.5 * (edges[:-1] + edges[1:])[:, None]
-    usable = [one for one in known.slices if one.usable]
+    usable = [one for one in observation.slices if one.usable]
     if not usable:
         return [Span(bottom, top)]
     felt = np.zeros((count, len(usable[0].radii)), dtype=bool)
@@ -68,49 +68,49 @@ def untouched_spans(known: Observation) -> list[Span]:
     return [Span(*pair) for pair in edges[turns].reshape(-1, 2).tolist()]
 
 
-def untraceable_height(known: Observation) -> float:
+def untraceable_height(observation: Observation) -> float:
     """Height of the unfelt stretches in which a slice was tried that no finger could trace, m."""
-    failed = [one.height for one in known.slices if one.outcome == SliceOutcome.FAILED]
-    runs = untouched_spans(known)
-    return sum(run.length for run in runs if any(run.low <= at <= run.high for at in failed))
+    failed = [one.height for one in observation.slices if one.outcome == SliceOutcome.FAILED]
+    spans = untouched_spans(observation)
+    return sum(span.length for span in spans if any(span.low <= at <= span.high for at in failed))
 
 
-def even_heights(known: Observation, run: Span) -> list[float]:
+def even_heights(observation: Observation, span: Span) -> list[float]:
     """Heights at which as few slices as can be feel an unfelt run, m, from below.
 
     Where only contours count, what is felt beside them tells nothing: the middle is as good as any
     place.
     """
-    if not known.taxels or not any(one.usable for one in known.slices):
-        return [run.middle]
-    heights = np.linspace(run.low, run.high, FINE)
-    bands = _expected_bands(known, heights)
+    if not observation.all_taxels or not any(one.usable for one in observation.slices):
+        return [span.middle]
+    heights = np.linspace(span.low, span.high, FINE)
+    bands = _expected_bands(observation, heights)
     # In units of a band and a feature, a stretch as long as both is 1 everywhere.
-    step = run.length / (FINE - 1) / (0.5 * (bands[1:] + bands[:-1]) + known.feature)
+    step = span.length / (FINE - 1) / (0.5 * (bands[1:] + bands[:-1]) + observation.feature)
     along = np.concatenate([[0.0], np.cumsum(step)])
-    band = float(np.mean(bands / (bands + known.feature)))
+    band = float(np.mean(bands / (bands + observation.feature)))
     count = max(int(np.ceil(along[-1] - (1.0 - band) - ROUNDING)), 1)
     gap = (along[-1] - count * band) / (count + 1)
     found = np.interp(gap + 0.5 * band + np.arange(count) * (band + gap), along, heights)
     return [float(height) for height in found]
 
 
-def _expected_bands(known: Observation, heights: Floats) -> Floats:
+def _expected_bands(observation: Observation, heights: Floats) -> Floats:
     """Height (n,) of the band that a slice at each height (n,) is expected to feel, m.
 
     Along the surface a pad feels as much as its neighbours' pads did; where the surface leans, that
     is less of the height.
     """
-    usable = sorted((one for one in known.slices if one.usable), key=lambda one: one.height)
+    usable = sorted((one for one in observation.slices if one.usable), key=lambda one: one.height)
     felt = [np.quantile(one.contact_high - one.contact_low, OPEN) for one in usable]
     long = [_steepness(one.slopes) for one in usable]
     along = np.interp(heights, [one.height for one in usable], np.multiply(felt, long))
-    profile = profile_of(known)
+    profile = profile_of(observation)
     if len(profile.heights) < 2:
         return along
-    shares = np.clip((heights - known.low) / known.extent, *profile.heights[[0, -1]])
+    shares = np.clip((heights - observation.low) / observation.extent, *profile.heights[[0, -1]])
     wide = np.sqrt(np.maximum(hermite(profile, shares), 0.0))
-    slopes = np.gradient(wide, (heights - known.low) / known.extent, axis=0)
+    slopes = np.gradient(wide, (heights - observation.low) / observation.extent, axis=0)
     return np.asarray(along / np.sqrt(1.0 + (slopes**2).mean(axis=1)))
 
 
@@ -118,22 +118,22 @@ def _steepness(slopes: Floats) -> float:
     return float(np.sqrt(1.0 + (slopes**2).mean()))
 
 
-def longest_untouched(runs: Sequence[Span], low: float, high: float) -> float:
+def longest_untouched(spans: Sequence[Span], low: float, high: float) -> float:
     """Longest unfelt stretch between two heights, m."""
-    return max([min(run.high, high) - max(run.low, low) for run in runs] + [0.0])
+    return max([min(span.high, high) - max(span.low, low) for span in spans] + [0.0])
 
 
-def longest_first(runs: Sequence[Span], unit: float) -> list[Span]:
+def longest_first(spans: Sequence[Span], unit: float) -> list[Span]:
     """Longest first; of runs as long as each other, to a millionth of `unit`, the lowest first."""
-    return sorted(runs, key=lambda run: -round(run.length / unit, 6))
+    return sorted(spans, key=lambda span: -round(span.length / unit, 6))
 
 
-def free_height(known: Observation, wanted: float, within: Span) -> float | None:
+def free_height(observation: Observation, wanted: float, within: Span) -> float | None:
     """The height nearest to the wanted one that is a feature away from all that were tried.
 
     Parameters
     ----------
-    known : Known
+    observation : Known
         What is known; heights at which other fingers are at work count as tried.
     wanted : float
         m.
@@ -145,13 +145,15 @@ def free_height(known: Observation, wanted: float, within: Span) -> float | None
     float or None
         m; None if there is no room.
     """
-    room = known.feature * (1.0 - 1e-9)
-    tried = [(one.height, room) for one in known.slices]
-    tried += [(height, max(known.apart, room)) for height in known.taken]
-    reach = int(np.ceil(within.length / (0.25 * known.feature)))
+    room = observation.feature * (1.0 - 1e-9)
+    tried = [(one.height, room) for one in observation.slices]
+    tried += [
+        (height, max(observation.finger_spacing, room)) for height in observation.busy_heights
+    ]
+    reach = int(np.ceil(within.length / (0.25 * observation.feature)))
     steps = sorted(range(-reach, reach + 1), key=lambda step: (abs(step), -step))
     for step in steps:
-        height = wanted + 0.25 * known.feature * step
+        height = wanted + 0.25 * observation.feature * step
         inside = within.low <= height <= within.high
         if inside and all(abs(height - other) >= gap for other, gap in tried):
             return height
@@ -170,10 +172,10 @@ class Profile(NamedTuple):
     deviations: Floats  # Of the radii; (m,)
 
 
-def profile_of(known: Observation) -> Profile:
+def profile_of(observation: Observation) -> Profile:
     """The usable slices of what is known."""
-    slices = sorted((one for one in known.slices if one.usable), key=lambda one: one.height)
-    return stack_slices(slices, known.low, known.extent)
+    slices = sorted((one for one in observation.slices if one.usable), key=lambda one: one.height)
+    return stack_slices(slices, observation.low, observation.extent)
 
 
 def stack_slices(slices: Sequence[ObservedSlice], low: float, extent: float) -> Profile:
@@ -215,12 +217,14 @@ class ErrorIndicators(NamedTuple):
     """Of each interval, root mean square over the azimuths, as normal distances; (m - 1,)."""
 
     width: Floats  # Its height
-    higher: Floats  # In its middle: the quintic with curvatures, too, against the cubic
-    lower: Floats  # The cubic against the straight line between the positions
-    clash: Floats  # How far slopes and curvatures of both ends miss the rise of the positions
+    quintic_gap: Floats  # In its middle: the quintic with curvatures, too, against the cubic
+    chord_gap: Floats  # The cubic against the straight line between the positions
+    rise_mismatch: (
+        Floats  # How far slopes and curvatures of both ends miss the rise of the positions
+    )
     noise: Floats  # Standard deviation of the two slices
     # From 0 to 1: towards which end it bends more, by the root of the second derivatives.
-    pull: Floats
+    bend_side: Floats
 
 
 def error_indicators(profile: Profile) -> ErrorIndicators:
@@ -234,17 +238,17 @@ def error_indicators(profile: Profile) -> ErrorIndicators:
     steep = np.sqrt(1.0 + (0.5 * (profile.slopes[:-1] + profile.slopes[1:])) ** 2)
     normal = 1.0 / (np.sqrt(2.0 * (q0 + q1)) * steep)
     # Values of the curves in the middle of the interval.
-    higher = h * (d0 - d1) / 32.0 + h**2 * (c0 + c1) / 64.0
-    lower = h * (d0 - d1) / 8.0
-    clash = (q1 - q0 - 0.5 * h * (d0 + d1) + h**2 * (c1 - c0) / 12.0) / 16.0
-    pull = np.sqrt(_rms(profile.bends) + LEAST_BEND)
+    quintic_gap = h * (d0 - d1) / 32.0 + h**2 * (c0 + c1) / 64.0
+    chord_gap = h * (d0 - d1) / 8.0
+    rise_mismatch = (q1 - q0 - 0.5 * h * (d0 + d1) + h**2 * (c1 - c0) / 12.0) / 16.0
+    bend_side = np.sqrt(_rms(profile.bends) + LEAST_BEND)
     return ErrorIndicators(
         width=h[:, 0],
-        higher=_rms(higher * normal),
-        lower=_rms(lower * normal),
-        clash=_rms(clash * normal),
+        quintic_gap=_rms(quintic_gap * normal),
+        chord_gap=_rms(chord_gap * normal),
+        rise_mismatch=_rms(rise_mismatch * normal),
         noise=np.sqrt(0.5 * (profile.deviations[:-1] ** 2 + profile.deviations[1:] ** 2)),
-        pull=pull[1:] / (pull[1:] + pull[:-1]),
+        bend_side=bend_side[1:] / (bend_side[1:] + bend_side[:-1]),
     )
 
 

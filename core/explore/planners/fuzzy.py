@@ -46,9 +46,9 @@ class Fuzzy:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def next(self, known: Observation) -> Choice:
+    def next(self, observation: Observation) -> Choice:
         """The next slice of the search, or that it has ended."""
-        return step_search(known, self, StopRule(0.0, self.perimeter))
+        return step_search(observation, self, StopRule(0.0, self.perimeter))
 
     def first(self, bend: float) -> float:
         """Step from half height, over the height: as if nothing had changed."""

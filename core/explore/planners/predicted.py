@@ -73,7 +73,7 @@ class Predicted:
 
     cover: Annotated[int, Range(3, 99, "1")] = 3  # Slices before any error is foretold; odd
     # Error that an unfelt stretch may hide, over the height, by the square of its share.
-    suspicion: Annotated[float, Range(0.0, 1.0, "1")] = 0.04
+    hidden_error: Annotated[float, Range(0.0, 1.0, "1")] = 0.04
     # An interval cut into m parts is expected to err by m to this power less.
     order: Annotated[float, Range(1.0, 6.0, "1")] = 3.0
     # Cost of moving by the whole height, over that of a slice.
@@ -84,71 +84,82 @@ class Predicted:
         if self.cover % 2 == 0:
             raise ValueError(f"cover must be odd, so that the middle is in it, got {self.cover}")
 
-    def next(self, known: Observation) -> Choice:
+    def next(self, observation: Observation) -> Choice:
         """The next slice, or that the demand is met, or that nothing more can be done."""
-        profile, runs = profile_of(known), untouched_spans(known)
-        foretold = predict_error(known, profile, runs) if len(profile.heights) > 1 else None
-        bound = None if foretold is None else foretold.bound * known.extent
-        unfelt = max((run.length for run in runs), default=0.0)
-        over = exhausted_budget(known)
+        profile, spans = profile_of(observation), untouched_spans(observation)
+        prediction = (
+            predict_error(observation, profile, spans) if len(profile.heights) > 1 else None
+        )
+        bound = None if prediction is None else prediction.rms_bound_95 * observation.extent
+        unfelt = max((span.length for span in spans), default=0.0)
+        over = exhausted_budget(observation)
         if over is not None:
             return Stop(over, False, bound, unfelt)
-        height = self._covering(known)
+        height = self._covering(observation)
         if height is not None:
             return Height(height, COVERING)
-        if foretold is not None and foretold.wants_refinement(known.tolerance / known.extent):
-            costs = RefinementCosts(self.suspicion, self.order, self.travel)
-            height = best_refinement(known, profile.heights, foretold, runs, costs)
+        if prediction is not None and prediction.wants_refinement(
+            observation.tolerance / observation.extent
+        ):
+            costs = RefinementCosts(self.hidden_error, self.order, self.travel)
+            height = best_refinement(observation, profile.heights, prediction, spans, costs)
             if height is not None:
-                height = _along_with(known, runs, height)
+                height = _along_with(observation, spans, height)
                 return Height(height, "the foretold error is largest there")
-        height = _unfelt_height(known, runs) if foretold else None
+        height = _unfelt_height(observation, spans) if prediction else None
         if height is not None:
             return Height(height, FEELING)
-        if foretold is not None and known.taxels and _may_average(known, foretold):
-            height = _widest_free(known)
+        if (
+            prediction is not None
+            and observation.all_taxels
+            and _may_average(observation, prediction)
+        ):
+            height = _widest_free(observation)
             if height is not None:
                 return Height(height, "noise is averaged there")
-        if known.taken:
+        if observation.busy_heights:
             return Wait("other fingers are at work where there is something left to do")
-        return _end(known, foretold, unfelt)
+        return _end(observation, prediction, unfelt)
 
-    def _covering(self, known: Observation) -> float | None:
+    def _covering(self, observation: Observation) -> float | None:
         """The first height of the cover, from the middle, for which no slice stands yet."""
-        low, high = first_and_last(known)
+        low, high = first_and_last(observation)
         heights = np.linspace(low, high, self.cover)
-        reach = min(COVER_REACH * known.extent, 0.4 * (high - low) / (self.cover - 1))
-        there = [*(one.height for one in known.slices if one.usable), *known.taken]
+        reach = min(COVER_REACH * observation.extent, 0.4 * (high - low) / (self.cover - 1))
+        there = [
+            *(one.height for one in observation.slices if one.usable),
+            *observation.busy_heights,
+        ]
         middle = self.cover // 2
         for i in sorted(range(self.cover), key=lambda i: (abs(i - middle), -i)):
             wanted = float(heights[i])
             part = Span(max(low, wanted - reach), min(high, wanted + reach))
             if any(part.low <= one <= part.high for one in there):
                 continue
-            height = free_height(known, wanted, part)
+            height = free_height(observation, wanted, part)
             if height is not None:
                 return height
         return None
 
 
 def best_refinement(
-    known: Observation,
+    observation: Observation,
     shares: Floats,
-    foretold: ErrorPrediction,
-    runs: Sequence[Span],
+    prediction: ErrorPrediction,
+    spans: Sequence[Span],
     costs: RefinementCosts,
 ) -> float | None:
     """The height at which one slice more is worth most.
 
     Parameters
     ----------
-    known : Known
+    observation : Known
         What is known.
     shares : (m,) array
         Heights of its usable slices, as shares of the extent, from the bottom up.
-    foretold : Foretold
+    prediction : Foretold
         Errors between them.
-    runs : sequence of Run
+    spans : sequence of Run
         What is unfelt.
     costs : Costs
         What is weighed.
@@ -158,22 +169,22 @@ def best_refinement(
     float or None
         m; None where there is no room.
     """
-    heights = (known.low + known.extent * shares).tolist()
+    heights = (observation.low + observation.extent * shares).tolist()
     pairs = list(pairwise(heights))
-    variances = _variances(known, pairs, foretold, runs, costs.suspicion)
-    parts = parts_needed(variances, known.tolerance / known.extent / AMPLE, costs.order)
-    last = known.slices[-1].height
-    bottom, top = first_and_last(known)
+    variances = _variances(observation, pairs, prediction, spans, costs.hidden_error)
+    parts = parts_needed(variances, observation.tolerance / observation.extent / AMPLE, costs.order)
+    last = observation.slices[-1].height
+    bottom, top = first_and_last(observation)
     offers = []
     for i, (low, high) in enumerate(pairs):
-        if any(low < taken < high for taken in known.taken):
+        if any(low < busy_heights < high for busy_heights in observation.busy_heights):
             continue  # another finger cuts it at this moment
-        share = _place(int(parts[i]), float(foretold.signs.pull[i]))
+        share = _place(int(parts[i]), float(prediction.indicators.bend_side[i]))
         inside = Span(max(low, bottom), min(high, top))  # a slice may lie beyond an end that moved
         wanted = min(max(low + (high - low) * share, inside.low), inside.high)
-        height = free_height(known, wanted, inside)
+        height = free_height(observation, wanted, inside)
         if height is not None:
-            away = abs(height - last) / known.extent
+            away = abs(height - last) / observation.extent
             offers.append((float(variances[i]) / (1.0 + costs.travel * away), away, height))
     if not offers:
         return None
@@ -183,15 +194,15 @@ def best_refinement(
 
 
 def _variances(
-    known: Observation,
+    observation: Observation,
     pairs: Sequence[tuple[float, float]],
-    foretold: ErrorPrediction,
-    runs: Sequence[Span],
-    suspicion: float,
+    prediction: ErrorPrediction,
+    spans: Sequence[Span],
+    hidden_error: float,
 ) -> Floats:
     """Squared errors of the intervals by their shares of the area, with what may be hidden."""
-    hidden = np.array([longest_untouched(runs, *pair) for pair in pairs]) / known.extent
-    found: Floats = foretold.shares * (foretold.errors**2 + (suspicion * hidden**2) ** 2)
+    hidden = np.array([longest_untouched(spans, *pair) for pair in pairs]) / observation.extent
+    found: Floats = prediction.shares * (prediction.errors**2 + (hidden_error * hidden**2) ** 2)
     return found
 
 
@@ -217,78 +228,92 @@ def parts_needed(variances: Floats, target: float, order: float) -> Ints:
     return parts
 
 
-def _place(parts: int, pull: float) -> float:
+def _place(parts: int, bend_side: float) -> float:
     """Where to cut an interval that needs so many parts: at their border nearest to its middle."""
     count = max(parts, 2)
-    border = count // 2 if pull < 0.5 - NEAR else count - count // 2
-    return (border + PULLED * (2.0 * pull - 1.0)) / count
+    border = count // 2 if bend_side < 0.5 - NEAR else count - count // 2
+    return (border + PULLED * (2.0 * bend_side - 1.0)) / count
 
 
-def _along_with(known: Observation, runs: Sequence[Span], wanted: float) -> float:
+def _along_with(observation: Observation, spans: Sequence[Span], wanted: float) -> float:
     """A wanted height, moved so that its slice is one of those that feel an unfelt run evenly."""
-    if known.taxels:
-        for run in runs:
-            if run.low <= wanted <= run.high and run.length > known.feature:
-                return _into(known, run, wanted) or wanted
+    if observation.all_taxels:
+        for span in spans:
+            if span.low <= wanted <= span.high and span.length > observation.feature:
+                return _into(observation, span, wanted) or wanted
     return wanted
 
 
-def _unfelt_height(known: Observation, runs: Sequence[Span]) -> float | None:
+def _unfelt_height(observation: Observation, spans: Sequence[Span]) -> float | None:
     """Where to feel what was not felt: into the longest run, m.
 
     Beside other fingers, where the most slices are left so close together that only one finger
     at a time can trace them: else they are left over for a single one.
     """
-    wanted = [run for run in longest_first(runs, known.feature) if run.length > known.feature]
-    if not known.taken:
-        found = (_into(known, run) for run in wanted)
+    wanted = [
+        span
+        for span in longest_first(spans, observation.feature)
+        if span.length > observation.feature
+    ]
+    if not observation.busy_heights:
+        found = (_into(observation, span) for span in wanted)
         return next((height for height in found if height is not None), None)
-    places = [place for run in wanted for place in even_heights(known, run)]
-    crowds = [sum(abs(place - other) < known.apart for other in places) for place in places]
+    places = [place for span in wanted for place in even_heights(observation, span)]
+    crowds = [
+        sum(abs(place - other) < observation.finger_spacing for other in places) for place in places
+    ]
     order = sorted(range(len(places)), key=lambda i: -crowds[i])
-    runs_of = [run for run in wanted for _ in even_heights(known, run)]
-    tried = (free_height(known, places[i], runs_of[i]) for i in order)
+    runs_of = [span for span in wanted for _ in even_heights(observation, span)]
+    tried = (free_height(observation, places[i], runs_of[i]) for i in order)
     return next((height for height in tried if height is not None), None)
 
 
-def _into(known: Observation, run: Span, wanted: float | None = None) -> float | None:
+def _into(observation: Observation, span: Span, wanted: float | None = None) -> float | None:
     """Where to begin to feel an unfelt run: in its middle, or nearest to a wanted height, m."""
-    places = even_heights(known, run)
+    places = even_heights(observation, span)
     at = places[len(places) // 2]
     if wanted is not None:
         at = min(places, key=lambda place: abs(place - wanted))
-    return free_height(known, at, run)
+    return free_height(observation, at, span)
 
 
-def _may_average(known: Observation, foretold: ErrorPrediction) -> bool:
-    usable = sum(one.usable for one in known.slices)
-    room = int(known.extent / (ROOM * known.feature))
-    return foretold.wants_averaging(known.tolerance / known.extent, usable, max(room, usable))
+def _may_average(observation: Observation, prediction: ErrorPrediction) -> bool:
+    usable = sum(one.usable for one in observation.slices)
+    room = int(observation.extent / (ROOM * observation.feature))
+    return prediction.wants_averaging(
+        observation.tolerance / observation.extent, usable, max(room, usable)
+    )
 
 
-def _widest_free(known: Observation) -> float | None:
+def _widest_free(observation: Observation) -> float | None:
     """Middle of the widest stretch between slices that has room for one more, m."""
-    bottom, top = first_and_last(known)
-    between = (*(one.height for one in known.slices), *known.taken)
+    bottom, top = first_and_last(observation)
+    between = (*(one.height for one in observation.slices), *observation.busy_heights)
     heights = sorted({bottom, top, *(one for one in between if bottom < one < top)})
-    runs = [Span(*pair) for pair in pairwise(heights)]
-    found = (free_height(known, run.middle, run) for run in longest_first(runs, known.feature))
+    spans = [Span(*pair) for pair in pairwise(heights)]
+    found = (
+        free_height(observation, span.middle, span)
+        for span in longest_first(spans, observation.feature)
+    )
     return next((height for height in found if height is not None), None)
 
 
-def _end(known: Observation, foretold: ErrorPrediction | None, unfelt: float) -> Stop:
-    if foretold is None:
+def _end(observation: Observation, prediction: ErrorPrediction | None, unfelt: float) -> Stop:
+    if prediction is None:
         return Stop("fewer than two slices could be traced", False, None, unfelt)
-    bound, noise = foretold.bound * known.extent, foretold.noise * known.extent
-    loose = END_DEVIATIONS * max(known.low_deviation, known.high_deviation)
-    small, felt = bound <= known.tolerance, max(unfelt, loose) <= known.feature
+    bound, noise = (
+        prediction.rms_bound_95 * observation.extent,
+        prediction.noise * observation.extent,
+    )
+    loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
+    small, felt = bound <= observation.tolerance, max(unfelt, loose) <= observation.feature
     if small and felt:
         said = "the error is within tolerance, and nothing larger than a feature is unfelt"
-    elif small and loose > known.feature:
+    elif small and loose > observation.feature:
         said = "the error of the side is within tolerance, but where the object ends is uncertain"
     elif small:
         said = "the error is within tolerance, but what is left unfelt cannot be reached"
-    elif noise > known.tolerance:
+    elif noise > observation.tolerance:
         said = "the noise of the slices is beyond the tolerance, and no further slice takes it away"
     else:
         said = "the slices lie as close as they may, and the error is not within tolerance"
@@ -299,7 +324,7 @@ class RefinementCosts(NamedTuple):
     """What is weighed; as in `palpate.core.explore.planners.Predicted`."""
 
     # Error that an unfelt stretch may hide, by the square of its share of the height.
-    suspicion: float
+    hidden_error: float
     order: float  # Of the error, in the number of parts
     travel: float  # Cost of moving by the whole height, over that of a slice
 
@@ -307,21 +332,21 @@ class RefinementCosts(NamedTuple):
 class ErrorPrediction(NamedTuple):
     """What at least two slices say about the side between them; shares of the object's height."""
 
-    signs: ErrorIndicators  # Of each interval
+    indicators: ErrorIndicators  # Of each interval
     errors: Floats  # Root mean square error of each interval, noise apart; (m - 1,)
     shares: Floats  # Of the side's area; (m - 1,)
     curve: float  # Bound of the error of the whole that comes of too few slices, in 95 of 100 runs
     noise: float  # That which comes of the slices' own deviations, or that the solid states itself
 
     @property
-    def bound(self) -> float:
+    def rms_bound_95(self) -> float:
         """Of the error of the whole, in 95 of 100 runs."""
         return math.hypot(self.curve, self.noise)
 
     def wants_refinement(self, tolerance: float) -> bool:
         """Whether further slices would bring down what too few slices leave, and have to."""
         if self.noise < tolerance:
-            return self.bound > tolerance
+            return self.rms_bound_95 > tolerance
         return self.curve > SETTLED * self.noise
 
     def wants_averaging(self, tolerance: float, slices: int, room: int) -> bool:
@@ -332,28 +357,32 @@ class ErrorPrediction(NamedTuple):
         return self.noise > tolerance and self.noise * math.sqrt(slices / room) <= tolerance
 
 
-def predict_error(known: Observation, profile: Profile, runs: Sequence[Span]) -> ErrorPrediction:
+def predict_error(
+    observation: Observation, profile: Profile, spans: Sequence[Span]
+) -> ErrorPrediction:
     """The errors that at least two slices foretell, and unfelt runs between them."""
-    signs = error_indicators(profile)
-    errors = np.hypot(HIGHER * signs.higher, CLASH * signs.clash)
-    if known.taxels:
-        heights = (known.low + known.extent * profile.heights).tolist()
-        unfelt = np.array([longest_untouched(runs, *pair) for pair in pairwise(heights)])
-        errors *= (unfelt / (known.extent * signs.width)) ** UNFELT_ORDER
+    indicators = error_indicators(profile)
+    errors = np.hypot(HIGHER * indicators.quintic_gap, CLASH * indicators.rise_mismatch)
+    if observation.all_taxels:
+        heights = (observation.low + observation.extent * profile.heights).tolist()
+        unfelt = np.array([longest_untouched(spans, *pair) for pair in pairwise(heights)])
+        errors *= (unfelt / (observation.extent * indicators.width)) ** UNFELT_ORDER
     wide = profile.radii.mean(axis=1)
     long = np.sqrt(1.0 + (profile.slopes**2).mean(axis=1))
-    areas = signs.width * (wide[:-1] * long[:-1] + wide[1:] * long[1:])
+    areas = indicators.width * (wide[:-1] * long[:-1] + wide[1:] * long[1:])
     shares = areas / areas.sum()
     curve = SAFETY * math.sqrt(float((shares * errors**2).sum()))
-    return ErrorPrediction(signs, errors, shares, curve, _noise(known, signs, shares))
+    return ErrorPrediction(
+        indicators, errors, shares, curve, _noise(observation, indicators, shares)
+    )
 
 
-def _noise(known: Observation, signs: ErrorIndicators, shares: Floats) -> float:
+def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats) -> float:
     """Bound of what is left of the noise, over the extent."""
-    resolution = known.resolution / known.extent
-    if known.taxels and known.deviation is not None:
-        return math.hypot(DEVIATION * known.deviation / known.extent, resolution, LEFT)
-    return math.hypot(NOISE * math.sqrt(float((shares * signs.noise**2).sum())), resolution)
+    resolution = observation.resolution / observation.extent
+    if observation.all_taxels and observation.deviation is not None:
+        return math.hypot(DEVIATION * observation.deviation / observation.extent, resolution, LEFT)
+    return math.hypot(NOISE * math.sqrt(float((shares * indicators.noise**2).sum())), resolution)
 
 
 PLANNER = Predicted

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, is_dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple, Protocol, cast
 
-from palpate.core.arrays import Floats, finite_array, positive
+from palpate.core.arrays import Floats, finite_array, not_negative, positive
 from palpate.core.plugins import class_by_name
 
 LEAST_AZIMUTHS = 4
@@ -53,12 +53,8 @@ class ObservedSlice:
     def __post_init__(self) -> None:
         if not math.isfinite(self.height):
             raise ValueError(f"height must be finite, got {self.height} m")
-        if not 0.0 <= self.deviation < math.inf:
-            raise ValueError(f"deviation must be 0 or more and finite, got {self.deviation} m")
-        for name, unit in (("touches", "touches"), ("seconds", "s")):
-            value = getattr(self, name)
-            if not 0 <= value < math.inf:
-                raise ValueError(f"{name} must be 0 or more and finite, got {value} {unit}")
+        for name, unit in (("deviation", "m"), ("touches", "touches"), ("seconds", "s")):
+            not_negative(name, getattr(self, name), unit)
         count = len(finite_array("radii", self.radii, (None,)))
         for name in ("slopes", "curvatures", "contact_low", "contact_high"):
             finite_array(name, getattr(self, name), (count,))
@@ -88,10 +84,8 @@ class Budget:
             value = getattr(self, name)
             if not value > 0:
                 raise ValueError(f"{name} must be positive, got {value} {unit}")
-        for name, unit in (("touches", "touches"), ("seconds", "s")):
-            value = getattr(self, name)
-            if not 0 <= value < math.inf:
-                raise ValueError(f"{name} must be 0 or more and finite, got {value} {unit}")
+        not_negative("touches", self.touches, "touches")
+        not_negative("seconds", self.seconds, "s")
 
     @property
     def spent(self) -> bool:
@@ -112,10 +106,10 @@ class Observation:
     feature: float  # Largest height that may stay unfelt, and least distance of two slices, m
     budget: Budget = field(default_factory=Budget)  # What may be spent
     slices: tuple[ObservedSlice, ...] = ()  # In the order in which they were asked for
-    taken: tuple[float, ...] = ()  # Heights at which other fingers are at work, m
-    apart: float = 0.0  # Height that two fingers keep between them, m
+    busy_heights: tuple[float, ...] = ()  # Heights at which other fingers are at work, m
+    finger_spacing: float = 0.0  # Height that two fingers keep between them, m
     # Whether the solid is rebuilt from all that was felt, and not from contours alone.
-    taxels: bool = False
+    all_taxels: bool = False
     # Standard deviation of the whole surface of that solid, ends included, m; None without one.
     deviation: float | None = None
 
@@ -129,18 +123,16 @@ class Observation:
                 f"feature must be at least {LEAST_FEATURE:g} of the height {self.extent:g} m, "
                 f"got {self.feature} m"
             )
-        finite_array("taken", self.taken, (None,))
+        finite_array("busy_heights", self.busy_heights, (None,))
         if self.tolerance < self.resolution:
             raise ValueError(
                 f"tolerance must be at least the sensor's resolution {self.resolution} m, "
                 f"got {self.tolerance} m"
             )
-        for name in ("low_deviation", "high_deviation", "apart"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                value = getattr(self, name)
-                raise ValueError(f"{name} must be 0 or more and finite, got {value} m")
-        if self.deviation is not None and not 0.0 <= self.deviation < math.inf:
-            raise ValueError(f"deviation must be 0 or more and finite, got {self.deviation} m")
+        for name in ("low_deviation", "high_deviation", "finger_spacing"):
+            not_negative(name, getattr(self, name), "m")
+        if self.deviation is not None:
+            not_negative("deviation", self.deviation, "m")
         counts = {len(one.radii) for one in self.slices if one.usable}
         if len(counts) > 1:
             raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")
@@ -180,28 +172,28 @@ class Stop(NamedTuple):
 class Planner(Protocol):
     """A rule, with its numbers. It remembers nothing: the same `Observation`, the same answer."""
 
-    def next(self, known: Observation) -> Choice:
+    def next(self, observation: Observation) -> Choice:
         """The next slice, or that there is none."""
         ...
 
 
-def first_and_last(known: Observation) -> tuple[float, float]:
+def first_and_last(observation: Observation) -> tuple[float, float]:
     """Heights of the lowest and the highest slice, m."""
-    inside = END_SHARE * known.extent
-    low = known.low + max(inside, END_DEVIATIONS * known.low_deviation)
-    high = known.high - max(inside, END_DEVIATIONS * known.high_deviation)
-    middle = 0.5 * (known.low + known.high)
+    inside = END_SHARE * observation.extent
+    low = observation.low + max(inside, END_DEVIATIONS * observation.low_deviation)
+    high = observation.high - max(inside, END_DEVIATIONS * observation.high_deviation)
+    middle = 0.5 * (observation.low + observation.high)
     return min(low, middle), max(high, middle)
 
 
-def exhausted_budget(known: Observation) -> str | None:
+def exhausted_budget(observation: Observation) -> str | None:
     """Which budget one slice more would overrun, in words; None if there is enough.
 
     A slice is expected to take as much as those before it did on average.
     """
-    budget, traced = known.budget, max(len(known.slices), 1)
-    touches = sum(one.touches for one in known.slices) / traced
-    seconds = sum(one.seconds for one in known.slices) / traced
+    budget, traced = observation.budget, max(len(observation.slices), 1)
+    touches = sum(one.touches for one in observation.slices) / traced
+    seconds = sum(one.seconds for one in observation.slices) / traced
     for what, used, most, more in (
         ("touches", budget.touches, budget.most_touches, touches),
         ("s of robot time", budget.seconds, budget.most_seconds, seconds),
@@ -211,25 +203,27 @@ def exhausted_budget(known: Observation) -> str | None:
     return None
 
 
-def was_asked(known: Observation, height: float) -> bool:
+def was_asked(observation: Observation, height: float) -> bool:
     """Whether a slice was asked for at this height, whatever came of it."""
-    heights = (*(one.height for one in known.slices), *known.taken)
-    return any(abs(height - one) <= SAME * known.extent for one in heights)
+    heights = (*(one.height for one in observation.slices), *observation.busy_heights)
+    return any(abs(height - one) <= SAME * observation.extent for one in heights)
 
 
-def is_near_finger(known: Observation, height: float) -> bool:
+def is_near_finger(observation: Observation, height: float) -> bool:
     """Whether another finger is too near to this height."""
-    return any(abs(height - other) < known.apart for other in known.taken)
+    return any(
+        abs(height - other) < observation.finger_spacing for other in observation.busy_heights
+    )
 
 
-def check_choice(planner: Planner, known: Observation) -> Choice:
+def check_choice(planner: Planner, observation: Observation) -> Choice:
     """What a planner answers.
 
     Parameters
     ----------
     planner : Planner
         Who is asked.
-    known : Known
+    observation : Known
         What is known.
 
     Raises
@@ -239,34 +233,39 @@ def check_choice(planner: Planner, known: Observation) -> Choice:
         or is too near to another finger; or it waits though no finger is at work; or a bound or an
         unfelt height is no length.
     """
-    choice = planner.next(known)
-    wrong = _wrong(known, choice)
+    choice = planner.next(observation)
+    wrong = _wrong(observation, choice)
     if wrong:
         name = type(planner).__name__
         raise ValueError(f"the planner {name} gave no answer to act on: {wrong}")
     return choice
 
 
-def _wrong(known: Observation, choice: object) -> str:
+def _wrong(observation: Observation, choice: object) -> str:
     """What is wrong with an answer; nothing if nothing is."""
     match choice:
         case Height():
-            return _wrong_height(known, choice.height)
+            return _wrong_height(observation, choice.height)
         case Wait():
-            return "" if known.taken else "it waits, but no finger is at work"
+            return "" if observation.busy_heights else "it waits, but no finger is at work"
         case Stop():
             return _wrong_stop(choice)
     return f"it must answer with a Height, a Wait or a Stop, got {choice!r:.60}"
 
 
-def _wrong_height(known: Observation, height: float) -> str:
-    if not known.low < height < known.high:  # nor is it if it is no number
-        return f"a height must lie between {known.low:g} and {known.high:g} m, got {height:g} m"
-    if was_asked(known, height):
+def _wrong_height(observation: Observation, height: float) -> str:
+    if not observation.low < height < observation.high:  # nor is it if it is no number
+        return f"a height must lie between {observation.low:g} and {observation.high:g} m, got {height:g} m"
+    if was_asked(observation, height):
         return f"a slice was asked for at {height:g} m before; it must go elsewhere, or stop"
-    near = [other for other in known.taken if abs(height - other) < known.apart * (1.0 - SAME)]
+    near = [
+        other
+        for other in observation.busy_heights
+        if abs(height - other) < observation.finger_spacing * (1.0 - SAME)
+    ]
     if near:
-        return f"{height:g} m is nearer than {known.apart:g} m to a finger at {near[0]:g} m"
+        limit = observation.finger_spacing
+        return f"{height:g} m is nearer than {limit:g} m to a finger at {near[0]:g} m"
     return ""
 
 
@@ -295,7 +294,7 @@ def planner_type(name: str) -> type[Planner]:
     frozen = is_dataclass(found) and getattr(found, "__dataclass_params__").frozen  # noqa: B009
     if not isinstance(found, type) or not frozen or not callable(getattr(found, "next", None)):
         raise ValueError(
-            f"{name!r} is no planner: {wanted!r} must be a frozen dataclass with next(known)"
+            f"{name!r} is no planner: {wanted!r} must be a frozen dataclass with next(observation)"
         )
     return cast("type[Planner]", found)
 
@@ -311,11 +310,11 @@ def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
         If the module is none, or a number is unknown or out of its range.
     """
     described = planner_type(name)
-    known = set(getattr(described, "__dataclass_fields__"))  # noqa: B009
-    unknown = sorted(set(settings) - known)
+    fields = set(getattr(described, "__dataclass_fields__"))  # noqa: B009
+    unknown = sorted(set(settings) - fields)
     if unknown:
         raise ValueError(
-            f"the planner {name!r} has no {', '.join(unknown)}; it has {', '.join(sorted(known))}"
+            f"the planner {name!r} has no {', '.join(unknown)}; it has {', '.join(sorted(fields))}"
         )
     try:
         return described(**settings)

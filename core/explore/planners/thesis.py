@@ -84,9 +84,9 @@ class Thesis:
         if self.most < self.least:
             raise ValueError(f"most must be at least least, {self.least}, got {self.most}")
 
-    def next(self, known: Observation) -> Choice:
+    def next(self, observation: Observation) -> Choice:
         """The next slice of the search, or that it has ended."""
-        return step_search(known, self, StopRule(self.threshold, self.perimeter))
+        return step_search(observation, self, StopRule(self.threshold, self.perimeter))
 
     def first(self, bend: float) -> float:
         """Step from half height, (3.1), over the height; no smaller than the others may be."""
@@ -139,29 +139,31 @@ class StepRule(Protocol):
         ...
 
 
-def step_search(known: Observation, steps: StepRule, ends: StopRule) -> Choice:
+def step_search(observation: Observation, steps: StepRule, ends: StopRule) -> Choice:
     """The next slice of a search in one direction and then in the other."""
-    over = exhausted_budget(known)
+    over = exhausted_budget(observation)
     if over is not None:
         return Stop(over, None)
-    if not known.slices:
-        middle = 0.5 * (known.low + known.high)
+    if not observation.slices:
+        middle = 0.5 * (observation.low + observation.high)
         return (
-            Wait("the first slice is under way") if known.taken else Height(middle, "half height")
+            Wait("the first slice is under way")
+            if observation.busy_heights
+            else Height(middle, "half height")
         )
-    start = known.slices[0]
+    start = observation.slices[0]
     if not start.usable:
         return Stop(f"the slice at half height, {start.height:g} m, could not be traced", False)
     up = 1.0 if mean_normal_rise(start) >= 0.0 else -1.0
     for direction in (up, -up):
-        if any((height - start.height) * direction > 0.0 for height in known.taken):
+        if any((height - start.height) * direction > 0.0 for height in observation.busy_heights):
             continue
-        height = _onwards(known, steps, ends, direction)
-        if height is not None and not is_near_finger(known, height):
+        height = _onwards(observation, steps, ends, direction)
+        if height is not None and not is_near_finger(observation, height):
             return Height(height, "upwards" if direction > 0.0 else "downwards")
         if height is not None:
             return Wait("another finger is too near")
-    if known.taken:
+    if observation.busy_heights:
         return Wait("a step follows from the slice before it, which is under way")
     return Stop("the search has ended in both directions", None)
 
@@ -173,34 +175,36 @@ def mean_normal_rise(one: ObservedSlice) -> float:
     return float(np.mean(-one.slopes / np.sqrt(1.0 + one.slopes**2 + around**2)))
 
 
-def _onwards(known: Observation, steps: StepRule, ends: StopRule, direction: float) -> float | None:
+def _onwards(
+    observation: Observation, steps: StepRule, ends: StopRule, direction: float
+) -> float | None:
     """The next height in this direction, m; None where the search in it is over."""
-    start = known.slices[0]
-    way = [one for one in known.slices[1:] if (one.height - start.height) * direction > 0.0]
+    start = observation.slices[0]
+    way = [one for one in observation.slices[1:] if (one.height - start.height) * direction > 0.0]
     if any(one.outcome is SliceOutcome.LOST for one in way):
         return None
     usable = [start, *(one for one in way if one.usable)]
     last = usable[-1]
     failures = next((i for i, one in enumerate(reversed(way)) if one.usable), len(way))
-    bottom, top = first_and_last(known)
+    bottom, top = first_and_last(observation)
     # The ends may have been moved since; where a slice lies beyond them, the way begins at them.
     here, end = min(max(last.height, bottom), top), top if direction > 0.0 else bottom
-    if failures >= MOST_FAILURES or (end - here) * direction <= SAME * known.extent:
+    if failures >= MOST_FAILURES or (end - here) * direction <= SAME * observation.extent:
         return None
-    if 2.0 * math.pi * float(last.radii.mean()) < ends.perimeter * known.extent:
+    if 2.0 * math.pi * float(last.radii.mean()) < ends.perimeter * observation.extent:
         return None
-    bend = mean_profile_curvature(last, known.extent)
+    bend = mean_profile_curvature(last, observation.extent)
     if len(usable) == 1:
         step = steps.first(bend)
     else:
-        change = abs(bend - mean_profile_curvature(usable[-2], known.extent))
+        change = abs(bend - mean_profile_curvature(usable[-2], observation.extent))
         step = steps.later(bend, change, len(usable) - 1)
         if direction > 0.0 and step < ends.threshold:
             return None
-    step = min(step * known.extent * 0.5**failures, (end - here) * direction)
+    step = min(step * observation.extent * 0.5**failures, (end - here) * direction)
     for shorter in SHORTER:
         height = here + direction * step * shorter
-        if not was_asked(known, height):
+        if not was_asked(observation, height):
             return height
     return None
 

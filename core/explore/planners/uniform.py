@@ -37,27 +37,31 @@ class Uniform:
         if self.order not in ("sweep", "nested"):
             raise ValueError(f"order must be sweep or nested, got {self.order!r}")
 
-    def next(self, known: Observation) -> Choice:
+    def next(self, observation: Observation) -> Choice:
         """The first height in the order that has neither its slice nor all its tries."""
-        over = exhausted_budget(known)
+        over = exhausted_budget(observation)
         if over is not None:
             return Stop(over, None)
-        low, high = first_and_last(known)
+        low, high = first_and_last(observation)
         middle = 0.5 * (low + high)
         heights = np.linspace(low, high, self.count) if self.count > 1 else np.array([middle])
         spacing = (high - low) / max(self.count - 1, 1)
         waits = False
         for i in sweep(self.count) if self.order == "sweep" else nested(self.count):
             wanted = float(heights[i])
-            visits = [one for one in known.slices if abs(one.height - wanted) <= REACH * spacing]
-            under_way = any(abs(other - wanted) <= REACH * spacing for other in known.taken)
+            visits = [
+                one for one in observation.slices if abs(one.height - wanted) <= REACH * spacing
+            ]
+            under_way = any(
+                abs(other - wanted) <= REACH * spacing for other in observation.busy_heights
+            )
             if any(one.usable for one in visits) or len(visits) >= TRIES or under_way:
                 continue
             if visits:
                 wanted += 0.25 * spacing * (1.0 if wanted < middle else -1.0)
-            if was_asked(known, wanted):
+            if was_asked(observation, wanted):
                 continue  # the ends have been moved since, and another height with them
-            if not is_near_finger(known, wanted):
+            if not is_near_finger(observation, wanted):
                 return Height(wanted, f"slice {i + 1} of {self.count} even ones")
             waits = True
         if waits:

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Floats, finite_array, positive
+from palpate.core.arrays import Floats, finite_array, not_negative, positive
 from palpate.core.poses import FACING_DOWN, compose_poses, pose_of
 from palpate.core.touch import TouchOutcome
 
@@ -43,8 +43,8 @@ class ProbeCommand(NamedTuple):
 
     pose: Floats  # From which the pad moves along its z axis, (7,)
     reach: float  # Longest way, m
-    why: ProbeReason  # What it is for
-    aim: Floats  # Where the surface is expected, (3,), m
+    reason: ProbeReason  # What it is for
+    target: Floats  # Where the surface is expected, (3,), m
 
 
 class StopProbing(NamedTuple):
@@ -52,7 +52,7 @@ class StopProbing(NamedTuple):
 
     reason: str  # Why, in a few words
     # Width of the largest stretch of the end that nobody felt, m; 0 where that is unknown.
-    unfelt: float
+    untouched: float
 
 
 class ProbeResult(NamedTuple):
@@ -82,16 +82,14 @@ class EndObservation:
     noise: float = 0.0  # Standard deviation of a touch's place
     # Whether the object stands on this end: nothing can be felt from beyond it.
     standing: bool = False
-    wall: SideContour | None = None  # The contour nearest to it; None while there is none
+    contour: SideContour | None = None  # The contour nearest to it; None while there is none
     probes: tuple[ProbeResult, ...] = ()  # Touches made of this end, in their order
 
     def __post_init__(self) -> None:
         for name in ("radius", "width", "tolerance"):
             positive(name, getattr(self, name), "m")
         for name in ("deviation", "noise"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                value = getattr(self, name)
-                raise ValueError(f"{name} must be 0 or more and finite, got {value} m")
+            not_negative(name, getattr(self, name), "m")
         if not (math.isfinite(self.height) and math.isfinite(self.other)) or (
             self.height == self.other
         ):
@@ -99,11 +97,11 @@ class EndObservation:
                 f"height must be finite and differ from that of the other end {self.other} m, "
                 f"got {self.height} m"
             )
-        if self.wall is not None:
-            _check_wall(self.wall)
+        if self.contour is not None:
+            _check_wall(self.contour)
 
     @property
-    def found(self) -> tuple[ProbeResult, ...]:
+    def hits(self) -> tuple[ProbeResult, ...]:
         """Touches that tell where the surface is."""
         return tuple(one for one in self.probes if one.touched)
 
@@ -116,41 +114,43 @@ class EndObservation:
 NOISES = 3.0  # Standard deviations by which touches may differ
 
 
-def turned_over(known: EndObservation) -> EndObservation:
+def turned_over(observation: EndObservation) -> EndObservation:
     """What is known of a lower end, as if it were an upper one."""
-    wall = known.wall
-    if wall is not None:
-        wall = SideContour(
-            wall.points @ FACING_DOWN,
-            wall.normals @ FACING_DOWN,
-            -wall.contact_high,
-            -wall.contact_low,
+    contour = observation.contour
+    if contour is not None:
+        contour = SideContour(
+            contour.points @ FACING_DOWN,
+            contour.normals @ FACING_DOWN,
+            -contour.contact_high,
+            -contour.contact_low,
         )
     return replace(
-        known,
-        height=-known.height,
-        other=-known.other,
-        wall=wall,
+        observation,
+        height=-observation.height,
+        other=-observation.other,
+        contour=contour,
         probes=tuple(
             one._replace(
                 probing=turned_command(one.probing),
                 point=one.point @ FACING_DOWN,
                 normal=one.normal @ FACING_DOWN,
             )
-            for one in known.probes
+            for one in observation.probes
         ),
     )
 
 
 def turned_command(probing: ProbeCommand) -> ProbeCommand:
     """A touch of the one end as one of the other."""
-    return probing._replace(pose=compose_poses(OVER, probing.pose), aim=probing.aim @ FACING_DOWN)
+    return probing._replace(
+        pose=compose_poses(OVER, probing.pose), target=probing.target @ FACING_DOWN
+    )
 
 
-def _check_wall(wall: SideContour) -> None:
-    count = len(finite_array("wall.points", wall.points, (None, 3)))
+def _check_wall(contour: SideContour) -> None:
+    count = len(finite_array("contour.points", contour.points, (None, 3)))
     if count < LEAST_POINTS:
-        raise ValueError(f"wall.points must be at least {LEAST_POINTS}, got {count}")
-    finite_array("wall.normals", wall.normals, (count, 3))
+        raise ValueError(f"contour.points must be at least {LEAST_POINTS}, got {count}")
+    finite_array("contour.normals", contour.normals, (count, 3))
     for name in ("contact_low", "contact_high"):
-        finite_array(f"wall.{name}", getattr(wall, name), (count,))
+        finite_array(f"contour.{name}", getattr(contour, name), (count,))

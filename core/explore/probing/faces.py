@@ -92,7 +92,7 @@ def _slopes(
 
 
 def is_plane(
-    face: EndFace, touches: Sequence[ProbeResult], wall: SideContour, allowed: float
+    face: EndFace, touches: Sequence[ProbeResult], contour: SideContour, allowed: float
 ) -> bool:
     """Whether all touches lie in a plane, and nothing beside them rises over it.
 
@@ -102,7 +102,7 @@ def is_plane(
         Fitted to the touches.
     touches : sequence of Probed
         Those.
-    wall : Wall
+    contour : Wall
         The contour nearest to the end.
     allowed : float
         Largest distance from the plane, m.
@@ -113,7 +113,7 @@ def is_plane(
     normals = np.stack([one.normal for one in touches])
     if float((normals @ face.normal).min()) < math.cos(ALIKE):
         return False
-    return bool((wall.contact_high - face.at(wall.points[:, :2])).max() <= allowed)
+    return bool((contour.contact_high - face.at(contour.points[:, :2])).max() <= allowed)
 
 
 class FaceEdge(NamedTuple):
@@ -121,11 +121,11 @@ class FaceEdge(NamedTuple):
 
     places: Floats  # (n, 3), m
     headings: Floats  # Azimuths of the wall's outward normals there, (n,), rad
-    unfelt: Floats  # Height between band and face, (n,), m; 0 where there is no edge
+    untouched: Floats  # Height between band and face, (n,), m; 0 where there is no edge
 
 
 def expected_edge(
-    face: EndFace, wall: SideContour, touched: Floats, foot: float, top: float
+    face: EndFace, contour: SideContour, touched: Floats, foot: float, top: float
 ) -> FaceEdge:
     """Where the wall, gone on with as it leans, meets the face.
 
@@ -133,7 +133,7 @@ def expected_edge(
     ----------
     face : Face
         The face.
-    wall : Wall
+    contour : Wall
         The contour nearest to it.
     touched : (k, 3) array
         Where the face was touched, m: an edge within a `foot` of that has been felt.
@@ -142,18 +142,18 @@ def expected_edge(
     top : float
         Where the object ends, m: a plane through touches of what is none may rise beyond.
     """
-    level = np.linalg.norm(wall.normals[:, :2], axis=1)
-    steep = wall.normals[:, 2] < STEEP
-    outward = wall.normals[:, :2] / np.where(steep, level, 1.0)[:, None]
-    lean = np.where(steep, wall.normals[:, 2] / np.where(steep, level, 1.0), 0.0)
+    level = np.linalg.norm(contour.normals[:, :2], axis=1)
+    steep = contour.normals[:, 2] < STEEP
+    outward = contour.normals[:, :2] / np.where(steep, level, 1.0)[:, None]
+    lean = np.where(steep, contour.normals[:, 2] / np.where(steep, level, 1.0), 0.0)
     # Along the wall, a height h lies lean * h inwards; the face there is as high as h.
-    rise = np.minimum(face.at(wall.points[:, :2]), top) - wall.points[:, 2]
+    rise = np.minimum(face.at(contour.points[:, :2]), top) - contour.points[:, 2]
     height = rise / np.maximum(1.0 + lean * (outward @ face.slopes), 0.5)
-    places = wall.points[:, :2] - (lean * height)[:, None] * outward
+    places = contour.points[:, :2] - (lean * height)[:, None] * outward
     edge = np.column_stack([places, np.minimum(face.at(places), top)])
     away = np.linalg.norm(edge[:, None] - touched, axis=2).min(axis=1)
-    unfelt = np.where(steep & (away > foot), edge[:, 2] - wall.contact_high, 0.0)
-    return FaceEdge(edge, np.arctan2(outward[:, 1], outward[:, 0]), np.maximum(unfelt, 0.0))
+    untouched = np.where(steep & (away > foot), edge[:, 2] - contour.contact_high, 0.0)
+    return FaceEdge(edge, np.arctan2(outward[:, 1], outward[:, 0]), np.maximum(untouched, 0.0))
 
 
 def next_edge(
@@ -172,24 +172,24 @@ def next_edge(
     allowed : float
         What touches of one edge may differ by, m.
     """
-    uncertain = np.flatnonzero(edge.unfelt > UNFELT * width)
+    uncertain = np.flatnonzero(edge.untouched > UNFELT * width)
     if not len(uncertain):
-        return float(edge.unfelt.max(initial=0.0))
+        return float(edge.untouched.max(initial=0.0))
     if not made:
-        return _across(edge, int(edge.unfelt.argmax()), width)
-    aimed = np.stack([one.probing.aim for one in made])
+        return _across(edge, int(edge.untouched.argmax()), width)
+    aimed = np.stack([one.probing.target for one in made])
     away = np.linalg.norm(edge.places[uncertain, None] - aimed, axis=2).min(axis=1)
     enough = float(away.max()) < APART * width or len(made) >= MOST_EDGE
     if enough or (len(made) >= LEAST_ALIKE and _alike(made, allowed)):
-        return 0.0 if any(one.touched for one in made) else float(edge.unfelt.max())
+        return 0.0 if any(one.touched for one in made) else float(edge.untouched.max())
     return _across(edge, int(uncertain[away.argmax()]), width)
 
 
 def _across(edge: FaceEdge, number: int, width: float) -> ProbeCommand:
     axes = pad_rotation(float(edge.headings[number]), TILT)
-    aim = edge.places[number]
-    start = aim - STANDOFF * width * axes[:, 2]
-    return ProbeCommand(pose_of(start, axes), (STANDOFF + BEYOND) * width, "edge", aim)
+    target = edge.places[number]
+    start = target - STANDOFF * width * axes[:, 2]
+    return ProbeCommand(pose_of(start, axes), (STANDOFF + BEYOND) * width, "edge", target)
 
 
 def _alike(made: Sequence[ProbeResult], allowed: float) -> bool:
@@ -197,7 +197,8 @@ def _alike(made: Sequence[ProbeResult], allowed: float) -> bool:
     if not all(one.touched for one in made):
         return False
     off = [
-        float((one.point - one.probing.aim) @ split_pose(one.probing.pose)[1][:, 2]) for one in made
+        float((one.point - one.probing.target) @ split_pose(one.probing.pose)[1][:, 2])
+        for one in made
     ]
     return max(off) - min(off) <= allowed
 
@@ -209,30 +210,30 @@ class UntouchedDisc(NamedTuple):
     radius: float  # m; 0 or less where everything was felt
 
 
-def inner_outline(wall: SideContour) -> Floats:
+def inner_outline(contour: SideContour) -> Floats:
     """Where the band that the contour's touches felt ends on the face, (n, 2), m.
 
     Beyond a leaning wall by as much as the band climbs along it.
     """
-    level = np.maximum(np.linalg.norm(wall.normals[:, :2], axis=1), LEAST_LEVEL)
-    climbed = np.maximum(wall.contact_high - wall.points[:, 2], 0.0)
-    inwards = climbed * np.maximum(wall.normals[:, 2], 0.0) / level
-    outline = wall.points[:, :2] - (inwards / level)[:, None] * wall.normals[:, :2]
+    level = np.maximum(np.linalg.norm(contour.normals[:, :2], axis=1), LEAST_LEVEL)
+    climbed = np.maximum(contour.contact_high - contour.points[:, 2], 0.0)
+    inwards = climbed * np.maximum(contour.normals[:, 2], 0.0) / level
+    outline = contour.points[:, :2] - (inwards / level)[:, None] * contour.normals[:, :2]
     return np.asarray(outline[:: max(len(outline) // OUTLINE, 1)])
 
 
-def interior_point(wall: SideContour) -> Floats:
+def interior_point(contour: SideContour) -> Floats:
     """A place (2,) well inside a contour: its centroid, or where the widest disc fits, m."""
-    outline = wall.points[:, :2]
+    outline = contour.points[:, :2]
     middle = area_centroid(outline)
     if winding_number(outline, middle[None])[0] != 0:
         return middle
     return inscribed_circle(outline).middle
 
 
-def covers(wall: SideContour, places: Floats, beside: float) -> Bools:
+def covers(contour: SideContour, places: Floats, beside: float) -> Bools:
     """Which places (n, 2) lie inside a contour, or beside it by no more than so much, m."""
-    outline = wall.points[:, :2]
+    outline = contour.points[:, :2]
     inside = winding_number(outline, places) != 0
     return np.asarray(inside | (edge_distance(outline, places) <= beside), np.bool_)
 

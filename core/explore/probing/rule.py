@@ -66,14 +66,14 @@ SAME_PLACE = 0.25
 MOST_CLIMBS = 8  # Touches after which nobody climbs on
 
 
-def next_probe(end: End, known: EndObservation) -> ProbeCommand | StopProbing:
+def next_probe(end: End, observation: EndObservation) -> ProbeCommand | StopProbing:
     """Where to touch an end next.
 
     Parameters
     ----------
     end : {"upper", "lower"}
         Which end of the slicing axis.
-    known : EndKnown
+    observation : EndKnown
         What is known of it; call again with the answered touch among `known.probes`.
 
     Returns
@@ -86,76 +86,76 @@ def next_probe(end: End, known: EndObservation) -> ProbeCommand | StopProbing:
     ValueError
         If the end does not lie beyond the other one.
     """
-    if (known.height > known.other) != (end == "upper"):
+    if (observation.height > observation.other) != (end == "upper"):
         raise ValueError(
-            f"height of the {end} end must lie beyond the other one's {known.other} m, "
-            f"got {known.height} m"
+            f"height of the {end} end must lie beyond the other one's {observation.other} m, "
+            f"got {observation.height} m"
         )
     if end == "upper":
-        return _upper(known)
-    found = _upper(turned_over(known))
+        return _upper(observation)
+    found = _upper(turned_over(observation))
     return turned_command(found) if isinstance(found, ProbeCommand) else found
 
 
-def _upper(known: EndObservation) -> ProbeCommand | StopProbing:
-    if known.standing:
-        return StopProbing("it stands on the platform", _below(known))
-    again = _farther(known)
+def _upper(observation: EndObservation) -> ProbeCommand | StopProbing:
+    if observation.standing:
+        return StopProbing("it stands on the platform", _below(observation))
+    again = _farther(observation)
     if again is not None:
         return again
-    if not known.found:
-        return _search(known)
-    if known.wall is None:
-        higher = next_uphill(known.found, known.probes, known.width)
+    if not observation.hits:
+        return _search(observation)
+    if observation.contour is None:
+        higher = next_uphill(observation.hits, observation.probes, observation.width)
         return (
             StopProbing("the end is found", 0.0)
             if higher is None
-            else probe_along_axis(known, higher)
+            else probe_along_axis(observation, higher)
         )
-    faces = [one for one in known.found if one.probing.why != "edge"]
+    faces = [one for one in observation.hits if one.probing.reason != "edge"]
     if not faces:
         return StopProbing("only its edge was touched", 0.0)
-    return _with_wall(known, known.wall, faces)
+    return _with_wall(observation, observation.contour, faces)
 
 
-def _below(known: EndObservation) -> float:
+def _below(observation: EndObservation) -> float:
     """Height between the platform and what was felt over it, m."""
-    if known.wall is None:
+    if observation.contour is None:
         return 0.0
-    return max(float((known.height - known.wall.contact_high).max()), 0.0)
+    return max(float((observation.height - observation.contour.contact_high).max()), 0.0)
 
 
-def _farther(known: EndObservation) -> ProbeCommand | None:
+def _farther(observation: EndObservation) -> ProbeCommand | None:
     """The last touch from farther off, if it began inside the object."""
     back = 0
-    for one in reversed(known.probes):
+    for one in reversed(observation.probes):
         if one.outcome != "inside":
             break
         back += 1
     if not 0 < back <= MOST_BACK:
         return None
-    probing = known.probes[-1].probing
+    probing = observation.probes[-1].probing
     position, axes = split_pose(probing.pose)
-    pose = pose_of(position - known.width * axes[:, 2], axes)
-    return probing._replace(pose=pose, reach=probing.reach + known.width)
+    pose = pose_of(position - observation.width * axes[:, 2], axes)
+    return probing._replace(pose=pose, reach=probing.reach + observation.width)
 
 
-def _search(known: EndObservation) -> ProbeCommand | StopProbing:
+def _search(observation: EndObservation) -> ProbeCommand | StopProbing:
     """The next place at which the end is looked for."""
-    if known.wall is None:
-        places = end_search_places(known.radius, known.width)
-        if len(known.probes) < len(places):
-            return probe_along_axis(known, places[len(known.probes)])
-        return StopProbing("nothing was felt", 2.0 * known.radius)
-    if not known.probes:
-        return probe_along_axis(known, interior_point(known.wall))
-    outline = inner_outline(known.wall)
+    if observation.contour is None:
+        places = end_search_places(observation.radius, observation.width)
+        if len(observation.probes) < len(places):
+            return probe_along_axis(observation, places[len(observation.probes)])
+        return StopProbing("nothing was felt", 2.0 * observation.radius)
+    if not observation.probes:
+        return probe_along_axis(observation, interior_point(observation.contour))
+    outline = inner_outline(observation.contour)
     gap = largest_untouched_disc(
-        outline, np.stack([_place(one) for one in known.probes]), known.width
+        outline, np.stack([_place(one) for one in observation.probes]), observation.width
     )
-    if gap.radius <= SMALL * known.width or len(known.probes) >= MOST_FACE:
+    if gap.radius <= SMALL * observation.width or len(observation.probes) >= MOST_FACE:
         return StopProbing("nothing was felt", float(np.ptp(outline, axis=0).max()))
-    return probe_along_axis(known, gap.place)
+    return probe_along_axis(observation, gap.place)
 
 
 def end_search_places(radius: float, width: float) -> list[Floats]:
@@ -171,72 +171,76 @@ def end_search_places(radius: float, width: float) -> list[Floats]:
 
 
 def _with_wall(
-    known: EndObservation, wall: SideContour, faces: list[ProbeResult]
+    observation: EndObservation, contour: SideContour, faces: list[ProbeResult]
 ) -> ProbeCommand | StopProbing:
     """The next touch of an end that is found and has a contour beside it."""
-    over = _over(faces, wall, known.width)
+    over = _over(faces, contour, observation.width)
     if not over:
-        first = _first_over(known, wall)
+        first = _first_over(observation, contour)
         if first is not None:
             return first
     told = over or faces
-    face = fit_face(told, known.width)
-    plane = is_plane(face, told, wall, known.allowed)
-    wanted = _next_face(known, wall, face, told, plane)
+    face = fit_face(told, observation.width)
+    plane = is_plane(face, told, contour, observation.allowed)
+    wanted = _next_face(observation, contour, face, told, plane)
     if isinstance(wanted, ProbeCommand):
         return wanted
-    edges = [one for one in known.probes if one.probing.why == "edge"]
+    edges = [one for one in observation.probes if one.probing.reason == "edge"]
     touched = np.stack([one.point for one in faces])
-    top = max(float(touched[:, 2].max()), known.height) + known.allowed
-    edge = expected_edge(face, wall, touched, FOOT * known.width, top)
-    rest = next_edge(edge, edges, known.width, known.allowed)
+    top = max(float(touched[:, 2].max()), observation.height) + observation.allowed
+    edge = expected_edge(face, contour, touched, FOOT * observation.width, top)
+    rest = next_edge(edge, edges, observation.width, observation.allowed)
     if isinstance(rest, ProbeCommand):
         return rest
-    return StopProbing(_reason(known, plane, len(told), wanted), max(wanted, rest))
+    return StopProbing(_reason(observation, plane, len(told), wanted), max(wanted, rest))
 
 
-def _over(faces: list[ProbeResult], wall: SideContour, width: float) -> list[ProbeResult]:
+def _over(faces: list[ProbeResult], contour: SideContour, width: float) -> list[ProbeResult]:
     """Touches of the face that the contour lies around: others met a flank beside it."""
     places = np.stack([one.point[:2] for one in faces])
-    inside = covers(wall, places, FOOT * width)
+    inside = covers(contour, places, FOOT * width)
     return [one for one, is_in in zip(faces, inside, strict=True) if is_in]
 
 
-def _first_over(known: EndObservation, wall: SideContour) -> ProbeCommand | None:
+def _first_over(observation: EndObservation, contour: SideContour) -> ProbeCommand | None:
     """A touch of the face's middle, unless that was made and met nothing there."""
-    place = interior_point(wall)
-    made = [one.probing.pose[:2] for one in known.probes if one.probing.why != "edge"]
-    if min(np.linalg.norm(place - one) for one in made) <= FOOT * known.width:
+    place = interior_point(contour)
+    made = [one.probing.pose[:2] for one in observation.probes if one.probing.reason != "edge"]
+    if min(np.linalg.norm(place - one) for one in made) <= FOOT * observation.width:
         return None
-    return probe_along_axis(known, place)._replace(why="face")
+    return probe_along_axis(observation, place)._replace(reason="face")
 
 
 def _next_face(
-    known: EndObservation, wall: SideContour, face: EndFace, faces: list[ProbeResult], plane: bool
+    observation: EndObservation,
+    contour: SideContour,
+    face: EndFace,
+    faces: list[ProbeResult],
+    plane: bool,
 ) -> ProbeCommand | float:
     """The next touch of the face, or the width that stays unfelt, m."""
-    made = [one for one in known.probes if one.probing.why != "edge"]
+    made = [one for one in observation.probes if one.probing.reason != "edge"]
     gap = largest_untouched_disc(
-        inner_outline(wall), np.stack([_place(one) for one in made]), known.width
+        inner_outline(contour), np.stack([_place(one) for one in made]), observation.width
     )
-    unfelt = max(2.0 * gap.radius, 0.0)
-    leans = float(wall.normals[:, 2].mean()) > ROUND
+    untouched = max(2.0 * gap.radius, 0.0)
+    leans = float(contour.normals[:, 2].mean()) > ROUND
     if len(made) >= MOST_FACE:
-        return unfelt
-    summit = next_uphill(faces, made, known.width) if leans or not plane else None
-    if summit is not None and covers(wall, summit[None], FOOT * known.width)[0]:
-        return probe_along_axis(known, summit)._replace(why="face")
-    small = gap.radius <= (SMALL_ROUND if leans else SMALL) * known.width
+        return untouched
+    summit = next_uphill(faces, made, observation.width) if leans or not plane else None
+    if summit is not None and covers(contour, summit[None], FOOT * observation.width)[0]:
+        return probe_along_axis(observation, summit)._replace(reason="face")
+    small = gap.radius <= (SMALL_ROUND if leans else SMALL) * observation.width
     enough = len(faces) >= PLANE
     felt = small or (plane and not leans and enough)
     # The mean of more touches tells the height of a flat face on which a whole pad lies.
-    middle = interior_point(wall)
-    wide = float(edge_distance(inner_outline(wall), middle[None])[0]) > FOOT * known.width
+    middle = interior_point(contour)
+    wide = float(edge_distance(inner_outline(contour), middle[None])[0]) > FOOT * observation.width
     flat = plane and (enough or not leans)
-    sure = not (flat and wide) or len(faces) >= _asked_by_noise(known, wall)
+    sure = not (flat and wide) or len(faces) >= _asked_by_noise(observation, contour)
     if felt and sure:
-        return unfelt
-    return _onto(known, face, middle if small else gap.place)
+        return untouched
+    return _onto(observation, face, middle if small else gap.place)
 
 
 def _place(one: ProbeResult) -> Floats:
@@ -269,26 +273,26 @@ def next_uphill(
     return place if away.min() > SAME_PLACE * width else None
 
 
-def probe_along_axis(known: EndObservation, place: Floats) -> ProbeCommand:
+def probe_along_axis(observation: EndObservation, place: Floats) -> ProbeCommand:
     """A touch over a place (2,), along the slicing axis, that nothing known is in the way of."""
-    start = highest_expected(known) + CLEARANCE + TOUCH_DEPTH
-    lowest = known.height - DEEP * (known.height - known.other)
+    start = highest_expected(observation) + CLEARANCE + TOUCH_DEPTH
+    lowest = observation.height - DEEP * (observation.height - observation.other)
     pose = pose_of(np.array([place[0], place[1], start]), FACING_DOWN)
     return ProbeCommand(
-        pose, start - lowest, "search", np.array([place[0], place[1], known.height])
+        pose, start - lowest, "search", np.array([place[0], place[1], observation.height])
     )
 
 
-def _asked_by_noise(known: EndObservation, wall: SideContour) -> float:
+def _asked_by_noise(observation: EndObservation, contour: SideContour) -> float:
     """Touches that tell the height of a plane: the more, the more of the surface it is."""
-    outline = inner_outline(wall)
+    outline = inner_outline(contour)
     area = abs(signed_area(outline))
     around = float(np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1).sum())
-    whole = 2.0 * area + around * (known.height - known.other)
-    return area / whole * (known.noise / (SURE * known.tolerance)) ** 2
+    whole = 2.0 * area + around * (observation.height - observation.other)
+    return area / whole * (observation.noise / (SURE * observation.tolerance)) ** 2
 
 
-def _onto(known: EndObservation, face: EndFace, place: Floats) -> ProbeCommand:
+def _onto(observation: EndObservation, face: EndFace, place: Floats) -> ProbeCommand:
     """A touch of a place (2,) of the face, along the axis or, where it leans, its normal."""
     normal = face.normal
     lean = math.acos(min(float(normal[2]), 1.0))
@@ -297,24 +301,24 @@ def _onto(known: EndObservation, face: EndFace, place: Floats) -> ProbeCommand:
     if lean > LEAN:
         tilt = 0.5 * math.pi - min(lean, MOST_LEAN)
         axes = pad_rotation(math.atan2(normal[1], normal[0]), tilt)
-    standoff = max(highest_expected(known) - float(target[2]), 0.0) + CLEARANCE
+    standoff = max(highest_expected(observation) - float(target[2]), 0.0) + CLEARANCE
     start = target - standoff * axes[:, 2]
-    reach = standoff + DEEP * (known.height - known.other)
+    reach = standoff + DEEP * (observation.height - observation.other)
     return ProbeCommand(pose_of(start, axes), reach, "face", target)
 
 
-def highest_expected(known: EndObservation) -> float:
+def highest_expected(observation: EndObservation) -> float:
     """The highest that anything is known to be, or may be while the end is not found, m."""
-    felt = [float(one.point[2]) for one in known.found]
-    if known.wall is not None:
-        felt.append(float(known.wall.contact_high.max()))
-    if not known.found:
-        felt.append(known.height + DEVIATIONS * known.deviation)
+    felt = [float(one.point[2]) for one in observation.hits]
+    if observation.contour is not None:
+        felt.append(float(observation.contour.contact_high.max()))
+    if not observation.hits:
+        felt.append(observation.height + DEVIATIONS * observation.deviation)
     return max(felt)
 
 
-def _reason(known: EndObservation, plane: bool, count: int, unfelt: float) -> str:
-    if unfelt > 2.0 * SMALL_ROUND * known.width and not (plane and count >= PLANE):
+def _reason(observation: EndObservation, plane: bool, count: int, untouched: float) -> str:
+    if untouched > 2.0 * SMALL_ROUND * observation.width and not (plane and count >= PLANE):
         return f"{count} touches have not felt all of it"
     if plane and count >= PLANE:
         return f"{count} touches lie in one plane"

@@ -89,17 +89,17 @@ class ProcedureResult(Generic[Result]):
 
 
 def resume(
-    start: Callable[[], Procedure[Result]], felt: Sequence[SliceArc | None]
+    start: Callable[[], Procedure[Result]], arcs: Sequence[SliceArc | None]
 ) -> TouchCommand | ProcedureResult[Result]:
     """The next aim of a routine that has felt all this, or its end."""
-    routine = start()
+    procedure = start()
     try:
-        aim = next(routine)
-        for one in felt:
-            aim = routine.send(one)
+        command = next(procedure)
+        for one in arcs:
+            command = procedure.send(one)
     except StopIteration as end:
         return ProcedureResult(end.value)
-    return aim
+    return command
 
 
 UPRIGHT = Posture()  # How the pad is held before anything is known

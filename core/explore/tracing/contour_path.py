@@ -31,7 +31,7 @@ class Gap(NamedTuple):
 
     start: Floats  # Its last point before, (3,), m
     end: Floats  # The first one after, (3,), m
-    why: GapReason  # What the pad felt there
+    reason: GapReason  # What the pad felt there
 
     @property
     def extent(self) -> float:
@@ -56,20 +56,20 @@ class Path(NamedTuple):
         """Take some of its points."""
         return Path(*(field[chosen] for field in self))
 
-    def with_bands_of(self, felt: SliceArc, near: float) -> Path:
+    def with_bands_of(self, arc: SliceArc, near: float) -> Path:
         """Stretch the bands to what another touch has felt within `near` of the points, m."""
-        if not len(felt.points):
+        if not len(arc.points):
             return self
-        apart = np.linalg.norm(self.points[:, None, :2] - felt.points[None, :, :2], axis=2)
+        apart = np.linalg.norm(self.points[:, None, :2] - arc.points[None, :, :2], axis=2)
         met, nearest = apart.min(axis=1) < near, apart.argmin(axis=1)
-        low = np.where(met, np.minimum(self.low, felt.low[nearest]), self.low)
-        high = np.where(met, np.maximum(self.high, felt.high[nearest]), self.high)
+        low = np.where(met, np.minimum(self.low, arc.low[nearest]), self.low)
+        high = np.where(met, np.maximum(self.high, arc.high[nearest]), self.high)
         return self._replace(low=low, high=high)
 
 
-def path_of(felt: SliceArc) -> Path:
+def path_of(arc: SliceArc) -> Path:
     """The arc of a touch."""
-    return Path(felt.points, felt.normals, felt.across, felt.low, felt.high)
+    return Path(arc.points, arc.normals, arc.across, arc.low, arc.high)
 
 
 def winding(points: Floats) -> float:
@@ -91,7 +91,7 @@ class Heading(NamedTuple):
 
     tangent: Floats  # (2,) unit vector
     curvature: float  # 1/m, positive where the contour bulges outwards
-    heading: float  # Azimuth of the outward normal, rad, without jumps of a whole turn
+    normal_azimuth: float  # Of the outward normal, rad, without jumps of a whole turn
 
 
 def heading_at_end(path: Path, heading: float, width: float) -> Heading:
@@ -126,8 +126,8 @@ def heading_at_end(path: Path, heading: float, width: float) -> Heading:
     normal = path.normals[-1]
     level = math.hypot(normal[0], normal[1])
     if level > LEVEL_NORMAL:
-        felt = np.array([-normal[1], normal[0]]) / level
-        tangent = felt if felt @ tangent > (CLOSE if good else ALIKE) else tangent
+        arc = np.array([-normal[1], normal[0]]) / level
+        tangent = arc if arc @ tangent > (CLOSE if good else ALIKE) else tangent
     change = math.remainder(normal_azimuth(tangent) - heading, 2 * math.pi)
     least, most = (bound / width for bound in CURVATURES)
     return Heading(tangent, min(max(curvature, least), most), heading + change)

@@ -67,12 +67,14 @@ class Trace:
 
     slice: TraceGoal  # What is traced
     path: Path | None = None  # Points so far; None until the first arc
-    course: Heading | None = None  # Where the path is going at its end; None until the first arc
+    end_heading: Heading | None = (
+        None  # Where the path is going at its end; None until the first arc
+    )
     posture: Posture = UPRIGHT  # How the pad is held
-    felt: tuple[SliceArc | None, ...] = ()  # What was felt since the last accepted arc
+    arcs_since: tuple[SliceArc | None, ...] = ()  # What was felt since the last accepted arc
     touches: int = 0  # Touches made
     gaps: tuple[Gap, ...] = ()  # Stretches that could not be felt, in the direction of travel
-    leaps: int = 0  # Stretches that could not be followed
+    reacquisitions: int = 0  # Stretches that could not be followed
 
 
 def next_command(pad: Pad, trace: Trace) -> tuple[Trace, TouchCommand | TraceStatus]:
@@ -80,77 +82,81 @@ def next_command(pad: Pad, trace: Trace) -> tuple[Trace, TouchCommand | TraceSta
 
     Call it once at the start, then with the trace that `after_touch` gives.
     """
-    cut = SliceSpec(pad, trace.slice.height)
+    spec = SliceSpec(pad, trace.slice.height)
     found: TouchCommand | TraceStatus | None = None
     while found is None:
-        if trace.path is None or trace.course is None:
-            trace, found = _go_on_searching(cut, trace)
+        if trace.path is None or trace.end_heading is None:
+            trace, found = _go_on_searching(spec, trace)
         else:
-            trace, found = _go_on_following(cut, trace, trace.path, trace.course)
+            trace, found = _go_on_following(spec, trace, trace.path, trace.end_heading)
     if isinstance(found, TouchCommand):
         return trace, "budget" if trace.touches >= trace.slice.most_touches else found
     return trace, _final_status(trace, found)
 
 
-def after_touch(trace: Trace, felt: SliceArc | None) -> Trace:
+def after_touch(trace: Trace, arc: SliceArc | None) -> Trace:
     """The trace, knowing what the last touch felt; None for a miss."""
-    return replace(trace, felt=(*trace.felt, felt), touches=trace.touches + 1)
+    return replace(trace, arcs_since=(*trace.arcs_since, arc), touches=trace.touches + 1)
 
 
 def _go_on_searching(
-    cut: SliceSpec, trace: Trace
+    spec: SliceSpec, trace: Trace
 ) -> tuple[Trace, TouchCommand | TraceStatus | None]:
     """Go on looking for the first arc."""
     wanted = trace.slice
-    start = resume(lambda: _first(cut, wanted), trace.felt)
+    start = resume(lambda: _first(spec, wanted), trace.arcs_since)
     if isinstance(start, TouchCommand):
         return trace, start
     if not isinstance(start.result, Stride):
         return trace, start.result
     path, heading, posture, gaps, _ = start.result
-    path = _felt_again(cut, path, trace.felt)
-    course = heading_at_end(path, heading, cut.width)
-    return replace(trace, path=path, course=course, posture=posture, gaps=gaps, felt=()), None
+    path = _touched_again(spec, path, trace.arcs_since)
+    end_heading = heading_at_end(path, heading, spec.width)
+    return replace(
+        trace, path=path, end_heading=end_heading, posture=posture, gaps=gaps, arcs_since=()
+    ), None
 
 
-def _first(cut: SliceSpec, wanted: TraceGoal) -> Procedure[Stride | NoArc]:
+def _first(spec: SliceSpec, wanted: TraceGoal) -> Procedure[Stride | NoArc]:
     """The first arc, its gaps probed."""
-    start = yield from search_first_arc(cut, wanted.centre, wanted.radius)
+    start = yield from search_first_arc(spec, wanted.centre, wanted.radius)
     if not isinstance(start, FirstArc):
         return start
-    path, gaps = yield from probe_gaps(cut, path_of(start.felt), start.posture)
+    path, gaps = yield from probe_gaps(spec, path_of(start.arc), start.posture)
     return Stride(path, start.heading, start.posture, gaps)
 
 
 def _go_on_following(
-    cut: SliceSpec, trace: Trace, path: Path, course: Heading
+    spec: SliceSpec, trace: Trace, path: Path, end_heading: Heading
 ) -> tuple[Trace, TouchCommand | TraceStatus | None]:
     """Go on looking for the next arc."""
-    stride = resume(lambda: _onwards(cut, trace, path, course), trace.felt)
+    stride = resume(lambda: _onwards(spec, trace, path, end_heading), trace.arcs_since)
     if isinstance(stride, TouchCommand):
         return trace, stride
     if stride.result is None:
         return trace, "stuck"
-    return _with_stride(cut, trace, path, stride.result)
+    return _with_stride(spec, trace, path, stride.result)
 
 
-def _onwards(cut: SliceSpec, trace: Trace, path: Path, course: Heading) -> Procedure[Stride | None]:
+def _onwards(
+    spec: SliceSpec, trace: Trace, path: Path, end_heading: Heading
+) -> Procedure[Stride | None]:
     """The next arc: along the contour, or beyond what cannot be followed."""
-    stride = yield from follow(cut, path, course, trace.posture)
-    if stride is None and trace.leaps < MOST_REACQUISITIONS:
-        stride = yield from reacquire(cut, path, trace.slice.centre, trace.slice.radius)
+    stride = yield from follow(spec, path, end_heading, trace.posture)
+    if stride is None and trace.reacquisitions < MOST_REACQUISITIONS:
+        stride = yield from reacquire(spec, path, trace.slice.centre, trace.slice.radius)
         return None if stride is None else stride._replace(reacquired=True)
     return stride
 
 
 def _with_stride(
-    cut: SliceSpec, trace: Trace, path: Path, stride: Stride
+    spec: SliceSpec, trace: Trace, path: Path, stride: Stride
 ) -> tuple[Trace, TraceStatus | None]:
     """The trace with one more arc, and whether that has ended it."""
-    longer = _felt_again(cut, path.joined(stride.new), trace.felt)
+    longer = _touched_again(spec, path.joined(stride.new), trace.arcs_since)
     swept = winding(longer.points)
     if swept > AROUND:
-        closing = _closing_point(cut, path, stride.new)
+        closing = _closing_point(spec, path, stride.new)
         if closing is not None:
             last = longer.part(slice(0, len(path.points) + closing))
             gaps = _gaps_up_to(stride, closing, path.points[0])
@@ -158,27 +164,27 @@ def _with_stride(
             return trace, "closed"
     if swept > OVERRUN:
         return trace, "overrun"
-    if trace.touches > MANY and np.ptp(longer.points, axis=0).max() < TINY * cut.width:
+    if trace.touches > MANY and np.ptp(longer.points, axis=0).max() < TINY * spec.width:
         return trace, "pole"
     return replace(
         trace,
         path=longer,
-        course=heading_at_end(longer, stride.heading, cut.width),
+        end_heading=heading_at_end(longer, stride.heading, spec.width),
         posture=stride.posture,
-        felt=(),
+        arcs_since=(),
         gaps=trace.gaps + stride.gaps,
-        leaps=trace.leaps + stride.reacquired,
+        reacquisitions=trace.reacquisitions + stride.reacquired,
     ), None
 
 
-def _felt_again(cut: SliceSpec, path: Path, felt: Sequence[SliceArc | None]) -> Path:
+def _touched_again(spec: SliceSpec, path: Path, arcs: Sequence[SliceArc | None]) -> Path:
     """The path, its bands as wide as all of these touches have felt."""
-    for one in felt:
-        path = path if one is None else path.with_bands_of(one, SAME * cut.pad.pitch)
+    for one in arcs:
+        path = path if one is None else path.with_bands_of(one, SAME * spec.pad.pitch)
     return path
 
 
-def _closing_point(cut: SliceSpec, path: Path, new: Path) -> int | None:
+def _closing_point(spec: SliceSpec, path: Path, new: Path) -> int | None:
     """How many of the new points come before the start; None if the start is not passed."""
     ahead, start = np.concatenate([path.points[-1:], new.points]), path.points[0]
     ways = np.diff(ahead[:, :2], axis=0)
@@ -189,7 +195,7 @@ def _closing_point(cut: SliceSpec, path: Path, new: Path) -> int | None:
     nearest = ahead[:-1, :2] + np.clip(share, 0.0, 1.0)[:, None] * ways
     distance = np.linalg.norm(nearest - start[:2], axis=1)
     closest = int(distance.argmin())
-    return closest if distance[closest] < CLOSED * cut.width else None
+    return closest if distance[closest] < CLOSED * spec.width else None
 
 
 def _gaps_up_to(stride: Stride, closing: int, start: Floats) -> tuple[Gap, ...]:

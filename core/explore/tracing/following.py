@@ -74,66 +74,68 @@ class Attempt(NamedTuple):
 
 
 def follow(
-    cut: SliceSpec, path: Path, course: Heading, posture: Posture
+    spec: SliceSpec, path: Path, end_heading: Heading, posture: Posture
 ) -> Procedure[Stride | None]:
     """One more arc of the contour, or None if there is no way on.
 
     The plain step comes first. If it feels nothing ahead, the corner is marched around; if it
     feels an arc beyond a gap, other headings are tried, and last of all the gap is probed.
     """
-    plain = _plain_step(cut, course, posture)
+    plain = _plain_step(spec, end_heading, posture)
     attempts = deque([plain])
     beyond: Stride | None = None
     while attempts:
         attempt = attempts.popleft()
-        felt, posture = yield from search_arc(cut, posture, _target(cut, path, course, attempt))
-        new = None if felt is None else _new_points(cut, path, course, felt, attempt)
+        arc, posture = yield from search_arc(
+            spec, posture, _target(spec, path, end_heading, attempt)
+        )
+        new = None if arc is None else _new_points(spec, path, end_heading, arc, attempt)
         if attempt is plain:
             attempts.extend(_after_plain(new, posture))
         if new is None:
             continue
-        stride = Stride(new, course.heading + attempt.turn, posture)
+        stride = Stride(new, end_heading.normal_azimuth + attempt.turn, posture)
         if beyond is None or _gap(path, stride) < _gap(path, beyond):
             beyond = stride
-        if _gap(path, stride) <= cut.joined or attempt.standoff > STEP_STANDOFF:
+        if _gap(path, stride) <= spec.joined or attempt.standoff > STEP_STANDOFF:
             break
-    return None if beyond is None else (yield from with_gaps_probed(cut, path, beyond))
+    return None if beyond is None else (yield from with_gaps_probed(spec, path, beyond))
 
 
-def _plain_step(cut: SliceSpec, course: Heading, posture: Posture) -> Attempt:
+def _plain_step(spec: SliceSpec, end_heading: Heading, posture: Posture) -> Attempt:
     """As far ahead as the new arc still joins the old one."""
-    bulge = max(course.curvature + cut.pad.dome, LEAST_BULGE / cut.width)
+    bulge = max(end_heading.curvature + spec.pad.dome, LEAST_BULGE / spec.width)
     contact = math.sqrt(2.0 * posture.depth / bulge)
     way = min(
-        PAD_STEP * 0.5 * cut.width,
+        PAD_STEP * 0.5 * spec.width,
         CONTACT_STEP * contact,
-        posture.contact + KEPT_STEP * cut.joined,
+        posture.contact + KEPT_STEP * spec.joined,
     )
-    return Attempt(way / cut.width, course.curvature * way, STEP_STANDOFF)
+    return Attempt(way / spec.width, end_heading.curvature * way, STEP_STANDOFF)
 
 
-def _target(cut: SliceSpec, path: Path, course: Heading, attempt: Attempt) -> Target:
-    outward = np.array([course.tangent[1], -course.tangent[0]])
-    bend = course.curvature if attempt.standoff == STEP_STANDOFF else 0.0
-    way = attempt.way * cut.width
-    place = path.points[-1, :2] + way * course.tangent - 0.5 * bend * way**2 * outward
-    standoff = attempt.standoff * cut.width
-    return Target(place, course.heading + attempt.turn, standoff, standoff)
+def _target(spec: SliceSpec, path: Path, end_heading: Heading, attempt: Attempt) -> Target:
+    outward = np.array([end_heading.tangent[1], -end_heading.tangent[0]])
+    bend = end_heading.curvature if attempt.standoff == STEP_STANDOFF else 0.0
+    way = attempt.way * spec.width
+    place = path.points[-1, :2] + way * end_heading.tangent - 0.5 * bend * way**2 * outward
+    standoff = attempt.standoff * spec.width
+    return Target(place, end_heading.normal_azimuth + attempt.turn, standoff, standoff)
 
 
 def _new_points(
-    cut: SliceSpec, path: Path, course: Heading, felt: SliceArc, attempt: Attempt
+    spec: SliceSpec, path: Path, end_heading: Heading, arc: SliceArc, attempt: Attempt
 ) -> Path | None:
     """The part of a felt arc that lies ahead of the path's end, if there is enough of it."""
-    forward = course.tangent
+    forward = end_heading.tangent
     if abs(attempt.turn) > SHARP_TURN:
-        towards = course.heading + attempt.turn
+        towards = end_heading.normal_azimuth + attempt.turn
         forward = np.array([-math.sin(towards), math.cos(towards)])
-    ahead = (felt.points[:, :2] - path.points[-1, :2]) @ forward
-    new = ahead > AHEAD * cut.width
-    if not new.any() or ahead.max() <= PROGRESS * cut.width:
+    ahead = (arc.points[:, :2] - path.points[-1, :2]) @ forward
+    new = ahead > AHEAD * spec.width
+    if not new.any() or ahead.max() <= PROGRESS * spec.width:
         return None
-    return path_of(felt).part(new)
+    return path_of(arc).part(new)
 
 
 def _after_plain(new: Path | None, posture: Posture) -> tuple[Attempt, ...]:
@@ -148,7 +150,7 @@ def _gap(path: Path, stride: Stride) -> float:
 
 
 def reacquire(
-    cut: SliceSpec, path: Path, centre: Floats, radius: float
+    spec: SliceSpec, path: Path, centre: Floats, radius: float
 ) -> Procedure[Stride | None]:
     """The contour met again beyond a stretch that cannot be followed, or None.
 
@@ -157,7 +159,7 @@ def reacquire(
 
     Parameters
     ----------
-    cut : Cut
+    spec : Cut
         The slice and the pad.
     path : Path
         What has been traced.
@@ -169,32 +171,32 @@ def reacquire(
     first, last = path.points[0, :2] - centre, path.points[-1, :2] - centre
     from_ = math.atan2(last[1], last[0])
     left = (math.atan2(first[1], first[0]) - from_) % (2.0 * math.pi)
-    leaps = max(math.ceil(left / REACQUIRE_STEP - ROUNDING), 1)
-    for number in range(1, leaps + 1):
-        azimuth = from_ + left * number / leaps
-        found = yield from approach_from(cut, centre, radius, azimuth)
+    reacquisitions = max(math.ceil(left / REACQUIRE_STEP - ROUNDING), 1)
+    for number in range(1, reacquisitions + 1):
+        azimuth = from_ + left * number / reacquisitions
+        found = yield from approach_from(spec, centre, radius, azimuth)
         if isinstance(found, FirstArc):
-            stride = Stride(path_of(found.felt), found.heading, found.posture)
-            return (yield from with_gaps_probed(cut, path, stride))
+            stride = Stride(path_of(found.arc), found.heading, found.posture)
+            return (yield from with_gaps_probed(spec, path, stride))
     return None
 
 
-def with_gaps_probed(cut: SliceSpec, path: Path, stride: Stride) -> Procedure[Stride]:
+def with_gaps_probed(spec: SliceSpec, path: Path, stride: Stride) -> Procedure[Stride]:
     """A stride of which every gap has been probed."""
     chain, gaps = yield from probe_gaps(
-        cut, path.part(slice(-1, None)).joined(stride.new), stride.posture
+        spec, path.part(slice(-1, None)).joined(stride.new), stride.posture
     )
     return stride._replace(new=chain.part(slice(1, None)), gaps=gaps)
 
 
 def probe_gaps(
-    cut: SliceSpec, chain: Path, posture: Posture
+    spec: SliceSpec, chain: Path, posture: Posture
 ) -> Procedure[tuple[Path, tuple[Gap, ...]]]:
     """Probe every gap between neighbouring points of a chain.
 
     Parameters
     ----------
-    cut : Cut
+    spec : Cut
         The slice and the pad.
     chain : Path
         Points in the order of travel, its gaps not yet probed.
@@ -210,10 +212,10 @@ def probe_gaps(
     while last > 0:  # from the end, so that what is put in moves no gap that is still to come
         ends = chain.part(slice(last - 1, last + 1))
         start, end = ends.points
-        if np.linalg.norm(end - start) <= cut.joined:
+        if np.linalg.norm(end - start) <= spec.joined:
             last -= 1
             continue
-        between, why = yield from _probe(cut, ends, posture)
+        between, why = yield from _probe(spec, ends, posture)
         if between is None:
             gaps.append(Gap(start, end, why))
             last -= 1
@@ -225,7 +227,7 @@ def probe_gaps(
 
 
 def _probe(
-    cut: SliceSpec, ends: Path, posture: Posture
+    spec: SliceSpec, ends: Path, posture: Posture
 ) -> Procedure[tuple[Path | None, GapReason]]:
     """What is felt between two points: by a plain touch, a deep one, by the pad's edges."""
     start, end = ends.points
@@ -235,44 +237,44 @@ def _probe(
     target = Target(
         start[:2] + 0.5 * chord,
         normal_azimuth(chord),
-        max(GAP_STANDOFF * cut.width, length),
-        max(GAP_REACH * cut.width, length),
+        max(GAP_STANDOFF * spec.width, length),
+        max(GAP_REACH * spec.width, length),
     )
-    felt, _ = yield from search_arc(cut, posture, target)
-    between = _between(cut, start, end, felt)
-    if felt is None or between is not None:
+    arc, _ = yield from search_arc(spec, posture, target)
+    between = _between(spec, start, end, arc)
+    if arc is None or between is not None:
         return between, "missed"
-    for aim in (target.aim(deep), *probe_walls(cut, ends.points, ends.normals)):
-        felt = yield aim
-        between = _between(cut, start, end, felt)
+    for command in (target.command(deep), *probe_walls(spec, ends.points, ends.normals)):
+        arc = yield command
+        between = _between(spec, start, end, arc)
         if between is not None:
             break
     return between, "bridged"
 
 
-def _between(cut: SliceSpec, start: Floats, end: Floats, felt: SliceArc | None) -> Path | None:
+def _between(spec: SliceSpec, start: Floats, end: Floats, arc: SliceArc | None) -> Path | None:
     """The part of an arc that lies in a gap, if it shortens the gap."""
-    if felt is None or not len(felt.points):
+    if arc is None or not len(arc.points):
         return None
     chord = end[:2] - start[:2]
     length = float(np.linalg.norm(chord))
-    along = (felt.points[:, :2] - start[:2]) @ chord / length
-    inside = (along > WITHIN * cut.width) & (along < length - WITHIN * cut.width)
+    along = (arc.points[:, :2] - start[:2]) @ chord / length
+    inside = (along > WITHIN * spec.width) & (along < length - WITHIN * spec.width)
     if not inside.any():
         return None
-    arc = path_of(felt).part(inside)
-    ways = np.diff(np.concatenate([start[None], arc.points, end[None]]), axis=0)
+    stretch = path_of(arc).part(inside)
+    ways = np.diff(np.concatenate([start[None], stretch.points, end[None]]), axis=0)
     longest = float(np.linalg.norm(ways, axis=1).max())
     whole = float(np.linalg.norm(end - start))
-    return arc if longest < whole - SHORTER * cut.pad.pitch else None
+    return stretch if longest < whole - SHORTER * spec.pad.pitch else None
 
 
-def probe_walls(cut: SliceSpec, ends: Floats, normals: Floats) -> list[TouchCommand]:
+def probe_walls(spec: SliceSpec, ends: Floats, normals: Floats) -> list[TouchCommand]:
     """Touches that follow the walls of a gap inwards from its ends, the likeliest first.
 
     Parameters
     ----------
-    cut : Cut
+    spec : Cut
         The slice and the pad.
     ends : (2, 3) array
         Last felt point before the gap and first one after it, m.
@@ -280,14 +282,14 @@ def probe_walls(cut: SliceSpec, ends: Floats, normals: Floats) -> list[TouchComm
         Outward normals there.
     """
     return [
-        _along_wall(cut, ends, normals[number], number, way)
+        _along_wall(spec, ends, normals[number], number, way)
         for way in WALL_POSTURES
         for number in (0, 1)
     ]
 
 
 def _along_wall(
-    cut: SliceSpec, ends: Floats, normal: Floats, number: int, way: WallPosture
+    spec: SliceSpec, ends: Floats, normal: Floats, number: int, way: WallPosture
 ) -> TouchCommand:
     """One touch: the pad's edge beyond one end, its body outside the hollow."""
     chord = ends[1, :2] - ends[0, :2]
@@ -295,15 +297,15 @@ def _along_wall(
     wall = math.remainder(math.atan2(normal[1], normal[0]) - across, 2.0 * math.pi)
     inwards = 1.0 if number == 0 else -1.0
     heading = across + max(-STEEPEST, min(STEEPEST, way.along * wall))
-    beyond = inwards * min(way.advance * cut.width, 0.5 * length)
+    beyond = inwards * min(way.advance * spec.width, 0.5 * length)
     place = ends[number, :2] + beyond * _travel(across + wall)
-    place = place - inwards * 0.5 * cut.width * _travel(heading)
-    shift = CORNER * cut.width * float(np.sign(way.tilt))
+    place = place - inwards * 0.5 * spec.width * _travel(heading)
+    shift = CORNER * spec.width * float(np.sign(way.tilt))
     return TouchCommand(
         place,
         heading,
-        WALL_STANDOFF * cut.width + length,
-        max(WALL_REACH * cut.width, length),
+        WALL_STANDOFF * spec.width + length,
+        max(WALL_REACH * spec.width, length),
         Posture(way.tilt, shift, DEEP_TOUCH_DEPTH),
     )
 

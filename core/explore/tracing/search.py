@@ -57,17 +57,17 @@ STEEPEST_WALK = 1.3
 class FirstArc(NamedTuple):
     """Where a contour begins."""
 
-    felt: SliceArc  # The first arc
+    arc: SliceArc  # The first arc
     heading: float  # Azimuth of the outward normal there, rad
     posture: Posture  # How the pad was held
 
 
-def search_first_arc(cut: SliceSpec, centre: Floats, radius: float) -> Procedure[FirstArc | NoArc]:
+def search_first_arc(spec: SliceSpec, centre: Floats, radius: float) -> Procedure[FirstArc | NoArc]:
     """Approach the slice from one direction after the other until an arc is felt.
 
     Parameters
     ----------
-    cut : Cut
+    spec : Cut
         The slice and the pad.
     centre : (2,) array
         Where the object's axis is expected, m.
@@ -81,62 +81,62 @@ def search_first_arc(cut: SliceSpec, centre: Floats, radius: float) -> Procedure
     """
     held_off = 0
     for azimuth in AZIMUTHS:
-        found = yield from approach_from(cut, centre, radius, azimuth, held_off)
+        found = yield from approach_from(spec, centre, radius, azimuth, held_off)
         if isinstance(found, FirstArc):
             return found
         if found is None:
             continue
         if not held_off and found.below > found.above:
-            ends = yield from _ends_below(cut, centre, radius)
+            ends = yield from _ends_below(spec, centre, radius)
             if ends:
                 return "pole"
         held_off += 1
     return "occluded" if held_off else "no_contact"
 
 
-def _ends_below(cut: SliceSpec, centre: Floats, radius: float) -> Procedure[bool]:
+def _ends_below(spec: SliceSpec, centre: Floats, radius: float) -> Procedure[bool]:
     """Whether a touch from above finds the object's top below the slice, or nothing."""
     from_above = UPRIGHT._replace(tilt=0.5 * math.pi)
-    felt = yield TouchCommand(centre, 0.0, radius, PAST * cut.width, from_above)
-    return felt is None or felt.above == 0
+    arc = yield TouchCommand(centre, 0.0, radius, PAST * spec.width, from_above)
+    return arc is None or arc.above == 0
 
 
 def approach_from(
-    cut: SliceSpec, centre: Floats, radius: float, azimuth: float, held_off: int = 0
+    spec: SliceSpec, centre: Floats, radius: float, azimuth: float, held_off: int = 0
 ) -> Procedure[FirstArc | SliceArc | None]:
     """Come from outside: the arc there, or else what was felt first, or None for a miss.
 
     The more often the pad has been held off, the fewer postures are tried.
     """
     place = centre + radius * np.array([math.cos(azimuth), math.sin(azimuth)])
-    felt = yield TouchCommand(place, azimuth, 0.0, radius, UPRIGHT)
-    if felt is None:
+    arc = yield TouchCommand(place, azimuth, 0.0, radius, UPRIGHT)
+    if arc is None:
         return None
-    found, posture = yield from _refine(cut, felt, azimuth, held_off)
-    return felt if found is None else FirstArc(found, azimuth, posture)
+    found, posture = yield from _refine(spec, arc, azimuth, held_off)
+    return arc if found is None else FirstArc(found, azimuth, posture)
 
 
 def _refine(
-    cut: SliceSpec, felt: SliceArc, heading: float, held_off: int
+    spec: SliceSpec, arc: SliceArc, heading: float, held_off: int
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
     """Touch again until the pad lies against the surface."""
     posture, best = UPRIGHT._replace(failed_searches=held_off), None
     for repeat in range(MOST_REPEATS):
-        askew = math.atan(felt.slope)
-        if has_arc(felt):
-            best = felt
+        askew = math.atan(arc.slope)
+        if has_arc(arc):
+            best = arc
             if posture.frozen or abs(askew) < ASKEW:
                 break
             if repeat == 0:  # from then on the search follows the slope itself
                 posture = posture._replace(tilt=max(-MOST_TILT, min(MOST_TILT, -askew)))
-        place = felt.points[len(felt.points) // 2] if len(felt.points) else felt.pad
-        target = Target(place[:2], heading, STANDOFF * cut.width, REACH * cut.width)
-        again, posture = yield from search_arc(cut, posture, target, first=True)
+        place = arc.points[len(arc.points) // 2] if len(arc.points) else arc.pad
+        target = Target(place[:2], heading, STANDOFF * spec.width, REACH * spec.width)
+        again, posture = yield from search_arc(spec, posture, target, first=True)
         if again is None or not has_arc(again):
             break
-        felt = again
+        arc = again
     else:
-        best = felt
+        best = arc
     return best, posture
 
 
@@ -152,19 +152,19 @@ class Target(NamedTuple):
         """The same with longer ways."""
         return self._replace(standoff=max(self.standoff, standoff), reach=max(self.reach, reach))
 
-    def aim(self, posture: Posture) -> TouchCommand:
+    def command(self, posture: Posture) -> TouchCommand:
         """A touch there."""
         return TouchCommand(*self, posture)
 
 
 def search_arc(
-    cut: SliceSpec, posture: Posture, target: Target, first: bool = False
+    spec: SliceSpec, posture: Posture, target: Target, first: bool = False
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
     """Touch near a place until an arc of the slice is felt.
 
     Parameters
     ----------
-    cut : Cut
+    spec : Cut
         The slice and the pad.
     posture : Stance
         How the pad was held at the last arc.
@@ -179,18 +179,18 @@ def search_arc(
     touch.
     """
     if posture.frozen:
-        wider = target.at_least(FROZEN_STANDOFF * cut.width, FROZEN_REACH * cut.width)
-        felt = yield wider.aim(posture)
-        if felt is None or has_arc(felt):
-            return felt, posture
-    felt, held = yield from _walk(cut, posture, target)
-    if felt is None or has_arc(felt):
-        return felt, held
-    return (yield from _search(cut, posture, held.tilt, felt, target, first))
+        wider = target.at_least(FROZEN_STANDOFF * spec.width, FROZEN_REACH * spec.width)
+        arc = yield wider.command(posture)
+        if arc is None or has_arc(arc):
+            return arc, posture
+    arc, held = yield from _walk(spec, posture, target)
+    if arc is None or has_arc(arc):
+        return arc, held
+    return (yield from _search(spec, posture, held.tilt, arc, target, first))
 
 
 def _walk(
-    cut: SliceSpec, posture: Posture, target: Target
+    spec: SliceSpec, posture: Posture, target: Target
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
     """Tilt to the surface and step along it towards the slice."""
     outward = np.array([math.cos(target.heading), math.sin(target.heading)])
@@ -200,37 +200,37 @@ def _walk(
     )
     left = math.inf
     for _ in range(MOST_STEPS):
-        felt = yield target.aim(held)
-        if felt is None:
+        arc = yield target.command(held)
+        if arc is None:
             break
-        best = felt
-        if has_arc(felt):
-            return felt, next_posture(held, felt)
-        wanted = _bounded(held.tilt - math.atan(felt.slope))
-        rise = cut.height - float(felt.nearest[2])
+        best = arc
+        if has_arc(arc):
+            return arc, next_posture(held, arc)
+        wanted = _bounded(held.tilt - math.atan(arc.slope))
+        rise = spec.height - float(arc.nearest[2])
         upright = abs(wanted) < 0.12 and abs(wanted - held.tilt) < 0.08
-        bridged = min(felt.above, felt.below) > BRIDGED
+        bridged = min(arc.above, arc.below) > BRIDGED
         if bridged or abs(rise) > GIVE_UP * left or upright:
             break
-        left, most = abs(rise), MOST_WALK * cut.width
+        left, most = abs(rise), MOST_WALK * spec.width
         inwards = rise * math.tan(max(-STEEPEST_WALK, min(STEEPEST_WALK, wanted)))
-        target = target.at_least(WALK_STANDOFF * cut.width, WALK_STANDOFF * cut.width)._replace(
-            place=felt.nearest[:2] - outward * max(-most, min(most, inwards))
+        target = target.at_least(WALK_STANDOFF * spec.width, WALK_STANDOFF * spec.width)._replace(
+            place=arc.nearest[:2] - outward * max(-most, min(most, inwards))
         )
         held = held._replace(tilt=wanted)
     return best, held
 
 
-def has_arc(felt: SliceArc) -> bool:
+def has_arc(arc: SliceArc) -> bool:
     """Whether a touch has felt enough of the slice."""
-    return len(felt.points) >= LEAST_ARC
+    return len(arc.points) >= LEAST_ARC
 
 
-def next_posture(posture: Posture, felt: SliceArc) -> Posture:
+def next_posture(posture: Posture, arc: SliceArc) -> Posture:
     """The posture for the next touch, tilted after the slope just felt."""
-    if posture.frozen or abs(felt.slope) <= LEVEL:
+    if posture.frozen or abs(arc.slope) <= LEVEL:
         return posture
-    tilt = _bounded(posture.tilt - FEED_FORWARD * math.atan(felt.slope))
+    tilt = _bounded(posture.tilt - FEED_FORWARD * math.atan(arc.slope))
     return posture._replace(tilt=tilt)
 
 
@@ -239,21 +239,21 @@ def _bounded(tilt: float) -> float:
 
 
 def _search(
-    cut: SliceSpec, posture: Posture, tilt: float, felt: SliceArc, target: Target, first: bool
+    spec: SliceSpec, posture: Posture, tilt: float, arc: SliceArc, target: Target, first: bool
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
     """Try a list of postures; the first that feels an arc is kept for the whole contour."""
-    away = -1.0 if felt.below >= felt.above else 1.0
+    away = -1.0 if arc.below >= arc.above else 1.0
     standoff, reach = FIRST_STANDOFF, FIRST_REACH
     if not first:
         standoff, reach = SEARCH_STANDOFF, SEARCH_REACH
-    wider = target._replace(standoff=standoff * cut.width, reach=reach * cut.width)
+    wider = target._replace(standoff=standoff * spec.width, reach=reach * spec.width)
     for tried, shift in _postures(tilt, away, posture.failed_searches):
-        held = Posture(tried, shift * cut.width, DEEP_TOUCH_DEPTH, frozen=True)
-        found = yield wider.aim(held)
+        held = Posture(tried, shift * spec.width, DEEP_TOUCH_DEPTH, frozen=True)
+        found = yield wider.command(held)
         if found is not None and len(found.points) >= LEAST_SEARCHED_ARC:
             half = 0.5 * float(np.linalg.norm(found.points[-1] - found.points[0]))
             return found, held._replace(contact=half)
-    return felt, posture._replace(failed_searches=posture.failed_searches + 1)
+    return arc, posture._replace(failed_searches=posture.failed_searches + 1)
 
 
 def _postures(tilt: float, away: float, failed_searches: int) -> list[tuple[float, float]]:

@@ -28,7 +28,7 @@ class Aperture:
     features smaller than the pitch, which a single ray sees wholly or not at all.
     """
 
-    place: ClassVar = Phase.CAST
+    phase: ClassVar = Phase.CAST
 
     # Side of an element, as a share of the pitch: elements need a gap between them.
     width: Annotated[float, Range(0.05, 1.0, "1")] = 0.8
@@ -49,10 +49,10 @@ class Aperture:
         pad, mean = finger.pad, self.reading == "mean"
         origins = _origins(pad, self.width, self.rays)
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             record_move(finger, touch, _press(pad, origins, touch, mean))
 
-        return Stage(act)
+        return Stage(apply)
 
 
 def _origins(pad: Pad, width: float, rays: int) -> Floats:

@@ -21,7 +21,7 @@ class ArmBacklash:
     way, and takes up the same play. It matters where contours are traced to and fro.
     """
 
-    place: ClassVar = Phase.AIM
+    phase: ClassVar = Phase.AIM
 
     # Way that the arm must turn back before the pad follows: an engineering value.
     width: Annotated[float, Range(0.0, 5e-3, "m")] = 0.05e-3
@@ -33,7 +33,7 @@ class ArmBacklash:
         """The stage for one finger; its state is where the pad last started, (3,), m."""
         half = 0.5 * self.width
 
-        def act(touch: SimulatedTouch, state: Floats | None) -> Floats:
+        def apply(touch: SimulatedTouch, state: Floats | None) -> Floats:
             wanted = touch.actual[:3]
             if state is None:
                 return wanted.copy()
@@ -41,7 +41,7 @@ class ArmBacklash:
             touch.actual[:3] = state.clip(wanted - half, wanted + half)
             return touch.actual[:3].copy()
 
-        return Stage(act)
+        return Stage(apply)
 
 
 EFFECT = ArmBacklash

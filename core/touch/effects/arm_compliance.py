@@ -20,7 +20,7 @@ class ArmCompliance:
     into the object, so that it is rebuilt too thin.
     """
 
-    place: ClassVar = Phase.ARM
+    phase: ClassVar = Phase.ARM
 
     # Of the arm at the fingertip: an engineering value for a light arm.
     stiffness: Annotated[float, Range(1e3, 1e8, "N/m")] = 20e3
@@ -32,11 +32,11 @@ class ArmCompliance:
         """The stage for one finger."""
         way_per_pressure = finger.pad.pitch**2 / self.stiffness
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             bent = way_per_pressure * float(touch.pressure.sum())
             touch.believed = advanced_pose(touch.believed, bent)
 
-        return Stage(act)
+        return Stage(apply)
 
 
 EFFECT = ArmCompliance

@@ -8,7 +8,7 @@ from typing import cast
 from palpate.core.plugins import class_by_name
 from palpate.core.touch.effect import Effect, Phase
 
-# By place first, as `palpate.core.touch.Phase` has them.
+# By phase first, as `palpate.core.touch.Phase` has them.
 EFFECT_NAMES = (
     "pose_error",
     "arm_backlash",
@@ -48,11 +48,11 @@ def effect_type(name: str) -> type[Effect]:
     wanted = name.rpartition(":")[2]
     if not is_dataclass(found) or not isinstance(found, type) or not hasattr(found, "prepare"):
         raise ValueError(f"{name!r} is no effect: {wanted!r} must be a dataclass with prepare()")
-    if not isinstance(getattr(found, "place", None), Phase):
-        raise ValueError(f"{name!r} is no effect: its place must be one of Place, as Place.SIGNAL")
+    if not isinstance(getattr(found, "phase", None), Phase):
+        raise ValueError(f"{name!r} is no effect: its phase must be one of Phase, as Phase.SIGNAL")
     return cast("type[Effect]", found)
 
 
 def rank(name: str) -> int:
-    """Where an effect stands among those of its place; a user's own come last."""
+    """Where an effect stands among those of its phase; a user's own come last."""
     return EFFECT_NAMES.index(name) if name in EFFECT_NAMES else len(EFFECT_NAMES)

@@ -26,7 +26,7 @@ class Creep:
     error of a contour next to the arm's.
     """
 
-    place: ClassVar = Phase.PAD
+    phase: ClassVar = Phase.PAD
 
     # The share ``b`` that relaxes: that of a filled silicone.
     share: Annotated[float, Range(0.0, 0.9, "1")] = 0.10
@@ -39,7 +39,7 @@ class Creep:
         """The stage for one finger; its state is q at the end of the touch, (rows, cols), m."""
         share, tau = self.share, self.tau
 
-        def act(touch: SimulatedTouch, state: Floats) -> Floats:
+        def apply(touch: SimulatedTouch, state: Floats) -> Floats:
             compression = touch.compression
             until_frame = touch.rest + touch.loading + touch.dwell
             branch = state * math.exp(-until_frame / tau)
@@ -50,7 +50,7 @@ class Creep:
             way_back = touch.time - touch.previous - until_frame
             return (branch - compression) * math.exp(-way_back / tau)
 
-        return Stage(act, np.zeros((finger.pad.rows, finger.pad.cols)))
+        return Stage(apply, np.zeros((finger.pad.rows, finger.pad.cols)))
 
 
 def _left(loading: float, dwell: float, tau: float) -> float:

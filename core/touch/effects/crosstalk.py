@@ -19,7 +19,7 @@ class Crosstalk:
     contact by some 10 um; smooth surfaces hardly show it.
     """
 
-    place: ClassVar = Phase.ECHO
+    phase: ClassVar = Phase.ECHO
 
     # The share ``a``: 30 dB between neighbours.
     share: Annotated[float, Range(0.0, 0.2, "1")] = 0.03
@@ -31,7 +31,7 @@ class Crosstalk:
         """The stage for one finger."""
         share = self.share
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             before = touch.reading
             mixed = before.copy()
             flow = share * (before[1:] - before[:-1])
@@ -42,7 +42,7 @@ class Crosstalk:
             mixed[:, 1:] -= flow
             touch.reading = mixed
 
-        return Stage(act)
+        return Stage(apply)
 
 
 EFFECT = Crosstalk

@@ -21,7 +21,7 @@ class DeadTaxels:
     dead taxels are bridged by their neighbours; clusters, and stuck ones, are not.
     """
 
-    place: ClassVar = Phase.SIGNAL
+    phase: ClassVar = Phase.SIGNAL
 
     # Probability that a taxel is dead: two or three of 256.
     rate: Annotated[float, Range(0.0, 1.0, "1")] = 0.01
@@ -41,10 +41,10 @@ class DeadTaxels:
         works = fate >= rate + stuck
         level = np.where(fate < rate, 0.0, pad.saturation * pad.thickness * level)
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             touch.reading = np.where(works, touch.reading, level)
 
-        return Stage(act)
+        return Stage(apply)
 
 
 EFFECT = DeadTaxels

@@ -23,7 +23,7 @@ class Drift:
     in five minutes. It matters in long runs without a new zero.
     """
 
-    place: ClassVar = Phase.SIGNAL
+    phase: ClassVar = Phase.SIGNAL
 
     # Standard deviation of the zero after one second.
     rate: Annotated[float, Range(0.0, 1e-4, "m/sqrt(s)")] = 1e-6
@@ -36,14 +36,14 @@ class Drift:
         draws, rate = KeyedRandom(finger, "drift"), self.rate
         size = (finger.pad.rows, finger.pad.cols)
 
-        def act(touch: SimulatedTouch, state: tuple[float, Floats]) -> tuple[float, Floats]:
+        def apply(touch: SimulatedTouch, state: tuple[float, Floats]) -> tuple[float, Floats]:
             before, zeros = state
             step = rate * math.sqrt(touch.time - before)
             zeros = zeros + step * draws.of_touch(touch.number).standard_normal(size)
             touch.reading = touch.reading + zeros
             return touch.time, zeros
 
-        return Stage(act, (0.0, np.zeros(size)))
+        return Stage(apply, (0.0, np.zeros(size)))
 
 
 EFFECT = Drift

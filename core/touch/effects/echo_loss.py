@@ -24,7 +24,7 @@ class EchoLoss:
     strongly curved surfaces, which a real array may not see at all.
     """
 
-    place: ClassVar = Phase.ECHO
+    phase: ClassVar = Phase.ECHO
 
     # Slope at which the amplitude has fallen to 1/e: for elements of a few wavelengths.
     angle: Annotated[float, Range(1.0, 60.0, "deg")] = 15.0
@@ -55,11 +55,11 @@ class EchoLoss:
             return Stage(_hear_all)
         largest = (2.0 * finger.pad.pitch * math.tan(steepest)) ** 2
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             lost = _steeper(touch.compression, largest)
             touch.reading = np.where(lost, 0.0, touch.reading)
 
-        return Stage(act)
+        return Stage(apply)
 
 
 def _hear_all(touch: SimulatedTouch, state: None) -> None:

@@ -19,7 +19,7 @@ class GainOffset:
     stays the same in every frame, and that no average over touches removes.
     """
 
-    place: ClassVar = Phase.SIGNAL
+    phase: ClassVar = Phase.SIGNAL
 
     # Standard deviation of the gain about 1.
     sigma_gain: Annotated[float, Range(0.0, 0.3, "1")] = 0.03
@@ -35,10 +35,10 @@ class GainOffset:
         drawn_gain, drawn_offset = drawn.standard_normal((2, finger.pad.rows, finger.pad.cols))
         gain, offset = 1.0 + self.sigma_gain * drawn_gain, self.sigma_offset * drawn_offset
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             touch.reading = gain * touch.reading + offset
 
-        return Stage(act)
+        return Stage(apply)
 
 
 EFFECT = GainOffset

@@ -19,7 +19,7 @@ class GaussianNoise:
     engineering values; the jitter of an echo goes as 1 / (2 pi f sqrt(SNR)).
     """
 
-    place: ClassVar = Phase.SIGNAL
+    phase: ClassVar = Phase.SIGNAL
 
     # Standard deviation of one taxel's reading.
     sigma: Annotated[float, Range(0.0, 1e-3, "m")] = 10e-6
@@ -32,11 +32,11 @@ class GaussianNoise:
         draws, sigma = KeyedRandom(finger, "gaussian_noise"), self.sigma
         shape = (finger.pad.rows, finger.pad.cols)
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             noise = draws.of_touch(touch.number).standard_normal(shape)
             touch.reading = touch.reading + sigma * noise
 
-        return Stage(act, noise=sigma)
+        return Stage(apply, noise=sigma)
 
 
 EFFECT = GaussianNoise

@@ -33,7 +33,7 @@ class HalfSpace:
     around a contact; the truth for a thin bonded pad lies between the two.
     """
 
-    place: ClassVar = Phase.PAD
+    phase: ClassVar = Phase.PAD
 
     # Young's modulus: that of a soft silicone, an engineering value.
     modulus: Annotated[float, Range(1e4, 1e8, "N/m2")] = 0.5e6
@@ -55,7 +55,7 @@ class HalfSpace:
         kernel /= most
         stiffness = math.pi * self.modulus / ((1.0 - self.poisson**2) * most)
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             indentation = touch.indentation.ravel()
             # Where the surface does not enter the face it can only be too far from it.
             near = np.flatnonzero(indentation > 0.0)
@@ -68,7 +68,7 @@ class HalfSpace:
             face = np.maximum(deepest * (pushed @ columns), indentation)
             touch.pressure, touch.compression = pressure.reshape(size), face.reshape(size)
 
-        return Stage(act, face=FaceModel("half_space"))
+        return Stage(apply, face=FaceModel("half_space"))
 
 
 def _contact(kernel: Floats, wanted: Floats) -> Floats:

@@ -23,7 +23,7 @@ class Hardening:
     of flight show it only through a compliant arm; forces show it directly.
     """
 
-    place: ClassVar = Phase.PAD
+    phase: ClassVar = Phase.PAD
 
     # The factor ``h``: 1 adds half the pressure at a strain of one half.
     strength: Annotated[float, Range(0.0, 10.0, "1")] = 1.0
@@ -35,11 +35,11 @@ class Hardening:
         """The stage for one finger."""
         strength, per_thickness = self.strength, 1.0 / finger.pad.thickness
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             strain = np.minimum(touch.compression * per_thickness, LARGEST_STRAIN)
             touch.pressure = touch.pressure * (1.0 + strength * strain * strain / (1.0 - strain))
 
-        return Stage(act)
+        return Stage(apply)
 
 
 EFFECT = Hardening

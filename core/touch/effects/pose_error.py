@@ -25,7 +25,7 @@ class PoseError:
     the accuracy of a contour, long before the array does.
     """
 
-    place: ClassVar = Phase.AIM
+    phase: ClassVar = Phase.AIM
 
     # Standard deviation of the shift on each axis: repeatability of an industrial arm.
     sigma: Annotated[float, Range(0.0, 5e-3, "m")] = 0.1e-3
@@ -44,12 +44,12 @@ class PoseError:
         rotation = math.radians(self.rotation)
         bx, by, bz = (self.bias * draws.once().standard_normal(3)).tolist()
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             sx, sy, sz, *turn = draws.of_touch(touch.number).standard_normal(6).tolist()
             shift = (bx + sigma * sx, by + sigma * sy, bz + sigma * sz)
             touch.actual = _moved(touch.actual, shift, [rotation * angle for angle in turn])
 
-        return Stage(act)
+        return Stage(apply)
 
 
 def _moved(pose: Floats, shift: tuple[float, float, float], turn: list[float]) -> Floats:

@@ -26,7 +26,7 @@ class Quantisation:
     is a clock of 100 MHz.
     """
 
-    place: ClassVar = Phase.SIGNAL
+    phase: ClassVar = Phase.SIGNAL
 
     # Frequency of the clock that counts the time of flight.
     clock: Annotated[float | None, Range(1e5, 1e12, "Hz")] = None
@@ -59,10 +59,10 @@ class Quantisation:
                 f"{calibration.signal}; expected bits"
             )
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             touch.reading = whole + step * np.rint((touch.reading - whole) * (1.0 / step))
 
-        return Stage(act, noise=step / math.sqrt(12.0))
+        return Stage(apply, noise=step / math.sqrt(12.0))
 
 
 EFFECT = Quantisation

@@ -22,7 +22,7 @@ class SaltAndPepper:
     error of millimetres.
     """
 
-    place: ClassVar = Phase.SIGNAL
+    phase: ClassVar = Phase.SIGNAL
 
     # Probability for one taxel in one touch: two or three of 256.
     rate: Annotated[float, Range(0.0, 1.0, "1")] = 0.01
@@ -35,14 +35,14 @@ class SaltAndPepper:
         pad, draws, rate = finger.pad, KeyedRandom(finger, "salt_and_pepper"), self.rate
         size, full_scale = (pad.rows, pad.cols), pad.saturation * pad.thickness
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             drawn = draws.of_touch(touch.number).random(size)
             struck = (drawn < rate).nonzero()
             reading = touch.reading.copy()
             reading[struck] = np.where(drawn[struck] < 0.5 * rate, 0.0, full_scale)
             touch.reading = reading
 
-        return Stage(act)
+        return Stage(apply)
 
 
 EFFECT = SaltAndPepper

@@ -21,7 +21,7 @@ class Saturation:
     lose their tips, and after a wrong guess of the surface.
     """
 
-    place: ClassVar = Phase.PAD
+    phase: ClassVar = Phase.PAD
 
     # Largest compression that is felt, as a share of the thickness: rubber cannot be squeezed to
     # nothing.
@@ -34,7 +34,7 @@ class Saturation:
         """The stage for one finger."""
         limit = self.share * finger.pad.thickness
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             compression = touch.compression
             if compression.max() <= limit:
                 return
@@ -43,7 +43,7 @@ class Saturation:
             if touch.outcome == "hit":
                 touch.outcome = "bottomed"
 
-        return Stage(act)
+        return Stage(apply)
 
 
 EFFECT = Saturation

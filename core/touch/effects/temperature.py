@@ -21,7 +21,7 @@ class Temperature:
     every taxel.
     """
 
-    place: ClassVar = Phase.ECHO
+    phase: ClassVar = Phase.ECHO
 
     # How much warmer than at its calibration the pad becomes: a room in the sun.
     rise: Annotated[float, Range(-40.0, 80.0, "K")] = 5.0
@@ -58,12 +58,12 @@ class Temperature:
         zero = 0.0 if self.rezeroed else calibration.thickness
         warm_up = self.warm_up
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             warmed = -math.expm1(-touch.time / warm_up) if warm_up > 0.0 else 1.0
             ratio = nominal / (nominal + change * warmed)
             touch.reading = ratio * touch.reading + (1.0 - ratio) * zero
 
-        return Stage(act)
+        return Stage(apply)
 
 
 EFFECT = Temperature

@@ -25,7 +25,7 @@ class Tenting:
     it were the object by a listener who does not know of it.
     """
 
-    place: ClassVar = Phase.PAD
+    phase: ClassVar = Phase.PAD
 
     # The length ``l`` in which the skirt falls to 1/e: about the thickness of a tough skin.
     decay: Annotated[float, Range(1e-5, 20e-3, "m")] = 1e-3
@@ -37,14 +37,14 @@ class Tenting:
         """The stage for one finger."""
         membrane = _membrane(finger.pad, self.decay)
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             contact = touch.pressure > 0.0
             rim = _rim(contact)
             if rim[0].size:
                 skirt = _tent(membrane, rim, touch.compression[rim])
                 touch.compression = np.where(contact, touch.compression, np.maximum(skirt, 0.0))
 
-        return Stage(act, face=FaceModel("membrane", self.decay))
+        return Stage(apply, face=FaceModel("membrane", self.decay))
 
 
 class _Membrane(NamedTuple):

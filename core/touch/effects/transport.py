@@ -22,7 +22,7 @@ class Transport:
     and no accuracy: that the pad creeps on while a frame is waited for is left out.
     """
 
-    place: ClassVar = Phase.LINK
+    phase: ClassVar = Phase.LINK
 
     # From the frame's being taken to its arrival: 256 pings of 20 us, one after the other.
     latency: Annotated[float, Range(0.0, 10.0, "s")] = 0.005
@@ -40,14 +40,14 @@ class Transport:
         duplicate = self.duplicate
         per_loss = 1.0 / math.log(self.drop) if self.drop > 0.0 else 0.0
 
-        def act(touch: SimulatedTouch, state: None) -> None:
+        def apply(touch: SimulatedTouch, state: None) -> None:
             loss, twice = draws.of_touch(touch.number).random(2).tolist()
             # The largest n with 1 - loss <= drop^n: geometric, by one draw for any number.
             lost = int(math.log1p(-loss) * per_loss)
             touch.time += latency + lost * timeout
             touch.copies = 2 if twice < duplicate else 1
 
-        return Stage(act)
+        return Stage(apply)
 
 
 EFFECT = Transport

@@ -203,11 +203,11 @@ def test_the_order_does_not_depend_on_who_was_heard_first() -> None:
     ends = {1: 3.0, 2: 2.0, 3: 4.0}
     for heard in itertools.permutations(ends):
         finished: dict[int, float] = {}
-        busy, taken = set(ends), []
+        busy, busy_heights = set(ends), []
         for finger in heard:
             finished[finger] = ends[finger]
             while (found := next_finished(finished, busy, finished)) is not None:
-                taken.append(found)
+                busy_heights.append(found)
                 busy.discard(found)
                 del finished[found]
-        assert taken == [2, 1, 3]
+        assert busy_heights == [2, 1, 3]

@@ -73,7 +73,7 @@ def readings(make_touch: Callable[..., SimulatedTouch]) -> Callable[..., Floats]
         state, found = stage.state, []
         for number in range(touches):
             touch = make_touch(number, field)
-            state = stage.act(touch, state)
+            state = stage.apply(touch, state)
             found.append(touch.reading)
         return np.array(found)
 

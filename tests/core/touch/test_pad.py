@@ -164,7 +164,7 @@ def pressed(
     springs = np.maximum(field, 0.0)
     touch = make_touch(field=field, compression=springs, pressure=2e8 * springs)
     stage = effect.prepare(finger)
-    stage.act(touch, stage.state)
+    stage.apply(touch, stage.state)
     assert stage.face is not None
     return replace(finger.pad, face=stage.face), touch.compression, touch.pressure > 0.0
 

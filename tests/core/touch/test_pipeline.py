@@ -47,16 +47,16 @@ print(*sorted(sys.modules))
 class Mark:
     """An effect that notes when it acted."""
 
-    place: Phase
+    phase: Phase
     name: str
     notes: list[str]
 
     def prepare(self, finger: Fingertip) -> Stage:
-        def act(touch: SimulatedTouch, state: int) -> int:
+        def apply(touch: SimulatedTouch, state: int) -> int:
             self.notes.append(self.name)
             return state + 1
 
-        return Stage(act, state=0)
+        return Stage(apply, state=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Loud:
     """An effect that a calibration would find to be noise."""
 
     noise: float
-    place: ClassVar = Phase.SIGNAL
+    phase: ClassVar = Phase.SIGNAL
 
     def prepare(self, finger: Fingertip) -> Stage:
         return Stage(lambda touch, state: None, noise=self.noise)
@@ -116,8 +116,8 @@ def test_stages_act_by_place_and_within_a_place_as_given(
     make_finger: MakeFinger, make_touch: MakeTouch
 ) -> None:
     notes: list[str] = []
-    marks = [Mark(place, f"{place.name} {i}", notes) for i in (1, 2) for place in reversed(Phase)]
-    marks = [mark for mark in marks if mark.place is not Phase.CAST]
+    marks = [Mark(phase, f"{phase.name} {i}", notes) for i in (1, 2) for phase in reversed(Phase)]
+    marks = [mark for mark in marks if mark.phase is not Phase.CAST]
     pipeline = assemble(make_finger(), marks)  # type: ignore[arg-type]
     felt(pipeline, [make_touch()])
     assert notes == [f"{p.name} {i}" for p in Phase if p is not Phase.CAST for i in (1, 2)]
@@ -169,7 +169,7 @@ class Probe:
     """Keeps the readings that pass it."""
 
     kept: list[Floats]
-    place: ClassVar = Phase.SIGNAL
+    phase: ClassVar = Phase.SIGNAL
 
     def prepare(self, finger: Fingertip) -> Stage:
         return Stage(lambda touch, state: self.kept.append(touch.reading))
@@ -205,17 +205,17 @@ class Odd:
     """An effect that does one thing wrong."""
 
     wrong: str = ""
-    place: ClassVar = Phase.LINK
+    phase: ClassVar = Phase.LINK
 
     def prepare(self, finger: Fingertip) -> Any:
         if self.wrong == "prepare":
             raise KeyError("gone")
         if self.wrong == "nothing":
             return None
-        return Stage(self.act, noise=float("nan") if self.wrong == "noise" else 0.0)
+        return Stage(self.apply, noise=float("nan") if self.wrong == "noise" else 0.0)
 
-    def act(self, touch: SimulatedTouch, state: None) -> None:
-        if self.wrong == "act":
+    def apply(self, touch: SimulatedTouch, state: None) -> None:
+        if self.wrong == "apply":
             raise ZeroDivisionError("boom")
         if self.wrong == "nan":
             touch.reading = np.full_like(touch.reading, np.nan)
@@ -245,7 +245,7 @@ def test_an_effect_that_cannot_be_prepared_is_named(
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ("act", "the effect Odd failed: ZeroDivisionError: boom"),
+        ("apply", "the effect Odd failed: ZeroDivisionError: boom"),
         ("nan", "left a reading that is no finite"),
         ("shape", "left a reading that is no finite"),
         ("time", "left a touch that ends at -5.0 s"),

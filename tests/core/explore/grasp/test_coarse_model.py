@@ -74,8 +74,8 @@ def test_a_solid_goes_through_its_contacts() -> None:
 
     assert np.linalg.norm(found.vertices[::25] - grown, axis=1).max() < 1e-3
     assert (
-        found.body.volume
-        > 1.1 * correct_solid(MESH, points, 0 * points[:, 0], 0.0, NOISE).body.volume
+        found.mass.volume
+        > 1.1 * correct_solid(MESH, points, 0 * points[:, 0], 0.0, NOISE).mass.volume
     )
 
 
@@ -112,7 +112,7 @@ def test_contacts_that_would_turn_the_solid_inside_out_leave_it_as_it_is() -> No
     found = correct_solid(MESH, points, np.full(len(points), -0.1), 0.1, NOISE)
 
     assert np.array_equal(found.vertices, MESH.vertices)
-    assert found.body.sound
+    assert found.mass.sound
 
 
 def test_an_ellipsoid_has_a_fifth_of_its_squared_semi_axes(

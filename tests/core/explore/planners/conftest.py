@@ -102,7 +102,7 @@ def failed() -> Callable[..., ObservedSlice]:
 
 
 @pytest.fixture
-def known() -> MakeKnown:
+def observation() -> MakeKnown:
     return known_of
 
 

@@ -23,26 +23,28 @@ MakeSlice = Callable[..., ObservedSlice]
 MakeKnown = Callable[..., Observation]
 
 
-def test_without_a_slice_the_whole_side_is_unfelt(known: MakeKnown) -> None:
-    (run,) = untouched_spans(known())
+def test_without_a_slice_the_whole_side_is_unfelt(observation: MakeKnown) -> None:
+    (run,) = untouched_spans(observation())
     assert run == pytest.approx((0.03 * 0.09, 0.97 * 0.09))
     assert run.middle == pytest.approx(0.045)
 
 
-def test_what_lies_between_the_felt_bands_is_unfelt(slice_of: MakeSlice, known: MakeKnown) -> None:
+def test_what_lies_between_the_felt_bands_is_unfelt(
+    slice_of: MakeSlice, observation: MakeKnown
+) -> None:
     slices = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.5, 0.97)]
-    runs = untouched_spans(known(slices))
+    runs = untouched_spans(observation(slices))
     np.testing.assert_allclose(runs, [(0.0097, 0.038), (0.052, 0.0803)], atol=2.5e-3 / 8)
 
 
 def test_a_tenth_of_the_azimuths_may_stay_unfelt_and_no_more(
-    slice_of: MakeSlice, known: MakeKnown
+    slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     for open_azimuths, whole in ((1, True), (2, False)):
         low = np.full(16, 0.0)
         low[:open_azimuths] = 0.09
         one = slice_of(lambda z: 0.3, 0.5, contact_low=low, contact_high=np.full(16, 0.09))
-        assert (untouched_spans(known([one])) == []) == whole
+        assert (untouched_spans(observation([one])) == []) == whole
 
 
 def test_the_longest_run_comes_first_and_of_equal_ones_the_lowest() -> None:
@@ -54,10 +56,10 @@ def test_the_longest_run_comes_first_and_of_equal_ones_the_lowest() -> None:
 @given(
     wanted=st.floats(0.01, 0.08),
     tried=st.lists(st.floats(0.0, 0.09), max_size=12),
-    taken=st.lists(st.floats(0.0, 0.09), max_size=2),
+    busy_heights=st.lists(st.floats(0.0, 0.09), max_size=2),
 )
 def test_a_free_height_keeps_its_distance_from_all_others(
-    wanted: float, tried: list[float], taken: list[float]
+    wanted: float, tried: list[float], busy_heights: list[float]
 ) -> None:
     none = np.zeros(0)
     slices = [
@@ -72,22 +74,22 @@ def test_a_free_height_keeps_its_distance_from_all_others(
         )
         for height in tried
     ]
-    known = Observation(
+    observation = Observation(
         low=0.0,
         high=0.09,
         tolerance=1e-4,
         resolution=1e-5,
         feature=2.5e-3,
         slices=tuple(slices),
-        taken=tuple(taken),
-        apart=0.01,
+        busy_heights=tuple(busy_heights),
+        finger_spacing=0.01,
     )
-    height = free_height(known, wanted, Span(0.01, 0.08))
+    height = free_height(observation, wanted, Span(0.01, 0.08))
     if height is not None:
         assert 0.01 <= height <= 0.08
         assert all(abs(height - other) >= 2.4999e-3 for other in tried)
-        assert all(abs(height - other) >= 0.01 for other in taken)
-        assert tried or taken or height == wanted
+        assert all(abs(height - other) >= 0.01 for other in busy_heights)
+        assert tried or busy_heights or height == wanted
 
 
 def test_the_fewest_parts_are_planned_and_equal_intervals_get_equal_parts() -> None:
@@ -99,9 +101,11 @@ def test_the_fewest_parts_are_planned_and_equal_intervals_get_equal_parts() -> N
     assert parts[0] > parts[2] > parts[1]
 
 
-def test_as_few_slices_as_can_be_lie_evenly_in_a_run(slice_of: MakeSlice, known: MakeKnown) -> None:
+def test_as_few_slices_as_can_be_lie_evenly_in_a_run(
+    slice_of: MakeSlice, observation: MakeKnown
+) -> None:
     ends = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)]
-    whole = known(ends, taxels=True)
+    whole = observation(ends, all_taxels=True)
     [run] = untouched_spans(whole)
     places = even_heights(whole, run)
     # Bands of 14 mm, gaps of at most 2.5 mm, in 70.6 mm.
@@ -109,15 +113,17 @@ def test_as_few_slices_as_can_be_lie_evenly_in_a_run(slice_of: MakeSlice, known:
     edges = [run.low, *places, run.high]
     gaps = np.diff(edges) - [7e-3, 14e-3, 14e-3, 14e-3, 14e-3, 7e-3]
     np.testing.assert_allclose(gaps, gaps[0], atol=1e-9)
-    filled = known([*ends, *(slice_of(lambda z: 0.3, place / 0.09) for place in places)])
+    filled = observation([*ends, *(slice_of(lambda z: 0.3, place / 0.09) for place in places)])
     assert max(one.length for one in untouched_spans(filled)) <= 2.5e-3 + 0.4e-3  # to a row
 
 
-def test_bands_are_lower_where_the_surface_leans(slice_of: MakeSlice, known: MakeKnown) -> None:
+def test_bands_are_lower_where_the_surface_leans(
+    slice_of: MakeSlice, observation: MakeKnown
+) -> None:
     def ball(z: float) -> float:
         return math.sqrt(max(z * (1.0 - z), 1e-9))
 
-    half = known([slice_of(ball, share) for share in (0.03, 0.5)], taxels=True)
+    half = observation([slice_of(ball, share) for share in (0.03, 0.5)], all_taxels=True)
     run = max(untouched_spans(half), key=lambda one: one.length)
     places = even_heights(half, Span(run.low, 0.5 * 0.09 - 7e-3))
     steps = np.diff(places)
@@ -125,18 +131,18 @@ def test_bands_are_lower_where_the_surface_leans(slice_of: MakeSlice, known: Mak
 
 
 def test_where_contours_alone_count_a_run_is_entered_in_its_middle(
-    slice_of: MakeSlice, known: MakeKnown
+    slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
-    plain = known([slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)])
+    plain = observation([slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)])
     [run] = untouched_spans(plain)
     assert even_heights(plain, run) == [run.middle]
 
 
 def test_a_stretch_is_uncovered_only_where_a_slice_was_tried_in_vain(
-    slice_of: MakeSlice, known: MakeKnown, failed: Callable[..., ObservedSlice]
+    slice_of: MakeSlice, observation: MakeKnown, failed: Callable[..., ObservedSlice]
 ) -> None:
     ends = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)]
-    [run] = untouched_spans(known(ends))
-    assert untraceable_height(known(ends)) == 0.0
-    assert untraceable_height(known([*ends, failed(0.045)])) == pytest.approx(run.length)
-    assert untraceable_height(known([*ends, failed(0.045, SliceOutcome.LOST)])) == 0.0
+    [run] = untouched_spans(observation(ends))
+    assert untraceable_height(observation(ends)) == 0.0
+    assert untraceable_height(observation([*ends, failed(0.045)])) == pytest.approx(run.length)
+    assert untraceable_height(observation([*ends, failed(0.045, SliceOutcome.LOST)])) == 0.0

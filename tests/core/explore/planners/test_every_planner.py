@@ -34,11 +34,11 @@ def test_a_plan_ends_and_asks_for_no_height_twice(
     seed: int,
     trouble: float,
     slice_of: Callable[..., ObservedSlice],
-    known: Callable[..., Observation],
+    observation: Callable[..., Observation],
 ) -> None:
     rng = np.random.default_rng(seed)
     planner, slices = make_planner(name, {}), list[ObservedSlice]()
-    while isinstance(choice := planner.next(known(slices)), Height):
+    while isinstance(choice := planner.next(observation(slices)), Height):
         assert 0.0 < choice.height < 0.09
         assert choice.height not in [one.height for one in slices]
         slices.append(answer(rng, choice.height, trouble, slice_of))

@@ -76,24 +76,30 @@ def moved_ends(rng: np.random.Generator) -> dict[str, float]:
     seed=st.integers(0, 10**6),
     trouble=st.sampled_from([0.0, 0.3, 0.8, 1.0]),
     fingers=st.integers(1, 3),
-    taxels=st.booleans(),
+    all_taxels=st.booleans(),
 )
 def test_a_plan_ends_though_its_ends_move_and_fingers_are_in_its_way(
     name: str,
     seed: int,
     trouble: float,
     fingers: int,
-    taxels: bool,
+    all_taxels: bool,
     slice_of: MakeSlice,
-    known: MakeKnown,
+    observation: MakeKnown,
 ) -> None:
     rng, planner = np.random.default_rng(seed), make_planner(name, {})
-    apart = float(rng.choice([0.0, 0.01, 0.03, 0.2])) if fingers > 1 else 0.0
+    finger_spacing = float(rng.choice([0.0, 0.01, 0.03, 0.2])) if fingers > 1 else 0.0
     slices, busy, ends = list[ObservedSlice](), list[float](), moved_ends(rng)
     for _ in range(MOST):
         choice: Choice | None = None
         while len(busy) < fingers:
-            now = known(slices, taken=tuple(busy), apart=apart, taxels=taxels, **ends)
+            now = observation(
+                slices,
+                busy_heights=tuple(busy),
+                finger_spacing=finger_spacing,
+                all_taxels=all_taxels,
+                **ends,
+            )
             choice = planner.next(now)
             if not isinstance(choice, Height):
                 break
@@ -111,31 +117,33 @@ def test_a_plan_ends_though_its_ends_move_and_fingers_are_in_its_way(
 def check(height: float, now: Observation) -> None:
     """A height is inside, has not been asked for, and is away from other fingers."""
     assert now.low < height < now.high
-    others = [*(one.height for one in now.slices), *now.taken]
+    others = [*(one.height for one in now.slices), *now.busy_heights]
     assert all(abs(height - other) > SAME * now.extent for other in others)
-    assert all(abs(height - other) >= now.apart * (1.0 - SAME) for other in now.taken)
+    assert all(
+        abs(height - other) >= now.finger_spacing * (1.0 - SAME) for other in now.busy_heights
+    )
 
 
 @pytest.mark.parametrize("name", ["thesis", "fuzzy"])
 @pytest.mark.parametrize(("share", "end"), [(1.5, 1.0), (-0.5, 0.0)])
 def test_a_walk_that_began_beyond_an_end_goes_on_from_that_end(
-    name: str, share: float, end: float, sides: Sides, slice_of: MakeSlice, known: MakeKnown
+    name: str, share: float, end: float, sides: Sides, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
-    choice = make_planner(name, {}).next(known([slice_of(sides["cylinder"], share)]))
+    choice = make_planner(name, {}).next(observation([slice_of(sides["cylinder"], share)]))
     assert isinstance(choice, Height)
     assert 0.0 < choice.height < 0.09
     assert abs(choice.height / 0.09 - end) < 0.3
 
 
 def test_of_two_slices_at_one_height_the_later_counts(
-    sides: Sides, slice_of: MakeSlice, known: MakeKnown
+    sides: Sides, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     cover = [slice_of(sides["vase"], share) for share in (0.03, 0.5, 0.97)]
     again = slice_of(sides["vase"], 0.5 + 1e-12, radii=np.full(16, 0.02))
-    profile = profile_of(known([*cover, again]))
+    profile = profile_of(observation([*cover, again]))
     np.testing.assert_allclose(profile.heights, [0.03, 0.5, 0.97])
     np.testing.assert_allclose(profile.radii[1], 0.02 / 0.09)
-    assert not isinstance(Predicted().next(known([*cover, again, *cover])), Wait)
+    assert not isinstance(Predicted().next(observation([*cover, again, *cover])), Wait)
 
 
 @pytest.mark.parametrize(
@@ -149,9 +157,9 @@ def test_of_two_slices_at_one_height_the_later_counts(
     ],
 )
 def test_figures_beyond_all_measure_leave_no_infinity(
-    changes: dict[str, Any], sides: Sides, slice_of: MakeSlice, known: MakeKnown
+    changes: dict[str, Any], sides: Sides, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
-    odd = known([slice_of(sides["vase"], share, **changes) for share in (0.03, 0.5, 0.97)])
+    odd = observation([slice_of(sides["vase"], share, **changes) for share in (0.03, 0.5, 0.97)])
     profile = profile_of(odd)
     assert all(np.isfinite(signs).all() for signs in error_indicators(profile))
     assert np.isfinite(hermite(profile, np.linspace(0.03, 0.97, 7))).all()
@@ -162,30 +170,32 @@ def test_figures_beyond_all_measure_leave_no_infinity(
 
 @pytest.mark.parametrize("planner", [Uniform(), Uniform(order="nested")])
 def test_ends_so_uncertain_that_all_heights_are_one_ask_for_it_once(
-    planner: Planner, failed: Failed, known: MakeKnown
+    planner: Planner, failed: Failed, observation: MakeKnown
 ) -> None:
     ends: Any = {"low_deviation": 1.0, "high_deviation": 1.0}
-    first = planner.next(known(**ends))
+    first = planner.next(observation(**ends))
     assert isinstance(first, Height)
-    assert isinstance(planner.next(known([failed(first.height)], **ends)), Stop)
+    assert isinstance(planner.next(observation([failed(first.height)], **ends)), Stop)
 
 
 @pytest.mark.parametrize("name", PLANNER_NAMES)
 def test_a_thousand_slices_end_every_plan(
-    name: str, sides: Sides, slice_of: MakeSlice, known: MakeKnown
+    name: str, sides: Sides, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
-    many = known([slice_of(sides["cylinder"], share) for share in np.linspace(0.03, 0.97, 1000)])
+    many = observation(
+        [slice_of(sides["cylinder"], share) for share in np.linspace(0.03, 0.97, 1000)]
+    )
     assert isinstance(make_planner(name, {}).next(many), Stop)
 
 
-def test_a_feature_too_small_to_be_counted_is_refused(known: MakeKnown) -> None:
+def test_a_feature_too_small_to_be_counted_is_refused(observation: MakeKnown) -> None:
     with pytest.raises(ValueError, match=r"at least 0.0001 of the height 0.09 m, got 1e-07 m"):
-        known(feature=1e-7)
+        observation(feature=1e-7)
 
 
-def test_a_height_of_another_finger_that_is_no_number_is_refused(known: MakeKnown) -> None:
-    with pytest.raises(ValueError, match="taken must be finite"):
-        known(taken=(0.02, np.nan))
+def test_a_height_of_another_finger_that_is_no_number_is_refused(observation: MakeKnown) -> None:
+    with pytest.raises(ValueError, match="busy_heights must be finite"):
+        observation(busy_heights=(0.02, np.nan))
 
 
 @pytest.mark.parametrize(

@@ -37,10 +37,10 @@ MakeKnown = Callable[..., Observation]
 COVER = (0.5, 0.97, 0.03)
 
 
-def rms_error(known: Observation, side: Callable[[float], float]) -> float:
+def rms_error(observation: Observation, side: Callable[[float], float]) -> float:
     """Of the side between the first slice and the last, over the height, along the radius."""
     shares = np.linspace(0.03, 0.97, 301)
-    squares = hermite(profile_of(known), shares)[:, 0]
+    squares = hermite(profile_of(observation), shares)[:, 0]
     truth = np.array([side(share) for share in shares])
     return float(np.sqrt(np.mean((np.sqrt(np.maximum(squares, 0.0)) - truth) ** 2)))
 
@@ -67,10 +67,10 @@ def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(
 
 
 def test_case_66_a_bottles_neck_is_not_stepped_over(
-    sides: Sides, explored: Walk, slice_of: MakeSlice, known: MakeKnown
+    sides: Sides, explored: Walk, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     heights, stop = explored(Predicted(), sides["bottle"])
-    found = known([slice_of(sides["bottle"], share) for share in heights])
+    found = observation([slice_of(sides["bottle"], share) for share in heights])
 
     assert stop is not None
     assert stop.tolerance_met
@@ -97,26 +97,26 @@ def test_case_67_a_height_beyond_the_top_is_not_asked_for_again(
 
 
 def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
-    explored: Walk, slice_of: MakeSlice, known: MakeKnown
+    explored: Walk, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     def grooved(z: float) -> float:
         return 0.3 - 0.03 * float(np.exp(-(((z - 0.26) / 0.035) ** 2)))
 
-    cover = known([slice_of(grooved, share) for share in COVER])
-    assert predict_error(cover, profile_of(cover), untouched_spans(cover)).bound < 0.0025
+    cover = observation([slice_of(grooved, share) for share in COVER])
+    assert predict_error(cover, profile_of(cover), untouched_spans(cover)).rms_bound_95 < 0.0025
     assert rms_error(cover, grooved) > 0.003
 
     heights, stop = explored(Predicted(), grooved)
-    found = known([slice_of(grooved, share) for share in heights])
+    found = observation([slice_of(grooved, share) for share in heights])
     assert stop is not None
     assert stop.tolerance_met
     assert rms_error(found, grooved) < 0.0025
 
 
 def test_the_side_of_an_ellipsoid_is_exact_from_two_slices(
-    sides: Sides, slice_of: MakeSlice, known: MakeKnown
+    sides: Sides, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
-    two = known([slice_of(sides["ball"], share) for share in (0.03, 0.97)])
+    two = observation([slice_of(sides["ball"], share) for share in (0.03, 0.97)])
     assert rms_error(two, sides["ball"]) < 1e-5
 
 
@@ -140,10 +140,10 @@ def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides: Sides, expl
     ],
 )
 def test_a_slice_that_would_overrun_the_budget_is_not_begun(
-    budget: Budget, words: str, sides: Sides, slice_of: MakeSlice, known: MakeKnown
+    budget: Budget, words: str, sides: Sides, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     cover = [slice_of(sides["bottle"], share, touches=25, seconds=30.0) for share in COVER[:2]]
-    stop = Predicted().next(known(cover, budget=budget))
+    stop = Predicted().next(observation(cover, budget=budget))
     assert isinstance(stop, Stop)
     assert words in stop.reason
     assert stop.tolerance_met is False
@@ -153,10 +153,10 @@ def test_a_slice_that_would_overrun_the_budget_is_not_begun(
 
 
 def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(
-    sides: Sides, slice_of: MakeSlice, known: MakeKnown
+    sides: Sides, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     slices: list[ObservedSlice] = []
-    while isinstance(choice := Predicted().next(known(slices)), Height):
+    while isinstance(choice := Predicted().next(observation(slices)), Height):
         slices.append(slice_of(sides["vase"], choice.height / 0.09, deviation=1e-3))
     assert isinstance(choice, Stop)
     assert choice.reason.startswith("the noise of the slices is beyond the tolerance")
@@ -177,10 +177,10 @@ def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(
 
 
 def test_what_the_pad_cannot_reach_is_left_and_said(
-    sides: Sides, slice_of: MakeSlice, failed: Callable[..., ObservedSlice], known: MakeKnown
+    sides: Sides, slice_of: MakeSlice, failed: Callable[..., ObservedSlice], observation: MakeKnown
 ) -> None:
     slices: list[ObservedSlice] = []
-    while isinstance(choice := Predicted().next(known(slices)), Height):
+    while isinstance(choice := Predicted().next(observation(slices)), Height):
         share = choice.height / 0.09
         hidden = 0.6 < share < 0.9
         slices.append(failed(choice.height) if hidden else slice_of(sides["cylinder"], share))
@@ -194,10 +194,10 @@ def test_what_the_pad_cannot_reach_is_left_and_said(
 
 
 def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(
-    failed: Callable[..., ObservedSlice], known: MakeKnown
+    failed: Callable[..., ObservedSlice], observation: MakeKnown
 ) -> None:
     slices: list[ObservedSlice] = []
-    while isinstance(choice := Predicted().next(known(slices)), Height):
+    while isinstance(choice := Predicted().next(observation(slices)), Height):
         slices.append(failed(choice.height))
         assert len(slices) < 60
     assert isinstance(choice, Stop)
@@ -207,57 +207,62 @@ def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(
 
 
 def test_occluded_slices_count_as_far_as_they_were_felt(
-    sides: Sides, slice_of: MakeSlice, known: MakeKnown
+    sides: Sides, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     shares = np.linspace(0.03, 0.97, 8)
     whole = [slice_of(sides["cylinder"], share) for share in shares]
-    assert isinstance(Predicted().next(known(whole)), Stop)
+    assert isinstance(Predicted().next(observation(whole)), Stop)
     gap = whole[4]
     low = gap.contact_low.copy()
     low[:6] = gap.contact_high[:6] + 1.0  # nothing felt on six of sixteen azimuths
     whole[4] = slice_of(
         sides["cylinder"], shares[4], outcome=SliceOutcome.OCCLUDED, contact_low=low
     )
-    choice = Predicted().next(known(whole))
+    choice = Predicted().next(observation(whole))
     assert isinstance(choice, Height)
     assert choice.reason == "nothing has felt what lies there"
     assert abs(choice.height / 0.09 - shares[4]) < 0.09
 
 
 def test_fingers_get_heights_of_their_own_and_wait_when_there_is_none(
-    sides: Sides, slice_of: MakeSlice, known: MakeKnown
+    sides: Sides, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
-    taken: list[float] = []
-    while isinstance(choice := Predicted().next(known(taken=tuple(taken), apart=0.02)), Height):
-        taken.append(choice.height)
-    np.testing.assert_allclose(np.array(taken) / 0.09, COVER)
+    busy_heights: list[float] = []
+    while isinstance(
+        choice := Predicted().next(
+            observation(busy_heights=tuple(busy_heights), finger_spacing=0.02)
+        ),
+        Height,
+    ):
+        busy_heights.append(choice.height)
+    np.testing.assert_allclose(np.array(busy_heights) / 0.09, COVER)
     assert isinstance(choice, Wait)
     cover = [slice_of(sides["bottle"], share) for share in COVER]
-    first = Predicted().next(known(cover))
+    first = Predicted().next(observation(cover))
     assert isinstance(first, Height)
-    other = Predicted().next(known(cover, taken=(first.height,), apart=0.02))
+    other = Predicted().next(observation(cover, busy_heights=(first.height,), finger_spacing=0.02))
     assert isinstance(other, Height)
     assert abs(other.height - first.height) >= 0.02
-    both = known(cover, taken=(first.height, other.height), apart=0.04)
+    both = observation(cover, busy_heights=(first.height, other.height), finger_spacing=0.04)
     assert isinstance(Predicted().next(both), Wait)
 
 
 def test_of_two_heights_worth_the_same_the_nearer_is_taken(
-    slice_of: MakeSlice, known: MakeKnown
+    slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     def wavy(z: float) -> float:
         return 0.3 + 0.05 * math.cos(4.0 * math.pi * (z - 0.5))
 
     for last, first in ((0.97, 0.5), (0.03, 0.5)):
         order = [slice_of(wavy, share) for share in (1.0 - last, first, last)]
-        choice = Predicted().next(known(order))
+        choice = Predicted().next(observation(order))
         assert isinstance(choice, Height)
         assert (choice.height / 0.09 > 0.5) == (last > 0.5)
 
 
-def test_uncertain_ends_are_kept_away_from(known: MakeKnown, slice_of: MakeSlice) -> None:
+def test_uncertain_ends_are_kept_away_from(observation: MakeKnown, slice_of: MakeSlice) -> None:
     middle = [slice_of(lambda z: 0.3, 0.5)]
-    choice = Predicted().next(known(middle, high_deviation=5e-3))
+    choice = Predicted().next(observation(middle, high_deviation=5e-3))
     assert isinstance(choice, Height)
     assert choice.height == pytest.approx(0.09 - 0.01)
 
@@ -265,8 +270,8 @@ def test_uncertain_ends_are_kept_away_from(known: MakeKnown, slice_of: MakeSlice
 def test_an_even_cover_is_refused() -> None:
     with pytest.raises(ValueError, match="cover must be odd, so that the middle is in it, got 4"):
         Predicted(cover=4)
-    with pytest.raises(ValueError, match="suspicion is 2"):
-        Predicted(suspicion=2.0)
+    with pytest.raises(ValueError, match="hidden_error is 2"):
+        Predicted(hidden_error=2.0)
 
 
 Side = Callable[[float], float]
@@ -276,40 +281,45 @@ def wavy(z: float) -> float:
     return 0.3 + 0.05 * math.sin(7.0 * z)
 
 
-def foretold(side: Side, shares: list[float], make: MakeSlice, known: MakeKnown) -> ErrorPrediction:
-    all_known = known([make(side, share) for share in shares])
+def prediction(
+    side: Side, shares: list[float], make: MakeSlice, observation: MakeKnown
+) -> ErrorPrediction:
+    all_known = observation([make(side, share) for share in shares])
     return predict_error(all_known, profile_of(all_known), untouched_spans(all_known))
 
 
 def test_positions_and_slopes_are_kept_and_a_cubic_in_the_square_is_exact(
-    slice_of: MakeSlice, known: MakeKnown
+    slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     def cubic(z: float) -> float:
         return math.sqrt(0.1 + 0.2 * z - 0.3 * z**2 + 0.25 * z**3)
 
-    profile = profile_of(known([slice_of(cubic, share) for share in (0.1, 0.4, 0.9)]))
+    profile = profile_of(observation([slice_of(cubic, share) for share in (0.1, 0.4, 0.9)]))
     heights = np.linspace(0.1, 0.9, 33)
     exact = np.array([cubic(height) ** 2 for height in heights])
     np.testing.assert_allclose(hermite(profile, heights)[:, 0], exact, atol=1e-8)
     signs = error_indicators(profile)
-    assert signs.clash.max() < 1e-6
-    assert signs.higher.max() < 1e-6
+    assert signs.rise_mismatch.max() < 1e-6
+    assert signs.quintic_gap.max() < 1e-6
 
 
-def test_the_foretold_error_falls_like_the_true_one(slice_of: MakeSlice, known: MakeKnown) -> None:
+def test_the_foretold_error_falls_like_the_true_one(
+    slice_of: MakeSlice, observation: MakeKnown
+) -> None:
     coarse, fine = (
-        foretold(wavy, np.linspace(0.03, 0.97, n).tolist(), slice_of, known) for n in (9, 17)
+        prediction(wavy, np.linspace(0.03, 0.97, n).tolist(), slice_of, observation)
+        for n in (9, 17)
     )
     assert math.log2(coarse.curve / fine.curve) == pytest.approx(4.0, abs=0.3)
 
 
 @pytest.mark.parametrize("count", [4, 5, 7, 9])
 def test_each_interval_errs_about_as_foretold(
-    count: int, slice_of: MakeSlice, known: MakeKnown
+    count: int, slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     shares = np.linspace(0.03, 0.97, count)
-    said = foretold(wavy, shares.tolist(), slice_of, known)
-    profile = profile_of(known([slice_of(wavy, share) for share in shares]))
+    said = prediction(wavy, shares.tolist(), slice_of, observation)
+    profile = profile_of(observation([slice_of(wavy, share) for share in shares]))
     heights = np.linspace(0.03, 0.97, 801)
     slopes = 0.35 * np.cos(7.0 * heights)
     off = np.sqrt(hermite(profile, heights)[:, 0]) - [wavy(height) for height in heights]
@@ -320,53 +330,59 @@ def test_each_interval_errs_about_as_foretold(
     assert (true > said.errors / 5.0).all()
 
 
-def test_cuts_are_drawn_to_the_end_that_bends_more(slice_of: MakeSlice, known: MakeKnown) -> None:
+def test_cuts_are_drawn_to_the_end_that_bends_more(
+    slice_of: MakeSlice, observation: MakeKnown
+) -> None:
     def knee(z: float) -> float:
         return 0.4 - 0.1 * math.exp(10.0 * (z - 0.97))
 
-    profile = profile_of(known([slice_of(knee, share) for share in (0.03, 0.97)]))
-    assert error_indicators(profile).pull[0] > 0.8
+    profile = profile_of(observation([slice_of(knee, share) for share in (0.03, 0.97)]))
+    assert error_indicators(profile).bend_side[0] > 0.8
 
 
 def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(
-    slice_of: MakeSlice, known: MakeKnown
+    slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
-    noisy = known([slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)])
+    noisy = observation(
+        [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
+    )
     said = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
     assert said.noise == pytest.approx(math.hypot(NOISE * 1e-3, 1e-5 / 0.09), rel=1e-6)
-    assert said.bound == math.hypot(said.noise, said.curve)
-    assert said.wants_refinement(said.bound * 0.99) == (said.noise < said.bound * 0.99)
-    assert not said.wants_refinement(said.bound * 1.01)
+    assert said.rms_bound_95 == math.hypot(said.noise, said.curve)
+    assert said.wants_refinement(said.rms_bound_95 * 0.99) == (
+        said.noise < said.rms_bound_95 * 0.99
+    )
+    assert not said.wants_refinement(said.rms_bound_95 * 1.01)
     assert not said.wants_refinement(said.noise * 0.5)
     assert said._replace(curve=said.noise).wants_refinement(said.noise * 0.5)
 
 
 def test_of_what_was_felt_only_the_unfelt_share_of_an_interval_errs(
-    slice_of: MakeSlice, known: MakeKnown
+    slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 5)]
-    plain, whole = known(slices), known(slices, taxels=True)
+    plain, whole = observation(slices), observation(slices, all_taxels=True)
     one = predict_error(plain, profile_of(plain), untouched_spans(plain))
     all_felt = predict_error(whole, profile_of(whole), untouched_spans(whole))
-    shares = [run.length for run in untouched_spans(whole)] / (0.09 * one.signs.width)
+    shares = [run.length for run in untouched_spans(whole)] / (0.09 * one.indicators.width)
     np.testing.assert_allclose(all_felt.errors, one.errors * shares**3, rtol=1e-9)
 
 
 def test_a_solid_of_all_that_was_felt_states_its_own_deviation(
-    slice_of: MakeSlice, known: MakeKnown
+    slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     slices = [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
-    stated = known(slices, taxels=True, deviation=5e-5)
+    stated = observation(slices, all_taxels=True, deviation=5e-5)
     said = predict_error(stated, profile_of(stated), untouched_spans(stated))
     expected = math.hypot(DEVIATION * 5e-5 / 0.09, 1e-5 / 0.09, LEFT)
     assert said.noise == pytest.approx(expected, rel=1e-9)
 
 
 def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(
-    slice_of: MakeSlice, known: MakeKnown
+    slice_of: MakeSlice, observation: MakeKnown
 ) -> None:
     slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 6)]
-    noisy = known(slices, taxels=True, deviation=4e-4)
+    noisy = observation(slices, all_taxels=True, deviation=4e-4)
     said = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
     assert not said.wants_averaging(0.99 * said.noise / 2.0, 6, 24)
     assert said.wants_averaging(1.01 * said.noise / 2.0, 6, 24)

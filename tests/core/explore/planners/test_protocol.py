@@ -39,14 +39,14 @@ from palpate.core.explore.planners.uniform import Uniform
         ({"feature": 0.0}, "feature must be positive"),
         ({"low_deviation": -1e-3}, "low_deviation must be 0 or more"),
         ({"high_deviation": math.nan}, "high_deviation must be 0 or more"),
-        ({"apart": -1.0}, "apart must be 0 or more"),
+        ({"finger_spacing": -1.0}, "finger_spacing must be 0 or more"),
     ],
 )
 def test_what_no_planner_can_work_with_is_refused(
-    known: Callable[..., Observation], changes: dict[str, float], words: str
+    observation: Callable[..., Observation], changes: dict[str, float], words: str
 ) -> None:
     with pytest.raises(ValueError, match=words):
-        known(**changes)
+        observation(**changes)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_a_slice_that_cannot_be_is_refused(
 
 
 def test_slices_of_other_azimuths_are_refused(
-    slice_of: Callable[..., ObservedSlice], known: Callable[..., Observation]
+    slice_of: Callable[..., ObservedSlice], observation: Callable[..., Observation]
 ) -> None:
     few = {
         name: np.full(8, 0.02)
@@ -92,7 +92,7 @@ def test_slices_of_other_azimuths_are_refused(
     }
     both = [slice_of(lambda z: 0.3, 0.5), slice_of(lambda z: 0.3, 0.6, **few)]
     with pytest.raises(ValueError, match=r"as many azimuths, got \[8, 16\]"):
-        known(both)
+        observation(both)
 
 
 MakeKnown = Callable[..., Observation]
@@ -104,30 +104,30 @@ class Says:
 
     choice: Any
 
-    def next(self, known: Observation) -> Choice:
+    def next(self, observation: Observation) -> Choice:
         return cast("Choice", self.choice)
 
 
 @pytest.mark.parametrize("name", PLANNER_NAMES)
-def test_what_palpates_own_planners_answer_is_handed_on(name: str, known: MakeKnown) -> None:
+def test_what_palpates_own_planners_answer_is_handed_on(name: str, observation: MakeKnown) -> None:
     planner = make_planner(name, {})
-    assert check_choice(planner, known()) == planner.next(known())
+    assert check_choice(planner, observation()) == planner.next(observation())
 
 
 @pytest.mark.parametrize(
     ("choice", "more"),
     [
         (Height(0.01, "up"), {}),
-        (Height(np.float64(0.03), "up"), {"taken": (0.01,), "apart": 0.02}),
-        (Wait("busy"), {"taken": (0.01,)}),
+        (Height(np.float64(0.03), "up"), {"busy_heights": (0.01,), "finger_spacing": 0.02}),
+        (Wait("busy"), {"busy_heights": (0.01,)}),
         (Stop("end", None), {}),
         (Stop("end", True, 0.0, 0.002), {}),
     ],
 )
 def test_an_answer_that_can_be_acted_on_is_handed_on(
-    choice: Choice, more: dict[str, Any], known: MakeKnown
+    choice: Choice, more: dict[str, Any], observation: MakeKnown
 ) -> None:
-    assert check_choice(Says(choice), known(**more)) is choice
+    assert check_choice(Says(choice), observation(**more)) is choice
 
 
 @pytest.mark.parametrize(
@@ -138,10 +138,10 @@ def test_an_answer_that_can_be_acted_on_is_handed_on(
         (Height(math.nan, ""), {}, "must lie between 0 and 0.09 m, got nan m"),
         (Height(0.09, ""), {}, "must lie between 0 and 0.09 m, got 0.09 m"),
         (Height(-1.0, ""), {}, "must lie between 0 and 0.09 m, got -1 m"),
-        (Height(0.02, ""), {"taken": (0.02,)}, "was asked for at 0.02 m before"),
+        (Height(0.02, ""), {"busy_heights": (0.02,)}, "was asked for at 0.02 m before"),
         (
             Height(0.02, ""),
-            {"taken": (0.03,), "apart": 0.02},
+            {"busy_heights": (0.03,), "finger_spacing": 0.02},
             "0.02 m is nearer than 0.02 m to a finger at 0.03 m",
         ),
         (Wait(""), {}, "it waits, but no finger is at work"),
@@ -154,19 +154,19 @@ def test_an_answer_that_can_be_acted_on_is_handed_on(
     ],
 )
 def test_an_answer_that_nobody_could_act_on_is_refused(
-    choice: Any, more: dict[str, Any], words: str, known: MakeKnown
+    choice: Any, more: dict[str, Any], words: str, observation: MakeKnown
 ) -> None:
     with pytest.raises(ValueError) as caught:
-        check_choice(Says(choice), known(**more))
+        check_choice(Says(choice), observation(**more))
     assert str(caught.value).startswith("the planner Says gave no answer to act on: ")
     assert words in str(caught.value)
 
 
 def test_a_planner_that_asks_for_a_failed_height_again_does_not_go_on_for_ever(
-    known: MakeKnown, failed: Callable[[float], ObservedSlice]
+    observation: MakeKnown, failed: Callable[[float], ObservedSlice]
 ) -> None:
     with pytest.raises(ValueError, match=r"at 0.045 m before; it must go elsewhere, or stop"):
-        check_choice(Says(Height(0.045, "")), known([failed(0.045)]))
+        check_choice(Says(Height(0.045, "")), observation([failed(0.045)]))
 
 
 OWN = """

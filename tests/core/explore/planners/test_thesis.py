@@ -180,12 +180,12 @@ def test_the_piecewise_linear_form_plans_nearly_alike(
 
 
 def test_the_search_goes_first_where_the_mean_normal_points(
-    slice_of: Callable[..., ObservedSlice], known: Callable[..., Observation]
+    slice_of: Callable[..., ObservedSlice], observation: Callable[..., Observation]
 ) -> None:
     cone = [slice_of(lambda z: 0.4 - 0.2 * z, 0.5)]
     funnel = [slice_of(lambda z: 0.2 + 0.2 * z, 0.5)]
     assert mean_normal_rise(cone[0]) == pytest.approx(0.2 / math.hypot(1.0, 0.2))
-    up, down = (Thesis().next(known(slices)) for slices in (cone, funnel))
+    up, down = (Thesis().next(observation(slices)) for slices in (cone, funnel))
     assert isinstance(up, Height)
     assert isinstance(down, Height)
     assert up.height > 0.045 > down.height
@@ -194,11 +194,11 @@ def test_the_search_goes_first_where_the_mean_normal_points(
 def test_a_slice_that_fails_is_tried_again_nearer_and_three_times_at_most(
     slice_of: Callable[..., ObservedSlice],
     failed: Callable[..., ObservedSlice],
-    known: Callable[..., Observation],
+    observation: Callable[..., Observation],
 ) -> None:
     slices, steps = [slice_of(lambda z: 0.3, 0.5)], []
     for _ in range(4):
-        choice = Thesis().next(known(slices))
+        choice = Thesis().next(observation(slices))
         assert isinstance(choice, Height)
         steps.append(choice.height - 0.045)
         slices.append(failed(choice.height))
@@ -208,27 +208,29 @@ def test_a_slice_that_fails_is_tried_again_nearer_and_three_times_at_most(
 
 
 def test_the_other_direction_is_searched_while_one_is_under_way(
-    slice_of: Callable[..., ObservedSlice], known: Callable[..., Observation]
+    slice_of: Callable[..., ObservedSlice], observation: Callable[..., Observation]
 ) -> None:
     start = [slice_of(lambda z: 0.3, 0.5)]
-    below = Thesis().next(known(start, taken=(0.06,)))
+    below = Thesis().next(observation(start, busy_heights=(0.06,)))
     assert isinstance(below, Height)
     assert below.height < 0.045
-    assert isinstance(Thesis().next(known(start, taken=(0.06, 0.03))), Wait)
-    assert isinstance(Thesis().next(known(start, taken=(0.06,), apart=0.05)), Wait)
-    assert isinstance(Thesis().next(known(taken=(0.045,))), Wait)
+    assert isinstance(Thesis().next(observation(start, busy_heights=(0.06, 0.03))), Wait)
+    assert isinstance(
+        Thesis().next(observation(start, busy_heights=(0.06,), finger_spacing=0.05)), Wait
+    )
+    assert isinstance(Thesis().next(observation(busy_heights=(0.045,))), Wait)
 
 
 def test_without_a_first_slice_or_a_budget_there_is_no_search(
     slice_of: Callable[..., ObservedSlice],
     failed: Callable[..., ObservedSlice],
-    known: Callable[..., Observation],
+    observation: Callable[..., Observation],
 ) -> None:
-    stop = Thesis().next(known([failed(0.045)]))
+    stop = Thesis().next(observation([failed(0.045)]))
     assert isinstance(stop, Stop)
     assert "half height" in stop.reason
     budget = Budget(most_touches=40, touches=24)
-    stop = Thesis().next(known([slice_of(lambda z: 0.3, 0.5, touches=24)], budget=budget))
+    stop = Thesis().next(observation([slice_of(lambda z: 0.3, 0.5, touches=24)], budget=budget))
     assert isinstance(stop, Stop)
     assert "24 of 40 touches" in stop.reason
 

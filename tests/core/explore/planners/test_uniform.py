@@ -47,34 +47,36 @@ def test_the_heights_are_even_whatever_their_number(
 
 
 def test_a_height_that_fails_is_tried_once_more_nearer_to_the_middle(
-    failed: Callable[..., ObservedSlice], known: Callable[..., Observation]
+    failed: Callable[..., ObservedSlice], observation: Callable[..., Observation]
 ) -> None:
     planner, asked = Uniform(count=3), []
     slices: list[ObservedSlice] = []
-    while isinstance(choice := planner.next(known(slices)), Height):
+    while isinstance(choice := planner.next(observation(slices)), Height):
         asked.append(choice.height / 0.09)
         slices.append(failed(choice.height))
     np.testing.assert_allclose(asked, [0.5, 0.3825, 0.97, 0.8525, 0.03, 0.1475])
 
 
-def test_heights_near_other_fingers_wait(known: Callable[..., Observation]) -> None:
-    taken = Uniform(count=3).next(known(taken=(0.045,), apart=0.02))
-    assert isinstance(taken, Height)
-    assert taken.height == pytest.approx(0.97 * 0.09)
-    assert isinstance(Uniform(count=3).next(known(taken=(0.045,), apart=0.05)), Wait)
+def test_heights_near_other_fingers_wait(observation: Callable[..., Observation]) -> None:
+    busy_heights = Uniform(count=3).next(observation(busy_heights=(0.045,), finger_spacing=0.02))
+    assert isinstance(busy_heights, Height)
+    assert busy_heights.height == pytest.approx(0.97 * 0.09)
+    assert isinstance(
+        Uniform(count=3).next(observation(busy_heights=(0.045,), finger_spacing=0.05)), Wait
+    )
 
 
 def test_a_spent_budget_ends_the_plan(
-    slice_of: Callable[..., ObservedSlice], known: Callable[..., Observation]
+    slice_of: Callable[..., ObservedSlice], observation: Callable[..., Observation]
 ) -> None:
     one = slice_of(lambda z: 0.3, 0.5, seconds=16.0)
-    stop = Uniform().next(known([one], budget=Budget(most_seconds=40.0, seconds=28.0)))
+    stop = Uniform().next(observation([one], budget=Budget(most_seconds=40.0, seconds=28.0)))
     assert isinstance(stop, Stop)
     assert stop.reason == "the budget is spent: 28 of 40 s of robot time, a slice takes 16"
     begun = Budget(most_touches=40, touches=30)  # from above, before the first slice
-    assert isinstance(Uniform().next(known(budget=begun)), Height)
+    assert isinstance(Uniform().next(observation(budget=begun)), Height)
     ended = Budget(most_touches=40, touches=40)
-    assert isinstance(Uniform().next(known(budget=ended)), Stop)
+    assert isinstance(Uniform().next(observation(budget=ended)), Stop)
 
 
 def test_plans_that_cannot_be_are_refused() -> None:

@@ -39,11 +39,11 @@ def touch() -> Callable[[Shape, ProbeCommand], ProbeResult]:
 def probed() -> Callable[[Shape, End, EndObservation], Explored]:
     """Touch an end of a solid as the rule says, to its end."""
 
-    def run(shape: Shape, end: End, known: EndObservation) -> Explored:
-        while isinstance(found := next_probe(end, known), ProbeCommand):
-            known = replace(known, probes=(*known.probes, _touch(shape, found)))
-            assert len(known.probes) <= 45
-        return found, known.probes
+    def run(shape: Shape, end: End, observation: EndObservation) -> Explored:
+        while isinstance(found := next_probe(end, observation), ProbeCommand):
+            observation = replace(observation, probes=(*observation.probes, _touch(shape, found)))
+            assert len(observation.probes) <= 45
+        return found, observation.probes
 
     return run
 
@@ -67,7 +67,7 @@ def ring() -> Callable[..., SideContour]:
 
 
 @pytest.fixture(scope="session")
-def known() -> EndObservation:
+def observation() -> EndObservation:
     """An upper end at 40 mm of an object of 80 mm, found by nobody yet."""
     return EndObservation(
         height=0.04, deviation=5e-4, other=-0.04, radius=0.03, width=0.015, tolerance=2e-4

@@ -30,14 +30,14 @@ from palpate.core.poses import split_pose
     ],
 )
 def test_what_cannot_be_an_end_is_refused(
-    known: EndObservation, change: dict[str, float], words: str
+    observation: EndObservation, change: dict[str, float], words: str
 ) -> None:
     with pytest.raises(ValueError, match=words):
-        replace(known, **change)  # type: ignore[arg-type]
+        replace(observation, **change)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
-    ("wall", "words"),
+    ("contour", "words"),
     [
         (
             SideContour(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2), np.zeros(2)),
@@ -45,35 +45,35 @@ def test_what_cannot_be_an_end_is_refused(
         ),
         (
             SideContour(np.zeros((4, 3)), np.zeros((3, 3)), np.zeros(4), np.zeros(4)),
-            "wall.normals must",
+            "contour.normals must",
         ),
         (
             SideContour(np.zeros((4, 3)), np.zeros((4, 3)), np.zeros(4), np.zeros(3)),
-            "wall.contact_high must",
+            "contour.contact_high must",
         ),
         (
             SideContour(np.zeros((4, 3)), np.zeros((4, 3)), np.full(4, np.nan), np.zeros(4)),
-            "wall.contact_low must be finite",
+            "contour.contact_low must be finite",
         ),
     ],
 )
 def test_a_contour_that_cannot_be_used_is_refused(
-    known: EndObservation, wall: SideContour, words: str
+    observation: EndObservation, contour: SideContour, words: str
 ) -> None:
     with pytest.raises(ValueError, match=words):
-        replace(known, wall=wall)
+        replace(observation, contour=contour)
 
 
-def test_turned_over_twice_an_end_is_as_it_was(known: EndObservation) -> None:
+def test_turned_over_twice_an_end_is_as_it_was(observation: EndObservation) -> None:
     rng = np.random.default_rng(3)
     points, normals = rng.standard_normal((2, 5, 3))
-    wall = SideContour(points, normals, -np.arange(5.0), np.arange(5.0))
-    probing = probe_along_axis(known, np.array([1e-3, 2e-3]))
+    contour = SideContour(points, normals, -np.arange(5.0), np.arange(5.0))
+    probing = probe_along_axis(observation, np.array([1e-3, 2e-3]))
     made = ProbeResult(probing, "hit", rng.standard_normal(3), rng.standard_normal(3))
-    known = replace(known, wall=wall, probes=(made,))
-    again = turned_over(turned_over(known))
-    assert again.wall is not None and again.height == known.height
-    for before, after in zip(wall, again.wall, strict=True):
+    observation = replace(observation, contour=contour, probes=(made,))
+    again = turned_over(turned_over(observation))
+    assert again.contour is not None and again.height == observation.height
+    for before, after in zip(contour, again.contour, strict=True):
         np.testing.assert_array_equal(after, before)
     [other] = again.probes
     np.testing.assert_array_equal(other.point, made.point)
@@ -82,10 +82,10 @@ def test_turned_over_twice_an_end_is_as_it_was(known: EndObservation) -> None:
     )
 
 
-def test_a_touch_from_above_becomes_one_from_below(known: EndObservation) -> None:
-    probing: ProbeCommand = turned_command(probe_along_axis(known, np.array([1e-3, 2e-3])))
+def test_a_touch_from_above_becomes_one_from_below(observation: EndObservation) -> None:
+    probing: ProbeCommand = turned_command(probe_along_axis(observation, np.array([1e-3, 2e-3])))
     position, axes = split_pose(probing.pose)
     np.testing.assert_allclose(position[:2], [1e-3, -2e-3])
     assert position[2] < -0.04
     np.testing.assert_allclose(axes[:, 2], [0.0, 0.0, 1.0], atol=1e-15)
-    np.testing.assert_allclose(probing.aim, [1e-3, -2e-3, -0.04])
+    np.testing.assert_allclose(probing.target, [1e-3, -2e-3, -0.04])

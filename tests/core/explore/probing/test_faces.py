@@ -68,18 +68,18 @@ def test_what_is_no_plane_is_none(
     ring: Callable[..., SideContour], last: ProbeResult, above: float
 ) -> None:
     touches = [_made((0.0, 0.0)), _made((0.02, 0.0)), last]
-    wall = ring(0.025, 0.03, above=above)
-    assert not is_plane(fit_face(touches, WIDTH), touches, wall, 2e-4)
+    contour = ring(0.025, 0.03, above=above)
+    assert not is_plane(fit_face(touches, WIDTH), touches, contour, 2e-4)
 
 
 def test_the_band_of_a_steep_wall_ends_on_the_contour(ring: Callable[..., SideContour]) -> None:
-    wall = ring(0.025, 0.03, above=5e-3)
-    np.testing.assert_allclose(inner_outline(wall), wall.points[:, :2], atol=1e-15)
+    contour = ring(0.025, 0.03, above=5e-3)
+    np.testing.assert_allclose(inner_outline(contour), contour.points[:, :2], atol=1e-15)
 
 
 def test_the_band_of_a_leaning_wall_ends_farther_in(ring: Callable[..., SideContour]) -> None:
-    wall = ring(0.025, 0.03, lean=math.radians(45.0), above=5e-3)
-    np.testing.assert_allclose(np.linalg.norm(inner_outline(wall), axis=1), 0.02, atol=1e-12)
+    contour = ring(0.025, 0.03, lean=math.radians(45.0), above=5e-3)
+    np.testing.assert_allclose(np.linalg.norm(inner_outline(contour), axis=1), 0.02, atol=1e-12)
 
 
 def test_of_a_horseshoe_the_heart_lies_within() -> None:

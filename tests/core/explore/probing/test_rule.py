@@ -54,36 +54,36 @@ def _column(radius: float = 0.025) -> Superquadric:
 
 
 def _whys(probes: tuple[ProbeResult, ...]) -> str:
-    return "".join(one.probing.why[0] for one in probes)
+    return "".join(one.probing.reason[0] for one in probes)
 
 
 def test_an_end_is_found_by_one_touch_before_any_contour(
-    probed: Run, known: EndObservation
+    probed: Run, observation: EndObservation
 ) -> None:
-    done, probes = probed(_ball(), "upper", known)
+    done, probes = probed(_ball(), "upper", observation)
     assert len(probes) == 1 and done.reason == "the end is found"
     np.testing.assert_allclose(probes[0].point[2], 0.04, atol=5e-5)
 
 
-def test_an_end_beside_the_axis_is_climbed_to(probed: Run, known: EndObservation) -> None:
+def test_an_end_beside_the_axis_is_climbed_to(probed: Run, observation: EndObservation) -> None:
     aside = PosedShape(_ball(), pose_of(np.array([0.013, -0.01, 0.0]), np.eye(3)))
-    _, probes = probed(aside, "upper", known)
+    _, probes = probed(aside, "upper", observation)
     assert probes[0].point[2] < 0.0395
     assert max(one.point[2] for one in probes) == pytest.approx(0.04, abs=1e-4)
     assert len(probes) <= 4
 
 
 def test_a_touch_that_no_contour_lies_around_says_nothing_of_the_face(
-    touch: Callable[[Shape, ProbeCommand], ProbeResult], known: EndObservation, ring: Ring
+    touch: Callable[[Shape, ProbeCommand], ProbeResult], observation: EndObservation, ring: Ring
 ) -> None:
     around = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     aside = touch(_ball(), _over_place(0.027))
-    found = next_probe("upper", replace(known, wall=around, probes=(aside,)))
-    assert isinstance(found, ProbeCommand) and found.why == "face"
-    np.testing.assert_allclose(found.aim[:2], 0.0, atol=1e-9)
-    missed = ProbeResult(found, "miss", found.aim, UP)
-    again = next_probe("upper", replace(known, wall=around, probes=(aside, missed)))
-    assert isinstance(again, StopProbing) or np.linalg.norm(again.aim[:2]) > 1e-3
+    found = next_probe("upper", replace(observation, contour=around, probes=(aside,)))
+    assert isinstance(found, ProbeCommand) and found.reason == "face"
+    np.testing.assert_allclose(found.target[:2], 0.0, atol=1e-9)
+    missed = ProbeResult(found, "miss", found.target, UP)
+    again = next_probe("upper", replace(observation, contour=around, probes=(aside, missed)))
+    assert isinstance(again, StopProbing) or np.linalg.norm(again.target[:2]) > 1e-3
 
 
 def _over_place(x: float) -> ProbeCommand:
@@ -91,17 +91,19 @@ def _over_place(x: float) -> ProbeCommand:
     return ProbeCommand(pose_of(start, FACING_DOWN), 0.05, "search", np.array([x, 0.0, 0.04]))
 
 
-def test_a_pole_takes_one_touch(probed: Run, known: EndObservation, ring: Ring) -> None:
-    wall = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
-    done, probes = probed(_ball(), "upper", replace(known, wall=wall))
+def test_a_pole_takes_one_touch(probed: Run, observation: EndObservation, ring: Ring) -> None:
+    contour = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
+    done, probes = probed(_ball(), "upper", replace(observation, contour=contour))
     assert _whys(probes) == "s" and done.reason == "nothing larger than a pad is unfelt"
-    assert done.unfelt < 0.01
+    assert done.untouched < 0.01
 
 
 def test_a_flat_top_takes_five_that_lie_all_over_it(
-    probed: Run, known: EndObservation, ring: Ring
+    probed: Run, observation: EndObservation, ring: Ring
 ) -> None:
-    done, probes = probed(_column(), "upper", replace(known, wall=ring(0.024, 0.037, above=2e-3)))
+    done, probes = probed(
+        _column(), "upper", replace(observation, contour=ring(0.024, 0.037, above=2e-3))
+    )
     assert _whys(probes) == "sffff" and done.reason == "5 touches lie in one plane"
     turns = np.sort([math.atan2(one.point[1], one.point[0]) for one in probes[1:]])
     assert np.diff(turns, append=turns[0] + 2.0 * math.pi).max() < math.radians(150.0)
@@ -109,54 +111,54 @@ def test_a_flat_top_takes_five_that_lie_all_over_it(
 
 @pytest.mark.parametrize("radius", [0.024, 0.014, 0.011])
 def test_a_flat_top_takes_as_many_touches_as_its_share_of_the_surface_asks_for_in_noise(
-    probed: Run, known: EndObservation, ring: Ring, radius: float
+    probed: Run, observation: EndObservation, ring: Ring, radius: float
 ) -> None:
-    noisy = replace(known, wall=ring(radius - 2e-4, 0.037, above=2e-3), noise=1e-4)
+    noisy = replace(observation, contour=ring(radius - 2e-4, 0.037, above=2e-3), noise=1e-4)
     _, probes = probed(_column(radius), "upper", noisy)
-    share = radius / (2.0 * (radius + known.height - known.other))
-    enough = share * (noisy.noise / (0.05 * known.tolerance)) ** 2
+    share = radius / (2.0 * (radius + observation.height - observation.other))
+    enough = share * (noisy.noise / (0.05 * observation.tolerance)) ** 2
     assert abs(len(probes) - max(enough, 5.0)) <= 1.0
     _, fewer = probed(_column(radius), "upper", replace(noisy, noise=1e-6))
     assert len(fewer) <= 5 < enough
 
 
 def test_a_top_on_which_no_whole_pad_lies_is_not_touched_again(
-    probed: Run, known: EndObservation, ring: Ring
+    probed: Run, observation: EndObservation, ring: Ring
 ) -> None:
-    noisy = replace(known, wall=ring(0.0048, 0.037, above=2e-3), noise=1e-4)
+    noisy = replace(observation, contour=ring(0.0048, 0.037, above=2e-3), noise=1e-4)
     _, probes = probed(_column(0.005), "upper", noisy)
     assert _whys(probes) == "s"
 
 
 def test_a_pole_takes_one_touch_in_spite_of_noise(
-    probed: Run, known: EndObservation, ring: Ring
+    probed: Run, observation: EndObservation, ring: Ring
 ) -> None:
-    wall = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
-    _, probes = probed(_ball(), "upper", replace(known, wall=wall, noise=1e-4))
+    contour = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
+    _, probes = probed(_ball(), "upper", replace(observation, contour=contour, noise=1e-4))
     assert _whys(probes) == "s"
 
 
-def test_a_narrow_flat_top_takes_one(probed: Run, known: EndObservation, ring: Ring) -> None:
+def test_a_narrow_flat_top_takes_one(probed: Run, observation: EndObservation, ring: Ring) -> None:
     done, probes = probed(
-        _column(0.014), "upper", replace(known, wall=ring(0.0138, 0.037, above=2e-3))
+        _column(0.014), "upper", replace(observation, contour=ring(0.0138, 0.037, above=2e-3))
     )
-    assert _whys(probes) == "s" and done.unfelt < 0.0105
+    assert _whys(probes) == "s" and done.untouched < 0.0105
 
 
 def test_an_edge_below_which_the_band_ends_is_touched_at_45_degrees(
-    probed: Run, known: EndObservation, ring: Ring
+    probed: Run, observation: EndObservation, ring: Ring
 ) -> None:
-    wall = ring(0.025, 0.03, above=3e-3)
-    _, probes = probed(_column(), "upper", replace(known, wall=wall))
+    contour = ring(0.025, 0.03, above=3e-3)
+    _, probes = probed(_column(), "upper", replace(observation, contour=contour))
     assert _whys(probes) == "sffffeeee"
     for one in probes[5:]:
         assert one.touched and abs(one.normal[2] - math.sqrt(0.5)) < 0.2
 
 
 def test_a_lower_end_is_an_upper_one_turned_over(
-    probed: Run, known: EndObservation, ring: Ring
+    probed: Run, observation: EndObservation, ring: Ring
 ) -> None:
-    upper = replace(known, wall=ring(0.025, 0.03, above=3e-3))
+    upper = replace(observation, contour=ring(0.025, 0.03, above=3e-3))
     done, probes = probed(_column(), "upper", upper)
     for count in range(len(probes) + 1):
         upper = replace(upper, probes=probes[:count])
@@ -169,109 +171,129 @@ def test_a_lower_end_is_an_upper_one_turned_over(
         wanted = turned_command(wanted)
         np.testing.assert_allclose(lower.pose[:3], wanted.pose[:3], atol=1e-12)
         np.testing.assert_allclose(split_pose(lower.pose)[1], split_pose(wanted.pose)[1], atol=1e-9)
-        np.testing.assert_allclose(lower.aim, wanted.aim, atol=1e-12)
-        assert lower.reach == pytest.approx(wanted.reach) and lower.why == wanted.why
+        np.testing.assert_allclose(lower.target, wanted.target, atol=1e-12)
+        assert lower.reach == pytest.approx(wanted.reach) and lower.reason == wanted.reason
 
 
-def test_an_end_on_which_it_stands_takes_none(known: EndObservation, ring: Ring) -> None:
-    below = replace(known, height=-0.04, other=0.04, standing=True)
+def test_an_end_on_which_it_stands_takes_none(observation: EndObservation, ring: Ring) -> None:
+    below = replace(observation, height=-0.04, other=0.04, standing=True)
     assert next_probe("lower", below) == StopProbing("it stands on the platform", 0.0)
-    found = next_probe("lower", replace(below, wall=ring(0.025, -0.03, below=6e-3)))
-    assert isinstance(found, StopProbing) and found.unfelt == pytest.approx(4e-3)
+    found = next_probe("lower", replace(below, contour=ring(0.025, -0.03, below=6e-3)))
+    assert isinstance(found, StopProbing) and found.untouched == pytest.approx(4e-3)
 
 
-def test_an_end_that_is_lower_than_thought_is_found(probed: Run, known: EndObservation) -> None:
-    done, probes = probed(_ball(), "upper", replace(known, height=0.06))
+def test_an_end_that_is_lower_than_thought_is_found(
+    probed: Run, observation: EndObservation
+) -> None:
+    done, probes = probed(_ball(), "upper", replace(observation, height=0.06))
     assert done.reason == "the end is found" and len(probes) == 1
 
 
-def test_an_end_that_is_higher_than_thought_is_found(probed: Run, known: EndObservation) -> None:
-    done, probes = probed(_ball(), "upper", replace(known, height=0.02))
+def test_an_end_that_is_higher_than_thought_is_found(
+    probed: Run, observation: EndObservation
+) -> None:
+    done, probes = probed(_ball(), "upper", replace(observation, height=0.02))
     outcomes = [one.outcome for one in probes]
     assert outcomes == ["inside", "hit"] and done.reason == "the end is found"
 
 
-def test_a_touch_that_begins_inside_again_and_again_is_given_up(known: EndObservation) -> None:
+def test_a_touch_that_begins_inside_again_and_again_is_given_up(
+    observation: EndObservation,
+) -> None:
     probes: tuple[ProbeResult, ...] = ()
     for _ in range(5):
-        found = next_probe("upper", replace(known, probes=probes))
+        found = next_probe("upper", replace(observation, probes=probes))
         assert isinstance(found, ProbeCommand)
         probes = (*probes, ProbeResult(found, "inside", np.zeros(3), UP))
     first, last = probes[0].probing, probes[-1].probing
-    assert last.pose[2] - first.pose[2] == pytest.approx(4 * known.width)
-    found = next_probe("upper", replace(known, probes=probes))
+    assert last.pose[2] - first.pose[2] == pytest.approx(4 * observation.width)
+    found = next_probe("upper", replace(observation, probes=probes))
     assert isinstance(found, ProbeCommand) and np.linalg.norm(found.pose[:2]) > 0.01
 
 
-def test_an_object_off_the_axis_is_looked_for_around_it(probed: Run, known: EndObservation) -> None:
+def test_an_object_off_the_axis_is_looked_for_around_it(
+    probed: Run, observation: EndObservation
+) -> None:
     aside = PosedShape(_column(0.01), pose_of(np.array([0.02, 0.0, 0.0]), np.eye(3)))
-    done, probes = probed(aside, "upper", known)
+    done, probes = probed(aside, "upper", observation)
     assert done.reason == "the end is found"
     assert [one.outcome for one in probes] == ["miss", "hit"]
 
 
 @pytest.mark.parametrize("contour", [False, True], ids=["no contour", "a contour"])
 def test_where_nothing_is_the_search_ends(
-    probed: Run, known: EndObservation, ring: Ring, contour: bool
+    probed: Run, observation: EndObservation, ring: Ring, contour: bool
 ) -> None:
     far = PosedShape(_ball(), pose_of(np.array([1.0, 0.0, 0.0]), np.eye(3)))
-    known = replace(known, wall=ring(0.025, 0.03) if contour else None)
-    done, probes = probed(far, "upper", known)
+    observation = replace(observation, contour=ring(0.025, 0.03) if contour else None)
+    done, probes = probed(far, "upper", observation)
     assert done.reason == "nothing was felt" and 1 < len(probes) <= 19
-    assert done.unfelt >= 0.05
+    assert done.untouched >= 0.05
 
 
-def test_a_top_that_is_no_plane_is_felt_all_over(known: EndObservation, ring: Ring) -> None:
-    known = replace(known, wall=ring(0.028, 0.037, above=3e-3))
-    while isinstance(found := next_probe("upper", known), ProbeCommand):
-        away = float(np.linalg.norm(found.aim[:2]))
-        point = np.array([*found.aim[:2], 0.036 + 4.0 * away**2])
-        known = replace(known, probes=(*known.probes, ProbeResult(found, "hit", point, UP)))
-    assert 5 < len(known.probes) <= 14 and found.reason == "nothing larger than a pad is unfelt"
+def test_a_top_that_is_no_plane_is_felt_all_over(observation: EndObservation, ring: Ring) -> None:
+    observation = replace(observation, contour=ring(0.028, 0.037, above=3e-3))
+    while isinstance(found := next_probe("upper", observation), ProbeCommand):
+        away = float(np.linalg.norm(found.target[:2]))
+        point = np.array([*found.target[:2], 0.036 + 4.0 * away**2])
+        observation = replace(
+            observation, probes=(*observation.probes, ProbeResult(found, "hit", point, UP))
+        )
+    assert (
+        5 < len(observation.probes) <= 14 and found.reason == "nothing larger than a pad is unfelt"
+    )
 
 
-def test_a_top_too_wide_to_be_felt_all_over_says_so(known: EndObservation, ring: Ring) -> None:
-    known = replace(known, wall=ring(0.09, 0.037, above=3e-3))
-    while isinstance(found := next_probe("upper", known), ProbeCommand):
-        point = np.array([*found.aim[:2], 0.04 + 1e-3 * len(known.probes)])
-        known = replace(known, probes=(*known.probes, ProbeResult(found, "hit", point, UP)))
-    assert sum(one.probing.why != "edge" for one in known.probes) == 14
-    assert found.unfelt > known.width
+def test_a_top_too_wide_to_be_felt_all_over_says_so(
+    observation: EndObservation, ring: Ring
+) -> None:
+    observation = replace(observation, contour=ring(0.09, 0.037, above=3e-3))
+    while isinstance(found := next_probe("upper", observation), ProbeCommand):
+        point = np.array([*found.target[:2], 0.04 + 1e-3 * len(observation.probes)])
+        observation = replace(
+            observation, probes=(*observation.probes, ProbeResult(found, "hit", point, UP))
+        )
+    assert sum(one.probing.reason != "edge" for one in observation.probes) == 14
+    assert found.untouched > observation.width
     assert found.reason == "14 touches have not felt all of it"
 
 
-def test_a_leaning_face_is_touched_along_its_normal(known: EndObservation, ring: Ring) -> None:
-    known = replace(known, wall=ring(0.025, 0.02))
+def test_a_leaning_face_is_touched_along_its_normal(
+    observation: EndObservation, ring: Ring
+) -> None:
+    observation = replace(observation, contour=ring(0.025, 0.02))
     normal = np.array([math.sin(0.3), 0.0, math.cos(0.3)])
-    first = next_probe("upper", known)
+    first = next_probe("upper", observation)
     assert isinstance(first, ProbeCommand)
     made = ProbeResult(first, "hit", np.array([0.0, 0.0, 0.035]), normal)
-    found = next_probe("upper", replace(known, probes=(made,)))
-    assert isinstance(found, ProbeCommand) and found.why == "face"
+    found = next_probe("upper", replace(observation, probes=(made,)))
+    assert isinstance(found, ProbeCommand) and found.reason == "face"
     np.testing.assert_allclose(split_pose(found.pose)[1][:, 2], -normal, atol=1e-6)
 
 
 def test_a_pole_beside_the_first_touch_is_looked_for(
-    probed: Run, known: EndObservation, ring: Ring
+    probed: Run, observation: EndObservation, ring: Ring
 ) -> None:
     turned = rotations_from_vectors(np.array([[0.0, math.radians(12.0), 0.0]]))[0]
     tip = Superquadric(np.array([0.015, 0.015, 0.045]), np.array([1.0, 1.0]))
     shape = PosedShape(tip, pose_of(np.zeros(3), turned))
-    wall = ring(0.0115, 0.03, lean=math.radians(35.0), above=2e-3)
-    _, probes = probed(shape, "upper", replace(known, wall=wall))
+    contour = ring(0.0115, 0.03, lean=math.radians(35.0), above=2e-3)
+    _, probes = probed(shape, "upper", replace(observation, contour=contour))
     highest = max(one.point[2] for one in probes)
     assert highest == pytest.approx(shape.bounds()[1, 2], abs=1e-4) and 2 <= len(probes) <= 3
 
 
-def test_an_end_on_the_wrong_side_is_refused(known: EndObservation) -> None:
+def test_an_end_on_the_wrong_side_is_refused(observation: EndObservation) -> None:
     with pytest.raises(ValueError, match="height of the lower end must lie beyond the other one's"):
-        next_probe("lower", known)
+        next_probe("lower", observation)
 
 
-def test_a_touch_of_the_edge_alone_tells_of_no_face(known: EndObservation, ring: Ring) -> None:
+def test_a_touch_of_the_edge_alone_tells_of_no_face(
+    observation: EndObservation, ring: Ring
+) -> None:
     probing = ProbeCommand(IDENTITY_POSE, 0.01, "edge", np.zeros(3))
     made = ProbeResult(probing, "hit", np.zeros(3), UP)
-    found = next_probe("upper", replace(known, wall=ring(0.02, 0.03), probes=(made,)))
+    found = next_probe("upper", replace(observation, contour=ring(0.02, 0.03), probes=(made,)))
     assert isinstance(found, StopProbing) and found.reason == "only its edge was touched"
 
 
@@ -294,12 +316,12 @@ def test_every_end_is_done_after_at_most_24_touches(
     level = low + 0.9 * (high - low)
     ways = [shape.cast((out[i] * 0.2 + [0, 0, level])[None], -out[i], 0.4)[0] for i in range(48)]
     hits = np.flatnonzero(np.isfinite(ways))
-    wall = None
+    contour = None
     if len(hits) > 2:
         points = out[hits] * (0.2 - np.array(ways)[hits, None]) + [0.0, 0.0, level]
         band = np.full(len(hits), level)
-        wall = SideContour(points, out[hits], band - 5e-3, band + 3e-3)
-    known = EndObservation(
+        contour = SideContour(points, out[hits], band - 5e-3, band + 3e-3)
+    observation = EndObservation(
         height=float(high),
         deviation=1e-3,
         other=float(low),
@@ -307,11 +329,11 @@ def test_every_end_is_done_after_at_most_24_touches(
         width=0.015,
         tolerance=2e-4,
         noise=1e-4,
-        wall=wall,
+        contour=contour,
     )
-    done, probes = probed(shape, "upper", known)
-    assert len(probes) <= 24 and done.unfelt >= 0.0
-    if wall is not None and done.reason != "nothing was felt":
+    done, probes = probed(shape, "upper", observation)
+    assert len(probes) <= 24 and done.untouched >= 0.0
+    if contour is not None and done.reason != "nothing was felt":
         assert max(one.point[2] for one in probes if one.touched) <= high + 1e-6
 
 
@@ -324,21 +346,21 @@ def test_places_of_a_search_are_a_pad_apart_and_few() -> None:
 
 
 def test_a_search_begins_above_all_that_may_be(
-    known: EndObservation, ring: Callable[..., SideContour]
+    observation: EndObservation, ring: Callable[..., SideContour]
 ) -> None:
-    assert highest_expected(known) == pytest.approx(0.0415)
-    wall = ring(0.02, 0.04, above=4e-3)
-    assert highest_expected(replace(known, wall=wall)) == pytest.approx(0.044)
+    assert highest_expected(observation) == pytest.approx(0.0415)
+    contour = ring(0.02, 0.04, above=4e-3)
+    assert highest_expected(replace(observation, contour=contour)) == pytest.approx(0.044)
 
 
-def test_once_it_is_found_the_guess_no_longer_counts(known: EndObservation) -> None:
-    probing = probe_along_axis(known, np.zeros(2))
+def test_once_it_is_found_the_guess_no_longer_counts(observation: EndObservation) -> None:
+    probing = probe_along_axis(observation, np.zeros(2))
     made = ProbeResult(probing, "hit", np.array([0.0, 0.0, 0.035]), np.array([0.0, 0.0, 1.0]))
-    assert highest_expected(replace(known, probes=(made,))) == pytest.approx(0.035)
+    assert highest_expected(replace(observation, probes=(made,))) == pytest.approx(0.035)
 
 
-def test_a_search_goes_down_to_half_the_height(known: EndObservation) -> None:
-    probing = probe_along_axis(known, np.array([0.01, 0.0]))
+def test_a_search_goes_down_to_half_the_height(observation: EndObservation) -> None:
+    probing = probe_along_axis(observation, np.array([0.01, 0.0]))
     assert probing.pose[2] - probing.reach == pytest.approx(0.0)
 
 
@@ -347,10 +369,10 @@ WIDTH = 0.016
 
 def _touch(place: tuple[float, float], height: float, lean: float = 0.0) -> ProbeResult:
     """A touch of a surface that falls towards x."""
-    aim = np.array([*place, height])
+    target = np.array([*place, height])
     normal: Floats = np.array([math.sin(lean), 0.0, math.cos(lean)])
     return ProbeResult(
-        ProbeCommand(pose_of(aim, FACING_DOWN), 0.03, "search", aim), "hit", aim, normal
+        ProbeCommand(pose_of(target, FACING_DOWN), 0.03, "search", target), "hit", target, normal
     )
 
 

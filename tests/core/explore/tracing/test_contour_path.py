@@ -24,7 +24,7 @@ def test_the_course_of_a_circle_is_its_tangent_and_curvature(radius: float, azim
     path = arc(radius, azimuth - 0.012 / radius, azimuth, 13)
     course = heading_at_end(path, azimuth - 0.1, WIDTH)
     assert np.allclose(course.tangent, [-math.sin(azimuth), math.cos(azimuth)], atol=1e-12)
-    assert course.heading == pytest.approx(azimuth, abs=1e-9)
+    assert course.normal_azimuth == pytest.approx(azimuth, abs=1e-9)
     # A parabola leaves out the fourth power, at most 60 um of it.
     assert course.curvature == pytest.approx(1 / radius, rel=0.15)
 
@@ -39,7 +39,7 @@ def test_headings_do_not_jump_by_a_whole_turn() -> None:
     for turns in (-1, 0, 2):
         path = arc(0.03, 2.9, 3.3, 12)
         course = heading_at_end(path, 3.2 + 2 * math.pi * turns, WIDTH)
-        assert course.heading == pytest.approx(3.3 + 2 * math.pi * turns, abs=1e-9)
+        assert course.normal_azimuth == pytest.approx(3.3 + 2 * math.pi * turns, abs=1e-9)
 
 
 def test_one_point_goes_on_across_the_heading() -> None:

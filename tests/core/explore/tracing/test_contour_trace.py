@@ -118,9 +118,9 @@ def test_stepping_a_trace_twice_gives_the_same_and_leaves_it_unchanged(
         assert (first.path is None) == (second.path is None)
         if first.path is not None and second.path is not None:
             assert np.array_equal(first.path.points, second.path.points)
-        before = (first.touches, len(first.felt))
+        before = (first.touches, len(first.arcs_since))
         following = after_touch(first, hand.answer(aim, 0.0))
-        assert before == (first.touches, len(first.felt))
+        assert before == (first.touches, len(first.arcs_since))
         assert following.touches == first.touches + 1
         trace = following
 
@@ -205,7 +205,7 @@ def test_a_side_that_cannot_be_felt_is_leapt_over_and_is_a_gap(
     chord = 2 * math.sqrt(0.03**2 - 0.01**2)
     assert gap.extent == pytest.approx(chord, abs=1e-3)
     assert gap.start[0] < 0.0 < gap.end[0]
-    assert gap.why == "missed"
+    assert gap.reason == "missed"
 
 
 def test_a_contour_without_a_way_on_is_stuck(flat: Pad) -> None:
@@ -234,7 +234,7 @@ def test_a_gap_that_ends_at_the_start_is_a_gap(flat: Pad) -> None:
     while isinstance((stepped := next_command(flat, trace))[1], TouchCommand):
         trace = stepped[0]
         # A plain step feels the next arc; what is tried over the gap feels nothing.
-        trace = after_touch(trace, None if trace.felt else arcs.pop(0))
+        trace = after_touch(trace, None if trace.arcs_since else arcs.pop(0))
     assert stepped[1] == "occluded"
     [gap] = stepped[0].gaps
     assert gap.extent == pytest.approx(2 * 0.02 * np.sin(0.1))

@@ -159,7 +159,7 @@ def test_what_is_felt_between_is_put_in_and_what_is_not_stays_a_gap(flat: Pad) -
     assert isinstance(found, ProcedureResult)
     whole, [gap] = found.result
     assert whole.points[:, 1].tolist() == [0.0, 0.0015, 0.003, 0.0045, 0.006, 0.016]
-    assert (gap.start[1], gap.end[1], gap.why) == (0.006, 0.016, "bridged")
+    assert (gap.start[1], gap.end[1], gap.reason) == (0.006, 0.016, "bridged")
     assert gap.extent == pytest.approx(0.010)
 
 
@@ -194,7 +194,7 @@ def test_where_nothing_is_touched_one_probe_is_enough(flat: Pad) -> None:
     found = filled(flat, chain(0.0, 0.006), [None])
     assert isinstance(found, ProcedureResult)
     [gap] = found.result[1]
-    assert gap.why == "missed"
+    assert gap.reason == "missed"
 
 
 def test_a_probe_that_feels_no_more_than_the_ends_has_not_helped(flat: Pad) -> None:

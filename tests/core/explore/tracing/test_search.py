@@ -63,11 +63,11 @@ def test_off_the_equator_the_pad_tilts_until_it_lies_against_the_surface(
     for pad in (flat, domed):
         start, touches = first_arc(finger, ball, pad, 0.03 * share)
         assert isinstance(start, FirstArc)
-        assert len(start.felt.points) >= LEAST_ARC
-        assert np.allclose(start.felt.points[:, 2], 0.03 * share, atol=1e-16)
+        assert len(start.arc.points) >= LEAST_ARC
+        assert np.allclose(start.arc.points[:, 2], 0.03 * share, atol=1e-16)
         assert touches <= 7
         if not start.posture.frozen:
-            assert abs(start.felt.slope) < 0.12
+            assert abs(start.arc.slope) < 0.12
             assert start.posture.tilt == pytest.approx(math.asin(share), abs=0.12)
 
 

@@ -104,9 +104,9 @@ def test_past_a_corner_the_heading_is_that_of_the_new_face(
         hand, trace, headings = finger(box, pad), Trace(wanted()), []
         while isinstance((stepped := next_command(pad, trace))[1], TouchCommand):
             trace = after_touch(stepped[0], hand.answer(stepped[1], 0.0))
-            course = stepped[0].course
+            course = stepped[0].end_heading
             if course is not None and abs(stepped[0].path.points[-1, 0]) < 0.02:
-                headings.append(abs(math.sin(course.heading)))
+                headings.append(abs(math.sin(course.normal_azimuth)))
         assert len(headings) > 4
         assert min(headings) > math.cos(math.radians(most))
 
@@ -129,7 +129,7 @@ def test_a_hollow_that_no_pad_can_enter_is_a_gap_there_and_nowhere_else(
         trace, status = finger(slot, pad).contour(wanted())
         assert status == "occluded"
         for gap in trace.gaps:
-            assert gap.why == "bridged"
+            assert gap.reason == "bridged"
             assert gap.start[0] < -0.018
             assert gap.end[0] < -0.018
             assert max(abs(gap.start[1]), abs(gap.end[1])) < 0.006
@@ -203,7 +203,7 @@ def test_where_contact_is_lost_the_contour_is_met_again_and_the_loss_is_a_gap(
         assert sum(gap.extent for gap in trace.gaps) == pytest.approx(
             2 * math.sqrt(0.03**2 - 0.01**2), abs=1.5e-3
         )
-        assert {gap.why for gap in trace.gaps} == {"missed"}
+        assert {gap.reason for gap in trace.gaps} == {"missed"}
         assert (trace.path.points[:, 1] > -0.01).all()
 
 

@@ -322,8 +322,8 @@ def test_the_decay_is_measured_within_limits() -> None:
 
 def test_three_two_and_one_contours_give_finite_doubts() -> None:
     places = np.linspace(-0.5, 2.5, 31)
-    for count, doubts in ((3, True), (2, True), (1, False)):
+    for count, warnings in ((3, True), (2, True), (1, False)):
         found = judged(np.arange(count, dtype=float), np.array([1.0, 1.5, 0.7])[:count])
         variance = found.variance(places, np.arange(4) / 4)
         assert np.isfinite(variance).all()
-        assert bool(variance.max() > 0.0) is doubts
+        assert bool(variance.max() > 0.0) is warnings

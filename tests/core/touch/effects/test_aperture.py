@@ -39,7 +39,7 @@ class Ground:
 
 
 def felt(finger: Fingertip, touch: SimulatedTouch, **given: object) -> SimulatedTouch:
-    Aperture(**given).prepare(finger).act(touch, None)  # type: ignore[arg-type]
+    Aperture(**given).prepare(finger).apply(touch, None)  # type: ignore[arg-type]
     return touch
 
 

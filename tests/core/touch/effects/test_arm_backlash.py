@@ -21,7 +21,7 @@ def followed(finger: Fingertip, make_touch: MakeTouch, ways: Floats) -> Floats:
     for number, way in enumerate(ways):
         start = pose_of(way, FACING_DOWN)
         touch = make_touch(number, believed=start, actual=start)
-        state = stage.act(touch, state)
+        state = stage.apply(touch, state)
         assert np.array_equal(touch.believed, start)
         assert np.array_equal(touch.actual[3:], start[3:])
         assert np.array_equal(touch.actual[:3], state)

@@ -24,7 +24,7 @@ def test_the_believed_pose_is_too_deep_by_force_over_stiffness(
         end = pose_of(np.array([0.01, 0.02, 0.03]), axes)
         touch = make_touch(field=np.full((16, 16), 1e-4), believed=end, actual=end)
         touch.pressure = np.full((16, 16), 5e3)
-        stage.act(touch, None)
+        stage.apply(touch, None)
         force = 5e3 * (16 * 0.8e-3) ** 2
         moved = split_pose(touch.believed)[0] - end[:3]
         assert np.allclose(moved, force / 10e3 * axes[:, 2], atol=1e-17)
@@ -57,7 +57,7 @@ def test_a_stiffer_arm_bends_less_in_proportion(
     for stiffness in (1e3, 1e4, 1e8):
         touch = make_touch(field=dent)
         before = touch.believed[2]
-        ArmCompliance(stiffness=stiffness).prepare(make_finger()).act(touch, None)
+        ArmCompliance(stiffness=stiffness).prepare(make_finger()).apply(touch, None)
         bent.append(before - touch.believed[2])
     assert bent[0] == pytest.approx(10 * bent[1])
     assert 0.0 < bent[2] < 1e-6

@@ -40,7 +40,7 @@ def feel(make_finger: MakeFinger) -> Callable[[list[SimulatedTouch]], list[Float
         stage = Creep(share=SHARE, tau=TAU).prepare(make_finger())
         state = stage.state
         for touch in touches:
-            state = stage.act(touch, state)
+            state = stage.apply(touch, state)
         return [touch.compression for touch in touches]
 
     return follow

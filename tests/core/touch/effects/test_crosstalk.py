@@ -18,7 +18,7 @@ Mixed = Callable[[Floats], Floats]
 def mixed(make_finger: MakeFinger, make_touch: MakeTouch) -> Mixed:
     def mix(field: Floats) -> Floats:
         touch = make_touch(field=field)
-        Crosstalk(share=0.05).prepare(make_finger()).act(touch, None)
+        Crosstalk(share=0.05).prepare(make_finger()).apply(touch, None)
         return touch.reading
 
     return mix

@@ -18,7 +18,7 @@ def walked(finger: Fingertip, make_touch: MakeTouch, times: Floats, rate: float 
     state, found = stage.state, []
     for number, time in enumerate(times.tolist()):
         touch = make_touch(number, np.zeros((finger.pad.rows, finger.pad.cols)), time=time)
-        state = stage.act(touch, state)
+        state = stage.apply(touch, state)
         found.append(touch.reading.ravel())
     return np.array(found)
 
@@ -54,4 +54,4 @@ def test_a_step_does_not_depend_on_what_was_felt(
 ) -> None:
     stage = Drift().prepare(make_finger())
     hit, miss = make_touch(3, dent, time=5.0), make_touch(3, 0.0 * dent, outcome="miss", time=5.0)
-    assert np.array_equal(stage.act(hit, stage.state)[1], stage.act(miss, stage.state)[1])
+    assert np.array_equal(stage.apply(hit, stage.state)[1], stage.apply(miss, stage.state)[1])

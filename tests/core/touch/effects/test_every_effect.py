@@ -65,10 +65,10 @@ def test_every_file_of_the_package_is_in_the_catalogue_and_the_other_way_round()
     )
 
 
-def test_the_catalogue_is_in_order_of_place() -> None:
-    places = [effect_type(name).place for name in EFFECT_NAMES]
-    assert places == sorted(places)
-    assert set(places) == set(Phase)
+def test_the_catalogue_is_in_order_of_phase() -> None:
+    phases = [effect_type(name).phase for name in EFFECT_NAMES]
+    assert phases == sorted(phases)
+    assert set(phases) == set(Phase)
     assert [rank(name) for name in EFFECT_NAMES] == list(range(len(EFFECT_NAMES)))
 
 
@@ -155,7 +155,7 @@ def test_a_stage_writes_into_no_array_that_it_was_given(
         for stage, state in zip(pipeline.stages, states, strict=True):
             for value in (*vars_of(touch), *arrays_in(state)):
                 value.setflags(write=False)  # a write would raise
-            kept.append(stage.act(touch, state))
+            kept.append(stage.apply(touch, state))
         states = tuple(kept)
 
 

@@ -26,7 +26,7 @@ def paraboloid(finger: Fingertip, radius: float = RADIUS, depth: float = DEPTH) 
 def solved(finger: Fingertip, make_touch: MakeTouch, indentation: Floats) -> SimulatedTouch:
     springs = np.maximum(indentation, 0.0)
     touch = make_touch(field=indentation, compression=springs, pressure=2e8 * springs)
-    HalfSpace().prepare(finger).act(touch, None)
+    HalfSpace().prepare(finger).apply(touch, None)
     return touch
 
 
@@ -155,8 +155,8 @@ def test_a_stiffer_pad_presses_harder_and_is_touched_alike(
 ) -> None:
     finger = make_finger()
     soft, hard = (make_touch(field=paraboloid(finger)) for _ in range(2))
-    HalfSpace(modulus=1e6, poisson=0.0).prepare(finger).act(soft, None)
-    HalfSpace(modulus=2e6, poisson=0.5).prepare(finger).act(hard, None)
+    HalfSpace(modulus=1e6, poisson=0.0).prepare(finger).apply(soft, None)
+    HalfSpace(modulus=2e6, poisson=0.5).prepare(finger).apply(hard, None)
     assert np.allclose(hard.pressure, soft.pressure * 2 / 0.75, rtol=1e-12)
     assert np.array_equal(hard.compression, soft.compression)
 

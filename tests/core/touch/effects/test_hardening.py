@@ -14,7 +14,7 @@ MakeTouch = Callable[..., SimulatedTouch]
 
 
 def hardened(finger: Fingertip, touch: SimulatedTouch, strength: float = 1.0) -> Floats:
-    Hardening(strength=strength).prepare(finger).act(touch, None)
+    Hardening(strength=strength).prepare(finger).apply(touch, None)
     return touch.pressure
 
 

@@ -31,7 +31,7 @@ def errors(make_finger: MakeFinger, make_touch: MakeTouch, start: Floats) -> Cal
         axes = Rotation.from_quat(start[3:])
         for number in range(touches):
             touch = make_touch(number, believed=start, actual=start)
-            stage.act(touch, stage.state)
+            stage.apply(touch, stage.state)
             shift = axes.inv().apply(touch.actual[:3] - start[:3])
             turn = (axes.inv() * Rotation.from_quat(touch.actual[3:])).as_rotvec()
             found.append([*shift, *turn])
@@ -72,7 +72,7 @@ def test_the_arm_does_not_know_and_poses_stay_of_unit_length(
     stage = PoseError(rotation=10.0).prepare(make_finger())
     for number in range(20):
         touch = make_touch(number, believed=start, actual=start)
-        stage.act(touch, None)
+        stage.apply(touch, None)
         assert np.array_equal(touch.believed, start)
         assert abs(np.linalg.norm(touch.actual[3:]) - 1.0) < 4e-16
 

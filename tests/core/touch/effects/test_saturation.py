@@ -17,7 +17,7 @@ def test_compression_and_pressure_are_clipped_where_they_are_too_large(
     make_finger: MakeFinger, make_touch: MakeTouch, dent: Floats
 ) -> None:
     touch = make_touch(field=dent)
-    Saturation(share=0.2).prepare(make_finger()).act(touch, None)
+    Saturation(share=0.2).prepare(make_finger()).apply(touch, None)
     assert np.allclose(touch.compression, np.minimum(dent, 0.6e-3), rtol=1e-15, atol=0.0)
     assert np.allclose(touch.pressure, 2e8 * touch.compression, rtol=1e-14)
     assert touch.compression.max() == pytest.approx(0.6e-3)
@@ -35,7 +35,7 @@ def test_a_hit_that_was_clipped_has_bottomed(
         (0.0, "inside", "inside"),
     ]:
         touch = make_touch(field=dent / dent.max() * deepest, outcome=before)
-        stage.act(touch, None)
+        stage.apply(touch, None)
         assert touch.outcome == after
 
 
@@ -43,7 +43,7 @@ def test_a_hardened_pressure_falls_in_proportion(
     make_finger: MakeFinger, make_touch: MakeTouch, dent: Floats
 ) -> None:
     touch = make_touch(field=dent, pressure=7e8 * dent**2)
-    Saturation(share=0.2).prepare(make_finger()).act(touch, None)
+    Saturation(share=0.2).prepare(make_finger()).apply(touch, None)
     expected = (
         7e8
         * dent**2

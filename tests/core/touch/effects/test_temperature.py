@@ -15,7 +15,7 @@ MakeTouch = Callable[..., SimulatedTouch]
 
 
 def warmed(effect: Temperature, finger: Fingertip, touch: SimulatedTouch) -> Floats:
-    effect.prepare(finger).act(touch, None)
+    effect.prepare(finger).apply(touch, None)
     return touch.reading
 
 

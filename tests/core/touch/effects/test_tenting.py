@@ -17,7 +17,7 @@ def tented(
     finger: Fingertip, make_touch: MakeTouch, field: Floats, contact: Bools, decay: float = 1e-3
 ) -> Floats:
     touch = make_touch(field=field, pressure=np.where(contact, 1e4, 0.0))
-    Tenting(decay=decay).prepare(finger).act(touch, None)
+    Tenting(decay=decay).prepare(finger).apply(touch, None)
     return touch.compression
 
 

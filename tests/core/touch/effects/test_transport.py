@@ -24,7 +24,7 @@ def sent(
         stage, delays, copies = effect.prepare(make_finger()), [], []
         for number in range(touches):
             touch = make_touch(number, dent, time=2.0)
-            stage.act(touch, None)
+            stage.apply(touch, None)
             assert touch.reading is dent
             delays.append(touch.time - 2.0)
             copies.append(touch.copies)
