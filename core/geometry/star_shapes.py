@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import linprog
 
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry.polygons import closed_polygon

@@ -25,6 +25,7 @@ from palpate.core.splines import (
 
 MARGIN = 0.95  # The core's size over the largest that has room: that of the thesis's program
 NARROW = 0.25  # Scale of a core in the middle of the box below which a better middle is looked for
+ROUNDING = 64 * np.finfo(float).eps  # Of the polygon's coordinates: a box as thin holds no core
 MOST_STEPS = 50
 TOLERANCE = 1e-6  # Of the scale, and its least value
 
@@ -56,7 +57,7 @@ def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     scale, moved = 0.0, False
-    if (half > 0.0).all():
+    if (half > ROUNDING * np.abs(polygon).max()).all():
         scale = rectangle_scale(polygon, middle, half)
         if scale < NARROW:
             deepest = inscribed_circle(polygon).middle
