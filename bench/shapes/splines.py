@@ -25,6 +25,7 @@ from palpate.core.splines import (
     invert_points,
     upright_parallelepiped,
 )
+from palpate.core.thesis import fit_closed_curve_thesis, invert_thesis
 
 POINTS = 10_000
 LOOPED, QUICK_LOOPED = 200, 40  # Points that are inverted one at a time
@@ -89,7 +90,7 @@ def _deformed_rows(volume: SplineVolume, verdict: str, looped: int) -> Iterable[
     most = 0.0 if verdict == "sound" else 0.01
     ours = _seconds(lambda: invert_points(volume, points), rounds=1)
     yield _failures(f"{name}: points not inverted", invert_points(volume, points), most)
-    thesis = invert_points(volume, points, method="thesis")
+    thesis = invert_thesis(volume, points)
     failed = float((~thesis.converged).mean())
     yield Row(f"{name}: not inverted by the thesis", f"{failed:.2%}", "for comparison", True)
     loop = _loop(volume, points[:looped])
@@ -150,7 +151,7 @@ def curve_rows(quick: bool) -> Iterable[Row]:
     for name, shape in CLOSED_CURVES.items():
         points = shape(np.arange(CURVE_POINTS) / (CURVE_POINTS - 1))
         ours = fit_closed_curve(points, count=CURVE_CONTROLS)
-        thesis = fit_closed_curve(points, count=CURVE_CONTROLS, method="thesis")
+        thesis = fit_closed_curve_thesis(points, CURVE_CONTROLS)
         yield _below(f"{name}, {CURVE_CONTROLS} control points: condition", ours.condition, 10.0)
         gap = ours.closure_gap / float(np.ptp(points))
         yield _below(f"{name}: closure gap over its size", gap, 1e-15)

@@ -28,7 +28,7 @@ from palpate.core import Floats
 from palpate.core.geometry import nearest_points
 from palpate.core.shapes import Mesh
 from palpate.core.splines import ClosedCurve, Lattice, fit_closed_curve
-from palpate.core.thesis import rebuild_thesis
+from palpate.core.thesis import fit_closed_curve_thesis, rebuild_thesis
 from palpate.core.touch import (
     Pad,
     adaptive_wiener,
@@ -239,7 +239,7 @@ def closed_curves() -> Mapping[str, tuple[Floats, ClosedCurve, ClosedCurve]]:
     return {
         name: (
             points,
-            fit_closed_curve(points, count=CURVE_CONTROLS, method="thesis"),
+            fit_closed_curve_thesis(points, CURVE_CONTROLS),
             fit_closed_curve(points, count=CURVE_CONTROLS),
         )
         for name, points in plane.items()

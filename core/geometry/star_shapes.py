@@ -124,6 +124,8 @@ def kernel_point(polygon: Floats) -> Floats | None:
     finding the kernel of a polygon*, 1979); here a linear programme finds the middle of the
     largest disc in it.
     """
+    from scipy.optimize import linprog
+
     middle = polygon.mean(axis=0)
     size = float(np.abs(polygon - middle).max())
     if not size > 0.0:

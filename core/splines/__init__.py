@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from palpate.core.splines.closed_curves import ClosedCurve as ClosedCurve
     from palpate.core.splines.closed_curves import ClosedPoints as ClosedPoints
     from palpate.core.splines.closed_curves import CurveFlags as CurveFlags
+    from palpate.core.splines.closed_curves import closed_curve_of as closed_curve_of
     from palpate.core.splines.closed_curves import fit_closed_curve as fit_closed_curve
+    from palpate.core.splines.closed_curves import local_noise as local_noise
     from palpate.core.splines.closed_curves import order_closed_points as order_closed_points
     from palpate.core.splines.curve_fits import EVEN_GAP as EVEN_GAP
     from palpate.core.splines.curve_fits import EVEN_MIDDLE as EVEN_MIDDLE
@@ -43,8 +45,10 @@ if TYPE_CHECKING:
     from palpate.core.splines.curve_fits import gap_ratio as gap_ratio
     from palpate.core.splines.curve_fits import interpolate_closed as interpolate_closed
     from palpate.core.splines.inversion import Inversion as Inversion
-    from palpate.core.splines.inversion import InversionMethod as InversionMethod
+    from palpate.core.splines.inversion import affine_fit as affine_fit
     from palpate.core.splines.inversion import invert_points as invert_points
+    from palpate.core.splines.inversion import is_folded as is_folded
+    from palpate.core.splines.inversion import least_residual as least_residual
     from palpate.core.splines.lattices import FoldReport as FoldReport
     from palpate.core.splines.lattices import Lattice as Lattice
     from palpate.core.splines.lattices import LatticeLayer as LatticeLayer
@@ -61,6 +65,5 @@ if TYPE_CHECKING:
     from palpate.core.splines.tensor_products import evaluate_scattered as evaluate_scattered
     from palpate.core.splines.tensor_products import insert_knots as insert_knots
     from palpate.core.splines.tensor_products import interpolate_grid as interpolate_grid
-    from palpate.core.splines.thesis_methods import fit_closed_thesis as fit_closed_thesis
 else:
     __getattr__, __dir__ = lazy(__name__)

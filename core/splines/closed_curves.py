@@ -8,7 +8,7 @@ however its points were begun or directed, and tells how noisy they are.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,10 +28,7 @@ from palpate.core.splines.curve_fits import (
     curve_parameters,
     gap_ratio,
 )
-from palpate.core.splines.thesis_methods import fit_closed_thesis
 
-ClosedCurveMethod = Literal["periodic", "thesis"]
-THESIS_CONTROL = 16  # Vertices around a layer of 5 by 5
 FLAT_SPREAD = 1e-9  # Width of the points over their length from which on they are not on a line
 FINE = 4  # Chords for each knot interval in which a curve is tested for meeting itself
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
@@ -123,7 +120,6 @@ def fit_closed_curve(
     count: int | None = None,
     parameters: Parametrisation = "auto",
     smoothing: Smoothing = "auto",
-    method: ClosedCurveMethod = "periodic",
 ) -> ClosedCurve:
     """Closed cubic through or near points around a contour.
 
@@ -145,8 +141,6 @@ def fit_closed_curve(
         course in opposite directions; as None does otherwise. Where half as many control
         points turn out to leave residuals larger than that noise, they cannot follow the
         shape, and all points are passed.
-    method : {"periodic", "thesis"}
-        The latter for comparison: `fit_closed_thesis`, with 16 vertices unless told.
 
     Returns
     -------
@@ -160,32 +154,22 @@ def fit_closed_curve(
         If the shape of `points` is another, no row is finite, the count is below 4, the
         smoothing is negative or not finite, or a word is none of those above.
     """
-    _check(count, parameters, smoothing, method)
-    given = np.asarray(points, np.float64)
-    if given.ndim != 2 or given.shape[1] not in (2, 3):
-        raise ValueError(f"points must have shape (any, 2) or (any, 3), got {given.shape}")
-    ring = order_closed_points(given)
+    _check(count, parameters, smoothing)
+    ring = order_closed_points(np.asarray(points, np.float64))
     if len(ring.points) < 2:
         return _point(ring)
     turns = curve_parameters(ring.points, parameters)
     noise = local_noise(ring.points, turns)
-    if method == "thesis":
-        fit = fit_closed_thesis(ring.points, turns, count or THESIS_CONTROL)
-    else:
-        fit = choose_closed_fit(ring.points, turns, count, smoothing, noise)
-    return _curve(ring, fit, noise)
+    fit = choose_closed_fit(ring.points, turns, count, smoothing, noise)
+    return closed_curve_of(ring, fit, noise)
 
 
-def _check(
-    count: int | None, parameters: Parametrisation, smoothing: Smoothing, method: ClosedCurveMethod
-) -> None:
+def _check(count: int | None, parameters: Parametrisation, smoothing: Smoothing) -> None:
     if count is not None and count < LEAST_CONTROL:
         raise ValueError(f"count must be at least {LEAST_CONTROL}, got {count}")
     if parameters not in get_args(Parametrisation):
         words = ", ".join(get_args(Parametrisation))
         raise ValueError(f"parameters must be one of {words}, got {parameters!r}")
-    if method not in get_args(ClosedCurveMethod):
-        raise ValueError(f"method must be periodic or thesis, got {method!r}")
     if isinstance(smoothing, str):
         if smoothing not in ("auto", "gcv"):
             raise ValueError(f"smoothing must be auto, gcv, a number or None, got {smoothing!r}")
@@ -246,7 +230,7 @@ def _cubic_weights(away: Floats) -> Floats:
     return weights
 
 
-def _curve(ring: ClosedPoints, fit: CurveFit, noise: float) -> ClosedCurve:
+def closed_curve_of(ring: ClosedPoints, fit: CurveFit, noise: float) -> ClosedCurve:
     """The fit in the points' own place and scale, with all that is reported of it."""
     count = len(ring.points)
     off = ring.points - closed_curve_points(fit.control, fit.knots, fit.parameters)
@@ -299,6 +283,8 @@ def order_closed_points(points: Floats) -> ClosedPoints:
     same ring to the last bit. Raises ValueError if no row is finite, or they spread farther than a
     number can say.
     """
+    if points.ndim != 2 or points.shape[1] not in (2, 3):
+        raise ValueError(f"points must have shape (any, 2) or (any, 3), got {points.shape}")
     rows = np.flatnonzero(np.isfinite(points).all(axis=1)).astype(np.int32)
     dropped = len(points) - len(rows)
     if not len(rows):

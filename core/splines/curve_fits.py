@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve, eigh
 
 from palpate.core.arrays import Floats
@@ -111,6 +110,8 @@ def interpolate_closed(points: Floats, parameters: Floats) -> CurveFit:
     Knots lie at the parameters, so that the system is diagonally dominant however the points
     are spaced; with even knots and as many points it may be singular.
     """
+    from scipy.interpolate import CubicSpline
+
     count = len(points)
     around = np.append(parameters, 1.0)
     # One more coordinate: with signs that alternate the control points are the farthest off,

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from palpate.core.thesis.rebuilding import rebuild_thesis as rebuild_thesis
     from palpate.core.thesis.solid import ThesisSolid as ThesisSolid
     from palpate.core.thesis.solid import interpolated_parameters as interpolated_parameters
+    from palpate.core.thesis.spline_methods import (
+        fit_closed_curve_thesis as fit_closed_curve_thesis,
+    )
+    from palpate.core.thesis.spline_methods import invert_thesis as invert_thesis
     from palpate.core.thesis.tactile_surface import fit_spline as fit_spline
     from palpate.core.thesis.tactile_surface import spline_shape as spline_shape
 else:

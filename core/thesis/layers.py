@@ -20,12 +20,12 @@ from palpate.core.splines import (
     closed_curve_points,
     curve_parameters,
     fit_closed_least_squares,
-    fit_closed_thesis,
 )
+from palpate.core.thesis.spline_methods import fit_closed_thesis
 
 MARGIN = 0.95  # The core's size over the largest that has room: that of the thesis's program
 NARROW = 0.25  # Scale of a core in the middle of the box below which a better middle is looked for
-ROUNDING = 64 * np.finfo(float).eps  # Of the polygon's coordinates: a box as thin holds no core
+FLAT = 1e-9  # Of its longer side: the shorter one of a box in which no core has room
 MOST_STEPS = 50
 TOLERANCE = 1e-6  # Of the scale, and its least value
 
@@ -57,7 +57,7 @@ def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     scale, moved = 0.0, False
-    if (half > ROUNDING * np.abs(polygon).max()).all():
+    if (half > FLAT * half.max()).all():
         scale = rectangle_scale(polygon, middle, half)
         if scale < NARROW:
             deepest = inscribed_circle(polygon).middle

@@ -34,6 +34,7 @@ from palpate.core.thesis.solid import (
     level_points,
     triples_of,
 )
+from palpate.core.thesis.spline_methods import invert_thesis
 
 # Of the model: the program's, whatever the object. Its surface keeps close to the lattice's faces,
 # where the shell is; a rounder one would be drawn inwards.
@@ -115,9 +116,9 @@ def rebuild_thesis(
     steps = np.linspace(-1.0, 1.0, len(stack.heights))
     if faithful:
         points = latitude_points(model, np.arctan(steps), azimuths)
-        parameters = triples_of(undeformed, points, "thesis")
+        parameters = triples_of(undeformed, points, invert_thesis)
     else:
-        parameters = triples_of(undeformed, level_points(model, steps, azimuths), "auto")
+        parameters = triples_of(undeformed, level_points(model, steps, azimuths))
     return ThesisSolid(
         lattice=_lattice(control, undeformed, stack),
         parameters=parameters,

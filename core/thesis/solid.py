@@ -6,6 +6,7 @@ inverting its own points, or, as in 4.3, by a spline through known ones.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -17,7 +18,7 @@ from palpate.core.shapes import Mesh, Superquadric, regular_points
 from palpate.core.splines import (
     CUBIC,
     Basis,
-    InversionMethod,
+    Inversion,
     Lattice,
     SplineVolume,
     averaged_knots,
@@ -129,7 +130,7 @@ class ModelTriples:
     def at(self, eta: Floats, nu: Floats) -> Floats:
         """Parameters s, t, u on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3)."""
         points = latitude_points(self.model, np.pi * (eta - 0.5), np.pi * (2.0 * nu - 1.0))
-        return triples_of(self.volume, points, "auto")
+        return triples_of(self.volume, points)
 
 
 def latitude_points(model: Superquadric, latitudes: Floats, azimuths: Floats) -> Floats:
@@ -157,9 +158,13 @@ def level_points(model: Superquadric, heights: Floats, azimuths: Floats) -> Floa
     return points
 
 
-def triples_of(volume: SplineVolume, points: Floats, method: InversionMethod) -> Floats:
+def triples_of(
+    volume: SplineVolume,
+    points: Floats,
+    invert: Callable[[SplineVolume, Floats], Inversion] = invert_points,
+) -> Floats:
     """Parameters (a, b, 3) of a grid of points (a, b, 3) in the undeformed lattice."""
-    found = invert_points(volume, points.reshape(-1, 3), method=method)
+    found = invert(volume, points.reshape(-1, 3))
     return found.parameters.reshape(points.shape)
 
 

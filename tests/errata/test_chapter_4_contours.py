@@ -10,6 +10,7 @@ from palpate.core.splines.closed_curves import fit_closed_curve
 from palpate.core.splines.curve_fits import curve_parameters, moved_parameters
 from palpate.core.thesis.layers import rectangle_scale
 from palpate.core.thesis.rebuilding import rebuild_thesis
+from palpate.core.thesis.spline_methods import fit_closed_curve_thesis
 
 ORDER, COUNT = 4, 16
 
@@ -64,7 +65,7 @@ def test_pseudo_vertices_and_continuity_put_three_vertices_in_one_place() -> Non
 
 def test_the_fitted_curve_never_closes() -> None:
     points = ellipse(np.arange(81) / 80)
-    printed = fit_closed_curve(points, count=COUNT, method="thesis")
+    printed = fit_closed_curve_thesis(points, COUNT)
     ours = fit_closed_curve(points, count=COUNT)
     size = float(np.ptp(points))
     assert printed.closure_gap > 0.05 * size

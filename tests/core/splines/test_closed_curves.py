@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from palpate.core.arrays import Floats
 from palpate.core.geometry.polygons import area_centroid
 from palpate.core.splines.closed_curves import ClosedCurve, fit_closed_curve
+from palpate.core.thesis.spline_methods import fit_closed_curve_thesis
 
 FINE = np.arange(4000) / 4000
 
@@ -80,7 +81,7 @@ def test_the_error_is_a_fifth_of_that_of_clamped_knots_with_pseudo_vertices(
 ) -> None:
     points = shape(np.arange(81) / 80)
     ours = fit_closed_curve(points, count=16)
-    theirs = fit_closed_curve(points, count=16, method="thesis")
+    theirs = fit_closed_curve_thesis(points, 16)
     share = {ellipse: 5, superellipse: 5, bean: 3}[shape]
     assert share * error(ours, shape) < error(theirs, shape)
     assert theirs.closure_gap > 0.05
@@ -199,11 +200,6 @@ def test_any_points_give_a_finite_curve_near_them(
     assert curve.closure_gap < 1e-13 * (high - low).max()
 
 
-def test_the_thesis_keeps_its_vertices() -> None:
-    curve = fit_closed_curve(ellipse(np.arange(81) / 80), method="thesis")
-    assert curve.control.shape == (16, 2)
-
-
 def test_what_was_asked_for_wrongly_is_refused() -> None:
     points = ellipse(np.arange(20) / 20)
     with pytest.raises(ValueError, match=r"points must have shape .*, got \(20, 4\)"):
@@ -218,8 +214,6 @@ def test_what_was_asked_for_wrongly_is_refused() -> None:
         fit_closed_curve(points, smoothing="some")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"parameters must be one of auto, chord, .*, got 'x'"):
         fit_closed_curve(points, parameters="x")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="method must be periodic or thesis, got 'x'"):
-        fit_closed_curve(points, method="x")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="x must be finite"):
         fit_closed_curve(points).at([0.0, np.nan])
     with pytest.raises(ValueError, match="points must have at least one finite row, got 2 rows"):

@@ -23,7 +23,6 @@ from palpate.core.splines.curve_fits import (
     interpolate_closed,
     moved_parameters,
 )
-from palpate.core.splines.thesis_methods import fit_closed_thesis
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
 
@@ -158,12 +157,6 @@ def test_smoothing_is_chosen_where_control_points_see_no_point() -> None:
     second = np.roll(np.eye(12), 1, axis=1) - 2 * np.eye(12) + np.roll(np.eye(12), -1, axis=1)
     chosen = choose_smoothing(basis, second.T @ second / 6, np.arange(6.0)[:, None])
     assert STRENGTHS[0] <= chosen <= STRENGTHS[-1]
-
-
-def test_constraints_and_pseudo_vertices_of_clamped_knots_contradict_each_other() -> None:
-    fit = fit_closed_thesis(circle(40), np.arange(40) / 40, 16)
-    first, last = closed_curve_points(fit.control, fit.knots, np.array([0.0, 1.0]))
-    assert np.linalg.norm(first - last) > 0.05
 
 
 def test_the_ring_is_the_same_wherever_two_points_tie() -> None:

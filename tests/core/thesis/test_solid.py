@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from palpate.core.arrays import Floats
 from palpate.core.geometry.meshes import solidity
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.splines.bases import clamped_basis
+from palpate.core.splines.inversion import invert_points
 from palpate.core.splines.spline_volumes import SplineVolume, upright_parallelepiped
 from palpate.core.splines.tensor_products import evaluate_grid
 from palpate.core.thesis.rebuilding import rebuild_thesis
@@ -20,6 +22,7 @@ from palpate.core.thesis.solid import (
     level_points,
     triples_of,
 )
+from palpate.core.thesis.spline_methods import invert_thesis
 
 Vase = Callable[..., Floats]
 
@@ -99,12 +102,12 @@ def test_rows_by_latitude_are_not_level_where_the_section_is_no_circle() -> None
     assert ball[2, 0, 2] == pytest.approx(np.sqrt(0.5))  # the rest is left out
 
 
-@pytest.mark.parametrize("method", ["auto", "thesis"])
-def test_triples_give_back_the_points_in_the_undeformed_lattice(method: str) -> None:
+@pytest.mark.parametrize(("invert", "off"), [(invert_points, 1e-14), (invert_thesis, 5e-6)])
+def test_triples_give_back_the_points_in_the_undeformed_lattice(invert: Any, off: float) -> None:
     points = level_points(model(0.15, 0.15), np.linspace(-1.0, 1.0, 9), AZIMUTHS)
-    triples = triples_of(EVEN, points, "thesis" if method == "thesis" else "auto")
+    triples = triples_of(EVEN, points, invert)
     back = EVEN.at(triples.reshape(-1, 3)).reshape(points.shape)
-    assert np.abs(back - points).max() < (5e-6 if method == "thesis" else 1e-14)
+    assert np.abs(back - points).max() < off
 
 
 def test_the_model_knows_its_triples_everywhere() -> None:
