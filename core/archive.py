@@ -209,7 +209,7 @@ def class_named(name: str) -> type:
 
     Raises ValueError if there is no such class, or archives do not hold it.
     """
-    found = [
+    found: list[type] = [
         kind
         for module in _homes().get(name, ())
         if _is_record(kind := getattr(importlib.import_module(module), name))
