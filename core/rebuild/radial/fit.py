@@ -145,9 +145,7 @@ class RadialFit(NamedTuple):
     pose_blocks: bool  # Whether a shift of each touch was estimated with the spline
     pose_sigma: float  # Standard deviation of those shifts along the normals; 0 without
     condition: float  # Estimate of the system's condition number, to 2 digits
-    unfelt_gap: (
-        float  # The highest stretch of the side in which nothing was touched on some azimuth
-    )
+    unfelt_gap: float  # The highest stretch of the side that was not touched on some azimuth
     stretched: bool  # Whether the side had to be drawn higher than it was touched
     lows: Floats  # Lowest height that was touched in each of 24 even sectors, (24,)
     highs: Floats  # Highest one, (24,)

@@ -31,11 +31,9 @@ AROUND = 96  # Coefficients around
 # Strength of bending along, where the side was touched all around and where it was not: there so
 # strong that what lies farther off bridges the gap, not the last points before it alone.
 TOUCHED, UNTOUCHED = 1e-3, 1e-2
-BESIDE = (
-    2  # Spans between knots on either side of one that was not touched for which the same holds
-)
-# Parts of a turn, and the share of them that may be without a point in a span that was touched.
-SECTORS, HOLES = 24, 0.1
+BESIDE = 2  # Spans on either side of one that was not touched for which the same holds
+SECTORS = 24  # Parts of a turn, each of which is looked at by itself
+HOLES = 0.1  # Share of them that may be without a point in a span that was touched
 BENDING_AROUND = 1e-2  # Strength of bending around
 LEAST = 1e-6  # Smallest squared distance ever given, over that of the median
 # Steps by which the bending is made to cost more where there is noise, and how many at most.
