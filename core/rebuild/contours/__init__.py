@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.contours.contacts import stack_points as stack_points
     from palpate.core.rebuild.contours.correspondence import Correspondence as Correspondence
     from palpate.core.rebuild.contours.correspondence import match_slices as match_slices
+    from palpate.core.rebuild.contours.curves import ContourCurve as ContourCurve
+    from palpate.core.rebuild.contours.curves import DroppedContour as DroppedContour
     from palpate.core.rebuild.contours.curves import (
         are_nearly_star_shaped as are_nearly_star_shaped,
     )
     from palpate.core.rebuild.contours.curves import are_star_shaped as are_star_shaped
+    from palpate.core.rebuild.contours.curves import contour_curves as contour_curves
+    from palpate.core.rebuild.contours.curves import drop_reasons as drop_reasons
+    from palpate.core.rebuild.contours.curves import refitted_curve as refitted_curve
     from palpate.core.rebuild.contours.outliers import point_outliers as point_outliers
-    from palpate.core.rebuild.contours.reading import ContourCurve as ContourCurve
-    from palpate.core.rebuild.contours.reading import DroppedContour as DroppedContour
-    from palpate.core.rebuild.contours.reading import contour_curves as contour_curves
-    from palpate.core.rebuild.contours.reading import drop_reasons as drop_reasons
-    from palpate.core.rebuild.contours.reading import refitted_curve as refitted_curve
     from palpate.core.rebuild.contours.slices import Slices as Slices
     from palpate.core.rebuild.contours.slices import restack as restack
     from palpate.core.rebuild.contours.slices import stack_curves as stack_curves

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.rebuild.contours.curves import chord_places, same_steps
-from palpate.core.rebuild.contours.reading import ContourCurve
+from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, same_steps
 
 CLEARLY = 4.5  # Deviations of the points' noise from which on one is off,
+
+
 # and of what the contours beside it are off there, for they see a corner at other points,
 SHARED = 0.3
 LEAST = 5e-4  # and of the perimeter: less does little harm
@@ -24,6 +25,8 @@ MEDIAN = 0.6745  # Median size of an error of deviation 1
 MOST = 0.15  # Share of a contour's points beyond which it is the contour that is like that
 LEAST_POINTS = 12  # Contours of fewer points are not judged: seven points in a row tell of one
 ROUNDS = 5  # Of looking, for what sticks out most hides what is beside it
+
+
 # Of uneven steps: what a point may be off along the contour, once others have been mended.
 SLACK = 0.3
 SWEEPS = 3  # Of mending, for outliers side by side
@@ -32,6 +35,8 @@ REACH = 3  # Neighbours on either side that tell of a point
 SAMPLES = 128  # Places around at which curves are compared
 NEAREST = 4  # Curves beside one that tell what is the object's
 WINDOW = 1.5  # Steps on either side within which a curve may have the same corner
+
+
 # Neighbours through which lines predict the point between or beyond them: of seven in a row.
 PAIRS = ((2, 4), (1, 5), (0, 6), (2, 1), (4, 5))
 CUBIC = (1, 2, 4, 5)  # Neighbours that a cubic passes

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import area_centroids, edge_distance, signed_area, winding_number
-from palpate.core.rebuild.contours.reading import (
+from palpate.core.rebuild.contours.curves import (
     ContourCurve,
     DroppedContour,
     DropReason,
@@ -24,6 +24,8 @@ NOT_APART = 1e-9  # Of a contour's perimeter: heights nearer to each other diffe
 CERTAIN = 3.0  # Standard errors of a mean height within which two contours may be at the same one
 TILTED = 0.25  # Of the distance to the next slice: a contour that sways farther is not in one plane
 TILTED_ALONE = 0.02  # Of the perimeter, where there is no other slice
+
+
 # Arrays with a row for each slice.
 EACH_SLICE = (
     *("heights", "middles", "perimeter", "fine", "star", "self_intersecting"),

@@ -5,12 +5,12 @@ import pytest
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.contours.correspondence import match_slices
+from palpate.core.rebuild.contours.curves import contour_curves, height_outliers, refitted_curve
 from palpate.core.rebuild.contours.outliers import (
     PointOutliers,
     neighbour_deviation,
     point_outliers,
 )
-from palpate.core.rebuild.contours.reading import contour_curves, height_outliers, refitted_curve
 from palpate.core.rebuild.contours.slices import stack_curves
 
 HEIGHTS = np.linspace(-45.0, 45.0, 15)
