@@ -226,10 +226,8 @@ def pack_frame(topic: str, header: Header, body: bytes) -> bytes:
 def split_frame(frame: bytes) -> tuple[str, Header, bytes]:
     """Topic, header and body of a frame.
 
-    Raises
-    ------
-    ValueError
-        If the frame is too short to hold a topic and a header, or the topic is no text.
+    Raises ValueError if the frame is too short to hold a topic and a header, or the topic is no
+    text.
     """
     end = frame.find(b"\0")
     if end < 0 or len(frame) < end + 1 + HEADER_SIZE:

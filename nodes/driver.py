@@ -33,10 +33,7 @@ class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True
 def frames_of(params: Params) -> FrameSequence:
     """The frames that will be said.
 
-    Raises
-    ------
-    ValueError
-        With file and line, if the file cannot be used.
+    Raises ValueError with file and line, if the file cannot be used.
     """
     try:
         changed = Path(params.path).stat().st_mtime_ns

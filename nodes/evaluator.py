@@ -24,21 +24,15 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 class TrueSurface:
     """The truth, made ready to be compared with when the first model is.
 
-    Parameters
-    ----------
-    truth : Truth
-        As it was heard.
-
-    Raises
-    ------
-    ValueError
-        If it is no surface, or has no volume.
+    Raises ValueError if it is no surface, or has no volume.
     """
 
-    def __init__(self, truth: Truth) -> None:
+    def __init__(
+        self,
+        truth: Truth,  # As it was heard
+    ) -> None:
         self._truth, self.height = truth, truth.height
-        self.volume = solidity(truth.vertices, truth.faces).volume
-        """m3"""
+        self.volume = solidity(truth.vertices, truth.faces).volume  # m3
         if not self.volume > 0.0:
             raise ValueError(f"the truth must have a positive volume, got {self.volume} m3")
 
@@ -60,10 +54,7 @@ State = TrueSurface | None  # The truth; None before it was heard
 def take_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outputs]:
     """Keep the truth.
 
-    Raises
-    ------
-    ValueError
-        If the truth is no surface, or has no volume.
+    Raises ValueError if the truth is no surface, or has no volume.
     """
     return TrueSurface(truth), []
 
@@ -71,10 +62,7 @@ def take_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outpu
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
     """Measure one model; one without faces has no score.
 
-    Raises
-    ------
-    ValueError
-        If the truth has not been heard, or the model is no surface.
+    Raises ValueError if the truth has not been heard, or the model is no surface.
     """
     if state is None:
         raise ValueError(f"model {model.number} came before the truth")

@@ -108,10 +108,7 @@ def start(params: Params) -> tuple[State, Outputs]:
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
     """Remember how wide the finger is, and what it can tell.
 
-    Raises
-    ------
-    ValueError
-        If the tolerance is below that.
+    Raises ValueError if the tolerance is below that.
     """
     resolution = resolution_of_info(info)
     if params.tolerance < resolution:

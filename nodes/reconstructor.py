@@ -84,10 +84,7 @@ class State:
 def common_frame(contours: Sequence[Contour]) -> Floats:
     """Pose (7,) of the frame in which all contours were traced.
 
-    Raises
-    ------
-    ValueError
-        If they were not all traced in the same.
+    Raises ValueError if they were not all traced in the same.
     """
     first = contours[0]
     for other in contours[1:]:
@@ -112,6 +109,8 @@ def touched_ends(
 ) -> Floats | None:
     """Where the ends of an object were touched, (k, 3), m; None if they were not.
 
+    Raises ValueError if the contours were not traced in one frame.
+
     Parameters
     ----------
     contours, probes, felt
@@ -119,11 +118,6 @@ def touched_ends(
     platform : float or None
         Height on which the object stands, m, if that is known: a touch of its lower end if it
         stands upright.
-
-    Raises
-    ------
-    ValueError
-        If the contours were not traced in one frame.
     """
     frame = common_frame(contours)
     tops = list(_probed(contours, probes, felt, frame))
@@ -257,18 +251,12 @@ def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
         return shape_model(goal, None, str(why))
 
 
-def shape_model(goal: ModelGoal | PlanDone, solid: Solid | None, why: str = "") -> ShapeModel:
-    """The message for a solid.
-
-    Parameters
-    ----------
-    goal : ModelGoal or PlanDone
-        Who asked for it.
-    solid : Solid or None
-        None if there was nothing to rebuild: the model is empty.
-    why : str
-        Why nothing could be rebuilt of contours that are there.
-    """
+def shape_model(
+    goal: ModelGoal | PlanDone,  # Who asked for it
+    solid: Solid | None,  # None if there was nothing to rebuild: the model is empty
+    why: str = "",  # Why nothing could be rebuilt of contours that are there
+) -> ShapeModel:
+    """The message for a solid."""
     dropped: dict[int, str] = {}
     if solid is not None:
         dropped = {one.which: one.why for one in solid.slices.dropped}
@@ -352,28 +340,15 @@ def _rebuild(state: State, goal: ModelGoal | PlanDone) -> Solid:
 
 
 def rebuild_set(
-    contours: Sequence[Contour],
-    probes: Sequence[Probe],
+    contours: Sequence[Contour],  # At least one
+    probes: Sequence[Probe],  # Single touches beside them
+    # What each touch of a contour or probe felt, by its number
     felt: Mapping[int, Sequence[ContactPoints]],
-    platform: float,
+    platform: float,  # Height on which the object stands, m
 ) -> Solid:
     """The solid of a set.
 
-    Parameters
-    ----------
-    contours : sequence of Contour
-        At least one.
-    probes : sequence of Probe
-        Single touches beside them.
-    felt : map
-        What each touch of a contour or probe felt, by its number.
-    platform : float
-        Height on which the object stands, m.
-
-    Raises
-    ------
-    ValueError
-        If the contours were not traced in one frame, or as `reconstruct` does.
+    Raises ValueError if the contours were not traced in one frame, or as `reconstruct` does.
     """
     frame = common_frame(contours)
     numbers = [one.id for one in contours] + [one.id for one in probes]

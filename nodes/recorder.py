@@ -35,12 +35,7 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 def start_recording(params: Params, types: Mapping[str, str]) -> RecordingWriter:
     """Create the file.
 
-    Raises
-    ------
-    ValueError
-        If a topic's type is unknown.
-    OSError
-        If the file exists or cannot be written.
+    Raises ValueError if a topic's type is unknown; OSError if the file exists or cannot be written.
     """
     further = part_path(Path(params.path), 1)
     if further.exists():
@@ -55,12 +50,7 @@ def resume_recording(
 ) -> tuple[RecordingWriter, Mapping[str, int]]:
     """Go on in a further file, with what the files before it hold of each topic.
 
-    Raises
-    ------
-    ValueError
-        If a topic's type is unknown.
-    OSError
-        If the file cannot be written.
+    Raises ValueError if a topic's type is unknown; OSError if the file cannot be written.
     """
     path = Path(params.path)
     had = counts_of(path)

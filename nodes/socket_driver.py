@@ -42,10 +42,7 @@ class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True
 def parse_address(address: str) -> tuple[str, int]:
     """Address and port, this machine's own if there is none but a port.
 
-    Raises
-    ------
-    ValueError
-        If it is no address in numbers, or no port: names would have to be looked up.
+    Raises ValueError if it is no address in numbers, or no port: names would have to be looked up.
     """
     host, _, port = address.rpartition(":")
     host = host.replace("localhost", LOOPBACK) or LOOPBACK
@@ -62,10 +59,8 @@ def parse_address(address: str) -> tuple[str, int]:
 def listen(params: Params) -> Iterator[Timed | Finished | None]:
     """The sensor, and each frame as it comes, until the other side closes the connection.
 
-    Raises
-    ------
-    ValueError
-        If nobody answers at the address, the connection breaks, or a line is no frame.
+    Raises ValueError if nobody answers at the address, the connection breaks, or a line is no
+    frame.
     """
     yield Timed(0.0, "/touch/info", sensor_info(params))
     touch, shape, began, first = 0, (params.sensor.rows, params.sensor.cols), 0.0, True

@@ -57,27 +57,15 @@ TO_NODES = ControlProtocol(
 
 
 class ControlClient:
-    """The node's end.
-
-    Parameters
-    ----------
-    context : zmq.Context
-        Where the socket lives.
-    endpoint : str
-        Address of the launcher.
-    name : str
-        Name of the node.
-    accepts : ControlProtocol
-        What may be said to it.
-    """
+    """The node's end."""
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],
-        endpoint: str,
+        context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
+        endpoint: str,  # Address of the launcher
         *,
-        name: str,
-        accepts: ControlProtocol = TO_NODES,
+        name: str,  # Name of the node
+        accepts: ControlProtocol = TO_NODES,  # What may be said to it
     ) -> None:
         self._accepts = accepts
         self.socket = context.socket(zmq.DEALER)
@@ -92,10 +80,7 @@ class ControlClient:
     def receive(self) -> ControlMessage | None:
         """Return the launcher's next word, or None if there is none.
 
-        Raises
-        ------
-        ValueError
-            If what arrived is no word.
+        Raises ValueError if what arrived is no word.
         """
         try:
             return read_control(self.socket.recv(zmq.DONTWAIT), self._accepts)
@@ -149,24 +134,14 @@ FROM_NODES = ControlProtocol(
 
 
 class ControlServer:
-    """The launcher's end, with one line to each node.
-
-    Parameters
-    ----------
-    context : zmq.Context
-        Where the socket lives.
-    endpoint : str
-        Address to bind.
-    accepts : ControlProtocol
-        What may be said to it.
-    """
+    """The launcher's end, with one line to each node."""
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],
-        endpoint: str,
+        context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
+        endpoint: str,  # Address to bind
         *,
-        accepts: ControlProtocol = FROM_NODES,
+        accepts: ControlProtocol = FROM_NODES,  # What may be said to it
     ) -> None:
         self._accepts = accepts
         self.socket = context.socket(zmq.ROUTER)
@@ -190,10 +165,7 @@ class ControlServer:
     def receive(self) -> tuple[str, ControlMessage] | None:
         """Name of a node and its next word; None if there is none.
 
-        Raises
-        ------
-        ValueError
-            If what arrived is no word.
+        Raises ValueError if what arrived is no word.
         """
         try:
             parts = self.socket.recv_multipart(zmq.DONTWAIT)
@@ -208,20 +180,13 @@ class ControlServer:
         self.socket.close(0)
 
 
-def read_control(data: bytes, language: ControlProtocol) -> ControlMessage:
+def read_control(
+    data: bytes,  # The frame
+    language: ControlProtocol,  # What may be said
+) -> ControlMessage:
     """Word in a frame.
 
-    Parameters
-    ----------
-    data : bytes
-        The frame.
-    language : ControlProtocol
-        What may be said.
-
-    Raises
-    ------
-    ValueError
-        If the frame holds no such word, or one that lacks what belongs to it.
+    Raises ValueError if the frame holds no such word, or one that lacks what belongs to it.
     """
     if len(data) > language.max_bytes:
         raise ValueError(f"a word has at most {language.max_bytes} bytes, got {len(data)}")

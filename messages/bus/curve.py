@@ -14,20 +14,15 @@ from zmq.auth.thread import ThreadAuthenticator
 class CurveAuthenticator:
     """Gives the sockets of a context the key, and lets nobody in without it.
 
-    Parameters
-    ----------
-    context : zmq.Context
-        The context; sockets that were made before are not locked.
-    key : str
-        File of the secret key.
-
-    Raises
-    ------
-    ValueError
-        If the file holds no key that could be used.
+    Raises ValueError if the file holds no key that could be used.
     """
 
-    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], key: str) -> None:
+    def __init__(
+        self,
+        # The context; sockets that were made before are not locked
+        context: zmq.Context[zmq.Socket[bytes]],
+        key: str,  # File of the secret key
+    ) -> None:
         public, secret = read_key(Path(key))
         self._public = public
         self._guard = ThreadAuthenticator(context)
@@ -49,12 +44,8 @@ class CurveAuthenticator:
 def make_key(path: Path) -> None:
     """Make a key file that only this user can read.
 
-    Raises
-    ------
-    FileExistsError
-        If there is one already: those who have it would be locked out.
-    OSError
-        If it cannot be written.
+    Raises FileExistsError if there is one already: those who have it would be locked out; OSError
+    if it cannot be written.
     """
     if path.exists():
         raise FileExistsError(f"key {path} exists already; it is not overwritten")
@@ -69,10 +60,7 @@ def make_key(path: Path) -> None:
 def read_key(path: Path) -> tuple[bytes, bytes]:
     """Public and secret key of a file.
 
-    Raises
-    ------
-    ValueError
-        If it cannot be read or holds no key pair, or others may read it.
+    Raises ValueError if it cannot be read or holds no key pair, or others may read it.
     """
     try:
         shared = path.stat().st_mode & 0o077

@@ -39,10 +39,7 @@ class JoinReply(NamedTuple):
 def check_node_name(name: str) -> str:
     """Return the name of a node, if it can stand in a request.
 
-    Raises
-    ------
-    ValueError
-        If the name is empty, not printable, or holds a space or an ``@``.
+    Raises ValueError if the name is empty, not printable, or holds a space or an ``@``.
     """
     if not name or not name.isprintable() or " " in name or "@" in name:
         raise ValueError(f"a node's name must be printable, without space or '@', got {name!r}")
@@ -98,10 +95,7 @@ def in_step_notice(called: bytes, topic: str) -> bytes:
 def read_reply(frame: bytes) -> JoinReply:
     """Answer in a frame that begins with ``@``.
 
-    Raises
-    ------
-    ValueError
-        If the frame is no answer.
+    Raises ValueError if the frame is no answer.
     """
     end = frame.find(b"\0")
     words = frame[: max(end, 0)].split(b" ", 4)
@@ -118,10 +112,7 @@ def read_reply(frame: bytes) -> JoinReply:
 def read_epoch(rest: bytes) -> int:
     """Epoch in a greeting.
 
-    Raises
-    ------
-    ValueError
-        If the greeting has the wrong length.
+    Raises ValueError if the greeting has the wrong length.
     """
     if len(rest) != _EPOCH.size:
         raise ValueError(f"a greeting must hold {_EPOCH.size} bytes, got {len(rest)}")

@@ -40,49 +40,30 @@ class Cause(NamedTuple):
 class MessageLog:
     """What a node has said on its topics.
 
-    Parameters
-    ----------
-    path : Path
-        The file behind the memory; it is made when it is needed.
-    topics : iterable of str
-        The topics that somebody hears: what nobody hears is only counted.
-    silent : iterable of str
-        The topics that nobody hears.
-    memory : int
-        Most bytes of frames in memory.
-    persistent : bool
-        Whether every frame is kept in the file, too, and what an earlier start has kept is gone on
-        with.
-    epoch : int
-        Epoch that is put into the frames of an earlier start.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read or written.
+    Raises OSError if the file cannot be read or written.
     """
 
     def __init__(
         self,
-        path: Path,
-        topics: Iterable[str],
+        path: Path,  # The file behind the memory; it is made when it is needed
+        topics: Iterable[str],  # The topics that somebody hears: what nobody hears is only counted
         *,
-        silent: Iterable[str] = (),
-        memory: int = MEMORY_BYTES,
+        silent: Iterable[str] = (),  # The topics that nobody hears
+        memory: int = MEMORY_BYTES,  # Most bytes of frames in memory
+        # Whether every frame is kept in the file, too, and what an earlier start has kept is gone
+        # on with
         persistent: bool = False,
-        epoch: int = 0,
+        epoch: int = 0,  # Epoch that is put into the frames of an earlier start
     ) -> None:
         self._path, self._room, self._persistent = path, memory, persistent
         self._frames: dict[str, list[StoredFrame]] = {topic: [] for topic in topics}
         self._silent = dict.fromkeys(silent, 0)
         self._file: int | None = None
         self._end = 0
+        # Messages that an earlier start has answered, by publisher and topic
         self.handled: dict[tuple[str, str], int] = {}
-        """Messages that an earlier start has answered, by publisher and topic."""
-        self.finished = ""
-        """Why an earlier start has finished, if it has."""
-        self.latest_ns = 0
-        """The latest time in what an earlier start has kept, ns."""
+        self.finished = ""  # Why an earlier start has finished, if it has
+        self.latest_ns = 0  # The latest time in what an earlier start has kept, ns
         if persistent:
             self._go_on(epoch)
 
@@ -94,22 +75,15 @@ class MessageLog:
     def count(self, topic: str) -> int:
         """Number of messages on a topic.
 
-        Raises
-        ------
-        KeyError
-            If there is no such topic.
+        Raises KeyError if there is no such topic.
         """
         return self._silent[topic] if topic in self._silent else len(self._frames[topic])
 
     def add(self, topic: str, frame: bytes) -> None:
         """Keep what is about to be sent.
 
-        Raises
-        ------
-        KeyError
-            If there is no such topic.
-        OSError
-            If the memory is full, and the file cannot be written.
+        Raises KeyError if there is no such topic; OSError if the memory is full, and the file
+        cannot be written.
         """
         silent, fits = topic in self._silent, len(frame) <= self._room
         kept: StoredFrame = frame
@@ -121,12 +95,7 @@ class MessageLog:
     def answer(self, frames: Sequence[tuple[str, bytes]], cause: Cause) -> None:
         """Keep all that answers a message, with that message, before any of it is sent.
 
-        Raises
-        ------
-        KeyError
-            If there is no such topic.
-        OSError
-            If the file cannot be written.
+        Raises KeyError if there is no such topic; OSError if the file cannot be written.
         """
         places = self._write([frame for _, frame in frames], cause)
         for (topic, frame), place in zip(frames, places, strict=True):
@@ -135,10 +104,7 @@ class MessageLog:
     def promise(self, topic: str, make: Callable[[], bytes]) -> None:
         """Keep what makes a frame: it had been sent, and is made once more if somebody lacks it.
 
-        Raises
-        ------
-        KeyError
-            If there is no such topic.
+        Raises KeyError if there is no such topic.
         """
         if topic in self._silent:
             self._silent[topic] += 1
@@ -229,24 +195,16 @@ def _pieces(data: bytes) -> Iterator[bytes]:
 class SendTimes:
     """The times at which one node has sent its messages.
 
-    Parameters
-    ----------
-    path : Path
-        The file; what an earlier start of the node has written is gone on with.
-    name : str
-        Name of the node.
-    topics : iterable of str
-        Its topics that are put down, in an order that is the same at every start.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read or written.
-    ValueError
-        If it speaks of other topics.
+    Raises OSError if the file cannot be read or written; ValueError if it speaks of other topics.
     """
 
-    def __init__(self, path: Path, name: str, topics: Iterable[str]) -> None:
+    def __init__(
+        self,
+        path: Path,  # The file; what an earlier start of the node has written is gone on with
+        name: str,  # Name of the node
+        # Its topics that are put down, in an order that is the same at every start
+        topics: Iterable[str],
+    ) -> None:
         names = list(topics)
         self._name, self._journal = name, Journal(path, [(name, topic) for topic in names])
         self._before: dict[str, list[int]] = {topic: [] for topic in names}
@@ -261,10 +219,7 @@ class SendTimes:
     def note(self, topic: str, sent_ns: int) -> None:
         """Put down the time of a topic's next message, before it is sent; of other topics nothing.
 
-        Raises
-        ------
-        OSError
-            If there is no more room for it.
+        Raises OSError if there is no more room for it.
         """
         if topic in self._before:
             self._journal.note(self._name, topic, sent_ns)
@@ -285,27 +240,20 @@ class Consumed(NamedTuple):
 class Journal:
     """The journal of one node; what an earlier start of it has written is gone on with.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it is made if there is none.
-    edges : sequence of (publisher, topic)
-        All that the node hears, in an order that is the same at every start.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read or written.
-    ValueError
-        If it speaks of what the node does not hear.
+    Raises OSError if the file cannot be read or written; ValueError if it speaks of what the node
+    does not hear.
     """
 
-    def __init__(self, path: Path, edges: Sequence[tuple[str, str]]) -> None:
+    def __init__(
+        self,
+        path: Path,  # The file; it is made if there is none
+        # All that the node hears, in an order that is the same at every start
+        edges: Sequence[tuple[str, str]],
+    ) -> None:
         self._numbers = {edge: number for number, edge in enumerate(edges)}
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
-            self.before = self._read(path, edges)
-            """What earlier starts have consumed, in its order."""
+            self.before = self._read(path, edges)  # What earlier starts have consumed, in its order
         except ValueError:
             self.close()
             raise
@@ -313,10 +261,7 @@ class Journal:
     def note(self, publisher: str, topic: str, seq: int) -> None:
         """Put down that a message is about to be handled.
 
-        Raises
-        ------
-        OSError
-            If there is no more room for it.
+        Raises OSError if there is no more room for it.
         """
         entry = _ENTRY.pack(self._numbers[publisher, topic], seq)
         if os.write(self._file, entry) < len(entry):
@@ -344,33 +289,24 @@ class Journal:
 class SourceProgress:
     """How much a source has said, beyond its death.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it is made if there is none.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read or written.
+    Raises OSError if the file cannot be read or written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(
+        self,
+        path: Path,  # The file; it is made if there is none
+    ) -> None:
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         found = os.pread(self._file, _PROGRESS.size, 0)
         number, paused = _PROGRESS.unpack(found) if len(found) == _PROGRESS.size else (0, _UNKNOWN)
-        self.number: int = number
-        """How much has been said."""
+        self.number: int = number  # How much has been said
+        # Whether it was told to stand still; None if it was told nothing
         self.paused: bool | None = None if paused == _UNKNOWN else bool(paused)
-        """Whether it was told to stand still; None if it was told nothing."""
 
     def up(self) -> None:
         """Count one more.
 
-        Raises
-        ------
-        OSError
-            If it cannot be written.
+        Raises OSError if it cannot be written.
         """
         self.number += 1
         self._write()
@@ -378,10 +314,7 @@ class SourceProgress:
     def stand(self, paused: bool) -> None:
         """Put down whether it stands still.
 
-        Raises
-        ------
-        OSError
-            If it cannot be written.
+        Raises OSError if it cannot be written.
         """
         self.paused = paused
         self._write()

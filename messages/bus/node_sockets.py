@@ -22,34 +22,19 @@ LINGER_MS = 1000  # At the end, messages that are still queued have this long to
 class NodeSockets:
     """The sockets of one node.
 
-    Parameters
-    ----------
-    name : str
-        Name of the node.
-    place : Place
-        Addresses of the run.
-    subscriptions : mapping of str to sequence of str
-        Name of each publisher to the topics that are heard from it.
-    publications : mapping of str to tuple of str
-        Each topic that the node publishes, with the names of those who hear it.
-
-    persistent : bool
-        Whether what it says is kept beyond the node's death.
-
-    Raises
-    ------
-    zmq.ZMQError
-        If an address cannot be bound, or there are no more files to be had.
+    Raises zmq.ZMQError if an address cannot be bound, or there are no more files to be had.
     """
 
     def __init__(
         self,
-        name: str,
-        place: Addresses,
+        name: str,  # Name of the node
+        place: Addresses,  # Addresses of the run
         *,
+        # Name of each publisher to the topics that are heard from it
         subscriptions: Mapping[str, Sequence[str]],
+        # Each topic that the node publishes, with the names of those who hear it
         publications: Mapping[str, tuple[str, ...]],
-        persistent: bool = False,
+        persistent: bool = False,  # Whether what it says is kept beyond the node's death
     ) -> None:
         self._past = MessageLog(
             Path(place.pasts[name]),
@@ -64,8 +49,8 @@ class NodeSockets:
         self._times = SendTimes(Path(place.times[name]), name, timed)
         self._inbox: deque[Received] = deque()
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
+        # Called now and then while a listener's queue is full: who waits for it does not hang
         self.while_blocked: Callable[[], None] = lambda: None
-        """Called now and then while a listener's queue is full: who waits for it does not hang."""
         try:
             self._open(
                 name, place, subscriptions, publications, again=place.going and not persistent
@@ -156,10 +141,7 @@ class NodeSockets:
     def send(self, topic: str, body: bytes, *, robot_time: float, schema: int) -> None:
         """Publish a message, with a copy for the tap.
 
-        Raises
-        ------
-        BlockedError
-            If a listener's queue stays full for too long.
+        Raises BlockedError if a listener's queue stays full for too long.
         """
         frame = self.publisher.send(topic, body, robot_time=robot_time, schema=schema)
         self.tap.mirror(frame)
@@ -167,10 +149,7 @@ class NodeSockets:
     def answer(self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> None:
         """Publish all that answers one message, once it is kept, with copies for the tap.
 
-        Raises
-        ------
-        BlockedError
-            If a listener's queue stays full for too long.
+        Raises BlockedError if a listener's queue stays full for too long.
         """
         for frame in self.publisher.answer(published, cause):
             self.tap.mirror(frame)

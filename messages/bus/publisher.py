@@ -37,56 +37,32 @@ class BlockedError(RuntimeError):
 
 
 class Publisher:
-    """Sends one node's reliable topics.
-
-    Parameters
-    ----------
-    context : zmq.Context
-        Where the socket lives.
-    endpoint : str
-        Address to bind.
-    name, run, epoch : str, int, int
-        Who sends, in which run, after how many starts.
-    listeners : mapping of str to tuple of str
-        Every topic, with the names of those who are known to hear it.
-    depth : int
-        Most messages in the queue to one listener.
-    drain : callable
-        Takes in what has arrived, waiting for a moment; called while a queue is full.
-    past : Past
-        Where what was said is kept.
-    times : Times
-        Where it is put down when.
-    again : bool
-        Whether it says once more what an earlier start had said, until `go_live`.
-    patience : float
-        Longest wait for a full queue, s.
-    ahead_ns : int
-        How far the launcher's clock is ahead of this machine's, ns.
-    """
+    """Sends one node's reliable topics."""
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],
-        endpoint: str,
+        context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
+        endpoint: str,  # Address to bind
         *,
-        name: str,
+        name: str,  # Who sends, in which run, after how many starts
         run: int,
         epoch: int,
+        # Every topic, with the names of those who are known to hear it
         listeners: Mapping[str, tuple[str, ...]],
-        depth: int,
+        depth: int,  # Most messages in the queue to one listener
+        # Takes in what has arrived, waiting for a moment; called while a queue is full
         drain: Callable[[], None],
-        past: MessageLog,
-        times: SendTimes,
+        past: MessageLog,  # Where what was said is kept
+        times: SendTimes,  # Where it is put down when
+        # Whether it says once more what an earlier start had said, until `go_live`
         again: bool = False,
-        patience: float = SEND_TIMEOUT,
-        ahead_ns: int = 0,
+        patience: float = SEND_TIMEOUT,  # Longest wait for a full queue, s
+        ahead_ns: int = 0,  # How far the launcher's clock is ahead of this machine's, ns
     ) -> None:
         self.name, self.run, self.epoch = name, run, epoch
-        self.blocked = 0
-        """How often a queue was full."""
+        self.blocked = 0  # How often a queue was full
+        # Time of the latest message sent or heard, ns: the next one is sent later
         self.latest_ns = past.latest_ns
-        """Time of the latest message sent or heard, ns: the next one is sent later."""
         self._listeners = dict(listeners)
         self._past, self._times = past, times
         self._drain, self._patience, self._ahead_ns = drain, patience, ahead_ns
@@ -106,12 +82,8 @@ class Publisher:
 
         Before `go_live`, to those alone who have asked for it.
 
-        Raises
-        ------
-        KeyError
-            If the topic is not one of this publisher's.
-        BlockedError
-            If a listener's queue stays full for longer than the patience.
+        Raises KeyError if the topic is not one of this publisher's; BlockedError if a listener's
+        queue stays full for longer than the patience.
         """
         seq = self._past.count(topic)
         header = Header(self.run, self.epoch, seq, self._time(topic, seq), robot_time, schema)
@@ -129,21 +101,13 @@ class Publisher:
         return self._past
 
     def answer(
-        self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause
+        self,
+        published: Sequence[tuple[str, bytes, float, int]],  # In the order in which it is sent
+        cause: Cause,  # The message
     ) -> list[bytes]:
         """Send all that answers one message, once all of it is kept; returns the frames.
 
-        Parameters
-        ----------
-        said : sequence of (topic, body, robot time, schema)
-            In the order in which it is sent.
-        cause : Cause
-            The message.
-
-        Raises
-        ------
-        KeyError, BlockedError
-            As `send` does.
+        Raises KeyError, BlockedError as `send` does.
         """
         counts = Counter[str]()
         frames = []
@@ -164,10 +128,7 @@ class Publisher:
     def promise(self, topic: str, make: Callable[[], bytes], schema: int) -> None:
         """Have a message made and sent if it is a new one, or if somebody lacks it, now or later.
 
-        Raises
-        ------
-        KeyError, BlockedError
-            As `send` does.
+        Raises KeyError, BlockedError as `send` does.
         """
         seq = self._past.count(topic)
         lacked = [wanted for (_, asked), wanted in (self._lacks or {}).items() if asked == topic]

@@ -15,20 +15,15 @@ LAUNCHER = "launcher"  # Name under which the launcher hears topics; no node may
 class SocketContext:
     """Where sockets are made, closed in the end.
 
-    Parameters
-    ----------
-    key : str
-        File of the secret key; empty within one machine.
-
-    Raises
-    ------
-    ValueError
-        If the file holds no key that could be used.
+    Raises ValueError if the file holds no key that could be used.
     """
 
-    def __init__(self, key: str = "") -> None:
+    def __init__(
+        self,
+        key: str = "",  # File of the secret key; empty within one machine
+    ) -> None:
+        # Where sockets are made; those that connect have the key already
         self.context: zmq.Context[Socket] = zmq.Context()
-        """Where sockets are made; those that connect have the key already."""
         self._gate: CurveAuthenticator | None = None
         if key:
             from palpate.messages.bus.curve import CurveAuthenticator
@@ -55,12 +50,8 @@ class SocketContext:
 def bind(socket: Socket, endpoint: str) -> None:
     """Bind a socket; beyond the files of this machine only with a key.
 
-    Raises
-    ------
-    ValueError
-        If others could reach it without a key.
-    zmq.ZMQError
-        If the address is taken or cannot be had.
+    Raises ValueError if others could reach it without a key; zmq.ZMQError if the address is taken
+    or cannot be had.
     """
     if endpoint.startswith("tcp:"):
         _check_locked(socket, endpoint)
@@ -71,10 +62,7 @@ def bind(socket: Socket, endpoint: str) -> None:
 def connect(socket: Socket, endpoint: str) -> None:
     """Connect a socket; beyond the files of this machine only with a key.
 
-    Raises
-    ------
-    ValueError
-        If others could read what is said.
+    Raises ValueError if others could read what is said.
     """
     if endpoint.startswith("tcp:"):
         _check_locked(socket, endpoint)

@@ -47,37 +47,24 @@ class Subscriber:
     A frame is taken if it carries the epoch that its publisher greeted with, and the next
     sequence of its topic. A smaller sequence is a duplicate; a larger one is early, as long as
     the past is still being sent, and a gap after that.
-
-    Parameters
-    ----------
-    context : zmq.Context
-        Where the socket lives.
-    name, run, epoch : str, int, int
-        Who hears, in which run, after how many starts.
-    sources : mapping of str to sequence of str
-        Name of each publisher to the topics that are heard from it.
-    endpoints : mapping of str to str
-        Name of each publisher to its address.
-    depth : int
-        Most messages in the queue from one publisher.
     """
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],
+        context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
         *,
-        name: str,
+        name: str,  # Who hears, in which run, after how many starts
         run: int,
         epoch: int,
+        # Name of each publisher to the topics that are heard from it
         sources: Mapping[str, Sequence[str]],
-        endpoints: Mapping[str, str],
-        depth: int,
+        endpoints: Mapping[str, str],  # Name of each publisher to its address
+        depth: int,  # Most messages in the queue from one publisher
     ) -> None:
         self.name, self.run, self.epoch = name, run, epoch
-        self.duplicates = 0
-        """Messages that came twice and were dropped."""
+        self.duplicates = 0  # Messages that came twice and were dropped
+        # Messages that came before their past, and were dropped to come again in order
         self.early = 0
-        """Messages that came before their past, and were dropped to come again in order."""
         edges = [_Edge(source, topic) for source, topics in sources.items() for topic in topics]
         self._edges = {edge.topic: edge for edge in edges}
         self._of = {source: [self._edges[topic] for topic in sources[source]] for source in sources}
@@ -116,10 +103,8 @@ class Subscriber:
     def receive(self) -> Received | None:
         """Return the next message, or None if none has arrived; never waits.
 
-        Raises
-        ------
-        ValueError
-            If a frame is malformed, of another run, or on a topic that was not asked for.
+        Raises ValueError if a frame is malformed, of another run, or on a topic that was not asked
+        for.
         """
         while True:
             try:

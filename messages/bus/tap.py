@@ -22,20 +22,15 @@ TAP_DEPTH = 64  # Messages that a slow tool may lag behind before it loses some
 
 
 class Tap:
-    """The lossy outlet of one node.
-
-    Parameters
-    ----------
-    context : zmq.Context
-        Where the socket lives.
-    endpoint : str
-        Address to bind.
-    run, epoch : int
-        Number of the run and of the node's start.
-    """
+    """The lossy outlet of one node."""
 
     def __init__(
-        self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str, *, run: int, epoch: int
+        self,
+        context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
+        endpoint: str,  # Address to bind
+        *,
+        run: int,  # Number of the run and of the node's start
+        epoch: int,
     ) -> None:
         self.run, self.epoch = run, epoch
         self._published: Counter[str] = Counter()
@@ -78,26 +73,14 @@ class Tap:
 
 
 class TapReader:
-    """Listens to the taps of several nodes.
-
-    Parameters
-    ----------
-    context : zmq.Context
-        Where the socket lives.
-    endpoints : iterable of str
-        Addresses of the taps.
-    topics : iterable of str
-        Topics to hear.
-    depth : int
-        Most messages in the queue from one tap.
-    """
+    """Listens to the taps of several nodes."""
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],
-        endpoints: Iterable[str],
-        topics: Iterable[str],
-        depth: int = TAP_DEPTH,
+        context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
+        endpoints: Iterable[str],  # Addresses of the taps
+        topics: Iterable[str],  # Topics to hear
+        depth: int = TAP_DEPTH,  # Most messages in the queue from one tap
     ) -> None:
         self.socket = context.socket(zmq.SUB)
         self.socket.setsockopt(zmq.RCVHWM, depth)
@@ -110,10 +93,7 @@ class TapReader:
     def receive(self) -> tuple[str, Header, bytes] | None:
         """Topic, header and body of the next message; None if there is none.
 
-        Raises
-        ------
-        ValueError
-            If what arrived is not a frame.
+        Raises ValueError if what arrived is not a frame.
         """
         try:
             frame = self.socket.recv(zmq.DONTWAIT)

@@ -17,22 +17,15 @@ from palpate.messages.recording.writer import COUNTS, PROFILE, AtomicFile, mcap_
 class RecordingCopy:
     """A recording that is being copied, its parts into one file.
 
-    Parameters
-    ----------
-    path : Path
-        The new file; it must not exist.
-    library : str
-        What writes it.
-
-    Raises
-    ------
-    OSError
-        If the file exists or cannot be written.
+    Raises OSError if the file exists or cannot be written.
     """
 
-    def __init__(self, path: Path, library: str) -> None:
-        self.counts: Counter[str] = Counter()
-        """Messages by topic, as far as taken."""
+    def __init__(
+        self,
+        path: Path,  # The new file; it must not exist
+        library: str,  # What writes it
+    ) -> None:
+        self.counts: Counter[str] = Counter()  # Messages by topic, as far as taken
         self._path, self._file = path, AtomicFile(path)
         self._writer = mcap_writer(self._file)
         try:
@@ -80,10 +73,7 @@ class RecordingCopy:
     def check(self) -> None:
         """Read the closed copy again, by our own reader and by that of the MCAP project.
 
-        Raises
-        ------
-        ValueError
-            If one of them does not find exactly the messages that were taken.
+        Raises ValueError if one of them does not find exactly the messages that were taken.
         """
         ours, theirs = hashlib.sha256(), hashlib.sha256()
         recording = open_recording(self._path)

@@ -67,10 +67,8 @@ class DamagedRecording(ValueError):
     def __init__(self, path: Path, why: str, byte: int) -> None:
         super().__init__(f"recording {path} {why}")
         self.path = path
-        self.why = why
-        """The rest of a sentence that begins with the file."""
-        self.byte = byte
-        """Bytes of the file that are whole."""
+        self.why = why  # The rest of a sentence that begins with the file
+        self.byte = byte  # Bytes of the file that are whole
 
 
 class PlacedRecord(NamedTuple):
@@ -201,10 +199,7 @@ def _records(
 def chunk_records(content: bytes, declared: Declarations) -> Iterator[Schema | Channel | Message]:
     """Records of a chunk, one at a time, once all their lengths and the checksum are known to fit.
 
-    Raises
-    ------
-    Fault
-        If the chunk is damaged, or packed in another way than by lz4.
+    Raises RecordFault if the chunk is damaged, or packed in another way than by lz4.
     """
     packed = chunk_of(content)
     data = memoryview(_unpacked(packed))
@@ -384,8 +379,8 @@ class RecordFault(ValueError):
 
     def __init__(self, why: str, byte: int | None = None) -> None:
         super().__init__(why)
+        # Where the record begins that is wrong; None if only who reads the file knows
         self.byte = byte
-        """Where the record begins that is wrong; None if only who reads the file knows."""
 
 
 class PackedChunk(NamedTuple):

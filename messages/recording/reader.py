@@ -138,10 +138,10 @@ class ReadablePrefix:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        # Where they end, once they have been gone through
         self.end = RecordingEnd(path, 0, "was not read")
-        """Where they end, once they have been gone through."""
+        # The parts that were closed, of those that have been gone through
         self.closed: set[Path] = set()
-        """The parts that were closed, of those that have been gone through."""
 
     def __iter__(self) -> Iterator[LocatedRecord]:
         try:
@@ -160,11 +160,8 @@ class ReadablePrefix:
 def checked_records(path: Path) -> Iterator[LocatedRecord]:
     """Records of all parts, as far as they belong to one recording.
 
-    Raises
-    ------
-    Damaged
-        If a part cannot be read any further, was not written by palpate, or does not begin where
-        those before it end.
+    Raises DamagedRecording if a part cannot be read any further, was not written by palpate, or
+    does not begin where those before it end.
     """
     ours = False
     schemas: set[tuple[Path, int]] = set()
@@ -196,10 +193,7 @@ def checked_records(path: Path) -> Iterator[LocatedRecord]:
 def records_of_parts(path: Path) -> Iterator[LocatedRecord]:
     """Records of all parts; a part that another follows may be cut off.
 
-    Raises
-    ------
-    Damaged
-        As `file_records` does, of the last part.
+    Raises DamagedRecording as `file_records` does, of the last part.
     """
     parts = parts_of(path)
     for part in parts[:-1]:

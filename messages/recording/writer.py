@@ -102,13 +102,8 @@ class RecordingWriter:
     def write(self, topic: str, header: Header, body: bytes) -> None:
         """Keep one message.
 
-        Raises
-        ------
-        ValueError
-            If the topic was not declared, or the recording is closed.
-        OSError
-            If it cannot be written; what was written before stays readable, and nothing more
-            is written.
+        Raises ValueError if the topic was not declared, or the recording is closed; OSError if it
+        cannot be written; what was written before stays readable, and nothing more is written.
         """
         writer = self._open_writer()
         channel = self._channel(writer, topic, header)
@@ -125,10 +120,7 @@ class RecordingWriter:
     def flush(self) -> None:
         """Write what is held.
 
-        Raises
-        ------
-        OSError
-            As `write` does.
+        Raises OSError as `write` does.
         """
         try:
             self._flush(self._open_writer())
@@ -136,18 +128,14 @@ class RecordingWriter:
             self._give_up()
             raise self._told(error) from error
 
-    def close(self, missing: Mapping[str, int] | None = None) -> None:
+    def close(
+        self,
+        # Topics to the messages that were sent and never came
+        missing: Mapping[str, int] | None = None,
+    ) -> None:
         """Write what is held, the counts and the index; closing again does nothing.
 
-        Parameters
-        ----------
-        missing : mapping of str to int, optional
-            Topics to the messages that were sent and never came.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written; what was written before stays readable.
+        Raises OSError if it cannot be written; what was written before stays readable.
         """
         if self._writer is None:
             return
@@ -216,12 +204,8 @@ class RecordingWriter:
 class AtomicFile:
     """A new file, without a buffer of its own.
 
-    Raises
-    ------
-    FileExistsError
-        If there is such a file already: recordings are not overwritten.
-    OSError
-        If it cannot be made.
+    Raises FileExistsError if there is such a file already: recordings are not overwritten; OSError
+    if it cannot be made.
     """
 
     def __init__(self, path: Path) -> None:

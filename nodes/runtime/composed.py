@@ -96,12 +96,9 @@ class Composition:
         watcher: Watcher,
         schedule: int | None,
     ) -> None:
-        self.works: dict[str, Work] = {}
-        """The nodes, by name."""
-        self.finished: dict[str, str] = {}
-        """Reason of each node that has said Finished."""
-        self.doing = "starting"
-        """What was last begun, in words."""
+        self.works: dict[str, Work] = {}  # The nodes, by name
+        self.finished: dict[str, str] = {}  # Reason of each node that has said Finished
+        self.doing = "starting"  # What was last begun, in words
         self._wirings = {wiring.name: wiring for wiring in wirings}
         self._listeners: dict[str, list[str]] = {}
         self._types: dict[str, type] = {}

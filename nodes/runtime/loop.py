@@ -50,14 +50,11 @@ Work = NodeWork | SourceWork | SinkWork
 OnTerminate = Callable[[Callable[[], None]], None]
 
 
-def enter_process(wiring: bytes, place: bytes) -> None:
-    """Run one node in this process, and leave the process.
-
-    Parameters
-    ----------
-    wiring, place : bytes
-        A `Wiring` (its parameters once more as bytes) and a `Addresses`, in msgpack.
-    """
+def enter_process(
+    wiring: bytes,  # A `Wiring` (its parameters once more as bytes) and a `Addresses`, in msgpack
+    place: bytes,
+) -> None:
+    """Run one node in this process, and leave the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
@@ -87,17 +84,12 @@ def _let_go_of_parent() -> None:
         line._forkserver_alive_fd = None
 
 
-def run_node(wiring: Wiring, place: Addresses, protect: OnTerminate) -> int:
+def run_node(
+    wiring: Wiring,  # The node's place in the graph; its parameters as the bytes of a msgpack map
+    place: Addresses,  # Addresses of the run
+    protect: OnTerminate,  # Called for a sink before it opens its file
+) -> int:
     """Run one node until the launcher says stop.
-
-    Parameters
-    ----------
-    wiring : Wiring
-        The node's place in the graph; its parameters as the bytes of a msgpack map.
-    place : Place
-        Addresses of the run.
-    protect : callable
-        Called for a sink before it opens its file.
 
     Returns
     -------
@@ -167,24 +159,20 @@ def _die_with_parent(number: signal.Signals) -> None:
 
 
 class NodeLoop:
-    """A node's loop over its station.
+    """A node's loop over its station."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the node.
-    station : Station
-        Its sockets.
-    going : bool
-        Whether the graph had been started before: the node then goes through what it had done,
-        unheard but by those who miss something of it.
-    """
-
-    def __init__(self, name: str, station: NodeSockets, *, going: bool = False) -> None:
-        self.work: Work | None = None
-        """What the node does; None until it is loaded."""
+    def __init__(
+        self,
+        name: str,  # Name of the node
+        station: NodeSockets,  # Its sockets
+        *,
+        # Whether the graph had been started before: the node then goes through what it had done,
+        # unheard but by those who miss something of it
+        going: bool = False,
+    ) -> None:
+        self.work: Work | None = None  # What the node does; None until it is loaded
+        # Where it puts down what it handles; only of nodes that could do it again
         self.journal: Journal | None = None
-        """Where it puts down what it handles; only of nodes that could do it again."""
         self._name, self._station = name, station
         station.while_blocked = self._beat_if_due
         self._going, self._ended = going, False
@@ -368,18 +356,13 @@ class NodeLoop:
             work.take(arrival)
 
 
-def status_of(name: str, state: str, latency: Latency | None, station: NodeSockets) -> NodeStatus:
-    """The node's counters.
-
-    Parameters
-    ----------
-    name, state : str
-        Of the node; see `NodeStatus`.
-    latency : Latency or None
-        Times of its handlers; None until it is loaded.
-    station : Station
-        Its sockets.
-    """
+def status_of(
+    name: str,  # Of the node; see `NodeStatus`
+    state: str,
+    latency: Latency | None,  # Times of its handlers; None until it is loaded
+    station: NodeSockets,  # Its sockets
+) -> NodeStatus:
+    """The node's counters."""
     subscriber, publisher = station.subscriber, station.publisher
     return NodeStatus(
         node=name,

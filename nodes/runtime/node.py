@@ -110,14 +110,11 @@ class SinkWriter(Protocol):
     def flush(self) -> None:
         """Put away what was written so far: nothing more has come for a while."""
 
-    def close(self, missing: Mapping[str, int]) -> None:
-        """Finish, so that all that was written can be read.
-
-        Parameters
-        ----------
-        missing : mapping of str to int
-            Topics to the messages that were sent and never came.
-        """
+    def close(
+        self,
+        missing: Mapping[str, int],  # Topics to the messages that were sent and never came
+    ) -> None:
+        """Finish, so that all that was written can be read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,30 +18,15 @@ Publish = Callable[[Iterable[Outgoing | Promise | Finished]], None]
 
 
 def replay(
-    work: NodeWork,
-    before: Sequence[Consumed],
-    station: NodeSockets,
+    work: NodeWork,  # The node
+    before: Sequence[Consumed],  # What it had handled
+    station: NodeSockets,  # Its sockets
     *,
-    publish: Publish,
-    turn: Callable[[], bool],
-    beat: Callable[[], None],
+    publish: Publish,  # Sends what it says
+    turn: Callable[[], bool],  # Waits for a moment, obeys the launcher, and says whether to go on
+    beat: Callable[[], None],  # Gives a sign of life
 ) -> OutgoingSequence:
     """Do once more what an earlier start of the node has done, unheard but by who lacks it.
-
-    Parameters
-    ----------
-    work : NodeWork
-        The node.
-    before : sequence of Consumed
-        What it had handled.
-    station : Station
-        Its sockets.
-    publish : function
-        Sends what it says.
-    turn : function
-        Waits for a moment, obeys the launcher, and says whether to go on.
-    beat : function
-        Gives a sign of life.
 
     Returns
     -------
@@ -72,17 +57,10 @@ def _republish(
 
 
 def unpublished(
-    published: Iterable[Outgoing | Finished], counts: Mapping[str, int]
+    published: Iterable[Outgoing | Finished],  # What a node says at its start
+    counts: Mapping[str, int],  # Messages that it had said on each topic
 ) -> Iterator[Outgoing | Finished]:
-    """What of it an earlier start had not come to say.
-
-    Parameters
-    ----------
-    said : iterable
-        What a node says at its start.
-    counts : mapping of str to int
-        Messages that it had said on each topic.
-    """
+    """What of it an earlier start had not come to say."""
     had = dict(counts)
     for one in published:
         if isinstance(one, Outgoing) and had[one.topic]:
@@ -92,15 +70,12 @@ def unpublished(
 
 
 class JournalOrder:
-    """Puts arrivals into the order of a journal.
+    """Puts arrivals into the order of a journal."""
 
-    Parameters
-    ----------
-    before : sequence of Consumed
-        What earlier starts of the node have consumed.
-    """
-
-    def __init__(self, before: Sequence[Consumed]) -> None:
+    def __init__(
+        self,
+        before: Sequence[Consumed],  # What earlier starts of the node have consumed
+    ) -> None:
         self._before = deque(before)
         self._come: dict[tuple[str, str], deque[Received]] = {}
 
@@ -116,10 +91,7 @@ class JournalOrder:
     def take(self) -> Received | None:
         """What was handled next, if it has come.
 
-        Raises
-        ------
-        ValueError
-            If a publisher sends something else than it had sent before.
+        Raises ValueError if a publisher sends something else than it had sent before.
         """
         wanted = self._before[0]
         come = self._come.get((wanted.publisher, wanted.topic))

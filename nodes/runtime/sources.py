@@ -22,31 +22,22 @@ _END: Any = object()
 
 
 class SourceWork:
-    """One source in the course of its run.
-
-    Parameters
-    ----------
-    source : Source
-        What it does.
-    params : object
-        Instance of the source's parameter type.
-    wiring : Wiring
-        Its place in the graph.
-    tally : Tally, optional
-        How much an earlier start of it has said, and will be counted; None counts for itself.
-    """
+    """One source in the course of its run."""
 
     def __init__(
-        self, source: Source, params: Any, wiring: Wiring, tally: SourceProgress | None = None
+        self,
+        source: Source,  # What it does
+        params: Any,  # Instance of the source's parameter type
+        wiring: Wiring,  # Its place in the graph
+        # How much an earlier start of it has said, and will be counted; None counts for itself
+        tally: SourceProgress | None = None,
     ) -> None:
         self.name = wiring.name
-        self.latency = Latency()
-        """Time of making its messages."""
+        self.latency = Latency()  # Time of making its messages
         self.consumed: dict[Edge, int] = {}
         self.waits: list[str] = []
         paused = source.paused(params) if tally is None or tally.paused is None else tally.paused
-        self.pace = PlaybackClock(paused=paused)
-        """When it says what it has to say."""
+        self.pace = PlaybackClock(paused=paused)  # When it says what it has to say
         self._source, self._params, self._wires = source, params, wiring.outputs
         self._types = source.outputs(params)
         self._tally = tally
@@ -147,10 +138,7 @@ class SourceWork:
     def take(self, arrival: Received) -> list[Outgoing | Finished]:
         """Refuse what it never asked for.
 
-        Raises
-        ------
-        ContractError
-            Always.
+        Raises ContractError always.
         """
         raise ContractError(f"{self.name} hears nothing, and has heard {arrival.topic}")
 
@@ -194,17 +182,14 @@ def _wait(seconds: float) -> None:
 
 
 class PlaybackClock:
-    """The clock of one source.
+    """The clock of one source."""
 
-    Parameters
-    ----------
-    paused : bool
-        Whether it stands still until it is told to go on.
-    """
-
-    def __init__(self, *, paused: bool = False) -> None:
-        self.paused = paused
-        """Whether it stands still."""
+    def __init__(
+        self,
+        *,
+        paused: bool = False,  # Whether it stands still until it is told to go on
+    ) -> None:
+        self.paused = paused  # Whether it stands still
         self._place = self._when = 0.0
         self._steps = 0
 

@@ -127,10 +127,7 @@ def _arrival(node: Node, topic: str, message: object, seq: int) -> Received:
 def params_of(node: Node | Source, params: object) -> Any:
     """The parameters on their way to a process, and back.
 
-    Raises
-    ------
-    ValueError
-        If they are not the node's.
+    Raises ValueError if they are not the node's.
     """
     try:
         data = msgspec.msgpack.encode({} if params is None else params)
@@ -140,19 +137,11 @@ def params_of(node: Node | Source, params: object) -> Any:
 
 
 def decoded_outputs(
-    node: Node, published: Iterable[Outgoing | Finished], outputs: Mapping[str, str]
+    node: Node,  # Who said it
+    published: Iterable[Outgoing | Finished],  # On the wire
+    outputs: Mapping[str, str],  # The topic as the node calls it, to the topic on the wire
 ) -> Published:
-    """What a listener gets, topics as the node calls them.
-
-    Parameters
-    ----------
-    node : Node
-        Who said it.
-    said : parcels and Finished
-        On the wire.
-    outputs : map
-        The topic as the node calls it, to the topic on the wire.
-    """
+    """What a listener gets, topics as the node calls them."""
     local_of = {wire: local for local, wire in outputs.items()}
     received: Published = []
     for one in published:

@@ -51,10 +51,7 @@ class Wiring:
 def load_node(module: str) -> AnyNode:
     """The node that a module holds.
 
-    Raises
-    ------
-    ValueError
-        If there is no such module or it holds no node.
+    Raises ValueError if there is no such module or it holds no node.
     """
     if not all(part.isidentifier() for part in module.split(".")):
         raise ValueError(f"{module!r} is no name of a module")
@@ -84,10 +81,7 @@ class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
     def wiring(self, params: type) -> Wiring:
         """The node's wiring, given the type of its parameters.
 
-        Raises
-        ------
-        ValueError
-            If the recorded parameters are not of that type.
+        Raises ValueError if the recorded parameters are not of that type.
         """
         try:
             value: Any = msgspec.json.decode(self.params, type=params)
@@ -130,10 +124,7 @@ def describe_wirings(wirings: Sequence[Wiring]) -> bytes:
 def recorded_nodes(graph: bytes) -> tuple[RecordedNode, ...]:
     """Read what `describe_wirings` wrote.
 
-    Raises
-    ------
-    ValueError
-        If it is no such description.
+    Raises ValueError if it is no such description.
     """
     try:
         return msgspec.json.decode(graph, type=tuple[RecordedNode, ...])

@@ -49,22 +49,15 @@ class ContractError(RuntimeError):
 class NodeWork:
     """One node in the course of its run.
 
-    Parameters
-    ----------
-    node : Node
-        What it does.
-    params : object
-        Instance of the node's parameter type.
-    wiring : Wiring
-        Its place in the graph.
-
-    Raises
-    ------
-    ContractError
-        If the wiring names an input or output that the node does not declare.
+    Raises ContractError if the wiring names an input or output that the node does not declare.
     """
 
-    def __init__(self, node: Node, params: Any, wiring: Wiring) -> None:
+    def __init__(
+        self,
+        node: Node,  # What it does
+        params: Any,  # Instance of the node's parameter type
+        wiring: Wiring,  # Its place in the graph
+    ) -> None:
         unknown = [one.local for one in wiring.inputs if one.local not in node.inputs]
         unknown += [local for local in wiring.outputs if local not in node.outputs]
         if unknown:
@@ -72,10 +65,9 @@ class NodeWork:
                 f"{wiring.name} is wired to {unknown[0]}, which it does not declare"
             )
         self.name, self.has_side_effects = wiring.name, node.has_side_effects
-        self.latency = Latency()
-        """Time of its handlers."""
+        self.latency = Latency()  # Time of its handlers
+        # Messages handled, by publisher and topic
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
-        """Messages handled, by publisher and topic."""
         self._node, self._params, self._state = node, params, None
         self._wires = wiring.outputs
         self._received = {one.topic: _subscription(node, one.local) for one in wiring.inputs}
@@ -93,15 +85,13 @@ class NodeWork:
         """Topics without whose first message nothing else is handled."""
         return sorted(self._missing)
 
-    def leave_out(self, handled: Mapping[Edge, int]) -> dict[str, int]:
+    def leave_out(
+        self,
+        handled: Mapping[Edge, int],  # How many it has handled
+    ) -> dict[str, int]:
         """Messages of each topic that an earlier start has handled, and that are not handled again.
 
         What it needs before all else is: its state is a fresh one.
-
-        Parameters
-        ----------
-        handled : mapping of (publisher, topic) to int
-            How many it has handled.
         """
         left_out = {edge: n for edge, n in handled.items() if edge[1] not in self._missing}
         self.consumed |= left_out
@@ -115,12 +105,8 @@ class NodeWork:
     def take(self, arrival: Received) -> list[Outgoing | Finished]:
         """Handle one message, or hold it until the needs are met; return what the node says.
 
-        Raises
-        ------
-        CodecError
-            If the message, or one of the outputs, is not of its type.
-        ContractError
-            If the handler publishes what the node does not declare.
+        Raises CodecError if the message, or one of the outputs, is not of its type; ContractError
+        if the handler publishes what the node does not declare.
         """
         return self._take(arrival, self._pack)
 
@@ -209,36 +195,28 @@ def _subscription(node: Node, local: str) -> tuple[type, Handler, int]:
 class SinkWork:
     """A sink in the course of its run: it writes all that it hears.
 
-    Parameters
-    ----------
-    sink : Sink
-        What it does.
-    params : object
-        Instance of the sink's parameter type.
-    wiring : Wiring
-        Its place in the graph.
-    again : bool
-        Whether an earlier start of it has written already.
-
-    Raises
-    ------
-    ContractError
-        If it has, and the sink cannot go on with that.
+    Raises ContractError if it has, and the sink cannot go on with that.
     """
 
-    def __init__(self, sink: Sink, params: Any, wiring: Wiring, *, again: bool = False) -> None:
+    def __init__(
+        self,
+        sink: Sink,  # What it does
+        params: Any,  # Instance of the sink's parameter type
+        wiring: Wiring,  # Its place in the graph
+        *,
+        again: bool = False,  # Whether an earlier start of it has written already
+    ) -> None:
         self._current: Received | None = None
         self._otherwise = "opening"
         self.latency = Latency()
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         self.waits: list[str] = []
         types = {one.topic: one.type for one in wiring.inputs}
+        # Messages that were sent and never came, by topic; whoever listens says so
         self.missing: Mapping[str, int] = {}
-        """Messages that were sent and never came, by topic; whoever listens says so."""
-        self.unwritten = False
-        """Whether it has heard something since it was last flushed."""
+        self.unwritten = False  # Whether it has heard something since it was last flushed
+        # Messages of each topic that an earlier start of it has kept
         self.had: Mapping[str, int] = {}
-        """Messages of each topic that an earlier start of it has kept."""
         if not again:
             self._writer: SinkWriter = sink.open(params, types)
             return
@@ -296,8 +274,7 @@ class Latency:
     """Counts durations in bins that grow by 5 %, so that a quantile is right to 2.5 %."""
 
     def __init__(self) -> None:
-        self.count = 0
-        """Durations counted so far."""
+        self.count = 0  # Durations counted so far
         self._bins = [0] * _BINS
 
     def add(self, nanoseconds: int) -> None:

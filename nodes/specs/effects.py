@@ -23,10 +23,7 @@ EffectSpecs = dict[str, dict[str, Any]]
 def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, Effect]:
     """The listed effects in the order in which they act, whatever the order of the list.
 
-    Raises
-    ------
-    ValueError
-        If there is no such effect, or a parameter is unknown or out of its range.
+    Raises ValueError if there is no such effect, or a parameter is unknown or out of its range.
     """
     described = {name: _described(name, parameters) for name, parameters in listed.items()}
     ordered = sorted(described, key=lambda name: (described[name].phase, rank(name), name))
@@ -42,10 +39,7 @@ def build_pipeline(
 ) -> Pipeline:
     """A finger with its effects.
 
-    Raises
-    ------
-    ValueError
-        If an effect cannot be had, or not with this sensor.
+    Raises ValueError if an effect cannot be had, or not with this sensor.
     """
     owner = Fingertip(pad_of_spec(sensor), data_sheet(sensor), robot, finger, seed)
     return assemble(owner, tuple(describe_effects(listed).values()))

@@ -169,23 +169,15 @@ class FrameRow(NamedTuple):
     image: Floats  # What the taxels sent, (rows, cols)
 
 
-def parse_row(text: str, where: str, shape: ArraySize | None) -> FrameRow:
+def parse_row(
+    text: str,  # ``x,y,z,qx,qy,qz,qw``, then the values row by row; a time may come first
+    where: str,  # Where the line stands, for complaints
+    shape: ArraySize | None,  # Of the array; None for a square one, as large as the line tells
+) -> FrameRow:
     """The frame in a line.
 
-    Parameters
-    ----------
-    text : str
-        ``x,y,z,qx,qy,qz,qw``, then the values row by row; a time may come first.
-    where : str
-        Where the line stands, for complaints.
-    shape : rows and columns, or None
-        Of the array; None for a square one, as large as the line tells.
-
-    Raises
-    ------
-    ValueError
-        If the line has another number of columns, or one of them is no finite number, or the
-        quaternion is none.
+    Raises ValueError if the line has another number of columns, or one of them is no finite number,
+    or the quaternion is none.
     """
     cells = text.split(",")
     shape = shape or square_size(len(cells))
@@ -234,10 +226,7 @@ def _numbers(cells: list[str], where: str) -> Floats:
 def unit_pose(pose: Floats, where: str) -> Floats:
     """The pose with a quaternion of length 1.
 
-    Raises
-    ------
-    ValueError
-        If its length is another one, and not by rounding.
+    Raises ValueError if its length is another one, and not by rounding.
     """
     length = float(np.linalg.norm(pose[3:]))
     if not abs(length - 1.0) <= QUATERNION_TOLERANCE:
@@ -278,23 +267,14 @@ def sensor_info(sensing: SensorParams) -> SensorInfo:
 
 
 def tactile_frame(
-    sensing: SensorParams, touch: int, time: float, pose: Floats, image: Floats
+    sensing: SensorParams,  # What the numbers mean
+    touch: int,  # Number of the frame, from 0; two frames of one number are one frame to the filter
+    time: float,  # When it was taken, s
+    # Of the pad: x, y, z in m, a quaternion x, y, z, w; its z axis points into the object
+    pose: Floats,
+    image: Floats,  # What the taxels sent, in the driver's own unit
 ) -> TactileFrame:
-    """One frame as a message.
-
-    Parameters
-    ----------
-    sensing : Sensing
-        What the numbers mean.
-    touch : int
-        Number of the frame, from 0; two frames of one number are one frame to the filter.
-    time : float
-        When it was taken, s.
-    pose : (7,) array
-        Of the pad: x, y, z in m, a quaternion x, y, z, w; its z axis points into the object.
-    image : (rows, cols) array
-        What the taxels sent, in the driver's own unit.
-    """
+    """One frame as a message."""
     info = sensor_info(sensing)
     calibration, pad = calibration_of_info(info), pad_of_info(info)
     scaled = sensing.scale * np.asarray(image, np.float64)

@@ -137,10 +137,7 @@ def _implicit(spec: ObjectSpec) -> ImplicitShape:
 def build_boolean(spec: PartSpec) -> BooleanShape:
     """The solid that a tree stands for.
 
-    Raises
-    ------
-    ValueError
-        If it is unbounded or empty.
+    Raises ValueError if it is unbounded or empty.
     """
     from palpate.core.shapes import BooleanShape
 

@@ -233,10 +233,7 @@ def pose_array(spec: PoseSpec) -> np.ndarray:
 def exactly_one(spec: Struct, what: str, names: tuple[str, ...]) -> str:
     """The one of a description's words that is given.
 
-    Raises
-    ------
-    ValueError
-        If it is none, or several.
+    Raises ValueError if it is none, or several.
     """
     given = [name for name in names if getattr(spec, name) is not None]
     if len(given) == 1:
