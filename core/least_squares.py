@@ -2,7 +2,7 @@
 
 With Nielsen's damping, bounds and robust losses. All problems that are still under way take
 their next step in one call, so that a hundred starts of one fit, or the inversion of ten
-thousand points, cost little more than one: scipy's solver takes one problem at a time.
+thousand points, cost little more than one. Own code: scipy's solver takes one problem at a time.
 """
 
 from __future__ import annotations

@@ -45,11 +45,6 @@ class RobotPreset:
                 raise ValueError(f"{field.name} must be finite and not negative, got {value} s")
 
 
-def touch_seconds(preset: RobotPreset, travel: float, turn: float, approach: float) -> float:
-    """Robot time of one guarded move: `free_seconds` and then `contact_seconds`."""
-    return free_seconds(preset, travel, turn) + contact_seconds(preset, approach)
-
-
 def free_seconds(preset: RobotPreset, travel: float, turn: float) -> float:
     """Robot time from one start pose to the next, travelling and turning together.
 

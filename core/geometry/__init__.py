@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from palpate.core.geometry.meshes import Solidity as Solidity
     from palpate.core.geometry.meshes import is_closed as is_closed
     from palpate.core.geometry.meshes import is_inside_out as is_inside_out
+    from palpate.core.geometry.meshes import signed_volume as signed_volume
     from palpate.core.geometry.meshes import solidity as solidity
     from palpate.core.geometry.meshes import triangle_corners as triangle_corners
     from palpate.core.geometry.nearest import Nearest as Nearest

@@ -40,7 +40,7 @@ def solidity(vertices: ArrayLike, faces: ArrayLike) -> Solidity:
     rows = checked_faces(faces, count)
     first, second = _opposite_edges(rows, count)
     watertight = first is not None and second is not None
-    volume = _volume(corners - corners.mean(axis=(0, 1)))
+    volume = signed_volume(corners - corners.mean(axis=(0, 1)))
     if first is None or second is None:
         return Solidity(False, _components(rows, count), None, volume)
     components = _count_groups(len(rows), first // 3, second // 3)
@@ -62,10 +62,10 @@ def _opposite_edges(rows: Indices, count: int) -> tuple[Indices | None, Indices 
     return order, reverse
 
 
-def _volume(corners: NDArray[np.float64]) -> float:
-    """Sum of the signed tetrahedra over the origin."""
-    cross = np.cross(corners[:, 1], corners[:, 2])
-    return float(np.einsum("ij,ij->", corners[:, 0], cross)) / 6.0
+def signed_volume(corners: Floats) -> float:
+    """Sum of the signed tetrahedra of triangles (m, 3, 3) over the origin, m3."""
+    a, b, c = corners.transpose(1, 0, 2)
+    return float(np.einsum("ni,ni->", a, np.cross(b, c))) / 6.0
 
 
 def _components(rows: Indices, count: int) -> int:
@@ -118,8 +118,7 @@ def is_inside_out(vertices: Floats, faces: Ints) -> bool:
 
     `vertices` (n, 3), m. `faces` (m, 3): corners, by number.
     """
-    a, b, c = (vertices - vertices.mean(axis=0))[faces].transpose(1, 0, 2)
-    return float(np.einsum("ni,ni->", a, np.cross(b, c))) < 0.0
+    return signed_volume((vertices - vertices.mean(axis=0))[faces]) < 0.0
 
 
 def triangle_corners(vertices: ArrayLike, faces: ArrayLike) -> Floats:

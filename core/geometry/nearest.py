@@ -1,8 +1,8 @@
 """Exact nearest points on a triangle mesh, for many queries at once.
 
 The triangle with the nearest centre gives each query an upper bound. Every triangle whose box
-begins nearer than that, and whose disc does too, is then measured. Own code: trimesh's needs a
-compiled extra, and is not exact.
+begins nearer than that, and whose disc does too, is then measured. Own code: trimesh's
+needs a compiled extra, and is not exact.
 """
 
 from __future__ import annotations

@@ -18,6 +18,8 @@ CELLS_AT_ONCE = 1000  # Cells whose distances are taken together, so that memory
 CORNERS: Floats = 0.5 * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 # Directions in which the middle is moved.
 AROUND: Floats = np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(16) / 16])
+CORNERS.setflags(write=False)
+AROUND.setflags(write=False)
 FLAT = 1e-9  # Area, as a share of the box around the contour, below which it encloses nothing
 Numbers = NDArray[np.intp]
 Boxes = Floats  # Left, lower, right and upper sides, (4, k)
@@ -294,9 +296,3 @@ def closed_polygon(polygon: ArrayLike, least: int = 1) -> Floats:
         ending = "vertex" if least == 1 else "vertices"
         raise ValueError(f"polygon must have at least {least} {ending}, got {len(checked)}")
     return checked
-
-
-CORNERS.setflags(write=False)
-
-
-AROUND.setflags(write=False)

@@ -9,6 +9,7 @@ from functools import reduce
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
+from palpate.core.geometry import signed_volume
 from palpate.core.shapes.half_spaces import HalfSpace, polytope_box
 from palpate.core.shapes.protocol import INSIDE, MISS, BoundedCsgSolid, Mesh
 from palpate.core.shapes.r_functions import (
@@ -103,8 +104,7 @@ class BooleanShape:
         from palpate.core.shapes.boolean_meshes import combined_mesh
 
         vertices, faces = combined_mesh(self._tree, self._box, CHECK_LEVEL)
-        a, b, c = (vertices - self._box[0])[faces].transpose(1, 0, 2)
-        volume = float(np.einsum("ni,ni->", a, np.cross(b, c))) / 6.0
+        volume = signed_volume((vertices - self._box[0])[faces])
         return volume <= LEAST_VOLUME * float(np.prod(self._box[1] - self._box[0]))
 
     def _sections(self, origins: Floats, direction: Floats) -> tuple[Floats, Bools]:

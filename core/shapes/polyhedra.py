@@ -20,7 +20,7 @@ from palpate.core.shapes.protocol import Mesh
 from palpate.core.shapes.triangle_meshes import HAS_EMBREE, CrossedMesh, TriangleShape
 
 if TYPE_CHECKING:
-    from palpate.core.geometry import NearestSearch
+    from palpate.core.geometry import NearestSearch, signed_volume
 
 # Share of the polyhedron's extent by which a corner may lie beside its face's plane: the digits
 # that people type.
@@ -68,7 +68,8 @@ class Polyhedron:
         self._check_edges(edges)
         normals = self._normals(edges)
         triangles = triangulate_polygons(self._vertices, edges.begins, edges.corners, normals)
-        volume = _volume(self._vertices, triangles)
+        middle = self._vertices.mean(axis=0)
+        volume = signed_volume((self._vertices - middle)[triangles])
         if abs(volume) <= LEAST_VOLUME * self._extent**3:
             raise ValueError("faces enclose nothing: those on the two sides lie on one another")
         if volume < 0.0:
@@ -338,12 +339,6 @@ def _by_ears(places: Floats, normal: Floats, face: int) -> Ints:
 
 def _cross(first: Floats, second: Floats) -> Floats:
     return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
-
-
-def _volume(vertices: Floats, triangles: Ints) -> float:
-    """Signed volume, from the mesh's middle, m3."""
-    a, b, c = (vertices - vertices.mean(axis=0))[triangles].transpose(1, 0, 2)
-    return float(np.einsum("ni,ni->", a, np.cross(b, c))) / 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,7 @@
 Marching tetrahedra: a grid's cells are each cut into six tetrahedra about a common diagonal (Kuhn,
 1960), so that neighbouring cells agree on their common face. A tetrahedron has no ambiguous case:
 the surface that results has no hole, and each of its edges has two faces. Vertices are roots of the
-function on the tetrahedra's edges, not interpolated ones, as scikit-image's are.
+function on the tetrahedra's edges. Own code: scikit-image's marching cubes interpolates them.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ Seen along the rays the problem is flat: each triangle is three half-planes and 
 all affine in the two coordinates across, evaluated for all rays at once. For crossings, whether a
 ray passes an edge on its left or its right is asked once for both faces at the edge, and a ray that
 meets it is taken to pass beside it (Edelsbrunner and Muecke, *Simulation of simplicity*, 1990). So
-no ray slips through between two faces, or counts a corner twice. Embree has no wheel for every
-platform.
+no ray slips through between two faces, or counts a corner twice. The z-buffer is own code:
+Embree has no wheel for every platform.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ class ZBuffer:
 
     def first_hits(self, origins: Floats, direction: Floats) -> Hits:
         """First faces along parallel rays, seen from either side."""
-        axes = _axes_across(direction)
+        axes = _ray_axes(direction)
         seen = self._vertices @ axes  # columns: across, across, along
         rays = origins @ axes
         near = self._faces_near(seen, rays)
@@ -166,15 +166,6 @@ class ZBuffer:
         ahead = high[:, 2] >= first[2]
         found: Ints = np.flatnonzero(across.all(axis=1) & ahead).astype(np.int32)
         return found
-
-
-def _axes_across(direction: Floats) -> Floats:
-    """Orthonormal axes as columns, the last along `direction`."""
-    helper = np.zeros(3)
-    helper[int(np.argmin(np.abs(direction)))] = 1.0
-    first = np.cross(helper, direction)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(direction, first), direction])
 
 
 def _depths(corners: Floats, rays: Floats) -> tuple[Floats, Floats, Floats]:

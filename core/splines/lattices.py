@@ -17,6 +17,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.geometry import signed_volume
 from palpate.core.splines.bases import CUBIC, clamped_basis
 from palpate.core.splines.inversion import invert_points
 from palpate.core.splines.spline_volumes import (
@@ -255,8 +256,7 @@ def _handedness(vertices: Floats, faces: Ints) -> float:
         return 0.0
     size = float(np.ptp(vertices, axis=0).max())
     near = (vertices - vertices.mean(axis=0)) / (size if size > 0.0 else 1.0)
-    a, b, c = near[faces].transpose(1, 0, 2)
-    return float(np.sign(np.einsum("ni,ni->", a, np.cross(b, c))))
+    return float(np.sign(signed_volume(near[faces])))
 
 
 def box_lattice(

@@ -201,27 +201,3 @@ def insert_knots(basis: Basis, control: Floats, new: Floats, axis: int = 0) -> t
             share * control[np.minimum(i, last)] + (1.0 - share) * control[np.maximum(i - 1, 0)]
         )
     return basis, np.moveaxis(control, 0, axis)
-
-
-def de_casteljau(control: Floats, at: Floats) -> Floats:
-    """Points of a Bézier curve, surface or solid: Fung, 1999, (2.20), without its binomials.
-
-    `control` (n_1, ..., n_d, c): control points; the degree along each axis is one less than their
-    number. `at` (m, d): parameters from 0 to 1. Returns (m, c). Raises ValueError if something is
-    not finite, there is no control point, or `at` has another number of axes or lies outside 0 to
-    1.
-    """
-    control = finite_array("control", control, (None,) * np.ndim(control))
-    if 0 in control.shape[:-1] or not control.ndim:
-        raise ValueError(f"control must have shape (n_1, ..., n_d, c), got {control.shape}")
-    at = finite_array("at", at, (None, control.ndim - 1))
-    if at.min(initial=0.0) < 0.0 or at.max(initial=1.0) > 1.0:
-        raise ValueError(f"at must lie between 0 and 1, got {at.min():g} to {at.max():g}")
-    points = np.broadcast_to(control, (len(at), *control.shape))
-    for x in at.T:
-        share = x.reshape(-1, *(1,) * (points.ndim - 2))
-        for _ in range(points.shape[1] - 1):
-            points = (1.0 - share[:, None]) * points[:, :-1] + share[:, None] * points[:, 1:]
-        points = points[:, 0]
-    result: Floats = np.array(points)
-    return result

@@ -22,11 +22,18 @@ from palpate.core.poses import (
     rotations_from_vectors,
     split_pose,
     transform_points,
-    vector_from_rotation,
 )
 
 Draw = Callable[[int], Floats]
 ROUNDING = 4e-15
+
+
+def vector_from_rotation(matrix: Floats) -> Floats:
+    """Rotation vector of angle 0 to pi, by way of the quaternion: no angle loses digits."""
+    turn = quaternion_from_matrix(matrix)
+    turn = -turn if turn[3] < 0.0 else turn
+    sine = np.linalg.norm(turn[:3])
+    return np.asarray(turn[:3] * (2.0 * np.arctan2(sine, turn[3]) / sine if sine > 0.0 else 2.0))
 
 
 def about(axis: Floats, angle: float) -> Floats:

@@ -14,12 +14,18 @@ from palpate.core.robot_time import (
     ROBOTS,
     SLIDING,
     MoveGeometry,
+    RobotPreset,
+    contact_seconds,
     elapsed_seconds,
+    free_seconds,
     move_durations,
-    touch_seconds,
 )
 
 MODERN = ROBOT_PRESETS["modern"]
+
+
+def touch_seconds(preset: RobotPreset, travel: float, turn: float, approach: float) -> float:
+    return free_seconds(preset, travel, turn) + contact_seconds(preset, approach)
 
 
 def test_a_touch_without_a_way_costs_the_rest_and_both_commands() -> None:
