@@ -46,7 +46,7 @@ def test_an_object_that_stands_ends_where_it_stands() -> None:
 
 
 @pytest.mark.parametrize(("tip", "high"), [(0.085, 0.085), (0.07, 0.08)])
-def test_a_touched_end_lies_where_it_was_touched_or_beyond(tip: float, high: float) -> None:
+def test_a_touched_end_lies_where_it_was_touched_or_beyond(tip, high) -> None:
     survey = _survey().ended(np.array([0.0, 0.0, tip]), upper=True)
     assert (survey.high, survey.high_deviation) == (high, 0.0)
     assert (survey.low, survey.low_deviation) == (0.0, 1e-3)
@@ -87,9 +87,7 @@ def cone(height: float, lean: Floats | None = None, **changes: object) -> Traced
 
 
 @pytest.mark.parametrize("lean", [(0.0, 0.0), (0.2, -0.1)])
-def test_radii_and_slopes_are_told_about_the_axis_even_if_it_leans(
-    lean: tuple[float, float],
-) -> None:
+def test_radii_and_slopes_are_told_about_the_axis_even_if_it_leans(lean) -> None:
     traced = [cone(height, np.array(lean)) for height in (0.02, 0.05, 0.08)]
     slices = observed_slices(traced, [0.0, 1e-5, 0.0])
     for one, made in zip(slices, traced, strict=True):
@@ -135,9 +133,7 @@ def test_a_band_reaches_half_a_feature_aside_and_no_farther() -> None:
         ({"dropped": True}, SliceOutcome.FAILED),
     ],
 )
-def test_what_came_of_a_slice_is_what_a_planner_is_told(
-    changes: object, outcome: SliceOutcome
-) -> None:
+def test_what_came_of_a_slice_is_what_a_planner_is_told(changes, outcome) -> None:
     one = cone(0.05, **changes)  # type: ignore[arg-type]
     assert one.outcome == outcome
     [told] = observed_slices([one], [0.0])

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -85,7 +84,7 @@ def test_what_does_not_touch_is_a_miss() -> None:
         (np.zeros((8, 8)), {"noise": -1.0}, "noise must not be negative, got -1.0 m"),
     ],
 )
-def test_what_is_no_touch_is_refused(image: Floats, given: dict[str, Any], words: str) -> None:
+def test_what_is_no_touch_is_refused(image, given, words) -> None:
     with pytest.raises(ValueError, match=words):
         surface_patch(image, **{"pitch": PITCH, **given})
 
@@ -109,9 +108,7 @@ def touch_ball(pad: Pad, radius: float) -> Patch:
 @pytest.mark.parametrize(
     ("radius", "error"), [(0.01, 0.03), (0.02, 0.01), (0.03, 0.005), (0.1, 1e-4), (1.0, 1e-6)]
 )
-def test_a_ball_has_its_curvature_in_all_directions(
-    radius: float, error: float, flat: Pad, domed: Pad
-) -> None:
+def test_a_ball_has_its_curvature_in_all_directions(radius, error, flat, domed) -> None:
     for pad in (flat, domed):
         patch = touch_ball(pad, radius)
         assert patch.kind == "smooth"
@@ -122,7 +119,7 @@ def test_a_ball_has_its_curvature_in_all_directions(
 
 
 @pytest.mark.parametrize("degrees", [0, 20, 45, 90, 130])
-def test_a_cylinder_has_one_curvature_whichever_way_it_lies(degrees: int, flat: Pad) -> None:
+def test_a_cylinder_has_one_curvature_whichever_way_it_lies(degrees, flat) -> None:
     turn = math.radians(degrees)
     x, y = flat.grid()
     off = -x * math.sin(turn) + y * math.cos(turn)
@@ -139,7 +136,7 @@ def test_a_cylinder_has_one_curvature_whichever_way_it_lies(degrees: int, flat: 
     assert feel(flat, height, between).across == pytest.approx(50 * math.sin(0.5) ** 2, rel=0.01)
 
 
-def test_a_saddle_keeps_both_signs_and_a_hollow_is_negative(flat: Pad) -> None:
+def test_a_saddle_keeps_both_signs_and_a_hollow_is_negative(flat) -> None:
     x, y = flat.grid()
     saddle = feel(flat, 0.5 * (30 * x**2 - 20 * y**2))
     assert saddle.principal == pytest.approx((30.0, -20.0), rel=1e-9)
@@ -148,7 +145,7 @@ def test_a_saddle_keeps_both_signs_and_a_hollow_is_negative(flat: Pad) -> None:
     assert feel(flat, -5 * (x**2 + y**2)).principal == pytest.approx((-10.0, -10.0), rel=1e-9)
 
 
-def test_principal_curvatures_do_not_depend_on_how_the_pad_is_turned(flat: Pad) -> None:
+def test_principal_curvatures_do_not_depend_on_how_the_pad_is_turned(flat) -> None:
     x, y = flat.grid()
     for turn in np.linspace(0.0, math.pi, 7):
         a = x * math.cos(turn) - y * math.sin(turn)
@@ -159,7 +156,7 @@ def test_principal_curvatures_do_not_depend_on_how_the_pad_is_turned(flat: Pad) 
         assert patch.principal == pytest.approx(wanted, rel=1e-9)
 
 
-def test_an_umbilic_is_exactly_that(flat: Pad) -> None:
+def test_an_umbilic_is_exactly_that(flat) -> None:
     x, y = flat.grid()
     for radius in np.geomspace(0.02, 1e6, 30):
         k1, k2 = feel(flat, 0.5 * (x**2 + y**2) / radius).principal
@@ -168,7 +165,7 @@ def test_an_umbilic_is_exactly_that(flat: Pad) -> None:
         assert feel(flat, 0.5 * (x**2 + y**2) / radius).umbilic
 
 
-def test_a_tilted_plane_is_flat_and_its_normal_is_tilted(flat: Pad) -> None:
+def test_a_tilted_plane_is_flat_and_its_normal_is_tilted(flat) -> None:
     x, y = flat.grid()
     patch = feel(flat, 0.3 * x - 0.4 * y)
     assert patch.kind == "smooth"
@@ -177,7 +174,7 @@ def test_a_tilted_plane_is_flat_and_its_normal_is_tilted(flat: Pad) -> None:
     assert patch.umbilic
 
 
-def test_a_tilted_balls_curvature_is_measured_on_the_surface_not_on_the_pad(flat: Pad) -> None:
+def test_a_tilted_balls_curvature_is_measured_on_the_surface_not_on_the_pad(flat) -> None:
     x, y = flat.grid()
     height = -np.sqrt(0.05**2 - (x - 0.01) ** 2 - (y + 0.02) ** 2)
     patch = feel(flat, height)
@@ -185,14 +182,14 @@ def test_a_tilted_balls_curvature_is_measured_on_the_surface_not_on_the_pad(flat
     assert patch.across == pytest.approx(20.0, rel=0.01)
 
 
-def test_a_direction_out_of_the_pads_plane_counts_by_its_part_in_it(flat: Pad) -> None:
+def test_a_direction_out_of_the_pads_plane_counts_by_its_part_in_it(flat) -> None:
     x, y = flat.grid()
     height = 0.5 * (30 * x**2 + 10 * y**2)
     assert feel(flat, height, np.array([0.6, 0.0, 0.8])).across == pytest.approx(30.0)
     assert feel(flat, height, np.array([0.0, 0.0, 1.0])).across == 0.0
 
 
-def test_an_edge_a_corner_and_a_step_are_that_and_have_no_curvature(flat: Pad) -> None:
+def test_an_edge_a_corner_and_a_step_are_that_and_have_no_curvature(flat) -> None:
     x, y = flat.grid()
     roof, corner = np.abs(x), np.maximum(np.abs(x), np.abs(y))
     step = np.where(x > 0, 1e-3, 0.0)
@@ -210,7 +207,7 @@ def test_an_edge_a_corner_and_a_step_are_that_and_have_no_curvature(flat: Pad) -
         assert 0.0 < patch.normal_error < math.pi
 
 
-def test_what_curves_within_two_pitches_is_an_edge(flat: Pad) -> None:
+def test_what_curves_within_two_pitches_is_an_edge(flat) -> None:
     x, _ = flat.grid()
     patch = feel(flat, 0.5 * 501.0 * x**2)
     assert patch.residual < 1e-12
@@ -218,7 +215,7 @@ def test_what_curves_within_two_pitches_is_an_edge(flat: Pad) -> None:
     assert feel(flat, 0.5 * 499.0 * x**2).kind == "smooth"
 
 
-def test_nothing_touched_is_a_miss(flat: Pad) -> None:
+def test_nothing_touched_is_a_miss(flat) -> None:
     patch = fit_patch(flat, np.zeros((16, 16)), ~ALL, ALONG_Y, 0.0)
     assert patch == Patch("miss")
     assert patch.jet is None
@@ -227,7 +224,7 @@ def test_nothing_touched_is_a_miss(flat: Pad) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 4, 7])
-def test_a_few_taxels_are_insufficient(count: int, flat: Pad) -> None:
+def test_a_few_taxels_are_insufficient(count, flat) -> None:
     touched = np.zeros((16, 16), bool)
     touched.ravel()[118 : 118 + count] = True
     patch = fit_patch(flat, np.zeros((16, 16)), touched, ALONG_Y, 0.0)
@@ -236,7 +233,7 @@ def test_a_few_taxels_are_insufficient(count: int, flat: Pad) -> None:
     assert patch.confidence == 0.0
 
 
-def test_what_is_enough_for_a_plane_has_a_normal_and_no_curvature(flat: Pad) -> None:
+def test_what_is_enough_for_a_plane_has_a_normal_and_no_curvature(flat) -> None:
     x, y = flat.grid()
     touched = (np.abs(x) < 1.8e-3) & (np.abs(y) < 1.2e-3)
     assert touched.sum() == 8
@@ -248,7 +245,7 @@ def test_what_is_enough_for_a_plane_has_a_normal_and_no_curvature(flat: Pad) -> 
 
 
 @pytest.mark.parametrize("radius", [3.5, 5.0, 8.0])
-def test_partial_contact_is_not_read_as_flat(radius: float, flat: Pad) -> None:
+def test_partial_contact_is_not_read_as_flat(radius, flat) -> None:
     x, y = flat.grid()
     height = 0.02 - np.sqrt(0.02**2 - x**2 - y**2)
     touched = np.hypot(x, y) < radius * 1e-3
@@ -257,7 +254,7 @@ def test_partial_contact_is_not_read_as_flat(radius: float, flat: Pad) -> None:
     assert patch.principal == pytest.approx((50.0, 50.0), rel=0.04)
 
 
-def test_noise_costs_little_curvature_and_is_not_taken_for_an_edge(flat: Pad) -> None:
+def test_noise_costs_little_curvature_and_is_not_taken_for_an_edge(flat) -> None:
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.02
     rng = np.random.default_rng(0)
@@ -300,7 +297,7 @@ def test_two_equal_touches_agree_and_halve_the_variance() -> None:
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, math.pi / 2, 2.5, -1.0])
-def test_how_the_pads_are_turned_makes_no_difference(turn: float) -> None:
+def test_how_the_pads_are_turned_makes_no_difference(turn) -> None:
     parts = (30.0, 5.0, 10.0)
     fused = fuse(begin_fusion(place(parts)), place(parts, turn=turn))
     assert fused.surprise == pytest.approx(0.0, abs=1e-18)
@@ -394,9 +391,7 @@ def test_the_innovation_is_as_large_as_it_is_said_to_be() -> None:
 
 @pytest.mark.parametrize("name", ["sphere", "cylinder", "saddle"])
 @pytest.mark.parametrize("noise", [10e-6, 50e-6])
-def test_fused_is_better_than_single_and_consistent_where_curvature_is_even(
-    name: str, noise: float
-) -> None:
+def test_fused_is_better_than_single_and_consistent_where_curvature_is_even(name, noise) -> None:
     score = score_fusion(name, noise, walks=8)
     assert score.fused < 0.9 * score.single
     assert 1.5 < score.surprise < 4.0
@@ -404,6 +399,6 @@ def test_fused_is_better_than_single_and_consistent_where_curvature_is_even(
 
 @pytest.mark.parametrize("name", ["ellipsoid", "sharp end"])
 @pytest.mark.parametrize("noise", [5e-6, 20e-6])
-def test_fused_is_no_worse_than_single_where_curvature_changes(name: str, noise: float) -> None:
+def test_fused_is_no_worse_than_single_where_curvature_changes(name, noise) -> None:
     score = score_fusion(name, noise, walks=8)
     assert score.fused < 1.05 * score.single

@@ -29,7 +29,7 @@ def touch_ball(pad: Pad, radius: float) -> Patch:
     return fit_patch(pad, -(end.compression + pad.sag()), touched, ALONG_Y, 0.0)
 
 
-def test_trust_falls_with_the_misfit_and_with_the_share_of_touched_taxels(flat: Pad) -> None:
+def test_trust_falls_with_the_misfit_and_with_the_share_of_touched_taxels(flat) -> None:
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.02
     clean = feel(flat, height)
@@ -40,9 +40,7 @@ def test_trust_falls_with_the_misfit_and_with_the_share_of_touched_taxels(flat: 
     assert rough.confidence < 0.9 * clean.confidence
 
 
-def test_gaussian_and_mean_curvature_and_direction_belong_to_the_principal_ones(
-    flat: Pad,
-) -> None:
+def test_gaussian_and_mean_curvature_and_direction_belong_to_the_principal_ones(flat) -> None:
     x, y = flat.grid()
     for turn in (0.0, 0.4, 1.9):
         a = x * math.cos(turn) + y * math.sin(turn)
@@ -58,7 +56,7 @@ def test_gaussian_and_mean_curvature_and_direction_belong_to_the_principal_ones(
         assert again.across == pytest.approx(k1, rel=1e-9)
 
 
-def test_a_direction_is_claimed_only_where_noise_cannot_have_made_it(flat: Pad) -> None:
+def test_a_direction_is_claimed_only_where_noise_cannot_have_made_it(flat) -> None:
     x, y = flat.grid()
     rng = np.random.default_rng(0)
     claimed = {0.0: 0, 20.0: 0}
@@ -72,7 +70,7 @@ def test_a_direction_is_claimed_only_where_noise_cannot_have_made_it(flat: Pad) 
 
 @pytest.mark.parametrize("noise", [2e-6, 20e-6])
 @pytest.mark.parametrize("told", [True, False])
-def test_errors_are_as_large_as_they_are_said_to_be(noise: float, told: bool, flat: Pad) -> None:
+def test_errors_are_as_large_as_they_are_said_to_be(noise, told, flat) -> None:
     x, y = flat.grid()
     rng = np.random.default_rng(1)
     height = 0.1 * x - 0.2 * y + 0.5 * (40 * x**2 + 10 * x * y - 5 * y**2)
@@ -94,7 +92,7 @@ def test_errors_are_as_large_as_they_are_said_to_be(noise: float, told: bool, fl
     assert (spread < 1.5).all()
 
 
-def test_noise_that_was_not_told_is_seen(flat: Pad) -> None:
+def test_noise_that_was_not_told_is_seen(flat) -> None:
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.02 + 8e-6 * np.random.default_rng(2).normal(size=x.shape)
     told, untold, less = (feel(flat, height, noise=noise) for noise in (8e-6, 0.0, 4e-6))
@@ -104,7 +102,7 @@ def test_noise_that_was_not_told_is_seen(flat: Pad) -> None:
     assert more.across_error > 2.0 * told.across_error
 
 
-def test_the_place_lies_on_the_surface_over_the_middle_of_the_contact(flat: Pad) -> None:
+def test_the_place_lies_on_the_surface_over_the_middle_of_the_contact(flat) -> None:
     x, y = flat.grid()
     touched = (x > 0) & (y < 2e-3)
     patch = fit_patch(flat, 0.1 * x + 20 * y**2, touched, ALONG_Y, 0.0)
@@ -113,7 +111,7 @@ def test_the_place_lies_on_the_surface_over_the_middle_of_the_contact(flat: Pad)
     assert patch.place[2] == pytest.approx(0.1 * middle[0] + 20 * middle[1] ** 2)
 
 
-def test_weights_of_nothing_leave_taxels_out(flat: Pad) -> None:
+def test_weights_of_nothing_leave_taxels_out(flat) -> None:
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.02
     spoiled = np.where((x > 5e-3) & (y > 5e-3), 1e-3, height)
@@ -125,7 +123,7 @@ def test_weights_of_nothing_leave_taxels_out(flat: Pad) -> None:
     assert patch.residual < 1e-15
 
 
-def test_eight_percent_of_impulses_cost_little_curvature(flat: Pad) -> None:
+def test_eight_percent_of_impulses_cost_little_curvature(flat) -> None:
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.05
     rng = np.random.default_rng(3)
@@ -145,7 +143,7 @@ def test_eight_percent_of_impulses_cost_little_curvature(flat: Pad) -> None:
     assert np.sqrt(np.mean(np.square(errors))) < 2.0
 
 
-def test_one_impulse_that_no_filter_saw_does_not_make_an_edge(flat: Pad) -> None:
+def test_one_impulse_that_no_filter_saw_does_not_make_an_edge(flat) -> None:
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.03 + 5e-6 * np.random.default_rng(4).normal(size=x.shape)
     for place in ((8, 8), (0, 15), (3, 12)):
@@ -157,9 +155,7 @@ def test_one_impulse_that_no_filter_saw_does_not_make_an_edge(flat: Pad) -> None
 
 
 @pytest.mark.parametrize("count", [32, 52, 112])
-def test_masked_contact_is_within_5_percent_under_noise_from_32_taxels_on(
-    count: int, flat: Pad
-) -> None:
+def test_masked_contact_is_within_5_percent_under_noise_from_32_taxels_on(count, flat) -> None:
     x, y = flat.grid()
     height = 0.02 - np.sqrt(0.02**2 - x**2 - y**2)
     touched = np.zeros(256, bool)
@@ -174,7 +170,7 @@ def test_masked_contact_is_within_5_percent_under_noise_from_32_taxels_on(
     assert np.sqrt(np.mean(np.square(errors))) < 0.05
 
 
-def test_a_wall_that_stands_along_the_pads_normal_is_felt_without_overflow(flat: Pad) -> None:
+def test_a_wall_that_stands_along_the_pads_normal_is_felt_without_overflow(flat) -> None:
     x, _ = flat.grid()
     for steep in (1e3, 1e6, 1e150):
         patch = feel(flat, steep * x)

@@ -34,7 +34,7 @@ def test_without_noise_wiener_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, 1e-3, -7.0, 1e8])
-def test_wiener_keeps_a_constant_frame(value: float) -> None:
+def test_wiener_keeps_a_constant_frame(value) -> None:
     image = np.full((6, 9), value)
     assert np.allclose(adaptive_wiener(image, NOISE**2), image, rtol=1e-15, atol=0)
 
@@ -89,7 +89,7 @@ def test_the_median_of_a_neighbourhood_is_that_of_its_nine_with_reflected_border
         assert np.array_equal(neighbourhoods(image)[row, col], nine)
 
 
-def test_the_median_takes_an_impulse_out_and_keeps_a_step(flat: Pad) -> None:
+def test_the_median_takes_an_impulse_out_and_keeps_a_step(flat) -> None:
     x, _ = flat.grid()
     step = np.where(x > 0, 1e-3, 0.0)
     image = step.copy()
@@ -97,7 +97,7 @@ def test_the_median_takes_an_impulse_out_and_keeps_a_step(flat: Pad) -> None:
     assert np.array_equal(median_filter(image), step)
 
 
-def test_a_median_taken_everywhere_makes_plateaus(flat: Pad) -> None:
+def test_a_median_taken_everywhere_makes_plateaus(flat) -> None:
     x, y = flat.grid()
     top = median_filter(1e-3 - 0.5 * (x**2 + y**2) / 0.02)
     # The four highest taxels, and those around them, are made equal.
@@ -106,7 +106,7 @@ def test_a_median_taken_everywhere_makes_plateaus(flat: Pad) -> None:
 
 
 def test_without_impulses_both_orders_are_worth_the_same_and_with_them_median_first_wins(
-    flat: Pad,
+    flat,
 ) -> None:
     clean = 1.2e-3 + 0.3 * on_a_ball(flat, 0.1)
     rng = np.random.default_rng(7)
@@ -152,7 +152,7 @@ def struck(clean: Floats, share: float, rng: np.random.Generator) -> tuple[Float
 
 
 @pytest.mark.parametrize("share", [0.02, 0.08])
-def test_salt_and_pepper_are_found_and_nothing_else(share: float, flat: Pad) -> None:
+def test_salt_and_pepper_are_found_and_nothing_else(share, flat) -> None:
     rng = np.random.default_rng(0)
     missed = wrong = all_of_them = 0
     for _ in range(60):
@@ -170,7 +170,7 @@ def test_salt_and_pepper_are_found_and_nothing_else(share: float, flat: Pad) -> 
     assert wrong == 0
 
 
-def test_a_fifth_of_impulses_is_mostly_found(flat: Pad) -> None:
+def test_a_fifth_of_impulses_is_mostly_found(flat) -> None:
     rng = np.random.default_rng(1)
     missed = wrong = all_of_them = 0
     for _ in range(40):
@@ -186,9 +186,7 @@ def test_a_fifth_of_impulses_is_mostly_found(flat: Pad) -> None:
 
 @pytest.mark.parametrize("pair", ACROSS)
 @pytest.mark.parametrize("value", [0.0, DEEPEST])
-def test_two_impulses_side_by_side_are_both_found(
-    pair: tuple[tuple[int, int], tuple[int, int]], value: float, flat: Pad
-) -> None:
+def test_two_impulses_side_by_side_are_both_found(pair, value, flat) -> None:
     clean = 1.2e-3 + 0.3 * bump(flat, radius=0.1)
     frame = clean + NOISE * np.random.default_rng(2).normal(size=clean.shape)
     for place in pair:
@@ -198,7 +196,7 @@ def test_two_impulses_side_by_side_are_both_found(
     assert np.abs(found.image - clean).max() < 0.1e-3
 
 
-def test_salt_beside_the_contact_is_found(flat: Pad) -> None:
+def test_salt_beside_the_contact_is_found(flat) -> None:
     clean = bump(flat, depth=0.4e-3, radius=0.02)
     assert (clean > 0).sum() < 60
     frame = clean.copy()
@@ -210,7 +208,7 @@ def test_salt_beside_the_contact_is_found(flat: Pad) -> None:
     assert np.array_equal(found.image > CONTACT, clean > CONTACT)
 
 
-def test_salt_on_a_pad_that_touches_nothing_is_found(flat: Pad) -> None:
+def test_salt_on_a_pad_that_touches_nothing_is_found(flat) -> None:
     rng = np.random.default_rng(3)
     for _ in range(20):
         frame = NOISE * rng.normal(size=(16, 16))
@@ -220,7 +218,7 @@ def test_salt_on_a_pad_that_touches_nothing_is_found(flat: Pad) -> None:
         assert touched <= 4  # four in a square pass for a tip
 
 
-def test_an_impulse_up_and_one_down_do_not_hold_each_other(flat: Pad) -> None:
+def test_an_impulse_up_and_one_down_do_not_hold_each_other(flat) -> None:
     clean = np.full((16, 16), 1.2e-3)
     frame = clean.copy()
     frame[8, 7], frame[8, 9] = 2.4e-3, 0.0
@@ -229,7 +227,7 @@ def test_an_impulse_up_and_one_down_do_not_hold_each_other(flat: Pad) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in SURFACES if name not in ("grazing", "nothing")])
-def test_faces_edges_corners_steps_and_rims_are_not_taken_for_impulses(name: str) -> None:
+def test_faces_edges_corners_steps_and_rims_are_not_taken_for_impulses(name) -> None:
     rng = np.random.default_rng(4)
     taxels = wrong = 0
     for _ in range(80):
@@ -246,7 +244,7 @@ def test_faces_edges_corners_steps_and_rims_are_not_taken_for_impulses(name: str
     assert wrong <= (1e-2 if name == "rim" else 1e-3) * taxels
 
 
-def test_clean_frames_come_back_as_they_are(flat: Pad, domed: Pad) -> None:
+def test_clean_frames_come_back_as_they_are(flat, domed) -> None:
     x, y = flat.grid()
     frames = [np.zeros((16, 16)), np.full((16, 16), 1e-3), 2.0 * x, 0.49 * (x + y)]
     frames += [np.maximum(1e-3 - np.abs(x), 0.0), np.maximum(1e-3 - np.maximum(x, y), 0.0)]
@@ -262,7 +260,7 @@ def test_clean_frames_come_back_as_they_are(flat: Pad, domed: Pad) -> None:
         assert np.array_equal(found.image, frame)
 
 
-def test_the_tip_of_a_corner_and_of_a_cone_are_left_alone(flat: Pad) -> None:
+def test_the_tip_of_a_corner_and_of_a_cone_are_left_alone(flat) -> None:
     x, y = flat.grid()
     for steep in (0.5, 0.7, 1.0, 1.5):
         for off in (0.0, 0.25e-3, 0.5e-3):
@@ -276,14 +274,14 @@ def test_the_tip_of_a_corner_and_of_a_cone_are_left_alone(flat: Pad) -> None:
                 assert not remove_impulses(flat, image, CONTACT, NOISE).impulses.any()
 
 
-def test_noise_alone_has_no_impulses(flat: Pad) -> None:
+def test_noise_alone_has_no_impulses(flat) -> None:
     rng = np.random.default_rng(5)
     for _ in range(100):
         frame = bump(flat) + 50e-6 * rng.normal(size=(16, 16))
         assert not remove_impulses(flat, frame, 250e-6, 50e-6).impulses.any()
 
 
-def test_it_is_the_same_in_millimetres(flat: Pad) -> None:
+def test_it_is_the_same_in_millimetres(flat) -> None:
     rng = np.random.default_rng(6)
     large = Pad(16, 16, 1.0, 3.0, 0.0, 0.8)
     for _ in range(20):
@@ -294,7 +292,7 @@ def test_it_is_the_same_in_millimetres(flat: Pad) -> None:
         assert np.allclose(1e3 * metres.image, other.image, atol=1e-9)
 
 
-def test_a_contact_on_one_line_has_no_jet_and_keeps_its_taxels(flat: Pad) -> None:
+def test_a_contact_on_one_line_has_no_jet_and_keeps_its_taxels(flat) -> None:
     blade = np.zeros((16, 16))
     blade[8, :] = 1e-3
     assert not remove_impulses(flat, blade, CONTACT, NOISE).impulses.any()

@@ -201,7 +201,7 @@ def test_a_direction_along_the_normal_has_no_curvature() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-9, 1e-3, 1.0, math.pi - 1e-9, math.pi])
-def test_an_angle_of_1e_9_survives(angle: float) -> None:
+def test_an_angle_of_1e_9_survives(angle) -> None:
     one = np.array([0.0, 0.0, 5.0])
     other = np.array([3.0 * math.sin(angle), 0.0, 3.0 * math.cos(angle)])
     assert angle_between(one, other) == pytest.approx(angle, rel=1e-9, abs=1e-305)
@@ -237,7 +237,7 @@ def promised(derivatives: Floats, factor: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_errors_are_the_scatter_under_noise_however_the_surface_leans(seed: int) -> None:
+def test_errors_are_the_scatter_under_noise_however_the_surface_leans(seed) -> None:
     rng = np.random.default_rng(seed)
     derivatives = rng.normal(size=5)
     factor = rng.normal(size=(5, 7))

@@ -48,9 +48,7 @@ def above(height: float) -> Floats:
 
 
 @KINDS
-def test_a_pad_whose_transducers_start_inside_says_inside(
-    make: Make, ball: Superquadric, flat: Pad
-) -> None:
+def test_a_pad_whose_transducers_start_inside_says_inside(make, ball, flat) -> None:
     for height in (0.026, 0.0, -0.02, -0.0295):  # the last in the far half, near the exit
         end = guarded_move(make(ball), flat, above(height), REACH, 1e-3)
         assert end.outcome == "inside"
@@ -59,30 +57,26 @@ def test_a_pad_whose_transducers_start_inside_says_inside(
 
 @KINDS
 def test_a_pad_whose_face_starts_inside_says_inside_though_its_transducers_are_outside(
-    make: Make, ball: Superquadric, flat: Pad
+    make, ball, flat
 ) -> None:
     assert guarded_move(make(ball), flat, above(0.0298), REACH, 1e-3).outcome == "inside"
 
 
 @KINDS
-def test_the_exit_out_of_reach_does_not_hide_that_the_start_is_inside(
-    make: Make, flat: Pad
-) -> None:
+def test_the_exit_out_of_reach_does_not_hide_that_the_start_is_inside(make, flat) -> None:
     deep = make(Superquadric(np.array([0.05, 0.05, 0.5]), np.ones(2)))
     assert guarded_move(deep, flat, above(0.4), 1e-3, 1e-3).outcome == "inside"
 
 
 @KINDS
-def test_a_press_past_saturation_bottoms(make: Make, ball: Superquadric, flat: Pad) -> None:
+def test_a_press_past_saturation_bottoms(make, ball, flat) -> None:
     end = guarded_move(make(ball), flat, above(0.05), REACH, 2.9e-3)
     assert end.outcome == "bottomed"
     assert end.compression.max() == pytest.approx(2.4e-3, abs=EXACT)
 
 
 @KINDS
-def test_a_pad_beside_the_object_or_too_far_misses(
-    make: Make, ball: Superquadric, flat: Pad
-) -> None:
+def test_a_pad_beside_the_object_or_too_far_misses(make, ball, flat) -> None:
     aside = pose_of(np.array([0.04, 0.0, 0.05]), FACING_DOWN)
     for start, reach in ((aside, REACH), (above(0.05), 0.0199), (above(-0.05), REACH)):
         end = guarded_move(make(ball), flat, start, reach, 1e-3)
@@ -92,7 +86,7 @@ def test_a_pad_beside_the_object_or_too_far_misses(
 
 
 @KINDS
-def test_a_hit_is_felt_where_the_object_is(make: Make, ball: Superquadric, flat: Pad) -> None:
+def test_a_hit_is_felt_where_the_object_is(make, ball, flat) -> None:
     end = guarded_move(make(ball), flat, above(0.05), REACH, 1e-3)
     x, y = flat.grid()
     wanted = np.sqrt(0.03**2 - x**2 - y**2)
@@ -107,7 +101,7 @@ def test_a_hit_is_felt_where_the_object_is(make: Make, ball: Superquadric, flat:
 )
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("warp", [False, True])
-def test_a_ray_on_the_axis_is_exact(exponents: tuple[float, float], axis: int, warp: bool) -> None:
+def test_a_ray_on_the_axis_is_exact(exponents, axis, warp) -> None:
     solid = Superquadric(np.array([0.02, 0.03, 0.04]), np.array(exponents))
     shape: Shape = unwarped(solid) if warp else solid
     odd = Pad(rows=15, cols=15, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
@@ -122,7 +116,7 @@ def test_a_ray_on_the_axis_is_exact(exponents: tuple[float, float], axis: int, w
 
 
 @KINDS
-def test_a_plate_of_1_mm_pressed_by_2_mm_is_felt_on_its_near_side(make: Make, flat: Pad) -> None:
+def test_a_plate_of_1_mm_pressed_by_2_mm_is_felt_on_its_near_side(make, flat) -> None:
     plate = make(Superquadric(np.array([0.03, 0.03, 0.0005]), np.full(2, 0.05)))
     end = guarded_move(plate, flat, above(0.05), REACH, 2e-3)
     assert end.outcome == "hit"
@@ -133,7 +127,7 @@ def test_a_plate_of_1_mm_pressed_by_2_mm_is_felt_on_its_near_side(make: Make, fl
 @KINDS
 @pytest.mark.parametrize(("aside", "felt"), [(0.0, 0), (0.5e-3, 1)])
 def test_an_object_finer_than_the_pitch_is_felt_on_a_taxel_and_not_between_taxels(
-    make: Make, aside: float, felt: int, flat: Pad
+    make, aside, felt, flat
 ) -> None:
     """Honest: the pad has no taxel there, and says so."""
     pin = make(Superquadric(np.full(3, 0.4e-3), np.ones(2)))
@@ -147,9 +141,7 @@ def test_an_object_finer_than_the_pitch_is_felt_on_a_taxel_and_not_between_taxel
 
 
 @KINDS
-def test_an_object_smaller_than_the_pad_is_felt_by_the_taxels_over_it_alone(
-    make: Make, flat: Pad
-) -> None:
+def test_an_object_smaller_than_the_pad_is_felt_by_the_taxels_over_it_alone(make, flat) -> None:
     small = make(Superquadric(np.full(3, 0.004), np.ones(2)))
     end = guarded_move(small, flat, above(0.05), REACH, 0.3e-3)
     assert end.outcome == "hit"
@@ -161,7 +153,7 @@ def test_an_object_smaller_than_the_pad_is_felt_by_the_taxels_over_it_alone(
     assert (whole.indentation[np.hypot(x, y) > 0.004] == -np.inf).all()
 
 
-def test_400_random_exponents_and_tilts_agree_with_the_definition(flat: Pad) -> None:
+def test_400_random_exponents_and_tilts_agree_with_the_definition(flat) -> None:
     rng = np.random.default_rng(6)
     worst, hits = 0.0, 0
     for _ in range(400):
@@ -181,7 +173,7 @@ def test_400_random_exponents_and_tilts_agree_with_the_definition(flat: Pad) -> 
     assert worst < EXACT
 
 
-def test_the_gauge_does_not_overflow_at_the_smallest_exponents(flat: Pad) -> None:
+def test_the_gauge_does_not_overflow_at_the_smallest_exponents(flat) -> None:
     for exponents in ((0.02, 0.02), (0.02, 2.0), (2.0, 0.02)):
         solid = Superquadric(np.array([0.03, 0.001, 0.04]), np.array(exponents))
         for far in (0.1, 9.0):
@@ -192,7 +184,7 @@ def test_the_gauge_does_not_overflow_at_the_smallest_exponents(flat: Pad) -> Non
             assert guarded_move(solid, flat, above(-far), 10.0, 1e-3).outcome == "miss"
 
 
-def test_an_edge_met_at_45_degrees_and_a_corner_along_its_diagonal_are_exact(flat: Pad) -> None:
+def test_an_edge_met_at_45_degrees_and_a_corner_along_its_diagonal_are_exact(flat) -> None:
     for exponent, corner in ((0.05, (1.0, 1.0, 0.0)), (0.1, (1.0, 1.0, 1.0))):
         solid = Superquadric(np.full(3, 0.02), np.full(2, exponent))
         out = np.array(corner) / math.sqrt(sum(corner))
@@ -207,9 +199,7 @@ def test_an_edge_met_at_45_degrees_and_a_corner_along_its_diagonal_are_exact(fla
 
 
 @pytest.mark.parametrize("warp", [False, True])
-def test_rays_along_a_face_meet_what_is_within_it_and_miss_what_is_beside(
-    warp: bool, flat: Pad
-) -> None:
+def test_rays_along_a_face_meet_what_is_within_it_and_miss_what_is_beside(warp, flat) -> None:
     """A pad over the edge of a box: half its rays run along the side."""
     solid = Superquadric(np.array([0.0075, 0.03, 0.04]), np.full(2, 0.05))
     shape: Shape = unwarped(solid) if warp else solid

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
@@ -11,10 +10,9 @@ import pytest
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.poses import FACING_DOWN, pose_of
-from palpate.core.shapes.protocol import Mesh, PosedShape
-from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.shapes.protocol import PosedShape
 from palpate.core.shapes.triangle_meshes import TriangleShape
-from palpate.core.touch.pad import Pad, guarded_move
+from palpate.core.touch.pad import guarded_move
 
 REACH = 0.1
 EXACT = 1e-12
@@ -35,7 +33,7 @@ def slab(half: Floats) -> tuple[Floats, Ints]:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_sharp_plate_of_1_mm_pressed_by_2_mm_is_felt_exactly(backend: bool, flat: Pad) -> None:
+def test_a_sharp_plate_of_1_mm_pressed_by_2_mm_is_felt_exactly(backend, flat) -> None:
     plate = TriangleShape(*slab(np.array([0.03, 0.03, 0.0005])), backend)
     end = guarded_move(plate, flat, above(0.05), REACH, 2e-3)
     assert end.outcome == "hit"
@@ -43,7 +41,7 @@ def test_a_sharp_plate_of_1_mm_pressed_by_2_mm_is_felt_exactly(backend: bool, fl
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_nothing_is_felt_through_a_hole_but_the_wall_behind_it(backend: bool, flat: Pad) -> None:
+def test_nothing_is_felt_through_a_hole_but_the_wall_behind_it(backend, flat) -> None:
     corners, faces = slab(np.array([0.03, 0.03, 0.02]))
     top = (corners[faces][:, :, 2] > 0).all(axis=1)
     assert top.sum() == 2
@@ -63,7 +61,7 @@ def test_nothing_is_felt_through_a_hole_but_the_wall_behind_it(backend: bool, fl
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_through_a_hole_a_ray_goes_on_to_the_next_front_face(backend: bool, flat: Pad) -> None:
+def test_through_a_hole_a_ray_goes_on_to_the_next_front_face(backend, flat) -> None:
     corners, faces = slab(np.array([0.03, 0.03, 0.01]))
     top = (corners[faces][:, :, 2] > 0).all(axis=1)
     lower = corners - [0.0, 0.0, 0.04]
@@ -75,9 +73,7 @@ def test_through_a_hole_a_ray_goes_on_to_the_next_front_face(backend: bool, flat
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_mesh_that_is_inside_out_is_turned(
-    backend: bool, ball: Superquadric, flat: Pad, signed_volume: Callable[[Mesh], float]
-) -> None:
+def test_a_mesh_that_is_inside_out_is_turned(backend, ball, flat, signed_volume) -> None:
     vertices, faces = ball.mesh(4)
     right = TriangleShape(vertices, faces, backend)
     turned = TriangleShape(vertices, faces[:, ::-1], backend)
@@ -90,7 +86,7 @@ def test_a_mesh_that_is_inside_out_is_turned(
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_rays_along_the_silhouette_of_a_mesh_do_not_start_inside(backend: bool, flat: Pad) -> None:
+def test_rays_along_the_silhouette_of_a_mesh_do_not_start_inside(backend, flat) -> None:
     """Edges and side faces seen edge-on show a back face as near as a front face."""
     box = TriangleShape(*slab(np.array([0.0075, 0.0035, 0.02])), backend)
     for aside in (0.0, 0.5e-3, 1e-3, 7e-3, 15e-3):  # taxels run exactly along the sides
@@ -104,7 +100,7 @@ def test_rays_along_the_silhouette_of_a_mesh_do_not_start_inside(backend: bool, 
 
 
 @NO_EMBREE
-def test_embree_and_the_z_buffer_feel_the_same(ball: Superquadric, domed: Pad) -> None:
+def test_embree_and_the_z_buffer_feel_the_same(ball, domed) -> None:
     corners, faces = slab(np.array([0.03, 0.02, 0.01]))
     shapes: list[tuple[Floats, Ints]] = [tuple(ball.mesh(4)), (corners, faces)]  # type: ignore
     shapes += [(corners, faces[:, ::-1]), (corners, faces[1:]), (corners, faces[4:, ::-1])]

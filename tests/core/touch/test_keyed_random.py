@@ -1,21 +1,17 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.touch.effect import Fingertip
 from palpate.core.touch.keyed_random import KeyedRandom
 
-MakeFinger = Callable[..., Fingertip]
-
 
 def drawn(finger: Fingertip, name: str, number: int) -> Floats:
     return KeyedRandom(finger, name).of_touch(number).standard_normal(4096)
 
 
-def test_a_touch_can_be_drawn_again_after_any_other(make_finger: MakeFinger) -> None:
+def test_a_touch_can_be_drawn_again_after_any_other(make_finger) -> None:
     draws = KeyedRandom(make_finger(), "drift")
     first = draws.of_touch(5).standard_normal(100)
     draws.once().random(7)
@@ -24,7 +20,7 @@ def test_a_touch_can_be_drawn_again_after_any_other(make_finger: MakeFinger) -> 
     assert np.array_equal(drawn(make_finger(), "drift", 5)[:100], first)
 
 
-def test_what_is_drawn_once_is_apart_from_every_touch(make_finger: MakeFinger) -> None:
+def test_what_is_drawn_once_is_apart_from_every_touch(make_finger) -> None:
     draws = KeyedRandom(make_finger(), "drift")
     once = draws.once().random(10_000)
     again = draws.once().random(10_000)
@@ -33,7 +29,7 @@ def test_what_is_drawn_once_is_apart_from_every_touch(make_finger: MakeFinger) -
     assert not np.intersect1d(once, first).size
 
 
-def test_seed_finger_effect_and_touch_each_give_other_numbers(make_finger: MakeFinger) -> None:
+def test_seed_finger_effect_and_touch_each_give_other_numbers(make_finger) -> None:
     samples = [
         drawn(make_finger(), "drift", 3),
         drawn(make_finger(seed=8), "drift", 3),
@@ -46,7 +42,7 @@ def test_seed_finger_effect_and_touch_each_give_other_numbers(make_finger: MakeF
     assert np.abs(correlations).max() < 5 / np.sqrt(4096)
 
 
-def test_numbers_of_successive_touches_are_independent(make_finger: MakeFinger) -> None:
+def test_numbers_of_successive_touches_are_independent(make_finger) -> None:
     draws = KeyedRandom(make_finger(), "drift")
     series = np.array([draws.of_touch(number).standard_normal() for number in range(4096)])
     for lag in (1, 2, 3):

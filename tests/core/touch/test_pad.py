@@ -26,16 +26,14 @@ def test_the_grid_is_centred_with_x_along_columns_and_y_along_rows() -> None:
     assert np.allclose(y, np.array([-0.002, 0.0, 0.002])[:, None])
 
 
-def test_a_dome_falls_back_as_a_paraboloid_and_a_flat_pad_not_at_all(flat: Pad, domed: Pad) -> None:
+def test_a_dome_falls_back_as_a_paraboloid_and_a_flat_pad_not_at_all(flat, domed) -> None:
     x, y = domed.grid()
     assert np.allclose(domed.sag(), (x**2 + y**2) / (2 * 0.015))
     assert (flat.sag() == 0.0).all()
 
 
 @pytest.mark.parametrize("depth", [0.1e-3, 1e-3, 2.2e-3])
-def test_a_hit_reaches_the_asked_depth_at_its_deepest_taxel(
-    depth: float, flat: Pad, domed: Pad, ball: Superquadric
-) -> None:
+def test_a_hit_reaches_the_asked_depth_at_its_deepest_taxel(depth, flat, domed, ball) -> None:
     for pad in (flat, domed):
         end = guarded_move(ball, pad, ABOVE, 0.05, depth)
         assert end.outcome == "hit"
@@ -45,9 +43,7 @@ def test_a_hit_reaches_the_asked_depth_at_its_deepest_taxel(
         assert end.pose[2] == pytest.approx(0.05 - end.advance)
 
 
-def test_the_touched_face_takes_the_shape_of_the_surface(
-    flat: Pad, domed: Pad, ball: Superquadric
-) -> None:
+def test_the_touched_face_takes_the_shape_of_the_surface(flat, domed, ball) -> None:
     for pad in (flat, domed):
         end = guarded_move(ball, pad, ABOVE, 0.05, 1e-3)
         x, y = pad.grid()
@@ -59,9 +55,7 @@ def test_the_touched_face_takes_the_shape_of_the_surface(
         assert (x**2 + y**2 + face**2 >= 0.03**2 * (1 - 1e-12))[~touched].all()
 
 
-def test_one_cast_is_as_good_as_many_small_steps(
-    flat: Pad, box: Superquadric, rotations: Callable[[int], Floats]
-) -> None:
+def test_one_cast_is_as_good_as_many_small_steps(flat, box, rotations) -> None:
     for axes in rotations(4):
         shape = PosedShape(box, pose_of(np.zeros(3), axes))
         pose, steps = pose_of(np.array([0.0, 0.0, 0.08]), FACING_DOWN), 0
@@ -77,9 +71,7 @@ def test_one_cast_is_as_good_as_many_small_steps(
         assert np.allclose(step.compression, whole.compression, rtol=0, atol=1e-11)
 
 
-def test_a_miss_ends_where_the_reach_ends_with_an_untouched_pad(
-    flat: Pad, ball: Superquadric
-) -> None:
+def test_a_miss_ends_where_the_reach_ends_with_an_untouched_pad(flat, ball) -> None:
     end = guarded_move(ball, flat, ABOVE, 0.0199, 1e-3)
     assert end.outcome == "miss"
     assert end.advance == 0.0199
@@ -87,9 +79,7 @@ def test_a_miss_ends_where_the_reach_ends_with_an_untouched_pad(
     assert (end.compression == 0.0).all()
 
 
-def test_reach_counts_to_first_contact_and_depth_comes_after_it(
-    flat: Pad, ball: Superquadric
-) -> None:
+def test_reach_counts_to_first_contact_and_depth_comes_after_it(flat, ball) -> None:
     gap = 0.05 - np.sqrt(0.03**2 - 2 * 0.0005**2)  # the middle four taxels are 0.5 mm off
     assert guarded_move(ball, flat, ABOVE, gap - 1e-9, 1e-3).outcome == "miss"
     end = guarded_move(ball, flat, ABOVE, gap + 1e-9, 1e-3)
@@ -98,16 +88,14 @@ def test_reach_counts_to_first_contact_and_depth_comes_after_it(
 
 
 @pytest.mark.parametrize(("height", "outcome"), [(0.0329, "hit"), (0.0, "inside")])
-def test_a_pad_that_starts_in_the_object_does_not_move(
-    height: float, outcome: str, flat: Pad, ball: Superquadric
-) -> None:
+def test_a_pad_that_starts_in_the_object_does_not_move(height, outcome, flat, ball) -> None:
     end = guarded_move(ball, flat, pose_of(np.array([0.0, 0.0, height]), FACING_DOWN), 0.05, 1e-3)
     assert end.outcome == outcome
     assert (end.advance == 0.0) == (outcome == "inside")
 
 
 def test_a_face_that_starts_in_the_object_with_its_transducers_outside_is_inside(
-    flat: Pad, ball: Superquadric
+    flat, ball
 ) -> None:
     start = pose_of(np.array([0.0, 0.0, 0.0299]), FACING_DOWN)
     end = guarded_move(ball, flat, start, 0.05, 1e-3)
@@ -116,24 +104,20 @@ def test_a_face_that_starts_in_the_object_with_its_transducers_outside_is_inside
     assert (end.compression == 0.0).all()
 
 
-def test_a_press_beyond_saturation_bottoms(flat: Pad, ball: Superquadric) -> None:
+def test_a_press_beyond_saturation_bottoms(flat, ball) -> None:
     end = guarded_move(ball, flat, ABOVE, 0.05, 2.9e-3)
     assert end.outcome == "bottomed"
     assert end.compression.max() == pytest.approx(0.8 * 3e-3)
 
 
-def test_a_thin_plate_is_felt_on_the_near_side_even_if_pressed_beyond_the_far_one(
-    flat: Pad,
-) -> None:
+def test_a_thin_plate_is_felt_on_the_near_side_even_if_pressed_beyond_the_far_one(flat) -> None:
     plate = Superquadric(np.array([0.05, 0.05, 0.0005]), np.full(2, 0.05))
     end = guarded_move(plate, flat, ABOVE, 0.06, 2e-3)
     assert end.outcome == "hit"
     assert np.allclose(end.compression, 2e-3, atol=1e-12)
 
 
-def test_the_pad_moves_along_its_own_normal(
-    domed: Pad, ball: Superquadric, rotations: Callable[[int], Floats]
-) -> None:
+def test_the_pad_moves_along_its_own_normal(domed, ball, rotations) -> None:
     for axes in rotations(5):
         start = pose_of(-0.05 * axes[:, 2], axes)
         end = guarded_move(ball, domed, start, 0.05, 1e-3)
@@ -144,7 +128,6 @@ def test_the_pad_moves_along_its_own_normal(
         assert np.allclose(end.compression, end.compression[::-1, ::-1], atol=1e-12)
 
 
-MakeFinger = Callable[..., Fingertip]
 MakeTouch = Callable[..., SimulatedTouch]
 LEAST = 50e-6
 SURFACES: dict[str, Callable[[Floats, Floats], Floats]] = {
@@ -172,7 +155,7 @@ def pressed(
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize("effect", [HalfSpace(), Tenting(), Tenting(decay=2e-3)], ids=repr)
 def test_the_skirt_about_a_contact_is_not_a_contact(
-    effect: HalfSpace | Tenting, surface: str, make_finger: MakeFinger, make_touch: MakeTouch
+    effect, surface, make_finger, make_touch
 ) -> None:
     pad, reading, truly = pressed(effect, make_finger(), make_touch, surface)
     found = contact_mask(pad, reading, LEAST, 0.0)
@@ -185,14 +168,14 @@ def test_the_skirt_about_a_contact_is_not_a_contact(
     assert found[np.unravel_index(reading.argmax(), reading.shape)]
 
 
-def test_on_springs_what_is_compressed_is_touched(make_finger: MakeFinger) -> None:
+def test_on_springs_what_is_compressed_is_touched(make_finger) -> None:
     pad = make_finger().pad
     reading = SURFACES["ball"](*pad.grid())
     assert np.array_equal(contact_mask(pad, reading, LEAST, 0.0), reading > LEAST)
 
 
 @pytest.mark.parametrize("face", [FaceModel("membrane", 1e-3), FaceModel("half_space")])
-def test_noise_over_nothing_is_not_a_contact(face: FaceModel, make_finger: MakeFinger) -> None:
+def test_noise_over_nothing_is_not_a_contact(face, make_finger) -> None:
     pad = replace(make_finger().pad, face=face)
     rng = np.random.default_rng(0)
     noise = 10e-6 * rng.standard_normal((200, pad.rows, pad.cols))
@@ -200,9 +183,7 @@ def test_noise_over_nothing_is_not_a_contact(face: FaceModel, make_finger: MakeF
 
 
 @pytest.mark.parametrize("face", [FaceModel("membrane", 1e-3), FaceModel("half_space")])
-def test_noise_beside_a_contact_is_not_a_contact(
-    face: FaceModel, make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_noise_beside_a_contact_is_not_a_contact(face, make_finger, make_touch) -> None:
     effect = HalfSpace() if face.kind == "half_space" else Tenting()
     pad, reading, truly = pressed(effect, make_finger(), make_touch, "ball")
     rng = np.random.default_rng(1)
@@ -237,7 +218,7 @@ def test_force_is_stiffness_times_compression_as_in_1_2() -> None:
 
 
 @pytest.mark.parametrize("sheet", [ECHO, FORCE])
-def test_compression_survives_the_way_through_the_signal(sheet: Calibration) -> None:
+def test_compression_survives_the_way_through_the_signal(sheet) -> None:
     compression = np.random.default_rng(0).uniform(0.0, 2.4e-3, (16, 16))
     back = sheet.decode(sheet.encode(compression))
     assert np.allclose(back, compression, rtol=0, atol=2e-18)

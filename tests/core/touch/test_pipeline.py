@@ -3,7 +3,6 @@ from __future__ import annotations
 import itertools
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -19,9 +18,6 @@ from palpate.core.touch.keyed_random import KeyedRandom
 from palpate.core.touch.pad import guarded_move
 from palpate.core.touch.pipeline import Pipeline, advanced_pose, assemble, cast_single_rays
 
-MakeFinger = Callable[..., Fingertip]
-MakeTouch = Callable[..., SimulatedTouch]
-Values = Callable[[SimulatedTouch], dict[str, Any]]
 IDEAL = """
 import sys
 import numpy as np
@@ -94,9 +90,7 @@ def test_an_ideal_touch_imports_no_effect_and_no_random_number() -> None:
     assert "palpate.core.touch.keyed_random" not in loaded
 
 
-def test_without_effects_the_array_reads_the_compression(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_without_effects_the_array_reads_the_compression(make_finger, make_touch) -> None:
     pipeline = assemble(make_finger(), [])
     (touch,) = felt(pipeline, [make_touch()])
     assert touch.outcome == "hit"
@@ -106,15 +100,13 @@ def test_without_effects_the_array_reads_the_compression(
 
 @pytest.mark.parametrize("given", [{}, {"reach": 1e-3}, {"depth": 2.9e-3}])
 def test_an_array_of_forces_reads_the_compression_too_if_its_springs_are_ideal(
-    given: dict[str, float], make_finger: MakeFinger, make_touch: MakeTouch
+    given, make_finger, make_touch
 ) -> None:
     (touch,) = felt(assemble(make_finger(signal="force"), []), [make_touch(**given)])
     assert np.allclose(touch.reading, touch.compression, rtol=1e-15, atol=0.0)
 
 
-def test_stages_act_by_place_and_within_a_place_as_given(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_stages_act_by_place_and_within_a_place_as_given(make_finger, make_touch) -> None:
     notes: list[str] = []
     marks = [Mark(phase, f"{phase.name} {i}", notes) for i in (1, 2) for phase in reversed(Phase)]
     marks = [mark for mark in marks if mark.phase is not Phase.CAST]
@@ -123,9 +115,7 @@ def test_stages_act_by_place_and_within_a_place_as_given(
     assert notes == [f"{p.name} {i}" for p in Phase if p is not Phase.CAST for i in (1, 2)]
 
 
-def test_an_effect_of_the_cast_takes_its_place(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_an_effect_of_the_cast_takes_its_place(make_finger, make_touch) -> None:
     notes: list[str] = []
     pipeline = assemble(make_finger(), [Mark(Phase.CAST, "cast", notes)])  # type: ignore[list-item]
     with pytest.raises(ValueError, match="no finite"):  # nobody has cast anything
@@ -133,13 +123,13 @@ def test_an_effect_of_the_cast_takes_its_place(
     assert notes == ["cast"]
 
 
-def test_two_effects_of_the_cast_are_refused(make_finger: MakeFinger) -> None:
+def test_two_effects_of_the_cast_are_refused(make_finger) -> None:
     marks = [Mark(Phase.CAST, name, []) for name in "ab"]
     with pytest.raises(ValueError, match="Mark and Mark both say how a taxel sees the surface"):
         assemble(make_finger(), marks)  # type: ignore[arg-type]
 
 
-def test_each_stage_is_given_its_own_state(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+def test_each_stage_is_given_its_own_state(make_finger, make_touch) -> None:
     marks = [Mark(Phase.SIGNAL, "a", []), Mark(Phase.AIM, "b", [])]
     pipeline = assemble(make_finger(), marks)  # type: ignore[arg-type]
     assert pipeline.begin() == (0, None, None, 0)
@@ -147,14 +137,12 @@ def test_each_stage_is_given_its_own_state(make_finger: MakeFinger, make_touch: 
     assert after == (6, None, None, 9)
 
 
-def test_noises_of_the_stages_add_as_squares(make_finger: MakeFinger) -> None:
+def test_noises_of_the_stages_add_as_squares(make_finger) -> None:
     assert assemble(make_finger(), []).noise == 0.0
     assert assemble(make_finger(), [Loud(3e-6), Loud(4e-6)]).noise == pytest.approx(5e-6)
 
 
-def test_the_order_of_a_list_does_not_matter(
-    make_finger: MakeFinger, make_touch: MakeTouch, values_of: Values
-) -> None:
+def test_the_order_of_a_list_does_not_matter(make_finger, make_touch, values_of) -> None:
     names = ("quantisation", "gaussian_noise", "arm_backlash", "pose_error")
     found = []
     for order in itertools.permutations(names):
@@ -187,7 +175,7 @@ def noise_beside(other: str, finger: Fingertip, touches: list[SimulatedTouch]) -
 
 @pytest.mark.parametrize("other", [name for name in EFFECT_NAMES if name != "gaussian_noise"])
 def test_an_effect_that_is_added_does_not_change_the_draws_of_another(
-    other: str, make_finger: MakeFinger, make_touch: MakeTouch
+    other, make_finger, make_touch
 ) -> None:
     finger = make_finger()
     # A hit, a miss and a press to the bottom: what came of a touch changes no draw either.
@@ -235,9 +223,7 @@ class Odd:
         ("noise", "the effect Odd has a noise of nan"),
     ],
 )
-def test_an_effect_that_cannot_be_prepared_is_named(
-    wrong: str, words: str, make_finger: Callable[..., Fingertip]
-) -> None:
+def test_an_effect_that_cannot_be_prepared_is_named(wrong, words, make_finger) -> None:
     with pytest.raises(ValueError, match=words):
         assemble(make_finger(), [Odd(wrong)])
 
@@ -252,22 +238,17 @@ def test_an_effect_that_cannot_be_prepared_is_named(
         ("copies", "is sent 0 times"),
     ],
 )
-def test_what_an_effect_leaves_is_checked(
-    wrong: str,
-    words: str,
-    make_finger: Callable[..., Fingertip],
-    make_touch: Callable[..., SimulatedTouch],
-) -> None:
+def test_what_an_effect_leaves_is_checked(wrong, words, make_finger, make_touch) -> None:
     pipeline = assemble(make_finger(), [Odd(wrong)])
     with pytest.raises(ValueError, match=words):
         pipeline.simulate(make_touch(), pipeline.begin())
 
 
-def test_every_stage_has_a_name(make_finger: Callable[..., Fingertip]) -> None:
+def test_every_stage_has_a_name(make_finger) -> None:
     assert assemble(make_finger(), [Odd()]).names == ("cast", "transducer", "Odd")
 
 
-def test_a_touch_holds_what_the_press_was(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+def test_a_touch_holds_what_the_press_was(make_finger, make_touch) -> None:
     finger, touch = make_finger(), make_touch()
     end = guarded_move(touch.shape, finger.pad, touch.actual, touch.reach, touch.depth)
     cast_single_rays(finger, touch)
@@ -277,18 +258,14 @@ def test_a_touch_holds_what_the_press_was(make_finger: MakeFinger, make_touch: M
     assert np.array_equal(touch.actual, end.pose)
 
 
-def test_pressure_is_the_force_of_each_taxel_over_its_area(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_pressure_is_the_force_of_each_taxel_over_its_area(make_finger, make_touch) -> None:
     finger, touch = make_finger(pitch=0.9e-3), make_touch()
     cast_single_rays(finger, touch)
     force = touch.pressure * finger.pad.pitch**2
     assert np.allclose(force, finger.calibration.taxel_stiffness * touch.compression, rtol=1e-14)
 
 
-def test_the_arm_believes_to_have_gone_as_far_as_it_went(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_the_arm_believes_to_have_gone_as_far_as_it_went(make_finger, make_touch) -> None:
     finger = make_finger()
     elsewhere = pose_of(np.array([0.01, 0.02, 0.04]), FACING_DOWN)
     touch = make_touch(believed=elsewhere)
@@ -297,16 +274,14 @@ def test_the_arm_believes_to_have_gone_as_far_as_it_went(
     assert np.array_equal(touch.believed[3:], elsewhere[3:])
 
 
-def test_a_pose_advances_along_its_own_axis(rotations: Callable[[int], Floats]) -> None:
+def test_a_pose_advances_along_its_own_axis(rotations) -> None:
     for axes in rotations(5):
         pose = pose_of(np.array([0.1, -0.2, 0.3]), axes)
         way = np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 1.0])
         assert np.allclose(advanced_pose(pose, 0.02)[:3], compose_poses(pose, way)[:3], atol=1e-16)
 
 
-def test_times_of_a_hit_add_up_to_that_of_the_move(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_times_of_a_hit_add_up_to_that_of_the_move(make_finger, make_touch) -> None:
     finger, touch = make_finger(), make_touch(begun=5.0, previous=4.0)
     cast_single_rays(finger, touch)
     robot = finger.robot
@@ -323,7 +298,7 @@ def test_times_of_a_hit_add_up_to_that_of_the_move(
     [({"reach": 1e-3}, "miss"), ({"actual": pose_of(np.zeros(3), FACING_DOWN)}, "inside")],
 )
 def test_a_pad_that_met_nothing_rested_all_the_while(
-    given: dict[str, object], outcome: str, make_finger: MakeFinger, make_touch: MakeTouch
+    given, outcome, make_finger, make_touch
 ) -> None:
     finger, touch = make_finger(), make_touch(begun=5.0, previous=4.0, **given)
     cast_single_rays(finger, touch)
@@ -333,9 +308,7 @@ def test_a_pad_that_met_nothing_rested_all_the_while(
     assert touch.rest == pytest.approx(1.0 + travel + finger.robot.overhead)
 
 
-def test_a_bottomed_pad_was_pressed_only_to_its_saturation(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_a_bottomed_pad_was_pressed_only_to_its_saturation(make_finger, make_touch) -> None:
     finger, touch = make_finger(), make_touch(depth=2.9e-3)
     cast_single_rays(finger, touch)
     assert touch.outcome == "bottomed"

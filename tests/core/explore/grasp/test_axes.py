@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -49,7 +48,7 @@ def test_the_flank_of_a_round_object_does_not() -> None:
 
 
 @pytest.mark.parametrize("degrees", [0.0, 25.0])
-def test_a_face_square_to_the_axis_says_nothing_new(degrees: float) -> None:
+def test_a_face_square_to_the_axis_says_nothing_new(degrees) -> None:
     assert end_face_axis(leaning(degrees), leaning(degrees + 0.5), box(degrees)) is None
     assert end_face_axis(UP, leaning(2.0), box(2.0)) is None
 
@@ -109,7 +108,7 @@ def turned(count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
     return np.column_stack([radius[:, None] * rim, z]), normals
 
 
-def test_the_axis_of_a_vase_is_exact_from_few_contacts(rotations: Callable[[int], Floats]) -> None:
+def test_the_axis_of_a_vase_is_exact_from_few_contacts(rotations) -> None:
     points, normals = turned(12, np.random.default_rng(1))
     for turn in rotations(5):
         found = revolution_axis(points @ turn.T + [3.0, 1.0, 2.0], normals @ turn.T, NO_AXES)

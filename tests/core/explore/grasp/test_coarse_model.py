@@ -1,11 +1,8 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.explore.grasp.coarse_model import correct_solid, mass_properties
 from palpate.core.poses import pose_of
 from palpate.core.rebuild.reconstruction import fit_coarse
@@ -14,11 +11,10 @@ from palpate.core.shapes.global_deformations import Bend
 from palpate.core.shapes.protocol import PosedShape
 from palpate.core.shapes.superquadrics import Superquadric
 
-Grasped = Callable[..., tuple[Floats, Floats]]
 NOISE = 1e-4
 
 
-def test_a_box_is_recovered_as_a_box(box: Superquadric, grasped: Grasped) -> None:
+def test_a_box_is_recovered_as_a_box(box, grasped) -> None:
     points, _ = grasped(PosedShape(box, pose_of(np.array([0.0, 0.0, 0.04]), np.eye(3))), 60)
     found = fit_coarse(points, NOISE)
 
@@ -26,7 +22,7 @@ def test_a_box_is_recovered_as_a_box(box: Superquadric, grasped: Grasped) -> Non
     assert len(found.names) == 11 and found.exponents.max() < 0.2
 
 
-def test_a_bend_is_taken_where_it_pays(grasped: Grasped) -> None:
+def test_a_bend_is_taken_where_it_pays(grasped) -> None:
     base = Superquadric(np.array([0.02, 0.018, 0.045]), np.array([0.5, 0.7]))
     bent = DeformedSuperquadric(base, np.array([0.3, 0.3]), Bend(6.0))
     points, _ = grasped(PosedShape(bent, pose_of(np.array([0.0, 0.0, 0.045]), np.eye(3))), 60)
@@ -51,7 +47,7 @@ def test_contacts_that_are_too_few_give_an_ellipsoid_and_say_so() -> None:
         (np.zeros((20, 3)), 0.0, "noise must be positive and finite, got 0.0 in the unit"),
     ],
 )
-def test_what_are_no_contacts_is_refused(points: Floats, noise: float, words: str) -> None:
+def test_what_are_no_contacts_is_refused(points, noise, words) -> None:
     with pytest.raises(ValueError, match=words):
         fit_coarse(points, noise)
 
@@ -115,9 +111,7 @@ def test_contacts_that_would_turn_the_solid_inside_out_leave_it_as_it_is() -> No
     assert found.mass.sound
 
 
-def test_an_ellipsoid_has_a_fifth_of_its_squared_semi_axes(
-    rotations: Callable[[int], Floats],
-) -> None:
+def test_an_ellipsoid_has_a_fifth_of_its_squared_semi_axes(rotations) -> None:
     vertices, faces = Superquadric(np.array([0.03, 0.02, 0.05]), np.ones(2)).mesh(5)
     turn = rotations(1)[0]
     body = mass_properties(vertices @ turn.T + [1.0, 2.0, 3.0], faces)

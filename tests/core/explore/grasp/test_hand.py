@@ -1,12 +1,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.explore.grasp.hand import (
     FINGERTIP,
     SEARCH_HEIGHTS,
@@ -20,7 +18,6 @@ from palpate.core.poses import FACING_DOWN, compose_poses, pad_rotation, pose_of
 from palpate.core.shapes.protocol import PosedShape
 from palpate.core.shapes.superquadrics import Superquadric
 
-Grasped = Callable[..., tuple[Floats, Floats]]
 TOP = np.array([[0.0, 0.0, 0.06]]), np.array([[0.0, 0.0, 1.0]])
 
 
@@ -51,9 +48,7 @@ def test_one_contact_is_enough_to_go_on() -> None:
     assert 0.0 < pose[2] < 0.1
 
 
-def test_what_is_expected_reaches_down_to_the_platform(
-    ball: Superquadric, grasped: Grasped
-) -> None:
+def test_what_is_expected_reaches_down_to_the_platform(ball, grasped) -> None:
     points, normals = grasped(standing(ball, 0.03), 30)
     middle, axes, size = expected_ellipsoid(points, normals, 0.0)
 
@@ -62,9 +57,7 @@ def test_what_is_expected_reaches_down_to_the_platform(
     assert axes.T @ axes == pytest.approx(np.eye(3), abs=1e-12)
 
 
-def test_contacts_come_from_all_sides_that_the_platform_leaves_free(
-    ball: Superquadric, grasped: Grasped
-) -> None:
+def test_contacts_come_from_all_sides_that_the_platform_leaves_free(ball, grasped) -> None:
     points, _ = grasped(standing(ball, 0.03), 60)
     directions = (points - [0.0, 0.0, 0.03]) / 0.03
 
@@ -74,13 +67,13 @@ def test_contacts_come_from_all_sides_that_the_platform_leaves_free(
     assert nearest[ask[:, 2] > 0.0].max() < np.radians(35.0)
 
 
-def test_an_object_beside_the_axis_is_found(cylinder: Superquadric, grasped: Grasped) -> None:
+def test_an_object_beside_the_axis_is_found(cylinder, grasped) -> None:
     points, _ = grasped(standing(cylinder, 0.04, x=0.06), 30)
 
     assert np.abs(points[:, 0] - 0.06).max() < 0.0255
 
 
-def test_few_closings_are_needed(cylinder: Superquadric, grasped: Grasped) -> None:
+def test_few_closings_are_needed(cylinder, grasped) -> None:
     points, normals = grasped(standing(cylinder, 0.04), 60)
 
     assert len(points) == len(normals) < 66
@@ -156,6 +149,6 @@ def test_a_level_finger_keeps_half_its_width_above_the_platform() -> None:
         ({"reach": math.inf}, "reach must be positive and finite, got inf m"),
     ],
 )
-def test_a_hand_that_cannot_close_is_refused(wrong: dict[str, float], words: str) -> None:
+def test_a_hand_that_cannot_close_is_refused(wrong, words) -> None:
     with pytest.raises(ValueError, match=words):
         Hand(**wrong)  # type: ignore[arg-type]

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -55,7 +54,7 @@ PLACE = np.array([0.03, -0.01, 0.05])
 
 
 @pytest.mark.parametrize("degrees", [25.0, 60.0, 90.0, 140.0])
-def test_a_tilted_object_is_sliced_along_its_longest_axis(degrees: float) -> None:
+def test_a_tilted_object_is_sliced_along_its_longest_axis(degrees) -> None:
     turn = about_x(math.radians(degrees))
     found = frame_of(ELLIPSOID, turn, PLACE)
     origin, axes = split_pose(found.pose)
@@ -86,7 +85,7 @@ def test_an_object_that_stands_upright_is_sliced_in_the_worlds_axes_and_heights(
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
-def test_a_given_axis_is_taken(axis: tuple[float, float, float]) -> None:
+def test_a_given_axis_is_taken(axis) -> None:
     points, normals, platform = contacts(ELLIPSOID, about_x(0.5), PLACE)
     fit = fit_coarse(points, NOISE)
     found = fit_object_frame(fit, points, normals, platform, NOISE, np.array(axis))
@@ -135,7 +134,7 @@ def test_few_contacts_give_an_upright_frame_about_them() -> None:
 
 
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 0.0, -1.0)])
-def test_an_axis_is_taken_even_if_contacts_tell_nothing(axis: tuple[float, float, float]) -> None:
+def test_an_axis_is_taken_even_if_contacts_tell_nothing(axis) -> None:
     points, normals, platform = contacts(ELLIPSOID, np.eye(3), PLACE)
     few = points[:6]
     fit = fit_coarse(few, NOISE)
@@ -172,7 +171,7 @@ def test_the_same_contacts_give_the_same_frame() -> None:
         (20, np.zeros((20, 3)), -1.0, "noise must be positive and finite, got -1.0 m"),
     ],
 )
-def test_what_is_no_grasp_is_refused(count: int, normals: Floats, noise: float, words: str) -> None:
+def test_what_is_no_grasp_is_refused(count, normals, noise, words) -> None:
     points = contacts(ELLIPSOID, np.eye(3), PLACE)[0]
     found = fit_coarse(points, NOISE)
 
@@ -186,7 +185,6 @@ def test_a_pose_of_the_world_is_the_worlds() -> None:
     assert found.pose == pytest.approx(pose_of(np.zeros(3), np.eye(3)), abs=3e-4)
 
 
-Rotations = Callable[[int], Floats]
 HALF, RADIUS = 0.045, 0.025
 
 
@@ -211,7 +209,7 @@ def ends(points: Floats, normals: Floats, lean: float = 0.0, rim: float = RADIUS
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.4, 0.8])
-def test_an_end_that_was_not_touched_is_where_the_platform_cuts_it_off(lean: float) -> None:
+def test_an_end_that_was_not_touched_is_where_the_platform_cuts_it_off(lean) -> None:
     found = ends(*bottle(np.random.default_rng(0)), lean)
 
     assert found.low == pytest.approx(-HALF, abs=1.5e-3)

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from palpate.core.explore.planners.protocol import (
     PLANNER_NAMES,
     Height,
-    Observation,
     ObservedSlice,
     SliceOutcome,
     Stop,
@@ -30,11 +29,7 @@ from palpate.core.explore.planners.protocol import (
 )
 @given(seed=st.integers(0, 10**6), trouble=st.sampled_from([0.0, 0.2, 0.6, 1.0]))
 def test_a_plan_ends_and_asks_for_no_height_twice(
-    name: str,
-    seed: int,
-    trouble: float,
-    slice_of: Callable[..., ObservedSlice],
-    observation: Callable[..., Observation],
+    name, seed, trouble, slice_of, observation
 ) -> None:
     rng = np.random.default_rng(seed)
     planner, slices = make_planner(name, {}), list[ObservedSlice]()

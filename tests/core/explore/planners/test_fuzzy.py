@@ -1,14 +1,11 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.core.explore.planners.fuzzy import BEND, CHANGE, RULES, STEP, WORDS, Fuzzy, truths
-from palpate.core.explore.planners.protocol import Stop
 
 values = st.floats(0.0, 50.0)
 LAW = settings(derandomize=True, deadline=None, max_examples=50)
@@ -20,9 +17,7 @@ def test_there_is_one_rule_for_each_pair_of_words() -> None:
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_where_both_words_are_wholly_true_the_step_is_that_of_the_rule(
-    rule: tuple[str, str],
-) -> None:
+def test_where_both_words_are_wholly_true_the_step_is_that_of_the_rule(rule) -> None:
     bend, change = BEND[WORDS.index(rule[0])], CHANGE[WORDS.index(rule[1])]
     assert Fuzzy().later(bend, change, 1) == pytest.approx(STEP[RULES[rule]])
 
@@ -30,7 +25,7 @@ def test_where_both_words_are_wholly_true_the_step_is_that_of_the_rule(
 @LAW
 @given(bend=values, change=values, beyond=values)
 def test_the_step_never_grows_with_the_change_and_stays_among_those_named(
-    bend: float, change: float, beyond: float
+    bend, change, beyond
 ) -> None:
     step = Fuzzy().later(bend, change, 1)
     assert Fuzzy().later(bend, change + beyond, 1) <= step * (1.0 + 1e-9) + 0.02
@@ -39,17 +34,13 @@ def test_the_step_never_grows_with_the_change_and_stays_among_those_named(
 
 @LAW
 @given(value=values)
-def test_the_words_share_the_truth_of_a_value(value: float) -> None:
+def test_the_words_share_the_truth_of_a_value(value) -> None:
     assert sum(truths(value, BEND).values()) == pytest.approx(1.0)
     assert min(truths(value, BEND).values()) >= 0.0
 
 
 @pytest.mark.parametrize("name", ["vase", "bottle", "ball", "cylinder"])
-def test_the_plan_in_millimetres_is_the_plan_in_metres_and_ends(
-    name: str,
-    sides: dict[str, Callable[[float], float]],
-    explored: Callable[..., tuple[list[float], Stop | None]],
-) -> None:
+def test_the_plan_in_millimetres_is_the_plan_in_metres_and_ends(name, sides, explored) -> None:
     metres, stop = explored(Fuzzy(), sides[name])
     millimetres, _ = explored(Fuzzy(), sides[name], 1000.0)
     assert stop is not None

@@ -19,7 +19,6 @@ from palpate.core.explore.planners.protocol import (
     Height,
     Observation,
     ObservedSlice,
-    Planner,
     SliceOutcome,
     Stop,
     Wait,
@@ -27,10 +26,7 @@ from palpate.core.explore.planners.protocol import (
 )
 from palpate.core.explore.planners.uniform import Uniform
 
-Sides = dict[str, Callable[[float], float]]
 MakeSlice = Callable[..., ObservedSlice]
-MakeKnown = Callable[..., Observation]
-Failed = Callable[..., ObservedSlice]
 MOST = 300  # Decisions after which a plan counts as endless
 
 
@@ -79,13 +75,7 @@ def moved_ends(rng: np.random.Generator) -> dict[str, float]:
     all_taxels=st.booleans(),
 )
 def test_a_plan_ends_though_its_ends_move_and_fingers_are_in_its_way(
-    name: str,
-    seed: int,
-    trouble: float,
-    fingers: int,
-    all_taxels: bool,
-    slice_of: MakeSlice,
-    observation: MakeKnown,
+    name, seed, trouble, fingers, all_taxels, slice_of, observation
 ) -> None:
     rng, planner = np.random.default_rng(seed), make_planner(name, {})
     finger_spacing = float(rng.choice([0.0, 0.01, 0.03, 0.2])) if fingers > 1 else 0.0
@@ -127,7 +117,7 @@ def check(height: float, now: Observation) -> None:
 @pytest.mark.parametrize("name", ["thesis", "fuzzy"])
 @pytest.mark.parametrize(("share", "end"), [(1.5, 1.0), (-0.5, 0.0)])
 def test_a_walk_that_began_beyond_an_end_goes_on_from_that_end(
-    name: str, share: float, end: float, sides: Sides, slice_of: MakeSlice, observation: MakeKnown
+    name, share, end, sides, slice_of, observation
 ) -> None:
     choice = make_planner(name, {}).next(observation([slice_of(sides["cylinder"], share)]))
     assert isinstance(choice, Height)
@@ -135,9 +125,7 @@ def test_a_walk_that_began_beyond_an_end_goes_on_from_that_end(
     assert abs(choice.height / 0.09 - end) < 0.3
 
 
-def test_of_two_slices_at_one_height_the_later_counts(
-    sides: Sides, slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_of_two_slices_at_one_height_the_later_counts(sides, slice_of, observation) -> None:
     cover = [slice_of(sides["vase"], share) for share in (0.03, 0.5, 0.97)]
     again = slice_of(sides["vase"], 0.5 + 1e-12, radii=np.full(16, 0.02))
     profile = profile_of(observation([*cover, again]))
@@ -157,7 +145,7 @@ def test_of_two_slices_at_one_height_the_later_counts(
     ],
 )
 def test_figures_beyond_all_measure_leave_no_infinity(
-    changes: dict[str, Any], sides: Sides, slice_of: MakeSlice, observation: MakeKnown
+    changes, sides, slice_of, observation
 ) -> None:
     odd = observation([slice_of(sides["vase"], share, **changes) for share in (0.03, 0.5, 0.97)])
     profile = profile_of(odd)
@@ -170,7 +158,7 @@ def test_figures_beyond_all_measure_leave_no_infinity(
 
 @pytest.mark.parametrize("planner", [Uniform(), Uniform(order="nested")])
 def test_ends_so_uncertain_that_all_heights_are_one_ask_for_it_once(
-    planner: Planner, failed: Failed, observation: MakeKnown
+    planner, failed, observation
 ) -> None:
     ends: Any = {"low_deviation": 1.0, "high_deviation": 1.0}
     first = planner.next(observation(**ends))
@@ -179,21 +167,19 @@ def test_ends_so_uncertain_that_all_heights_are_one_ask_for_it_once(
 
 
 @pytest.mark.parametrize("name", PLANNER_NAMES)
-def test_a_thousand_slices_end_every_plan(
-    name: str, sides: Sides, slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_a_thousand_slices_end_every_plan(name, sides, slice_of, observation) -> None:
     many = observation(
         [slice_of(sides["cylinder"], share) for share in np.linspace(0.03, 0.97, 1000)]
     )
     assert isinstance(make_planner(name, {}).next(many), Stop)
 
 
-def test_a_feature_too_small_to_be_counted_is_refused(observation: MakeKnown) -> None:
+def test_a_feature_too_small_to_be_counted_is_refused(observation) -> None:
     with pytest.raises(ValueError, match=r"at least 0.0001 of the height 0.09 m, got 1e-07 m"):
         observation(feature=1e-7)
 
 
-def test_a_height_of_another_finger_that_is_no_number_is_refused(observation: MakeKnown) -> None:
+def test_a_height_of_another_finger_that_is_no_number_is_refused(observation) -> None:
     with pytest.raises(ValueError, match="busy_heights must be finite"):
         observation(busy_heights=(0.02, np.nan))
 
@@ -209,8 +195,6 @@ def test_a_height_of_another_finger_that_is_no_number_is_refused(observation: Ma
         ("fuzzy", {"scale": None}, "scale is None; expected a number, 0.1 to 2"),
     ],
 )
-def test_a_setting_of_the_wrong_kind_is_refused(
-    name: str, given: dict[str, Any], words: str
-) -> None:
+def test_a_setting_of_the_wrong_kind_is_refused(name, given, words) -> None:
     with pytest.raises(ValueError, match=words):
         make_planner(name, given)

@@ -30,8 +30,6 @@ from palpate.core.explore.planners.protocol import (
     Wait,
 )
 
-Sides = dict[str, Callable[[float], float]]
-Walk = Callable[..., tuple[list[float], Stop | None]]
 MakeSlice = Callable[..., ObservedSlice]
 MakeKnown = Callable[..., Observation]
 COVER = (0.5, 0.97, 0.03)
@@ -45,7 +43,7 @@ def rms_error(observation: Observation, side: Callable[[float], float]) -> float
     return float(np.sqrt(np.mean((np.sqrt(np.maximum(squares, 0.0)) - truth) ** 2)))
 
 
-def test_the_cover_comes_first_from_the_middle(sides: Sides, explored: Walk) -> None:
+def test_the_cover_comes_first_from_the_middle(sides, explored) -> None:
     heights, _ = explored(Predicted(), sides["bottle"])
     np.testing.assert_allclose(heights[:3], COVER)
     heights, _ = explored(Predicted(cover=5), sides["bottle"])
@@ -53,9 +51,7 @@ def test_the_cover_comes_first_from_the_middle(sides: Sides, explored: Walk) -> 
 
 
 @pytest.mark.parametrize("name", ["vase", "bottle", "ball", "cylinder"])
-def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(
-    name: str, sides: Sides, explored: Walk
-) -> None:
+def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, explored) -> None:
     metres, stop = explored(Predicted(), sides[name])
     millimetres, other = explored(Predicted(), sides[name], 1000.0)
 
@@ -66,9 +62,7 @@ def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(
     assert (other.rms_bound_95 or 0.0) == pytest.approx(1000.0 * (stop.rms_bound_95 or 0.0))
 
 
-def test_case_66_a_bottles_neck_is_not_stepped_over(
-    sides: Sides, explored: Walk, slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_case_66_a_bottles_neck_is_not_stepped_over(sides, explored, slice_of, observation) -> None:
     heights, stop = explored(Predicted(), sides["bottle"])
     found = observation([slice_of(sides["bottle"], share) for share in heights])
 
@@ -80,16 +74,14 @@ def test_case_66_a_bottles_neck_is_not_stepped_over(
 
 
 @pytest.mark.parametrize("name", ["cylinder", "ball"])
-def test_case_67_flat_tops_and_poles_end_the_plan(name: str, sides: Sides, explored: Walk) -> None:
+def test_case_67_flat_tops_and_poles_end_the_plan(name, sides, explored) -> None:
     heights, stop = explored(Predicted(), sides[name])
     assert stop is not None
     assert stop.tolerance_met
     assert len(heights) <= 11
 
 
-def test_case_67_a_height_beyond_the_top_is_not_asked_for_again(
-    sides: Sides, explored: Walk
-) -> None:
+def test_case_67_a_height_beyond_the_top_is_not_asked_for_again(sides, explored) -> None:
     heights, stop = explored(Predicted(), sides["cylinder"], top=0.93)
     assert stop is not None
     assert len(set(heights)) == len(heights)
@@ -97,7 +89,7 @@ def test_case_67_a_height_beyond_the_top_is_not_asked_for_again(
 
 
 def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
-    explored: Walk, slice_of: MakeSlice, observation: MakeKnown
+    explored, slice_of, observation
 ) -> None:
     def grooved(z: float) -> float:
         return 0.3 - 0.03 * float(np.exp(-(((z - 0.26) / 0.035) ** 2)))
@@ -113,14 +105,12 @@ def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
     assert rms_error(found, grooved) < 0.0025
 
 
-def test_the_side_of_an_ellipsoid_is_exact_from_two_slices(
-    sides: Sides, slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_the_side_of_an_ellipsoid_is_exact_from_two_slices(sides, slice_of, observation) -> None:
     two = observation([slice_of(sides["ball"], share) for share in (0.03, 0.97)])
     assert rms_error(two, sides["ball"]) < 1e-5
 
 
-def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides: Sides, explored: Walk) -> None:
+def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides, explored) -> None:
     _, stop = explored(Predicted(), sides["vase"])
     assert stop is not None
     assert stop.reason == (
@@ -140,7 +130,7 @@ def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides: Sides, expl
     ],
 )
 def test_a_slice_that_would_overrun_the_budget_is_not_begun(
-    budget: Budget, words: str, sides: Sides, slice_of: MakeSlice, observation: MakeKnown
+    budget, words, sides, slice_of, observation
 ) -> None:
     cover = [slice_of(sides["bottle"], share, touches=25, seconds=30.0) for share in COVER[:2]]
     stop = Predicted().next(observation(cover, budget=budget))
@@ -153,7 +143,7 @@ def test_a_slice_that_would_overrun_the_budget_is_not_begun(
 
 
 def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(
-    sides: Sides, slice_of: MakeSlice, observation: MakeKnown
+    sides, slice_of, observation
 ) -> None:
     slices: list[ObservedSlice] = []
     while isinstance(choice := Predicted().next(observation(slices)), Height):
@@ -164,9 +154,7 @@ def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(
     assert len(slices) <= 11
 
 
-def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(
-    explored: Walk,
-) -> None:
+def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(explored) -> None:
     def zigzag(z: float) -> float:
         return 0.3 + 0.02 * math.asin(math.sin(60.0 * z))
 
@@ -176,9 +164,7 @@ def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(
     assert min(np.diff(sorted(heights))) >= 2.5e-3 / 0.09 * (1.0 - 1e-6)
 
 
-def test_what_the_pad_cannot_reach_is_left_and_said(
-    sides: Sides, slice_of: MakeSlice, failed: Callable[..., ObservedSlice], observation: MakeKnown
-) -> None:
+def test_what_the_pad_cannot_reach_is_left_and_said(sides, slice_of, failed, observation) -> None:
     slices: list[ObservedSlice] = []
     while isinstance(choice := Predicted().next(observation(slices)), Height):
         share = choice.height / 0.09
@@ -193,9 +179,7 @@ def test_what_the_pad_cannot_reach_is_left_and_said(
     assert choice.largest_untouched > 2.5e-3
 
 
-def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(
-    failed: Callable[..., ObservedSlice], observation: MakeKnown
-) -> None:
+def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(failed, observation) -> None:
     slices: list[ObservedSlice] = []
     while isinstance(choice := Predicted().next(observation(slices)), Height):
         slices.append(failed(choice.height))
@@ -206,9 +190,7 @@ def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(
     assert choice.largest_untouched == pytest.approx(0.94 * 0.09)
 
 
-def test_occluded_slices_count_as_far_as_they_were_felt(
-    sides: Sides, slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_occluded_slices_count_as_far_as_they_were_felt(sides, slice_of, observation) -> None:
     shares = np.linspace(0.03, 0.97, 8)
     whole = [slice_of(sides["cylinder"], share) for share in shares]
     assert isinstance(Predicted().next(observation(whole)), Stop)
@@ -225,7 +207,7 @@ def test_occluded_slices_count_as_far_as_they_were_felt(
 
 
 def test_fingers_get_heights_of_their_own_and_wait_when_there_is_none(
-    sides: Sides, slice_of: MakeSlice, observation: MakeKnown
+    sides, slice_of, observation
 ) -> None:
     busy_heights: list[float] = []
     while isinstance(
@@ -247,9 +229,7 @@ def test_fingers_get_heights_of_their_own_and_wait_when_there_is_none(
     assert isinstance(Predicted().next(both), Wait)
 
 
-def test_of_two_heights_worth_the_same_the_nearer_is_taken(
-    slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_of_two_heights_worth_the_same_the_nearer_is_taken(slice_of, observation) -> None:
     def wavy(z: float) -> float:
         return 0.3 + 0.05 * math.cos(4.0 * math.pi * (z - 0.5))
 
@@ -260,7 +240,7 @@ def test_of_two_heights_worth_the_same_the_nearer_is_taken(
         assert (choice.height / 0.09 > 0.5) == (last > 0.5)
 
 
-def test_uncertain_ends_are_kept_away_from(observation: MakeKnown, slice_of: MakeSlice) -> None:
+def test_uncertain_ends_are_kept_away_from(observation, slice_of) -> None:
     middle = [slice_of(lambda z: 0.3, 0.5)]
     choice = Predicted().next(observation(middle, high_deviation=5e-3))
     assert isinstance(choice, Height)
@@ -289,7 +269,7 @@ def prediction(
 
 
 def test_positions_and_slopes_are_kept_and_a_cubic_in_the_square_is_exact(
-    slice_of: MakeSlice, observation: MakeKnown
+    slice_of, observation
 ) -> None:
     def cubic(z: float) -> float:
         return math.sqrt(0.1 + 0.2 * z - 0.3 * z**2 + 0.25 * z**3)
@@ -303,9 +283,7 @@ def test_positions_and_slopes_are_kept_and_a_cubic_in_the_square_is_exact(
     assert signs.quintic_gap.max() < 1e-6
 
 
-def test_the_foretold_error_falls_like_the_true_one(
-    slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_the_foretold_error_falls_like_the_true_one(slice_of, observation) -> None:
     coarse, fine = (
         prediction(wavy, np.linspace(0.03, 0.97, n).tolist(), slice_of, observation)
         for n in (9, 17)
@@ -314,9 +292,7 @@ def test_the_foretold_error_falls_like_the_true_one(
 
 
 @pytest.mark.parametrize("count", [4, 5, 7, 9])
-def test_each_interval_errs_about_as_foretold(
-    count: int, slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_each_interval_errs_about_as_foretold(count, slice_of, observation) -> None:
     shares = np.linspace(0.03, 0.97, count)
     said = prediction(wavy, shares.tolist(), slice_of, observation)
     profile = profile_of(observation([slice_of(wavy, share) for share in shares]))
@@ -330,9 +306,7 @@ def test_each_interval_errs_about_as_foretold(
     assert (true > said.errors / 5.0).all()
 
 
-def test_cuts_are_drawn_to_the_end_that_bends_more(
-    slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_cuts_are_drawn_to_the_end_that_bends_more(slice_of, observation) -> None:
     def knee(z: float) -> float:
         return 0.4 - 0.1 * math.exp(10.0 * (z - 0.97))
 
@@ -341,7 +315,7 @@ def test_cuts_are_drawn_to_the_end_that_bends_more(
 
 
 def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(
-    slice_of: MakeSlice, observation: MakeKnown
+    slice_of, observation
 ) -> None:
     noisy = observation(
         [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
@@ -357,9 +331,7 @@ def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(
     assert said._replace(curve=said.noise).wants_refinement(said.noise * 0.5)
 
 
-def test_of_what_was_felt_only_the_unfelt_share_of_an_interval_errs(
-    slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_of_what_was_felt_only_the_unfelt_share_of_an_interval_errs(slice_of, observation) -> None:
     slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 5)]
     plain, whole = observation(slices), observation(slices, all_taxels=True)
     one = predict_error(plain, profile_of(plain), untouched_spans(plain))
@@ -368,9 +340,7 @@ def test_of_what_was_felt_only_the_unfelt_share_of_an_interval_errs(
     np.testing.assert_allclose(all_felt.errors, one.errors * shares**3, rtol=1e-9)
 
 
-def test_a_solid_of_all_that_was_felt_states_its_own_deviation(
-    slice_of: MakeSlice, observation: MakeKnown
-) -> None:
+def test_a_solid_of_all_that_was_felt_states_its_own_deviation(slice_of, observation) -> None:
     slices = [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
     stated = observation(slices, all_taxels=True, deviation=5e-5)
     said = predict_error(stated, profile_of(stated), untouched_spans(stated))
@@ -379,7 +349,7 @@ def test_a_solid_of_all_that_was_felt_states_its_own_deviation(
 
 
 def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(
-    slice_of: MakeSlice, observation: MakeKnown
+    slice_of, observation
 ) -> None:
     slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 6)]
     noisy = observation(slices, all_taxels=True, deviation=4e-4)

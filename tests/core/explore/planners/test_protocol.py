@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import doctest
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -17,7 +16,6 @@ from palpate.core.explore.planners.protocol import (
     Choice,
     Height,
     Observation,
-    ObservedSlice,
     Stop,
     Wait,
     check_choice,
@@ -42,9 +40,7 @@ from palpate.core.explore.planners.uniform import Uniform
         ({"finger_spacing": -1.0}, "finger_spacing must be 0 or more"),
     ],
 )
-def test_what_no_planner_can_work_with_is_refused(
-    observation: Callable[..., Observation], changes: dict[str, float], words: str
-) -> None:
+def test_what_no_planner_can_work_with_is_refused(observation, changes, words) -> None:
     with pytest.raises(ValueError, match=words):
         observation(**changes)
 
@@ -59,7 +55,7 @@ def test_what_no_planner_can_work_with_is_refused(
         ({"seconds": math.inf}, "seconds must be 0 or more and finite"),
     ],
 )
-def test_a_budget_of_nothing_is_refused(changes: dict[str, Any], words: str) -> None:
+def test_a_budget_of_nothing_is_refused(changes, words) -> None:
     with pytest.raises(ValueError, match=words):
         Budget(**changes)
 
@@ -76,16 +72,12 @@ def test_a_budget_of_nothing_is_refused(changes: dict[str, Any], words: str) -> 
         ({"slopes": np.zeros(3)}, r"slopes must have shape \(16\)"),
     ],
 )
-def test_a_slice_that_cannot_be_is_refused(
-    slice_of: Callable[..., ObservedSlice], changes: dict[str, Any], words: str
-) -> None:
+def test_a_slice_that_cannot_be_is_refused(slice_of, changes, words) -> None:
     with pytest.raises(ValueError, match=words):
         slice_of(lambda z: 0.3, 0.5, **changes)
 
 
-def test_slices_of_other_azimuths_are_refused(
-    slice_of: Callable[..., ObservedSlice], observation: Callable[..., Observation]
-) -> None:
+def test_slices_of_other_azimuths_are_refused(slice_of, observation) -> None:
     few = {
         name: np.full(8, 0.02)
         for name in ("radii", "slopes", "curvatures", "contact_low", "contact_high")
@@ -93,9 +85,6 @@ def test_slices_of_other_azimuths_are_refused(
     both = [slice_of(lambda z: 0.3, 0.5), slice_of(lambda z: 0.3, 0.6, **few)]
     with pytest.raises(ValueError, match=r"as many azimuths, got \[8, 16\]"):
         observation(both)
-
-
-MakeKnown = Callable[..., Observation]
 
 
 @dataclass(frozen=True)
@@ -109,7 +98,7 @@ class Says:
 
 
 @pytest.mark.parametrize("name", PLANNER_NAMES)
-def test_what_palpates_own_planners_answer_is_handed_on(name: str, observation: MakeKnown) -> None:
+def test_what_palpates_own_planners_answer_is_handed_on(name, observation) -> None:
     planner = make_planner(name, {})
     assert check_choice(planner, observation()) == planner.next(observation())
 
@@ -124,9 +113,7 @@ def test_what_palpates_own_planners_answer_is_handed_on(name: str, observation: 
         (Stop("end", True, 0.0, 0.002), {}),
     ],
 )
-def test_an_answer_that_can_be_acted_on_is_handed_on(
-    choice: Choice, more: dict[str, Any], observation: MakeKnown
-) -> None:
+def test_an_answer_that_can_be_acted_on_is_handed_on(choice, more, observation) -> None:
     assert check_choice(Says(choice), observation(**more)) is choice
 
 
@@ -153,9 +140,7 @@ def test_an_answer_that_can_be_acted_on_is_handed_on(
         ),
     ],
 )
-def test_an_answer_that_nobody_could_act_on_is_refused(
-    choice: Any, more: dict[str, Any], words: str, observation: MakeKnown
-) -> None:
+def test_an_answer_that_nobody_could_act_on_is_refused(choice, more, words, observation) -> None:
     with pytest.raises(ValueError) as caught:
         check_choice(Says(choice), observation(**more))
     assert str(caught.value).startswith("the planner Says gave no answer to act on: ")
@@ -163,7 +148,7 @@ def test_an_answer_that_nobody_could_act_on_is_refused(
 
 
 def test_a_planner_that_asks_for_a_failed_height_again_does_not_go_on_for_ever(
-    observation: MakeKnown, failed: Callable[[float], ObservedSlice]
+    observation, failed
 ) -> None:
     with pytest.raises(ValueError, match=r"at 0.045 m before; it must go elsewhere, or stop"):
         check_choice(Says(Height(0.045, "")), observation([failed(0.045)]))
@@ -224,7 +209,7 @@ def test_a_users_own_planner_is_found_by_module_and_class() -> None:
         (".own_planner:Middle", "must name its module in full"),
     ],
 )
-def test_what_is_no_planner_is_refused(name: str, words: str) -> None:
+def test_what_is_no_planner_is_refused(name, words) -> None:
     with pytest.raises(ValueError, match=words):
         planner_type(name)
 

@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -14,14 +13,11 @@ from palpate.core.arrays import Floats
 from palpate.core.explore.planners.protocol import (
     Budget,
     Height,
-    Observation,
-    ObservedSlice,
     Stop,
     Wait,
 )
 from palpate.core.explore.planners.thesis import (
     TEMPLATES,
-    Template,
     Thesis,
     equal_curvature_knots,
     fit_decreasing,
@@ -32,8 +28,6 @@ from palpate.core.explore.planners.thesis import (
     polyline_of,
 )
 
-Walk = Callable[..., tuple[list[float], Stop | None]]
-Sides = dict[str, Callable[[float], float]]
 FORMS: tuple[Literal["product", "joint"], ...] = ("product", "joint")
 RULES = [
     Thesis(template=template, form=form, power=2.0)
@@ -48,7 +42,7 @@ LAW = settings(derandomize=True, deadline=None, max_examples=50)
 @LAW
 @given(rule=rules, bend=curves, change=curves, beyond=more)
 def test_heuristic_1_the_step_falls_with_curvature_and_with_its_change(
-    rule: Thesis, bend: float, change: float, beyond: float
+    rule, bend, change, beyond
 ) -> None:
     step = rule.later(bend, change, 1)
     assert rule.later(bend + beyond, change + beyond, 1) < step
@@ -57,7 +51,7 @@ def test_heuristic_1_the_step_falls_with_curvature_and_with_its_change(
 @LAW
 @given(rule=rules, bend=curves, change=curves, beyond=more)
 def test_heuristic_2_at_one_curvature_the_step_falls_with_its_change(
-    rule: Thesis, bend: float, change: float, beyond: float
+    rule, bend, change, beyond
 ) -> None:
     assert rule.later(bend, change + beyond, 1) < rule.later(bend, change, 1)
 
@@ -65,23 +59,21 @@ def test_heuristic_2_at_one_curvature_the_step_falls_with_its_change(
 @LAW
 @given(rule=rules, bend=curves, change=curves, beyond=more)
 def test_heuristic_3_at_one_change_the_step_falls_with_curvature(
-    rule: Thesis, bend: float, change: float, beyond: float
+    rule, bend, change, beyond
 ) -> None:
     assert rule.later(bend + beyond, change, 1) < rule.later(bend, change, 1)
 
 
 @LAW
 @given(rule=rules, both=curves, beyond=more)
-def test_heuristic_4_the_change_counts_for_more_than_the_curvature(
-    rule: Thesis, both: float, beyond: float
-) -> None:
+def test_heuristic_4_the_change_counts_for_more_than_the_curvature(rule, both, beyond) -> None:
     assert rule.later(both, both + beyond, 1) < rule.later(both + beyond, both, 1)
 
 
 @LAW
 @given(rule=rules, bend=curves, change=curves, count=st.integers(1, 20))
 def test_heuristic_5_the_more_slices_the_shorter_the_step_if_it_fades(
-    rule: Thesis, bend: float, change: float, count: int
+    rule, bend, change, count
 ) -> None:
     fading = Thesis(template=rule.template, form=rule.form, power=2.0, fading=0.9)
     assert fading.later(bend, change, count + 1) < fading.later(bend, change, count)
@@ -90,9 +82,7 @@ def test_heuristic_5_the_more_slices_the_shorter_the_step_if_it_fades(
 
 @LAW
 @given(rule=rules, bend=st.floats(0.0, 1e12), change=st.floats(0.0, 1e12))
-def test_every_step_is_more_than_nothing_and_at_most_the_largest(
-    rule: Thesis, bend: float, change: float
-) -> None:
+def test_every_step_is_more_than_nothing_and_at_most_the_largest(rule, bend, change) -> None:
     assert rule.least <= rule.later(bend, change, 1) <= rule.most
     assert 0.0 <= rule.first(bend) <= 0.5
 
@@ -107,9 +97,7 @@ def test_the_steps_are_those_of_the_formulas() -> None:
 
 
 @pytest.mark.parametrize("template", TEMPLATES)
-def test_case_65_a_hollow_is_stepped_over_like_a_bulge(
-    template: Any, slice_of: Callable[..., ObservedSlice]
-) -> None:
+def test_case_65_a_hollow_is_stepped_over_like_a_bulge(template, slice_of) -> None:
     def steps(sign: float) -> float:
         one = slice_of(lambda z: 0.3, 0.5, curvatures=np.full(16, sign * 55.0))
         bend = mean_profile_curvature(one, 0.09)
@@ -120,9 +108,7 @@ def test_case_65_a_hollow_is_stepped_over_like_a_bulge(
 
 
 @pytest.mark.parametrize("name", ["vase", "bottle", "ball", "cylinder"])
-def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(
-    name: str, sides: Sides, explored: Walk
-) -> None:
+def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, explored) -> None:
     metres, _ = explored(Thesis(), sides[name])
     millimetres, _ = explored(Thesis(), sides[name], 1000.0)
 
@@ -130,9 +116,7 @@ def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_case_67_the_search_ends_at_flat_tops_and_at_poles(
-    rule: Thesis, sides: Sides, explored: Walk
-) -> None:
+def test_case_67_the_search_ends_at_flat_tops_and_at_poles(rule, sides, explored) -> None:
     for name in ("cylinder", "ball"):
         heights, stop = explored(rule, sides[name])
         assert stop is not None
@@ -140,25 +124,21 @@ def test_case_67_the_search_ends_at_flat_tops_and_at_poles(
         assert max(heights) == pytest.approx(0.97)
 
 
-def test_case_67_losing_contact_ends_the_search_in_that_direction(
-    sides: Sides, explored: Walk
-) -> None:
+def test_case_67_losing_contact_ends_the_search_in_that_direction(sides, explored) -> None:
     heights, stop = explored(Thesis(), sides["cylinder"], top=0.8)
     assert stop is not None
     assert sum(height > 0.8 for height in heights) == 1
     assert min(heights) == pytest.approx(0.03)
 
 
-def test_case_67_a_short_contour_ends_the_search_near_a_pole(sides: Sides, explored: Walk) -> None:
+def test_case_67_a_short_contour_ends_the_search_near_a_pole(sides, explored) -> None:
     heights, stop = explored(Thesis(perimeter=0.99, least=0.05), sides["ball"])
     assert stop is not None
     assert max(heights) < 0.98
     assert all(2.0 * math.pi * sides["ball"](z) > 0.99 for z in sorted(heights)[1:-1])
 
 
-def test_a_step_upwards_below_the_threshold_ends_the_search_there(
-    sides: Sides, explored: Walk
-) -> None:
+def test_a_step_upwards_below_the_threshold_ends_the_search_there(sides, explored) -> None:
     heights, stop = explored(Thesis(threshold=0.1), sides["bottle"])
     assert stop is not None
     assert max(heights) < 0.9
@@ -166,9 +146,7 @@ def test_a_step_upwards_below_the_threshold_ends_the_search_there(
 
 
 @pytest.mark.parametrize("segments", [5, 12])
-def test_the_piecewise_linear_form_plans_nearly_alike(
-    segments: int, sides: Sides, explored: Walk
-) -> None:
+def test_the_piecewise_linear_form_plans_nearly_alike(segments, sides, explored) -> None:
     exact, linear = Thesis(), Thesis(segments=segments)
     steps = [
         (exact.later(bend, change, 1), linear.later(bend, change, 1))
@@ -179,9 +157,7 @@ def test_the_piecewise_linear_form_plans_nearly_alike(
     assert stop is not None
 
 
-def test_the_search_goes_first_where_the_mean_normal_points(
-    slice_of: Callable[..., ObservedSlice], observation: Callable[..., Observation]
-) -> None:
+def test_the_search_goes_first_where_the_mean_normal_points(slice_of, observation) -> None:
     cone = [slice_of(lambda z: 0.4 - 0.2 * z, 0.5)]
     funnel = [slice_of(lambda z: 0.2 + 0.2 * z, 0.5)]
     assert mean_normal_rise(cone[0]) == pytest.approx(0.2 / math.hypot(1.0, 0.2))
@@ -192,9 +168,7 @@ def test_the_search_goes_first_where_the_mean_normal_points(
 
 
 def test_a_slice_that_fails_is_tried_again_nearer_and_three_times_at_most(
-    slice_of: Callable[..., ObservedSlice],
-    failed: Callable[..., ObservedSlice],
-    observation: Callable[..., Observation],
+    slice_of, failed, observation
 ) -> None:
     slices, steps = [slice_of(lambda z: 0.3, 0.5)], []
     for _ in range(4):
@@ -207,9 +181,7 @@ def test_a_slice_that_fails_is_tried_again_nearer_and_three_times_at_most(
     assert steps[3] < 0.0 < steps[2]
 
 
-def test_the_other_direction_is_searched_while_one_is_under_way(
-    slice_of: Callable[..., ObservedSlice], observation: Callable[..., Observation]
-) -> None:
+def test_the_other_direction_is_searched_while_one_is_under_way(slice_of, observation) -> None:
     start = [slice_of(lambda z: 0.3, 0.5)]
     below = Thesis().next(observation(start, busy_heights=(0.06,)))
     assert isinstance(below, Height)
@@ -222,9 +194,7 @@ def test_the_other_direction_is_searched_while_one_is_under_way(
 
 
 def test_without_a_first_slice_or_a_budget_there_is_no_search(
-    slice_of: Callable[..., ObservedSlice],
-    failed: Callable[..., ObservedSlice],
-    observation: Callable[..., Observation],
+    slice_of, failed, observation
 ) -> None:
     stop = Thesis().next(observation([failed(0.045)]))
     assert isinstance(stop, Stop)
@@ -245,7 +215,7 @@ def test_without_a_first_slice_or_a_budget_there_is_no_search(
         ({"power": math.nan}, "power is nan"),
     ],
 )
-def test_rules_that_cannot_be_are_refused(settings: dict[str, Any], words: str) -> None:
+def test_rules_that_cannot_be_are_refused(settings, words) -> None:
     with pytest.raises(ValueError, match=words):
         Thesis(**settings)
 
@@ -281,7 +251,7 @@ def test_hats_span_what_the_thesis_writes_with_absolute_values() -> None:
 
 
 @pytest.mark.parametrize("template", TEMPLATES)
-def test_knots_of_even_curve_beat_even_knots(template: Template) -> None:
+def test_knots_of_even_curve_beat_even_knots(template) -> None:
     values = TEMPLATES[template](PLACES, 2.0)
     even = worst(values, np.linspace(0.0, 10.0, 6))
 
@@ -308,7 +278,7 @@ def test_free_knots_are_no_worse_in_the_least_squares_and_stay_in_order() -> Non
     template=st.sampled_from(sorted(TEMPLATES)),
 )
 def test_a_polyline_of_a_template_falls_and_stays_between_0_and_1(
-    power: float, segments: int, template: Template
+    power, segments, template
 ) -> None:
     line = polyline_of(lambda x: TEMPLATES[template](x, power), 40.0, segments)
 

@@ -22,7 +22,7 @@ ALL = {**TUNED, **HELD_OUT, **drawn_objects(60, 11)}
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_every_object_has_a_side_that_a_pad_can_feel(name: str) -> None:
+def test_every_object_has_a_side_that_a_pad_can_feel(name) -> None:
     side = measure_side(ALL[name], HEIGHTS, AROUND)
     assert np.isfinite(side.curvatures).all()
     assert 0.025 < side.radii.min() < side.radii.max() < 0.7

@@ -1,26 +1,21 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from palpate.core.explore.planners.protocol import (
     Budget,
     Height,
-    Observation,
     ObservedSlice,
     Stop,
     Wait,
 )
 from palpate.core.explore.planners.uniform import Uniform, nested, sweep
 
-Walk = Callable[..., tuple[list[float], Stop | None]]
-
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 9, 10, 41])
 @pytest.mark.parametrize("order", [sweep, nested])
-def test_every_height_is_visited_once(count: int, order: Callable[[int], list[int]]) -> None:
+def test_every_height_is_visited_once(count, order) -> None:
     assert sorted(order(count)) == list(range(count))
 
 
@@ -36,9 +31,7 @@ def test_the_beginnings_of_a_nested_order_are_even() -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 5, 24, 45])
 @pytest.mark.parametrize("order", ["sweep", "nested"])
-def test_the_heights_are_even_whatever_their_number(
-    count: int, order: str, sides: dict[str, Callable[[float], float]], explored: Walk
-) -> None:
+def test_the_heights_are_even_whatever_their_number(count, order, sides, explored) -> None:
     planner = Uniform(count=count, order="sweep" if order == "sweep" else "nested")
     heights, stop = explored(planner, sides["vase"])
     assert stop is not None
@@ -46,9 +39,7 @@ def test_the_heights_are_even_whatever_their_number(
     np.testing.assert_allclose(sorted(heights), wanted, rtol=1e-12)
 
 
-def test_a_height_that_fails_is_tried_once_more_nearer_to_the_middle(
-    failed: Callable[..., ObservedSlice], observation: Callable[..., Observation]
-) -> None:
+def test_a_height_that_fails_is_tried_once_more_nearer_to_the_middle(failed, observation) -> None:
     planner, asked = Uniform(count=3), []
     slices: list[ObservedSlice] = []
     while isinstance(choice := planner.next(observation(slices)), Height):
@@ -57,7 +48,7 @@ def test_a_height_that_fails_is_tried_once_more_nearer_to_the_middle(
     np.testing.assert_allclose(asked, [0.5, 0.3825, 0.97, 0.8525, 0.03, 0.1475])
 
 
-def test_heights_near_other_fingers_wait(observation: Callable[..., Observation]) -> None:
+def test_heights_near_other_fingers_wait(observation) -> None:
     busy_heights = Uniform(count=3).next(observation(busy_heights=(0.045,), finger_spacing=0.02))
     assert isinstance(busy_heights, Height)
     assert busy_heights.height == pytest.approx(0.97 * 0.09)
@@ -66,9 +57,7 @@ def test_heights_near_other_fingers_wait(observation: Callable[..., Observation]
     )
 
 
-def test_a_spent_budget_ends_the_plan(
-    slice_of: Callable[..., ObservedSlice], observation: Callable[..., Observation]
-) -> None:
+def test_a_spent_budget_ends_the_plan(slice_of, observation) -> None:
     one = slice_of(lambda z: 0.3, 0.5, seconds=16.0)
     stop = Uniform().next(observation([one], budget=Budget(most_seconds=40.0, seconds=28.0)))
     assert isinstance(stop, Stop)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from palpate.core.explore.probing.end_observation import (
-    EndObservation,
     ProbeCommand,
     ProbeResult,
     SideContour,
@@ -29,9 +28,7 @@ from palpate.core.poses import split_pose
         ({"other": float("inf")}, "height must be finite and differ"),
     ],
 )
-def test_what_cannot_be_an_end_is_refused(
-    observation: EndObservation, change: dict[str, float], words: str
-) -> None:
+def test_what_cannot_be_an_end_is_refused(observation, change, words) -> None:
     with pytest.raises(ValueError, match=words):
         replace(observation, **change)  # type: ignore[arg-type]
 
@@ -57,14 +54,12 @@ def test_what_cannot_be_an_end_is_refused(
         ),
     ],
 )
-def test_a_contour_that_cannot_be_used_is_refused(
-    observation: EndObservation, contour: SideContour, words: str
-) -> None:
+def test_a_contour_that_cannot_be_used_is_refused(observation, contour, words) -> None:
     with pytest.raises(ValueError, match=words):
         replace(observation, contour=contour)
 
 
-def test_turned_over_twice_an_end_is_as_it_was(observation: EndObservation) -> None:
+def test_turned_over_twice_an_end_is_as_it_was(observation) -> None:
     rng = np.random.default_rng(3)
     points, normals = rng.standard_normal((2, 5, 3))
     contour = SideContour(points, normals, -np.arange(5.0), np.arange(5.0))
@@ -82,7 +77,7 @@ def test_turned_over_twice_an_end_is_as_it_was(observation: EndObservation) -> N
     )
 
 
-def test_a_touch_from_above_becomes_one_from_below(observation: EndObservation) -> None:
+def test_a_touch_from_above_becomes_one_from_below(observation) -> None:
     probing: ProbeCommand = turned_command(probe_along_axis(observation, np.array([1e-3, 2e-3])))
     position, axes = split_pose(probing.pose)
     np.testing.assert_allclose(position[:2], [1e-3, -2e-3])

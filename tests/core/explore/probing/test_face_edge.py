@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -31,16 +30,14 @@ def _all_touches(edge: FaceEdge, off: list[float]) -> tuple[list[ProbeResult], f
     return made, found
 
 
-def test_no_edge_lies_beyond_the_end(ring: Callable[..., SideContour]) -> None:
+def test_no_edge_lies_beyond_the_end(ring) -> None:
     rising = EndFace(0.04, np.array([1.0, 0.0]))
     edge = _edge(ring(0.025, 0.03, above=4e-3), rising, top=0.045)
     assert edge.places[:, 2].max() == pytest.approx(0.045)
     assert edge.untouched.max() == pytest.approx(0.045 - 0.034)
 
 
-def test_an_upright_wall_meets_a_level_face_over_the_contour(
-    ring: Callable[..., SideContour],
-) -> None:
+def test_an_upright_wall_meets_a_level_face_over_the_contour(ring) -> None:
     contour = ring(0.025, 0.03, above=4e-3)
     edge = _edge(contour)
     np.testing.assert_allclose(edge.places[:, :2], contour.points[:, :2])
@@ -48,7 +45,7 @@ def test_an_upright_wall_meets_a_level_face_over_the_contour(
     np.testing.assert_allclose(edge.untouched, 6e-3)
 
 
-def test_a_cone_is_carried_on_to_a_leaning_face(ring: Callable[..., SideContour]) -> None:
+def test_a_cone_is_carried_on_to_a_leaning_face(ring) -> None:
     contour = ring(0.025, 0.03, lean=math.radians(20.0))
     edge = _edge(contour, EndFace(0.04, np.array([0.2, 0.0])))
     radius = np.linalg.norm(edge.places[:, :2], axis=1)
@@ -57,20 +54,20 @@ def test_a_cone_is_carried_on_to_a_leaning_face(ring: Callable[..., SideContour]
     np.testing.assert_allclose(edge.places[:, 2], 0.04 + 0.2 * edge.places[:, 0], atol=1e-12)
 
 
-def test_where_band_and_face_meet_no_touch_is_made(ring: Callable[..., SideContour]) -> None:
+def test_where_band_and_face_meet_no_touch_is_made(ring) -> None:
     edge = _edge(ring(0.025, 0.03, above=8e-3))
     assert next_edge(edge, [], WIDTH, ALLOWED) == pytest.approx(2e-3)
 
 
-def test_a_wall_that_leans_over_the_end_has_no_edge(ring: Callable[..., SideContour]) -> None:
+def test_a_wall_that_leans_over_the_end_has_no_edge(ring) -> None:
     assert _edge(ring(0.025, 0.03, lean=math.radians(40.0))).untouched.max() == 0.0
 
 
-def test_an_edge_under_a_touch_of_the_face_is_felt(ring: Callable[..., SideContour]) -> None:
+def test_an_edge_under_a_touch_of_the_face_is_felt(ring) -> None:
     assert _edge(ring(0.004, 0.03)).untouched.max() == 0.0
 
 
-def test_a_touch_comes_at_45_degrees_from_outside(ring: Callable[..., SideContour]) -> None:
+def test_a_touch_comes_at_45_degrees_from_outside(ring) -> None:
     found = next_edge(_edge(ring(0.025, 0.03)), [], WIDTH, ALLOWED)
     assert isinstance(found, ProbeCommand)
     position, axes = split_pose(found.pose)
@@ -80,24 +77,24 @@ def test_a_touch_comes_at_45_degrees_from_outside(ring: Callable[..., SideContou
     assert found.reach > WIDTH
 
 
-def test_four_touches_that_agree_are_enough(ring: Callable[..., SideContour]) -> None:
+def test_four_touches_that_agree_are_enough(ring) -> None:
     made, untouched = _all_touches(_edge(ring(0.025, 0.03)), [1e-3, 1.1e-3])
     assert len(made) == 4 and untouched == 0.0
     turns = np.sort([math.atan2(one.point[1], one.point[0]) for one in made])
     assert np.diff(turns).min() > math.radians(60.0)
 
 
-def test_touches_that_differ_are_eight_at_most(ring: Callable[..., SideContour]) -> None:
+def test_touches_that_differ_are_eight_at_most(ring) -> None:
     made, _ = _all_touches(_edge(ring(0.035, 0.03)), [0.0, 1e-3])
     assert len(made) == 8
 
 
-def test_a_narrow_edge_takes_fewer(ring: Callable[..., SideContour]) -> None:
+def test_a_narrow_edge_takes_fewer(ring) -> None:
     made, _ = _all_touches(_edge(ring(0.008, 0.03)), [0.0, 1e-3])
     assert len(made) <= 3
 
 
-def test_an_edge_that_nobody_met_is_told_as_unfelt(ring: Callable[..., SideContour]) -> None:
+def test_an_edge_that_nobody_met_is_told_as_unfelt(ring) -> None:
     edge = _edge(ring(0.035, 0.03))
     made: list[ProbeResult] = []
     while isinstance(found := next_edge(edge, made, WIDTH, ALLOWED), ProbeCommand):

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -49,7 +48,7 @@ def test_a_normal_from_an_edge_is_not_believed() -> None:
     np.testing.assert_allclose(fit_face(touches[:1], WIDTH).slopes, 0.0, atol=1e-12)
 
 
-def test_touches_in_a_plane_are_one(ring: Callable[..., SideContour]) -> None:
+def test_touches_in_a_plane_are_one(ring) -> None:
     touches = [_made((0.0, 0.0)), _made((0.02, 0.0)), _made((0.0, 0.02), off=1e-4)]
     face = fit_face(touches, WIDTH)
     assert is_plane(face, touches, ring(0.025, 0.03), 2e-4)
@@ -64,20 +63,18 @@ def test_touches_in_a_plane_are_one(ring: Callable[..., SideContour]) -> None:
     ],
     ids=["a step", "a lean", "a hollow"],
 )
-def test_what_is_no_plane_is_none(
-    ring: Callable[..., SideContour], last: ProbeResult, above: float
-) -> None:
+def test_what_is_no_plane_is_none(ring, last, above) -> None:
     touches = [_made((0.0, 0.0)), _made((0.02, 0.0)), last]
     contour = ring(0.025, 0.03, above=above)
     assert not is_plane(fit_face(touches, WIDTH), touches, contour, 2e-4)
 
 
-def test_the_band_of_a_steep_wall_ends_on_the_contour(ring: Callable[..., SideContour]) -> None:
+def test_the_band_of_a_steep_wall_ends_on_the_contour(ring) -> None:
     contour = ring(0.025, 0.03, above=5e-3)
     np.testing.assert_allclose(inner_outline(contour), contour.points[:, :2], atol=1e-15)
 
 
-def test_the_band_of_a_leaning_wall_ends_farther_in(ring: Callable[..., SideContour]) -> None:
+def test_the_band_of_a_leaning_wall_ends_farther_in(ring) -> None:
     contour = ring(0.025, 0.03, lean=math.radians(45.0), above=5e-3)
     np.testing.assert_allclose(np.linalg.norm(inner_outline(contour), axis=1), 0.02, atol=1e-12)
 
@@ -91,14 +88,14 @@ def test_of_a_horseshoe_the_heart_lies_within() -> None:
     assert winding_number(points[:, :2], place[None])[0] != 0
 
 
-def test_on_a_disc_the_gap_lies_between_touch_and_rim(ring: Callable[..., SideContour]) -> None:
+def test_on_a_disc_the_gap_lies_between_touch_and_rim(ring) -> None:
     gap = largest_untouched_disc(ring(0.025, 0.0).points[:, :2], np.zeros((1, 2)), WIDTH)
     wanted = 0.5 * (0.025 - FOOT * WIDTH)
     assert gap.radius == pytest.approx(wanted, abs=1e-3)
     assert np.linalg.norm(gap.place) == pytest.approx(0.025 - wanted, abs=1.5e-3)
 
 
-def test_where_a_foot_covers_all_there_is_no_gap(ring: Callable[..., SideContour]) -> None:
+def test_where_a_foot_covers_all_there_is_no_gap(ring) -> None:
     assert (
         largest_untouched_disc(ring(0.004, 0.0).points[:, :2], np.zeros((1, 2)), WIDTH).radius
         <= 0.0
@@ -109,7 +106,7 @@ def test_where_a_foot_covers_all_there_is_no_gap(ring: Callable[..., SideContour
 
 @settings(derandomize=True, deadline=None, max_examples=30)
 @given(st.integers(0, 10_000), st.integers(1, 6))
-def test_a_gap_is_empty_and_inside(seed: int, count: int) -> None:
+def test_a_gap_is_empty_and_inside(seed, count) -> None:
     rng = np.random.default_rng(seed)
     turn = 2.0 * np.pi * np.arange(40) / 40
     radius = 0.03 * (1.0 + 0.3 * np.cos(rng.integers(2, 5) * turn + rng.uniform(0.0, 6.0)))
@@ -122,8 +119,6 @@ def test_a_gap_is_empty_and_inside(seed: int, count: int) -> None:
         assert np.linalg.norm(tried - gap.place, axis=1).min() >= reach - 1e-12
 
 
-def test_a_contour_covers_what_lies_inside_or_close_beside_it(
-    ring: Callable[..., SideContour],
-) -> None:
+def test_a_contour_covers_what_lies_inside_or_close_beside_it(ring) -> None:
     places = np.array([[0.0, 0.0], [0.024, 0.0], [0.029, 0.0], [0.031, 0.0]])
     assert covers(ring(0.025, 0.03), places, 5e-3).tolist() == [True, True, True, False]

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.probing.end_observation import (
-    End,
     EndObservation,
     ProbeCommand,
     ProbeResult,
@@ -37,11 +35,9 @@ from palpate.core.poses import (
     rotations_from_vectors,
     split_pose,
 )
-from palpate.core.shapes.protocol import PosedShape, Shape
+from palpate.core.shapes.protocol import PosedShape
 from palpate.core.shapes.superquadrics import Superquadric
 
-Run = Callable[[Shape, End, EndObservation], tuple[StopProbing, tuple[ProbeResult, ...]]]
-Ring = Callable[..., SideContour]
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -57,15 +53,13 @@ def _whys(probes: tuple[ProbeResult, ...]) -> str:
     return "".join(one.probing.reason[0] for one in probes)
 
 
-def test_an_end_is_found_by_one_touch_before_any_contour(
-    probed: Run, observation: EndObservation
-) -> None:
+def test_an_end_is_found_by_one_touch_before_any_contour(probed, observation) -> None:
     done, probes = probed(_ball(), "upper", observation)
     assert len(probes) == 1 and done.reason == "the end is found"
     np.testing.assert_allclose(probes[0].point[2], 0.04, atol=5e-5)
 
 
-def test_an_end_beside_the_axis_is_climbed_to(probed: Run, observation: EndObservation) -> None:
+def test_an_end_beside_the_axis_is_climbed_to(probed, observation) -> None:
     aside = PosedShape(_ball(), pose_of(np.array([0.013, -0.01, 0.0]), np.eye(3)))
     _, probes = probed(aside, "upper", observation)
     assert probes[0].point[2] < 0.0395
@@ -74,7 +68,7 @@ def test_an_end_beside_the_axis_is_climbed_to(probed: Run, observation: EndObser
 
 
 def test_a_touch_that_no_contour_lies_around_says_nothing_of_the_face(
-    touch: Callable[[Shape, ProbeCommand], ProbeResult], observation: EndObservation, ring: Ring
+    touch, observation, ring
 ) -> None:
     around = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     aside = touch(_ball(), _over_place(0.027))
@@ -91,16 +85,14 @@ def _over_place(x: float) -> ProbeCommand:
     return ProbeCommand(pose_of(start, FACING_DOWN), 0.05, "search", np.array([x, 0.0, 0.04]))
 
 
-def test_a_pole_takes_one_touch(probed: Run, observation: EndObservation, ring: Ring) -> None:
+def test_a_pole_takes_one_touch(probed, observation, ring) -> None:
     contour = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     done, probes = probed(_ball(), "upper", replace(observation, contour=contour))
     assert _whys(probes) == "s" and done.reason == "nothing larger than a pad is unfelt"
     assert done.untouched < 0.01
 
 
-def test_a_flat_top_takes_five_that_lie_all_over_it(
-    probed: Run, observation: EndObservation, ring: Ring
-) -> None:
+def test_a_flat_top_takes_five_that_lie_all_over_it(probed, observation, ring) -> None:
     done, probes = probed(
         _column(), "upper", replace(observation, contour=ring(0.024, 0.037, above=2e-3))
     )
@@ -111,7 +103,7 @@ def test_a_flat_top_takes_five_that_lie_all_over_it(
 
 @pytest.mark.parametrize("radius", [0.024, 0.014, 0.011])
 def test_a_flat_top_takes_as_many_touches_as_its_share_of_the_surface_asks_for_in_noise(
-    probed: Run, observation: EndObservation, ring: Ring, radius: float
+    probed, observation, ring, radius
 ) -> None:
     noisy = replace(observation, contour=ring(radius - 2e-4, 0.037, above=2e-3), noise=1e-4)
     _, probes = probed(_column(radius), "upper", noisy)
@@ -122,23 +114,19 @@ def test_a_flat_top_takes_as_many_touches_as_its_share_of_the_surface_asks_for_i
     assert len(fewer) <= 5 < enough
 
 
-def test_a_top_on_which_no_whole_pad_lies_is_not_touched_again(
-    probed: Run, observation: EndObservation, ring: Ring
-) -> None:
+def test_a_top_on_which_no_whole_pad_lies_is_not_touched_again(probed, observation, ring) -> None:
     noisy = replace(observation, contour=ring(0.0048, 0.037, above=2e-3), noise=1e-4)
     _, probes = probed(_column(0.005), "upper", noisy)
     assert _whys(probes) == "s"
 
 
-def test_a_pole_takes_one_touch_in_spite_of_noise(
-    probed: Run, observation: EndObservation, ring: Ring
-) -> None:
+def test_a_pole_takes_one_touch_in_spite_of_noise(probed, observation, ring) -> None:
     contour = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     _, probes = probed(_ball(), "upper", replace(observation, contour=contour, noise=1e-4))
     assert _whys(probes) == "s"
 
 
-def test_a_narrow_flat_top_takes_one(probed: Run, observation: EndObservation, ring: Ring) -> None:
+def test_a_narrow_flat_top_takes_one(probed, observation, ring) -> None:
     done, probes = probed(
         _column(0.014), "upper", replace(observation, contour=ring(0.0138, 0.037, above=2e-3))
     )
@@ -146,7 +134,7 @@ def test_a_narrow_flat_top_takes_one(probed: Run, observation: EndObservation, r
 
 
 def test_an_edge_below_which_the_band_ends_is_touched_at_45_degrees(
-    probed: Run, observation: EndObservation, ring: Ring
+    probed, observation, ring
 ) -> None:
     contour = ring(0.025, 0.03, above=3e-3)
     _, probes = probed(_column(), "upper", replace(observation, contour=contour))
@@ -155,9 +143,7 @@ def test_an_edge_below_which_the_band_ends_is_touched_at_45_degrees(
         assert one.touched and abs(one.normal[2] - math.sqrt(0.5)) < 0.2
 
 
-def test_a_lower_end_is_an_upper_one_turned_over(
-    probed: Run, observation: EndObservation, ring: Ring
-) -> None:
+def test_a_lower_end_is_an_upper_one_turned_over(probed, observation, ring) -> None:
     upper = replace(observation, contour=ring(0.025, 0.03, above=3e-3))
     done, probes = probed(_column(), "upper", upper)
     for count in range(len(probes) + 1):
@@ -175,31 +161,25 @@ def test_a_lower_end_is_an_upper_one_turned_over(
         assert lower.reach == pytest.approx(wanted.reach) and lower.reason == wanted.reason
 
 
-def test_an_end_on_which_it_stands_takes_none(observation: EndObservation, ring: Ring) -> None:
+def test_an_end_on_which_it_stands_takes_none(observation, ring) -> None:
     below = replace(observation, height=-0.04, other=0.04, standing=True)
     assert next_probe("lower", below) == StopProbing("it stands on the platform", 0.0)
     found = next_probe("lower", replace(below, contour=ring(0.025, -0.03, below=6e-3)))
     assert isinstance(found, StopProbing) and found.untouched == pytest.approx(4e-3)
 
 
-def test_an_end_that_is_lower_than_thought_is_found(
-    probed: Run, observation: EndObservation
-) -> None:
+def test_an_end_that_is_lower_than_thought_is_found(probed, observation) -> None:
     done, probes = probed(_ball(), "upper", replace(observation, height=0.06))
     assert done.reason == "the end is found" and len(probes) == 1
 
 
-def test_an_end_that_is_higher_than_thought_is_found(
-    probed: Run, observation: EndObservation
-) -> None:
+def test_an_end_that_is_higher_than_thought_is_found(probed, observation) -> None:
     done, probes = probed(_ball(), "upper", replace(observation, height=0.02))
     outcomes = [one.outcome for one in probes]
     assert outcomes == ["inside", "hit"] and done.reason == "the end is found"
 
 
-def test_a_touch_that_begins_inside_again_and_again_is_given_up(
-    observation: EndObservation,
-) -> None:
+def test_a_touch_that_begins_inside_again_and_again_is_given_up(observation) -> None:
     probes: tuple[ProbeResult, ...] = ()
     for _ in range(5):
         found = next_probe("upper", replace(observation, probes=probes))
@@ -211,9 +191,7 @@ def test_a_touch_that_begins_inside_again_and_again_is_given_up(
     assert isinstance(found, ProbeCommand) and np.linalg.norm(found.pose[:2]) > 0.01
 
 
-def test_an_object_off_the_axis_is_looked_for_around_it(
-    probed: Run, observation: EndObservation
-) -> None:
+def test_an_object_off_the_axis_is_looked_for_around_it(probed, observation) -> None:
     aside = PosedShape(_column(0.01), pose_of(np.array([0.02, 0.0, 0.0]), np.eye(3)))
     done, probes = probed(aside, "upper", observation)
     assert done.reason == "the end is found"
@@ -221,9 +199,7 @@ def test_an_object_off_the_axis_is_looked_for_around_it(
 
 
 @pytest.mark.parametrize("contour", [False, True], ids=["no contour", "a contour"])
-def test_where_nothing_is_the_search_ends(
-    probed: Run, observation: EndObservation, ring: Ring, contour: bool
-) -> None:
+def test_where_nothing_is_the_search_ends(probed, observation, ring, contour) -> None:
     far = PosedShape(_ball(), pose_of(np.array([1.0, 0.0, 0.0]), np.eye(3)))
     observation = replace(observation, contour=ring(0.025, 0.03) if contour else None)
     done, probes = probed(far, "upper", observation)
@@ -231,7 +207,7 @@ def test_where_nothing_is_the_search_ends(
     assert done.untouched >= 0.05
 
 
-def test_a_top_that_is_no_plane_is_felt_all_over(observation: EndObservation, ring: Ring) -> None:
+def test_a_top_that_is_no_plane_is_felt_all_over(observation, ring) -> None:
     observation = replace(observation, contour=ring(0.028, 0.037, above=3e-3))
     while isinstance(found := next_probe("upper", observation), ProbeCommand):
         away = float(np.linalg.norm(found.target[:2]))
@@ -244,9 +220,7 @@ def test_a_top_that_is_no_plane_is_felt_all_over(observation: EndObservation, ri
     )
 
 
-def test_a_top_too_wide_to_be_felt_all_over_says_so(
-    observation: EndObservation, ring: Ring
-) -> None:
+def test_a_top_too_wide_to_be_felt_all_over_says_so(observation, ring) -> None:
     observation = replace(observation, contour=ring(0.09, 0.037, above=3e-3))
     while isinstance(found := next_probe("upper", observation), ProbeCommand):
         point = np.array([*found.target[:2], 0.04 + 1e-3 * len(observation.probes)])
@@ -258,9 +232,7 @@ def test_a_top_too_wide_to_be_felt_all_over_says_so(
     assert found.reason == "14 touches have not felt all of it"
 
 
-def test_a_leaning_face_is_touched_along_its_normal(
-    observation: EndObservation, ring: Ring
-) -> None:
+def test_a_leaning_face_is_touched_along_its_normal(observation, ring) -> None:
     observation = replace(observation, contour=ring(0.025, 0.02))
     normal = np.array([math.sin(0.3), 0.0, math.cos(0.3)])
     first = next_probe("upper", observation)
@@ -271,9 +243,7 @@ def test_a_leaning_face_is_touched_along_its_normal(
     np.testing.assert_allclose(split_pose(found.pose)[1][:, 2], -normal, atol=1e-6)
 
 
-def test_a_pole_beside_the_first_touch_is_looked_for(
-    probed: Run, observation: EndObservation, ring: Ring
-) -> None:
+def test_a_pole_beside_the_first_touch_is_looked_for(probed, observation, ring) -> None:
     turned = rotations_from_vectors(np.array([[0.0, math.radians(12.0), 0.0]]))[0]
     tip = Superquadric(np.array([0.015, 0.015, 0.045]), np.array([1.0, 1.0]))
     shape = PosedShape(tip, pose_of(np.zeros(3), turned))
@@ -283,14 +253,12 @@ def test_a_pole_beside_the_first_touch_is_looked_for(
     assert highest == pytest.approx(shape.bounds()[1, 2], abs=1e-4) and 2 <= len(probes) <= 3
 
 
-def test_an_end_on_the_wrong_side_is_refused(observation: EndObservation) -> None:
+def test_an_end_on_the_wrong_side_is_refused(observation) -> None:
     with pytest.raises(ValueError, match="height of the lower end must lie beyond the other one's"):
         next_probe("lower", observation)
 
 
-def test_a_touch_of_the_edge_alone_tells_of_no_face(
-    observation: EndObservation, ring: Ring
-) -> None:
+def test_a_touch_of_the_edge_alone_tells_of_no_face(observation, ring) -> None:
     probing = ProbeCommand(IDENTITY_POSE, 0.01, "edge", np.zeros(3))
     made = ProbeResult(probing, "hit", np.zeros(3), UP)
     found = next_probe("upper", replace(observation, contour=ring(0.02, 0.03), probes=(made,)))
@@ -304,9 +272,7 @@ def test_a_touch_of_the_edge_alone_tells_of_no_face(
     st.floats(-1.0, 1.0),
     st.integers(0, 99),
 )
-def test_every_end_is_done_after_at_most_24_touches(
-    probed: Run, size: tuple[float, float], exponents: tuple[float, float], lean: float, seed: int
-) -> None:
+def test_every_end_is_done_after_at_most_24_touches(probed, size, exponents, lean, seed) -> None:
     turned = rotations_from_vectors(np.array([[0.4 * lean, 0.3 * lean, 0.0]]))[0]
     solid = Superquadric(np.array([*size, 0.04]), np.array(exponents))
     shape = PosedShape(solid, pose_of(np.zeros(3), turned))
@@ -345,21 +311,19 @@ def test_places_of_a_search_are_a_pad_apart_and_few() -> None:
     assert len(end_search_places(0.01, 0.015)) == 1
 
 
-def test_a_search_begins_above_all_that_may_be(
-    observation: EndObservation, ring: Callable[..., SideContour]
-) -> None:
+def test_a_search_begins_above_all_that_may_be(observation, ring) -> None:
     assert highest_expected(observation) == pytest.approx(0.0415)
     contour = ring(0.02, 0.04, above=4e-3)
     assert highest_expected(replace(observation, contour=contour)) == pytest.approx(0.044)
 
 
-def test_once_it_is_found_the_guess_no_longer_counts(observation: EndObservation) -> None:
+def test_once_it_is_found_the_guess_no_longer_counts(observation) -> None:
     probing = probe_along_axis(observation, np.zeros(2))
     made = ProbeResult(probing, "hit", np.array([0.0, 0.0, 0.035]), np.array([0.0, 0.0, 1.0]))
     assert highest_expected(replace(observation, probes=(made,))) == pytest.approx(0.035)
 
 
-def test_a_search_goes_down_to_half_the_height(observation: EndObservation) -> None:
+def test_a_search_goes_down_to_half_the_height(observation) -> None:
     probing = probe_along_axis(observation, np.array([0.01, 0.0]))
     assert probing.pose[2] - probing.reach == pytest.approx(0.0)
 
@@ -384,7 +348,7 @@ def test_a_leaning_surface_is_climbed_by_as_much_as_a_pad_feels() -> None:
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.9 * SUMMIT_LEAN])
-def test_a_level_surface_is_not_climbed(lean: float) -> None:
+def test_a_level_surface_is_not_climbed(lean) -> None:
     touch = _touch((0.0, 0.0), 0.04, lean)
     assert next_uphill([touch], [touch], WIDTH) is None
 

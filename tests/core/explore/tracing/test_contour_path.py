@@ -20,7 +20,7 @@ def arc(radius: float, begin: float, end: float, count: int) -> Path:
 
 @pytest.mark.parametrize("radius", [0.005, 0.01, 0.03, 0.2])
 @pytest.mark.parametrize("azimuth", [0.0, 1.0, 3.1, -2.0])
-def test_the_course_of_a_circle_is_its_tangent_and_curvature(radius: float, azimuth: float) -> None:
+def test_the_course_of_a_circle_is_its_tangent_and_curvature(radius, azimuth) -> None:
     path = arc(radius, azimuth - 0.012 / radius, azimuth, 13)
     course = heading_at_end(path, azimuth - 0.1, WIDTH)
     assert np.allclose(course.tangent, [-math.sin(azimuth), math.cos(azimuth)], atol=1e-12)

@@ -3,7 +3,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from palpate.core.explore.tracing.contour_trace import Trace, TraceGoal, after_t
 from palpate.core.explore.tracing.slice_arc import SliceArc
 from palpate.core.shapes.protocol import Mesh, PosedShape, Shape
 from palpate.core.shapes.superquadrics import Superquadric
-from palpate.core.touch.pad import Pad
 
 MOST = 150
 # Where only two rows are touched beside the slice, a straight line has to do; else 0.1 um.
@@ -43,15 +41,7 @@ def length_of(points: Floats) -> float:
     [("ball", 20, 26, EXACT), ("box", 35, 35, NEAR_RIM), ("cylinder", 20, 25, NEAR_RIM)],
 )
 def test_a_contour_closes_on_the_surface_within_few_touches(
-    name: str,
-    most_flat: int,
-    most_domed: int,
-    error: float,
-    share: float,
-    finger: Any,
-    flat: Pad,
-    domed: Pad,
-    request: pytest.FixtureRequest,
+    name, most_flat, most_domed, error, share, finger, flat, domed, request
 ) -> None:
     shape = request.getfixturevalue(name)
     height = share * shape.size[2]
@@ -70,17 +60,13 @@ def test_a_contour_closes_on_the_surface_within_few_touches(
 
 
 @pytest.mark.parametrize("share", [0.0, 0.6, 0.93])
-def test_the_length_of_a_contour_of_a_ball_is_that_of_its_circle(
-    share: float, finger: Any, flat: Pad, ball: Superquadric
-) -> None:
+def test_the_length_of_a_contour_of_a_ball_is_that_of_its_circle(share, finger, flat, ball) -> None:
     trace, _ = finger(ball, flat).contour(slice_at(0.03 * share))
     circle = 2 * np.pi * 0.03 * np.sqrt(1 - share**2)
     assert length_of(trace.path.points) == pytest.approx(circle, rel=3e-3)
 
 
-def test_normals_look_outwards_and_curvatures_are_those_across(
-    finger: Any, flat: Pad, ball: Superquadric
-) -> None:
+def test_normals_look_outwards_and_curvatures_are_those_across(finger, flat, ball) -> None:
     trace, _ = finger(ball, flat).contour(slice_at(0.018))
     path = trace.path
     assert len(path.normals) == len(path.across) == len(path.points)
@@ -90,7 +76,7 @@ def test_normals_look_outwards_and_curvatures_are_those_across(
 
 @pytest.mark.parametrize("turn", [0.3, 0.9])
 def test_a_contour_does_not_depend_on_where_it_starts_beyond_its_sampling(
-    turn: float, finger: Any, domed: Pad, box: Superquadric
+    turn, finger, domed, box
 ) -> None:
     half = np.array([0, 0, np.sin(turn / 2), np.cos(turn / 2)])
     turned = PosedShape(box, np.concatenate([[0.004, -0.003, 0.0], half]))
@@ -103,9 +89,7 @@ def test_a_contour_does_not_depend_on_where_it_starts_beyond_its_sampling(
     assert length_of(points) == pytest.approx(0.195, abs=3e-3)
 
 
-def test_stepping_a_trace_twice_gives_the_same_and_leaves_it_unchanged(
-    finger: Any, flat: Pad, box: Superquadric
-) -> None:
+def test_stepping_a_trace_twice_gives_the_same_and_leaves_it_unchanged(finger, flat, box) -> None:
     hand, trace = finger(box, flat), Trace(slice_at(0.0))
     for _ in range(12):
         first, aim = next_command(flat, trace)
@@ -125,9 +109,7 @@ def test_stepping_a_trace_twice_gives_the_same_and_leaves_it_unchanged(
         trace = following
 
 
-def test_a_trace_asked_again_goes_on_from_where_it_was(
-    finger: Any, flat: Pad, box: Superquadric
-) -> None:
+def test_a_trace_asked_again_goes_on_from_where_it_was(finger, flat, box) -> None:
     hand, trace = finger(box, flat), Trace(slice_at(0.0))
     for _ in range(6):
         trace, aim = next_command(flat, trace)
@@ -138,24 +120,20 @@ def test_a_trace_asked_again_goes_on_from_where_it_was(
         trace = after_touch(again, hand.answer(same, 0.0))
 
 
-def test_a_slice_above_the_object_has_no_contact(
-    finger: Any, flat: Pad, ball: Superquadric
-) -> None:
+def test_a_slice_above_the_object_has_no_contact(finger, flat, ball) -> None:
     trace, status = finger(ball, flat).contour(slice_at(0.2))
     assert status == "no_contact"
     assert trace.path is None
 
 
-def test_a_slice_over_the_top_ends_at_the_pole(finger: Any, flat: Pad, box: Superquadric) -> None:
+def test_a_slice_over_the_top_ends_at_the_pole(finger, flat, box) -> None:
     trace, status = finger(box, flat).contour(slice_at(0.043))
     assert status == "pole"
     assert trace.path is None
 
 
 @pytest.mark.parametrize("most", [1, 5, 12])
-def test_a_trace_gives_up_after_its_touches(
-    most: int, finger: Any, flat: Pad, ball: Superquadric
-) -> None:
+def test_a_trace_gives_up_after_its_touches(most, finger, flat, ball) -> None:
     trace, status = finger(ball, flat).contour(slice_at(0.0, most))
     assert status == "budget"
     assert trace.touches == most
@@ -180,9 +158,7 @@ class Partly:
 
 
 @pytest.mark.parametrize("azimuth", [180.0, 90.0, -22.0])
-def test_a_stretch_that_cannot_be_felt_is_a_gap_of_its_length(
-    azimuth: float, finger: Any, flat: Pad, ball: Superquadric
-) -> None:
+def test_a_stretch_that_cannot_be_felt_is_a_gap_of_its_length(azimuth, finger, flat, ball) -> None:
     middle = 0.03 * np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
 
     def outside(place: Floats) -> Bools:
@@ -195,9 +171,7 @@ def test_a_stretch_that_cannot_be_felt_is_a_gap_of_its_length(
     assert np.linalg.norm(0.5 * (gap.start + gap.end)[:2] - middle) < 0.6e-3
 
 
-def test_a_side_that_cannot_be_felt_is_leapt_over_and_is_a_gap(
-    finger: Any, flat: Pad, ball: Superquadric
-) -> None:
+def test_a_side_that_cannot_be_felt_is_leapt_over_and_is_a_gap(finger, flat, ball) -> None:
     shape: Shape = Partly(ball, lambda place: np.asarray(place[:, 1] > -0.01))
     trace, status = finger(shape, flat).contour(slice_at(0.0))
     assert status == "occluded"
@@ -208,7 +182,7 @@ def test_a_side_that_cannot_be_felt_is_leapt_over_and_is_a_gap(
     assert gap.reason == "missed"
 
 
-def test_a_contour_without_a_way_on_is_stuck(flat: Pad) -> None:
+def test_a_contour_without_a_way_on_is_stuck(flat) -> None:
     trace = after_touch(next_command(flat, Trace(slice_at(0.0)))[0], arc(0.0, 0.5))
     while isinstance((stepped := next_command(flat, trace))[1], TouchCommand):
         trace = after_touch(stepped[0], None)
@@ -226,7 +200,7 @@ def arc(begin: float, end: float, growth: float = 0.0) -> SliceArc:
     return SliceArc(points, away, flat, flat, flat, 0.0, points[0], points[0], 5, 5)
 
 
-def test_a_gap_that_ends_at_the_start_is_a_gap(flat: Pad) -> None:
+def test_a_gap_that_ends_at_the_start_is_a_gap(flat) -> None:
     ends = np.linspace(0.0, 2 * np.pi - 0.2, 16)
     arcs = [arc(begin, end) for begin, end in itertools.pairwise(ends)]
     arcs.append(arc(2 * np.pi + 0.02, 2 * np.pi + 0.4))
@@ -240,7 +214,7 @@ def test_a_gap_that_ends_at_the_start_is_a_gap(flat: Pad) -> None:
     assert gap.extent == pytest.approx(2 * 0.02 * np.sin(0.1))
 
 
-def test_a_path_that_circles_without_closing_is_overrun(flat: Pad) -> None:
+def test_a_path_that_circles_without_closing_is_overrun(flat) -> None:
     trace, azimuth = Trace(slice_at(0.0)), 0.0
     while True:
         trace, found = next_command(flat, trace)

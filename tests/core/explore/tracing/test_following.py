@@ -62,7 +62,7 @@ def felt_on(path: Path) -> SliceArc:
     return SliceArc(*path, 0.0, path.points[0], path.points[0], 5, 5)
 
 
-def test_steps_are_as_long_as_contact_and_pad_allow(flat: Pad, domed: Pad) -> None:
+def test_steps_are_as_long_as_contact_and_pad_allow(flat, domed) -> None:
     ways = []
     for pad, radius in ((flat, 0.003), (flat, 0.006), (domed, 10.0), (flat, 10.0)):
         path = arc(radius, -0.009 / radius, 0.0, 40)
@@ -75,7 +75,7 @@ def test_steps_are_as_long_as_contact_and_pad_allow(flat: Pad, domed: Pad) -> No
     assert ways[2] == ways[3] == pytest.approx(0.69 * 7.5e-3)
 
 
-def test_an_arc_that_joins_the_path_is_taken_without_what_lies_behind(flat: Pad) -> None:
+def test_an_arc_that_joins_the_path_is_taken_without_what_lies_behind(flat) -> None:
     found = stride(flat, arc(0.03, 0.0, 0.5, 16), 0.5, [felt_on(arc(0.03, 0.4, 0.8, 13))])
     assert isinstance(found, Stride)
     azimuth = np.arctan2(found.new.points[:, 1], found.new.points[:, 0])
@@ -84,7 +84,7 @@ def test_an_arc_that_joins_the_path_is_taken_without_what_lies_behind(flat: Pad)
     assert len(azimuth) == 9
 
 
-def test_a_miss_leads_around_the_corner_and_through_the_whole_list(flat: Pad) -> None:
+def test_a_miss_leads_around_the_corner_and_through_the_whole_list(flat) -> None:
     path = line(np.array([0.03, 0.0]), np.array([0.03, 0.02]), 16)
     counts = range(1, 2 + len(AROUND_A_CORNER))
     tried = [stride(flat, path, 0.0, [None] * count) for count in counts]
@@ -93,7 +93,7 @@ def test_a_miss_leads_around_the_corner_and_through_the_whole_list(flat: Pad) ->
     assert tried[-1] is None
 
 
-def test_a_face_beyond_the_corner_is_joined_by_the_turned_touch(flat: Pad) -> None:
+def test_a_face_beyond_the_corner_is_joined_by_the_turned_touch(flat) -> None:
     path = line(np.array([0.03, 0.0]), np.array([0.03, 0.02]), 16)
     top = line(np.array([0.0295, 0.0205]), np.array([0.02, 0.0205]), 10)
     found = stride(flat, path, 0.0, [None, felt_on(top)])
@@ -101,7 +101,7 @@ def test_a_face_beyond_the_corner_is_joined_by_the_turned_touch(flat: Pad) -> No
     assert found.heading == pytest.approx(AROUND_A_CORNER[0].turn)
 
 
-def test_an_arc_beyond_a_gap_is_taken_last_with_a_touch_in_the_gaps_middle(flat: Pad) -> None:
+def test_an_arc_beyond_a_gap_is_taken_last_with_a_touch_in_the_gaps_middle(flat) -> None:
     path = line(np.array([0.03, 0.0]), np.array([0.03, 0.01]), 11)
     beyond = felt_on(line(np.array([0.03, 0.015]), np.array([0.03, 0.02]), 6))
     missed = [beyond, *[None] * len(OVER_A_GAP)]
@@ -137,7 +137,7 @@ def filled(
     return resume(lambda: probe_gaps(SliceSpec(pad, 0.0), path, UPRIGHT), felt)
 
 
-def test_points_that_join_are_left_alone(flat: Pad) -> None:
+def test_points_that_join_are_left_alone(flat) -> None:
     found = filled(flat, chain(0.0, 0.001, 0.0028), ())
     assert isinstance(found, ProcedureResult)
     path, gaps = found.result
@@ -145,14 +145,14 @@ def test_points_that_join_are_left_alone(flat: Pad) -> None:
     assert gaps == ()
 
 
-def test_a_gap_is_probed_in_its_middle_across_its_chord(flat: Pad) -> None:
+def test_a_gap_is_probed_in_its_middle_across_its_chord(flat) -> None:
     aim = filled(flat, chain(0.0, 0.006), ())
     assert isinstance(aim, TouchCommand)
     assert np.allclose(aim.place, [0.03, 0.003])
     assert aim.heading == pytest.approx(0.0)
 
 
-def test_what_is_felt_between_is_put_in_and_what_is_not_stays_a_gap(flat: Pad) -> None:
+def test_what_is_felt_between_is_put_in_and_what_is_not_stays_a_gap(flat) -> None:
     path = chain(0.0, 0.006, 0.016)
     nothing: list[SliceArc | None] = [felt_at(0.0, 0.016)] * PROBES
     found = filled(flat, path, [*nothing, felt_at(-0.001, 0.0015, 0.003, 0.0045, 0.0075)])
@@ -163,15 +163,13 @@ def test_what_is_felt_between_is_put_in_and_what_is_not_stays_a_gap(flat: Pad) -
     assert gap.extent == pytest.approx(0.010)
 
 
-def test_a_gap_that_a_probe_has_shortened_is_probed_again(flat: Pad) -> None:
+def test_a_gap_that_a_probe_has_shortened_is_probed_again(flat) -> None:
     aim = filled(flat, chain(0.0, 0.010), [felt_at(0.001, 0.002)])
     assert isinstance(aim, TouchCommand)
     assert np.allclose(aim.place, [0.03, 0.006])
 
 
-def test_a_bridge_is_pressed_deeper_and_then_its_walls_are_followed_from_both_ends(
-    flat: Pad,
-) -> None:
+def test_a_bridge_is_pressed_deeper_and_then_its_walls_are_followed_from_both_ends(flat) -> None:
     bridged: list[SliceArc | None] = [felt_at(0.0, 0.010)]
     aims = [filled(flat, chain(0.0, 0.010), bridged * count) for count in range(1, PROBES)]
     assert filled(flat, chain(0.0, 0.010), bridged * PROBES) not in aims
@@ -190,14 +188,14 @@ def test_a_bridge_is_pressed_deeper_and_then_its_walls_are_followed_from_both_en
     )
 
 
-def test_where_nothing_is_touched_one_probe_is_enough(flat: Pad) -> None:
+def test_where_nothing_is_touched_one_probe_is_enough(flat) -> None:
     found = filled(flat, chain(0.0, 0.006), [None])
     assert isinstance(found, ProcedureResult)
     [gap] = found.result[1]
     assert gap.reason == "missed"
 
 
-def test_a_probe_that_feels_no_more_than_the_ends_has_not_helped(flat: Pad) -> None:
+def test_a_probe_that_feels_no_more_than_the_ends_has_not_helped(flat) -> None:
     path = chain(0.0, 0.006)
     found = filled(flat, path, [felt_at(0.0001, 0.0059)] * PROBES)
     assert isinstance(found, ProcedureResult)
@@ -220,14 +218,14 @@ def leading_edge(pad: Pad, aim: Any, number: int) -> Any:
     return edge[:2] + aim.standoff * axes[:2, 2]
 
 
-def test_each_way_is_tried_at_both_ends_with_the_deepest_press(flat: Pad) -> None:
+def test_each_way_is_tried_at_both_ends_with_the_deepest_press(flat) -> None:
     aims = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))
     assert len(aims) == 2 * len(WALL_POSTURES)
     assert {aim.posture.depth for aim in aims} == {DEEP_TOUCH_DEPTH}
     assert flat.saturation * flat.thickness > DEEP_TOUCH_DEPTH
 
 
-def test_an_edge_comes_down_the_wall_beyond_its_last_felt_point(flat: Pad) -> None:
+def test_an_edge_comes_down_the_wall_beyond_its_last_felt_point(flat) -> None:
     first, last = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))[:2]
     for number, aim, side in ((0, first, 1.0), (1, last, -1.0)):
         assert aim.heading == pytest.approx(side * 0.9 * 0.7)
@@ -237,14 +235,14 @@ def test_an_edge_comes_down_the_wall_beyond_its_last_felt_point(flat: Pad) -> No
         assert beyond @ into == pytest.approx(0.22 * 15e-3)
 
 
-def test_the_pads_body_stays_outside_the_hollow(flat: Pad) -> None:
+def test_the_pads_body_stays_outside_the_hollow(flat) -> None:
     for number, aim in enumerate(probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))[:2]):
         edge, middle = leading_edge(flat, aim, number), aim.place
         assert middle[0] > edge[0]
         assert abs(middle[1]) > abs(edge[1])
 
 
-def test_corners_come_first_where_the_pad_is_tilted(flat: Pad) -> None:
+def test_corners_come_first_where_the_pad_is_tilted(flat) -> None:
     for aim, way in zip(
         probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))[::2], WALL_POSTURES, strict=True
     ):
@@ -252,19 +250,19 @@ def test_corners_come_first_where_the_pad_is_tilted(flat: Pad) -> None:
         assert aim.posture.shift == pytest.approx(7e-3 * float(np.sign(way.tilt)))
 
 
-def test_no_edge_is_set_beyond_the_middle_of_a_narrow_gap(flat: Pad) -> None:
+def test_no_edge_is_set_beyond_the_middle_of_a_narrow_gap(flat) -> None:
     narrow = 0.25 * ENDS + 0.75 * ENDS.mean(axis=0)
     for number, aim in enumerate(probe_walls(SliceSpec(flat, 0.0), narrow, walls(0.0))[:2]):
         assert leading_edge(flat, aim, number)[1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_pad_is_never_turned_along_the_chord(flat: Pad) -> None:
+def test_a_pad_is_never_turned_along_the_chord(flat) -> None:
     first = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(3.0))[0]
     assert first.heading == pytest.approx(STEEPEST)
 
 
 @pytest.mark.parametrize("scale", [0.3, 3.0])
-def test_lengths_go_by_the_width_of_the_array(scale: float, flat: Pad) -> None:
+def test_lengths_go_by_the_width_of_the_array(scale, flat) -> None:
     pad = Pad(16, 16, scale * flat.pitch, flat.thickness, 0.0, flat.saturation)
     one = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.5))[0]
     other = probe_walls(SliceSpec(pad, 0.0), scale * ENDS, walls(0.5))[0]

@@ -27,7 +27,7 @@ def reacquired(
     return resume(lambda: reacquire(SliceSpec(pad, 0.0), path, np.zeros(2), 0.1), felt)
 
 
-def test_approaches_come_from_ever_farther_round_up_to_the_start(flat: Pad) -> None:
+def test_approaches_come_from_ever_farther_round_up_to_the_start(flat) -> None:
     path = arc(0.0, math.pi)
     aims = [reacquired(flat, path, [None] * count) for count in range(6)]
     headings = [aim.heading for aim in aims if isinstance(aim, TouchCommand)]
@@ -35,7 +35,7 @@ def test_approaches_come_from_ever_farther_round_up_to_the_start(flat: Pad) -> N
     assert reacquired(flat, path, [None] * 6) == ProcedureResult(None)
 
 
-def test_what_is_met_is_the_way_on_and_the_stretch_before_it_is_probed(flat: Pad) -> None:
+def test_what_is_met_is_the_way_on_and_the_stretch_before_it_is_probed(flat) -> None:
     path, beyond = arc(0.0, math.pi), arc(math.pi + 0.45, math.pi + 0.6)
     met = SliceArc(*beyond, 0.0, beyond.points[0], beyond.points[0], 5, 5)
     aim = reacquired(flat, path, [met])

@@ -30,7 +30,6 @@ from palpate.core.explore.tracing.search import (
 )
 from palpate.core.explore.tracing.slice_arc import SliceArc
 from palpate.core.shapes.protocol import Shape
-from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.pad import Pad
 
 
@@ -46,9 +45,7 @@ def first_arc(finger: Any, shape: Shape, pad: Pad, height: float) -> tuple[First
     raise AssertionError("begin does not end")
 
 
-def test_one_touch_is_enough_where_the_side_is_upright(
-    finger: Any, flat: Pad, ball: Superquadric, box: Superquadric
-) -> None:
+def test_one_touch_is_enough_where_the_side_is_upright(finger, flat, ball, box) -> None:
     for shape in (ball, box):
         start, touches = first_arc(finger, shape, flat, 0.0)
         assert touches == 1
@@ -58,7 +55,7 @@ def test_one_touch_is_enough_where_the_side_is_upright(
 
 @pytest.mark.parametrize("share", [-0.9, -0.6, 0.6, 0.9])
 def test_off_the_equator_the_pad_tilts_until_it_lies_against_the_surface(
-    share: float, finger: Any, flat: Pad, domed: Pad, ball: Superquadric
+    share, finger, flat, domed, ball
 ) -> None:
     for pad in (flat, domed):
         start, touches = first_arc(finger, ball, pad, 0.03 * share)
@@ -73,7 +70,7 @@ def test_off_the_equator_the_pad_tilts_until_it_lies_against_the_surface(
 
 @pytest.mark.parametrize("share", [0.25, 0.33, -0.33])
 def test_a_first_arc_that_is_felt_askew_is_felt_once_more_and_no_oftener(
-    share: float, finger: Any, domed: Pad, ball: Superquadric
+    share, finger, domed, ball
 ) -> None:
     start, touches = first_arc(finger, ball, domed, 0.03 * share)
     assert touches == 2
@@ -81,9 +78,7 @@ def test_a_first_arc_that_is_felt_askew_is_felt_once_more_and_no_oftener(
     assert start.posture.tilt == pytest.approx(math.asin(share), abs=0.02)
 
 
-def test_later_tilts_follow_the_slope_without_overshooting(
-    finger: Any, domed: Pad, ball: Superquadric
-) -> None:
+def test_later_tilts_follow_the_slope_without_overshooting(finger, domed, ball) -> None:
     hand, tilts = finger(ball, domed), []
     felt: list[SliceArc | None] = []
     while isinstance(
@@ -96,17 +91,13 @@ def test_later_tilts_follow_the_slope_without_overshooting(
     assert max(tilts) < math.asin(0.6)
 
 
-def test_an_object_that_is_not_there_is_sought_from_every_side(
-    finger: Any, flat: Pad, ball: Superquadric
-) -> None:
+def test_an_object_that_is_not_there_is_sought_from_every_side(finger, flat, ball) -> None:
     start, touches = first_arc(finger, ball, flat, 0.2)
     assert start == "no_contact"
     assert touches == len(AZIMUTHS)
 
 
-def test_the_first_approach_comes_from_the_radius_and_goes_to_the_centre(
-    flat: Pad,
-) -> None:
+def test_the_first_approach_comes_from_the_radius_and_goes_to_the_centre(flat) -> None:
     aim = resume(lambda: search_first_arc(SliceSpec(flat, 0.05), np.array([0.01, -0.02]), 0.1), ())
     assert isinstance(aim, TouchCommand)
     assert np.allclose(aim.start(0.05)[:3], [0.11, -0.02, 0.05])
@@ -121,7 +112,7 @@ def test_the_first_approach_comes_from_the_radius_and_goes_to_the_centre(
 
 @pytest.mark.parametrize("above", [1e-3, 5e-3])
 def test_one_touch_from_above_tells_that_the_object_ends_below_the_slice(
-    above: float, finger: Any, flat: Pad, domed: Pad, ball: Superquadric, box: Superquadric
+    above, finger, flat, domed, ball, box
 ) -> None:
     for pad in (flat, domed):
         for shape in (ball, box):
@@ -130,9 +121,7 @@ def test_one_touch_from_above_tells_that_the_object_ends_below_the_slice(
             assert touches <= 20
 
 
-def test_a_slice_below_everything_that_is_felt_is_occluded(
-    finger: Any, flat: Pad, ball: Superquadric
-) -> None:
+def test_a_slice_below_everything_that_is_felt_is_occluded(finger, flat, ball) -> None:
     found, _ = first_arc(finger, ball, flat, -0.032)
     assert found == "occluded"
 
@@ -174,9 +163,7 @@ def test_a_miss_ends_the_search_with_nothing() -> None:
 
 
 @pytest.mark.parametrize("height", [0.014, 0.02, -0.02])
-def test_a_pad_beside_the_slice_walks_to_it(
-    height: float, finger: Any, flat: Pad, ball: Superquadric
-) -> None:
+def test_a_pad_beside_the_slice_walks_to_it(height, finger, flat, ball) -> None:
     hand, target = finger(ball, flat), Target(np.array([0.03, 0.0]), 0.0, 14e-3, 30e-3)
     felt: list[SliceArc | None] = []
     while True:
@@ -231,7 +218,7 @@ def test_a_frozen_stance_is_kept_while_it_works() -> None:
 
 
 @pytest.mark.parametrize("slope", [-50.0, 50.0])
-def test_the_pad_is_never_tilted_beyond_its_limit(slope: float) -> None:
+def test_the_pad_is_never_tilted_beyond_its_limit(slope) -> None:
     posture = UPRIGHT._replace(tilt=-math.copysign(MOST_TILT, slope))
     assert abs(next_posture(posture, felt_of(slope)).tilt) == MOST_TILT
     aim = search([felt_of(slope, rise=0.02)])

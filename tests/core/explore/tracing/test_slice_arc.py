@@ -52,7 +52,7 @@ def level_pad(surface: Floats, touched: Bools, pad: Pad, height: float) -> Slice
     ("tilt", "height"), [(0.0, 0.0), (0.0, 2e-3), (0.6, 0.018), (-0.6, -0.0165)]
 )
 def test_the_arc_lies_on_the_ball_and_in_the_slice(
-    heading: float, tilt: float, height: float, flat: Pad, domed: Pad, ball: Superquadric
+    heading, tilt, height, flat, domed, ball
 ) -> None:
     for pad in (flat, domed):
         felt = touch(pad, ball, heading, tilt, height)
@@ -66,7 +66,7 @@ def test_the_arc_lies_on_the_ball_and_in_the_slice(
         assert np.allclose(felt.across, 1 / RADIUS, rtol=0.05)
 
 
-def test_the_arc_leads_counter_clockwise(flat: Pad, ball: Superquadric) -> None:
+def test_the_arc_leads_counter_clockwise(flat, ball) -> None:
     for heading in (0.0, 2.0, -3.0):
         felt = touch(flat, ball, heading, 0.0, 0.0)
         assert felt is not None
@@ -75,9 +75,7 @@ def test_the_arc_leads_counter_clockwise(flat: Pad, ball: Superquadric) -> None:
         assert math.remainder(azimuth.mean() - heading, 2 * math.pi) == pytest.approx(0, abs=1e-9)
 
 
-def test_a_slice_that_the_pad_does_not_cover_has_no_arc_but_a_slope(
-    flat: Pad, ball: Superquadric
-) -> None:
+def test_a_slice_that_the_pad_does_not_cover_has_no_arc_but_a_slope(flat, ball) -> None:
     felt = touch(flat, ball, 0.0, 0.0, 0.012)
     assert felt is not None
     assert felt.points.shape == felt.normals.shape == (0, 3)
@@ -90,7 +88,7 @@ def test_a_slice_that_the_pad_does_not_cover_has_no_arc_but_a_slope(
     assert felt.slope == pytest.approx(-7e-3 / RADIUS, rel=0.1)
 
 
-def test_the_slope_says_how_the_surface_leans_against_the_pad(flat: Pad) -> None:
+def test_the_slope_says_how_the_surface_leans_against_the_pad(flat) -> None:
     _, y = flat.grid()
     touched = np.ones((16, 16), bool)
     felt = level_pad(0.25 * y, touched, flat, 0.02)
@@ -100,9 +98,7 @@ def test_the_slope_says_how_the_surface_leans_against_the_pad(flat: Pad) -> None
 
 
 @pytest.mark.parametrize(("row", "sign"), [(0, 1.0), (15, -1.0)])
-def test_where_one_row_touches_the_slope_is_a_guess_of_the_right_sign(
-    row: int, sign: float, flat: Pad
-) -> None:
+def test_where_one_row_touches_the_slope_is_a_guess_of_the_right_sign(row, sign, flat) -> None:
     touched = np.zeros((16, 16), bool)
     touched[row, 3:9] = True
     felt = level_pad(np.zeros((16, 16)), touched, flat, 0.0)
@@ -111,7 +107,7 @@ def test_where_one_row_touches_the_slope_is_a_guess_of_the_right_sign(
     assert (felt.above, felt.below) == ((6, 0) if row == 0 else (0, 6))
 
 
-def test_untouched_taxels_bear_no_arc(flat: Pad) -> None:
+def test_untouched_taxels_bear_no_arc(flat) -> None:
     touched = np.ones((16, 16), bool)
     touched[:, 5:9] = False
     felt = level_pad(np.zeros((16, 16)), touched, flat, 0.0)
@@ -119,7 +115,7 @@ def test_untouched_taxels_bear_no_arc(flat: Pad) -> None:
     assert len(felt.points) == 12
 
 
-def test_a_jump_between_two_rows_is_not_one_surface(flat: Pad) -> None:
+def test_a_jump_between_two_rows_is_not_one_surface(flat) -> None:
     x, y = flat.grid()
     surface = np.where((y > 0) & (x > 0), 2.1e-3, 0.0)
     felt = level_pad(surface, np.ones((16, 16), bool), flat, 0.0)
@@ -127,7 +123,7 @@ def test_a_jump_between_two_rows_is_not_one_surface(flat: Pad) -> None:
     assert len(felt.points) == 8
 
 
-def test_each_column_gives_the_crossing_nearest_to_the_middle(flat: Pad) -> None:
+def test_each_column_gives_the_crossing_nearest_to_the_middle(flat) -> None:
     _, y = flat.grid()
     # Seen from 45 degrees above, a wave in y passes the slice three times.
     pose = pose_of(np.zeros(3), pad_rotation(0.0, math.pi / 4))
@@ -138,14 +134,14 @@ def test_each_column_gives_the_crossing_nearest_to_the_middle(flat: Pad) -> None
     assert np.allclose(felt.points[:, [0, 2]], 0.0, atol=0.2e-3)
 
 
-def test_without_a_jet_the_pads_own_normal_stands_in(flat: Pad) -> None:
+def test_without_a_jet_the_pads_own_normal_stands_in(flat) -> None:
     felt = level_pad(np.zeros((16, 16)), np.ones((16, 16), bool), flat, 0.0)
     assert felt is not None
     assert np.allclose(felt.normals, [1.0, 0.0, 0.0], atol=1e-15)
     assert (felt.across == 0.0).all()
 
 
-def test_nothing_touched_is_nothing_felt(flat: Pad) -> None:
+def test_nothing_touched_is_nothing_felt(flat) -> None:
     assert level_pad(np.zeros((16, 16)), np.zeros((16, 16), bool), flat, 0.0) is None
 
 
@@ -161,7 +157,7 @@ def level(pad: Pad, surface: Any, touched: Any, height: float = 0.0, tilt: float
     return felt
 
 
-def test_a_flat_wall_is_felt_from_the_first_touched_row_to_the_last(flat: Pad) -> None:
+def test_a_flat_wall_is_felt_from_the_first_touched_row_to_the_last(flat) -> None:
     touched = np.zeros((16, 16), bool)
     touched[3:12] = True
     for height in (0.0, -2.2e-3):
@@ -171,12 +167,12 @@ def test_a_flat_wall_is_felt_from_the_first_touched_row_to_the_last(flat: Pad) -
         assert np.allclose(felt.high, 4.5e-3, rtol=0, atol=1e-15)
 
 
-def test_a_tilted_pads_band_is_as_high_as_its_rows_stand(flat: Pad) -> None:
+def test_a_tilted_pads_band_is_as_high_as_its_rows_stand(flat) -> None:
     felt = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.0, 0.5)
     assert np.allclose(felt.high, 7.5e-3 * math.cos(0.5), rtol=0, atol=1e-15)
 
 
-def test_a_break_ends_the_band_there_and_in_that_column_alone(flat: Pad) -> None:
+def test_a_break_ends_the_band_there_and_in_that_column_alone(flat) -> None:
     touched = np.ones((16, 16), bool)
     touched[10, 4] = False
     _, y = flat.grid()
@@ -189,13 +185,13 @@ def test_a_break_ends_the_band_there_and_in_that_column_alone(flat: Pad) -> None
     assert np.allclose(felt.high, 3.5e-3, rtol=0, atol=1e-15)
 
 
-def test_where_the_slice_runs_along_a_row_the_band_is_on_both_sides_of_it(flat: Pad) -> None:
+def test_where_the_slice_runs_along_a_row_the_band_is_on_both_sides_of_it(flat) -> None:
     felt = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.5e-3)
     assert np.allclose(felt.low, -7.5e-3, rtol=0, atol=1e-15)
     assert np.allclose(felt.high, 7.5e-3, rtol=0, atol=1e-15)
 
 
-def test_a_surface_that_turns_back_is_felt_to_its_highest_place(flat: Pad) -> None:
+def test_a_surface_that_turns_back_is_felt_to_its_highest_place(flat) -> None:
     _, y = flat.grid()
     above = 4e-3 - np.abs(y - 3.5e-3) + 1e-6
     met = crossings(flat, above, np.zeros((16, 16)), np.ones((16, 16), bool))
@@ -204,7 +200,7 @@ def test_a_surface_that_turns_back_is_felt_to_its_highest_place(flat: Pad) -> No
     assert np.allclose(high, 4.001e-3, rtol=0, atol=1e-15)
 
 
-def test_what_the_slice_does_not_meet_has_no_band(flat: Pad) -> None:
+def test_what_the_slice_does_not_meet_has_no_band(flat) -> None:
     felt = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.02)
     assert felt.low.shape == felt.high.shape == (0,)
 
@@ -215,7 +211,7 @@ def arc(pad: Pad, places: list[float], low: float, high: float) -> Path:
     return Path(points, 0.0 * points, flat, flat + low, flat + high)
 
 
-def test_a_touch_over_felt_points_widens_their_bands_and_no_others(flat: Pad) -> None:
+def test_a_touch_over_felt_points_widens_their_bands_and_no_others(flat) -> None:
     path = arc(flat, [0.0, 1e-3, 2e-3], -3e-3, 1e-3)
     other = arc(flat, [1.3e-3, 2.3e-3, 3.3e-3], -1e-3, 5e-3)
     felt = SliceArc(*other, 0.0, np.zeros(3), np.zeros(3), 5, 5)
@@ -225,7 +221,7 @@ def test_a_touch_over_felt_points_widens_their_bands_and_no_others(flat: Pad) ->
     assert np.array_equal(wider.points, path.points)
 
 
-def test_a_touch_without_an_arc_widens_no_band(flat: Pad) -> None:
+def test_a_touch_without_an_arc_widens_no_band(flat) -> None:
     path = arc(flat, [0.0], -1e-3, 1e-3)
     empty = path_of(level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.02))
     felt = SliceArc(*empty, 0.0, np.zeros(3), np.zeros(3), 5, 5)
@@ -234,7 +230,7 @@ def test_a_touch_without_an_arc_widens_no_band(flat: Pad) -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.5, -0.8])
 def test_a_traced_ball_is_felt_as_far_as_the_contacts_reach(
-    share: float, finger: Any, flat: Pad, domed: Pad, ball: Superquadric
+    share, finger, flat, domed, ball
 ) -> None:
     height = 0.03 * share
     for pad in (flat, domed):
@@ -264,9 +260,7 @@ def met(pad: Pad, surface: Floats, first: int = 0, last: int = 15) -> Floats:
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 15), (7, 15), (0, 8), (6, 9), (5, 8), (7, 10)])
-def test_a_cubic_surface_is_met_exactly_where_four_rows_are_touched(
-    first: int, last: int, flat: Pad
-) -> None:
+def test_a_cubic_surface_is_met_exactly_where_four_rows_are_touched(first, last, flat) -> None:
     _, y = flat.grid()
     found = met(flat, 0.2e-3 + 6.0 * y**2 + 800.0 * y**3, first, last)
     place = found[0, 1]
@@ -276,22 +270,20 @@ def test_a_cubic_surface_is_met_exactly_where_four_rows_are_touched(
 
 
 @pytest.mark.parametrize(("first", "last"), [(7, 9), (6, 8)])
-def test_a_parabola_is_met_exactly_where_three_rows_are_touched(
-    first: int, last: int, flat: Pad
-) -> None:
+def test_a_parabola_is_met_exactly_where_three_rows_are_touched(first, last, flat) -> None:
     _, y = flat.grid()
     found = met(flat, 0.1e-3 + 9.0 * y**2, first, last)
     place = found[0, 1]
     assert 0.8 * place + 0.1e-3 + 9.0 * place**2 == pytest.approx(0.0, abs=1e-15)
 
 
-def test_a_line_is_met_exactly_where_two_rows_are_touched(flat: Pad) -> None:
+def test_a_line_is_met_exactly_where_two_rows_are_touched(flat) -> None:
     _, y = flat.grid()
     found = met(flat, 0.1e-3 - 0.1 * y, 7, 8)
     assert np.allclose(found[:, 1], -0.1e-3 / 0.7, atol=1e-17)
 
 
-def test_an_edge_between_two_rows_moves_no_point_off_its_rows(flat: Pad) -> None:
+def test_an_edge_between_two_rows_moves_no_point_off_its_rows(flat) -> None:
     _, y = flat.grid()
     for place in np.linspace(-0.5e-3, 0.5e-3, 9):
         found = met(flat, 1.2 * np.maximum(y - place, 0.0) - 0.6 * y)
@@ -299,7 +291,7 @@ def test_an_edge_between_two_rows_moves_no_point_off_its_rows(flat: Pad) -> None
         assert np.abs(found[:, 1]).max() <= 0.5e-3
 
 
-def test_columns_are_met_in_their_order_and_once(flat: Pad) -> None:
+def test_columns_are_met_in_their_order_and_once(flat) -> None:
     x, y = flat.grid()
     found = crossings(flat, np.sin(y / 1.1e-3), 0.0 * x, np.ones((16, 16), bool))
     assert np.array_equal(found.places[:, 0], x[0])
@@ -308,19 +300,19 @@ def test_columns_are_met_in_their_order_and_once(flat: Pad) -> None:
     assert (found.rows == 7).all()
 
 
-def test_two_rows_that_differ_too_much_are_not_one_surface(flat: Pad) -> None:
+def test_two_rows_that_differ_too_much_are_not_one_surface(flat) -> None:
     _, y = flat.grid()
     jump = np.where(y > 0, STEEP * flat.pitch, 0.0)
     assert len(crossings(flat, y, 0.99 * jump, np.ones((16, 16), bool)).places) == 16
     assert len(crossings(flat, y, 1.01 * jump, np.ones((16, 16), bool)).places) == 0
 
 
-def test_nothing_touched_is_met_nowhere(flat: Pad) -> None:
+def test_nothing_touched_is_met_nowhere(flat) -> None:
     _, y = flat.grid()
     assert crossings(flat, y, y, np.zeros((16, 16), bool)).places.shape == (0, 3)
 
 
-def test_where_columns_have_more_rows_those_with_two_are_left_out(flat: Pad) -> None:
+def test_where_columns_have_more_rows_those_with_two_are_left_out(flat) -> None:
     _, y = flat.grid()
     touched = np.zeros((16, 16), bool)
     touched[7:9] = True
@@ -330,7 +322,7 @@ def test_where_columns_have_more_rows_those_with_two_are_left_out(flat: Pad) -> 
     assert crossings(flat, y - 0.2e-3, 0.0 * y, touched).columns.tolist() == list(range(4, 12))
 
 
-def test_where_few_columns_have_more_rows_those_with_two_are_kept(flat: Pad) -> None:
+def test_where_few_columns_have_more_rows_those_with_two_are_kept(flat) -> None:
     _, y = flat.grid()
     touched = np.zeros((16, 16), bool)
     touched[7:9] = True

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -77,7 +76,7 @@ class Partly:
 
 @pytest.mark.parametrize("height", [0.018, -0.018, 0.0285, -0.0285])
 def test_a_pad_that_meets_the_object_far_from_the_slice_tilts_towards_it(
-    height: float, finger: Any, flat: Pad, domed: Pad, ball: Superquadric
+    height, finger, flat, domed, ball
 ) -> None:
     for pad in (flat, domed):
         trace, status = finger(ball, pad).contour(wanted(height))
@@ -86,9 +85,7 @@ def test_a_pad_that_meets_the_object_far_from_the_slice_tilts_towards_it(
         assert np.sign(trace.posture.tilt) == np.sign(height)
 
 
-def test_a_corner_is_marched_around_without_a_hole(
-    finger: Any, flat: Pad, domed: Pad, box: Superquadric
-) -> None:
+def test_a_corner_is_marched_around_without_a_hole(finger, flat, domed, box) -> None:
     for pad in (flat, domed):
         trace, status = finger(box, pad).contour(wanted())
         points = trace.path.points
@@ -97,9 +94,7 @@ def test_a_corner_is_marched_around_without_a_hole(
         assert steps.max() <= SliceSpec(pad, 0.0).joined
 
 
-def test_past_a_corner_the_heading_is_that_of_the_new_face(
-    finger: Any, flat: Pad, domed: Pad, box: Superquadric
-) -> None:
+def test_past_a_corner_the_heading_is_that_of_the_new_face(finger, flat, domed, box) -> None:
     for pad, most in ((flat, 2.0), (domed, 4.5)):  # degrees
         hand, trace, headings = finger(box, pad), Trace(wanted()), []
         while isinstance((stepped := next_command(pad, trace))[1], TouchCommand):
@@ -112,9 +107,7 @@ def test_past_a_corner_the_heading_is_that_of_the_new_face(
 
 
 @pytest.mark.parametrize("share", [0.06, 0.12])
-def test_a_hollow_that_the_domed_pad_can_enter_is_followed(
-    share: float, finger: Any, domed: Pad
-) -> None:
+def test_a_hollow_that_the_domed_pad_can_enter_is_followed(share, finger, domed) -> None:
     star = upright(lambda azimuth: 0.028 * (1 + share * np.cos(4 * azimuth)))
     trace, status = finger(star, domed).contour(wanted())
     assert (status, trace.gaps) == ("closed", ())
@@ -122,7 +115,7 @@ def test_a_hollow_that_the_domed_pad_can_enter_is_followed(
 
 
 def test_a_hollow_that_no_pad_can_enter_is_a_gap_there_and_nowhere_else(
-    finger: Any, flat: Pad, domed: Pad
+    finger, flat, domed
 ) -> None:
     slot = upright(lambda azimuth: np.where(np.abs(azimuth - math.pi) < 0.14, 0.02, 0.028), 64)
     for pad in (flat, domed):
@@ -139,9 +132,7 @@ def test_a_hollow_that_no_pad_can_enter_is_a_gap_there_and_nowhere_else(
 
 
 @pytest.mark.parametrize("height", [0.013, 0.016, 0.02])
-def test_a_shoulder_holds_no_pad_off_the_neck(
-    height: float, finger: Any, flat: Pad, domed: Pad
-) -> None:
+def test_a_shoulder_holds_no_pad_off_the_neck(height, finger, flat, domed) -> None:
     for pad in (flat, domed):
         trace, status = finger(bottle(0.012), pad).contour(wanted(height))
         assert status == "closed"
@@ -149,7 +140,7 @@ def test_a_shoulder_holds_no_pad_off_the_neck(
         assert np.allclose(radius, 0.0135, atol=50e-6)
 
 
-def test_the_bottom_of_a_groove_too_narrow_for_the_pad_is_occluded(finger: Any, flat: Pad) -> None:
+def test_the_bottom_of_a_groove_too_narrow_for_the_pad_is_occluded(finger, flat) -> None:
     sweep = [(-0.04, 1.0), (-0.0031, 1.0), (-0.003, 0.8), (0.003, 0.8), (0.0031, 1.0), (0.04, 1.0)]
     heights, scales = np.array(sweep).T
     groove = GeneralisedCylinder(SplineSection(np.full(8, 0.03)), heights, scales)
@@ -158,16 +149,14 @@ def test_the_bottom_of_a_groove_too_narrow_for_the_pad_is_occluded(finger: Any, 
 
 
 @pytest.mark.parametrize("above", [0.3e-3, 2e-3, 6e-3])
-def test_a_slice_that_leaves_the_object_ends_at_the_pole(
-    above: float, finger: Any, flat: Pad, domed: Pad, ball: Superquadric
-) -> None:
+def test_a_slice_that_leaves_the_object_ends_at_the_pole(above, finger, flat, domed, ball) -> None:
     for pad in (flat, domed):
         trace, status = finger(ball, pad).contour(wanted(0.03 + above))
         assert (status, trace.path) == ("pole", None)
         assert trace.touches <= 20
 
 
-def test_another_part_of_the_slice_is_not_mixed_in(finger: Any, flat: Pad, domed: Pad) -> None:
+def test_another_part_of_the_slice_is_not_mixed_in(finger, flat, domed) -> None:
     ball, aside = Superquadric(np.full(3, 0.02), np.ones(2)), np.array([0.07, 0, 0, 0, 0, 0, 1.0])
     for pad in (flat, domed):
         two = Beside(ball, PosedShape(ball, aside))
@@ -177,17 +166,13 @@ def test_another_part_of_the_slice_is_not_mixed_in(finger: Any, flat: Pad, domed
         assert np.allclose(np.linalg.norm(trace.path.points - middle, axis=1), 0.02, atol=10e-6)
 
 
-def test_a_start_inside_the_object_is_repeated_from_outside(
-    finger: Any, flat: Pad, domed: Pad, ball: Superquadric
-) -> None:
+def test_a_start_inside_the_object_is_repeated_from_outside(finger, flat, domed, ball) -> None:
     for pad in (flat, domed):
         trace, status = finger(ball, pad).contour(TraceGoal(0.0, np.zeros(2), 0.025, 150))
         assert (status, trace.gaps) == ("closed", ())
 
 
-def test_a_loop_that_never_closes_ends_with_its_touches(
-    finger: Any, flat: Pad, domed: Pad, ball: Superquadric
-) -> None:
+def test_a_loop_that_never_closes_ends_with_its_touches(finger, flat, domed, ball) -> None:
     for pad in (flat, domed):
         for most in (4, 9):
             trace, status = finger(ball, pad).contour(wanted(most=most))
@@ -195,7 +180,7 @@ def test_a_loop_that_never_closes_ends_with_its_touches(
 
 
 def test_where_contact_is_lost_the_contour_is_met_again_and_the_loss_is_a_gap(
-    finger: Any, flat: Pad, domed: Pad, ball: Superquadric
+    finger, flat, domed, ball
 ) -> None:
     for pad in (flat, domed):
         trace, status = finger(Partly(ball), pad).contour(wanted())
@@ -208,9 +193,7 @@ def test_where_contact_is_lost_the_contour_is_met_again_and_the_loss_is_a_gap(
 
 
 @pytest.mark.parametrize("share", [0.97, -0.97])
-def test_slices_near_the_top_and_the_bottom_close(
-    share: float, finger: Any, flat: Pad, domed: Pad, ball: Superquadric, box: Superquadric
-) -> None:
+def test_slices_near_the_top_and_the_bottom_close(share, finger, flat, domed, ball, box) -> None:
     for pad in (flat, domed):
         for shape in (ball, box):
             height = share * float(shape.size[2])
@@ -222,9 +205,7 @@ def test_slices_near_the_top_and_the_bottom_close(
             assert np.abs(off).max() < 50e-6
 
 
-def test_a_slice_far_below_the_object_has_no_contact(
-    finger: Any, flat: Pad, domed: Pad, ball: Superquadric
-) -> None:
+def test_a_slice_far_below_the_object_has_no_contact(finger, flat, domed, ball) -> None:
     for pad in (flat, domed):
         trace, status = finger(ball, pad).contour(wanted(-0.06))
         assert (status, trace.path) == ("no_contact", None)
@@ -232,7 +213,7 @@ def test_a_slice_far_below_the_object_has_no_contact(
 
 
 def test_a_slice_just_below_the_object_is_not_believed_to_be_there(
-    finger: Any, flat: Pad, domed: Pad, ball: Superquadric
+    finger, flat, domed, ball
 ) -> None:
     for pad in (flat, domed):
         trace, status = finger(ball, pad).contour(wanted(-0.032))
@@ -240,9 +221,7 @@ def test_a_slice_just_below_the_object_is_not_believed_to_be_there(
 
 
 @pytest.mark.parametrize("width", [5e-3, 10e-3, 20e-3, 40e-3])
-def test_lengths_go_by_the_width_of_the_array(
-    width: float, finger: Any, ball: Superquadric
-) -> None:
+def test_lengths_go_by_the_width_of_the_array(width, finger, ball) -> None:
     for dome in (0.0, 1.0 / width):
         pad = Pad(16, 16, width / 15, 3e-3, dome, 0.8)
         trace, status = finger(ball, pad).contour(wanted())
@@ -251,7 +230,7 @@ def test_lengths_go_by_the_width_of_the_array(
 
 
 def test_a_box_felt_by_a_trembling_hand_costs_no_more_than_45_touches(
-    finger: Any, flat: Pad, domed: Pad, box: Superquadric
+    finger, flat, domed, box
 ) -> None:
     for pad in (flat, domed):
         for seed in range(3):

@@ -13,7 +13,6 @@ from palpate.core.touch.effects.aperture import Aperture
 from palpate.core.touch.pad import Pad
 from palpate.core.touch.pipeline import cast_single_rays
 
-MakeFinger = Callable[..., Fingertip]
 MakeTouch = Callable[..., SimulatedTouch]
 READINGS = ("mean", "max")
 
@@ -74,9 +73,7 @@ def slowly(
 
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("dome", [0.0, 1 / 0.015])
-def test_elements_report_what_their_rays_see(
-    reading: str, dome: float, make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_elements_report_what_their_rays_see(reading, dome, make_finger, make_touch) -> None:
     finger = make_finger(dome=dome)
     start = pose_of(np.array([1.3e-3, -0.4e-3, 0.033]), FACING_DOWN)
     touch = make_touch(believed=start, actual=start)
@@ -90,7 +87,7 @@ def test_elements_report_what_their_rays_see(
 @pytest.mark.parametrize("depth", [0.05e-3, 1e-3, 2.2e-3])
 @pytest.mark.parametrize("dome", [0.0, 1 / 0.015])
 def test_the_deepest_element_reports_the_asked_depth(
-    reading: str, depth: float, dome: float, make_finger: MakeFinger, make_touch: MakeTouch
+    reading, depth, dome, make_finger, make_touch
 ) -> None:
     touch = felt(make_finger(dome=dome), make_touch(depth=depth), reading=reading)
     assert touch.outcome == "hit"
@@ -99,9 +96,7 @@ def test_the_deepest_element_reports_the_asked_depth(
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_way_to_a_mean_is_right_on_rough_ground(
-    seed: int, make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_the_way_to_a_mean_is_right_on_rough_ground(seed, make_finger, make_touch) -> None:
     heights = np.random.default_rng(seed).uniform(-2e-3, 0.0, (64, 64))
     heights[::7] = -np.inf  # nothing there
 
@@ -117,9 +112,7 @@ def test_the_way_to_a_mean_is_right_on_rough_ground(
     assert np.isfinite(touch.compression).all()
 
 
-def test_the_mean_of_a_plane_is_its_height_in_the_middle(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_the_mean_of_a_plane_is_its_height_in_the_middle(make_finger, make_touch) -> None:
     finger, slope = make_finger(), 0.05
     touch = felt(finger, over(finger, make_touch, Ground(lambda x, y: slope * x), depth=2e-3))
     one_ray = over(finger, make_touch, Ground(lambda x, y: slope * x), depth=2e-3)
@@ -129,9 +122,7 @@ def test_the_mean_of_a_plane_is_its_height_in_the_middle(
     assert np.allclose(touch.compression[pressed], one_ray.compression[pressed], atol=1e-15)
 
 
-def test_the_largest_of_a_plane_is_that_of_the_outermost_ray(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_the_largest_of_a_plane_is_that_of_the_outermost_ray(make_finger, make_touch) -> None:
     finger, slope = make_finger(), 0.05
     ground = Ground(lambda x, y: slope * x)
     touch = felt(finger, over(finger, make_touch, ground, depth=2e-3), reading="max")
@@ -148,7 +139,7 @@ def ridge(x: Floats, y: Floats) -> Floats:
     return np.where(np.abs(x - 0.3e-3) < 0.1e-3, 0.0, -1e-3)
 
 
-def test_a_ridge_between_the_taxels_is_seen(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+def test_a_ridge_between_the_taxels_is_seen(make_finger, make_touch) -> None:
     finger, depth = make_finger(), 0.2e-3
     blind = over(finger, make_touch, Ground(ridge), depth=depth)
     cast_single_rays(finger, blind)
@@ -167,7 +158,7 @@ def needle(x: Floats, y: Floats) -> Floats:
 
 
 def test_a_needle_bottoms_the_pad_before_its_element_reports_the_depth(
-    make_finger: MakeFinger, make_touch: MakeTouch
+    make_finger, make_touch
 ) -> None:
     finger = make_finger()
     touch = felt(finger, over(finger, make_touch, Ground(needle), depth=1e-3))
@@ -178,7 +169,7 @@ def test_a_needle_bottoms_the_pad_before_its_element_reports_the_depth(
 
 @pytest.mark.parametrize("reading", READINGS)
 def test_indentation_is_what_is_reported_or_the_way_to_the_nearest_ray(
-    reading: str, make_finger: MakeFinger, make_touch: MakeTouch
+    reading, make_finger, make_touch
 ) -> None:
     touch = felt(make_finger(), make_touch(), reading=reading)
     touched = touch.compression > 0.0
@@ -194,7 +185,7 @@ def test_indentation_is_what_is_reported_or_the_way_to_the_nearest_ray(
 
 @pytest.mark.parametrize("reading", READINGS)
 def test_outcomes_are_those_of_single_rays_on_smooth_ground(
-    reading: str, make_finger: MakeFinger, make_touch: MakeTouch
+    reading, make_finger, make_touch
 ) -> None:
     finger = make_finger()
     inside = pose_of(np.array([0.0, 0.0, 0.0299]), FACING_DOWN)
@@ -207,9 +198,7 @@ def test_outcomes_are_those_of_single_rays_on_smooth_ground(
         assert many.loading == pytest.approx(one.loading, rel=0.01)
 
 
-def test_a_small_element_sees_what_a_ray_does(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_a_small_element_sees_what_a_ray_does(make_finger, make_touch) -> None:
     finger, small, ray = make_finger(), make_touch(), make_touch()
     felt(finger, small, width=0.05, rays=2)
     cast_single_rays(finger, ray)

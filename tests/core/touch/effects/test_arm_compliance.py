@@ -1,22 +1,15 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.poses import pose_of, split_pose
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.arm_compliance import ArmCompliance
 from palpate.core.touch.pipeline import assemble
 
-MakeFinger = Callable[..., Fingertip]
-MakeTouch = Callable[..., SimulatedTouch]
-
 
 def test_the_believed_pose_is_too_deep_by_force_over_stiffness(
-    make_finger: MakeFinger, make_touch: MakeTouch, rotations: Callable[[int], Floats]
+    make_finger, make_touch, rotations
 ) -> None:
     finger = make_finger(pitch=0.8e-3)
     stage = ArmCompliance(stiffness=10e3).prepare(finger)
@@ -32,9 +25,7 @@ def test_the_believed_pose_is_too_deep_by_force_over_stiffness(
         assert np.array_equal(touch.actual, end)
 
 
-def test_the_touch_is_as_with_a_stiff_arm_but_for_what_is_believed(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_the_touch_is_as_with_a_stiff_arm_but_for_what_is_believed(make_finger, make_touch) -> None:
     finger = make_finger()
     touches = []
     for effects in ([], [ArmCompliance()]):
@@ -50,9 +41,7 @@ def test_the_touch_is_as_with_a_stiff_arm_but_for_what_is_believed(
     assert bent == pytest.approx(force / 20e3, rel=0.02)
 
 
-def test_a_stiffer_arm_bends_less_in_proportion(
-    make_finger: MakeFinger, make_touch: MakeTouch, dent: Floats
-) -> None:
+def test_a_stiffer_arm_bends_less_in_proportion(make_finger, make_touch, dent) -> None:
     bent = []
     for stiffness in (1e3, 1e4, 1e8):
         touch = make_touch(field=dent)

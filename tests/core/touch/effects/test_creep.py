@@ -46,9 +46,6 @@ def feel(make_finger: MakeFinger) -> Callable[[list[SimulatedTouch]], list[Float
     return follow
 
 
-Feel = Callable[[list[SimulatedTouch]], list[Floats]]
-
-
 def integrated(
     touches: list[SimulatedTouch], depths: list[float], taus: float = TAU
 ) -> list[float]:
@@ -67,7 +64,7 @@ def integrated(
     return found
 
 
-def test_a_series_of_touches_follows_the_equation(make_touch: MakeTouch, feel: Feel) -> None:
+def test_a_series_of_touches_follows_the_equation(make_touch, feel) -> None:
     times = [
         (1.0, 0.1, 0.3, 0.2),
         (0.2, 0.05, 0.1, 0.1),
@@ -84,16 +81,14 @@ def test_a_series_of_touches_follows_the_equation(make_touch: MakeTouch, feel: F
     assert np.allclose(found, expected, rtol=1e-6)
 
 
-def test_a_first_touch_is_the_closed_form_of_ramp_and_hold(
-    make_touch: MakeTouch, feel: Feel, dent: Floats
-) -> None:
+def test_a_first_touch_is_the_closed_form_of_ramp_and_hold(make_touch, feel, dent) -> None:
     (found,) = feel([press(make_touch, dent, loading=0.25, dwell=0.4)])
     branch = TAU / 0.25 * (1 - math.exp(-0.25 / TAU)) * math.exp(-0.4 / TAU)
     assert np.allclose(found, dent * (1 - SHARE + SHARE * branch), rtol=1e-14)
 
 
 def test_a_sudden_press_is_felt_wholly_and_a_long_one_less_by_the_share(
-    make_touch: MakeTouch, feel: Feel, dent: Floats
+    make_touch, feel, dent
 ) -> None:
     (sudden,) = feel([press(make_touch, dent, loading=0.0, dwell=0.0)])
     (nearly,) = feel([press(make_touch, dent, loading=1e-12, dwell=0.0)])
@@ -103,7 +98,7 @@ def test_a_sudden_press_is_felt_wholly_and_a_long_one_less_by_the_share(
     assert np.allclose(long, (1 - SHARE) * dent, rtol=1e-14)
 
 
-def test_a_rest_in_two_parts_is_a_rest(make_touch: MakeTouch, feel: Feel, dent: Floats) -> None:
+def test_a_rest_in_two_parts_is_a_rest(make_touch, feel, dent) -> None:
     nothing = 0.0 * dent
     first = press(make_touch, dent, way_back=0.05)
     parted = [
@@ -115,15 +110,13 @@ def test_a_rest_in_two_parts_is_a_rest(make_touch: MakeTouch, feel: Feel, dent: 
     assert np.allclose(feel(parted)[-1], feel(whole)[-1], rtol=1e-13)
 
 
-def test_a_pad_that_rested_long_has_recovered(
-    make_touch: MakeTouch, feel: Feel, dent: Floats
-) -> None:
+def test_a_pad_that_rested_long_has_recovered(make_touch, feel, dent) -> None:
     again = feel([press(make_touch, dent), press(make_touch, dent, rest=40 * TAU)])
     assert np.allclose(again[1], again[0], rtol=1e-14)
 
 
 def test_a_pad_that_rested_briefly_feels_less_and_converges_to_a_cycle(
-    make_touch: MakeTouch, feel: Feel, dent: Floats
+    make_touch, feel, dent
 ) -> None:
     series = feel([press(make_touch, dent, rest=0.1) for _ in range(30)])
     deepest = [field.max() for field in series]
@@ -136,9 +129,7 @@ def test_a_pad_that_rested_briefly_feels_less_and_converges_to_a_cycle(
     assert deepest[-1] == pytest.approx(dent.max() * (1 - SHARE + SHARE * branch), rel=1e-9)
 
 
-def test_a_free_face_feels_nothing_and_never_less(
-    make_touch: MakeTouch, feel: Feel, dent: Floats
-) -> None:
+def test_a_free_face_feels_nothing_and_never_less(make_touch, feel, dent) -> None:
     deep, shallow = press(make_touch, dent), press(make_touch, 0.01 * dent, rest=0.01)
     _, found = feel([deep, shallow])
     assert (found >= 0.0).all()
@@ -147,9 +138,7 @@ def test_a_free_face_feels_nothing_and_never_less(
     assert (shallow.pressure >= 0.0).all()
 
 
-def test_pressure_falls_in_the_same_proportion(
-    make_touch: MakeTouch, feel: Feel, dent: Floats
-) -> None:
+def test_pressure_falls_in_the_same_proportion(make_touch, feel, dent) -> None:
     touch = press(make_touch, dent)
     touch.pressure = 3e9 * dent**2
     (found,) = feel([touch])
@@ -159,9 +148,7 @@ def test_pressure_falls_in_the_same_proportion(
     assert (touch.pressure[~touched] == 0.0).all()
 
 
-def test_it_knows_the_times_of_a_whole_touch(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_it_knows_the_times_of_a_whole_touch(make_finger, make_touch) -> None:
     finger = make_finger()
     pipeline = assemble(finger, [Creep(share=SHARE, tau=TAU)])
     states, depths = pipeline.begin(), (1e-3, 0.5e-3, 1e-3)

@@ -24,7 +24,7 @@ def mixed(make_finger: MakeFinger, make_touch: MakeTouch) -> Mixed:
     return mix
 
 
-def test_a_single_taxel_spreads_over_its_four_neighbours(mixed: Mixed) -> None:
+def test_a_single_taxel_spreads_over_its_four_neighbours(mixed) -> None:
     field = np.zeros((16, 16))
     field[5, 8] = 1e-3
     expected = np.zeros((16, 16))
@@ -34,15 +34,13 @@ def test_a_single_taxel_spreads_over_its_four_neighbours(mixed: Mixed) -> None:
 
 
 @pytest.mark.parametrize(("place", "kept"), [((0, 8), 0.85), ((15, 15), 0.90), ((7, 0), 0.85)])
-def test_a_taxel_at_the_border_keeps_what_it_cannot_give(
-    place: tuple[int, int], kept: float, mixed: Mixed
-) -> None:
+def test_a_taxel_at_the_border_keeps_what_it_cannot_give(place, kept, mixed) -> None:
     field = np.zeros((16, 16))
     field[place] = 1e-3
     assert mixed(field)[place] == pytest.approx(kept * 1e-3, rel=1e-14)
 
 
-def test_a_level_field_stays_and_nothing_is_lost(mixed: Mixed, dent: Floats) -> None:
+def test_a_level_field_stays_and_nothing_is_lost(mixed, dent) -> None:
     assert np.allclose(mixed(np.full((16, 16), 1e-3)), 1e-3, rtol=1e-15)
     assert mixed(dent).sum() == pytest.approx(dent.sum(), rel=1e-14)
 

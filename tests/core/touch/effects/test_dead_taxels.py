@@ -1,21 +1,12 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip
 from palpate.core.touch.effects.dead_taxels import DeadTaxels
 
-MakeFinger = Callable[..., Fingertip]
-Readings = Callable[..., Floats]
 
-
-def test_dead_and_stuck_taxels_come_at_their_rates(
-    make_finger: MakeFinger, readings: Readings
-) -> None:
+def test_dead_and_stuck_taxels_come_at_their_rates(make_finger, readings) -> None:
     effect, field = DeadTaxels(rate=0.1, stuck=0.05), np.full((16, 16), -1.0)
     found = np.array(
         [readings(effect.prepare(make_finger(number=n)), field, 1)[0] for n in range(1, 41)]
@@ -30,9 +21,7 @@ def test_dead_and_stuck_taxels_come_at_their_rates(
     assert abs(level.var() - 1 / 12) < 5 * np.sqrt(1 / 180 / level.size)
 
 
-def test_the_same_taxels_stay_broken_in_the_same_way(
-    make_finger: MakeFinger, readings: Readings, dent: Floats
-) -> None:
+def test_the_same_taxels_stay_broken_in_the_same_way(make_finger, readings, dent) -> None:
     stage = DeadTaxels(rate=0.1, stuck=0.1).prepare(make_finger())
     first, other = readings(stage, dent + 1e-5, 3), readings(stage, dent + 2e-5, 3)
     assert (first == first[0]).all()
@@ -41,9 +30,7 @@ def test_the_same_taxels_stay_broken_in_the_same_way(
     assert 20 < broken.sum() < 90
 
 
-def test_taxels_that_are_dead_stay_dead_when_others_are_stuck(
-    make_finger: MakeFinger, readings: Readings
-) -> None:
+def test_taxels_that_are_dead_stay_dead_when_others_are_stuck(make_finger, readings) -> None:
     field = np.full((16, 16), -1.0)
     (some,) = readings(DeadTaxels(rate=0.1).prepare(make_finger()), field, 1)
     (more,) = readings(DeadTaxels(rate=0.1, stuck=0.2).prepare(make_finger()), field, 1)

@@ -1,17 +1,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.echo_loss import EchoLoss
-
-MakeFinger = Callable[..., Fingertip]
-MakeTouch = Callable[..., SimulatedTouch]
 
 
 def plane(slope: float, direction: float) -> Floats:
@@ -23,7 +18,7 @@ def plane(slope: float, direction: float) -> Floats:
 
 @pytest.mark.parametrize("direction", np.linspace(0.0, 2 * math.pi, 7))
 def test_a_plane_is_lost_when_its_amplitude_falls_below_the_threshold(
-    direction: float, make_finger: MakeFinger, make_touch: MakeTouch
+    direction, make_finger, make_touch
 ) -> None:
     stage = EchoLoss(angle=12.0, threshold=0.2).prepare(make_finger())
     steepest = math.radians(12.0) * math.sqrt(-math.log(0.2))
@@ -35,9 +30,7 @@ def test_a_plane_is_lost_when_its_amplitude_falls_below_the_threshold(
         assert np.array_equal(touch.reading, touch.compression if heard else np.zeros((16, 16)))
 
 
-def test_the_steep_flank_of_a_ridge_is_lost_and_its_top_is_heard(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_the_steep_flank_of_a_ridge_is_lost_and_its_top_is_heard(make_finger, make_touch) -> None:
     axis = (np.arange(16) - 7.5) * 1e-3
     field = np.maximum(1.5e-3 - axis**2 / (2 * 4e-3), 0.0)[None, :].repeat(16, axis=0)
     touch = make_touch(field=field)
@@ -50,7 +43,7 @@ def test_the_steep_flank_of_a_ridge_is_lost_and_its_top_is_heard(
 
 
 def test_the_slope_is_that_of_the_pad_and_not_of_what_the_array_reads(
-    make_finger: MakeFinger, make_touch: MakeTouch
+    make_finger, make_touch
 ) -> None:
     rough = np.random.default_rng(0).normal(1e-3, 1e-3, (16, 16))
     touch = make_touch(field=np.full((16, 16), 1e-3), reading=rough)
@@ -58,12 +51,12 @@ def test_the_slope_is_that_of_the_pad_and_not_of_what_the_array_reads(
     assert np.array_equal(touch.reading, rough)
 
 
-def test_a_wide_lobe_loses_nothing(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+def test_a_wide_lobe_loses_nothing(make_finger, make_touch) -> None:
     touch = make_touch(field=plane(1.57, 0.3))
     EchoLoss(angle=60.0, threshold=0.1).prepare(make_finger()).apply(touch, None)
     assert np.array_equal(touch.reading, touch.compression)
 
 
-def test_an_array_of_forces_is_refused(make_finger: MakeFinger) -> None:
+def test_an_array_of_forces_is_refused(make_finger) -> None:
     with pytest.raises(ValueError, match="signal is force; expected time"):
         EchoLoss().prepare(make_finger(signal="force"))

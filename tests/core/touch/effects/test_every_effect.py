@@ -14,15 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.core.plugins import Range, ranges_of
+from palpate.core.plugins import ranges_of
 from palpate.core.touch import effects
-from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch
+from palpate.core.touch.effect import Phase, SimulatedTouch
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
 from palpate.core.touch.pipeline import assemble
 
-MakeFinger = Callable[..., Fingertip]
 MakeTouch = Callable[..., SimulatedTouch]
-Values = Callable[[SimulatedTouch], dict[str, Any]]
 FOLDER = Path(effects.__file__ or "").parent
 # Each number of each effect.
 NUMBERS = [
@@ -73,7 +71,7 @@ def test_the_catalogue_is_in_order_of_phase() -> None:
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_an_effect_is_a_frozen_value_with_defaults(name: str) -> None:
+def test_an_effect_is_a_frozen_value_with_defaults(name) -> None:
     kind: Any = effect_type(name)
     assert is_dataclass(kind())
     effect: Any = kind()
@@ -86,7 +84,7 @@ def test_an_effect_is_a_frozen_value_with_defaults(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_an_effect_and_each_of_its_parameters_are_described(name: str) -> None:
+def test_an_effect_and_each_of_its_parameters_are_described(name) -> None:
     source = (FOLDER / f"{name}.py").read_text()
     (described,) = [
         node
@@ -102,9 +100,7 @@ def test_an_effect_and_each_of_its_parameters_are_described(name: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "field", "allowed"), NUMBERS)
-def test_a_parameter_outside_its_range_is_refused_with_range_and_unit(
-    name: str, field: str, allowed: Range
-) -> None:
+def test_a_parameter_outside_its_range_is_refused_with_range_and_unit(name, field, allowed) -> None:
     margin = max(1.0, abs(allowed.high))
     for value in (allowed.low - margin, allowed.high + margin, math.nan, math.inf):
         with pytest.raises(ValueError, match=re.escape(f"; expected {allowed}")) as caught:
@@ -113,9 +109,7 @@ def test_a_parameter_outside_its_range_is_refused_with_range_and_unit(
 
 
 @pytest.mark.parametrize(("name", "field", "allowed"), NUMBERS)
-def test_the_ends_of_a_range_can_be_had(
-    name: str, field: str, allowed: Range, make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_the_ends_of_a_range_can_be_had(name, field, allowed, make_finger, make_touch) -> None:
     for value in (allowed.low, allowed.high):
         given = {field: int(value) if allowed.unit == "1" and value > 1 else value}
         if field == "stuck":
@@ -131,7 +125,7 @@ def test_the_ends_of_a_range_can_be_had(
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_the_same_touches_and_states_give_the_same_again(
-    name: str, make_finger: MakeFinger, make_touch: MakeTouch, values_of: Values
+    name, make_finger, make_touch, values_of
 ) -> None:
     pipeline = assemble(make_finger(), [effect_type(name)()])
     found = []
@@ -144,9 +138,7 @@ def test_the_same_touches_and_states_give_the_same_again(
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_a_stage_writes_into_no_array_that_it_was_given(
-    name: str, make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_a_stage_writes_into_no_array_that_it_was_given(name, make_finger, make_touch) -> None:
     effect = effect_type(name)()
     pipeline = assemble(make_finger(), [effect])
     states = pipeline.begin()
@@ -171,7 +163,7 @@ def arrays_in(state: Any) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_a_miss_and_a_start_in_the_object_feel_nothing_but_noise(
-    name: str, make_finger: MakeFinger, make_touch: MakeTouch
+    name, make_finger, make_touch
 ) -> None:
     inside = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     pipeline = assemble(make_finger(), [effect_type(name)()])
@@ -187,7 +179,7 @@ def test_a_miss_and_a_start_in_the_object_feel_nothing_but_noise(
 
 @pytest.mark.parametrize("name", NOTHING)
 def test_an_effect_without_strength_changes_nothing(
-    name: str, make_finger: MakeFinger, make_touch: MakeTouch, values_of: Values
+    name, make_finger, make_touch, values_of
 ) -> None:
     finger = make_finger(dome=1 / 0.015)
     ideal = assemble(finger, [])
@@ -201,7 +193,7 @@ def test_an_effect_without_strength_changes_nothing(
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_no_effect_imports_another_or_more_than_numpy(name: str) -> None:
+def test_no_effect_imports_another_or_more_than_numpy(name) -> None:
     source = ast.parse((FOLDER / f"{name}.py").read_text())
     for node in ast.walk(source):
         if isinstance(node, ast.ImportFrom):
@@ -213,9 +205,7 @@ def test_no_effect_imports_another_or_more_than_numpy(name: str) -> None:
 
 @pytest.mark.parametrize("rows_cols", [(8, 20), (20, 8), (13, 13)])
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_arrays_need_not_be_square_or_even(
-    name: str, rows_cols: tuple[int, int], make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_arrays_need_not_be_square_or_even(name, rows_cols, make_finger, make_touch) -> None:
     finger = make_finger(rows=rows_cols[0], cols=rows_cols[1], pitch=0.8e-3)
     pipeline = assemble(finger, [effect_type(name)()])
     touch = make_touch()

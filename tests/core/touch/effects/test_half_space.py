@@ -12,7 +12,6 @@ from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects import half_space
 from palpate.core.touch.effects.half_space import HalfSpace
 
-MakeFinger = Callable[..., Fingertip]
 MakeTouch = Callable[..., SimulatedTouch]
 RADIUS, DEPTH = 0.03, 1e-3
 STIFFNESS = 0.5e6 / (1.0 - 0.49**2)  # E / (1 - nu^2), N/m2
@@ -48,7 +47,7 @@ def displacement(finger: Fingertip, pressure: Floats, fine: int = 12) -> Floats:
     return found
 
 
-def test_a_ball_makes_the_contact_of_hertz(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+def test_a_ball_makes_the_contact_of_hertz(make_finger, make_touch) -> None:
     finger = make_finger()
     touch = solved(finger, make_touch, paraboloid(finger))
     radius = math.sqrt(RADIUS * DEPTH)
@@ -72,9 +71,7 @@ def test_a_ball_makes_the_contact_of_hertz(make_finger: MakeFinger, make_touch: 
     assert np.allclose(touch.compression[outside], free / (math.pi * RADIUS), rtol=0.01)
 
 
-def test_the_error_of_the_force_falls_with_the_pitch(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_the_error_of_the_force_falls_with_the_pitch(make_finger, make_touch) -> None:
     force = 4 / 3 * STIFFNESS * math.sqrt(RADIUS) * DEPTH**1.5
     errors = []
     for count, pitch in ((8, 2e-3), (16, 1e-3), (32, 0.5e-3)):
@@ -106,7 +103,7 @@ def shapes(finger: Fingertip) -> list[Floats]:
 
 @pytest.mark.parametrize("which", range(10))
 def test_nothing_pulls_nothing_enters_and_what_pushes_touches(
-    which: int, make_finger: MakeFinger, make_touch: MakeTouch, monkeypatch: pytest.MonkeyPatch
+    which, make_finger, make_touch, monkeypatch
 ) -> None:
     monkeypatch.setattr(half_space, "MOST_STEPS", 60)  # of a thousand
     finger = make_finger()
@@ -125,9 +122,7 @@ def test_nothing_pulls_nothing_enters_and_what_pushes_touches(
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_pressures_are_those_of_another_method(
-    seed: int, make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_pressures_are_those_of_another_method(seed, make_finger, make_touch) -> None:
     """Lawson and Hanson's: least squares with a factor of the energy, x >= 0."""
     finger, rng = make_finger(rows=8, cols=10), np.random.default_rng(seed)
     units = np.eye(80).reshape(80, 8, 10)
@@ -141,7 +136,7 @@ def test_pressures_are_those_of_another_method(
 
 
 def test_displacements_under_a_square_are_those_of_point_loads_all_over_it(
-    make_finger: MakeFinger, make_touch: MakeTouch
+    make_finger, make_touch
 ) -> None:
     finger = make_finger(rows=5, cols=9)
     indentation = np.full((5, 9), -np.inf)
@@ -150,9 +145,7 @@ def test_displacements_under_a_square_are_those_of_point_loads_all_over_it(
     assert np.allclose(touch.compression, displacement(finger, touch.pressure, 200), rtol=1e-5)
 
 
-def test_a_stiffer_pad_presses_harder_and_is_touched_alike(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_a_stiffer_pad_presses_harder_and_is_touched_alike(make_finger, make_touch) -> None:
     finger = make_finger()
     soft, hard = (make_touch(field=paraboloid(finger)) for _ in range(2))
     HalfSpace(modulus=1e6, poisson=0.0).prepare(finger).apply(soft, None)
@@ -161,9 +154,7 @@ def test_a_stiffer_pad_presses_harder_and_is_touched_alike(
     assert np.array_equal(hard.compression, soft.compression)
 
 
-def test_contacts_of_all_sizes_are_found_alike(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_contacts_of_all_sizes_are_found_alike(make_finger, make_touch) -> None:
     finger = make_finger()
     usual = solved(finger, make_touch, paraboloid(finger))
     for scale in (1e-12, 1e9):
@@ -171,15 +162,13 @@ def test_contacts_of_all_sizes_are_found_alike(
         assert np.allclose(touch.pressure, scale * usual.pressure, rtol=1e-4, atol=1e-3 * scale)
 
 
-def test_an_untouched_pad_stays_as_it_is(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+def test_an_untouched_pad_stays_as_it_is(make_finger, make_touch) -> None:
     touch = solved(make_finger(), make_touch, np.full((16, 16), -np.inf))
     assert (touch.compression == 0.0).all()
     assert (touch.pressure == 0.0).all()
 
 
-def test_a_contact_that_is_not_found_is_said(
-    make_finger: MakeFinger, make_touch: MakeTouch, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_contact_that_is_not_found_is_said(make_finger, make_touch, monkeypatch) -> None:
     monkeypatch.setattr(half_space, "MOST_STEPS", 3)
     finger = make_finger()
     with pytest.raises(ArithmeticError, match="half_space found no contact within 3 steps"):

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -9,16 +7,13 @@ from palpate.core.arrays import Floats
 from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.hardening import Hardening
 
-MakeFinger = Callable[..., Fingertip]
-MakeTouch = Callable[..., SimulatedTouch]
-
 
 def hardened(finger: Fingertip, touch: SimulatedTouch, strength: float = 1.0) -> Floats:
     Hardening(strength=strength).prepare(finger).apply(touch, None)
     return touch.pressure
 
 
-def test_pressure_follows_the_formula(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+def test_pressure_follows_the_formula(make_finger, make_touch) -> None:
     strain = np.linspace(0.0, 0.95, 256).reshape(16, 16)
     touch = make_touch(field=strain * 3e-3)
     before = touch.pressure
@@ -27,14 +22,12 @@ def test_pressure_follows_the_formula(make_finger: MakeFinger, make_touch: MakeT
     assert np.array_equal(touch.compression, strain * 3e-3)
 
 
-def test_half_strain_adds_half_the_pressure(make_finger: MakeFinger, make_touch: MakeTouch) -> None:
+def test_half_strain_adds_half_the_pressure(make_finger, make_touch) -> None:
     touch = make_touch(field=np.full((16, 16), 1.5e-3))
     assert np.allclose(hardened(make_finger(), touch), 1.5 * 2e8 * 1.5e-3, rtol=1e-14)
 
 
-def test_small_strains_are_linear_to_second_order(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_small_strains_are_linear_to_second_order(make_finger, make_touch) -> None:
     excess = []
     for strain in (1e-3, 2e-3):
         touch = make_touch(field=np.full((16, 16), strain * 3e-3))
@@ -43,9 +36,7 @@ def test_small_strains_are_linear_to_second_order(
     assert excess[1] / excess[0] == pytest.approx(4.0, rel=2e-3)
 
 
-def test_pressure_stays_finite_where_nothing_of_the_pad_is_left(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_pressure_stays_finite_where_nothing_of_the_pad_is_left(make_finger, make_touch) -> None:
     strain = np.linspace(0.9, 1.1, 256).reshape(16, 16)
     pressure = hardened(make_finger(), make_touch(field=strain * 3e-3)).ravel()
     assert np.isfinite(pressure).all()

@@ -40,14 +40,14 @@ def errors(make_finger: MakeFinger, make_touch: MakeTouch, start: Floats) -> Cal
     return collect
 
 
-def test_each_axis_has_the_asked_deviation_and_no_mean(errors: Callable[..., Floats]) -> None:
+def test_each_axis_has_the_asked_deviation_and_no_mean(errors) -> None:
     found = errors(PoseError(sigma=0.2e-3, rotation=0.1))
     sigma = np.repeat([0.2e-3, math.radians(0.1)], 3)
     assert (np.abs(found.mean(axis=0)) < 5 * sigma / np.sqrt(TOUCHES)).all()
     assert (np.abs(found.var(axis=0) / sigma**2 - 1.0) < 5 * np.sqrt(2 / TOUCHES)).all()
 
 
-def test_neither_axes_nor_touches_are_correlated(errors: Callable[..., Floats]) -> None:
+def test_neither_axes_nor_touches_are_correlated(errors) -> None:
     found = errors(PoseError(sigma=0.2e-3, rotation=0.1))
     scaled = found / np.repeat([0.2e-3, math.radians(0.1)], 3)
     across = scaled.T @ scaled / TOUCHES - np.diag(scaled.var(axis=0))
@@ -67,7 +67,7 @@ def test_large_turns_are_rotations_by_the_drawn_vector(
 
 
 def test_the_arm_does_not_know_and_poses_stay_of_unit_length(
-    make_finger: MakeFinger, make_touch: MakeTouch, start: Floats
+    make_finger, make_touch, start
 ) -> None:
     stage = PoseError(rotation=10.0).prepare(make_finger())
     for number in range(20):
@@ -77,9 +77,7 @@ def test_the_arm_does_not_know_and_poses_stay_of_unit_length(
         assert abs(np.linalg.norm(touch.actual[3:]) - 1.0) < 4e-16
 
 
-def test_a_bias_is_the_same_in_every_touch_and_another_in_every_run(
-    errors: Callable[..., Floats],
-) -> None:
+def test_a_bias_is_the_same_in_every_touch_and_another_in_every_run(errors) -> None:
     effect = PoseError(sigma=0.0, rotation=0.0, bias=1e-3)
     found = errors(effect, 5)
     assert np.allclose(found, found[0], atol=1e-16)
@@ -88,7 +86,7 @@ def test_a_bias_is_the_same_in_every_touch_and_another_in_every_run(
     assert abs(runs.var() / 1e-6 - 1.0) < 5 * np.sqrt(2 / runs.size)
 
 
-def test_a_bias_does_not_change_the_other_draws(errors: Callable[..., Floats]) -> None:
+def test_a_bias_does_not_change_the_other_draws(errors) -> None:
     biased, unbiased = errors(PoseError(bias=1e-3), 20), errors(PoseError(), 20)
     differences = (biased - unbiased)[:, :3]
     assert np.allclose(differences, differences[0], atol=1e-15)

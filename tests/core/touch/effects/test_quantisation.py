@@ -1,25 +1,16 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip
 from palpate.core.touch.effects.quantisation import Quantisation
-
-MakeFinger = Callable[..., Fingertip]
-Readings = Callable[..., Floats]
 
 
 @pytest.mark.parametrize(
     ("given", "step"),
     [({"clock": 20e6}, 25e-6), ({"clock": 1e9}, 0.5e-6), ({}, 5e-6), ({"bits": 8}, 3e-3 / 256)],
 )
-def test_the_error_is_uniform_over_one_step(
-    given: dict[str, float], step: float, make_finger: MakeFinger, readings: Readings
-) -> None:
+def test_the_error_is_uniform_over_one_step(given, step, make_finger, readings) -> None:
     field = np.random.default_rng(0).uniform(0.2e-3, 2e-3, (16, 16))
     stage = Quantisation(**given).prepare(make_finger())  # type: ignore[arg-type]
     (found,) = readings(stage, field, 1)
@@ -31,9 +22,7 @@ def test_the_error_is_uniform_over_one_step(
     assert stage.noise == pytest.approx(step / np.sqrt(12))
 
 
-def test_a_clock_counts_whole_ticks_of_the_time_that_is_sent(
-    make_finger: MakeFinger, readings: Readings, dent: Floats
-) -> None:
+def test_a_clock_counts_whole_ticks_of_the_time_that_is_sent(make_finger, readings, dent) -> None:
     finger = make_finger(thickness=3.01e-3)
     (found,) = readings(Quantisation(clock=30e6).prepare(finger), dent, 1)
     ticks = finger.calibration.encode(found) * 30e6
@@ -41,9 +30,7 @@ def test_a_clock_counts_whole_ticks_of_the_time_that_is_sent(
     assert np.abs(ticks - finger.calibration.encode(dent) * 30e6).max() <= 0.5 + 1e-9
 
 
-def test_a_converter_counts_from_no_compression(
-    make_finger: MakeFinger, readings: Readings, dent: Floats
-) -> None:
+def test_a_converter_counts_from_no_compression(make_finger, readings, dent) -> None:
     finger = make_finger(signal="force")
     (found,) = readings(Quantisation(bits=6).prepare(finger), dent, 1)
     codes = found / (3e-3 / 64)
@@ -52,7 +39,7 @@ def test_a_converter_counts_from_no_compression(
 
 
 def test_readings_that_are_rounded_stay_when_they_are_rounded_again(
-    make_finger: MakeFinger, readings: Readings, dent: Floats
+    make_finger, readings, dent
 ) -> None:
     stage = Quantisation().prepare(make_finger())
     (once,) = readings(stage, dent, 1)
@@ -66,8 +53,6 @@ def test_a_clock_and_a_converter_together_are_refused() -> None:
 
 
 @pytest.mark.parametrize("given", [{}, {"clock": 20e6}])
-def test_a_clock_that_would_count_forces_is_refused(
-    given: dict[str, float], make_finger: MakeFinger
-) -> None:
+def test_a_clock_that_would_count_forces_is_refused(given, make_finger) -> None:
     with pytest.raises(ValueError, match="signal is force; expected bits"):
         Quantisation(**given).prepare(make_finger(signal="force"))  # type: ignore[arg-type]

@@ -1,20 +1,13 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.saturation import Saturation
-
-MakeFinger = Callable[..., Fingertip]
-MakeTouch = Callable[..., SimulatedTouch]
 
 
 def test_compression_and_pressure_are_clipped_where_they_are_too_large(
-    make_finger: MakeFinger, make_touch: MakeTouch, dent: Floats
+    make_finger, make_touch, dent
 ) -> None:
     touch = make_touch(field=dent)
     Saturation(share=0.2).prepare(make_finger()).apply(touch, None)
@@ -23,9 +16,7 @@ def test_compression_and_pressure_are_clipped_where_they_are_too_large(
     assert touch.compression.max() == pytest.approx(0.6e-3)
 
 
-def test_a_hit_that_was_clipped_has_bottomed(
-    make_finger: MakeFinger, make_touch: MakeTouch, dent: Floats
-) -> None:
+def test_a_hit_that_was_clipped_has_bottomed(make_finger, make_touch, dent) -> None:
     stage = Saturation(share=0.3).prepare(make_finger())
     for deepest, before, after in [
         (0.89e-3, "hit", "hit"),
@@ -39,9 +30,7 @@ def test_a_hit_that_was_clipped_has_bottomed(
         assert touch.outcome == after
 
 
-def test_a_hardened_pressure_falls_in_proportion(
-    make_finger: MakeFinger, make_touch: MakeTouch, dent: Floats
-) -> None:
+def test_a_hardened_pressure_falls_in_proportion(make_finger, make_touch, dent) -> None:
     touch = make_touch(field=dent, pressure=7e8 * dent**2)
     Saturation(share=0.2).prepare(make_finger()).apply(touch, None)
     expected = (

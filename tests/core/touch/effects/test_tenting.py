@@ -9,7 +9,6 @@ from palpate.core.arrays import Bools, Floats
 from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.tenting import Tenting
 
-MakeFinger = Callable[..., Fingertip]
 MakeTouch = Callable[..., SimulatedTouch]
 
 
@@ -53,7 +52,7 @@ def contacts(size: tuple[int, int]) -> list[Bools]:
 @pytest.mark.parametrize("decay", [0.2e-3, 1e-3, 20e-3])
 @pytest.mark.parametrize("size", [(16, 16), (9, 14)])
 def test_the_skirt_solves_the_equations_exactly(
-    which: int, decay: float, size: tuple[int, int], make_finger: MakeFinger, make_touch: MakeTouch
+    which, decay, size, make_finger, make_touch
 ) -> None:
     finger = make_finger(rows=size[0], cols=size[1], pitch=0.9e-3)
     contact = contacts(size)[which]
@@ -68,7 +67,7 @@ def test_the_skirt_solves_the_equations_exactly(
 
 @pytest.mark.parametrize("decay", [0.5e-3, 1e-3, 3e-3])
 def test_beside_a_straight_edge_the_skirt_decays_exponentially(
-    decay: float, make_finger: MakeFinger, make_touch: MakeTouch
+    decay, make_finger, make_touch
 ) -> None:
     finger = make_finger(rows=8, cols=40, pitch=0.5e-3)
     contact = np.zeros((8, 40), dtype=bool)
@@ -86,9 +85,7 @@ def test_beside_a_straight_edge_the_skirt_decays_exponentially(
     assert error < 1e-3 * (0.1 * (0.5e-3 / decay) ** 2 + 2 * np.exp(-29.5e-3 / decay))
 
 
-def test_the_skirt_has_the_symmetry_of_the_contact(
-    make_finger: MakeFinger, make_touch: MakeTouch
-) -> None:
+def test_the_skirt_has_the_symmetry_of_the_contact(make_finger, make_touch) -> None:
     finger = make_finger()
     x, y = finger.pad.grid()
     field = np.maximum(1e-3 - (x * x + y * y) / 0.03, 0.0)
@@ -97,15 +94,13 @@ def test_the_skirt_has_the_symmetry_of_the_contact(
         assert np.allclose(turned, found, rtol=0.0, atol=1e-17)
 
 
-def test_a_short_decay_leaves_hardly_any_skirt(
-    make_finger: MakeFinger, make_touch: MakeTouch, dent: Floats
-) -> None:
+def test_a_short_decay_leaves_hardly_any_skirt(make_finger, make_touch, dent) -> None:
     found = tented(make_finger(), make_touch, dent, dent > 0.0, 1e-5)
     assert np.allclose(found, dent, rtol=0.0, atol=dent.max() * 4 * 1e-4)
 
 
 def test_a_pad_that_is_touched_everywhere_or_nowhere_stays_as_it_is(
-    make_finger: MakeFinger, make_touch: MakeTouch
+    make_finger, make_touch
 ) -> None:
     field = np.random.default_rng(0).uniform(0.1e-3, 1e-3, (16, 16))
     everywhere = tented(make_finger(), make_touch, field, field > 0.0)

@@ -33,18 +33,14 @@ def sent(
     return send
 
 
-def test_without_losses_every_frame_takes_the_latency(
-    sent: Callable[..., tuple[Floats, Floats]],
-) -> None:
+def test_without_losses_every_frame_takes_the_latency(sent) -> None:
     delays, copies = sent(Transport(latency=0.02, drop=0.0, duplicate=0.0), 50)
     assert np.allclose(delays, 0.02, rtol=1e-12)
     assert (copies == 1).all()
 
 
 @pytest.mark.parametrize("drop", [0.05, 0.5, 0.9])
-def test_the_number_of_losses_is_geometric(
-    drop: float, sent: Callable[..., tuple[Floats, Floats]]
-) -> None:
+def test_the_number_of_losses_is_geometric(drop, sent) -> None:
     delays, _ = sent(Transport(latency=0.01, drop=drop, timeout=0.25))
     losses = (delays - 0.01) / 0.25
     assert np.allclose(losses, np.rint(losses), atol=1e-9)
@@ -56,9 +52,7 @@ def test_the_number_of_losses_is_geometric(
     assert abs(losses.mean() - mean) < 5 * np.sqrt(variance / TOUCHES)
 
 
-def test_frames_arrive_twice_at_their_rate_and_independently_of_losses(
-    sent: Callable[..., tuple[Floats, Floats]],
-) -> None:
+def test_frames_arrive_twice_at_their_rate_and_independently_of_losses(sent) -> None:
     delays, copies = sent(Transport(latency=0.0, drop=0.5, timeout=1.0, duplicate=0.2))
     assert set(copies.tolist()) == {1, 2}
     twice, late = copies == 2, delays > 0.5
@@ -67,8 +61,6 @@ def test_frames_arrive_twice_at_their_rate_and_independently_of_losses(
     assert abs(both) < 5 * np.sqrt(0.2 * 0.8 * 0.5 * 0.5 / TOUCHES)
 
 
-def test_losses_do_not_change_which_frames_arrive_twice(
-    sent: Callable[..., tuple[Floats, Floats]],
-) -> None:
+def test_losses_do_not_change_which_frames_arrive_twice(sent) -> None:
     lossy, sound = Transport(drop=0.9, duplicate=0.3), Transport(drop=0.0, duplicate=0.3)
     assert np.array_equal(sent(lossy, 100)[1], sent(sound, 100)[1])
