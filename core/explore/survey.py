@@ -77,14 +77,8 @@ class Survey:
     ) -> Observation:
         """What a rule is told.
 
-        Parameters
-        ----------
-        demand : Demand
-            What is asked for.
-        touches, seconds : int, float
-            What is spent; robot time in s.
-        busy_heights : tuple of float
-            Heights at which fingers are at work, m.
+        `touches`, `seconds`: what is spent; robot time in s. `busy_heights`: heights at which
+        fingers are at work, m.
         """
         budget = Budget(
             most_touches=demand.most_touches,
@@ -162,15 +156,7 @@ class Survey:
 def observed_slices(
     traced: Sequence[TracedContour], deviations: Sequence[float]
 ) -> tuple[ObservedSlice, ...]:
-    """Slices as a planner takes them, in the same order.
-
-    Parameters
-    ----------
-    traced : sequence of Traced
-        In the order in which they were asked for.
-    deviations : sequence of float
-        Standard deviation of the model at each height, m.
-    """
+    """Slices as a planner takes them, in the same order."""
     usable = [one for one in traced if one.usable]
     axis = contour_axis(usable)
     seen = iter(zip(axis.places, axis.leans, strict=True))
@@ -253,20 +239,7 @@ def expected_approach(
     contours: Sequence[Floats],
     tips: Sequence[Floats] = (),
 ) -> tuple[Floats, float]:
-    """Where the middle of a slice is expected, (2,), and from how far it is approached, m.
-
-    Parameters
-    ----------
-    height : float
-        Height of the slice, m.
-    heights : sequence of float
-        Heights of the contours traced so far, at least one, m.
-    contours : sequence of (n, 3) arrays
-        The contours, slicing frame, m.
-    tips : sequence of (3,) arrays
-        Where the object ends, m. One that lies outside the nearest contour tells which way the
-        object leans.
-    """
+    """Where the middle of a slice is expected, (2,), and from how far it is approached, m."""
     nearest = int(np.argmin([abs(one - height) for one in heights]))
     middle = _leant(height, heights[nearest], contours[nearest], tips)
     widest = max(float(np.linalg.norm(points[:, :2] - middle, axis=1).max()) for points in contours)
@@ -329,15 +302,7 @@ class ContourAxis(NamedTuple):
 
 
 def widened(one: TracedContour, feature: float) -> TracedContour:
-    """A contour whose bands count half a feature aside: what is narrower may stay unfelt.
-
-    Parameters
-    ----------
-    one : Traced
-        As it was traced.
-    feature : float
-        m.
-    """
+    """A contour whose bands count half a feature aside: what is narrower may stay unfelt."""
     low, high = one.contact_low, one.contact_high
     for shift in range(1, MOST_ASIDE + 1):
         for step in (shift, -shift):
@@ -353,14 +318,8 @@ def next_finished(
 ) -> int | None:
     """The finger whose result is taken up next; None if one must still be waited for.
 
-    Parameters
-    ----------
-    finished : map
-        Finger to the robot time of its result, s, of those not yet taken up.
-    busy : collection of int
-        Fingers at work, those that have finished among them.
-    clocks : map
-        Finger to the robot time that it is known to have reached, s.
+    `finished`: finger to the robot time of its result, s, of those not yet taken up. `clocks`:
+    finger to the robot time that it is known to have reached, s.
     """
     if not finished:
         return None

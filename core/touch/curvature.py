@@ -56,29 +56,13 @@ def surface_patch(
 ) -> Patch:
     """Normal, curvatures and verdict of one touch, from any array over an elastic pad.
 
-    Parameters
-    ----------
-    compression : (rows, cols) array
-        Compression of the pad under each taxel, m, at least 4 by 4. Row i lies at
-        ``y = (i - (rows - 1) / 2) * pitch``.
-    pitch : float
-        Distance between neighbouring taxels, m.
-    radius : float, optional
-        Radius of a domed pad, m; None for a flat one.
-    noise : float
-        Standard deviation of one taxel, m, as far as known: errors are for no less.
-    contact : float
-        Least compression that counts as touched, m.
-
-    Returns
-    -------
-    Patch
-        In the pad's frame: x along the columns, y along the rows, z into the object.
-
-    Raises
-    ------
-    ValueError
-        If the image is no finite array of at least 4 by 4, or a length is not positive.
+    `compression` (rows, cols): compression of the pad under each taxel, m, at least 4 by 4. Row i
+    lies at ``y = (i - (rows - 1) / 2) * pitch``. `pitch`: distance between neighbouring taxels, m.
+    `radius`: radius of a domed pad, m; None for a flat one. `noise`: standard deviation of one
+    taxel, m, as far as known: errors are for no less. `contact`: least compression that counts as
+    touched, m. The patch is told in the pad's frame: x along the columns, y along the rows, z into
+    the object. Raises ValueError if the image is no finite array of at least 4 by 4, or a length is
+    not positive.
     """
     image = finite_array("compression", compression, (None, None))
     if min(image.shape) < LEAST:
@@ -144,27 +128,15 @@ def fit_patch(
 ) -> Patch:
     """Normal and curvatures of the touched surface, each with its standard error.
 
-    Parameters
-    ----------
-    pad : Pad
-        The array.
-    height : (rows, cols) array
-        Surface over the plane of the pad's face, m.
-    touched : (rows, cols) array of bool
-        Where the pad touches, impulses left out.
-    direction : (3,) array
-        Direction in which `across` is wanted, pad frame; its part in the tangent plane counts.
-    noise : float
-        Standard deviation of one taxel, m, as far as known. Errors are for the larger of this
-        and what the misfit shows.
-    weights : (rows, cols) array, optional
-        How much each taxel counts, from 0 to 1.
+    `height` (rows, cols): surface over the plane of the pad's face, m. `touched` (rows, cols) of
+    bool: where the pad touches, impulses left out. `direction` (3,): direction in which `across` is
+    wanted, pad frame; its part in the tangent plane counts. `noise`: standard deviation of one
+    taxel, m, as far as known. Errors are for the larger of this and what the misfit shows.
+    `weights` (rows, cols): how much each taxel counts, from 0 to 1.
 
-    Notes
-    -----
-    Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns
-    every taxel's noise into curvature. A convex surface has positive curvature, as (3.1)
-    expects and (3.15) does not give.
+    Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns every
+    taxel's noise into curvature. A convex surface has positive curvature, as (3.1) expects and
+    (3.15) does not give.
     """
     if not touched.any():
         return Patch("miss")
@@ -274,19 +246,10 @@ def begin_fusion(felt: LocalCurvature) -> FusedCurvature:
 def fuse(fused: FusedCurvature, felt: LocalCurvature) -> FusedCurvature:
     """One more touch, which should overlap the last.
 
-    Parameters
-    ----------
-    fused : Fused
-        What was known.
-    felt : Place
-        What the touch says at its own place.
-
-    Notes
-    -----
     What was known is carried along the surface to the new place, where the curvature may have
     changed by a random amount that grows with the distance. How much is learnt from earlier
-    touches: by as much as they differed beyond their noise. A touch that still surprises is
-    given the change that explains it, so that a sudden bend is followed at once.
+    touches: by as much as they differed beyond their noise. A touch that still surprises is given
+    the change that explains it, so that a sudden bend is followed at once.
     """
     before, covariance = _carried(fused.place, felt.shape)
     seen = np.array(felt.shape.parts)

@@ -52,21 +52,11 @@ def classify_surface(
 ) -> SurfaceKind:
     """What the surface is that a jet was fitted to.
 
-    Parameters
-    ----------
-    pad, height, touched
-        The touch.
-    fit : JetFit
-        Its jet, of at least the second degree.
-    sharpness : float
-        The larger of the principal curvatures' sizes, 1/m.
-    noise : float
-        Standard deviation of one taxel, m.
+    `sharpness`: the larger of the principal curvatures' sizes, 1/m. `noise`: standard deviation of
+    one taxel, m.
 
-    Notes
-    -----
-    The jet is believed where it leaves no more than noise. Where it does leave more, flat
-    faces are tried in its place.
+    The jet is believed where it leaves no more than noise. Where it does leave more, flat faces are
+    tried in its place.
     """
     freedom = max(len(fit.misfit) - fit.jet.coefficients.size, 1)
     by_noise = noise * (1.0 + SURE / math.sqrt(2.0 * freedom))
@@ -107,24 +97,11 @@ def slopes_of_cells(pad: Pad, height: Floats, touched: Bools) -> Cells:
 def fit_faces(pad: Pad, height: Floats, touched: Bools, cells: Cells, count: int) -> Faces | None:
     """Two to four planes whose envelope is nearest to the touched taxels.
 
-    Parameters
-    ----------
-    pad, height, touched
-        The touch.
-    cells : Cells
-        From `slopes_of_cells`: the faces are begun with those that differ most.
-    count : int
-        2, 3 or 4.
-
-    Returns
-    -------
     None if there are fewer cells than faces.
 
-    Notes
-    -----
-    A convex body is the upper envelope of its faces over the pad, a hollow one the lower;
-    the envelope that begins better is taken. Planes are fitted to the taxels for which they
-    stand out, by turns, as Magnani and Boyd, *Convex piecewise-linear fitting*, 2009.
+    A convex body is the upper envelope of its faces over the pad, a hollow one the lower; the
+    envelope that begins better is taken. Planes are fitted to the taxels for which they stand out,
+    by turns, as Magnani and Boyd, *Convex piecewise-linear fitting*, 2009.
     """
     if len(cells.slopes) < count:
         return None
@@ -235,17 +212,9 @@ def isolated_outliers(
 ) -> Bools | None:
     """Up to three touched taxels, no two of them neighbours, far off a jet: (rows, cols).
 
-    None if there are none, or too many, or they lie together: a face, however small, is no
-    stray.
+    None if there are none, or too many, or they lie together: a face, however small, is no stray.
 
-    Parameters
-    ----------
-    pad, height, touched
-        The touch.
-    fit : JetFit
-        Its plain jet.
-    noise : float
-        Standard deviation of one taxel, m.
+    `noise`: standard deviation of one taxel, m.
     """
     if not 0 < np.count_nonzero(_far(fit, noise)) <= MOST * PULLED:
         return None

@@ -56,10 +56,7 @@ class Effect(Protocol):
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.
 
-        Raises
-        ------
-        ValueError
-            If this finger cannot have the effect.
+        Raises ValueError if this finger cannot have the effect.
         """
 
 

@@ -68,25 +68,14 @@ def clean(
 ) -> CleanedImage:
     """Filter a frame, and mark what is touched.
 
-    Parameters
-    ----------
-    pad : Pad
-        The array.
-    compression : (rows, cols) array
-        As the array reports it, m.
-    noise : float
-        Standard deviation of one taxel, m.
-    contact : float
-        Least compression that counts as touched, m, however quiet the sensor is.
-    order : Order
-        ``auto`` lets the frame decide: one without impulses stays as it is, for the jet that
-        is fitted to it next averages noise better than any filter, and without its bias; in
-        one with impulses a joint robust fit finds them, and what they hid is put in their
-        place. The others are the filters of Fung, 1999, section 3.4.2, alone or in either
-        order.
-    lost : (rows, cols) array of bool, optional
-        Taxels that a calibration does not trust: they read what their neighbours do, and
-        count as untouched.
+    `compression` (rows, cols): as the array reports it, m. `noise`: standard deviation of one
+    taxel, m. `contact`: least compression that counts as touched, m, however quiet the sensor is.
+    `order`: ``auto`` lets the frame decide: one without impulses stays as it is, for the jet that
+    is fitted to it next averages noise better than any filter, and without its bias; in one with
+    impulses a joint robust fit finds them, and what they hid is put in their place. The others are
+    the filters of Fung, 1999, section 3.4.2, alone or in either order. `lost` (rows, cols) of bool:
+    taxels that a calibration does not trust: they read what their neighbours do, and count as
+    untouched.
     """
     if lost is not None:
         cleaned = clean(pad, _filled(compression, lost), noise, contact, order)
@@ -127,18 +116,12 @@ def _filtered(image: Floats, variance: float, order: FilterOrder) -> Floats:
 def adaptive_wiener(image: Floats, noise_variance: float) -> Floats:
     """Pull each taxel towards its neighbourhood's mean, by as much as noise explains.
 
-    Parameters
-    ----------
-    image : (rows, cols) array
-        m.
-    noise_variance : float
-        Variance of one taxel's noise, m^2. With 0 the image comes back as it is.
+    `image` (rows, cols): m. `noise_variance`: variance of one taxel's noise, m^2. With 0 the image
+    comes back as it is.
 
-    Notes
-    -----
     Fung, 1999, (3.4) to (3.9); variances stand where (3.6) prints deviations, borders are
-    reflected, and a neighbourhood without any variance keeps its mean instead of 0/0. The
-    variance is taken about the mean, so that a large offset costs no digits.
+    reflected, and a neighbourhood without any variance keeps its mean instead of 0/0. The variance
+    is taken about the mean, so that a large offset costs no digits.
     """
     if noise_variance <= 0.0:
         return image
@@ -200,23 +183,12 @@ class RepairedImage(NamedTuple):
 def remove_impulses(pad: Pad, image: Floats, contact: float, noise: float) -> RepairedImage:
     """Find and mend the impulses of a frame.
 
-    Parameters
-    ----------
-    pad : Pad
-        The array.
-    image : (rows, cols) array
-        Compression; about 0 where the pad does not touch, m.
-    contact : float
-        Least compression that counts as touched, m.
-    noise : float
-        Standard deviation of one taxel, m.
+    `image` (rows, cols): compression; about 0 where the pad does not touch, m. `contact`: least
+    compression that counts as touched, m. `noise`: standard deviation of one taxel, m.
 
-    Notes
-    -----
-    A frame all of whose taxels lie on even lines is returned as it is. For the others a jet
-    is fitted with Tukey's weights, beginning with the supported taxels. Where there is no
-    surface to fit, what stands alone is an impulse, and three touched taxels side by
-    side are a tip.
+    A frame all of whose taxels lie on even lines is returned as it is. For the others a jet is
+    fitted with Tukey's weights, beginning with the supported taxels. Where there is no surface to
+    fit, what stands alone is an impulse, and three touched taxels side by side are a tip.
     """
     by_noise = BEND_DEVIATIONS * noise
     supported = _supported(pad, image, math.hypot(UNEVEN * pad.pitch, by_noise), by_noise)

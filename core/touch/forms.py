@@ -42,10 +42,8 @@ def shape_operator(
 ) -> ShapeOperator:
     """Shape operator of a parametric surface; arguments and errors as for `fundamental_forms`.
 
-    Notes
-    -----
-    It is L^-1 II L^-T, where L L^T is the first form. L comes from the tangents by
-    Gram-Schmidt, and never from E, F and G, which hold their squares.
+    It is L^-1 II L^-T, where L L^T is the first form. L comes from the tangents by Gram-Schmidt,
+    and never from E, F and G, which hold their squares.
     """
     normal = outward_normal(by_u, by_v, outward)
     a = _length(by_u)
@@ -82,17 +80,10 @@ def graph_shape_operator(
 ) -> ShapeOperator:
     """Shape operator of z(x, y), with the object on the side of larger z.
 
-    Parameters
-    ----------
-    slopes : (2,) floats
-        z_x, z_y.
-    seconds : (3,) floats
-        z_xx, z_xy, z_yy, 1/m.
+    `seconds`: z_xx, z_xy, z_yy, 1/m.
 
-    Notes
-    -----
-    In the directions of steepest slope and of none, the first form is diagonal: what is left
-    of the Cholesky factor is a division by the steepness, w, which is finite on a wall.
+    In the directions of steepest slope and of none, the first form is diagonal: what is left of the
+    Cholesky factor is a division by the steepness, w, which is finite on a wall.
     """
     steepest, slope = steepest_direction(slopes)
     along_x, along_y = steepest
@@ -159,24 +150,13 @@ def graph_errors(
 ) -> GeometryErrors:
     """Errors of what `graph_shape` says.
 
-    Parameters
-    ----------
-    derivatives : (5,) array
-        z_x, z_y, z_xx, z_xy, z_yy.
-    factor : (5, m) array
-        Square root of their covariance for unit noise.
-    deviation : float
-        Noise of one taxel, m.
-    shape : ShapeOperator
-        From `graph_shape` for these derivatives.
-    direction : (3,) array
-        Along which the normal curvature is wanted.
+    `derivatives` (5,): z_x, z_y, z_xx, z_xy, z_yy. `factor` (5, m): square root of their covariance
+    for unit noise. `deviation`: noise of one taxel, m. `direction` (3,): along which the normal
+    curvature is wanted.
 
-    Notes
-    -----
-    First order (delta method) for everything but the principal curvatures where they are
-    nearly equal: there their difference is the length of a vector that noise may turn, and
-    the part of it across counts by its second order, at most by its full size.
+    First order (delta method) for everything but the principal curvatures where they are nearly
+    equal: there their difference is the length of a vector that noise may turn, and the part of it
+    across counts by its second order, at most by its full size.
     """
     slopes = float(derivatives[0]), float(derivatives[1])
     (c, s), p = steepest_direction(slopes)

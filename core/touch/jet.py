@@ -63,32 +63,18 @@ def fit_jet(
 ) -> JetFit | None:
     """Jet of the touched taxels.
 
-    Parameters
-    ----------
-    pad : Pad
-        The array.
-    height : (rows, cols) array
-        Surface over the plane of the pad's face, m.
-    touched : (rows, cols) array of bool
-        Which taxels count.
-    weights : (rows, cols) array, optional
-        How much each of them does, from 0 to 1: inverse variances, up to a factor.
-    noise : float, optional
-        Standard deviation of one taxel, m, or less. If given, the cubic and the quartic part
-        are shrunk by as much as noise explains them.
+    `height` (rows, cols): surface over the plane of the pad's face, m. `touched` (rows, cols) of
+    bool: which taxels count. `weights` (rows, cols): how much each of them does, from 0 to 1:
+    inverse variances, up to a factor. `noise`: standard deviation of one taxel, m, or less. If
+    given, the cubic and the quartic part are shrunk by as much as noise explains them. None if
+    fewer than 8 taxels count, or they lie on a line.
 
-    Returns
-    -------
-    None if fewer than 8 taxels count, or they lie on a line.
+    The degree follows the number of taxels, and falls where they cannot tell the powers of one
+    degree apart, as on two rows.
 
-    Notes
-    -----
-    The degree follows the number of taxels, and falls where they cannot tell the powers of
-    one degree apart, as on two rows.
-
-    A quartic follows a tight curve and a quadric is steadier on a flat one; shrinking by
-    James and Stein, *Estimation with quadratic loss*, 1961, goes between the two whichever the
-    surface is, and over all coefficients it is on average nowhere worse than the quartic.
+    A quartic follows a tight curve and a quadric is steadier on a flat one; shrinking by James and
+    Stein, *Estimation with quadratic loss*, 1961, goes between the two whichever the surface is,
+    and over all coefficients it is on average nowhere worse than the quartic.
     """
     if weights is not None:
         touched = touched & (weights > 0.0)
@@ -128,24 +114,13 @@ def fit_robust_jet(
 ) -> JetFit | None:
     """Jet of the touched taxels that gives no weight to those that stand far off.
 
-    Parameters
-    ----------
-    pad, height, touched
-        As for `fit_jet`.
-    least_deviation : float
-        The noise is not taken to be smaller than this, m: otherwise a noise-free frame would
-        throw out all taxels that a polynomial misses.
-    start : (rows, cols) array, optional
-        Weights to begin with; without them, all alike.
+    `least_deviation`: the noise is not taken to be smaller than this, m: otherwise a noise-free
+    frame would throw out all taxels that a polynomial misses. `start` (rows, cols): weights to
+    begin with; without them, all alike. None if fewer than 8 taxels are touched, or they lie on a
+    line.
 
-    Returns
-    -------
-    None if fewer than 8 taxels are touched, or they lie on a line.
-
-    Notes
-    -----
-    Tukey's biweight, the scale by the median absolute misfit, at most 8 rounds; Beaton and
-    Tukey, *The fitting of power series*, 1974.
+    Tukey's biweight, the scale by the median absolute misfit, at most 8 rounds; Beaton and Tukey,
+    *The fitting of power series*, 1974.
     """
     design = jet_design(pad.rows, pad.cols, pad.pitch, touched.tobytes())
     if design is None:

@@ -18,15 +18,7 @@ from palpate.core.touch.effect import Fingertip
 
 
 class KeyedRandom:
-    """Random numbers of the effect `name` on a finger.
-
-    Parameters
-    ----------
-    finger : Finger
-        Its seed and number are used.
-    name : str
-        The effect's.
-    """
+    """Random numbers of the effect `name` on a finger."""
 
     def __init__(self, finger: Fingertip, name: str):
         key = SeedSequence(finger.seed, spawn_key=(finger.number, crc32(name.encode())))

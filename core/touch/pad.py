@@ -112,23 +112,11 @@ def guarded_move(shape: Shape, pad: Pad, start: Floats, reach: float, depth: flo
 
     One cast serves the whole move: the surface's distance from every taxel is known at once.
 
-    Parameters
-    ----------
-    shape : Shape
-        What may be met.
-    pad : Pad
-        What meets it.
-    start : (7,) array
-        Pose from which it moves.
-    reach : float
-        Longest way to first contact, m.
-    depth : float
-        Compression at which it stops, m.
+    `shape`: what may be met. `start` (7,): pose from which it moves. `reach`: longest way to first
+    contact, m. `depth`: compression at which it stops, m.
 
-    Notes
-    -----
-    Each taxel is a spring of its own (Winkler); inside the contact the pad takes the
-    surface's shape, which is exact under any elastic model.
+    Each taxel is a spring of its own (Winkler); inside the contact the pad takes the surface's
+    shape, which is exact under any elastic model.
     """
     position, axes = split_pose(start)
     ranges = shape.cast(
@@ -156,25 +144,15 @@ def _inside(pad: Pad, start: Floats) -> GuardedMove:
 def contact_mask(pad: Pad, compression: Floats, contact: float, noise: float) -> Bools:
     """Taxels under load, (rows, cols).
 
-    Parameters
-    ----------
-    pad : Pad
-        With what its data sheet says of its face.
-    compression : (rows, cols) array
-        m.
-    contact : float
-        Least compression that counts, m; also as the load of a pad that is pressed evenly.
-    noise : float
-        Standard deviation of one taxel, m.
+    `compression` (rows, cols): m. `contact`: least compression that counts, m; also as the load of
+    a pad that is pressed evenly. `noise`: standard deviation of one taxel, m.
 
-    Notes
-    -----
-    On a bed of springs load and compression are one. A membrane on springs is loaded with
-    ``u - decay^2 lap(u)``, taken at the pitch with free borders. On a half-space the load is
-    the inverse of Love's displacements; those of a 16 by 16 array have a condition of 27. A
-    contact that runs off the array presses from outside as well, and adds load at the border,
-    where it is a contact anyway. Noise counts as the operator magnifies it: a skin that is
-    stiff over many taxels needs a quiet array.
+    On a bed of springs load and compression are one. A membrane on springs is loaded with ``u -
+    decay^2 lap(u)``, taken at the pitch with free borders. On a half-space the load is the inverse
+    of Love's displacements; those of a 16 by 16 array have a condition of 27. A contact that runs
+    off the array presses from outside as well, and adds load at the border, where it is a contact
+    anyway. Noise counts as the operator magnifies it: a skin that is stiff over many taxels needs a
+    quiet array.
     """
     moved = compression > max(contact, CONTACT_DEVIATIONS * noise)
     if pad.face.kind == "springs" or not moved.any():

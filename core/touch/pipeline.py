@@ -46,10 +46,7 @@ class Pipeline(NamedTuple):
     def simulate(self, touch: SimulatedTouch, states: StageStates) -> StageStates:
         """Carry out a touch: fills it in, and gives what the stages remember next.
 
-        Raises
-        ------
-        ValueError
-            If a stage fails, with the name of its effect, or leaves a touch that cannot be.
+        Raises ValueError if a stage fails, with its effect's name, or leaves what cannot be.
         """
         following = []
         for stage, name, state in zip(self.stages, self.names, states, strict=True):
@@ -73,10 +70,7 @@ class Pipeline(NamedTuple):
 def assemble(finger: Fingertip, effects: Sequence[Effect]) -> Pipeline:
     """The pipeline of a finger with these effects, in the order in which they are given.
 
-    Raises
-    ------
-    ValueError
-        If an effect cannot be had on this finger, or two take the place of the cast.
+    Raises ValueError if an effect cannot be had on this finger, or two take the place of the cast.
     """
     casts = [effect for effect in effects if effect.phase is Phase.CAST]
     if len(casts) > 1:

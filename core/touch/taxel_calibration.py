@@ -68,26 +68,13 @@ def estimate_calibration(
 ) -> CalibrationEstimate:
     """Gain and offset of each taxel, speed of sound, and noise.
 
-    Parameters
-    ----------
-    presses : Presses
-        Readings of known things.
-    x, y : (taxels,) arrays
-        Where the taxels are, m.
-    data_sheet : Calibration
-        With which the signals were read.
+    `x`, `y` (taxels,): where the taxels are, m. Raises ValueError if too few taxels answer to being
+    pressed.
 
-    Raises
-    ------
-    ValueError
-        If too few taxels answer to being pressed.
-
-    Notes
-    -----
-    Fung, 1999, section 3.4.1, asks for "careful sensor calibration" and says no more. With
-    times of flight a wrong speed of sound is a gain common to all taxels: the common gain is
-    given to the speed, and what is left to the taxels. So is whatever else makes all taxels
-    answer alike, as a pad that creeps does.
+    Fung, 1999, section 3.4.1, asks for "careful sensor calibration" and says no more. With times of
+    flight a wrong speed of sound is a gain common to all taxels: the common gain is given to the
+    speed, and what is left to the taxels. So is whatever else makes all taxels answer alike, as a
+    pad that creeps does.
     """
     found = _look(presses)
     fit = TaxelFit(presses, x, y, found)
@@ -100,13 +87,7 @@ def estimate_calibration(
 
 
 def _look(presses: CalibrationTouches) -> InitialEstimate:
-    """What each taxel reads at rest, whom to trust, and how noisy they are.
-
-    Raises
-    ------
-    ValueError
-        If too few taxels answer to pressing.
-    """
+    """What each taxel reads at rest, whom to trust, and how noisy they are."""
     middle = np.median(presses.free, axis=0)
     trusted = _trusted(presses, middle)
     used = (presses.known > LEAST_KNOWN) & trusted

@@ -48,14 +48,8 @@ LEAST = 6  # Contacts: an axis has four parameters, and a screw a fifth
 def end_face_axis(axis: Floats, face: Floats, normals: Floats) -> Floats | None:
     """A better axis than the one along which an end was touched; None if that does.
 
-    Parameters
-    ----------
-    axis : (3,) array
-        The slicing axis so far, a unit vector that points to the end.
-    face : (3,) array
-        Outward unit normal where the end was touched.
-    normals : (n, 3) array
-        Outward unit normals of all contacts.
+    `axis` (3,): the slicing axis so far, a unit vector that points to the end. `face` (3,): outward
+    unit normal where the end was touched. `normals` (n, 3): outward unit normals of all contacts.
     """
     vertical = np.array([0.0, 0.0, 1.0])
     if _apart(face, axis) < SAME:
@@ -76,12 +70,8 @@ def _apart(one: Floats, other: Floats) -> float:
 def extrusion_axis(normals: Floats, axis: Floats) -> Floats | None:
     """The axis near another one to which the sides' normals are square; None if they are not.
 
-    Parameters
-    ----------
-    normals : (n, 3) array
-        Of the contacts, unit vectors.
-    axis : (3,) array
-        About where it lies, a unit vector.
+    `normals` (n, 3): of the contacts, unit vectors. `axis` (3,): about where it lies, a unit
+    vector.
     """
     facing = int((np.abs(normals @ axis) < math.sin(NEAR[0])).sum())
     for near in NEAR:
@@ -110,17 +100,9 @@ class RevolutionAxis(NamedTuple):
 def revolution_axis(points: Floats, normals: Floats, axes: Floats) -> RevolutionAxis:
     """The axis that most normals meet best.
 
-    Parameters
-    ----------
-    points, normals : (n, 3) arrays
-        At least 6, m, and unit vectors.
-    axes : (k, 3) array
-        Axes with which to start, beside three that the normals suggest.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than 6 contacts.
+    `points`, `normals` (n, 3): at least 6, m, and unit vectors. `axes` (k, 3): axes with which to
+    start, beside three that the normals suggest. Raises ValueError if there are fewer than 6
+    contacts.
     """
     if len(points) < LEAST:
         raise ValueError(f"points must be at least {LEAST}, got {len(points)}")

@@ -51,20 +51,9 @@ def close_hand(
 ) -> tuple[Grasp, tuple[StageStates, ...]]:
     """Close every finger until it touches.
 
-    Parameters
-    ----------
-    shape : Shape
-        What stands there.
-    fingers, remembered : sequences
-        Fingertips with the scene's effects, the palm last, and what each remembers.
-    hand, pose, platform : Hand, (7,) array, float
-        How wide it opens, where it is, and the platform's height, m.
-    closing : Closing
-        When, and for which time.
-
-    Returns
-    -------
-    The grasp, and what the fingertips remember next.
+    `fingers`, `remembered`: fingertips with the scene's effects, the palm last, and what each
+    remembers. `hand`, `pose` (7,), `platform`: how wide it opens, where it is, and the platform's
+    height, m. Returns the grasp, and what the fingertips remember next.
     """
     starts = fingertip_starts(hand, pose, platform)
     reaches = starts.reach.tolist()
@@ -116,21 +105,7 @@ def _together(fingers: Sequence[Pipeline], touches: Sequence[SimulatedTouch | No
 def contact_of(pad: Pad, pose: Floats, compression: Floats, noise: float) -> Contact | None:
     """What a pressed fingertip tells of the surface, in the frame in which its pose is given.
 
-    Parameters
-    ----------
-    pad : Pad
-        The fingertip.
-    pose : (7,) array
-        Its pose as it is believed to be.
-    compression : (rows, cols) array
-        As the array reports it, m.
-    noise : float
-        Standard deviation of one taxel, m.
-
-    Returns
-    -------
-    Contact or None
-        The deepest point, with the normal of the surface about it; None if nothing is touched.
+    The deepest point, with the normal of the surface about it; None if nothing is touched.
     """
     cleaned = clean(pad, compression, noise, TOUCHED, "auto")
     if not cleaned.touched.any():

@@ -40,18 +40,8 @@ def correct_solid(
 ) -> CorrectedSolid:
     """Move a solid's surface on to its contacts.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The fitted solid.
-    points : (n, 3) array
-        Contacts, m.
-    residuals : (n,) array
-        How far outside it each lies, m.
-    rms : float
-        What the fit misses, m.
-    noise : float
-        Standard deviation of a contact, m.
+    `points` (n, 3): contacts, m. `residuals` (n,): how far outside it each lies, m. `rms`: what the
+    fit misses, m. `noise`: standard deviation of a contact, m.
     """
     vertices, faces = mesh
     area, normals = _areas(vertices, faces)
@@ -129,17 +119,10 @@ class MassProperties(NamedTuple):
 def mass_properties(vertices: Floats, faces: Ints) -> MassProperties:
     """What a closed mesh bounds.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m.
-    faces : (m, 3) array
-        Counter-clockwise seen from outside.
+    `vertices` (n, 3): m. `faces` (m, 3): counter-clockwise seen from outside.
 
-    Notes
-    -----
-    Sums over the tetrahedra between faces and a point: the integral of x x^T over one is its
-    volume / 20 times the sum of x_i x_i^T over its corners and of their sum with itself.
+    Sums over the tetrahedra between faces and a point: the integral of x x^T over one is its volume
+    / 20 times the sum of x_i x_i^T over its corners and of their sum with itself.
     """
     start = vertices.mean(axis=0)
     corners = (vertices - start)[faces]

@@ -39,14 +39,7 @@ LEVEL = 1e-9  # Slope below which a finger does not go down
 def search_pose(places: list[Floats], number: int, platform: float) -> Floats | None:
     """Pose (7,) of a hand that looks for the object from above; None when it looked everywhere.
 
-    Parameters
-    ----------
-    places : list of (2,) arrays
-        Where to look, m.
-    number : int
-        Closings so far.
-    platform : float
-        Height of the platform, m.
+    `places` (2,): where to look, m. `platform`: height of the platform, m.
     """
     place, height = divmod(number, len(SEARCH_HEIGHTS))
     if place >= len(places):
@@ -59,17 +52,9 @@ def search_pose(places: list[Floats], number: int, platform: float) -> Floats | 
 def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> Floats:
     """Pose (7,) from which a hand is expected to touch where nothing was touched yet.
 
-    Parameters
-    ----------
-    hand : Hand
-        Its geometry.
-    points, normals : (n, 3) arrays
-        Contacts so far, at least one, m, and outward unit normals.
-    platform : float
-        Height of the platform, m.
+    `points`, `normals` (n, 3): contacts so far, at least one, m, and outward unit normals.
+    `platform`: height of the platform, m.
 
-    Notes
-    -----
     Farthest-point sampling: of a fixed set of poses the one is taken whose expected contacts are
     together farthest from those that there are, and from each other.
     """
@@ -153,10 +138,8 @@ def _distances(places: Floats, points: Floats) -> Floats:
 class Hand:
     """How many fingers a hand has, and how wide it opens.
 
-    Raises
-    ------
-    ValueError
-        If it has no finger or more than 20, or the opening or the reach is not positive.
+    Raises ValueError if it has no finger or more than 20, or the opening or the reach is not
+    positive.
     """
 
     fingers: int = 5  # Beside the palm
@@ -197,17 +180,7 @@ def fingertip_starts(hand: Hand, pose: Floats, platform: float) -> FingertipStar
 
 
 def finger_paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> FingerPaths:
-    """Ways of the fingertips of open hands.
-
-    Parameters
-    ----------
-    hand : Hand
-        Its geometry.
-    places, axes : (hands, 3) and (hands, 3, 3) arrays
-        Where hands are in the world, m, and how they are turned.
-    platform : float
-        Height of the platform, m: no fingertip starts or goes below it.
-    """
+    """Ways of the fingertips of open hands."""
     tips, turns = _in_hand(hand.fingers)
     starts = places[:, None] + hand.opening * np.einsum("hij,fj->hfi", axes, tips)
     along = np.einsum("hij,fj->hfi", axes, turns[:, :, 2])

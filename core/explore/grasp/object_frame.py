@@ -92,24 +92,10 @@ def fit_object_frame(
 ) -> ObjectFrame:
     """The frame for an object that was grasped.
 
-    Parameters
-    ----------
-    found : Recovery
-        The superquadric fitted to its contacts.
-    points, normals : (n, 3) arrays
-        Contacts, at least one, m, and outward unit normals.
-    platform : float
-        Height on which it stands, m.
-    noise : float
-        Standard deviation of a contact, m.
-    axis : (3,) array, optional
-        The slicing axis, a unit vector; else it is looked for.
-
-    Raises
-    ------
-    ValueError
-        If there is no contact, an array is not finite or has another shape, or the noise is not
-        positive.
+    `points`, `normals` (n, 3): contacts, at least one, m, and outward unit normals. `platform`:
+    height on which it stands, m. `noise`: standard deviation of a contact, m. `axis` (3,): the
+    slicing axis, a unit vector; else it is looked for. Raises ValueError if there is no contact, an
+    array is not finite or has another shape, or the noise is not positive.
     """
     points = finite_array("points", points, (None, 3))
     normals = finite_array("normals", normals, (len(points), 3))
@@ -231,21 +217,7 @@ def extent_along(
     contacts: Contacts,
     platform: float,
 ) -> AxialExtent:
-    """Extent along the z axis of a frame.
-
-    Parameters
-    ----------
-    pose : (7,) array
-        The frame, its origin anywhere on the axis.
-    solid : Corrected
-        The fitted solid, moved on to its contacts.
-    found : Recovery
-        How well it fits.
-    contacts : Touched
-        The contacts in the world, at least one.
-    platform : float
-        Height of the platform in the world, m.
-    """
+    """Extent along the z axis of a frame."""
     axes = split_pose(pose)[1]
     local_contacts = Contacts(
         transform_points(inverse_pose(pose), contacts.points), contacts.normals @ axes

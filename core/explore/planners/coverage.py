@@ -131,19 +131,7 @@ def longest_first(spans: Sequence[Span], unit: float) -> list[Span]:
 def free_height(observation: Observation, wanted: float, within: Span) -> float | None:
     """The height nearest to the wanted one that is a feature away from all that were tried.
 
-    Parameters
-    ----------
-    observation : Known
-        What is known; heights at which other fingers are at work count as tried.
-    wanted : float
-        m.
-    within : Run
-        Where it must lie.
-
-    Returns
-    -------
-    float or None
-        m; None if there is no room.
+    Heights at which other fingers are at work count as tried. In m; None if there is no room.
     """
     room = observation.feature * (1.0 - 1e-9)
     tried = [(one.height, room) for one in observation.slices]

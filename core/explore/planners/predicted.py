@@ -149,26 +149,7 @@ def best_refinement(
     spans: Sequence[Span],
     costs: RefinementCosts,
 ) -> float | None:
-    """The height at which one slice more is worth most.
-
-    Parameters
-    ----------
-    observation : Known
-        What is known.
-    shares : (m,) array
-        Heights of its usable slices, as shares of the extent, from the bottom up.
-    prediction : Foretold
-        Errors between them.
-    spans : sequence of Run
-        What is unfelt.
-    costs : Costs
-        What is weighed.
-
-    Returns
-    -------
-    float or None
-        m; None where there is no room.
-    """
+    """The height at which one slice more is worth most, m; None where there is no room."""
     heights = (observation.low + observation.extent * shares).tolist()
     pairs = list(pairwise(heights))
     variances = _variances(observation, pairs, prediction, spans, costs.hidden_error)
@@ -207,17 +188,7 @@ def _variances(
 
 
 def parts_needed(variances: Floats, target: float, order: float) -> Ints:
-    """Into how many parts each interval must be cut, with the fewest cuts in all.
-
-    Parameters
-    ----------
-    variances : (m,) array
-        Squared errors of the intervals, by their shares of the area.
-    target : float
-        Root mean square error of the whole that is wanted.
-    order : float
-        An interval in n parts errs by n to this power less.
-    """
+    """Into how many parts each interval must be cut, with the fewest cuts in all."""
     parts = np.ones(len(variances), dtype=np.int32)
     for _ in range(MOST_CUTS):
         now = variances * parts ** (-2.0 * order)

@@ -219,19 +219,9 @@ def is_near_finger(observation: Observation, height: float) -> bool:
 def check_choice(planner: Planner, observation: Observation) -> Choice:
     """What a planner answers.
 
-    Parameters
-    ----------
-    planner : Planner
-        Who is asked.
-    observation : Known
-        What is known.
-
-    Raises
-    ------
-    ValueError
-        If it is no answer; or a height that does not lie between the ends, was asked for before,
-        or is too near to another finger; or it waits though no finger is at work; or a bound or an
-        unfelt height is no length.
+    Raises ValueError if it is no answer; or a height that does not lie between the ends, was asked
+    for before, or is too near to another finger; or it waits though no finger is at work; or a
+    bound or an unfelt height is no length.
     """
     choice = planner.next(observation)
     wrong = _wrong(observation, choice)
@@ -280,12 +270,8 @@ def _wrong_stop(stop: Stop) -> str:
 def planner_type(name: str) -> type[Planner]:
     """The description of a planner: by its name, or a user's own as ``module:Class``.
 
-    Raises
-    ------
-    LookupError
-        If there is no such planner.
-    ValueError
-        If the module cannot be imported, or holds no such planner.
+    Raises LookupError if there is no such planner. Raises ValueError if the module cannot be
+    imported, or holds no such planner.
     """
     found = class_by_name(
         name, what="planner", names=PLANNER_NAMES, package=str(__package__), attribute="PLANNER"
@@ -302,12 +288,8 @@ def planner_type(name: str) -> type[Planner]:
 def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
     """A planner with its numbers.
 
-    Raises
-    ------
-    LookupError
-        If there is no such planner.
-    ValueError
-        If the module is none, or a number is unknown or out of its range.
+    Raises LookupError if there is no such planner. Raises ValueError if the module is none, or a
+    number is unknown or out of its range.
     """
     described = planner_type(name)
     fields = set(getattr(described, "__dataclass_fields__"))  # noqa: B009

@@ -264,13 +264,7 @@ def fit_decreasing(places: Floats, values: Floats, knots: Floats) -> Polyline:
 
 
 def hat_basis(places: Floats, knots: Floats) -> Floats:
-    """Values (n, m) of the m hat functions of increasing knots at n places.
-
-    Raises
-    ------
-    ValueError
-        If the knots do not increase.
-    """
+    """Values (n, m) of the m hat functions of increasing knots at n places."""
     knots = finite_array("knots", knots, (None,))
     if len(knots) < 2 or not (np.diff(knots) > 0.0).all():
         raise ValueError(f"knots must be at least 2 and increase, got {knots}")
@@ -279,15 +273,7 @@ def hat_basis(places: Floats, knots: Floats) -> Floats:
 
 
 def equal_curvature_knots(places: Floats, values: Floats, segments: int) -> Floats:
-    """Knots between which the root of the second derivative has the same sum: closed form.
-
-    Parameters
-    ----------
-    places, values : (n,) arrays
-        The function, at increasing places.
-    segments : int
-        Pieces wanted.
-    """
+    """Knots between which the root of the second derivative has the same sum: closed form."""
     _check(places, values, segments)
     second = np.gradient(np.gradient(values, places), places)
     density = np.sqrt(np.abs(second)) + LEAST_CURVATURE

@@ -100,12 +100,7 @@ class PlannerTrial:
     def rms(self, slices: Sequence[ObservedSlice], *, slopes: bool = True) -> float:
         """Error of the side through these slices, over the object's height.
 
-        Parameters
-        ----------
-        slices : sequence of Slice
-            The contours.
-        slopes : bool
-            Use their normals; else positions alone, by monotone cubics.
+        `slopes`: use their normals; else positions alone, by monotone cubics.
         """
         usable = sorted((one for one in slices if one.usable), key=lambda one: one.height)
         if len(usable) < 2:
@@ -183,21 +178,8 @@ def run_planner(
 ) -> tuple[tuple[ObservedSlice, ...], Stop | None]:
     """Let a planner work until it stops, or has `most` slices.
 
-    Parameters
-    ----------
-    planner : Planner
-        Who chooses.
-    trial : Trial
-        Who answers.
-    tolerance : float
-        Root mean square error asked for, over the object's height.
-    most : int
-        Slices at most.
-
-    Raises
-    ------
-    ValueError
-        If its answer is none to act on; see `palpate.core.explore.planners.check_choice`.
+    `tolerance`: root mean square error asked for, over the object's height. Raises ValueError if
+    its answer is none to act on; see `palpate.core.explore.planners.check_choice`.
     """
     slices: tuple[ObservedSlice, ...] = ()
     while True:

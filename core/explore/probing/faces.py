@@ -57,12 +57,7 @@ class EndFace(NamedTuple):
 def fit_face(touches: Sequence[ProbeResult], width: float) -> EndFace:
     """The plane through touched points that leans as their normals do.
 
-    Parameters
-    ----------
-    touches : sequence of Probed
-        At least one, that touched something.
-    width : float
-        Of the pad, m: a normal tells of the heights a foot away.
+    `width`: of the pad, m: a normal tells of the heights a foot away.
     """
     points = np.stack([one.point for one in touches])
     slopes, sure = _slopes(touches)
@@ -96,16 +91,7 @@ def is_plane(
 ) -> bool:
     """Whether all touches lie in a plane, and nothing beside them rises over it.
 
-    Parameters
-    ----------
-    face : Face
-        Fitted to the touches.
-    touches : sequence of Probed
-        Those.
-    contour : Wall
-        The contour nearest to the end.
-    allowed : float
-        Largest distance from the plane, m.
+    `allowed`: largest distance from the plane, m.
     """
     points = np.stack([one.point for one in touches])
     if float(np.abs(points[:, 2] - face.at(points[:, :2])).max()) > allowed:
@@ -129,18 +115,9 @@ def expected_edge(
 ) -> FaceEdge:
     """Where the wall, gone on with as it leans, meets the face.
 
-    Parameters
-    ----------
-    face : Face
-        The face.
-    contour : Wall
-        The contour nearest to it.
-    touched : (k, 3) array
-        Where the face was touched, m: an edge within a `foot` of that has been felt.
-    foot : float
-        How far around a touched point the pad feels, m.
-    top : float
-        Where the object ends, m: a plane through touches of what is none may rise beyond.
+    `touched` (k, 3): where the face was touched, m: an edge within a `foot` of that has been felt.
+    `foot`: how far around a touched point the pad feels, m. `top`: where the object ends, m: a
+    plane through touches of what is none may rise beyond.
     """
     level = np.linalg.norm(contour.normals[:, :2], axis=1)
     steep = contour.normals[:, 2] < STEEP
@@ -161,16 +138,7 @@ def next_edge(
 ) -> ProbeCommand | float:
     """The next touch across an edge, or the height that stays unfelt, m.
 
-    Parameters
-    ----------
-    edge : Edge
-        What is known of it.
-    made : sequence of Probed
-        Touches of it.
-    width : float
-        Of the pad, m.
-    allowed : float
-        What touches of one edge may differ by, m.
+    `width`: of the pad, m. `allowed`: what touches of one edge may differ by, m.
     """
     uncertain = np.flatnonzero(edge.untouched > UNFELT * width)
     if not len(uncertain):
@@ -241,14 +209,8 @@ def covers(contour: SideContour, places: Floats, beside: float) -> Bools:
 def largest_untouched_disc(outline: Floats, tried: Floats, width: float) -> UntouchedDisc:
     """The largest disc inside an outline that no touch has reached.
 
-    Parameters
-    ----------
-    outline : (n, 2) array
-        Inside which something is unknown, m.
-    tried : (k, 2) array
-        Where the touches were, at least one.
-    width : float
-        Of the pad, m.
+    `outline` (n, 2): inside which something is unknown, m. `tried` (k, 2): where the touches were,
+    at least one. `width`: of the pad, m.
     """
     low, high = outline.min(axis=0), outline.max(axis=0)
     step = max(width / CELLS, float((high - low).max()) / MOST_CELLS)

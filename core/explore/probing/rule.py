@@ -69,22 +69,8 @@ MOST_CLIMBS = 8  # Touches after which nobody climbs on
 def next_probe(end: End, observation: EndObservation) -> ProbeCommand | StopProbing:
     """Where to touch an end next.
 
-    Parameters
-    ----------
-    end : {"upper", "lower"}
-        Which end of the slicing axis.
-    observation : EndKnown
-        What is known of it; call again with the answered touch among `known.probes`.
-
-    Returns
-    -------
-    Probing or Done
-        In the slicing frame. It ends after 40 touches at the latest.
-
-    Raises
-    ------
-    ValueError
-        If the end does not lie beyond the other one.
+    To be called again with the answered touch among `observation.probes`. In the slicing frame. It
+    ends after 40 touches at the latest. Raises ValueError if the end does not lie beyond the other.
     """
     if (observation.height > observation.other) != (end == "upper"):
         raise ValueError(
@@ -251,17 +237,7 @@ def _place(one: ProbeResult) -> Floats:
 def next_uphill(
     touches: Sequence[ProbeResult], made: Sequence[ProbeResult], width: float
 ) -> Floats | None:
-    """The next place (2,) on the way up, m; None at the top.
-
-    Parameters
-    ----------
-    touches : sequence of Probed
-        At least one, that touched something: the highest of them tells where the way up goes.
-    made : sequence of Probed
-        All touches, those that met nothing, too: no place is tried twice.
-    width : float
-        Of the pad, m: a step goes as far as it feels.
-    """
+    """The next place (2,) on the way up, m; None at the top."""
     highest = max(touches, key=lambda one: float(one.point[2]))
     level = float(np.linalg.norm(highest.normal[:2]))
     if not level > math.sin(SUMMIT_LEAN) or len(made) >= MOST_CLIMBS:

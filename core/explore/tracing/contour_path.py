@@ -98,17 +98,10 @@ def heading_at_end(path: Path, heading: float, width: float) -> Heading:
     """Direction and curvature of a path at its last point.
 
     A parabola is fitted to the path's end, or to less of it where that does not fit: a longer
-    window would mix two faces. The felt normal is a better heading than the
-    parabola, unless they contradict each other.
+    window would mix two faces. The felt normal is a better heading than the parabola, unless they
+    contradict each other.
 
-    Parameters
-    ----------
-    path : Path
-        At least one point.
-    heading : float
-        Azimuth of the outward normal at the last touch, rad.
-    width : float
-        Width of the pad, m.
+    `heading`: azimuth of the outward normal at the last touch, rad. `width`: width of the pad, m.
     """
     tangent = np.array([-math.sin(heading), math.cos(heading)])
     curvature, good = 0.0, False

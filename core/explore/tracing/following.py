@@ -154,19 +154,11 @@ def reacquire(
 ) -> Procedure[Stride | None]:
     """The contour met again beyond a stretch that cannot be followed, or None.
 
-    Approaches come from ever farther round, the last from where the contour began; then the
-    stretch between is probed like any gap.
+    Approaches come from ever farther round, the last from where the contour began; then the stretch
+    between is probed like any gap.
 
-    Parameters
-    ----------
-    spec : Cut
-        The slice and the pad.
-    path : Path
-        What has been traced.
-    centre : (2,) array
-        Where the object's axis is expected, m.
-    radius : float
-        Distance from which the pad approaches, m.
+    `centre` (2,): where the object's axis is expected, m. `radius`: distance from which the pad
+    approaches, m.
     """
     first, last = path.points[0, :2] - centre, path.points[-1, :2] - centre
     from_ = math.atan2(last[1], last[0])
@@ -194,18 +186,8 @@ def probe_gaps(
 ) -> Procedure[tuple[Path, tuple[Gap, ...]]]:
     """Probe every gap between neighbouring points of a chain.
 
-    Parameters
-    ----------
-    spec : Cut
-        The slice and the pad.
-    chain : Path
-        Points in the order of travel, its gaps not yet probed.
-    posture : Stance
-        How the pad was held at the chain's end.
-
-    Returns
-    -------
-    The chain with what was felt between its points, and the gaps that remain.
+    `chain`: points in the order of travel, its gaps not yet probed. `posture`: how the pad was held
+    at the chain's end. Returns the chain with what was felt between its points, and the gaps that remain.
     """
     gaps: list[Gap] = []
     last = len(chain.points) - 1
@@ -270,17 +252,7 @@ def _between(spec: SliceSpec, start: Floats, end: Floats, arc: SliceArc | None) 
 
 
 def probe_walls(spec: SliceSpec, ends: Floats, normals: Floats) -> list[TouchCommand]:
-    """Touches that follow the walls of a gap inwards from its ends, the likeliest first.
-
-    Parameters
-    ----------
-    spec : Cut
-        The slice and the pad.
-    ends : (2, 3) array
-        Last felt point before the gap and first one after it, m.
-    normals : (2, 3) array
-        Outward normals there.
-    """
+    """Touches that follow the walls of a gap inwards from its ends, the likeliest first."""
     return [
         _along_wall(spec, ends, normals[number], number, way)
         for way in WALL_POSTURES

@@ -65,17 +65,9 @@ class FirstArc(NamedTuple):
 def search_first_arc(spec: SliceSpec, centre: Floats, radius: float) -> Procedure[FirstArc | NoArc]:
     """Approach the slice from one direction after the other until an arc is felt.
 
-    Parameters
-    ----------
-    spec : Cut
-        The slice and the pad.
-    centre : (2,) array
-        Where the object's axis is expected, m.
-    radius : float
-        Distance from which the pad approaches, m.
+    `centre` (2,): where the object's axis is expected, m. `radius`: distance from which the pad
+    approaches, m.
 
-    Notes
-    -----
     A pad that meets the object below the slice is held off, or the object ends there. One touch
     from above tells them apart.
     """
@@ -162,21 +154,8 @@ def search_arc(
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
     """Touch near a place until an arc of the slice is felt.
 
-    Parameters
-    ----------
-    spec : Cut
-        The slice and the pad.
-    posture : Stance
-        How the pad was held at the last arc.
-    target : Target
-        Where to look.
-    first : bool
-        True at the start of a contour, where places are least certain.
-
-    Returns
-    -------
-    The touch that felt an arc, or else the last that felt anything, and the posture for the next
-    touch.
+    `first`: true at the start of a contour, where places are least certain. Returns the touch that met
+    the slice, or else the last that touched anything, and the posture for the next touch.
     """
     if posture.frozen:
         wider = target.at_least(FROZEN_STANDOFF * spec.width, FROZEN_REACH * spec.width)

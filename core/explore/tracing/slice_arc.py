@@ -60,25 +60,9 @@ def arc_in_slice(
 ) -> SliceArc | None:
     """Arc of a touched surface at a slice height.
 
-    Parameters
-    ----------
-    pad : Pad
-        The array.
-    pose : (7,) array
-        Pose of the pad in the slicing frame.
-    surface : (rows, cols) array
-        Surface over the plane of the pad's face, m.
-    touched : (rows, cols) array of bool
-        Where the pad touches.
-    jet : Jet or None
-        The surface's jet; without one the pad's own normal stands in.
-    height : float
-        Height of the slice, m.
-    smooth : bool
-        False for an edge, which has no curvature.
-
-    Returns
-    -------
+    `pose` (7,): pose of the pad in the slicing frame. `surface` (rows, cols): surface over the
+    plane of the pad's face, m. `touched` (rows, cols) of bool: where the pad touches. `jet`: the
+    surface's jet; without one the pad's own normal stands in. `height`: height of the slice, m.
     None if nothing is touched.
     """
     if not touched.any():
@@ -113,21 +97,8 @@ def arc_in_slice(
 def crossings(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Crossings:
     """Where the surface meets the slice, at most once in each column.
 
-    Parameters
-    ----------
-    pad : Pad
-        The array.
-    above : (rows, cols) array
-        Height of the surface over the slice, m.
-    surface : (rows, cols) array
-        Surface over the plane of the pad's face, m.
-    touched : (rows, cols) array of bool
-        Where the pad touches.
-
-    Notes
-    -----
-    A straight line between two rows stands off by up to an eighth of the curvature times the
-    pitch squared, 4 um on a ball of 30 mm; a cubic through four rows by less than 0.1 um.
+    A straight line between two rows stands off by up to an eighth of the curvature times the pitch
+    squared, 4 um on a ball of 30 mm; a cubic through four rows by less than 0.1 um.
     """
     x, y = pad.grid()
     meets = (above[:-1] <= 0.0) != (above[1:] <= 0.0)
@@ -197,19 +168,7 @@ def contact_bands(above: Floats, one_surface: Bools, met: Crossings) -> tuple[Fl
 
     Only touched taxels count: of a domed pad's face the edge often hangs free.
 
-    Parameters
-    ----------
-    above : (rows, cols) array
-        Height of the surface over the slice, m.
-    one_surface : (rows - 1, cols) array of bool
-        Whether two neighbouring rows touch one surface.
-    met : Crossings
-        Where the columns meet the slice.
-
-    Returns
-    -------
-    low, high : (n,) arrays
-        Heights over the slice, m: 0 or less, 0 or more.
+    Returns `low`, `high` (n,): heights over the slice, m: 0 or less, 0 or more.
     """
     breaks = np.cumsum(~one_surface, axis=0)
     stretch = np.vstack([np.zeros_like(breaks[:1]), breaks])[:, met.columns]

@@ -35,12 +35,8 @@ EFFECT_NAMES = (
 def effect_type(name: str) -> type[Effect]:
     """The description of an effect: by its name, or a user's own as ``module:Class``.
 
-    Raises
-    ------
-    LookupError
-        If there is no such effect.
-    ValueError
-        If the module cannot be imported, or holds no such effect.
+    Raises LookupError if there is no such effect. Raises ValueError if the module cannot be
+    imported, or holds no such effect.
     """
     found = class_by_name(
         name, what="effect", names=EFFECT_NAMES, package=str(__package__), attribute="EFFECT"

@@ -37,10 +37,7 @@ class EchoLoss:
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.
 
-        Raises
-        ------
-        ValueError
-            If the array sends no times.
+        Raises ValueError if the array sends no times.
         """
         signal = finger.calibration.signal
         if signal != "time":

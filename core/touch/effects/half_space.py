@@ -74,22 +74,10 @@ class HalfSpace:
 def _contact(kernel: Floats, wanted: Floats) -> Floats:
     """The x >= 0, (n,), with ``K x = wanted`` where x > 0 and ``K x >= wanted`` elsewhere.
 
-    Conjugate gradients on the taxels that push; where one would pull, a projected gradient
-    step; where the face is held off too little by those that do not push, a step that lets
-    them. Each lowers the energy, so that it always converges: Dostal and Schoberl, *Minimizing
-    quadratic functions subject to bound constraints*, 2005.
-
-    Parameters
-    ----------
-    kernel : (n, n) array
-        Symmetric and positive definite, with a norm of at most 1.
-    wanted : (n,) array
-        Positive, at most 1.
-
-    Raises
-    ------
-    ArithmeticError
-        If it has not converged.
+    Conjugate gradients on the taxels that push; where one would pull, a projected gradient step;
+    where the face is held off too little by those that do not push, a step that lets them. Each
+    lowers the energy, so that it always converges: Dostal and Schoberl, *Minimizing quadratic
+    functions subject to bound constraints*, 2005.
     """
     x: Floats = wanted / kernel.sum(axis=1)
     slope = kernel @ x - wanted

@@ -42,10 +42,7 @@ class Quantisation:
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.
 
-        Raises
-        ------
-        ValueError
-            If a clock is to count what is not a time.
+        Raises ValueError if a clock is to count what is not a time.
         """
         calibration = finger.calibration
         if self.bits is not None:

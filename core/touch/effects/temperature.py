@@ -38,10 +38,7 @@ class Temperature:
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.
 
-        Raises
-        ------
-        ValueError
-            If the array sends no times, or sound would lose half its speed or more.
+        Raises ValueError if the array sends no times, or sound would lose half its speed or more.
         """
         calibration = finger.calibration
         if calibration.signal != "time":
