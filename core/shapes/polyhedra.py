@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.geometry import signed_volume
 from palpate.core.shapes.protocol import Mesh
 from palpate.core.shapes.triangle_meshes import HAS_EMBREE, CrossedMesh, TriangleShape
 
 if TYPE_CHECKING:
-    from palpate.core.geometry import NearestSearch, signed_volume
+    from palpate.core.geometry import NearestSearch
 
 # Share of the polyhedron's extent by which a corner may lie beside its face's plane: the digits
 # that people type.
