@@ -12,43 +12,30 @@ from palpate.messages.fields import Count, Seconds, Unit
 class NodeStatus:
     """A node's counters. On ``/node/status``."""
 
-    node: str
-    """Name of the node."""
+    node: str  # Name of the node
+    # What the node is doing; rebuilding after it was started again
     state: Literal["starting", "rebuilding", "running", "ending"]
-    """What the node is doing; rebuilding after it was started again."""
-    messages: Count
-    """Messages handled so far."""
-    sent: Count
-    """Messages published so far."""
-    gaps: Count
-    """Messages that are missing."""
-    duplicates: Count
-    """Messages that came twice and were dropped."""
-    p50: Annotated[float, Unit("us")]
-    """Median time of a handler."""
-    p99: Annotated[float, Unit("us")]
-    """99 % quantile of the time of a handler."""
-    cpu: Seconds
-    """Processor time used."""
+    messages: Count  # Messages handled so far
+    sent: Count  # Messages published so far
+    gaps: Count  # Messages that are missing
+    duplicates: Count  # Messages that came twice and were dropped
+    p50: Annotated[float, Unit("us")]  # Median time of a handler
+    p99: Annotated[float, Unit("us")]  # 99 % quantile of the time of a handler
+    cpu: Seconds  # Processor time used
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LogRecord:
     """One line for the log. On ``/log``."""
 
-    node: str
-    """Name of the node."""
-    level: Literal["debug", "info", "warning", "error"]
-    """How much it matters."""
-    text: str
-    """What happened, in one sentence."""
-    robot_time: Seconds
-    """Robot time at which it happened; 0 if none."""
+    node: str  # Name of the node
+    level: Literal["debug", "info", "warning", "error"]  # How much it matters
+    text: str  # What happened, in one sentence
+    robot_time: Seconds  # Robot time at which it happened; 0 if none
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Clock:
     """The time of a recording that is played. On ``/clock``."""
 
-    time: Seconds
-    """Time since the recording's first message."""
+    time: Seconds  # Time since the recording's first message

@@ -34,74 +34,52 @@ Ids = tuple[int, ...]
 class ModelGoal:
     """A set of contours and probes to fit. Planner to reconstructor on ``/model/goal``."""
 
-    number: Count
-    """Counts up by one."""
-    contours: Ids
-    """Contours in the order in which the planner took them."""
-    probes: Ids
-    """Probes in the order in which the planner took them."""
+    number: Count  # Counts up by one
+    contours: Ids  # Contours in the order in which the planner took them
+    probes: Ids  # Probes in the order in which the planner took them
+    # Closings of the hand that there were; without contours and probes, the coarse model is fitted
+    # to their contacts
     closings: Count
-    """Closings of the hand that there were; without contours and probes, the coarse model is
-    fitted to their contacts."""
-    touches: Count
-    """Touches spent so far, failed contours included."""
-    robot_time: Seconds
-    """Robot time spent so far."""
+    touches: Count  # Touches spent so far, failed contours included
+    robot_time: Seconds  # Robot time spent so far
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanDone:
     """The exploration is over. Planner to reconstructor on ``/plan/done``."""
 
-    number: Count
-    """Number of the final model."""
-    contours: Ids
-    """Contours of the final model."""
-    probes: Ids
-    """Probes of the final model."""
-    touches: Count
-    """Touches spent, failed contours included."""
-    robot_time: Seconds
-    """Robot time spent."""
-    reason: str
-    """Why it is over."""
+    number: Count  # Number of the final model
+    contours: Ids  # Contours of the final model
+    probes: Ids  # Probes of the final model
+    touches: Count  # Touches spent, failed contours included
+    robot_time: Seconds  # Robot time spent
+    reason: str  # Why it is over
+    # Whether the tolerance was met, as far as can be told; null where nobody looked
     tolerance_met: bool | None
-    """Whether the tolerance was met, as far as can be told; null where nobody looked."""
+    # The root mean square error of the solid is below this in 95 of 100 runs; null where nobody can
+    # tell
     rms_bound_95: Metres | None
-    """The root mean square error of the solid is below this in 95 of 100 runs; null where nobody
-    can tell."""
+    # Height of the largest stretch of the side that nothing has felt; null where nobody looked
     largest_untouched: Metres | None
-    """Height of the largest stretch of the side that nothing has felt; null where nobody looked."""
-    uncovered: Metres
-    """Height of stretches of the side that no touch could reach."""
+    uncovered: Metres  # Height of stretches of the side that no touch could reach
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Superquadric:
     """A superquadric, tapered and bent. Latched on ``/model/coarse``."""
 
-    number: Count
-    """Number of the fit."""
-    size: Vector
-    """Semi-axes."""
+    number: Count  # Number of the fit
+    size: Vector  # Semi-axes
+    # Shape exponents e1 (along z) and e2 (across)
     exponents: Annotated[Floats, Array("<f8", (2,), "1")]
-    """Shape exponents e1 (along z) and e2 (across)."""
-    pose: Pose
-    """Pose of the superquadric in the world."""
-    taper: Annotated[Floats, Array("<f8", (2,), "1")]
-    """Taper along x and y."""
-    bend: PerMetre
-    """Curvature of the bent axis."""
-    bend_direction: Radians
-    """Azimuth towards which both ends are bent, its own frame."""
-    warnings: tuple[str, ...]
-    """Why not to believe the fit; none if there is no reason."""
-    residual: Metres
-    """Root mean square distance of the contacts."""
-    residuals: Lengths
-    """Distance of each contact, in the order of the closings; negative inside."""
-    rank: Count
-    """Rank of the fit's Jacobian."""
+    pose: Pose  # Pose of the superquadric in the world
+    taper: Annotated[Floats, Array("<f8", (2,), "1")]  # Taper along x and y
+    bend: PerMetre  # Curvature of the bent axis
+    bend_direction: Radians  # Azimuth towards which both ends are bent, its own frame
+    warnings: tuple[str, ...]  # Why not to believe the fit; none if there is no reason
+    residual: Metres  # Root mean square distance of the contacts
+    residuals: Lengths  # Distance of each contact, in the order of the closings; negative inside
+    rank: Count  # Rank of the fit's Jacobian
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -113,48 +91,31 @@ class ShapeModel:
 
     MAX_BYTES = 32 << 20
 
-    number: Count
-    """Number of the goal that asked for it."""
-    contours: Ids
-    """Contours used."""
-    probes: Ids
-    """Probes used."""
-    dropped: Ids
-    """Contours asked for but not used."""
-    dropped_reasons: tuple[str, ...]
-    """One reason for each dropped contour."""
-    control: ControlPoints
-    """Control points of the lattice, (columns, rows, layers, 3), world frame."""
-    undeformed: ControlPoints
-    """Where they were before, around an upright prism."""
-    knots_columns: Numbers
-    """Knots of the cubic splines along the columns."""
-    knots_rows: Numbers
-    """Along the rows."""
-    knots_layers: Numbers
-    """Along the layers."""
+    number: Count  # Number of the goal that asked for it
+    contours: Ids  # Contours used
+    probes: Ids  # Probes used
+    dropped: Ids  # Contours asked for but not used
+    dropped_reasons: tuple[str, ...]  # One reason for each dropped contour
+    control: ControlPoints  # Control points of the lattice, (columns, rows, layers, 3), world frame
+    undeformed: ControlPoints  # Where they were before, around an upright prism
+    knots_columns: Numbers  # Knots of the cubic splines along the columns
+    knots_rows: Numbers  # Along the rows
+    knots_layers: Numbers  # Along the layers
+    # Vertices of the closed surface, world frame; none if nothing could be rebuilt
     vertices: Points
-    """Vertices of the closed surface, world frame; none if nothing could be rebuilt."""
-    faces: Triangles
-    """Triangles, counter-clockwise seen from outside."""
-    frame: Pose
-    """Slicing frame in the world, along whose z axis heights count."""
+    faces: Triangles  # Triangles, counter-clockwise seen from outside
+    frame: Pose  # Slicing frame in the world, along whose z axis heights count
+    # Standard deviation of the surface, root mean square over all of it, ends included
     deviation: Metres
-    """Standard deviation of the surface, root mean square over all of it, ends included."""
-    uncertainty_height: Lengths
-    """Heights at which `uncertainty` is given."""
-    uncertainty: Lengths
-    """Standard deviation of the surface at each such height."""
+    uncertainty_height: Lengths  # Heights at which `uncertainty` is given
+    uncertainty: Lengths  # Standard deviation of the surface at each such height
+    # Figures of the fit: residuals, condition, share of folds, fallbacks taken
     health: dict[str, float]
-    """Figures of the fit: residuals, condition, share of folds, fallbacks taken."""
-    touches: Count
-    """Touches spent when the model was asked for."""
-    robot_time: Seconds
-    """Robot time spent when the model was asked for."""
-    final: bool
-    """True for the model that the exploration ends with."""
+    touches: Count  # Touches spent when the model was asked for
+    robot_time: Seconds  # Robot time spent when the model was asked for
+    final: bool  # True for the model that the exploration ends with
+    # The solid with everything that belongs to it, packed; nothing if it is not sent along
     archive: PackedBytes = field(default_factory=lambda: np.zeros(0, np.uint8))
-    """The solid with everything that belongs to it, packed; nothing if it is not sent along."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -164,33 +125,18 @@ class Score:
     Distances are point to triangle, from 20,000 area-uniform samples each way.
     """
 
-    number: Count
-    """Number of the model."""
-    contours: Count
-    """Contours used."""
-    touches: Count
-    """Touches spent."""
-    robot_time: Seconds
-    """Robot time spent."""
-    chamfer: Metres
-    """Mean of the two one-way mean distances."""
-    rms: Metres
-    """Root mean square distance over both ways."""
-    p95: Metres
-    """The larger of the two 95 % quantiles."""
-    hausdorff: Metres
-    """The largest distance of both ways."""
-    normal: Degrees
-    """Mean angle between the normals at the samples and at their nearest points."""
-    volume_error: Ratio
-    """Relative error of the volume, with its sign."""
-    sampling_floor: Metres
-    """The Chamfer distance between two tessellations of the truth."""
-    size: Metres
-    """True height of the object."""
-    watertight: bool
-    """True if every edge has exactly two faces."""
-    genus: Count
-    """Number of handles; -1 for a surface that is not closed and has none to count."""
-    final: bool
-    """True for the score of the final model."""
+    number: Count  # Number of the model
+    contours: Count  # Contours used
+    touches: Count  # Touches spent
+    robot_time: Seconds  # Robot time spent
+    chamfer: Metres  # Mean of the two one-way mean distances
+    rms: Metres  # Root mean square distance over both ways
+    p95: Metres  # The larger of the two 95 % quantiles
+    hausdorff: Metres  # The largest distance of both ways
+    normal: Degrees  # Mean angle between the normals at the samples and at their nearest points
+    volume_error: Ratio  # Relative error of the volume, with its sign
+    sampling_floor: Metres  # The Chamfer distance between two tessellations of the truth
+    size: Metres  # True height of the object
+    watertight: bool  # True if every edge has exactly two faces
+    genus: Count  # Number of handles; -1 for a surface that is not closed and has none to count
+    final: bool  # True for the score of the final model

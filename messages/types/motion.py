@@ -22,175 +22,121 @@ from palpate.messages.fields import (
 )
 from palpate.messages.types.touch import Outcome
 
+# How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object
+# ends below the slice; no way on; wound round too far without closing; the allowance of touches is
+# spent; nothing felt
 ContourStatus = Literal["closed", "occluded", "pole", "stuck", "overrun", "budget", "no_contact"]
-"""How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object
-ends below the slice; no way on; wound round too far without closing; the allowance of touches is
-spent; nothing felt."""
+# The pad touched beside a stretch, or over it, but not in it; or it touched nothing there
 GapReason = Literal["bridged", "missed"]
-"""The pad touched beside a stretch, or over it, but not in it; or it touched nothing there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ContourGoal:
     """A slice to trace. Planner to tracer on ``/contour/goal``."""
 
-    id: Count
-    """Number of the goal; contours and probes share one series."""
-    finger: Count
-    """The finger that shall trace it."""
-    frame: Pose
-    """Slicing frame in the world; the slice is normal to its z axis."""
-    height: Metres
-    """Height of the slice along the frame's z axis."""
-    centre: PlanarPoint
-    """Where the object's axis is expected to meet the slice, slicing frame."""
-    radius: Metres
-    """Approach from this distance to the centre."""
-    not_before: Seconds
-    """Robot time of the decision."""
-    reason: str = ""
-    """Why there, in words."""
+    id: Count  # Number of the goal; contours and probes share one series
+    finger: Count  # The finger that shall trace it
+    frame: Pose  # Slicing frame in the world; the slice is normal to its z axis
+    height: Metres  # Height of the slice along the frame's z axis
+    centre: PlanarPoint  # Where the object's axis is expected to meet the slice, slicing frame
+    radius: Metres  # Approach from this distance to the centre
+    not_before: Seconds  # Robot time of the decision
+    reason: str = ""  # Why there, in words
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Contour:
     """One traced contour. Latched, all kept, on ``/contour/traced``."""
 
-    id: Count
-    """Number of the goal."""
-    finger: Count
-    """The finger that traced it."""
-    frame: Pose
-    """Slicing frame in the world."""
-    height: Metres
-    """Height of the slice along the frame's z axis."""
+    id: Count  # Number of the goal
+    finger: Count  # The finger that traced it
+    frame: Pose  # Slicing frame in the world
+    height: Metres  # Height of the slice along the frame's z axis
+    # Points in the order felt, world frame, counter-clockwise about the frame's z axis
     points: Points
-    """Points in the order felt, world frame, counter-clockwise about the frame's z axis."""
-    normals: Directions
-    """Outward unit normals at the points."""
+    normals: Directions  # Outward unit normals at the points
+    # Normal curvature across the contour at the points; convex is positive; 0 at edges
     curvature: Curvatures
-    """Normal curvature across the contour at the points; convex is positive; 0 at edges."""
+    # Lowest height along the frame's z axis that was felt below each point, without a break
     contact_low: Lengths
-    """Lowest height along the frame's z axis that was felt below each point, without a break."""
-    contact_high: Lengths
-    """Highest height that was felt above it."""
-    status: ContourStatus
-    """How tracing ended."""
-    gap_starts: Points
-    """Last points before the stretches that could not be felt, world frame."""
-    gap_ends: Points
-    """First points after them."""
-    gap_reasons: tuple[GapReason, ...]
-    """What the pad felt there."""
-    touches: Count
-    """Touches made."""
-    robot_time: Seconds
-    """Robot time of the last touch."""
+    contact_high: Lengths  # Highest height that was felt above it
+    status: ContourStatus  # How tracing ended
+    gap_starts: Points  # Last points before the stretches that could not be felt, world frame
+    gap_ends: Points  # First points after them
+    gap_reasons: tuple[GapReason, ...]  # What the pad felt there
+    touches: Count  # Touches made
+    robot_time: Seconds  # Robot time of the last touch
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ProbeGoal:
     """A single touch off the contours: a pole, a cap. Planner to tracer on ``/probe/goal``."""
 
-    id: Count
-    """Number of the goal; contours and probes share one series."""
-    finger: Count
-    """The finger that shall touch."""
-    pose: Pose
-    """Start pose of the pad."""
-    reach: Metres
-    """Longest way along the pad's z axis."""
-    not_before: Seconds
-    """Robot time of the decision."""
+    id: Count  # Number of the goal; contours and probes share one series
+    finger: Count  # The finger that shall touch
+    pose: Pose  # Start pose of the pad
+    reach: Metres  # Longest way along the pad's z axis
+    not_before: Seconds  # Robot time of the decision
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Probe:
     """What a single touch found. Latched, all kept, on ``/probe/traced``."""
 
-    id: Count
-    """Number of the goal."""
-    finger: Count
-    """The finger that touched."""
-    outcome: Outcome
-    """How the guarded move ended."""
-    point: Vector
-    """Deepest point felt, world frame; the end of the reach after a miss."""
+    id: Count  # Number of the goal
+    finger: Count  # The finger that touched
+    outcome: Outcome  # How the guarded move ended
+    point: Vector  # Deepest point felt, world frame; the end of the reach after a miss
+    # Outward normal at the middle of the contact, or the pad's own if it could not be felt
     normal: Direction
-    """Outward normal at the middle of the contact, or the pad's own if it could not be felt."""
-    touches: Count
-    """Touches made."""
-    robot_time: Seconds
-    """Robot time of the last touch."""
+    touches: Count  # Touches made
+    robot_time: Seconds  # Robot time of the last touch
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TouchGoal:
     """One guarded move. Tracer to simulator on ``/finger/goal``."""
 
-    goal: Count
-    """Number of the contour or probe that the touch belongs to."""
-    touch: Count
-    """Counts up by one within the goal."""
-    finger: Count
-    """The finger that shall move."""
-    pose: Pose
-    """Start pose of the pad: it moves along its z axis."""
-    reach: Metres
-    """Longest way to first contact."""
-    depth: Metres
-    """Press until the deepest compression is this."""
-    direction: Direction
-    """Direction across the contour, world frame."""
-    not_before: Seconds
-    """Robot time before which the move must not start."""
+    goal: Count  # Number of the contour or probe that the touch belongs to
+    touch: Count  # Counts up by one within the goal
+    finger: Count  # The finger that shall move
+    pose: Pose  # Start pose of the pad: it moves along its z axis
+    reach: Metres  # Longest way to first contact
+    depth: Metres  # Press until the deepest compression is this
+    direction: Direction  # Direction across the contour, world frame
+    not_before: Seconds  # Robot time before which the move must not start
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FingerClock:
     """How far a finger has come. Tracer to planner on ``/finger/clock``, if there are several."""
 
-    finger: Count
-    """The finger."""
-    robot_time: Seconds
-    """Robot time of its last touch."""
+    finger: Count  # The finger
+    robot_time: Seconds  # Robot time of its last touch
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GraspGoal:
     """A pose of the hand from which it shall close. On ``/hand/goal``."""
 
-    number: Count
-    """Counts up by one."""
-    pose: Pose
-    """Pose of the hand: its fingers close about its z axis, its palm moves along it."""
-    fingers: Count
-    """Fingers beside the palm."""
-    opening: Metres
-    """Distance of the fingertips and of the palm from the middle of the open hand."""
-    reach: Metres
-    """Longest way of a finger."""
-    not_before: Seconds
-    """Robot time of the decision."""
+    number: Count  # Counts up by one
+    pose: Pose  # Pose of the hand: its fingers close about its z axis, its palm moves along it
+    fingers: Count  # Fingers beside the palm
+    opening: Metres  # Distance of the fingertips and of the palm from the middle of the open hand
+    reach: Metres  # Longest way of a finger
+    not_before: Seconds  # Robot time of the decision
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GraspContacts:
     """Where the fingers met the object. On ``/hand/contacts``."""
 
-    number: Count
-    """Number of the goal."""
-    points: Points
-    """Contact points, world frame."""
-    normals: Directions
-    """Outward unit normals at the contacts."""
-    fingers: FingerNumbers
-    """The finger of each contact, from 0; the palm is the last."""
-    missed: Count
-    """Fingers that closed on nothing, or on what they could not tell."""
-    blocked: Count
-    """Fingers that did not close, for the platform or the object was in their way."""
+    number: Count  # Number of the goal
+    points: Points  # Contact points, world frame
+    normals: Directions  # Outward unit normals at the contacts
+    fingers: FingerNumbers  # The finger of each contact, from 0; the palm is the last
+    missed: Count  # Fingers that closed on nothing, or on what they could not tell
+    blocked: Count  # Fingers that did not close, for the platform or the object was in their way
+    # What the hand's way was made of: the approach is that of the finger that went farthest
     move: MoveParts
-    """What the hand's way was made of: the approach is that of the finger that went farthest."""
-    robot_time: Seconds
-    """Robot time when the hand had opened again."""
+    robot_time: Seconds  # Robot time when the hand had opened again

@@ -24,9 +24,9 @@ from palpate.messages.fields import (
     SignalImage,
 )
 
+# ``hit``: pressed to the asked depth. ``miss``: nothing within reach. ``inside``: the start pose
+# lay inside the object. ``bottomed``: the pad saturated before the asked depth
 Outcome = Literal["hit", "miss", "inside", "bottomed"]
-"""``hit``: pressed to the asked depth. ``miss``: nothing within reach. ``inside``: the start
-pose lay inside the object. ``bottomed``: the pad saturated before the asked depth."""
 
 
 def no_move() -> Floats:
@@ -34,114 +34,73 @@ def no_move() -> Floats:
     return np.array([0.0, 0.0, 0.0, 0.0, -1.0])
 
 
+# What the touched surface is: smooth enough for curvatures, an edge, a corner, too few taxels to
+# say, or nothing touched
 SurfaceKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
-"""What the touched surface is: smooth enough for curvatures, an edge, a corner, too few
-taxels to say, or nothing touched."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TactileFrame:
     """One raw frame, taken at the end of a guarded move. On ``/touch/raw``."""
 
-    goal: Count
-    """Number of the contour or probe that the touch belongs to."""
-    touch: Count
-    """Counts up by one within the goal."""
-    finger: Count
-    """The finger that touched, from 1."""
-    direction: Direction
-    """Direction across the contour, world frame."""
-    pose: Pose
-    """Believed pose of the pad: its z axis points into the object."""
-    outcome: Outcome
-    """How the guarded move ended."""
+    goal: Count  # Number of the contour or probe that the touch belongs to
+    touch: Count  # Counts up by one within the goal
+    finger: Count  # The finger that touched, from 1
+    direction: Direction  # Direction across the contour, world frame
+    pose: Pose  # Believed pose of the pad: its z axis points into the object
+    outcome: Outcome  # How the guarded move ended
+    # Times of flight or forces, as the SensorInfo says. Row i lies at y = (i - (rows - 1) / 2) *
+    # pitch
     array: SignalImage
-    """Times of flight or forces, as the SensorInfo says.
-
-    Row i lies at y = (i - (rows - 1) / 2) * pitch.
-    """
-    move: MoveParts = field(default_factory=no_move)
-    """What its robot time was made of."""
-    robot_time: Seconds
-    """Robot time at the end of the touch."""
+    move: MoveParts = field(default_factory=no_move)  # What its robot time was made of
+    robot_time: Seconds  # Robot time at the end of the touch
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TactileImage:
     """One calibrated and filtered frame. On ``/touch/image``."""
 
-    goal: Count
-    """Number of the contour or probe."""
-    touch: Count
-    """Number of the touch within the goal."""
-    finger: Count
-    """The finger that touched."""
-    direction: Direction
-    """Direction across the contour, world frame."""
-    pose: Pose
-    """Believed pose of the pad."""
-    outcome: Outcome
-    """How the guarded move ended."""
-    compression: LengthImage
-    """Compression of the pad under each taxel."""
-    mask: Mask
-    """Where the pad touches."""
-    impulses: Count
-    """Taxels that stood out like impulses, and were replaced or left out."""
-    robot_time: Seconds
-    """Robot time at the end of the touch."""
+    goal: Count  # Number of the contour or probe
+    touch: Count  # Number of the touch within the goal
+    finger: Count  # The finger that touched
+    direction: Direction  # Direction across the contour, world frame
+    pose: Pose  # Believed pose of the pad
+    outcome: Outcome  # How the guarded move ended
+    compression: LengthImage  # Compression of the pad under each taxel
+    mask: Mask  # Where the pad touches
+    impulses: Count  # Taxels that stood out like impulses, and were replaced or left out
+    robot_time: Seconds  # Robot time at the end of the touch
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SurfacePatch:
     """The piece of surface that one touch felt. On ``/touch/patch``."""
 
-    goal: Count
-    """Number of the contour or probe."""
-    touch: Count
-    """Number of the touch within the goal."""
-    finger: Count
-    """The finger that touched."""
-    direction: Direction
-    """Direction across the contour, world frame."""
-    pose: Pose
-    """Believed pose of the pad."""
-    outcome: Outcome
-    """How the guarded move ended."""
-    height: LengthImage
-    """Surface over the plane of the pad's face, pad frame; 0 where untouched."""
-    mask: Mask
-    """Where the pad touches."""
+    goal: Count  # Number of the contour or probe
+    touch: Count  # Number of the touch within the goal
+    finger: Count  # The finger that touched
+    direction: Direction  # Direction across the contour, world frame
+    pose: Pose  # Believed pose of the pad
+    outcome: Outcome  # How the guarded move ended
+    height: LengthImage  # Surface over the plane of the pad's face, pad frame; 0 where untouched
+    mask: Mask  # Where the pad touches
+    # Coefficients of the local jet over x and y in units of `jet_scale`; m; maybe empty
     jet: Numbers
-    """Coefficients of the local jet over x and y in units of `jet_scale`; m; maybe empty."""
-    jet_scale: Metres
-    """Length by which the jet's coordinates are divided."""
-    normal: Direction
-    """Outward unit normal at the middle of the contact, world frame."""
-    normal_error: Radians
-    """Its standard error."""
-    k1: PerMetre
-    """Largest principal curvature; convex is positive. 0 unless `kind` is smooth."""
-    k2: PerMetre
-    """Smallest principal curvature. 0 unless `kind` is smooth."""
-    k1_error: PerMetre
-    """Standard error of `k1`; 0 unless `kind` is smooth."""
-    k2_error: PerMetre
-    """Standard error of `k2`; 0 unless `kind` is smooth."""
+    jet_scale: Metres  # Length by which the jet's coordinates are divided
+    normal: Direction  # Outward unit normal at the middle of the contact, world frame
+    normal_error: Radians  # Its standard error
+    k1: PerMetre  # Largest principal curvature; convex is positive. 0 unless `kind` is smooth
+    k2: PerMetre  # Smallest principal curvature. 0 unless `kind` is smooth
+    k1_error: PerMetre  # Standard error of `k1`; 0 unless `kind` is smooth
+    k2_error: PerMetre  # Standard error of `k2`; 0 unless `kind` is smooth
+    # Unit tangent in which the curvature is `k1`, world frame; its sign means nothing. 0 unless
+    # `kind` is smooth
     principal_direction: Direction
-    """Unit tangent in which the curvature is `k1`, world frame; its sign means nothing. 0 unless
-    `kind` is smooth."""
-    umbilic: bool
-    """Whether `k1` and `k2` are too alike for that direction to mean anything."""
-    curvature_across: PerMetre
-    """Normal curvature along `direction`. 0 unless `kind` is smooth."""
-    curvature_across_error: PerMetre
-    """Its standard error; 0 unless `kind` is smooth."""
-    kind: SurfaceKind
-    """What the surface is."""
+    umbilic: bool  # Whether `k1` and `k2` are too alike for that direction to mean anything
+    curvature_across: PerMetre  # Normal curvature along `direction`. 0 unless `kind` is smooth
+    curvature_across_error: PerMetre  # Its standard error; 0 unless `kind` is smooth
+    kind: SurfaceKind  # What the surface is
+    # From 0 to 1: share of the taxels that touch, damped by the misfit of the jet
     confidence: Ratio
-    """From 0 to 1: share of the taxels that touch, damped by the misfit of the jet."""
-    residual: Metres
-    """Root mean square misfit of the jet."""
-    robot_time: Seconds
-    """Robot time at the end of the touch."""
+    residual: Metres  # Root mean square misfit of the jet
+    robot_time: Seconds  # Robot time at the end of the touch

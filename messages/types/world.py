@@ -23,14 +23,11 @@ from palpate.messages.fields import (
 class World:
     """What a robot knows before it touches anything. Latched on ``/world``."""
 
-    platform: Metres
-    """Height of the pedestal on which the object stands."""
+    platform: Metres  # Height of the pedestal on which the object stands
+    # The finger reaches this far sideways from the world's axis and up from the platform
     reach: Metres
-    """The finger reaches this far sideways from the world's axis and up from the platform."""
-    fingers: Count
-    """Number of fingers."""
-    seed: Count
-    """The run's seed."""
+    fingers: Count  # Number of fingers
+    seed: Count  # The run's seed
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -39,16 +36,12 @@ class Truth:
 
     MAX_BYTES = 256 << 20
 
-    vertices: Points
-    """Vertices of the true surface, world frame."""
-    faces: Triangles
-    """Triangles of the true surface, counter-clockwise seen from outside."""
+    vertices: Points  # Vertices of the true surface, world frame
+    faces: Triangles  # Triangles of the true surface, counter-clockwise seen from outside
+    # A second, coarser tessellation of the same shape, for the sampling floor
     floor_vertices: Points
-    """A second, coarser tessellation of the same shape, for the sampling floor."""
-    floor_faces: Triangles
-    """Triangles of the second tessellation."""
-    height: Metres
-    """True height of the object."""
+    floor_faces: Triangles  # Triangles of the second tessellation
+    height: Metres  # True height of the object
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -58,32 +51,21 @@ class SensorInfo:
     To a tactile frame what CameraInfo is to an image.
     """
 
-    rows: Count
-    """Rows of taxels."""
-    cols: Count
-    """Columns of taxels."""
-    pitch: Metres
-    """Distance between neighbouring taxels."""
-    thickness: Metres
-    """Thickness of the elastic pad over the transducers."""
-    dome: PerMetre
-    """Curvature of the domed pad's face at its middle; 0 for a flat pad."""
+    rows: Count  # Rows of taxels
+    cols: Count  # Columns of taxels
+    pitch: Metres  # Distance between neighbouring taxels
+    thickness: Metres  # Thickness of the elastic pad over the transducers
+    dome: PerMetre  # Curvature of the domed pad's face at its middle; 0 for a flat pad
+    # What a taxel sends: the time of flight of its echo, or the force on it
     signal: Literal["time", "force"]
-    """What a taxel sends: the time of flight of its echo, or the force on it."""
-    sound_speed: MetresPerSecond
-    """Speed of sound in the pad."""
-    taxel_stiffness: NewtonsPerMetre
-    """Force on one taxel for each metre of compression."""
+    sound_speed: MetresPerSecond  # Speed of sound in the pad
+    taxel_stiffness: NewtonsPerMetre  # Force on one taxel for each metre of compression
+    # Factor that corrects each taxel's compression; all 1 if there is nothing to correct
     gain: RatioImage
-    """Factor that corrects each taxel's compression; all 1 if there is nothing to correct."""
-    offset: LengthImage
-    """What is then added to it; all 0 if there is nothing to correct."""
-    saturation: Ratio
-    """Largest compression as a share of the thickness."""
+    offset: LengthImage  # What is then added to it; all 0 if there is nothing to correct
+    saturation: Ratio  # Largest compression as a share of the thickness
+    # What the pad's face does beside a contact: nothing, or it slopes back like a membrane on
+    # springs, or like the surface of a deep elastic body
     face: Literal["springs", "membrane", "half_space"]
-    """What the pad's face does beside a contact: nothing, or it slopes back like a membrane on
-    springs, or like the surface of a deep elastic body."""
-    face_decay: Metres
-    """Length in which a membrane falls to 1/e; 0 for the others."""
-    noise: Metres
-    """Standard deviation of one taxel's compression; 0 if it is ideal."""
+    face_decay: Metres  # Length in which a membrane falls to 1/e; 0 for the others
+    noise: Metres  # Standard deviation of one taxel's compression; 0 if it is ideal

@@ -73,7 +73,6 @@ def array_of(shape: object, data: object, dtype: object = "<f8") -> dict[str, ob
 )
 def test_an_array_that_is_none_is_refused(entry: object, words: str, example: Make) -> None:
     fields = unpacked(example(TactileFrame)) | {"array": entry}
-
     refused(TactileFrame, msgpack.packb(fields), f"^not a TactileFrame: array .*({words})")
 
 
@@ -81,13 +80,11 @@ def test_a_mask_holds_only_zero_and_one(example: Make) -> None:
     from palpate.messages.types.touch import TactileImage
 
     fields = unpacked(example(TactileImage)) | {"mask": array_of([1, 3], b"\0\1\2", "|b1")}
-
     refused(TactileImage, msgpack.packb(fields), "mask must hold 0 or 1 only")
 
 
 def test_an_empty_array_is_an_array(example: Make) -> None:
     fields = unpacked(example(TactileFrame)) | {"array": array_of([0, 7], b"")}
-
     assert decode(TactileFrame, msgpack.packb(fields)).array.shape == (0, 7)
 
 
@@ -107,15 +104,12 @@ def test_an_empty_array_is_an_array(example: Make) -> None:
 )
 def test_a_received_number_is_checked(name: str, value: object, words: str, example: Make) -> None:
     fields = unpacked(example(World)) | {name: value}
-
     refused(World, msgpack.packb(fields), f"^not a World: {name} {words}")
 
 
 def test_whole_numbers_and_numpy_numbers_are_packed_as_what_the_field_is(example: Make) -> None:
     world = World(platform=0, reach=np.float32(0.5), fingers=np.int16(1), seed=np.uint8(3))
-
     back = decode(World, encode(world))
-
     assert (back.platform, back.reach, back.fingers, back.seed) == (0.0, 0.5, 1, 3)
     assert type(back.platform) is float
 
@@ -131,14 +125,12 @@ def test_whole_numbers_and_numpy_numbers_are_packed_as_what_the_field_is(example
 )
 def test_a_received_text_is_checked(name: str, value: object, words: str, example: Make) -> None:
     fields = unpacked(example(LogRecord)) | {name: value}
-
     refused(LogRecord, msgpack.packb(fields), words)
 
 
 def test_a_long_text_is_refused_at_both_ends(example: Make) -> None:
     record = example(LogRecord)
     long = "µ" * (MAX_TEXT // 2 + 1)
-
     with pytest.raises(CodecError, match=f"text must be at most {MAX_TEXT} bytes long"):
         encode(LogRecord(**{**unpacked(record), "text": long}))
     refused(LogRecord, msgpack.packb(unpacked(record) | {"text": long}), "exceeds max_str_len")
@@ -146,7 +138,6 @@ def test_a_long_text_is_refused_at_both_ends(example: Make) -> None:
 
 def test_text_that_is_no_unicode_is_refused_at_both_ends(example: Make) -> None:
     fields = unpacked(example(LogRecord))
-
     with pytest.raises(CodecError, match=r"^not a LogRecord: text must be Unicode"):
         encode(LogRecord(**{**fields, "text": "\ud800"}))
     body = msgpack.packb(fields | {"text": "xyz"}).replace(b"xyz", b"\xff\xfe\xfd")
@@ -156,14 +147,12 @@ def test_text_that_is_no_unicode_is_refused_at_both_ends(example: Make) -> None:
 @pytest.mark.parametrize("value", [10**400, -(10**400)])
 def test_an_integer_beyond_all_floats_is_refused(value: int, example: Make) -> None:
     world = World(platform=value, reach=1.0, fingers=1, seed=0)
-
     with pytest.raises(CodecError, match=r"^not a World: platform must be finite"):
         encode(world)
 
 
 def test_a_huge_integer_is_refused_without_being_printed(example: Make) -> None:
     world = World(platform=0.0, reach=1.0, fingers=1, seed=10**5000)
-
     with pytest.raises(CodecError, match=r"^not a World: seed must fit into 64 bits$"):
         encode(world)
     record = example(LogRecord)
@@ -182,7 +171,6 @@ def test_a_huge_integer_is_refused_without_being_printed(example: Make) -> None:
 )
 def test_a_received_list_is_checked(entry: object, words: str, example: Make) -> None:
     fields = unpacked(example(ModelGoal)) | {"contours": entry}
-
     refused(ModelGoal, msgpack.packb(fields), f"^not a ModelGoal: contours {words}")
 
 
@@ -190,7 +178,6 @@ def test_a_long_list_is_refused_at_both_ends(example: Make) -> None:
     ids = tuple(range(MAX_ITEMS + 1))
     goal = example(ModelGoal)
     fields = unpacked(goal) | {"contours": list(ids)}
-
     with pytest.raises(CodecError, match=f"contours must be a list of at most {MAX_ITEMS}"):
         encode(dataclasses.replace(goal, contours=ids))
     refused(ModelGoal, msgpack.packb(fields), "exceeds max_array_len")
@@ -207,7 +194,6 @@ def test_a_long_list_is_refused_at_both_ends(example: Make) -> None:
 )
 def test_a_received_table_is_checked(entry: object, words: str, example: Make) -> None:
     fields = unpacked(example(ShapeModel)) | {"health": entry}
-
     refused(ShapeModel, msgpack.packb(fields), f"^not a ShapeModel: health {words}")
 
 
@@ -216,7 +202,6 @@ def test_a_large_table_is_refused_at_both_ends(example: Make) -> None:
     table = {str(i): 0.0 for i in range(MAX_FIELDS + 1)}
     model = example(ShapeModel)
     object.__setattr__(model, "health", table)
-
     with pytest.raises(CodecError, match=f"health must be a table of at most {MAX_FIELDS}"):
         encode(model)
     refused(ShapeModel, msgpack.packb(fields | {"health": table}), "exceeds max_map_len")
@@ -225,7 +210,6 @@ def test_a_large_table_is_refused_at_both_ends(example: Make) -> None:
 def test_missing_and_unknown_fields_are_named(example: Make) -> None:
     fields = unpacked(example(World))
     fields["colour"] = fields.pop("seed")
-
     refused(
         World,
         msgpack.packb(fields),
@@ -236,7 +220,6 @@ def test_missing_and_unknown_fields_are_named(example: Make) -> None:
 def test_an_array_that_is_not_contiguous_comes_back_in_order(example: Make) -> None:
     frame = example(TactileFrame)
     object.__setattr__(frame, "array", np.arange(24.0).reshape(4, 6)[::2, ::-3].T)
-
     np.testing.assert_array_equal(decode(TactileFrame, encode(frame)).array, frame.array)
 
 
@@ -245,7 +228,6 @@ def test_changing_an_array_after_encoding_changes_nothing(example: Make) -> None
     body = encode(frame)
     before = frame.array.copy()
     frame.array[...] = 7.0
-
     np.testing.assert_array_equal(decode(TactileFrame, body).array, before)
 
 
@@ -312,7 +294,6 @@ def test_an_extension_is_refused(code: int, size: int, example: Make) -> None:
     extension = head + code.to_bytes(1, "little", signed=True) + b"\0" * size
     packed = msgpack.packb(unpacked(example(World)) | {"seed": 77})
     assert packed.count(b"\xa4seed\x4d") == 1
-
     refused(World, packed.replace(b"\xa4seed\x4d", b"\xa4seed" + extension), "^not a World: ")
 
 
@@ -323,20 +304,17 @@ def test_deep_nesting_is_refused(depth: int, example: Make) -> None:
     del fields["probes"]
     body = msgpack.packb(fields | {"probes": None})  # last, so that it can be exchanged
     assert body.endswith(b"\xc0")
-
     refused(ModelGoal, body[:-1] + deep, "^not a ModelGoal: ")
 
 
 def test_a_million_empty_lists_are_refused_before_they_exist() -> None:
     body = b"\x81\xa4seed\xdd\x00\x0f\x00\x00" + b"\x90" * 0xF0000
-
     refused(World, body, "exceeds max_array_len")
 
 
 def test_empty_lists_within_lists_are_refused_before_they_take_seventy_times_their_bytes() -> None:
     lists = 255 * (b"\xdc\x10\x00" + b"\x90" * 4096)
     body = b"\x81\xa4seed\xdc\x00\xff" + lists
-
     refused(World, body, "not a World: ValueError: more than 129 lists and maps")
 
 
@@ -351,7 +329,6 @@ def test_no_message_comes_near_the_most_lists_and_maps(example: Make) -> None:
 def test_a_shape_that_is_none_is_refused_in_few_words(shape: list[Any], example: Make) -> None:
     fields = unpacked(example(TactileFrame))
     fields["direction"] = {"dtype": "<f8", "shape": shape, "data": bytes(24)}
-
     with pytest.raises(CodecError, match="not a TactileFrame: direction must have") as caught:
         decode(TactileFrame, msgpack.packb(fields))
     assert len(str(caught.value)) < 120
@@ -359,7 +336,6 @@ def test_a_shape_that_is_none_is_refused_in_few_words(shape: list[Any], example:
 
 def test_unknown_fields_are_told_in_few_words() -> None:
     body = msgpack.packb({f"{i} " + "x" * 4000: i for i in range(60)})
-
     with pytest.raises(CodecError, match=r"unknown fields .*, \.\.\.$") as caught:
         decode(World, body)
     assert len(str(caught.value)) < 600
@@ -376,7 +352,6 @@ def test_a_body_is_measured_before_it_is_unpacked() -> None:
 def test_a_type_may_allow_larger_bodies(example: Make) -> None:
     model = example(ShapeModel)
     object.__setattr__(model, "vertices", np.zeros((100_000, 3)))
-
     assert decode(ShapeModel, encode(model)).vertices.shape == (100_000, 3)
     object.__setattr__(model, "vertices", np.zeros((1_500_000, 3)))
     with pytest.raises(CodecError, match=r"not a ShapeModel: 3600\d+ bytes, at most 33554432"):
@@ -400,7 +375,6 @@ def test_a_changed_byte_gives_a_checked_message_or_a_refusal(place: int, value: 
     )  # fmt: skip
     body = bytearray(encode(frame))
     body[place % len(body)] = value
-
     try:
         found = decode(TactileFrame, bytes(body))
     except CodecError as error:
@@ -415,7 +389,6 @@ HEADER = Header(run=1 << 63, epoch=3, seq=1 << 40, sent_ns=-5, robot_time=0.25, 
 
 def test_a_frame_comes_back_as_it_was() -> None:
     frame = pack_frame("/touch/raw", HEADER, b"\0body\0")
-
     assert split_frame(frame) == ("/touch/raw", HEADER, b"\0body\0")
 
 
@@ -499,7 +472,6 @@ def test_the_first_field_that_differs_is_named(
 
 def test_a_zero_that_changed_its_sign_is_a_difference() -> None:
     here, there = (encode(changed(zero)) for zero in (0.0, -0.0))
-
     assert first_difference(TactileFrame, here, there) == ("array[1, 2]", "0.0", "-0.0")
 
 
@@ -508,7 +480,6 @@ def test_long_values_are_shortened() -> None:
         encode(LogRecord(node="a", level="info", text=letter * 1000, robot_time=0.0))
         for letter in "xy"
     )
-
     assert first_difference(LogRecord, here, there) == (
         "text",
         "'" + "x" * 56 + "...",
@@ -526,16 +497,13 @@ def test_one_entry_of_a_table_is_named() -> None:
 def test_equal_values_in_other_bytes_are_a_difference() -> None:
     body = encode(LogRecord(node="a", level="info", text="b", robot_time=0.0))
     longer = body.replace(b"\xa1b", b"\xd9\x01b")  # the same text with a longer prefix
-
     place = body.index(b"\xa1b")
     assert first_difference(LogRecord, body, longer) == (f"bytes[{place}]", "0xa1", "0xd9")
 
 
 def test_a_body_that_is_no_message_is_a_difference() -> None:
     body = encode(LogRecord(node="a", level="info", text="b", robot_time=0.0))
-
     found = first_difference(LogRecord, body, b"\x80")
-
     assert found is not None
     assert found[0] == "bytes"
     assert "missing fields" in found[2]

@@ -37,7 +37,6 @@ def test_a_field_of_an_unknown_kind_is_refused() -> None:
 
 def test_a_type_with_one_field_comes_back() -> None:
     back = decode(One, encode(One(length=2.0)))
-
     assert back.length == 2.0
 
 
@@ -81,7 +80,6 @@ def test_the_hash_changes_with_unit_name_fields_and_shape() -> None:
     kinds = (One, OneInSeconds, OneRenamed, OneMore, Image, OtherImage, OneInMillimetres)
     for kind in kinds:
         kind.__name__ = "Same"  # the title is part of the schema
-
     assert len({schema_hash(kind) for kind in kinds}) == len(kinds)
 
 
@@ -92,7 +90,6 @@ def test_the_hash_is_the_same_in_another_process() -> None:
         "print([schema_hash(cls) for cls in TYPES.values()])"
     )
     here = [schema_hash(cls) for cls in TYPES.values()]
-
     there = subprocess.run(
         [sys.executable, "-c", program],
         capture_output=True,
@@ -101,5 +98,4 @@ def test_the_hash_is_the_same_in_another_process() -> None:
         check=True,
         env={"PYTHONHASHSEED": "12345"},
     )
-
     assert there.stdout.strip() == str(here)

@@ -45,7 +45,6 @@ def test_the_frames_of_a_file_become_patches(table: Path) -> None:
     published = drive(driver.SOURCE, params={**PAD, "path": str(table)})
     images = drive(filter.NODE, published)
     patches = messages_on(drive(curvature.NODE, [*published[:1], *images]), "/touch/patch")
-
     assert published[-1] == Finished(f"said the 3 frames of {table}")
     assert [patch.kind for patch in patches] == ["smooth"] * 3
     for patch in patches:
@@ -57,7 +56,6 @@ def test_the_frames_of_a_file_become_patches(table: Path) -> None:
 
 def test_a_frame_is_due_at_its_time_or_at_once(table: Path) -> None:
     params = msgspec.convert({**PAD, "path": str(table), "rate": 20.0}, driver.Params)
-
     published = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
     assert [one.due for one in published] == [0.0, 0.0, 0.05, 0.1]
     times = [one.message.robot_time for one in published[1:]]  # type: ignore[attr-defined]
@@ -70,14 +68,12 @@ def test_the_times_of_the_file_count_from_its_first_frame(table: Path) -> None:
     lines = table.read_text().splitlines()
     table.write_text("\n".join(f"{t},{one}" for t, one in zip((7.0, 7.5, 9.0), lines, strict=True)))
     params = msgspec.convert({**PAD, "path": str(table)}, driver.Params)
-
     published = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
     assert [one.due for one in published] == [0.0, 0.0, 0.5, 2.0]
 
 
 def test_a_file_that_cannot_be_said_is_refused_before_the_start(table: Path) -> None:
     params = msgspec.convert({"path": str(table), "sensor": {"rows": 12}}, driver.Params)
-
     with pytest.raises(ValueError, match=r"frames\.csv:1: has 263 columns; expected 199"):
         driver.SOURCE.outputs(params)
     table.write_text("x")
@@ -98,7 +94,6 @@ def test_a_file_that_cannot_be_said_is_refused_before_the_start(table: Path) -> 
 def test_the_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: float) -> None:
     sensing = msgspec.convert(given, SensorParams)
     frame = tactile_frame(sensing, 0, 0.0, np.array(POSE), unit * ball())
-
     back = calibration_of_info(sensor_info(sensing)).decode(frame.array)
     # Lengths of 3 mm at most, through few operations: a few units in the last place of that.
     assert np.abs(back - ball()).max() <= 8 * np.finfo(float).eps * 0.003
@@ -108,7 +103,6 @@ def test_the_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: f
 def test_times_of_flight_are_taken_as_they_come() -> None:
     sensing = msgspec.convert({"values": "signal"}, SensorParams)
     array = 2.0 * (0.003 - ball()) / 1000.0
-
     assert tactile_frame(sensing, 0, 0.0, np.array(POSE), array).array.tolist() == array.tolist()
 
 
@@ -182,7 +176,6 @@ def test_what_is_no_line_of_a_frame_is_told(server: socket.socket, sent: bytes, 
 def test_nobody_at_the_address_is_told(server: socket.socket) -> None:
     address = port(server)
     server.close()
-
     with pytest.raises(ValueError, match=f"{address}: cannot be reached: Connection refused"):
         list(socket_driver.SOURCE.open(socket_driver.Params(address=address)))
 

@@ -83,14 +83,12 @@ def score_of(state: State, model: ShapeModel) -> Score:
 
 def test_a_model_that_is_the_truth_is_at_no_distance(informed: State, model: Model) -> None:
     score = score_of(informed, model(RADIUS))
-
     assert score.hausdorff < 1e-15
     assert (score.volume_error, score.watertight, score.genus) == (0.0, True, 0)
 
 
 def test_a_ball_that_is_too_large_is_too_large_by_that_much(informed: State, model: Model) -> None:
     score = score_of(informed, model(RADIUS * 1.02))
-
     assert score.chamfer == pytest.approx(0.02 * RADIUS, rel=0.02)
     assert score.volume_error == pytest.approx(1.02**3 - 1, rel=1e-9)
     assert score.p95 <= score.hausdorff
@@ -99,7 +97,6 @@ def test_a_ball_that_is_too_large_is_too_large_by_that_much(informed: State, mod
 
 def test_the_score_says_what_the_model_cost(informed: State, model: Model) -> None:
     score = score_of(informed, model(RADIUS))
-
     assert (score.number, score.contours, score.touches) == (3, 3, 42)
     assert (score.robot_time, score.size, score.final) == (60.5, 2 * RADIUS, False)
 
@@ -109,7 +106,6 @@ def test_the_sampling_floor_is_the_distance_of_two_tessellations(
 ) -> None:
     floor = prepare_surface(truth.floor_vertices, truth.floor_faces)
     expected = compare_surfaces(prepare_surface(truth.vertices, truth.faces), floor).chamfer
-
     assert score_of(informed, model(RADIUS)).sampling_floor == expected
     assert 0.0 < expected < 0.01 * RADIUS
 
@@ -117,7 +113,6 @@ def test_the_sampling_floor_is_the_distance_of_two_tessellations(
 def test_only_the_final_model_ends_the_graph(informed: State, model: Model) -> None:
     _, going_on = take_model(Params(), informed, model(RADIUS))
     _, ended = take_model(Params(), informed, model(RADIUS, final=True))
-
     assert len(going_on) == 1
     assert ended[1:] == [Finished("final model scored")]
     assert resolved(ended[0][1]).final  # type: ignore[index, attr-defined]
@@ -125,9 +120,7 @@ def test_only_the_final_model_ends_the_graph(informed: State, model: Model) -> N
 
 def test_an_open_model_has_no_genus(informed: State, model: Model) -> None:
     whole = model(RADIUS)
-
     score = score_of(informed, replace(whole, faces=whole.faces[1:]))
-
     assert (score.watertight, score.genus) == (False, -1)
 
 
@@ -136,7 +129,6 @@ def test_the_same_inputs_give_the_same_bytes(truth: Truth, model: Model) -> None
     for _ in range(2):
         state, _ = take_truth(Params(), None, truth)
         bodies.add(encode(score_of(state, model(RADIUS * 1.01))))
-
     assert len(bodies) == 1
 
 
@@ -153,18 +145,15 @@ def test_a_truth_without_volume_is_refused(truth: Truth) -> None:
 
 def test_a_model_without_faces_has_no_score(informed: State, model: Model) -> None:
     empty = replace(model(RADIUS), faces=np.zeros((0, 3), np.int32))
-
     assert take_model(Params(), informed, empty)[1] == []
 
 
 def test_a_final_model_without_faces_ends_the_graph(informed: State, model: Model) -> None:
     empty = replace(model(RADIUS, final=True), faces=np.zeros((0, 3), np.int32))
-
     assert take_model(Params(), informed, empty)[1] == [Finished("nothing could be rebuilt")]
 
 
 def test_a_model_that_is_no_surface_is_refused(informed: State, model: Model) -> None:
     wrong = replace(model(RADIUS), faces=np.array([[0, 1, 99_999]], np.int32))
-
     with pytest.raises(ValueError, match="faces must name vertices from 0 to 2561, got 99999"):
         score_of(informed, wrong)

@@ -51,11 +51,9 @@ def test_what_is_heard_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "topics.mcap"
     _, told = with_description([SIMULATOR, recorder(path)], {"seed": "7"})
     body = encode(World(platform=0.0, reach=0.3, fingers=1, seed=3))
-
     writer = SINK.open(told.params, {"/f1/world": "World"})
     writer.write("/f1/world", Header(1, 0, 0, 5, 0.0, schema_hash(World)), body)
     writer.close({})
-
     recording = open_recording(path)
     assert recording.version == palpate.__version__
     assert [kept.body for kept in recording.messages()] == [body]
@@ -66,15 +64,12 @@ def test_what_is_heard_is_kept(tmp_path: Path) -> None:
 def test_a_recording_without_a_description_is_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "topics.mcap"
     SINK.open(Params(path=str(path)), {}).close({})
-
     assert open_recording(path).graph == b""
 
 
 def test_a_described_node_comes_back_with_its_parameters() -> None:
     [recorded] = recorded_nodes(describe_wirings([SIMULATOR]))
-
     back = recorded.wiring(Settings)
-
     assert back.params == SIMULATOR.params
     assert (back.name, back.module) == (SIMULATOR.name, SIMULATOR.module)
     assert (back.inputs, back.outputs) == (SIMULATOR.inputs, SIMULATOR.outputs)
@@ -87,7 +82,6 @@ def test_a_description_names_the_publisher_of_each_topic() -> None:
 
 def test_only_recorders_are_told(tmp_path: Path) -> None:
     first, second = with_description([SIMULATOR, recorder(tmp_path / "a.mcap")], {"seed": "7"})
-
     assert first is SIMULATOR
     assert second.params.graph
     assert second.params.about == {"seed": "7"}
@@ -95,7 +89,6 @@ def test_only_recorders_are_told(tmp_path: Path) -> None:
 
 def test_parameters_that_do_not_fit_are_refused() -> None:
     [recorded] = recorded_nodes(describe_wirings([SIMULATOR]))
-
     with pytest.raises(ValueError, match="the recorded parameters of simulator do not fit"):
         recorded.wiring(Params)
 

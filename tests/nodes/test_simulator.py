@@ -365,7 +365,6 @@ def felt(params: Params, state: State, asked: TouchGoal) -> tuple[State, Tactile
 def test_the_hand_says_where_its_fingers_met_the_ball(ball: ObjectSpec) -> None:
     params = Params(object=ball)
     _, contacts = grasp(params, start(params)[0])
-
     assert (contacts.number, contacts.missed, contacts.blocked) == (4, 0, 0)
     away = contacts.points - [0.0, 0.0, 0.03]
     assert np.linalg.norm(away, axis=1) == pytest.approx(np.full(6, 0.03), abs=1e-6)
@@ -375,7 +374,6 @@ def test_the_hand_says_where_its_fingers_met_the_ball(ball: ObjectSpec) -> None:
 def test_fingers_that_miss_or_are_blocked_are_told(ball: ObjectSpec) -> None:
     params = Params(object=ball)
     state = start(params)[0]
-
     _, beside = grasp(params, state, pose=pose_of(np.array([0.5, 0.0, 0.03]), FACING_DOWN))
     _, low = grasp(params, state, pose=pose_of(np.array([0.0, 0.0, 0.001]), FACING_DOWN))
     assert (len(beside.points), beside.missed) == (0, 6)
@@ -385,7 +383,6 @@ def test_fingers_that_miss_or_are_blocked_are_told(ball: ObjectSpec) -> None:
 def test_robot_time_is_that_of_the_finger_that_went_farthest(ball: ObjectSpec) -> None:
     params = Params(object=ball)
     _, contacts = grasp(params, start(params)[0], not_before=2.0)
-
     assert contacts.move[[0, 1, 2, 4]] == pytest.approx([2.0, 0.0, 0.0, LIFTED])
     assert contacts.move[3] == pytest.approx(0.071, abs=1e-4)
     assert contacts.robot_time == pytest.approx(2.0 + 0.071 / 0.01 + 0.071 / 0.05 + 0.2, abs=1e-2)
@@ -400,7 +397,6 @@ def test_the_hand_errs_without_shifting_what_the_finger_draws(ball: ObjectSpec) 
     for before in (state, grasped):
         above = touch_goal(0, 0, pose_of(np.array([0, 0, 0.1]), FACING_DOWN))
         arrays.append(felt(params, before, above)[1].array)
-
     assert one.points.shape == two.points.shape
     assert 1e-6 < np.abs(one.points - two.points).max() < 2e-3
     assert np.array_equal(arrays[0], arrays[1])
@@ -410,7 +406,6 @@ def test_a_hand_of_another_number_of_fingers_is_another_hand(ball: ObjectSpec) -
     params = Params(object=ball)
     state, _ = grasp(params, start(params)[0])
     state, contacts = grasp(params, state, fingers=3)
-
     assert len(contacts.points) == 4
     assert state.hand is not None and state.hand.closings == 1
 
@@ -426,7 +421,6 @@ def test_a_hand_that_cannot_close_is_refused(
     ball: ObjectSpec, changes: dict[str, Any], words: str
 ) -> None:
     params = Params(object=ball)
-
     with pytest.raises(ValueError, match=words):
         take_grasp(params, start(params)[0], goal(**changes))
 
@@ -449,7 +443,6 @@ def test_the_moves_with_their_own_preset_give_the_robot_time_back(
         rows.append(frame.move)
         times.append(frame.robot_time)
     moves = MoveGeometry.of_rows(np.array(rows))
-
     assert elapsed_seconds(moves, ROBOTS[robot]) == pytest.approx(times, rel=1e-12)
     assert (moves.along >= 0.0).tolist() == [False, False, True, False, False]
 

@@ -183,7 +183,6 @@ def test_a_large_file_of_zeros_takes_no_more_than_its_own_share(tmp_path: Path) 
     data = noise + bytes(MAX_CHUNK_RATIO * share - share - MEBIBYTE)
     inside = frame(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, 0, 0) + data)
     (tmp_path / "bomb").write_bytes(MAGIC + packed(CHANNEL + inside))
-
     done = subprocess.run(
         [sys.executable, "-c", OPEN_ALL, str(tmp_path / "bomb")],
         capture_output=True,
@@ -191,7 +190,6 @@ def test_a_large_file_of_zeros_takes_no_more_than_its_own_share(tmp_path: Path) 
         timeout=60,
         check=True,
     )
-
     published, seconds, growth = json.loads(done.stdout)
     assert "was not written by palpate" in published
     assert seconds < MOST_SECONDS
@@ -211,7 +209,6 @@ def test_an_attachment_is_passed_over_unread(
     with path.open("wb") as file:
         file.write(whole[:end] + struct.pack("<BQ", Opcode.ATTACHMENT, size))
         file.truncate(end + 9 + size)
-
     done = subprocess.run(
         [sys.executable, "-c", OPEN_ALL, str(path)],
         capture_output=True,
@@ -219,7 +216,6 @@ def test_an_attachment_is_passed_over_unread(
         timeout=60,
         check=True,
     )
-
     published, _, growth = json.loads(done.stdout)
     assert published == "{'/world': 1, '/log': 100}"
     assert growth < 16 * MEBIBYTE
@@ -241,9 +237,7 @@ def test_the_largest_meshes_stay_readable(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "topics.mcap", {"/truth": "Truth"}, {}, {})
     writer.write("/truth", Header(0, 0, 0, 0, 0.0, schema_hash(Truth)), body)
     writer.close()
-
     (kept,) = open_recording(tmp_path / "topics.mcap").messages()
-
     assert np.array_equal(decode(Truth, kept.body).vertices, vertices)
 
 
@@ -256,6 +250,5 @@ def test_a_chunk_whose_checksum_does_not_fit_is_refused(tmp_path: Path, compress
     data = lz4.frame.compress(CHANNEL) if compression else CHANNEL
     wrong = chunk(data, len(CHANNEL), compression, zlib.crc32(CHANNEL) ^ 1)
     (tmp_path / "wrong").write_bytes(MAGIC + wrong)
-
     with pytest.raises(ValueError, match="the checksum of a chunk does not fit"):
         open_recording(tmp_path / "wrong")

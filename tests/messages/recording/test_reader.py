@@ -58,7 +58,6 @@ def prefix(path: Path) -> tuple[list[bytes], str]:
 
 def test_a_recording_says_what_it_holds(whole: bytes, cut: Callable[[bytes], Path]) -> None:
     recording = open_recording(cut(whole))
-
     assert recording.version == "1.2.3"
     assert recording.graph == b'["a graph"]'
     assert recording.counts == {"/world": 1, "/log": 100}
@@ -69,7 +68,6 @@ def test_a_message_comes_back_with_all_that_its_frame_said(
     whole: bytes, cut: Callable[[bytes], Path]
 ) -> None:
     first, *_, last = open_recording(cut(whole)).messages()
-
     assert (first.topic, first.publisher, first.type) == ("/world", "simulator", "World")
     assert (last.topic, last.publisher, last.type) == ("/log", "", "LogRecord")
     assert (last.run, last.epoch, last.seq, last.sent_ns) == (7, 0, 99, 105_000_000)
@@ -101,7 +99,6 @@ def test_an_mcap_file_of_others_is_refused(cut: Callable[[bytes], Path]) -> None
     writer = Writer(file)
     writer.start()
     writer.finish()  # type: ignore[no-untyped-call]
-
     with pytest.raises(ValueError, match="was not written by palpate"):
         open_recording(cut(file.getvalue()))
 
@@ -112,7 +109,6 @@ def test_a_recording_cut_anywhere_gives_its_beginning_or_one_sentence(
     reference, fault = prefix(cut(whole))
     assert (len(reference), fault) == (101, "")
     longest = 0
-
     for end in random.Random(0).sample(range(len(whole)), 400):
         path = cut(whole[:end])
         bodies, fault = prefix(path)
@@ -130,9 +126,7 @@ def test_a_recording_cut_between_records_was_never_closed(
     writer: RecordingWriter, write: Write, tmp_path: Path
 ) -> None:
     write(writer, 100)
-
     recording = open_recording(tmp_path / "topics.mcap")
-
     assert not recording.closed
     sequences = [kept.seq for kept in recording.messages() if kept.topic == "/log"]
     assert sequences == list(range(len(sequences)))
@@ -145,7 +139,6 @@ def test_a_flipped_bit_never_gives_a_wrong_message(
     reference, _ = prefix(cut(whole))
     draw = random.Random(1)
     faults = 0
-
     for _ in range(600):
         damaged = bytearray(whole)
         damaged[draw.randrange(len(whole))] ^= 1 << draw.randrange(8)
@@ -168,21 +161,18 @@ def chunk(data: bytes, size: int, compression: str) -> bytes:
 
 def test_a_chunk_that_bursts_is_refused_before_it_does(cut: Callable[[bytes], Path]) -> None:
     bomb = chunk(lz4.frame.compress(b"\0" * (200 << 20)), 1000, "lz4")
-
     with pytest.raises(ValueError, match="a chunk does not hold the 1000 bytes that it states"):
         open_recording(cut(framing.MAGIC + bomb))
 
 
 def test_a_chunk_that_states_too_much_is_refused(cut: Callable[[bytes], Path]) -> None:
     bomb = chunk(lz4.frame.compress(b"\0" * 1000), 1 << 40, "lz4")
-
     with pytest.raises(ValueError, match=f"a chunk of {1 << 40} bytes, at most"):
         open_recording(cut(framing.MAGIC + bomb))
 
 
 def test_a_record_that_states_too_much_is_refused(cut: Callable[[bytes], Path]) -> None:
     huge = struct.pack("<BQ", Opcode.CHUNK, 1 << 50)
-
     with pytest.raises(ValueError, match=f"is damaged at byte 8: a record of {1 << 50} bytes"):
         open_recording(cut(framing.MAGIC + huge))
 
@@ -209,7 +199,6 @@ def test_a_wrong_checksum_of_all_data_is_refused(
     checksum = zlib.crc32(whole[:end])
     assert whole[end + 9 : end + 13] == struct.pack("<I", checksum)
     damaged = whole[: end + 9] + struct.pack("<I", checksum ^ 1) + whole[end + 13 :]
-
     with pytest.raises(ValueError, match="the checksum of its data does not fit"):
         open_recording(cut(damaged))
 
@@ -250,7 +239,6 @@ def test_a_message_without_a_channel_is_refused(cut: Callable[[bytes], Path]) ->
     message = struct.pack("<HIQQ", 9, 0, 0, 0) + b"\x80"
     data = frame(Opcode.MESSAGE, message)
     packed = chunk(lz4.frame.compress(data), len(data), "lz4")
-
     with pytest.raises(ValueError, match="is damaged: a message without a channel"):
         open_recording(cut(framing.MAGIC + packed))
 
@@ -290,13 +278,11 @@ def test_a_recorder_that_was_killed_goes_on_and_all_is_there_once(
     first.close()
     whole = path.read_bytes()
     path.write_bytes(whole[: int(keep * len(whole))])
-
     assert SINK.resume is not None
     second, had = SINK.resume(params, TYPES)
     assert had == counts_of(path)
     publish(second, range(had.get("/world", 0), COUNT))
     second.close()
-
     recording = open_recording(path)
     assert recording.closed and recording.counts == {"/world": COUNT}
     assert [kept.seq for kept in recording.messages()] == list(range(COUNT))

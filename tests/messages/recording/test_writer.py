@@ -26,10 +26,8 @@ def test_what_is_written_is_read_by_any_mcap_reader(
 ) -> None:
     write(writer, 100)
     writer.close()
-
     with (tmp_path / "topics.mcap").open("rb") as file:
         found = list(make_reader(file, validate_crcs=True).iter_messages())
-
     assert [channel.topic for _, channel, _ in found] == ["/world"] + ["/log"] * 100
     assert [message.sequence for _, _, message in found[1:]] == list(range(100))
     assert found[0][2].publish_time == 5 * MILLISECOND
@@ -49,10 +47,8 @@ def test_metadata_say_what_wrote_it_and_how_much(
 ) -> None:
     write(writer, 5)
     writer.close()
-
     with (tmp_path / "topics.mcap").open("rb") as file:
         found = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
-
     assert found == {
         "palpate": {"version": "1.2.3", "graph": '["a graph"]'},
         "counts": {"/log": "5", "/world": "1"},
@@ -65,10 +61,8 @@ def test_log_times_never_go_back(writer: RecordingWriter, tmp_path: Path) -> Non
     for seq, sent in enumerate([50, 40, 60]):
         writer.write("/world", Header(1, 0, seq, sent, 0.0, WORLD), b"\x80")
     writer.close()
-
     with (tmp_path / "topics.mcap").open("rb") as file:
         found = [message for _, _, message in make_reader(file).iter_messages()]
-
     assert [message.log_time for message in found] == [50, 50, 60]
     assert [message.publish_time for message in found] == [50, 40, 60]
     assert [message.sequence for message in found] == [0, 1, 2]
@@ -78,9 +72,7 @@ def test_no_more_than_twenty_milliseconds_are_held(
     writer: RecordingWriter, write: Write, tmp_path: Path
 ) -> None:
     write(writer, 200)  # a millisecond apart; not closed
-
     on_disk = open_recording(tmp_path / "topics.mcap").counts["/log"]
-
     assert 180 <= on_disk <= 200
 
 
@@ -88,7 +80,6 @@ def test_the_first_message_after_a_pause_is_written_at_once(
     writer: RecordingWriter, tmp_path: Path
 ) -> None:
     writer.write("/world", Header(1, 0, 0, 1_000 * MILLISECOND, 0.0, WORLD), b"\x80")
-
     assert open_recording(tmp_path / "topics.mcap").counts == {"/world": 1}
 
 
@@ -96,17 +87,13 @@ def test_a_restarted_publisher_has_its_own_channel(writer: RecordingWriter, tmp_
     for seq, epoch in enumerate([0, 0, 1]):
         writer.write("/world", Header(1, epoch, seq, seq, 0.0, WORLD), b"\x80")
     writer.close()
-
     found = list(open_recording(tmp_path / "topics.mcap").messages())
-
     assert [(kept.epoch, kept.seq) for kept in found] == [(0, 0), (0, 1), (1, 2)]
 
 
 def test_a_recording_without_messages_can_be_read(writer: RecordingWriter, tmp_path: Path) -> None:
     writer.close()
-
     recording = open_recording(tmp_path / "topics.mcap")
-
     assert (recording.closed, recording.counts, list(recording.messages())) == (True, {}, [])
 
 
@@ -117,13 +104,11 @@ def test_closing_twice_is_closing_once(
     writer.close()
     size = (tmp_path / "topics.mcap").stat().st_size
     writer.close()
-
     assert (tmp_path / "topics.mcap").stat().st_size == size
 
 
 def test_nothing_is_written_after_closing(writer: RecordingWriter) -> None:
     writer.close()
-
     with pytest.raises(ValueError, match=r"recording .*topics.mcap is closed"):
         writer.write("/world", Header(1, 0, 0, 0, 0.0, WORLD), b"\x80")
 
@@ -135,7 +120,6 @@ def test_a_topic_that_was_not_declared_is_refused(writer: RecordingWriter) -> No
 
 def test_an_unknown_type_is_refused_before_there_is_a_file(tmp_path: Path) -> None:
     path = tmp_path / "topics.mcap"
-
     with pytest.raises(ValueError, match="no message type to record /a as Strange; known are"):
         RecordingWriter(path, {"/a": "Strange"}, {}, {})
     assert not path.exists()
@@ -147,7 +131,6 @@ def test_a_recording_is_not_overwritten(
     write(writer)
     writer.close()
     before = (tmp_path / "topics.mcap").read_bytes()
-
     with pytest.raises(FileExistsError, match="exists already; it is not overwritten"):
         RecordingWriter(tmp_path / "topics.mcap", {}, {}, {})
     assert (tmp_path / "topics.mcap").read_bytes() == before
@@ -182,12 +165,10 @@ def test_a_full_disk_at_any_write_leaves_whole_records(
 ) -> None:
     file = writer._file
     file._raw = FullDisk(file._raw, fails)  # type: ignore[assignment]
-
     with pytest.raises(OSError, match=r"recording stopped, .* cannot be written: No space left"):
         write(writer, 60)
         writer.close()
     writer.close()
-
     # The library's own reader agrees: no record is cut, and what is there is the beginning.
     recording = open_recording(tmp_path / "topics.mcap")
     sequences = [kept.seq for kept in recording.messages() if kept.topic == "/log"]
@@ -203,10 +184,8 @@ def test_the_full_disk_test_reaches_the_end_of_the_file(
     # The 15th write is never reached: the parameters above are all writes of such a run.
     file = writer._file
     file._raw = FullDisk(file._raw, 15)  # type: ignore[assignment]
-
     write(writer, 60)
     writer.close()
-
     assert file._raw._left == 1  # type: ignore[attr-defined]
 
 
@@ -214,9 +193,7 @@ def test_a_large_message_is_kept(writer: RecordingWriter, tmp_path: Path) -> Non
     body = bytes(range(256)) * (1 << 15)  # 8 MiB
     writer.write("/log", Header(1, 0, 0, 1, 0.0, schema_hash(LogRecord)), body)
     writer.close()
-
     [kept] = open_recording(tmp_path / "topics.mcap").messages()
-
     assert kept.body == body
 
 
@@ -225,10 +202,8 @@ def test_a_closed_file_ends_as_the_format_says(
 ) -> None:
     write(writer)
     writer.close()
-
     with (tmp_path / "topics.mcap").open("rb") as file:
         kinds = [type(record).__name__ for record in StreamReader(file, validate_crcs=True).records]
-
     assert kinds[0] == "Header"
     assert kinds[-1] == "Footer"
 

@@ -77,7 +77,6 @@ def record(tmp_path: Path, info: SensorInfo) -> Record:
 
 def test_a_node_says_what_it_said_when_it_was_recorded(record: Record) -> None:
     path = record(wiring("filter"))
-
     published = feed(filter.NODE, path)
     assert [image.touch for image in messages_on(published, "/touch/image")] == [0, 1, 2]
     images = sorted(recorded(path, "/f/image", TactileImage), key=lambda image: image.touch)
@@ -87,7 +86,6 @@ def test_a_node_says_what_it_said_when_it_was_recorded(record: Record) -> None:
 
 def test_parameters_may_be_others_than_were_recorded(record: Record) -> None:
     path = record(wiring("filter"))
-
     lower = messages_on(feed(filter.NODE, path, params={"contact": 50e-6}), "/touch/image")
     assert [int(image.mask.sum()) for image in lower] == [16, 16, 16]
     assert not messages_on(feed(filter.NODE, path), "/touch/image")[0].mask.any()
@@ -95,7 +93,6 @@ def test_parameters_may_be_others_than_were_recorded(record: Record) -> None:
 
 def test_a_new_node_takes_the_place_that_is_named(record: Record) -> None:
     path, own = record(wiring("filter")), replace(filter.NODE)
-
     published = feed(own, path, name="filter", params={"contact": 100e-6})
     assert_same(published, feed(filter.NODE, path))
     with pytest.raises(ValueError, match="hears /touch/image, none of what filter heard in it"):
@@ -108,7 +105,6 @@ def only(topic: str) -> Any:
 
 def test_a_node_that_was_not_there_hears_its_topics(record: Record) -> None:
     path, received = record(), curvature.NODE.inputs["/touch/image"]
-
     node = replace(
         curvature.NODE,
         inputs={"/touch/info": curvature.NODE.inputs["/touch/info"], "/f/image": received},
@@ -134,14 +130,12 @@ def test_a_place_that_is_not_there_is_told(
 
 def test_a_node_that_hears_nothing_of_the_recording_is_told(record: Record) -> None:
     node: Node = replace(curvature.NODE, inputs=only("/touch/image"), needs=())
-
     with pytest.raises(ValueError, match="the node hears /touch/image, none of its topics"):
         feed(node, record())
 
 
 def test_a_topic_or_type_that_is_not_there_is_told(record: Record, tmp_path: Path) -> None:
     path = record()
-
     with pytest.raises(ValueError, match="has nothing on /raw; it has /f/image, /f/raw"):
         recorded(path, "/raw")
     with pytest.raises(ValueError, match="/f/raw is not a World of this version"):

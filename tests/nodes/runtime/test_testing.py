@@ -49,7 +49,6 @@ def texts(published: list[Any]) -> list[str]:
 
 def test_a_node_says_what_its_handlers_return_once_its_needs_have_come() -> None:
     received = [("/in", line("a")), ("/in", line("b"))]
-
     assert drive(NODE, received) == []
     published = drive(NODE, [*received, ("/need", line("n")), ("/in", line("end"))])
     assert texts(published) == ["got 0 n", "got 1 a", "got 2 b", "done"]
@@ -121,7 +120,6 @@ def test_a_source_is_driven_to_its_end_and_bodies_are_decoded() -> None:
         Finished("e"),
         Timed(1, "/x", 1),
     )
-
     assert texts(drive(one)) == ["a", "b", "e"]
     assert texts(drive(one, most=1)) == ["a"]
 
@@ -147,7 +145,6 @@ def test_a_source_is_given_no_inputs() -> None:
 
 def test_an_example_has_the_fields_that_matter_and_plain_ones_otherwise() -> None:
     image = example(TactileImage, touch=3)
-
     assert (image.touch, image.outcome, image.mask.shape) == (3, "hit", (0, 0))
     with pytest.raises(ValueError, match="a World has no hight; it has platform, reach"):
         example(World, hight=1)
@@ -164,7 +161,6 @@ def test_every_message_type_has_an_example() -> None:
 
 def test_messages_that_are_the_same_to_the_last_bit_are_the_same() -> None:
     published = [("/out", line("a")), Finished("done")]
-
     assert_same(published, [("/out", line("a")), Finished("done")])
 
 
@@ -189,6 +185,5 @@ def test_the_first_difference_is_told(expected: list[Any], words: str) -> None:
 
 def test_a_zero_that_changed_its_sign_is_a_difference() -> None:
     one, other = (example(World, reach=value) for value in (0.0, -0.0))
-
     with pytest.raises(AssertionError, match=r"reach: said 0.0, expected -0.0"):
         assert_same([("/world", one)], [("/world", other)])

@@ -38,7 +38,6 @@ def write(tmp_path: Path) -> Write:
 )
 def test_a_table_of_frames_is_read(write: Write, lines: list[str]) -> None:
     frames = read_frames(write(*lines))
-
     assert frames.images.shape == (2, 4, 4)
     assert frames.images[1].tolist() == np.arange(16.0).reshape(4, 4).tolist()
     assert frames.poses[0].tolist() == [0.1, 0.2, 0.3, 0, 0, 0, 1]
@@ -47,14 +46,12 @@ def test_a_table_of_frames_is_read(write: Write, lines: list[str]) -> None:
 
 def test_times_come_first(write: Write) -> None:
     times = read_frames(write(f"t,{HEADER}", f"2.5,{LINE}", f"2.5,{LINE}", f"3,{LINE}")).times
-
     assert times is not None
     assert times.tolist() == [2.5, 2.5, 3.0]
 
 
 def test_an_array_that_is_not_square_is_read_if_its_rows_are_told(write: Write) -> None:
     path = write(f"{POSE}," + ",".join("0" * 32))
-
     assert read_frames(path, 4, 8).images.shape == (1, 4, 8)
     with pytest.raises(ValueError, match=r"f\.csv:1: has 39 columns; expected 7 of the pose and"):
         read_frames(path)
@@ -71,7 +68,6 @@ def test_every_square_array_is_told_from_its_line_with_a_time_or_without() -> No
 def test_arrays_of_frames_are_read(write: Write) -> None:
     poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (3, 1))
     frames = read_frames(write(frames=np.ones((3, 4, 6), np.int16), poses=poses, times=[0, 1, 1]))
-
     assert frames.images.shape == (3, 4, 6)
     assert frames.images.dtype == np.float64
     assert frames.times is not None and frames.times.tolist() == [0.0, 1.0, 1.0]
@@ -80,7 +76,6 @@ def test_arrays_of_frames_are_read(write: Write) -> None:
 
 def test_a_rounded_quaternion_is_made_a_unit(write: Write) -> None:
     [pose] = read_frames(write(f"0,0,0,0.707,0,0,0.707,{IMAGE}")).poses
-
     assert np.linalg.norm(pose[3:]) == pytest.approx(1.0, abs=1e-15)
 
 
