@@ -43,10 +43,7 @@ def _real_numbers(name: str, value: ArrayLike) -> Floats:
 def positive(name: str, value: float, unit: str) -> float:
     """A positive, finite number.
 
-    Raises
-    ------
-    ValueError
-        If it is not.
+    Raises ValueError if it is not.
     """
     if not 0.0 < value < math.inf:
         raise ValueError(f"{name} must be positive and finite, got {value} {unit}")

@@ -68,20 +68,10 @@ class _Scaled(NamedTuple):
 def align(points: ArrayLike, surface: PreparedSurface) -> Alignment:
     """The rigid motion that brings points onto a surface.
 
-    Parameters
-    ----------
-    points : (n, 3) array
-        At least 6, spread over what they were taken from, m.
-    surface : Prepared
-        The surface, see `palpate.core.geometry.prepare_surface`.
+    `points` (n, 3): at least 6, spread over what they were taken from, m. `surface`: the surface,
+    see `palpate.core.geometry.prepare_surface`. Raises ValueError if there are too few points, they
+    are all in one place, or one is not finite.
 
-    Raises
-    ------
-    ValueError
-        If there are too few points, they are all in one place, or one is not finite.
-
-    Notes
-    -----
     Of motions that fit alike, the one that turns the points least.
     """
     given = finite_array("points", points, (None, 3))

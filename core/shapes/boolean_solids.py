@@ -32,18 +32,9 @@ Leaf = BoundedCsgSolid | HalfSpace
 class BooleanShape:
     """A tree of unions, intersections, differences and complements of solids.
 
-    Parameters
-    ----------
-    tree : Tree
-        See `boolean_tree`.
+    `tree`: see `boolean_tree`. Raises ValueError if the tree has more than 64 parts, or the whole
+    is unbounded or empty.
 
-    Raises
-    ------
-    ValueError
-        If the tree has more than 64 parts, or the whole is unbounded or empty.
-
-    Notes
-    -----
     Fung, 1999, (2.31) to (2.35). The combination is regularised: what has no inside, such as
     the face in which two solids touch, is left out.
     """

@@ -46,15 +46,9 @@ class Polished(NamedTuple):
 class DeformedShape:
     """A solid of which every point is moved.
 
-    Parameters
-    ----------
-    base : ImplicitShape
-        What is deformed.
-    deformation : Deformation
-        How; it must fold nothing.
-    exact : bool
-        Whether rays are taken from the facets to the exact surface, at some six times the
-        cost. Rays that pass a facet by still miss.
+    `base`: what is deformed. `deformation`: how; it must fold nothing. `exact`: whether rays are
+    taken from the facets to the exact surface, at some six times the cost. Rays that pass a facet
+    by still miss.
     """
 
     def __init__(self, base: ImplicitShape, deformation: Deformation, exact: bool = False):

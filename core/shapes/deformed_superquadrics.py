@@ -212,10 +212,8 @@ class FittedSuperquadric:
     def shape(self) -> PosedShape:
         """The solid where it stands.
 
-        Raises
-        ------
-        ValueError
-            If it has no extent, as all points were in one place, or its bend folds it.
+        Raises ValueError if it has no extent, as all points were in one place, or its bend folds
+        it.
         """
         return posed_superquadric(self.size, self.exponents, self.pose, self.taper, self.bend)
 

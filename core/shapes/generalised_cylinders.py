@@ -37,26 +37,13 @@ SIDE_RINGS, CAP_RINGS = 3 / 8, 1 / 8  # For each point of a ring; those of one p
 class GeneralisedCylinder:
     """A straight homogeneous generalised cylinder, closed by plane ends.
 
-    Parameters
-    ----------
-    section : Section
-        What is swept.
-    heights : (n,) array
-        Places along the axis, increasing, 2 to 64, m.
-    scales : (n,) array
-        Scale of the section there, positive; at the ends it may be 0 (an apex), 1.
-    smooth : bool
-        Whether the scale is the natural cubic spline through these, not straight lines.
-    tilt, tilt_direction : float
-        Angle between the axis and z, less than 75 degrees, and the axis's azimuth, rad.
+    `section`: what is swept. `heights` (n,): places along the axis, increasing, 2 to 64, m.
+    `scales` (n,): scale of the section there, positive; at the ends it may be 0 (an apex), 1.
+    `smooth`: whether the scale is the natural cubic spline through these, not straight lines.
+    `tilt` and `tilt_direction`: angle between the axis and z, less than 75 degrees, and the axis's
+    azimuth, rad. Raises ValueError if heights do not increase, or the scale is not positive between
+    the ends.
 
-    Raises
-    ------
-    ValueError
-        If heights do not increase, or the scale is not positive between the ends.
-
-    Notes
-    -----
     Fung, 1999, (2.26) and (2.27); with two straight heights the linear cylinder (1.4).
     """
 

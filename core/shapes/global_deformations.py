@@ -22,18 +22,9 @@ class Taper:
     Beyond the ends of what is tapered the widths are those of the ends, so that all of space
     is mapped one to one.
 
-    Parameters
-    ----------
-    along_x, along_y : float
-        Widening at the top, and narrowing at the bottom, as a share of the width; between -1
-        and 1, so that no section collapses.
-    half_height : float
-        Half the height of what is tapered, m.
-
-    Raises
-    ------
-    ValueError
-        If a share is not between -1 and 1.
+    `along_x` and `along_y`: widening at the top, and narrowing at the bottom, as a share of the
+    width; between -1 and 1, so that no section collapses. `half_height`: half the height of what is
+    tapered, m. Raises ValueError if a share is not between -1 and 1.
     """
 
     along_x: float
@@ -78,21 +69,10 @@ class Bend:
 
     The axis keeps its length, sections across it stay plane and square to it.
 
-    Parameters
-    ----------
-    curvature : float
-        Of the bent axis, 1/m; 0 bends nothing.
-    direction : float
-        Azimuth towards which both ends move, rad; they move the other way if the curvature
-        is negative.
+    `curvature`: of the bent axis, 1/m; 0 bends nothing. `direction`: azimuth towards which both
+    ends move, rad; they move the other way if the curvature is negative. Raises ValueError if
+    either is not finite.
 
-    Raises
-    ------
-    ValueError
-        If either is not finite.
-
-    Notes
-    -----
     (2.8) and (2.9) with the angle k z, where the text divides by k, and with the coordinate
     x cos + y sin, where it takes an arc tangent. No form here loses digits as k vanishes.
     """
@@ -110,11 +90,8 @@ class Bend:
     def __call__(self, points: Floats) -> Floats:
         """Points (n, 3), bent.
 
-        Raises
-        ------
-        ValueError
-            If a point lies at or beyond the centre of curvature, or so high or low that the
-            axis would close to a circle: bent, it would meet others.
+        Raises ValueError if a point lies at or beyond the centre of curvature, or so high or low
+        that the axis would close to a circle: bent, it would meet others.
         """
         inwards, height = points[:, :2] @ self.towards, points[:, 2]
         self._check(inwards, height)

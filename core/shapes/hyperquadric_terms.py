@@ -27,23 +27,11 @@ LARGEST = 1e3
 class Dent:
     """A term a exp(-sum |a_k x + b_k y + c_k z + d_k|^g_k) of a hyperquadric.
 
-    Parameters
-    ----------
-    depth : float
-        a: above 0 it dents the solid, below it swells it, 1.
-    planes : (n, 4) array
-        a_k, b_k, c_k in 1/m, and d_k: the dent lies where all these are small.
-    exponents : (n,) array
-        g_k, 0.1 to 100.
+    `depth`: a: above 0 it dents the solid, below it swells it, 1. `planes` (n, 4): a_k, b_k, c_k in
+    1/m, and d_k: the dent lies where all these are small. `exponents` (n,): g_k, 0.1 to 100. Raises
+    ValueError if a number is not finite, an exponent out of range, there is no plane, or one of
+    them faces nowhere.
 
-    Raises
-    ------
-    ValueError
-        If a number is not finite, an exponent out of range, there is no plane, or one of them
-        faces nowhere.
-
-    Notes
-    -----
     Fung, 1999, (2.30).
     """
 
@@ -81,13 +69,8 @@ class Dent:
     def dip(self, rate: Floats) -> float:
         """How much the term bends downwards anywhere along rays, 1/m2; infinite if unbounded.
 
-        Parameters
-        ----------
-        rate : (k, n) array
-            Derivatives of the planes' values along the rays.
+        `rate` (k, n): derivatives of the planes' values along the rays.
 
-        Notes
-        -----
         The second derivative is E (Q'^2 - Q'') with E = a exp(-Q). Each |h|^m exp(-|h|^g) is
         largest where |h|^g = m / g, and (sum q)^2 <= k sum q^2.
         """
@@ -173,12 +156,7 @@ class LinearBound(NamedTuple):
 def powers(h: Floats, exponents: Floats) -> Floats:
     """Powers |h|^g, (k, n).
 
-    Parameters
-    ----------
-    h : (k, n) array
-        Quantities.
-    exponents : (k, 1) array
-        Positive.
+    `h` (k, n): quantities. `exponents` (k, 1): positive.
     """
     result: Floats = np.minimum(np.abs(h), LARGEST) ** exponents
     return result

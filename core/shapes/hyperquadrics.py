@@ -42,23 +42,11 @@ RANGE_TOLERANCE = 1e-13  # Of the solid's smallest extent
 class Hyperquadric:
     """The points p = (x, y, z) with H(p) = sum |a x + b y + c z + d|^g + dents <= 1.
 
-    Parameters
-    ----------
-    planes : (n, 4) array
-        a, b, c in 1/m, and d, of each term; 24 terms at most.
-    exponents : (n,) array
-        g of each term, 0.1 to 100. If none is below 1, a solid without dents is convex.
-    dents : tuple of Dent
-        Exponential terms.
+    `planes` (n, 4): a, b, c in 1/m, and d, of each term; 24 terms at most. `exponents` (n,): g of
+    each term, 0.1 to 100. If none is below 1, a solid without dents is convex. `dents`: exponential
+    terms. Raises ValueError if a number is not finite or out of range, the strips leave a direction
+    unbounded, or the solid is empty.
 
-    Raises
-    ------
-    ValueError
-        If a number is not finite or out of range, the strips leave a direction unbounded, or
-        the solid is empty.
-
-    Notes
-    -----
     Fung, 1999, (2.28) to (2.30). Rays are followed exactly: nothing thin is passed.
     """
 

@@ -80,12 +80,7 @@ class BoundedCsgSolid(CsgSolid, Protocol):
 class PosedShape:
     """A shape in a rotated and shifted frame.
 
-    Parameters
-    ----------
-    base : Shape
-        The shape in its own frame.
-    pose : (7,) array
-        Its pose in the world.
+    `base`: the shape in its own frame. `pose` (7,): its pose in the world.
     """
 
     def __init__(self, base: Shape, pose: Floats):

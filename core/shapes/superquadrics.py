@@ -143,8 +143,6 @@ class Superquadric:
 
         Infinite for exponents above 1: the gauge then has creases in the axes' planes.
 
-        Notes
-        -----
         A norm composed of powers p, q >= 2 is smooth with the constant max(p, q) - 1: Ball,
         Carlen and Lieb, *Sharp uniform convexity and smoothness inequalities*, 1994.
         """
@@ -155,17 +153,9 @@ class Superquadric:
     def gauge_along(self, scaled: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Gauge and its derivative along directions, in coordinates divided by the semi-axes.
 
-        Parameters
-        ----------
-        scaled : (3, n) array
-            Points, by coordinate, 1.
-        direction : (3, n) or (3, 1) array
-            Directions, scaled likewise.
-
-        Returns
-        -------
-        gauge, slope : (n,) arrays
-            A slope where the gauge has a crease is one of those between its two sides.
+        `scaled` (3, n): points, by coordinate, 1. `direction` (3, n) or (3, 1): directions, scaled
+        likewise. Returns `gauge`, `slope` (n,): a slope where the gauge has a crease is one of
+        those between its two sides.
         """
         p, q = 2.0 / float(self.exponents[1]), 2.0 / float(self.exponents[0])
         x, y, z = np.abs(scaled)
@@ -268,20 +258,10 @@ class InsideOutside(NamedTuple):
 def inside_outside(scaled: ArrayLike, exponents: ArrayLike) -> InsideOutside:
     """Logarithm of the inside-outside function.
 
-    Parameters
-    ----------
-    scaled : (n, 3) array
-        Points in the solid's own frame, divided by its semi-axes, 1.
-    exponents : (2,) array
-        e1 and e2, above 0 and up to 2.
+    `scaled` (n, 3): points in the solid's own frame, divided by its semi-axes, 1. `exponents` (2,):
+    e1 and e2, above 0 and up to 2. Raises ValueError if points are not finite, or an exponent is
+    out of its range.
 
-    Raises
-    ------
-    ValueError
-        If points are not finite, or an exponent is out of its range.
-
-    Notes
-    -----
     Fung, 1999, (2.6), with powers of absolute values. F is the square of the gauge; the distance
     along a radius is that from the centre, less its share 1 / sqrt(F). Exponents above 1 put
     creases into the coordinate planes. On a crease the derivative by the place is the mean of its

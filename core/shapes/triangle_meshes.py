@@ -48,14 +48,8 @@ class TriangleShape:
     A mesh that is inside out is turned. A ray that starts inside a closed mesh says so, however
     far its exit lies. A mesh with holes has no inside: its faces are met from outside alone.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m.
-    faces : (m, 3) array
-        Corners, by number; neighbours turned alike.
-    embree : bool
-        False for the z-buffer, which needs nothing but numpy.
+    `vertices` (n, 3), m. `faces` (m, 3): corners, by number; neighbours turned alike. `embree`:
+    false for the z-buffer, which needs nothing but numpy.
     """
 
     def __init__(self, vertices: Floats, faces: Ints, embree: bool = HAS_EMBREE):

@@ -61,11 +61,8 @@ class Basis:
     def nonzero(self, x: Floats, derivatives: int = 0) -> LocalBasis:
         """The ``degree + 1`` functions that do not vanish at places (m,), with derivatives.
 
-        Raises
-        ------
-        ValueError
-            If a place lies outside the domain by more than rounding, or is not finite; if
-            `derivatives` is negative.
+        Raises ValueError if a place lies outside the domain by more than rounding, or is not
+        finite; if `derivatives` is negative.
         """
         if derivatives < 0:
             raise ValueError(f"derivatives must be 0 or more, got {derivatives}")
@@ -75,10 +72,7 @@ class Basis:
     def matrix(self, x: Floats, derivative: int = 0) -> csr_array:
         """Functions, or a derivative of them, at places (m,): sparse (m, count).
 
-        Raises
-        ------
-        ValueError
-            As `nonzero` does.
+        Raises ValueError as `nonzero` does.
         """
         local = self.nonzero(x, derivative)
         return _rows(local, derivative, local.columns(), self.count)
@@ -89,10 +83,7 @@ def greville(knots: Floats, degree: int) -> Floats:
 
     Coefficients equal to them reproduce the identity.
 
-    Raises
-    ------
-    ValueError
-        If the knots cannot be those of a basis of the degree.
+    Raises ValueError if the knots cannot be those of a basis of the degree.
     """
     return _averages(check_knots(knots, degree)[1:-1], degree)
 
@@ -210,10 +201,7 @@ class PeriodicBasis:
 
         Function ``count + i`` stands for function i: take `LocalBasis.columns` modulo `count`.
 
-        Raises
-        ------
-        ValueError
-            If a place is not finite, or `derivatives` is negative.
+        Raises ValueError if a place is not finite, or `derivatives` is negative.
         """
         turns = np.mod(finite_array("x", x, (None,)), 1.0)
         return self._wound.nonzero(turns, derivatives)
@@ -221,10 +209,7 @@ class PeriodicBasis:
     def matrix(self, x: Floats, derivative: int = 0) -> csr_array:
         """Functions, or a derivative of them, at places (m,), in turns: sparse (m, count).
 
-        Raises
-        ------
-        ValueError
-            As `nonzero` does.
+        Raises ValueError as `nonzero` does.
         """
         local = self.nonzero(x, derivative)
         # The columns that hang over the seam are those at the beginning.

@@ -52,17 +52,11 @@ FoldVerdict = Literal["sound", "folded", "undecided"]
 class Lattice:
     """A control lattice.
 
-    Parameters
-    ----------
-    volume : Volume
-        The deformed solid.
-    undeformed : Frame or Volume
-        What it was: a parallelepiped with control points at the Greville abscissae, or control
-        points anywhere, by which lattices of any shape can stand side by side (Coquillart,
-        *Extended free-form deformation*, 1990) or at even steps (Fung, 1999, (2.19)).
+    `volume`: the deformed solid. `undeformed`: what it was: a parallelepiped with control points at
+    the Greville abscissae, or control points anywhere, by which lattices of any shape can stand
+    side by side (Coquillart, *Extended free-form deformation*, 1990) or at even steps (Fung, 1999,
+    (2.19)).
 
-    Notes
-    -----
     Fung, 1999, section 2.4. Points outside, by more than rounding, are refused.
     """
 
@@ -77,10 +71,7 @@ class Lattice:
     def with_control(self, control: Floats, weights: Floats | None = None) -> Lattice:
         """The same lattice with its control points (l, m, n, 3) elsewhere, and other weights.
 
-        Raises
-        ------
-        ValueError
-            If their shape differs, one is not finite, or a weight is not positive.
+        Raises ValueError if their shape differs, one is not finite, or a weight is not positive.
         """
         weights = self.volume.weights if weights is None else weights
         return Lattice(SplineVolume(control, self.volume.bases, weights), self.undeformed)
@@ -88,10 +79,7 @@ class Lattice:
     def local(self, points: Floats) -> Floats:
         """Parameters s, t, u (n, 3) of points (n, 3) in the undeformed lattice.
 
-        Raises
-        ------
-        ValueError
-            If points are not finite or lie outside: how many, and the worst of them.
+        Raises ValueError if points are not finite or lie outside: how many, and the worst of them.
         """
         points = finite_array("points", points, (None, 3))
         if isinstance(self.undeformed, SplineVolume):
@@ -109,10 +97,7 @@ class Lattice:
     def deform(self, points: Floats) -> Floats:
         """Where points (n, 3) of the undeformed lattice go, m.
 
-        Raises
-        ------
-        ValueError
-            If points lie outside, here and below.
+        Raises ValueError if points lie outside, here and below.
         """
         return self.volume.at(self.local(points))
 
@@ -167,10 +152,7 @@ class Lattice:
 
         Outwards stays outwards. They are finite where the lattice is squeezed flat, too.
 
-        Raises
-        ------
-        ValueError
-            If points lie outside, or a normal has no direction.
+        Raises ValueError if points lie outside, or a normal has no direction.
         """
         normals = finite_array("normals", normals, (len(points), 3))
         if not np.abs(normals).max(axis=1, initial=0.0).all():
@@ -183,10 +165,7 @@ class Lattice:
         The triangles are turned round if the lattice mirrors, so that a closed surface keeps
         its outside.
 
-        Raises
-        ------
-        ValueError
-            If vertices lie outside, or a triangle has not three of them.
+        Raises ValueError if vertices lie outside, or a triangle has not three of them.
         """
         vertices, faces = finite_array("vertices", vertices, (None, 3)), np.asarray(faces)
         if faces.shape[1:] != (3,):

@@ -157,25 +157,11 @@ def is_interpolable(basis: Basis, sites: Floats) -> bool:
 def insert_knots(basis: Basis, control: Floats, new: Floats, axis: int = 0) -> tuple[Basis, Floats]:
     """The basis with further knots, and the coefficients that give the same spline on it.
 
-    Parameters
-    ----------
-    basis : Basis
-        Along the axis.
-    control : array with `basis.count` entries along `axis`
-        Coefficients.
-    new : (k,) array
-        Knots within the domain.
-    axis : int
-        Which axis of the coefficients the basis belongs to.
+    `basis`: along the axis. `control`: coefficients. `new` (k,): knots within the domain. `axis`:
+    which axis of the coefficients the basis belongs to. Raises ValueError if a new knot lies
+    outside the domain, or would occur more often than the degree allows; if there are not as many
+    coefficients as the basis has functions, or one is not finite.
 
-    Raises
-    ------
-    ValueError
-        If a new knot lies outside the domain, or would occur more often than the degree allows;
-        if there are not as many coefficients as the basis has functions, or one is not finite.
-
-    Notes
-    -----
     Boehm, *Inserting new knots into B-spline curves*, 1980: each new coefficient is a mean of
     two old ones.
     """

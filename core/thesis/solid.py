@@ -191,20 +191,10 @@ class TripleSpline:
 def interpolated_parameters(parameters: Floats) -> TripleSpline:
     """The spline surface through a grid of parameter triples: (4.17) to (4.21).
 
-    Parameters
-    ----------
-    parameters : (m, n, 3) array
-        s, t, u; m at least 2 from the bottom to the top, n at least 4 around, the first again
-        at the end. A row may be one point, as at a pole.
+    `parameters` (m, n, 3): s, t, u; m at least 2 from the bottom to the top, n at least 4 around,
+    the first again at the end. A row may be one point, as at a pole. Raises ValueError if the shape
+    is another, a number is not finite, or neighbouring rows or columns are the same throughout.
 
-    Raises
-    ------
-    ValueError
-        If the shape is another, a number is not finite, or neighbouring rows or columns are
-        the same throughout.
-
-    Notes
-    -----
     Cubic, of a lower degree where there are fewer than 4 rows. Sites by square roots of the
     chords (4.18), averaged over all rows that have a length; knots by (4.19), with the sum
     from its first site. The seam is passed, but not smoothly. Where the model is known its own
