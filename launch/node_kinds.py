@@ -13,13 +13,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
 
 import palpate.nodes
 from palpate.launch.files import InputError, KeyPath, SourceMapped, hint
-from palpate.nodes.runtime import AnyNode, OnExit, Sink, Source, load_node
+from palpate.nodes import runtime  # Loads numpy when a node is asked for, not before
+
+if TYPE_CHECKING:
+    from palpate.nodes.runtime import AnyNode, OnExit
 
 KINDS = "palpate.nodes"  # A kind without a dot is a module of this package
 _FINGER = re.compile(r"finger_([1-9])")
@@ -107,7 +110,7 @@ def load_entry(entry: Entry) -> AnyNode:
         raise entry.error(f"kind is {kind!r}; a module of one's own is named as module:NODE")
     search_current_folder(kind)
     try:
-        node = load_node(entry.module)
+        node = runtime.load_node(entry.module)
     except ValueError as error:
         if mark or "." in kind or kind in list_kinds():
             raise entry.error(str(error)) from None
@@ -133,9 +136,9 @@ def describe_kind(kind: str) -> str:
     """
     node = load_entry(Entry(name=kind, kind=kind))
     lines = [kind]
-    if isinstance(node, Sink):
+    if isinstance(node, runtime.Sink):
         lines.append("  hears everything")
-    elif isinstance(node, Source):
+    elif isinstance(node, runtime.Source):
         lines.append("  hears nothing; its parameters say what it says")
     else:
         lines += [f"  hears {topic}  {said.__name__}" for topic, (said, _) in node.inputs.items()]

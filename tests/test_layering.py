@@ -11,9 +11,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
+
+
 # From below: nothing imports from a layer above its own.
 LAYERS = ("core", "messages", "nodes", "launch", "tools", "bench")
 BESIDE = ({"core", "messages"},)  # These know nothing of each other
+
+
 # The longest prefix of a module's name decides what it may import besides palpate and Python.
 LIBRARIES = {
     "palpate": set(),

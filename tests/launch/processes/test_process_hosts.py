@@ -27,7 +27,7 @@ TRACKED = """
 import signal
 from multiprocessing import resource_tracker
 from palpate.launch.processes.process_hosts import ForkServer
-with Nursery(()):
+with ForkServer(()):
     print(open(f"/proc/{resource_tracker._resource_tracker._pid}/status").read())
     assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())
 """
