@@ -21,10 +21,16 @@ from palpate.launch.launch_source import EXPLORE, prestart_fork_server
 from palpate.launch.node_kinds import Entry
 from palpate.launch.processes import EarlierRun
 from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher, open_display
-from palpate.launch.run_directory import RunDirectory, choose_run_directory, versions_text
+from palpate.launch.run_directory import (
+    RunDirectory,
+    choose_run_directory,
+    exit_code,
+    summarise,
+    summary_text,
+    versions_text,
+)
 from palpate.launch.scene import find_scene
 from palpate.launch.settings import override, resolved_text
-from palpate.launch.summary import exit_code, summarise, summary_text
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, simulator
 from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     )
     from palpate.launch.files.calibration_file import with_calibration as with_calibration
     from palpate.launch.files.calibration_file import write_calibration as write_calibration
-    from palpate.launch.files.conversion import convert as convert
     from palpate.launch.files.file_access import FileWriter as FileWriter
     from palpate.launch.files.file_access import check_new as check_new
     from palpate.launch.files.file_access import file_within as file_within
@@ -51,6 +50,7 @@ if TYPE_CHECKING:
     from palpate.launch.files.source_map import KeyPath as KeyPath
     from palpate.launch.files.source_map import SourceMapped as SourceMapped
     from palpate.launch.files.source_map import hint as hint
+    from palpate.launch.files.yaml_file import convert as convert
     from palpate.launch.files.yaml_file import parse_yaml as parse_yaml
     from palpate.launch.files.yaml_file import read_yaml as read_yaml
 else:

@@ -12,10 +12,9 @@ from ruamel.yaml import YAML
 
 from palpate.core import Floats
 from palpate.core.touch import CalibrationEstimate, Pad
-from palpate.launch.files.conversion import convert
 from palpate.launch.files.file_access import file_within
 from palpate.launch.files.source_map import InputError, SourceMapped
-from palpate.launch.files.yaml_file import read_yaml
+from palpate.launch.files.yaml_file import convert, read_yaml
 from palpate.nodes.specs import CalibrationSpec
 
 DIGITS = 6  # Significant digits of what is written: far more than any of it is sure of

@@ -20,8 +20,14 @@ from numpy.typing import NDArray
 from palpate.core import Floats, arrays_from_bytes
 from palpate.core.geometry import solidity
 from palpate.launch.files.file_access import read_bounded
-from palpate.launch.files.glb import read_glb
-from palpate.launch.files.mesh_formats import MAX_TRIANGLES, RawMesh, read_obj, read_off, read_stl
+from palpate.launch.files.mesh_formats import (
+    MAX_TRIANGLES,
+    RawMesh,
+    read_glb,
+    read_obj,
+    read_off,
+    read_stl,
+)
 from palpate.launch.files.ply import read_ply
 from palpate.launch.files.source_map import InputError
 from palpate.messages.types import ShapeModel
@@ -31,6 +37,8 @@ MAX_FACES = MAX_TRIANGLES  # Most triangles
 MIN_EXTENT = 1e-4  # Smallest extent of an object, m
 MAX_EXTENT = 10.0  # Largest extent of an object, m
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # Metres in each unit
+
+
 # Formats that are read.
 READERS: Mapping[str, Callable[[bytes], RawMesh]] = {
     "ply": read_ply,
@@ -44,8 +52,12 @@ Faces = NDArray[np.int32]
 MESH_FILES = ("mesh.ply", "mesh.stl", "mesh.glb")  # Files of the surface
 ARCHIVE_FIELD = "archive"  # The field that is unpacked, not kept as it is
 MILLIMETRES_PER_METRE = 1000.0  # STL has no unit; programs that slice it for printing assume mm
+
+
 # Turns z up, as everywhere here, into y up, as glTF demands.
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
 # In which each format is written.
 MESH_UNITS: Mapping[str, str] = {".ply": "m", ".stl": "mm", ".glb": "m, y up", ".obj": "m"}
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.launch.hosts.addresses import free_endpoints as free_endpoints
-    from palpate.launch.hosts.addresses import key_file as key_file
-    from palpate.launch.hosts.addresses import read_host as read_host
     from palpate.launch.hosts.host_agent import run_host_agent as run_host_agent
     from palpate.launch.hosts.remote_hosts import RemoteHosts as RemoteHosts
+    from palpate.launch.hosts.remote_hosts import free_endpoints as free_endpoints
+    from palpate.launch.hosts.remote_hosts import key_file as key_file
+    from palpate.launch.hosts.remote_hosts import read_host as read_host
 else:
     __getattr__, __dir__ = lazy(__name__)

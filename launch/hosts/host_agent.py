@@ -15,7 +15,7 @@ from pathlib import Path
 import msgspec
 import zmq
 
-from palpate.launch.hosts.addresses import free_endpoints
+from palpate.launch.hosts.remote_hosts import free_endpoints
 from palpate.launch.processes import ForkServer, Interrupts, private_folder
 from palpate.messages.bus import TO_HOSTS, Addresses, ControlMessage, ControlServer, SocketContext
 

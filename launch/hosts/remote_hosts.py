@@ -1,14 +1,22 @@
-"""The other machines of one graph, and its addresses there: all of them tcp, and encrypted."""
+"""Other machines: their addresses in launch files, and the processes that are started there."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+import re
+import socket
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 
-from palpate.launch.hosts.addresses import free_endpoints, key_file, own_address, read_host
+from palpate.launch.files import InputError
 from palpate.launch.processes import RemoteHost
 from palpate.messages.bus import Addresses, SocketContext
 from palpate.nodes.runtime import Wiring
+
+PORT = 7447  # Where a machine that lends itself listens, unless the user says otherwise
+_HOST = re.compile(r"(\d{1,3}(?:\.\d{1,3}){3}|[a-z0-9][a-z0-9.-]*)(?::(\d{1,5}))?", re.IGNORECASE)
 
 
 class RemoteHosts:
@@ -92,3 +100,62 @@ class RemoteHosts:
     def ahead_ns(self, name: str) -> int:
         """How far this machine's clock is ahead of that of a node's machine, ns."""
         return self._ahead_ns.get(name, 0)
+
+
+def key_file() -> Path:
+    """The user's key."""
+    config = os.environ.get("XDG_CONFIG_HOME") or "~/.config"
+    return Path(config).expanduser() / "palpate" / "graph.key"
+
+
+def own_address(towards: str) -> str:
+    """The address by which another machine reaches this one.
+
+    Raises
+    ------
+    ValueError
+        If there is no way to it.
+    """
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect((towards, PORT))
+            return str(probe.getsockname()[0])
+    except OSError as error:
+        raise ValueError(f"host {towards} cannot be reached: {error.strerror or error}") from None
+
+
+def read_host(text: str) -> tuple[str, int]:
+    """Address and port of a machine, as ``192.168.1.5`` or ``lab2:7447``.
+
+    Raises
+    ------
+    InputError
+        If it is no such address.
+    """
+    found = _HOST.fullmatch(text)
+    port = int(found[2] or PORT) if found else 0
+    if found is None or not 0 < port < 1 << 16:
+        raise InputError(f"host {text!r} must look like 192.168.1.5 or lab2:{PORT}")
+    return found[1], port
+
+
+def free_endpoints(address: str, names: Iterable[str]) -> dict[str, str]:
+    """An endpoint for each name, at ports of this machine that are free now.
+
+    Raises
+    ------
+    ValueError
+        If the address is none of this machine's.
+    """
+    endpoints = {}
+    with ExitStack() as held:
+        for name in names:
+            one = held.enter_context(socket.socket())
+            try:
+                one.bind((address, 0))
+            except OSError as error:
+                raise ValueError(
+                    f"{address} is no address of this machine: {error.strerror}"
+                ) from None
+            endpoints[name] = f"tcp://{address}:{one.getsockname()[1]}"
+    return endpoints

@@ -1,10 +1,4 @@
-"""The server from which nodes are forked: what it is, and how it is started.
-
-It has imported what the nodes of palpate's own kinds in its graph need, on one thread and without
-a socket, so that a node is up in milliseconds. Modules of a user's own are imported by their
-nodes: a node that is started again then sees what was changed. Imports little, so that it can be
-started first.
-"""
+"""The server from which node processes are forked, and the signals that reach none of them."""
 
 from __future__ import annotations
 
@@ -12,16 +6,20 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator
+import threading
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from multiprocessing import forkserver, resource_tracker
-from types import ModuleType
+from types import FrameType, ModuleType
+from typing import Any
 
 from palpate.nodes.runtime import PRELOAD_VARIABLE
 
 _RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
 _PRELOADING = "palpate.nodes.runtime.preloading"
 _OWN = "palpate.nodes."
+
+
 # Of all processes of a graph.
 NODE_ENVIRONMENT = {
     # One thread for linear algebra: nodes share the machine, and sums keep their order.
@@ -30,11 +28,7 @@ NODE_ENVIRONMENT = {
     "MKL_NUM_THREADS": "1",
     "PYTHONHASHSEED": "0",
 }
-
-
-def preloaded_modules(modules: Iterable[str]) -> tuple[str, ...]:
-    """What the server imports for a graph whose nodes are in these modules."""
-    return (*_RUNTIME, *dict.fromkeys(name for name in modules if name.startswith(_OWN)))
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def start_fork_server(modules: Iterable[str]) -> None:
@@ -66,17 +60,6 @@ def start_fork_server(modules: Iterable[str]) -> None:
 
 
 @contextmanager
-def without_main_module() -> Iterator[None]:
-    """Keep the child from running the user's script, which a new process does otherwise."""
-    script = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = script
-
-
-@contextmanager
 def _environment(settings: dict[str, str]) -> Iterator[None]:
     """Set variables for what is started meanwhile."""
     before = {key: os.environ.get(key) for key in settings}
@@ -89,3 +72,98 @@ def _environment(settings: dict[str, str]) -> Iterator[None]:
                 del os.environ[key]
             else:
                 os.environ[key] = value
+
+
+def preloaded_modules(modules: Iterable[str]) -> tuple[str, ...]:
+    """What the server imports for a graph whose nodes are in these modules."""
+    return (*_RUNTIME, *dict.fromkeys(name for name in modules if name.startswith(_OWN)))
+
+
+@contextmanager
+def without_main_module() -> Iterator[None]:
+    """Keep the child from running the user's script, which a new process does otherwise."""
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
+
+
+class Interrupts:
+    """Within its ``with`` block, a request to end is only noted, however often it comes.
+
+    Raises
+    ------
+    RuntimeError
+        On entry, if this is not the main thread: only there can signals be heard.
+    """
+
+    def __init__(self) -> None:
+        self.came: str | None = None
+        """Name of the first signal that came."""
+        self._before: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Interrupts:
+        if threading.current_thread() is not threading.main_thread():
+            raise RuntimeError("a graph can only be launched from the main thread of a process")
+        for number in _SIGNALS:
+            before = signal.getsignal(number)
+            # Under nohup a closed terminal is no reason to end.
+            if number is signal.SIGHUP and before is signal.SIG_IGN:
+                continue
+            self._before[number] = before
+            signal.signal(number, self._note)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, before in self._before.items():
+            signal.signal(number, signal.SIG_DFL if before is None else before)
+
+    def _note(self, number: int, _: FrameType | None) -> None:
+        self.came = self.came or signal.Signals(number).name
+
+
+@contextmanager
+def signals_as_ctrl_c() -> Iterator[None]:
+    """Have a request to end, whichever it is, interrupt this thread as Ctrl-C does.
+
+    Elsewhere than in the main thread nothing is changed: signals are not heard there.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+@contextmanager
+def until_ctrl_c() -> Iterator[Callable[[], bool]]:
+    """Have the first Ctrl-C only noted, so that a loop ends where it can; the second one raises.
+
+    Yields
+    ------
+    function
+        Whether it came. Elsewhere than in the main thread it never does.
+    """
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+
+    def note(number: int, _: FrameType | None) -> None:
+        came.append(number)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(came)
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -17,15 +17,19 @@ from typing import NamedTuple
 
 import msgspec
 
-from palpate.launch.processes.launcher_sockets import LauncherSockets
+from palpate.launch.processes.node_status import LauncherSockets
 from palpate.launch.processes.process_hosts import ProcessHosts, exit_text
 from palpate.messages.bus import Addresses
 from palpate.nodes.runtime import OnExit, Wiring
 
 # So often may a node be started again within so many s: more is a storm.
 MAX_RESTARTS, RESTART_WINDOW = 3, 10.0
+
+
 # Signs of life come four times a second; after so long without one a node is looked at, s.
 SILENCE_LIMIT = 1.2
+
+
 # If the launcher itself had not run for so long, nobody is blamed for his silence, s.
 LAUNCHER_GAP = 0.5
 

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import count
 from typing import Any, Literal, NamedTuple
 
-from palpate.launch.processes.interrupts import Interrupts
-from palpate.launch.processes.launcher_sockets import LauncherSockets
+from palpate.launch.processes.fork_server import Interrupts
 from palpate.launch.processes.node_status import (
     Edge,
+    LauncherSockets,
     MessageCounts,
     NodeStatusTable,
     TerminationDetector,

@@ -6,7 +6,9 @@ from palpate.launch.printing import counted, millimetres, size_text, text_table,
 
 
 def test_columns_are_aligned_and_cells_are_printed_as_they_are() -> None:
-    assert text_table([("topic", "n", "to"), ("/a", "12", ""), ("/[b]x", "3", ":smile:")], (1,)) == [
+    assert text_table(
+        [("topic", "n", "to"), ("/a", "12", ""), ("/[b]x", "3", ":smile:")], (1,)
+    ) == [
         "topic   n  to",
         "/a     12",
         "/[b]x   3  :smile:",

@@ -444,6 +444,8 @@ TRANSFORM = _object(
     translation=VECTOR,
     rotation=QUATERNION,
 )
+
+
 # Schemas of whole messages, by their names.
 SCHEMAS: Mapping[str, Schema] = {
     one["title"]: one

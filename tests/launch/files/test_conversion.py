@@ -6,8 +6,8 @@ from typing import Annotated
 import pytest
 from msgspec import Meta, Struct
 
-from palpate.launch.files.conversion import convert
 from palpate.launch.files.source_map import InputError, SourceMapped
+from palpate.launch.files.yaml_file import convert
 
 Typed = Callable[[str], SourceMapped]
 Length = Annotated[float, Meta(gt=0)]

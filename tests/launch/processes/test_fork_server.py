@@ -48,7 +48,7 @@ from palpate.launch.launch_source import named_modules
 from palpate.launch.launch_source import EXPLORE
 from palpate.launch.processes.fork_server import preloaded_modules
 from palpate.nodes.runtime.preloading import preload
-names = preloaded(named_modules(EXPLORE))
+names = preloaded_modules(named_modules(EXPLORE))
 preload(names)
 print([name for name in names if name not in sys.modules])
 print(len(opened), zmq.Context._instance)
@@ -112,11 +112,11 @@ from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes.fork_server import start_fork_server
 from palpate.nodes.runtime.wiring import Wiring
-wake(["palpate.nodes.nothing", "palpate.nodes.filter"])
-source = toy("source", Params(burst=5))
+start_fork_server(["palpate.nodes.nothing", "palpate.nodes.filter"])
+source = toy("source", ToyParams(burst=5))
 nobody = dict(params={}, inputs=(), outputs={}, listeners={})
 lost = Wiring(name="lost", module="palpate.nodes.nothing", **nobody)
-for graph in ([source, lost], [source, toy("counter", Params(expects=5), upstream="source")]):
+for graph in ([source, lost], [source, toy("counter", ToyParams(expects=5), upstream="source")]):
     ending = launch(graph, ends=graph[-1].name, watch=(), watcher=SilentWatcher())
     print(ending.status, ending.reason)
 """

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from palpate.launch.processes.interrupts import Interrupts, signals_as_ctrl_c
+from palpate.launch.processes.fork_server import Interrupts, signals_as_ctrl_c
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

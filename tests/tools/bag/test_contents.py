@@ -34,12 +34,7 @@ from palpate.messages.recording.reader import (
 from palpate.messages.recording.writer import AtomicFile, RecordingWriter
 from palpate.messages.types.graph import LogRecord
 from palpate.messages.types.world import World
-from palpate.tools.bag.contents import (
-    bag_info,
-    info_text,
-    recover_recording,
-    recovered_text,
-)
+from palpate.tools.bag.contents import bag_info, info_text, recover_recording, recovered_text
 from palpate.tools.cli import command_line as cli
 
 Record = Callable[..., Path]

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from palpate.launch.processes.earlier_run import SentMessage
+from palpate.launch.processes.registry import SentMessage
 from palpate.messages.bus.message_log import Consumed
 from palpate.messages.types.graph import LogRecord
 from palpate.nodes.runtime.node import Node
