@@ -43,13 +43,7 @@ _DEADLINE_MS = 10_000
 
 
 def reliability_rows(quick: bool) -> Iterator[Row]:
-    """Losses among stalls, late starts and a death; without the bus; and what a recorder costs.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer messages and laps.
-    """
+    """Losses among stalls, late starts and a death; without the bus; and what a recorder costs."""
     number = QUICK if quick else MESSAGES
     stalls = _stalls(random.Random(1), number)
     wrong, restarts = _disturbed(number, random.Random(1))

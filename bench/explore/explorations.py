@@ -1,6 +1,4 @@
-"""Whole explorations.
-
-Error and cost, whether the stated bound holds, three fingers beside one, other slicing axes.
+"""Whole explorations: error, cost, the stated bound, three fingers beside one, other axes.
 
 One exploration's error depends on its luck with the poses; ratios are of means.
 """
@@ -23,7 +21,7 @@ from palpate.bench.explore.harness import (
     leaning,
 )
 from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject, drawn_object
-from palpate.bench.table import Row
+from palpate.bench.table import Row, at_least, at_most
 from palpate.core import Floats
 from palpate.core.explore.planners import COVERING, FEELING
 from palpate.tools import single_threaded
@@ -50,13 +48,7 @@ QUICK_TURNED = ("blunt cube",)
 
 
 def exploration_rows(quick: bool) -> Iterable[Row]:
-    """Every object to the end that the planner chooses, without noise and with it.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer objects.
-    """
+    """Every object to the end that the planner chooses, without noise and with it."""
     with single_threaded():
         for noise, percent in DEMANDED.items():
             found = []
@@ -70,16 +62,16 @@ def exploration_rows(quick: bool) -> Iterable[Row]:
 
 def _rows(title: str, one: Explored, percent: float) -> Iterator[Row]:
     rms, contours = one.percent, one.score.contours
-    yield Row(f"{title}: rms", f"{rms:.3f} %", f"<= {percent:.2f} %", rms <= percent)
+    yield at_most(f"{title}: rms", rms, percent, ".3f", " %")
     enough = contours <= MOST_CONTOURS and one.touches <= MOST_TOUCHES
     target = f"<= {MOST_CONTOURS}, {MOST_TOUCHES}"
     yield Row(f"{title}: contours, touches", f"{contours}, {one.touches}", target, enough)
-    yield Row(f"{title}: stated bound, largest unfelt", _stated(one), "", True)
+    yield Row(f"{title}: stated bound, largest untouched", _stated(one))
     floor = 100.0 * one.score.sampling_floor / one.score.size
     times = f"{one.score.robot_time:.0f}, {one.wall:.1f} s, {floor:.3f} %"
-    yield Row(f"{title}: robot, computer, sampling floor", times, "", True)
+    yield Row(f"{title}: robot, computer, sampling floor", times)
     if not one.done.tolerance_met:
-        yield Row(f"{title}: ended, because", one.done.reason, "", True)
+        yield Row(f"{title}: ended, because", one.done.reason)
 
 
 def _stated(one: Explored) -> str:
@@ -94,11 +86,9 @@ def _sums(noise: str, found: list[Explored], percent: float) -> Iterator[Row]:
     yield Row(f"objects, {noise}: within {percent:.2f} %", shown, "all", good == len(found))
     contours = sum(one.score.contours for one in found) / len(found)
     touches = sum(one.touches for one in found) / len(found)
-    yield Row(
-        f"objects, {noise}: contours, touches, mean", f"{contours:.1f}, {touches:.0f}", "", True
-    )
+    yield Row(f"objects, {noise}: contours, touches, mean", f"{contours:.1f}, {touches:.0f}")
     held = sum(one.held is True for one in found)
-    yield Row(f"objects, {noise}: bound holds", f"{held} of {len(found)}", "", True)
+    yield Row(f"objects, {noise}: bound holds", f"{held} of {len(found)}")
 
 
 class RunClaim(NamedTuple):
@@ -106,26 +96,19 @@ class RunClaim(NamedTuple):
 
     held: bool  # Whether its error is below the bound that it states
     late: int | None  # Contours after the first model truly within tolerance; None if none was
-    # Contours after the first model that was, and that left nothing larger than a feature unfelt:
-    # both are asked for.
+    # Contours after the first model that was, and left nothing larger than a feature untouched.
     late_covered: int | None
 
 
 def calibration_rows(quick: bool) -> Iterable[Row]:
-    """How often the stated bound holds, and when runs end.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer runs.
-    """
+    """How often the stated bound holds, and when runs end; fewer runs if quick."""
     told: list[RunClaim] = []
     with single_threaded():
         for number in range(QUICK_RUNS if quick else RUNS):
             told.append(calibration_run(number))
             if len(told) % AT_ONCE == 0 and len(told) < RUNS:
                 held = sum(one.held for one in told)
-                yield Row(f"runs so far: bound holds in {held}", f"of {len(told)}", "", True)
+                yield Row(f"runs so far: bound holds in {held}", f"of {len(told)}")
     yield from calibration_figures(told)
 
 
@@ -154,30 +137,22 @@ def calibration_figures(told: Sequence[RunClaim]) -> Iterator[Row]:
     good = LEAST_HELD <= held <= MOST_HELD
     yield Row(f"{len(told)} runs: bound of 95 % holds", f"{held:.1%}", "90 to 98 %", good)
     reached = [one for one in told if one.late is not None]
-    yield Row("of them within tolerance at some time", f"{len(reached)}", "", True)
+    yield Row("of them within tolerance at some time", f"{len(reached)}")
     if reached:
         yield from _lateness("within tolerance", [one.late or 0 for one in reached])
-        yield from _lateness("and nothing unfelt", [one.late_covered or 0 for one in reached])
+        yield from _lateness("and nothing untouched", [one.late_covered or 0 for one in reached])
 
 
 def _lateness(what: str, late: Sequence[int]) -> Iterator[Row]:
     """When runs ended, against the first count that would have done."""
     near = sum(abs(one) <= 1 for one in late) / len(late)
     title = f"ended within 1 contour of the first count {what}"
-    yield Row(title, f"{near:.1%}", f">= {LEAST_NEAR:.0%}", near >= LEAST_NEAR)
-    yield Row(
-        f"contours after the first {what}, median", f"{sorted(late)[len(late) // 2]}", "", True
-    )
+    yield at_least(title, near, LEAST_NEAR, ".1%")
+    yield Row(f"contours after the first {what}, median", f"{sorted(late)[len(late) // 2]}")
 
 
 def finger_rows(quick: bool) -> Iterable[Row]:
-    """Objects explored by three fingers at once and by one.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer objects.
-    """
+    """Objects explored by three fingers at once and by one; fewer objects if quick."""
     single, joint = [], []
     with single_threaded():
         for name in QUICK_FINGERS if quick else FINGER_OBJECTS:
@@ -185,16 +160,15 @@ def finger_rows(quick: bool) -> Iterable[Row]:
             several = explore_object(EXPLORED_OBJECTS[name], NOISY, Demand(), fingers=FINGERS)
             ratio = tracing_seconds(several) / tracing_seconds(one)
             title = f"{name}: {FINGERS} fingers, tracing after the first contour"
-            yield Row(title, f"{ratio:.2f} x", f"<= {MOST_TIME:g} x", ratio <= MOST_TIME)
+            yield at_most(title, ratio, MOST_TIME, ".2f", " x")
             total = several.score.robot_time / one.score.robot_time
             contours = f"{several.score.contours} for {one.score.contours}"
-            yield Row(f"{name}: whole robot time, contours", f"{total:.2f} x, {contours}", "", True)
+            yield Row(f"{name}: whole robot time, contours", f"{total:.2f} x, {contours}")
             single.append(one.percent)
             joint.append(several.percent)
-            yield Row(f"{name}: error", f"{joint[-1]:.3f} for {single[-1]:.3f} %", "", True)
+            yield Row(f"{name}: error", f"{joint[-1]:.3f} for {single[-1]:.3f} %")
     error = pooled_rms(joint) / pooled_rms(single)
-    close = error <= 1.0 + MOST_OFF
-    yield Row("all: error, root mean square", f"{error:.2f} x", "<= 1.05 x", close)
+    yield at_most("all: error, root mean square", error, 1.0 + MOST_OFF, ".2f", " x")
 
 
 def tracing_seconds(one: Explored) -> float:
@@ -216,30 +190,18 @@ class Turned(NamedTuple):
 
 
 def tilted_rows(quick: bool) -> Iterable[Row]:
-    """Objects that lean and stand aside, over the same ones upright in the middle.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer objects, and one exploration of each.
-    """
+    """Objects that lean and stand aside, over the same ones upright in the middle."""
     pose = leaning(LEAN, AWAY, LIFT)
     with single_threaded():
         for name in QUICK_TILTED if quick else TILTED:
             upright = mean_chamfer(EXPLORED_OBJECTS[name], Demand(), quick)
             ratio = mean_chamfer(EXPLORED_OBJECTS[name], Demand(), quick, pose) / upright
             title = f"{name}: leaning by {LEAN:g} deg, {1e3 * AWAY:g} mm off"
-            yield Row(title, f"{ratio:.2f} x", f"<= {MOST_TIMES:g} x", ratio <= MOST_TIMES)
+            yield at_most(title, ratio, MOST_TIMES, ".2f", " x")
 
 
 def direction_rows(quick: bool) -> Iterable[Row]:
-    """Objects that are sliced in two directions: one error over the other, the larger on top.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer objects, and one exploration of each.
-    """
+    """Objects that are sliced in two directions: one error over the other, the larger on top."""
     with single_threaded():
         for name in QUICK_TURNED if quick else TURNED:
             target, degrees = TURNED[name]
@@ -248,7 +210,7 @@ def direction_rows(quick: bool) -> Iterable[Row]:
             one, other = (mean_chamfer(target, each, quick) for each in (Demand(), along))
             worst = max(one / other, other / one)
             title = f"{name}: sliced in directions {degrees:g} deg apart"
-            yield Row(title, f"{worst:.2f} x", f"<= {MOST_TIMES:g} x", worst <= MOST_TIMES)
+            yield at_most(title, worst, MOST_TIMES, ".2f", " x")
 
 
 def mean_chamfer(

@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from palpate.bench.objects import GRASPED_OBJECTS
-from palpate.bench.table import Row
+from palpate.bench.table import Row, at_least
 from palpate.core import ROBOT_PRESETS, Floats, contact_seconds, free_seconds, pose_of, split_pose
 from palpate.core.explore.grasp import (
     Closing,
@@ -143,14 +144,7 @@ def _any_turn(rng: np.random.Generator) -> Floats:
 def _tilted(rng: np.random.Generator) -> Floats:
     """Leaning by 25 degrees, to any side."""
     first, second = rng.uniform(0.0, 2.0 * math.pi, 2)
-    c, s = math.cos(TILT), math.sin(TILT)
-    lean = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    return np.asarray(_about_z(first) @ lean @ _about_z(second))
-
-
-def _about_z(angle: float) -> Floats:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Rotation.from_euler("ZXZ", [first, TILT, second]).as_matrix()
 
 
 def grasp_trials(sigma: float, tilted: bool, repeats: int) -> list[GraspTrial]:
@@ -165,13 +159,7 @@ def grasp_trials(sigma: float, tilted: bool, repeats: int) -> list[GraspTrial]:
 
 
 def grasp_rows(quick: bool) -> Iterable[Row]:
-    """Figures of the grasp, one at a time.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer poses of each object.
-    """
+    """Figures of the grasp, one at a time; fewer poses of each object if quick."""
     repeats = QUICK_TRIALS if quick else TRIALS
     for tilted, how in ((False, "any turn"), (True, "tilted 25 deg")):
         for sigma, noise in ((0.0, "exact"), (CONTACT_NOISE, "0.1 mm")):
@@ -180,26 +168,25 @@ def grasp_rows(quick: bool) -> Iterable[Row]:
                 yield from _rows(f"grasp, {how}, {noise}, {count}", done, count)
     closings = statistics.median(one.closings for one in done)
     cost = statistics.median(one.seconds / len(one.points) for one in done)
-    yield Row(f"grasp, closings for {max(COUNTS)} contacts", f"{closings:.0f}", "", True)
-    yield Row("grasp, robot time of a contact, modern", f"{cost:.2f} s", "", True)
+    yield Row(f"grasp, closings for {max(COUNTS)} contacts", f"{closings:.0f}")
+    yield Row("grasp, robot time of a contact, modern", f"{cost:.2f} s")
 
 
 def _rows(name: str, done: list[GraspTrial], count: int) -> Iterator[Row]:
     found = [judge_frame(trial, count) for trial in done]
     share = statistics.mean(one.right for one in found)
-    target = f">= {100 * LEAST_RIGHT:.0f} %"
-    yield Row(f"{name}: right or said", f"{100 * share:.1f} %", target, share >= LEAST_RIGHT)
+    yield at_least(f"{name}: right or said", 100 * share, 100 * LEAST_RIGHT, ".1f", " %")
     lost = statistics.mean(
         one.ambiguous for one, trial in zip(found, done, strict=True) if _has_axis(trial)
     )
-    yield Row(f"{name}: axis not found, and said", f"{100 * lost:.1f} %", "", True)
+    yield Row(f"{name}: axis not found, and said", f"{100 * lost:.1f} %")
     for what, unit, scale in (("axis", "deg", 1.0), ("centre", "mm", 1e3), ("extent", "mm", 1e3)):
         errors = [scale * getattr(one, what) for one in found if not one.ambiguous]
         middle, most = np.quantile(errors, [0.5, 0.95])
         shown = f"{middle:.2f}, {most:.2f} {unit}"
-        yield Row(f"{name}: {what}, median and 95 %", shown, "", True)
+        yield Row(f"{name}: {what}, median and 95 %", shown)
     told = statistics.mean(one.told for one in found)
-    yield Row(f"{name}: extent within 2 deviations", f"{100 * told:.1f} %", "", True)
+    yield Row(f"{name}: extent within 2 deviations", f"{100 * told:.1f} %")
 
 
 def _has_axis(trial: GraspTrial) -> bool:

@@ -1,14 +1,11 @@
-"""How many contours each planner needs.
+"""How many contours each planner needs: on exact contours, and in whole explorations.
 
-On exact contours, where their word is judged too, and on whole explorations.
-
-The side is rebuilt in the same way for all of them. The count of even slices is the fewest that
-do, known afterwards.
+What a planner claims is judged on the exact ones. The side is rebuilt in the same way for all of
+them. The count of even slices is the fewest that do, known afterwards.
 """
 
 from __future__ import annotations
 
-import timeit
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -28,7 +25,7 @@ from palpate.bench.explore.harness import (
     side_of,
 )
 from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject
-from palpate.bench.table import Row
+from palpate.bench.table import Row, at_least, at_most, best_seconds
 from palpate.core.explore.planners import (
     END_SHARE,
     EXTENT,
@@ -94,21 +91,13 @@ class PlanClaim(NamedTuple):
 
 
 def planner_rows(quick: bool) -> Iterable[Row]:
-    """Figures of planners.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer runs of the calibration.
-    """
+    """Figures of planners; fewer runs of the calibration if quick."""
     yield from count_rows()
     yield from _other_objects("held-out objects", HELD_OUT)
     yield from _other_objects("drawn objects", drawn_objects(DRAWN, SEED))
     yield from plan_calibration_rows(QUICK_PLAN_TOLERANCES if quick else PLAN_TOLERANCES)
     milliseconds = 1e3 * _decision()
-    fast = milliseconds <= MOST_MILLISECONDS
-    target = f"<= {MOST_MILLISECONDS:g}"
-    yield Row("a decision with 12 slices, ms", f"{milliseconds:.1f}", target, fast)
+    yield at_most("a decision with 12 slices, ms", milliseconds, MOST_MILLISECONDS, ".1f")
 
 
 def count_rows() -> Iterable[Row]:
@@ -116,32 +105,48 @@ def count_rows() -> Iterable[Row]:
     trials = {name: PlannerTrial(radius) for name, radius in TUNED.items()}
     even = even_counts(trials)
     bare = even_counts(trials, slopes=False)
-    foretold = first_counts(Predicted(), trials)
+    predicted = first_counts(Predicted(), trials)
     sets = [plan_counts(one, trials) for one in THESIS_SETS]
     sums = [sum(counts.values()) for counts in sets]
     thesis = min(sums)
     fuzzy = min(sum(plan_counts(Fuzzy(scale=s), trials).values()) for s in FUZZY_SCALES)
     seen = {name: greedy_count(trial) for name, trial in trials.items()}
     for name in trials:
-        said = f"{bare[name]} / {even[name]} / {foretold[name]} / {seen[name]}"
-        yield Row(f"{name}: positions only / uniform / predicted / seeing", said, "", True)
+        counts = f"{bare[name]} / {even[name]} / {predicted[name]} / {seen[name]}"
+        yield Row(f"{name}: positions only / uniform / predicted / seeing", counts)
     best = THESIS_SETS[sums.index(thesis)]
     oracle = sum(min(counts[name] for counts in sets) for name in trials)
-    yield Row("sum, thesis, the best set for each object", str(oracle), "", True)
-    yield Row("sum, uniform with positions only", str(sum(bare.values())), "", True)
-    yield Row("sum, uniform", str(sum(even.values())), "", True)
+    total = sum(predicted.values())
     rule = f"{best.template} {best.form} {best.bend_rate:g}, {best.least:g} to {best.most:g}"
-    yield Row(f"sum, thesis, best of {len(sums)} sets", str(thesis), "", True)
-    yield Row("that set", rule, "", True)
-    yield Row(f"sum, best of {len(FUZZY_SCALES)} fuzzy", str(fuzzy), "", True)
-    yield Row("sum, seeing the truth, one slice ahead", str(sum(seen.values())), "", True)
-    total = sum(foretold.values())
-    yield Row("sum, predicted", str(total), "", True)
-    yield _ratio("predicted over uniform", total, sum(even.values()), 0.95)
-    yield _ratio("predicted over the best thesis set", total, thesis, 0.85)
-    yield _ratio("predicted over uniform with positions only", total, sum(bare.values()), 0.70)
-    worst = max(foretold[name] - even[name] for name in trials)
-    yield Row("predicted less uniform, on the worst object", str(worst), "<= 1", worst <= 1)
+    for title, value in {
+        "sum, thesis, the best set for each object": oracle,
+        "sum, uniform with positions only": sum(bare.values()),
+        "sum, uniform": sum(even.values()),
+        f"sum, thesis, best of {len(sums)} sets": thesis,
+        "that set": rule,
+        f"sum, best of {len(FUZZY_SCALES)} fuzzy": fuzzy,
+        "sum, seeing the truth, one slice ahead": sum(seen.values()),
+        "sum, predicted": total,
+    }.items():
+        yield Row(title, str(value))
+    rivals = {
+        "uniform": (sum(even.values()), OVER_UNIFORM),
+        "the best thesis set": (thesis, OVER_THESIS),
+        "uniform with positions only": (sum(bare.values()), OVER_POSITIONS),
+    }
+    yield from _rival_rows(total, rivals)
+    yield _worst_row(max(predicted[name] - even[name] for name in trials))
+
+
+def _rival_rows(predicted: int, rivals: Mapping[str, tuple[int, float]]) -> Iterator[Row]:
+    for name, (total, most) in rivals.items():
+        value, holds = f"{predicted / total:.2f}", predicted <= most * total
+        yield Row(f"predicted over {name}", value, f"<= {most:.2f}", holds)
+
+
+def _worst_row(more: int) -> Row:
+    title = "predicted less uniform, on the worst object"
+    return Row(title, str(more), f"<= {MOST_MORE}", more <= MOST_MORE)
 
 
 def greedy_count(trial: PlannerTrial) -> int:
@@ -155,20 +160,16 @@ def greedy_count(trial: PlannerTrial) -> int:
     return len(slices)
 
 
-def _ratio(name: str, part: int, whole: int, most: float) -> Row:
-    return Row(name, f"{part / whole:.2f}", f"<= {most:.2f}", part <= most * whole)
-
-
 def _other_objects(title: str, objects: Mapping[str, Radius]) -> Iterable[Row]:
     trials = {name: PlannerTrial(radius) for name, radius in objects.items()}
     even, bare = even_counts(trials), even_counts(trials, slopes=False)
-    foretold = first_counts(Predicted(), trials)
-    total = sum(foretold.values())
+    predicted = first_counts(Predicted(), trials)
+    total = sum(predicted.values())
     for name, whole in (("uniform", even), ("uniform, positions only", bare)):
         ratio = f"{total / sum(whole.values()):.2f}"
-        yield Row(f"{len(trials)} {title}: predicted over {name}", ratio, "", True)
-    worst = max(foretold[name] - even[name] for name in trials)
-    yield Row(f"{title}: predicted less uniform, worst", str(worst), "", True)
+        yield Row(f"{len(trials)} {title}: predicted over {name}", ratio)
+    worst = max(predicted[name] - even[name] for name in trials)
+    yield Row(f"{title}: predicted less uniform, worst", str(worst))
 
 
 def even_counts(trials: Mapping[str, PlannerTrial], *, slopes: bool = True) -> Counts:
@@ -212,17 +213,15 @@ def plan_calibration_rows(tolerances: Sequence[float]) -> Iterable[Row]:
     reached = [one for one in runs if one.first_true is not None]
     near = float(np.mean([_near(one.first_bound, one) for one in reached]))
     name = "other objects: bound within tolerance at most 1 contour late"
-    yield Row(name, f"{near:.1%}", ">= 80 %", near >= 0.80)
+    yield at_least(name, near, 0.80, ".1%")
     ended = float(np.mean([_near(one.slices, one) for one in reached]))
-    yield Row("other objects: ends so, with everything felt", f"{ended:.1%}", "", True)
+    yield Row("other objects: ends so, with nothing untouched", f"{ended:.1%}")
     late = np.median([one.slices - (one.first_true or 0) for one in reached])
-    yield Row(
-        "other objects: contours more for feeling everything, median", f"{late:.0f}", "", True
-    )
+    yield Row("other objects: contours more until nothing is untouched, median", f"{late:.0f}")
 
 
 def plan_claim(trial: PlannerTrial, tolerance: float) -> PlanClaim:
-    """Let the default planner work until it stops, and compare its word with the truth."""
+    """Let the default planner work until it stops, and compare what it claims with the truth."""
     slices, _ = run_planner(Predicted(), trial, tolerance, most=40)
     bounds = [
         predict_error(one, profile_of(one), untouched_spans(one)).rms_bound_95
@@ -254,12 +253,7 @@ def _decision() -> float:
         trial.slice_at(height) for height in (EXTENT * np.linspace(0.03, 0.97, 12)).tolist()
     )
     observation, planner = observation_of(slices, 0.0002), Predicted()
-    return _least(lambda: planner.next(observation))
-
-
-def _least(call: Callable[[], object]) -> float:
-    """The best of some calls, s: what a busy computer adds is not the method's."""
-    return min(timeit.repeat(call, number=1, repeat=9))
+    return best_seconds(lambda: planner.next(observation), 9)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -278,18 +272,12 @@ class ContourCounts(NamedTuple):
     uniform: int  # Even ones
     predicted: int  # Of the default planner
     thesis: tuple[int, ...]  # Of each set of the thesis
-    uniform_taxels: int  # Even ones, rebuilt from everything that was felt
+    uniform_taxels: int  # Even ones, rebuilt from all touched taxels
     predicted_taxels: int  # Of the default planner, so rebuilt
 
 
 def whole_planner_rows(quick: bool) -> Iterable[Row]:
-    """Counts of every object, and their sums.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer objects, one set of the thesis.
-    """
+    """Counts of every object, and their sums; fewer objects, one set of the thesis if quick."""
     with single_threaded():
         sets = best_sets(1 if quick else SCREENED)
         found = {}
@@ -297,9 +285,9 @@ def whole_planner_rows(quick: bool) -> Iterable[Row]:
             one = found[name] = counts_of(EXPLORED_OBJECTS[name], sets)
             thesis = ", ".join(map(str, one.thesis))
             shown = f"{one.positions} / {one.uniform} / {one.predicted} / {thesis}"
-            yield Row(f"{name}: positions only / uniform / predicted / thesis", shown, "", True)
+            yield Row(f"{name}: positions only / uniform / predicted / thesis", shown)
             shown = f"{one.uniform_taxels} / {one.predicted_taxels}"
-            yield Row(f"{name}: uniform / predicted, everything felt", shown, "", True)
+            yield Row(f"{name}: uniform / predicted, all taxels", shown)
     yield from count_sums(found)
 
 
@@ -312,17 +300,14 @@ def count_sums(found: Mapping[str, ContourCounts]) -> Iterator[Row]:
         "best thesis set": (thesis, OVER_THESIS),
         "uniform, positions only": (sum(one.positions for one in found.values()), OVER_POSITIONS),
     }
-    yield Row("sum, predicted", str(predicted), "", True)
-    for name, (total, most) in rivals.items():
-        yield Row(f"sum, {name}", str(total), "", True)
-        holds = predicted <= most * total
-        yield Row(f"predicted over {name}", f"{predicted / total:.2f}", f"<= {most:.2f}", holds)
-    worst = max(one.predicted - one.uniform for one in found.values())
-    title = "predicted less uniform, on the worst object"
-    yield Row(title, str(worst), f"<= {MOST_MORE}", worst <= MOST_MORE)
-    felt = [(one.uniform_taxels, one.predicted_taxels) for one in found.values()]
-    shown = " / ".join(str(sum(column)) for column in zip(*felt, strict=True))
-    yield Row("sum, uniform / predicted, everything felt", shown, "", True)
+    yield Row("sum, predicted", str(predicted))
+    for name, (total, _) in rivals.items():
+        yield Row(f"sum, {name}", str(total))
+    yield from _rival_rows(predicted, rivals)
+    yield _worst_row(max(one.predicted - one.uniform for one in found.values()))
+    pairs = [(one.uniform_taxels, one.predicted_taxels) for one in found.values()]
+    shown = " / ".join(str(sum(column)) for column in zip(*pairs, strict=True))
+    yield Row("sum, uniform / predicted, all taxels", shown)
 
 
 def best_sets(count: int) -> list[Thesis]:
@@ -343,11 +328,11 @@ def plan_counts(planner: Planner, trials: Mapping[str, PlannerTrial]) -> Counts:
 
 def counts_of(target: ExploreObject, sets: Sequence[Thesis]) -> ContourCounts:
     """Contours that an object takes with each planner."""
-    foretold = explore_object(target, EXACT, Demand(tolerance=0.01 * PERCENT * EXPLORED_HEIGHT))
+    predicted = explore_object(target, EXACT, Demand(tolerance=0.01 * PERCENT * EXPLORED_HEIGHT))
     sparse = explore_object(
         target, EXACT, Demand(BY_CONTOURS, tolerance=0.01 * PERCENT * EXPLORED_HEIGHT)
     )
-    side = side_of(foretold.truth)
+    side = side_of(predicted.truth)
     even = EvenSlices(target)
     plans = [explore_object(target, EXACT, Demand("thesis", settings=asdict(one))) for one in sets]
     return ContourCounts(
@@ -356,7 +341,7 @@ def counts_of(target: ExploreObject, sets: Sequence[Thesis]) -> ContourCounts:
         predicted=first_within_percent(side, sparse, contours_error),
         thesis=tuple(at_end(side, one) for one in plans),
         uniform_taxels=even.fewest(side, taxel_error),
-        predicted_taxels=first_within_percent(side, foretold, taxel_error),
+        predicted_taxels=first_within_percent(side, predicted, taxel_error),
     )
 
 
@@ -380,7 +365,7 @@ def contours_error(side: Side, one: Explored, count: int, *, slopes: bool = True
 
 
 def taxel_error(side: Side, one: Explored, count: int) -> float:
-    """From everything that was felt by the time of so many contours."""
+    """From all touched taxels by the time of so many contours."""
     made = [model for model in one.models if len(model.contours) <= count]
     return model_error(side, made[-1]) if made else 100.0
 

@@ -24,7 +24,6 @@ from palpate.bench.fuzz.mutations import (
     NUMBERS,
     InputFile,
     Tree,
-    hostile_at,
     mutate_bytes,
     mutate_text,
     tree_paths,
@@ -41,31 +40,11 @@ _MARKS = (b"&a", b"*a", b"!!str", b"[", b"]", b"{", b"}", b"- ", b"? ", b"|", b"
 _DEEP: Tree = json.loads("[" * 30 + "]" * 30)
 # Files that a scene may name and should not.
 HOSTILE_PATHS = (
-    "../outside.ply",
-    "..",
-    ".",
-    "/etc/passwd",
-    "//etc/passwd",
-    "/dev/zero",
-    "/proc/self/environ",
-    "x/../../outside.ply",
-    "passwd.ply",
-    "loop.ply",
-    "folder.ply",
-    "pipe.ply",
-    "empty.ply",
-    "none.ply",
-    "mesh.PLY",
-    "mesh.ply/..",
-    "a\\0b.ply",
-    "a\\nb.ply",
-    "\\ud800.ply",
-    "~/mesh.ply",
-    "file:///etc/passwd",
-    "a" * 5000 + ".ply",
-    "a/" * 3000 + "b.ply",
-    "scene.yaml",
-    "",
+    *("../outside.ply", "..", ".", "/etc/passwd", "//etc/passwd", "/dev/zero"),
+    *("/proc/self/environ", "x/../../outside.ply", "passwd.ply", "loop.ply", "folder.ply"),
+    *("pipe.ply", "empty.ply", "none.ply", "mesh.PLY", "mesh.ply/..", "a\\0b.ply"),
+    *("a\\nb.ply", "\\ud800.ply", "~/mesh.ply", "file:///etc/passwd", "a" * 5000 + ".ply"),
+    *("a/" * 3000 + "b.ply", "scene.yaml", ""),
 )
 # Files that are no text.
 RAW = (b"", b"\0", b"\xff\xfeo\0b\0", b"object: \xff\n", b"object: \0\n", b"\x1f\x8b\x08\0")
@@ -78,11 +57,9 @@ SOLID_NAME = "solid.npz"
 Arrays = dict[str, Any]
 
 
-def mutated_scene(rng: random.Random, number: int) -> InputFile:
-    """The bomb whose turn it is, or a shipped scene with damage."""
-    if (bomb := hostile_at(number, hostile_scenes())) is not None:
-        return InputFile(SCENE_NAME, bomb)
-    scenes = valid_scenes()
+def mutated_scenes(rng: random.Random) -> InputFile:
+    """A shipped scene with damage."""
+    scenes = [data for _, data in valid_scenes()]
     text = rng.choice(scenes)
     change = rng.random()
     if change < 0.15:
@@ -93,10 +70,11 @@ def mutated_scene(rng: random.Random, number: int) -> InputFile:
 
 
 @cache
-def hostile_scenes() -> list[bytes]:
-    """Scenes, as the bytes of their files."""
+def hostile_scenes() -> list[InputFile]:
+    """Scenes that were made to hurt."""
     texts = (*_paths(), *_forms(), *hostile_values())
-    return [*(one.encode(errors="surrogatepass") for one in texts), *RAW]
+    files = [*(one.encode(errors="surrogatepass") for one in texts), *RAW]
+    return [InputFile(SCENE_NAME, data) for data in files]
 
 
 def _paths() -> list[str]:
@@ -203,10 +181,10 @@ def _booleans() -> list[str]:
 
 
 @cache
-def valid_scenes() -> tuple[bytes, ...]:
+def valid_scenes() -> list[InputFile]:
     """The shipped scenes, with a mesh that is in the folder."""
     texts = ((SHIPPED_SCENES / f"{name}.yaml").read_bytes() for name in shipped_scenes())
-    return tuple(text.replace(b"pear.ply", b"mesh.ply") for text in texts)
+    return [InputFile(SCENE_NAME, text.replace(b"pear.ply", b"mesh.ply")) for text in texts]
 
 
 def _hurt_value(rng: random.Random, text: bytes) -> bytes:
@@ -248,7 +226,7 @@ def _other(rng: random.Random, old: Tree) -> Tree:
 
 def fill_folder(folder: Path) -> None:
     """Put what scenes name into the folder where they lie."""
-    (folder / "mesh.ply").write_bytes(valid_meshes()["little.ply"])
+    (folder / "mesh.ply").write_bytes(dict(valid_meshes())["little.ply"])
     (folder / "empty.ply").touch()
     (folder / "folder.ply").mkdir()
     (folder / "passwd.ply").symlink_to("/etc/passwd")
@@ -263,10 +241,8 @@ def _calibration(side: int) -> str:
     return f"gain: {gain}\noffset: {offset}\nsound_speed: 1000.0\nnoise: 1.0e-5\n"
 
 
-def mutated_solid(rng: random.Random, number: int) -> InputFile:
-    """The bomb whose turn it is, or a sound solid with damage."""
-    if (bomb := hostile_at(number, hostile_solids())) is not None:
-        return InputFile(SOLID_NAME, bomb)
+def mutated_solids(rng: random.Random) -> InputFile:
+    """A sound solid with damage."""
     arrays = _arrays()
     change = rng.random()
     if change < 0.3:
@@ -277,14 +253,14 @@ def mutated_solid(rng: random.Random, number: int) -> InputFile:
 
 
 @cache
-def hostile_solids() -> list[bytes]:
+def hostile_solids() -> list[InputFile]:
     """Files that were made to hurt."""
     deep: Tree = None
     for _ in range(400):
         deep = {"tuple": [deep, None]}
     twice: list[Tree] = [{"tuple": [1, 1]}]
     twice += [{"tuple": [{"same": f"solid/{i}"}] * 2} for i in range(60)]
-    return [
+    files = [
         _form({"tuple": twice}),
         _form(deep),
         npz({FORM_KEY: np.array('{"version": 1' + "0" * 4000 + ', "tree": null}')}),
@@ -301,6 +277,7 @@ def hostile_solids() -> list[bytes]:
         b"PK\x05\x06" + bytes(18),
         b"",
     ]
+    return [InputFile(SOLID_NAME, data) for data in files]
 
 
 def _form(tree: Tree) -> bytes:
@@ -367,9 +344,9 @@ def _hurt_array(rng: random.Random, arrays: Arrays) -> Arrays:
     return {**arrays, name: rng.choice(others)}
 
 
-def valid_solid() -> bytes:
+def valid_solids() -> list[InputFile]:
     """A saved solid."""
-    return npz(_arrays())
+    return [InputFile(SOLID_NAME, npz(_arrays()))]
 
 
 def npz(arrays: Arrays) -> bytes:
@@ -389,11 +366,11 @@ def _arrays() -> Arrays:
     return tree_to_arrays(reconstruct(rings))
 
 
-def read_scene(path: Path) -> None:
+def read_scenes(path: Path) -> None:
     """Check a scene as ``palpate scene check`` does; raises InputError if it is refused."""
     assert "can be explored" in check_scene(str(path)), "says nothing"
 
 
-def read_solid(path: Path) -> None:
+def read_solids(path: Path) -> None:
     """Read a saved solid, and take it apart again; raises InputError if it is refused."""
     assert len(tree_to_arrays(load(path))) > 1, "holds nothing"

@@ -20,7 +20,6 @@ from palpate.bench.fuzz.mutations import (
     NUMBERS,
     InputFile,
     Tree,
-    hostile_at,
     mutate_bytes,
     mutate_text,
     tree_paths,
@@ -38,22 +37,9 @@ from palpate.launch.files import (
     read_surface,
 )
 
+Table = NDArray[Any]
 # Put in the place of values of a description.
-OTHERS: tuple[Tree, ...] = (
-    None,
-    True,
-    "x",
-    [],
-    {},
-    -1,
-    2**31,
-    2**53,
-    1e308,
-    "VEC3",
-    [[]],
-    5126,
-    5123,
-)
+OTHERS: list[Tree] = [None, True, "x", [], {}, -1, 2**31, 2**53, 1e308, "VEC3", [[]], 5126, 5123]
 LEVEL = 2  # 320 faces
 SIZE = (30.0, 25.0, 40.0)  # Semi-axes, mm
 _ABOUT = b"ply\nformat %s 1.0\nelement vertex %s\nproperty float x\nproperty float y\n"
@@ -64,11 +50,9 @@ _CORNERS = struct.pack("<" + "B3i" * 4, 3, 0, 2, 1, 3, 0, 1, 3, 3, 0, 3, 2, 3, 1
 _LITTLE = b"binary_little_endian"
 
 
-def mutated_mesh(rng: random.Random, number: int) -> InputFile:
-    """The bomb whose turn it is, or a sample with damage."""
-    if (bomb := hostile_at(number, list(hostile_meshes().items()))) is not None:
-        return InputFile(*bomb)
-    samples = valid_meshes()
+def mutated_meshes(rng: random.Random) -> InputFile:
+    """A sample with damage."""
+    samples = dict(valid_meshes())
     name = rng.choice(list(samples))
     data = samples[name]
     if name.startswith(("text", "plain")) and not name.endswith("glb") and rng.random() < 0.7:
@@ -81,9 +65,10 @@ def mutated_mesh(rng: random.Random, number: int) -> InputFile:
 
 
 @cache
-def hostile_meshes() -> dict[str, bytes]:
-    """Files by name; the suffix tells the format."""
-    return {**_ply_bombs(), **_stl_bombs(), **_obj_and_off_bombs(), **_glb_bombs()}
+def hostile_meshes() -> list[InputFile]:
+    """Files that were made to hurt; the suffix tells the format."""
+    bombs = {**_ply_bombs(), **_stl_bombs(), **_obj_and_off_bombs(), **_glb_bombs()}
+    return [InputFile(*one) for one in bombs.items()]
 
 
 def _ply_bombs() -> dict[str, bytes]:
@@ -237,25 +222,21 @@ def _damaged_head(rng: random.Random, data: bytes) -> bytes:
     return mutate_text(rng, data[:size]) + data[size:]
 
 
-def read_open(path: Path) -> None:
-    """Read a mesh that need not be closed, or points; errors as of `read_closed`."""
-    points = read_cloud(path, "mm")
-    if points is not None and len(points):
-        assert points.ndim == 2 and points.shape[1] == 3, "points without three coordinates"
-        return
-    _check(*read_surface(path, "mm"))
-
-
-def read_closed(path: Path) -> None:
-    """Read a mesh as a scene does.
+def read_meshes(path: Path) -> None:
+    """Read a mesh as one that need not be closed, or points; and then as a scene does.
 
     Raises
     ------
     InputError
         If it is refused.
     AssertionError
-        If it is accepted and not finite, closed, and of fitting size.
+        If it is accepted and not finite; by a scene, if it is not closed and of fitting size.
     """
+    points = read_cloud(path, "mm")
+    if points is not None and len(points):
+        assert points.ndim == 2 and points.shape[1] == 3, "points without three coordinates"
+    else:
+        _check(*read_surface(path, "mm"))
     vertices, faces = read_mesh(path, "mm")
     _check(vertices, faces)
     found, extents = solidity(vertices, faces), np.ptp(vertices, axis=0)
@@ -270,29 +251,29 @@ def _check(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
 
 
 @cache
-def valid_meshes() -> dict[str, bytes]:
-    """Files by name; the suffix tells the format."""
+def valid_meshes() -> list[InputFile]:
+    """Sound files; the suffix tells the format."""
     shape = Superquadric(np.array(SIZE), np.array([1.0, 1.0]))
     vertices, faces = shape.mesh(LEVEL)
-    return {
-        "text.ply": _ply_text(vertices, faces),
-        "little.ply": _ply_binary(vertices, faces, "<"),
-        "big.ply": _ply_binary(vertices, faces, ">"),
-        "mixed.ply": _ply_mixed(vertices, faces),
-        "text.stl": _stl_text(vertices, faces),
-        "binary.stl": _stl_binary(vertices, faces),
-        "plain.obj": _obj(vertices, faces),
-        "plain.off": _off(vertices, faces),
-        "plain.glb": glb(*_gltf(vertices, faces)),
-    }
+    return [
+        InputFile("text.ply", _ply_text(vertices, faces)),
+        InputFile("little.ply", _ply_binary(vertices, faces, "<")),
+        InputFile("big.ply", _ply_binary(vertices, faces, ">")),
+        InputFile("mixed.ply", _ply_mixed(vertices, faces)),
+        InputFile("text.stl", _stl_text(vertices, faces)),
+        InputFile("binary.stl", _stl_binary(vertices, faces)),
+        InputFile("plain.obj", _obj(vertices, faces)),
+        InputFile("plain.off", _off(vertices, faces)),
+        InputFile("plain.glb", glb(*_gltf(vertices, faces))),
+    ]
 
 
-def _ply_text(vertices: np.ndarray[Any, Any], faces: np.ndarray[Any, Any]) -> bytes:
+def _ply_text(vertices: Table, faces: Table) -> bytes:
     rows = _rows(vertices.round(4)) + _rows(faces, "3 ")
     return _ply_head("ascii", len(vertices), len(faces)) + rows.encode()
 
 
-def _ply_binary(vertices: np.ndarray[Any, Any], faces: np.ndarray[Any, Any], order: str) -> bytes:
+def _ply_binary(vertices: Table, faces: Table, order: str) -> bytes:
     form = "binary_little_endian" if order == "<" else "binary_big_endian"
     listed = np.zeros(len(faces), np.dtype([("n", "u1"), ("corners", f"{order}i4", 3)]))
     listed["n"], listed["corners"] = 3, faces
@@ -300,7 +281,7 @@ def _ply_binary(vertices: np.ndarray[Any, Any], faces: np.ndarray[Any, Any], ord
     return _ply_head(form, len(vertices), len(faces)) + rows
 
 
-def _ply_mixed(vertices: np.ndarray[Any, Any], faces: np.ndarray[Any, Any]) -> bytes:
+def _ply_mixed(vertices: Table, faces: Table) -> bytes:
     """Triangles beside a quadrilateral, so that lists are of several lengths."""
     a, b, c = faces[0].tolist()
     other = next(i for i, face in enumerate(faces.tolist()) if i and {a, b} <= set(face))
@@ -321,7 +302,7 @@ def _ply_head(form: str, vertices: int, faces: int, more: str = "") -> bytes:
     ).encode()
 
 
-def _stl_text(vertices: np.ndarray[Any, Any], faces: np.ndarray[Any, Any]) -> bytes:
+def _stl_text(vertices: Table, faces: Table) -> bytes:
     lines = ["solid by hand"]
     for face in vertices.round(4)[faces].tolist():
         lines += ["facet normal 0 0 0", "outer loop"]
@@ -330,26 +311,26 @@ def _stl_text(vertices: np.ndarray[Any, Any], faces: np.ndarray[Any, Any]) -> by
     return "\n".join([*lines, "endsolid by hand", ""]).encode()
 
 
-def _stl_binary(vertices: np.ndarray[Any, Any], faces: np.ndarray[Any, Any]) -> bytes:
+def _stl_binary(vertices: Table, faces: Table) -> bytes:
     kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     table = np.zeros(len(faces), kind)
     table["corners"] = vertices[faces]
     return bytes(80) + struct.pack("<I", len(faces)) + table.tobytes()
 
 
-def _obj(vertices: np.ndarray[Any, Any], faces: np.ndarray[Any, Any]) -> bytes:
+def _obj(vertices: Table, faces: Table) -> bytes:
     lines = ["mtllib none.mtl", "o by hand", *(f"v {x} {y} {z}" for x, y, z in vertices.tolist())]
     lines += ["vn 0 0 1", "usemtl red"]
     lines += [f"f {a}//1 {b}//1 {c}//1" for a, b, c in (faces + 1).tolist()]
     return "\n".join([*lines, ""]).encode()
 
 
-def _off(vertices: np.ndarray[Any, Any], faces: np.ndarray[Any, Any]) -> bytes:
+def _off(vertices: Table, faces: Table) -> bytes:
     rows = _rows(vertices.round(4)) + _rows(faces, "3 ")
     return f"OFF\n# by hand\n{len(vertices)} {len(faces)} 0\n{rows}".encode()
 
 
-def _rows(table: np.ndarray[Any, Any], before: str = "") -> str:
+def _rows(table: Table, before: str = "") -> str:
     return "".join(f"{before}{' '.join(map(str, row))}\n" for row in table.tolist())
 
 
@@ -362,7 +343,7 @@ def glb(described: Any, held: bytes) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def _gltf(vertices: np.ndarray[Any, Any], faces: np.ndarray[Any, Any]) -> tuple[Any, bytes]:
+def _gltf(vertices: Table, faces: Table) -> tuple[Any, bytes]:
     places, corners = vertices.astype("<f4").tobytes(), faces.astype("<u4").tobytes()
     described = {
         "asset": {"version": "2.0"},

@@ -23,7 +23,7 @@ import lz4.frame
 import msgpack
 import numpy as np
 
-from palpate.bench.fuzz.mutations import NUMBERS, InputFile, hostile_at, mutate_body, mutate_bytes
+from palpate.bench.fuzz.mutations import NUMBERS, InputFile, mutate_body, mutate_bytes
 from palpate.messages import Array, Header, decode, encode, pack_frame, schema_hash, split_frame
 from palpate.messages.bus import (
     FROM_NODES,
@@ -150,10 +150,8 @@ class Record(NamedTuple):
     content: bytes
 
 
-def mutated_recording(rng: random.Random, number: int) -> InputFile:
-    """The bomb whose turn it is, or a sound recording with damage."""
-    if (bomb := hostile_at(number, hostile_recordings())) is not None:
-        return InputFile(RECORDING_NAME, bomb)
+def mutated_recordings(rng: random.Random) -> InputFile:
+    """A sound recording with damage."""
     data = valid_recording()
     change = rng.random()
     if change < 0.4:
@@ -165,7 +163,7 @@ def mutated_recording(rng: random.Random, number: int) -> InputFile:
 
 
 @cache
-def hostile_recordings() -> list[bytes]:
+def hostile_recordings() -> list[InputFile]:
     """Files that were made to burst."""
     footer = Record(FOOTER, bytes(20))
     empty = _HEAD.pack(MESSAGE, 22) + bytes(22)
@@ -186,7 +184,8 @@ def hostile_recordings() -> list[bytes]:
     ]
     files = [file_of(records) for records in found]
     whole = valid_recording()
-    return [*files, MAGIC, b"", MAGIC + _HEAD.pack(CHUNK, 2**63), whole + whole, whole[:-8]]
+    files += [MAGIC, b"", MAGIC + _HEAD.pack(CHUNK, 2**63), whole + whole, whole[:-8]]
+    return [InputFile(RECORDING_NAME, data) for data in files]
 
 
 def records_of(data: bytes) -> list[Record]:
@@ -198,6 +197,11 @@ def records_of(data: bytes) -> list[Record]:
         found.append(Record(code, data[at : at + length]))
         at += length
     return found
+
+
+def valid_recordings() -> list[InputFile]:
+    """The one that is damaged."""
+    return [InputFile(RECORDING_NAME, valid_recording())]
 
 
 @cache
@@ -335,7 +339,7 @@ def _reheaded(rng: random.Random, content: bytes) -> bytes:
     return content[:at] + _HEAD.pack(code, length) + content[at + _HEAD.size :]
 
 
-def read_recording(path: Path) -> None:
+def read_recordings(path: Path) -> None:
     """Read a recording from end to end.
 
     Raises

@@ -1,7 +1,4 @@
-"""Damage to bytes, to text, to trees of values, and to what msgpack packs.
-
-And whose turn it is among files made by hand.
-"""
+"""Damage to bytes, to text, to trees of values, and to what msgpack packs."""
 
 from __future__ import annotations
 
@@ -10,7 +7,7 @@ import random
 import re
 import struct
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import msgpack
 
@@ -21,66 +18,24 @@ LONGEST_SPAN = 64  # Of a span that is inserted, deleted or doubled, but now and
 _WORD = re.compile(rb"[^\s,:\[\]{}]+")
 # Put in the place of words.
 HOSTILE_WORDS: tuple[bytes, ...] = (
-    b"nan",
-    b"inf",
-    b"-inf",
-    b"-1",
-    b"0",
-    b"1e309",
-    b"-1e308",
-    b"1e-400",
-    b"2000000000",
-    b"4294967296",
-    b"-9223372036854775808",
-    b"9" * 30,
-    b"9" * 5000,
-    b"0x10",
-    b"0x" + b"f" * 400,
-    b"1_0",
+    *b"nan inf -inf -1 0 1e309 -1e308 1e-400 2000000000 4294967296 -9223372036854775808".split(),
+    *(b"9" * 30, b"9" * 5000, b"0x10", b"0x" + b"f" * 400, b"1_0"),
     b"\xef\xbc\x91",  # a wide digit
-    b"\xff\xfe",
-    b"\x00",
-    b"",
-    b"-",
-    b"1/2/3/4",
-    b"null",
-    b"true",
-    b"x" * 300,
+    *(b"\xff\xfe", b"\x00", b"", b"-", b"1/2/3/4", b"null", b"true", b"x" * 300),
     b"\xef\xbb\xbf",  # a byte order mark
-    b"\\",
-    b"#",
+    *(b"\\", b"#"),
 )
 # Heads of values: lengths that nobody sent, extensions, what msgpack has no meaning for.
-PREFIXES = tuple(
-    bytes.fromhex(one)
-    for one in (
-        "dd ffffffff",
-        "df ffffffff",
-        "c6 ffffffff",
-        "db ffffffff",
-        "c9 ffffffff 01",
-        "dc ffff",
-        "de ffff",
-        "da ffff",
-        "dd 00100000",
-        "c7 ff 05",
-        "d4 01 00",
-        "d6 ff 00000000",
-        "d7 ff ffffffffffffffff",
-        "c1",
-        "c4 00",
-        "cf ffffffffffffffff",
-        "d3 8000000000000000",
-        "cb 7ff0000000000000",
-        "ca 7fc00000",
-    )
-)
+_PREFIXES = """\
+ddffffffff dfffffffff c6ffffffff dbffffffff c9ffffffff01 dcffff deffff daffff dd00100000
+c7ff05 d40100 d6ff00000000 d7ffffffffffffffffff c1 c400 cfffffffffffffffff d38000000000000000
+cb7ff0000000000000 ca7fc00000"""
+PREFIXES = tuple(bytes.fromhex(one) for one in _PREFIXES.split())
 DEEPEST = 2000
 _MARK = "\0the place of the damage\0"
 Tree = Any  # Maps, lists, texts, bytes and numbers
 TreePath = tuple[str | int, ...]
 FIRST = 8  # Entries of a list that are looked at
-Hostile = TypeVar("Hostile")
 
 
 def mutate_bytes(rng: random.Random, data: bytes, other: bytes = b"") -> bytes:
@@ -154,12 +109,6 @@ def with_value(tree: Tree, path: TreePath, new: Tree) -> Tree:
     if isinstance(tree, dict):
         return {**tree, path[0]: with_value(tree[path[0]], path[1:], new)}
     return [with_value(one, path[1:], new) if i == path[0] else one for i, one in enumerate(tree)]
-
-
-def hostile_at(number: int, bombs: Sequence[Hostile]) -> Hostile | None:
-    """The bomb whose turn is at a number; None where damage comes from the seed."""
-    turn, odd = divmod(number, 2)
-    return None if odd or turn >= len(bombs) else bombs[turn]
 
 
 class InputFile(NamedTuple):
@@ -346,32 +295,14 @@ def _renamed(rng: random.Random, value: Tree) -> Tree:
     return _other(rng, value)
 
 
-# Ways to damage bytes.
+# Ways to damage bytes, text and values; what comes more often stands more often.
 BYTE_MUTATIONS: tuple[Callable[[random.Random, bytes, bytes], bytes], ...] = (
-    _flipped,
-    _replaced,
-    _cut,
-    _begun_late,
-    _inserted,
-    _deleted,
-    _doubled,
-    _spliced,
-    _overwritten,
+    *(_flipped, _replaced, _cut, _begun_late, _inserted, _deleted, _doubled),
+    *(_spliced, _overwritten),
 )
-# Ways to damage text.
 TEXT_MUTATIONS: tuple[Callable[[random.Random, bytes, Sequence[bytes]], bytes], ...] = (
-    _reworded,
-    _reworded,
-    _reworded,
-    _relined,
-    _reblanked,
+    *(_reworded, _reworded, _reworded, _relined, _reblanked),
 )
-# Ways to damage a value.
 VALUE_MUTATIONS: tuple[Callable[[random.Random, Tree], Tree], ...] = (
-    _other,
-    _array,
-    _array,
-    _longer,
-    _less,
-    _renamed,
+    *(_other, _array, _array, _longer, _less, _renamed),
 )

@@ -1,6 +1,4 @@
-"""Damaged inputs by kind and number, each read in a process that is watched.
-
-Accepted, refused, or a defect.
+"""Damaged inputs by kind and number, read in a process that is watched: accepted, refused, defect.
 
 A process may crash, hang or take memory, and the others go on; seconds are those of the
 processor.
@@ -20,12 +18,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from ctypes import Structure, c_double, c_long
 from dataclasses import dataclass, field
+from functools import partial
+from importlib import import_module
 from multiprocessing.connection import Connection
 from multiprocessing.sharedctypes import RawValue
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from palpate.bench.table import Row
+from palpate.bench.table import Row, at_most
 from palpate.launch.files import InputError
 from palpate.launch.processes import without_main_module
 
@@ -67,16 +67,14 @@ def fuzz_rows(quick: bool) -> Iterator[Row]:
 
 def tally_rows(name: str, count: int, found: Tally) -> Iterator[Row]:
     """Rows for what came of so many inputs of a kind."""
-    said = f"{found.accepted}, {found.refused}"
-    yield Row(f"{count:,} damaged {name}: accepted, refused", said, "", True)
+    yield Row(f"{count:,} damaged {name}: accepted, refused", f"{found.accepted}, {found.refused}")
     defects = found.defects
     yield Row(f"damaged {name}: other errors", str(len(defects)), "0", not defects)
     for defect in defects[:SHOWN]:
-        yield Row(f"  {defect}", "", "", True)
+        yield Row(f"  {defect}", "")
     slowest = f"{1e3 * found.slowest:.0f} ms"
     yield Row(f"damaged {name}: slowest", slowest, "<= 1 s", found.slowest <= MOST_CPU_SECONDS)
-    memory = f"{found.memory:.0f} MB"
-    yield Row(f"damaged {name}: memory", memory, "<= 64 MB", found.memory <= MOST_MEMORY)
+    yield at_most(f"damaged {name}: memory", found.memory, MOST_MEMORY, ".0f", " MB")
 
 
 def tally(kind: InputKind, count: int) -> Tally:
@@ -128,11 +126,11 @@ def _work(kind: InputKind, first: int, count: int, shared: Any, yours: Connectio
         base = _settle()
         for number in range(first, count):
             shared.number = number
-            verdict, said, seconds = try_input(kind, number, folder)
+            verdict, reason, seconds = try_input(kind, number, folder)
             shared.accepted += verdict == "accepted"
             shared.refused += verdict == "refused"
             if verdict == "defect":
-                yours.send(f"{kind.name} {number}: {said}")
+                yours.send(f"{kind.name} {number}: {reason}")
             if seconds > shared.slowest:
                 shared.slowest, shared.slowest_number = seconds, number
             memory = _peak() - base
@@ -165,10 +163,10 @@ def _listen(mine: Connection, shared: Any, defects: list[str]) -> str | None:
     while True:
         try:
             if mine.poll(_POLL):
-                said: str = mine.recv()
-                if not said:
+                defect: str = mine.recv()
+                if not defect:
                     return None
-                defects.append(said)
+                defects.append(defect)
                 continue
         except EOFError:
             return "the process crashed"
@@ -219,7 +217,7 @@ class TrialOutcome(NamedTuple):
     """What came of one input."""
 
     verdict: Literal["accepted", "refused", "defect"]
-    said: str  # The sentence of a refusal, or what the defect is
+    reason: str  # The sentence of a refusal, or what the defect is
     seconds: float  # Processor time of the fastest try
 
 
@@ -268,14 +266,14 @@ def _once(kind: InputKind, number: int, folder: Path) -> TrialOutcome:
 
 def _fault(error: Exception, refusal: type[Exception]) -> str | None:
     """What is wrong with an error as a refusal; None if it is one."""
-    kind, said = type(error), str(error)
+    kind, text = type(error), str(error)
     own = kind is refusal or kind.__module__.startswith("palpate.")
     if not (own and isinstance(error, refusal)):
         return kind.__name__
     if _ran_out(error):
         return "refused for want of memory"
-    if not said or "\n" in said or len(said) > MOST_LETTERS:
-        return f"refused in no sentence, but {len(said)} letters"
+    if not text or "\n" in text or len(text) > MOST_LETTERS:
+        return f"refused in no sentence, but {len(text)} letters"
     return None
 
 
@@ -320,90 +318,40 @@ def _attempt_message(rng: random.Random, _: int, __: Path) -> None:
     read_packet(mutated_packet(rng))
 
 
-def _prepare_recordings(folder: Path) -> None:
-    from palpate.bench.fuzz.messages import (
-        RECORDING_NAME,
-        hostile_recordings,
-        read_recording,
-        valid_recording,
-    )
-
-    hostile_recordings()
-    (folder / RECORDING_NAME).write_bytes(valid_recording())
-    read_recording(folder / RECORDING_NAME)
-
-
-def _attempt_recording(rng: random.Random, number: int, folder: Path) -> None:
-    from palpate.bench.fuzz.messages import mutated_recording, read_recording
-
-    name, data = mutated_recording(rng, number)
-    (folder / name).write_bytes(data)
-    read_recording(folder / name)
-
-
-def _prepare_meshes(folder: Path) -> None:
-    from palpate.bench.fuzz.meshes import hostile_meshes, read_closed, valid_meshes
-
-    hostile_meshes()
-    for name, data in valid_meshes().items():
+def _prepare_files(kind: str, chapter: str, folder: Path) -> None:
+    module = import_module(chapter)
+    getattr(module, f"hostile_{kind}")()
+    if kind == "scenes":
+        module.fill_folder(folder)
+    for name, data in getattr(module, f"valid_{kind}")():
         (folder / name).write_bytes(data)
-        read_closed(folder / name)
+        getattr(module, f"read_{kind}")(folder / name)
 
 
-def _attempt_mesh(rng: random.Random, number: int, folder: Path) -> None:
-    from palpate.bench.fuzz.meshes import mutated_mesh, read_closed, read_open
-
-    name, data = mutated_mesh(rng, number)
+def _attempt_file(kind: str, chapter: str, rng: random.Random, number: int, folder: Path) -> None:
+    module = import_module(chapter)
+    bombs = getattr(module, f"hostile_{kind}")()
+    turn, odd = divmod(number, 2)  # every second input is a bomb while there are any
+    if not odd and turn < len(bombs):
+        name, data = bombs[turn]
+    else:
+        name, data = getattr(module, f"mutated_{kind}")(rng)
     (folder / name).write_bytes(data)
-    read_open(folder / name)
-    read_closed(folder / name)
+    getattr(module, f"read_{kind}")(folder / name)
 
 
-def _prepare_scenes(folder: Path) -> None:
-    from palpate.bench.fuzz.documents import (
-        SCENE_NAME,
-        fill_folder,
-        hostile_scenes,
-        read_scene,
-        valid_scenes,
-    )
-
-    hostile_scenes()
-    fill_folder(folder)
-    for text in valid_scenes():
-        (folder / SCENE_NAME).write_bytes(text)
-        read_scene(folder / SCENE_NAME)
+def _files(kind: str, chapter: str, refusal: type[Exception]) -> InputKind:
+    """Files: `chapter` has their ``valid_``, ``hostile_``, ``mutated_`` and ``read_``."""
+    prepare, attempt = (partial(one, kind, chapter) for one in (_prepare_files, _attempt_file))
+    return InputKind(kind, prepare, attempt, refusal)
 
 
-def _attempt_scene(rng: random.Random, number: int, folder: Path) -> None:
-    from palpate.bench.fuzz.documents import mutated_scene, read_scene
-
-    name, data = mutated_scene(rng, number)
-    (folder / name).write_bytes(data)
-    read_scene(folder / name)
-
-
-def _prepare_solids(folder: Path) -> None:
-    from palpate.bench.fuzz.documents import SOLID_NAME, hostile_solids, read_solid, valid_solid
-
-    hostile_solids()
-    (folder / SOLID_NAME).write_bytes(valid_solid())
-    read_solid(folder / SOLID_NAME)
-
-
-def _attempt_solid(rng: random.Random, number: int, folder: Path) -> None:
-    from palpate.bench.fuzz.documents import mutated_solid, read_solid
-
-    name, data = mutated_solid(rng, number)
-    (folder / name).write_bytes(data)
-    read_solid(folder / name)
-
-
+_ROOM = __name__.rpartition(".")[0]
 # By name.
 INPUT_KINDS: Mapping[str, InputKind] = {
     "messages": InputKind("messages", _prepare_messages, _attempt_message, ValueError),
-    "recordings": InputKind("recordings", _prepare_recordings, _attempt_recording, ValueError),
-    "meshes": InputKind("meshes", _prepare_meshes, _attempt_mesh, InputError),
-    "scenes": InputKind("scenes", _prepare_scenes, _attempt_scene, InputError),
-    "solids": InputKind("solids", _prepare_solids, _attempt_solid, InputError),
+    "recordings": _files("recordings", f"{_ROOM}.messages", ValueError),
+    "meshes": _files("meshes", f"{_ROOM}.meshes", InputError),
+    "scenes": _files("scenes", f"{_ROOM}.documents", InputError),
+    "solids": _files("solids", f"{_ROOM}.documents", InputError),
 }

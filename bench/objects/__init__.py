@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from palpate.bench.objects.contoured import MeshErrors as MeshErrors
     from palpate.bench.objects.contoured import RoundObject as RoundObject
     from palpate.bench.objects.contoured import TrueSurface as TrueSurface
+    from palpate.bench.objects.contoured import radial_rings as radial_rings
     from palpate.bench.objects.contoured import truth_of as truth_of
     from palpate.bench.objects.contoured import truth_of_mesh as truth_of_mesh
     from palpate.bench.objects.touched import EXPLORED_HEIGHT as EXPLORED_HEIGHT

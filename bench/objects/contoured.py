@@ -28,7 +28,7 @@ HALF = 0.5 * SHAPE_HEIGHT
 TRUE_ROWS, TRUE_COLUMNS = 241, 360  # Of the meshes of the true surfaces
 TRUE_LEVEL = 7  # Of the mesh of the bent one: 328,000 faces
 ROUGH_LEVEL = 6  # Of that in which the middles of its sections are looked for
-RADIUS_HALVINGS = 60  # Steps that find a radius to the last bit
+HALVINGS = 60  # Steps that find a radius to the last bit
 Radius = Callable[[Floats, Floats], Floats]
 SOLID = Superquadric(np.array([32.0, 26.0, HALF]), np.array([0.7, 0.8]))
 TAPER, BEND = Taper(0.25, 0.15, HALF), Bend(0.006)
@@ -37,12 +37,17 @@ SLOPE_STEP = 1e-5  # Over which slopes are taken
 Middle = Callable[[Floats], Floats]
 
 
+def straight(z: Floats) -> Floats:
+    """The axis through the origin."""
+    return np.zeros((*np.shape(z), 2))
+
+
 class ContouredShape(NamedTuple):
     """An object and how it is sampled."""
 
     # Distance of the surface from the axis, mm, by height from -50 to 50 and azimuth.
     radius: Radius
-    axis: Callable[[Floats], Floats]  # Places (..., 2) of the axis at heights, mm
+    axis: Middle  # Places (..., 2) of the axis at heights, mm
     true_mesh: Callable[[], Mesh]  # Fine mesh of the surface
     low: float  # Its lower end, mm
     high: float  # Its upper end, mm
@@ -63,7 +68,7 @@ class RoundObject(NamedTuple):
     """What its contours at heights z and azimuths t about its axis are."""
 
     radius: Radius  # Of the arrays z and t
-    axis: Middle  # Places (..., 2) of the axis at heights
+    axis: Middle = straight  # Places (..., 2) of the axis at heights
 
     def contours(self, heights: Floats, turns: int) -> Floats:
         """Points (m, turns, 2) at even azimuths."""
@@ -129,22 +134,19 @@ def truth_of_mesh(mesh: Mesh, unit: float = 1.0) -> TrueSurface:
     return TrueSurface(prepare_surface(*mesh), solidity(*mesh).volume, floor, unit)
 
 
-def straight(z: Floats) -> Floats:
-    """The axis through the origin."""
-    return np.zeros((*np.shape(z), 2))
+def radial_rings(radii: Floats, heights: Floats, angles: Floats) -> Floats:
+    """Points (m, n, 3) at radii (m, n) about the z axis, at heights (m,) and azimuths (n,)."""
+    level = np.broadcast_to(heights[:, None], radii.shape)
+    return np.stack([radii * np.cos(angles), radii * np.sin(angles), level], axis=-1)
 
 
-def _rings(
-    radius: Radius, axis: Callable[[Floats], Floats], heights: Floats, angles: Floats
-) -> Floats:
-    away = radius(heights[:, None], angles[None])[..., None]
-    middle = axis(heights)[:, None]
-    level = np.broadcast_to(heights[:, None, None], away.shape)
-    rim = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    return np.concatenate([middle + away * rim, level], axis=-1)
+def _rings(radius: Radius, axis: Middle, heights: Floats, angles: Floats) -> Floats:
+    found = radial_rings(radius(heights[:, None], angles[None]), heights, angles)
+    found[..., :2] += axis(heights)[:, None]
+    return found
 
 
-def _turned(radius: Radius, axis: Callable[[Floats], Floats] = straight) -> ContouredShape:
+def _turned(radius: Radius, axis: Middle = straight) -> ContouredShape:
     """An object of this radius, closed by planes or, where the radius is 0, by points."""
 
     def mesh() -> Mesh:
@@ -224,7 +226,7 @@ def _bent() -> ContouredShape:
         middle = np.broadcast_to(axis(z[:, :1]), (*z.shape, 2))
         rim = np.stack([np.cos(t), np.sin(t)], axis=-1)
         low, high = np.zeros(z.shape), np.full(z.shape, HALF)
-        for _ in range(RADIUS_HALVINGS):
+        for _ in range(HALVINGS):
             half = 0.5 * (low + high)
             places = np.concatenate([middle + half[..., None] * rim, z[..., None]], axis=-1)
             inside = inside_out(places.reshape(-1, 3)).reshape(z.shape) < 0.0
@@ -241,11 +243,6 @@ def _section_middle(triangles: Floats, height: float) -> Floats:
     near = triangles[across].reshape(-1, 3)[:, :2]
     middle: Floats = 0.5 * (near.min(axis=0) + near.max(axis=0))
     return middle
-
-
-def straight_axis(z: Floats) -> Floats:
-    """The axis through the origin."""
-    return np.zeros((*z.shape, 2))
 
 
 def bent_axis(z: Floats) -> Floats:
@@ -303,14 +300,14 @@ REBUILT_SHAPES: Mapping[str, ContouredShape] = {
     "groove": _turned(_groove),
     "step": _turned(_step),
 }
-WAVY = RoundObject(_wavy, straight_axis)
+WAVY = RoundObject(_wavy)
 ROUND_OBJECTS: Mapping[str, RoundObject] = {
-    "barrel": RoundObject(_barrel, straight_axis),
-    "pear": RoundObject(_pear, straight_axis),
-    "hourglass": RoundObject(_hourglass, straight_axis),
-    "screw": RoundObject(_screw, straight_axis),
-    "tile": RoundObject(_tile, straight_axis),
+    "barrel": RoundObject(_barrel),
+    "pear": RoundObject(_pear),
+    "hourglass": RoundObject(_hourglass),
+    "screw": RoundObject(_screw),
+    "tile": RoundObject(_tile),
     "bent tube": RoundObject(_tube, bent_axis),
-    "ogive": RoundObject(_ogive, straight_axis),
-    "rings": RoundObject(_ringed, straight_axis),
+    "ogive": RoundObject(_ogive),
+    "rings": RoundObject(_ringed),
 }

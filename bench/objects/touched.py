@@ -1,6 +1,4 @@
-"""Solids that are touched.
-
-Explored as a whole, drawn by chance, traced along known slices, and grasped.
+"""Solids that are touched: explored, drawn by chance, traced along known slices, and grasped.
 
 Explored ones are about 90 mm high and star-shaped in every slice. What no pad could enter is not
 drawn: a ball of the dome's radius, rolled along the side, comes near to all of it. No constant
@@ -15,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from palpate.bench.objects.contoured import radial_rings
 from palpate.core import Floats
 from palpate.core.explore.planners import TUNED, Radius, drawn_objects
 from palpate.core.geometry import close_rings
@@ -36,7 +35,7 @@ BLUNT = 2.0  # Roundings: an end that is narrower comes to a point by itself, an
 RINGS, TURNS = 400, 288  # Of a mesh: its facets are off by 2 um, a tenth of what a touch tells
 Kind = Literal["plain", "featured"]
 DOME = 0.015  # Radius of the default pad, m
-# How far the pad is pressed at most, m: what lies deeper under the ball cannot be felt.
+# How far the pad is pressed at most, m: what lies deeper under the ball cannot be touched.
 DEEPEST = 2.2e-3
 SAMPLES = 361  # Along the height: a quarter of a millimetre apart
 AZIMUTHS = 24
@@ -49,27 +48,6 @@ POINTS = 6000  # Points of an outline
 TracedRadius = Callable[[Floats, Floats], Floats]
 GRASPED_RINGS, GRASPED_TURNS = 160, 96
 GraspedRadius = Callable[[Floats, Floats], Floats]  # Of heights from -1 to 1 and azimuths, m
-GRASPED_OBJECTS: Mapping[str, Callable[[], Shape]] = {
-    "egg": lambda: DeformedSuperquadric(
-        _superquadric((0.026, 0.026, 0.038), 1.0, 1.0), np.array([-0.3, -0.3])
-    ),
-    "ellipsoid": lambda: _superquadric((0.022, 0.03, 0.042), 1.0, 1.0),
-    "box": lambda: _superquadric((0.03, 0.02, 0.04), 0.1, 0.1),
-    "cylinder": lambda: _superquadric((0.022, 0.022, 0.045), 0.1, 1.0),
-    "tapered and bent": lambda: DeformedSuperquadric(
-        _superquadric((0.02, 0.018, 0.045), 0.5, 0.7), np.array([0.3, 0.3]), Bend(6.0)
-    ),
-    "tile": lambda: _superquadric((0.04, 0.04, 0.015), 0.2, 1.0),
-    "bottle": lambda: turned(_round(_bottle), 0.05),
-    "vase": lambda: turned(_round(_vase), 0.045),
-    "pear": lambda: turned(_round(_pear), 0.045),
-    "groove": lambda: turned(_round(_groove), 0.045),
-    "step": lambda: turned(_round(_stepped), 0.045),
-    "twisted star": lambda: turned(_star, 0.045),
-    "lobed": lambda: turned(_leaning, 0.045),
-    "ball": lambda: _superquadric((0.03, 0.03, 0.03), 1.0, 1.0),
-    "cube": lambda: _superquadric((0.03, 0.03, 0.03), 0.1, 0.1),
-}
 
 
 class ExploreObject(NamedTuple):
@@ -99,8 +77,7 @@ def mesh_of_radius(radius: Radius) -> Mesh:
     z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, RINGS))
     t = 2.0 * np.pi * np.arange(TURNS) / TURNS
     wide = EXPLORED_HEIGHT * np.asarray(radius(z[:, None], t[None, :]))
-    level = np.broadcast_to(EXPLORED_HEIGHT * z[:, None], wide.shape)
-    rings = np.stack([wide * np.cos(t), wide * np.sin(t), level], axis=-1)
+    rings = radial_rings(wide, EXPLORED_HEIGHT * z, t)
     low, high = np.zeros(3), np.array([0.0, 0.0, EXPLORED_HEIGHT])
     return Mesh(*close_rings(low, rings, high))
 
@@ -123,7 +100,7 @@ def drawn_object(seed: int) -> ExploreObject:
     for radius in drawn_objects(DRAWS, seed).values():
         if hidden_depth(radius) <= DEEPEST:
             return ExploreObject("featured", radius=rounded(radius))
-    raise ValueError(f"seed must lead to an object that a pad can feel, {seed} does not")
+    raise ValueError(f"seed must lead to an object that a pad can touch, {seed} does not")
 
 
 def hidden_depth(radius: Radius) -> float:
@@ -229,30 +206,22 @@ def _superellipse(shape: Superquadric, height: float) -> Floats:
 
 def dented(depth: float, half_width: float) -> TracedSolid:
     """An upright cylinder of 28 mm with a round dent at mid-height across the touch's way."""
-
-    def radius(height: Floats, azimuth: Floats) -> Floats:
-        beside = 0.028 * (math.pi - np.abs(azimuth))
-        return 0.028 - depth * np.exp(-(((beside**2 + height**2) / half_width**2) ** 2))
-
-    return TracedSolid(RadialSolid(radius, 0.045, 0.028), 0.045)
+    return _carved(depth, lambda beside, z: np.exp(-(((beside**2 + z**2) / half_width**2) ** 2)))
 
 
 def wedged(depth: float, half_width: float) -> TracedSolid:
-    """An upright cylinder of 28 mm with a sharp wedge cut out of it across the touch's way."""
-
-    def radius(height: Floats, azimuth: Floats) -> Floats:
-        beside = 0.028 * (math.pi - np.abs(azimuth))
-        return 0.028 - depth * np.maximum(1.0 - np.abs(beside) / half_width, 0.0)
-
-    return TracedSolid(RadialSolid(radius, 0.045, 0.028), 0.045)
+    """The same cylinder with a sharp wedge cut out of it."""
+    return _carved(depth, lambda beside, z: np.maximum(1.0 - np.abs(beside) / half_width, 0.0))
 
 
 def notched(depth: float, half_width: float) -> TracedSolid:
-    """An upright cylinder of 28 mm with one slot across the touch's way."""
+    """The same cylinder with one slot."""
+    return _carved(depth, lambda beside, z: np.exp(-((beside / half_width) ** 6)))
 
+
+def _carved(depth: float, profile: Callable[[Floats, Floats], Floats]) -> TracedSolid:
     def radius(height: Floats, azimuth: Floats) -> Floats:
-        beside = 0.028 * (math.pi - np.abs(azimuth))
-        return 0.028 - depth * np.exp(-((beside / half_width) ** 6))
+        return 0.028 - depth * profile(0.028 * (math.pi - np.abs(azimuth)), height)
 
     return TracedSolid(RadialSolid(radius, 0.045, 0.028), 0.045)
 
@@ -273,10 +242,10 @@ def rounded(radius: Radius) -> Radius:
     return shape
 
 
-def _described_superquadric(
-    size: tuple[float, float, float], exponents: tuple[float, float], **more: Any
+def _described(
+    size: tuple[float, float, float], e1: float, e2: float, **more: Any
 ) -> ExploreObject:
-    described = {"size": list(size), "exponents": list(exponents), **more}
+    described = {"size": list(size), "exponents": [e1, e2], **more}
     return ExploreObject("plain", {"superquadric": described, **_on_the_floor(size[2])})
 
 
@@ -292,10 +261,8 @@ def _cone(z: Floats, t: Floats) -> Floats:
     return np.asarray(0.36 - 0.2 * z + 0.0 * t)
 
 
-def _traced_superquadric(
-    size: tuple[float, float, float], exponents: tuple[float, float]
-) -> TracedSolid:
-    return TracedSolid(Superquadric(np.array(size), np.array(exponents)), size[2])
+def _traced(size: tuple[float, float, float], e1: float, e2: float) -> TracedSolid:
+    return TracedSolid(_superquadric(size, e1, e2), size[2])
 
 
 def _twisted_star(height: Floats, azimuth: Floats) -> Floats:
@@ -312,52 +279,18 @@ def turned(radius: GraspedRadius, half_height: float) -> TriangleShape:
     """The solid about the z axis with this radius, and flat ends where it is not 0 there."""
     z = -np.cos(np.linspace(0.0, np.pi, GRASPED_RINGS))
     angle = 2.0 * np.pi * np.arange(GRASPED_TURNS) / GRASPED_TURNS
-    r = np.maximum(radius(z[:, None], angle[None, :]), 1e-6)
-    level = np.broadcast_to(half_height * z[:, None], r.shape)
-    side = np.stack([r * np.cos(angle), r * np.sin(angle), level], axis=-1).reshape(-1, 3)
-    ends = np.array([[0.0, 0.0, -half_height], [0.0, 0.0, half_height]])
-    i, j = np.meshgrid(np.arange(GRASPED_RINGS - 1), np.arange(GRASPED_TURNS), indexing="ij")
-    here, beside = (
-        (i * GRASPED_TURNS + j).ravel(),
-        (i * GRASPED_TURNS + (j + 1) % GRASPED_TURNS).ravel(),
-    )
-    first = np.column_stack([here, beside, beside + GRASPED_TURNS])
-    second = np.column_stack([here, beside + GRASPED_TURNS, here + GRASPED_TURNS])
-    rim = np.arange(GRASPED_TURNS)
-    after, last = (rim + 1) % GRASPED_TURNS, (GRASPED_RINGS - 1) * GRASPED_TURNS
-    low = np.column_stack([np.full(GRASPED_TURNS, len(side)), after, rim])
-    high = np.column_stack([np.full(GRASPED_TURNS, len(side) + 1), last + rim, last + after])
-    faces = np.concatenate([first, second, low, high]).astype(np.int32)
-    return TriangleShape(np.concatenate([side, ends]), faces)
+    rings = radial_rings(np.maximum(radius(z[:, None], angle), 1e-6), half_height * z, angle)
+    low, high = np.array([[0.0, 0.0, -half_height], [0.0, 0.0, half_height]])
+    return TriangleShape(*close_rings(low, rings, high))
 
 
 def _round(profile: Callable[[Floats], Floats]) -> GraspedRadius:
     return lambda z, t: np.asarray(profile(z) + 0.0 * t)
 
 
-def _step(z: Floats, at: float, width: float) -> Floats:
+def _rise(z: Floats, at: float, width: float) -> Floats:
     """0 below a height, 1 above it."""
     return np.asarray(0.5 * (1.0 + np.tanh((z - at) / width)))
-
-
-def _bottle(z: Floats) -> Floats:
-    return np.asarray((0.032 - 0.018 * _step(z, 0.45, 0.08)) * (1.02 - z**20) ** 0.2)
-
-
-def _vase(z: Floats) -> Floats:
-    return np.asarray(0.024 + 0.008 * np.sin(4.0 * z + 0.5))
-
-
-def _pear(z: Floats) -> Floats:
-    return np.asarray(np.sqrt(np.maximum(1.0 - z**2, 0.0)) * (0.028 - 0.01 * np.tanh(2.5 * z)))
-
-
-def _groove(z: Floats) -> Floats:
-    return np.asarray(0.028 - 0.0035 * np.exp(-((z / 0.16) ** 4)))
-
-
-def _stepped(z: Floats) -> Floats:
-    return np.asarray(0.03 - 0.012 * _step(z, 0.1, 0.01))
 
 
 def _star(z: Floats, t: Floats) -> Floats:
@@ -384,14 +317,12 @@ LATTICE: Mapping[str, Any] = {
 }
 # All of the benches, by name.
 EXPLORED_OBJECTS: Mapping[str, ExploreObject] = {
-    "sphere": _described_superquadric((0.045, 0.045, 0.045), (1.0, 1.0)),
-    "ellipsoid": _described_superquadric((0.036, 0.029, 0.045), (1.0, 1.0)),
-    "cylinder": _described_superquadric((0.028, 0.028, 0.045), (0.1, 1.0)),
-    "box": _described_superquadric((0.03, 0.022, 0.045), (0.2, 0.2)),
-    "egg": _described_superquadric((0.032, 0.032, 0.045), (1.0, 1.0), taper=[-0.2, -0.2]),
-    "tapered and bent": _described_superquadric(
-        (0.028, 0.022, 0.045), (0.5, 0.7), taper=[0.3, 0.3], bend=5.0
-    ),
+    "sphere": _described((0.045, 0.045, 0.045), 1.0, 1.0),
+    "ellipsoid": _described((0.036, 0.029, 0.045), 1.0, 1.0),
+    "cylinder": _described((0.028, 0.028, 0.045), 0.1, 1.0),
+    "box": _described((0.03, 0.022, 0.045), 0.2, 0.2),
+    "egg": _described((0.032, 0.032, 0.045), 1.0, 1.0, taper=[-0.2, -0.2]),
+    "tapered and bent": _described((0.028, 0.022, 0.045), 0.5, 0.7, taper=[0.3, 0.3], bend=5.0),
     "cone": ExploreObject("plain", radius=rounded(_cone)),
     "bottle": _featured(TUNED["bottle"]),
     "vase": _featured(TUNED["vase"]),
@@ -404,11 +335,37 @@ EXPLORED_OBJECTS: Mapping[str, ExploreObject] = {
     "lattice": ExploreObject("featured", LATTICE),
 }
 TRACED_OBJECTS: Mapping[str, TracedSolid] = {
-    "sphere": _traced_superquadric((0.03, 0.03, 0.03), (1.0, 1.0)),
-    "egg": _traced_superquadric((0.03, 0.024, 0.042), (1.0, 1.0)),
-    "cylinder": _traced_superquadric((0.025, 0.025, 0.04), (0.1, 1.0)),
+    "sphere": _traced((0.03, 0.03, 0.03), 1.0, 1.0),
+    "egg": _traced((0.03, 0.024, 0.042), 1.0, 1.0),
+    "cylinder": _traced((0.025, 0.025, 0.04), 0.1, 1.0),
     "pear": TracedSolid(RadialSolid(_traced_pear, 0.045, 0.043), 0.045),
-    "box": _traced_superquadric((0.03, 0.02, 0.04), (0.1, 0.1)),
-    "superellipsoid": _traced_superquadric((0.04, 0.03, 0.03), (0.5, 0.3)),
+    "box": _traced((0.03, 0.02, 0.04), 0.1, 0.1),
+    "superellipsoid": _traced((0.04, 0.03, 0.03), 0.5, 0.3),
     "star": TracedSolid(RadialSolid(_twisted_star, 0.045, 0.03), 0.045),
+}
+GRASPED_OBJECTS: Mapping[str, Callable[[], Shape]] = {
+    "egg": lambda: DeformedSuperquadric(
+        _superquadric((0.026, 0.026, 0.038), 1.0, 1.0), np.array([-0.3, -0.3])
+    ),
+    "ellipsoid": lambda: _superquadric((0.022, 0.03, 0.042), 1.0, 1.0),
+    "box": lambda: _superquadric((0.03, 0.02, 0.04), 0.1, 0.1),
+    "cylinder": lambda: _superquadric((0.022, 0.022, 0.045), 0.1, 1.0),
+    "tapered and bent": lambda: DeformedSuperquadric(
+        _superquadric((0.02, 0.018, 0.045), 0.5, 0.7), np.array([0.3, 0.3]), Bend(6.0)
+    ),
+    "tile": lambda: _superquadric((0.04, 0.04, 0.015), 0.2, 1.0),
+    "bottle": lambda: turned(
+        _round(lambda z: (0.032 - 0.018 * _rise(z, 0.45, 0.08)) * (1.02 - z**20) ** 0.2), 0.05
+    ),
+    "vase": lambda: turned(_round(lambda z: 0.024 + 0.008 * np.sin(4.0 * z + 0.5)), 0.045),
+    "pear": lambda: turned(
+        _round(lambda z: np.sqrt(np.maximum(1.0 - z**2, 0.0)) * (0.028 - 0.01 * np.tanh(2.5 * z))),
+        0.045,
+    ),
+    "groove": lambda: turned(_round(lambda z: 0.028 - 0.0035 * np.exp(-((z / 0.16) ** 4))), 0.045),
+    "step": lambda: turned(_round(lambda z: 0.03 - 0.012 * _rise(z, 0.1, 0.01)), 0.045),
+    "twisted star": lambda: turned(_star, 0.045),
+    "lobed": lambda: turned(_leaning, 0.045),
+    "ball": lambda: _superquadric((0.03, 0.03, 0.03), 1.0, 1.0),
+    "cube": lambda: _superquadric((0.03, 0.03, 0.03), 0.1, 0.1),
 }

@@ -318,11 +318,11 @@ def gp_comparison(names: Sequence[str]) -> Iterator[Row]:
         for name in (*TUNED_ON, *names):
             ours, peers = compare_on(name, noise)
             shown = f"{ours.percent:.3f} %, {ours.travel:.1f} m, {ours.touches}"
-            yield Row(f"peer, {name}, {noise}: ours, way, touches", shown, "", True)
+            yield Row(f"peer, {name}, {noise}: ours, way, touches", shown)
             for how, found in peers.items():
                 shown = f"{found.way:.3f}, {found.touches:.3f} %, {found.made}"
                 title = f"{how}: by way, by touches, made on the way"
-                yield Row(title, shown, "", True)
+                yield Row(title, shown)
                 if name not in TUNED_ON:
                     both = found.way / ours.percent, found.touches / ours.percent
                     ratios[how].append(both)
@@ -335,7 +335,7 @@ def _means(title: str, ratios: list[tuple[float, float]], *, demanded: bool) -> 
     way, touches = np.exp(np.mean(np.log(ratios), axis=0)).tolist()
     target = f">= {LEAST_TIMES:g} x" if demanded else ""
     yield Row(f"{title}, same way", f"{way:.2f} x", target, way >= LEAST_TIMES or not demanded)
-    yield Row(f"{title}, same touches", f"{touches:.2f} x", "", True)
+    yield Row(f"{title}, same touches", f"{touches:.2f} x")
 
 
 # As it is published, and with a travel that counts, which serves it better.

@@ -1,6 +1,4 @@
-"""Solids of eight objects beside those of lofts, radial functions.
-
-Poisson surfaces and the thesis; disorder, outliers, time.
+"""Solids of eight objects beside those of lofts, radial functions, Poisson surfaces, the thesis.
 
 Objects are 100 mm high; contours begin and end 0.5 % of the height inside. Ratios are of means
 over the objects, unless a line names one. Kazhdan and Hoppe, *Screened Poisson surface
@@ -11,18 +9,19 @@ from __future__ import annotations
 
 import importlib.util
 import time
-import timeit
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline, RBFInterpolator
+from scipy.interpolate import RBFInterpolator
 
 from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, ContouredShape, MeshErrors, truth_of
-from palpate.bench.table import Row
+from palpate.bench.rebuild.thesis import loft_rings
+from palpate.bench.table import Row, at_most, best_seconds
 from palpate.core import Floats
 from palpate.core.geometry import close_rings
-from palpate.core.rebuild import Method, reconstruct
+from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.lattice import fit_lattice
 from palpate.core.shapes import Mesh
 from palpate.core.thesis import rebuild_thesis
@@ -64,25 +63,16 @@ class PeerCase(NamedTuple):
 
 
 def peer_rows(quick: bool) -> Iterable[Row]:
-    """Errors over those of other ways, object by object.
-
-    Parameters
-    ----------
-    quick : bool
-        One seed of the noise.
-    """
+    """Errors over those of other ways, object by object; one seed of the noise if quick."""
+    noisy = QUICK_SEEDS if quick else SEEDS
     with single_threaded():
-        yield from _peer_rows(QUICK_SEEDS if quick else SEEDS)
-
-
-def _peer_rows(noisy: int) -> Iterable[Row]:
-    floor = float(np.mean([truth_of(name).floor for name in REBUILT_SHAPES]))
-    yield Row("objects of 100 mm: sampling floor of the truth", f"{floor:.4f} mm", "", True)
-    for case in CASES:
-        seeds = noisy if case.noise else 1
-        yield from case_rows(case, errors_of(case, REBUILT_SHAPES, seeds))
-    if not poisson_installed():
-        yield Row(f"Poisson surface of {PACKAGE}", "not installed", "for comparison", True)
+        floor = float(np.mean([truth_of(name).floor for name in REBUILT_SHAPES]))
+        yield Row("objects of 100 mm: sampling floor of the truth", f"{floor:.4f} mm")
+        for case in CASES:
+            seeds = noisy if case.noise else 1
+            yield from case_rows(case, errors_of(case, REBUILT_SHAPES, seeds))
+        if not poisson_installed():
+            yield Row(f"Poisson surface of {PACKAGE}", "not installed", "for comparison", True)
 
 
 def case_rows(case: PeerCase, found: PeerErrors) -> Iterable[Row]:
@@ -94,21 +84,20 @@ def case_rows(case: PeerCase, found: PeerErrors) -> Iterable[Row]:
             continue
         for name, errors in found[way].items():
             ratio = errors.chamfer / found[first][name].chamfer
-            told = f"{head}: {name}, {errors.chamfer:.3f} mm{_touched(way)}"
-            yield Row(told, f"{ratio:.2f} x", "for comparison", True)
+            title = f"{head}: {name}, {errors.chamfer:.3f} mm{_touched(way)}"
+            yield Row(title, f"{ratio:.2f} x", "for comparison")
         ratio = _mean(found[way]).chamfer / _mean(found[first]).chamfer
-        target = f"<= {most:g} x" if np.isfinite(most) else "for comparison"
-        yield Row(
-            f"{head}: mean over the {first}'s{_touched(way)}",
-            f"{ratio:.3f} x",
-            target,
-            ratio <= most,
-        )
+        title = f"{head}: mean over the {first}'s{_touched(way)}"
+        yield _compared(title, f"{ratio:.3f} x", ratio, most, " x")
     for way in found:
-        yield Row(f"{head}: {way}: {_told(_mean(found[way]))}", "", "", True)
+        yield Row(f"{head}: {way}: {_told(_mean(found[way]))}", "")
     angle = _mean(found[OURS]).normal_deg
-    target = f"<= {case.normals:g}" if np.isfinite(case.normals) else "for comparison"
-    yield Row(f"{head}: normals, degrees", f"{angle:.2f}", target, angle <= case.normals)
+    yield _compared(f"{head}: normals, degrees", f"{angle:.2f}", angle, case.normals)
+
+
+def _compared(title: str, shown: str, value: float, most: float, unit: str = "") -> Row:
+    target = f"<= {most:g}{unit}" if np.isfinite(most) else "for comparison"
+    return Row(title, shown, target, value <= most)
 
 
 def _touched(way: str) -> str:
@@ -169,13 +158,7 @@ def noisy_contours(
 
 
 def disorder_rows(quick: bool) -> Iterable[Row]:
-    """Figures of whole solids.
-
-    Parameters
-    ----------
-    quick : bool
-        Without meaning here: all of it is quick.
-    """
+    """Figures of whole solids."""
     with single_threaded():
         yield from _disorders()
         yield from _times()
@@ -188,8 +171,8 @@ def _disorders() -> Iterable[Row]:
     ):
         ratio = ratio_of(disorder)
         size = f"{DISORDERED[0]} by {DISORDERED[1]}"
-        told = f"{size}, {CONTOUR_NOISE} mm: {name}, error over that without"
-        yield Row(told, f"{ratio:.3f} x", f"<= {most:g} x", ratio <= most)
+        title = f"{size}, {CONTOUR_NOISE} mm: {name}, error over that without"
+        yield at_most(title, ratio, most, ".3f", " x")
 
 
 def shuffled(shape: ContouredShape, contours: Floats, rng: np.random.Generator) -> list[Floats]:
@@ -242,36 +225,25 @@ def rebuilt(contours: Sequence[Floats], tops: Floats | None = None) -> Mesh:
 def _times() -> Iterable[Row]:
     shape = REBUILT_SHAPES["lobed zig-zag"]
     contours = list(noisy_contours(shape, DISORDERED, CONTOUR_NOISE, np.random.default_rng(0)))
-    head = f"{DISORDERED[0]} by {DISORDERED[1]}"
-    for method in ("skin", "lattice"):
-        yield _time(f"{head}: whole fit, method {method}", _fit(contours, method), FIT_MS)
+    large = list(noisy_contours(shape, LARGE, CONTOUR_NOISE, np.random.default_rng(0)))
     solid = reconstruct([*contours[:13], *contours[14:]])
-    yield _time(f"{head}: one contour more", lambda: solid.update(contours[13]), UPDATE_MS)
     closed = solid.closed
     assert closed is not None
-    heights = np.linspace(-49.0, 49.0, 241)
-    turns = np.arange(97) / 97
-    yield _time(f"{head}: band", lambda: closed.skin.deviation(heights, turns), BAND_MS)
-    large = list(noisy_contours(shape, LARGE, CONTOUR_NOISE, np.random.default_rng(0)))
-    ratio = _least(_fit(large, "skin"), 2) / _least(_fit(contours, "skin"))
-    most = LARGE[0] * LARGE[1] / (DISORDERED[0] * DISORDERED[1])
-    yield Row(
-        f"{LARGE[0]} by {LARGE[1]} over {head}: time",
-        f"{ratio:.1f} x",
-        f"<= {most:.1f} x",
-        ratio <= most,
+    heights, turns = np.linspace(-49.0, 49.0, 241), np.arange(97) / 97
+    calls: Sequence[tuple[str, Callable[[], object], float]] = (
+        ("whole fit, method skin", partial(reconstruct, contours, method="skin"), FIT_MS),
+        ("whole fit, method lattice", partial(reconstruct, contours, method="lattice"), FIT_MS),
+        ("one contour more", partial(solid.update, contours[13]), UPDATE_MS),
+        ("band", partial(closed.skin.deviation, heights, turns), BAND_MS),
     )
+    head = f"{DISORDERED[0]} by {DISORDERED[1]}"
+    for name, call, most in calls:
+        yield at_most(f"{head}: {name}, ms", 1e3 * _processor_seconds(call), most, ".1f")
+    ratio = _processor_seconds(partial(reconstruct, large, method="skin"), 2)
+    ratio /= _processor_seconds(partial(reconstruct, contours, method="skin"))
+    most = LARGE[0] * LARGE[1] / (DISORDERED[0] * DISORDERED[1])
+    yield at_most(f"{LARGE[0]} by {LARGE[1]} over {head}: time", ratio, most, ".1f", " x")
     yield _largest(shape)
-
-
-def _time(name: str, call: Callable[[], object], most: float) -> Row:
-    milliseconds = 1e3 * _least(call)
-    return Row(f"{name}, ms", f"{milliseconds:.1f}", f"<= {most:g}", milliseconds <= most)
-
-
-def _fit(contours: list[Floats], method: str) -> Callable[[], object]:
-    way: Method = "skin" if method == "skin" else "lattice"
-    return lambda: reconstruct(contours, method=way)
 
 
 def _largest(shape: ContouredShape) -> Row:
@@ -279,14 +251,14 @@ def _largest(shape: ContouredShape) -> Row:
     closed = reconstruct(contours, method="skin").closed
     assert closed is not None
     surface = closed.skin.surface
-    seconds = _least(lambda: fit_lattice(surface, size=(CONTROL, CONTROL)), 2)
+    seconds = _processor_seconds(lambda: fit_lattice(surface, size=(CONTROL, CONTROL)), 2)
     name = f"{HUGE[0]} by {HUGE[1]}: lattice of {CONTROL} x {CONTROL} x {CONTROL}"
-    return Row(name, f"{seconds:.2f} s", f"<= {LATTICE_S:g} s", seconds <= LATTICE_S)
+    return at_most(name, seconds, LATTICE_S, ".2f", " s")
 
 
-def _least(call: Callable[[], object], rounds: int = ROUNDS) -> float:
-    """Processor time of the best of some calls, s: what others do meanwhile is not counted."""
-    return min(timeit.repeat(call, timer=time.process_time, number=1, repeat=rounds))
+def _processor_seconds(call: Callable[[], object], rounds: int = ROUNDS) -> float:
+    """The best of some calls: what others do meanwhile is not counted."""
+    return best_seconds(call, rounds, time.process_time)
 
 
 class Peer(NamedTuple):
@@ -328,14 +300,8 @@ def radial_functions(contours: Floats) -> Mesh:
 
 
 def _loft_rings(contours: Floats, rows: int, columns: int) -> Floats:
-    count = contours.shape[1]
     closed = np.concatenate([contours, contours[:, :1]], axis=1)
-    around = CubicSpline(np.arange(count + 1) / count, closed[..., :2], axis=1, bc_type="periodic")
-    levels = contours[..., 2].mean(axis=1)
-    along = CubicSpline(levels, around(np.arange(columns) / columns), axis=0)
-    heights = np.linspace(levels[0], levels[-1], rows)
-    level = np.broadcast_to(heights[:, None, None], (rows, columns, 1))
-    return np.concatenate([along(heights), level], axis=-1)
+    return loft_rings(closed, contours[..., 2].mean(axis=1), rows, columns)
 
 
 def _closed(rings: Floats) -> Mesh:

@@ -1,18 +1,14 @@
-"""How far the band of a surface through contours can be trusted, what disorder costs.
-
-And what all taxels add.
-"""
+"""How far the band of a loft can be trusted; what disorder costs, and what all taxels add."""
 
 from __future__ import annotations
 
-import timeit
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from palpate.bench.objects import ROUND_HEIGHT, ROUND_OBJECTS, WAVY, RoundObject
-from palpate.bench.table import Row
+from palpate.bench.table import Row, SilentWatcher, at_least, at_most
 from palpate.core import Floats
 from palpate.core.geometry import PreparedSurface, compare_surfaces, prepare_surface
 from palpate.core.rebuild import Solid, reconstruct
@@ -21,13 +17,12 @@ from palpate.core.rebuild.loft import ContourLoft, fit_contour_loft
 from palpate.core.touch import Jet
 from palpate.launch import EXPLORE, choose_run_directory, describe, find_scene, override
 from palpate.launch.files import SourceMapped
-from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes import reconstructor as reconstructor_node
 from palpate.nodes.runtime import run_composed
 from palpate.nodes.specs import pad_of_info
 
 BAND_SIZES = ((6, 24), (9, 24), (14, 40), (24, 40), (27, 80))  # Contours, and points of each
-FULL, LARGE = (27, 80), (100, 320)
+FULL = (27, 80)
 NOISES = (0.002, 0.005)  # Standard deviation of a coordinate over the height
 BAND_SEEDS, QUICK_BAND_SEEDS = 13, 2
 BEYOND = 0.04  # By which the ends lie beyond the contours, where no pole is known
@@ -37,13 +32,11 @@ OUTLIERS, BAND_OFF = 0.02, 0.03  # Share of the points that are off, and by how 
 # Places at which a surface is compared with the truth, from contour to contour.
 ROWS, COLUMNS = 181, 97
 SIZES = ((27, 81), (24, 41), (9, 24))  # Contours, and points of each
-# Standard deviation of a coordinate, and how far which share of points stray; heights are 2.
+# Standard deviation of a coordinate, and how far which share of points is off; heights are 2.
 POINT_NOISE, OFF, SHARE = 0.004, 0.06, 0.02
 SEEDS, QUICK_SEEDS = 4, 1
 SPREAD = 100  # Between the seeds of objects, so that they do not share their noise
 LAST = 0.99  # Height of the last contours, on either side
-# Places at which a side is compared with the truth.
-BENCH_REBUILD_CONTOURS_ROWS, BENCH_REBUILD_CONTOURS_COLUMNS = 181, 97
 WIDE, NARROW, AT = 0.6, 0.36, 0.12  # Radii of a cylinder that steps, and where
 STEPS = 16  # Random stacks of its contours
 SMOOTH = ("sphere", "egg", "dented", "twisted", "vase")
@@ -56,8 +49,8 @@ SENSOR_NOISE = {
     "dead_taxels": {"rate": 0.01},
 }
 MESH_TOLERANCE = 1.5e-4  # Of the meshes that are compared, over the height
-# Most error that may be left of the contours' own: without noise, and with it.
-MOST_EXACT, MOST_NOISY_SMOOTH, MOST_NOISY = 0.5, 0.5, 0.8
+# Most error that may be left of the contours' own; the latter of sharp objects with noise.
+MOST_SMOOTH, MOST_NOISY = 0.5, 0.8
 KEPT_TOPICS = (
     *("/touch/info", "/touch/patch", "/contour/traced", "/probe/traced"),
     *("/world", "/plan/done", "/truth"),
@@ -75,27 +68,15 @@ class BandErrors(NamedTuple):
 
 
 def band_rows(quick: bool) -> Iterable[Row]:
-    """Figures of surfaces through contours.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer runs.
-    """
-    clean = judge_band(WAVY, _skin(WAVY, FULL, 0.0, 0, poles=True)).rms
-    yield _at_most("lobed zig-zag, 27 by 80, closed: rms over height", clean, 1e-4)
-    clean = judge_band(WAVY, _skin(WAVY, FULL, 0.0, 0)).rms
-    yield _at_most("lobed zig-zag, 27 by 80, open ends: rms over height", clean, 1e-4)
+    """Figures of surfaces through contours; fewer runs if quick."""
+    for ends, poles in (("closed", True), ("open ends", False)):
+        clean = judge_band(WAVY, _skin(WAVY, FULL, 0.0, 0, poles=poles)).rms
+        yield at_most(f"lobed zig-zag, 27 by 80, {ends}: rms over height", clean, 1e-4, ".3g")
     seeds = QUICK_BAND_SEEDS if quick else BAND_SEEDS
     noisy = _noisy(WAVY, FULL, 0.005, seeds)
-    yield _at_most("the same with noise of 0.5 %: rms over height", noisy, 1.5e-3)
+    yield at_most("the same with noise of 0.5 %: rms over height", noisy, 1.5e-3, ".3g")
     yield from _coverage_rows(seeds)
-    yield _at_most("2 % of points off: error over that without", _outliers(seeds), 1.1)
-    yield from _band_times()
-
-
-def _at_most(name: str, value: float, most: float) -> Row:
-    return Row(name, f"{value:.3g}", f"<= {most:g}", value <= most)
+    yield at_most("2 % of points off: error over that without", _outliers(seeds), 1.1, ".3g")
 
 
 def _coverage_rows(seeds: int) -> Iterable[Row]:
@@ -110,10 +91,9 @@ def _coverage_rows(seeds: int) -> Iterable[Row]:
         pooled = float(np.mean([one.covered for one in found]))
         holds = 0.90 <= pooled <= 0.98
         yield Row(f"{name}: within the 95 % band", f"{pooled:.1%}", "90 to 98 %", holds)
-        for what in ("rms", "most"):
+        for what, error in (("rms", "root mean square"), ("most", "largest")):
             safe = float(np.mean([getattr(one, f"safe_{what}") for one in found]))
-            said = "root mean square" if what == "rms" else "largest"
-            yield Row(f"{name}: {said} error as claimed", f"{safe:.1%}", ">= 90 %", safe >= 0.9)
+            yield at_least(f"{name}: {error} error as claimed", safe, 0.9, ".1%")
 
 
 def _outliers(seeds: int) -> float:
@@ -165,25 +145,6 @@ def _skin(
     return _fit(heights, grid, POLE, True) if poles else _fit(heights, grid)
 
 
-def _band_times() -> Iterable[Row]:
-    heights, grid = _band_contours(WAVY, FULL, 0.005, 0)
-    large = _band_contours(WAVY, LARGE, 0.005, 0)
-
-    def fit() -> ContourLoft:
-        return _fit(heights, grid)
-
-    skin = fit()
-    over = np.linspace(-1.0, 1.0, 241)
-    around = np.arange(97) / 97
-    fewer = _fit(heights[1:], grid[1:])
-    yield _time("27 by 80: fit", fit, 30.0)
-    yield _time("27 by 80: deviation on 241 by 97", lambda: skin.deviation(over, around), 10.0)
-    yield _time("27 by 80: one contour more", lambda: fewer.update(heights[0], grid[0]), 10.0)
-    ratio = _least(lambda: _fit(*large)) / _least(fit)
-    most = large[1].size / grid.size
-    yield Row("100 by 320 over 27 by 80: time", f"{ratio:.1f} x", f"<= {most:.1f} x", ratio <= most)
-
-
 def _band_contours(
     thing: RoundObject, size: tuple[int, int], noise: float, seed: int, off: float = 0.0
 ) -> tuple[Floats, Floats]:
@@ -207,40 +168,17 @@ def _fit(
     return fit_contour_loft(heights, grid, low=-end, high=end, pole=(pole, pole))
 
 
-def _time(name: str, call: Callable[[], object], most: float) -> Row:
-    milliseconds = 1e3 * _least(call)
-    return Row(f"{name}, ms", f"{milliseconds:.2f}", f"<= {most:g}", milliseconds <= most)
-
-
-def _least(call: Callable[[], object]) -> float:
-    """The best of some calls, s: what a busy computer adds is not the method's."""
-    return min(timeit.repeat(call, number=1, repeat=7))
-
-
 def contour_rows(quick: bool) -> Iterable[Row]:
-    """Figures of what contours may be like.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer runs.
-    """
+    """Figures of what contours may be like; fewer runs if quick."""
     seeds = QUICK_SEEDS if quick else SEEDS
     for size in SIZES:
         name = f"{size[0]} by {size[1]}"
-        yield _below(
-            f"{name}, begun anywhere: error over as recorded", disorder_ratio(size, seeds), 1.03
-        )
-        yield _below(
-            f"{name}, 2 % of points stray: error over without", outlier_ratio(size, seeds), 1.1
-        )
+        ratio = disorder_ratio(size, seeds)
+        yield at_most(f"{name}, begun anywhere: error over as recorded", ratio, 1.03, ".3g")
+        ratio = outlier_ratio(size, seeds)
+        yield at_most(f"{name}, 2 % of points outlying: error over without", ratio, 1.1, ".3g")
     most = max(step_swing(seed) for seed in range(STEPS))
-    yield _below("a step: side beyond its radii, over the width", most, 0.05)
-    yield from _contour_times()
-
-
-def _below(name: str, value: float, most: float) -> Row:
-    return Row(name, f"{value:.3g}", f"at most {most:g}", value <= most)
+    yield at_most("a step: side beyond its radii, over the width", most, 0.05, ".3g")
 
 
 def disorder_ratio(size: tuple[int, int], seeds: int) -> float:
@@ -267,7 +205,7 @@ def _ratio(size: tuple[int, int], seeds: int, *, anyhow: bool, share: float) -> 
 
 def _side_error(thing: RoundObject, contours: list[Floats]) -> float:
     """Mean distance of the side from the object."""
-    heights = np.linspace(-LAST, LAST, BENCH_REBUILD_CONTOURS_ROWS)
+    heights = np.linspace(-LAST, LAST, ROWS)
     off, area = thing.distances(_side(_rebuilt(contours), heights), heights)
     return float((np.abs(off) * area).sum() / area.sum())
 
@@ -289,21 +227,7 @@ def _side(solid: Solid, heights: Floats) -> Floats:
     """Places (m, COLUMNS, 2) of the side at heights (m,)."""
     if solid.closed is None:
         raise ValueError("solid must have a skin, got none")
-    return solid.closed.skin.at(
-        heights[:, None], np.arange(BENCH_REBUILD_CONTOURS_COLUMNS) / BENCH_REBUILD_CONTOURS_COLUMNS
-    )
-
-
-def _contour_times() -> Iterable[Row]:
-    contours = _contours(ROUND_OBJECTS["screw"], SIZES[0], 0, anyhow=False, share=0.0)
-    before = _rebuilt(contours[:-1])
-    for name, run, most in (
-        ("27 by 81, all at once", lambda: _rebuilt(contours), np.inf),
-        ("27 by 81, one contour more", lambda: before.update(contours[-1]), 10.0),
-    ):
-        took = 1e3 * min(timeit.repeat(run, number=1, repeat=7))
-        target = f"at most {most:g} ms" if np.isfinite(most) else ""
-        yield Row(name, f"{took:.1f} ms", target, took <= most)
+    return solid.closed.skin.at(heights[:, None], np.arange(COLUMNS) / COLUMNS)
 
 
 def _contours(
@@ -342,71 +266,51 @@ class TouchedScene(NamedTuple):
     floor: float  # Chamfer distance between two tessellations of it, m
 
 
-class TopicCollector:
-    """Keeps what it hears."""
+class TopicCollector(SilentWatcher):
+    """Keeps what is published, by topic."""
 
     def __init__(self) -> None:
-        self.said: dict[str, list[Any]] = {topic: [] for topic in KEPT_TOPICS}
-        """Messages by topic."""
-
-    def ready(self, seconds: float) -> None:
-        """Nothing waits for it."""
+        self.messages: dict[str, list[Any]] = {topic: [] for topic in KEPT_TOPICS}
 
     def received(self, topic: str, message: object) -> None:
         """Keep a message."""
-        self.said[topic].append(message)
-
-    def log(self, record: LogRecord) -> None:
-        """Nobody reads along."""
-
-    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
-        """Nobody looks on."""
+        self.messages[topic].append(message)
 
 
 def taxel_rows(quick: bool) -> Iterable[Row]:
-    """Errors of solids from all taxels over those of their contours alone.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer objects.
-    """
+    """Errors of solids from all taxels over those of their contours alone."""
     scenes = ("sphere", "box") if quick else (*SMOOTH, *SHARP)
     for noisy in (False, True):
         for count in COUNTS:
             for scene in scenes:
-                most = (
-                    MOST_EXACT
-                    if not noisy
-                    else MOST_NOISY_SMOOTH
-                    if scene in SMOOTH
-                    else MOST_NOISY
-                )
+                most = MOST_NOISY if noisy and scene in SHARP else MOST_SMOOTH
                 yield _row(scene, explore_evenly(scene, count, noisy), count, noisy, most)
 
 
-def _row(scene: str, felt: TouchedScene, count: int, noisy: bool, most: float) -> Row:
-    both = [_taxel_error(felt, felt.points), _taxel_error(felt, None)]
+def _row(scene: str, touched: TouchedScene, count: int, noisy: bool, most: float) -> Row:
+    both = [_taxel_error(touched, touched.points), _taxel_error(touched, None)]
     ratio = both[0] / both[1]
-    share = 100.0 / felt.height
+    share = 100.0 / touched.height
     name = f"{scene}, {count} contours{', noise' if noisy else ''}: all taxels over contours"
     value = f"{both[0] * share:.4f} {ratio:.2f} x"
     # What two tessellations of the truth differ by cannot be halved.
-    holds = ratio <= most or both[0] <= 2.0 * felt.floor
-    return Row(name, value, f"<= {most:g} x (% of height; floor {felt.floor * share:.4f})", holds)
+    holds = ratio <= most or both[0] <= 2.0 * touched.floor
+    return Row(
+        name, value, f"<= {most:g} x (% of height; floor {touched.floor * share:.4f})", holds
+    )
 
 
-def _taxel_error(felt: TouchedScene, points: ContactPoints | None) -> float:
+def _taxel_error(touched: TouchedScene, points: ContactPoints | None) -> float:
     """Chamfer distance from the object, m."""
     solid = reconstruct(
-        felt.contours, patches=points, tops=felt.tops, frame=felt.frame, method="skin"
+        touched.contours, patches=points, tops=touched.tops, frame=touched.frame, method="skin"
     )
-    mesh = solid.mesh(MESH_TOLERANCE * felt.height)
-    return compare_surfaces(felt.truth, prepare_surface(mesh.vertices, mesh.faces)).chamfer
+    mesh = solid.mesh(MESH_TOLERANCE * touched.height)
+    return compare_surfaces(touched.truth, prepare_surface(mesh.vertices, mesh.faces)).chamfer
 
 
 def explore_evenly(scene: str, count: int, noisy: bool) -> TouchedScene:
-    """Feel a shipped scene along so many contours, in this process."""
+    """Touch a shipped scene along so many contours, in this process."""
     args = {
         "scene": SourceMapped(str(find_scene(scene)), "scene"),
         "record": SourceMapped(False, "record"),
@@ -420,22 +324,22 @@ def explore_evenly(scene: str, count: int, noisy: bool) -> TouchedScene:
     folder = choose_run_directory("bench", None)  # chosen, never made
     graph = override(describe(EXPLORE, args, folder.path).graph, settings)
     wirings = [one for one in graph.wirings() if one.name != "evaluator"]
-    ears = TopicCollector()
-    run_composed(wirings, ends="planner", watch=KEPT_TOPICS, watcher=ears)
-    return _touched_scene(ears.said)
+    collector = TopicCollector()
+    run_composed(wirings, ends="planner", watch=KEPT_TOPICS, watcher=collector)
+    return _touched_scene(collector.messages)
 
 
-def _touched_scene(said: Mapping[str, list[Any]]) -> TouchedScene:
-    [done], [truth], [world] = said["/plan/done"], said["/truth"], said["/world"]
-    pad = pad_of_info(said["/touch/info"][-1])
+def _touched_scene(published: Mapping[str, list[Any]]) -> TouchedScene:
+    [done], [truth], [world] = (published[name] for name in ("/plan/done", "/truth", "/world"))
+    pad = pad_of_info(published["/touch/info"][-1])
     parts: dict[int, list[ContactPoints]] = {}
-    for patch in said["/touch/patch"]:
+    for patch in published["/touch/patch"]:
         if patch.goal in (*done.contours, *done.probes):
             jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
             points = contact_points_of(pad, patch.pose, patch.height, patch.mask, jet)
             parts.setdefault(patch.goal, []).append(points)
-    contours = [one for one in said["/contour/traced"] if one.id in done.contours]
-    probes = [one for one in said["/probe/traced"] if one.id in done.probes]
+    contours = [one for one in published["/contour/traced"] if one.id in done.contours]
+    probes = [one for one in published["/probe/traced"] if one.id in done.probes]
     prepared = prepare_surface(truth.vertices, truth.faces)
     floor = compare_surfaces(
         prepared, prepare_surface(truth.floor_vertices, truth.floor_faces)

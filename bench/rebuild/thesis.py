@@ -9,15 +9,15 @@ program needs.
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from palpate.bench.objects import MeshErrors, TrueSurface, truth_of_mesh
-from palpate.bench.table import Row
+from palpate.bench.objects import MeshErrors, TrueSurface, radial_rings, truth_of_mesh
+from palpate.bench.table import Row, at_least, best_seconds
 from palpate.core import Floats
 from palpate.core.geometry import close_rings
 from palpate.core.shapes import Mesh
@@ -46,13 +46,7 @@ class ThesisVariant(NamedTuple):
 
 
 def thesis_rows(quick: bool) -> Iterable[Row]:
-    """Errors of both examples, and the time of a loop over points against ours.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer points one at a time.
-    """
+    """Errors of both examples, and the time of a loop over points against ours."""
     for example in EXAMPLES:
         truth, contours = example_truth(example), example.contours()
         floor = truth.errors_of(example.mesh(FLOOR_ROWS, FLOOR_COLUMNS))
@@ -65,8 +59,7 @@ def thesis_rows(quick: bool) -> Iterable[Row]:
         errors = truth.errors_of(way.build(contours))
         yield _row(f"{FIRST.name}, noise: {way.name}", errors, way.most)
     ratio = loop_ratio(QUICK_LOOPED if quick else LOOPED)
-    target = f">= {LEAST_RATIO:.0f} x"
-    yield Row("contours to mesh, against a loop", f"{ratio:.0f} x", target, ratio >= LEAST_RATIO)
+    yield at_least("contours to mesh, against a loop", ratio, LEAST_RATIO, ".0f", " x")
 
 
 def example_truth(example: Example) -> TrueSurface:
@@ -109,24 +102,14 @@ def loop_ratio(looped: int) -> float:
     points = undeformed.at(solid.parameters.reshape(-1, 3))
     some = points[np.linspace(0, len(points) - 1, looped).astype(int)]
     places = np.random.default_rng(0).random((looped, 2))
-    inverted = _seconds(lambda: [invert_points(undeformed, point[None]) for point in some], 1)
-    evaluated = _seconds(lambda: [solid.surface(eta, nu) for eta, nu in places[..., None]], 1)
+    inverted = best_seconds(lambda: [invert_points(undeformed, point[None]) for point in some], 1)
+    evaluated = best_seconds(lambda: [solid.surface(eta, nu) for eta, nu in places[..., None]], 1)
     loop = (inverted * len(points) + evaluated * SIDE**2) / looped
-    return loop / _seconds(ours, ROUNDS)
-
-
-def _seconds(call: Callable[[], object], rounds: int) -> float:
-    """The best of some rounds: what a busy computer adds is not the method's."""
-    times = []
-    for _ in range(rounds):
-        began = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - began)
-    return min(times)
+    return loop / best_seconds(ours, ROUNDS)
 
 
 class Example(NamedTuple):
-    """An object and the contours that were felt of it."""
+    """An object and the contours that were traced of it."""
 
     name: str  # What it is called in tables and files
     # Distance of its surface from the z axis, by height (-1 to 1) and azimuth.
@@ -135,41 +118,27 @@ class Example(NamedTuple):
     around: int  # Points of a contour, the first twice
 
     def contours(self) -> Floats:
-        """What a perfect finger feels, (m, around, 3)."""
+        """What a perfect finger traces, (m, around, 3)."""
         return self._rings(self.heights, np.linspace(-np.pi, np.pi, self.around))
 
     def mesh(self, rows: int, columns: int) -> Mesh:
         """The object itself, with plane ends."""
         azimuths = 2.0 * np.pi * np.arange(columns) / columns
-        rings = self._rings(np.linspace(-1.0, 1.0, rows), azimuths)
-        return Mesh(*close_rings(rings[0].mean(axis=0), rings, rings[-1].mean(axis=0)))
+        return _closed(self._rings(np.linspace(-1.0, 1.0, rows), azimuths))
 
     def _rings(self, heights: Floats, azimuths: Floats) -> Floats:
         radius = self.radius(heights[:, None], azimuths[None, :])
-        level = np.broadcast_to(heights[:, None], radius.shape)
-        return np.stack([radius * np.cos(azimuths), radius * np.sin(azimuths), level], axis=-1)
+        return radial_rings(radius, heights, azimuths)
 
 
-def _program(contours: Floats) -> Mesh:
-    return rebuild_thesis(contours, faithful=True).mesh(MESH_ROWS, MESH_COLUMNS)
-
-
-def _corrected(contours: Floats) -> Mesh:
-    return rebuild_thesis(contours).mesh(MESH_ROWS, MESH_COLUMNS)
+def _solid(contours: Floats, **how: Any) -> Mesh:
+    return rebuild_thesis(contours, **how).mesh(MESH_ROWS, MESH_COLUMNS)
 
 
 def _with_spline(contours: Floats) -> Mesh:
     solid = rebuild_thesis(contours)
     triples = interpolated_parameters(solid.parameters)
     return dataclasses.replace(solid, triples=triples).mesh(MESH_ROWS, MESH_COLUMNS)
-
-
-def _finer(contours: Floats) -> Mesh:
-    return rebuild_thesis(contours, layer=(7, 7)).mesh(MESH_ROWS, MESH_COLUMNS)
-
-
-def _round(contours: Floats) -> Mesh:
-    return rebuild_thesis(contours, exponents=(1.0, 1.0)).mesh(MESH_ROWS, MESH_COLUMNS)
 
 
 def spline_loft(contours: Floats) -> Mesh:
@@ -180,13 +149,30 @@ def spline_loft(contours: Floats) -> Mesh:
     contours : (m, n, 3) array
         Upwards, the first point of each again at its end. The ends are closed by planes.
     """
-    turns = np.linspace(0.0, 1.0, contours.shape[1])
+    return _closed(loft_rings(contours, contours[:, 0, 2], MESH_ROWS, MESH_COLUMNS))
+
+
+def loft_rings(contours: Floats, heights: Floats, rows: int, columns: int) -> Floats:
+    """Cubic splines through points of one number, around and then upwards, (rows, columns, 3).
+
+    Parameters
+    ----------
+    contours : (m, n, 3) array
+        Upwards, the first point of each again at its end.
+    heights : (m,) array
+        Of the contours.
+    rows, columns : int
+        How finely they are taken.
+    """
+    turns = np.arange(contours.shape[1]) / (contours.shape[1] - 1)
     around = CubicSpline(turns, contours[..., :2], axis=1, bc_type="periodic")
-    heights = contours[:, 0, 2]
-    along = CubicSpline(heights, around(np.arange(MESH_COLUMNS) / MESH_COLUMNS), axis=0)
-    levels = np.linspace(heights[0], heights[-1], MESH_ROWS)
-    flat = np.broadcast_to(levels[:, None, None], (MESH_ROWS, MESH_COLUMNS, 1))
-    rings = np.concatenate([along(levels), flat], axis=-1)
+    along = CubicSpline(heights, around(np.arange(columns) / columns), axis=0)
+    levels = np.linspace(heights[0], heights[-1], rows)
+    flat = np.broadcast_to(levels[:, None, None], (rows, columns, 1))
+    return np.concatenate([along(levels), flat], axis=-1)
+
+
+def _closed(rings: Floats) -> Mesh:
     return Mesh(*close_rings(rings[0].mean(axis=0), rings, rings[-1].mean(axis=0)))
 
 
@@ -203,16 +189,16 @@ def _smooth(height: Floats, azimuth: Floats) -> Floats:
 
 VARIANTS = (
     ThesisVariant("spline loft", spline_loft, np.inf),
-    ThesisVariant("program", _program, 0.005),
-    ThesisVariant("corrected", _corrected, 0.0045),
+    ThesisVariant("program", partial(_solid, faithful=True), 0.005),
+    ThesisVariant("corrected", _solid, 0.0045),
     ThesisVariant("with 4.3", _with_spline, 0.0045),
-    ThesisVariant("7 x 7 layers", _finer, 0.004),
-    ThesisVariant("ellipsoid", _round, np.inf),
+    ThesisVariant("7 x 7 layers", partial(_solid, layer=(7, 7)), 0.004),
+    ThesisVariant("ellipsoid", partial(_solid, exponents=(1.0, 1.0)), np.inf),
 )
 NOISY_VARIANTS = (
     ThesisVariant("spline loft", spline_loft, np.inf),
-    ThesisVariant("program", _program, np.inf),
-    ThesisVariant("corrected", _corrected, 0.005),
+    ThesisVariant("program", partial(_solid, faithful=True), np.inf),
+    ThesisVariant("corrected", _solid, 0.005),
 )
 FIRST = Example("example 1", _turned, np.linspace(-1.0, 1.0, 27), 81)
 SECOND = Example("example 2", _smooth, np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 24)), 41)

@@ -1,19 +1,16 @@
-"""Superquadrics recovered from noisy points, how often, how well and how fast.
-
-And casts at the other models.
-"""
+"""Superquadrics recovered from noisy points: how often, how well, how fast; and casts at models."""
 
 from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.bench.table import Row
+from palpate.bench.table import Row, at_least, at_most, best_seconds
 from palpate.core import Floats
 from palpate.core.geometry import nearest_points, nearest_search, sample_surface
 from palpate.core.rebuild.recovery import Warps, distances_alone, normal_distances, recover
@@ -40,7 +37,6 @@ HARD_TRIALS, QUICK_HARD_TRIALS = 40, 8
 SAMPLES, LEVEL = 1000, 4
 GOOD = 0.02  # Of the diameter
 LARGEST_BEND, LARGEST_ANGLE = 0.6, 1.2  # Of the bend that folds, and rad at the ends
-FloatArray = NDArray[np.float64]
 RAYS = 256  # As many as a sensor has taxels
 SIZE = np.array([0.035, 0.03, 0.045])
 AXES = np.column_stack([np.diag(1.0 / SIZE), np.zeros(3)])
@@ -110,8 +106,8 @@ def draw_trial(kind: RecoveryKind, rng: np.random.Generator) -> RecoveryTrial:
     points = bend(tapering(rays / shape.gauge(rays)[:, None]))
     diameter = float(np.ptp(vertices, axis=0).max())
     points = points + kind.noise * diameter * rng.normal(size=points.shape)
-    stray = rng.random(kind.points) < kind.outliers
-    points[stray] = rng.uniform(-1.5, 1.5, (int(stray.sum()), 3)) * size.max()
+    off = rng.random(kind.points) < kind.outliers
+    points[off] = rng.uniform(-1.5, 1.5, (int(off.sum()), 3)) * size.max()
     surface = (vertices @ axes.T + place)[coarse.faces]
     finer = (bend(tapering(fine.vertices)) @ axes.T + place)[fine.faces]
     return RecoveryTrial(
@@ -120,13 +116,7 @@ def draw_trial(kind: RecoveryKind, rng: np.random.Generator) -> RecoveryTrial:
 
 
 def recovery_rows(quick: bool) -> Iterable[Row]:
-    """Figures of the recovery, one at a time.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer solids.
-    """
+    """Figures of the recovery, one at a time; fewer solids if quick."""
     trials = QUICK_TRIALS if quick else TRIALS
     hard = QUICK_HARD_TRIALS if quick else HARD_TRIALS
     yield logarithm_row()
@@ -159,23 +149,21 @@ def logarithm_row() -> Row:
         exact = e1 * np.logaddexp(2 / e1 * across, 2 / e1 * z)
         error = np.abs(inside_outside(points, exponents).value - exact).max()
         worst = max(worst, float(error / np.finfo(float).eps))
-    return Row("log F, largest error", f"{worst:.1f} eps", "<= 16 eps", worst <= 16.0)
+    return at_most("log F, largest error", worst, 16.0, ".1f", " eps")
 
 
 def _rows(
     name: str, found: list[RecoveryOutcome], least: float, most: float | None
 ) -> Iterator[Row]:
-    share, both = share_one_way(found), share_both_ways(found)
+    title, least = f"recovery, {name}", 100.0 * least
     typical = statistics.median(one.chamfer for one in found)
     floor = statistics.median(one.floor for one in found)
-    target = f">= {100 * least:.0f} %"
-    yield Row(f"recovery, {name}: one way", f"{100 * share:.1f} %", target, share >= least)
-    shown = f"{100 * both:.1f} %"
-    yield Row(f"recovery, {name}: both ways", shown, target, both >= least)
+    yield at_least(f"{title}: one way", 100 * share_one_way(found), least, ".1f", " %")
+    yield at_least(f"{title}: both ways", 100 * share_both_ways(found), least, ".1f", " %")
     yield _chamfer_row(f"{name}: Chamfer distance", typical, floor)
     if most is not None:
         cost = 1e3 * statistics.median(one.seconds for one in found)
-        yield Row(f"recovery, {name}: time", f"{cost:.0f} ms", f"<= {most:.0f} ms", cost <= most)
+        yield at_most(f"{title}: time", cost, most, ".0f", " ms")
 
 
 def share_one_way(found: list[RecoveryOutcome]) -> float:
@@ -248,55 +236,36 @@ def slope_row() -> Row:
     def exact() -> None:
         normal_distances(parameters, points, axes, warps)
 
-    ratio = statistics.median(_seconds(central) / _seconds(exact) for _ in range(9))
-    return Row("Jacobian of 15 parameters, by differences", f"{ratio:.0f} x", ">= 5 x", ratio >= 5)
-
-
-def _seconds(call: Callable[[], None]) -> float:
-    """Time of one call."""
-    begin = time.perf_counter()
-    call()
-    return time.perf_counter() - begin
+    ratios = [best_seconds(central, 1) / best_seconds(exact, 1) for _ in range(9)]
+    ratio = statistics.median(ratios)
+    return at_least("Jacobian of 15 parameters, by differences", ratio, 5, ".0f", " x")
 
 
 def model_rows(quick: bool) -> Iterable[Row]:
-    """For each model the cost of a cast against a superquadric's, its error, and what it passed.
-
-    Parameters
-    ----------
-    quick : bool
-        4 directions instead of 24.
-    """
+    """For each model the cost of a cast against a superquadric's, its error, and what it passed."""
     directions = _directions(4 if quick else 24)
     base = Superquadric(SIZE, np.array([0.5, 0.8]))
     unit = _cast_seconds(base, directions)
-    yield Row("cast at a superquadric, 256 rays", f"{1e6 * unit:.0f} us", "", True)
+    yield Row("cast at a superquadric, 256 rays", f"{1e6 * unit:.0f} us")
     for name, shape in _models().items():
         ratio = _cast_seconds(shape, directions) / unit
-        target = f"<= {MOST_RATIO:g}"
-        yield Row(f"cast at {name}", f"{ratio:.1f} x", target, ratio <= MOST_RATIO)
+        yield Row(f"cast at {name}", f"{ratio:.1f} x", f"<= {MOST_RATIO:g}", ratio <= MOST_RATIO)
         error, passed = _error(shape, directions)
-        holds = error <= MOST_ERROR
-        yield Row(f"error of a cast at {name}", f"{error:.1e} m", f"<= {MOST_ERROR:g} m", holds)
+        yield at_most(f"error of a cast at {name}", error, MOST_ERROR, ".1e", " m")
         yield Row(f"rays that pass a part of {name}", str(passed), "0", passed == 0)
 
 
-def _directions(count: int) -> FloatArray:
+def _directions(count: int) -> Floats:
     found = np.random.default_rng(0).normal(size=(count, 3))
-    result: FloatArray = found / np.linalg.norm(found, axis=1, keepdims=True)
-    return result
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
 
-def _cast_seconds(shape: ImplicitShape, directions: FloatArray) -> float:
+def _cast_seconds(shape: ImplicitShape, directions: Floats) -> float:
     """Mean time of a cast; for each direction the best of three."""
     best = []
     for direction in directions:
-        origins, took = _origins(shape, direction), []
-        for _ in range(3):
-            began = time.perf_counter()
-            shape.cast(origins, direction, 1.0)
-            took.append(time.perf_counter() - began)
-        best.append(min(took))
+        call = partial(shape.cast, _origins(shape, direction), direction, 1.0)
+        best.append(best_seconds(call, 3))
     return float(np.mean(best))
 
 
@@ -318,7 +287,7 @@ def _models() -> Mapping[str, ImplicitShape]:
         "a drilled half ball": BooleanShape(
             difference(ball, drill, HalfSpace(np.array([0.0, 0.0, 1.0]), -0.005))
         ),
-        "a polyhedron": _Faces(_octahedron()),
+        "a polyhedron": _octahedron(),
     }
 
 
@@ -328,7 +297,7 @@ def _octahedron() -> Polyhedron:
     return Polyhedron(corners, [*upper, *([face[1], face[0], 5] for face in upper)])
 
 
-def _error(shape: ImplicitShape, directions: FloatArray) -> tuple[float, int]:
+def _error(shape: ImplicitShape, directions: Floats) -> tuple[float, int]:
     """Largest way from where a ray ended to the surface, m, and rays that passed a part of it."""
     worst, passed = 0.0, 0
     for direction in directions:
@@ -343,46 +312,20 @@ def _error(shape: ImplicitShape, directions: FloatArray) -> tuple[float, int]:
     return worst, passed
 
 
-def _origins(shape: ImplicitShape, direction: FloatArray) -> FloatArray:
+def _origins(shape: ImplicitShape, direction: Floats) -> Floats:
     """Starts of parallel rays that cover the shape as a pad does."""
     low, high = shape.enclosure()
     places = np.random.default_rng(1).uniform(low, high, (RAYS, 3))
-    result: FloatArray = places - FAR * direction
-    return result
+    return np.asarray(places - FAR * direction)
 
 
-def _passed(
-    shape: ImplicitShape, origins: FloatArray, direction: FloatArray, ends: FloatArray
-) -> int:
+def _passed(shape: ImplicitShape, origins: Floats, direction: Floats, ends: Floats) -> int:
     """Rays that are inside at one of some places before their ends."""
     share = np.linspace(0.0, 1.0 - 1e-6, 200)
     places = origins[:, None] + (share * ends[:, None])[..., None] * direction
     flat = places.reshape(-1, 3)
     value = shape.inside_out(flat, np.zeros_like(flat))[0].reshape(len(origins), -1)
     return int(np.count_nonzero((value < -1e-9).any(axis=1)))
-
-
-class _Faces:
-    """A convex polyhedron with the function that it lacks: distance from its farthest plane."""
-
-    def __init__(self, base: Polyhedron):
-        self._base = base
-        a, b, c = base.mesh(0).vertices[base.mesh(0).faces].transpose(1, 0, 2)
-        normals = np.cross(b - a, c - a)
-        self._normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        self._offsets = (self._normals * a).sum(axis=1)
-        self.cast, self.mesh, self.bounds = base.cast, base.mesh, base.bounds
-
-    def enclosure(self) -> FloatArray:
-        return self._base.bounds()
-
-    def inside_out(
-        self, points: FloatArray, directions: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        heights = points @ self._normals.T - self._offsets
-        farthest = heights.argmax(axis=1)
-        slope = (self._normals[farthest] * directions).sum(axis=1)
-        return heights[np.arange(len(points)), farthest], slope
 
 
 RIGID = RecoveryKind(60)

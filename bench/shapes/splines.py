@@ -1,17 +1,13 @@
-"""Point inversion and closed curves.
-
-Against a loop over points and against the thesis's clamped schemes.
-"""
+"""Point inversion and closed curves, against a loop and against the thesis's clamped schemes."""
 
 from __future__ import annotations
 
-import time
-import timeit
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from palpate.bench.table import Row
+from palpate.bench.table import Row, at_most, best_seconds
 from palpate.core import Floats
 from palpate.core.splines import (
     Bases,
@@ -43,13 +39,7 @@ CurveShape = Callable[[Floats], Floats]
 
 
 def spline_rows(quick: bool) -> Iterable[Row]:
-    """Figures of point inversion and of the search for folds.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer points one at a time.
-    """
+    """Figures of point inversion and of the search for folds."""
     looped = QUICK_LOOPED if quick else LOOPED
     yield from _undeformed_rows(looped)
     for noise, seed, verdict in NOISES:
@@ -61,14 +51,14 @@ def _undeformed_rows(looped: int) -> Iterable[Row]:
     greville = SplineVolume(FRAME.greville_control(bases), bases)
     found = invert_points(greville, points)
     off = np.abs(greville.at(found.parameters) - points).max() / EPSILON
-    closed = _seconds(lambda: FRAME.local(points))
-    yield Row("greville lattice: residual", f"{off:.1f} eps", "<= 8 eps", bool(off <= 8))
+    closed = best_seconds(lambda: FRAME.local(points), ROUNDS)
+    yield at_most("greville lattice: residual", off, 8, ".1f", " eps")
     yield _time("greville lattice: parameters in closed form", closed, 0.1)
     even = SplineVolume(FRAME.even_control(REGULAR), bases)
     found = invert_points(even, points)
     off = np.abs(even.at(found.parameters) - points).max() / EPSILON
-    regular = _seconds(lambda: invert_points(even, points))
-    yield Row("regular lattice: residual", f"{off:.1f} eps", "<= 8 eps", bool(off <= 8))
+    regular = best_seconds(lambda: invert_points(even, points), ROUNDS)
+    yield at_most("regular lattice: residual", off, 8, ".1f", " eps")
     yield _time("regular lattice: inverted axis by axis", regular, 20.0)
     loop = _loop(even, points[:looped])
     yield _ratio("closed form against a loop over points", loop / closed, 1000)
@@ -88,7 +78,7 @@ def _deformed_rows(volume: SplineVolume, verdict: str, looped: int) -> Iterable[
     report = fold_report(Lattice(volume, FRAME))
     yield Row(f"{name}: proved", report.verdict, verdict, report.verdict == verdict)
     most = 0.0 if verdict == "sound" else 0.01
-    ours = _seconds(lambda: invert_points(volume, points), rounds=1)
+    ours = best_seconds(lambda: invert_points(volume, points), 1)
     yield _failures(f"{name}: points not inverted", invert_points(volume, points), most)
     thesis = invert_thesis(volume, points)
     failed = float((~thesis.converged).mean())
@@ -113,15 +103,12 @@ def _failures(name: str, found: Inversion, most: float) -> Row:
 
 def _loop(volume: SplineVolume, points: Floats) -> float:
     """Seconds for all points one at a time, of which some are: by the same least squares."""
-    seconds = _seconds(
-        lambda: [invert_points(volume, point[None], method="general") for point in points], rounds=1
-    )
-    return seconds * POINTS / len(points)
 
+    def call() -> None:
+        for point in points:
+            invert_points(volume, point[None], method="general")
 
-def _seconds(call: Callable[[], object], rounds: int = ROUNDS) -> float:
-    """The best of some rounds: what a busy computer adds is not the method's."""
-    return min(timeit.repeat(call, number=1, repeat=rounds))
+    return best_seconds(call, 1) * POINTS / len(points)
 
 
 def _ratio(name: str, ratio: float, least: float) -> Row:
@@ -141,33 +128,26 @@ def _bases(counts: tuple[int, int, int]) -> Bases:
 
 
 def curve_rows(quick: bool) -> Iterable[Row]:
-    """Rows on closed curves: condition, closure, error against the thesis's scheme, noise, time.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer noisy curves and fewer repetitions of what is timed.
-    """
+    """Rows on closed curves: condition, closure, error against the thesis's scheme, noise, time."""
     for name, shape in CLOSED_CURVES.items():
         points = shape(np.arange(CURVE_POINTS) / (CURVE_POINTS - 1))
         ours = fit_closed_curve(points, count=CURVE_CONTROLS)
         thesis = fit_closed_curve_thesis(points, CURVE_CONTROLS)
-        yield _below(f"{name}, {CURVE_CONTROLS} control points: condition", ours.condition, 10.0)
+        title = f"{name}, {CURVE_CONTROLS} control points: condition"
+        yield at_most(title, ours.condition, 10.0, ".3g")
         gap = ours.closure_gap / float(np.ptp(points))
-        yield _below(f"{name}: closure gap over its size", gap, 1e-15)
+        yield at_most(f"{name}: closure gap over its size", gap, 1e-15, ".3g")
         # The other shapes have finer features than 16 control points can follow.
         most = 0.2 if name.startswith("ellipse") else 0.5
         share = _error(ours, shape) / _error(thesis, shape)
-        yield _below(f"{name}: error over the thesis's", share, most)
+        yield at_most(f"{name}: error over the thesis's", share, most, ".3g")
         through, floor = _error(fit_closed_curve(points), shape), _floor(shape)
         what = f"{name}, through all points: error over its size"
         yield Row(what, f"{through:.3g}", f"<= 0.001, floor {floor:.2g}", through <= 1e-3)
-    yield _below("bean with 1 % noise: error over the noise", _noisy(4 if quick else 20), 0.55)
+    yield at_most(
+        "bean with 1 % noise: error over the noise", _noisy(4 if quick else 20), 0.55, ".3g"
+    )
     yield from _times(5 if quick else 40)
-
-
-def _below(name: str, value: float, most: float) -> Row:
-    return Row(name, f"{value:.3g}", f"<= {most:g}", value <= most)
 
 
 def _error(curve: ClosedCurve, shape: CurveShape) -> float:
@@ -181,8 +161,6 @@ def _floor(shape: CurveShape) -> float:
 
 
 def _distance(found: Floats, shape: CurveShape) -> float:
-    from scipy.spatial import cKDTree
-
     true = shape(np.arange(MANY) / MANY)
     there, back = (
         np.asarray(cKDTree(one).query(other)[0]) for one, other in ((true, found), (found, true))
@@ -192,8 +170,6 @@ def _distance(found: Floats, shape: CurveShape) -> float:
 
 def _noisy(curves: int) -> float:
     """Root mean square error of curves through noisy points, over the noise."""
-    from scipy.spatial import cKDTree
-
     clean, true = (
         _bean(np.arange(CURVE_POINTS - 1) / (CURVE_POINTS - 1)),
         _bean(np.arange(20000) / 20000),
@@ -216,18 +192,8 @@ def _times(repeat: int) -> Iterable[Row]:
         "with noise": lambda: fit_closed_curve(noisy),
     }
     for name, way in ways.items():
-        cost = 1e3 * _least_time(way, repeat)
-        yield Row(f"{CURVE_POINTS} points, {name}: time", f"{cost:.2f} ms", "<= 2 ms", cost <= 2.0)
-
-
-def _least_time(call: Callable[[], ClosedCurve], repeat: int) -> float:
-    """Shortest of some calls, s: what else the machine does only adds to it."""
-    spent = []
-    for _ in range(repeat):
-        start = time.perf_counter()
-        call()
-        spent.append(time.perf_counter() - start)
-    return min(spent)
+        cost = 1e3 * best_seconds(way, repeat)
+        yield at_most(f"{CURVE_POINTS} points, {name}: time", cost, 2.0, ".2f", " ms")
 
 
 def _ellipse(turn: Floats) -> Floats:

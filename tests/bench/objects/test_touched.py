@@ -125,12 +125,12 @@ def test_a_seed_below_0_is_refused() -> None:
         drawn_object(-1)
 
 
-def test_a_seed_that_leads_to_no_object_a_pad_can_feel_is_refused(
+def test_a_seed_that_leads_to_no_object_a_pad_can_touch_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(explore_objects_drawn, "DEEPEST", -1.0)
     monkeypatch.setattr(explore_objects_drawn, "DRAWS", 2)
-    with pytest.raises(ValueError, match="that a pad can feel, 5 does not"):
+    with pytest.raises(ValueError, match="that a pad can touch, 5 does not"):
         drawn_object(5)
 
 

@@ -10,11 +10,13 @@ from palpate.core.shapes.superquadrics import Superquadric
 from palpate.launch.files.mesh_file import READERS
 from palpate.launch.files.mesh_formats import RawMesh
 
+VALID = dict(valid_meshes())
 
-@pytest.mark.parametrize("name", valid_meshes())
+
+@pytest.mark.parametrize("name", VALID)
 def test_every_format_gives_the_surface_that_was_written(name: str) -> None:
     vertices, faces = Superquadric(np.array(SIZE), np.array([1.0, 1.0])).mesh(LEVEL)
-    found = READERS[name.rpartition(".")[2]](valid_meshes()[name])
+    found = READERS[name.rpartition(".")[2]](VALID[name])
 
     assert found.vertices.dtype == np.float64
     assert found.faces.dtype == np.int64
@@ -65,7 +67,7 @@ def test_vertices_may_have_colours_and_lines_any_end() -> None:
 
 
 def test_a_mesh_is_where_its_nodes_put_it() -> None:
-    described, held = gltf_of(valid_meshes()["plain.glb"])
+    described, held = gltf_of(VALID["plain.glb"])
     turn = {"children": [1], "rotation": [0.0, 0.0, 0.5**0.5, 0.5**0.5], "scale": [2.0, 2.0, 2.0]}
     place = np.eye(4)
     place[:3, 3] = [100.0, 0.0, 0.0]
@@ -78,18 +80,18 @@ def test_a_mesh_is_where_its_nodes_put_it() -> None:
 
 
 def changed(**parts: object) -> bytes:
-    described, held = gltf_of(valid_meshes()["plain.glb"])
+    described, held = gltf_of(VALID["plain.glb"])
     return glb({**described, **parts}, held)
 
 
 def ply(old: bytes, new: bytes, name: str = "text.ply") -> bytes:
-    data = valid_meshes()[name]
+    data = VALID[name]
     assert old in data
     return data.replace(old, new, 1)
 
 
 def stl(old: bytes, new: bytes) -> bytes:
-    return valid_meshes()["text.stl"].replace(old, new, 1)
+    return VALID["text.stl"].replace(old, new, 1)
 
 
 REFUSED: list[tuple[str, Callable[[], bytes], str]] = [
@@ -116,7 +118,7 @@ REFUSED: list[tuple[str, Callable[[], bytes], str]] = [
     ("ply", lambda: ply(b"\n3 ", b"\n3 0.5"), "a corner that is no whole number"),
     ("ply", lambda: ply(b"\n3 ", b"\nthree "), "something else where there must be numbers"),
     ("stl", lambda: b"\0" * 83, "is cut short"),
-    ("stl", lambda: valid_meshes()["binary.stl"][:-1], "has not the triangles that it states"),
+    ("stl", lambda: VALID["binary.stl"][:-1], "has not the triangles that it states"),
     ("stl", lambda: stl(b"endsolid", b"end"), "its last solid has no end"),
     ("stl", lambda: stl(b"vertex", b"vortex"), "has 959 corners in 320 facets"),
     ("stl", lambda: stl(b"vertex", b"vertex 1"), "a corner that is not three numbers"),
@@ -136,7 +138,7 @@ REFUSED: list[tuple[str, Callable[[], bytes], str]] = [
     ("off", lambda: b"mesh", "does not begin with OFF"),
     ("glb", lambda: b"glTF", "is cut short"),
     ("glb", lambda: b"glTF" + b"\1\0\0\0" * 4, "does not begin as glTF 2 does"),
-    ("glb", lambda: valid_meshes()["plain.glb"] + b"x", "bytes and states"),
+    ("glb", lambda: VALID["plain.glb"] + b"x", "bytes and states"),
     ("glb", lambda: glb(b"[" * 100_000, b""), "is described by something else than glTF"),
     ("glb", lambda: changed(meshes=[]), "holds 0 meshes"),
     ("glb", lambda: changed(bufferViews=[]), "names a part that does not exist"),
@@ -175,7 +177,7 @@ def test_what_is_not_what_it_says_is_refused(
 def test_numbers_that_a_glb_file_does_not_hold_are_not_made_up(
     key: str, value: object, words: str
 ) -> None:
-    described, _ = gltf_of(valid_meshes()["plain.glb"])
+    described, _ = gltf_of(VALID["plain.glb"])
     first, second = described["accessors"]
 
     for accessors in ([{**first, key: value}, second], [first, {**second, key: value}]):
