@@ -34,10 +34,9 @@ from palpate.messages.types import (
     World,
 )
 from palpate.nodes.runtime import Deferred, Node, Outputs
-from palpate.nodes.specs import pad_of_info
+from palpate.nodes.specs import CONTACT_ERROR, pad_of_info
 
 TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it felt
-CONTACT_ERROR = 0.1e-3  # Standard deviation of a contact of the hand, m
 UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean may be less than 1
 TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
 TARGET_FACES = 45_000  # Of a mesh, about, if it takes as many

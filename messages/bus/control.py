@@ -34,14 +34,12 @@ def _is_count(value: Any) -> bool:
     return type(value) is int and value >= 0
 
 
-def _is_text(value: Any) -> bool:
-    return type(value) is str
+def _is(kind: type) -> FieldCheck:
+    return lambda value: type(value) is kind
 
 
-def _is_bytes(value: Any) -> bool:
-    return type(value) is bytes
-
-
+_is_text, _is_bytes, _is_truth = _is(str), _is(bytes), _is(bool)
+_is_integer, _is_number, _is_map = _is(int), _is(float), _is(dict)
 # What the launcher says to nodes; what carries a ticket, a tool has asked for.
 TO_NODES = ControlProtocol(
     {
@@ -107,10 +105,6 @@ def _are_consumed(value: Any) -> bool:
 
 def _are_texts(value: Any) -> bool:
     return type(value) is list and all(map(_is_text, value))
-
-
-def _is_truth(value: Any) -> bool:
-    return type(value) is bool
 
 
 # What nodes say to the launcher.
@@ -214,18 +208,6 @@ def read_control(
         if not check(word[name]):
             raise ValueError(f"the word {word['kind']} has a {name} that cannot be one")
     return word
-
-
-def _is_integer(value: Any) -> bool:
-    return type(value) is int
-
-
-def _is_map(value: Any) -> bool:
-    return type(value) is dict
-
-
-def _is_number(value: Any) -> bool:
-    return type(value) is float
 
 
 def _are_addresses(value: Any) -> bool:

@@ -31,13 +31,13 @@ from palpate.core.explore.probing import (
 from palpate.core.shapes import Bend, FittedSuperquadric
 from palpate.messages.types import GraspContacts, GraspGoal, Probe, Superquadric
 from palpate.nodes.planning.state import HandContacts, State, Task
+from palpate.nodes.specs import CONTACT_ERROR
 
 ENOUGH_CONTACTS = 60  # Contacts after which the hand has felt enough
 MAX_GRIPS = 30  # Times that it closes on the object at most
 # Distance of the places at which the object is looked for, m: less than a pad.
 SEARCH_SPACING = 12.0e-3
 OPENING_SHARE = 0.8  # Of the reach: how far the hand's fingers open
-CONTACT_ERROR = 0.1e-3  # Standard deviation of a contact, m
 ENDS: tuple[End, ...] = ("upper", "lower")
 # Of the extent: an end is felt all over as soon as there is a contour so near to it.
 END_NEARNESS = 0.07

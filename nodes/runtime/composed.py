@@ -21,12 +21,11 @@ from palpate.messages import Header, decode
 from palpate.messages.bus import Received
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Finished, Node, Source
-from palpate.nodes.runtime.sources import SourceWork
+from palpate.nodes.runtime.sources import SourceWork, Work
 from palpate.nodes.runtime.wiring import Wiring, load_node
 from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
 
 TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
-Work = NodeWork | SourceWork | SinkWork
 RoutedEdge = tuple[str, str, str]  # Publisher, topic on the wire, and listener
 
 

@@ -16,7 +16,7 @@ from palpate.messages.recording import RecordedMessage, Recording, open_recordin
 from palpate.messages.types import TYPES
 from palpate.nodes.runtime.node import Finished, Node
 from palpate.nodes.runtime.testing import Published, decoded_outputs, params_of
-from palpate.nodes.runtime.wiring import Input, RecordedNode, Wiring, recorded_nodes
+from palpate.nodes.runtime.wiring import Input, RecordedNode, lone_wiring, recorded_nodes
 from palpate.nodes.runtime.work import NodeWork, Outgoing
 
 TOPICS_FILE = "topics.mcap"  # The recording in a run directory
@@ -87,24 +87,17 @@ def feed(
     place = _recorded_place(bag, node, name)
     own = place is not None and _holds(place, node)
     given = params_of(node, params if params is not None or not own else _recorded(place, node))
-    outputs = {local: local for local in node.outputs}
-    wiring = Wiring(
-        name=place.name if place else "node",
-        module="",
-        params=given,
-        inputs=_inputs(bag, node, place),
-        outputs=outputs,
-        listeners={},
-    )
+    edges = _inputs(bag, node, place)
+    wiring = lone_wiring(given, edges, node.outputs, place.name if place else "node")
     work = NodeWork(node, given, wiring)
-    publishers = {one.topic: one.publisher for one in wiring.inputs}
+    publishers = {one.topic: one.publisher for one in edges}
     published: list[Outgoing | Finished] = work.begin()
     # Processes of one machine share the clock; the recorder may have heard them in another order.
     for kept in sorted(bag.messages(), key=lambda kept: kept.sent_ns):
         if kept.topic in publishers:
             header = Header(kept.run, kept.epoch, kept.seq, kept.sent_ns, 0.0, kept.schema)
             published += work.take(Received(publishers[kept.topic], kept.topic, header, kept.body))
-    return decoded_outputs(node, published, outputs)
+    return decoded_outputs(node, published)
 
 
 def _open(recording: RecordingPath) -> Recording:

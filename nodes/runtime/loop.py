@@ -5,7 +5,6 @@ The process never outlives its launcher.
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import multiprocessing
 import os
@@ -24,8 +23,9 @@ from palpate.messages import encode
 from palpate.messages.bus import Addresses, Cause, Journal, NodeSockets, Received, SourceProgress
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Finished, Node, Source
+from palpate.nodes.runtime.preloading import signal_at_parent_death
 from palpate.nodes.runtime.recovery import OutgoingSequence, replay, unpublished
-from palpate.nodes.runtime.sources import SourceWork
+from palpate.nodes.runtime.sources import SourceWork, Work
 from palpate.nodes.runtime.wiring import Wiring, load_node
 from palpate.nodes.runtime.work import (
     Latency,
@@ -37,7 +37,6 @@ from palpate.nodes.runtime.work import (
 )
 
 NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
-_PR_SET_PDEATHSIG = 1
 FAILED = 3  # Exit code of a node that has told the launcher why it failed
 HEARTBEAT_PERIOD = 0.25  # A node gives a sign of life this often, s
 IDLE_MS = int(HEARTBEAT_PERIOD * 500)
@@ -45,7 +44,6 @@ FLUSH_MS = 20  # A sink to which nothing comes for so long puts away what it hol
 # A sink that is told to end still writes what has arrived, for at most this long, s.
 DRAIN_TIME = 1.0
 MAX_TRACE_CHARS = 20_000  # Longest trace that is sent to the launcher, characters
-Work = NodeWork | SourceWork | SinkWork
 # Takes what is to be called when the process is asked to end, instead of dying at once.
 OnTerminate = Callable[[Callable[[], None]], None]
 
@@ -151,7 +149,7 @@ def _die_with_parent(number: signal.Signals) -> None:
     if sys.platform != "linux":
         return
     before = os.getppid()
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(number))
+    signal_at_parent_death(number)
     launcher = multiprocessing.parent_process()
     # The parent may have died before the kernel was told.
     if os.getppid() != before or (launcher is not None and not launcher.is_alive()):
@@ -305,17 +303,13 @@ class NodeLoop:
                 gc.freeze()
                 self._publish(work.begin())
             elif word["kind"] == "count":
-                consumed = [[*edge, number] for edge, number in work.consumed.items()]
-                sent = self._station.publisher.sent
-                waits = work.waits
-                can_publish = isinstance(work, SourceWork) and work.can_publish
                 line.send(
                     "count",
                     round=word["round"],
-                    sent=sent,
-                    consumed=consumed,
-                    waits=waits,
-                    can_publish=can_publish,
+                    sent=self._station.publisher.sent,
+                    consumed=[[*edge, number] for edge, number in work.consumed.items()],
+                    waits=work.waits,
+                    can_publish=isinstance(work, SourceWork) and work.can_publish,
                 )
             elif word["kind"] == "stop":
                 self._ended = True

@@ -36,13 +36,15 @@ def preload(names: Iterable[str]) -> None:
 @contextmanager
 def _no_longer_than_parent() -> Iterator[None]:
     """Let the kernel end this process with its parent: in an import it would notice too late."""
-    if sys.platform != "linux":
-        yield
-        return
-    prctl = ctypes.CDLL(None).prctl
-    prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL))
+    signal_at_parent_death(signal.SIGKILL)
     yield
-    prctl(_PR_SET_PDEATHSIG, 0)
+    signal_at_parent_death(0)
+
+
+def signal_at_parent_death(number: int) -> None:
+    """Have the kernel send this process a signal when its parent dies; 0 sends none."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(number))
 
 
 if PRELOAD_VARIABLE in os.environ:

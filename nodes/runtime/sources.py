@@ -11,7 +11,14 @@ from palpate.messages import codec_of, decode, encode
 from palpate.messages.bus import ControlMessage, Received, SourceProgress
 from palpate.nodes.runtime.node import Finished, Source, Timed
 from palpate.nodes.runtime.wiring import Wiring
-from palpate.nodes.runtime.work import ContractError, Edge, Latency, Outgoing
+from palpate.nodes.runtime.work import (
+    ContractError,
+    Edge,
+    Latency,
+    NodeWork,
+    Outgoing,
+    SinkWork,
+)
 
 POLL_PERIOD = 0.01  # A source that has nothing to say is asked again after this long, s
 # The last of a wait is not spent on the sockets, s: a poll is no more exact than that.
@@ -166,6 +173,9 @@ class SourceWork:
             robot_time = float(getattr(body, "robot_time", 0.0))
             body = encode(body)
         return Outgoing(self._wires[published.topic], body, robot_time, codec_of(cls).hash)
+
+
+Work = NodeWork | SourceWork | SinkWork
 
 
 def _due(published: Timed | Finished) -> float:

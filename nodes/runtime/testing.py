@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import msgspec
@@ -18,10 +18,9 @@ from palpate.messages import Header, codec_of, decode, encode, first_difference,
 from palpate.messages.bus import Received
 from palpate.nodes.runtime.node import Finished, Node, Source
 from palpate.nodes.runtime.sources import SourceWork
-from palpate.nodes.runtime.wiring import Input, Wiring
+from palpate.nodes.runtime.wiring import Input, lone_wiring
 from palpate.nodes.runtime.work import NodeWork, Outgoing
 
-NODE_NAME = "node"  # What a driven node is called in complaints
 # Topic, as the node calls it, and message each, in the order in which they were said.
 Published = list[tuple[str, Any] | Finished]
 Message = TypeVar("Message")
@@ -74,19 +73,14 @@ def drive(
         if list(inputs):
             raise ValueError("a source hears nothing; give it no inputs")
         return list(_published_by(node, given, most))
-    received = tuple(
-        Input("test", local, local, cls.__name__) for local, (cls, _) in node.inputs.items()
-    )
-    outputs = {local: local for local in node.outputs}
-    wiring = Wiring(
-        name=NODE_NAME, module="", params=given, inputs=received, outputs=outputs, listeners={}
-    )
-    work, counts = NodeWork(node, given, wiring), Counter[str]()
+    edges = [Input("test", topic, topic, cls.__name__) for topic, (cls, _) in node.inputs.items()]
+    work = NodeWork(node, given, lone_wiring(given, edges, node.outputs))
+    counts = Counter[str]()
     published = work.begin()
     for topic, message in (one for one in inputs if not isinstance(one, Finished)):
         published += work.take(_arrival(node, topic, message, counts[topic]))
         counts[topic] += 1
-    return decoded_outputs(node, published, outputs)
+    return decoded_outputs(node, published)
 
 
 def _published_by(
@@ -94,11 +88,7 @@ def _published_by(
 ) -> Iterator[tuple[str, Any] | Finished]:
     """What a source says until it ends, or has said so much; nothing is waited for."""
     outputs = source.outputs(params)
-    wires = {local: local for local in outputs}
-    wiring = Wiring(
-        name=NODE_NAME, module="", params=params, inputs=(), outputs=wires, listeners={}
-    )
-    work = SourceWork(source, params, wiring)
+    work = SourceWork(source, params, lone_wiring(params, (), outputs))
     list(work.begin())
     for number, one in enumerate(work.all()):
         if isinstance(one, Finished):
@@ -136,21 +126,12 @@ def params_of(node: Node | Source, params: object) -> Any:
         raise ValueError(f"the parameters do not fit: {error}") from None
 
 
-def decoded_outputs(
-    node: Node,  # Who said it
-    published: Iterable[Outgoing | Finished],  # On the wire
-    outputs: Mapping[str, str],  # The topic as the node calls it, to the topic on the wire
-) -> Published:
-    """What a listener gets, topics as the node calls them."""
-    local_of = {wire: local for local, wire in outputs.items()}
-    received: Published = []
-    for one in published:
-        if isinstance(one, Finished):
-            received.append(one)
-        else:
-            local = local_of[one.topic]
-            received.append((local, decode(node.outputs[local], one.body)))
-    return received
+def decoded_outputs(node: Node, published: Iterable[Outgoing | Finished]) -> Published:
+    """What subscribers get of what a node by itself publishes."""
+    return [
+        one if isinstance(one, Finished) else (one.topic, decode(node.outputs[one.topic], one.body))
+        for one in published
+    ]
 
 
 def example(cls: type[Message], **fields: object) -> Message:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any, Literal
@@ -48,6 +48,20 @@ class Wiring:
     persistent: bool = False
 
 
+def lone_wiring(
+    params: Any, inputs: Iterable[Input], topics: Iterable[str], name: str = "node"
+) -> Wiring:
+    """The wiring of a node by itself, whose topics on the wire are called as it calls them."""
+    return Wiring(
+        name=name,
+        module="",
+        params=params,
+        inputs=tuple(inputs),
+        outputs={topic: topic for topic in topics},
+        listeners={},
+    )
+
+
 def load_node(module: str) -> AnyNode:
     """The node that a module holds.
 
@@ -89,36 +103,16 @@ class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
             raise ValueError(
                 f"the recorded parameters of {self.name} do not fit: {error}"
             ) from None
-        return Wiring(
-            name=self.name,
-            module=self.module,
-            params=value,
-            inputs=self.inputs,
-            outputs=self.outputs,
-            listeners={},
-            types=self.types,
-            nice=self.nice,
-            on_exit=self.on_exit,
-        )
+        rest = {name: getattr(self, name) for name in RECORDED if name != "params"}
+        return Wiring(params=value, listeners={}, **rest)
+
+
+RECORDED = RecordedNode.__struct_fields__
 
 
 def describe_wirings(wirings: Sequence[Wiring]) -> bytes:
     """Describe a graph in JSON, parameters included, for a recorder to keep."""
-    return msgspec.json.encode(
-        [
-            {
-                "name": one.name,
-                "module": one.module,
-                "params": one.params,
-                "inputs": one.inputs,
-                "outputs": one.outputs,
-                "types": one.types,
-                "nice": one.nice,
-                "on_exit": one.on_exit,
-            }
-            for one in wirings
-        ]
-    )
+    return msgspec.json.encode([{name: getattr(one, name) for name in RECORDED} for one in wirings])
 
 
 def recorded_nodes(graph: bytes) -> tuple[RecordedNode, ...]:

@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 from palpate.core import Floats, split_pose
 from palpate.core.touch import contact_mask
 from palpate.messages.types import SensorInfo, TactileFrame
-from palpate.nodes.specs.sensors import SensorSpec, calibration_of_info, info_of, pad_of_info
+from palpate.nodes.specs.sensors import (
+    MIN_COMPRESSION,
+    SensorSpec,
+    calibration_of_info,
+    info_of,
+    pad_of_info,
+)
 
 MAX_FILE_BYTES = 256 << 20  # Largest file, also when it is unpacked
 # Arrays of an NPZ file, and their dimensions; the times may be missing.
@@ -30,7 +36,6 @@ POSE_NUMBERS = 7  # Numbers of a pose: x, y, z in m, and a quaternion x, y, z, w
 MIN_SIDE, MAX_SIDE = 4, 64  # Rows or columns of an array
 QUATERNION_TOLERANCE = 0.01  # A quaternion may be rounded; its length is 1 within this
 ArraySize = tuple[int, int]
-MIN_COMPRESSION = 50e-6  # Least compression that counts as touched, m, as for the filter
 # Topics of every driver.
 DRIVER_OUTPUTS: dict[str, type] = {"/touch/info": SensorInfo, "/touch/raw": TactileFrame}
 

@@ -143,7 +143,7 @@ def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(
     )
     graph = [flooding, busy]
     ending = launch(graph, ends="busy", watch=[], watcher=watcher, work_dir=tmp_path, depth=1)
-    assert (ending.reason, ending.restarts) == ("12000 heard, 0 left out, 0 out of turn", {})
+    assert (ending.reason, ending.restarts) == ("12000 received, 0 missing, 0 out of turn", {})
 
 
 def test_a_message_that_breaks_a_node_twice_ends_the_run(
