@@ -45,12 +45,6 @@ IDENTITY = {
 }
 PRIMITIVES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 Schema = dict[str, Any]
-NUMBER: Schema = {"type": "number"}
-TEXT: Schema = {"type": "string"}
-BOOLEAN: Schema = {"type": "boolean"}
-NATURAL: Schema = {"type": "integer", "minimum": 0}
-BASE64: Schema = {"type": "string", "contentEncoding": "base64"}
-NANOSECONDS: Schema = {**NATURAL, "maximum": 999_999_999}
 
 
 def write_foxglove(source: DecodedRecording, path: Path) -> int:
@@ -316,160 +310,27 @@ def _log(said: DecodedMessage) -> FoxgloveMessage:
     return FoxgloveMessage(said.topic, "foxglove.Log", content)
 
 
-def _object(title: str, **fields: Schema) -> Schema:
-    return {"title": title, "type": "object", "properties": fields, "required": list(fields)}
-
-
-def _list(items: Schema) -> Schema:
-    return {"type": "array", "items": items}
-
-
-def _choice(title: str, *names: str) -> Schema:
-    options = [{"title": name, "const": number} for number, name in enumerate(names)]
-    return {"title": f"foxglove.{title}", "oneOf": options}
-
-
-def _numbers(title: str, names: str) -> Schema:
-    return _object(f"foxglove.{title}", **dict.fromkeys(names, NUMBER))
-
-
-def _timed(title: str, seconds: Schema) -> Schema:
-    """A time or a duration; neither field is required."""
-    fields = {"sec": seconds, "nsec": NANOSECONDS}
-    return {"title": title, "type": "object", "properties": fields}
-
-
 _INSTEAD: Mapping[type, Callable[[DecodedMessage], FoxgloveMessage]] = {
     ShapeModel: _model,
     Truth: _truth,
     LogRecord: _log,
 }
-TIME = _timed("time", NATURAL)
-DURATION = _timed("duration", {"type": "integer"})
-VECTOR = _numbers("Vector3", "xyz")
-POINT = _numbers("Point3", "xyz")
-QUATERNION = _numbers("Quaternion", "xyzw")
-COLOR = _numbers("Color", "rgba")
-POSE = _object("foxglove.Pose", position=VECTOR, orientation=QUATERNION)
-_CORNERS = {
-    "points": _list(POINT),
-    "color": COLOR,
-    "colors": _list(COLOR),
-    "indices": _list(NATURAL),
-}
-ARROW = _object(
-    "foxglove.ArrowPrimitive",
-    pose=POSE,
-    shaft_length=NUMBER,
-    shaft_diameter=NUMBER,
-    head_length=NUMBER,
-    head_diameter=NUMBER,
-    color=COLOR,
-)
-CUBE = _object("foxglove.CubePrimitive", pose=POSE, size=VECTOR, color=COLOR)
-SPHERE = _object("foxglove.SpherePrimitive", pose=POSE, size=VECTOR, color=COLOR)
-CYLINDER = _object(
-    "foxglove.CylinderPrimitive",
-    pose=POSE,
-    size=VECTOR,
-    bottom_scale=NUMBER,
-    top_scale=NUMBER,
-    color=COLOR,
-)
-LINE = _object(
-    "foxglove.LinePrimitive",
-    type=_choice("LineType", "LINE_STRIP", "LINE_LOOP", "LINE_LIST"),
-    pose=POSE,
-    thickness=NUMBER,
-    scale_invariant=BOOLEAN,
-    **_CORNERS,
-)
-TRIANGLES = _object("foxglove.TriangleListPrimitive", pose=POSE, **_CORNERS)
-LABEL = _object(
-    "foxglove.TextPrimitive",
-    pose=POSE,
-    billboard=BOOLEAN,
-    font_size=NUMBER,
-    scale_invariant=BOOLEAN,
-    color=COLOR,
-    text=TEXT,
-)
-MODEL = _object(
-    "foxglove.ModelPrimitive",
-    pose=POSE,
-    scale=VECTOR,
-    color=COLOR,
-    override_color=BOOLEAN,
-    url=TEXT,
-    media_type=TEXT,
-    data=BASE64,
-)
-ENTITY = _object(
-    "foxglove.SceneEntity",
-    timestamp=TIME,
-    frame_id=TEXT,
-    id=TEXT,
-    lifetime=DURATION,
-    frame_locked=BOOLEAN,
-    metadata=_list(_object("foxglove.KeyValuePair", key=TEXT, value=TEXT)),
-    arrows=_list(ARROW),
-    cubes=_list(CUBE),
-    spheres=_list(SPHERE),
-    cylinders=_list(CYLINDER),
-    lines=_list(LINE),
-    triangles=_list(TRIANGLES),
-    texts=_list(LABEL),
-    models=_list(MODEL),
-)
-DELETION = _object(
-    "foxglove.SceneEntityDeletion",
-    timestamp=TIME,
-    type=_choice("SceneEntityDeletionType", "MATCHING_ID", "ALL"),
-    id=TEXT,
-)
-FIELD = _object(
-    "foxglove.PackedElementField",
-    name=TEXT,
-    offset=NATURAL,
-    type=_choice(
-        "NumericType",
-        *("UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64"),
-    ),
-)
-TRANSFORM = _object(
-    "foxglove.FrameTransform",
-    timestamp=TIME,
-    parent_frame_id=TEXT,
-    child_frame_id=TEXT,
-    translation=VECTOR,
-    rotation=QUATERNION,
-)
 
 
+def _schema(kind: Any) -> Schema:
+    """JSON schema of a type as `foxglove.json` names it; a list of one holds many of it."""
+    if isinstance(kind, list):
+        return {"type": "array", "items": _schema(kind[0])}
+    if kind in _DATA["base"]:
+        return dict(_DATA["base"][kind])
+    title, told = f"foxglove.{kind}", _DATA["types"][kind]
+    if isinstance(told, list):
+        options = [{"title": name, "const": number} for number, name in enumerate(told)]
+        return {"title": title, "oneOf": options}
+    fields = {name: _schema(one) for name, one in told.items()}
+    return {"title": title, "type": "object", "properties": fields, "required": list(fields)}
+
+
+_DATA: dict[str, Any] = json.loads(Path(__file__).with_name("foxglove.json").read_text("utf-8"))
 # Schemas of whole messages, by their names.
-SCHEMAS: Mapping[str, Schema] = {
-    one["title"]: one
-    for one in (
-        _object("foxglove.SceneUpdate", deletions=_list(DELETION), entities=_list(ENTITY)),
-        _object(
-            "foxglove.PointCloud",
-            timestamp=TIME,
-            frame_id=TEXT,
-            pose=POSE,
-            point_stride=NATURAL,
-            fields=_list(FIELD),
-            data=BASE64,
-        ),
-        _object("foxglove.PoseInFrame", timestamp=TIME, frame_id=TEXT, pose=POSE),
-        _object("foxglove.FrameTransforms", transforms=_list(TRANSFORM)),
-        _object(
-            "foxglove.Log",
-            timestamp=TIME,
-            level=_choice("LogLevel", "UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"),
-            message=TEXT,
-            name=TEXT,
-            file=TEXT,
-            line=NATURAL,
-        ),
-    )
-}
+SCHEMAS: Mapping[str, Schema] = {f"foxglove.{one}": _schema(one) for one in _DATA["messages"]}

@@ -89,7 +89,33 @@ def _bug_text(error: Exception) -> str:
     return f"a bug: {type(error).__name__}: {error!s:.200}; the traceback is in {file.name}"
 
 
-class LazyGroup(click.Group):
+class NamedGroup(click.Group):
+    """Verbs in the order in which they were defined; one that is mistyped is hinted at."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the verbs."""
+        return list(self.commands)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The verb that the arguments begin with."""
+        verbs = self.list_commands(ctx)
+        if args[0] not in verbs and not args[0].startswith("-"):
+            raise click.UsageError(f"there is no verb {args[0]!r}; {hint(args[0], verbs)}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the verbs."""
+        with formatter.section("Verbs"):
+            formatter.write_dl([(verb, self.in_short(verb)) for verb in self.list_commands(ctx)])
+
+    def in_short(self, verb: str) -> str:
+        """What a verb does, in one line."""
+        return self.commands[verb].short_help or ""
+
+
+class LazyGroup(NamedGroup):
     """Verbs by name, each with where it stands (``module:attribute``) and its help in one line."""
 
     def __init__(self, name: str, verbs: Mapping[str, tuple[str, str]], help: str) -> None:
@@ -108,20 +134,9 @@ class LazyGroup(click.Group):
         command: click.Command = getattr(import_module(f"palpate.{module}"), attribute)
         return command
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The verb that the arguments begin with."""
-        if args[0] not in self._verbs and not args[0].startswith("-"):
-            raise click.UsageError(
-                f"there is no verb {args[0]!r}; {hint(args[0], self._verbs)}", ctx
-            )
-        return super().resolve_command(ctx, args)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs without importing them."""
-        with formatter.section("Verbs"):
-            formatter.write_dl([(verb, text) for verb, (_, text) in self._verbs.items()])
+    def in_short(self, verb: str) -> str:
+        """What a verb does, in one line; nothing is imported."""
+        return self._verbs[verb][1]
 
 
 palpate_group = LazyGroup(

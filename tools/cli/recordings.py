@@ -7,37 +7,9 @@ from pathlib import Path
 import click
 
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import LazyGroup
+from palpate.tools.cli.command_line import NamedGroup
 
-bag_group = LazyGroup(
-    "bag",
-    {
-        "info": ("tools.cli.recordings:bag_info_command", "Say what a recording holds."),
-        "play": (
-            "tools.cli.recordings:bag_play_command",
-            "Say again what a recording holds, at its own pace.",
-        ),
-        "pause": ("tools.cli.recordings:bag_pause_command", "Have a player stand still."),
-        "resume": ("tools.cli.recordings:bag_resume_command", "Have a player go on."),
-        "step": (
-            "tools.cli.recordings:bag_step_command",
-            "Have a player that stands still say the next message.",
-        ),
-        "recover": (
-            "tools.cli.recordings:bag_recover_command",
-            "Save what is whole of a damaged recording.",
-        ),
-        "diff": (
-            "tools.cli.recordings:bag_diff_command",
-            "Name the first message in which two recordings differ.",
-        ),
-        "export": (
-            "tools.cli.recordings:bag_export_command",
-            "Write a recording in a format that other programs read.",
-        ),
-    },
-    "Look into recordings, play, recover and compare them, and hand them on.",
-)
+bag_group = NamedGroup("bag", help="Look into recordings, play, recover and compare them, and hand them on.")
 INFO_HELP = """Say what the recording BAG holds.
 
 BAG is a run directory or an MCAP file. A table shows how many messages each topic has, their bytes
@@ -75,7 +47,7 @@ of the 1990s; sliding, the modern one, if it stayed on the surface between two t
 """
 
 
-@click.command("info", help=INFO_HELP)
+@bag_group.command("info", short_help="Say what a recording holds.", help=INFO_HELP)
 @click.argument("bag", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
 def bag_info_command(bag: Path, as_json: bool) -> int:
@@ -89,7 +61,7 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
     return 0 if info["closed"] else 1
 
 
-@click.command("play")
+@bag_group.command("play", short_help="Say again what a recording holds, at its own pace.")
 @click.argument("bag", type=click.Path(path_type=Path))
 @click.option("-r", "--rate", default=1.0, show_default=True, help="Recorded s in a second.")
 @click.option("-l", "--loop", is_flag=True, help="Begin anew at the end, until Ctrl-C.")
@@ -140,7 +112,7 @@ def bag_play_command(
     return play_recording(player_entry(bag, params, read_remap(remap)), quiet=quiet)
 
 
-@click.command("pause")
+@bag_group.command("pause", short_help="Have a player stand still.")
 @click.option("--run", metavar="ID", help="Which running graph; the latest if left out.")
 def bag_pause_command(run: str | None) -> None:
     """Have the player of a running graph stand still."""
@@ -149,7 +121,7 @@ def bag_pause_command(run: str | None) -> None:
     control_player(run, "pause")
 
 
-@click.command("resume")
+@bag_group.command("resume", short_help="Have a player go on.")
 @click.option("--run", metavar="ID", help="Which running graph; the latest if left out.")
 def bag_resume_command(run: str | None) -> None:
     """Have the player of a running graph go on."""
@@ -158,7 +130,7 @@ def bag_resume_command(run: str | None) -> None:
     control_player(run, "resume")
 
 
-@click.command("step")
+@bag_group.command("step", short_help="Have a player that stands still say the next message.")
 @click.option("-n", "--messages", type=click.IntRange(1, 1 << 31), default=1, show_default=True)
 @click.option("--run", metavar="ID", help="Which running graph; the latest if left out.")
 def bag_step_command(messages: int, run: str | None) -> None:
@@ -168,7 +140,7 @@ def bag_step_command(messages: int, run: str | None) -> None:
     control_player(run, "step", number=messages)
 
 
-@click.command("recover", help=RECOVER_HELP)
+@bag_group.command("recover", short_help="Save what is whole of a damaged recording.", help=RECOVER_HELP)
 @click.argument("bag", type=click.Path(path_type=Path))
 @click.option(
     "-o",
@@ -184,7 +156,7 @@ def bag_recover_command(bag: Path, output: Path | None) -> int:
     return 0
 
 
-@click.command("diff", help=DIFF_HELP)
+@bag_group.command("diff", short_help="Name the first message in which two recordings differ.", help=DIFF_HELP)
 @click.argument("a", metavar="A", type=click.Path(path_type=Path))
 @click.argument("b", metavar="B", type=click.Path(path_type=Path))
 @click.option("--topics", default="", metavar="/X,/Y", help="Topics to compare; all if none.")
@@ -201,7 +173,7 @@ def bag_diff_command(a: Path, b: Path, topics: str) -> int:
     return int(bool(found.first))
 
 
-@click.command("export", help=EXPORT_HELP)
+@bag_group.command("export", short_help="Write a recording in a format that other programs read.", help=EXPORT_HELP)
 @click.argument("bag", type=click.Path(path_type=Path))
 @click.option(
     "--format", "kind", type=click.Choice(["csv", "npz", "foxglove"]), required=True, help="Format."

@@ -9,31 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import LazyGroup
+from palpate.tools.cli.command_line import NamedGroup
 
 if TYPE_CHECKING:
     from palpate.launch.processes import RunCard
 
-node_group = LazyGroup(
-    "node",
-    {
-        "list": ("tools.cli.running_graph:node_list_command", "Name the nodes of a running graph."),
-        "info": (
-            "tools.cli.running_graph:node_info_command",
-            "Say how a running node is doing, what it hears and says.",
-        ),
-        "kinds": (
-            "tools.cli.running_graph:node_kinds_command",
-            "List the kinds of node and what they hear and say.",
-        ),
-    },
-    "Look at the nodes of a running graph, or at the kinds of node.",
-)
-param_group = LazyGroup(
-    "param",
-    {"dump": ("tools.cli.running_graph:param_dump_command", "Print parameters in YAML.")},
-    "Look at the parameters of a running graph's nodes.",
-)
+node_group = NamedGroup("node", help="Look at the nodes of a running graph, or at the kinds of node.")
+param_group = NamedGroup("param", help="Look at the parameters of a running graph's nodes.")
 Command = Callable[..., Any]
 
 
@@ -47,7 +29,7 @@ def run_option(command: Command) -> Command:
     )(command)
 
 
-@click.command("list")
+@node_group.command("list", short_help="Name the nodes of a running graph.")
 @run_option
 @click.option("-a", "--all", "every", is_flag=True, help="Also nodes that have ended.")
 def node_list_command(run: str | None, every: bool) -> None:
@@ -61,7 +43,7 @@ def node_list_command(run: str | None, every: bool) -> None:
         click.echo(name)
 
 
-@click.command("info")
+@node_group.command("info", short_help="Say how a running node is doing, what it hears and says.")
 @click.argument("node")
 @run_option
 def node_info_command(node: str, run: str | None) -> None:
@@ -72,7 +54,7 @@ def node_info_command(node: str, run: str | None) -> None:
         click.echo(node_text(card_of(run), node))
 
 
-@click.command("kinds")
+@node_group.command("kinds", short_help="List the kinds of node and what they hear and say.")
 @click.argument("kind", required=False)
 def node_kinds_command(kind: str | None) -> None:
     """Name the kinds of node; of one KIND, say what it hears and says, and its parameters."""
@@ -82,7 +64,7 @@ def node_kinds_command(kind: str | None) -> None:
         click.echo(line)
 
 
-@click.command("dump")
+@param_group.command("dump", short_help="Print parameters in YAML.")
 @click.argument("node", required=False)
 @run_option
 def param_dump_command(node: str | None, run: str | None) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from palpate.tools.cli.command_line import LazyGroup
+from palpate.tools.cli.command_line import NamedGroup
 from palpate.tools.cli.running_graph import (
     Command,
     as_input_errors,
@@ -18,28 +18,10 @@ from palpate.tools.cli.running_graph import (
 if TYPE_CHECKING:
     from palpate.tools.introspection import RateText
 
-topic_group = LazyGroup(
-    "topic",
-    {
-        "list": ("tools.cli.topics:topic_list_command", "Name the topics."),
-        "info": (
-            "tools.cli.topics:topic_info_command",
-            "Say what a topic carries, from whom to whom.",
-        ),
-        "echo": ("tools.cli.topics:topic_echo_command", "Print the messages of a topic."),
-        "hz": ("tools.cli.topics:topic_hz_command", "Measure how often topics are published."),
-        "bw": ("tools.cli.topics:topic_bw_command", "Measure how many bytes topics carry."),
-        "delay": (
-            "tools.cli.topics:topic_delay_command",
-            "Measure how long messages are on their way.",
-        ),
-        "pub": ("tools.cli.topics:topic_pub_command", "Publish a message on a console's topic."),
-    },
-    "Hear and speak on the topics of a running graph.",
-)
+topic_group = NamedGroup("topic", help="Hear and speak on the topics of a running graph.")
 
 
-@click.command("list")
+@topic_group.command("list", short_help="Name the topics.")
 @run_option
 @click.option("-t", "--show-types", is_flag=True, help="Add the type.")
 @click.option("-c", "--count-topics", is_flag=True, help="Print only how many there are.")
@@ -62,7 +44,7 @@ def topic_list_command(
         click.echo(line)
 
 
-@click.command("info")
+@topic_group.command("info", short_help="Say what a topic carries, from whom to whom.")
 @click.argument("topic")
 @run_option
 @click.option("-v", "--verbose", is_flag=True, help="Add the fields with their units.")
@@ -82,7 +64,7 @@ def topic_info_command(topic: str, run: str | None, verbose: bool) -> None:
         click.echo(f"  {line}")
 
 
-@click.command("echo")
+@topic_group.command("echo", short_help="Print the messages of a topic.")
 @click.argument("topic")
 @run_option
 @click.option("--once", is_flag=True, help="Print one message and end.")
@@ -167,7 +149,7 @@ def measuring_options(command: Command) -> Command:
     return command
 
 
-@click.command("hz")
+@topic_group.command("hz", short_help="Measure how often topics are published.")
 @measuring_options
 def topic_hz_command(
     topics: tuple[str, ...], run: str | None, window: int, every: bool, duration: float | None
@@ -178,7 +160,7 @@ def topic_hz_command(
     measure(topics, run, window=window, every=every, duration=duration, say=rate_text)
 
 
-@click.command("bw")
+@topic_group.command("bw", short_help="Measure how many bytes topics carry.")
 @measuring_options
 def topic_bw_command(
     topics: tuple[str, ...], run: str | None, window: int, every: bool, duration: float | None
@@ -189,7 +171,7 @@ def topic_bw_command(
     measure(topics, run, window=window, every=every, duration=duration, say=bandwidth_text)
 
 
-@click.command("delay")
+@topic_group.command("delay", short_help="Measure how long messages are on their way.")
 @measuring_options
 def topic_delay_command(
     topics: tuple[str, ...], run: str | None, window: int, every: bool, duration: float | None
@@ -223,7 +205,7 @@ def measure(
         RateMonitor(found, window, say, click.echo).run(card, found, duration)
 
 
-@click.command("pub")
+@topic_group.command("pub", short_help="Publish a message on a console's topic.")
 @click.argument("topic")
 @click.argument("body")
 @click.option("-r", "--rate", default=1.0, show_default=True, help="Messages in a second.")

@@ -92,7 +92,7 @@ def test_the_version_is_said(capsys: Output) -> None:
         (["bench", "bux"], "'bux' is not one of"),
         (
             ["bench", "touch", "--figures", "x"],
-            "--figures belongs to curvature, shapes and rebuild",
+            "--figures belongs to curvature, shapes, rebuild",
         ),
         (["init", "effect", "Hum"], "'Hum' cannot name a module"),
         (["topic", "ecko"], "there is no verb 'ecko'; did you mean 'echo'? (see palpate topic"),
