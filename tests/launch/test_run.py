@@ -48,7 +48,7 @@ def launch_file(
 
     params = sys.modules["t.maker"].NODE.params
     outputs = {"/contour/traced": Contour, "/model/shape": ShapeModel}
-    outputs = [("/contour/traced", contour), ("/model/shape", tetrahedron)]
+    messages = [("/contour/traced", contour), ("/model/shape", tetrahedron)]
 
     def judge(_: Any, state: Any, message: ShapeModel) -> tuple[Any, list[Any]]:
         return state, [("/score", score), Finished("scored")]
@@ -56,7 +56,7 @@ def launch_file(
     def fail(*_: Any) -> tuple[Any, list[Any]]:
         raise ValueError("the finger fell off")
 
-    maker = Node(params=params, start=lambda _: (None, outputs), inputs={}, outputs=outputs)
+    maker = Node(params=params, start=lambda _: (None, messages), inputs={}, outputs=outputs)
     make_node("t.maker", value=maker)
     make_node("t.broken", value=dataclasses.replace(maker, start=fail))
     make_node(
