@@ -24,8 +24,10 @@ if TYPE_CHECKING:
     from palpate.core.geometry.mesh_normals import are_outside as are_outside
     from palpate.core.geometry.mesh_normals import facet_sag as facet_sag
     from palpate.core.geometry.meshes import Solidity as Solidity
+    from palpate.core.geometry.meshes import close_rings as close_rings
     from palpate.core.geometry.meshes import is_closed as is_closed
     from palpate.core.geometry.meshes import is_inside_out as is_inside_out
+    from palpate.core.geometry.meshes import join_rings as join_rings
     from palpate.core.geometry.meshes import signed_volume as signed_volume
     from palpate.core.geometry.meshes import solidity as solidity
     from palpate.core.geometry.meshes import triangle_corners as triangle_corners
@@ -40,8 +42,6 @@ if TYPE_CHECKING:
     from palpate.core.geometry.polygons import self_intersects as self_intersects
     from palpate.core.geometry.polygons import signed_area as signed_area
     from palpate.core.geometry.polygons import winding_number as winding_number
-    from palpate.core.geometry.ring_meshes import close_rings as close_rings
-    from palpate.core.geometry.ring_meshes import join_rings as join_rings
     from palpate.core.geometry.self_intersections import self_intersection as self_intersection
     from palpate.core.geometry.star_shapes import azimuth_match as azimuth_match
     from palpate.core.geometry.star_shapes import kernel_point as kernel_point

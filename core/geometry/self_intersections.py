@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
-from palpate.core.geometry.bounding_volumes import BoxTree
 from palpate.core.geometry.meshes import areas_and_normals, checked_faces
+from palpate.core.geometry.nearest import BoxTree
 
 Indices = NDArray[np.intp]
+
+
 # Of a triangle's longest edge: a corner that lies nearer to a plane lies in it, and what two
 # triangles have in common over a shorter way is a touch.
 TOUCHING = 1e-9

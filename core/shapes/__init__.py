@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from palpate.core.shapes.global_deformations import Bend as Bend
     from palpate.core.shapes.global_deformations import Taper as Taper
     from palpate.core.shapes.half_spaces import HalfSpace as HalfSpace
-    from palpate.core.shapes.hyperquadric_terms import Dent as Dent
+    from palpate.core.shapes.hyperquadrics import Dent as Dent
     from palpate.core.shapes.hyperquadrics import Hyperquadric as Hyperquadric
     from palpate.core.shapes.polyhedra import Polyhedron as Polyhedron
     from palpate.core.shapes.protocol import INSIDE as INSIDE

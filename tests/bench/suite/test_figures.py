@@ -11,7 +11,7 @@ from palpate.bench.rebuild.thesis import EXAMPLES
 from palpate.bench.suite import figures as figures_peers
 from palpate.bench.suite import figures as figures_rebuild
 from palpate.bench.suite.figures import section_lines, write_thesis_figures
-from palpate.core.geometry.ring_meshes import close_rings
+from palpate.core.geometry.meshes import close_rings
 from palpate.core.shapes.protocol import Mesh
 
 ROOT = Path(__file__).parents[3]

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.geometry import bounding_volumes as boxes
-from palpate.core.geometry.bounding_volumes import cut_long_triangles
+from palpate.core.geometry import nearest as boxes
 from palpate.core.geometry.meshes import areas_and_normals, triangle_corners
-from palpate.core.geometry.nearest import nearest_points, nearest_search
+from palpate.core.geometry.nearest import cut_long_triangles, nearest_points, nearest_search
 from palpate.core.shapes.protocol import Mesh
 from palpate.core.shapes.tessellations import icosphere
 

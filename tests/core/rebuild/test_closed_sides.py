@@ -10,8 +10,7 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.explore.tracing.contour_trace import TraceGoal
 from palpate.core.geometry.distances import PreparedSurface, compare_surfaces, prepare_surface
-from palpate.core.geometry.meshes import solidity
-from palpate.core.geometry.ring_meshes import close_rings
+from palpate.core.geometry.meshes import close_rings, solidity
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.rebuild.closed_sides import close_contours, runs_through_axis
 from palpate.core.rebuild.contours.contacts import ContactPoints, stack_points

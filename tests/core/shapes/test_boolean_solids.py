@@ -28,8 +28,7 @@ from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder
 from palpate.core.shapes.global_deformations import Bend
 from palpate.core.shapes.half_spaces import HalfSpace
-from palpate.core.shapes.hyperquadric_terms import Dent
-from palpate.core.shapes.hyperquadrics import Hyperquadric
+from palpate.core.shapes.hyperquadrics import Dent, Hyperquadric
 from palpate.core.shapes.polyhedra import Polyhedron
 from palpate.core.shapes.protocol import INSIDE, MISS, PosedSolid
 from palpate.core.shapes.sections import SplineSection
