@@ -73,6 +73,7 @@ BENCHES: Mapping[str, Mapping[str, str]] = {
         "band": f"{REBUILD}.contours:band_rows",
         "thesis": f"{REBUILD}.thesis:thesis_rows",
     },
+    "house": {"house": "palpate.bench.house:house_rows"},
 }
 # What draws the pictures of a bench into a folder.
 FIGURES: Mapping[str, tuple[str, ...]] = {

@@ -7,7 +7,7 @@ import click
 from palpate.bench.suite.groups import BENCHES, FIGURES
 from palpate.bench.table import named, run_groups
 
-BENCH_HELP = """Measure one of eight things, here and now.
+BENCH_HELP = """Measure one of nine things, here and now.
 
 \b
 scenes     the shipped scenes from start to end: accuracy and time
@@ -22,6 +22,8 @@ curvature  filters and estimators against noise and impulses
 shapes     superquadrics, splines and other models: exactness, recoveries, costs
 rebuild    solids from contours: errors over those of lofts, radial functions and the
            thesis on eight objects, disorder, outliers, confidence and costs
+house      palpate itself: lines and files, and how many files one frame, one rebuild and one
+           plan run through; the sizes alone with --quick
 """
 
 

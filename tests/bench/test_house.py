@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+from palpate.bench.house import (
+    Call,
+    CallWatch,
+    Visit,
+    code_lines,
+    folder_size,
+    frames_of,
+    house_rows,
+    passed,
+    within,
+)
+from palpate.core.geometry.meshes import solidity
+from palpate.core.shapes.tessellations import icosphere
+
+TEXT = '''"""A module.
+
+Two lines of it.
+"""
+
+# A comment
+NAME = """a string
+of two lines"""
+
+
+def call() -> None:
+    """One line."""
+    return None
+'''
+
+
+def test_blank_lines_comments_and_docstrings_are_no_code(tmp_path: Path) -> None:
+    assert code_lines(TEXT) == 4
+    (tmp_path / "one.py").write_text(TEXT)
+    assert folder_size("x", [tmp_path / "one.py"])[1:] == (1, 13, 4, 13, 0, 1)
+
+
+def test_the_product_is_the_sum_of_its_folders() -> None:
+    _, product, *folders = house_rows(quick=True)
+    rooms = [one for one in folders if one.name != "tests"]  # type: ignore[union-attr]
+    assert {one.name for one in rooms} >= {"core", "bench"}  # type: ignore[union-attr]
+    assert product[1:4] == tuple(sum(one[i] for one in rooms) for i in (1, 2, 3))
+
+
+def test_calls_are_told_by_file_until_a_function_returns() -> None:
+    mesh = icosphere(2)
+    with CallWatch() as watch:
+        solidity(*mesh)
+    assert "core/geometry/meshes.py" in watch.files
+    assert "tests/bench/test_house.py" not in {call.file for call in watch.visits}  # type: ignore[attr-defined]
+
+
+def test_a_frame_is_one_round_of_all_its_nodes() -> None:
+    def visit(node: str) -> Visit:
+        return Visit(node, (Call(True, f"{node}.py", "f"), Call(False, f"{node}.py", "f")))
+
+    nodes = ("simulator", "filter", "curvature", "tracer", "reconstructor")
+    visits = [visit(node) for node in ("filter", *nodes, "simulator", "filter")]
+    [calls] = frames_of(visits)
+    assert passed(calls) == {"files": 5, "changes of file": 4, "calls": 5}
+    assert within(calls, "g") == calls[:2]
