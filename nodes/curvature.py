@@ -42,7 +42,7 @@ def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State
     """Normal, curvatures and verdict of one touch."""
     _, axes = split_pose(image.pose)
     pad = sensor.pad
-    surface = np.where(image.mask, -(image.compression + pad.sag()), 0.0)
+    surface = pad.surface(image.compression, image.mask)
     felt = fit_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
     patch = SurfacePatch(
         goal=image.goal,

@@ -65,7 +65,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     planner: str = "predicted"
     settings: dict[str, Any] = {}  # Its numbers
     tolerance: Length = 0.2e-3  # Root mean square error that is asked for, m
-    feature: Length = 3.0e-3  # Largest height that may stay unfelt, m
+    feature: Length = 3.0e-3  # Largest height that may stay untouched, m
     # Touches that may be made; null for as many as it takes.
     most_touches: Annotated[int, Meta(ge=1)] | None = None
     # Robot time that may pass, s; null for as long as it takes.

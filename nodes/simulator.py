@@ -17,7 +17,7 @@ from palpate.core import (
     split_pose,
 )
 from palpate.core.shapes import Shape
-from palpate.core.touch import Pipeline, SimulatedTouch, StageStates
+from palpate.core.touch import HITS, Pipeline, SimulatedTouch, StageStates
 from palpate.messages.types import (
     GraspContacts,
     GraspGoal,
@@ -155,7 +155,7 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
     )
     remembered = pipeline.simulate(felt, state.remembered)
     late = max(felt.time - starts - contact_seconds(ROBOT_PRESETS[params.robot], felt.advance), 0.0)
-    met = LastContact(goal.goal, felt.believed[:3]) if felt.outcome in ("hit", "bottomed") else None
+    met = LastContact(goal.goal, felt.believed[:3]) if felt.outcome in HITS else None
     ways = (travel, turn, felt.advance, _along(state.met, met))
     frame = TactileFrame(
         goal=goal.goal,

@@ -23,7 +23,7 @@ from palpate.core.explore.tracing import (
     deepest_point,
     next_command,
 )
-from palpate.core.touch import Jet, Pad
+from palpate.core.touch import HITS, Jet, Pad
 from palpate.messages.types import (
     Contour,
     ContourGoal,
@@ -184,7 +184,7 @@ def _finish(
 
 
 def _slice_arc(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> SliceArc | None:
-    if patch.outcome not in ("hit", "bottomed"):
+    if patch.outcome not in HITS:
         return None
     pose = compose_poses(inverse_pose(goal.frame), patch.pose)
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None

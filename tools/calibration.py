@@ -262,7 +262,7 @@ def _radius(found: Calibrated, reading: ReadingCorrection) -> MeasuredRadius | N
     curvatures, weights = [], []
     for one in found.on_ball:
         cleaned = clean(pad, reading(one.read), estimate.noise, CONTACT, "auto", lost)
-        height = np.where(cleaned.touched, -(cleaned.compression + pad.sag()), 0.0)
+        height = pad.surface(cleaned.compression, cleaned.touched)
         patch = fit_patch(pad, height, cleaned.touched, UP, estimate.noise)
         if patch.kind == "smooth" and patch.mean > 0.0:
             curvatures.append(patch.mean)

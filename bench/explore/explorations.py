@@ -23,7 +23,7 @@ from palpate.bench.explore.harness import (
 from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject, drawn_object
 from palpate.bench.table import Row, at_least, at_most
 from palpate.core import Floats
-from palpate.core.explore.planners import COVERING, FEELING
+from palpate.core.explore.planners import COVERING, UNTOUCHED
 from palpate.tools import single_threaded
 
 # Root mean square error, % of the height: what is asked for, and what must be had.
@@ -126,7 +126,7 @@ def run_claim(one: Explored, percent: float) -> RunClaim:
     first = first_within(one.scores, percent)
     if first is None:
         return RunClaim(one.held is True, None, None)
-    felt = [i + 1 for i, reason in enumerate(one.reasons) if reason in (COVERING, FEELING)]
+    felt = [i + 1 for i, reason in enumerate(one.reasons) if reason in (COVERING, UNTOUCHED)]
     count = one.score.contours
     return RunClaim(one.held is True, count - first, count - min(max([first, *felt]), count))
 

@@ -37,7 +37,7 @@ from palpate.core.explore.tracing import (
     arc_in_slice,
     next_command,
 )
-from palpate.core.touch import Pad, fit_patch, guarded_move
+from palpate.core.touch import HITS, Pad, fit_patch, guarded_move
 
 FLAT = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 DOMED = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=1.0 / 0.015, saturation=0.8)
@@ -307,14 +307,14 @@ def simulated_finger(
         end = guarded_move(target.shape, pad, actual, aim.travel, aim.posture.depth)
         if end.outcome == "inside" and aim.standoff < BACK_OFF:
             return feel(aim._replace(standoff=aim.standoff + BACK_OFF))
-        if end.outcome not in ("hit", "bottomed"):
+        if end.outcome not in HITS:
             return None
         pose, (place, axes) = believed.copy(), split_pose(believed)
         pose[:3] = place + end.advance * axes[:, 2]
         spread = 0.0 if noise is None else noise.taxel
         compression = end.compression + spread * rng.standard_normal(end.compression.shape)
         touched = compression > CONTACT
-        surface = np.where(touched, -(compression + pad.sag()), 0.0)
+        surface = pad.surface(compression, touched)
         patch = fit_patch(pad, surface, touched, axes[2], spread)
         return arc_in_slice(
             pad, pose, surface, touched, patch.jet, height, smooth=patch.kind == "smooth"

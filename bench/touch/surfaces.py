@@ -74,7 +74,7 @@ def draw_touch(rng: np.random.Generator, name: str) -> KnownTouch | None:
     kind = _kind(pad, face, touched)
     if kind is None:
         return None
-    height = np.where(touched, -(compression + pad.sag()), 0.0)
+    height = pad.surface(compression, touched)
     return KnownTouch(kind, pad, height, touched, noise)
 
 

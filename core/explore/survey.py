@@ -22,13 +22,14 @@ from palpate.core.explore.planners import (
     Observation,
     ObservedSlice,
     SliceOutcome,
+    slice_without_contour,
 )
 from palpate.core.geometry import area_centroid, winding_number
 
 APART = 1.5  # Height between the slices of two fingers, in widths of a pad
 AZIMUTHS = 48  # At which a contour is seen
 LEAST_POINTS = 8  # A contour of fewer points is of no use
-MOST_MISSING = 0.35  # Nor is one of whose length more than this share could not be felt
+MOST_MISSING = 0.35  # Nor is one of whose length more than this share could not be touched
 MOST_ASIDE = 6  # Neighbours to each side at which a band is looked for
 LEAST_FACING = 0.15  # A normal that faces away from the axis by less has no slope: taken for this
 APPROACH = 30.0e-3  # The pad approaches a slice from this far outside the widest contour so far, m
@@ -38,7 +39,7 @@ class Demand(NamedTuple):
     """What is asked of an exploration."""
 
     tolerance: float  # Root mean square error, m
-    feature: float  # Largest height that may stay unfelt, m
+    feature: float  # Largest height that may stay untouched, m
     most_touches: float  # Touches that may be made
     most_seconds: float  # Robot time that may pass, s
 
@@ -67,7 +68,7 @@ class Survey:
     pad_width: float  # Of a finger, m
     resolution: float  # Smallest difference that the sensor tells, m
     standing: bool  # Whether it stands on its lower end, so that this is known
-    reached: tuple[float, float]  # Lowest and highest height at which anything was felt, m
+    reached: tuple[float, float]  # Lowest and highest height at which anything was touched, m
     traced: tuple[TracedContour, ...] = ()  # Slices in the order in which they were taken up
     tips: tuple[Floats, ...] = ()  # Where ends were touched, the farthest place of each, (3,), m
     uncertainty: ModelUncertainty | None = None  # Of the last model
@@ -130,13 +131,13 @@ class Survey:
         return survey.reaching(float(traced.contact_low.min()), float(traced.contact_high.max()))
 
     def reaching(self, low: float, high: float) -> Survey:
-        """With something felt at these heights, m: the object reaches at least as far."""
+        """With something touched at these heights, m: the object reaches at least as far."""
         low, high = min(low, self.reached[0]), max(high, self.reached[1])
         below = self.low if self.standing else min(self.low, low)
         return replace(self, reached=(low, high), low=below, high=max(self.high, high))
 
     def ended(self, tip: Floats, *, upper: bool) -> Survey:
-        """With an end that was touched in this place, (3,); what was felt beyond still counts."""
+        """With an end that was touched in this place, (3,); touches beyond still count."""
         height = float(tip[2])
         middle = 0.5 * (self.low + self.high)
         others = tuple(one for one in self.tips if (one[2] > middle) != upper)
@@ -161,7 +162,9 @@ def observed_slices(
     axis = contour_axis(usable)
     seen = iter(zip(axis.places, axis.leans, strict=True))
     return tuple(
-        _seen(one, *next(seen), deviation) if one.usable else _unseen(one)
+        _seen(one, *next(seen), deviation)
+        if one.usable
+        else slice_without_contour(one.height, one.outcome, one.touches, one.seconds)
         for one, deviation in zip(traced, deviations, strict=True)
     )
 
@@ -218,21 +221,6 @@ def _seen(one: TracedContour, place: Floats, lean: Floats, deviation: float) -> 
     )
 
 
-def _unseen(one: TracedContour) -> ObservedSlice:
-    none = np.zeros(0)
-    return ObservedSlice(
-        height=one.height,
-        outcome=one.outcome,
-        radii=none,
-        slopes=none,
-        curvatures=none,
-        contact_low=none,
-        contact_high=none,
-        touches=one.touches,
-        seconds=one.seconds,
-    )
-
-
 def expected_approach(
     height: float,
     heights: Sequence[float],
@@ -264,8 +252,8 @@ class TracedContour(NamedTuple):
     points: Floats  # (n, 3), m
     normals: Floats  # Outward unit normals, (n, 3)
     across: Floats  # Normal curvature across the contour, (n,), 1/m
-    contact_low: Floats  # Lowest height felt below each point, (n,), m
-    contact_high: Floats  # Highest height felt above it, (n,), m
+    contact_low: Floats  # Lowest height touched below each point, (n,), m
+    contact_high: Floats  # Highest height touched above it, (n,), m
     missing: float  # Length of its gaps, as the crow flies, m
     touches: int  # That it took
     seconds: float  # Robot time that it took, s
@@ -302,7 +290,7 @@ class ContourAxis(NamedTuple):
 
 
 def widened(one: TracedContour, feature: float) -> TracedContour:
-    """A contour whose bands count half a feature aside: what is narrower may stay unfelt."""
+    """A contour whose bands count half a feature aside: what is narrower may stay untouched."""
     low, high = one.contact_low, one.contact_high
     for shift in range(1, MOST_ASIDE + 1):
         for step in (shift, -shift):

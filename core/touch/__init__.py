@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.core.touch.curvature import CONTACT as CONTACT
     from palpate.core.touch.curvature import LocalCurvature as LocalCurvature
     from palpate.core.touch.curvature import PatchKind as PatchKind
     from palpate.core.touch.curvature import begin_fusion as begin_fusion
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from palpate.core.touch.jet import fit_robust_jet as fit_robust_jet
     from palpate.core.touch.jet import monomials as monomials
     from palpate.core.touch.keyed_random import KeyedRandom as KeyedRandom
+    from palpate.core.touch.pad import HITS as HITS
     from palpate.core.touch.pad import SPRINGS as SPRINGS
     from palpate.core.touch.pad import Calibration as Calibration
     from palpate.core.touch.pad import FaceModel as FaceModel

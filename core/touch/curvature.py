@@ -42,6 +42,8 @@ AWAY: Floats = np.array([0.0, 0.0, -1.0])
 NOWHERE: Floats = np.zeros(3)  # Principal direction where there is none
 # Covariance of S11, S12, S22 if curvature is as likely to change in one direction as in any other.
 ISOTROPIC: Floats = np.diag([1.0, 0.5, 1.0])
+for _shared in (AWAY, NOWHERE, ISOTROPIC):
+    _shared.setflags(write=False)
 SURPRISE = 7.815  # Squared innovation that three degrees of freedom exceed once in 20 times
 FORGET = 0.7  # What a touch's evidence of how quickly curvature changes keeps with each later one
 
@@ -80,12 +82,12 @@ def surface_patch(
         saturation=1.0,
     )
     cleaned = clean(pad, image, noise, contact, "auto")
-    surface = np.where(cleaned.touched, -(cleaned.compression + pad.sag()), 0.0)
+    surface = pad.surface(cleaned.compression, cleaned.touched)
     return fit_patch(pad, surface, cleaned.touched, ALONG_ROWS, noise)
 
 
 class Patch(NamedTuple):
-    """A felt patch of surface, in the pad's frame.
+    """A touched patch of surface, in the pad's frame.
 
     Curvatures and their errors are 0 unless the patch is smooth.
     """
@@ -238,12 +240,12 @@ class FusedCurvature(NamedTuple):
         return principal_curvatures(self.place.shape)
 
 
-def begin_fusion(felt: LocalCurvature) -> FusedCurvature:
+def begin_fusion(measured: LocalCurvature) -> FusedCurvature:
     """The first touch."""
-    return FusedCurvature(felt, 0.0, 0.0, 0.0, 1)
+    return FusedCurvature(measured, 0.0, 0.0, 0.0, 1)
 
 
-def fuse(fused: FusedCurvature, felt: LocalCurvature) -> FusedCurvature:
+def fuse(fused: FusedCurvature, measured: LocalCurvature) -> FusedCurvature:
     """One more touch, which should overlap the last.
 
     What was known is carried along the surface to the new place, where the curvature may have
@@ -251,13 +253,13 @@ def fuse(fused: FusedCurvature, felt: LocalCurvature) -> FusedCurvature:
     touches: by as much as they differed beyond their noise. A touch that still surprises is given
     the change that explains it, so that a sudden bend is followed at once.
     """
-    before, covariance = _carried(fused.place, felt.shape)
-    seen = np.array(felt.shape.parts)
+    before, covariance = _carried(fused.place, measured.shape)
+    seen = np.array(measured.shape.parts)
     innovation = seen - before
-    certain = covariance + felt.covariance
+    certain = covariance + measured.covariance
     if not float(np.trace(certain)) > 0.0:  # nothing to weigh: both are exact
-        return FusedCurvature(felt, fused.changed, fused.travelled, 0.0, fused.touches + 1)
-    squared = float(((felt.point - fused.place.point) ** 2).sum())
+        return FusedCurvature(measured, fused.changed, fused.travelled, 0.0, fused.touches + 1)
+    squared = float(((measured.point - fused.place.point) ** 2).sum())
     size = float(innovation @ innovation)
     changed = FORGET * fused.changed + size - float(np.trace(certain))
     travelled = FORGET * fused.travelled + float(np.trace(ISOTROPIC)) * squared
@@ -269,14 +271,14 @@ def fuse(fused: FusedCurvature, felt: LocalCurvature) -> FusedCurvature:
     if surprise > SURPRISE:
         drift = max(drift, size / float(np.trace(ISOTROPIC)))
     predicted = covariance + drift * ISOTROPIC
-    total = predicted + felt.covariance
+    total = predicted + measured.covariance
     gain = np.linalg.solve(total, predicted).T
     keep = np.eye(3) - gain
     # Joseph's form: a covariance stays one, whatever is rounded.
-    left = keep @ predicted @ keep.T + gain @ felt.covariance @ gain.T
+    left = keep @ predicted @ keep.T + gain @ measured.covariance @ gain.T
     parts = before + gain @ innovation
-    shape = felt.shape._replace(parts=(float(parts[0]), float(parts[1]), float(parts[2])))
-    place = LocalCurvature(felt.point, shape, left)
+    shape = measured.shape._replace(parts=(float(parts[0]), float(parts[1]), float(parts[2])))
+    place = LocalCurvature(measured.point, shape, left)
     return FusedCurvature(place, changed, travelled, surprise, fused.touches + 1)
 
 
@@ -312,12 +314,3 @@ def _squared(innovation: Floats, covariance: Floats) -> float:
     root = np.linalg.cholesky(covariance)
     whitened = np.linalg.solve(root, innovation)
     return float(whitened @ whitened)
-
-
-AWAY.setflags(write=False)
-
-
-NOWHERE.setflags(write=False)
-
-
-ISOTROPIC.setflags(write=False)

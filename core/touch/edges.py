@@ -14,8 +14,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.robust import scaled_mad
 from palpate.core.touch.filters import neighbourhoods
-from palpate.core.touch.jet import MAD_TO_SIGMA, JetFit, fit_robust_jet, monomials
+from palpate.core.touch.jet import JetFit, fit_robust_jet, monomials
 from palpate.core.touch.pad import Pad
 
 SurfaceKind = Literal["smooth", "edge", "corner"]
@@ -232,5 +233,5 @@ def isolated_outliers(
 
 def _far(fit: JetFit, noise: float) -> Bools:
     off = np.abs(fit.misfit)
-    far: Bools = off > FAR * max(MAD_TO_SIGMA * float(np.median(off)), noise)
+    far: Bools = off > FAR * max(scaled_mad(off), noise)
     return far

@@ -21,6 +21,7 @@ from palpate.core.shapes import Shape
 from palpate.core.touch.pad import Calibration, FaceModel, Pad, TouchOutcome
 
 _NOTHING: Floats = np.zeros((0, 0))
+_NOTHING.setflags(write=False)
 
 
 class Phase(IntEnum):
@@ -113,6 +114,3 @@ class SimulatedTouch:
     # Compression that the array reports, (rows, cols), m.
     reading: Floats = field(default_factory=_nothing)
     copies: int = 1  # How often its frame is sent
-
-
-_NOTHING.setflags(write=False)

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.touch.jet import LEAST_TAXELS, MAD_TO_SIGMA, fit_robust_jet, monomials
+from palpate.core.robust import scaled_mad
+from palpate.core.touch.jet import LEAST_TAXELS, fit_robust_jet, monomials
 from palpate.core.touch.pad import CONTACT_DEVIATIONS, Pad, contact_mask
 
 # Which filters, and which of two comes first.
@@ -285,7 +286,7 @@ def _misfit(
         return image, noise
     x, y = (axis.ravel() / fit.jet.scale for axis in pad.grid())
     expected = monomials(x, y, fit.jet.degree) @ fit.jet.coefficients
-    spread = MAD_TO_SIGMA * float(np.median(np.abs(fit.misfit[supported[touched]])))
+    spread = scaled_mad(fit.misfit[supported[touched]])
     # Beyond the contact the jet means nothing, and a pad is compressed by nothing.
     beside = neighbourhoods((touched & supported).astype(np.float64)).any(axis=-1)
     expected = np.where(beside, np.maximum(expected.reshape(image.shape), 0.0), 0.0)

@@ -130,11 +130,6 @@ def curvature_along(shape: ShapeOperator, direction: Floats) -> float:
     return s11 * u * u + 2.0 * s12 * u * v + s22 * v * v
 
 
-def angle_between(one: Floats, other: Floats) -> float:
-    """Angle between two vectors (3,), rad; by atan2, so that 1e-9 is not rounded to nothing."""
-    return math.atan2(_length(np.cross(one, other)), float(one @ other))
-
-
 class GeometryErrors(NamedTuple):
     """How sure the geometry at one place is."""
 

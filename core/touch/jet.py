@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.robust import scaled_mad
 from palpate.core.touch.pad import Pad
 
 TUKEY = 4.685  # Deviations beyond which a taxel has no weight: 95 % efficient for normal noise
@@ -32,7 +33,6 @@ KEPT_DESIGNS = 32  # Factorisations that are remembered, 70 kB each
 COUNTS = (1, 3, 6, 10, 15)  # Coefficients of a polynomial of each degree
 # How often z, z_x, z_y, z_xx, z_xy, z_yy are differentiated by x and y.
 UP_TO_SECOND = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-MAD_TO_SIGMA = 1.4826  # Median absolute deviation to standard deviation, for normal noise
 
 
 class JetFit(NamedTuple):
@@ -134,8 +134,7 @@ def fit_robust_jet(
     for _ in range(MOST_ROUNDS):
         if fit is None:
             break
-        counted = np.abs(fit.misfit[before > 0.0])
-        spread = max(MAD_TO_SIGMA * float(np.median(counted)), least_deviation)
+        spread = max(scaled_mad(fit.misfit[before > 0.0]), least_deviation)
         weights = _tukey(fit.misfit / spread) if spread > 0.0 else before
         fit = _weighted(design, z, weights) or fit
         if np.abs(weights - before).max() < SETTLED:

@@ -21,6 +21,7 @@ from palpate.core.poses import split_pose
 from palpate.core.shapes import Shape
 
 TouchOutcome = Literal["hit", "miss", "inside", "bottomed"]
+HITS = ("hit", "bottomed")  # Outcomes that tell where the surface is
 # What the face does beside a contact: nothing, or it slopes back like a membrane on springs, or
 # like the surface of a deep elastic body.
 FaceKind = Literal["springs", "membrane", "half_space"]
@@ -61,6 +62,10 @@ class Pad:
     def sag(self) -> Floats:
         """How far the domed face falls back behind its middle, (rows, cols), m; read-only."""
         return _sag(self.rows, self.cols, self.pitch, self.dome)
+
+    def surface(self, compression: Floats, touched: Bools) -> Floats:
+        """Surface over the plane of the face where the pad touches it, else 0, (rows, cols), m."""
+        return np.where(touched, -(compression + self.sag()), 0.0)
 
     def transducers(self) -> Floats:
         """Where the transducers are in the pad's frame, (rows * cols, 3), m; read-only."""
@@ -125,7 +130,7 @@ def guarded_move(shape: Shape, pad: Pad, start: Floats, reach: float, depth: flo
     gaps = ranges.reshape(pad.rows, pad.cols) - pad.thickness
     nearest = float(gaps.min())
     if nearest < 0.0:
-        return _inside(pad, start)
+        return started_inside(pad, start)
     limit = pad.saturation * pad.thickness
     advance = nearest + min(depth, limit) if nearest <= reach else reach
     indentation = advance - gaps
@@ -135,8 +140,8 @@ def guarded_move(shape: Shape, pad: Pad, start: Floats, reach: float, depth: flo
     return GuardedMove(outcome, end, np.maximum(indentation, 0.0), advance, indentation)
 
 
-def _inside(pad: Pad, start: Floats) -> GuardedMove:
-    """The pad began inside the object: nothing was felt that means anything."""
+def started_inside(pad: Pad, start: Floats) -> GuardedMove:
+    """The pad began inside the object: nothing was touched that means anything."""
     size = (pad.rows, pad.cols)
     return GuardedMove("inside", start, np.zeros(size), 0.0, np.full(size, -np.inf))
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.core.robot_time import contact_seconds
 from palpate.core.touch.effect import Effect, Fingertip, Phase, SimulatedTouch, Stage
-from palpate.core.touch.pad import SPRINGS, FaceModel, GuardedMove, guarded_move
+from palpate.core.touch.pad import HITS, SPRINGS, FaceModel, GuardedMove, guarded_move
 
 MOST_COPIES = 100  # Of one frame
 # What each stage remembers between touches, in the order of the stages.
@@ -142,7 +142,7 @@ def record_move(finger: Fingertip, touch: SimulatedTouch, end: GuardedMove) -> N
     touch.pressure = finger.stiffness * end.compression
     robot = finger.robot
     touch.time = touch.begun + contact_seconds(robot, end.advance)
-    met = end.outcome in ("hit", "bottomed")
+    met = end.outcome in HITS
     touch.loading = float(end.compression.max()) / robot.approach if met else 0.0
     touch.dwell = robot.dwell if met else 0.0
     before = end.advance / robot.approach - touch.loading

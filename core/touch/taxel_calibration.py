@@ -19,7 +19,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.touch.jet import MAD_TO_SIGMA
+from palpate.core.robust import scaled_mad
 from palpate.core.touch.pad import Calibration
 
 LEAST_PRESSES = 4  # A taxel needs this many presses for a gain and an offset of its own
@@ -123,7 +123,7 @@ def _noise(scatter: Floats) -> float:
     """
     frames, off = len(scatter), np.abs(scatter)
     steps = off[off > LEAST_SPREAD]
-    scale = max(MAD_TO_SIGMA * float(np.median(off)), float(steps.min(initial=np.inf)))
+    scale = max(scaled_mad(off), float(steps.min(initial=np.inf)))
     if not math.isfinite(scale):
         return 0.0
     lost = math.sqrt(frames / max(frames - 1, 1))  # each taxel's own middle was taken away
@@ -287,7 +287,7 @@ class TaxelFit:
         gain = 1.0 + (self.shared[0] + self.own[0][at]) / UNIT
         offset = self.shared[1] + self.own[1][at]
         residual = self.presses.read[touch, taxel] - gain * pressed - offset
-        spread = MAD_TO_SIGMA * float(np.median(np.abs(residual)))
+        spread = scaled_mad(residual)
         bad = np.abs(residual) > OUTLIER * max(spread, self.noise)
         self.residual = float(np.sqrt(np.mean(residual[~bad] ** 2)))
         self.dropped[touch, taxel] = bad

@@ -20,7 +20,6 @@ from palpate.core.explore.grasp import (
     search_pose,
 )
 from palpate.core.explore.probing import (
-    TOUCHED,
     End,
     EndObservation,
     ProbeCommand,
@@ -29,6 +28,7 @@ from palpate.core.explore.probing import (
     next_probe,
 )
 from palpate.core.shapes import Bend, FittedSuperquadric
+from palpate.core.touch import HITS
 from palpate.messages.types import GraspContacts, GraspGoal, Probe, Superquadric
 from palpate.nodes.planning.state import HandContacts, State, Task
 from palpate.nodes.specs import CONTACT_ERROR
@@ -156,7 +156,7 @@ def with_probe(state: State, task: Task, probe: Probe) -> State:
     assert state.survey is not None and state.frame is not None and task.probing is not None
     end, probing = task.probing
     survey, frame = state.survey, state.frame
-    if probe.outcome in TOUCHED:
+    if probe.outcome in HITS:
         state = replace(state, probes=(*state.probes, probe.id))
         searching = end == "upper" and not survey.traced
         better = along_face(state, probe.normal) if searching else None

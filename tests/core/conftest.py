@@ -43,7 +43,7 @@ class Finger:
         if end.outcome not in ("hit", "bottomed"):
             return None
         touched = end.compression > CONTACT
-        surface = np.where(touched, -(end.compression + self.pad.sag()), 0.0)
+        surface = self.pad.surface(end.compression, touched)
         jet = fit_patch(self.pad, surface, touched, ACROSS, 0.0).jet
         self.felt.append(contact_points_of(self.pad, end.pose, surface, touched, jet))
         return arc_in_slice(self.pad, end.pose, surface, touched, jet, height)

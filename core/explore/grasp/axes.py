@@ -36,7 +36,7 @@ ROUND_ABOUT = 0.05
 # Of reweighting, and of these with the axis's direction held, until it has found its place.
 SWEEPS, PLACING = 25, 6
 # Normals that miss the axis by more than this many standard deviations count for nothing: those at
-# edges, which are felt as something between their faces.
+# edges, which are measured as something between their faces.
 CUT = 3.0
 ROUND = 0.015  # Of the size: normals that miss an axis by more than this do not belong to it
 QUIET = 5e-4  # Of the size: no standard deviation is taken for smaller

@@ -14,15 +14,15 @@ from palpate.core.arrays import Floats
 from palpate.core.explore.grasp.hand import Hand, fingertip_starts
 from palpate.core.poses import split_pose
 from palpate.core.shapes import Shape
-from palpate.core.touch import Pad, Pipeline, SimulatedTouch, StageStates, clean, fit_patch
+from palpate.core.touch import CONTACT, Pad, Pipeline, SimulatedTouch, StageStates, clean, fit_patch
 
 GRASP_DEPTH = 1.0e-3  # Compression at which a finger stops, m
-TOUCHED = 50e-6  # Least compression that counts as touched, m
 ACROSS: Floats = np.array([0.0, 1.0, 0.0])
+ACROSS.setflags(write=False)
 
 
 class Grasp(NamedTuple):
-    """What a closing hand felt."""
+    """What a closing hand touched."""
 
     points: Floats  # Contacts (n, 3), m
     normals: Floats  # Outward unit normals, (n, 3)
@@ -107,10 +107,10 @@ def contact_of(pad: Pad, pose: Floats, compression: Floats, noise: float) -> Con
 
     The deepest point, with the normal of the surface about it; None if nothing is touched.
     """
-    cleaned = clean(pad, compression, noise, TOUCHED, "auto")
+    cleaned = clean(pad, compression, noise, CONTACT, "auto")
     if not cleaned.touched.any():
         return None
-    surface = np.where(cleaned.touched, -(cleaned.compression + pad.sag()), 0.0)
+    surface = pad.surface(cleaned.compression, cleaned.touched)
     patch = fit_patch(pad, surface, cleaned.touched, ACROSS, noise)
     position, axes = split_pose(pose)
     if patch.jet is not None and patch.kind == "smooth":
@@ -128,6 +128,3 @@ class Contact(NamedTuple):
 
     point: Floats  # (3,), m
     normal: Floats  # Outward unit normal, (3,)
-
-
-ACROSS.setflags(write=False)

@@ -202,13 +202,14 @@ def _in_hand(fingers: int) -> tuple[Floats, Floats]:
     return np.vstack([places, [[0.0, 0.0, -1.0]]]), np.stack([*turns, np.eye(3)])
 
 
-def search_places(reach: float, spacing: float) -> list[Floats]:
+def search_places(reach: float, spacing: float, most_rings: int | None = None) -> list[Floats]:
     """Places (2,) at which to look for the object, m: the axis, then rings around it.
 
     Neighbouring places are at most so far apart that nothing wider is missed within reach.
     """
     places = [np.zeros(2)]
-    for ring in range(1, int(reach / spacing) + 1):
+    rings = int(reach / spacing)
+    for ring in range(1, (rings if most_rings is None else min(rings, most_rings)) + 1):
         azimuths = 2 * math.pi * np.arange(6 * ring) / (6 * ring)
         away = ring * spacing
         places += [away * np.array([math.cos(a), math.sin(a)]) for a in azimuths]

@@ -27,7 +27,7 @@ LEVEL = 4  # Of the tessellation in which volumes are summed
 MOST_NORMALS = 0.6  # Of the contacts, at least, must be such normals
 LIFT = 0.045  # Of the size for each radian: what is nearer to a ball has no axis of revolution
 SURE = math.radians(3.0)  # An axis whose standard deviation is larger is none
-# A fit that came to a bound reaches where nothing was felt: its axes are less certain by this.
+# A fit that came to a bound reaches where nothing was touched: its axes are less certain by this.
 STRAINED = 6.0
 DISTINCT = 1.06  # Principal axes whose ratio is smaller are alike
 # The longest principal axis is taken if it is by this ratio longer than the next; else that which
@@ -260,32 +260,29 @@ def _end(
     along = local_contacts.points[:, 2]
     outermost = float(along.max())
     near = along >= outermost - NEAR * (outermost - float(along.min()))
-    felt = _felt_end(local_contacts, near & (local_contacts.normals[:, 2] > FACING), 0.5)
-    if felt is not None:
-        return felt
+    touched_end = _touched_end(local_contacts, near & (local_contacts.normals[:, 2] > FACING))
+    if touched_end is not None:
+        return touched_end
     if known is not None:
         vertex = int(known.vertices[:, 2].argmax())
         end = max(outermost, float(known.vertices[vertex, 2]))
         return end, float(known.deviation[vertex]) + known.poor * (end - outermost)
     radius = float(np.hypot(local_contacts.points[:, 0], local_contacts.points[:, 1]).max())
     level = outermost if foot is None else max(outermost, foot)
-    round_end = _felt_end(local_contacts, near & (local_contacts.normals[:, 2] > LEANING), 0.5)
+    round_end = _touched_end(local_contacts, near & (local_contacts.normals[:, 2] > LEANING))
     if round_end is None:
         return level, (0.5 if foot is None else 0.25) * radius
-    # An edge and a round end feel alike: between the two.
+    # An edge and a round end give the same contacts: between the two.
     return 0.5 * (level + round_end[0]), 0.5 * abs(round_end[0] - level) + 0.1 * radius
 
 
-def _felt_end(local_contacts: Contacts, at_end: Bools, share: float) -> tuple[float, float] | None:
-    """Where the top is of the paraboloid about the axis through a contact, across its normal.
-
-    The paraboloid's share is a half.
-    """
+def _touched_end(local_contacts: Contacts, at_end: Bools) -> tuple[float, float] | None:
+    """Where the top is of the paraboloid about the axis through a contact, across its normal."""
     if not at_end.any():
         return None
     points, normals = local_contacts.points[at_end], local_contacts.normals[at_end]
     outwards = (points[:, :2] * normals[:, :2]).sum(axis=1) / normals[:, 2]
-    tops = points[:, 2] + share * np.maximum(outwards, 0.0)
+    tops = points[:, 2] + 0.5 * np.maximum(outwards, 0.0)
     best = int(normals[:, 2].argmax())
     top = max(float(tops[best]), float(local_contacts.points[:, 2].max()))
     return top, 0.5 * abs(top - float(points[best, 2])) + float(np.ptp(points[:, 2])) / 4.0

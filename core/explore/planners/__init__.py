@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.coverage import untraceable_height as untraceable_height
     from palpate.core.explore.planners.fuzzy import Fuzzy as Fuzzy
     from palpate.core.explore.planners.predicted import COVERING as COVERING
-    from palpate.core.explore.planners.predicted import FEELING as FEELING
+    from palpate.core.explore.planners.predicted import UNTOUCHED as UNTOUCHED
     from palpate.core.explore.planners.predicted import Predicted as Predicted
     from palpate.core.explore.planners.predicted import predict_error as predict_error
     from palpate.core.explore.planners.protocol import END_SHARE as END_SHARE
@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.protocol import first_and_last as first_and_last
     from palpate.core.explore.planners.protocol import make_planner as make_planner
     from palpate.core.explore.planners.protocol import planner_type as planner_type
+    from palpate.core.explore.planners.protocol import (
+        slice_without_contour as slice_without_contour,
+    )
     from palpate.core.explore.planners.thesis import TEMPLATES as TEMPLATES
     from palpate.core.explore.planners.thesis import Thesis as Thesis
     from palpate.core.explore.planners.trial import EXTENT as EXTENT

@@ -23,10 +23,10 @@ from palpate.core.explore.planners.protocol import (
     first_and_last,
 )
 
-ROWS = 8  # Heights per feature at which it is asked whether anything was felt
+ROWS = 8  # Heights per feature at which it is asked whether anything was touched
 FINE = 65  # Heights of a run at which a band is looked up
 ROUNDING = 1e-9  # Of a slice: more than this, and it takes another one
-OPEN = 0.1  # A height counts as unfelt where more than this share of its azimuths is
+OPEN = 0.1  # A height counts as untouched where more than this share of its azimuths is
 MOST_BEND = 8.0  # Of the radius' second derivative times the interval: curvatures beyond are edges
 # Radius over the height, slope, and curvature times the height: beyond, the power that is taken of
 # them would be no number. Of a radius, the inverse is the least.
@@ -52,7 +52,7 @@ class Span(NamedTuple):
 
 
 def untouched_spans(observation: Observation) -> list[Span]:
-    """Stretches between the first and the last height that no slice has felt, from below."""
+    """Stretches between the first and the last height that no slice has touched, from below."""
     bottom, top = first_and_last(observation)
     count = max(int(np.ceil(ROWS * (top - bottom) / observation.feature)), 1)
     edges = np.linspace(bottom, top, count + 1)
@@ -60,26 +60,26 @@ def untouched_spans(observation: Observation) -> list[Span]:
     usable = [one for one in observation.slices if one.usable]
     if not usable:
         return [Span(bottom, top)]
-    felt = np.zeros((count, len(usable[0].radii)), dtype=bool)
+    touched = np.zeros((count, len(usable[0].radii)), dtype=bool)
     for one in usable:
-        felt |= (rows >= one.contact_low) & (rows <= one.contact_high)
-    unfelt = np.mean(~felt, axis=1) > OPEN
-    turns = np.flatnonzero(np.diff(np.concatenate([[False], unfelt, [False]]).astype(np.int8)))
+        touched |= (rows >= one.contact_low) & (rows <= one.contact_high)
+    untouched = np.mean(~touched, axis=1) > OPEN
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], untouched, [False]]).astype(np.int8)))
     return [Span(*pair) for pair in edges[turns].reshape(-1, 2).tolist()]
 
 
 def untraceable_height(observation: Observation) -> float:
-    """Height of the unfelt stretches in which a slice was tried that no finger could trace, m."""
+    """Height of the untouched spans in which a slice was tried that no finger could trace, m."""
     failed = [one.height for one in observation.slices if one.outcome == SliceOutcome.FAILED]
     spans = untouched_spans(observation)
     return sum(span.length for span in spans if any(span.low <= at <= span.high for at in failed))
 
 
 def even_heights(observation: Observation, span: Span) -> list[float]:
-    """Heights at which as few slices as can be feel an unfelt run, m, from below.
+    """Heights at which as few slices as can be touch an untouched span, m, from below.
 
-    Where only contours count, what is felt beside them tells nothing: the middle is as good as any
-    place.
+    Where only contours count, what is touched beside them tells nothing: the middle is as good as
+    any place.
     """
     if not observation.all_taxels or not any(one.usable for one in observation.slices):
         return [span.middle]
@@ -96,15 +96,15 @@ def even_heights(observation: Observation, span: Span) -> list[float]:
 
 
 def _expected_bands(observation: Observation, heights: Floats) -> Floats:
-    """Height (n,) of the band that a slice at each height (n,) is expected to feel, m.
+    """Height (n,) of the band that a slice at each height (n,) is expected to touch, m.
 
-    Along the surface a pad feels as much as its neighbours' pads did; where the surface leans, that
-    is less of the height.
+    Along the surface a pad touches as much as its neighbours' pads did; where the surface leans,
+    that is less of the height.
     """
     usable = sorted((one for one in observation.slices if one.usable), key=lambda one: one.height)
-    felt = [np.quantile(one.contact_high - one.contact_low, OPEN) for one in usable]
+    touched = [np.quantile(one.contact_high - one.contact_low, OPEN) for one in usable]
     long = [_steepness(one.slopes) for one in usable]
-    along = np.interp(heights, [one.height for one in usable], np.multiply(felt, long))
+    along = np.interp(heights, [one.height for one in usable], np.multiply(touched, long))
     profile = profile_of(observation)
     if len(profile.heights) < 2:
         return along
@@ -119,12 +119,12 @@ def _steepness(slopes: Floats) -> float:
 
 
 def longest_untouched(spans: Sequence[Span], low: float, high: float) -> float:
-    """Longest unfelt stretch between two heights, m."""
+    """Longest untouched stretch between two heights, m."""
     return max([min(span.high, high) - max(span.low, low) for span in spans] + [0.0])
 
 
 def longest_first(spans: Sequence[Span], unit: float) -> list[Span]:
-    """Longest first; of runs as long as each other, to a millionth of `unit`, the lowest first."""
+    """Longest first; of spans as long as each other, to a millionth of `unit`, the lowest first."""
     return sorted(spans, key=lambda span: -round(span.length / unit, 6))
 
 

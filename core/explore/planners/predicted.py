@@ -46,7 +46,7 @@ from palpate.core.explore.planners.protocol import (
 from palpate.core.plugins import Range, check_ranges
 
 # Reasons of slices that no error has asked for.
-COVERING, FEELING = "the coarse cover", "nothing has felt what lies there"
+COVERING, UNTOUCHED = "the coarse cover", "nothing has touched what lies there"
 ROOM = 2.0  # Slices that only average noise lie at least so many features apart
 # A slice so near to where one of the cover was wanted stands for it; of the height.
 COVER_REACH = 0.12
@@ -55,12 +55,12 @@ AMPLE = 1.3  # Cuts are planned for an error by so much below the tolerance
 NEAR = 1e-6  # Values that differ by less of themselves are alike; then the shorter way counts
 MOST_CUTS = 64  # Slices that are planned ahead
 HIGHER, CLASH = 0.61, 2.2  # Trust in the two signs
-SAFETY = 1.1  # Bound of 95 % over the foretold error of the whole
+SAFETY = 1.1  # Bound of 95 % over the predicted error of the whole
 NOISE = 0.87  # Of a slice's deviation that is left in the surface between two, with its own margin
-# An interval of which all but a share was felt errs by that share to this power less.
-UNFELT_ORDER = 3.0
-# Bound of 95 % over the deviation that a solid of all that was felt states itself, and what edges
-# leave that no deviation states, over the extent: from 200 explorations of drawn objects, half of
+# An interval of which all but a share was touched errs by that share to this power less.
+UNTOUCHED_ORDER = 3.0
+# Bound of 95 % over the deviation that a solid of all taxels states itself, and what edges leave
+# that no deviation states, over the extent: from 200 explorations of drawn objects, half of
 # them with noise.
 DEVIATION, LEFT = 0.72, 2.0e-4
 # Where noise alone is beyond the tolerance, slices stop when they add less than this of it.
@@ -71,8 +71,8 @@ SETTLED = 0.5
 class Predicted:
     """The default planner."""
 
-    cover: Annotated[int, Range(3, 99, "1")] = 3  # Slices before any error is foretold; odd
-    # Error that an unfelt stretch may hide, over the height, by the square of its share.
+    cover: Annotated[int, Range(3, 99, "1")] = 3  # Slices before any error is predicted; odd
+    # Error that an untouched stretch may hide, over the height, by the square of its share.
     hidden_error: Annotated[float, Range(0.0, 1.0, "1")] = 0.04
     # An interval cut into m parts is expected to err by m to this power less.
     order: Annotated[float, Range(1.0, 6.0, "1")] = 3.0
@@ -91,10 +91,10 @@ class Predicted:
             predict_error(observation, profile, spans) if len(profile.heights) > 1 else None
         )
         bound = None if prediction is None else prediction.rms_bound_95 * observation.extent
-        unfelt = max((span.length for span in spans), default=0.0)
+        untouched = max((span.length for span in spans), default=0.0)
         over = exhausted_budget(observation)
         if over is not None:
-            return Stop(over, False, bound, unfelt)
+            return Stop(over, False, bound, untouched)
         height = self._covering(observation)
         if height is not None:
             return Height(height, COVERING)
@@ -105,10 +105,10 @@ class Predicted:
             height = best_refinement(observation, profile.heights, prediction, spans, costs)
             if height is not None:
                 height = _along_with(observation, spans, height)
-                return Height(height, "the foretold error is largest there")
-        height = _unfelt_height(observation, spans) if prediction else None
+                return Height(height, "the predicted error is largest there")
+        height = _untouched_height(observation, spans) if prediction else None
         if height is not None:
-            return Height(height, FEELING)
+            return Height(height, UNTOUCHED)
         if (
             prediction is not None
             and observation.all_taxels
@@ -119,7 +119,7 @@ class Predicted:
                 return Height(height, "noise is averaged there")
         if observation.busy_heights:
             return Wait("other fingers are at work where there is something left to do")
-        return _end(observation, prediction, unfelt)
+        return _end(observation, prediction, untouched)
 
     def _covering(self, observation: Observation) -> float | None:
         """The first height of the cover, from the middle, for which no slice stands yet."""
@@ -207,7 +207,7 @@ def _place(parts: int, bend_side: float) -> float:
 
 
 def _along_with(observation: Observation, spans: Sequence[Span], wanted: float) -> float:
-    """A wanted height, moved so that its slice is one of those that feel an unfelt run evenly."""
+    """A wanted height, moved so that its slice is one of those that cover an untouched span."""
     if observation.all_taxels:
         for span in spans:
             if span.low <= wanted <= span.high and span.length > observation.feature:
@@ -215,8 +215,8 @@ def _along_with(observation: Observation, spans: Sequence[Span], wanted: float) 
     return wanted
 
 
-def _unfelt_height(observation: Observation, spans: Sequence[Span]) -> float | None:
-    """Where to feel what was not felt: into the longest run, m.
+def _untouched_height(observation: Observation, spans: Sequence[Span]) -> float | None:
+    """Where to touch what was not touched: into the longest span, m.
 
     Beside other fingers, where the most slices are left so close together that only one finger
     at a time can trace them: else they are left over for a single one.
@@ -240,7 +240,7 @@ def _unfelt_height(observation: Observation, spans: Sequence[Span]) -> float | N
 
 
 def _into(observation: Observation, span: Span, wanted: float | None = None) -> float | None:
-    """Where to begin to feel an unfelt run: in its middle, or nearest to a wanted height, m."""
+    """Where to begin in an untouched span: in its middle, or nearest to a wanted height, m."""
     places = even_heights(observation, span)
     at = places[len(places) // 2]
     if wanted is not None:
@@ -269,32 +269,32 @@ def _widest_free(observation: Observation) -> float | None:
     return next((height for height in found if height is not None), None)
 
 
-def _end(observation: Observation, prediction: ErrorPrediction | None, unfelt: float) -> Stop:
+def _end(observation: Observation, prediction: ErrorPrediction | None, untouched: float) -> Stop:
     if prediction is None:
-        return Stop("fewer than two slices could be traced", False, None, unfelt)
+        return Stop("fewer than two slices could be traced", False, None, untouched)
     bound, noise = (
         prediction.rms_bound_95 * observation.extent,
         prediction.noise * observation.extent,
     )
     loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
-    small, felt = bound <= observation.tolerance, max(unfelt, loose) <= observation.feature
-    if small and felt:
-        said = "the error is within tolerance, and nothing larger than a feature is unfelt"
+    small, covered = bound <= observation.tolerance, max(untouched, loose) <= observation.feature
+    if small and covered:
+        said = "the error is within tolerance, and nothing larger than a feature is untouched"
     elif small and loose > observation.feature:
         said = "the error of the side is within tolerance, but where the object ends is uncertain"
     elif small:
-        said = "the error is within tolerance, but what is left unfelt cannot be reached"
+        said = "the error is within tolerance, but what is left untouched cannot be reached"
     elif noise > observation.tolerance:
         said = "the noise of the slices is beyond the tolerance, and no further slice takes it away"
     else:
         said = "the slices lie as close as they may, and the error is not within tolerance"
-    return Stop(said, small and felt, bound, max(unfelt, loose))
+    return Stop(said, small and covered, bound, max(untouched, loose))
 
 
 class RefinementCosts(NamedTuple):
     """What is weighed; as in `palpate.core.explore.planners.Predicted`."""
 
-    # Error that an unfelt stretch may hide, by the square of its share of the height.
+    # Error that an untouched stretch may hide, by the square of its share of the height.
     hidden_error: float
     order: float  # Of the error, in the number of parts
     travel: float  # Cost of moving by the whole height, over that of a slice
@@ -323,7 +323,7 @@ class ErrorPrediction(NamedTuple):
     def wants_averaging(self, tolerance: float, slices: int, room: int) -> bool:
         """Whether noise is too large, but so many slices would average it away, and there is room.
 
-        Of a solid rebuilt from all that was felt, noise falls with the root of their number.
+        Of a solid rebuilt from all that was touched, noise falls with the root of their number.
         """
         return self.noise > tolerance and self.noise * math.sqrt(slices / room) <= tolerance
 
@@ -331,13 +331,13 @@ class ErrorPrediction(NamedTuple):
 def predict_error(
     observation: Observation, profile: Profile, spans: Sequence[Span]
 ) -> ErrorPrediction:
-    """The errors that at least two slices foretell, and unfelt runs between them."""
+    """The errors that at least two slices predict, and untouched spans between them."""
     indicators = error_indicators(profile)
     errors = np.hypot(HIGHER * indicators.quintic_gap, CLASH * indicators.rise_mismatch)
     if observation.all_taxels:
         heights = (observation.low + observation.extent * profile.heights).tolist()
-        unfelt = np.array([longest_untouched(spans, *pair) for pair in pairwise(heights)])
-        errors *= (unfelt / (observation.extent * indicators.width)) ** UNFELT_ORDER
+        untouched = np.array([longest_untouched(spans, *pair) for pair in pairwise(heights)])
+        errors *= (untouched / (observation.extent * indicators.width)) ** UNTOUCHED_ORDER
     wide = profile.radii.mean(axis=1)
     long = np.sqrt(1.0 + (profile.slopes**2).mean(axis=1))
     areas = indicators.width * (wide[:-1] * long[:-1] + wide[1:] * long[1:])

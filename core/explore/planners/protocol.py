@@ -13,11 +13,13 @@ from dataclasses import dataclass, field, is_dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple, Protocol, cast
 
+import numpy as np
+
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
 from palpate.core.plugins import class_by_name
 
 LEAST_AZIMUTHS = 4
-# Of the object's height: finer than any pad feels, and than what was felt could be counted.
+# Of the object's height: finer than any pad touches, and than what was touched could be counted.
 LEAST_FEATURE = 1e-4
 END_SHARE = 0.03  # The first and the last slice lie this share of the height inside the ends
 END_DEVIATIONS = 2.0  # And at least so many standard deviations of where the end is
@@ -29,7 +31,7 @@ class SliceOutcome(StrEnum):
     """How a slice ended."""
 
     CLOSED = "closed"  # All around
-    # With gaps that the pad cannot reach; what was felt is given, gaps are interpolated.
+    # With gaps that the pad cannot reach; what was touched is given, gaps are interpolated.
     OCCLUDED = "occluded"
     FAILED = "failed"  # Touched, but of no use
     LOST = "lost"  # Nothing was there to touch: the height lies beyond the object's end
@@ -70,6 +72,24 @@ class ObservedSlice:
         return self.outcome in (SliceOutcome.CLOSED, SliceOutcome.OCCLUDED)
 
 
+def slice_without_contour(
+    height: float, outcome: SliceOutcome, touches: int = 0, seconds: float = 0.0
+) -> ObservedSlice:
+    """A slice that was asked for and of which nothing is known but how it ended."""
+    none = np.zeros(0)
+    return ObservedSlice(
+        height=height,
+        outcome=outcome,
+        radii=none,
+        slopes=none,
+        curvatures=none,
+        contact_low=none,
+        contact_high=none,
+        touches=touches,
+        seconds=seconds,
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
     """What may be spent and what is spent."""
@@ -103,12 +123,12 @@ class Observation:
     high_deviation: float = 0.0  # Standard deviation of the upper end, m
     tolerance: float  # Root mean square error that is asked for, m
     resolution: float  # Smallest difference that the sensor tells, m
-    feature: float  # Largest height that may stay unfelt, and least distance of two slices, m
+    feature: float  # Largest height that may stay untouched, and least distance of two slices, m
     budget: Budget = field(default_factory=Budget)  # What may be spent
     slices: tuple[ObservedSlice, ...] = ()  # In the order in which they were asked for
     busy_heights: tuple[float, ...] = ()  # Heights at which other fingers are at work, m
     finger_spacing: float = 0.0  # Height that two fingers keep between them, m
-    # Whether the solid is rebuilt from all that was felt, and not from contours alone.
+    # Whether the solid is rebuilt from all that was touched, and not from contours alone.
     all_taxels: bool = False
     # Standard deviation of the whole surface of that solid, ends included, m; None without one.
     deviation: float | None = None
@@ -165,7 +185,7 @@ class Stop(NamedTuple):
     # The root mean square error of the side is below this in 95 of 100 runs, m; None where the
     # planner does not say.
     rms_bound_95: float | None = None
-    # Largest height that nothing has felt, m; None where the planner does not say.
+    # Largest height that nothing has touched, m; None where the planner does not say.
     largest_untouched: float | None = None
 
 
@@ -221,7 +241,7 @@ def check_choice(planner: Planner, observation: Observation) -> Choice:
 
     Raises ValueError if it is no answer; or a height that does not lie between the ends, was asked
     for before, or is too near to another finger; or it waits though no finger is at work; or a
-    bound or an unfelt height is no length.
+    bound or an untouched height is no length.
     """
     choice = planner.next(observation)
     wrong = _wrong(observation, choice)
@@ -245,7 +265,8 @@ def _wrong(observation: Observation, choice: object) -> str:
 
 def _wrong_height(observation: Observation, height: float) -> str:
     if not observation.low < height < observation.high:  # nor is it if it is no number
-        return f"a height must lie between {observation.low:g} and {observation.high:g} m, got {height:g} m"
+        ends = f"{observation.low:g} and {observation.high:g} m"
+        return f"a height must lie between {ends}, got {height:g} m"
     if was_asked(observation, height):
         return f"a slice was asked for at {height:g} m before; it must go elsewhere, or stop"
     near = [

@@ -26,12 +26,13 @@ from palpate.core.explore.planners.protocol import (
     SliceOutcome,
     Stop,
     check_choice,
+    slice_without_contour,
 )
 
 EXTENT = 0.09  # Height of every object, m
-HALF_BAND = 7.0e-3  # The pad feels as far above and below a slice, m, along the surface
-RESOLUTION, FEATURE = 1e-5, 2.5e-3  # Of the sensor; and what may stay unfelt, m
-PROFILE_AZIMUTHS, TOUCH = 48, 3  # Azimuths, and how many of them one touch feels
+HALF_BAND = 7.0e-3  # The pad touches as far above and below a slice, m, along the surface
+RESOLUTION, FEATURE = 1e-5, 2.5e-3  # Of the sensor; and what may stay untouched, m
+PROFILE_AZIMUTHS, TOUCH = 48, 3  # Azimuths, and how many of them one touch touches
 NOISY_SLOPE = 5e-3  # Standard deviation of a slope where there is noise: 0.3 degrees
 NOISY_BEND = 1.0  # Standard deviation of a curvature, 1/m
 ROWS = 401  # Heights at which a side is compared with the truth
@@ -161,16 +162,7 @@ def positions_only(heights: Floats, squares: Floats, wanted: Floats) -> Floats:
 
 def lost_slice(height: float) -> ObservedSlice:
     """A slice beside the object."""
-    none = np.zeros(0)
-    return ObservedSlice(
-        height=height,
-        outcome=SliceOutcome.LOST,
-        radii=none,
-        slopes=none,
-        curvatures=none,
-        contact_low=none,
-        contact_high=none,
-    )
+    return slice_without_contour(height, SliceOutcome.LOST)
 
 
 def run_planner(

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.core.explore.probing.end_observation import TOUCHED as TOUCHED
     from palpate.core.explore.probing.end_observation import End as End
     from palpate.core.explore.probing.end_observation import EndObservation as EndObservation
     from palpate.core.explore.probing.end_observation import ProbeCommand as ProbeCommand

@@ -14,18 +14,13 @@ import numpy as np
 
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
 from palpate.core.poses import FACING_DOWN, compose_poses, pose_of
-from palpate.core.touch import TouchOutcome
+from palpate.core.touch import HITS, TouchOutcome
 
 End = Literal["upper", "lower"]
-# What a touch is for: to find the end, to feel the face that closes it, or that one's edge.
+# What a touch is for: to find the end, to touch the face that closes it, or that one's edge.
 ProbeReason = Literal["search", "face", "edge"]
 OVER: Floats = pose_of(np.zeros(3), FACING_DOWN)  # The slicing frame, half a turn about its x axis
-
-
 OVER.setflags(write=False)
-
-
-TOUCHED = ("hit", "bottomed")  # Outcomes that tell where the surface is
 LEAST_POINTS = 3
 
 
@@ -34,8 +29,8 @@ class SideContour(NamedTuple):
 
     points: Floats  # (n, 3), m, in order
     normals: Floats  # Outward unit normals, (n, 3)
-    contact_low: Floats  # Lowest height felt below each point without a break, (n,), m
-    contact_high: Floats  # Highest height felt above it
+    contact_low: Floats  # Lowest height touched below each point without a break, (n,), m
+    contact_high: Floats  # Highest height touched above it
 
 
 class ProbeCommand(NamedTuple):
@@ -51,7 +46,7 @@ class StopProbing(NamedTuple):
     """No touch is worth its time."""
 
     reason: str  # Why, in a few words
-    # Width of the largest stretch of the end that nobody felt, m; 0 where that is unknown.
+    # Width of the largest stretch of the end that nobody touched, m; 0 where that is unknown.
     untouched: float
 
 
@@ -60,13 +55,13 @@ class ProbeResult(NamedTuple):
 
     probing: ProbeCommand  # What was asked for
     outcome: TouchOutcome  # How it ended
-    point: Floats  # Deepest point felt, (3,), m; of no meaning unless something was touched
+    point: Floats  # Deepest point touched, (3,), m; of no meaning unless something was touched
     normal: Floats  # Outward normal at the middle of the contact, (3,)
 
     @property
     def touched(self) -> bool:
         """Whether it tells where the surface is."""
-        return self.outcome in TOUCHED
+        return self.outcome in HITS
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -80,7 +75,7 @@ class EndObservation:
     width: float  # Of the pad
     tolerance: float  # What two heights may differ by and still be as good as one
     noise: float = 0.0  # Standard deviation of a touch's place
-    # Whether the object stands on this end: nothing can be felt from beyond it.
+    # Whether the object stands on this end: nothing can be touched from beyond it.
     standing: bool = False
     contour: SideContour | None = None  # The contour nearest to it; None while there is none
     probes: tuple[ProbeResult, ...] = ()  # Touches made of this end, in their order

@@ -17,14 +17,14 @@ from palpate.core.explore.probing.end_observation import ProbeCommand, ProbeResu
 from palpate.core.geometry import area_centroid, edge_distance, inscribed_circle, winding_number
 from palpate.core.poses import pad_rotation, pose_of, split_pose
 
-FOOT = 0.35  # Of the pad's width: how far from the touched point a domed pad feels a level face
+FOOT = 0.35  # Of the pad's width: how far from its deepest point a domed pad touches a level face
 STEEPEST = math.radians(45.0)  # A normal that leans more says that an edge was touched, not a face
 # Normals of one plane differ by no more: what noise and an edge under the pad make of them.
 ALIKE = math.radians(3.0)
 FAINT = 1e-3  # Weight of a normal that is not believed
 STEEP = 0.6  # Upward part of a wall's normal below which there is an edge between it and the face
 # Of the pad's width: a stretch between band and face that is lower needs no touch.
-UNFELT = 1.0 / 6.0
+UNTOUCHED = 1.0 / 6.0
 LEAST_ALIKE = 4  # Touches after which the edge is believed to be the same all around, if they agree
 MOST_EDGE = 8  # Touches of one edge
 APART = 1.0  # Widths of the pad: places nearer to a touched one need no touch
@@ -103,7 +103,7 @@ def is_plane(
 
 
 class FaceEdge(NamedTuple):
-    """Where the edge is expected, and how much of it nobody felt."""
+    """Where the edge is expected, and how much of it nobody touched."""
 
     places: Floats  # (n, 3), m
     headings: Floats  # Azimuths of the wall's outward normals there, (n,), rad
@@ -115,8 +115,8 @@ def expected_edge(
 ) -> FaceEdge:
     """Where the wall, gone on with as it leans, meets the face.
 
-    `touched` (k, 3): where the face was touched, m: an edge within a `foot` of that has been felt.
-    `foot`: how far around a touched point the pad feels, m. `top`: where the object ends, m: a
+    `touched` (k, 3): where the face was touched, m: an edge within a `foot` of that is known.
+    `foot`: how far around a touched point the pad touches, m. `top`: where the object ends, m: a
     plane through touches of what is none may rise beyond.
     """
     level = np.linalg.norm(contour.normals[:, :2], axis=1)
@@ -136,11 +136,11 @@ def expected_edge(
 def next_edge(
     edge: FaceEdge, made: Sequence[ProbeResult], width: float, allowed: float
 ) -> ProbeCommand | float:
-    """The next touch across an edge, or the height that stays unfelt, m.
+    """The next touch across an edge, or the height that stays untouched, m.
 
     `width`: of the pad, m. `allowed`: what touches of one edge may differ by, m.
     """
-    uncertain = np.flatnonzero(edge.untouched > UNFELT * width)
+    uncertain = np.flatnonzero(edge.untouched > UNTOUCHED * width)
     if not len(uncertain):
         return float(edge.untouched.max(initial=0.0))
     if not made:
@@ -172,14 +172,14 @@ def _alike(made: Sequence[ProbeResult], allowed: float) -> bool:
 
 
 class UntouchedDisc(NamedTuple):
-    """The largest disc in which nothing was felt."""
+    """The largest disc in which nothing was touched."""
 
     place: Floats  # Its middle, (2,), m
-    radius: float  # m; 0 or less where everything was felt
+    radius: float  # m; 0 or less where everything was touched
 
 
 def inner_outline(contour: SideContour) -> Floats:
-    """Where the band that the contour's touches felt ends on the face, (n, 2), m.
+    """Where the band that the contour's touches touched ends on the face, (n, 2), m.
 
     Beyond a leaning wall by as much as the band climbs along it.
     """

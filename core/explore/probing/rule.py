@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.explore.grasp import search_places
 from palpate.core.explore.probing.end_observation import (
     End,
     EndObservation,
@@ -47,8 +48,8 @@ PLANE = 5  # Touches all over a face that are enough if they lie in one plane
 # Of the tolerance: what a plane may add to the error of the whole surface, for the mean of its
 # touches errs as their poses do.
 SURE = 0.05
-# Of the pad's width: radius of a disc in which nothing need be felt; and where the wall leans over
-# the end, so that a smooth surface goes on from it.
+# Of the pad's width: radius of a disc in which nothing need be touched; and where the wall leans
+# over the end, so that a smooth surface goes on from it.
 SMALL, SMALL_ROUND = 0.35, 0.5
 ROUND = 0.5  # Upward part of the wall's normals, on average, from which on it does
 LEAN = math.radians(5.0)  # A face that leans less is touched along the slicing axis
@@ -105,7 +106,7 @@ def _upper(observation: EndObservation) -> ProbeCommand | StopProbing:
 
 
 def _below(observation: EndObservation) -> float:
-    """Height between the platform and what was felt over it, m."""
+    """Height between the platform and what was touched over it, m."""
     if observation.contour is None:
         return 0.0
     return max(float((observation.height - observation.contour.contact_high).max()), 0.0)
@@ -129,10 +130,10 @@ def _farther(observation: EndObservation) -> ProbeCommand | None:
 def _search(observation: EndObservation) -> ProbeCommand | StopProbing:
     """The next place at which the end is looked for."""
     if observation.contour is None:
-        places = end_search_places(observation.radius, observation.width)
+        places = search_places(observation.radius, observation.width, MOST_RINGS)
         if len(observation.probes) < len(places):
             return probe_along_axis(observation, places[len(observation.probes)])
-        return StopProbing("nothing was felt", 2.0 * observation.radius)
+        return StopProbing("nothing was touched", 2.0 * observation.radius)
     if not observation.probes:
         return probe_along_axis(observation, interior_point(observation.contour))
     outline = inner_outline(observation.contour)
@@ -140,20 +141,8 @@ def _search(observation: EndObservation) -> ProbeCommand | StopProbing:
         outline, np.stack([_place(one) for one in observation.probes]), observation.width
     )
     if gap.radius <= SMALL * observation.width or len(observation.probes) >= MOST_FACE:
-        return StopProbing("nothing was felt", float(np.ptp(outline, axis=0).max()))
+        return StopProbing("nothing was touched", float(np.ptp(outline, axis=0).max()))
     return probe_along_axis(observation, gap.place)
-
-
-def end_search_places(radius: float, width: float) -> list[Floats]:
-    """Places (2,) at which an end is looked for: the axis, then rings around it, m.
-
-    Neighbouring ones are a pad's width apart, so that nothing wider is missed.
-    """
-    places = [np.zeros(2)]
-    for ring in range(1, min(int(radius / width), MOST_RINGS) + 1):
-        for azimuth in 2.0 * math.pi * np.arange(6 * ring) / (6 * ring):
-            places.append(ring * width * np.array([math.cos(azimuth), math.sin(azimuth)]))
-    return places
 
 
 def _with_wall(
@@ -204,7 +193,7 @@ def _next_face(
     faces: list[ProbeResult],
     plane: bool,
 ) -> ProbeCommand | float:
-    """The next touch of the face, or the width that stays unfelt, m."""
+    """The next touch of the face, or the width that stays untouched, m."""
     made = [one for one in observation.probes if one.probing.reason != "edge"]
     gap = largest_untouched_disc(
         inner_outline(contour), np.stack([_place(one) for one in made]), observation.width
@@ -218,13 +207,13 @@ def _next_face(
         return probe_along_axis(observation, summit)._replace(reason="face")
     small = gap.radius <= (SMALL_ROUND if leans else SMALL) * observation.width
     enough = len(faces) >= PLANE
-    felt = small or (plane and not leans and enough)
+    covered = small or (plane and not leans and enough)
     # The mean of more touches tells the height of a flat face on which a whole pad lies.
     middle = interior_point(contour)
     wide = float(edge_distance(inner_outline(contour), middle[None])[0]) > FOOT * observation.width
     flat = plane and (enough or not leans)
     sure = not (flat and wide) or len(faces) >= _asked_by_noise(observation, contour)
-    if felt and sure:
+    if covered and sure:
         return untouched
     return _onto(observation, face, middle if small else gap.place)
 
@@ -285,17 +274,17 @@ def _onto(observation: EndObservation, face: EndFace, place: Floats) -> ProbeCom
 
 def highest_expected(observation: EndObservation) -> float:
     """The highest that anything is known to be, or may be while the end is not found, m."""
-    felt = [float(one.point[2]) for one in observation.hits]
+    heights = [float(one.point[2]) for one in observation.hits]
     if observation.contour is not None:
-        felt.append(float(observation.contour.contact_high.max()))
+        heights.append(float(observation.contour.contact_high.max()))
     if not observation.hits:
-        felt.append(observation.height + DEVIATIONS * observation.deviation)
-    return max(felt)
+        heights.append(observation.height + DEVIATIONS * observation.deviation)
+    return max(heights)
 
 
 def _reason(observation: EndObservation, plane: bool, count: int, untouched: float) -> str:
     if untouched > 2.0 * SMALL_ROUND * observation.width and not (plane and count >= PLANE):
-        return f"{count} touches have not felt all of it"
+        return f"{count} touches have not reached all of it"
     if plane and count >= PLANE:
         return f"{count} touches lie in one plane"
-    return "nothing larger than a pad is unfelt"
+    return "nothing larger than a pad is untouched"

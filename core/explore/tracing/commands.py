@@ -22,7 +22,7 @@ from palpate.core.touch import Pad
 
 JOINED = 2.0 / 15.0  # Points farther apart than this have a gap between them; in widths of the pad
 LEAST_JOINED = 1.6  # But points of neighbouring taxels never have; in pitches
-# Depth of a plain touch, m: half of the pad. Shallower ones feel less at once: at 1 mm a contour
+# Depth of a plain touch, m: half of the pad. Shallower ones touch less at once: at 1 mm a contour
 # takes a fifth more touches, and a band is lower by as much.
 TOUCH_DEPTH = 1.5e-3
 DEEP_TOUCH_DEPTH = 2.35e-3  # Depth where a plain one does not reach into a hollow, m
@@ -56,7 +56,7 @@ class Posture(NamedTuple):
     # True once a search has found a posture that works: it is then kept for the contour.
     frozen: bool = False
     failed_searches: int = 0  # Searches in a row that found none
-    contact: float = math.inf  # Half the length of the arc that a searched posture felt first, m
+    contact: float = math.inf  # Half the length of the arc that a searched posture touched first, m
 
 
 class TouchCommand(NamedTuple):
@@ -83,7 +83,7 @@ class TouchCommand(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ProcedureResult(Generic[Result]):
-    """The end of a routine."""
+    """The end of a procedure."""
 
     result: Result
 
@@ -91,7 +91,7 @@ class ProcedureResult(Generic[Result]):
 def resume(
     start: Callable[[], Procedure[Result]], arcs: Sequence[SliceArc | None]
 ) -> TouchCommand | ProcedureResult[Result]:
-    """The next aim of a routine that has felt all this, or its end."""
+    """The next command of a procedure that has touched all this, or its end."""
     procedure = start()
     try:
         command = next(procedure)

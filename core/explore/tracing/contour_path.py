@@ -21,17 +21,17 @@ LONGEST_TAIL = 40
 GOOD_FIT = 4.0e-3  # A parabola within this of the points is good; in widths of the pad
 CURVATURES = (-3.0, 7.5)  # Bounds of the path's curvature, in 1 / widths of the pad
 LEVEL_NORMAL = 0.2  # A normal whose level part is shorter than this has no azimuth
-ALIKE = 0.8  # Cosine of the angle within which the felt normal and the parabola must agree
+ALIKE = 0.8  # Cosine of the angle within which the measured normal and the parabola must agree
 # The same where the parabola is good: beside an edge the normals are those of two faces.
 CLOSE = 0.997
 
 
 class Gap(NamedTuple):
-    """A stretch between two points of a contour that could not be felt."""
+    """A stretch between two points of a contour that could not be touched."""
 
     start: Floats  # Its last point before, (3,), m
     end: Floats  # The first one after, (3,), m
-    reason: GapReason  # What the pad felt there
+    reason: GapReason  # What the pad touched there
 
     @property
     def extent(self) -> float:
@@ -45,8 +45,8 @@ class Path(NamedTuple):
     points: Floats  # (n, 3), m
     normals: Floats  # (n, 3)
     across: Floats  # (n,), 1/m
-    low: Floats  # Lowest height felt below each point, (n,), m
-    high: Floats  # Highest height felt above it, (n,), m
+    low: Floats  # Lowest height touched below each point, (n,), m
+    high: Floats  # Highest height touched above it, (n,), m
 
     def joined(self, other: Path) -> Path:
         """Append another path."""
@@ -57,7 +57,7 @@ class Path(NamedTuple):
         return Path(*(field[chosen] for field in self))
 
     def with_bands_of(self, arc: SliceArc, near: float) -> Path:
-        """Stretch the bands to what another touch has felt within `near` of the points, m."""
+        """Stretch the bands to what another touch has touched within `near` of the points, m."""
         if not len(arc.points):
             return self
         apart = np.linalg.norm(self.points[:, None, :2] - arc.points[None, :, :2], axis=2)
@@ -86,6 +86,11 @@ def normal_azimuth(chord: Floats) -> float:
     return math.atan2(-chord[0], chord[1])
 
 
+def travel_direction(normal_azimuth: float) -> Floats:
+    """Direction of travel (2,) where the outward normal has this azimuth, rad."""
+    return np.array([-math.sin(normal_azimuth), math.cos(normal_azimuth)])
+
+
 class Heading(NamedTuple):
     """Where the path is going at its end."""
 
@@ -98,12 +103,12 @@ def heading_at_end(path: Path, heading: float, width: float) -> Heading:
     """Direction and curvature of a path at its last point.
 
     A parabola is fitted to the path's end, or to less of it where that does not fit: a longer
-    window would mix two faces. The felt normal is a better heading than the parabola, unless they
-    contradict each other.
+    window would mix two faces. The measured normal is a better heading than the parabola, unless
+    they contradict each other.
 
     `heading`: azimuth of the outward normal at the last touch, rad. `width`: width of the pad, m.
     """
-    tangent = np.array([-math.sin(heading), math.cos(heading)])
+    tangent = travel_direction(heading)
     curvature, good = 0.0, False
     end = path.points[-1]
     tail = path.points[-LONGEST_TAIL:]

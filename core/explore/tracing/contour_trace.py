@@ -45,9 +45,9 @@ OVERRUN = math.radians(420.0)  # Winding this far without closing is going in ci
 CLOSED = 1.0 / 15.0
 VERTICAL = 0.97  # A surface whose normals are steeper than this has left the slice, or nearly
 # A path that is no longer than this, in widths of the pad, after so many touches goes round a pole
-# that one touch has felt.
+# that one touch has touched.
 TINY, MANY = 0.2, 30
-SAME = 0.75  # A touch has felt a point's column again where it has felt one this near, in pitches
+SAME = 0.75  # A touch has met a point's column again where it has met one this near, in pitches
 MOST_REACQUISITIONS = 4  # Stretches that cannot be followed, on one contour
 
 
@@ -71,9 +71,9 @@ class Trace:
         None  # Where the path is going at its end; None until the first arc
     )
     posture: Posture = UPRIGHT  # How the pad is held
-    arcs_since: tuple[SliceArc | None, ...] = ()  # What was felt since the last accepted arc
+    arcs_since: tuple[SliceArc | None, ...] = ()  # What was touched since the last accepted arc
     touches: int = 0  # Touches made
-    gaps: tuple[Gap, ...] = ()  # Stretches that could not be felt, in the direction of travel
+    gaps: tuple[Gap, ...] = ()  # Stretches that could not be touched, in the direction of travel
     reacquisitions: int = 0  # Stretches that could not be followed
 
 
@@ -95,7 +95,7 @@ def next_command(pad: Pad, trace: Trace) -> tuple[Trace, TouchCommand | TraceSta
 
 
 def after_touch(trace: Trace, arc: SliceArc | None) -> Trace:
-    """The trace, knowing what the last touch felt; None for a miss."""
+    """The trace, knowing what the last touch touched; None for a miss."""
     return replace(trace, arcs_since=(*trace.arcs_since, arc), touches=trace.touches + 1)
 
 
@@ -178,7 +178,7 @@ def _with_stride(
 
 
 def _touched_again(spec: SliceSpec, path: Path, arcs: Sequence[SliceArc | None]) -> Path:
-    """The path, its bands as wide as all of these touches have felt."""
+    """The path, its bands as wide as all of these touches have touched."""
     for one in arcs:
         path = path if one is None else path.with_bands_of(one, SAME * spec.pad.pitch)
     return path
@@ -207,7 +207,7 @@ def _gaps_up_to(stride: Stride, closing: int, start: Floats) -> tuple[Gap, ...]:
 
 
 def _final_status(trace: Trace, status: TraceStatus) -> TraceStatus:
-    """The status, knowing what was felt."""
+    """The status, knowing what was touched."""
     if status == "closed":
         return "occluded" if trace.gaps else "closed"
     if status in ("stuck", "overrun") and trace.path is not None:

@@ -28,6 +28,7 @@ from palpate.core.explore.tracing.contour_path import (
     Path,
     normal_azimuth,
     path_of,
+    travel_direction,
 )
 from palpate.core.explore.tracing.search import FirstArc, Target, approach_from, search_arc
 from palpate.core.explore.tracing.slice_arc import SliceArc
@@ -35,7 +36,7 @@ from palpate.core.explore.tracing.slice_arc import SliceArc
 AHEAD = 0.25 / 15.0  # A new point must lie this far ahead of the last one; in widths of the pad
 PROGRESS = 0.6 / 15.0  # And the farthest of them this far; in widths of the pad
 PAD_STEP, CONTACT_STEP = 0.69, 1.05  # Longest step, in half widths of the pad and of the contact
-# How far a kept posture may step beyond half of the arc that it felt first, in the distance of
+# How far a kept posture may step beyond half of the arc that it touched first, in the distance of
 # points that still join.
 KEPT_STEP = 0.5
 LEAST_BULGE = 0.015  # Of contour and pad together, in 1 / widths of the pad: nothing is flatter
@@ -60,7 +61,7 @@ class Stride(NamedTuple):
     new: Path  # Points ahead of the path's end
     heading: float  # Azimuth of the outward normal with which they were touched, rad
     posture: Posture  # How the pad was held
-    gaps: tuple[Gap, ...] = ()  # Stretches from the path's end on that could not be felt
+    gaps: tuple[Gap, ...] = ()  # Stretches from the path's end on that could not be touched
     # True if the contour could not be followed but was met again from outside.
     reacquired: bool = False
 
@@ -78,8 +79,8 @@ def follow(
 ) -> Procedure[Stride | None]:
     """One more arc of the contour, or None if there is no way on.
 
-    The plain step comes first. If it feels nothing ahead, the corner is marched around; if it
-    feels an arc beyond a gap, other headings are tried, and last of all the gap is probed.
+    The plain step comes first. If it touches nothing ahead, the corner is marched around; if it
+    meets an arc beyond a gap, other headings are tried, and last of all the gap is probed.
     """
     plain = _plain_step(spec, end_heading, posture)
     attempts = deque([plain])
@@ -126,11 +127,10 @@ def _target(spec: SliceSpec, path: Path, end_heading: Heading, attempt: Attempt)
 def _new_points(
     spec: SliceSpec, path: Path, end_heading: Heading, arc: SliceArc, attempt: Attempt
 ) -> Path | None:
-    """The part of a felt arc that lies ahead of the path's end, if there is enough of it."""
+    """The part of a touched arc that lies ahead of the path's end, if there is enough of it."""
     forward = end_heading.tangent
     if abs(attempt.turn) > SHARP_TURN:
-        towards = end_heading.normal_azimuth + attempt.turn
-        forward = np.array([-math.sin(towards), math.cos(towards)])
+        forward = travel_direction(end_heading.normal_azimuth + attempt.turn)
     ahead = (arc.points[:, :2] - path.points[-1, :2]) @ forward
     new = ahead > AHEAD * spec.width
     if not new.any() or ahead.max() <= PROGRESS * spec.width:
@@ -187,7 +187,7 @@ def probe_gaps(
     """Probe every gap between neighbouring points of a chain.
 
     `chain`: points in the order of travel, its gaps not yet probed. `posture`: how the pad was held
-    at the chain's end. Returns the chain with what was felt between its points, and the gaps that remain.
+    at the chain's end. Returns the chain with what lies between its points, and the gaps left.
     """
     gaps: list[Gap] = []
     last = len(chain.points) - 1
@@ -211,7 +211,7 @@ def probe_gaps(
 def _probe(
     spec: SliceSpec, ends: Path, posture: Posture
 ) -> Procedure[tuple[Path | None, GapReason]]:
-    """What is felt between two points: by a plain touch, a deep one, by the pad's edges."""
+    """What is touched between two points: by a plain touch, a deep one, by the pad's edges."""
     start, end = ends.points
     deep = UPRIGHT._replace(tilt=posture.tilt, shift=posture.shift, depth=DEEP_TOUCH_DEPTH)
     chord = end[:2] - start[:2]
@@ -270,8 +270,8 @@ def _along_wall(
     inwards = 1.0 if number == 0 else -1.0
     heading = across + max(-STEEPEST, min(STEEPEST, way.along * wall))
     beyond = inwards * min(way.advance * spec.width, 0.5 * length)
-    place = ends[number, :2] + beyond * _travel(across + wall)
-    place = place - inwards * 0.5 * spec.width * _travel(heading)
+    place = ends[number, :2] + beyond * travel_direction(across + wall)
+    place = place - inwards * 0.5 * spec.width * travel_direction(heading)
     shift = CORNER * spec.width * float(np.sign(way.tilt))
     return TouchCommand(
         place,
@@ -282,18 +282,13 @@ def _along_wall(
     )
 
 
-def _travel(heading: float) -> Floats:
-    """Direction of travel (2,) along a wall whose outward normal has an azimuth."""
-    return np.array([-math.sin(heading), math.cos(heading)])
-
-
 class WallPosture(NamedTuple):
     """One way to hold the pad against a wall."""
 
     # Share of the wall's turn against the chord that the pad is turned: a pad quite along the wall
     # meets the other rim first.
     along: float
-    # How far beyond the last felt point the edge is set, along the wall; in widths of the pad.
+    # How far beyond the last touched point the edge is set, along the wall; in widths of the pad.
     advance: float
     tilt: float  # Of the pad: 0 for an edge, else its upper or its lower corner comes first, rad
 

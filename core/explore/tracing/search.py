@@ -27,7 +27,7 @@ from palpate.core.explore.tracing.slice_arc import SliceArc
 # Directions from which the object is approached, rad: until one succeeds.
 AZIMUTHS = tuple(np.radians([0, 90, 180, -90, 45, 135, -45, -135]).tolist())
 MOST_REPEATS = 5  # Touches from one direction while the pad still stands askew
-ASKEW = 0.12  # Angle to the surface above which the first arc is felt again, rad
+ASKEW = 0.12  # Angle to the surface above which the first arc is touched again, rad
 # Ways of a repeated touch before and past the place, in widths of the pad.
 STANDOFF, REACH = 12.0 / 15.0, 14.0 / 15.0
 PAST = 0.2  # A touch from above goes this far past the slice, in widths of the pad
@@ -36,7 +36,7 @@ PAST = 0.2  # A touch from above goes this far past the slice, in widths of the 
 NoArc = Literal["no_contact", "occluded", "pole"]
 LEAST_ARC = 2  # Points that make an arc
 LEAST_SEARCHED_ARC = 3  # Points for which a searched posture is kept
-FEED_FORWARD = 0.7  # Share of the felt slope by which the next touch is tilted
+FEED_FORWARD = 0.7  # Share of the measured slope by which the next touch is tilted
 LEVEL = 0.03  # Slope below which the tilt is left alone
 MOST_STEPS = 6  # Touches of a walk
 GIVE_UP = 0.85  # A walk ends when a step leaves more than this share of the way to the slice
@@ -63,7 +63,7 @@ class FirstArc(NamedTuple):
 
 
 def search_first_arc(spec: SliceSpec, centre: Floats, radius: float) -> Procedure[FirstArc | NoArc]:
-    """Approach the slice from one direction after the other until an arc is felt.
+    """Approach the slice from one direction after the other until an arc is met.
 
     `centre` (2,): where the object's axis is expected, m. `radius`: distance from which the pad
     approaches, m.
@@ -96,7 +96,7 @@ def _ends_below(spec: SliceSpec, centre: Floats, radius: float) -> Procedure[boo
 def approach_from(
     spec: SliceSpec, centre: Floats, radius: float, azimuth: float, held_off: int = 0
 ) -> Procedure[FirstArc | SliceArc | None]:
-    """Come from outside: the arc there, or else what was felt first, or None for a miss.
+    """Come from outside: the arc there, or else what was touched first, or None for a miss.
 
     The more often the pad has been held off, the fewer postures are tried.
     """
@@ -152,10 +152,10 @@ class Target(NamedTuple):
 def search_arc(
     spec: SliceSpec, posture: Posture, target: Target, first: bool = False
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
-    """Touch near a place until an arc of the slice is felt.
+    """Touch near a place until an arc of the slice is touched.
 
-    `first`: true at the start of a contour, where places are least certain. Returns the touch that met
-    the slice, or else the last that touched anything, and the posture for the next touch.
+    `first`: true at the start of a contour, where places are least certain. Returns the touch that
+    met the slice, or else the last that touched anything, and the posture for the next touch.
     """
     if posture.frozen:
         wider = target.at_least(FROZEN_STANDOFF * spec.width, FROZEN_REACH * spec.width)
@@ -201,12 +201,12 @@ def _walk(
 
 
 def has_arc(arc: SliceArc) -> bool:
-    """Whether a touch has felt enough of the slice."""
+    """Whether a touch has touched enough of the slice."""
     return len(arc.points) >= LEAST_ARC
 
 
 def next_posture(posture: Posture, arc: SliceArc) -> Posture:
-    """The posture for the next touch, tilted after the slope just felt."""
+    """The posture for the next touch, tilted after the slope just measured."""
     if posture.frozen or abs(arc.slope) <= LEVEL:
         return posture
     tilt = _bounded(posture.tilt - FEED_FORWARD * math.atan(arc.slope))
@@ -220,7 +220,7 @@ def _bounded(tilt: float) -> float:
 def _search(
     spec: SliceSpec, posture: Posture, tilt: float, arc: SliceArc, target: Target, first: bool
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
-    """Try a list of postures; the first that feels an arc is kept for the whole contour."""
+    """Try a list of postures; the first that meets an arc is kept for the whole contour."""
     away = -1.0 if arc.below >= arc.above else 1.0
     standoff, reach = FIRST_STANDOFF, FIRST_REACH
     if not first:

@@ -39,8 +39,8 @@ class SliceArc(NamedTuple):
     # Normal curvature across the contour along it, (n,), 1/m; convex is positive; 0 where the
     # surface is not smooth.
     across: Floats
-    low: Floats  # Lowest height felt below each of its points without a break, (n,), m
-    high: Floats  # Highest height felt above them, (n,), m
+    low: Floats  # Lowest height touched below each of its points without a break, (n,), m
+    high: Floats  # Highest height touched above them, (n,), m
     # Slope of the surface against the pad along the pad's y axis, where it is nearest to the slice.
     slope: float
     nearest: Floats  # The touched point nearest to the slice in height, (3,)
@@ -164,7 +164,7 @@ def _values(polynomials: Floats, share: Floats) -> tuple[Floats, Floats]:
 
 
 def contact_bands(above: Floats, one_surface: Bools, met: Crossings) -> tuple[Floats, Floats]:
-    """Lowest and highest height felt without a break from where columns meet the slice.
+    """Lowest and highest height touched without a break from where columns meet the slice.
 
     Only touched taxels count: of a domed pad's face the edge often hangs free.
 

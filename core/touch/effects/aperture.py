@@ -11,7 +11,7 @@ from palpate.core.arrays import Floats
 from palpate.core.plugins import Range, check_ranges
 from palpate.core.poses import split_pose
 from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
-from palpate.core.touch.pad import GuardedMove, Pad, TouchOutcome
+from palpate.core.touch.pad import GuardedMove, Pad, TouchOutcome, started_inside
 from palpate.core.touch.pipeline import record_move
 
 Reading = Literal["mean", "max"]  # What an element makes of the compression under it
@@ -79,7 +79,7 @@ def _press(pad: Pad, origins: Floats, touch: SimulatedTouch, mean: bool) -> Guar
     first = gaps.min(axis=1)
     nearest = float(first.min())
     if nearest < 0.0:
-        return GuardedMove("inside", touch.actual, np.zeros(size), 0.0, np.full(size, -np.inf))
+        return started_inside(pad, touch.actual)
     wanted = _way_to_mean(gaps, touch.depth) if mean else nearest + touch.depth
     outcome: TouchOutcome = "miss"
     advance = touch.reach

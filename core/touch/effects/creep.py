@@ -15,12 +15,12 @@ from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Creep:
-    """The standard linear solid: ``q' = -q / tau + c'``, and ``(1 - b) c + b q`` is felt.
+    """The standard linear solid: ``q' = -q / tau + c'``, and ``(1 - b) c + b q`` is measured.
 
     A share ``b`` of the answer relaxes while the pad is held, and is missing in the next touch
     if the pad had no time to recover. Solved in closed form for what a touch does: free, pressed
     at a constant rate, as long in every taxel as in the deepest, held, let go at once, and free
-    on its way back. A free face feels nothing, never less. The pressure falls in the same
+    on its way back. A free face reads nothing, never less. The pressure falls in the same
     proportion. Christensen, *Theory of viscoelasticity*, 1982; the values are engineering
     values. It matters after short rests and short dwells: a tenth of the depth is the largest
     error of a contour next to the arm's.
@@ -44,9 +44,9 @@ class Creep:
             until_frame = touch.rest + touch.loading + touch.dwell
             branch = state * math.exp(-until_frame / tau)
             branch += compression * _left(touch.loading, touch.dwell, tau)
-            felt = np.maximum((1.0 - share) * compression + share * branch, 0.0)
-            ratio = np.divide(felt, compression, out=felt.copy(), where=compression > 0.0)
-            touch.pressure, touch.compression = touch.pressure * ratio, felt
+            answer = np.maximum((1.0 - share) * compression + share * branch, 0.0)
+            ratio = np.divide(answer, compression, out=answer.copy(), where=compression > 0.0)
+            touch.pressure, touch.compression = touch.pressure * ratio, answer
             way_back = touch.time - touch.previous - until_frame
             return (branch - compression) * math.exp(-way_back / tau)
 

@@ -15,7 +15,7 @@ from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EchoLoss:
-    """An echo of amplitude ``exp(-(theta / angle)^2)`` below the threshold is not heard.
+    """An echo of amplitude ``exp(-(theta / angle)^2)`` below the threshold is lost.
 
     ``theta`` is the slope of the pressed face against the undeformed one: central differences of
     the compression, one-sided at the border. Such a taxel reads as untouched, 0. The Gaussian
@@ -28,7 +28,7 @@ class EchoLoss:
 
     # Slope at which the amplitude has fallen to 1/e: for elements of a few wavelengths.
     angle: Annotated[float, Range(1.0, 60.0, "deg")] = 15.0
-    # Smallest amplitude that is heard, as a share of that of a level face: 20 dB down. 0 for all.
+    # Smallest amplitude that is received, as a share of a level face's: 20 dB down. 0 for all.
     threshold: Annotated[float, Range(0.0, 1.0, "1")] = 0.1
 
     def __post_init__(self) -> None:
@@ -46,10 +46,10 @@ class EchoLoss:
                 f"{signal}; expected time"
             )
         if self.threshold == 0.0:
-            return Stage(_hear_all)
+            return Stage(_keep_all)
         steepest = math.radians(self.angle) * math.sqrt(-math.log(self.threshold))
         if steepest >= 0.5 * math.pi:
-            return Stage(_hear_all)
+            return Stage(_keep_all)
         largest = (2.0 * finger.pad.pitch * math.tan(steepest)) ** 2
 
         def apply(touch: SimulatedTouch, state: None) -> None:
@@ -59,8 +59,8 @@ class EchoLoss:
         return Stage(apply)
 
 
-def _hear_all(touch: SimulatedTouch, state: None) -> None:
-    """Even a face on edge is heard."""
+def _keep_all(touch: SimulatedTouch, state: None) -> None:
+    """Even a face on edge is received."""
 
 
 def _steeper(height: Floats, largest: float) -> Bools:

@@ -23,8 +23,8 @@ class Saturation:
 
     phase: ClassVar = Phase.PAD
 
-    # Largest compression that is felt, as a share of the thickness: rubber cannot be squeezed to
-    # nothing.
+    # Largest compression that is measured, as a share of the thickness: rubber cannot be squeezed
+    # to nothing.
     share: Annotated[float, Range(0.1, 0.95, "1")] = 0.8
 
     def __post_init__(self) -> None:

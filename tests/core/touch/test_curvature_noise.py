@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.geometry.star_shapes import angle_between
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.curvature import Patch, fit_patch
 from palpate.core.touch.filters import remove_impulses
-from palpate.core.touch.forms import angle_between
 from palpate.core.touch.pad import Pad, guarded_move
 
 ALONG_X, ALONG_Y = np.eye(3)[:2]

@@ -15,6 +15,7 @@ from palpate.core.explore.planners.protocol import (
     Planner,
     SliceOutcome,
     Stop,
+    slice_without_contour,
 )
 
 HEIGHT = 0.09
@@ -47,16 +48,7 @@ def round_slice(side: Side, share: float, unit: float = 1.0, **changes: Any) -> 
 
 
 def failed_slice(height: float, outcome: SliceOutcome = SliceOutcome.FAILED) -> ObservedSlice:
-    none = np.zeros(0)
-    return ObservedSlice(
-        height=height,
-        outcome=outcome,
-        radii=none,
-        slopes=none,
-        curvatures=none,
-        contact_low=none,
-        contact_high=none,
-    )
+    return slice_without_contour(height, outcome)
 
 
 def known_of(

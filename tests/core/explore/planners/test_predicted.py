@@ -114,7 +114,7 @@ def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides, explored) -
     _, stop = explored(Predicted(), sides["vase"])
     assert stop is not None
     assert stop.reason == (
-        "the error is within tolerance, and nothing larger than a feature is unfelt"
+        "the error is within tolerance, and nothing larger than a feature is untouched"
     )
     assert stop.rms_bound_95 is not None
     assert stop.largest_untouched is not None
@@ -173,7 +173,7 @@ def test_what_the_pad_cannot_reach_is_left_and_said(sides, slice_of, failed, obs
         assert len(slices) < 60
     assert isinstance(choice, Stop)
     assert choice.reason == (
-        "the error is within tolerance, but what is left unfelt cannot be reached"
+        "the error is within tolerance, but what is left untouched cannot be reached"
     )
     assert choice.largest_untouched is not None
     assert choice.largest_untouched > 2.5e-3
@@ -202,7 +202,7 @@ def test_occluded_slices_count_as_far_as_they_were_felt(sides, slice_of, observa
     )
     choice = Predicted().next(observation(whole))
     assert isinstance(choice, Height)
-    assert choice.reason == "nothing has felt what lies there"
+    assert choice.reason == "nothing has touched what lies there"
     assert abs(choice.height / 0.09 - shares[4]) < 0.09
 
 

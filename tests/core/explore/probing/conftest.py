@@ -80,7 +80,7 @@ def _touch(shape: Shape, probing: ProbeCommand) -> ProbeResult:
     if end.outcome not in ("hit", "bottomed"):
         return ProbeResult(probing, end.outcome, position, -axes[:, 2])
     touched = end.compression > CONTACT
-    surface: Floats = np.where(touched, -(end.compression + PAD.sag()), 0.0)
+    surface: Floats = PAD.surface(end.compression, touched)
     patch = fit_patch(PAD, surface, touched, axes[2], 0.0)
     point = transform_points(end.pose, deepest_point(PAD, surface, touched)[None])[0]
     return ProbeResult(probing, end.outcome, point, axes @ np.asarray(patch.normal))

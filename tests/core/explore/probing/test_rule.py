@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.core.arrays import Floats
+from palpate.core.explore.grasp.hand import search_places
 from palpate.core.explore.probing.end_observation import (
     EndObservation,
     ProbeCommand,
@@ -21,8 +22,8 @@ from palpate.core.explore.probing.end_observation import (
 from palpate.core.explore.probing.faces import FOOT
 from palpate.core.explore.probing.rule import (
     MOST_CLIMBS,
+    MOST_RINGS,
     SUMMIT_LEAN,
-    end_search_places,
     highest_expected,
     next_probe,
     next_uphill,
@@ -88,7 +89,7 @@ def _over_place(x: float) -> ProbeCommand:
 def test_a_pole_takes_one_touch(probed, observation, ring) -> None:
     contour = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     done, probes = probed(_ball(), "upper", replace(observation, contour=contour))
-    assert _whys(probes) == "s" and done.reason == "nothing larger than a pad is unfelt"
+    assert _whys(probes) == "s" and done.reason == "nothing larger than a pad is untouched"
     assert done.untouched < 0.01
 
 
@@ -203,7 +204,7 @@ def test_where_nothing_is_the_search_ends(probed, observation, ring, contour) ->
     far = PosedShape(_ball(), pose_of(np.array([1.0, 0.0, 0.0]), np.eye(3)))
     observation = replace(observation, contour=ring(0.025, 0.03) if contour else None)
     done, probes = probed(far, "upper", observation)
-    assert done.reason == "nothing was felt" and 1 < len(probes) <= 19
+    assert done.reason == "nothing was touched" and 1 < len(probes) <= 19
     assert done.untouched >= 0.05
 
 
@@ -216,7 +217,8 @@ def test_a_top_that_is_no_plane_is_felt_all_over(observation, ring) -> None:
             observation, probes=(*observation.probes, ProbeResult(found, "hit", point, UP))
         )
     assert (
-        5 < len(observation.probes) <= 14 and found.reason == "nothing larger than a pad is unfelt"
+        5 < len(observation.probes) <= 14
+        and found.reason == "nothing larger than a pad is untouched"
     )
 
 
@@ -229,7 +231,7 @@ def test_a_top_too_wide_to_be_felt_all_over_says_so(observation, ring) -> None:
         )
     assert sum(one.probing.reason != "edge" for one in observation.probes) == 14
     assert found.untouched > observation.width
-    assert found.reason == "14 touches have not felt all of it"
+    assert found.reason == "14 touches have not reached all of it"
 
 
 def test_a_leaning_face_is_touched_along_its_normal(observation, ring) -> None:
@@ -299,16 +301,16 @@ def test_every_end_is_done_after_at_most_24_touches(probed, size, exponents, lea
     )
     done, probes = probed(shape, "upper", observation)
     assert len(probes) <= 24 and done.untouched >= 0.0
-    if contour is not None and done.reason != "nothing was felt":
+    if contour is not None and done.reason != "nothing was touched":
         assert max(one.point[2] for one in probes if one.touched) <= high + 1e-6
 
 
 def test_places_of_a_search_are_a_pad_apart_and_few() -> None:
-    places = np.stack(end_search_places(0.1, 0.015))
+    places = np.stack(search_places(0.1, 0.015, MOST_RINGS))
     assert len(places) == 1 + 6 + 12 + 18
     apart = np.linalg.norm(places[:, None] - places, axis=2) + np.eye(len(places))
     assert apart.min() == pytest.approx(0.015, rel=0.06)
-    assert len(end_search_places(0.01, 0.015)) == 1
+    assert len(search_places(0.01, 0.015, MOST_RINGS)) == 1
 
 
 def test_a_search_begins_above_all_that_may_be(observation, ring) -> None:

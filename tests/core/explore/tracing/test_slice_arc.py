@@ -36,7 +36,7 @@ def touch(
     axes = pad_rotation(heading, tilt)
     end = guarded_move(shape, pad, pose_of(-0.05 * axes[:, 2], axes), 0.05, 1e-3)
     touched = end.compression > 0
-    surface = np.where(touched, -(end.compression + pad.sag()), 0.0)
+    surface = pad.surface(end.compression, touched)
     fitted = fit_jet(pad, surface, touched)
     return arc_in_slice(pad, end.pose, surface, touched, fitted.jet if fitted else None, height)
 
