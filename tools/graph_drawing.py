@@ -232,7 +232,9 @@ def _strands(wires: Sequence[Wire], column_of: Mapping[int, int]) -> list[Strand
             strands.append(Strand(wire, column, reach, tuple(gutters)))
     taken: dict[tuple[bool, int], list[Strand]] = {}
     # The shortest first: what goes far arches over what does not.
-    for one in sorted(strands, key=lambda one: one.gutters[-1] - one.gutters[0] if one.reach else 0):
+    for one in sorted(
+        strands, key=lambda one: one.gutters[-1] - one.gutters[0] if one.reach else 0
+    ):
         if one.far:
             while any(_overlap(one, other) for other in taken.get((one.back, one.lane), ())):
                 one.lane += 1

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.messages.bus.control import ControlClient as ControlClient
-    from palpate.messages.bus.control import ControlMessage as ControlMessage
-    from palpate.messages.bus.control import ControlServer as ControlServer
     from palpate.messages.bus.control import FROM_HOSTS as FROM_HOSTS
     from palpate.messages.bus.control import FROM_NODES as FROM_NODES
     from palpate.messages.bus.control import FROM_TOOLS as FROM_TOOLS
     from palpate.messages.bus.control import TO_HOSTS as TO_HOSTS
     from palpate.messages.bus.control import TO_NODES as TO_NODES
     from palpate.messages.bus.control import TO_TOOLS as TO_TOOLS
+    from palpate.messages.bus.control import ControlClient as ControlClient
+    from palpate.messages.bus.control import ControlMessage as ControlMessage
+    from palpate.messages.bus.control import ControlServer as ControlServer
     from palpate.messages.bus.control import read_control as read_control
     from palpate.messages.bus.curve import make_key as make_key
     from palpate.messages.bus.handshake import GREETING as GREETING
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from palpate.messages.bus.message_log import SourceProgress as SourceProgress
     from palpate.messages.bus.node_sockets import NodeSockets as NodeSockets
     from palpate.messages.bus.publisher import Publisher as Publisher
-    from palpate.messages.bus.sockets import Addresses as Addresses
     from palpate.messages.bus.sockets import LAUNCHER as LAUNCHER
     from palpate.messages.bus.sockets import QUEUE_DEPTH as QUEUE_DEPTH
+    from palpate.messages.bus.sockets import Addresses as Addresses
     from palpate.messages.bus.sockets import SocketContext as SocketContext
     from palpate.messages.bus.sockets import bind as bind
     from palpate.messages.bus.subscriber import Received as Received

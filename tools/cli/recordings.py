@@ -9,7 +9,9 @@ import click
 from palpate.launch.files import InputError
 from palpate.tools.cli.command_line import NamedGroup
 
-bag_group = NamedGroup("bag", help="Look into recordings, play, recover and compare them, and hand them on.")
+bag_group = NamedGroup(
+    "bag", help="Look into recordings, play, recover and compare them, and hand them on."
+)
 INFO_HELP = """Say what the recording BAG holds.
 
 BAG is a run directory or an MCAP file. A table shows how many messages each topic has, their bytes
@@ -140,7 +142,9 @@ def bag_step_command(messages: int, run: str | None) -> None:
     control_player(run, "step", number=messages)
 
 
-@bag_group.command("recover", short_help="Save what is whole of a damaged recording.", help=RECOVER_HELP)
+@bag_group.command(
+    "recover", short_help="Save what is whole of a damaged recording.", help=RECOVER_HELP
+)
 @click.argument("bag", type=click.Path(path_type=Path))
 @click.option(
     "-o",
@@ -156,7 +160,9 @@ def bag_recover_command(bag: Path, output: Path | None) -> int:
     return 0
 
 
-@bag_group.command("diff", short_help="Name the first message in which two recordings differ.", help=DIFF_HELP)
+@bag_group.command(
+    "diff", short_help="Name the first message in which two recordings differ.", help=DIFF_HELP
+)
 @click.argument("a", metavar="A", type=click.Path(path_type=Path))
 @click.argument("b", metavar="B", type=click.Path(path_type=Path))
 @click.option("--topics", default="", metavar="/X,/Y", help="Topics to compare; all if none.")
@@ -173,7 +179,9 @@ def bag_diff_command(a: Path, b: Path, topics: str) -> int:
     return int(bool(found.first))
 
 
-@bag_group.command("export", short_help="Write a recording in a format that other programs read.", help=EXPORT_HELP)
+@bag_group.command(
+    "export", short_help="Write a recording in a format that other programs read.", help=EXPORT_HELP
+)
 @click.argument("bag", type=click.Path(path_type=Path))
 @click.option(
     "--format", "kind", type=click.Choice(["csv", "npz", "foxglove"]), required=True, help="Format."

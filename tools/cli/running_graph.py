@@ -14,7 +14,9 @@ from palpate.tools.cli.command_line import NamedGroup
 if TYPE_CHECKING:
     from palpate.launch.processes import RunCard
 
-node_group = NamedGroup("node", help="Look at the nodes of a running graph, or at the kinds of node.")
+node_group = NamedGroup(
+    "node", help="Look at the nodes of a running graph, or at the kinds of node."
+)
 param_group = NamedGroup("param", help="Look at the parameters of a running graph's nodes.")
 Command = Callable[..., Any]
 
