@@ -28,6 +28,7 @@ from palpate.messages.types.motion import (
 from palpate.messages.types.world import SensorInfo, World
 from palpate.nodes.planner import NODE, Params
 from palpate.nodes.planning.state import State
+from palpate.nodes.runtime.testing import example
 from palpate.nodes.runtime.wiring import Wiring
 from palpate.nodes.specs.objects import ObjectSpec
 from palpate.nodes.specs.sensors import SensorSpec, info_of
@@ -147,13 +148,12 @@ class Cylinder:
         turn = 2.0 * np.pi * (np.arange(self.contacts) + 0.1 * goal.number) / max(self.contacts, 1)
         rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(self.contacts)])
         height = 0.01 + 0.08 * ((7 * goal.number) % 11) / 11.0
-        return GraspContacts(
+        return example(
+            GraspContacts,
             number=goal.number,
             points=RADIUS * rim + [0.0, 0.0, height],
             normals=rim,
             fingers=np.arange(self.contacts, dtype=np.int32),
-            missed=0,
-            blocked=0,
             move=np.array([0.0, 0.0, 0.0, 0.0, -1.0]),
             robot_time=8.0 * (goal.number + 1),
         )
@@ -176,7 +176,8 @@ class Cylinder:
         count = 90 if status in ("closed", "occluded") else 0
         turn = 2.0 * np.pi * np.arange(count) / 90
         rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(count)])
-        return Contour(
+        return example(
+            Contour,
             id=goal.id,
             finger=goal.finger,
             frame=goal.frame,
@@ -187,49 +188,35 @@ class Cylinder:
             contact_low=np.full(count, goal.height - 4e-3),
             contact_high=np.full(count, goal.height + 4e-3),
             status=status,
-            gap_starts=np.zeros((0, 3)),
-            gap_ends=np.zeros((0, 3)),
-            gap_reasons=(),
             touches=TOUCHES,
             robot_time=self.spend(goal, 20.0 + goal.finger),
         )
 
     def model_of(self, goal: ModelGoal) -> tuple[str, Any]:
         if not goal.contours:
-            return "/model/coarse", Superquadric(
+            return "/model/coarse", example(
+                Superquadric,
                 number=goal.number,
                 size=np.array([RADIUS, RADIUS, 0.5 * TOP]),
                 exponents=np.array([0.1, 1.0]),
                 pose=np.array([0.0, 0.0, 0.5 * TOP, 0.0, 0.0, 0.0, 1.0]),
-                taper=np.zeros(2),
-                bend=0.0,
-                bend_direction=0.0,
-                warnings=(),
                 residual=1e-5,
                 residuals=np.zeros(self.contacts * goal.closings),
                 rank=11,
             )
-        return "/model/shape", ShapeModel(
+        return "/model/shape", example(
+            ShapeModel,
             number=goal.number,
             contours=goal.contours,
             probes=goal.probes,
-            dropped=(),
-            dropped_reasons=(),
-            control=np.zeros((0, 0, 0, 3)),
-            undeformed=np.zeros((0, 0, 0, 3)),
-            knots_columns=np.zeros(0),
-            knots_rows=np.zeros(0),
-            knots_layers=np.zeros(0),
             vertices=np.zeros((3, 3)),
             faces=np.zeros((1, 3), np.int32),
             frame=IDENTITY_POSE,
             deviation=1e-5,
             uncertainty_height=np.array([0.0, TOP]),
             uncertainty=np.full(2, 1e-5),
-            health={},
             touches=goal.touches,
             robot_time=goal.robot_time,
-            final=False,
         )
 
 

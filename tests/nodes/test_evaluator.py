@@ -14,6 +14,7 @@ from palpate.messages.types.model import Score, ShapeModel
 from palpate.messages.types.world import Truth
 from palpate.nodes.evaluator import NODE, Params, State, take_model, take_truth
 from palpate.nodes.runtime.node import Finished, resolved
+from palpate.nodes.runtime.testing import example
 
 Model = Callable[..., ShapeModel]
 RADIUS = 0.04
@@ -38,12 +39,10 @@ def model() -> Model:
 
     def make(radius: float, *, final: bool = False) -> ShapeModel:
         directions, faces = icosphere(4)
-        return ShapeModel(
+        return example(
+            ShapeModel,
             number=3,
             contours=(1, 2, 5),
-            probes=(),
-            dropped=(),
-            dropped_reasons=(),
             control=np.zeros((2, 2, 2, 3)),
             undeformed=np.zeros((2, 2, 2, 3)),
             knots_columns=np.zeros(6),
@@ -52,10 +51,6 @@ def model() -> Model:
             vertices=radius * directions,
             faces=faces,
             frame=IDENTITY_POSE,
-            deviation=0.0,
-            uncertainty_height=np.zeros(0),
-            uncertainty=np.zeros(0),
-            health={},
             touches=42,
             robot_time=60.5,
             final=final,

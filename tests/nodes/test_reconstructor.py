@@ -19,6 +19,7 @@ from palpate.messages.types.touch import no_move
 from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.reconstructor import NODE, Params
 from palpate.nodes.runtime.node import resolved
+from palpate.nodes.runtime.testing import example
 from palpate.nodes.specs.objects import ObjectSpec
 from palpate.nodes.specs.solids import PoseSpec, SuperquadricSpec
 
@@ -137,13 +138,12 @@ def contacts(number: int, count: int = 12) -> GraspContacts:
     rng = np.random.default_rng(number)
     normals = rng.normal(size=(count, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return GraspContacts(
+    return example(
+        GraspContacts,
         number=number,
         points=MIDDLE + RADIUS * normals,
         normals=normals,
         fingers=np.zeros(count, np.int32),
-        missed=0,
-        blocked=0,
         move=no_move(),
         robot_time=1.0,
     )

@@ -15,7 +15,7 @@ from palpate.messages.types.world import SensorInfo, World
 from palpate.nodes import curvature, filter
 from palpate.nodes.runtime.feeding import feed, recorded
 from palpate.nodes.runtime.node import Node
-from palpate.nodes.runtime.testing import assert_same, drive, messages_on
+from palpate.nodes.runtime.testing import assert_same, drive, example, messages_on
 from palpate.nodes.runtime.wiring import Input, Wiring, describe_wirings
 
 TYPES = {"/touch/info": "SensorInfo", "/f/raw": "TactileFrame", "/f/image": "TactileImage"}
@@ -39,13 +39,12 @@ def wiring(name: str, params: Any = None) -> Wiring:
 def frame(touch: int, info: SensorInfo) -> TactileFrame:
     pressed = np.zeros((16, 16))
     pressed[6:10, 6:10] = 80e-6 + 1e-5 * touch
-    return TactileFrame(
-        goal=0,
+    return example(
+        TactileFrame,
         touch=touch,
         finger=1,
         direction=np.array([1.0, 0.0, 0.0]),
         pose=np.array([0.0, 0, 0, 0, 0, 0, 1]),
-        outcome="hit",
         array=2.0 * (info.thickness - pressed) / info.sound_speed,
         robot_time=float(touch),
     )
