@@ -313,10 +313,10 @@ def _mesh(solid: Solid, final: bool) -> SurfaceMesh:
 def _band(solid: Solid) -> tuple[Floats, Floats]:
     """Heights along the slicing axis, and the side's standard deviation there."""
     assert solid.closed is not None
-    if solid.closed.felt is not None:
-        return solid.closed.felt.band_heights, solid.closed.felt.band
-    heights = np.linspace(*solid.closed.skin.surface.reach, BANDS)
-    deviation = solid.closed.skin.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
+    if solid.closed.radial is not None:
+        return solid.closed.radial.band_heights, solid.closed.radial.band
+    heights = np.linspace(*solid.closed.loft.surface.reach, BANDS)
+    deviation = solid.closed.loft.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
     return heights, np.sqrt(np.mean(deviation**2, axis=1))
 
 

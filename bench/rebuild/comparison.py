@@ -234,7 +234,7 @@ def _times() -> Iterable[Row]:
         ("whole fit, method skin", partial(reconstruct, contours, method="skin"), FIT_MS),
         ("whole fit, method lattice", partial(reconstruct, contours, method="lattice"), FIT_MS),
         ("one contour more", partial(solid.update, contours[13]), UPDATE_MS),
-        ("band", partial(closed.skin.deviation, heights, turns), BAND_MS),
+        ("band", partial(closed.loft.deviation, heights, turns), BAND_MS),
     )
     head = f"{DISORDERED[0]} by {DISORDERED[1]}"
     for name, call, most in calls:
@@ -250,7 +250,7 @@ def _largest(shape: ContouredShape) -> Row:
     contours = list(noisy_contours(shape, HUGE, 0.0, np.random.default_rng(0)))
     closed = reconstruct(contours, method="skin").closed
     assert closed is not None
-    surface = closed.skin.surface
+    surface = closed.loft.surface
     seconds = _processor_seconds(lambda: fit_lattice(surface, size=(CONTROL, CONTROL)), 2)
     name = f"{HUGE[0]} by {HUGE[1]}: lattice of {CONTROL} x {CONTROL} x {CONTROL}"
     return at_most(name, seconds, LATTICE_S, ".2f", " s")

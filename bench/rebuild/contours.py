@@ -227,7 +227,7 @@ def _side(solid: Solid, heights: Floats) -> Floats:
     """Places (m, COLUMNS, 2) of the side at heights (m,)."""
     if solid.closed is None:
         raise ValueError("solid must have a skin, got none")
-    return solid.closed.skin.at(heights[:, None], np.arange(COLUMNS) / COLUMNS)
+    return solid.closed.loft.at(heights[:, None], np.arange(COLUMNS) / COLUMNS)
 
 
 def _contours(

@@ -45,16 +45,13 @@ LEAST_SIZE, MOST_SIZE = 1e-50, 1e50
 
 
 class Evidence(NamedTuple):
-    """Everything that is known of an object, lengths in the unit of its contours.
-
-    All of it is seen from the slicing frame.
-    """
+    """Everything that is known of an object, seen from the slicing frame, in its contours' unit."""
 
     slices: Slices  # The contours that are used, and those that are not, and why
     correspondence: Correspondence  # Which places of them belong together
     bottom: float | None  # Height at which a touch found the lower end
     top: float | None  # Height at which a touch found the upper end
-    felt: ContactPoints | None  # All touched taxels
+    contacts: ContactPoints | None  # All touched taxels
     noise: float | None  # Standard deviation of a coordinate, if it is known
     # Each contour by itself, as it was given: what more evidence is added to.
     given: tuple[ContourCurve | DroppedContour, ...] = ()
@@ -89,32 +86,33 @@ class Evidence(NamedTuple):
         """The evidence with one contour of the world more: that of all of them at once."""
         level = None if height is None else [height]
         added = contour_curves([contour], level, len(self.given), self.frame)
-        return gather_curves((*self.given, *added), self.tops, self.felt, self.noise, self.frame)
+        return gather_curves(
+            (*self.given, *added), self.tops, self.contacts, self.noise, self.frame
+        )
 
 
 def gather(
     contours: Sequence[ArrayLike],
     tops: ArrayLike | None = None,
     *,
-    felt: ContactPoints | None = None,
+    contacts: ContactPoints | None = None,
     heights: ArrayLike | None = None,
     noise: float | None = None,
     frame: Floats | None = None,
 ) -> Evidence:
-    """Put what was felt in order; parameters and errors as of `reconstruct`.
-
-    The felt points are seen from the frame already.
-    """
+    """What `reconstruct` is given, put in order; contacts are seen from the frame already."""
     touched = None
     if tops is not None and not (isinstance(tops, list | tuple) and not tops):
         touched = into_frame(frame, finite_array("tops", tops, (None, 3)))
-    return gather_curves(contour_curves(contours, heights, 0, frame), touched, felt, noise, frame)
+    return gather_curves(
+        contour_curves(contours, heights, 0, frame), touched, contacts, noise, frame
+    )
 
 
 def gather_curves(
     given: tuple[ContourCurve | DroppedContour, ...],
     tops: Floats | None,
-    felt: ContactPoints | None,
+    contacts: ContactPoints | None,
     noise: float | None,
     frame: Floats | None = None,
 ) -> Evidence:
@@ -124,7 +122,7 @@ def gather_curves(
     _check_size(slices, (bottom, top))
     slices = _around_areas(slices)
     matched = _matched(slices)
-    if felt is None:  # else it is not the contours that the surface goes through
+    if contacts is None:  # else it is not the contours that the surface goes through
         slices, matched = _mended(slices, matched)
     slices, matched, kept = _without_bad(slices, matched)
     off = np.maximum(neighbour_misfits(slices.heights, matched.grid), kept)
@@ -133,7 +131,7 @@ def gather_curves(
         for row in np.flatnonzero(off)
     )
     return Evidence(
-        slices, matched, bottom, top, felt, noise, given, tops, feature_candidates, frame
+        slices, matched, bottom, top, contacts, noise, given, tops, feature_candidates, frame
     )
 
 

@@ -63,7 +63,7 @@ def reconstruct(
     grasp: Recovery | None = None,
     faithful: bool = False,
 ) -> Solid:
-    """Rebuild a solid from what was felt of it.
+    """Rebuild a solid from what was touched of it.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def reconstruct(
         closed where the contours say where, else level on the last contour; see
         `Solid.uncovered`.
     method : {"lattice", "skin", "thesis", "coarse"}
-        "skin": a smooth surface through what was felt. "lattice": the same as a control lattice
+        "skin": a smooth surface through what was touched. "lattice": the same as a control lattice
         that deforms a prism, which can be edited and refined. "thesis": the shell and core of
         Fung, 1999, 4.4, to compare with. "coarse": a superquadric, tapered and bent.
     frame : (7,) array, optional
@@ -130,8 +130,8 @@ def reconstruct(
     pose = slicing_pose(frame)
     if grasp is not None and pose is not None:
         grasp = replace(grasp, pose=compose_poses(inverse_pose(pose), grasp.pose))
-    felt = _contact_points(contours, normals, patches, heights, pose)
-    evidence = gather(contours, tops, felt=felt, heights=heights, noise=noise, frame=pose)
+    contacts = _contact_points(contours, normals, patches, heights, pose)
+    evidence = gather(contours, tops, contacts=contacts, heights=heights, noise=noise, frame=pose)
     return Rebuilder(method, size, grasp, faithful)(evidence)
 
 
@@ -151,7 +151,7 @@ def _contact_points(
     heights: ArrayLike | None,
     frame: Floats | None,
 ) -> ContactPoints | None:
-    """Everything that was felt but the contours themselves, seen from the frame."""
+    """Everything that was touched but the contours themselves, seen from the frame."""
     parts = [] if patches is None else [contacts_into_frame(frame, checked_contacts(patches))]
     if normals is not None:
         parts.append(normals_as_points(contours, normals, heights, frame))
@@ -174,11 +174,11 @@ class Rebuilder:
         elif self.method == "thesis":
             solid = _thesis(evidence, self.faithful)
         else:
-            solid = self._from_skin(evidence)
+            solid = self._from_loft(evidence)
         shear = None if solid.closed is None else solid.closed.shear
-        return replace(solid, surface=placed(solid.surface, evidence.frame, shear), again=self)
+        return replace(solid, surface=placed(solid.surface, evidence.frame, shear), rebuilder=self)
 
-    def _from_skin(self, evidence: Evidence) -> Solid:
+    def _from_loft(self, evidence: Evidence) -> Solid:
         evidence, closed = _close(evidence)
         surface, lattice = closed.surface, None
         if self.method == "lattice":
@@ -193,12 +193,8 @@ class Rebuilder:
 
 
 def _coarse(evidence: Evidence) -> Solid:
-    slices = evidence.slices
-    points = [
-        np.column_stack([points, np.full(len(points), height)])
-        for points, height in zip(slices.points, slices.heights, strict=True)
-    ]
-    found = fit_coarse(np.concatenate(points), evidence.noise)
+    points = np.concatenate(_raised(evidence.slices.points, evidence.slices.heights))
+    found = fit_coarse(points, evidence.noise)
     if not found.fitted:
         raise ValueError(f"contours must determine a superquadric, got {found.warnings[0]}")
     surface = closed_surface((coarse_patch(found),))
@@ -206,13 +202,7 @@ def _coarse(evidence: Evidence) -> Solid:
 
 
 def coarse_patch(recovery: Recovery) -> SampledPatch:
-    """Its surface, from the lower end of its own axis to the upper one.
-
-    Raises
-    ------
-    ValueError
-        If it has no extent.
-    """
+    """Its surface, from the lower end of its own axis to the upper one."""
     base = Superquadric(recovery.size, recovery.exponents)
     taper = Taper(float(recovery.taper[0]), float(recovery.taper[1]), float(recovery.size[2]))
     position, axes = split_pose(recovery.pose)
@@ -231,20 +221,20 @@ def _thesis(evidence: Evidence, faithful: bool) -> Solid:
     count = evidence.correspondence.grid.shape[1]
     turns = np.arange(count) / count
     rings = slices.points if faithful else [curve.at(turns) for curve in slices.curves]
-    contours = [
-        np.column_stack([ring, np.full(len(ring), height)])
-        for ring, height in zip(rings, slices.heights, strict=True)
-    ]
-    found = rebuild_thesis(contours, faithful=faithful)
+    found = rebuild_thesis(_raised(rings, slices.heights), faithful=faithful)
     surface = closed_surface(thesis_patches(found))
     return Solid(surface=surface, method="thesis", evidence=evidence, model=found)
+
+
+def _raised(rings: Sequence[Floats], heights: Floats) -> list[Floats]:
+    """Rings (n, 2) at their heights, (n, 3) each."""
+    pairs = zip(rings, heights, strict=True)
+    return [np.column_stack([ring, np.full(len(ring), height)]) for ring, height in pairs]
 
 
 def thesis_patches(solid: ThesisSolid) -> tuple[Patch, ...]:
     """Its surface, from the bottom to the top, counter-clockwise whatever the lattice does.
 
-    Notes
-    -----
     The program closes its surface by points beyond its first and last rows; these are cones.
     """
     middle = solid.surface(np.array([0.5]), np.linspace(0.0, 1.0, 65))[0, :-1]
@@ -265,14 +255,14 @@ def thesis_patches(solid: ThesisSolid) -> tuple[Patch, ...]:
 
 
 def _close(evidence: Evidence) -> tuple[Evidence, ContourSolid]:
-    """The skin and its ends: of all that was felt where that can be, else of the contours."""
-    if evidence.felt is None:
+    """The loft and its ends: of all that was touched where that can be, else of the contours."""
+    if evidence.contacts is None:
         return evidence, _close_contours(evidence)
-    rows = radial_rows(evidence.slices, evidence.felt, evidence.bottom, evidence.top)
+    rows = radial_rows(evidence.slices, evidence.contacts, evidence.bottom, evidence.top)
     if rows is not None:
         return evidence, close_radial(rows)
     alone = gather_curves(evidence.given, evidence.tops, None, evidence.noise, evidence.frame)
-    return alone._replace(felt=evidence.felt), _close_contours(alone)
+    return alone._replace(contacts=evidence.contacts), _close_contours(alone)
 
 
 def _close_contours(evidence: Evidence) -> ContourSolid:

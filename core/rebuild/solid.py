@@ -60,12 +60,12 @@ NOISE_SHARE = 0.2  # Of the noise: the tolerance of a mesh where none is asked f
 Figures = dict[str, float]
 # Places of the side, and of each piece of an end, at which areas are taken.
 SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16
-# Of the height of an edge that nobody felt: what its rounding may be wrong by, root mean square
+# Of the height of an edge that nobody touched: what its rounding may be wrong by, root mean square
 # over the edge and as much of the end. With noise, a superellipse taken for an arc errs by that.
 HIDES = 0.15
-# What a stretch of the side that nobody felt, between two that were, may be wrong by: so much times
-# its height to the fourth power over the third power of half the width, as between two ends with
-# slopes. Measured on shipped scenes with 5 contours.
+# What a stretch of the side that nobody touched, between two that were, may be wrong by: so much
+# times its height to the fourth power over the third power of half the width, as between two ends
+# with slopes. Measured on shipped scenes with 5 contours.
 BULGES = 0.05
 RING, WAYS = 128, 65  # Points of a rim, and places from there to the end
 
@@ -84,7 +84,7 @@ class Solid:
 
     What it answers is in the world, but heights, which count along the z axis of the slicing
     frame; where ends are slanted, over its middle. What is kept of how it came about is seen from
-    that frame: evidence, skin and ends, lattice, model.
+    that frame: evidence, loft and ends, lattice, model.
     """
 
     # Exact at every place: points, normals, curvatures, in no resolution. In the world.
@@ -96,7 +96,7 @@ class Solid:
     lattice: LatticeFit | None = None
     model: ThesisSolid | Recovery | None = None  # What the methods "thesis" and "coarse" found
     # Rebuilds it in the same way from other evidence.
-    again: Callable[[Evidence], Solid] | None = None
+    rebuilder: Callable[[Evidence], Solid] | None = None
 
     @property
     def slices(self) -> Slices:
@@ -132,9 +132,9 @@ class Solid:
         ValueError
             As `reconstruct` does; or if the solid was not made by it.
         """
-        if self.again is None:
+        if self.rebuilder is None:
             raise ValueError("solid must be rebuilt by reconstruct to be updated, got another")
-        return self.again(self.evidence.more(contour, height))
+        return self.rebuilder(self.evidence.more(contour, height))
 
     def mesh(self, tolerance: float | None = None) -> SurfaceMesh:
         """Triangles that leave the surface by at most a tolerance: see `mesh_surface`.
@@ -142,7 +142,7 @@ class Solid:
         If none is asked for, noise sets it as well: finer triangles would show nothing more.
         """
         if tolerance is None and self.closed is not None:
-            noise = NOISE_SHARE * self.closed.skin.health.sigma
+            noise = NOISE_SHARE * self.closed.loft.health.sigma
             tolerance = max(DEFAULT_TOLERANCE * self.surface.size, noise)
         return mesh_surface(self.surface, tolerance)
 
@@ -196,10 +196,9 @@ class Solid:
         return replace(self, surface=placed(surface, self.frame, shear), lattice=lattice)
 
     def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats | None:
-        """Standard deviation of the side along its normal, on a grid (a, b).
+        """Standard deviation of the side along its normal, on a grid (a, b), without the ends.
 
-        None with the methods "thesis" and "coarse", which do not say. Ends are not in it: of
-        them `uncovered` tells what nobody could know.
+        None with the methods "thesis" and "coarse", which do not say.
 
         Parameters
         ----------
@@ -218,19 +217,12 @@ class Solid:
         )
 
     def uncertainty(self) -> Uncertainty | None:
-        """What the error of the side stays below, and what is narrower than could be seen.
-
-        None with the methods "thesis" and "coarse", which do not say.
-        """
+        """See `ContourSolid.uncertainty`; None with the methods "thesis" and "coarse"."""
         return None if self.closed is None else self.closed.uncertainty()
 
     def whole_deviation(self) -> float | None:
-        """Standard deviation of the whole surface, root mean square over its area, ends included.
-
-        None with the methods "thesis" and "coarse", which do not say. See `whole_deviation` for
-        what an end is thought to hide.
-        """
-        return None if self.closed is None else whole_deviation(self.closed, self.evidence.felt)
+        """See `whole_deviation`; None with the methods "thesis" and "coarse", which do not say."""
+        return None if self.closed is None else whole_deviation(self.closed, self.evidence.contacts)
 
     @property
     def uncovered(self) -> tuple[float, float]:
@@ -254,36 +246,34 @@ class Solid:
         low, high = fine.min(axis=(0, 1)), fine.max(axis=(0, 1))
         heights = np.linspace(self.slices.heights[0], self.slices.heights[-1], OVERSHOOT_ROWS)
         turns = np.arange(OVERSHOOT_TURNS) / OVERSHOOT_TURNS
-        side = self.closed.skin.at(heights[:, None], turns[None])
+        side = self.closed.loft.at(heights[:, None], turns[None])
         beyond = np.maximum(low - side, side - high).max()
         return float(max(beyond, 0.0) / (high - low).max())
 
     def health(self) -> dict[str, float]:
         """Figures of the fit, by name; lengths in the unit of the contours.
 
-        Of the contours: how many are used (`contours`) and not (`dropped`, see
-        `Slices.dropped`); how many of the latter may have felt what no other did
-        (`perhaps_features`); how many are used though they are unlike their neighbours
-        (`suspicious`, see `Evidence.feature_candidates`); how many are `tilted`, `not_starlike` and
-        `self_intersecting`; and single points that were left out (`outlying_points`).
+        Of the contours: how many are used (`contours`) and not (`dropped`), of the latter may have
+        touched what no other did (`perhaps_features`), are used though unlike their neighbours
+        (`suspicious`, see `Evidence.feature_candidates`), are `tilted`, `not_starlike` and
+        `self_intersecting`; single points that were left out (`outlying_points`).
 
         Of the side: the noise (`sigma`), `degrees_of_freedom`, `condition`, the `overshoot`, and
-        the `swing`: how far it leaves the middle between contours, over how far these differ;
-        more than a half is wild. `paced` is 1 where its parameter follows the way along the
-        surface, for contours close together differ much. Of the ends: what nobody could know
-        (`uncovered_below`, `uncovered_above`), how high they are beyond the contours or what was
-        felt (`unseen_below`, `unseen_above`), and how much of a level end lies on itself, over
-        its area (`folded_below`, `folded_above`): more than 0 where no place sees the last
-        contour whole, so that the mesh has faces on faces there, and the area is too large.
-        `apart_below` and `apart_above` are 1 where the touched point lies so far out that the
-        side would have run through its own axis: the end is a piece of its own there.
-        `slope_below` and `slope_above` tell how steep the space is there in which the solid was
-        fitted: as the ends are, if these are planes but not level.
+        the `swing`: how far it leaves the middle between contours, over how far these differ; more
+        than a half is wild. `paced` is 1 where its parameter follows the way along the surface, for
+        contours close together differ much.
 
-        Of everything that was felt, if it was given: see `FeltFit`; `felt_unused` is 1 where its
-        sections cannot be told by one distance for each turn, so that the contours alone count.
+        Of the ends, `..._below` and `..._above`: what nobody could know (`uncovered`); how high
+        they are beyond what was touched (`unseen`); how much of a level end lies on itself, over
+        its area (`folded`): more than 0 where no place sees the last contour whole, so that the
+        mesh has faces on faces there, and the area is too large; whether it is a piece of its own
+        (`apart`), for the touched point lies so far out that the side would have run through its
+        own axis; how steep the space is in which the solid was fitted (`slope`), if ends are planes
+        but not level.
 
-        Of the lattice and of the other methods: see `LatticeFit`, `Recovery`, `ThesisSolid`.
+        Of all contacts, if they were given: see `RadialFit`; `felt_unused` is 1 where sections
+        cannot be told by one distance for each turn, so that the contours alone count. Of the
+        lattice and of the other methods: see `LatticeFit`, `Recovery`, `ThesisSolid`.
         """
         return health_of(self.evidence, self.closed, self.lattice, self.model, self.surface) | {
             "overshoot": self.overshoot
@@ -291,7 +281,7 @@ class Solid:
 
 
 def moved_lattice(lattice: Lattice, frame: Floats | None, shear: Shear | None = None) -> Lattice:
-    """The lattice slanted, and where a frame of this pose (7,) carries it; the same for None."""
+    """The lattice sheared, and where a frame of this pose (7,) carries it."""
     if shear is not None:
         lattice = Lattice(sheared_volume(lattice.volume, shear), lattice.undeformed)
     if frame is None:
@@ -302,24 +292,14 @@ def moved_lattice(lattice: Lattice, frame: Floats | None, shear: Shear | None = 
         return SplineVolume(volume.control @ axes.T + position, volume.bases, volume.weights)
 
     before = lattice.undeformed
-    if isinstance(before, Parallelepiped):
-        return Lattice(
-            moved(lattice.volume),
-            Parallelepiped(before.corner @ axes.T + position, before.edges @ axes.T),
-        )
-    return Lattice(moved(lattice.volume), moved(before))
+    if not isinstance(before, Parallelepiped):
+        return Lattice(moved(lattice.volume), moved(before))
+    box = Parallelepiped(before.corner @ axes.T + position, before.edges @ axes.T)
+    return Lattice(moved(lattice.volume), box)
 
 
 def sheared_volume(volume: SplineVolume, shear: Shear) -> SplineVolume:
-    """The volume where a shear carries it.
-
-    Parameters
-    ----------
-    volume : Volume
-        In the straight space; its weights are kept.
-    shear : Slant
-        From there to where the object is.
-    """
+    """The volume where a shear carries it from level ends; its weights are kept."""
     sites = [basis.greville() for basis in volume.bases]
     places = volume.grid(*sites)
     moved = shear.sheared(places.reshape(-1, 3)).reshape(places.shape)
@@ -330,18 +310,12 @@ def sheared_volume(volume: SplineVolume, shear: Shear) -> SplineVolume:
     return SplineVolume(np.asarray(found / volume.weights[..., None]), volume.bases, volume.weights)
 
 
-def whole_deviation(closed: ContourSolid, felt: ContactPoints | None) -> float:
+def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> float:
     """Standard deviation of the surface along its normal, root mean square over its area, m.
 
-    Parameters
-    ----------
-    closed : ContourSolid
-        Skin and ends.
-    felt : ContactPoints or None
-        All touched taxels, seen from the slicing frame; those at the ends tell how well the ends
-        fit.
+    `contacts`, seen from the slicing frame, tell how well the ends fit.
     """
-    felt = None if felt is None else levelled(closed.shear, felt)
+    contacts = None if contacts is None else straight(closed.shear, contacts)
     pieces = closed.surface.pieces
     side = next(i for i, piece in enumerate(pieces) if isinstance(piece, SidePatch))
     cells = _cells(pieces[side], SIDE_ROWS)
@@ -357,7 +331,7 @@ def whole_deviation(closed: ContourSolid, felt: ContactPoints | None) -> float:
     for end, way, beyond, rounded in ends:
         covered = float(cells.areas[rounded].sum())
         covered += sum(float(_cells(piece, END_ROWS).areas.sum()) for piece in beyond)
-        square, more = _of_end(closed, end, way, covered, felt)
+        square, more = _of_end(closed, end, way, covered, contacts)
         area, total = area + covered + more, total + square
     return float(np.sqrt(total / area))
 
@@ -376,48 +350,48 @@ def _cells(piece: Patch, count: int) -> _Cells:
 def _side_deviation(closed: ContourSolid, cells: _Cells) -> Floats:
     """Along the normals at the cells, (a, b), m."""
     deviation = closed.deviation(cells.heights, np.arange(TURNS) / TURNS)
-    if closed.felt is None:
+    if closed.radial is None:
         return deviation
-    # What was felt is told across the axis; where the side turns level, the poses are left.
-    left = np.maximum(cells.steep * deviation, POSE_LEFT * closed.felt.pose_sigma)
+    # What was touched is told across the axis; where the side turns level, the poses are left.
+    left = np.maximum(cells.steep * deviation, POSE_LEFT * closed.radial.pose_sigma)
     # Taxels that lie farther off than their noise lets them say how far the surface is wrong.
-    off = max(closed.felt.rms**2 - closed.felt.sigma**2, 0.0)
+    off = max(closed.radial.rms**2 - closed.radial.sigma**2, 0.0)
     return np.asarray(np.sqrt(left**2 + off))
 
 
 def _of_gaps(closed: ContourSolid) -> float:
-    """Squared deviation times area of what the side may hide where it was not felt, m^4."""
-    if closed.felt is None:
+    """Squared deviation times area of what the side may hide where it was not touched, m^4."""
+    if closed.radial is None:
         return 0.0
-    gaps, half = closed.felt.gaps, closed.skin.size
+    gaps, half = closed.radial.gaps, closed.loft.size
     bulges = BULGES * gaps * (gaps / half) ** 3
     return float((2.0 * np.pi * half / SECTORS * gaps) @ bulges**2)
 
 
 def _of_end(
-    closed: ContourSolid, end: End, way: float, area: float, felt: ContactPoints | None
+    closed: ContourSolid, end: End, way: float, area: float, contacts: ContactPoints | None
 ) -> tuple[float, float]:
     """Squared deviation times area, m^4, and area that the object may have besides, m^2."""
-    ring = closed.skin.at(end.rim, np.arange(RING) / RING)
+    ring = closed.loft.at(end.rim, np.arange(RING) / RING)
     around = float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum())
     if end.uncovered > 0.0:
         more = 0.5 * around * end.uncovered
         return (area + more) * end.uncovered**2 / 3.0, more
-    unfelt = np.array([end.unseen])
-    scatter = closed.skin.health.sigma
-    if closed.felt is not None:
-        reached = closed.felt.lows if way < 0.0 else closed.felt.highs
-        unfelt = np.maximum(way * (end.height - reached), 0.0)
-        scatter = float(np.hypot(closed.felt.sigma, closed.felt.pose_sigma))
-    hidden = around * float(np.mean(2.0 * unfelt * np.square(HIDES * unfelt)))
-    off = 0.0 if felt is None or end.round else _misfit(end, way, ring, felt)
+    untouched = np.array([end.unseen])
+    scatter = closed.loft.health.sigma
+    if closed.radial is not None:
+        reached = closed.radial.lows if way < 0.0 else closed.radial.highs
+        untouched = np.maximum(way * (end.height - reached), 0.0)
+        scatter = float(np.hypot(closed.radial.sigma, closed.radial.pose_sigma))
+    hidden = around * float(np.mean(2.0 * untouched * np.square(HIDES * untouched)))
+    off = 0.0 if contacts is None or end.round else _misfit(end, way, ring, contacts)
     level = (POSE_LEFT * scatter) ** 2 + max(off**2 - scatter**2, 0.0)
     return hidden + area * level, 0.0
 
 
-def _misfit(end: End, way: float, ring: Floats, felt: ContactPoints) -> float:
+def _misfit(end: End, way: float, ring: Floats, contacts: ContactPoints) -> float:
     """How far what touched an end lies off it along the axis, root mean square, m."""
-    points = felt.points[on_end(felt, end.rim, way)]
+    points = contacts.points[on_end(contacts, end.rim, way)]
     if not len(points):
         return 0.0
     middle, rim = ring.mean(axis=0), ring - ring.mean(axis=0)
@@ -452,7 +426,7 @@ def health_of(
         strays = found["outlying_points"]
         found |= _of_side(closed)
         found["outlying_points"] += strays
-        if evidence.felt is not None:
+        if evidence.contacts is not None:
             found |= _of_contacts(closed)
     if lattice is not None:
         found |= _of_lattice(lattice)
@@ -464,40 +438,28 @@ def health_of(
 
 
 def _of_side(closed: ContourSolid) -> Figures:
-    skin = closed.skin.health
-    return {
-        "uncovered_below": closed.bottom.uncovered,
-        "uncovered_above": closed.top.uncovered,
-        "unseen_below": closed.bottom.unseen,
-        "unseen_above": closed.top.unseen,
-        "apart_below": float(closed.bottom.apart),
-        "apart_above": float(closed.top.apart),
-        "slope_below": _slope(closed, closed.bottom),
-        "slope_above": _slope(closed, closed.top),
-        "outlying_points": float(skin.outlying),
-        "sigma": skin.sigma,
-        "degrees_of_freedom": skin.freedom,
-        "condition": skin.condition,
-        "swing": skin.swing,
-        "paced": float(closed.skin.surface.axial_parameter.reparametrisation is not None),
+    loft, shear = closed.loft.health, closed.shear
+    ends = (("below", closed.bottom), ("above", closed.top))
+    told = ("uncovered", "unseen", "apart")
+    found = {f"{what}_{name}": float(getattr(end, what)) for what in told for name, end in ends}
+    for name, end in ends:
+        found[f"slope_{name}"] = 0.0 if shear is None else shear.steepness(end.height)
+    return found | {
+        "outlying_points": float(loft.outlying),
+        "sigma": loft.sigma,
+        "degrees_of_freedom": loft.freedom,
+        "condition": loft.condition,
+        "swing": loft.swing,
+        "paced": float(closed.loft.surface.latitude.pace is not None),
     }
-
-
-def _slope(closed: ContourSolid, end: End) -> float:
-    """How steep an end is."""
-    return 0.0 if closed.shear is None else closed.shear.steepness(end.height)
 
 
 def _of_contacts(closed: ContourSolid) -> Figures:
-    felt = closed.felt
-    if felt is None:
+    radial = closed.radial
+    if radial is None:
         return {"felt_unused": 1.0}
-    return {
-        "felt_unused": 0.0,
-        **felt.figures,
-        "sigma": felt.sigma,
-        "condition": felt.condition,
-    }
+    about = {"sigma": radial.sigma, "condition": radial.condition}
+    return {"felt_unused": 0.0} | radial.figures | about
 
 
 def _of_lattice(lattice: LatticeFit) -> Figures:
@@ -509,14 +471,9 @@ def _of_lattice(lattice: LatticeFit) -> Figures:
         "lattice_folded": health.folded,
     }
     if refined is not None:
-        found |= {
-            "refined_points": float(refined.points),
-            "refined_beyond": float(refined.beyond),
-            "refined_before": refined.before,
-            "refined_after": refined.after,
-            "refined_moved": refined.moved,
-            "lattice_folded": refined.folded,
-        }
+        told = ("points", "beyond", "before", "after", "moved")
+        found |= {f"refined_{name}": float(getattr(refined, name)) for name in told}
+        found["lattice_folded"] = refined.folded
     return found
 
 

@@ -87,7 +87,7 @@ def test_the_lattice_and_the_band_of_a_solid_that_came_back_are_the_same() -> No
     before, after = solid.lattice.lattice, back.lattice.lattice
     assert np.array_equal(before.deform(places), after.deform(places))
     heights, turns = np.linspace(-0.04, 0.04, 21), np.arange(17) / 17
-    first, second = solid.closed.skin, back.closed.skin
+    first, second = solid.closed.loft, back.closed.loft
     assert np.array_equal(first.deviation(heights, turns), second.deviation(heights, turns))
 
 

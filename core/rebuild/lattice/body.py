@@ -58,16 +58,7 @@ def fit_body_lattice(
     """Solve for the lattice in which a superquadric becomes a surface.
 
     Each place of the surface belongs to the point of the superquadric on the same ray from its
-    middle, before taper and bend.
-
-    Parameters
-    ----------
-    prior : Recovery
-        The superquadric.
-    surface : Surface
-        What its surface shall become, m.
-    counts : tuple of three integers
-        Control points along the superquadric's own axes, at least 4 each.
+    middle, before taper and bend. `counts` are control points along the superquadric's own axes.
 
     Raises
     ------
@@ -135,7 +126,7 @@ def _undeformed(prior: Recovery, points: Floats, counts: tuple[int, int, int]) -
 
 
 def solve_sparse(shares: csr_array, moves: Floats, counts: tuple[int, int, int]) -> SparseSolved:
-    """Displacements of control points that move points as they shall.
+    """Displacements of control points (n, 3) that move points by `moves` (m, 3), m.
 
     Parameters
     ----------
@@ -144,7 +135,7 @@ def solve_sparse(shares: csr_array, moves: Floats, counts: tuple[int, int, int])
     moves : (m, 3) array
         How the points shall move, m.
     counts : tuple of three integers
-        Control points each way, n in all.
+        Control points each way.
 
     Notes
     -----
@@ -158,9 +149,7 @@ def solve_sparse(shares: csr_array, moves: Floats, counts: tuple[int, int, int])
     system = form / mean + STIFFNESS * energy + HELD * eye_array(form.shape[0])
     right = (shares.T @ moves) / mean
     if form.shape[0] <= DIRECT:
-        factor = splu(
-            csc_array(system), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-        )
+        factor = splu(csc_array(system), permc_spec="MMD_AT_PLUS_A", options=SYMMETRIC)
         largest = _largest(lambda x: system @ x, form.shape[0])
         least = 1.0 / _largest(factor.solve, form.shape[0])
         return SparseSolved(factor.solve(right), float(f"{largest / least:.2g}"), 0, True)
@@ -175,27 +164,19 @@ def second_differences(counts: tuple[int, int, int]) -> csr_array:
             parts = []
             for axis, count in enumerate(counts):
                 order = (axis == i) + (axis == j)
-                rows = _difference(count, order)
+                rows = csr_array(np.diff(np.eye(count), order, axis=0))
                 parts.append(rows.T @ rows)
             form = kron(kron(parts[0], parts[1]), parts[2])
             energy = csr_array(energy + (1.0 if i == j else 2.0) * csr_array(form))
     return energy
 
 
-def _difference(count: int, order: int) -> csr_array:
-    """Matrix (count - order, count) of differences of an order."""
-    return csr_array(np.diff(np.eye(count), order, axis=0))
-
-
 def _largest(times: Callable[[Floats], Floats], count: int) -> float:
     """Largest eigenvalue of a positive definite matrix, by the power method."""
     vector = 1.0 + np.cos(np.arange(count))
-    length = 1.0
     for _ in range(POWERS):
-        vector = vector / np.linalg.norm(vector)
-        vector = times(vector)
-        length = float(np.linalg.norm(vector))
-    return length
+        vector = times(vector / np.linalg.norm(vector))
+    return float(np.linalg.norm(vector))
 
 
 def _stepwise(system: csr_array, right: Floats) -> SparseSolved:
@@ -206,25 +187,20 @@ def _stepwise(system: csr_array, right: Floats) -> SparseSolved:
         nonlocal steps
         steps += 1
 
-    found, ended = [], []
-    for axis in range(3):
-        solution, left = cg(
-            system,
-            right[:, axis],
-            rtol=ENOUGH,
-            maxiter=MOST_STEPS,
-            M=over_diagonal,
-            callback=counted,
+    def solved(wanted: Floats) -> tuple[Floats, int]:
+        return cg(
+            system, wanted, rtol=ENOUGH, maxiter=MOST_STEPS, M=over_diagonal, callback=counted
         )
-        found.append(solution)
-        ended.append(left == 0)
-    return SparseSolved(np.column_stack(found), 0.0, steps, all(ended))
+
+    found = [solved(right[:, axis]) for axis in range(3)]
+    converged = all(left == 0 for _, left in found)
+    return SparseSolved(np.column_stack([one for one, _ in found]), 0.0, steps, converged)
 
 
 class SparseSolved(NamedTuple):
-    """Displacements of control points."""
+    """Displacements (n, 3) of control points, m; the rest as in `BodyLattice`."""
 
-    moved: Floats  # (n, 3), m
-    condition: float  # Estimated condition number of the system; 0 where it was not factored
-    steps: int  # Steps taken; 0 where the system was factored
-    converged: bool  # Whether the steps came to an end
+    moved: Floats
+    condition: float
+    steps: int
+    converged: bool

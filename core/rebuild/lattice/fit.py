@@ -67,7 +67,7 @@ class LatticeHealth(NamedTuple):
 
 
 class Refinement(NamedTuple):
-    """How a lattice was changed so that its side passes further points."""
+    """How a lattice was changed so that its side passes further points; lengths in m."""
 
     points: int  # Points that it was to pass
     # Further ones, nearest to an end of the solid, which no control point of the side moves.
@@ -106,11 +106,6 @@ class LatticeFit:
         return fold_report(self.lattice)
 
 
-class _Trial(NamedTuple):
-    control: Floats
-    health: LatticeHealth
-
-
 def fit_lattice(
     surface: ContourSurface,
     tolerance: float = 0.0,
@@ -123,14 +118,14 @@ def fit_lattice(
     Parameters
     ----------
     surface : ContourSurface
-        The skin.
+        The loft.
     tolerance : float
-        Misfit that is small against what is known of the skin, m.
+        Misfit that is small against what is known of the loft, m.
     size : pair of int, optional
         Control points across a section each way, and layers. Otherwise the least side with which
-        the skin is met to within the tolerance, and the skin's own layers.
+        the loft is met to within the tolerance, and the loft's own layers.
     grasp : Recovery, optional
-        Superquadric whose section the prism shall have; otherwise the one that the skin's own
+        Superquadric whose section the prism shall have; otherwise the one that the loft's own
         sections resemble.
 
     Raises
@@ -149,7 +144,7 @@ def fit_lattice(
     count = max(LEAST_TURNS, TURNS_EACH * layers.curves.shape[1])
     turns = np.arange(count) / count
     around = PeriodicBasis(layers.curves.shape[1])
-    curves = _around(around.matrix(turns).toarray(), layers.curves)
+    curves = np.matmul(around.matrix(turns).toarray(), layers.curves)
     section = fit_section(curves, grasp)
     half = float(section.half_extent.max())
     enough = float(np.clip(tolerance, PRECISE * half, POOR * half))
@@ -161,13 +156,8 @@ def fit_lattice(
     return LatticeFit(lattice, section, best.health)
 
 
-def _around(matrix: Floats, curves: Floats) -> Floats:
-    """Points (l, k, 2) of closed splines (l, c, 2), with the basis around (k, c)."""
-    return np.asarray(np.matmul(matrix, curves))
-
-
 def _best(check: _Check, sides: tuple[int, ...], enough: float) -> _Trial:
-    """The smallest lattice that meets the skin and does not fold; else the nearest to that."""
+    """The smallest lattice that meets the loft and does not fold; else the nearest to that."""
     trials: list[_Trial] = []
     met = 0
     for side in sides:
@@ -205,7 +195,7 @@ def _tried(check: _Check, system: SectionSystem, fill: SectionFill) -> _Trial:
 
 
 def _off(check: _Check, control: Floats) -> Floats:
-    """Distances across the sections between the deformed side and the skin, (n, k)."""
+    """Distances across the sections between the deformed side and the loft, (n, k)."""
     side, layers = control.shape[0], check.layers
     seen = section_matrix(clamped_basis(side), check.section.rim(check.turns))
     flat: Floats = seen @ control[..., :2].reshape(side**2, -1)
@@ -229,17 +219,7 @@ def _looked_into(check: _Check, trial: _Trial) -> _Trial:
 
 
 def folded_share(section: Section, along: Basis, control: Floats) -> float:
-    """Share of a prism's volume that is turned inside out, sampled.
-
-    Parameters
-    ----------
-    section : Section
-        Of the prism.
-    along : Basis
-        Along its axis.
-    control : (side, side, l, 3) array
-        Control points, whose heights are the same all over a layer.
-    """
+    """Share of a prism that is turned inside out, sampled; layers of control points are level."""
     basis = clamped_basis(control.shape[0])
     places, weights = section.inside(RADII, TURNS)
     steps = LAYERS * along.count
@@ -259,6 +239,11 @@ def folded_share(section: Section, along: Basis, control: Floats) -> float:
 def _demerit(health: LatticeHealth, enough: float) -> tuple[float, float, float]:
     """Less is better: near enough first, then without folds, then nearer."""
     return max(health.rms / enough, 1.0), health.folded, health.rms
+
+
+class _Trial(NamedTuple):
+    control: Floats
+    health: LatticeHealth
 
 
 class _Check(NamedTuple):
@@ -288,10 +273,8 @@ class LatticeSide:
         v, turns = np.asarray(v, float), np.mod(np.asarray(turns, float), 1.0)
         if self.volume.weights is None:
             return self._sums(v, turns, by)
-        parts = {
-            (i, j): self._sums(v, turns, (i, j)) for i in range(by[0] + 1) for j in range(by[1] + 1)
-        }
-        return _quotients(parts)[by]
+        orders = [(i, j) for i in range(by[0] + 1) for j in range(by[1] + 1)]
+        return _quotients({order: self._sums(v, turns, order) for order in orders})[by]
 
     def parameters(self, v: Floats, turns: Floats) -> Floats:
         """s, t and u (n, 3) of places of the side."""
@@ -359,15 +342,12 @@ class LatticeGrid(NamedTuple):
 
 def lattice_grid(lattice: Lattice) -> LatticeGrid:
     """The arrays of a lattice."""
-    bases, before = lattice.volume.bases, lattice.undeformed
-    undeformed = (
-        before.greville_control(bases) if isinstance(before, Parallelepiped) else before.control
-    )
-    weights = lattice.volume.weights
-    s, t, u = bases
+    before, weights = lattice.undeformed, lattice.volume.weights
+    s, t, u = lattice.volume.bases
+    box = isinstance(before, Parallelepiped)
     return LatticeGrid(
         control=lattice.control,
-        undeformed=undeformed,
+        undeformed=before.greville_control((s, t, u)) if box else before.control,
         weights=np.ones(lattice.control.shape[:3]) if weights is None else weights,
         knots=(s.knots, t.knots, u.knots),
         degrees=(s.degree, t.degree, u.degree),

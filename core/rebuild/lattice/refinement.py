@@ -15,7 +15,6 @@ from scipy.sparse.linalg import lsmr
 
 from palpate.core.arrays import Bools, Floats, finite_array
 from palpate.core.rebuild.lattice.fit import LatticeFit, LatticeSide, Refinement
-from palpate.core.splines import Lattice
 
 STEPS = 16  # Steps at most
 # Damping of a step, over the mean weight of the points: each leaves a tenth of what is left of one
@@ -77,14 +76,19 @@ def refine_lattice(
     places = finite_array("places", places, (len(points), 2))
     trust = np.ones(len(points))
     if sigma is not None:
-        trust = 1.0 / _positive(finite_array("sigma", sigma, (len(points),)))
+        sigma = finite_array("sigma", sigma, (len(points),))
+        if not (sigma > 0.0).all():
+            raise ValueError(f"sigma must be positive, got {sigma.min():g} m")
+        trust = 1.0 / sigma
     if not len(points):
         return replace(fit, refinement=Refinement(0, 0, 0.0, 0.0, 0.0, 0.0, fit.health.folded, 0))
     size = float(np.linalg.norm(fit.prism.edges.sum(axis=0)))
     first = _distances(fit.side, points, places)
     if first.max() <= ENOUGH * size:
         return replace(fit, refinement=_report(fit, fit, first, first, 0))
-    looseness = _looseness(fit, places)
+    # How far control points move on average to move the places by 1 each, at random.
+    shares = fit.lattice.volume.shares(fit.side.parameters(places[:, 0], places[:, 1]))
+    looseness = float(np.sqrt(len(places) / np.square(shares.data).sum()))
     if sigma is None:
         damping = np.sqrt(CAREFUL) / looseness
     else:
@@ -142,14 +146,12 @@ def _solved(rows: csr_array, wanted: Floats, damping: float) -> Floats:
 
 
 def _changed(fit: LatticeFit, change: _Change) -> LatticeFit:
-    lattice = fit.lattice
+    lattice, before = fit.lattice, fit.lattice.volume.weights
     control = lattice.control + change.control.reshape(lattice.control.shape)
     if not change.weights.any():
         return replace(fit, lattice=lattice.with_control(control))
-    before = (
-        np.ones(control.shape[:3]) if lattice.volume.weights is None else lattice.volume.weights
-    )
-    weights = before * np.exp(change.weights).reshape(before.shape)
+    weights = np.exp(change.weights).reshape(control.shape[:3])
+    weights = weights if before is None else before * weights
     return replace(fit, lattice=lattice.with_control(control, weights))
 
 
@@ -178,15 +180,8 @@ def _free(fit: LatticeFit) -> Bools:
     return free.ravel()
 
 
-def _looseness(fit: LatticeFit, places: Floats) -> float:
-    """How far control points move on average to move the places by 1 each, at random."""
-    shares = fit.lattice.volume.shares(fit.side.parameters(places[:, 0], places[:, 1]))
-    return float(np.sqrt(len(places) / np.square(shares.data).sum()))
-
-
 def _distances(side: LatticeSide, points: Floats, places: Floats) -> Floats:
-    off: Floats = np.linalg.norm(points - side.at(places[:, 0], places[:, 1]), axis=1)
-    return off
+    return np.asarray(np.linalg.norm(points - side.at(places[:, 0], places[:, 1]), axis=1))
 
 
 def _report(
@@ -200,22 +195,16 @@ def _report(
         after=float(np.sqrt(np.mean(np.square(last)))),
         most=float(last.max()),
         moved=float(moved.max()),
-        folded=_folded(after.lattice, after),
+        folded=_folded(after),
         steps=steps,
     )
 
 
-def _folded(lattice: Lattice, fit: LatticeFit) -> float:
-    """Share of the prism's volume that is turned inside out, sampled."""
+def _folded(fit: LatticeFit) -> float:
+    """Share of the prism that is turned inside out, sampled: layers need not be level."""
     places, weights = fit.section.inside()
-    layers = lattice.volume.bases[2].count
+    layers = fit.lattice.volume.bases[2].count
     along = (np.arange(layers) + 0.5) / layers
     local = np.column_stack([np.repeat(places, layers, axis=0), np.tile(along, len(places))])
-    change = lattice.jacobian_determinant(fit.prism.points(local))
+    change = fit.lattice.jacobian_determinant(fit.prism.points(local))
     return float(np.repeat(weights, layers) @ (change <= 0.0) / (layers * weights.sum()))
-
-
-def _positive(sigma: Floats) -> Floats:
-    if not (sigma > 0.0).all():
-        raise ValueError(f"sigma must be positive, got {sigma.min():g} m")
-    return sigma

@@ -61,7 +61,7 @@ RADIAL, ANGULAR = 7, 48  # Places of integrals over the section, at least
 
 
 class Layers(NamedTuple):
-    """Layers of a skin, from its lowest to its highest."""
+    """Layers of a loft, from its lowest to its highest."""
 
     basis: Basis  # Along the axis, from 0 to 1; cubic
     curves: Floats  # Coefficients of each layer's closed spline (l, k, 2) in the plane, m
@@ -70,14 +70,7 @@ class Layers(NamedTuple):
 
 
 def layers_of(surface: ContourSurface, count: int | None = None) -> Layers:
-    """Layers of a skin.
-
-    Parameters
-    ----------
-    surface : ContourSurface
-        The skin.
-    count : int, optional
-        How many layers; as many as the skin has, and further ones for the height, if left out.
+    """Layers of a loft: as many as it has, and further ones for the height, unless `count` says.
 
     Raises
     ------
@@ -137,9 +130,7 @@ def _for_heights(surface: ContourSurface, basis: Basis, curves: Floats) -> tuple
 
 def _interpolated(basis: Basis, values: Floats) -> Floats:
     """Coefficients with values at the Greville abscissae."""
-    matrix = basis.matrix(basis.greville()).toarray()
-    found: Floats = np.linalg.solve(matrix, values)
-    return found
+    return np.asarray(np.linalg.solve(basis.matrix(basis.greville()).toarray(), values))
 
 
 def _height(surface: ContourSurface, shares: Floats) -> Floats:
@@ -174,30 +165,14 @@ class SectionSystem(NamedTuple):
     bending: Floats  # That of the bending energy, in the same measure
 
 
-class SolvedSection(NamedTuple):
-    """Control points of a section's layers."""
-
-    control: Floats  # (side, side, l, 2), m
-    condition: float  # Estimated condition number of the system
-
-
 def section_system(section: Section, turns: Floats, side: int) -> SectionSystem:
-    """Prepare a section.
-
-    Parameters
-    ----------
-    section : Section
-        The undeformed one.
-    turns : (k,) array
-        Even, in turns.
-    side : int
-        Control points across the section each way, at least 4.
-    """
+    """Prepare a section for rims at even turns (k,), with so many control points each way."""
     basis = clamped_basis(side)
     rim = section.rim(turns)
     seen = section_matrix(basis, rim)
+    form = (seen.T @ seen).toarray() / _mean(seen)
     bending = _bending(section, basis) + EVEN * _differences(side)
-    return SectionSystem(section, basis, rim, seen, _over_mean(seen), bending)
+    return SectionSystem(section, basis, rim, seen, form, bending)
 
 
 def _bending(section: Section, basis: Basis) -> Floats:
@@ -211,8 +186,7 @@ def _bending(section: Section, basis: Basis) -> Floats:
         rows = section_matrix(basis, places, orders)
         rows.data *= np.repeat(np.sqrt(measure), np.diff(rows.indptr))
         energy += (rows.T @ rows).toarray()
-    over: Floats = energy * (side**2 / np.trace(energy))
-    return over
+    return np.asarray(energy * (side**2 / np.trace(energy)))
 
 
 @lru_cache(maxsize=16)
@@ -227,11 +201,6 @@ def _differences(side: int) -> Floats:
     return np.asarray(form)
 
 
-def _over_mean(rows: csr_array) -> Floats:
-    form: Floats = (rows.T @ rows).toarray()
-    return form / _mean(rows)
-
-
 def solve_section(
     system: SectionSystem, curves: Floats, fill: SectionFill = "bending"
 ) -> SolvedSection:
@@ -239,7 +208,7 @@ def solve_section(
 
     Parameters
     ----------
-    system : System
+    system : SectionSystem
         The section.
     curves : (l, k, 2) array
         What the rim shall become in each layer, m.
@@ -268,10 +237,16 @@ def solve_section(
     return SolvedSection(control + section.middle, 1.0 / max(share, np.finfo(float).eps))
 
 
+class SolvedSection(NamedTuple):
+    """Control points of a section's layers."""
+
+    control: Floats  # (side, side, l, 2), m
+    condition: float  # Estimated condition number of the system
+
+
 def _layers_last(values: Floats) -> Floats:
     """(l, k, 2) as (k, 2 l)."""
-    flat: Floats = values.transpose(1, 0, 2).reshape(values.shape[1], -1)
-    return flat
+    return values.transpose(1, 0, 2).reshape(values.shape[1], -1)
 
 
 def _mean(rows: csr_array) -> float:
@@ -298,8 +273,7 @@ def fit_section(curves: Floats, grasp: Recovery | None = None) -> Section:
     curves : (l, k, 2) array
         The layers at even turns, counter-clockwise, m; some may be points.
     grasp : Recovery, optional
-        Superquadric that is known already: its second exponent, semi-axes and turn about the
-        vertical are taken, and its place.
+        Superquadric whose second exponent, semi-axes, turn about the vertical and place are taken.
 
     Notes
     -----
@@ -355,8 +329,7 @@ def _misfits(places: Complexes, half: Floats) -> Floats:
     """How far a curve is from the superellipse of each exponent, as a length."""
     azimuth, radius = np.angle(places), np.abs(places)
     off = [radius - np.abs(rim_of(float(e), azimuth)[0]) for e in EXPONENTS]
-    misfits: Floats = np.sqrt(half[0] * half[1] * np.square(off).mean(axis=1))
-    return misfits
+    return np.asarray(np.sqrt(half[0] * half[1] * np.square(off).mean(axis=1)))
 
 
 def _grasped(mean: Complexes, grasp: Recovery) -> Section:
@@ -406,8 +379,7 @@ class Section:
     @property
     def half_extent(self) -> Floats:
         """Semi-axes (2,), m."""
-        lengths: Floats = np.linalg.norm(self.axes, axis=1)
-        return lengths
+        return np.asarray(np.linalg.norm(self.axes, axis=1))
 
     def frame(self, low: float, high: float) -> Parallelepiped:
         """The box around the prism that stands on it, from one height to another, m."""
@@ -430,10 +402,7 @@ class Section:
         return np.column_stack([found.real, found.imag]) * 0.5 + (0.5 if derivative == 0 else 0.0)
 
     def inside(self, radial: int = RADIAL, angular: int = ANGULAR) -> tuple[Floats, Floats]:
-        """Places (n, 2) in the box with weights (n,) of an integral over the section.
-
-        The weights sum to the section's share of the box.
-        """
+        """Places (n, 2) in the box with weights (n,) of an integral; their sum is its share."""
         nodes, weights = np.polynomial.legendre.leggauss(radial)
         shares = 0.5 * (nodes + 1.0)
         rim = rim_of(self.exponent, 2.0 * np.pi * (np.arange(angular) + 0.5) / angular)[0]

@@ -73,10 +73,17 @@ def normal_distances(
 ) -> tuple[Floats, Floats]:
     """Distances (b, n), negative inside, and their derivatives (b, n, p).
 
-    Parameters ---------- !parameters : (b, p) array Of each solid, see `RIGID`. Rotation vectors
-    turn the solid's own axes, and positions are along the axes of its frame: so nothing depends on
-    how points and frames lie together. points : (n, 3) array In the unit of the sizes. frames : (b,
-    3, 3) array Axes, as columns, in which each solid stands where no rotation leaves it.
+    Parameters
+    ----------
+    parameters : (b, p) array
+        Of each solid, see `RIGID`. Rotation vectors turn the solid's own axes, and positions are
+        along the axes of its frame: so nothing depends on how points and frames lie together.
+    points : (n, 3) array
+        In the unit of the sizes.
+    frames : (b, 3, 3) array
+        Axes, as columns, in which each solid stands where no rotation leaves it.
+    warps : Warps
+        Which parameters there are.
     """
     turns, body = _body(parameters, points, frames)
     seen = _see(parameters, body, warps)
@@ -107,7 +114,8 @@ def _columns(
         3: whole.by_exponent - distance * by_e1,
         4: whole.by_x * across.by_exponent - distance * by_e2,
     }
-    by_place = _less(first, distance, second)
+    x, y, z = (one - distance * two for one, two in zip(first, second, strict=True))
+    by_place = (x, y, z)
     by_rate = (-distance * first[0], -distance * first[1], -distance * first[2])
     untapered = seen.untapered
     for i in (0, 1):
@@ -134,21 +142,10 @@ def _gauge_curve(seen: Seen, parameters: Floats, unit: Triple) -> tuple[Triple, 
     e1, e2 = parameters[:, 3, None], parameters[:, 4, None]
     inner: PNormCurvature = p_norm_curvature(across, sx * unit[0], sy * unit[1], e2)
     outer: PNormCurvature = p_norm_curvature(whole, inner.slope, sz * unit[2], e1)
-    by_place = (
-        sx * (outer.by_x * across.by_x + whole.by_x * inner.by_x),
-        sy * (outer.by_x * across.by_y + whole.by_x * inner.by_y),
-        sz * outer.by_y,
-    )
+    x = sx * (outer.by_x * across.by_x + whole.by_x * inner.by_x)
+    y = sy * (outer.by_x * across.by_y + whole.by_x * inner.by_y)
     by_e2 = outer.by_x * across.by_exponent + whole.by_x * inner.by_exponent
-    return by_place, outer.by_exponent, by_e2
-
-
-def _less(first: Triple, distance: Floats, second: Triple) -> Triple:
-    return (
-        first[0] - distance * second[0],
-        first[1] - distance * second[1],
-        first[2] - distance * second[2],
-    )
+    return (x, y, sz * outer.by_y), outer.by_exponent, by_e2
 
 
 def slope_by_taper(
@@ -209,10 +206,8 @@ def slope_by_bend(
         / stretch
     )
     cx, cy = at.towards
-    return (
-        along_curvature * cx - along_direction * cy,
-        along_curvature * cy + along_direction * cx,
-    )
+    x = along_curvature * cx - along_direction * cy
+    return x, along_curvature * cy + along_direction * cx
 
 
 def unbend_slope_of_both(at: Unbent, moving: Triple, by_place: Triple, by_rate: Triple) -> Triple:
@@ -220,11 +215,8 @@ def unbend_slope_of_both(at: Unbent, moving: Triple, by_place: Triple, by_rate: 
     inwards, across, up = unbend_slope(at, by_place)
     spin = at.curvature * (by_rate[2] * moving[0] / at.stretch**2 - by_rate[0] * moving[2])
     stretching = at.curvature * by_rate[2] * moving[2] / at.stretch
-    return (
-        inwards + spin * at.sine + stretching * at.cosine,
-        across,
-        up + spin * at.cosine - stretching * at.sine,
-    )
+    x = inwards + spin * at.sine + stretching * at.cosine
+    return x, across, up + spin * at.cosine - stretching * at.sine
 
 
 def _rates(seen: Seen, normal: Triple) -> Rates:
@@ -240,21 +232,16 @@ def _rates(seen: Seen, normal: Triple) -> Rates:
 def untaper_rate(at: Untapered, straight: Triple) -> Triple:
     """How the places change, from how the straight ones do."""
     high = straight[2] * at.scale[2]
-    return (
-        straight[0] * at.scale[0] - at.place[0] * at.narrowing[0] * high,
-        straight[1] * at.scale[1] - at.place[1] * at.narrowing[1] * high,
-        high,
-    )
+    x = straight[0] * at.scale[0] - at.place[0] * at.narrowing[0] * high
+    y = straight[1] * at.scale[1] - at.place[1] * at.narrowing[1] * high
+    return x, y, high
 
 
 def unbend_rate(at: Unbent, bent: Triple) -> Triple:
     """How straight places change, from how bent ones do; both in the bend's axes."""
     inwards, across, up = bent
-    return (
-        at.cosine * inwards - at.sine * up,
-        across,
-        (at.cosine * up + at.sine * inwards) / at.stretch,
-    )
+    along = (at.cosine * up + at.sine * inwards) / at.stretch
+    return at.cosine * inwards - at.sine * up, across, along
 
 
 def distances_alone(parameters: Floats, points: Floats, frames: Floats, warps: Warps) -> Floats:
@@ -282,22 +269,16 @@ def _back(seen: Seen, by_place: Triple) -> Triple:
 def untaper_slope(at: Untapered, by_place: Triple) -> Triple:
     """Derivatives by the straight places, from those by the places."""
     lean = sum(by_place[i] * at.place[i] * at.narrowing[i] for i in (0, 1))
-    return (
-        by_place[0] * at.scale[0],
-        by_place[1] * at.scale[1],
-        (by_place[2] - lean) * at.scale[2],
-    )
+    x, y = by_place[0] * at.scale[0], by_place[1] * at.scale[1]
+    return x, y, (by_place[2] - lean) * at.scale[2]
 
 
 def unbend_slope(at: Unbent, by_straight: Triple) -> Triple:
     """Derivatives by the bent places, from those by the straight ones, in the bend's axes."""
     inwards, across, along = by_straight
     along = along / at.stretch
-    return (
-        inwards * at.cosine + along * at.sine,
-        across,
-        along * at.cosine - inwards * at.sine,
-    )
+    x, z = inwards * at.cosine + along * at.sine, along * at.cosine - inwards * at.sine
+    return x, across, z
 
 
 def turned(at: Unbent, vector: Triple) -> Triple:

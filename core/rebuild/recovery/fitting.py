@@ -32,6 +32,7 @@ from palpate.core.rebuild.recovery.report import (
     scaled_down,
     unfitted,
 )
+from palpate.core.robust import MAD_TO_SIGMA
 from palpate.core.shapes import (
     LARGEST_EXPONENT,
     LEAST_EXPONENT,
@@ -58,8 +59,6 @@ TRIMMED = (0.15, 0.3, 0.45)
 FAR = 3.0  # Standard deviations beyond which a point is an outlier
 
 
-# Standard deviation over the median of the absolute values, for the normal distribution.
-MAD = 1.4826
 ALIKE = 1e-6  # Share of its cost by which a fit must be worse than another to be another
 LEEWAY = 1.1  # Times the least cost: no more than chance makes of it with some fifty points
 REFITS = 6
@@ -160,12 +159,8 @@ def search_among_outliers(
     `noise` is the standard deviation of the others, in the same unit, if it is known.
     """
     apart = outlyingness(points)
-    starts = joined(
-        [
-            starts_of(points[apart <= np.quantile(apart, 1.0 - share)], warps, choice)
-            for share in TRIMMED
-        ]
-    )
+    cores = (points[apart <= np.quantile(apart, 1.0 - share)] for share in TRIMMED)
+    starts = joined([starts_of(core, warps, choice) for core in cores])
     rough, fine = (cauchy_loss(max(scale, noise or 0.0)) for scale in SCALES)
     some = _some(points)
     first = _narrowed(some, starts, warps, rough)[0].starts
@@ -196,7 +191,7 @@ def _refitted(
 def _spread(distances: Floats, fitted: int) -> float:
     """Standard deviation of the points that a fit of some parameters left these distances."""
     left = max(len(distances) - fitted, 1)
-    return MAD * float(np.median(distances)) * float(np.sqrt(len(distances) / left))
+    return MAD_TO_SIGMA * float(np.median(distances)) * float(np.sqrt(len(distances) / left))
 
 
 def search(points: Floats, warps: Warps, choice: Exponents | None) -> SearchResult:
@@ -209,24 +204,14 @@ def search(points: Floats, warps: Warps, choice: Exponents | None) -> SearchResu
 
 
 def starts_of(points: Floats, warps: Warps, choice: Exponents | None) -> Starts:
-    """All starts that points (n, 3), of diameter about 1, suggest.
+    """All starts that the extents of points (n, 3), of diameter about 1, suggest.
 
-    Parameters
-    ----------
-    points : (n, 3) array
-        What the extents are taken from.
-    warps : Warps
-        What is fitted.
-    choice : tuple of pairs
-        Exponents that may not change, or None if they are fitted.
+    `choice` has exponents that may not change; None if they are fitted.
     """
     pairs = choice or (BENT_EXPONENTS if warps.bend else FREE_EXPONENTS)
-    parts = [
-        _starts_along(points, axes, warps, pair, choice is not None)
-        for axes in suggested_axes(points)
-        for pair in pairs
-    ]
-    return joined(parts)
+    fixed = choice is not None
+    tried = ((axes, pair) for axes in suggested_axes(points) for pair in pairs)
+    return joined([_starts_along(points, axes, warps, pair, fixed) for axes, pair in tried])
 
 
 def _starts_along(
@@ -282,9 +267,7 @@ def _bounds(half: Floats, middle: Floats, warps: Warps) -> tuple[Floats, Floats]
     warped = warps.taper or warps.bend
     sizes = WARPED_SIZES if warped else RIGID_SIZES
     shift = WARPED_SHIFT if warped else RIGID_SHIFT
-    ends = np.array(
-        [[LARGEST_TAPER] * 2 * warps.taper + [MOST_ANGLE / half[2]] * 2 * warps.bend]
-    ).ravel()
+    ends = np.array([LARGEST_TAPER] * 2 * warps.taper + [MOST_ANGLE / half[2]] * 2 * warps.bend)
     turn, pair = np.full(3, LARGEST_TURN), np.ones(2)
     least, most = (
         [np.log(sizes[0] * half), LEAST_EXPONENT * pair, -turn, middle - shift, -ends],
@@ -294,18 +277,10 @@ def _bounds(half: Floats, middle: Floats, warps: Warps) -> tuple[Floats, Floats]
 
 
 def suggested_axes(points: Floats) -> Floats:
-    """Axes in which to start, as columns.
+    """Axes (12, 3, 3) in which to start, as columns: each of these with each axis as z.
 
-    Parameters
-    ----------
-    points : (n, 3) array
-        At least one; need not be centred.
-
-    Returns
-    -------
-    (12, 3, 3) array
-        Rotations: principal axes and these turned by 45 degrees, axes of the largest and of the
-        smallest fourth moments; each with each axis as z.
+    Principal axes of points (n, 3) and these turned by 45 degrees, axes of the largest and of the
+    smallest fourth moments.
     """
     centred = points - points.mean(axis=0)
     principal = principal_axes(centred)
@@ -313,8 +288,7 @@ def suggested_axes(points: Floats) -> Floats:
     least = _quartic_axes(centred, principal, largest=False)
     upright = np.stack([principal, most, least])[:, None] @ ORDERS
     eighths = upright[0] @ EIGHTH_TURN
-    result: Floats = np.concatenate([upright[0], eighths, upright[1], upright[2]])
-    return result
+    return np.concatenate([upright[0], eighths, upright[1], upright[2]])
 
 
 def _quartic_axes(centred: Floats, axes: Floats, *, largest: bool) -> Floats:
@@ -345,8 +319,7 @@ def _some(points: Floats) -> Floats:
     """Not too many of points (n, 3), in no order that they may have; the same ones each time."""
     if len(points) <= MANY:
         return points
-    result: Floats = points[np.random.default_rng(0).permutation(len(points))[:MANY]]
-    return result
+    return np.asarray(points[np.random.default_rng(0).permutation(len(points))[:MANY]])
 
 
 def _narrowed(points: Floats, starts: Starts, warps: Warps, loss: Loss) -> tuple[_Fits, Floats]:
@@ -364,8 +337,7 @@ def _distinct(costs: Floats) -> NDArray[np.intp]:
     order = np.argsort(costs, kind="stable")
     ascending = costs[order]
     apart = np.diff(ascending, prepend=-np.inf) > ALIKE * ascending
-    result: NDArray[np.intp] = order[apart]
-    return result
+    return np.asarray(order[apart])
 
 
 def _unfolded(fits: _Fits, warps: Warps) -> tuple[_Fits, bool]:
@@ -405,25 +377,13 @@ def _ended(
         folded = folds(parameters, warps)
     at_end = (parameters <= low) | (parameters >= high)
     at_end[3:5] = False  # a box and an octahedron are good ends
-    return SearchResult(
-        parameters,
-        axes,
-        inliers,
-        bool(last.converged[0]),
-        folded,
-        bool(at_end.any()),
-        tried,
-        int(fits.steps[0] + last.steps[0]),
-    )
+    converged, bounded = bool(last.converged[0]), bool(at_end.any())
+    steps = int(fits.steps[0] + last.steps[0])
+    return SearchResult(parameters, axes, inliers, converged, folded, bounded, tried, steps)
 
 
 def _solved(
-    points: Floats,
-    starts: Starts,
-    warps: Warps,
-    loss: Loss,
-    steps: int,
-    tolerance: float = ROUGH,
+    points: Floats, starts: Starts, warps: Warps, loss: Loss, steps: int, tolerance: float = ROUGH
 ) -> tuple[_Fits, Floats]:
     """Fits after some steps from their starts, best first, and what they cost."""
 
@@ -466,7 +426,7 @@ class _Fits(NamedTuple):
 
 
 class Starts(NamedTuple):
-    """Starts with their bounds, see `normal_distance.RIGID` for the order of parameters."""
+    """Starts with their bounds, see `distances.RIGID` for the order of parameters."""
 
     parameters: Floats  # (b, p)
     low: Floats

@@ -108,27 +108,18 @@ def scaled_down(points: Floats, core: Bools | None = None) -> Scaled:
 def reported(
     scaled: Scaled, warps: Warps, found: SearchResult, noise: float | None, *, chosen: bool
 ) -> Recovery:
-    """What is said of a fit.
+    """What is said of a fit to scaled points.
 
-    Parameters
-    ----------
-    scaled : Scaled
-        The points that were fitted.
-    warps : Warps
-        What was fitted.
-    found : Found
-        The fit.
-    noise : float or None
-        Standard deviation of the points in their unit, if it is known.
-    chosen : bool
-        Whether the exponents were chosen, not fitted.
+    `noise` is the standard deviation of the points in their unit, if it is known; `chosen` tells
+    whether the exponents were chosen, not fitted.
     """
     (points, middle, unit), inliers = scaled, found.inliers
     solid, place = _solid(found, warps), found.place()
     parameters = _parameters(solid, place, warps)
     (residuals,), (jacobian,) = normal_distances(parameters[None], points, solid.axes[None], warps)
     rms = float(np.sqrt(np.mean(residuals[inliers] ** 2)))
-    free = _free(warps, chosen=chosen)
+    free = np.ones(warps.total, bool)
+    free[3:5] = not chosen
     left = int(inliers.sum()) - int(free.sum())
     known = certainty(jacobian[inliers], noise or _scatter(residuals[inliers], left), free)
     share, loose = 1.0, 1.0  # of what is folded, nothing is known
@@ -162,16 +153,11 @@ def reported(
 
 
 def _solid(found: SearchResult, warps: Warps) -> CanonicalSolid:
-    parameters = found.parameters
-    return canonical(
-        CanonicalSolid(
-            np.exp(parameters[:3]),
-            parameters[3:5],
-            found.turned_axes(),
-            parameters[warps.taper_columns] if warps.taper else np.zeros(2),
-            parameters[warps.bend_columns] if warps.bend else np.zeros(2),
-        )
-    )
+    parameters, none = found.parameters, np.zeros(2)
+    taper = parameters[warps.taper_columns] if warps.taper else none
+    bend = parameters[warps.bend_columns] if warps.bend else none
+    size = np.exp(parameters[:3])
+    return canonical(CanonicalSolid(size, parameters[3:5], found.turned_axes(), taper, bend))
 
 
 def _parameters(solid: CanonicalSolid, place: Floats, warps: Warps) -> Floats:
@@ -179,13 +165,6 @@ def _parameters(solid: CanonicalSolid, place: Floats, warps: Warps) -> Floats:
     parts = [np.log(solid.size), solid.exponents, np.zeros(3), solid.axes.T @ place]
     parts += [solid.taper] * warps.taper + [solid.bend] * warps.bend
     return np.concatenate(parts)
-
-
-def _free(warps: Warps, *, chosen: bool) -> Bools:
-    """Which parameters were fitted, (p,)."""
-    free = np.ones(warps.total, bool)
-    free[3:5] = not chosen
-    return free
 
 
 def certainty(jacobian: Floats, noise: float, free: Bools) -> Certainty:
@@ -200,11 +179,10 @@ def certainty(jacobian: Floats, noise: float, free: Bools) -> Certainty:
     free : (p,) array
         Which parameters were fitted; the others have no variance.
 
-    Returns
-    -------
-    Certainty
-        Columns and directions that count as nothing lower the rank, and keep the variance that
-        they have before there are points. The condition is that of the other columns.
+    Notes
+    -----
+    Columns and directions that count as nothing lower the rank, and keep the variance that they
+    have before there are points. The condition is that of the other columns.
     """
     columns = jacobian[:, free]
     length = np.sqrt(np.einsum("np,np->p", columns, columns))
@@ -245,22 +223,12 @@ def bend_of(vector: Floats) -> Bend:
 
 
 def uncovered(surface: Floats, area: float, points: Floats, noise: float) -> float:
-    """Share of places spread evenly over a surface that are far from all points.
+    """Share of places (k, 3) spread evenly over a surface that are far from all points (n, 3).
 
-    Parameters
-    ----------
-    surface : (k, 3) array
-        The places.
-    area : float
-        Of the surface.
-    points : (n, 3) array
-        What the surface was fitted to.
-    noise : float
-        Standard deviation of the points.
+    `area` is the surface's; `noise` is the standard deviation of the points.
     """
-    squares = np.einsum("ki,ki->k", surface, surface)[:, None] + np.einsum(
-        "ni,ni->n", points, points
-    )
+    squares = np.einsum("ki,ki->k", surface, surface)[:, None]
+    squares = squares + np.einsum("ni,ni->n", points, points)
     squares -= 2.0 * surface @ points.T
     near = SPACING * math.sqrt(area / len(points)) + FAR * noise
     return float((squares.min(axis=1) > near * near).mean())
@@ -274,7 +242,7 @@ def looseness(jacobian: Floats, covariance: Floats, exponents: Floats) -> float:
     jacobian : (k, p) array
         Derivatives of the distances of places spread evenly over the surface.
     covariance : (p, p) array
-        Of the parameters: see `normal_distance.RIGID`.
+        Of the parameters, in the order of `palpate.core.rebuild.recovery.distances.RIGID`.
     exponents : (2,) array
         What was fitted. To first order an exponent near 0 might be anything; here none is off by
         more than itself.
@@ -286,9 +254,9 @@ def looseness(jacobian: Floats, covariance: Floats, exponents: Floats) -> float:
 
 
 def caution(left: int) -> float:
-    """Factor by which the scatter may be larger than it was found, with some points left over.
+    """Factor by which the scatter may be larger than found; `left`: points more than parameters.
 
-    `left` is by how many points there are more than parameters; none at all, and it was not found.
+    With none left, it was not found.
     """
     from scipy.special import chdtri
 
@@ -324,7 +292,7 @@ def name_of(exponents: Floats) -> str:
 class SearchResult(NamedTuple):
     """The best fit."""
 
-    parameters: Floats  # (p,), see `normal_distance.RIGID`
+    parameters: Floats  # (p,), see `distances.RIGID`
     axes: Floats  # (3, 3): what its rotation vector turns
     inliers: Bools  # (n,)
     converged: bool
@@ -336,13 +304,11 @@ class SearchResult(NamedTuple):
 
     def turned_axes(self) -> Floats:
         """The solid's axes (3, 3)."""
-        result: Floats = self.axes @ rotations_from_vectors(self.parameters[None, 5:8])[0]
-        return result
+        return np.asarray(self.axes @ rotations_from_vectors(self.parameters[None, 5:8])[0])
 
     def place(self) -> Floats:
         """Where the solid's middle is, (3,)."""
-        result: Floats = self.axes @ self.parameters[8:11]
-        return result
+        return np.asarray(self.axes @ self.parameters[8:11])
 
 
 class Certainty(NamedTuple):
@@ -502,15 +468,14 @@ def names_of(warps: Warps) -> tuple[str, ...]:
 def outlyingness(points: Floats) -> Floats:
     """How far each of points (n, 3) is from the middle of most, in their spread, (n,).
 
-    Notes
-    -----
     Mahalanobis distance over a reweighted covariance, about the point with the least sum of
     distances: unlike the median of each coordinate, that one turns with the points. Weiszfeld,
     1937.
     """
     centre = points.mean(axis=0)
     for _ in range(MEDIAN_STEPS):
-        distance = _lengths(points - centre)
+        away = points - centre
+        distance = np.sqrt(np.einsum("ij,ij->i", away, away))
         weight = 1.0 / np.maximum(distance, LEAST_SPREAD * float(distance.max()) + 1e-300)
         centre = weight @ points / weight.sum()
     weight, distance = np.ones(len(points)), np.ones(len(points))
@@ -527,13 +492,7 @@ def outlyingness(points: Floats) -> Floats:
     return distance
 
 
-def _lengths(vectors: Floats) -> Floats:
-    result: Floats = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
-    return result
-
-
 def core_of(points: Floats, share: float) -> Bools:
     """Which of points (n, 3) are left when the share that is most outlying is taken away."""
     apart = outlyingness(points)
-    result: Bools = apart <= np.quantile(apart, 1.0 - share)
-    return result
+    return np.asarray(apart <= np.quantile(apart, 1.0 - share))

@@ -66,8 +66,7 @@ class Surface:
         shape = v.shape
         v = finite_array("v", v.ravel(), (None,))
         turns = finite_array("turns", turns.ravel(), (None,))
-        if len(v) and not (v.min() >= 0.0 and v.max() <= 1.0):
-            raise ValueError(f"v must lie between 0 and 1, got {v.min():g} to {v.max():g}")
+        _check_v(v)
         if min(by) < 0 or sum(by) > 2:
             raise ValueError(f"by must be 0 or more and together at most 2, got {by}")
         points = np.empty((len(v), 3))
@@ -88,17 +87,16 @@ class Surface:
         """Points (n, 3) of one piece, at v (n,) between its seams, or derivatives of them."""
         low, high = self.seams[piece], self.seams[piece + 1]
         local = np.clip((v - low) / (high - low), 0.0, 1.0)
-        found = self._slanted(self.pieces[piece], local, turns, by)
+        patch, shear = self.pieces[piece], self.shear
+        if shear is None:
+            found = patch.at(local, turns, by)
+        else:
+            found = shear.carried(lambda order: patch.at(local, turns, order), by)
         if self.frame is not None:
             position, axes = split_pose(self.frame)
             found = found @ axes.T
             found = found + position if by == (0, 0) else found
         return found / (high - low) ** by[0] if by[0] else found
-
-    def _slanted(self, piece: Patch, v: Floats, turns: Floats, by: tuple[int, int]) -> Floats:
-        if self.shear is None:
-            return piece.at(v, turns, by)
-        return self.shear.carried(lambda order: piece.at(v, turns, order), by)
 
     def normals(self, v: ArrayLike, turns: ArrayLike) -> Floats:
         """Outward unit normals (..., 3); arguments and errors as for `at`.
@@ -119,26 +117,22 @@ class Surface:
 
     def _off_poles(self, v: ArrayLike) -> Floats:
         v = np.asarray(v, float)
-        if v.size and not (v.min() >= 0.0 and v.max() <= 1.0):
-            raise ValueError(f"v must lie between 0 and 1, got {v.min():g} to {v.max():g}")
-        inside: Floats = np.clip(v, POLE, 1.0 - POLE)
-        return inside
+        _check_v(v)
+        return np.asarray(np.clip(v, POLE, 1.0 - POLE))
+
+
+def _check_v(v: Floats) -> None:
+    if v.size and not (v.min() >= 0.0 and v.max() <= 1.0):
+        raise ValueError(f"v must lie between 0 and 1, got {v.min():g} to {v.max():g}")
 
 
 def curvatures_of(
     by_v: Floats, by_t: Floats, by_vv: Floats, by_vt: Floats, by_tt: Floats
 ) -> Curvatures:
-    """From the derivatives of a surface, (n, 3) each.
+    """From a surface's derivatives (n, 3) by v upwards and t counter-clockwise, not parallel.
 
-    Parameters
-    ----------
-    by_v, by_t, by_vv, by_vt, by_tt : (n, 3) arrays
-        By v upwards and by t counter-clockwise; by_t and by_v neither parallel nor zero.
-
-    Notes
-    -----
-    As `palpate.core.touch.shape_operator` does it for one point: both forms in
-    orthonormal tangents, by Gram-Schmidt, never from the squares E, F and G.
+    As `palpate.core.touch.shape_operator` does it for one point: both forms in orthonormal
+    tangents, by Gram-Schmidt, never from the squares E, F and G.
     """
     a = np.linalg.norm(by_v, axis=1)
     along = by_v / a[:, None]
@@ -146,12 +140,9 @@ def curvatures_of(
     beside = np.cross(along, normals)
     c = np.linalg.norm(by_t, axis=1)
     rest = by_t / c[:, None]
-    b, d = _dot(rest, along), _dot(rest, beside)
-    uu, uv, vv = (
-        -_dot(normals, by_vv) / a**2,
-        -_dot(normals, by_vt) / (a * c),
-        -_dot(normals, by_tt) / c**2,
-    )
+    b, d = dot(rest, along), dot(rest, beside)
+    uu, uv = -dot(normals, by_vv) / a**2, -dot(normals, by_vt) / (a * c)
+    vv = -dot(normals, by_tt) / c**2
     s12 = (uv - b * uu) / d
     s22 = (vv - 2.0 * b * uv + b * b * uu) / d**2
     mean, spread = 0.5 * (uu + s22), np.hypot(0.5 * (uu - s22), s12)
@@ -165,46 +156,33 @@ def unit_normals(by_v: Floats, by_t: Floats) -> Floats:
 
     0 where the tangents are parallel or zero.
     """
-    lengths = [np.linalg.norm(by, axis=1, keepdims=True) for by in (by_t, by_v)]
-    one, other = (
-        by / np.where(length > 0.0, length, 1.0)
-        for by, length in zip((by_t, by_v), lengths, strict=True)
-    )
-    across = np.cross(one, other)
-    sine = np.linalg.norm(across, axis=1, keepdims=True)
-    return np.asarray(across / np.where(sine > 0.0, sine, 1.0))
+    return _unit(np.cross(_unit(by_t), _unit(by_v)))
 
 
-def _dot(one: Floats, other: Floats) -> Floats:
-    result: Floats = np.einsum("ni,ni->n", one, other)
-    return result
+def _unit(vectors: Floats) -> Floats:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0))
+
+
+def dot(one: Floats, other: Floats) -> Floats:
+    """Products (n,) of vectors (n, d)."""
+    return np.asarray(np.einsum("ni,ni->n", one, other))
 
 
 def close_surface(side: Patch, bottom: End | None = None, top: End | None = None) -> Surface:
-    """A side with its ends.
-
-    Parameters
-    ----------
-    side : Patch
-        From its lowest ring to its highest, counter-clockwise seen from above.
-    bottom, top : End, optional
-        What is set onto it; none where the side itself closes in a point.
+    """A side, counter-clockwise seen from above, with what is set onto its ends.
 
     Raises
     ------
     ValueError
-        If the side runs clockwise, or does not close where no end is set onto it.
+        If the side runs clockwise, or does not close in a point where no end is set onto it.
     """
     below = end_patches(side, bottom, upper=False) if bottom is not None else ()
     above = end_patches(side, top, upper=True) if top is not None else ()
-    _check_way(_grid(side, np.linspace(0.0, 1.0, LENGTH_ROWS), _turns()))
-    return closed_surface((*below, side, *above))
-
-
-def _check_way(rings: Floats) -> None:
-    area = signed_area(rings[len(rings) // 2, :, :2])
+    area = signed_area(_grid(side)[LENGTH_ROWS // 2, :, :2])
     if not area > 0.0:
         raise ValueError(f"side must run counter-clockwise, got a ring of signed area {area:g}")
+    return closed_surface((*below, side, *above))
 
 
 def closed_surface(pieces: tuple[Patch, ...]) -> Surface:
@@ -215,9 +193,7 @@ def closed_surface(pieces: tuple[Patch, ...]) -> Surface:
     ValueError
         If it does not close in a point at both ends.
     """
-    turns = _turns()
-    v = np.linspace(0.0, 1.0, LENGTH_ROWS)
-    grid = np.stack([_grid(piece, v, turns) for piece in pieces])
+    grid = np.stack([_grid(piece) for piece in pieces])
     points = grid.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     size = float(np.linalg.norm(high - low))
@@ -235,18 +211,15 @@ def closed_surface(pieces: tuple[Patch, ...]) -> Surface:
     return Surface(pieces, seams, 0.5 * (low + high), size)
 
 
-def _turns() -> Floats:
-    turns: Floats = np.arange(LENGTH_TURNS) / LENGTH_TURNS
-    return turns
-
-
-def _grid(piece: Patch, v: Floats, turns: Floats) -> Floats:
-    rows, columns = np.repeat(v, len(turns)), np.tile(turns, len(v))
-    return piece.at(rows, columns).reshape(len(v), len(turns), 3)
+def _grid(piece: Patch) -> Floats:
+    """Points (LENGTH_ROWS, LENGTH_TURNS, 3) of a piece."""
+    rows = np.repeat(np.linspace(0.0, 1.0, LENGTH_ROWS), LENGTH_TURNS)
+    columns = np.tile(np.arange(LENGTH_TURNS) / LENGTH_TURNS, LENGTH_ROWS)
+    return piece.at(rows, columns).reshape(LENGTH_ROWS, LENGTH_TURNS, 3)
 
 
 def placed(surface: Surface, frame: Floats | None, shear: Shear | None = None) -> Surface:
-    """A surface that is where its pieces are, slanted and carried along by a frame's pose (7,)."""
+    """A surface that is where its pieces are, sheared and carried along by a frame's pose (7,)."""
     if frame is None and shear is None:
         return surface
     middle = surface.middle[None] if shear is None else shear.sheared(surface.middle[None])
@@ -283,13 +256,10 @@ class SolidMeasures(NamedTuple):
 def measure_surface(surface: Surface) -> SolidMeasures:
     """Volume, area, centroid and second moments.
 
-    Notes
-    -----
     Taken about the middle of the surface's box, so that a solid far from the origin keeps its
     digits; moved there afterwards.
     """
-    sums = _sums(surface, 0)
-    error = np.inf
+    sums, error = _sums(surface, 0), np.inf
     for level in range(1, HALVINGS + 1):
         finer = _sums(surface, level)
         error = float(np.max(np.abs(finer[:2] / sums[:2] - 1.0)))

@@ -107,7 +107,9 @@ def _bends(
     """Normal parts of X_vv, X_vt and X_tt, (rows, turns) each, and mean length of X_v (rows,)."""
     shape = (len(v), len(turns))
     rows, columns = np.repeat(v, len(turns)), np.tile(turns, len(v))
-    normals = surface.normals(_within(surface, piece, rows), columns)
+    low, high = surface.seams[piece], surface.seams[piece + 1]
+    # At the upper seam the next piece would answer.
+    normals = surface.normals(np.minimum(rows, high - 1e-9 * (high - low)), columns)
     found = [
         np.abs(np.einsum("ni,ni->n", surface.piece_at(piece, rows, columns, by), normals))
         for by in ((2, 0), (1, 1), (0, 2))
@@ -115,13 +117,6 @@ def _bends(
     speed = np.linalg.norm(surface.piece_at(piece, rows, columns, (1, 0)), axis=1)
     along, mixed, around = (part.reshape(shape) for part in found)
     return along, mixed, around, speed.reshape(shape).mean(axis=1)
-
-
-def _within(surface: Surface, piece: int, v: Floats) -> Floats:
-    """v, moved off the upper seam, where the next piece would answer."""
-    low, high = surface.seams[piece], surface.seams[piece + 1]
-    result: Floats = np.minimum(v, high - 1e-9 * (high - low))
-    return result
 
 
 def _edges(surface: Surface, near: list[Floats], turns: Floats, columns: int) -> list[Floats]:
@@ -170,8 +165,7 @@ def _short(
 def _sag(surface: Surface, rows: Floats, columns: Floats, chords: Floats) -> Floats:
     v, turns = np.broadcast_arrays(rows[:, None], columns[None, :])
     offset = surface.at(v, turns) - chords
-    result: Floats = np.abs(np.einsum("ijk,ijk->ij", offset, surface.normals(v, turns)))
-    return result
+    return np.asarray(np.abs(np.einsum("ijk,ijk->ij", offset, surface.normals(v, turns))))
 
 
 def _split(places: Floats, which: Bools) -> Floats:

@@ -21,7 +21,7 @@ from palpate.core.geometry import (
     nearest_points,
     nearest_search,
 )
-from palpate.core.rebuild.surface.closed import Surface
+from palpate.core.rebuild.surface.closed import Surface, dot
 from palpate.core.rebuild.surface.meshing import DEFAULT_TOLERANCE, SurfaceMesh, mesh_surface
 
 STEPS = 40  # Most steps of Newton's method
@@ -66,20 +66,19 @@ class SurfaceSearch:
         v, turns = _places(self.mesh, seed)
         run = _newton(self.surface, queries, self.surface.piece_of(v), v, turns)
         run = _beyond_seams(self.surface, queries, run)
-        foot = self.surface.at(run.v, run.turns)
+        nearest = self.surface.at(run.v, run.turns)
         # Not by the square: next to the surface it would lose half the digits.
-        distances = np.linalg.norm(queries - foot, axis=1)
+        distances = np.linalg.norm(queries - nearest, axis=1)
         far = are_outside(self.mesh.vertices, self.mesh.faces, queries, seed)
-        near = _outwards(self.surface, run)
+        outwards = _outwards(self.surface, run)
         close = distances <= CLOSE * self.tolerance
-        out = np.where(close, np.einsum("ni,ni->n", queries - foot, near) >= 0.0, far)
+        out = np.where(close, np.einsum("ni,ni->n", queries - nearest, outwards) >= 0.0, far)
         signed = np.where(out, distances, -distances)
-        return NearestOnSurface(foot, run.v, np.mod(run.turns, 1.0), signed, run.converged)
+        return NearestOnSurface(nearest, run.v, np.mod(run.turns, 1.0), signed, run.converged)
 
     def inside(self, points: ArrayLike) -> Bools:
         """Whether points (n, 3) lie inside, (n,); errors as for `nearest`."""
-        found: Bools = self.nearest(points).distances < 0.0
-        return found
+        return np.asarray(self.nearest(points).distances < 0.0)
 
 
 class _Run(NamedTuple):
@@ -95,18 +94,8 @@ class _Run(NamedTuple):
 def search_surface(surface: Surface, tolerance: float | None = None) -> SurfaceSearch:
     """Prepare a surface for the search.
 
-    Parameters
-    ----------
-    surface : Surface
-        The surface.
-    tolerance : float, optional
-        Of the mesh in which the search begins, as for `mesh_surface`. Where two places are
-        equally near to within this, the farther may be found.
-
-    Raises
-    ------
-    ValueError
-        As `mesh_surface` does.
+    It begins in a mesh of this tolerance (see `mesh_surface`, also for what it refuses): where two
+    places are equally near to within that, the farther may be found.
     """
     mesh = mesh_surface(surface, tolerance)
     off = tolerance if tolerance is not None else DEFAULT_TOLERANCE * surface.size
@@ -182,9 +171,9 @@ def _step(
     """Damped Newton steps (n, 2), and by how much they move the point (n,)."""
     orders = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
     by_v, by_t, *seconds = (surface.piece_at(piece, place[:, 0], place[:, 1], by) for by in orders)
-    g, h = _dot(off, by_v), _dot(off, by_t)
-    a, b, c = _dot(by_v, by_v), _dot(by_v, by_t), _dot(by_t, by_t)
-    full = [one + _dot(off, two) for one, two in zip((a, b, c), seconds, strict=True)]
+    g, h = dot(off, by_v), dot(off, by_t)
+    a, b, c = dot(by_v, by_v), dot(by_v, by_t), dot(by_t, by_t)
+    full = [one + dot(off, two) for one, two in zip((a, b, c), seconds, strict=True)]
     # Where the full second derivative has no minimum, its part without curvature has.
     sound = (full[0] > 0.0) & (full[0] * full[2] - full[1] ** 2 > 0.0)
     aa, bb, cc = (np.where(sound, one, two) for one, two in zip(full, (a, b, c), strict=True))
@@ -226,8 +215,3 @@ def _outwards(surface: Surface, run: _Run) -> Floats:
     at = np.isin(run.v, surface.seams[1:-1])
     normals[at] += surface.normals(run.v[at] - BELOW, run.turns[at])
     return normals
-
-
-def _dot(one: Floats, other: Floats) -> Floats:
-    result: Floats = np.einsum("ni,ni->n", one, other)
-    return result

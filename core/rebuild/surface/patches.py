@@ -1,6 +1,4 @@
-"""Pieces of a closed surface.
-
-What closes a side at an end, and splines through samples of anything.
+"""Pieces of a closed surface: what closes a side at an end, and splines through samples.
 
 Samples lie evenly along and around, whatever the parameters of what gives them: the spline's own
 error then shows only at edges.
@@ -48,10 +46,9 @@ class Patch(Protocol):
 
         Parameters
         ----------
-        v : (n,) array
-            From 0 at its lower ring to 1 at its upper.
-        turns : (n,) array
-            Counter-clockwise seen from above; a whole turn is 1.
+        v, turns : (n,) arrays
+            From 0 at its lower ring to 1 at its upper; counter-clockwise seen from above, a whole
+            turn is 1.
         by : pair of int
             How often it is differentiated by v and by turns; together up to 2.
         """
@@ -99,15 +96,7 @@ class EndPatch:
 def end_patches(side: Patch, end: End, *, upper: bool) -> tuple[Patch, ...]:
     """What closes a side at an end, from below upwards.
 
-    Parameters
-    ----------
-    side : Patch
-        The side.
-    end : End
-        How it ends. The gap is that of the contours; it is set onto the side's last ring,
-        wherever that lies.
-    upper : bool
-        Whether it is the upper end.
+    The end's gap is that of the contours; it is set onto the side's last ring, wherever that lies.
     """
     ring = _ring(side, upper)
     centroid = area_centroid(ring)
@@ -143,13 +132,11 @@ class SampledPatch:
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """See `Patch.at`."""
         at = np.stack([np.clip(v, 0.0, 1.0), np.mod(turns, 1.0)], axis=-1)
-        found: Floats = evaluate_scattered(self._bases, self._wound, at, [by])[0]
-        return found
+        return np.asarray(evaluate_scattered(self._bases, self._wound, at, [by])[0])
 
     def on_grid(self, v: Floats, turns: Floats) -> Floats:
         """Points (a, b, 3) at places v (a,) and turns (b,)."""
-        found: Floats = evaluate_grid(self._bases, self._wound, [v, np.mod(turns, 1.0)])
-        return found
+        return np.asarray(evaluate_grid(self._bases, self._wound, [v, np.mod(turns, 1.0)]))
 
     @property
     def _bases(self) -> tuple[Basis, Basis]:
@@ -162,15 +149,7 @@ class SampledPatch:
 
 
 def sampled_patch(grid: Grid, rows: int = ROWS, turns: int = TURNS) -> SampledPatch:
-    """Spline through evenly spaced points of a surface that is closed around.
-
-    Parameters
-    ----------
-    grid : callable
-        Gives the points.
-    rows, turns : int
-        How many.
-    """
+    """Spline through so many evenly spaced points of a surface that is closed around."""
     alongs, arounds = (np.linspace(0.0, 1.0, FINER * count + 1) for count in (rows, turns))
     few = np.linspace(0.0, 1.0, FEW + 2)[1:-1]
     lengths = _ways(grid(alongs, few), axis=0)
@@ -184,9 +163,8 @@ def sampled_patch(grid: Grid, rows: int = ROWS, turns: int = TURNS) -> SampledPa
     values = points(places, ends).transpose(1, 0, 2)
     circle = PeriodicBasis(turns).matrix(ends).toarray()
     around = np.linalg.solve(circle, values.reshape(turns, -1)).reshape(values.shape)
-    control = interpolate_grid(
-        [along], [places], around.transpose(1, 0, 2).reshape(rows, -1)
-    ).control
+    rings = around.transpose(1, 0, 2).reshape(rows, -1)
+    control = interpolate_grid([along], [places], rings).control
     patch = SampledPatch(control.reshape(rows, turns, 3), 0.0)
     between = 0.5 * (places[1:] + places[:-1])
     middles = ends + 0.5 / turns
@@ -200,5 +178,4 @@ def _ways(points: Floats, axis: int) -> Floats:
     total = max(float(steps.sum()), np.finfo(float).tiny)
     steps = (1.0 - SPREAD) * steps / total + SPREAD / len(steps)
     ways = np.concatenate([[0.0], np.cumsum(steps)])
-    shares: Floats = ways / ways[-1]
-    return shares
+    return np.asarray(ways / ways[-1])

@@ -57,9 +57,7 @@ def test_with_touched_ends_the_solid_is_far_better_than_a_loft_of_its_contours(n
     heights = np.linspace(-45.0, 45.0, 27)
     contours = rings(heights, radius(name, heights))
     loft = close_rings(np.array([0, 0, -45.0]), contours, np.array([0, 0, 45.0]))
-
     found = close_contours(heights, contours[:, :, :2], bottom=-50.0, top=50.0)
-
     mesh = mesh_surface(found.surface, 0.02)
     assert solidity(mesh.vertices, mesh.faces)[:3] == (True, 1, 0)
     whole = truth(name)
@@ -70,9 +68,7 @@ def test_with_touched_ends_the_solid_is_far_better_than_a_loft_of_its_contours(n
 def test_a_ball_is_whole_without_a_touch() -> None:
     heights = np.linspace(-45.0, 45.0, 9)
     contours = rings(heights, np.sqrt(2500.0 - heights**2))[:, :, :2]
-
     found = close_contours(heights, contours)
-
     assert (found.bottom.kind, found.top.kind) == ("pole", "pole")
     volume = measure_surface(found.surface).moments.volume
     assert volume == pytest.approx(4 / 3 * np.pi * 50.0**3, rel=1e-4)
@@ -80,18 +76,14 @@ def test_a_ball_is_whole_without_a_touch() -> None:
 
 def test_two_contours_are_enough() -> None:
     contours = rings(np.array([0.0, 10.0]), np.array([10.0, 10.0]))[:, :, :2]
-
     found = close_contours(np.array([0.0, 10.0]), contours, top=15.0)
-
     volume = measure_surface(found.surface).moments.volume
     assert volume == pytest.approx(np.pi * 100.0 * 15.0, rel=1e-3)
 
 
 def test_one_contour_between_touched_ends_is_a_prism() -> None:
     contour = rings(np.zeros(1), np.full(1, 10.0))[:, :, :2]
-
     found = close_contours(np.zeros(1), contour, bottom=-5.0, top=15.0)
-
     volume = measure_surface(found.surface).moments.volume
     assert volume == pytest.approx(np.pi * 100.0 * 20.0, rel=1e-3)
 
@@ -103,9 +95,7 @@ def test_hard_case_49_a_contour_that_collapsed_to_a_point_closes_the_end(
     heights = np.linspace(-45.0, 45.0, 13)
     heights[list(ends)] = np.sign(heights[list(ends)]) * 50.0
     contours = rings(heights, np.sqrt(2500.0 - heights**2))[:, :, :2]
-
     found = close_contours(heights, contours)
-
     whole = measure_surface(found.surface)
     assert whole.moments.volume == pytest.approx(4 / 3 * np.pi * 50.0**3, rel=1e-3)
     mesh = mesh_surface(found.surface, 0.1)
@@ -143,7 +133,6 @@ def test_an_end_far_out_is_a_piece_of_its_own_where_the_side_would_turn_inside_o
     method: str,
 ) -> None:
     solid = reconstruct(ball(4, 20.0), tops=[[0, 0, -0.2], [0, 0, 1.2]], method=method)
-
     assert solid.closed is not None
     assert (solid.closed.bottom.kind, solid.closed.top.kind) == ("conic", "conic")
     assert solid.closed.bottom.apart or solid.closed.top.apart
@@ -155,11 +144,10 @@ def test_an_end_far_out_is_a_piece_of_its_own_where_the_side_would_turn_inside_o
 
 def test_the_side_of_a_ball_runs_on_to_its_poles() -> None:
     solid = reconstruct(ball(9), tops=[[0, 0, -0.005], [0, 0, 1.005]], method="skin")
-
     assert solid.closed is not None
     assert solid.closed.top.round and not solid.closed.top.apart
     assert solid.health()["apart_above"] == 0.0
-    surface = solid.closed.skin.surface
+    surface = solid.closed.loft.surface
     assert not runs_through_axis(surface, 1.0, 1.005)
     inverted = replace(
         surface,

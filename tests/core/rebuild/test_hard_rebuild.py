@@ -54,7 +54,7 @@ def assert_closed(solid: Solid) -> None:
 def same_side(one: Solid, other: Solid) -> float:
     """Largest distance of two sides at the same places, over the size."""
     heights, turns = np.linspace(-49.0, 49.0, 33)[:, None], np.arange(40) / 40
-    off = one.closed.skin.at(heights, turns) - other.closed.skin.at(heights, turns)
+    off = one.closed.loft.at(heights, turns) - other.closed.loft.at(heights, turns)
     return float(np.abs(off).max()) / 30.0
 
 
@@ -87,7 +87,7 @@ def test_38_a_square_does_not_swing_out_at_its_corners() -> None:
     corner = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * 30.0
     plane = np.stack([np.interp(place, np.arange(5) / 4, corner[:, i]) for i in (0, 1)], axis=-1)
     solid = skin([np.column_stack([plane, np.full(40, z)]) for z in HEIGHTS])
-    side = solid.closed.skin.at(np.linspace(-49, 49, 20)[:, None], np.arange(400) / 400)
+    side = solid.closed.loft.at(np.linspace(-49, 49, 20)[:, None], np.arange(400) / 400)
     assert np.abs(side).max() < 1.05 * 30.0
     assert volume(solid) == pytest.approx(60.0**2 * 2 * HALF, rel=8e-3)
     assert solid.evidence.strays == 0
@@ -150,7 +150,7 @@ def test_44_sections_that_rays_meet_more_than_once_are_rebuilt_and_flagged(
     assert solid.overshoot < 0.02
     rows = [solid.slices.heights[4], solid.slices.heights[10]]
     for z in rows:
-        side = solid.closed.skin.at(z, np.arange(200) / 200)
+        side = solid.closed.loft.at(z, np.arange(200) / 200)
         truth = 30 * sections[name](np.arange(4000) / 4000, z / 50.0)
         apart = np.linalg.norm(side[:, None] - truth, axis=2).min(axis=1)
         assert np.quantile(apart, 0.9) < 0.1 and apart.max() < 1.5
@@ -229,7 +229,7 @@ def step(seed: int, noise: float) -> list[Floats]:
 def test_a_step_between_contours_close_together_does_not_swing_out(noise: float) -> None:
     for seed in range(5):
         solid = skin(step(seed, noise))
-        side = solid.closed.skin.at(np.linspace(-49, 49, 997)[:, None], np.arange(60) / 60)
+        side = solid.closed.loft.at(np.linspace(-49, 49, 997)[:, None], np.arange(60) / 60)
         radius = np.linalg.norm(side, axis=2)
         assert radius.max() < 30.0 + 0.02 * 60.0
         assert radius.min() > 18.0 - 0.05 * 60.0
@@ -339,7 +339,6 @@ def stack(corners: Floats) -> list[Floats]:
 @pytest.mark.parametrize("tops", [None, [[1, 1, -1.0], [1, 1, 6.0]]])
 def test_an_angle_has_ends_without_folds(tops: list[list[float]] | None) -> None:
     solid = reconstruct(stack(ANGLE), tops=tops, method="skin")
-
     assert (solid.health()["folded_below"], solid.health()["folded_above"]) == (0.0, 0.0)
     mesh = solid.mesh()
     corners = mesh.vertices[mesh.faces]
@@ -355,6 +354,5 @@ def test_an_angle_has_ends_without_folds(tops: list[list[float]] | None) -> None
 def test_a_clamp_says_that_its_ends_lie_on_themselves() -> None:
     for method in ("skin", "lattice"):
         health = reconstruct(stack(CLAMP), method=method).health()
-
         assert health["folded_below"] == pytest.approx(health["folded_above"], rel=0.01)
         assert health["folded_above"] > 0.2

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -194,7 +195,7 @@ def test_a_grasp_is_given_in_the_world() -> None:
     found = reconstruct(CONTOURS, method="coarse").model
     assert isinstance(found, Recovery)
     pose = compose_poses(POSE, found.pose)
-    there = Recovery(**{**{f: getattr(found, f) for f in Recovery.__slots__}, "pose": pose})
+    there = replace(found, pose=pose)
     one = reconstruct(CONTOURS, tops=TOPS, grasp=found)
     other = reconstruct(
         [moved(each) for each in CONTOURS], tops=moved(TOPS), grasp=there, frame=POSE

@@ -116,8 +116,8 @@ def test_sharp_edges_of_the_side_that_taxels_felt_are_owned_up_to() -> None:
         for z in np.linspace(-0.045, 0.045, 9)
     ]
     solid = reconstruct(rings, patches=felt, tops=ends(-0.05, 0.05), method="skin")
-    assert solid.closed is not None and solid.closed.felt is not None
-    assert solid.closed.felt.rms > 2.0 * solid.closed.felt.sigma
+    assert solid.closed is not None and solid.closed.radial is not None
+    assert solid.closed.radial.rms > 2.0 * solid.closed.radial.sigma
     error = np.sqrt(np.mean(solid.search().nearest(points[:2000]).distances ** 2))
     assert 0.5 * error < said(solid) < 4.0 * error
 

@@ -38,9 +38,7 @@ def lobed(recovery: Recovery) -> Surface:
 def test_the_superquadric_itself_needs_no_deformation() -> None:
     prior = replace(ellipsoid(), taper=np.array([0.2, -0.1]), bend=Bend(0.5, 0.3))
     surface = closed_surface((coarse_patch(prior),))
-
     found = fit_body_lattice(prior, surface)
-
     assert found.rms < 1e-4
     assert np.abs(found.points - found.targets).max() < 2e-3
     assert (found.folded, found.converged, found.steps) == (0.0, True, 0)
@@ -48,7 +46,6 @@ def test_the_superquadric_itself_needs_no_deformation() -> None:
 
 def test_a_superquadric_becomes_a_surface_with_lobes() -> None:
     found = fit_body_lattice(ellipsoid(), lobed(ellipsoid()))
-
     before = np.sqrt(np.mean(np.sum((found.points - found.targets) ** 2, axis=1)))
     assert found.rms < 0.03 * before
     assert found.folded == 0.0
@@ -58,7 +55,6 @@ def test_a_superquadric_becomes_a_surface_with_lobes() -> None:
 
 def test_many_control_points_are_solved_for_step_by_step() -> None:
     found = fit_body_lattice(ellipsoid(), lobed(ellipsoid()), (13, 13, 19))
-
     assert found.converged and found.steps > 0
     assert found.rms < 2e-4
     assert found.folded == 0.0
@@ -66,7 +62,6 @@ def test_many_control_points_are_solved_for_step_by_step() -> None:
 
 def test_what_cannot_be_a_lattice_is_refused() -> None:
     surface = lobed(ellipsoid())
-
     with pytest.raises(ValueError, match=r"counts must be at least 4 each, got \(3, 9, 9\)"):
         fit_body_lattice(ellipsoid(), surface, (3, 9, 9))
     with pytest.raises(ValueError, match="prior must be fitted, got too few points"):
@@ -94,14 +89,12 @@ def test_second_differences_are_those_of_a_lattice() -> None:
     wanted = sum(np.square(np.diff(values, 2, axis=axis)).sum() for axis in range(3))
     for one, other in ((0, 1), (0, 2), (1, 2)):
         wanted += 2 * np.square(np.diff(np.diff(values, axis=one), axis=other)).sum()
-
     assert np.isclose(values.ravel() @ (second_differences(COUNTS) @ values.ravel()), wanted)
 
 
 def test_linear_maps_bend_nothing() -> None:
     s, t, u = np.meshgrid(*(np.arange(n) for n in COUNTS), indexing="ij")
     linear = (2.0 * s - t + 0.5 * u + 3.0).ravel()
-
     assert np.abs(second_differences(COUNTS) @ linear).max() < 1e-12
 
 
@@ -109,9 +102,7 @@ def test_a_linear_move_is_solved_exactly_but_for_what_holds_it() -> None:
     lattice = box_lattice(np.zeros(3), np.ones(3), COUNTS)
     points = np.random.default_rng(1).random((500, 3))
     moves = points @ np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.3], [0.0, 0.0, 0.2]])
-
     found = solve_sparse(lattice.volume.shares(points), moves, COUNTS)
-
     moved = lattice.with_control(lattice.control + found.moved.reshape(*COUNTS, 3))
     assert np.allclose(moved.deform(points) - points, moves, rtol=0, atol=1e-4)
     assert found.converged

@@ -28,9 +28,7 @@ def test_sections_seen_whole_from_the_middle_do_not_fold(
     felt: Making, name: str, noise: float
 ) -> None:
     skin = felt(name, noise=noise).skin()
-
     fit = fit_lattice(skin.surface, 0.1 * skin.uncertainty().rms)
-
     assert fit.health.folded == 0.0
     assert fit.health.rms < max(0.1 * skin.uncertainty().rms, 1e-5)
 
@@ -39,7 +37,6 @@ def test_the_side_is_the_deformed_prism_and_close_to_the_skin(felt: Making) -> N
     skin = felt("lobed").skin()
     fit = fit_lattice(skin.surface)
     v, turns = places(300)
-
     side = fit.side.at(v, turns)
     local = np.column_stack([fit.section.rim(turns), v])
     assert np.allclose(fit.lattice.deform(fit.prism.points(local)), side, rtol=0, atol=1e-12)
@@ -68,9 +65,7 @@ def test_derivatives_of_the_side_are_those_of_differences(
         fit.side.at(v + way * step[first] * moves[0], turns + way * step[first] * moves[1], lower)
         for way in (1, -1)
     )
-
     slopes = (ahead - back) / (2 * step[first])
-
     found = fit.side.at(v, turns, by)
     # A corner between two places: there differences are no measure.
     assert np.median(np.abs(found - slopes)) < 1e-4 * max(np.abs(found).max(), 1.0)
@@ -83,9 +78,7 @@ def test_a_round_end_closes_in_a_point_exactly() -> None:
     grid = np.sqrt(1 - heights**2)[:, None, None] * rim
     poles = (np.array([0.0, 0.0]), np.array([0.0, 0.0]))
     surface = fit_contour_loft(heights, grid, low=-1.0, high=1.0, pole=poles).surface
-
     fit = fit_lattice(surface)
-
     for v, height in ((0.0, -1.0), (1.0, 1.0)):
         end = fit.side.at(np.full(50, v), np.arange(50) / 50)
         assert np.ptp(end, axis=0).max() < 1e-14
@@ -96,7 +89,6 @@ def test_a_round_end_closes_in_a_point_exactly() -> None:
 
 def test_a_sound_lattice_is_proved_sound(felt: Making) -> None:
     fit = fit_lattice(felt("bent tube", rows=9, around=24).skin().surface, 1e-3)
-
     assert fold_report(fit.lattice).verdict == "sound"
     assert fit.folds().verdict == "sound"
 
@@ -107,9 +99,7 @@ def test_a_section_bent_around_its_middle_folds_and_says_so() -> None:
     kidney = np.column_stack([width * np.cos(bend), width * np.sin(bend)])
     heights = np.linspace(-0.98, 0.98, 9)
     skin = fit_contour_loft(heights, np.stack([kidney] * 9), low=-1.0, high=1.0)
-
     fit = fit_lattice(skin.surface, 1e-3)
-
     assert 0.0 < fit.health.folded < 0.4
     assert fit.health.rms < 1e-3
 
@@ -129,7 +119,6 @@ def test_an_offset_changes_nothing_but_the_place(felt: Making) -> None:
     skin = fit_contour_loft(one.heights, one.grid + offset, low=-1.0, high=1.0)
     far = fit_lattice(skin.surface, 1e-3)
     v, turns = places(200)
-
     moved = far.side.at(v, turns)[:, :2] - offset
     assert np.allclose(moved, near.side.at(v, turns)[:, :2], rtol=0, atol=1e-5)
 
@@ -137,7 +126,6 @@ def test_an_offset_changes_nothing_but_the_place(felt: Making) -> None:
 @pytest.mark.parametrize("size", [(4, 4), (6, 9), (9, 60)])
 def test_the_size_that_is_wanted_is_taken(felt: Making, size: tuple[int, int]) -> None:
     fit = fit_lattice(felt("bent tube").skin().surface, size=size)
-
     assert fit.lattice.control.shape == (size[0], size[0], size[1], 3)
     # four layers cannot follow every bend of the tube
     assert fit.health.rms < (0.1 if size[1] == 4 else 1e-2)
@@ -152,7 +140,6 @@ def test_a_size_below_four_is_refused(felt: Making, size: tuple[int, int]) -> No
 def test_more_control_points_come_nearer_to_the_skin(felt: Making) -> None:
     surface = felt("star").skin().surface
     misfits = [fit_lattice(surface, size=(side, 27)).health.rms for side in (5, 9, 17)]
-
     assert misfits[1] < 0.5 * misfits[0]
     assert misfits[2] < 0.5 * misfits[1]
 
@@ -166,9 +153,7 @@ def moved() -> Lattice:
 
 def test_the_arrays_are_the_whole_lattice() -> None:
     lattice = moved()
-
     grid = lattice_grid(lattice)
-
     s, t, u = (Basis(k, d) for k, d in zip(grid.knots, grid.degrees, strict=True))
     again = Lattice(SplineVolume(grid.control, (s, t, u), grid.weights), lattice.undeformed)
     points = np.random.default_rng(1).random((20, 3))
@@ -179,8 +164,6 @@ def test_the_arrays_are_the_whole_lattice() -> None:
 
 def test_any_undeformed_volume_will_do_and_no_weights_are_ones() -> None:
     lattice = box_lattice(np.zeros(3), np.ones(3), (4, 4, 4))
-
     grid = lattice_grid(Lattice(lattice.volume, lattice.volume))
-
     assert np.array_equal(grid.undeformed, lattice.control)
     assert (grid.weights == 1.0).all()

@@ -38,10 +38,8 @@ def is_closed(solid: Solid) -> bool:
 
 def test_fewer_points_than_unknowns_keep_the_control_points_near(felt: Making) -> None:
     one = felt("bent tube", rows=24, around=41)
-
     fit = fit_lattice(one.skin().surface, size=(7, 24))
     solid = reconstruct(one.contours(), size=(7, 24))
-
     for lattice in (fit.lattice, solid.lattice.lattice):
         assert lattice.control.shape == (7, 7, 24, 3)
         assert np.abs(lattice.control).max() < 2 * SIZE
@@ -52,9 +50,7 @@ def test_a_contour_that_is_missing_costs_little(felt: Making) -> None:
     one = felt("lobed")
     contours = one.contours()
     del contours[13]
-
     solid = reconstruct(contours)
-
     assert rms(one, solid) < 1.5e-3
 
 
@@ -63,9 +59,7 @@ def test_a_contour_of_another_size_is_left_out_and_a_clean_one_is_not(felt: Maki
     contours = one.contours()
     clean = reconstruct(contours)
     contours[13] = contours[13] * [1.3, 1.3, 1.0]
-
     solid = reconstruct(contours)
-
     assert clean.slices.dropped == ()
     assert [found.which for found in solid.slices.dropped] == [13]
     assert rms(one, solid) < 2e-3
@@ -73,9 +67,7 @@ def test_a_contour_of_another_size_is_left_out_and_a_clean_one_is_not(felt: Maki
 
 def test_strong_noise_is_not_followed(felt: Making) -> None:
     one = felt("lobed", noise=0.015 * SIZE)
-
     solid = reconstruct(one.contours())
-
     # A fit to points that correspond leaves 0.003 of the size; raw points cost as much again.
     assert rms(one, solid) < 0.6 * 0.015
     assert is_closed(solid)
@@ -85,9 +77,7 @@ def test_strong_noise_is_not_followed(felt: Making) -> None:
 def test_a_top_contour_that_is_a_point_closes_there(felt: Making) -> None:
     contours = felt("bent tube", rows=15, around=60).contours()
     contours.append(np.tile([1.2, 0.1, 1.0], (60, 1)))
-
     solid = reconstruct(contours)
-
     assert is_closed(solid)
     assert solid.mesh(0.02).vertices[:, 2].max() == pytest.approx(1.0, abs=1e-9)
 
@@ -95,7 +85,6 @@ def test_a_top_contour_that_is_a_point_closes_there(felt: Making) -> None:
 @pytest.mark.parametrize("rows", [2, 3])
 def test_two_or_three_contours_make_a_cubic_lattice(felt: Making, rows: int) -> None:
     solid = reconstruct(felt("rounded box", rows=rows, around=60).contours())
-
     assert is_closed(solid)
     assert solid.lattice.lattice.volume.bases[2].degree == 3
     assert solid.lattice.health.folded == 0.0
@@ -111,10 +100,8 @@ def test_uneven_and_repeated_heights_do_not_fold(felt: Making) -> None:
     skin = fit_contour_loft(
         np.append(heights, heights[7]), np.concatenate([grid, grid[7:8]]), low=-1.0, high=1.0
     )
-
     fit = fit_lattice(skin.surface, 1e-4)
     solid = reconstruct([*contours, contours[7]])
-
     assert skin.health.merged == 1
     assert fit.health.folded == solid.lattice.health.folded == 0.0
     assert is_closed(solid)
@@ -125,9 +112,7 @@ def test_forty_control_points_each_way_are_solved_for_many_points() -> None:
     radius = np.sqrt(1.04 - heights**2)[:, None] * (1 + 0.12 * np.cos(3 * turn))
     grid = radius[..., None] * np.column_stack([np.cos(turn), np.sin(turn)])
     skin = fit_contour_loft(heights, grid, low=-1.02, high=1.02)
-
     fit = fit_lattice(skin.surface, size=(40, 40))
-
     assert fit.lattice.control.shape == (40, 40, 40, 3)
     assert fit.health.rms < 1e-3
     assert np.abs(fit.lattice.control).max() < 2 * SIZE
@@ -141,7 +126,5 @@ def test_the_lattice_is_as_near_to_the_object_as_the_skin(
     one = felt(name, rows=rows, around=around, noise=noise)
     lattice, skin = (reconstruct(one.contours(), method=way) for way in ("lattice", "skin"))
     v, turns = np.random.default_rng(1).uniform(0.05, 0.95, (2, 400))
-
     errors = [float(one.off(solid.surface.at(v, turns)).mean()) for solid in (lattice, skin)]
-
     assert errors[0] < 1.05 * errors[1] + 1e-5

@@ -27,18 +27,14 @@ def around(section: Section) -> np.ndarray:
 @pytest.mark.parametrize("angle", [0.0, 0.6, 1.3])
 def test_a_superellipse_is_its_own_section(exponent: float, angle: float) -> None:
     curve = superellipse(exponent, 0.5, 0.3, angle) + [0.1, -0.2]
-
     section = fit_section(np.stack([curve, curve]))
-
     assert np.allclose(around(section), curve, rtol=0, atol=0.02)
     assert section.exponent == pytest.approx(exponent, abs=0.15)
 
 
 def test_an_ellipse_is_met_exactly_at_its_own_turns() -> None:
     curve = superellipse(1.0, 0.5, 0.2, 0.4)
-
     section = fit_section(curve[None])
-
     assert np.allclose(around(section), curve, rtol=0, atol=2e-3)
     assert np.sort(section.half_extent) == pytest.approx([0.2, 0.5], rel=1e-2)
 
@@ -47,9 +43,7 @@ def test_layers_that_turn_and_shrink_and_points_keep_the_shape() -> None:
     curve = superellipse(0.33, 0.5, 0.4)
     turns = [(np.cos(a), np.sin(a)) for a in np.linspace(0.0, 3.0, 7)]
     layers = [curve @ np.array([[c, s], [-s, c]]) * (1 + 0.2 * s) for c, s in turns]
-
     section = fit_section(np.stack([np.zeros_like(curve), *layers]))
-
     assert section.exponent == pytest.approx(0.33, abs=0.15)
     ratio = section.half_extent.max() / section.half_extent.min()
     assert ratio == pytest.approx(1.25, rel=0.05)
@@ -59,9 +53,7 @@ def test_a_curve_that_runs_back_and_forth_in_azimuth_is_walked_forwards() -> Non
     bend = 1.9 * np.sin(AZIMUTH)
     width = 0.52 + 0.16 * np.cos(AZIMUTH)
     kidney = np.column_stack([width * np.cos(bend), width * np.sin(bend)])
-
     section = fit_section(kidney[None])
-
     places = section.rim(np.linspace(0.0, 1.0, 400)) - 0.5
     steps = np.diff(np.unwrap(np.arctan2(places[:, 1], places[:, 0])))
     assert (steps > 0.0).all() and steps.sum() == pytest.approx(2 * np.pi, rel=1e-9)
@@ -75,7 +67,6 @@ def test_the_section_of_a_grasp_is_taken() -> None:
 
     grasp: Recovery = Grasp()  # type: ignore[assignment]
     section = fit_section(superellipse(1.0, 0.4, 0.4)[None], grasp)
-
     assert section.half_extent == pytest.approx([0.5, 0.3])
     assert section.exponent == 0.5
     assert section.middle == pytest.approx([0.1, 0.2])
@@ -87,7 +78,6 @@ def test_derivatives_of_the_rim_are_those_of_differences(exponent: float) -> Non
     lead = 0.02 * np.cos(2 * np.pi * np.arange(16) / 16)
     section = Section(np.zeros(2), np.diag([0.5, 0.3]), exponent, lead)
     turns, step = np.linspace(0.01, 0.95, 40), 1e-5
-
     for order in (1, 2):
         lower, higher = section.rim(turns - step, order - 1), section.rim(turns + step, order - 1)
         slopes = (higher - lower) / (2 * step)
@@ -96,9 +86,7 @@ def test_derivatives_of_the_rim_are_those_of_differences(exponent: float) -> Non
 
 def test_an_integral_over_the_section_is_its_share_of_the_box() -> None:
     section = Section(np.zeros(2), np.diag([0.5, 0.3]), 1.0, np.zeros(8))
-
     places, weights = section.inside()
-
     assert weights.sum() == pytest.approx(np.pi / 4, rel=1e-12)
     second = weights @ np.square(2 * places[:, 0] - 1)
     assert second == pytest.approx(np.pi / 16, rel=1e-10)
@@ -117,9 +105,7 @@ def test_layers_are_the_skin_itself_with_heights_to_a_millionth(
     radius = np.sqrt(1 - heights**2)
     grid = radius[:, None, None] * RIM
     surface = fit_contour_loft(heights, grid, low=-1.0, high=1.0, pole=poles).surface
-
     layers = layers_of(surface)
-
     v, turns = np.linspace(0.0, 1.0, 50), np.arange(50) / 50
     low, high = surface.along.domain
     wanted = surface.places(low + (high - low) * v, turns)
@@ -134,6 +120,5 @@ def test_layers_are_the_skin_itself_with_heights_to_a_millionth(
 
 def test_too_few_layers_are_refused() -> None:
     surface = fit_contour_loft([-0.5, 0.5], np.stack([RIM, RIM]), low=-1.0, high=1.0).surface
-
     with pytest.raises(ValueError, match="layers must be at least 4, got 3"):
         layers_of(surface, 3)

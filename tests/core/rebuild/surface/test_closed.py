@@ -50,7 +50,6 @@ def places(count: int = 400) -> tuple[Floats, Floats]:
 def test_points_lie_on_the_surface_and_normals_across_it(whole: Surface) -> None:
     v, turns = places()
     points, normals = whole.at(v, turns), whole.normals(v, turns)
-
     np.testing.assert_allclose(np.linalg.norm(points / SIZE, axis=1), 1.0, atol=1e-14)
     across = points / SIZE**2
     across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -61,7 +60,6 @@ def test_curvatures_are_those_of_an_ellipsoid(whole: Surface) -> None:
     v, turns = places()
     x = whole.at(v, turns)
     found = whole.curvatures(v, turns)
-
     support = 1.0 / np.linalg.norm(x / SIZE**2, axis=1)
     gauss = support**4 / np.prod(SIZE) ** 2
     mean = support**3 * (np.sum(SIZE**2) - np.sum(x**2, axis=1)) / (2.0 * np.prod(SIZE) ** 2)
@@ -72,7 +70,6 @@ def test_curvatures_are_those_of_an_ellipsoid(whole: Surface) -> None:
 def test_at_a_pole_normals_and_curvatures_are_the_limit(whole: Surface) -> None:
     poles = np.array([0.0, 1.0])
     found = whole.curvatures(poles, np.zeros(2))
-
     np.testing.assert_allclose(whole.normals(poles, [0.1, 0.7]), [[0, 0, -1], [0, 0, 1]], atol=1e-4)
     np.testing.assert_allclose(found.k1, SIZE[2] / SIZE[1] ** 2, rtol=1e-6)
     np.testing.assert_allclose(found.k2, SIZE[2] / SIZE[0] ** 2, rtol=1e-6)
@@ -109,7 +106,6 @@ def test_derivatives_are_those_of_central_differences(
     ahead = surface.at(v + moved[0], turns + moved[1], lower)
     behind = surface.at(v - moved[0], turns - moved[1], lower)
     told = surface.at(v, turns, by)
-
     seen = (ahead - behind) / (2 * step)
     np.testing.assert_allclose(told, seen, atol=1e-6 * max(np.abs(told).max(), surface.size))
 
@@ -128,7 +124,6 @@ def test_an_end_reaches_the_height_and_the_middle_that_it_says(
     capped: Callable[..., Surface],
 ) -> None:
     surface = capped(Superellipse(0.3, 8.0, 5.0), gap=0.01, shift=0.004)
-
     np.testing.assert_allclose(surface.at(1.0, 0.3), [0.004, 0.0, RIM + 0.01], atol=1e-15)
     np.testing.assert_allclose(surface.at(0.0, 0.3), [0.0, 0.0, -RIM], atol=1e-15)
 
@@ -138,9 +133,7 @@ def test_a_flat_end_has_an_edge_and_normals_on_both_sides_of_it(
 ) -> None:
     surface = capped(Flat(0.0))
     edge = surface.seams[-2]
-
     wall, disc = surface.normals(np.array([edge - 1e-9, edge]), np.zeros(2))
-
     np.testing.assert_allclose(wall, [1, 0, 0], atol=1e-9)
     np.testing.assert_allclose(disc, [0, 0, 1], atol=1e-9)
 
@@ -148,7 +141,6 @@ def test_a_flat_end_has_an_edge_and_normals_on_both_sides_of_it(
 def test_a_surface_has_no_unit(ellipsoid_side: Callable[..., Any]) -> None:
     small, large = (close_surface(ellipsoid_side(SIZE * unit)) for unit in (1e-6, 1e6))
     v, turns = places(50)
-
     np.testing.assert_allclose(small.normals(v, turns), large.normals(v, turns), atol=1e-12)
 
 
@@ -209,7 +201,6 @@ class Moved:
 
 def test_an_ellipsoid_has_its_volume_and_its_inertia(ellipsoid_side: Callable[..., Any]) -> None:
     found = measure_surface(close_surface(ellipsoid_side(SIZE)))
-
     a, b, c = SIZE**2
     assert found.moments.volume == pytest.approx(VOLUME, rel=1e-12)
     np.testing.assert_allclose(found.moments.centroid, 0.0, atol=1e-15)
@@ -221,7 +212,6 @@ def test_an_ellipsoid_has_its_volume_and_its_inertia(ellipsoid_side: Callable[..
 
 def test_the_area_of_a_sphere_is_exact(ellipsoid_side: Callable[..., Any]) -> None:
     found = measure_surface(close_surface(ellipsoid_side([0.03, 0.03, 0.03])))
-
     assert found.area == pytest.approx(4 * np.pi * 0.03**2, rel=1e-12)
 
 
@@ -229,7 +219,6 @@ def test_far_from_the_origin_nothing_is_lost(ellipsoid_side: Callable[..., Any])
     shift = np.array([100.0, -200.0, 300.0])
     here = measure_surface(close_surface(ellipsoid_side(SIZE)))
     there = measure_surface(close_surface(Moved(ellipsoid_side(SIZE), shift)))
-
     assert there.moments.volume == pytest.approx(here.moments.volume, rel=1e-9)
     np.testing.assert_allclose(there.moments.centroid, shift, rtol=1e-12)
     expected = here.moments.second + VOLUME * np.outer(shift, shift)
@@ -247,7 +236,6 @@ def test_ends_count_and_the_pieces_between_edges_are_exact(
         End("fan", heights[0], heights[0], 0.0, Flat(0.0), none, True),
         End("flat", heights[1], heights[1] + 0.02, 0.0, Flat(-0.5), none, True),
     )
-
     found = measure_surface(surface)
 
     def ball(z: float) -> float:

@@ -61,9 +61,7 @@ def test_the_mesh_stays_within_the_tolerance_and_does_not_waste_it(
     ellipsoid_side: Callable[..., Any], tolerance: float
 ) -> None:
     surface = close_surface(ellipsoid_side(SIZE))
-
     off = farthest(surface, mesh_surface(surface, tolerance))
-
     assert 0.3 * tolerance < off <= tolerance
 
 
@@ -72,9 +70,7 @@ def test_meshes_with_ends_are_closed_and_within_the_tolerance(
     ellipsoid_side: Callable[..., Any], profile: Profile
 ) -> None:
     surface = capped(ellipsoid_side(SIZE, -1.0, 1.0), profile, (-RIM, RIM), 0.01)
-
     mesh = mesh_surface(surface)
-
     found = solidity(mesh.vertices, mesh.faces)
     assert found[:3] == (True, 1, 0)
     assert found.volume > 0.0
@@ -84,9 +80,7 @@ def test_meshes_with_ends_are_closed_and_within_the_tolerance(
 
 def test_a_twisted_side_with_corners_is_within_the_tolerance() -> None:
     surface = capped(TwistedBox(), Flat(0.0), (0.0, 0.09), 0.01)
-
     mesh = mesh_surface(surface, 1e-4)
-
     assert solidity(mesh.vertices, mesh.faces)[:3] == (True, 1, 0)
     assert farthest(surface, mesh) <= 1e-4
 
@@ -96,15 +90,12 @@ def test_a_quarter_of_the_tolerance_takes_four_times_the_vertices(
 ) -> None:
     surface = close_surface(ellipsoid_side(SIZE))
     coarse, fine = (len(mesh_surface(surface, one).vertices) for one in (8e-5, 2e-5))
-
     assert fine / coarse == pytest.approx(4.0, rel=0.25)
 
 
 def test_vertices_know_their_places(ellipsoid_side: Callable[..., Any]) -> None:
     surface = close_surface(ellipsoid_side(SIZE))
-
     mesh = mesh_surface(surface, 1e-4)
-
     np.testing.assert_allclose(surface.at(mesh.v, mesh.turns), mesh.vertices, atol=1e-15)
 
 
@@ -112,7 +103,6 @@ def test_triangles_at_the_poles_are_no_slivers(ellipsoid_side: Callable[..., Any
     mesh = mesh_surface(close_surface(ellipsoid_side(SIZE)), 2e-5)
     corners = mesh.vertices[mesh.faces]
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-
     # In rings of equal numbers the edges at the poles would be some hundred times shorter.
     assert (edges.max(axis=1) / edges.min(axis=1)).max() < 15.0
 

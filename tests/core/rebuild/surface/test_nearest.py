@@ -34,9 +34,7 @@ def test_distances_from_an_ellipsoid_are_exact_though_the_mesh_is_coarse(
 ) -> None:
     search = search_surface(close_surface(ellipsoid_side(SIZE)), COARSE)
     points = np.random.default_rng(0).normal(size=(3000, 3)) * 0.04
-
     foot = search.nearest(points)
-
     assert foot.converged.all()
     np.testing.assert_allclose(np.linalg.norm(foot.points / SIZE, axis=1), 1.0, atol=1e-14)
     across = foot.points / SIZE**2
@@ -53,11 +51,9 @@ def test_with_edges_no_fine_mesh_finds_a_nearer_point_but_by_what_the_coarse_one
 ) -> None:
     points = np.random.default_rng(1).normal(size=(3000, 3)) * 0.03
     foot = search_surface(capped, COARSE).nearest(points)
-
     tolerance = 1e-5
     fine = mesh_surface(capped, tolerance)
     near = nearest_points(nearest_search(fine.vertices[fine.faces]), points)
-
     assert foot.converged.all()
     worse = np.abs(foot.distances) - near.distances
     assert worse.min() >= -tolerance
@@ -76,9 +72,7 @@ def test_next_to_the_surface_the_distance_keeps_its_digits_and_its_sign(
     apart = np.abs(v[:, None] - capped.seams).min(axis=1) > 0.02  # an edge's inside is wider
     v, turns = v[apart], turns[apart]
     points = capped.at(v, turns) + sign * off * capped.normals(v, turns)
-
     foot = search_surface(capped, COARSE).nearest(points)
-
     np.testing.assert_allclose(foot.distances, sign * off, rtol=1e-6, atol=1e-16)
 
 
@@ -87,7 +81,6 @@ def test_outside_an_edge_points_are_outside(capped: Surface) -> None:
     edge = capped.at(np.full(40, capped.seams[1]), turns)
     away = edge / np.linalg.norm(edge, axis=1, keepdims=True)
     search = search_surface(capped, COARSE)
-
     for off in (1e-8, 1e-5, 1e-2):
         assert not search.inside(edge + off * away).any()
         assert search.inside(edge - min(off, 1e-3) * away).all()
@@ -97,17 +90,13 @@ def test_the_middle_of_a_sphere_has_a_nearest_point_although_every_one_is(
     ellipsoid_side: Callable[..., Any],
 ) -> None:
     search = search_surface(close_surface(ellipsoid_side([0.03, 0.03, 0.03])), COARSE)
-
     foot = search.nearest([[0.0, 0.0, 0.0]])
-
     assert foot.distances == pytest.approx(-0.03)
 
 
 def test_a_point_on_the_axis_finds_the_pole(ellipsoid_side: Callable[..., Any]) -> None:
     search = search_surface(close_surface(ellipsoid_side(SIZE)), COARSE)
-
     foot = search.nearest([[0.0, 0.0, 0.2], [0.0, 0.0, -0.2]])
-
     np.testing.assert_allclose(foot.distances, 0.17, rtol=1e-12)
     np.testing.assert_allclose(foot.points[:, 2], [0.03, -0.03])
 
@@ -123,7 +112,6 @@ def test_nearest_points_do_not_depend_on_the_unit(
         )
         for one in (1.0, unit)
     )
-
     np.testing.assert_allclose(scaled.distances / unit, plain.distances, rtol=1e-9, atol=1e-12)
     assert scaled.converged.all()
 
