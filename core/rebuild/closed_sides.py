@@ -233,7 +233,7 @@ def radial_rows(
         # Other ends were touched by taxels, which say where they are in the straight space.
         bottom = bottom if only_given(contacts, -1.0, bottom) else None
         top = top if only_given(contacts, 1.0, top) else None
-        contacts, levels = shear.straightened_felt(contacts), shear.straightened(levels)
+        contacts, levels = shear.levelled_contacts(contacts), shear.levelled(levels)
         axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])
     found = _rows_between(contacts, axis_curve, levels[:, 2], bottom, top)
     return None if found is None else found._replace(shear=shear)
@@ -257,7 +257,7 @@ def _rows_between(
     pose = pose_sigma(shifted)
     bottom = touched_end(contacts, float(levels[0]), -1.0, pose, bottom)
     top = touched_end(contacts, float(levels[-1]), 1.0, pose, top)
-    return _rows(contacts, shifted.skin, levels, (bottom, top), seen, pose)
+    return _rows(contacts, shifted.spline, levels, (bottom, top), seen, pose)
 
 
 def _reach(

@@ -315,7 +315,7 @@ def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> flo
 
     `contacts`, seen from the slicing frame, tell how well the ends fit.
     """
-    contacts = None if contacts is None else straight(closed.shear, contacts)
+    contacts = None if contacts is None else levelled(closed.shear, contacts)
     pieces = closed.surface.pieces
     side = next(i for i, piece in enumerate(pieces) if isinstance(piece, SidePatch))
     cells = _cells(pieces[side], SIDE_ROWS)
@@ -450,7 +450,7 @@ def _of_side(closed: ContourSolid) -> Figures:
         "degrees_of_freedom": loft.freedom,
         "condition": loft.condition,
         "swing": loft.swing,
-        "paced": float(closed.loft.surface.latitude.pace is not None),
+        "paced": float(closed.loft.surface.axial_parameter.reparametrisation is not None),
     }
 
 

@@ -342,12 +342,15 @@ class LatticeGrid(NamedTuple):
 
 def lattice_grid(lattice: Lattice) -> LatticeGrid:
     """The arrays of a lattice."""
-    before, weights = lattice.undeformed, lattice.volume.weights
-    s, t, u = lattice.volume.bases
-    box = isinstance(before, Parallelepiped)
+    bases, before, weights = lattice.volume.bases, lattice.undeformed, lattice.volume.weights
+    if isinstance(before, Parallelepiped):
+        undeformed = before.greville_control(bases)
+    else:
+        undeformed = before.control
+    s, t, u = bases
     return LatticeGrid(
         control=lattice.control,
-        undeformed=before.greville_control((s, t, u)) if box else before.control,
+        undeformed=undeformed,
         weights=np.ones(lattice.control.shape[:3]) if weights is None else weights,
         knots=(s.knots, t.knots, u.knots),
         degrees=(s.degree, t.degree, u.degree),

@@ -489,7 +489,7 @@ def outlyingness(points: Floats) -> Floats:
         weight = np.minimum(1.0, limit / np.maximum(distance, limit + 1e-300)) ** 4
         weight[distance <= limit] = 1.0
         centre = weight @ points / weight.sum()
-    return distance
+    return np.asarray(distance)
 
 
 def core_of(points: Floats, share: float) -> Bools:

@@ -216,7 +216,7 @@ def test_of_few_contours_one_of_another_shape_goes() -> None:
     turn = 2 * np.pi * np.arange(60) / 60
     contours[4] = contours[4] * (1 + 0.3 * np.cos(3 * turn))[:, None] ** [1, 1, 0]
     dropped = reconstruct(contours, tops=TOPS, method="skin").slices.dropped
-    assert [(one.which, one.perhaps) for one in dropped] == [(4, False)]
+    assert [(one.which, one.may_be_feature) for one in dropped] == [(4, False)]
 
 
 TURN = 2 * np.pi * np.arange(48) / 48
