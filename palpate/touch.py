@@ -7,9 +7,23 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.core.touch import Fingertip as Fingertip
-    from palpate.core.touch import Phase as Phase
-    from palpate.core.touch import SimulatedTouch as SimulatedTouch
-    from palpate.core.touch import Stage as Stage
+    from palpate.core.touch import Calibration as Calibration
+    from palpate.core.touch import CalibrationEstimate as CalibrationEstimate
+    from palpate.core.touch import Jet as Jet
+    from palpate.core.touch import LocalCurvature as LocalCurvature
+    from palpate.core.touch import Pad as Pad
+    from palpate.core.touch import Patch as Patch
+    from palpate.core.touch import TouchOutcome as TouchOutcome
+    from palpate.core.touch import begin_fusion as begin_fusion
+    from palpate.core.touch import clean as clean
+    from palpate.core.touch import contact_mask as contact_mask
+    from palpate.core.touch import estimate_calibration as estimate_calibration
+    from palpate.core.touch import fit_jet as fit_jet
+    from palpate.core.touch import fit_patch as fit_patch
+    from palpate.core.touch import fit_robust_jet as fit_robust_jet
+    from palpate.core.touch import fuse as fuse
+    from palpate.core.touch import guarded_move as guarded_move
+    from palpate.core.touch import principal_curvatures as principal_curvatures
+    from palpate.core.touch import surface_patch as surface_patch
 else:
     __getattr__, __dir__ = lazy(__name__)

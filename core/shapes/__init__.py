@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from palpate.core.shapes.hyperquadrics import Dent as Dent
     from palpate.core.shapes.hyperquadrics import Hyperquadric as Hyperquadric
     from palpate.core.shapes.polyhedra import Polyhedron as Polyhedron
+    from palpate.core.shapes.polyhedra import WingedEdges as WingedEdges
     from palpate.core.shapes.protocol import INSIDE as INSIDE
     from palpate.core.shapes.protocol import MISS as MISS
     from palpate.core.shapes.protocol import ImplicitShape as ImplicitShape
@@ -48,6 +49,9 @@ if TYPE_CHECKING:
     from palpate.core.shapes.superquadric_measures import MassMoments as MassMoments
     from palpate.core.shapes.superquadric_measures import area_samples as area_samples
     from palpate.core.shapes.superquadric_measures import sampled_surface as sampled_surface
+    from palpate.core.shapes.superquadric_measures import (
+        superquadric_moments as superquadric_moments,
+    )
     from palpate.core.shapes.superquadric_measures import superquadric_volume as superquadric_volume
     from palpate.core.shapes.superquadrics import LARGEST_EXPONENT as LARGEST_EXPONENT
     from palpate.core.shapes.superquadrics import LEAST_EXPONENT as LEAST_EXPONENT
@@ -58,6 +62,7 @@ if TYPE_CHECKING:
     from palpate.core.shapes.superquadrics import p_norm as p_norm
     from palpate.core.shapes.superquadrics import p_norm_curvature as p_norm_curvature
     from palpate.core.shapes.superquadrics import regular_points as regular_points
+    from palpate.core.shapes.superquadrics import trigonometric_points as trigonometric_points
     from palpate.core.shapes.tessellations import isosurface as isosurface
     from palpate.core.shapes.triangle_meshes import TriangleShape as TriangleShape
 else:

@@ -15,6 +15,7 @@ from palpate.rooms import lazy
 if TYPE_CHECKING:
     from palpate.core.touch.curvature import CONTACT as CONTACT
     from palpate.core.touch.curvature import LocalCurvature as LocalCurvature
+    from palpate.core.touch.curvature import Patch as Patch
     from palpate.core.touch.curvature import PatchKind as PatchKind
     from palpate.core.touch.curvature import begin_fusion as begin_fusion
     from palpate.core.touch.curvature import fit_patch as fit_patch
