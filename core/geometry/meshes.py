@@ -1,4 +1,4 @@
-"""Triangle meshes: corners, areas, normals, whether one bounds a solid, and meshes between rings."""
+"""Triangle meshes: corners, areas, normals, whether one bounds a solid; meshes between rings."""
 
 from __future__ import annotations
 

@@ -19,8 +19,6 @@ from palpate.core.geometry.meshes import areas_and_normals, checked_faces
 from palpate.core.geometry.nearest import BoxTree
 
 Indices = NDArray[np.intp]
-
-
 # Of a triangle's longest edge: a corner that lies nearer to a plane lies in it, and what two
 # triangles have in common over a shorter way is a touch.
 TOUCHING = 1e-9

@@ -1,4 +1,4 @@
-"""Hyperquadric: a sum of powers of linear forms that is at most 1, perhaps with dents; cast exactly.
+"""Hyperquadric: a sum of powers of linear forms, at most 1, perhaps with dents; cast exactly.
 
 Each term alone keeps the solid within a strip between two planes, so that a ray needs to be
 followed only where it lies in all strips, and there no power can overflow. With g >= 1 a power
@@ -35,8 +35,6 @@ RANGE_TOLERANCE = 1e-13  # Of the solid's smallest extent
 LEAST_EXPONENT, LARGEST_EXPONENT = 0.1, 100.0
 LEAST_NORMAL, LARGEST_NORMAL = 1e-9, 1e9  # 1/m
 TINY = 1e-300
-
-
 # Beyond it a quantity counts as this: a power of it that overflowed would say no more.
 LARGEST = 1e3
 

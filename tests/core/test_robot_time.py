@@ -34,41 +34,35 @@ def test_a_touch_without_a_way_costs_the_rest_and_both_commands() -> None:
 
 def test_a_long_way_is_a_trapezoid_of_speed() -> None:
     still = touch_seconds(MODERN, 0.0, 0.0, 0.0)
-
     # 0.1 m/s is reached after 0.1 s and 5 mm, and lost likewise: 0.2 s for 10 mm, then 0.1 m/s.
     assert touch_seconds(MODERN, 0.110, 0.0, 0.0) - still == pytest.approx(0.2 + 1.0)
 
 
 def test_a_short_way_never_reaches_the_speed() -> None:
     still = touch_seconds(MODERN, 0.0, 0.0, 0.0)
-
     assert touch_seconds(MODERN, 0.0025, 0.0, 0.0) - still == pytest.approx(2 * math.sqrt(0.0025))
 
 
 def test_the_two_laws_of_travel_meet() -> None:
     corner = MODERN.speed**2 / MODERN.acceleration
     below, above = (touch_seconds(MODERN, corner * s, 0.0, 0.0) for s in (1 - 1e-9, 1 + 1e-9))
-
     assert below == pytest.approx(above, abs=1e-8)
 
 
 def test_turning_and_travelling_happen_together() -> None:
     still = touch_seconds(MODERN, 0.0, 0.0, 0.0)
     turned = touch_seconds(MODERN, 0.01, math.radians(60), 0.0)
-
     assert turned - still == pytest.approx(1.0)  # 60 deg at 60 deg/s; the way takes 0.2 s
 
 
 def test_the_finger_goes_back_as_far_as_it_came() -> None:
     still = touch_seconds(MODERN, 0.0, 0.0, 0.0)
-
     # 4 mm at 10 mm/s, back at 50 mm/s.
     assert touch_seconds(MODERN, 0.0, 0.0, 0.004) - still == pytest.approx(0.4 + 0.08)
 
 
 def test_a_usual_touch_takes_a_modern_arm_about_a_second_and_an_old_one_three() -> None:
     modern, puma = (touch_seconds(ROBOT_PRESETS[k], 0.012, 0.35, 0.004) for k in ("modern", "puma"))
-
     assert 0.9 < modern < 1.5
     assert 2.4 < puma < 3.6
 
@@ -77,7 +71,6 @@ def test_a_usual_touch_takes_a_modern_arm_about_a_second_and_an_old_one_three() 
 @pytest.mark.parametrize("name", ["travel", "turn", "approach"])
 def test_a_way_that_cannot_be_gone_is_refused(name: str, bad: float) -> None:
     ways = {"travel": 0.01, "turn": 0.1, "approach": 0.003, name: bad}
-
     with pytest.raises(ValueError, match=f"{name} must be finite and not negative, got"):
         touch_seconds(MODERN, **ways)
 
@@ -109,7 +102,6 @@ def test_all_moves_at_once_cost_what_each_costs_alone(
 ) -> None:
     made = moves(*((*row, LIFTED) for row in rows))
     each = [wait + touch_seconds(ROBOT_PRESETS[name], *ways) for wait, *ways in rows]
-
     assert elapsed_seconds(made, ROBOTS[name]) == pytest.approx(np.cumsum(each), rel=1e-12)
 
 
@@ -129,7 +121,6 @@ def test_sliding_between_touches_has_neither_approach_nor_retreat() -> None:
         (0.0, 0.05, 0.0, 0.03, LIFTED),
     )
     parts = move_durations(made, SLIDING)
-
     assert parts.approach == pytest.approx([2.0, 0.0, 0.0, 3.0])
     assert parts.travel[1:3] == pytest.approx([1.0, 1.0])  # 10 mm at 10 mm/s
     assert parts.dwell[1:3] == pytest.approx([SLIDING.frame] * 2)
@@ -138,7 +129,6 @@ def test_sliding_between_touches_has_neither_approach_nor_retreat() -> None:
 
 def test_a_robot_that_never_finds_a_surface_to_slide_on_is_the_modern_one() -> None:
     made = moves((0.1, 0.02, 0.1, 0.01, LIFTED), (0.0, 0.01, 0.5, 0.02, LIFTED))
-
     assert np.array_equal(
         elapsed_seconds(made, SLIDING), elapsed_seconds(made, ROBOT_PRESETS["modern"])
     )
@@ -146,21 +136,18 @@ def test_a_robot_that_never_finds_a_surface_to_slide_on_is_the_modern_one() -> N
 
 def test_turning_may_take_longer_than_the_way() -> None:
     made = moves((0.0, 0.0, 0.0, 0.01, LIFTED), (0.0, 0.0, 3.0, 0.01, 0.001))
-
     assert move_durations(made, SLIDING).travel[1] == pytest.approx(3.0 / SLIDING.arm.turning)
 
 
 def test_sliding_is_faster_where_touches_are_near_each_other() -> None:
     row = (0.0, 0.012, 0.35, 0.004)
     made = moves((*row, LIFTED), *((*row, 0.006) for _ in range(20)))
-
     ends = {name: elapsed_seconds(made, robot)[-1] for name, robot in ROBOTS.items()}
     assert ends["sliding"] < ends["modern"] < 0.5 * ends["puma"]
 
 
 def test_no_move_costs_no_time() -> None:
     none = MoveGeometry.of_rows(np.zeros((0, 5)))
-
     assert all(len(elapsed_seconds(none, robot)) == 0 for robot in ROBOTS.values())
 
 

@@ -57,7 +57,6 @@ def test_damping_all_columns_alike_depends_on_their_units() -> None:
         damped = jacobian.T @ jacobian + 0.1 * np.eye(2)
         steps.append(-scales * np.linalg.solve(damped, jacobian.T @ residuals))
     assert np.abs(steps[0] - steps[1]).max() > 0.1
-
     ends = []
     for scales in (np.ones(2), np.array([1.0, 2.0**-10])):
 

@@ -31,9 +31,7 @@ def test_points_of_a_surface_are_brought_back_from_any_pose(
     lopsided: PreparedSurface, vector: list[float]
 ) -> None:
     points = lopsided.samples.points[::20]
-
     found = align(moved(points, vector, [0.3, -0.1, 0.5]), lopsided)
-
     back = transform_points(found.pose, moved(points, vector, [0.3, -0.1, 0.5]))
     np.testing.assert_allclose(back, points, atol=1e-9)
     assert found.rms < 1e-10
@@ -46,9 +44,7 @@ def test_with_noise_what_is_left_is_the_noise(lopsided: PreparedSurface) -> None
     rng = np.random.default_rng(4)
     points = lopsided.samples.points[::20]
     noisy = moved(points, [1.0, 0.5, -0.4], [0.1, 0.2, 0.3]) + 1e-4 * rng.normal(size=points.shape)
-
     found = align(noisy, lopsided)
-
     assert found.rms == pytest.approx(1e-4, rel=0.1)
     np.testing.assert_allclose(transform_points(found.pose, noisy), points, atol=6e-4)
 
@@ -58,9 +54,7 @@ def test_the_part_of_a_solid_that_was_seen_is_enough_to_lay_it_on(
 ) -> None:
     points = lopsided.samples.points
     seen = points[points[:, 2] > -0.01][::10]
-
     found = align(moved(seen, [0.2, 0.1, 0.3], [0.02, 0.01, 0.03]), lopsided)
-
     back = transform_points(found.pose, moved(seen, [0.2, 0.1, 0.3], [0.02, 0.01, 0.03]))
     np.testing.assert_allclose(back, seen, atol=1e-8)
 
@@ -68,18 +62,14 @@ def test_the_part_of_a_solid_that_was_seen_is_enough_to_lay_it_on(
 def test_a_ball_fits_every_way_and_is_turned_least() -> None:
     directions, faces = icosphere(4)
     ball = prepare_surface(0.04 * directions, faces)
-
     found = align(ball.samples.points[::20] + [0.1, 0.2, 0.3], ball)
-
     assert found.ambiguous
     np.testing.assert_allclose(found.pose[:3], [-0.1, -0.2, -0.3], atol=2e-5)
 
 
 def test_a_box_of_three_lengths_fits_four_ways(box: Mesh) -> None:
     surface = prepare_surface(box.vertices * [0.03, 0.05, 0.08], box.faces)
-
     found = align(moved(surface.samples.points[::20], [0.0, 0.0, 0.2], [0, 0, 0.1]), surface)
-
     assert found.ambiguous
     assert found.rms < 1e-9
     # Of the four poses the one that turns least, back by 0.2.
@@ -92,9 +82,7 @@ def test_the_unit_does_not_matter(lopsided: PreparedSurface, unit: float) -> Non
     vertices = directions * [0.05, 0.04, 0.03] + 0.1 * directions**2 * [0.1, 0.2, 0.3]
     plain, scaled = (prepare_surface(one * vertices, faces) for one in (1.0, unit))
     points = moved(plain.samples.points[::50], [0.5, 0.4, 0.3], [0.1, 0.0, 0.0])
-
     one, other = align(points, plain), align(unit * points, scaled)
-
     np.testing.assert_allclose(other.pose[3:], one.pose[3:], atol=1e-7)
     np.testing.assert_allclose(other.pose[:3] / unit, one.pose[:3], atol=1e-7)
 

@@ -11,9 +11,7 @@ from palpate.core.shapes.tessellations import icosphere
 
 def test_a_surface_is_at_no_distance_from_itself(sphere: Mesh) -> None:
     same = prepare_surface(*sphere)
-
     distances = compare_surfaces(same, same)
-
     assert distances.hausdorff < 1e-16
     assert distances.normal_deg < 1e-9
 
@@ -21,21 +19,17 @@ def test_a_surface_is_at_no_distance_from_itself(sphere: Mesh) -> None:
 def test_two_shifted_squares_are_at_their_shift() -> None:
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])
-
     distances = compare_surfaces(
         prepare_surface(square, faces), prepare_surface(square + np.array([0, 0, 0.25]), faces)
     )
-
     assert distances == pytest.approx((0.25, 0.25, 0.25, 0.25, 0.0), abs=1e-12)
 
 
 def test_concentric_spheres_are_as_far_apart_as_their_radii() -> None:
     directions, faces = icosphere(5)
-
     distances = compare_surfaces(
         prepare_surface(0.040 * directions, faces), prepare_surface(0.041 * directions, faces)
     )
-
     # The facets stand off by up to 0.04 * 0.035**2 / 8 = 6 um.
     assert distances[:4] == pytest.approx((1e-3,) * 4, abs=7e-6)
     assert distances.normal_deg < 1.0
@@ -47,12 +41,10 @@ def test_each_figure_has_its_own_definition() -> None:
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     flap = np.array([[0.4, 0.4, 1], [0.6, 0.4, 1], [0.6, 0.6, 1], [0.4, 0.6, 1]])
     both = np.concatenate([square, flap])
-
     distances = compare_surfaces(
         prepare_surface(square, faces),
         prepare_surface(both, np.concatenate([faces, faces + len(square)])),
     )
-
     share = 0.04 / 1.04  # of the samples of the surface with the flap
     assert distances.chamfer == pytest.approx(0.5 * share, rel=1e-3)
     assert distances.rms == pytest.approx((0.5 * share) ** 0.5, rel=1e-3)
@@ -62,7 +54,6 @@ def test_each_figure_has_its_own_definition() -> None:
 
 def test_turned_normals_are_seen(sphere: Mesh) -> None:
     inside_out = prepare_surface(sphere.vertices, sphere.faces[:, ::-1])
-
     # 180 degrees, but for the samples whose nearest point is on a neighbouring facet.
     assert compare_surfaces(prepare_surface(*sphere), inside_out).normal_deg == pytest.approx(
         180.0, abs=0.5
@@ -71,7 +62,6 @@ def test_turned_normals_are_seen(sphere: Mesh) -> None:
 
 def test_both_ways_count_alike(sphere: Mesh, box: Mesh) -> None:
     one, other = prepare_surface(*sphere), prepare_surface(0.05 * box.vertices, box.faces)
-
     assert compare_surfaces(one, other) == compare_surfaces(other, one)
 
 
@@ -79,7 +69,6 @@ def test_the_same_meshes_give_the_same_bits(sphere: Mesh, box: Mesh) -> None:
     first, second = (
         compare_surfaces(prepare_surface(*sphere), prepare_surface(*box)) for _ in range(2)
     )
-
     assert first == second
 
 
@@ -91,7 +80,6 @@ def test_millimetres_and_metres_agree(sphere: Mesh, box: Mesh) -> None:
         prepare_surface(1e3 * sphere.vertices, sphere.faces),
         prepare_surface(50.0 * box.vertices, box.faces),
     )
-
     assert np.array(millimetres[:4]) / 1e3 == pytest.approx(metres[:4], rel=1e-9)
     assert millimetres.normal_deg == pytest.approx(metres.normal_deg, rel=1e-3)
 
@@ -99,20 +87,17 @@ def test_millimetres_and_metres_agree(sphere: Mesh, box: Mesh) -> None:
 def test_moving_both_changes_nothing(sphere: Mesh) -> None:
     squashed = sphere.vertices * [1.0, 0.9, 1.1]
     here = compare_surfaces(prepare_surface(*sphere), prepare_surface(squashed, sphere.faces))
-
     shift = np.array([1.0, -2.0, 3.0])
     there = compare_surfaces(
         prepare_surface(sphere.vertices + shift, sphere.faces),
         prepare_surface(squashed + shift, sphere.faces),
     )
-
     assert there[:4] == pytest.approx(here[:4], rel=1e-9)
 
 
 def test_faces_without_area_are_left_out(sphere: Mesh) -> None:
     plain = prepare_surface(*sphere)
     extra = np.concatenate([[[0, 0, 1], [5, 5, 5]], sphere.faces])
-
     assert compare_surfaces(plain, prepare_surface(sphere.vertices, extra)) == compare_surfaces(
         plain, plain
     )
@@ -132,9 +117,7 @@ def test_each_face_gets_samples_by_its_area() -> None:
             [[0.0, 0, 5], [2, 0, 5], [0, 3, 5]],
         ]
     )
-
     samples = sample_surface(corners, 4000, np.random.default_rng(1))
-
     counts = np.bincount(samples.faces, minlength=3)
     # Stratified: only the stratum that a boundary cuts can fall to either side.
     assert abs(counts[0] - 1000) <= 1
@@ -143,9 +126,7 @@ def test_each_face_gets_samples_by_its_area() -> None:
 
 def test_samples_lie_on_their_faces(sphere: Mesh) -> None:
     corners = triangle_corners(sphere.vertices, sphere.faces)
-
     points, faces = sample_surface(corners, 500, np.random.default_rng(2))
-
     a, b, c = np.moveaxis(corners[faces], 1, 0)
     shares = np.linalg.solve(np.stack([a, b, c], axis=2), points[:, :, None])[:, :, 0]
     assert shares.min() >= -1e-12
@@ -154,9 +135,7 @@ def test_samples_lie_on_their_faces(sphere: Mesh) -> None:
 
 def test_points_of_a_triangle_are_equally_likely() -> None:
     corners = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
-
     points = sample_surface(corners, 100_000, np.random.default_rng(3)).points
-
     x, y = points[:, 0], points[:, 1]
     # Four congruent quarters of the triangle; the bound is five standard deviations.
     quarters = [(x > 0.5).mean(), (y > 0.5).mean(), (x + y < 0.5).mean()]
@@ -165,24 +144,19 @@ def test_points_of_a_triangle_are_equally_likely() -> None:
 
 def test_means_over_a_sphere_are_unbiased(sphere: Mesh) -> None:
     corners = triangle_corners(sphere.vertices, sphere.faces)
-
     points = sample_surface(corners, 20_000, np.random.default_rng(4)).points
-
     # 40 mm / sqrt(3 * 20000) = 0.16 mm would be the deviation of a plain sample.
     assert np.abs(points.mean(axis=0)).max() < 5 * 0.16e-3
 
 
 def test_the_same_seed_gives_the_same_samples(sphere: Mesh) -> None:
     corners = triangle_corners(sphere.vertices, sphere.faces)
-
     one, other = (sample_surface(corners, 100, np.random.default_rng(5)) for _ in range(2))
-
     assert one.points.tobytes() == other.points.tobytes()
 
 
 def test_a_last_face_without_area_gets_no_sample() -> None:
     corners = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]])
-
     assert sample_surface(corners, 1000, np.random.default_rng(6)).faces.max() == 0
 
 

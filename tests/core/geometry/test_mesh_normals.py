@@ -18,7 +18,6 @@ def found(mesh: Mesh, points: Floats) -> Bools:
 
 def test_points_about_a_box_are_outside_whatever_part_is_nearest(box: Mesh) -> None:
     points = np.random.default_rng(0).uniform(-1.0, 2.0, size=(5000, 3))
-
     expected = ((points < 0.0) | (points > 1.0)).any(axis=1)
     np.testing.assert_array_equal(found(box, points), expected)
 
@@ -26,7 +25,6 @@ def test_points_about_a_box_are_outside_whatever_part_is_nearest(box: Mesh) -> N
 @pytest.mark.parametrize("corner", [[0, 0, 0], [1, 1, 1], [1, 0, 1]])
 def test_straight_out_of_a_corner_is_outside(box: Mesh, corner: list[float]) -> None:
     away = np.asarray(corner) - 0.5
-
     assert found(box, np.array([corner + 1e-6 * away])).all()
     assert not found(box, np.array([corner - 1e-6 * away])).any()
 
@@ -45,7 +43,6 @@ def test_beside_a_thin_blade_the_vertex_is_judged_by_the_angles_of_its_faces() -
     upper = [[0, 1 + i, 2 + i] for i in range(20)]
     back = [[last, 2 + i, 1 + i] for i in range(20)]
     blade = Mesh(vertices, np.array([*upper, *back, [0, last, 1], [0, 21, last]], np.int32))
-
     before = np.array([[-0.1, 0.0, 0.3], [-0.1, 0.0, 0.0], [-0.1, 0.0, -0.3], [-0.1, 0.05, 0.02]])
     assert found(blade, before).all()
 
@@ -74,7 +71,6 @@ def test_the_sag_of_a_sphere_is_its_mean_distance_from_the_facets(level: int) ->
     shares = np.random.default_rng(0).dirichlet([1, 1, 1], 200)
     off = 1.0 - np.linalg.norm(np.einsum("bi,fij->fbj", shares, corners), axis=2)
     mean = np.average(off.mean(axis=1), weights=areas_and_normals(corners)[0])
-
     assert facet_sag(0.05 * directions, faces) == pytest.approx(0.05 * mean, rel=0.05)
 
 
@@ -87,14 +83,12 @@ def test_the_sharp_rim_of_a_cylinder_does_not_hide_the_sag_of_its_side() -> None
     # A chord of angle 2 pi / 48 leaves its circle by two thirds of the sagitta on average.
     side = 2.0 / 3.0 * (1.0 - np.cos(np.pi / 48))
     share = 4.0 * np.pi / (4.0 * np.pi + 2.0 * np.pi)  # of the side in the area
-
     assert facet_sag(vertices, faces) == pytest.approx(side * share, rel=0.05)
 
 
 def test_normals_are_shared_across_blunt_edges_alone(box: Mesh) -> None:
     apart = corner_normals(box.vertices, box.faces, np.radians(30))
     shared = corner_normals(box.vertices, box.faces, np.pi)
-
     flat = areas_and_normals(box.vertices[box.faces])[1]
     np.testing.assert_allclose(apart, np.repeat(flat[:, None], 3, axis=1), atol=1e-15)
     outwards = (box.vertices - 0.5) / np.sqrt(0.75)
@@ -103,5 +97,4 @@ def test_normals_are_shared_across_blunt_edges_alone(box: Mesh) -> None:
 
 def test_a_single_face_has_its_own_normal() -> None:
     found = corner_normals(np.eye(3), np.array([[0, 1, 2]], np.int32), np.pi)
-
     np.testing.assert_allclose(found, np.full((1, 3, 3), np.sqrt(1 / 3)))

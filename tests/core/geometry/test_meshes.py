@@ -33,7 +33,6 @@ def test_a_cube_is_a_solid_of_unit_volume(box: Mesh) -> None:
 
 def test_a_torus_has_one_handle_and_the_volume_of_pappus(torus: Mesh) -> None:
     found = solidity(*torus)
-
     assert found[:3] == (True, 1, 1)
     section = 20 / 2 * np.sin(2 * np.pi / 20)  # of the polygon, for a circle of radius 1
     assert found.volume == pytest.approx(2 * np.pi * 3 * section, rel=0.01)
@@ -41,9 +40,7 @@ def test_a_torus_has_one_handle_and_the_volume_of_pappus(torus: Mesh) -> None:
 
 def test_handles_and_pieces_add_up(torus: Mesh, box: Mesh) -> None:
     far = Mesh(torus.vertices + 10.0, torus.faces)
-
     found = solidity(*joined(torus, far, box))
-
     assert found[:3] == (True, 3, 2)
 
 
@@ -51,15 +48,12 @@ def test_two_cubes_that_touch_in_a_vertex_are_two_spheres(box: Mesh) -> None:
     # The far corner of one is vertex 0 of the other.
     second = np.where(box.faces == 0, 6, box.faces + 8)
     vertices = np.concatenate([box.vertices, box.vertices + 1.0])
-
     found = solidity(vertices, np.concatenate([box.faces, second]))
-
     assert found == (True, 2, 0, pytest.approx(2.0))
 
 
 def test_turned_inside_out_the_volume_is_negative(box: Mesh) -> None:
     found = solidity(box.vertices, box.faces[:, ::-1])
-
     assert found == (True, 1, 0, pytest.approx(-1.0))
 
 
@@ -69,7 +63,6 @@ def test_far_from_the_origin_the_volume_stays(box: Mesh) -> None:
 
 def test_vertices_that_no_face_names_are_ignored(box: Mesh) -> None:
     vertices = np.concatenate([box.vertices, [[9.0, 9.0, 9.0]]])
-
     assert solidity(vertices, box.faces)[:3] == (True, 1, 0)
 
 
@@ -80,7 +73,6 @@ def test_a_missing_face_opens_the_surface(box: Mesh) -> None:
 def test_a_face_turned_the_wrong_way_is_not_watertight(box: Mesh) -> None:
     faces = box.faces.copy()
     faces[3] = faces[3, ::-1]
-
     assert not solidity(box.vertices, faces).watertight
 
 
@@ -93,7 +85,6 @@ def test_two_solids_that_share_an_edge_are_not_watertight(box: Mesh) -> None:
     second = box.faces + 8
     second[box.faces == 0], second[box.faces == 4] = 2, 6
     vertices = np.concatenate([box.vertices, box.vertices + np.array([1.0, 1.0, 0.0])])
-
     assert not solidity(vertices, np.concatenate([box.faces, second])).watertight
 
 
@@ -103,7 +94,6 @@ def test_a_face_with_a_doubled_corner_is_not_watertight() -> None:
 
 def test_the_order_of_faces_does_not_matter(torus: Mesh) -> None:
     shuffled = np.random.default_rng(0).permutation(torus.faces)
-
     assert solidity(torus.vertices, shuffled)[:3] == (True, 1, 1)
 
 
@@ -140,9 +130,7 @@ TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 
 def test_a_cube_has_six_unit_sides_whose_normals_point_outwards(box: Mesh) -> None:
     corners = triangle_corners(box.vertices, box.faces)
-
     areas, normals = areas_and_normals(corners)
-
     np.testing.assert_array_equal(areas, 0.5)
     outwards = corners.mean(axis=1) - 0.5
     assert np.einsum("ij,ij->i", normals, outwards) == pytest.approx(0.5)
@@ -150,9 +138,7 @@ def test_a_cube_has_six_unit_sides_whose_normals_point_outwards(box: Mesh) -> No
 
 def test_a_triangle_without_area_has_no_normal() -> None:
     flat = np.array([[[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]])
-
     areas, normals = areas_and_normals(flat)
-
     assert areas.tolist() == [0.0]
     assert normals.tolist() == [[0.0, 0.0, 0.0]]
 
@@ -216,9 +202,7 @@ def test_rings_are_joined_without_holes_and_face_outwards(sizes: list[int]) -> N
         angle = 2 * np.pi * np.arange(size) / size
         rings.append(np.column_stack([np.cos(angle), np.sin(angle), np.full(size, height)]))
     top = [0.0, 0.0, len(sizes) + 1.0]
-
     found = solidity(np.concatenate([[[0.0, 0.0, 0.0]], *rings, [top]]), join_rings(sizes))
-
     assert found[:3] == (True, 1, 0)
     assert found.volume > 0.0
 

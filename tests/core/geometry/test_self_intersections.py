@@ -46,9 +46,7 @@ def cross(one: Floats, other: Floats) -> bool:
 def test_triangles_thrown_together_cross_where_an_edge_goes_through_a_face(seed: int) -> None:
     rng = np.random.default_rng(seed)
     corners = 0.3 * rng.normal(size=(60, 3, 3)) + rng.random((60, 1, 3))
-
     found = self_intersection(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3))
-
     expected = [[i, j] for i, j in combinations(range(60), 2) if cross(corners[i], corners[j])]
     assert len(expected) > 30
     assert found.faces.tolist() == expected
@@ -62,9 +60,7 @@ def test_a_sound_surface_does_not_cross_itself(sphere: Mesh, torus: Mesh, box: M
 
 def test_two_balls_cross_along_a_circle(sphere: Mesh) -> None:
     shift = np.array([0.05, 0.003, 0.001])
-
     found = self_intersection(*together(sphere, moved(sphere, shift)))
-
     assert found.count > 50
     np.testing.assert_allclose(np.linalg.norm(found.places, axis=1), 0.04, rtol=0.02)
     np.testing.assert_allclose(np.linalg.norm(found.places - shift, axis=1), 0.04, rtol=0.02)
@@ -74,9 +70,7 @@ def test_two_balls_cross_along_a_circle(sphere: Mesh) -> None:
 
 def test_a_box_driven_squarely_through_another_crosses_it(box: Mesh) -> None:
     post = moved(box, [0.25, 0.25, -1.0], [0.5, 0.5, 3.0])
-
     found = self_intersection(*together(box, post))
-
     assert found.count > 0
     assert set(np.unique(found.places[:, 2]).round(9)) <= {0.0, 1.0}
 
@@ -89,10 +83,8 @@ def test_boxes_that_only_touch_do_not_cross(box: Mesh, shift: list[float]) -> No
 def test_neighbours_at_a_vertex_cross_where_they_have_more_in_common() -> None:
     apex = [0.0, 0.0, 0.0]
     vertices = [apex, [2, -1, 0], [2, 1, 0], [2, 0, -1], [2, 0, 1], [-2, 0, -1], [-2, 0, 1]]
-
     crossing = self_intersection(vertices, [[0, 1, 2], [0, 3, 4]])
     apart = self_intersection(vertices, [[0, 1, 2], [0, 5, 6]])
-
     assert crossing.faces.tolist() == [[0, 1]]
     np.testing.assert_allclose(crossing.places, [[1, 0, 0]], atol=1e-12)
     assert apart.count == 0
@@ -100,7 +92,6 @@ def test_neighbours_at_a_vertex_cross_where_they_have_more_in_common() -> None:
 
 def test_vertices_in_one_place_are_one_vertex(sphere: Mesh) -> None:
     torn = sphere.vertices[sphere.faces].reshape(-1, 3)
-
     assert self_intersection(torn, np.arange(len(torn)).reshape(-1, 3)).count == 0
 
 
@@ -108,9 +99,7 @@ def test_a_dented_ball_that_comes_out_at_the_back_crosses_itself(sphere: Mesh) -
     vertices = sphere.vertices.copy()
     top = vertices[:, 2] > 0.03
     vertices[top, 2] -= 0.09
-
     found = self_intersection(vertices, sphere.faces)
-
     assert found.count > 0
     assert (np.abs(found.places) < 0.04).all()
 
@@ -119,16 +108,13 @@ def test_a_dented_ball_that_comes_out_at_the_back_crosses_itself(sphere: Mesh) -
 def test_crossings_depend_on_neither_unit_nor_place(sphere: Mesh, unit: float) -> None:
     vertices, faces = together(sphere, moved(sphere, [0.05, 0.003, 0.001]))
     turn = rotations_from_vectors(np.array([[1.0, 2.0, 3.0]]))[0]
-
     plain = self_intersection(vertices, faces)
     scaled = self_intersection(unit * (vertices @ turn.T + [1, 2, 3]), faces)
-
     np.testing.assert_array_equal(scaled.faces, plain.faces)
 
 
 def test_faces_without_area_cross_nothing() -> None:
     vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [0.2, 0.2, 0]]
-
     assert self_intersection(vertices, [[0, 1, 2], [3, 4, 5]]).count == 0
 
 

@@ -200,9 +200,7 @@ def test_the_corners_of_a_square_of_few_points_are_not_taken_for_noise(side: int
         np.linspace(corner, following, side, endpoint=False)
         for corner, following in zip(corners, np.roll(corners, -1, axis=0), strict=True)
     ]
-
     curve = fit_closed_curve(np.concatenate(sides))
-
     assert curve.smoothing == 0.0
     assert curve.residual < 1e-15
 

@@ -319,7 +319,6 @@ def test_contours_come_out_upwards_in_the_cube_from_minus_1_to_1(vase: Vase) -> 
     given = vase() * [0.02, 0.03, 0.05] + [0.4, -0.2, 0.1]
     mixed = given[[3, 0, *range(4, 13), 2, 1]]
     stack = stack_contours(mixed)
-
     assert stack.order.tolist() == [1, 12, 11, 0, *range(2, 11)]
     assert np.allclose(stack.heights, np.linspace(-1, 1, 13), rtol=0, atol=1e-12)
     assert np.allclose(stack.points.min(axis=(0, 1)), -1.0, rtol=0, atol=1e-12)
