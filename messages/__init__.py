@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from palpate.messages.codec import Header as Header
     from palpate.messages.codec import codec_of as codec_of
     from palpate.messages.codec import decode as decode
+    from palpate.messages.codec import derive as derive
     from palpate.messages.codec import encode as encode
     from palpate.messages.codec import first_difference as first_difference
     from palpate.messages.codec import pack_frame as pack_frame

@@ -240,6 +240,20 @@ def split_frame(frame: bytes) -> tuple[str, Header, bytes]:
     return topic, header, frame[end + 1 + HEADER_SIZE :]
 
 
+def derive(cls: type[Message], *sources: object, **fields: object) -> Message:
+    """A message out of others.
+
+    A field that is not given is that of the same name in the first source that has one.
+
+    Raises TypeError if nothing has a field that must be.
+    """
+    for field in dataclasses.fields(cls):  # type: ignore[arg-type]
+        for source in sources:
+            if field.name not in fields and hasattr(source, field.name):
+                fields[field.name] = getattr(source, field.name)
+    return cls(**fields)
+
+
 def first_difference(cls: type, one: bytes, other: bytes) -> tuple[str, str, str] | None:
     """Where two bodies of the same type differ first.
 

@@ -9,6 +9,7 @@ from msgspec import Struct
 
 from palpate.core import split_pose
 from palpate.core.touch import Pad, fit_patch
+from palpate.messages import derive
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileImage
 from palpate.nodes.runtime import Node, Outputs
 from palpate.nodes.specs import pad_of_info
@@ -44,31 +45,21 @@ def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State
     pad = sensor.pad
     surface = pad.surface(image.compression, image.mask)
     felt = fit_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
-    patch = SurfacePatch(
-        goal=image.goal,
-        touch=image.touch,
-        finger=image.finger,
-        direction=image.direction,
-        pose=image.pose,
-        outcome=image.outcome,
+    patch = derive(
+        SurfacePatch,
+        image,
+        felt,
         height=surface,
-        mask=image.mask,
         jet=np.zeros(0) if felt.jet is None else felt.jet.coefficients,
         jet_scale=1.0 if felt.jet is None else felt.jet.scale,
         normal=axes @ felt.normal,
-        normal_error=felt.normal_error,
         k1=felt.principal[0],
         k2=felt.principal[1],
         k1_error=felt.principal_error[0],
         k2_error=felt.principal_error[1],
         principal_direction=axes @ felt.principal_direction,
-        umbilic=felt.umbilic,
         curvature_across=felt.across,
         curvature_across_error=felt.across_error,
-        kind=felt.kind,
-        confidence=felt.confidence,
-        residual=felt.residual,
-        robot_time=image.robot_time,
     )
     return sensor, [("/touch/patch", patch)]
 

@@ -9,6 +9,7 @@ from msgspec import Meta, Struct
 
 from palpate.core import Bools
 from palpate.core.touch import Calibration, FilterOrder, clean
+from palpate.messages import derive
 from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.runtime import Node, Outputs
 from palpate.nodes.specs import MIN_COMPRESSION, calibration_of_info, pad_of_info
@@ -58,18 +59,7 @@ def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State
         order=params.order,
         lost=state.lost,
     )
-    image = TactileImage(
-        goal=frame.goal,
-        touch=frame.touch,
-        finger=frame.finger,
-        direction=frame.direction,
-        pose=frame.pose,
-        outcome=frame.outcome,
-        compression=cleaned.compression,
-        mask=cleaned.touched,
-        impulses=cleaned.impulses,
-        robot_time=frame.robot_time,
-    )
+    image = derive(TactileImage, frame, cleaned, mask=cleaned.touched)
     return replace(state, last=(frame.goal, frame.touch)), [("/touch/image", image)]
 
 

@@ -23,6 +23,7 @@ from palpate.core.explore.planners import (
     make_planner,
     untraceable_height,
 )
+from palpate.messages import derive
 from palpate.messages.types import (
     Contour,
     ContourGoal,
@@ -295,16 +296,11 @@ def done(
     """Say that it is over."""
     state = replace(state, models=state.models + 1)
     goal = model_goal(state)
-    plan_done = PlanDone(
-        number=goal.number,
-        contours=goal.contours,
-        probes=goal.probes,
-        touches=goal.touches,
-        robot_time=goal.robot_time,
+    plan_done = derive(
+        PlanDone,
+        goal,
+        stop or Stop(reason, None),
         reason=reason,
-        tolerance_met=None if stop is None else stop.tolerance_met,
-        rms_bound_95=None if stop is None else stop.rms_bound_95,
-        largest_untouched=None if stop is None else stop.largest_untouched,
         uncovered=0.0 if observation is None else untraceable_height(observation),
     )
     return state, [("/plan/done", plan_done)]

@@ -21,6 +21,7 @@ from palpate.core.rebuild.contours import ContactPoints, contact_points_of, stac
 from palpate.core.rebuild.lattice import lattice_grid
 from palpate.core.rebuild.surface import SurfaceMesh
 from palpate.core.touch import Jet, Pad
+from palpate.messages import derive
 from palpate.messages.types import (
     Contour,
     GraspContacts,
@@ -226,18 +227,13 @@ def _coarse(state: State, goal: ModelGoal) -> Superquadric:
 def coarse_model(number: int, contacts: Floats) -> Superquadric:
     """The message for the superquadric through contacts (n, 3), m."""
     found = fit_coarse(contacts, CONTACT_ERROR)
-    return Superquadric(
+    return derive(
+        Superquadric,
+        found,
         number=number,
-        size=found.size,
-        exponents=found.exponents,
-        pose=found.pose,
-        taper=found.taper,
         bend=found.bend.curvature,
         bend_direction=found.bend.direction,
-        warnings=found.warnings,
         residual=found.rms,
-        residuals=found.residuals,
-        rank=found.rank,
     )
 
 
@@ -263,17 +259,14 @@ def shape_model(
         dropped = dict.fromkeys(range(len(goal.contours)), why)
     final = isinstance(goal, PlanDone)
     parts = EMPTY_MODEL if solid is None else _parts(solid, final)
-    return ShapeModel(
-        number=goal.number,
-        contours=goal.contours,
-        probes=goal.probes,
+    return derive(
+        ShapeModel,
+        goal,
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
         frame=IDENTITY_POSE if solid is None or solid.frame is None else solid.frame,
         deviation=0.0 if solid is None else solid.whole_deviation() or 0.0,
         **parts,
-        touches=goal.touches,
-        robot_time=goal.robot_time,
         final=final,
         archive=tree_to_bytes(solid) if solid is not None and final else NO_ARCHIVE,
     )

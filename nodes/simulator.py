@@ -18,6 +18,7 @@ from palpate.core import (
 )
 from palpate.core.shapes import Shape
 from palpate.core.touch import HITS, Pipeline, SimulatedTouch, StageStates
+from palpate.messages import derive
 from palpate.messages.types import (
     GraspContacts,
     GraspGoal,
@@ -157,11 +158,9 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
     late = max(felt.time - starts - contact_seconds(ROBOT_PRESETS[params.robot], felt.advance), 0.0)
     met = LastContact(goal.goal, felt.believed[:3]) if felt.outcome in HITS else None
     ways = (travel, turn, felt.advance, _along(state.met, met))
-    frame = TactileFrame(
-        goal=goal.goal,
-        touch=goal.touch,
-        finger=goal.finger,
-        direction=goal.direction,
+    frame = derive(
+        TactileFrame,
+        goal,
         pose=felt.believed,
         outcome=felt.outcome,
         array=pipeline.finger.calibration.encode(felt.reading),

@@ -24,6 +24,7 @@ from palpate.core.explore.tracing import (
     next_command,
 )
 from palpate.core.touch import HITS, Jet, Pad
+from palpate.messages import derive
 from palpate.messages.types import (
     Contour,
     ContourGoal,
@@ -196,11 +197,9 @@ def _contour(job: Job, goal: ContourGoal, trace: Trace, status: TraceStatus, now
     empty = np.zeros((0, 3))
     path = trace.path
     _, axes = split_pose(goal.frame)
-    return Contour(
-        id=goal.id,
-        finger=goal.finger,
-        frame=goal.frame,
-        height=goal.height,
+    return derive(
+        Contour,
+        goal,
         points=empty if path is None else transform_points(goal.frame, path.points),
         normals=empty if path is None else path.normals @ axes.T,
         curvature=np.zeros(0) if path is None else path.across,
@@ -222,15 +221,8 @@ def _placed(goal: ContourGoal, points: Sequence[Floats]) -> Floats:
 
 def _probe(state: State, goal: ProbeGoal, patch: SurfacePatch) -> tuple[str, Probe]:
     assert state.pad is not None
-    return "/probe/traced", Probe(
-        id=goal.id,
-        finger=goal.finger,
-        outcome=patch.outcome,
-        point=_deepest(state.pad, patch),
-        normal=patch.normal,
-        touches=1,
-        robot_time=patch.robot_time,
-    )
+    probe = derive(Probe, goal, patch, point=_deepest(state.pad, patch), touches=1)
+    return "/probe/traced", probe
 
 
 def _deepest(pad: Pad, patch: SurfacePatch) -> Floats:
