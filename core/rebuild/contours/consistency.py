@@ -150,8 +150,7 @@ def _solve(columns: Floats, errors: Floats) -> Floats:
 
 def _rms(rows: Floats) -> Floats:
     """Root mean square distance (M,) that rows (M, 2 K) of x and y stand for."""
-    lengths: Floats = np.sqrt(2.0 * (rows**2).mean(axis=1))
-    return lengths
+    return np.asarray(np.sqrt(2.0 * (rows**2).mean(axis=1)))
 
 
 class FeatureCandidate(NamedTuple):
@@ -230,8 +229,7 @@ def look_like_features(grid: Floats, star: Bools, bad: Bools) -> Bools:
 
 def _rms_length(apart: Floats) -> Floats:
     """Root mean square length (M,) of differences (M, K, 2)."""
-    lengths: Floats = np.sqrt((apart**2).sum(axis=2).mean(axis=1))
-    return lengths
+    return np.asarray(np.sqrt((apart**2).sum(axis=2).mean(axis=1)))
 
 
 def neighbour_weights(heights: Floats) -> Floats:
@@ -267,5 +265,4 @@ def _lagrange(nodes: Floats, place: float) -> Floats:
     apart = nodes[:, None] - nodes
     others = ~np.eye(len(nodes), dtype=bool)
     shares = np.divide(place - nodes, apart, out=np.ones_like(apart), where=others)
-    weights: Floats = shares.prod(axis=1)
-    return weights
+    return np.asarray(shares.prod(axis=1))

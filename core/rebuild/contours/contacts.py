@@ -244,8 +244,7 @@ def into_frame(frame: Floats | None, points: Floats) -> Floats:
     if frame is None:
         return points
     position, axes = split_pose(frame)
-    seen: Floats = (points - position) @ axes
-    return seen
+    return (points - position) @ axes
 
 
 def contacts_into_frame(frame: Floats | None, contacts: ContactPoints) -> ContactPoints:
@@ -261,5 +260,4 @@ def turned_into_frame(frame: Floats | None, directions: Floats) -> Floats:
     """Directions (n, 3) of the world as they are seen from a frame."""
     if frame is None:
         return directions
-    seen: Floats = directions @ rotation_matrix(frame[3:])
-    return seen
+    return directions @ rotation_matrix(frame[3:])

@@ -143,8 +143,7 @@ def start_ray(shapes: Floats) -> Floats:
     rows, place = np.arange(len(shapes)), meets.argmax(axis=1)
     turns = np.mod((place + share[rows, place]) / count, 1.0)
     crossed = np.isfinite(meets[rows, place])
-    begins: Floats = np.where(crossed, turns, x.argmax(axis=1) / count)
-    return begins
+    return np.asarray(np.where(crossed, turns, x.argmax(axis=1) / count))
 
 
 def minimum_twist(shapes: Floats) -> Floats:
@@ -182,8 +181,7 @@ def _azimuths(slices: Slices, around: Floats) -> Floats:
 def begin_turns(steps: Floats, from_slice: int, begin: float) -> Floats:
     """Turns (M,) from 0 to 1 at which curves begin, by steps (M - 1,), given that of one."""
     turns = np.concatenate([[0.0], np.cumsum(steps)])
-    begins: Floats = np.mod(turns - turns[from_slice] + begin, 1.0)
-    return begins
+    return np.asarray(np.mod(turns - turns[from_slice] + begin, 1.0))
 
 
 def follow_signatures(shapes: Floats, steps: Floats) -> Floats:
@@ -242,8 +240,7 @@ def circular_peak(values: Floats, top: NDArray[np.intp] | None = None) -> Floats
     before, here, after = (values[rows, (top + step) % count] for step in (-1, 0, 1))
     bend = 2.0 * here - before - after
     step = np.divide(0.5 * (after - before), bend, out=np.zeros_like(here), where=bend > 0.0)
-    peak: Floats = (top + np.clip(step, -0.5, 0.5)) / count
-    return peak
+    return np.asarray((top + np.clip(step, -0.5, 0.5)) / count)
 
 
 def _scores(slices: Slices, places: Floats) -> Floats:
@@ -255,8 +252,7 @@ def _scores(slices: Slices, places: Floats) -> Floats:
     predicted = np.einsum("im,cmkd->cikd", weights, grids)
     distance = slice_distance(slices.fine[inner], predicted).mean(axis=2)
     least = EXACT * slices.perimeter[inner]
-    scores: Floats = np.exp(np.log(np.maximum(distance, least)).mean(axis=1))
-    return scores
+    return np.asarray(np.exp(np.log(np.maximum(distance, least)).mean(axis=1)))
 
 
 def slice_distance(curves: Floats, points: Floats) -> Floats:
@@ -281,8 +277,7 @@ def slice_distance(curves: Floats, points: Floats) -> Floats:
     across = off[..., 0] * tangent[..., 1] - off[..., 1] * tangent[..., 0]
     aside = np.sqrt(np.maximum((off**2).sum(axis=-1) - across**2, 0.0))
     beyond = aside - 0.5 * step.ravel()[nearest]
-    distance: Floats = np.hypot(across, np.maximum(beyond, 0.0))
-    return distance
+    return np.asarray(np.hypot(across, np.maximum(beyond, 0.0)))
 
 
 def _raised(plane: Floats, level: Floats) -> Floats:

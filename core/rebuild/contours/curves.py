@@ -411,8 +411,7 @@ def are_star_shaped(away: Floats) -> Bools:
     """Whether polygons (M, n, 2) are seen from the origin in one turn, always onwards."""
     rises = turn_between(away, np.roll(away, -1, axis=1))
     once = np.abs(rises.sum(axis=1) - 2.0 * np.pi) < 1.0
-    star: Bools = once & (rises > 0.0).all(axis=1)
-    return star
+    return np.asarray(once & (rises > 0.0).all(axis=1))
 
 
 def are_nearly_star_shaped(away: Floats) -> Bools:
@@ -421,8 +420,7 @@ def are_nearly_star_shaped(away: Floats) -> Bools:
     rises = turn_between(twice, np.roll(twice, -1, axis=1))
     turned = np.cumsum(rises[:, :-1], axis=1)
     back = (np.maximum.accumulate(turned, axis=1) - turned).max(axis=1)
-    nearly: Bools = (turned[:, -1] > 3.0 * np.pi) & (back <= BACK)
-    return nearly
+    return np.asarray((turned[:, -1] > 3.0 * np.pi) & (back <= BACK))
 
 
 def chord_places(fine: Floats, turns: Floats) -> Floats:
@@ -433,8 +431,7 @@ def chord_places(fine: Floats, turns: Floats) -> Floats:
     share = (place - first)[..., None]
     row = np.arange(len(fine))[:, None]
     begin, end = fine[row, first % count], fine[row, (first + 1) % count]
-    points: Floats = begin + share * (end - begin)
-    return points
+    return np.asarray(begin + share * (end - begin))
 
 
 def curve_places(curves: Sequence[ClosedCurve], turns: Floats) -> Floats:

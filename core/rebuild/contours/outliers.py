@@ -229,8 +229,7 @@ def _middle_of_five(values: Floats) -> Floats:
     low, high = np.minimum(a, b), np.maximum(a, b)
     low, high = np.maximum(low, np.minimum(c, d)), np.minimum(high, np.maximum(c, d))
     # Of four values the two in the middle are left; the fifth is between them, or not.
-    middle: Floats = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))
-    return middle
+    return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e)))
 
 
 def _cubic_weights(ahead: Floats) -> Floats:
@@ -238,14 +237,12 @@ def _cubic_weights(ahead: Floats) -> Floats:
     between = ahead[:, None, :] - ahead[:, :, None]
     np.einsum("nkk->nk", between)[:] = 1.0
     others = np.where(np.eye(4, dtype=bool), 1.0, ahead[:, None, :])
-    weights: Floats = (others / between).prod(axis=2)
-    return weights
+    return np.asarray((others / between).prod(axis=2))
 
 
 def _over(off: Floats, allowed: Floats) -> Floats:
     """How many times farther than allowed points are off, (N,)."""
-    over: Floats = (np.abs(off) / allowed).max(axis=1)
-    return over
+    return np.asarray((np.abs(off) / allowed).max(axis=1))
 
 
 class NeighbourDeviation(NamedTuple):
@@ -258,8 +255,7 @@ class NeighbourDeviation(NamedTuple):
 
     def predicted(self, bend: Floats) -> Floats:
         """Where they should be if they ought to be off the cubic by as much, (N, 2)."""
-        moved: Floats = self.points + np.einsum("ni,nij->nj", bend - self.bend, self.frame)
-        return moved
+        return np.asarray(self.points + np.einsum("ni,nij->nj", bend - self.bend, self.frame))
 
 
 class SharedDeviation(NamedTuple):

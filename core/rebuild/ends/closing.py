@@ -391,8 +391,7 @@ class _Stack:
         away = beyond - beyond.mean()
         square = float(away @ away)
         lean = away @ (middles - middles.mean(axis=0)) / square if square else np.zeros(2)
-        axis: Floats = self.middles[-1] + ahead * lean
-        return axis
+        return np.asarray(self.middles[-1] + ahead * lean)
 
 
 class ProfileChoice(NamedTuple):

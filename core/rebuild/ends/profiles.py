@@ -154,8 +154,7 @@ class RoundCurve:
 
 
 def _dot(one: Floats, other: Floats) -> Floats:
-    result: Floats = np.einsum("ni,ni->n", one, other)[:, None]
-    return result
+    return np.asarray(np.einsum("ni,ni->n", one, other)[:, None])
 
 
 def profile_curves(profile: Profile, gap: float) -> tuple[ProfileCurve, ...]:
@@ -183,8 +182,7 @@ class Flat(NamedTuple):
 
     def shares(self, way: Floats) -> Floats:
         """Radius (n,) as a share of the last contour's."""
-        shares: Floats = 1.0 + self.slope * way
-        return shares
+        return 1.0 + self.slope * way
 
 
 class Conic(NamedTuple):
@@ -195,8 +193,7 @@ class Conic(NamedTuple):
     def shares(self, way: Floats) -> Floats:
         """Radius (n,) as a share of the last contour's."""
         square = (1.0 - way) * (1.0 + (1.0 + 2.0 * self.slope) * way)
-        shares: Floats = np.sqrt(np.maximum(square, 0.0))
-        return shares
+        return np.sqrt(np.maximum(square, 0.0))
 
 
 class Superellipse(NamedTuple):
@@ -210,12 +207,10 @@ class Superellipse(NamedTuple):
     def shares(self, way: Floats) -> Floats:
         """Radius (n,) as a share of the last contour's."""
         zeta = self.begin + (1.0 - self.begin) * np.asarray(way)
-        shares: Floats = self._radius(zeta) / self._radius(np.array(self.begin))
-        return shares
+        return self._radius(zeta) / self._radius(np.array(self.begin))
 
     def _radius(self, zeta: Floats) -> Floats:
-        radius: Floats = shoulder(zeta, self.p, self.q) * (1.0 + self.trend * zeta)
-        return radius
+        return shoulder(zeta, self.p, self.q) * (1.0 + self.trend * zeta)
 
 
 class EdgeSamples(NamedTuple):
@@ -322,8 +317,7 @@ def flared(depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None
 
 def shoulder(zeta: Floats, p: Floats | float, q: Floats | float) -> Floats:
     """(1 - zeta^p)^(1/q), and 0 beyond the end."""
-    result: Floats = np.maximum(1.0 - np.clip(zeta, 0.0, 1.0) ** p, 0.0) ** (1.0 / q)
-    return result
+    return np.maximum(1.0 - np.clip(zeta, 0.0, 1.0) ** p, 0.0) ** (1.0 / q)
 
 
 class Rounded(NamedTuple):
@@ -339,8 +333,7 @@ class Rounded(NamedTuple):
         inside = np.clip(1.0 - (1.0 - np.asarray(way)) / self.arc, 0.0, 1.0)
         level, slope, bend = self.wall
         wall = level + way * (slope + way * bend)
-        shares: Floats = wall - self.width * (1.0 - np.sqrt(1.0 - inside**2))
-        return shares
+        return wall - self.width * (1.0 - np.sqrt(1.0 - inside**2))
 
 
 @dataclass(frozen=True, slots=True)

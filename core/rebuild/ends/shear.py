@@ -57,8 +57,7 @@ class EndPlane(NamedTuple):
 
     def at(self, places: Floats) -> Floats:
         """Heights (n,) over places (n, 2), m."""
-        heights: Floats = self.height + places @ self.slopes
-        return heights
+        return self.height + places @ self.slopes
 
 
 def shear_between(
@@ -218,8 +217,7 @@ class Shear(NamedTuple):
 
     def reaches(self, points: Floats) -> Bools:
         """Which points (n, 3) it carries: those before the line in which both ends would meet."""
-        before: Bools = 1.0 + (points[:, :2] - self.middle) @ self.change > LEAST_STRETCH
-        return before
+        return 1.0 + (points[:, :2] - self.middle) @ self.change > LEAST_STRETCH
 
     def sheared(self, points: Floats) -> Floats:
         """Points (n, 3) of the levelled space where they are."""
@@ -264,8 +262,7 @@ class Shear(NamedTuple):
 
     def _at(self, heights: Floats) -> Floats:
         """Slopes (n, 2) at heights (n,) of the levelled space."""
-        slopes: Floats = self.slopes + heights[:, None] * self.change
-        return slopes
+        return self.slopes + heights[:, None] * self.change
 
 
 def _halves(by: By) -> tuple[By, By]:

@@ -274,5 +274,4 @@ def _lean(heights: Floats, grid: Floats) -> Floats:
     """By how much the middles of rows (m, k, 2) move aside along the height, (2,)."""
     away = heights - heights.mean()
     middles = np.array([area_centroid(ring) for ring in grid])
-    lean: Floats = away @ middles / float(away @ away)
-    return lean
+    return np.asarray(away @ middles / float(away @ away))

@@ -118,8 +118,7 @@ def _periodic_slopes(count: int) -> Floats:
 
 def _longest(rows: Floats) -> Floats:
     """The longest vector (m,) in rows (m, 2 k) of x and y in turn."""
-    lengths: Floats = np.hypot(rows[:, ::2], rows[:, 1::2]).max(axis=1)
-    return lengths
+    return np.asarray(np.hypot(rows[:, ::2], rows[:, 1::2]).max(axis=1))
 
 
 def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) -> ContourFit:
@@ -261,8 +260,7 @@ def _line(along: Basis, below: Floats | None, above: Floats | None) -> Floats:
         return np.zeros((along.count, 2))
     greville = along.greville()
     share = (greville - greville[0]) / (greville[-1] - greville[0])
-    line: Floats = start + share[:, None] * (end - start)
-    return line
+    return np.asarray(start + share[:, None] * (end - start))
 
 
 @lru_cache(maxsize=8)
@@ -365,5 +363,4 @@ def _pole(
     away = heights - heights.mean()
     spread = float(away @ away)
     lean = away @ (middles - middles.mean(axis=0)) / spread if spread > 0.0 else np.zeros(2)
-    place: Floats = middles.mean(axis=0) + (height - heights.mean()) * lean
-    return place
+    return np.asarray(middles.mean(axis=0) + (height - heights.mean()) * lean)

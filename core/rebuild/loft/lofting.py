@@ -255,8 +255,7 @@ def without_outliers(grid: Floats, fit: ContourFit, again: Fit) -> tuple[Floats,
 
 def _off(grid: Floats, fit: ContourFit, across: Floats) -> Floats:
     """Distances across from a fit, (m, k)."""
-    off: Floats = np.einsum("mkd,mkd->mk", grid - fit.fitted(), across)
-    return off
+    return np.asarray(np.einsum("mkd,mkd->mk", grid - fit.fitted(), across))
 
 
 def _noise_between_neighbours(grid: Floats, across: Floats) -> float:
@@ -276,8 +275,7 @@ def local_outliers(off: Floats) -> Bools:
     column = np.median(size, axis=0)
     column = np.median([np.roll(column, 1), column, np.roll(column, -1)], axis=0)
     scale = np.maximum(np.median(size), np.maximum(column, np.median(size, axis=1)[:, None]))
-    outlying: Bools = size > STICKING / MEDIAN * scale
-    return outlying
+    return np.asarray(size > STICKING / MEDIAN * scale)
 
 
 def unpredicted(off: Floats) -> Floats:
@@ -287,8 +285,7 @@ def unpredicted(off: Floats) -> Floats:
     """
     before, after = (np.stack([np.roll(off, way * n, -1) for n in (1, 2, 3)]) for way in (1, -1))
     guesses = [*(0.5 * (before + after)), 2.0 * before[0] - before[1], 2.0 * after[0] - after[1]]
-    left: Floats = off - np.median(guesses, axis=0)
-    return left
+    return np.asarray(off - np.median(guesses, axis=0))
 
 
 def _bridged(grid: Floats, outlying: Bools) -> Floats:
@@ -324,8 +321,7 @@ def _less_neighbours(off: Floats, outlying: Bools | None = None) -> Floats:
     near = np.stack([padded[row : row + len(off)] for row in range(2 * reach + 1)])
     if reach == 0:
         return off.copy()
-    less: Floats = off - np.median(near, axis=0)
-    return less
+    return np.asarray(off - np.median(near, axis=0))
 
 
 def _loft(rows: ContourRows, fit: ContourFit, outlying: Bools, given: LoftInput) -> ContourLoft:

@@ -103,8 +103,7 @@ class Smoothed:
         residual = shapes @ (lost[:, None] * self.parts * held)
         free = np.square(shapes) @ lost * self.along.roots
         size = np.sqrt(np.square(residual).sum(axis=(0, 2)))
-        missed: Floats = size / np.maximum(free, np.finfo(float).tiny)
-        return missed
+        return np.asarray(size / np.maximum(free, np.finfo(float).tiny))
 
     def variance(self, along: csr_array, around: csr_array) -> Floats:
         """Posterior variance of a component over that of the noise, (a, b).
@@ -114,8 +113,7 @@ class Smoothed:
         """
         rows = np.square(along @ self.along.modes.control)
         columns = np.square(around @ self.around.modes.control)
-        variance: Floats = rows @ self.kept @ columns.T
-        return variance
+        return np.asarray(rows @ self.kept @ columns.T)
 
 
 def smoothing_axis(basis: Floats, root: Floats, weights: Floats | None = None) -> SmoothingAxis:
@@ -149,8 +147,7 @@ def _measured(root: Floats) -> Floats:
     """The quadratic form of a root, over its mean diagonal."""
     form = root.T @ root
     mean = np.trace(form) / len(form)
-    measured: Floats = form / mean if mean > 0.0 else form
-    return measured
+    return form / mean if mean > 0.0 else form
 
 
 def smooth(
@@ -243,8 +240,7 @@ def bending_along(basis: Basis, order: int = 2) -> Floats:
     half = 0.5 * np.diff(breaks)
     places = ((breaks[:-1] + half)[:, None] + half[:, None] * NODES).ravel()
     weights = (half[:, None] * WEIGHTS).ravel()
-    root: Floats = np.sqrt(weights)[:, None] * basis.matrix(places, order).toarray()
-    return root
+    return np.asarray(np.sqrt(weights)[:, None] * basis.matrix(places, order).toarray())
 
 
 def bending_around(count: int) -> Floats:
@@ -257,8 +253,7 @@ def bending_around(count: int) -> Floats:
     unit = np.eye(count)
     before, after = np.roll(unit, 1, axis=1), np.roll(unit, -1, axis=1)
     beyond = before - 2.0 * np.cos(2.0 * np.pi / count) * unit + after
-    root: Floats = (before - 2.0 * unit + after) @ beyond
-    return root
+    return np.asarray((before - 2.0 * unit + after) @ beyond)
 
 
 class Misses(NamedTuple):
@@ -293,8 +288,7 @@ class BetweenContours:
         beyond = np.square(np.maximum(np.maximum(-share, share - 1.0), 0.0))
         worse = np.maximum(squares[first], squares[first + 1])
         outer = np.where((share > 1.0)[:, None], squares[first + 1], squares[first])
-        variance: Floats = inside[:, None] * worse + beyond[:, None] * outer
-        return variance
+        return np.asarray(inside[:, None] * worse + beyond[:, None] * outer)
 
 
 def between_contours(
@@ -321,8 +315,7 @@ def _nearby(turns: Floats, count: int) -> Floats:
     away = turns[:, None] - np.arange(count) / count
     angle = 2.0 * np.pi * (away - np.round(away))
     weights = np.exp(-0.5 * np.square(angle / NEAR))
-    averages: Floats = weights / weights.sum(axis=1, keepdims=True)
-    return averages
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
 def _decay(one: Misses, two: Misses, sigma: float) -> float:

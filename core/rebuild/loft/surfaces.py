@@ -68,8 +68,7 @@ class ContourSurface:
     def within(self, heights: Floats) -> Floats:
         """Parameters (n,) of heights (n,), m; those beyond its reach are taken to its ends."""
         low, high = self.along.domain
-        parameters: Floats = np.clip(self.axial_parameter.of(heights), low, high)
-        return parameters
+        return np.clip(self.axial_parameter.of(heights), low, high)
 
     def places(self, parameters: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (n, 3), m, at parameters along the axis and turns (n,), or derivatives by them.
@@ -165,8 +164,7 @@ class AxialParameter:
             case (True, True):
                 half, angle = 0.5 * extent, parameters + 0.5 * np.pi * derivative
                 middle = 0.5 * (self.low + self.high)
-                result: Floats = half * np.sin(angle) + (middle if derivative == 0 else 0.0)
-                return result
+                return half * np.sin(angle) + (middle if derivative == 0 else 0.0)
             case (True, False):
                 result = np.polyval(np.polyder([extent, 0.0, self.low], derivative), parameters)
             case (False, True):
@@ -216,8 +214,7 @@ class Reparametrisation:
         constant = -share * mean
         root = np.sqrt(np.maximum(linear**2 - 4.0 * square * constant, 0.0))
         way = 2.0 * constant / -(linear + root)
-        places: Floats = self.mapped[step] + run * np.clip(way, 0.0, 1.0)
-        return places
+        return self.mapped[step] + run * np.clip(way, 0.0, 1.0)
 
     def value(self, mapped: Floats, derivative: int = 0) -> Floats:
         """Values (n,) at places (n,), or their first or second derivative."""

@@ -130,14 +130,12 @@ class SideSystem:
 
     def solve(self, right: Floats) -> Floats:
         """Coefficients (n,) or (n, k) for a right-hand side."""
-        found: Floats = cho_solve_banded((self.factor, True), right, check_finite=False)
-        return found
+        return cho_solve_banded((self.factor, True), right, check_finite=False)
 
     def spread(self, rows: Floats) -> Floats:
         """Standard deviations (k,) of rows (k, n) of the basis, over the noise."""
         half, _ = dtbtrs(self.factor, np.asfortranarray(rows.T), uplo="L")
-        spread: Floats = np.linalg.norm(half, axis=0)
-        return spread
+        return np.asarray(np.linalg.norm(half, axis=0))
 
     @property
     def log_determinant(self) -> float:

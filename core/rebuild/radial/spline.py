@@ -143,8 +143,7 @@ def _more_shifts(spline: RadialSpline, believed: Floats) -> Floats:
     def system(shifts: Floats) -> Floats:
         moved = blocks @ shifts.ravel()
         smooth = rows.matrix @ spline.system.solve(rows.matrix.T @ moved)
-        found: Floats = (blocks.T @ (moved - smooth)).reshape(-1, 3) + STRICTNESS * shifts
-        return found
+        return np.asarray((blocks.T @ (moved - smooth)).reshape(-1, 3) + STRICTNESS * shifts)
 
     right = (blocks.T @ spline.misfits()).reshape(-1, 3) - STRICTNESS * believed
     found = np.zeros_like(right)
@@ -357,8 +356,7 @@ class RadialSpline:
         return np.asarray(more / (np.sqrt(squared + more) + np.sqrt(squared)))
 
     def _local(self, heights: Floats) -> Floats:
-        local: Floats = np.clip((heights - self.low) / (self.high - self.low), 0.0, 1.0)
-        return local
+        return np.clip((heights - self.low) / (self.high - self.low), 0.0, 1.0)
 
 
 def fit_radial_spline(
@@ -445,8 +443,7 @@ def _gradient_normals(spline: RadialSpline, points: Floats) -> Floats:
     level = 2.0 * distance * out - by_turn[:, None] / distance * beside
     leaning = np.einsum("ni,ni->n", away, spline.axis_curve.slope(points[:, 2]))
     gradient = np.column_stack([level, -2.0 * leaning - by_height])
-    normals: Floats = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
-    return normals
+    return np.asarray(gradient / np.linalg.norm(gradient, axis=1, keepdims=True))
 
 
 @lru_cache(maxsize=1)
