@@ -49,11 +49,7 @@ STANDS = 0.5  # Squared radius, as a share of the last contour's, that is carrie
 ProfileKind = Literal["flat", "conic", "superellipse", "flared", "rounded"]
 Family = Callable[[Floats, Floats, float], Profile]
 # The plainest first.
-FAMILIES: dict[ProfileKind, Family] = {
-    "flat": flat,
-    "conic": conic,
-    "superellipse": superellipse,
-}
+FAMILIES: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "superellipse": superellipse}
 # Those for contours so close together that they show how a leaning wall is rounded.
 DENSE: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "flared": flared}
 LEVEL = ("flat", "flared")  # Families that end level, as a wall does that an arc rounds off
