@@ -69,10 +69,7 @@ def inconsistent_contours(heights: ArrayLike, grid: ArrayLike) -> InconsistentCo
     grid : (M, K, 2) array
         Contours, matched place by place, m.
 
-    Raises
-    ------
-    ValueError
-        If a shape is wrong, a number not finite, or the heights do not rise.
+    Raises ValueError if a shape is wrong, a number not finite, or the heights do not rise.
     """
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))

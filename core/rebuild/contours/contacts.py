@@ -129,11 +129,8 @@ def stack_points(parts: list[ContactPoints]) -> ContactPoints:
 def checked_contacts(contacts: object) -> ContactPoints:
     """The same, once it is known that it can be used.
 
-    Raises
-    ------
-    ValueError
-        If it is nothing of the kind, shapes do not fit, a number is not finite, a normal has no
-        length, or a touch is negative or no whole number.
+    Raises ValueError if it is nothing of the kind, shapes do not fit, a number is not finite, a
+    normal has no length, or a touch is negative or no whole number.
     """
     if not isinstance(contacts, ContactPoints):
         kind = type(contacts).__name__
@@ -175,10 +172,7 @@ def normals_as_points(
     any length. Rows that are not finite, or whose normal has no length, are left out. Both are
     given in the world, the contact points lie in the `frame` (7,), if there is one.
 
-    Raises
-    ------
-    ValueError
-        If there are not as many normals as contours, or as points of a contour.
+    Raises ValueError if there are not as many normals as contours, or as points of a contour.
     """
     if len(normals) != len(contours):
         raise ValueError(
@@ -224,10 +218,8 @@ def _stretches(points: Floats, normals: Floats, step: float) -> ContactPoints:
 def slicing_pose(frame: ArrayLike | None) -> Floats | None:
     """A checked pose (7,) of a slicing frame in the world; None if it is the world's own.
 
-    Raises
-    ------
-    ValueError
-        If it is no pose: seven finite numbers, the last four a quaternion of length 1.
+    Raises ValueError if it is no pose: seven finite numbers, the last four a quaternion of length
+    1.
     """
     if frame is None:
         return None

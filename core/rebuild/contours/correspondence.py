@@ -76,10 +76,7 @@ def match_slices(
         out and predicts it from its neighbours: the least twist, unless another method
         predicts clearly better; azimuths only if all slices are star-shaped.
 
-    Raises
-    ------
-    ValueError
-        If the count is below 3 or the method unknown.
+    Raises ValueError if the count is below 3 or the method unknown.
     """
     if count < LEAST_COUNT:
         raise ValueError(f"count must be at least {LEAST_COUNT}, got {count}")

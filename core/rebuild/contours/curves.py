@@ -106,10 +106,8 @@ def contour_curves(
     `first` is the number of the first of them; `frame` (7,) the pose of the frame around whose z
     axis they run, in the world in which they are given.
 
-    Raises
-    ------
-    ValueError
-        If a shape is another, a height is not finite, or there are heights in a frame.
+    Raises ValueError if a shape is another, a height is not finite, or there are heights in a
+    frame.
     """
     if frame is not None and heights is not None:
         raise ValueError(

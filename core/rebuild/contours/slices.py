@@ -73,10 +73,7 @@ class Slices:
 
         What they are off by and whether they may be right, (M,) each, are for `DroppedContour`.
 
-        Raises
-        ------
-        ValueError
-            If there are not as many as slices, or none stays.
+        Raises ValueError if there are not as many as slices, or none stays.
         """
         if bad.shape != self.heights.shape or bad.all():
             raise ValueError(
@@ -119,10 +116,7 @@ def slices_of(contours: Sequence[ArrayLike], heights: ArrayLike | None = None) -
         contours at one height one stays: the better of two that repeat each other or cross,
         the outer one of nested ones, the larger of two that lie side by side.
 
-    Raises
-    ------
-    ValueError
-        If a shape is another, a height is not finite, or no contour can be used.
+    Raises ValueError if a shape is another, a height is not finite, or no contour can be used.
     """
     return stack_curves(contour_curves(contours, heights))
 

@@ -145,11 +145,8 @@ def close_ends(
     beyond : pair of EdgeSamples or None
         What was touched below and above dense contours, between them and touched ends.
 
-    Raises
-    ------
-    ValueError
-        If the contours are not like that or have no width, if an end lies inside the contours
-        by more than a spacing, or if `noise` is negative.
+    Raises ValueError if the contours are not like that or have no width, if an end lies inside the
+    contours by more than a spacing, or if `noise` is negative.
     """
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))

@@ -191,11 +191,8 @@ def fit_contour_loft(
         Standard deviation of a coordinate, m, if it is known; otherwise it is estimated. Of 0,
         no point is left out.
 
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, a number is not finite, there are too few points, a contour lies
-        outside, or a pole on a contour.
+    Raises ValueError if shapes do not fit, a number is not finite, there are too few points, a
+    contour lies outside, or a pole on a contour.
     """
     rows = contour_rows(heights, grid, low, high, pole)
     scaled = None if noise is None else noise / rows.size

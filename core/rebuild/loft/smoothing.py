@@ -122,10 +122,7 @@ def smoothing_axis(basis: Floats, root: Floats, weights: Floats | None = None) -
     By basis functions (m, n) at its lines, the root (r, n) of the penalty, and the lines' weights
     (m,), 1 if left out.
 
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, a number is not finite, or a weight is not positive.
+    Raises ValueError if shapes do not fit, a number is not finite, or a weight is not positive.
     """
     basis = finite_array("basis", basis, (None, None))
     count = basis.shape[1]
@@ -174,12 +171,9 @@ def smooth(
         against following noise that neighbours share, at the price that values cannot be
         passed; of 1.2, up to five sixths of them are spent.
 
-    Raises
-    ------
-    ValueError
-        If the shape does not fit the axes, a value is not finite, the noise is negative or not
-        finite, or the caution is below 1.
-
+    Raises ValueError if the shape does not fit the axes, a value is not finite, the noise is
+    negative or not finite, or the caution is below 1.
+    
     Notes
     -----
     Craven and Wahba, *Smoothing noisy data with spline functions*, 1979, for both at once;

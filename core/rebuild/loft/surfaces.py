@@ -48,10 +48,7 @@ class ContourSurface:
         height, once at most, and by the turn. At a round end the slope by the height grows without
         limit: see `places`.
 
-        Raises
-        ------
-        ValueError
-            If a number is not finite, or a derivative is negative or not offered.
+        Raises ValueError if a number is not finite, or a derivative is negative or not offered.
         """
         if by[0] not in (0, 1):
             raise ValueError(f"by must be 0 or 1 in the height, got {by[0]}")
@@ -73,11 +70,8 @@ class ContourSurface:
     def places(self, parameters: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (n, 3), m, at parameters along the axis and turns (n,), or derivatives by them.
 
-        Raises
-        ------
-        ValueError
-            If a number is not finite, a parameter lies outside the domain, or a derivative is
-            negative.
+        Raises ValueError if a number is not finite, a parameter lies outside the domain, or a
+        derivative is negative.
         """
         at = np.stack([parameters, np.mod(finite_array("turns", turns, (None,)), 1.0)], axis=-1)
         (plane,) = evaluate_scattered(self._bases, self._wound, at, [by])

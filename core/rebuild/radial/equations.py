@@ -69,10 +69,7 @@ def side_equations(
 
     `contacts` have normals; splines along run over 0 to 1.
 
-    Raises
-    ------
-    ValueError
-        If no point is left.
+    Raises ValueError if no point is left.
     """
     assert contacts.normals is not None
     away, distance, facing = _about(contacts.points, contacts.normals, axis_curve)

@@ -367,10 +367,7 @@ def fit_radial_spline(
     Those outside the heights, or on level faces, are left out. `stiffness` is how much more bending
     costs than it does without noise.
 
-    Raises
-    ------
-    ValueError
-        If no point is left.
+    Raises ValueError if no point is left.
     """
     along, around = along_basis(), PeriodicBasis(AROUND)
     rows = side_equations(contacts, axis_curve, low, high, along, around)
