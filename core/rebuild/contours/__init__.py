@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.contours.contacts import stack_points as stack_points
     from palpate.core.rebuild.contours.correspondence import Correspondence as Correspondence
     from palpate.core.rebuild.contours.correspondence import match_slices as match_slices
+    from palpate.core.rebuild.contours.curves import CUBIC_GAIN as CUBIC_GAIN
     from palpate.core.rebuild.contours.curves import ContourCurve as ContourCurve
     from palpate.core.rebuild.contours.curves import DroppedContour as DroppedContour
     from palpate.core.rebuild.contours.curves import (
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.contours.curves import are_star_shaped as are_star_shaped
     from palpate.core.rebuild.contours.curves import contour_curves as contour_curves
     from palpate.core.rebuild.contours.curves import drop_reasons as drop_reasons
+    from palpate.core.rebuild.contours.curves import quadric_terms as quadric_terms
     from palpate.core.rebuild.contours.curves import refitted_curve as refitted_curve
     from palpate.core.rebuild.contours.outliers import point_outliers as point_outliers
     from palpate.core.rebuild.contours.slices import Slices as Slices

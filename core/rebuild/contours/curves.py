@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Bools, Floats, finite_array
 from palpate.core.geometry import area_centroid, self_intersects, turn_between
 from palpate.core.rebuild.contours.contacts import into_frame
+from palpate.core.robust import PROBABLE_ERROR, probable_error_sigma
 from palpate.core.splines import (
     EVEN_GAP,
     EVEN_MIDDLE,
@@ -37,7 +38,6 @@ from palpate.core.splines import (
     order_closed_points,
 )
 
-MEDIAN = 0.6745  # Median size of an error of deviation 1
 REACH = 4  # Points on either side; half of them may be wrong
 CLEARLY = 6.0  # Deviations from which on a point is away from the median of those beside it,
 SPREAD = 3.0  # and of the middle half of those beside it, for a contour may rise and fall,
@@ -73,7 +73,7 @@ WIDEST = 6  # Of the points, one in so many is the longest such chord: a sixth o
 
 
 # Deviation of a point from the cubic through two neighbours on either side, of its noise.
-GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))
+CUBIC_GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))
 BACK = 0.1  # Angle by which a polygon may go back around the origin, rad: noise does
 
 
@@ -101,10 +101,20 @@ def contour_curves(
     first: int = 0,
     frame: Floats | None = None,
 ) -> tuple[ContourCurve | DroppedContour, ...]:
-    """Each contour as a closed curve, or why it is none; contours and heights as of `slices_of`.
+    """Each contour as a closed curve, or why it is none: too few points, in one place, on a line.
 
-    `first` is the number of the first of them; `frame` (7,) the pose of the frame around whose z
-    axis they run, in the world in which they are given.
+    Parameters
+    ----------
+    contours : sequence of (n, 3) arrays
+        Points around each contour, z the slicing axis, in any one unit (written m here): begun
+        anywhere, in either direction, any number of them, the first again at the end or not.
+        Rows that are not finite are left out. With `heights`, (n, 2).
+    heights : (len(contours),) array, optional
+        z of plane contours, m.
+    first : int
+        Number of the first of them.
+    frame : (7,) array, optional
+        Pose of the frame around whose z axis they run, in the world in which they are given.
 
     Raises ValueError if a shape is another, a height is not finite, or there are heights in a
     frame.
@@ -195,7 +205,7 @@ def height_outliers(z: Floats, perimeter: float) -> Bools:
     near = np.stack([np.roll(z, by) for by in range(-REACH, REACH + 1)])
     low, middle, high = np.quantile(near, [0.25, 0.5, 0.75], axis=0)
     off = np.abs(z - middle)
-    scale = float(np.median(off)) / MEDIAN
+    scale = probable_error_sigma(off)
     outlier: Bools = off > np.maximum(
         SPREAD * (high - low), max(CLEARLY * scale, LEAST * perimeter)
     )
@@ -215,7 +225,7 @@ def height_residual_of(points: Floats) -> HeightResidual:
         return HeightResidual(0.0, 0.0)
     near = points[:, :2] - points[:, :2].mean(axis=0)
     x, y = (near / np.abs(near).max()).T
-    quadric = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    quadric = quadric_terms(x, y)
     # A circle cannot tell the bowl from the constant: the shortest of all solutions will do.
     solution, _, rank, _ = np.linalg.lstsq(quadric, z / size, rcond=None)
     explained = quadric @ solution
@@ -224,6 +234,11 @@ def height_residual_of(points: Floats) -> HeightResidual:
     noise = np.sqrt(left / spare) if spare > 0 else 0.0
     shape = np.sqrt(max(float((explained**2).mean()) - noise**2 * (rank - 1) / len(z), 0.0))
     return HeightResidual(size * float(shape), size * float(noise))
+
+
+def quadric_terms(x: Floats, y: Floats) -> Floats:
+    """Monomials up to the second degree at places (n,), (n, 6)."""
+    return np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
 
 
 def refitted_curve(loop: ContourCurve, points: Floats, outlier: Bools) -> ContourCurve:
@@ -292,7 +307,7 @@ def _noisy_even(points: Floats) -> bool:
     across = float(np.median(np.abs(off[:, 0] * ahead[:, 1] - off[:, 1] * ahead[:, 0])))
     if not 0.0 < along <= ISOTROPIC * across:
         return False
-    noise = across / MEDIAN / GAIN
+    noise = across / PROBABLE_ERROR / CUBIC_GAIN
     step = float(np.median(length)) / 4.0
     reach = int(np.clip(np.ceil(CLEAR * noise / max(step, noise)), 3, max(count // WIDEST, 3)))
     chords = np.linalg.norm(np.roll(points, -reach, 0) - points, axis=1)

@@ -14,6 +14,7 @@ from scipy.ndimage import maximum_filter1d
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, same_steps
+from palpate.core.robust import PROBABLE_ERROR
 
 CLEARLY = 4.5  # Deviations of the points' noise from which on one is off,
 
@@ -21,7 +22,6 @@ CLEARLY = 4.5  # Deviations of the points' noise from which on one is off,
 # and of what the contours beside it are off there, for they see a corner at other points,
 SHARED = 0.3
 LEAST = 5e-4  # and of the perimeter: less does little harm
-MEDIAN = 0.6745  # Median size of an error of deviation 1
 MOST = 0.15  # Share of a contour's points beyond which it is the contour that is like that
 LEAST_POINTS = 12  # Contours of fewer points are not judged: seven points in a row tell of one
 ROUNDS = 5  # Of looking, for what sticks out most hides what is beside it
@@ -195,7 +195,7 @@ def _allowed(off: Floats, shared: Floats, least: Floats, all_: _Points) -> Float
     scale = medians[all_.owner]
     if all_.judged.any():
         scale = np.maximum(scale, np.median(size[all_.judged], axis=0))
-    allowed: Floats = CLEARLY / MEDIAN * scale + (SHARED * shared + least)[:, None]
+    allowed: Floats = CLEARLY / PROBABLE_ERROR * scale + (SHARED * shared + least)[:, None]
     return np.where(all_.judged[:, None], allowed, np.inf)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import area_centroids, edge_distance, signed_area, winding_number
@@ -14,7 +13,6 @@ from palpate.core.rebuild.contours.curves import (
     ContourCurve,
     DroppedContour,
     DropReason,
-    contour_curves,
     drop_reasons,
 )
 from palpate.core.splines import ClosedCurve
@@ -97,32 +95,13 @@ class Slices:
         )
 
 
-def slices_of(contours: Sequence[ArrayLike], heights: ArrayLike | None = None) -> Slices:
-    """Put contours in order.
-
-    Parameters
-    ----------
-    contours : sequence of (n, 3) arrays
-        Points around each contour, z the slicing axis, in any one unit (written m here): begun
-        anywhere, in either direction, any number of them, the first again at the end or not.
-        Rows that are not finite are left out. With `heights`, (n, 2).
-    heights : (len(contours),) array, optional
-        z of plane contours, m.
-
-    Returns
-    -------
-    Slices
-        Without contours of fewer than 3 different points, in one place, or on one line. Of
-        contours at one height one stays: the better of two that repeat each other or cross,
-        the outer one of nested ones, the larger of two that lie side by side.
-
-    Raises ValueError if a shape is another, a height is not finite, or no contour can be used.
-    """
-    return stack_curves(contour_curves(contours, heights))
-
-
 def stack_curves(given: Sequence[ContourCurve | DroppedContour]) -> Slices:
-    """Put curves in order, as `slices_of` does with contours; ValueError if there is none."""
+    """Put curves in order.
+
+    Of contours at one height one stays: the better of two that repeat each other or cross, the
+    outer one of nested ones, the larger of two that lie side by side. Raises ValueError if there
+    is none.
+    """
     dropped = [one for one in given if isinstance(one, DroppedContour)]
     loops = [one for one in given if isinstance(one, ContourCurve)]
     if not loops:

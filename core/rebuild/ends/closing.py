@@ -63,14 +63,11 @@ POLE_FEWEST = 4  # Contours: three for the quadratic, one to test it
 POLE_MISS = 0.03  # Of the squared radius: most that the fourth contour may be missed by
 POLE_NOISES = 4.0  # The same in standard deviations of its mean radius, as a share of it
 FARTHEST = 2.0  # Spacings of the last contours: most that the pole may lie beyond them
-# Squared radius of the last contour, as a share of the fourth's: a pole is near only if the
-# contours have begun to narrow.
-POLE_NARROWED = 0.75
+# Squared radius of the last contour, as a share of the fourth's: a pole or an end is near only if
+# the contours have begun to narrow.
+NARROWED = 0.75
 NEARLY_REAL = 0.15  # Imaginary over real part of a root that noise has lifted off the axis
 SHOULDER_FEWEST = 12  # Contours: with fewer they lie too far apart to show how an edge is rounded
-# Squared radius of the last contour, as a share of the fourth's: an end is near only if the
-# contours have begun to narrow.
-SHOULDER_NARROWED = 0.75
 # Heights of the end over the last contour that are tried, in spacings of the last two.
 WAYS = np.geomspace(0.02, 1.0, 48)
 SHOULDER_MISS = 0.004  # Of the largest radius: what the contours may be missed by
@@ -203,7 +200,7 @@ def free_pole(depths: Floats, radii: Floats, scatter: float) -> float | None:
     fourth = float(radii[-POLE_FEWEST]) ** 2
     miss = abs(trend.at(float(depths[-POLE_FEWEST] - depths[-1])) - fourth) / fourth
     told = miss < POLE_MISS + POLE_NOISES * scatter / float(radii[-POLE_FEWEST])
-    narrows = trend.slope < 0.0 and trend.square < POLE_NARROWED * fourth
+    narrows = trend.slope < 0.0 and trend.square < NARROWED * fourth
     pole = _first_root(trend)
     near = pole < FARTHEST * float(depths[-1] - depths[-2])
     return pole if told and narrows and near else None
@@ -239,7 +236,7 @@ def free_shoulder(depths: Floats, radii: Floats, scatter: float) -> float | None
 
     For each height and pair of exponents the width follows by projection, for all at once.
     """
-    if len(depths) < SHOULDER_FEWEST or not radii[-1] ** 2 < SHOULDER_NARROWED * radii[-4] ** 2:
+    if len(depths) < SHOULDER_FEWEST or not radii[-1] ** 2 < NARROWED * radii[-4] ** 2:
         return None
     begin = float(depths[-(len(depths) // 2 + 1)])
     ways = (depths[-1] - depths[-2]) * WAYS
@@ -285,14 +282,20 @@ def choose_profile(
     misses = _misses(families, depths, radii, end, LEFT_OUT[dense])
     if beyond is not None:
         rim, radius = float(depths[-1]), float(radii[-1])
-        contacts = {name: beyond.miss(one, rim, end, radius) for name, one in profiles.items()}
         # What was touched beyond tells more of the end than any contour that is left out.
-        misses = contacts
+        misses = {name: beyond.miss(one, rim, end, radius) for name, one in profiles.items()}
     enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
     kind = next(name for name, miss in misses.items() if miss <= enough)
     if kind not in LEVEL or not dense:
         return ProfileChoice(kind, profiles[kind], misses)
-    return _level(kind, profiles, depths, radii, end, scatter, beyond)._replace(misses=misses)
+
+    def misfit(profile: Profile) -> float:
+        return _profile_misfit(profile, depths, radii, end, beyond)
+
+    allowed = CLOSELY * float(radii[-1]) + TOGETHER * scatter
+    return ProfileChoice(
+        *_level(kind, profiles, rounded(depths, radii, end), misfit, allowed), misses
+    )
 
 
 def _misses(
@@ -317,27 +320,20 @@ def _misses(
 def _level(
     kind: ProfileKind,
     profiles: dict[ProfileKind, Profile],
-    depths: Floats,
-    radii: Floats,
-    end: float,
-    scatter: float,
-    beyond: EdgeSamples | None,
-) -> ProfileChoice:
+    arc: Profile | None,
+    misfit: Callable[[Profile], float],
+    allowed: float,
+) -> tuple[ProfileKind, Profile]:
     """A sharp edge, or what follows the rows clearly better: a shoulder, or an arc."""
-
-    def misfit_of(profile: Profile) -> float:
-        return _profile_misfit(profile, depths, radii, end, beyond)
-
-    by_edge, by_shoulder = misfit_of(profiles["flat"]), misfit_of(profiles["flared"])
-    most = min(CLEARLY * by_shoulder, CLOSELY * float(radii[-1]) + TOGETHER * scatter)
+    by_edge, by_shoulder = misfit(profiles["flat"]), misfit(profiles["flared"])
+    most = min(CLEARLY * by_shoulder, allowed)
     if kind == "flat":
         is_shoulder = by_shoulder < BY_FAR * by_edge
         kind = "flared" if is_shoulder else "flat"
         most = by_shoulder if is_shoulder else BY_FAR * by_edge
-    arc = rounded(depths, radii, end)
-    if arc is not None and misfit_of(arc) < most:
-        return ProfileChoice("rounded", arc, {})
-    return ProfileChoice(kind, profiles[kind], {})
+    if arc is not None and misfit(arc) < most:
+        return "rounded", arc
+    return kind, profiles[kind]
 
 
 def _profile_misfit(

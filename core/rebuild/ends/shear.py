@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.contours import ContactPoints, quadric_terms
 
 # Of the extent: how far from its plane they may lie, and anything else may stand out over it.
 TOGETHER = 0.02
@@ -192,7 +192,7 @@ def _end_contact(touch: int, points: Floats) -> EndContact:
     width = float(np.sqrt(np.mean((away**2).sum(axis=1))))
     # In its own width, so that the unit of length does not matter.
     x, y = away.T / (width or 1.0)
-    rows = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
+    rows = quadric_terms(x, y)
     plane, bent = (np.linalg.lstsq(rows[:, :count], z, rcond=None)[0] for count in (3, 6))
     off = float(np.sqrt(np.mean((z - rows[:, :3] @ plane) ** 2)))
     left = float(np.sqrt(np.mean((z - rows @ bent) ** 2)))
@@ -255,7 +255,8 @@ class Shear(NamedTuple):
         along = np.einsum("ni,ni->n", self._at(points[:, 2]), found[:, :2])
         found[:, 2] = found[:, 2] * stretch + along
         if sum(by) == 2:
-            one, other = (at(each) for each in _halves(by))
+            halves = ((1, 0), (0, 1)) if by == (1, 1) else ((by[0] // 2, by[1] // 2),) * 2
+            one, other = (at(each) for each in halves)
             found[:, 2] += one[:, 2] * (other[:, :2] @ self.change)
             found[:, 2] += other[:, 2] * (one[:, :2] @ self.change)
         return found
@@ -263,14 +264,6 @@ class Shear(NamedTuple):
     def _at(self, heights: Floats) -> Floats:
         """Slopes (n, 2) at heights (n,) of the levelled space."""
         return self.slopes + heights[:, None] * self.change
-
-
-def _halves(by: By) -> tuple[By, By]:
-    """A second derivative as two first ones, one after the other."""
-    if by == (1, 1):
-        return (1, 0), (0, 1)
-    first = (1, 0) if by[0] else (0, 1)
-    return first, first
 
 
 def levelled(shear: Shear | None, contacts: ContactPoints) -> ContactPoints:

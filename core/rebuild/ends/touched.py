@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.geometry import area_centroid
-from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.contours import ContactPoints, quadric_terms
 from palpate.core.rebuild.ends.closing import End, close_ends
 from palpate.core.rebuild.ends.profiles import EdgeSamples
 from palpate.core.rebuild.ends.shear import end_contacts_of
@@ -131,18 +131,12 @@ def dome_height(contacts: ContactPoints, on: Bools, way: float) -> float | None:
     places = contacts.points[used, :2]
     middle = places.mean(axis=0)
     scale = max(float(np.abs(places - middle).max()), np.finfo(float).tiny)
-    quadric = _quadric((places - middle) / scale)
+    quadric = quadric_terms(*((places - middle) / scale).T)
     shifts = np.eye(len(touch))
     rows = np.block([[quadric, shifts[counts]], [np.zeros((len(touch), 6)), SURER * shifts]])
     right = np.concatenate([reach[used], np.zeros(len(touch))])
     found = np.linalg.lstsq(rows, right, rcond=None)[0]
     return float((quadric @ found[:6]).max())
-
-
-def _quadric(places: Floats) -> Floats:
-    """Monomials up to the second degree at places (n, 2), (n, 6)."""
-    x, y = places.T
-    return np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
 
 
 def on_end(contacts: ContactPoints, last: float, way: float) -> Bools:

@@ -80,6 +80,10 @@ class ContourFit(NamedTuple):
         length = np.where(moving, length, 1.0)
         return np.stack([y / length * moving, -x / length * moving], axis=-1)
 
+    def off(self, grid: Floats, across: Floats) -> Floats:
+        """Distances of rows from the fit along unit vectors across, (m, k)."""
+        return np.asarray(np.einsum("mkd,mkd->mk", grid - self.fitted(), across))
+
     def swing(self) -> float:
         """How far it leaves the middle between two rows, at most, over how far rows there differ.
 
@@ -102,7 +106,7 @@ class ContourFit(NamedTuple):
         Noise is another in every row, even where it is shared along a row because its points
         were taken off a curve through others; what is smoothed away of a shape is not.
         """
-        off = np.einsum("mkd,mkd->mk", grid - self.fitted(), self.across())
+        off = self.off(grid, self.across())
         below, above = off[:-1], off[1:]
         size = np.sqrt(np.square(below).sum() * np.square(above).sum())
         return float((below * above).sum() / max(size, np.finfo(float).tiny))

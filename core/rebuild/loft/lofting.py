@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, finite_array
+from palpate.core.rebuild.contours import CUBIC_GAIN
 from palpate.core.rebuild.loft.fitting import (
     ContourFit,
     ContourRows,
@@ -28,6 +29,7 @@ from palpate.core.rebuild.loft.fitting import (
 )
 from palpate.core.rebuild.loft.smoothing import BetweenContours, Smoothed, between_contours
 from palpate.core.rebuild.loft.surfaces import ContourSurface
+from palpate.core.robust import PROBABLE_ERROR, probable_error_sigma
 from palpate.core.splines import PeriodicBasis
 
 # Times the deviation: what root mean square and largest error stay below on nine of ten objects
@@ -45,9 +47,6 @@ LONELY = 2.2
 ROUNDS, REVIEWS = 15, (2, 4, 6)
 SETTLED = 0.01  # Of the noise: a change between fits that matters no more
 NEAR_ROWS = 2  # Contours on either side whose like deviations are the object's
-MEDIAN = 0.6745  # Median size of an error of deviation 1
-# Deviation of a point from the cubic through two neighbours on either side, of its noise.
-CUBIC_GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))
 # Share of the points beyond which it is the object that sticks out: edges do, of exact points.
 MOST = 0.15
 LEAST_SPARE = 0.05  # Least share of the points' freedom that is taken as left
@@ -224,7 +223,7 @@ def without_outliers(grid: Floats, fit: ContourFit, again: Fit) -> tuple[Floats,
     by what the fit predicts of them, the fit to it, and which points they are, (m, k).
     """
     across = fit.across()
-    off = _off(grid, fit, across)
+    off = fit.off(grid, across)
     sigma = np.sqrt(np.square(off).sum() / fit.smoothed.spare)
     nothing = np.zeros(off.shape, np.bool_)
     if grid.shape[1] < 8 or not sigma > SUSPECT * _noise_between_neighbours(grid, across):
@@ -235,7 +234,7 @@ def without_outliers(grid: Floats, fit: ContourFit, again: Fit) -> tuple[Floats,
     used, all_of_them = _bridged(grid, outlying), fit
     for number in range(ROUNDS):
         fit = again(used)
-        off = _off(grid, fit, across)
+        off = fit.off(grid, across)
         share = max(fit.smoothed.spare / off.size, LEAST_SPARE)
         if number in REVIEWS:
             outlying = _reviewed(off, outlying, share)
@@ -250,16 +249,11 @@ def without_outliers(grid: Floats, fit: ContourFit, again: Fit) -> tuple[Floats,
     return used, again(used), outlying
 
 
-def _off(grid: Floats, fit: ContourFit, across: Floats) -> Floats:
-    """Distances across from a fit, (m, k)."""
-    return np.asarray(np.einsum("mkd,mkd->mk", grid - fit.fitted(), across))
-
-
 def _noise_between_neighbours(grid: Floats, across: Floats) -> float:
     """Deviation of the noise across, from each point's distance to the cubic through four."""
     one, two = (np.roll(grid, n, 1) + np.roll(grid, -n, 1) for n in (1, 2))
     off = np.einsum("mkd,mkd->mk", grid - (4.0 * one - two) / 6.0, across)
-    return float(np.median(np.abs(off))) / MEDIAN / CUBIC_GAIN
+    return probable_error_sigma(off) / CUBIC_GAIN
 
 
 def local_outliers(off: Floats) -> Bools:
@@ -272,7 +266,7 @@ def local_outliers(off: Floats) -> Bools:
     column = np.median(size, axis=0)
     column = np.median([np.roll(column, 1), column, np.roll(column, -1)], axis=0)
     scale = np.maximum(np.median(size), np.maximum(column, np.median(size, axis=1)[:, None]))
-    return np.asarray(size > STICKING / MEDIAN * scale)
+    return np.asarray(size > STICKING / PROBABLE_ERROR * scale)
 
 
 def unpredicted(off: Floats) -> Floats:
@@ -300,7 +294,7 @@ def _bridged(grid: Floats, outlying: Bools) -> Floats:
 def _reviewed(off: Floats, outlying: Bools, share: float) -> Bools:
     """Which points stick out of a better fit."""
     alone = _less_neighbours(off, outlying)
-    noise = np.median(np.abs(alone[~outlying])) / MEDIAN / np.sqrt(share)
+    noise = probable_error_sigma(alone[~outlying]) / np.sqrt(share)
     size = np.where(outlying, 0.0, np.abs(alone))
     beside = np.maximum(np.roll(size, 1, 1), np.roll(size, -1, 1))
     stay = outlying & (np.abs(off) > KEPT_OUT * noise)
@@ -364,5 +358,5 @@ def noise_of(heights: Floats, grid: Floats) -> float:
 
 def _sigma(rows: ContourRows, fit: ContourFit, spare: float) -> float:
     """Standard deviation of the rows across the fit, in their unit."""
-    off = np.einsum("mkd,mkd->mk", rows.grid - fit.fitted(), fit.across())
+    off = fit.off(rows.grid, fit.across())
     return float(np.sqrt((rows.weights[:, None] * np.square(off)).sum() / spare))

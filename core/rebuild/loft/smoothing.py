@@ -173,7 +173,7 @@ def smooth(
 
     Raises ValueError if the shape does not fit the axes, a value is not finite, the noise is
     negative or not finite, or the caution is below 1.
-    
+
     Notes
     -----
     Craven and Wahba, *Smoothing noisy data with spline functions*, 1979, for both at once;

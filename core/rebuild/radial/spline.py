@@ -30,6 +30,7 @@ from palpate.core.rebuild.radial.equations import (
     side_system,
     tensor_rows,
 )
+from palpate.core.robust import probable_error_sigma
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
 SWEEPS = 2  # Fits, each about the points as the shifts before have moved them
@@ -77,7 +78,6 @@ STIFFER, MOST_STIFFER = 10.0, 5
 UNBENT = 6  # Coefficients' combinations that do not bend
 PROBES = 2  # Random signs by which the freedom is estimated
 LEAST_SPARE = 0.05  # Least share of the points' freedom that is taken as left
-MEDIAN = 0.6745  # Median size of an error of deviation 1
 SPANS = 45  # Even spans
 HALVED = 4  # Times that the first and the last of them are halved
 
@@ -137,8 +137,9 @@ def _more_shifts(spline: RadialSpline, believed: Floats) -> Floats:
     """
     rows, count = spline.rows, len(believed)
     blocks = _blocks(rows.normals, rows.touch, count)
-    own = _own(rows.normals, rows.touch, count)
-    inverse = np.linalg.inv(own)
+    own = np.zeros((count, 3, 3))  # Each touch's block of the system
+    np.add.at(own, rows.touch, rows.normals[:, :, None] * rows.normals[:, None, :])
+    inverse = np.linalg.inv(own + STRICTNESS * np.eye(3))
 
     def system(shifts: Floats) -> Floats:
         moved = blocks @ shifts.ravel()
@@ -169,24 +170,12 @@ def _blocks(normals: Floats, touch: Ints, count: int) -> csr_array:
     return csr_array((normals.ravel(), columns, 3 * np.arange(n + 1)), shape=(n, 3 * count))
 
 
-def _own(normals: Floats, touch: Ints, count: int) -> Floats:
-    """Each touch's block of the system, (count, 3, 3)."""
-    own = np.zeros((count, 3, 3))
-    np.add.at(own, touch, normals[:, :, None] * normals[:, None, :])
-    return own + STRICTNESS * np.eye(3)
-
-
 def pose_sigma(shifted: ShiftedSpline) -> float | None:
     """Standard deviation of a pose along the normals, from the median shift, m."""
     if shifted.shifts is None:
         return None
-    return _along_normals(shifted.spline, shifted.shifts)
-
-
-def _along_normals(spline: RadialSpline, shifts: Floats) -> float:
-    """Standard deviation of shifts (k, 3) along the normals, from their median, m."""
-    along = np.einsum("ni,ni->n", spline.rows.normals, shifts[spline.rows.touch])
-    return float(np.median(np.abs(along))) / MEDIAN
+    rows = shifted.spline.rows
+    return probable_error_sigma(np.einsum("ni,ni->n", rows.normals, shifted.shifts[rows.touch]))
 
 
 class RadialFit(NamedTuple):
@@ -322,8 +311,7 @@ class RadialSpline:
     @property
     def sigma(self) -> float:
         """Standard deviation of a point, from the median misfit and the freedom spent, m."""
-        spare = max(1.0 - self.freedom / len(self.rows.target), LEAST_SPARE)
-        return float(np.median(np.abs(self.misfits()))) / MEDIAN / float(np.sqrt(spare))
+        return probable_error_sigma(self.misfits()) / float(np.sqrt(self._spare))
 
     @property
     def score(self) -> float:
@@ -346,14 +334,16 @@ class RadialSpline:
         along = along_basis().matrix(self._local(heights))
         rows = kron(along, PeriodicBasis(AROUND).matrix(turns)).toarray()
         spread = self.system.spread(rows).reshape(len(heights), len(turns))
-        square = np.mean(self.misfits() ** 2) / max(
-            1.0 - self.freedom / len(self.rows.target), LEAST_SPARE
-        )
+        square = np.mean(self.misfits() ** 2) / self._spare
         # What one standard deviation more of the squared distance adds: spread over twice the
         # distance, but finite where the surface runs through the axis.
         squared = self.squared(heights, turns)
         more = np.sqrt(square) * spread
         return np.asarray(more / (np.sqrt(squared + more) + np.sqrt(squared)))
+
+    @property
+    def _spare(self) -> float:
+        return max(1.0 - self.freedom / len(self.rows.target), LEAST_SPARE)
 
     def _local(self, heights: Floats) -> Floats:
         return np.clip((heights - self.low) / (self.high - self.low), 0.0, 1.0)

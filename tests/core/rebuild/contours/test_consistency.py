@@ -15,7 +15,8 @@ from palpate.core.rebuild.contours.consistency import (
     neighbour_weights,
 )
 from palpate.core.rebuild.contours.correspondence import match_slices
-from palpate.core.rebuild.contours.slices import slices_of
+from palpate.core.rebuild.contours.curves import contour_curves
+from palpate.core.rebuild.contours.slices import stack_curves
 
 HEIGHTS = np.linspace(-0.98, 0.98, 27)
 ANGLE = 2 * np.pi * np.arange(60) / 60
@@ -148,7 +149,7 @@ def test_traced_contours_are_cleaned_of_a_bad_one_by_all_steps_together(
     """Hard case 47: matched, judged, left out, matched again."""
     contours = traced(sections["lobed"]).contours(HEIGHTS, 81, noise=NOISE)
     contours[11][:, :2] *= 1.3
-    slices = slices_of(contours)
+    slices = stack_curves(contour_curves(contours))
     found = inconsistent_contours(slices.heights, match_slices(slices, 60).grid)
     left = slices.without(found.bad, "unlike its neighbours", found.off)
     (dropped,) = left.dropped

@@ -20,7 +20,8 @@ from palpate.core.rebuild.contours.correspondence import (
     slice_distance,
     start_ray,
 )
-from palpate.core.rebuild.contours.slices import Slices, slices_of
+from palpate.core.rebuild.contours.curves import contour_curves
+from palpate.core.rebuild.contours.slices import Slices, stack_curves
 
 COUNT = 80
 AROUND = np.arange(COUNT) / COUNT
@@ -47,7 +48,9 @@ def perfect(section: Section, slices: Slices) -> Floats:
 
 
 def stack(traced: Callable[..., Any], section: Section, count: int, points: int) -> Slices:
-    return slices_of(traced(section).contours(np.linspace(-0.97, 0.97, count), points))
+    return stack_curves(
+        contour_curves(traced(section).contours(np.linspace(-0.97, 0.97, count), points))
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -108,9 +111,9 @@ def test_how_contours_were_begun_and_directed_changes_nothing(
 ) -> None:
     """Hard case 42."""
     contours = traced(sections["lobed"]).contours(np.linspace(-0.97, 0.97, 9), 60)
-    wanted = match_slices(slices_of(contours), COUNT)
+    wanted = match_slices(stack_curves(contour_curves(contours)), COUNT)
     others = [np.roll(one, 5 + 3 * i, axis=0)[:: 1 - 2 * (i % 2)] for i, one in enumerate(contours)]
-    found = match_slices(slices_of(others[::-1]), COUNT)
+    found = match_slices(stack_curves(contour_curves(others[::-1])), COUNT)
     assert found.method == wanted.method
     assert np.abs(found.grid - wanted.grid).max() < 1e-12
 
@@ -175,8 +178,10 @@ def test_with_fewer_than_three_slices_nothing_is_scored(
 
 def test_unit_and_place_change_nothing(traced: Callable[..., Any], sections: Sections) -> None:
     contours = traced(sections["four lobes"]).contours(np.linspace(-0.97, 0.97, 9), 40)
-    wanted = match_slices(slices_of(contours), COUNT)
-    found = match_slices(slices_of([1e-3 * (one + [3.0, -5.0, 20.0]) for one in contours]), COUNT)
+    wanted = match_slices(stack_curves(contour_curves(contours)), COUNT)
+    found = match_slices(
+        stack_curves(contour_curves([1e-3 * (one + [3.0, -5.0, 20.0]) for one in contours])), COUNT
+    )
     assert found.method == wanted.method
     assert np.abs(1e3 * found.grid - [3.0, -5.0] - wanted.grid).max() < 1e-9
     assert found.scores[found.method] == pytest.approx(1e-3 * wanted.scores[wanted.method])

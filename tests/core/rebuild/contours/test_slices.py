@@ -10,10 +10,15 @@ from hypothesis import strategies as st
 
 from palpate.core.arrays import Floats
 from palpate.core.geometry.polygons import winding_number
-from palpate.core.rebuild.contours.slices import Slices, slices_of
+from palpate.core.rebuild.contours.curves import contour_curves
+from palpate.core.rebuild.contours.slices import Slices, stack_curves
 
 HEIGHTS = np.linspace(-0.9, 0.9, 9)
 Sections = dict[str, Callable[[Floats, float], Floats]]
+
+
+def slices_of(contours: Any, heights: Any = None) -> Slices:
+    return stack_curves(contour_curves(contours, heights))
 
 
 def circle(radius: float, height: float, middle: tuple[float, float] = (0.0, 0.0)) -> Floats:
