@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -55,25 +56,22 @@ def shaken(grid: Floats, noise: float, seed: int = 0) -> Floats:
     return grid + noise * np.random.default_rng(seed).normal(size=grid.shape)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.4 * NOISE, NOISE])
 @pytest.mark.parametrize("name", PROFILES)
-def test_of_clean_contours_none_is_bad(name: str, noise: float) -> None:
+def test_of_clean_contours_none_is_bad(name: str) -> None:
     """Hard case 47: necks, steps, edges and zigzags are the object's own."""
-    rng = np.random.default_rng(0)
     uneven = HEIGHTS.copy()
-    uneven[1:-1] += 0.3 * (HEIGHTS[1] - HEIGHTS[0]) * rng.uniform(-1, 1, 25)
-    for heights in (HEIGHTS, uneven):
-        found = inconsistent_contours(heights, shaken(grid_of(name, heights), noise))
-        assert rows(found) == []
-        assert not found.off.any()
+    step = HEIGHTS[1] - HEIGHTS[0]
+    uneven[1:-1] += 0.3 * step * np.random.default_rng(0).uniform(-1, 1, 25)
+    for noise in (0.0, 0.4 * NOISE, NOISE):
+        for heights in (HEIGHTS, uneven):
+            found = inconsistent_contours(heights, shaken(grid_of(name, heights), noise))
+            assert (noise, rows(found), found.off.any()) == (noise, [], False)
 
 
-@pytest.mark.parametrize("factor", [1.3, 0.7])
-@pytest.mark.parametrize("noise", [0.0, NOISE])
 @pytest.mark.parametrize("name", ["lobed", "ball", "cylinder", "edge", "bottle"])
-def test_one_contour_of_another_size_is_found(name: str, noise: float, factor: float) -> None:
+def test_one_contour_of_another_size_is_found(name: str) -> None:
     """Hard case 47."""
-    for row in (3, 9, 12):
+    for factor, noise, row in product((1.3, 0.7), (0.0, NOISE), (3, 9, 12)):
         grid = shaken(grid_of(name), noise)
         size = np.sqrt((grid[row] ** 2).sum(axis=1).mean())
         grid[row] *= factor
@@ -82,13 +80,13 @@ def test_one_contour_of_another_size_is_found(name: str, noise: float, factor: f
         assert found.off[row] == pytest.approx(abs(factor - 1) * size, rel=0.25)
 
 
-@pytest.mark.parametrize("noise", [0.0, NOISE])
-@pytest.mark.parametrize("bad", [[5, 13, 20], [5, 8, 20], [9, 11, 18], [2, 12, 24]])
 @pytest.mark.parametrize("name", ["lobed", "cylinder", "ball"])
-def test_three_of_27_are_found(name: str, bad: list[int], noise: float) -> None:
-    grid = shaken(grid_of(name), noise)
-    grid[bad] *= 1.3
-    assert rows(inconsistent_contours(HEIGHTS, grid)) == bad
+def test_three_of_27_are_found(name: str) -> None:
+    for bad in ([5, 13, 20], [5, 8, 20], [9, 11, 18], [2, 12, 24]):
+        for noise in (0.0, NOISE):
+            grid = shaken(grid_of(name), noise)
+            grid[bad] *= 1.3
+            assert rows(inconsistent_contours(HEIGHTS, grid)) == bad
 
 
 def test_a_contour_that_was_moved_or_turned_is_found() -> None:
@@ -173,8 +171,8 @@ def test_what_is_no_stack_is_refused(heights: Floats, grid: Floats, words: str) 
         inconsistent_contours(heights, grid)
 
 
-SUSPECTS_ANGLE = 2 * np.pi * np.arange(40) / 40
-RIM = np.stack([np.cos(SUSPECTS_ANGLE), np.sin(SUSPECTS_ANGLE)], axis=-1)
+ANGLE_40 = 2 * np.pi * np.arange(40) / 40
+RIM = np.stack([np.cos(ANGLE_40), np.sin(ANGLE_40)], axis=-1)
 
 
 def stack(radii: Floats) -> tuple[Floats, Floats]:
@@ -182,7 +180,7 @@ def stack(radii: Floats) -> tuple[Floats, Floats]:
 
 
 @pytest.mark.parametrize("count", [4, 6, 8])
-def test_one_contour_far_off_is_suspicious_and_says_by_how_much(count: int) -> None:
+def test_one_contour_far_off_is_a_candidate_and_tells_by_how_much(count: int) -> None:
     for row in range(1, count - 1):
         radii = np.full(count, 30.0)
         radii[row] = 39.0
@@ -192,7 +190,7 @@ def test_one_contour_far_off_is_suspicious_and_says_by_how_much(count: int) -> N
 
 
 @pytest.mark.parametrize("count", [3, 4, 6, 9, 27])
-def test_smooth_objects_are_not_suspicious(count: int) -> None:
+def test_smooth_objects_are_not_a_candidate(count: int) -> None:
     heights = np.linspace(-49.5, 49.5, count)
     ball = np.sqrt(50.0**2 - heights**2)
     vase = 30.0 + 8.0 * np.sin(heights / 25.0)
@@ -201,7 +199,7 @@ def test_smooth_objects_are_not_suspicious(count: int) -> None:
         assert not neighbour_misfits(heights, grid).any()
 
 
-def test_an_end_is_suspicious_if_it_is_wider_or_aside_but_not_if_it_rounds_off() -> None:
+def test_an_end_is_a_candidate_if_it_is_wider_or_aside_but_not_if_it_rounds_off() -> None:
     for end in (0, -1):
         for radius, suspect in ((45.0, True), (5.0, False)):
             radii = np.full(9, 30.0)
@@ -212,7 +210,7 @@ def test_an_end_is_suspicious_if_it_is_wider_or_aside_but_not_if_it_rounds_off()
         assert neighbour_misfits(heights, grid)[end] == pytest.approx(20.0)
 
 
-def test_of_three_the_middle_one_is_suspicious_if_it_is_narrow_or_aside() -> None:
+def test_of_three_the_middle_one_is_a_candidate_if_it_is_narrow_or_aside() -> None:
     assert neighbour_misfits(*stack(np.array([30.0, 20.0, 30.0]))).tolist() == [0.0, 10.0, 0.0]
     assert not neighbour_misfits(*stack(np.array([30.0, 45.0, 30.0]))).any()
     heights, grid = stack(np.full(3, 30.0))
@@ -231,21 +229,19 @@ def test_what_is_alike_but_for_its_size_may_be_a_feature() -> None:
     assert not look_like_features(grid, star, bad).any()
 
 
-LEAVE_ONE_OUT_HEIGHTS = np.array([0.0, 0.4, 1.0, 1.7, 2.0, 3.1, 3.5])
+UNEVEN = np.array([0.0, 0.4, 1.0, 1.7, 2.0, 3.1, 3.5])
 
 
 def test_cubics_are_predicted_inside_and_parabolas_at_the_ends() -> None:
-    weights = neighbour_weights(LEAVE_ONE_OUT_HEIGHTS)
-    assert np.allclose(weights @ LEAVE_ONE_OUT_HEIGHTS**2, LEAVE_ONE_OUT_HEIGHTS**2)
+    weights = neighbour_weights(UNEVEN)
+    assert np.allclose(weights @ UNEVEN**2, UNEVEN**2)
     inner = slice(2, -2)
-    assert np.allclose(
-        (weights @ LEAVE_ONE_OUT_HEIGHTS**3)[inner], LEAVE_ONE_OUT_HEIGHTS[inner] ** 3
-    )
+    assert np.allclose((weights @ UNEVEN**3)[inner], UNEVEN[inner] ** 3)
     assert np.allclose(weights.sum(axis=1), 1.0)
 
 
 def test_no_contour_predicts_itself_and_only_neighbours_count() -> None:
-    weights = neighbour_weights(LEAVE_ONE_OUT_HEIGHTS)
+    weights = neighbour_weights(UNEVEN)
     away = np.abs(np.arange(7)[:, None] - np.arange(7))
     assert (weights[away == 0] == 0.0).all()
     assert (weights[away > 3] == 0.0).all()
@@ -254,10 +250,10 @@ def test_no_contour_predicts_itself_and_only_neighbours_count() -> None:
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_too_few_contours_predict_nothing(count: int) -> None:
-    assert not neighbour_weights(LEAVE_ONE_OUT_HEIGHTS[:count]).any()
+    assert not neighbour_weights(UNEVEN[:count]).any()
 
 
 def test_three_contours_predict_each_other_linearly() -> None:
-    weights = neighbour_weights(LEAVE_ONE_OUT_HEIGHTS[:3])
-    assert np.allclose(weights @ LEAVE_ONE_OUT_HEIGHTS[:3], LEAVE_ONE_OUT_HEIGHTS[:3])
+    weights = neighbour_weights(UNEVEN[:3])
+    assert np.allclose(weights @ UNEVEN[:3], UNEVEN[:3])
     assert (np.count_nonzero(weights, axis=1) == 2).all()

@@ -100,7 +100,7 @@ def test_touches_are_numbered_anew_and_normals_get_length_1() -> None:
         ({"normals": np.ones((2, 3))}, "patches.normals must have shape"),
     ],
 )
-def test_felt_points_that_cannot_be_used_are_refused(wrong: dict[str, Any], words: str) -> None:
+def test_contact_points_that_cannot_be_used_are_refused(wrong: dict[str, Any], words: str) -> None:
     contacts = ContactPoints(np.zeros((3, 3)), np.ones((3, 3)), np.arange(3, dtype=np.int32))
     with pytest.raises(ValueError, match=words):
         checked_contacts(contacts._replace(**wrong))
@@ -163,12 +163,12 @@ def test_of_a_thin_contact_noise_takes_nothing(noise: float) -> None:
     assert not found.unknown.any()
 
 
-def test_an_array_without_a_square_says_nothing() -> None:
+def test_an_array_without_a_square_tells_nothing() -> None:
     found = edge_slopes(np.zeros((1, 12)), np.ones((1, 12)), np.ones((1, 12), np.bool_), PITCH)
     assert not (found.edge.any() or found.unknown.any())
 
 
-def test_felt_points_have_the_normals_of_both_sides_of_an_edge(flat: Pad) -> None:
+def test_contact_points_have_the_normals_of_both_sides_of_an_edge(flat: Pad) -> None:
     x, _ = flat.grid()
     surface = roof(x)
     fitted = fit_jet(flat, surface, ALL)

@@ -23,6 +23,7 @@ from palpate.core.rebuild.contours.correspondence import (
 from palpate.core.rebuild.contours.curves import contour_curves
 from palpate.core.rebuild.contours.slices import Slices, stack_curves
 
+Make = Callable[..., Any]
 COUNT = 80
 AROUND = np.arange(COUNT) / COUNT
 BETWEEN = np.linspace(-0.96, 0.96, 60)
@@ -47,7 +48,7 @@ def perfect(section: Section, slices: Slices) -> Floats:
     return np.stack(rows)
 
 
-def stack(traced: Callable[..., Any], section: Section, count: int, points: int) -> Slices:
+def stack(traced: Make, section: Section, count: int, points: int) -> Slices:
     return stack_curves(
         contour_curves(traced(section).contours(np.linspace(-0.97, 0.97, count), points))
     )
@@ -56,7 +57,7 @@ def stack(traced: Callable[..., Any], section: Section, count: int, points: int)
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("count", "points"), [(27, 81), (9, 24)])
 def test_any_start_direction_and_count_cost_next_to_nothing(
-    traced: Callable[..., Any], sections: Sections, name: str, count: int, points: int
+    traced: Make, sections: Sections, name: str, count: int, points: int
 ) -> None:
     section = sections[name]
     slices = stack(traced, section, count, points)
@@ -69,7 +70,7 @@ def test_any_start_direction_and_count_cost_next_to_nothing(
 
 @pytest.mark.parametrize("name", ["three lobes", "four lobes"])
 def test_lobes_that_turn_are_followed_by_their_signature(
-    traced: Callable[..., Any], sections: Sections, name: str
+    traced: Make, sections: Sections, name: str
 ) -> None:
     slices = stack(traced, sections[name], 9, 40)
     found = match_slices(slices, COUNT)
@@ -83,16 +84,14 @@ def test_lobes_that_turn_are_followed_by_their_signature(
 
 
 def test_a_step_of_the_object_does_not_hide_how_its_lobes_turn(
-    traced: Callable[..., Any], sections: Sections
+    traced: Make, sections: Sections
 ) -> None:
     section = sections["four lobes"]
     slices = stack(traced, lambda t, z: section(t, z) * (1.0 if z < 0.1 else 0.6), 27, 60)
     assert match_slices(slices, COUNT).method == "signature"
 
 
-def test_a_slice_whose_middle_lies_outside_is_matched(
-    traced: Callable[..., Any], sections: Sections
-) -> None:
+def test_a_slice_whose_middle_lies_outside_is_matched(traced: Make, sections: Sections) -> None:
     """Hard case 44: a ray from there meets the contour 0, 2 or 4 times."""
     slices = stack(traced, sections["kidney"], 27, 81)
     for curve, middle in zip(slices.fine, slices.middles, strict=True):
@@ -107,7 +106,7 @@ def test_a_slice_whose_middle_lies_outside_is_matched(
 
 
 def test_how_contours_were_begun_and_directed_changes_nothing(
-    traced: Callable[..., Any], sections: Sections
+    traced: Make, sections: Sections
 ) -> None:
     """Hard case 42."""
     contours = traced(sections["lobed"]).contours(np.linspace(-0.97, 0.97, 9), 60)
@@ -119,9 +118,7 @@ def test_how_contours_were_begun_and_directed_changes_nothing(
 
 
 @pytest.mark.parametrize("method", ["twist", "signature", "ray", "azimuth"])
-def test_places_lie_on_the_curves_in_order(
-    traced: Callable[..., Any], sections: Sections, method: Any
-) -> None:
+def test_places_lie_on_the_curves_in_order(traced: Make, sections: Sections, method: Any) -> None:
     slices = stack(traced, sections["lobed"], 9, 60)
     found = match_slices(slices, COUNT, method)
     assert found.method == method
@@ -134,9 +131,7 @@ def test_places_lie_on_the_curves_in_order(
     assert np.allclose(np.mod(found.places[:, 0] - found.turns + 0.5, 1), 0.5)
 
 
-def test_equal_azimuths_correspond_about_the_middles(
-    traced: Callable[..., Any], sections: Sections
-) -> None:
+def test_equal_azimuths_correspond_about_the_middles(traced: Make, sections: Sections) -> None:
     slices = stack(traced, sections["lobed"], 9, 80)
     away = match_slices(slices, COUNT, "azimuth").grid - slices.middles[:, None]
     angle = np.unwrap(np.arctan2(away[..., 1], away[..., 0]), axis=1)
@@ -144,7 +139,7 @@ def test_equal_azimuths_correspond_about_the_middles(
 
 
 def test_the_first_place_of_the_middle_slice_is_on_the_ray(
-    traced: Callable[..., Any], sections: Sections
+    traced: Make, sections: Sections
 ) -> None:
     slices = stack(traced, sections["box"], 9, 60)
     found = match_slices(slices, COUNT, "twist")
@@ -154,7 +149,7 @@ def test_the_first_place_of_the_middle_slice_is_on_the_ray(
 
 
 def test_a_score_is_about_what_leaving_contours_out_would_cost(
-    traced: Callable[..., Any], sections: Sections
+    traced: Make, sections: Sections
 ) -> None:
     section = sections["bent tube"]
     slices = stack(traced, section, 17, 60)
@@ -167,7 +162,7 @@ def test_a_score_is_about_what_leaving_contours_out_would_cost(
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_with_fewer_than_three_slices_nothing_is_scored(
-    traced: Callable[..., Any], sections: Sections, count: int
+    traced: Make, sections: Sections, count: int
 ) -> None:
     found = match_slices(stack(traced, sections["bent tube"], count, 40), 20)
     assert isinstance(found, Correspondence)
@@ -176,7 +171,7 @@ def test_with_fewer_than_three_slices_nothing_is_scored(
     assert found.scores == {}
 
 
-def test_unit_and_place_change_nothing(traced: Callable[..., Any], sections: Sections) -> None:
+def test_unit_and_place_change_nothing(traced: Make, sections: Sections) -> None:
     contours = traced(sections["four lobes"]).contours(np.linspace(-0.97, 0.97, 9), 40)
     wanted = match_slices(stack_curves(contour_curves(contours)), COUNT)
     found = match_slices(
@@ -195,7 +190,7 @@ def test_unit_and_place_change_nothing(traced: Callable[..., Any], sections: Sec
     ],
 )
 def test_what_no_match_can_be_is_refused(
-    traced: Callable[..., Any], sections: Sections, count: int, method: Any, words: str
+    traced: Make, sections: Sections, count: int, method: Any, words: str
 ) -> None:
     slices = stack(traced, sections["bent tube"], 2, 40)
     with pytest.raises(ValueError, match=words):
@@ -278,7 +273,7 @@ def test_a_single_contour_has_no_steps() -> None:
     assert follow_signatures(lobes(3, 0.1, 0.0)[None], np.zeros(0)).shape == (0,)
 
 
-MINIMUM_TWIST_TURNS = np.arange(256) / 256
+EVEN_256 = np.arange(256) / 256
 
 
 def ellipse(turns: Floats) -> Floats:
@@ -289,9 +284,7 @@ def ellipse(turns: Floats) -> Floats:
 def test_curves_that_begin_elsewhere_are_brought_to_one_beginning() -> None:
     begins = np.array([0.0, 0.31, 0.87, 0.502])
     sizes = np.array([1.0, 1.3, 0.2, 5.0])
-    shapes = np.stack(
-        [s * ellipse(MINIMUM_TWIST_TURNS - b) for s, b in zip(sizes, begins, strict=True)]
-    )
+    shapes = np.stack([s * ellipse(EVEN_256 - b) for s, b in zip(sizes, begins, strict=True)])
     turns = begin_turns(minimum_twist(shapes), 1, 0.31)
     off = turns - begins
     assert np.abs(off - np.round(off)).max() < 1e-4
@@ -299,8 +292,8 @@ def test_curves_that_begin_elsewhere_are_brought_to_one_beginning() -> None:
 
 
 def test_the_sum_of_squared_distances_is_least_there() -> None:
-    first = ellipse(MINIMUM_TWIST_TURNS) + 0.3 * ellipse(3 * MINIMUM_TWIST_TURNS)
-    second = ellipse(1.7 - MINIMUM_TWIST_TURNS[::-1]) @ np.array([[0.6, 0.8], [-0.8, 0.6]])
+    first = ellipse(EVEN_256) + 0.3 * ellipse(3 * EVEN_256)
+    second = ellipse(1.7 - EVEN_256[::-1]) @ np.array([[0.6, 0.8], [-0.8, 0.6]])
     step = minimum_twist(np.stack([first, second]))[0]
     costs = [((first - np.roll(second, -k, axis=0)) ** 2).sum() for k in range(256)]
     best = int(np.argmin(costs)) / 256
@@ -309,7 +302,7 @@ def test_the_sum_of_squared_distances_is_least_there() -> None:
 
 
 def test_one_curve_begins_where_it_is_told() -> None:
-    assert len(minimum_twist(ellipse(MINIMUM_TWIST_TURNS)[None])) == 0
+    assert len(minimum_twist(ellipse(EVEN_256)[None])) == 0
     assert begin_turns(np.zeros(0), 0, 0.25).tolist() == [0.25]
 
 

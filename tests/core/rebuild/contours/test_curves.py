@@ -30,24 +30,22 @@ def test_a_level_contour_does_not_sway() -> None:
 @pytest.mark.parametrize("harmonic", [1, 2])
 def test_a_tilt_and_a_saddle_are_shape(harmonic: int) -> None:
     z = 1e6 + 0.3 * np.cos(harmonic * 2 * np.pi * np.arange(30) / 30)
-    height_residual = height_residual_of(around(z))
-    assert height_residual.shape == pytest.approx(0.3 / np.sqrt(2), rel=1e-6)
-    assert height_residual.noise < 1e-6
+    residual = height_residual_of(around(z))
+    assert residual.shape == pytest.approx(0.3 / np.sqrt(2), rel=1e-6)
+    assert residual.noise < 1e-6
 
 
 def test_noise_is_not_shape() -> None:
     rng = np.random.default_rng(0)
-    sways = [height_residual_of(around(0.2 * rng.normal(size=60))) for _ in range(50)]
-    assert np.mean([height_residual.noise for height_residual in sways]) == pytest.approx(
-        0.2, rel=0.05
-    )
-    assert np.sqrt(np.mean([height_residual.shape**2 for height_residual in sways])) < 0.05
+    residuals = [height_residual_of(around(0.2 * rng.normal(size=60))) for _ in range(50)]
+    assert np.mean([residual.noise for residual in residuals]) == pytest.approx(0.2, rel=0.05)
+    assert np.sqrt(np.mean([residual.shape**2 for residual in residuals])) < 0.05
 
 
 def test_of_few_points_all_is_shape() -> None:
-    height_residual = height_residual_of(around(np.array([0.0, 1.0, 0.0, -1.0])))
-    assert height_residual.shape == pytest.approx(np.sqrt(0.5))
-    assert height_residual.noise == 0.0
+    residual = height_residual_of(around(np.array([0.0, 1.0, 0.0, -1.0])))
+    assert residual.shape == pytest.approx(np.sqrt(0.5))
+    assert residual.noise == 0.0
 
 
 def lobed(turns: Floats) -> Floats:
@@ -75,7 +73,7 @@ def test_the_curve_is_that_through_all_points(count: int) -> None:
         assert found.curve.flags == wanted.flags
 
 
-def test_points_of_no_curve_say_so() -> None:
+def test_points_of_no_curve_are_degenerate() -> None:
     assert slice_curve(np.ones((5, 2))).curve.flags.degenerate
     line = np.outer(np.arange(6.0), [1.0, 2.0])
     assert slice_curve(line).curve.flags.degenerate

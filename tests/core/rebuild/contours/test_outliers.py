@@ -50,7 +50,7 @@ def are(outliers: PointOutliers, felt: list[Floats], wrong: Bools, contours: Flo
 
 @pytest.mark.parametrize("edged", [False, True])
 @pytest.mark.parametrize("noise", [0.0, 0.2])
-def test_of_good_points_none_strays(edged: bool, noise: float) -> None:
+def test_of_good_points_none_is_an_outlier(edged: bool, noise: float) -> None:
     for seed in range(3):
         outliers, _ = found_in(object_(edged, noise, seed))
         assert not np.concatenate(outliers.masks).any()
@@ -77,7 +77,7 @@ def test_nine_of_ten_points_3_mm_off_are_found_and_next_to_no_others(
     assert others <= 0.01 * 3 * 15 * COUNT
 
 
-def test_a_point_that_strays_is_put_where_its_neighbours_tell() -> None:
+def test_an_outlier_is_put_where_its_neighbours_tell() -> None:
     contours = object_(False, 0.0)
     wanted = contours[7, 20, :2].copy()
     contours[7, 20, :2] *= 1.1
@@ -104,7 +104,7 @@ def test_few_points_and_contours_that_are_like_that_are_left_alone() -> None:
     assert not found_in(rough)[0].masks[7].any()
 
 
-def test_a_curve_is_made_again_without_what_strays() -> None:
+def test_a_curve_is_made_again_without_outliers() -> None:
     contours = object_(False, 0.0)
     contours[7, 20, :2] *= 1.1
     slices = stack_curves(contour_curves(list(contours)))

@@ -13,6 +13,7 @@ from palpate.core.geometry.polygons import winding_number
 from palpate.core.rebuild.contours.curves import contour_curves
 from palpate.core.rebuild.contours.slices import Slices, stack_curves
 
+Make = Callable[..., Any]
 HEIGHTS = np.linspace(-0.9, 0.9, 9)
 Sections = dict[str, Callable[[Floats, float], Floats]]
 
@@ -33,12 +34,12 @@ def reasons(slices: Slices) -> dict[int, str]:
 
 
 @pytest.fixture(scope="module")
-def contours(traced: Callable[..., Any], sections: Sections) -> list[Floats]:
+def contours(traced: Make, sections: Sections) -> list[Floats]:
     found: list[Floats] = traced(sections["lobed"]).contours(HEIGHTS, 60)
     return found
 
 
-def test_slices_rise_and_say_which_contour_each_one_is(contours: list[Floats]) -> None:
+def test_slices_rise_and_tell_which_contour_each_one_is(contours: list[Floats]) -> None:
     slices = slices_of(contours[::-1])
     assert np.allclose(slices.heights, HEIGHTS, atol=1e-12)
     assert slices.rows.tolist() == list(range(9))[::-1]
@@ -62,7 +63,7 @@ def test_direction_beginning_and_a_closing_point_change_nothing(contours: list[F
     assert np.allclose(found.heights, wanted.heights, rtol=0, atol=1e-12)
 
 
-def test_a_height_is_the_mean_of_noisy_ones(traced: Callable[..., Any], sections: Sections) -> None:
+def test_a_height_is_the_mean_of_noisy_ones(traced: Make, sections: Sections) -> None:
     slices = slices_of(traced(sections["lobed"]).contours(HEIGHTS, 80, noise=0.01))
     assert np.abs(slices.heights - HEIGHTS).max() < 4 * 0.01 / np.sqrt(64)
     assert not slices.tilted.any()
@@ -84,7 +85,7 @@ def test_rows_that_are_not_finite_are_left_out(contours: list[Floats]) -> None:
     assert np.array_equal(found.heights, wanted.heights)
 
 
-def test_contours_that_enclose_nothing_are_dropped_and_say_why(contours: list[Floats]) -> None:
+def test_contours_that_enclose_nothing_are_dropped_and_tell_why(contours: list[Floats]) -> None:
     line = np.column_stack([np.linspace(0, 1, 9), np.linspace(0, 2, 9), np.full(9, 2.0)])
     bad = [
         np.full((5, 3), np.nan),
@@ -100,7 +101,7 @@ def test_contours_that_enclose_nothing_are_dropped_and_say_why(contours: list[Fl
     assert slices.rows.tolist() == list(range(6, 15))
 
 
-def test_of_two_contours_that_say_the_same_the_better_one_stays() -> None:
+def test_of_two_contours_that_repeat_each_other_the_better_one_stays() -> None:
     good, coarse = circle(1.0, 0.5), circle(1.0, 0.5)[::4]
     for pair in ([good, coarse], [coarse, good]):
         slices = slices_of([circle(1.0, 0.0), *pair, circle(1.0, 1.0)])
@@ -154,9 +155,7 @@ def test_a_tilted_contour_is_flagged_where_it_reaches_towards_the_next() -> None
     assert slices_of([circle(1.0, 0.0)]).tilted.tolist() == [False]
 
 
-def test_sections_that_are_not_star_shaped_are_told(
-    traced: Callable[..., Any], sections: Sections
-) -> None:
+def test_sections_that_are_not_star_shaped_are_told(traced: Make, sections: Sections) -> None:
     slices = slices_of(traced(sections["kidney"]).contours(HEIGHTS, 60))
     assert not slices.star.any()
     for curve, middle in zip(slices.fine, slices.middles, strict=True):
@@ -197,9 +196,7 @@ def test_contours_can_be_left_out_afterwards(contours: list[Floats]) -> None:
 
 
 @given(
-    exponent=st.integers(-9, 9),
-    turn=st.floats(0, 7),
-    shift=st.tuples(*[st.floats(-50, 50)] * 3),
+    exponent=st.integers(-9, 9), turn=st.floats(0, 7), shift=st.tuples(*[st.floats(-50, 50)] * 3)
 )
 @settings(derandomize=True, deadline=None, max_examples=20)
 def test_unit_place_and_direction_of_the_object_change_nothing(

@@ -40,7 +40,7 @@ def sides(shear: Shear | None = None) -> ContactPoints:
     return ContactPoints(points, out, np.zeros(400, np.int32))
 
 
-def felt_top(slopes: Floats, *, pose: float = 0.0, noise: float = 0.0) -> ContactPoints:
+def top_contacts(slopes: Floats, *, pose: float = 0.0, noise: float = 0.0) -> ContactPoints:
     rng = np.random.default_rng(0)
     parts = [touch(place, 0.08 + rng.normal(0.0, pose), slopes) for place in PLACES]
     parts = [one._replace(points=one.points + rng.normal(0.0, noise, (49, 3))) for one in parts]
@@ -49,34 +49,34 @@ def felt_top(slopes: Floats, *, pose: float = 0.0, noise: float = 0.0) -> Contac
 
 @pytest.mark.parametrize("pose", [0.0, 1e-4])
 def test_a_plane_leans_as_its_touches_do_whatever_the_error_of_their_places(pose: float) -> None:
-    found = end_plane(felt_top(TOP, pose=pose), 1.0)
+    found = end_plane(top_contacts(TOP, pose=pose), 1.0)
     assert found is not None
     assert found.slopes == pytest.approx(TOP, abs=1e-12)
     assert found.height == pytest.approx(0.08, abs=2.0 * pose + 1e-12)
 
 
 def test_noise_of_taxels_leaves_a_slope_that_it_is_sure_of() -> None:
-    found = end_plane(felt_top(TOP, noise=NOISE), 1.0)
+    found = end_plane(top_contacts(TOP, noise=NOISE), 1.0)
     assert found is not None
     assert np.abs(found.slopes - TOP).max() < 4.0 * found.error < 4e-3
 
 
-def test_a_touch_across_an_edge_has_no_say() -> None:
+def test_a_touch_across_an_edge_tells_nothing() -> None:
     bent = touch((0.016, 0.0), 0.08, TOP)
     beyond = bent.points[:, 0] > 0.017
     bent.points[beyond, 2] -= 3e-4
-    contacts = stack_points([felt_top(TOP, noise=1e-6), bent])
+    contacts = stack_points([top_contacts(TOP, noise=1e-6), bent])
     assert [one.kind == "flat" for one in end_contacts_of(contacts, 1.0)] == [True] * 5 + [False]
     found = end_plane(contacts, 1.0)
     assert found is not None
     assert found.slopes == pytest.approx(TOP, abs=1e-3)
 
 
-def test_taxels_in_a_line_say_nothing_of_a_slope() -> None:
+def test_taxels_in_a_line_tell_nothing_of_a_slope() -> None:
     row = touch((0.0, 0.0), 0.08, TOP)
     at = np.column_stack([np.linspace(-0.005, 0.005, 49), np.zeros(49)])
     row.points[:] = np.column_stack([at, 0.08 + at @ TOP])
-    contacts = stack_points([felt_top(TOP), row])
+    contacts = stack_points([top_contacts(TOP), row])
     assert [one.kind for one in end_contacts_of(contacts, 1.0)] == ["flat"] * 5 + ["edge"]
 
 
@@ -91,9 +91,9 @@ def test_a_dome_that_one_touch_finds_flat_is_no_plane() -> None:
     assert end_plane(contacts, 1.0) is None
 
 
-def test_a_ledge_below_the_top_has_no_say() -> None:
+def test_a_ledge_below_the_top_tells_nothing() -> None:
     ledge = touch((0.01, 0.01), 0.04, np.zeros(2))
-    found = end_plane(stack_points([felt_top(TOP), ledge]), 1.0)
+    found = end_plane(stack_points([top_contacts(TOP), ledge]), 1.0)
     assert found is not None
     assert found.slopes == pytest.approx(TOP, abs=1e-12)
 
@@ -112,11 +112,11 @@ def test_a_dome_is_no_plane() -> None:
 
 def test_a_plane_over_which_something_stands_out_is_no_end() -> None:
     knob = sides()._replace(points=sides().points * [0.2, 0.2, 1.0] + [0.0, 0.0, 0.01])
-    assert end_plane(stack_points([felt_top(TOP), knob]), 1.0) is None
+    assert end_plane(stack_points([top_contacts(TOP), knob]), 1.0) is None
 
 
-def test_between_a_platform_and_an_oblique_top_the_slant_grows() -> None:
-    contacts = felt_top(TOP)
+def test_between_a_platform_and_an_oblique_top_the_shear_grows() -> None:
+    contacts = top_contacts(TOP)
     low = np.array([0.0, 0.0, -1e-3])
     found = shear_between(contacts, np.zeros(2), (low[2], None))
     assert found is not None
@@ -126,26 +126,26 @@ def test_between_a_platform_and_an_oblique_top_the_slant_grows() -> None:
     assert np.ptp(top[:, 2]) < 1e-12
 
 
-def test_two_ends_that_lean_alike_make_the_same_slant_everywhere() -> None:
+def test_two_ends_that_lean_alike_make_the_same_shear_everywhere() -> None:
     bottom = [touch(place, 0.0, TOP, -1.0) for place in PLACES]
-    found = shear_between(stack_points([felt_top(TOP), *bottom]), np.zeros(2), (None, None))
+    found = shear_between(stack_points([top_contacts(TOP), *bottom]), np.zeros(2), (None, None))
     assert found is not None
     assert found.change == pytest.approx(np.zeros(2), abs=1e-12)
     assert found.slopes == pytest.approx(TOP)
 
 
 def test_level_ends_are_left_as_they_are() -> None:
-    assert shear_between(felt_top(np.zeros(2)), np.zeros(2), (0.0, None)) is None
-    assert shear_between(felt_top(np.zeros(2), noise=NOISE), np.zeros(2), (0.0, None)) is None
+    assert shear_between(top_contacts(np.zeros(2)), np.zeros(2), (0.0, None)) is None
+    assert shear_between(top_contacts(np.zeros(2), noise=NOISE), np.zeros(2), (0.0, None)) is None
 
 
-def test_an_object_that_leans_as_a_whole_is_not_slanted_but_turned() -> None:
+def test_an_object_that_leans_as_a_whole_is_not_sheared_but_turned() -> None:
     lean = np.arctan(0.2)  # more than an axis is ever off
     turn = np.array(
         [[np.cos(lean), 0.0, np.sin(lean)], [0.0, 1.0, 0.0], [-np.sin(lean), 0.0, np.cos(lean)]]
     )
     bottom = [touch(place, 0.0, np.zeros(2), -1.0) for place in PLACES]
-    contacts = stack_points([felt_top(np.zeros(2)), *bottom])
+    contacts = stack_points([top_contacts(np.zeros(2)), *bottom])
     leaning = contacts._replace(
         points=contacts.points @ turn.T, normals=np.asarray(contacts.normals) @ turn.T
     )
@@ -154,7 +154,7 @@ def test_an_object_that_leans_as_a_whole_is_not_slanted_but_turned() -> None:
 
 
 def test_an_end_that_no_taxel_faces_is_only_given() -> None:
-    level = felt_top(np.zeros(2))
+    level = top_contacts(np.zeros(2))
     assert only_given(level, -1.0, 0.0)
     assert only_given(level, 1.0, 0.081)
     assert not only_given(level, 1.0, 0.08)
@@ -163,7 +163,7 @@ def test_an_end_that_no_taxel_faces_is_only_given() -> None:
 
 @pytest.mark.parametrize("low", [0.0, -1e-5])
 def test_a_taxel_of_the_side_on_the_platform_or_below_leaves_that_level(low: float) -> None:
-    contacts = felt_top(TOP)
+    contacts = top_contacts(TOP)
     one = contacts.points[:1] * [1.0, 1.0, 0.0] + [0.0, 0.0, low]
     more = contacts._replace(
         points=np.concatenate([contacts.points, one]),
@@ -185,8 +185,8 @@ def test_both_flanks_of_a_gable_are_no_plane() -> None:
     assert end_plane(stack_points([sides(), *parts]), 1.0) is None
 
 
-def test_the_slant_moves_and_grows_with_the_object() -> None:
-    contacts, away = felt_top(TOP), np.array([1.0, -2.0, 0.5])
+def test_the_shear_moves_and_grows_with_the_object() -> None:
+    contacts, away = top_contacts(TOP), np.array([1.0, -2.0, 0.5])
     one = shear_between(contacts, np.zeros(2), (None, None))
     moved = contacts._replace(points=1e3 * (contacts.points + away))
     other = shear_between(moved, 1e3 * away[:2], (None, None))
@@ -210,7 +210,7 @@ def test_taxels_of_one_height_are_a_plane() -> None:
     assert found is None or found.slopes == pytest.approx(np.zeros(2), abs=1e-12)
 
 
-SLANT = Shear(np.array([0.01, -0.02]), np.array([0.2, -0.1]), np.array([1.5, 0.8]))
+SHEAR = Shear(np.array([0.01, -0.02]), np.array([0.2, -0.1]), np.array([1.5, 0.8]))
 STEP = 1e-6
 
 
@@ -239,36 +239,36 @@ def places() -> tuple[Floats, Floats]:
     return rng.uniform(0.1, 0.9, 40), rng.uniform(0.0, 1.0, 40)
 
 
-def test_points_come_back_from_the_straight_space(places: tuple[Floats, Floats]) -> None:
+def test_points_come_back_from_the_levelled_space(places: tuple[Floats, Floats]) -> None:
     points = ball(*places)
-    assert SLANT.sheared(SLANT.levelled(points)) == pytest.approx(points, abs=1e-15)
-    assert SLANT.levelled(SLANT.sheared(points)) == pytest.approx(points, abs=1e-15)
-    assert np.array_equal(SLANT.sheared(points)[:, :2], points[:, :2])
+    assert SHEAR.sheared(SHEAR.levelled(points)) == pytest.approx(points, abs=1e-15)
+    assert SHEAR.levelled(SHEAR.sheared(points)) == pytest.approx(points, abs=1e-15)
+    assert np.array_equal(SHEAR.sheared(points)[:, :2], points[:, :2])
 
 
-def test_what_is_level_in_the_straight_space_is_as_steep_as_it_says() -> None:
+def test_what_is_level_in_the_levelled_space_is_as_steep_as_it_tells() -> None:
     level = np.column_stack(
         [np.random.default_rng(1).normal(0.0, 0.02, (30, 2)), np.full(30, 0.04)]
     )
-    sheared = SLANT.sheared(level)
+    sheared = SHEAR.sheared(level)
     rows = np.column_stack([np.ones(30), level[:, :2]])
     plane, left = np.linalg.lstsq(rows, sheared[:, 2], rcond=None)[:2]
     assert left == pytest.approx(0.0, abs=1e-28)
-    assert plane[1:] == pytest.approx(SLANT.slopes + 0.04 * SLANT.change)
-    assert np.hypot(*plane[1:]) == pytest.approx(SLANT.steepness(0.04))
+    assert plane[1:] == pytest.approx(SHEAR.slopes + 0.04 * SHEAR.change)
+    assert np.hypot(*plane[1:]) == pytest.approx(SHEAR.steepness(0.04))
 
 
 @pytest.mark.parametrize("by", [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2)])
-def test_derivatives_are_those_of_the_slanted_surface(
+def test_derivatives_are_those_of_the_sheared_surface(
     places: tuple[Floats, Floats], by: tuple[int, int]
 ) -> None:
-    found = SLANT.carried(lambda order: differences(*places, order), by)
+    found = SHEAR.carried(lambda order: differences(*places, order), by)
     one = (1, 0) if by[0] else (0, 1)
     rest = by[0] - one[0], by[1] - one[1]
 
     def below(sign: float) -> Floats:
         v, turns = places[0] + sign * STEP * one[0], places[1] + sign * STEP * one[1]
-        return SLANT.carried(lambda order: differences(v, turns, order), rest)
+        return SHEAR.carried(lambda order: differences(v, turns, order), rest)
 
     expected = (below(1.0) - below(-1.0)) / (2.0 * STEP)
     assert found == pytest.approx(expected, abs=1e-9 if sum(by) == 1 else 2e-3)
@@ -276,18 +276,18 @@ def test_derivatives_are_those_of_the_slanted_surface(
 
 def test_normals_are_square_to_the_surface_on_both_sides(places: tuple[Floats, Floats]) -> None:
     tangents = [
-        SLANT.carried(lambda order: differences(*places, order), by) for by in ((1, 0), (0, 1))
+        SHEAR.carried(lambda order: differences(*places, order), by) for by in ((1, 0), (0, 1))
     ]
     normals = np.cross(tangents[1], tangents[0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    contacts = ContactPoints(SLANT.sheared(ball(*places)), normals, np.zeros(40, np.int32))
-    found = levelled(SLANT, contacts)
+    contacts = ContactPoints(SHEAR.sheared(ball(*places)), normals, np.zeros(40, np.int32))
+    found = levelled(SHEAR, contacts)
     assert found.points == pytest.approx(ball(*places), abs=1e-15)
     outwards = (ball(*places) - [0.0, 0.0, 0.05]) / 0.03
     assert np.asarray(found.normals) == pytest.approx(outwards, abs=1e-8)
 
 
-def test_nothing_changes_without_a_slant_or_without_normals(places: tuple[Floats, Floats]) -> None:
+def test_nothing_changes_without_a_shear_or_without_normals(places: tuple[Floats, Floats]) -> None:
     contacts = ContactPoints(ball(*places), None, np.zeros(40, np.int32))
     assert levelled(None, contacts) is contacts
-    assert levelled(SLANT, contacts).normals is None
+    assert levelled(SHEAR, contacts).normals is None

@@ -54,7 +54,7 @@ def test_an_end_that_is_known_to_lie_farther_is_not_pulled_in(way: float) -> Non
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_what_is_no_touch_of_the_end_says_nothing_of_it(way: float) -> None:
+def test_what_is_no_touch_of_the_end_tells_nothing_of_it(way: float) -> None:
     short = touches(np.array([0.08]), way)
     sideways = touches(np.array([0.1]), -way)._replace(points=touches(np.array([0.1]), way).points)
     for contacts in (short, sideways, touches(np.array([0.1]), way)._replace(normals=None)):
@@ -168,7 +168,7 @@ def _felt(lean: Floats, turns: Floats = TURNS) -> ContactPoints:
 
 
 @pytest.mark.parametrize("told", [[0.0, 0.0], [0.006, -0.004]])
-def test_an_end_leans_as_it_was_felt_and_not_as_the_contours_do(told: list[float]) -> None:
+def test_an_end_leans_as_it_was_touched_and_not_as_the_contours_do(told: list[float]) -> None:
     lean = np.array([-0.003, 0.002])
     found = with_touched_middle(_end(np.array(told)), ROW, _felt(lean))
     assert found.middle == pytest.approx(lean, abs=0.6e-3)
@@ -181,7 +181,7 @@ def test_one_side_alone_tells_of_its_own_direction() -> None:
     assert abs(found.middle[1]) < abs(lean[1])
 
 
-def test_an_end_that_nobody_felt_stays_where_it_is() -> None:
+def test_an_end_that_nobody_touched_stays_where_it_is() -> None:
     contacts = _felt(np.zeros(2))
     below = ContactPoints(
         contacts.points - np.array([0.0, 0.0, 0.02]), contacts.normals, contacts.touch
@@ -199,15 +199,15 @@ def test_a_middle_far_outside_is_not_believed() -> None:
 
 Make = Callable[..., Any]
 NO_LEAN = np.zeros(2)
-FELT_BEYOND_RIM, END = 0.072, 0.08  # Of a box: its edge is rounded over some 8 mm
+LAST_ROW, END = 0.072, 0.08  # Of a box: its edge is rounded over some 8 mm
 
 
-def skin_of(contacts: ContactPoints) -> RadialSpline:
+def spline_of(contacts: ContactPoints) -> RadialSpline:
     axis_curve = fit_axis_curve(np.array([0.0, END]), np.zeros((2, 2)))
     return fit_radial_spline(contacts, axis_curve, 0.0, END)
 
 
-def felt_at(true: Any, heights: Floats) -> ContactPoints:
+def contacts_at(true: Any, heights: Floats) -> ContactPoints:
     sections = [true.section(height / 0.04 - 1.0) for height in heights]
     found = true.felt(np.concatenate(sections))
     assert isinstance(found, ContactPoints)
@@ -216,42 +216,42 @@ def felt_at(true: Any, heights: Floats) -> ContactPoints:
 
 def test_an_edge_is_told_as_mean_radii(oracle: Make) -> None:
     true = oracle([0.03, 0.02, 0.04], [0.4, 0.4])
-    contacts = felt_at(true, np.linspace(0.002, 0.079, 60))
-    spline = skin_of(contacts)
-    found = edge_samples(contacts, spline, FELT_BEYOND_RIM, END, 0.02, NO_LEAN)
+    contacts = contacts_at(true, np.linspace(0.002, 0.079, 60))
+    spline = spline_of(contacts)
+    found = edge_samples(contacts, spline, LAST_ROW, END, 0.02, NO_LEAN)
     assert found is not None
     assert (np.diff(found.depths) > 0.0).all() and (np.diff(found.radii) < 0.0).all()
-    assert found.depths[0] > FELT_BEYOND_RIM and found.depths[-1] < END
+    assert found.depths[0] > LAST_ROW and found.depths[-1] < END
     # A section of a superquadric has the same shape at every height.
-    mean = true.section(FELT_BEYOND_RIM / 0.04 - 1.0)[0, 0]
+    mean = true.section(LAST_ROW / 0.04 - 1.0)[0, 0]
     there = [true.section(height / 0.04 - 1.0)[0, 0] / mean for height in found.depths]
     assert np.abs(found.radii / 0.02 - there).max() < 0.03
 
 
-def test_what_was_felt_next_to_the_last_row_alone_tells_nothing(oracle: Make) -> None:
+def test_what_was_touched_next_to_the_last_row_alone_tells_nothing(oracle: Make) -> None:
     true = oracle([0.03, 0.02, 0.04], [0.4, 0.4])
-    contacts = felt_at(
-        true, np.append(np.linspace(0.002, 0.072, 40), np.nextafter(FELT_BEYOND_RIM, 1.0))
+    contacts = contacts_at(
+        true, np.append(np.linspace(0.002, 0.072, 40), np.nextafter(LAST_ROW, 1.0))
     )
-    assert edge_samples(contacts, skin_of(contacts), FELT_BEYOND_RIM, END, 0.02, NO_LEAN) is None
+    assert edge_samples(contacts, spline_of(contacts), LAST_ROW, END, 0.02, NO_LEAN) is None
 
 
-def test_what_was_felt_on_one_side_alone_tells_nothing(oracle: Make) -> None:
+def test_what_was_touched_on_one_side_alone_tells_nothing(oracle: Make) -> None:
     true = oracle([0.03, 0.02, 0.04], [0.4, 0.4])
-    contacts = felt_at(true, np.linspace(0.002, 0.079, 60))
+    contacts = contacts_at(true, np.linspace(0.002, 0.079, 60))
     assert contacts.normals is not None
     aside = (contacts.points[:, 0] > 0.0) & (
         np.abs(contacts.points[:, 1]) < 0.4 * contacts.points[:, 0]
     )
-    kept = (contacts.points[:, 2] < FELT_BEYOND_RIM) | aside
+    kept = (contacts.points[:, 2] < LAST_ROW) | aside
     less = ContactPoints(contacts.points[kept], contacts.normals[kept], contacts.touch[kept])
-    assert edge_samples(less, skin_of(contacts), FELT_BEYOND_RIM, END, 0.02, NO_LEAN) is None
+    assert edge_samples(less, spline_of(contacts), LAST_ROW, END, 0.02, NO_LEAN) is None
 
 
 def test_a_surface_that_leans_over_the_end_has_no_edge_to_tell_of(oracle: Make) -> None:
     true = oracle([0.03, 0.03, 0.04], [1.0, 1.0])
     heights = np.append(np.linspace(0.002, 0.077, 60), np.linspace(0.0772, 0.0798, 14))
-    contacts = felt_at(true, heights)
-    spline = skin_of(contacts)
+    contacts = contacts_at(true, heights)
+    spline = spline_of(contacts)
     assert edge_samples(contacts, spline, 0.077, END, 0.01, NO_LEAN) is None
     assert edge_samples(contacts, spline, 0.06, END, 0.02, NO_LEAN) is not None

@@ -116,12 +116,12 @@ def test_of_very_many_contours_and_points_some_share_coefficients() -> None:
     assert np.abs(fit.fitted() - rows.grid).max() < 1e-5
 
 
-CONTOUR_ROWS_ANGLE = 2 * np.pi * np.arange(12) / 12
-CONTOUR_ROWS_RIM = np.stack([np.cos(CONTOUR_ROWS_ANGLE), np.sin(CONTOUR_ROWS_ANGLE)], axis=-1)
+ANGLE_12 = 2 * np.pi * np.arange(12) / 12
+RIM_12 = np.stack([np.cos(ANGLE_12), np.sin(ANGLE_12)], axis=-1)
 
 
 def rings(radii: Floats, middles: Floats | None = None) -> Floats:
-    grid = np.asarray(radii)[:, None, None] * CONTOUR_ROWS_RIM
+    grid = np.asarray(radii)[:, None, None] * RIM_12
     return grid if middles is None else grid + middles[:, None]
 
 
@@ -142,7 +142,7 @@ def test_contours_at_one_height_are_averaged_and_count_as_many() -> None:
     rows = contour_rows(heights, rings(np.array([1, 1, 2, 1, 3.0])), 0.0, 1.0, (False, False))
     assert rows.weights.tolist() == [1.0, 3.0, 1.0]
     assert rows.owner.tolist() == [0, 1, 1, 2, 1]
-    assert np.allclose(rows.grid[1] * rows.size, 2.0 * CONTOUR_ROWS_RIM)
+    assert np.allclose(rows.grid[1] * rows.size, 2.0 * RIM_12)
 
 
 def test_a_pole_lies_where_the_middles_lead_or_where_it_is_put() -> None:

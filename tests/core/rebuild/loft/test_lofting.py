@@ -29,10 +29,10 @@ def contours(heights: Floats, count: int, sigma: float = 0.0, seed: int = 0) -> 
     return grid + sigma * np.random.default_rng(seed).normal(size=grid.shape)
 
 
-def errors(skin: ContourLoft, reach: float = 1.0) -> Floats:
+def errors(loft: ContourLoft, reach: float = 1.0) -> Floats:
     """Normal distances over the height, to first order, on a grid."""
     heights = np.linspace(-reach, reach, 121)[:, None]
-    places = skin.at(heights, (np.arange(120) + 0.3) / 120)
+    places = loft.at(heights, (np.arange(120) + 0.3) / 120)
     angle = np.arctan2(places[..., 1], places[..., 0])
     radius, step = wavy(heights, angle), 1e-6
     inwards = np.clip(heights + np.array([-step, step])[:, None, None], -1.0, 1.0)
@@ -48,10 +48,10 @@ def rms(values: Floats) -> float:
 
 def test_27_by_80_clean_contours_with_poles_are_followed_to_a_ten_thousandth() -> None:
     heights = np.linspace(-1.0, 1.0, 27)
-    skin = fit_contour_loft(heights, contours(heights, 80), low=-POLE, high=POLE, pole=(True, True))
-    assert rms(errors(skin)) < 1e-4
-    assert skin.health.condition < 1e3
-    ends = skin.at(np.array([-POLE, POLE])[:, None], np.arange(9) / 9)
+    loft = fit_contour_loft(heights, contours(heights, 80), low=-POLE, high=POLE, pole=(True, True))
+    assert rms(errors(loft)) < 1e-4
+    assert loft.health.condition < 1e3
+    ends = loft.at(np.array([-POLE, POLE])[:, None], np.arange(9) / 9)
     assert np.ptp(ends, axis=1).max() < 1e-12
 
 
@@ -60,10 +60,10 @@ def test_noise_of_half_a_percent_leaves_less_than_a_third_of_it() -> None:
     found = []
     for seed in range(3):
         grid = contours(heights, 80, 0.005 * HEIGHT, seed)
-        skin = fit_contour_loft(heights, grid, low=-1.04, high=1.04)
-        found.append(rms(errors(skin)))
-        assert skin.health.sigma == pytest.approx(0.005 * HEIGHT, rel=0.05)
-        assert skin.health.outlying == 0
+        loft = fit_contour_loft(heights, grid, low=-1.04, high=1.04)
+        found.append(rms(errors(loft)))
+        assert loft.health.sigma == pytest.approx(0.005 * HEIGHT, rel=0.05)
+        assert loft.health.outlying == 0
     assert np.mean(found) < 1.5e-3
 
 
@@ -71,12 +71,12 @@ def test_a_missing_contour_costs_little() -> None:
     """A gap in the heights of 27 contours with noise of half a percent."""
     heights = np.delete(np.linspace(-1.0, 1.0, 27), 12)
     grid = contours(heights, 80, 0.005 * HEIGHT)
-    skin = fit_contour_loft(heights, grid, low=-1.04, high=1.04)
-    assert rms(errors(skin)) < 1.5e-3
-    assert skin.uncertainty().resolution == pytest.approx(HEIGHT / 26)
+    loft = fit_contour_loft(heights, grid, low=-1.04, high=1.04)
+    assert rms(errors(loft)) < 1.5e-3
+    assert loft.uncertainty().resolution == pytest.approx(HEIGHT / 26)
     turns = np.arange(20) / 20
     gap, beside = np.array([-1.0 + 12 / 13]), np.array([-1.0 + 17.5 / 13])
-    assert rms(skin.deviation(gap, turns)) > 1.5 * rms(skin.deviation(beside, turns))
+    assert rms(loft.deviation(gap, turns)) > 1.5 * rms(loft.deviation(beside, turns))
 
 
 def test_noise_of_1_5_percent_is_not_fitted() -> None:
@@ -90,9 +90,9 @@ def test_a_top_contour_collapsed_to_a_point_closes_the_surface() -> None:
     heights = np.linspace(-1.0, 1.0, 27)
     grid = contours(heights, 40)
     grid[-1] = 0.0
-    skin = fit_contour_loft(heights, grid, low=-1.04, high=1.0)
-    assert np.abs(skin.at(1.0, np.arange(7) / 7)).max() < 1e-4
-    for values in (errors(skin), skin.deviation(heights, np.arange(5) / 5), skin.uncertainty()):
+    loft = fit_contour_loft(heights, grid, low=-1.04, high=1.0)
+    assert np.abs(loft.at(1.0, np.arange(7) / 7)).max() < 1e-4
+    for values in (errors(loft), loft.deviation(heights, np.arange(5) / 5), loft.uncertainty()):
         assert np.isfinite(values).all()
 
 
@@ -101,42 +101,42 @@ def test_a_top_contour_collapsed_to_a_point_closes_the_surface() -> None:
 def test_one_two_and_three_contours_give_a_surface(count: int, pole: tuple[bool, bool]) -> None:
     heights = np.linspace(-0.5, 0.4, count)
     grid = contours(heights, 24)
-    skin = fit_contour_loft(heights, grid, low=-1.0, high=1.0, pole=pole)
-    assert np.allclose(skin.at(heights[:, None], np.arange(24) / 24), grid, atol=1e-4)
+    loft = fit_contour_loft(heights, grid, low=-1.0, high=1.0, pole=pole)
+    assert np.allclose(loft.at(heights[:, None], np.arange(24) / 24), grid, atol=1e-4)
     for end, closed in zip((-1.0, 1.0), pole, strict=True):
-        width = float(np.ptp(skin.at(end, np.arange(8) / 8), axis=0).max())
+        width = float(np.ptp(loft.at(end, np.arange(8) / 8), axis=0).max())
         assert (width < 1e-12) is closed
-    band = skin.deviation(np.linspace(-1.0, 1.0, 30), np.arange(9) / 9)
+    band = loft.deviation(np.linspace(-1.0, 1.0, 30), np.arange(9) / 9)
     assert np.isfinite(band).all()
-    assert np.isfinite(skin.uncertainty()).all()
+    assert np.isfinite(loft.uncertainty()).all()
 
 
 def test_one_contour_is_carried_on_as_a_prism() -> None:
     grid = contours(np.array([0.2]), 24)
-    skin = fit_contour_loft([0.2], grid, low=-1.0, high=1.0)
+    loft = fit_contour_loft([0.2], grid, low=-1.0, high=1.0)
     turns = np.arange(24) / 24
-    assert np.allclose(skin.at(np.linspace(-1, 1, 9)[:, None], turns), grid, atol=1e-4)
-    assert skin.uncertainty().resolution == pytest.approx(1.0)
+    assert np.allclose(loft.at(np.linspace(-1, 1, 9)[:, None], turns), grid, atol=1e-4)
+    assert loft.uncertainty().resolution == pytest.approx(1.0)
 
 
 def test_uneven_and_repeated_heights_are_taken_as_they_are() -> None:
     heights = np.sin(np.linspace(-0.5 * np.pi, 0.5 * np.pi, 27))
     again = np.concatenate([heights, heights[10:12], heights[5:6] + 1e-7])
-    skin = fit_contour_loft(again, contours(again, 80), low=-POLE, high=POLE, pole=(True, True))
-    assert skin.health.merged == 3
-    assert rms(errors(skin)) < 3e-4
+    loft = fit_contour_loft(again, contours(again, 80), low=-POLE, high=POLE, pole=(True, True))
+    assert loft.health.merged == 3
+    assert rms(errors(loft)) < 3e-4
     twice = fit_contour_loft(
         heights, contours(heights, 80), low=-POLE, high=POLE, pole=(True, True)
     )
-    assert np.allclose(errors(skin), errors(twice), atol=1e-6)
+    assert np.allclose(errors(loft), errors(twice), atol=1e-6)
 
 
 def test_very_close_heights_that_disagree_stay_finite() -> None:
     heights = np.concatenate([np.linspace(-1.0, 1.0, 14), [0.1, 0.1 + 1e-3]])
     grid = contours(heights, 40, 0.005 * HEIGHT)
-    skin = fit_contour_loft(heights, grid, low=-1.04, high=1.04)
-    assert skin.health.merged == 0
-    assert np.abs(errors(skin)).max() < 0.02
+    loft = fit_contour_loft(heights, grid, low=-1.04, high=1.04)
+    assert loft.health.merged == 0
+    assert np.abs(errors(loft)).max() < 0.02
 
 
 @pytest.mark.parametrize("order", [slice(None, None, -1), np.array([3, 0, 5, 1, 4, 2, 6, 7])])
@@ -164,11 +164,11 @@ def test_95_percent_of_the_surface_lies_in_the_band_of_95_percent() -> None:
         heights, covered = np.linspace(-1.0, 1.0, count), []
         for seed in range(4):
             grid = contours(heights, turns, 0.01, seed)
-            skin = fit_contour_loft(heights, grid, low=-1.04, high=1.04)
-            band = skin.deviation(np.linspace(-1, 1, 121), (np.arange(120) + 0.3) / 120)
-            off = np.abs(HEIGHT * errors(skin))
+            loft = fit_contour_loft(heights, grid, low=-1.04, high=1.04)
+            band = loft.deviation(np.linspace(-1, 1, 121), (np.arange(120) + 0.3) / 120)
+            off = np.abs(HEIGHT * errors(loft))
             covered.append(np.mean(off <= 1.96 * band))
-            claimed = skin.uncertainty()
+            claimed = loft.uncertainty()
             assert rms(off) < claimed.rms
             assert off.max() < claimed.most
         assert 0.90 <= np.mean(covered) <= 0.99
@@ -196,9 +196,9 @@ def test_the_band_is_along_the_normal() -> None:
     noise = 1e-3 * np.random.default_rng(0).normal(size=(9, 24, 1)) * rim
     for lean in (0.0, 3.0):
         cone = (4.0 + lean * heights)[:, None, None] * rim + noise
-        skin = fit_contour_loft(heights, cone, low=-1.0, high=1.0)
-        assert skin.health.sigma == pytest.approx(1e-3, rel=0.15)
-        level = rms(skin.deviation(heights, np.arange(24) / 24))
+        loft = fit_contour_loft(heights, cone, low=-1.0, high=1.0)
+        assert loft.health.sigma == pytest.approx(1e-3, rel=0.15)
+        level = rms(loft.deviation(heights, np.arange(24) / 24))
         if lean == 0.0:
             upright = level
     assert level == pytest.approx(upright / np.hypot(1.0, 3.0), rel=0.2)
@@ -219,10 +219,10 @@ def test_a_known_noise_is_that_of_the_band() -> None:
 
 
 def test_all_points_in_one_place_give_a_line() -> None:
-    skin = fit_contour_loft(np.arange(6.0), np.full((6, 12, 2), 2.0), low=-1.0, high=6.0)
-    assert np.allclose(skin.at([0.5, 4.0], [0.1, 0.2]), 2.0)
-    assert np.array_equal(skin.deviation([0.5], [0.0]), [[0.0]])
-    assert skin.uncertainty()[:2] == (0.0, 0.0)
+    loft = fit_contour_loft(np.arange(6.0), np.full((6, 12, 2), 2.0), low=-1.0, high=6.0)
+    assert np.allclose(loft.at([0.5, 4.0], [0.1, 0.2]), 2.0)
+    assert np.array_equal(loft.deviation([0.5], [0.0]), [[0.0]])
+    assert loft.uncertainty()[:2] == (0.0, 0.0)
 
 
 @settings(derandomize=True, deadline=None, max_examples=40)
@@ -233,25 +233,25 @@ def test_whatever_the_contours_are_the_surface_is_finite(
     rng = np.random.default_rng(seed)
     heights, grid = rng.random(count), rng.normal(size=(count, turns, 2))
     pole = (bool(poles & 1), bool(poles & 2))
-    skin = fit_contour_loft(heights, grid, low=-0.1, high=1.1, pole=pole)
+    loft = fit_contour_loft(heights, grid, low=-0.1, high=1.1, pole=pole)
     places = np.linspace(-0.1, 1.1, 25)
-    assert np.isfinite(skin.at(places[:, None], np.arange(9) / 9)).all()
-    assert np.isfinite(skin.deviation(places, np.arange(9) / 9)).all()
-    assert np.isfinite(skin.uncertainty()).all()
-    assert np.isfinite(skin.health.condition)
+    assert np.isfinite(loft.at(places[:, None], np.arange(9) / 9)).all()
+    assert np.isfinite(loft.deviation(places, np.arange(9) / 9)).all()
+    assert np.isfinite(loft.uncertainty()).all()
+    assert np.isfinite(loft.health.condition)
 
 
 def test_a_contour_or_noise_that_cannot_be_is_refused() -> None:
     heights = np.linspace(-1.0, 1.0, 5)
-    skin = fit_contour_loft(heights, contours(heights, 12), low=-1.1, high=1.1)
+    loft = fit_contour_loft(heights, contours(heights, 12), low=-1.1, high=1.1)
     with pytest.raises(ValueError, match=r"row must have shape \(12, 2\), got \(11, 2\)"):
-        skin.update(0.1, np.zeros((11, 2)))
+        loft.update(0.1, np.zeros((11, 2)))
     with pytest.raises(ValueError, match="heights must lie from low"):
-        skin.update(2.0, np.zeros((12, 2)))
+        loft.update(2.0, np.zeros((12, 2)))
     with pytest.raises(ValueError, match="noise must be 0 or more"):
         fit_contour_loft(heights, contours(heights, 12), low=-1.1, high=1.1, noise=-1.0)
     with pytest.raises(ValueError, match="heights must be finite"):
-        skin.deviation([np.nan], [0.0])
+        loft.deviation([np.nan], [0.0])
 
 
 M, K = 27, 80
@@ -285,8 +285,8 @@ def fitted(radius: Floats, outlying: Bools, seed: int, sigma: float = SIGMA) -> 
     return fit_contour_loft(HEIGHTS, grid, low=-1.04, high=1.04)
 
 
-def error(skin: ContourLoft, radius: Floats) -> float:
-    off = np.linalg.norm(skin.at(HEIGHTS[:, None], np.arange(K) / K), axis=-1) - radius
+def error(loft: ContourLoft, radius: Floats) -> float:
+    off = np.linalg.norm(loft.at(HEIGHTS[:, None], np.arange(K) / K), axis=-1) - radius
     return float(np.sqrt(np.mean(off**2)))
 
 
@@ -295,13 +295,13 @@ def test_2_percent_of_points_off_cost_less_than_a_tenth(radius: Floats) -> None:
     with_, without = [], []
     for seed in range(3):
         outlying = wrong(0.02, seed)
-        skin = fitted(radius, outlying, seed)
-        with_.append(error(skin, radius))
+        loft = fitted(radius, outlying, seed)
+        with_.append(error(loft, radius))
         without.append(error(fitted(radius, wrong(0.0, seed), seed), radius))
-        assert skin.health.outlying == skin.outlying.sum()
-        assert (skin.outlying & outlying).sum() >= 0.9 * outlying.sum()
-        assert (skin.outlying & ~outlying).sum() <= 5
-        assert skin.health.sigma == pytest.approx(SIGMA, rel=0.15)
+        assert loft.health.outlying == loft.outlying.sum()
+        assert (loft.outlying & outlying).sum() >= 0.9 * outlying.sum()
+        assert (loft.outlying & ~outlying).sum() <= 5
+        assert loft.health.sigma == pytest.approx(SIGMA, rel=0.15)
     assert np.mean(with_) <= 1.1 * np.mean(without)
 
 
@@ -338,8 +338,8 @@ def test_single_contours_and_still_ones_do_not_stick_out() -> None:
 def test_few_points_are_not_judged() -> None:
     grid = np.repeat(RIM[None, ::16], 9, axis=0)
     grid[4, 2] *= 3.0
-    skin = fit_contour_loft(np.arange(9.0), grid, low=-1.0, high=10.0)
-    assert not skin.outlying.any()
+    loft = fit_contour_loft(np.arange(9.0), grid, low=-1.0, high=10.0)
+    assert not loft.outlying.any()
 
 
 def test_the_sharp_edges_of_an_exact_box_are_its_own() -> None:
@@ -348,10 +348,10 @@ def test_the_sharp_edges_of_an_exact_box_are_its_own() -> None:
     ring *= 30.0 * (np.abs(ring) ** 10).sum(axis=1, keepdims=True) ** -0.1
     scale = (1.0 - np.abs(heights / 50.0) ** 10) ** 0.1
 
-    skin = fit_contour_loft(heights, scale[:, None, None] * ring, low=-50.0, high=50.0)
+    loft = fit_contour_loft(heights, scale[:, None, None] * ring, low=-50.0, high=50.0)
 
-    assert skin.health.outlying == 0
+    assert loft.health.outlying == 0
     assert (
-        np.abs(skin.at(heights[:, None], turn / (2 * np.pi)) - scale[:, None, None] * ring).max()
+        np.abs(loft.at(heights[:, None], turn / (2 * np.pi)) - scale[:, None, None] * ring).max()
         < 0.5
     )

@@ -254,19 +254,19 @@ def test_points_and_ellipses_do_not_bend_around_and_lobes_do(count: int) -> None
     assert np.abs(root @ np.cos(2 * angle)).max() > 1e-8
 
 
-BETWEEN_CONTOURS_TURNS = 32
-ANGLE = 2 * np.pi * np.arange(BETWEEN_CONTOURS_TURNS) / BETWEEN_CONTOURS_TURNS
+TURNS_32 = 32
+ANGLE = 2 * np.pi * np.arange(TURNS_32) / TURNS_32
 RIM = np.stack([np.cos(ANGLE), np.sin(ANGLE)], axis=-1)
 
 
 def judged(sites: Floats, radius: Floats, sigma: float = 0.0) -> BetweenContours:
     """Of contours with radii (m,) or (m, TURNS)."""
-    radius = np.broadcast_to(radius.reshape(len(sites), -1), (len(sites), BETWEEN_CONTOURS_TURNS))
-    across = np.broadcast_to(RIM, (len(sites), BETWEEN_CONTOURS_TURNS, 2))
+    radius = np.broadcast_to(radius.reshape(len(sites), -1), (len(sites), TURNS_32))
+    across = np.broadcast_to(RIM, (len(sites), TURNS_32, 2))
     return between_contours(sites, radius[..., None] * RIM, across, sigma)
 
 
-def test_what_neighbours_foretell_exactly_leaves_no_doubt() -> None:
+def test_what_neighbours_predict_exactly_leaves_no_doubt() -> None:
     sites = np.linspace(-1.0, 1.0, 12)
     found = judged(sites, 1.0 + sites - sites**2)
     doubt = found.variance(np.linspace(-1.5, 1.5, 50), np.arange(5) / 5)
@@ -303,7 +303,7 @@ def test_what_lies_at_one_side_leaves_no_doubt_about_the_other() -> None:
 
 def test_noise_alone_leaves_little_doubt() -> None:
     sites = np.linspace(0.0, 1.0, 20)
-    noise = 0.01 * np.random.default_rng(0).normal(size=(20, BETWEEN_CONTOURS_TURNS))
+    noise = 0.01 * np.random.default_rng(0).normal(size=(20, TURNS_32))
     found = judged(sites, 1.0 + noise, sigma=0.01)
     without = judged(sites, 1.0 + noise, sigma=0.0)
     assert found.squares.mean() < 0.5 * without.squares.mean()

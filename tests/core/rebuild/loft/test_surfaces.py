@@ -69,7 +69,7 @@ def test_derivatives_by_height_and_turn_are_those_of_differences(
 
 
 @pytest.mark.parametrize("by", [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2)])
-def test_derivatives_by_latitude_are_smooth_up_to_the_pole(
+def test_derivatives_by_the_parameter_are_smooth_up_to_the_pole(
     ball: ContourSurface, by: tuple[int, int]
 ) -> None:
     low, high = ball.along.domain
@@ -98,9 +98,7 @@ def test_a_side_patch_runs_from_0_to_1(ball: ContourSurface) -> None:
         assert np.allclose(side.at(v, turns, (order + 1, 0)), wanted, rtol=1e-5, atol=1e-5)
 
 
-def test_derivatives_that_are_not_offered_and_bad_numbers_are_refused(
-    ball: ContourSurface,
-) -> None:
+def test_derivatives_that_are_not_offered_and_bad_numbers_are_refused(ball: ContourSurface) -> None:
     with pytest.raises(ValueError, match="by must be 0 or 1 in the height, got 2"):
         ball.at(0.0, 0.0, (2, 0))
     with pytest.raises(ValueError, match="heights must be finite"):
@@ -115,48 +113,43 @@ KINDS = list(itertools.product((False, True), repeat=2))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_heights_and_latitudes_are_inverse(kind: tuple[bool, bool]) -> None:
-    axial_parameter = AxialParameter(-2.0, 5.0, kind)
+def test_heights_and_parameters_are_inverse(kind: tuple[bool, bool]) -> None:
+    axis = AxialParameter(-2.0, 5.0, kind)
     heights = np.linspace(-2.0, 5.0, 201)
-    parameters = axial_parameter.of(heights)
+    parameters = axis.of(heights)
     assert (np.diff(parameters) > 0.0).all()
-    assert np.allclose(axial_parameter.height(parameters), heights, rtol=0, atol=1e-14)
+    assert np.allclose(axis.height(parameters), heights, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_height_stands_still_at_round_ends_alone(kind: tuple[bool, bool]) -> None:
-    axial_parameter = AxialParameter(1.0, 3.0, kind)
-    slopes = axial_parameter.height(axial_parameter.of(np.array([1.0, 3.0])), 1)
+    axis = AxialParameter(1.0, 3.0, kind)
+    slopes = axis.height(axis.of(np.array([1.0, 3.0])), 1)
     assert (np.abs(slopes) < 1e-15).tolist() == list(kind)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_of_the_height_are_those_of_differences(kind: tuple[bool, bool]) -> None:
-    axial_parameter = AxialParameter(-1.0, 0.5, kind)
-    places = axial_parameter.of(np.linspace(-0.9, 0.4, 7))
+    axis = AxialParameter(-1.0, 0.5, kind)
+    places = axis.of(np.linspace(-0.9, 0.4, 7))
     step = 1e-4
-    below, here, above = (axial_parameter.height(places + way * step) for way in (-1, 0, 1))
-    assert np.allclose(axial_parameter.height(places, 1), (above - below) / (2 * step), atol=1e-6)
-    assert np.allclose(
-        axial_parameter.height(places, 2), (above - 2 * here + below) / step**2, atol=1e-5
-    )
+    below, here, above = (axis.height(places + way * step) for way in (-1, 0, 1))
+    assert np.allclose(axis.height(places, 1), (above - below) / (2 * step), atol=1e-6)
+    assert np.allclose(axis.height(places, 2), (above - 2 * here + below) / step**2, atol=1e-5)
 
 
 def test_the_radius_of_a_ball_is_a_cosine_of_its_latitude_up_to_the_pole() -> None:
     gap = np.array([1e-15, 1e-12, 1e-6, 0.1])
-    axial_parameter = AxialParameter(-1.0, 1.0, (True, True))
+    axis = AxialParameter(-1.0, 1.0, (True, True))
     heights = 1.0 - gap
     exact = np.sqrt((1.0 - heights) * (1.0 + heights))
-    assert np.allclose(np.cos(axial_parameter.of(heights)), exact, rtol=1e-8, atol=0.0)
+    assert np.allclose(np.cos(axis.of(heights)), exact, rtol=1e-8, atol=0.0)
 
 
 def test_heights_beyond_an_end_are_taken_to_it() -> None:
     for kind in KINDS:
-        axial_parameter = AxialParameter(0.0, 1.0, kind)
-        assert (
-            axial_parameter.of(np.array([-3.0, 4.0])).tolist()
-            == axial_parameter.of(np.array([0, 1.0])).tolist()
-        )
+        axis = AxialParameter(0.0, 1.0, kind)
+        assert axis.of(np.array([-3.0, 4.0])).tolist() == axis.of(np.array([0, 1.0])).tolist()
 
 
 def test_the_unit_of_the_heights_does_not_matter() -> None:
@@ -199,50 +192,46 @@ EVEN = np.array([0.0, 0.2, 0.21, 0.5, 0.9, 1.0])
 LENGTHS = np.array([1.0, 4.0, 1.5, 2.0, 0.5])
 
 
-def test_a_pace_passes_its_places_and_spans_what_the_values_do() -> None:
-    reparametrisation = reparametrisation_through(EVEN, LENGTHS)
-    assert np.allclose(reparametrisation.mapped, np.append(0.0, np.cumsum(LENGTHS)) / LENGTHS.sum())
-    assert np.abs(reparametrisation.of(EVEN) - reparametrisation.mapped).max() < 1e-14
-    assert np.abs(reparametrisation.value(reparametrisation.mapped) - EVEN).max() < 1e-14
+def test_a_reparametrisation_passes_its_places_and_spans_what_the_values_do() -> None:
+    mapping = reparametrisation_through(EVEN, LENGTHS)
+    assert np.allclose(mapping.mapped, np.append(0.0, np.cumsum(LENGTHS)) / LENGTHS.sum())
+    assert np.abs(mapping.of(EVEN) - mapping.mapped).max() < 1e-14
+    assert np.abs(mapping.value(mapping.mapped) - EVEN).max() < 1e-14
 
 
 @given(
     steps=st.lists(st.tuples(st.floats(1e-4, 1.0), st.floats(1e-4, 1.0)), min_size=1, max_size=9)
 )
 @settings(derandomize=True, deadline=None, max_examples=50)
-def test_a_pace_rises_and_is_undone_by_its_inverse(steps: list[tuple[float, float]]) -> None:
+def test_it_rises_and_is_undone_by_its_inverse(steps: list[tuple[float, float]]) -> None:
     rises, lengths = np.array(steps).T
     even = np.concatenate([[-1.0], -1.0 + np.cumsum(rises)])
-    reparametrisation = reparametrisation_through(even, lengths)
-    places = np.linspace(reparametrisation.mapped[0], reparametrisation.mapped[-1], 301)
-    values = reparametrisation.value(places)
+    mapping = reparametrisation_through(even, lengths)
+    places = np.linspace(mapping.mapped[0], mapping.mapped[-1], 301)
+    values = mapping.value(places)
     assert (np.diff(values) > 0.0).all()
-    assert np.abs(
-        reparametrisation.value(reparametrisation.of(values)) - values
-    ).max() < 1e-10 * np.ptp(even)
+    assert np.abs(mapping.value(mapping.of(values)) - values).max() < 1e-10 * np.ptp(even)
 
 
 def test_its_derivatives_are_those_of_its_values() -> None:
-    reparametrisation, step = reparametrisation_through(EVEN, LENGTHS), 1e-5
+    mapping, step = reparametrisation_through(EVEN, LENGTHS), 1e-5
     places = np.linspace(0.01, 0.99, 200)
-    places = places[np.abs(places[:, None] - reparametrisation.mapped).min(axis=1) > 2 * step]
+    places = places[np.abs(places[:, None] - mapping.mapped).min(axis=1) > 2 * step]
     for derivative in (0, 1):
-        slope = reparametrisation.value(places + step, derivative) - reparametrisation.value(
-            places - step, derivative
-        )
-        wanted = reparametrisation.value(places, derivative + 1)
+        slope = mapping.value(places + step, derivative) - mapping.value(places - step, derivative)
+        wanted = mapping.value(places, derivative + 1)
         assert np.abs(slope / (2 * step) - wanted).max() < 1e-5 * np.abs(wanted).max()
 
 
 def test_steps_as_long_as_the_values_change_nothing() -> None:
-    reparametrisation = reparametrisation_through(EVEN, np.diff(EVEN))
+    mapping = reparametrisation_through(EVEN, np.diff(EVEN))
     places = np.linspace(0.0, 1.0, 101)
-    assert np.abs(reparametrisation.value(places) - places).max() < 1e-14
-    assert np.abs(reparametrisation.value(places, 2)).max() < 1e-9
+    assert np.abs(mapping.value(places) - places).max() < 1e-14
+    assert np.abs(mapping.value(places, 2)).max() < 1e-9
 
 
 @pytest.mark.parametrize("ends", [(False, False), (True, False), (False, True), (True, True)])
-def test_a_paced_latitude_knows_its_heights(ends: tuple[bool, bool]) -> None:
+def test_a_reparametrised_axis_knows_its_heights(ends: tuple[bool, bool]) -> None:
     even = AxialParameter(-2.0, 3.0, ends)
     rows = even.of(np.array([-2.0, -1.0, 0.9, 1.0, 3.0]))
     mapped = AxialParameter(
