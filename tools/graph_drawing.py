@@ -225,7 +225,7 @@ def _strands(wires: Sequence[Wire], column_of: Mapping[int, int]) -> list[Strand
             if targets or not (wire.targets or back):
                 some.append(replace(wire, targets=targets))
     strands = []
-    for back, some in parts.items():
+    for some in parts.values():
         for wire in joined(some):
             column, reach = column_of[wire.source], {t: column_of[t] for t in wire.targets}
             gutters = sorted({*reach.values(), column + 1}) if reach else []

@@ -36,9 +36,7 @@ class Wire:
     """Topics that go from one box to others."""
 
     source: int  # Index of the box that publishes them
-    targets: tuple[
-        int, ...
-    ]  # Indices of the boxes that subscribe, once each; none if only sinks do
+    targets: tuple[int, ...]  # Boxes that subscribe, once each; none if only sinks do
     labels: tuple[str, ...]  # One for each topic
     title: str  # Topics, types, publishers and subscribers
     latched: bool = False  # Whether somebody waits for it before anything else

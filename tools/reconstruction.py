@@ -1,4 +1,4 @@
-"""From a file of points to a solid and its files, as ``palpate rebuild`` does it.
+"""From a file of points to a solid, its files and a report, as ``palpate rebuild`` does it.
 
 Linear algebra runs on one processor: small systems gain nothing from more, and lose much on a busy
 computer.
@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from palpate.core import Floats, transform_points
+from palpate.core.geometry import self_intersection, solidity
 from palpate.core.rebuild import Method, Solid
 from palpate.core.rebuild.contours import into_frame
+from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.surface import SurfaceMesh
+from palpate.launch import titled
 from palpate.launch.files import (
     LATTICE_SUFFIXES,
     MESH_UNITS,
@@ -37,9 +40,52 @@ from palpate.launch.files import (
 
 # Ending of a file whose unit is known; a folder is that of a run, which holds such a file.
 RECORDING_SUFFIX = ".mcap"
+
+
 # A contour by its place among those that were read.
 CONTOUR_NUMBER = re.compile(r"\bcontour (\d+)\b")
 ProgressText = Callable[[str], None]
+MAX_PLAUSIBLE_SIZE, MIN_PLAUSIBLE_SIZE = 10.0, 1e-3  # Sizes, m, beyond which the unit is doubted
+
+
+# Share of the width by which the side leaves the contours, from which it is doubtful.
+MAX_OVERSHOOT = 0.05
+
+
+# Of the height: less that is not covered, or that a touched end is missed by, is not worth a
+# warning.
+MIN_UNCOVERED = 1e-3
+
+
+# Times the widest step between contours by which an end lies beyond them: a guess.
+FAR_END_STEPS = 3.0
+MOST_NAMED = 4  # Most contours that one sentence names
+
+
+# Figures of the health that say something if they are not 0, in words, for one and for more.
+COUNT_WARNINGS: Mapping[str, tuple[str, str]] = {
+    "outlying_points": (
+        "1 single point sticks out and was left out",
+        "{} single points stick out and were left out",
+    ),
+    "perhaps_features": (
+        "1 of the dropped contours may be a neck or a rim that no other met",
+        "{} of the dropped contours may be a neck or a rim that no other met",
+    ),
+    "refined_beyond": (
+        "1 further point lies beyond the side and was not passed",
+        "{} further points lie beyond the side and were not passed",
+    ),
+    "unmatched_contours": (
+        "1 contour could not be matched to the model point by point",
+        "{} contours could not be matched to the model point by point",
+    ),
+    "degenerate_contours": (
+        "1 contour gave no layer of its own to the lattice",
+        "{} contours gave no layer of their own to the lattice",
+    ),
+    "felt_unused": ("the single touches could not be used: the contours alone count",) * 2,
+}
 
 
 class RebuildOptions(NamedTuple):
@@ -241,3 +287,197 @@ def single_threaded() -> AbstractContextManager[object]:
 
     limits: AbstractContextManager[object] = threadpool_limits(1)
     return limits
+
+
+def rebuild_record(
+    rebuilt: RebuildResult, points: Path, outs: Sequence[Path], lattice: Path | None = None
+) -> dict[str, Any]:
+    """Everything that is told, by stable names with the unit in them."""
+    written = [
+        {"file": str(path), "holds": MESH_UNITS.get(path.suffix.lower(), "everything, in m")}
+        for path in outs
+    ]
+    if lattice is not None:
+        written.append({"file": str(lattice), "holds": "the control lattice, in m"})
+    solid, found = rebuilt.solid, rebuilt.found
+    mesh = rebuilt.mesh
+    shape = solidity(mesh.vertices, mesh.faces)
+    crossings = self_intersection(mesh.vertices, mesh.faces).count
+    known = solid.uncertainty()
+    moments = solid.measures()
+    return {
+        "points": str(points),
+        "unit": rebuilt.unit,
+        "unit_assumed": rebuilt.assumed,
+        "method": solid.method,
+        "contours": len(found.contours),
+        "points_read": sum(map(len, found.contours)),
+        "dropped": [
+            {"contour": found.places[one.which], "why": str(one.why), "off_m": float(one.off)}
+            for one in solid.slices.dropped
+        ],
+        "notes": list(found.notes),
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
+        "watertight": shape.watertight,
+        "genus": shape.genus,
+        "self_intersections": crossings,
+        "volume_m3": float(moments.moments.volume),
+        "area_m2": float(moments.area),
+        "size_m": [float(v) for v in mesh.vertices.max(0) - mesh.vertices.min(0)],
+        "error_rms_m": None if known is None else known.rms,
+        "error_most_m": None if known is None else known.most,
+        "resolution_m": None if known is None else known.resolution,
+        "uncovered_m": list(solid.uncovered),
+        "health": solid.health(),
+        "warnings": rebuild_warnings(solid, mesh, found, rebuilt.unit, crossings),
+        "written": written,
+    }
+
+
+def rebuild_warnings(
+    solid: Solid, mesh: SurfaceMesh, found: MeasuredContours, unit: str, crossings: int
+) -> list[str]:
+    """Sentences about everything that a user should doubt.
+
+    Parameters
+    ----------
+    solid : Solid
+        What was rebuilt, in m.
+    mesh : SurfaceMesh
+        Its triangles.
+    found : PointsFound
+        What it was rebuilt from.
+    unit : str
+        As which that was read.
+    crossings : int
+        Pairs of triangles that pass through each other.
+    """
+    said = _size(mesh.vertices, unit) + _contours(solid, found.places)
+    health = solid.health()
+    for name, (one, more) in COUNT_WARNINGS.items():
+        if count := round(health.get(name, 0.0)):
+            said.append(one if count == 1 else more.format(count))
+    if folded := health.get("lattice_folded", 0.0):
+        said.append(f"{folded:.2%} of the control lattice's inside is folded")
+    if crossings:
+        pairs = "1 pair" if crossings == 1 else f"{crossings} pairs"
+        said.append(f"the surface passes through itself: {pairs} of triangles cross")
+    if isinstance(solid.model, Recovery) and solid.model.warnings:
+        said.append(f"the superquadric's fit is {', '.join(solid.model.warnings)}")
+    if health.get("overshoot", 0.0) > MAX_OVERSHOOT:
+        said.append(
+            f"between contours the side swings out by {health['overshoot']:.0%} of the width: "
+            "contours close together are too unlike"
+        )
+    return said + _ends(solid, mesh.vertices)
+
+
+def _size(vertices: Floats, unit: str) -> list[str]:
+    size = float(np.ptp(vertices, axis=0).max())
+    if MIN_PLAUSIBLE_SIZE <= size <= MAX_PLAUSIBLE_SIZE:
+        return []
+    return [f"the solid is {size:.3g} m in size when read in {unit}: is the unit right?"]
+
+
+def _contours(solid: Solid, places: Sequence[str]) -> list[str]:
+    """What is odd about contours that were used, by their names in the file."""
+    slices, feature_candidates = solid.slices, solid.evidence.feature_candidates
+    marks = (
+        (slices.tilted, ("is tilted or not level", "are tilted or not level")),
+        (~slices.star, ("cannot be seen whole from its middle",) * 2),
+        (slices.self_intersecting, ("meets itself", "meet themselves")),
+    )
+    said = []
+    for marked, (one, more) in marks:
+        rows = slices.rows[marked].tolist()
+        if rows:
+            said.append(f"{_names(places, rows)} {one if len(rows) == 1 else more}, yet used")
+    if feature_candidates:
+        off = 1e3 * max(one.off for one in feature_candidates)
+        named = _names(places, [one.which for one in feature_candidates])
+        are = "is" if len(feature_candidates) == 1 else "are"
+        said.append(f"{named} {are} unlike the neighbours, by {off:.3g} mm at most, yet used")
+    return said
+
+
+def _names(places: Sequence[str], rows: Iterable[int]) -> str:
+    named = [places[row] for row in rows]
+    more = f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
+    return ", ".join(named[:MOST_NAMED]) + more
+
+
+def _ends(solid: Solid, vertices: Floats) -> list[str]:
+    """Ends that nobody touched, that lie far off, and that the surface does not reach."""
+    heights = into_frame(solid.frame, vertices)[:, 2]
+    low, high = float(heights.min()), float(heights.max())
+    axis = "z =" if solid.frame is None else "height"
+    levels = solid.slices.heights
+    least = MIN_UNCOVERED * (high - low)
+    step = float(np.diff(levels).max()) if len(levels) > 1 else 0.0
+    evidence, (below, above) = solid.evidence, solid.uncovered
+    said = []
+    for end, which, touched, made, rim, unknown in (
+        ("bottom", "lowest", evidence.bottom, low, float(levels[0]), below),
+        ("top", "highest", evidence.top, high, float(levels[-1]), above),
+    ):
+        side = "below" if end == "bottom" else "above"
+        if unknown > least:
+            said.append(
+                f"{side} the {which} contour the object may go on by {1e3 * unknown:.3g} mm, "
+                f"nobody touched its end: --{end} or --tops says where"
+            )
+        if touched is None:
+            continue
+        if abs(touched - made) > least:
+            said.append(
+                f"the {end} was touched at {axis} {1e3 * touched:.5g} mm, and the solid ends at "
+                f"{1e3 * made:.5g} mm"
+            )
+        if step and abs(touched - rim) > FAR_END_STEPS * step:
+            said.append(
+                f"the {end} lies {1e3 * abs(touched - rim):.3g} mm {side} the {which} contour, "
+                f"where contours are at most {1e3 * step:.3g} mm apart: what is between is a guess"
+            )
+    return said
+
+
+def rebuild_text(record: Mapping[str, Any]) -> str:
+    """A record as lines; lengths in mm."""
+    assumed = " (assumed; if not, give --unit)" if record["unit_assumed"] else ""
+    lines = titled(
+        "read",
+        f"{record['points']}: {record['contours']} contours, {record['points_read']} points, "
+        f"unit {record['unit']}{assumed}",
+    )
+    for note in record["notes"]:
+        lines += titled("", note)
+    for one in record["dropped"]:
+        off = f" by {1e3 * one['off_m']:.3g} mm" if one["off_m"] else ""
+        lines += titled("dropped", f"{one['contour']}: {one['why']}{off}")
+    size = " x ".join(f"{1e3 * length:.4g}" for length in record["size_m"])
+    lines += titled(
+        "solid",
+        f"{record['method']}: {size} mm, {1e6 * record['volume_m3']:.5g} ml, "
+        f"{1e4 * record['area_m2']:.5g} cm2; {record['faces']} triangles, "
+        f"watertight {'yes' if record['watertight'] else 'NO'}, "
+        f"holes through it {record['genus']}, crossings with itself "
+        f"{record['self_intersections']}",
+    )
+    lines += titled("confidence", _confidence_text(record))
+    for text in record["warnings"]:
+        lines += titled("warning", text)
+    lines += titled("health", *(f"{name} {value:.3g}" for name, value in record["health"].items()))
+    for one in record["written"]:
+        lines += titled("wrote", f"{one['file']} ({one['holds']})")
+    return "\n".join(lines)
+
+
+def _confidence_text(record: Mapping[str, Any]) -> str:
+    if record["error_rms_m"] is None:
+        return f"the method {record['method']} does not say how far its surface can be trusted"
+    return (
+        f"side within {1e3 * record['error_rms_m']:.3g} mm (root mean square), "
+        f"{1e3 * record['error_most_m']:.3g} mm at most, if nothing on it is narrower than "
+        f"{1e3 * record['resolution_m']:.3g} mm"
+    )

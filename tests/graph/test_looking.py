@@ -19,9 +19,8 @@ from palpate.messages.codec import decode
 from palpate.messages.types.graph import NodeStatus
 from palpate.tools.cli import command_line as cli
 from palpate.tools.introspection import requests as asking
-from palpate.tools.introspection.node_status import sample_status
 from palpate.tools.introspection.rates import Rates
-from palpate.tools.introspection.requests import request
+from palpate.tools.introspection.requests import request, sample_status
 from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, find_topics
 
 pytestmark = [

@@ -258,7 +258,7 @@ def test_crossings_of_the_surface_are_told(
     table: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     two = SelfIntersection(np.zeros((2, 2), np.int32), np.zeros((2, 3)))
-    monkeypatch.setattr("palpate.tools.reconstruction_report.self_intersection", lambda *_: two)
+    monkeypatch.setattr("palpate.tools.reconstruction.self_intersection", lambda *_: two)
     assert run(table, "--unit", "mm") == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "holes through it 0, crossings with itself 2" in said

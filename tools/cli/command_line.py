@@ -166,8 +166,8 @@ palpate_group = LazyGroup(
             "Look at the nodes of a running graph, or at the kinds of node.",
         ),
         "topic": (
-            "tools.cli.topics:topic_group",
-            "Hear and speak on the topics of a running graph.",
+            "tools.cli.running_graph:topic_group",
+            "Receive and publish on the topics of a running graph.",
         ),
         "param": (
             "tools.cli.running_graph:param_group",

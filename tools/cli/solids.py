@@ -73,8 +73,14 @@ def rebuild_command(
     from typing import cast
 
     from palpate.core.rebuild import Method
-    from palpate.tools.reconstruction import RebuildOptions, check_outputs, rebuild, write_outputs
-    from palpate.tools.reconstruction_report import rebuild_record, rebuild_text
+    from palpate.tools.reconstruction import (
+        RebuildOptions,
+        check_outputs,
+        rebuild,
+        rebuild_record,
+        rebuild_text,
+        write_outputs,
+    )
 
     way = cast(Method, method)
     check_outputs(points, outs, lattice, way)

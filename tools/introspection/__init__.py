@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     from palpate.tools.introspection.echo import read_path as read_path
     from palpate.tools.introspection.message_text import TextStyle as TextStyle
     from palpate.tools.introspection.message_text import field_lines as field_lines
-    from palpate.tools.introspection.node_status import dump_params as dump_params
-    from palpate.tools.introspection.node_status import node_text as node_text
-    from palpate.tools.introspection.node_status import running_nodes as running_nodes
     from palpate.tools.introspection.rates import RateMonitor as RateMonitor
     from palpate.tools.introspection.rates import RateText as RateText
     from palpate.tools.introspection.rates import bandwidth_text as bandwidth_text
     from palpate.tools.introspection.rates import delay_text as delay_text
     from palpate.tools.introspection.rates import rate_text as rate_text
     from palpate.tools.introspection.requests import control_player as control_player
+    from palpate.tools.introspection.requests import dump_params as dump_params
+    from palpate.tools.introspection.requests import node_text as node_text
     from palpate.tools.introspection.requests import notify as notify
     from palpate.tools.introspection.requests import publish as publish
     from palpate.tools.introspection.requests import request as request
+    from palpate.tools.introspection.requests import running_nodes as running_nodes
     from palpate.tools.introspection.topics import STATUS_TOPICS as STATUS_TOPICS
     from palpate.tools.introspection.topics import TapSubscription as TapSubscription
     from palpate.tools.introspection.topics import Topic as Topic

@@ -19,8 +19,7 @@ import zmq
 from palpate import __version__
 from palpate.launch import VERSIONED_PACKAGES
 from palpate.launch.processes import FOLDER_PREFIX, SILENCE, RunCard, runtime_folder, stale_folders
-from palpate.tools.introspection.node_status import StatusSample, sample_status
-from palpate.tools.introspection.requests import request
+from palpate.tools.introspection.requests import StatusSample, request, sample_status
 from palpate.tools.introspection.topics import is_running
 
 # Free space on a disk that makes a long recording doubtful, and any, bytes.
@@ -28,6 +27,8 @@ LOW_SPACE, MIN_SPACE = 1 << 30, 1 << 24
 MIN_OPEN_FILES = 256  # Open files that a process needs, at the least
 _RANDOM = 8  # Letters that the name of a private folder has after its beginning
 _LONGEST_NAME = "control"
+
+
 # Variables of the environment by which palpate is affected.
 ENVIRONMENT_VARIABLES = (
     "XDG_RUNTIME_DIR",

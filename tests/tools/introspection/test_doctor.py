@@ -18,7 +18,7 @@ from palpate.tools.introspection.doctor import (
     graphs_findings,
     machine_findings,
 )
-from palpate.tools.introspection.node_status import StatusSample
+from palpate.tools.introspection.requests import StatusSample
 
 Usage = namedtuple("Usage", "total used free")
 

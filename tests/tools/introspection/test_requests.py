@@ -6,7 +6,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from palpate.launch.processes.registry import RunCard
-from palpate.tools.introspection.node_status import dump_params, find_node
+from palpate.tools.introspection.requests import dump_params, find_node
 
 
 def test_parameters_are_dumped_by_node_in_yaml(card: RunCard) -> None:
