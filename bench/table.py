@@ -101,21 +101,9 @@ def run_groups(
 ) -> int:
     """Print figures, one a line, each as soon as it is known.
 
-    Parameters
-    ----------
-    groups : map of str to str
-        What to measure, ``module:function`` by name; a module is imported at its turn.
-    quick : bool
-        Fewer trials.
-    as_json : bool
-        One JSON object a line, with the group's name.
-    echo : callable
-        Takes one line.
-
-    Returns
-    -------
-    int
-        0 if every demand is met, else 1.
+    `groups`: what to measure, ``module:function`` by name; a module is imported at its turn.
+    `quick`: fewer trials. `as_json`: one JSON object a line, with the group's name. `echo`: takes
+    one line. Returns 0 if every demand is met, else 1.
     """
     missed = False
     for name, place in groups.items():

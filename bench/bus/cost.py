@@ -89,10 +89,7 @@ def _full_hop(laps: int, core: int) -> float:
 def ring_seconds(graph: Sequence[Wiring]) -> float:
     """Time between the first and the last mark of a ring that is launched, s.
 
-    Raises
-    ------
-    RuntimeError
-        If it does not finish.
+    Raises RuntimeError if it does not finish.
     """
     watcher = _Times()
     finished(launch(graph, ends="source", watch=["/source/mark"], watcher=watcher), "the ring")
@@ -153,16 +150,9 @@ def _tcp_hop(laps: int, core: int, key: str) -> float:
 def bare_hop(there: str, back: str, laps: int, *, core: int = -1, key: str = "") -> float:
     """Time of one hop of a frame of 16 by 16 taxels between two processes, us.
 
-    Parameters
-    ----------
-    there, back : str
-        Endpoints of the two.
-    laps : int
-        How often it goes there and back.
-    core : int
-        Processor core on which both run; -1 leaves them free.
-    key : str
-        File of the key with which the sockets are locked; empty for open ones.
+    `there` and `back`: endpoints of the two. `laps`: how often it goes there and back. `core`:
+    processor core on which both run; -1 leaves them free. `key`: file of the key with which the
+    sockets are locked; empty for open ones.
     """
     spawn = multiprocessing.get_context("forkserver")
     mine, yours = spawn.Pipe()

@@ -64,10 +64,7 @@ def start_once(*, early: bool) -> Started:
 
     To be called in a new process, in which nothing heavy was imported.
 
-    Parameters
-    ----------
-    early : bool
-        Wake the server before the graph is checked, as ``palpate run`` does.
+    `early`: wake the server before the graph is checked, as ``palpate run`` does.
     """
     began = time.perf_counter()
     from palpate.launch import EXPLORE

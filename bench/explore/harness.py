@@ -127,10 +127,8 @@ def explore_object(
 
     Arguments as of `write_scene`; `fingers` is the launch file's.
 
-    Raises
-    ------
-    RuntimeError
-        If the exploration does not come to its end with a model that could be measured.
+    Raises RuntimeError if the exploration does not come to its end with a model that could be
+    measured.
     """
     with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
         scene = write_scene(Path(folder), target, noise, demand, seed, moved)
@@ -219,25 +217,10 @@ def write_scene(
 ) -> Path:
     """A scene with one object.
 
-    Parameters
-    ----------
-    folder : Path
-        Where it is written; the object's mesh too, if it has one.
-    target : ExploreObject
-        What stands there.
-    noise : tuple of maps
-        Effects, as scenes list them.
-    demand : Demand
-        What is asked of the exploration.
-    seed : int
-        Of all that is random.
-    moved : (7,) array, optional
-        Pose of the object's own frame in the world, m.
-
-    Returns
-    -------
-    Path
-        The scene's file.
+    `folder`: where it is written; the object's mesh too, if it has one. `target`: what stands
+    there. `noise`: effects, as scenes list them. `demand`: what is asked of the exploration.
+    `seed`: of all that is random. `moved` (7,): pose of the object's own frame in the world, m.
+    Returns the scene's file.
     """
     solid = dict(target.solid or {})
     if target.solid is None:
@@ -282,14 +265,8 @@ def side_of(truth: Truth) -> Side:
 def contour_error(side: Side, contours: Sequence[Contour], *, slopes: bool) -> float:
     """Error of the side that is rebuilt from contours alone, %.
 
-    Parameters
-    ----------
-    side : Side
-        The true one.
-    contours : sequence of Contour
-        Those without use are left out.
-    slopes : bool
-        With their normals; else from positions alone.
+    `side`: the true one. `contours`: those without use are left out. `slopes`: with their normals;
+    else from positions alone.
     """
     usable = [one for one in contours if one.status in USABLE and len(one.points) >= LEAST_POINTS]
     if len(usable) < 2:
@@ -322,10 +299,7 @@ class LoopNode(NamedTuple):
 class InProcessLoop:
     """Nodes as plain calls: every message goes to the nodes of its topic, first in, first out.
 
-    Parameters
-    ----------
-    nodes : sequence of LoopNode
-        What each publishes reaches the nodes of its finger, a shared topic those of all.
+    `nodes`: what each publishes reaches the nodes of its finger, a shared topic those of all.
     """
 
     def __init__(self, nodes: Sequence[LoopNode]) -> None:

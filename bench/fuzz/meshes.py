@@ -225,12 +225,8 @@ def _damaged_head(rng: random.Random, data: bytes) -> bytes:
 def read_meshes(path: Path) -> None:
     """Read a mesh as one that need not be closed, or points; and then as a scene does.
 
-    Raises
-    ------
-    InputError
-        If it is refused.
-    AssertionError
-        If it is accepted and not finite; by a scene, if it is not closed and of fitting size.
+    Raises InputError if it is refused. Raises AssertionError if it is accepted and not finite; by a
+    scene, if it is not closed and of fitting size.
     """
     points = read_cloud(path, "mm")
     if points is not None and len(points):

@@ -101,12 +101,7 @@ def mutated_packet(rng: random.Random) -> Packet:
 def read_packet(packet: Packet) -> None:
     """Read bytes with their reader.
 
-    Raises
-    ------
-    ValueError
-        If they are refused.
-    AssertionError
-        If they are accepted and not valid.
+    Raises ValueError if they are refused. Raises AssertionError if they are accepted and not valid.
     """
     reader, data = packet
     if reader in TYPES:
@@ -342,12 +337,8 @@ def _reheaded(rng: random.Random, content: bytes) -> bytes:
 def read_recordings(path: Path) -> None:
     """Read a recording from end to end.
 
-    Raises
-    ------
-    ValueError
-        If it is refused.
-    AssertionError
-        If it is accepted and has other messages than it says; or if the sentence is none.
+    Raises ValueError if it is refused. Raises AssertionError if it is accepted and has other
+    messages than it says; or if the sentence is none.
     """
     recording = open_recording(path)
     counts = dict.fromkeys(recording.counts, 0)

@@ -41,14 +41,8 @@ FIRST = 8  # Entries of a list that are looked at
 def mutate_bytes(rng: random.Random, data: bytes, other: bytes = b"") -> bytes:
     """Bytes with one to four kinds of damage.
 
-    Parameters
-    ----------
-    rng : Random
-        Chooses.
-    data : bytes
-        What is damaged.
-    other : bytes
-        Some other input, of which parts may be put in.
+    `rng`: chooses. `data`: what is damaged. `other`: some other input, of which parts may be put
+    in.
     """
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
         data = rng.choice(BYTE_MUTATIONS)(rng, data, other)

@@ -80,12 +80,7 @@ def tally_rows(name: str, count: int, found: Tally) -> Iterator[Row]:
 def tally(kind: InputKind, count: int) -> Tally:
     """Try inputs 0 to `count` of a kind.
 
-    Parameters
-    ----------
-    kind : Kind
-        What is read.
-    count : int
-        How many.
+    `kind`: what is read. `count`: how many.
     """
     whole, first = Tally(), 0
     while first < count:
@@ -231,14 +226,7 @@ def reproduce(name: str, number: int) -> TrialOutcome:
 def try_input(kind: InputKind, number: int, folder: Path) -> TrialOutcome:
     """Damage and read the input of a number, which is the same whenever it is done.
 
-    Parameters
-    ----------
-    kind : Kind
-        What is read.
-    number : int
-        The seed.
-    folder : Path
-        Where files are put; prepared.
+    `kind`: what is read. `number`: the seed. `folder`: where files are put; prepared.
     """
     outcome = _once(kind, number, folder)
     for _ in range(TRIES - 1):

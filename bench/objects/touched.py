@@ -61,10 +61,7 @@ class ExploreObject(NamedTuple):
     def mesh(self) -> Mesh:
         """The object by its radius, standing on z = 0, m.
 
-        Raises
-        ------
-        ValueError
-            If it is none that is given by its radius.
+        Raises ValueError if it is none that is given by its radius.
         """
         if self.radius is None:
             raise ValueError("radius must be given for an object to have a mesh of its own")
@@ -85,15 +82,7 @@ def mesh_of_radius(radius: Radius) -> Mesh:
 def drawn_object(seed: int) -> ExploreObject:
     """An object by chance: round or straight, plain, lobed, twisted, necked, stepped or wavy.
 
-    Parameters
-    ----------
-    seed : int
-        The same seed, the same object.
-
-    Raises
-    ------
-    ValueError
-        If the seed is negative.
+    `seed`: the same seed, the same object. Raises ValueError if the seed is negative.
     """
     if seed < 0:
         raise ValueError(f"seed must be 0 or more, got {seed}")
@@ -122,14 +111,8 @@ def hidden_depth(radius: Radius) -> float:
 class RadialSolid:
     """All points nearer to the z axis than a radius that depends on height and azimuth.
 
-    Parameters
-    ----------
-    radius : function
-        The radius.
-    half : float
-        Half the height: the ends are flat, m.
-    widest : float
-        No radius is larger, m.
+    `radius`: the radius. `half`: half the height: the ends are flat, m. `widest`: no radius is
+    larger, m.
     """
 
     def __init__(self, radius: TracedRadius, half: float, widest: float):

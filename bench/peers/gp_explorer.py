@@ -111,16 +111,8 @@ class ExplorerState(NamedTuple):
 class Explorer:
     """Touch by touch.
 
-    Parameters
-    ----------
-    finger : Finger
-        What it touches with.
-    box : (2, 3) array
-        The object's true box, m.
-    noise : float
-        Standard deviation of a touch's place, m.
-    tuning : Tuning
-        How it does it.
+    `finger`: what it touches with. `box` (2, 3): the object's true box, m. `noise`: standard
+    deviation of a touch's place, m. `tuning`: how it does it.
     """
 
     def __init__(self, finger: GuardedFinger, box: Floats, noise: float, tuning: Tuning):
@@ -231,10 +223,7 @@ class TouchResult(NamedTuple):
 class GuardedFinger:
     """Simulator, filter and curvature as plain calls.
 
-    Parameters
-    ----------
-    scene : Path
-        The scene that is explored.
+    `scene`: the scene that is explored.
     """
 
     def __init__(self, scene: Path):
@@ -252,12 +241,9 @@ class GuardedFinger:
     def touch(self, place: Floats, normal: Floats, standoff: float, beyond: float) -> TouchResult:
         """Come along a normal from before a place, and go no farther than behind it.
 
-        Parameters
-        ----------
-        place, normal : (3,) arrays
-            Where the surface is expected, m, and its outward unit normal.
-        standoff, beyond : float
-            How far before the place the pad starts, and how far behind it the way ends, m.
+        `place` and `normal` (3,): where the surface is expected, m, and its outward unit normal.
+        `standoff` and `beyond`: how far before the place the pad starts, and how far behind it the
+        way ends, m.
         """
         upward = max(float(normal[2]), LEAST_UP)
         heading = float(np.arctan2(normal[1], normal[0]))

@@ -57,12 +57,7 @@ class Observations(NamedTuple):
 class GpSurface:
     """A surface and what it knows of itself.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        How alike places are.
-    ball : Ball
-        What is expected.
+    `kernel`: how alike places are. `ball`: what is expected.
     """
 
     def __init__(self, kernel: Kernel, ball: BallPrior):
@@ -144,10 +139,7 @@ class GpSurface:
 def covariance_block(kernel: Kernel, one: Floats, other: Floats, gradients: bool) -> Floats:
     """Covariance between places (n, 3) and (m, 3).
 
-    Returns
-    -------
-    (4 n, 4 m) array, or (n, m) without gradients
-        Of each place first the value and then the gradient.
+    Returns (4 n, 4 m), of each place first the value and then the gradient.
     """
     away = one[:, None] - other[None]
     r = np.sqrt(np.einsum("nmi,nmi->nm", away, away))

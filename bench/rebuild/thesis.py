@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from palpate.bench.objects import MeshErrors, TrueSurface, radial_rings, truth_of_mesh
+from palpate.bench.objects import WAVY, MeshErrors, TrueSurface, radial_rings, truth_of_mesh
 from palpate.bench.table import Row, at_least, best_seconds
 from palpate.core import Floats
 from palpate.core.geometry import close_rings
@@ -144,10 +144,8 @@ def _with_spline(contours: Floats) -> Mesh:
 def spline_loft(contours: Floats) -> Mesh:
     """The plain way: cubic splines through points of one number, around and then upwards.
 
-    Parameters
-    ----------
-    contours : (m, n, 3) array
-        Upwards, the first point of each again at its end. The ends are closed by planes.
+    `contours` (m, n, 3): upwards, the first point of each again at its end. The ends are closed by
+    planes.
     """
     return _closed(loft_rings(contours, contours[:, 0, 2], MESH_ROWS, MESH_COLUMNS))
 
@@ -155,14 +153,8 @@ def spline_loft(contours: Floats) -> Mesh:
 def loft_rings(contours: Floats, heights: Floats, rows: int, columns: int) -> Floats:
     """Cubic splines through points of one number, around and then upwards, (rows, columns, 3).
 
-    Parameters
-    ----------
-    contours : (m, n, 3) array
-        Upwards, the first point of each again at its end.
-    heights : (m,) array
-        Of the contours.
-    rows, columns : int
-        How finely they are taken.
+    `contours` (m, n, 3): upwards, the first point of each again at its end. `heights` (m,): of the
+    contours. `rows` and `columns`: how finely they are taken.
     """
     turns = np.arange(contours.shape[1]) / (contours.shape[1] - 1)
     around = CubicSpline(turns, contours[..., :2], axis=1, bc_type="periodic")
@@ -174,12 +166,6 @@ def loft_rings(contours: Floats, heights: Floats, rows: int, columns: int) -> Fl
 
 def _closed(rings: Floats) -> Mesh:
     return Mesh(*close_rings(rings[0].mean(axis=0), rings, rings[-1].mean(axis=0)))
-
-
-def _turned(height: Floats, azimuth: Floats) -> Floats:
-    outline = np.sqrt(1.04 - height**2) * (0.75 + 0.18 * np.sin(9.0 * height))
-    lobes = 1.0 + 0.12 * np.cos(3.0 * azimuth) + 0.08 * np.sin(2.0 * azimuth + 2.0 * height)
-    return np.asarray(outline * lobes)
 
 
 def _smooth(height: Floats, azimuth: Floats) -> Floats:
@@ -200,6 +186,6 @@ NOISY_VARIANTS = (
     ThesisVariant("program", partial(_solid, faithful=True), np.inf),
     ThesisVariant("corrected", _solid, 0.005),
 )
-FIRST = Example("example 1", _turned, np.linspace(-1.0, 1.0, 27), 81)
+FIRST = Example("example 1", WAVY.radius, np.linspace(-1.0, 1.0, 27), 81)
 SECOND = Example("example 2", _smooth, np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 24)), 41)
 EXAMPLES = (FIRST, SECOND)

@@ -1,6 +1,4 @@
-"""The pictures of docs/figures.
-
-Filters and estimators, models and closed curves, the thesis's examples, rebuilt shapes.
+"""The pictures of docs/figures: filters, estimators, models, closed curves, rebuilt shapes.
 
 Figures 3.3 to 3.6 and those of chapter 5 of Fung, 1999, anew and with errors.
 """
@@ -65,18 +63,16 @@ NAME = "rebuilt_shapes.png"
 
 
 def write_curvature_figures(folder: str | Path) -> None:
-    """Write ``filters_corner.png``, ``filters_ball.png`` and ``estimators.png``.
+    """Write ``filters_corner.png``, ``filters_ball.png`` and ``estimators.png``."""
+    _save(draw_filters(_corner(), "the corner of a box"), folder, "filters_corner.png", DPI)
+    _save(draw_filters(_ball(), "a ball of 20 mm"), folder, "filters_ball.png", DPI)
+    _save(draw_estimators(estimator_rows(TRIALS)), folder, "estimators.png", DPI)
 
-    Parameters
-    ----------
-    folder : str or Path
-        Made if it is not there.
-    """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    draw_filters(_corner(), "the corner of a box").savefig(folder / "filters_corner.png", dpi=DPI)
-    draw_filters(_ball(), "a ball of 20 mm").savefig(folder / "filters_ball.png", dpi=DPI)
-    draw_estimators(estimator_rows(TRIALS)).savefig(folder / "estimators.png", dpi=DPI)
+
+def _save(figure: Figure, folder: str | Path, name: str, dpi: int) -> None:
+    """Into a folder that is made if it is not there."""
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    figure.savefig(Path(folder) / name, dpi=dpi)
 
 
 def draw_filters(truth: Floats, what: str) -> Figure:
@@ -166,17 +162,9 @@ def draw_estimators(rows: list[EstimatorErrors]) -> Figure:
 
 
 def write_shape_figures(folder: str | Path) -> None:
-    """Write ``models.png`` and ``closed_curves.png``.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Made if it is not there.
-    """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    draw_models(MODELS).savefig(folder / "models.png", dpi=DPI)
-    draw_curves().savefig(folder / "closed_curves.png", dpi=DPI)
+    """Write ``models.png`` and ``closed_curves.png``."""
+    _save(draw_models(MODELS), folder, "models.png", DPI)
+    _save(draw_curves(), folder, "closed_curves.png", DPI)
 
 
 def draw_models(scenes: Sequence[str]) -> Figure:
@@ -184,8 +172,7 @@ def draw_models(scenes: Sequence[str]) -> Figure:
     rows = -(-len(scenes) // 4)
     figure = Figure(figsize=(11.0, 3.0 * rows), layout="constrained")
     for i, scene in enumerate(scenes):
-        axes = figure.add_subplot(rows, 4, i + 1, projection="3d")
-        assert isinstance(axes, Axes3D)
+        axes = _axes_3d(figure, (rows, 4, i + 1), OBLIQUE)
         _draw_shaded(axes, build_shape(load_scene(scene).spec.object).mesh(LEVEL))
         axes.set_title(scene)
     return figure
@@ -200,8 +187,6 @@ def _draw_shaded(axes: Axes3D, mesh: Mesh) -> None:
     middle, half = 0.5 * (low + high), 0.4 * float((high - low).max())
     axes.set(**{f"{name}lim": (m - half, m + half) for name, m in zip("xyz", middle, strict=True)})
     axes.set_box_aspect((1, 1, 1))
-    axes.view_init(elev=20, azim=-60)
-    axes.set_axis_off()
 
 
 def _shades(corners: Floats) -> Floats:
@@ -247,18 +232,10 @@ def closed_curves() -> Mapping[str, tuple[Floats, ClosedCurve, ClosedCurve]]:
 
 
 def write_thesis_figures(folder: str | Path) -> None:
-    """Write ``thesis_example_1.png`` and ``thesis_example_2.png``.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Made if it is not there.
-    """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write ``thesis_example_1.png`` and ``thesis_example_2.png``."""
     for example in EXAMPLES:
         name = f"thesis_{example.name.replace(' ', '_')}.png"
-        draw_example(example).savefig(folder / name, dpi=THESIS_DPI)
+        _save(draw_example(example), folder, name, THESIS_DPI)
 
 
 def draw_example(example: Example) -> Figure:
@@ -271,7 +248,7 @@ def draw_example(example: Example) -> Figure:
     _draw_lattice(_thesis_axes(figure, 2, "control lattice, corrected", OBLIQUE), corrected.lattice)
     _draw_plain(_thesis_axes(figure, 3, "solid, corrected", OBLIQUE), solid)
     for number, title, view in ((4, "from the side", FROM_SIDE), (5, "from the top", FROM_TOP)):
-        axes = _thesis_axes(figure, number, f"{title}, with the felt points", view)
+        axes = _thesis_axes(figure, number, f"{title}, with the contact points", view)
         _draw_plain(axes, solid)
         facing = contours[:, :, 2] >= 0.0 if view is FROM_TOP else contours[:, :, 1] <= 0.0
         axes.plot(*contours[facing].T, "k+", markersize=2.5, markeredgewidth=0.5, zorder=2)
@@ -292,13 +269,19 @@ def _draw_plain(axes: Axes3D, mesh: Mesh) -> None:
 
 
 def _thesis_axes(figure: Figure, number: int, title: str, view: tuple[int, int]) -> Axes3D:
-    axes = figure.add_subplot(2, 3, number, projection="3d")
-    assert isinstance(axes, Axes3D)
+    axes = _axes_3d(figure, (2, 3, number), view)
     axes.set(xlim=(-0.8, 0.8), ylim=(-0.8, 0.8), zlim=(-0.8, 0.8), title=title)
     axes.set_box_aspect((1, 1, 1))
     axes.set_proj_type("ortho")
+    axes.computed_zorder = False  # the points lie on what was touched, never behind it
+    return axes
+
+
+def _axes_3d(figure: Figure, place: tuple[int, int, int], view: tuple[float, float]) -> Axes3D:
+    """Axes without a frame; `view`: elevation and azimuth, degrees."""
+    axes = figure.add_subplot(*place, projection="3d")
+    assert isinstance(axes, Axes3D)
     axes.view_init(elev=view[0], azim=view[1])
-    axes.computed_zorder = False  # the points lie on what they were felt of, never behind it
     axes.set_axis_off()
     return axes
 
@@ -349,9 +332,7 @@ def section_lines(mesh: Mesh) -> Floats:
 
 def write_peer_figures(folder: str | Path) -> None:
     """Write ``rebuilt_shapes.png`` into a folder, made if it is not there."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    draw_shapes().savefig(folder / NAME, dpi=PEER_DPI)
+    _save(draw_shapes(), folder, NAME, PEER_DPI)
 
 
 def draw_shapes() -> Figure:
@@ -370,7 +351,7 @@ def draw_shapes() -> Figure:
         _draw_distances(axes[1], name, Mesh(mesh.vertices, mesh.faces))
         _draw_distances(axes[2], name, loft(contours))
         if not column:
-            for one, label in zip(axes, ("felt", "palpate", "loft"), strict=True):
+            for one, label in zip(axes, ("touched", "palpate", "loft"), strict=True):
                 one.text2D(0.0, 0.9, label, transform=one.transAxes)
     scale = ScalarMappable(Normalize(0.0, WORST), COLOURS)
     figure.colorbar(scale, ax=figure.axes, shrink=0.5, label="distance from the object, mm")
@@ -378,14 +359,11 @@ def draw_shapes() -> Figure:
 
 
 def _peer_axes(figure: Figure, number: int) -> Axes3D:
-    axes = figure.add_subplot(3, len(REBUILT_SHAPES), number, projection="3d")
-    assert isinstance(axes, Axes3D)
+    axes = _axes_3d(figure, (3, len(REBUILT_SHAPES), number), VIEW)
     low, high = -0.85 * HALF, 0.85 * HALF
     axes.set(xlim=(low, high), ylim=(low, high), zlim=(-HALF, HALF))
     axes.set_box_aspect((0.85, 0.85, 1.0), zoom=1.25)
     axes.set_proj_type("ortho")
-    axes.view_init(elev=VIEW[0], azim=VIEW[1])
-    axes.set_axis_off()
     return axes
 
 

@@ -145,10 +145,7 @@ def scene_rows(quick: bool) -> Iterator[SceneFigures | str]:
 def explore_shipped(scene: str, repeats: int) -> SceneFigures:
     """Run one scene as separate processes, `repeats` times.
 
-    Raises
-    ------
-    RuntimeError
-        If a run fails; with what it printed.
+    Raises RuntimeError if a run fails; with what it printed.
     """
     runs = [_run(scene) for _ in range(repeats)]
     runs.sort(key=lambda run: run[0]["touches_per_s"])

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from palpate.bench.table import Row, at_least, at_most
 from palpate.bench.touch.surfaces import SURFACES, WALKS, FusionScore, draw_touch, score_fusion
 from palpate.core import Bools, Floats
 from palpate.core.thesis import fit_spline, spline_shape
@@ -164,7 +165,7 @@ def _masked(frame: Floats, touched: Bools) -> tuple[float, float] | None:
     return patch.principal if patch.kind == "smooth" else None
 
 
-def curvature_rows(quick: bool) -> Iterator[Missed | str]:
+def curvature_rows(quick: bool) -> Iterator[Row | str]:
     """Four tables of what the ways to curvature are worth, and the demands that are missed."""
     trials = QUICK_TRIALS if quick else TRIALS
     rows = estimator_rows(trials)
@@ -179,21 +180,8 @@ def curvature_rows(quick: bool) -> Iterator[Missed | str]:
         fusion_table(scores),
     ):
         yield from (*table, "")
-    yield from map(Missed, missed_demands(rows, partial, calls, scores))
-
-
-class Missed(NamedTuple):
-    """A demand that is not met."""
-
-    demand: str  # In words
-
-    @property
-    def holds(self) -> bool:
-        """It does not."""
-        return False
-
-    def __str__(self) -> str:
-        return f"MISSED {self.demand}"
+    demands = (*estimator_demands(rows, partial), *verdict_demands(calls), *fusion_demands(scores))
+    yield from (row for row in demands if not row.holds)
 
 
 def confusion(draws: int, seed: int) -> tuple[Counter[tuple[PatchKind, PatchKind]], int]:
@@ -268,41 +256,30 @@ def fusion_table(scores: Mapping[str, FusionScore]) -> list[str]:
     return lines
 
 
-def missed_demands(
-    rows: list[EstimatorErrors],
-    partial: list[PartialContact],
-    calls: Counter[tuple[PatchKind, PatchKind]],
-    scores: Mapping[str, FusionScore],
-) -> list[str]:
-    """Demands that are not met, in words."""
-    by_name = {row.name: row for row in rows}
+def estimator_demands(rows: list[EstimatorErrors], partial: list[PartialContact]) -> Iterator[Row]:
+    """What palpate does, against what is demanded of it and against the thesis's chain."""
+    by_name = {row.name: row.errors for row in rows}
     ours, thesis = by_name[OURS], by_name[THESIS]
-    missed = [
-        f"{HEADS[column]}: {1e3 * ours.errors[column]:.2f}e-3 is more than {1e3 * most}e-3"
-        for column, most in MOST_ERROR.items()
-        if not ours.errors[column] <= most
-    ]
-    missed += [
-        f"{head}: less than {LEAST_GAIN:.0f} times better than the thesis's chain"
-        for head, mine, theirs in zip(HEADS, ours.errors, thesis.errors, strict=True)
-        if not mine * LEAST_GAIN <= theirs
-    ]
-    missed += [
-        f"{row.taxels} taxels: curvature wrong by more than {MOST_PARTIAL:.0%}"
-        for row in partial
-        if row.taxels >= 32 and not (row.errors["palpate"] or np.inf) < MOST_PARTIAL
-    ]
-    missed += [
-        f"{kind}: {right_share(calls, kind):.1%} called by its name"
-        for kind in VERDICTS
-        if right_share(calls, kind) < LEAST_RIGHT
-    ]
-    missed += [
-        f"{name}: fused is worse than single"
-        for name, score in scores.items()
-        if not score.fused <= MOST_FUSED * score.single
-    ]
-    return missed
+    for column, most in MOST_ERROR.items():
+        (noise, impulses), error = COLUMNS[column], ours[column]
+        name = f"error of curvatures, noise {noise:g}, impulses {impulses:.0%}"
+        yield Row(name, f"{1e3 * error:.2f}e-3", f"<= {1e3 * most:.1f}e-3 /pitch", error <= most)
+    gain = min(theirs / mine for theirs, mine in zip(thesis, ours, strict=True))
+    yield at_least("error of the thesis's chain to ours, at least", gain, LEAST_GAIN, ".0f")
+    worst = max(row.errors["palpate"] or np.inf for row in partial if row.taxels >= 32)
+    yield Row("the same, 32 taxels or more touched", f"{worst:.1%}", "< 5 %", worst < MOST_PARTIAL)
+
+
+def verdict_demands(calls: Counter[tuple[PatchKind, PatchKind]]) -> Iterator[Row]:
+    """How often each kind is called by its name."""
+    for kind in VERDICTS:
+        yield at_least(f"{kind}: called by its name", right_share(calls, kind), LEAST_RIGHT, ".1%")
+
+
+def fusion_demands(scores: Mapping[str, FusionScore]) -> Iterator[Row]:
+    """Errors of fused touches over those of single ones."""
+    for name, score in scores.items():
+        yield at_most(f"{name}: fused over single", score.fused / score.single, MOST_FUSED)
 
 
 def right_share(calls: Counter[tuple[PatchKind, PatchKind]], kind: PatchKind) -> float:

@@ -17,13 +17,9 @@ import numpy as np
 from palpate.bench.explore import InProcessLoop, LoopNode, touching_nodes
 from palpate.bench.table import Row, at_least, at_most, in_turns
 from palpate.bench.touch.curvature import (
-    COLUMNS,
-    MOST_ERROR,
-    MOST_PARTIAL,
-    OURS,
     QUICK_TRIALS,
-    THESIS,
     TRIALS,
+    estimator_demands,
     estimator_rows,
     partial_rows,
 )
@@ -196,17 +192,7 @@ def _error_of_facets(
 def estimator_summary(trials: int) -> Iterable[Row]:
     """Cost of a plain jet, and errors of the curvatures: the whole is ``bench curvature``."""
     yield at_most("plain jet of a full pad", 1e6 * _jet_seconds(), 10, ".0f", " us")
-    rows = {row.name: row for row in estimator_rows(trials)}
-    ours, thesis = rows[OURS].errors, rows[THESIS].errors
-    for column, most in MOST_ERROR.items():
-        noise, impulses = COLUMNS[column]
-        name = f"error of curvatures, noise {noise:g}, impulses {impulses:.0%}"
-        error = ours[column]
-        yield Row(name, f"{1e3 * error:.2f}e-3", f"<= {1e3 * most:.1f}e-3 /pitch", error <= most)
-    gain = min(theirs / mine for theirs, mine in zip(thesis, ours, strict=True))
-    yield Row("error of the thesis's chain to ours, at least", f"{gain:.0f}", ">= 20", gain >= 20)
-    worst = max(row.errors["palpate"] or np.inf for row in partial_rows(trials) if row.taxels >= 32)
-    yield Row("the same, 32 taxels or more touched", f"{worst:.1%}", "< 5 %", worst < MOST_PARTIAL)
+    yield from estimator_demands(estimator_rows(trials), partial_rows(trials))
 
 
 def _jet_seconds() -> float:

@@ -118,16 +118,8 @@ class FusionScore(NamedTuple):
 def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionScore:
     """Walk over a surface of `WALKS` several times and compare.
 
-    Parameters
-    ----------
-    name : str
-        The surface.
-    noise : float
-        Standard deviation of one taxel, m.
-    walks : int
-        How often.
-    seed : int
-        Of noise and leaning.
+    `name`: the surface. `noise`: standard deviation of one taxel, m. `walks`: how often. `seed`: of
+    noise and leaning.
     """
     rng = np.random.default_rng(seed)
     errors, surprises = [], []

@@ -137,9 +137,7 @@ def package(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("package")
 def test_points_and_normals_go_in_and_a_mesh_comes_out() -> None:
     points = 3.0 * icosphere(3)[0].reshape(-1, 2, 3)
-
     mesh = poisson(points, points / 3.0)
-
     assert np.linalg.norm(mesh.vertices, axis=1) == pytest.approx(np.full(len(mesh.vertices), 3.0))
     assert mesh.faces.dtype == np.int32
     assert Meshes.depths == [8]
@@ -147,5 +145,4 @@ def test_points_and_normals_go_in_and_a_mesh_comes_out() -> None:
 
 def test_without_the_package_it_is_said_to_be_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-
     assert not poisson_installed()

@@ -31,7 +31,6 @@ def test_the_curves_of_the_figure_show_the_gap_that_the_thesis_leaves() -> None:
 def test_the_figures_can_be_drawn(tmp_path: Path) -> None:
     draw_models(["gem"]).savefig(tmp_path / "models.png", dpi=30)
     draw_curves().savefig(tmp_path / "curves.png", dpi=30)
-
     assert all((tmp_path / name).stat().st_size > 1000 for name in ("models.png", "curves.png"))
 
 
