@@ -222,10 +222,7 @@ def _seen(one: TracedContour, place: Floats, lean: Floats, deviation: float) -> 
 
 
 def expected_approach(
-    height: float,
-    heights: Sequence[float],
-    contours: Sequence[Floats],
-    tips: Sequence[Floats] = (),
+    height: float, heights: Sequence[float], contours: Sequence[Floats], tips: Sequence[Floats] = ()
 ) -> tuple[Floats, float]:
     """Where the middle of a slice is expected, (2,), and from how far it is approached, m."""
     nearest = int(np.argmin([abs(one - height) for one in heights]))

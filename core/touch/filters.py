@@ -217,11 +217,7 @@ def remove_impulses(pad: Pad, image: Floats, contact: float, noise: float) -> Re
 
 
 def _supported(
-    pad: Pad,
-    image: Floats,
-    allowed: Floats | float,
-    by_noise: float,
-    holding: Bools | None = None,
+    pad: Pad, image: Floats, allowed: Floats | float, by_noise: float, holding: Bools | None = None
 ) -> Bools:
     """Which taxels lie on three even lines, or on one or two with others that do.
 

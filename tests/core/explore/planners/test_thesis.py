@@ -10,12 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.planners.protocol import (
-    Budget,
-    Height,
-    Stop,
-    Wait,
-)
+from palpate.core.explore.planners.protocol import Budget, Height, Stop, Wait
 from palpate.core.explore.planners.thesis import (
     TEMPLATES,
     Thesis,

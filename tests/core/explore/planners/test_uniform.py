@@ -3,13 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.core.explore.planners.protocol import (
-    Budget,
-    Height,
-    ObservedSlice,
-    Stop,
-    Wait,
-)
+from palpate.core.explore.planners.protocol import Budget, Height, ObservedSlice, Stop, Wait
 from palpate.core.explore.planners.uniform import Uniform, nested, sweep
 
 
