@@ -105,9 +105,7 @@ def test_a_median_taken_everywhere_makes_plateaus(flat) -> None:
     assert top.max() < 1e-3 - 0.5 * (2 * (0.5e-3) ** 2) / 0.02
 
 
-def test_without_impulses_both_orders_are_worth_the_same_and_with_them_median_first_wins(
-    flat,
-) -> None:
+def test_without_impulses_both_orders_are_worth_same_and_with_them_median_first_wins(flat) -> None:
     clean = 1.2e-3 + 0.3 * on_a_ball(flat, 0.1)
     rng = np.random.default_rng(7)
     errors = np.zeros((2, 2))

@@ -94,9 +94,7 @@ def test_a_pad_that_starts_in_the_object_does_not_move(height, outcome, flat, ba
     assert (end.advance == 0.0) == (outcome == "inside")
 
 
-def test_a_face_that_starts_in_the_object_with_its_transducers_outside_is_inside(
-    flat, ball
-) -> None:
+def test_a_face_that_starts_in_object_with_its_transducers_outside_is_inside(flat, ball) -> None:
     start = pose_of(np.array([0.0, 0.0, 0.0299]), FACING_DOWN)
     end = guarded_move(ball, flat, start, 0.05, 1e-3)
     assert end.outcome == "inside"
@@ -154,9 +152,7 @@ def pressed(
 
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize("effect", [HalfSpace(), Tenting(), Tenting(decay=2e-3)], ids=repr)
-def test_the_skirt_about_a_contact_is_not_a_contact(
-    effect, surface, make_finger, make_touch
-) -> None:
+def test_the_skirt_about_a_contact_is_not_contact(effect, surface, make_finger, make_touch) -> None:
     pad, reading, truly = pressed(effect, make_finger(), make_touch, surface)
     found = contact_mask(pad, reading, LEAST, 0.0)
     assert ((reading > LEAST) & ~truly).sum() > 5  # there is a skirt to be taken in by

@@ -297,9 +297,7 @@ def test_times_of_a_hit_add_up_to_that_of_the_move(make_finger, make_touch) -> N
     ("given", "outcome"),
     [({"reach": 1e-3}, "miss"), ({"actual": pose_of(np.zeros(3), FACING_DOWN)}, "inside")],
 )
-def test_a_pad_that_met_nothing_rested_all_the_while(
-    given, outcome, make_finger, make_touch
-) -> None:
+def test_a_pad_that_met_nothing_rested_all_while(given, outcome, make_finger, make_touch) -> None:
     finger, touch = make_finger(), make_touch(begun=5.0, previous=4.0, **given)
     cast_single_rays(finger, touch)
     assert touch.outcome == outcome

@@ -28,9 +28,7 @@ from palpate.core.explore.planners.protocol import (
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(seed=st.integers(0, 10**6), trouble=st.sampled_from([0.0, 0.2, 0.6, 1.0]))
-def test_a_plan_ends_and_asks_for_no_height_twice(
-    name, seed, trouble, slice_of, observation
-) -> None:
+def test_plan_ends_and_asks_for_no_height_twice(name, seed, trouble, slice_of, observation) -> None:
     rng = np.random.default_rng(seed)
     planner, slices = make_planner(name, {}), list[ObservedSlice]()
     while isinstance(choice := planner.next(observation(slices)), Height):

@@ -268,9 +268,7 @@ def prediction(
     return predict_error(all_known, profile_of(all_known), untouched_spans(all_known))
 
 
-def test_positions_and_slopes_are_kept_and_a_cubic_in_the_square_is_exact(
-    slice_of, observation
-) -> None:
+def test_positions_and_slopes_are_kept_and_cubic_in_square_is_exact(slice_of, observation) -> None:
     def cubic(z: float) -> float:
         return math.sqrt(0.1 + 0.2 * z - 0.3 * z**2 + 0.25 * z**3)
 

@@ -53,9 +53,7 @@ def test_heuristic_2_at_one_curvature_the_step_falls_with_its_change(
 
 @LAW
 @given(rule=rules, bend=curves, change=curves, beyond=more)
-def test_heuristic_3_at_one_change_the_step_falls_with_curvature(
-    rule, bend, change, beyond
-) -> None:
+def test_heuristic_3_at_one_change_step_falls_with_curvature(rule, bend, change, beyond) -> None:
     assert rule.later(bend + beyond, change, 1) < rule.later(bend, change, 1)
 
 
@@ -67,9 +65,7 @@ def test_heuristic_4_the_change_counts_for_more_than_the_curvature(rule, both, b
 
 @LAW
 @given(rule=rules, bend=curves, change=curves, count=st.integers(1, 20))
-def test_heuristic_5_the_more_slices_the_shorter_the_step_if_it_fades(
-    rule, bend, change, count
-) -> None:
+def test_heuristic_5_the_more_slices_shorter_step_if_it_fades(rule, bend, change, count) -> None:
     fading = Thesis(template=rule.template, form=rule.form, power=2.0, fading=0.9)
     assert fading.later(bend, change, count + 1) < fading.later(bend, change, count)
     assert rule.later(bend, change, count + 1) == rule.later(bend, change, count)
@@ -188,9 +184,7 @@ def test_the_other_direction_is_searched_while_one_is_under_way(slice_of, observ
     assert isinstance(Thesis().next(observation(busy_heights=(0.045,))), Wait)
 
 
-def test_without_a_first_slice_or_a_budget_there_is_no_search(
-    slice_of, failed, observation
-) -> None:
+def test_without_a_first_slice_or_budget_there_is_no_search(slice_of, failed, observation) -> None:
     stop = Thesis().next(observation([failed(0.045)]))
     assert isinstance(stop, Stop)
     assert "half height" in stop.reason
@@ -272,9 +266,7 @@ def test_free_knots_are_no_worse_in_the_least_squares_and_stay_in_order() -> Non
     segments=st.integers(1, 12),
     template=st.sampled_from(sorted(TEMPLATES)),
 )
-def test_a_polyline_of_a_template_falls_and_stays_between_0_and_1(
-    power, segments, template
-) -> None:
+def test_a_polyline_of_template_falls_and_stays_between_0_and_1(power, segments, template) -> None:
     line = polyline_of(lambda x: TEMPLATES[template](x, power), 40.0, segments)
 
     assert (np.diff(line.values) <= 1e-12).all()

@@ -68,9 +68,7 @@ def test_an_end_beside_the_axis_is_climbed_to(probed, observation) -> None:
     assert len(probes) <= 4
 
 
-def test_a_touch_that_no_contour_lies_around_says_nothing_of_the_face(
-    touch, observation, ring
-) -> None:
+def test_a_touch_that_no_contour_lies_around_says_nothing_of_face(touch, observation, ring) -> None:
     around = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     aside = touch(_ball(), _over_place(0.027))
     found = next_probe("upper", replace(observation, contour=around, probes=(aside,)))
@@ -134,9 +132,7 @@ def test_a_narrow_flat_top_takes_one(probed, observation, ring) -> None:
     assert _whys(probes) == "s" and done.untouched < 0.0105
 
 
-def test_an_edge_below_which_the_band_ends_is_touched_at_45_degrees(
-    probed, observation, ring
-) -> None:
+def test_an_edge_below_which_band_ends_is_touched_at_45_degrees(probed, observation, ring) -> None:
     contour = ring(0.025, 0.03, above=3e-3)
     _, probes = probed(_column(), "upper", replace(observation, contour=contour))
     assert _whys(probes) == "sffffeeee"

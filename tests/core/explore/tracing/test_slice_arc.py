@@ -51,9 +51,7 @@ def level_pad(surface: Floats, touched: Bools, pad: Pad, height: float) -> Slice
 @pytest.mark.parametrize(
     ("tilt", "height"), [(0.0, 0.0), (0.0, 2e-3), (0.6, 0.018), (-0.6, -0.0165)]
 )
-def test_the_arc_lies_on_the_ball_and_in_the_slice(
-    heading, tilt, height, flat, domed, ball
-) -> None:
+def test_the_arc_lies_on_the_ball_and_in_slice(heading, tilt, height, flat, domed, ball) -> None:
     for pad in (flat, domed):
         felt = touch(pad, ball, heading, tilt, height)
         assert felt is not None
@@ -229,9 +227,7 @@ def test_a_touch_without_an_arc_widens_no_band(flat) -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, -0.8])
-def test_a_traced_ball_is_felt_as_far_as_the_contacts_reach(
-    share, finger, flat, domed, ball
-) -> None:
+def test_a_traced_ball_is_felt_as_far_as_contacts_reach(share, finger, flat, domed, ball) -> None:
     height = 0.03 * share
     for pad in (flat, domed):
         hand = finger(ball, pad)

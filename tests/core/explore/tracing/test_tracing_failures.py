@@ -114,9 +114,7 @@ def test_a_hollow_that_the_domed_pad_can_enter_is_followed(share, finger, domed)
     assert trace.touches <= 30 if share == 0.06 else 60
 
 
-def test_a_hollow_that_no_pad_can_enter_is_a_gap_there_and_nowhere_else(
-    finger, flat, domed
-) -> None:
+def test_a_hollow_that_no_pad_can_enter_is_gap_there_and_nowhere_else(finger, flat, domed) -> None:
     slot = upright(lambda azimuth: np.where(np.abs(azimuth - math.pi) < 0.14, 0.02, 0.028), 64)
     for pad in (flat, domed):
         trace, status = finger(slot, pad).contour(wanted())
@@ -212,9 +210,7 @@ def test_a_slice_far_below_the_object_has_no_contact(finger, flat, domed, ball) 
         assert trace.touches <= 8
 
 
-def test_a_slice_just_below_the_object_is_not_believed_to_be_there(
-    finger, flat, domed, ball
-) -> None:
+def test_a_slice_just_below_object_is_not_believed_to_be_there(finger, flat, domed, ball) -> None:
     for pad in (flat, domed):
         trace, status = finger(ball, pad).contour(wanted(-0.032))
         assert (status, trace.path) == ("occluded", None)
@@ -229,9 +225,7 @@ def test_lengths_go_by_the_width_of_the_array(width, finger, ball) -> None:
         assert np.allclose(np.linalg.norm(trace.path.points, axis=1), 0.03, atol=35e-6)
 
 
-def test_a_box_felt_by_a_trembling_hand_costs_no_more_than_45_touches(
-    finger, flat, domed, box
-) -> None:
+def test_box_felt_by_trembling_hand_costs_no_more_than_45_touches(finger, flat, domed, box) -> None:
     for pad in (flat, domed):
         for seed in range(3):
             hand, rng = finger(box, pad), np.random.default_rng(seed)

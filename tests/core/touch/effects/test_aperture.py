@@ -86,9 +86,7 @@ def test_elements_report_what_their_rays_see(reading, dome, make_finger, make_to
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("depth", [0.05e-3, 1e-3, 2.2e-3])
 @pytest.mark.parametrize("dome", [0.0, 1 / 0.015])
-def test_the_deepest_element_reports_the_asked_depth(
-    reading, depth, dome, make_finger, make_touch
-) -> None:
+def test_deepest_element_reports_asked_depth(reading, depth, dome, make_finger, make_touch) -> None:
     touch = felt(make_finger(dome=dome), make_touch(depth=depth), reading=reading)
     assert touch.outcome == "hit"
     assert touch.compression.max() == pytest.approx(depth, abs=1e-15)
@@ -157,9 +155,7 @@ def needle(x: Floats, y: Floats) -> Floats:
     return np.where(np.hypot(x - 0.5e-3, y - 0.5e-3) < 0.1e-3, 0.0, -5e-3)
 
 
-def test_a_needle_bottoms_the_pad_before_its_element_reports_the_depth(
-    make_finger, make_touch
-) -> None:
+def test_a_needle_bottoms_the_pad_before_its_element_reports_depth(make_finger, make_touch) -> None:
     finger = make_finger()
     touch = felt(finger, over(finger, make_touch, Ground(needle), depth=1e-3))
     assert touch.outcome == "bottomed"

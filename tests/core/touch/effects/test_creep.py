@@ -87,9 +87,7 @@ def test_a_first_touch_is_the_closed_form_of_ramp_and_hold(make_touch, feel, den
     assert np.allclose(found, dent * (1 - SHARE + SHARE * branch), rtol=1e-14)
 
 
-def test_a_sudden_press_is_felt_wholly_and_a_long_one_less_by_the_share(
-    make_touch, feel, dent
-) -> None:
+def test_a_sudden_press_is_felt_wholly_and_a_long_one_less_by_share(make_touch, feel, dent) -> None:
     (sudden,) = feel([press(make_touch, dent, loading=0.0, dwell=0.0)])
     (nearly,) = feel([press(make_touch, dent, loading=1e-12, dwell=0.0)])
     (long,) = feel([press(make_touch, dent, dwell=50 * TAU)])
@@ -115,9 +113,7 @@ def test_a_pad_that_rested_long_has_recovered(make_touch, feel, dent) -> None:
     assert np.allclose(again[1], again[0], rtol=1e-14)
 
 
-def test_a_pad_that_rested_briefly_feels_less_and_converges_to_a_cycle(
-    make_touch, feel, dent
-) -> None:
+def test_pad_that_rested_briefly_feels_less_and_converges_to_cycle(make_touch, feel, dent) -> None:
     series = feel([press(make_touch, dent, rest=0.1) for _ in range(30)])
     deepest = [field.max() for field in series]
     assert all(later < earlier for earlier, later in pairwise(deepest[:8]))

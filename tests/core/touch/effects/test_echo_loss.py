@@ -42,9 +42,7 @@ def test_the_steep_flank_of_a_ridge_is_lost_and_its_top_is_heard(make_finger, ma
     assert np.array_equal(touch.reading[~lost], field[~lost])
 
 
-def test_the_slope_is_that_of_the_pad_and_not_of_what_the_array_reads(
-    make_finger, make_touch
-) -> None:
+def test_the_slope_is_that_of_the_pad_and_not_of_what_array_reads(make_finger, make_touch) -> None:
     rough = np.random.default_rng(0).normal(1e-3, 1e-3, (16, 16))
     touch = make_touch(field=np.full((16, 16), 1e-3), reading=rough)
     EchoLoss().prepare(make_finger()).apply(touch, None)

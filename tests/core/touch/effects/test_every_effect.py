@@ -124,9 +124,7 @@ def test_the_ends_of_a_range_can_be_had(name, field, allowed, make_finger, make_
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_the_same_touches_and_states_give_the_same_again(
-    name, make_finger, make_touch, values_of
-) -> None:
+def test_same_touches_and_states_give_same_again(name, make_finger, make_touch, values_of) -> None:
     pipeline = assemble(make_finger(), [effect_type(name)()])
     found = []
     for _ in range(2):
@@ -162,9 +160,7 @@ def arrays_in(state: Any) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_a_miss_and_a_start_in_the_object_feel_nothing_but_noise(
-    name, make_finger, make_touch
-) -> None:
+def test_a_miss_and_a_start_in_object_feel_nothing_but_noise(name, make_finger, make_touch) -> None:
     inside = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     pipeline = assemble(make_finger(), [effect_type(name)()])
     states = pipeline.begin()
@@ -178,9 +174,7 @@ def test_a_miss_and_a_start_in_the_object_feel_nothing_but_noise(
 
 
 @pytest.mark.parametrize("name", NOTHING)
-def test_an_effect_without_strength_changes_nothing(
-    name, make_finger, make_touch, values_of
-) -> None:
+def test_effect_without_strength_changes_nothing(name, make_finger, make_touch, values_of) -> None:
     finger = make_finger(dome=1 / 0.015)
     ideal = assemble(finger, [])
     pipeline = assemble(finger, [effect_type(name)(**NOTHING[name])])

@@ -56,9 +56,7 @@ def test_neither_axes_nor_touches_are_correlated(errors) -> None:
     assert np.abs(later).max() < 5 / np.sqrt(TOUCHES)
 
 
-def test_large_turns_are_rotations_by_the_drawn_vector(
-    errors: Callable[..., Floats], make_finger: MakeFinger
-) -> None:
+def test_large_turns_are_rotations_by_the_drawn_vector(errors, make_finger) -> None:
     # The draws do not depend on the strength, so a large turn is a multiple of a small one.
     small = errors(PoseError(rotation=0.01), 50)
     large = errors(PoseError(rotation=10.0), 50)
@@ -66,9 +64,7 @@ def test_large_turns_are_rotations_by_the_drawn_vector(
     assert np.allclose(large[:, :3], small[:, :3], rtol=1e-10, atol=1e-16)
 
 
-def test_the_arm_does_not_know_and_poses_stay_of_unit_length(
-    make_finger, make_touch, start
-) -> None:
+def test_arm_does_not_know_and_poses_stay_of_unit_length(make_finger, make_touch, start) -> None:
     stage = PoseError(rotation=10.0).prepare(make_finger())
     for number in range(20):
         touch = make_touch(number, believed=start, actual=start)

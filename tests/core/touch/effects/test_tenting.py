@@ -51,9 +51,7 @@ def contacts(size: tuple[int, int]) -> list[Bools]:
 @pytest.mark.parametrize("which", range(6))
 @pytest.mark.parametrize("decay", [0.2e-3, 1e-3, 20e-3])
 @pytest.mark.parametrize("size", [(16, 16), (9, 14)])
-def test_the_skirt_solves_the_equations_exactly(
-    which, decay, size, make_finger, make_touch
-) -> None:
+def test_the_skirt_solves_equations_exactly(which, decay, size, make_finger, make_touch) -> None:
     finger = make_finger(rows=size[0], cols=size[1], pitch=0.9e-3)
     contact = contacts(size)[which]
     field = np.where(contact, np.random.default_rng(3).uniform(0.1e-3, 1e-3, size), 0.0)
@@ -66,9 +64,7 @@ def test_the_skirt_solves_the_equations_exactly(
 
 
 @pytest.mark.parametrize("decay", [0.5e-3, 1e-3, 3e-3])
-def test_beside_a_straight_edge_the_skirt_decays_exponentially(
-    decay, make_finger, make_touch
-) -> None:
+def test_beside_a_straight_edge_skirt_decays_exponentially(decay, make_finger, make_touch) -> None:
     finger = make_finger(rows=8, cols=40, pitch=0.5e-3)
     contact = np.zeros((8, 40), dtype=bool)
     contact[:, :11] = True
@@ -99,9 +95,7 @@ def test_a_short_decay_leaves_hardly_any_skirt(make_finger, make_touch, dent) ->
     assert np.allclose(found, dent, rtol=0.0, atol=dent.max() * 4 * 1e-4)
 
 
-def test_a_pad_that_is_touched_everywhere_or_nowhere_stays_as_it_is(
-    make_finger, make_touch
-) -> None:
+def test_pad_that_is_touched_everywhere_or_nowhere_stays_as_it_is(make_finger, make_touch) -> None:
     field = np.random.default_rng(0).uniform(0.1e-3, 1e-3, (16, 16))
     everywhere = tented(make_finger(), make_touch, field, field > 0.0)
     assert np.array_equal(everywhere, field)
