@@ -151,7 +151,7 @@ def _axes(lines: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
 
     The best moment of an axis a is -slides @ a; it leaves a problem in a alone.
     """
-    square = (lines * weights[:, None]).T @ lines / max(float(weights.sum()), RIDGE)
+    square = (lines * weights[:, None]).T @ lines / float(weights.sum())
     mixed, own = square[3:, :3], square[3:, 3:] + RIDGE * np.trace(square) / 6.0 * np.eye(3)
     slides = np.linalg.solve(own, mixed)
     spread, axes = np.linalg.eigh(square[:3, :3] - mixed.T @ slides)

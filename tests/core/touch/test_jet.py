@@ -138,6 +138,15 @@ def test_derivatives_are_those_of_the_jet_at_the_middle_of_the_contact(flat) -> 
         assert np.allclose(found.derivatives[2:], np.ravel(found.jet.second_derivatives(x, y)))
 
 
+@pytest.mark.parametrize("weights", [None, np.ones((16, 16))])
+def test_what_the_coefficients_took_up_of_the_noise_is_given_back(weights, flat) -> None:
+    found = fit(
+        flat, np.random.default_rng(4).normal(scale=NOISE, size=(16, 16)), first(20), weights
+    )
+    freedom = 20 - found.jet.coefficients.size
+    assert freedom * found.deviation**2 == pytest.approx(found.misfit @ found.misfit, rel=1e-9)
+
+
 def test_the_deviation_is_the_noise_whatever_the_degree(flat) -> None:
     rng = np.random.default_rng(2)
     for count in (12, 30, 45, 256):

@@ -122,7 +122,6 @@ def test_only_one_side_is_enough() -> None:
     points, normals = turned(80, np.random.default_rng(2))
     side = points[:, 0] > 0.2
     found = revolution_axis(points[side], normals[side], NO_AXES)
-
     assert np.linalg.norm(found.axis[:2]) < 1e-6
 
 
@@ -131,7 +130,6 @@ def test_wrong_normals_are_left_out() -> None:
     points, normals = turned(50, rng)
     normals[:12] = np.linalg.qr(rng.normal(size=(12, 3, 3)))[0][:, 0]
     found = revolution_axis(points, normals, NO_AXES)
-
     assert np.linalg.norm(found.axis[:2]) < 1e-3
     assert 0.7 < found.share < 0.9
 
@@ -145,7 +143,6 @@ def test_the_error_is_as_large_as_it_says() -> None:
         found = revolution_axis(points, normals, NO_AXES)
         errors.append(np.linalg.norm(found.axis[:2]))
         said.append(found.error)
-
     # Each of two directions has at most the standard deviation that is said.
     assert np.sqrt(np.mean(np.square(errors))) < 2.0 * np.mean(said)
     assert np.sqrt(np.mean(np.square(errors))) > 0.4 * np.mean(said)
@@ -154,20 +151,17 @@ def test_the_error_is_as_large_as_it_says() -> None:
 def test_a_ball_has_no_axis() -> None:
     normals = np.random.default_rng(5).normal(size=(40, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-
     assert revolution_axis(0.03 * normals, normals, NO_AXES).lift < 1e-3
 
 
 def test_millimetres_and_metres_give_the_same() -> None:
     points, normals = turned(40, np.random.default_rng(6))
     one, other = (revolution_axis(scale * points, normals, NO_AXES) for scale in (1e-3, 1.0))
-
     assert (one.rms, one.share) == pytest.approx((other.rms, other.share), rel=1e-6)
     assert np.abs(one.axis @ other.axis) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_too_few_contacts_are_refused() -> None:
     points, normals = turned(LEAST - 1, np.random.default_rng(7))
-
     with pytest.raises(ValueError, match=f"points must be at least {LEAST}, got {LEAST - 1}"):
         revolution_axis(points, normals, NO_AXES)

@@ -15,7 +15,6 @@ MIDDLE = pose_of(np.zeros(3), FACING_DOWN)
 
 def test_contacts_of_a_ball_lie_on_it_and_their_normals_point_away(ball, close) -> None:
     grasp = close(ball, MIDDLE, HAND)
-
     assert len(grasp.points) == 6 and (grasp.missed, grasp.blocked) == (0, 0)
     assert np.linalg.norm(grasp.points, axis=1) == pytest.approx(0.03, abs=1e-7)
     assert grasp.normals == pytest.approx(grasp.points / 0.03, abs=1e-4)
@@ -25,7 +24,6 @@ def test_contacts_of_a_ball_lie_on_it_and_their_normals_point_away(ball, close) 
 def test_fingers_that_meet_nothing_are_counted(ball, close) -> None:
     long = Hand(opening=0.1, reach=0.13)
     grasp = close(ball, pose_of(np.array([0.0, 0.0, 0.05]), FACING_DOWN), long)
-
     assert grasp.fingers == (5,)
     assert (grasp.missed, grasp.blocked) == (5, 0)
     assert grasp.advance == pytest.approx(0.13)  # of those that missed
@@ -34,14 +32,12 @@ def test_fingers_that_meet_nothing_are_counted(ball, close) -> None:
 def test_fingers_that_start_inside_or_under_the_platform_are_counted_apart(ball, close) -> None:
     inside = close(ball, MIDDLE, Hand(opening=0.01))
     under = close(ball, MIDDLE, HAND, platform=0.01)
-
     assert (len(inside.points), inside.missed, inside.blocked) == (0, 0, 6)
     assert (under.fingers, under.blocked) == ((5,), 5)
 
 
 def test_a_hand_that_misses_altogether_has_no_contact(ball, close) -> None:
     grasp = close(ball, pose_of(np.array([1.0, 0.0, 0.0]), FACING_DOWN), HAND)
-
     assert grasp.points.shape == grasp.normals.shape == (0, 3)
     assert grasp.missed == 6
 
@@ -54,7 +50,6 @@ def test_the_arm_errs_as_the_scene_says_and_each_finger_by_itself(ball, close) -
         grasp = close(ball, MIDDLE, HAND, effect, number=number)
         errors.append(np.linalg.norm(grasp.points, axis=1) - 0.03)
     off = np.array(errors)
-
     assert off.std() == pytest.approx(sigma, rel=0.25)
     assert np.abs(np.corrcoef(off.T) - np.eye(6)).max() < 0.5
 
@@ -62,14 +57,12 @@ def test_the_arm_errs_as_the_scene_says_and_each_finger_by_itself(ball, close) -
 def test_closing_again_with_the_same_number_is_the_same(ball, close) -> None:
     effect = PoseError(sigma=0.2e-3)
     one, two, other = (close(ball, MIDDLE, HAND, effect, number=n) for n in (1, 1, 2))
-
     assert one.points.tobytes() == two.points.tobytes() != other.points.tobytes()
 
 
 def test_a_flat_face_is_felt_with_its_normal(box, close) -> None:
     standing = PosedShape(box, pose_of(np.array([0.0, 0.0, 0.04]), np.eye(3)))
     grasp = close(standing, pose_of(np.array([0.0, 0.0, 0.04]), FACING_DOWN), HAND, platform=0.0)
-
     assert grasp.points[-1, 2] == pytest.approx(0.08, abs=1e-5)
     assert grasp.normals[-1] == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
 
@@ -82,7 +75,6 @@ def test_an_edge_is_met_at_its_deepest_taxel(flat) -> None:
     x, _ = flat.grid()
     pressed = np.maximum(1e-3 - np.abs(x - 0.5e-3), 0.0)
     found = contact_of(flat, pose_of(np.zeros(3), np.eye(3)), pressed, 0.0)
-
     assert found is not None
     assert found.point[0] == pytest.approx(0.5e-3)
     assert found.point[2] == pytest.approx(-1e-3)

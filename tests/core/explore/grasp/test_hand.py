@@ -28,7 +28,6 @@ def standing(shape: Superquadric, half: float, x: float = 0.0) -> PosedShape:
 def test_the_search_goes_on_until_every_place_was_tried() -> None:
     places = [np.array([0.0, 0.0]), np.array([0.04, 0.0])]
     poses = [search_pose(places, number, 0.1) for number in range(5)]
-
     assert poses[-1] is None
     heights = [pose[2] - 0.1 for pose in poses[:-1] if pose is not None]
     assert heights == pytest.approx(2 * SEARCH_HEIGHTS)
@@ -37,13 +36,11 @@ def test_the_search_goes_on_until_every_place_was_tried() -> None:
 
 def test_a_pose_depends_on_nothing_but_the_contacts() -> None:
     one, two = (next_pose(Hand(), *TOP, 0.0) for _ in range(2))
-
     assert one.tobytes() == two.tobytes()
 
 
 def test_one_contact_is_enough_to_go_on() -> None:
     pose = next_pose(Hand(), *TOP, 0.0)
-
     assert np.isfinite(pose).all()
     assert 0.0 < pose[2] < 0.1
 
@@ -51,7 +48,6 @@ def test_one_contact_is_enough_to_go_on() -> None:
 def test_what_is_expected_reaches_down_to_the_platform(ball, grasped) -> None:
     points, normals = grasped(standing(ball, 0.03), 30)
     middle, axes, size = expected_ellipsoid(points, normals, 0.0)
-
     assert middle == pytest.approx([0.0, 0.0, 0.03], abs=5e-3)
     assert size == pytest.approx(np.full(3, 0.03), abs=5e-3)
     assert axes.T @ axes == pytest.approx(np.eye(3), abs=1e-12)
@@ -60,7 +56,6 @@ def test_what_is_expected_reaches_down_to_the_platform(ball, grasped) -> None:
 def test_contacts_come_from_all_sides_that_the_platform_leaves_free(ball, grasped) -> None:
     points, _ = grasped(standing(ball, 0.03), 60)
     directions = (points - [0.0, 0.0, 0.03]) / 0.03
-
     ask = np.random.default_rng(0).normal(size=(500, 3))
     ask /= np.linalg.norm(ask, axis=1)[:, None]
     nearest = np.arccos(np.clip(ask @ directions.T, -1.0, 1.0)).min(axis=1)
@@ -69,13 +64,11 @@ def test_contacts_come_from_all_sides_that_the_platform_leaves_free(ball, graspe
 
 def test_an_object_beside_the_axis_is_found(cylinder, grasped) -> None:
     points, _ = grasped(standing(cylinder, 0.04, x=0.06), 30)
-
     assert np.abs(points[:, 0] - 0.06).max() < 0.0255
 
 
 def test_few_closings_are_needed(cylinder, grasped) -> None:
     points, normals = grasped(standing(cylinder, 0.04), 60)
-
     assert len(points) == len(normals) < 66
     spread = np.linalg.norm(points[:, None] - points, axis=2) + np.eye(len(points))
     assert np.median(spread.min(axis=1)) > 5e-3
@@ -87,7 +80,6 @@ OVER = pose_of(np.array([0.01, 0.02, 0.05]), FACING_DOWN)
 
 def test_fingers_close_towards_the_axis_and_the_palm_along_it() -> None:
     tips = fingertip_starts(HAND, OVER, 0.0)
-
     for pose in tips.poses[:-1]:
         place, axes = split_pose(pose)
         assert place + HAND.opening * axes[:, 2] == pytest.approx(OVER[:3])
@@ -99,7 +91,6 @@ def test_fingers_close_towards_the_axis_and_the_palm_along_it() -> None:
 
 def test_fingers_are_evenly_spread() -> None:
     at = fingertip_starts(HAND, OVER, 0.0).poses[:-1, :3]
-
     gaps = np.linalg.norm(at - np.roll(at, 1, axis=0), axis=1)
     assert gaps == pytest.approx(np.full(4, math.sqrt(2.0) * HAND.opening))
 
@@ -109,7 +100,6 @@ def test_a_moved_hand_moves_its_fingers_with_it() -> None:
     here, there = (
         fingertip_starts(HAND, pose, -9.0) for pose in (OVER, compose_poses(motion, OVER))
     )
-
     expected = np.stack([compose_poses(motion, pose) for pose in here.poses])
     assert there.poses[:, :3] == pytest.approx(expected[:, :3])
     assert np.abs((there.poses[:, 3:] * expected[:, 3:]).sum(axis=1)) == pytest.approx(1.0)
@@ -118,7 +108,6 @@ def test_a_moved_hand_moves_its_fingers_with_it() -> None:
 def test_a_finger_that_would_start_below_the_platform_stays_open() -> None:
     sideways = pose_of(np.array([0.0, 0.0, 0.05]), pad_rotation(0.0, 0.0))
     tips = fingertip_starts(HAND, sideways, 0.0)
-
     below = tips.poses[:, 2] < 0.0
     assert below.any()
     assert (tips.reach[below] == 0.0).all()

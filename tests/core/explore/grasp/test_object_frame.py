@@ -58,7 +58,6 @@ def test_a_tilted_object_is_sliced_along_its_longest_axis(degrees) -> None:
     turn = about_x(math.radians(degrees))
     found = frame_of(ELLIPSOID, turn, PLACE)
     origin, axes = split_pose(found.pose)
-
     assert found.axis == "longest"
     assert np.linalg.norm(np.cross(axes[:, 2], turn[:, 2])) < math.radians(0.5)
     assert origin == pytest.approx(PLACE, abs=3e-4)
@@ -70,7 +69,6 @@ def test_a_tilted_object_is_sliced_along_its_longest_axis(degrees) -> None:
 def test_a_tile_is_sliced_along_its_shortest_axis_or_that_of_revolution() -> None:
     turn = about_x(0.5)
     found = frame_of(TILE, turn, PLACE)
-
     assert found.axis in ("shortest", "revolution")
     assert np.linalg.norm(np.cross(split_pose(found.pose)[1][:, 2], turn[:, 2])) < 0.01
 
@@ -78,7 +76,6 @@ def test_a_tile_is_sliced_along_its_shortest_axis_or_that_of_revolution() -> Non
 def test_an_object_that_stands_upright_is_sliced_in_the_worlds_axes_and_heights() -> None:
     found = frame_of(ELLIPSOID, about_x(math.radians(0.4)), PLACE)
     origin, axes = split_pose(found.pose)
-
     assert np.array_equal(axes, np.eye(3))
     assert origin == pytest.approx([0.03, -0.01, 0.0], abs=3e-4)
     assert (found.low, found.high) == pytest.approx((0.008, 0.092), abs=3e-4)
@@ -89,7 +86,6 @@ def test_a_given_axis_is_taken(axis) -> None:
     points, normals, platform = contacts(ELLIPSOID, about_x(0.5), PLACE)
     fit = fit_coarse(points, NOISE)
     found = fit_object_frame(fit, points, normals, platform, NOISE, np.array(axis))
-
     assert (found.axis, found.axis_error) == ("given", 0.0)
     assert split_pose(found.pose)[1][:, 2] == pytest.approx(axis, abs=1e-12)
     reach = np.linalg.norm(about_x(0.5).T @ axis * [0.02, 0.028, 0.042])
@@ -99,7 +95,6 @@ def test_a_given_axis_is_taken(axis) -> None:
 
 def test_a_ball_has_no_axis_and_says_so() -> None:
     found = frame_of(BALL, about_x(0.5), PLACE)
-
     assert found.ambiguous
     assert np.array_equal(found.pose[3:], [0.0, 0.0, 0.0, 1.0])
     assert found.radius == pytest.approx(0.03, abs=3e-4)
@@ -109,7 +104,6 @@ def test_an_object_moved_and_turned_about_the_vertical_takes_its_frame_along() -
     one = frame_of(ELLIPSOID, about_x(0.5), PLACE)
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     other = frame_of(ELLIPSOID, quarter @ about_x(0.5), quarter @ PLACE + [0.1, 0.2, 0.3])
-
     axes = [split_pose(frame.pose)[1][:, 2] for frame in (one, other)]
     assert axes[1] == pytest.approx(quarter @ axes[0], abs=2e-3)
     assert other.pose[:3] == pytest.approx(quarter @ one.pose[:3] + [0.1, 0.2, 0.3], abs=2e-4)
@@ -127,7 +121,6 @@ def test_few_contacts_give_an_upright_frame_about_them() -> None:
     points, normals, platform = contacts(ELLIPSOID, np.eye(3), PLACE)
     few = points[:6]
     found = fit_object_frame(fit_coarse(few, NOISE), few, normals[:6], platform, NOISE)
-
     assert found.ambiguous
     assert (found.low, found.high) == (platform, few[:, 2].max())
     assert found.extent_error > 0.01
@@ -139,7 +132,6 @@ def test_an_axis_is_taken_even_if_contacts_tell_nothing(axis) -> None:
     few = points[:6]
     fit = fit_coarse(few, NOISE)
     found = fit_object_frame(fit, few, normals[:6], platform, NOISE, np.array(axis))
-
     assert found.axis == "given"
     assert split_pose(found.pose)[1][:, 2] == pytest.approx(np.abs(axis), abs=1e-12)
     assert found.high > found.low
@@ -152,13 +144,11 @@ def test_a_fit_that_came_to_a_bound_makes_the_axis_less_certain() -> None:
     sure, unsure = (
         fit_object_frame(fit, points, normals, platform, NOISE) for fit in (found, strained)
     )
-
     assert unsure.ambiguous or unsure.axis_error == pytest.approx(6.0 * sure.axis_error)
 
 
 def test_the_same_contacts_give_the_same_frame() -> None:
     one, two = (frame_of(ELLIPSOID, about_x(0.5), PLACE) for _ in range(2))
-
     assert one.pose.tobytes() == two.pose.tobytes()
 
 
@@ -174,14 +164,12 @@ def test_the_same_contacts_give_the_same_frame() -> None:
 def test_what_is_no_grasp_is_refused(count, normals, noise, words) -> None:
     points = contacts(ELLIPSOID, np.eye(3), PLACE)[0]
     found = fit_coarse(points, NOISE)
-
     with pytest.raises(ValueError, match=words):
         fit_object_frame(found, points[:count], normals, 0.0, noise)
 
 
 def test_a_pose_of_the_world_is_the_worlds() -> None:
     found = frame_of(ELLIPSOID, np.eye(3), np.array([0.0, 0.0, 0.042]))
-
     assert found.pose == pytest.approx(pose_of(np.zeros(3), np.eye(3)), abs=3e-4)
 
 
@@ -211,7 +199,6 @@ def ends(points: Floats, normals: Floats, lean: float = 0.0, rim: float = RADIUS
 @pytest.mark.parametrize("lean", [0.0, 0.4, 0.8])
 def test_an_end_that_was_not_touched_is_where_the_platform_cuts_it_off(lean) -> None:
     found = ends(*bottle(np.random.default_rng(0)), lean)
-
     assert found.low == pytest.approx(-HALF, abs=1.5e-3)
     assert found.radius == pytest.approx(RADIUS, abs=1e-3)
     assert found.error > 2e-3
@@ -221,7 +208,6 @@ def test_an_end_that_was_touched_is_where_it_was_touched() -> None:
     points, normals = bottle(np.random.default_rng(1))
     top = np.array([[0.003, 0.0, HALF], [-0.004, 0.002, HALF]])
     found = ends(np.vstack([points, top]), np.vstack([normals, [[0.0, 0.0, 1.0]] * 2]))
-
     assert found.high == pytest.approx(HALF, abs=1e-9)
 
 
@@ -231,7 +217,6 @@ def test_a_round_end_that_was_touched_beside_its_pole_reaches_beyond() -> None:
     normal = np.array([[math.sin(beside), 0.0, math.cos(beside)]])
     top = radius * normal + [[0.0, 0.0, HALF - radius]]
     found = ends(np.vstack([points, top]), np.vstack([normals, normal]))
-
     assert found.high == pytest.approx(HALF, abs=0.1e-3)
     assert found.high > top[0, 2]
 
@@ -241,7 +226,6 @@ def test_a_leaning_contact_may_be_of_an_edge_and_the_error_says_so() -> None:
     normal = np.array([[math.sqrt(0.5), 0.0, math.sqrt(0.5)]])
     top = np.array([[0.5 * RADIUS, 0.0, HALF]])
     found = ends(np.vstack([points, top]), np.vstack([normals, normal]))
-
     assert HALF < found.high < HALF + 0.5 * RADIUS
     assert found.error > 0.5 * (found.high - HALF)
 
@@ -258,6 +242,5 @@ def test_a_solid_that_fits_tells_where_its_untouched_ends_are() -> None:
     solid = correct_solid(found.shape().mesh(4), points[side], found.residuals, found.rms, NOISE)
     seen = Contacts(points[side], normals[side])
     given = extent_along(pose_of(np.zeros(3), np.eye(3)), solid, found, seen, -0.042)
-
     assert (given.low, given.high) == pytest.approx((-0.042, 0.042), abs=2e-4)
     assert given.error < 1.5e-3

@@ -54,7 +54,6 @@ def test_the_cover_comes_first_from_the_middle(sides, explored) -> None:
 def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, explored) -> None:
     metres, stop = explored(Predicted(), sides[name])
     millimetres, other = explored(Predicted(), sides[name], 1000.0)
-
     np.testing.assert_allclose(millimetres, metres, rtol=1e-9)
     assert stop is not None
     assert other is not None
@@ -65,7 +64,6 @@ def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, expl
 def test_case_66_a_bottles_neck_is_not_stepped_over(sides, explored, slice_of, observation) -> None:
     heights, stop = explored(Predicted(), sides["bottle"])
     found = observation([slice_of(sides["bottle"], share) for share in heights])
-
     assert stop is not None
     assert stop.tolerance_met
     assert rms_error(found, sides["bottle"]) < 0.0025
@@ -97,7 +95,6 @@ def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
     cover = observation([slice_of(grooved, share) for share in COVER])
     assert predict_error(cover, profile_of(cover), untouched_spans(cover)).rms_bound_95 < 0.0025
     assert rms_error(cover, grooved) > 0.003
-
     heights, stop = explored(Predicted(), grooved)
     found = observation([slice_of(grooved, share) for share in heights])
     assert stop is not None

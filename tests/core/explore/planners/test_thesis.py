@@ -102,7 +102,6 @@ def test_case_65_a_hollow_is_stepped_over_like_a_bulge(template, slice_of) -> No
 def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, explored) -> None:
     metres, _ = explored(Thesis(), sides[name])
     millimetres, _ = explored(Thesis(), sides[name], 1000.0)
-
     np.testing.assert_allclose(millimetres, metres, rtol=1e-9)
 
 
@@ -225,7 +224,6 @@ def test_case_68_knots_that_coincide_leave_the_fit_well_conditioned() -> None:
     even = np.linspace(0.0, 10.0, 6)
     near = even.copy()
     near[2] = near[1] + 1e-6
-
     assert np.linalg.cond(np.abs(PLACES[:, None] - near)) > 1e6  # the basis of (3.29)
     for knots in (even, near):
         assert np.linalg.cond(hat_basis(PLACES, knots)) < 3.0
@@ -235,7 +233,6 @@ def test_hats_span_what_the_thesis_writes_with_absolute_values() -> None:
     knots = np.array([0.0, 1.0, 2.5, 7.0, 10.0])
     theirs = np.abs(PLACES[:, None] - knots) @ np.array([0.3, -1.0, 0.2, 0.7, 0.1])
     at_knots = np.abs(knots[:, None] - knots) @ np.array([0.3, -1.0, 0.2, 0.7, 0.1])
-
     np.testing.assert_allclose(hat_basis(PLACES, knots) @ at_knots, theirs, atol=1e-13)
 
 
@@ -243,7 +240,6 @@ def test_hats_span_what_the_thesis_writes_with_absolute_values() -> None:
 def test_knots_of_even_curve_beat_even_knots(template) -> None:
     values = TEMPLATES[template](PLACES, 2.0)
     even = worst(values, np.linspace(0.0, 10.0, 6))
-
     assert worst(values, equal_curvature_knots(PLACES, values, 5)) < 0.4 * even
 
 
@@ -268,7 +264,6 @@ def test_free_knots_are_no_worse_in_the_least_squares_and_stay_in_order() -> Non
 )
 def test_a_polyline_of_template_falls_and_stays_between_0_and_1(power, segments, template) -> None:
     line = polyline_of(lambda x: TEMPLATES[template](x, power), 40.0, segments)
-
     assert (np.diff(line.values) <= 1e-12).all()
     assert 0.0 <= line.at(1e9) <= line.at(0.0) <= 1.02
 
