@@ -27,11 +27,11 @@ class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True
     path: str  # File of frames, CSV or NPZ; its columns: docs/own_node.md
     # Frames per second, where the file has no times, Hz.
     rate: Annotated[float, Meta(gt=0, le=1e4, description="Hz")] = 10.0
-    at_once: bool = False  # Say all as fast as they are heard, and do not wait for their times
+    at_once: bool = False  # Publish all as fast as they are received, without waiting
 
 
 def frames_of(params: Params) -> FrameSequence:
-    """The frames that will be said.
+    """The frames that will be published.
 
     Raises ValueError with file and line, if the file cannot be used.
     """
@@ -43,7 +43,7 @@ def frames_of(params: Params) -> FrameSequence:
 
 
 def outputs_of(params: Params) -> Mapping[str, type]:
-    """Topics and types; refuses a file that could not be said, before anything is started."""
+    """Topics and types; refuses a file that could not be published, before anything is started."""
     frames_of(params)
     return DRIVER_OUTPUTS
 
@@ -59,7 +59,7 @@ def open_file(params: Params) -> Iterator[Timed | Finished | None]:
         due = 0.0 if params.at_once else time
         pose, image = frames.poses[touch], frames.images[touch]
         yield Timed(due, "/touch/raw", tactile_frame(params, touch, time, pose, image))
-    yield Finished(f"said the {len(frames.images)} frames of {params.path}")
+    yield Finished(f"published the {len(frames.images)} frames of {params.path}")
 
 
 @lru_cache(maxsize=1)

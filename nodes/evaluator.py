@@ -29,7 +29,7 @@ class TrueSurface:
 
     def __init__(
         self,
-        truth: Truth,  # As it was heard
+        truth: Truth,  # As it was received
     ) -> None:
         self._truth, self.height = truth, truth.height
         self.volume = solidity(truth.vertices, truth.faces).volume  # m3
@@ -48,7 +48,7 @@ class TrueSurface:
         return compare_surfaces(self.prepared, other).chamfer
 
 
-State = TrueSurface | None  # The truth; None before it was heard
+State = TrueSurface | None  # The truth; None before it was received
 
 
 def take_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outputs]:
@@ -62,7 +62,7 @@ def take_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outpu
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
     """Measure one model; one without faces has no score.
 
-    Raises ValueError if the truth has not been heard, or the model is no surface.
+    Raises ValueError if the truth has not been received, or the model is no surface.
     """
     if state is None:
         raise ValueError(f"model {model.number} came before the truth")

@@ -27,7 +27,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """The sensor, and what was heard last."""
+    """The sensor, and what was received last."""
 
     info: SensorInfo  # The sensor
     calibration: Calibration  # What its signal means

@@ -37,7 +37,7 @@ from palpate.messages.types import (
 from palpate.nodes.runtime import Deferred, Node, Outputs
 from palpate.nodes.specs import CONTACT_ERROR, pad_of_info
 
-TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it felt
+TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
 UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean may be less than 1
 TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
 TARGET_FACES = 45_000  # Of a mesh, about, if it takes as many
@@ -67,7 +67,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """What has been heard."""
+    """What has been received."""
 
     platform: float = 0.0  # Height on which the object stands, m
     pad: Pad | None = None  # The sensor's array
@@ -114,7 +114,7 @@ def touched_ends(
     Parameters
     ----------
     contours, probes, felt
-        As for `rebuild_set`; of probes that felt nothing known, their own point counts.
+        As for `rebuild_set`; of probes of which nothing else is known, their own point counts.
     platform : float or None
         Height on which the object stands, m, if that is known: a touch of its lower end if it
         stands upright.
@@ -132,7 +132,7 @@ def _probed(
     felt: Mapping[int, Sequence[ContactPoints]],
     frame: Floats,
 ) -> Iterator[Floats]:
-    """Farthest point (3,) of each probe that felt an end: beyond the contours."""
+    """Farthest point (3,) of each probe that touched an end: beyond the contours."""
     position, axes = split_pose(frame)
     levels = [contour.height for contour in contours]
     low, high = min(levels), max(levels)
@@ -163,7 +163,7 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 
 def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
-    """Keep what a touch felt."""
+    """Keep what a touch measured."""
     assert state.pad is not None
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
     points = contact_points_of(state.pad, patch.pose, patch.height, patch.mask, jet)
@@ -188,7 +188,7 @@ def take_probe(params: Params, state: State, probe: Probe) -> tuple[State, Outpu
 
 
 def take_goal(params: Params, state: State, goal: ModelGoal | PlanDone) -> tuple[State, Outputs]:
-    """Fit a set, at once or when all of it has been heard."""
+    """Fit a set, at once or when all of it has been received."""
     return _fit_ready(replace(state, asked=(*state.asked, goal)))
 
 
@@ -242,7 +242,7 @@ def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
         return shape_model(goal, None)
     try:
         return shape_model(goal, _rebuild(state, goal))
-    except ValueError as why:  # what was felt is no solid: a result to be told, not a fault
+    except ValueError as why:  # what was touched is no solid: a result to be told, not a fault
         return shape_model(goal, None, str(why))
 
 
@@ -334,7 +334,7 @@ def _rebuild(state: State, goal: ModelGoal | PlanDone) -> Solid:
 def rebuild_set(
     contours: Sequence[Contour],  # At least one
     probes: Sequence[Probe],  # Single touches beside them
-    # What each touch of a contour or probe felt, by its number
+    # What each touch of a contour or probe measured, by its number
     felt: Mapping[int, Sequence[ContactPoints]],
     platform: float,  # Height on which the object stands, m
 ) -> Solid:

@@ -23,7 +23,7 @@ from palpate.nodes.specs import (
 )
 
 LOOPBACK = "127.0.0.1"
-POLL_TIMEOUT = 0.1  # Longest time for which nothing is said, s
+POLL_TIMEOUT = 0.1  # Longest time for which nothing is published, s
 MAX_LINE_BYTES = 1 << 18  # Longest line, bytes: 64 by 64 taxels take some 100 kB
 
 

@@ -110,7 +110,7 @@ def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State
 
 
 def _go_on(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
-    """Take up what the last touch felt."""
+    """Take up what the last touch measured."""
     job = state.job
     if job is None or (patch.goal, patch.touch) != (job.goal.id, job.touches - 1):
         raise ValueError(f"nobody asked for touch {patch.touch} of goal {patch.goal}")

@@ -38,7 +38,7 @@ class Cause(NamedTuple):
 
 
 class MessageLog:
-    """What a node has said on its topics.
+    """What a node has published on its topics.
 
     Raises OSError if the file cannot be read or written.
     """
@@ -46,9 +46,9 @@ class MessageLog:
     def __init__(
         self,
         path: Path,  # The file behind the memory; it is made when it is needed
-        topics: Iterable[str],  # The topics that somebody hears: what nobody hears is only counted
+        topics: Iterable[str],  # The topics that have subscribers: others are only counted
         *,
-        silent: Iterable[str] = (),  # The topics that nobody hears
+        silent: Iterable[str] = (),  # The topics without subscribers
         memory: int = MEMORY_BYTES,  # Most bytes of frames in memory
         # Whether every frame is kept in the file, too, and what an earlier start has kept is gone
         # on with
@@ -112,7 +112,7 @@ class MessageLog:
             self._frames[topic].append(make)
 
     def since(self, topic: str, wanted: int) -> Iterator[bytes]:
-        """Frames of a topic from a sequence on; none of a topic that nobody hears."""
+        """Frames of a topic from a sequence on; none of a topic without subscribers."""
         for seq in range(wanted, len(self._frames.get(topic, ()))):
             kept = self._frames[topic][seq]
             if callable(kept):
@@ -145,7 +145,7 @@ class MessageLog:
             at += _LENGTH.size + len(frame)
         data = b"".join(parts)
         if os.pwrite(file, _LENGTH.pack(len(data)) + data, self._end) < _LENGTH.size + len(data):
-            raise OSError(errno.ENOSPC, "what was said has no more room on the disk")
+            raise OSError(errno.ENOSPC, "the message log has no more room on the disk")
         self._end = at
         return places
 
@@ -241,13 +241,13 @@ class Journal:
     """The journal of one node; what an earlier start of it has written is gone on with.
 
     Raises OSError if the file cannot be read or written; ValueError if it speaks of what the node
-    does not hear.
+    does not subscribe to.
     """
 
     def __init__(
         self,
         path: Path,  # The file; it is made if there is none
-        # All that the node hears, in an order that is the same at every start
+        # All that the node subscribes to, in an order that is the same at every start
         edges: Sequence[tuple[str, str]],
     ) -> None:
         self._numbers = {edge: number for number, edge in enumerate(edges)}
@@ -287,7 +287,7 @@ class Journal:
 
 
 class SourceProgress:
-    """How much a source has said, beyond its death.
+    """How much a source has published, beyond its death.
 
     Raises OSError if the file cannot be read or written.
     """
@@ -299,7 +299,7 @@ class SourceProgress:
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         found = os.pread(self._file, _PROGRESS.size, 0)
         number, paused = _PROGRESS.unpack(found) if len(found) == _PROGRESS.size else (0, _UNKNOWN)
-        self.number: int = number  # How much has been said
+        self.number: int = number  # How much has been published
         # Whether it was told to stand still; None if it was told nothing
         self.paused: bool | None = None if paused == _UNKNOWN else bool(paused)
 

@@ -30,11 +30,11 @@ class NodeSockets:
         name: str,  # Name of the node
         place: Addresses,  # Addresses of the run
         *,
-        # Name of each publisher to the topics that are heard from it
+        # Name of each publisher to the topics that are subscribed to
         subscriptions: Mapping[str, Sequence[str]],
-        # Each topic that the node publishes, with the names of those who hear it
+        # Each topic that the node publishes, with the names of its subscribers
         publications: Mapping[str, tuple[str, ...]],
-        persistent: bool = False,  # Whether what it says is kept beyond the node's death
+        persistent: bool = False,  # Whether what it publishes is kept beyond the node's death
     ) -> None:
         self._past = MessageLog(
             Path(place.pasts[name]),
@@ -44,7 +44,7 @@ class NodeSockets:
             epoch=place.epoch,
         )
         self._wires = SocketContext(place.key)
-        # What nobody hears is not said again, and what is kept carries its times itself.
+        # What has no subscriber is not published again, and what is kept carries its times itself.
         timed = [topic for topic, listeners in publications.items() if listeners and not persistent]
         self._times = SendTimes(Path(place.times[name]), name, timed)
         self._inbox: deque[Received] = deque()
@@ -112,7 +112,7 @@ class NodeSockets:
 
         Returns
         -------
-        heard, told : bool
+        received, told : bool
             Whether messages, and words of the launcher, are there to be taken.
         """
         received = told = False

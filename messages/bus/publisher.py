@@ -47,21 +47,21 @@ class Publisher:
         name: str,  # Who sends, in which run, after how many starts
         run: int,
         epoch: int,
-        # Every topic, with the names of those who are known to hear it
+        # Every topic, with the names of its known subscribers
         listeners: Mapping[str, tuple[str, ...]],
         depth: int,  # Most messages in the queue to one listener
         # Takes in what has arrived, waiting for a moment; called while a queue is full
         drain: Callable[[], None],
-        past: MessageLog,  # Where what was said is kept
+        past: MessageLog,  # Where what was published is kept
         times: SendTimes,  # Where it is put down when
-        # Whether it says once more what an earlier start had said, until `go_live`
+        # Whether it publishes once more what an earlier start had, until `go_live`
         again: bool = False,
         patience: float = SEND_TIMEOUT,  # Longest wait for a full queue, s
         ahead_ns: int = 0,  # How far the launcher's clock is ahead of this machine's, ns
     ) -> None:
         self.name, self.run, self.epoch = name, run, epoch
         self.blocked = 0  # How often a queue was full
-        # Time of the latest message sent or heard, ns: the next one is sent later
+        # Time of the latest message sent or received, ns: the next one is sent later
         self.latest_ns = past.latest_ns
         self._listeners = dict(listeners)
         self._past, self._times = past, times
@@ -78,7 +78,7 @@ class Publisher:
         return self._past.counts
 
     def send(self, topic: str, body: bytes, *, robot_time: float, schema: int) -> bytes:
-        """Send one message to everybody who hears the topic, and return its frame.
+        """Send one message to all subscribers of the topic, and return its frame.
 
         Before `go_live`, to those alone who have asked for it.
 
@@ -97,7 +97,7 @@ class Publisher:
 
     @property
     def past(self) -> MessageLog:
-        """What has been said so far."""
+        """What has been published so far."""
         return self._past
 
     def answer(
@@ -122,7 +122,7 @@ class Publisher:
         return [frame for _, frame in frames]
 
     def was_published(self, topic: str) -> bool:
-        """Whether an earlier start had said the message that comes next on a topic."""
+        """Whether an earlier start had published the message that comes next on a topic."""
         return self._times.before(topic, self._past.count(topic)) is not None
 
     def promise(self, topic: str, make: Callable[[], bytes], schema: int) -> None:
@@ -139,7 +139,7 @@ class Publisher:
         self._past.promise(topic, lambda: pack_frame(topic, header, make()))
 
     def go_live(self) -> None:
-        """All that had been said is said again: from here on everybody hears at once."""
+        """All that had been published is published again: from here on all receive at once."""
         lacks, self._lacks = self._lacks, None
         for call, topic in lacks or ():
             self._put(in_step_notice(call, topic), topic)

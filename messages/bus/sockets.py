@@ -9,7 +9,7 @@ import zmq
 
 Socket = zmq.Socket[bytes]
 QUEUE_DEPTH = 1000  # Most messages in a queue between two nodes, unless the launch says otherwise
-LAUNCHER = "launcher"  # Name under which the launcher hears topics; no node may bear it
+LAUNCHER = "launcher"  # Name under which the launcher subscribes; no node may bear it
 
 
 class SocketContext:
@@ -62,7 +62,7 @@ def bind(socket: Socket, endpoint: str) -> None:
 def connect(socket: Socket, endpoint: str) -> None:
     """Connect a socket; beyond the files of this machine only with a key.
 
-    Raises ValueError if others could read what is said.
+    Raises ValueError if others could read what is published.
     """
     if endpoint.startswith("tcp:"):
         _check_locked(socket, endpoint)
@@ -87,8 +87,8 @@ class Addresses:
     tools: str  # Address at which the launcher answers tools
     # Name of the node to the file in which it puts down what it consumes.
     journals: Mapping[str, str]
-    times: Mapping[str, str]  # Name of the node to the file in which it puts down when it said what
-    # Name of the node to the file in which it keeps what it said and has no memory for.
+    times: Mapping[str, str]  # Name of the node to the file of the times at which it published
+    # Name of the node to the file in which it keeps what it published and has no memory for.
     pasts: Mapping[str, str]
     # File of the secret key with which all sockets are locked; empty within one machine.
     key: str = ""

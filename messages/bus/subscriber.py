@@ -42,7 +42,7 @@ class _Edge:
 
 
 class Subscriber:
-    """Hears reliable topics of several publishers.
+    """Receives reliable topics of several publishers.
 
     A frame is taken if it carries the epoch that its publisher greeted with, and the next
     sequence of its topic. A smaller sequence is a duplicate; a larger one is early, as long as
@@ -53,10 +53,10 @@ class Subscriber:
         self,
         context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
         *,
-        name: str,  # Who hears, in which run, after how many starts
+        name: str,  # Who receives, in which run, after how many starts
         run: int,
         epoch: int,
-        # Name of each publisher to the topics that are heard from it
+        # Name of each publisher to the topics that are subscribed to
         sources: Mapping[str, Sequence[str]],
         endpoints: Mapping[str, str],  # Name of each publisher to its address
         depth: int,  # Most messages in the queue from one publisher
@@ -132,7 +132,7 @@ class Subscriber:
         edge = self._edges.get(topic)
         if edge is None or header.run != self.run:
             raise ValueError(
-                f"{self.name} heard {topic} of run {header.run}, which it never asked for"
+                f"{self.name} received {topic} of run {header.run}, to which it never subscribed"
             )
         if header.epoch != self._greeted.get(edge.publisher):
             self.early += 1

@@ -79,7 +79,7 @@ class TapReader:
         self,
         context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
         endpoints: Iterable[str],  # Addresses of the taps
-        topics: Iterable[str],  # Topics to hear
+        topics: Iterable[str],  # Topics to subscribe to
         depth: int = TAP_DEPTH,  # Most messages in the queue from one tap
     ) -> None:
         self.socket = context.socket(zmq.SUB)

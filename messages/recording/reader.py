@@ -54,7 +54,7 @@ class Recording:
     closed: bool  # False if the recorder was killed: then the last messages may be missing
 
     def messages(self) -> Iterator[RecordedMessage]:
-        """The messages in the order in which the recorder heard them."""
+        """The messages in the order in which the recorder received them."""
         schemas: dict[tuple[Path, int], Schema] = {}
         channels: dict[tuple[Path, int], Channel] = {}
         for part, _, record in checked_records(self.path):

@@ -45,6 +45,6 @@ TYPES: dict[str, type] = {
     )
 }
 ALL_KEPT = frozenset({Contour, Probe})  # Types of latched topics of which each message counts
-# Types of latched topics: whoever comes late needs what was said before; of those that are not in
-# `ALL_KEPT`, the last message
+# Types of latched topics: whoever comes late needs what was published before; of those
+# that are not in `ALL_KEPT`, the last message
 LATCHED = ALL_KEPT | {SensorInfo, ShapeModel, Superquadric, Truth, World}

@@ -59,7 +59,7 @@ class PlanDone:
     # The root mean square error of the solid is below this in 95 of 100 runs; null where nobody can
     # tell
     rms_bound_95: Metres | None
-    # Height of the largest stretch of the side that nothing has felt; null where nobody looked
+    # Height of the largest stretch of the side that nothing has touched; null where nobody looked
     largest_untouched: Metres | None
     uncovered: Metres  # Height of stretches of the side that no touch could reach
 

@@ -24,7 +24,7 @@ from palpate.messages.types.touch import Outcome
 
 # How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object
 # ends below the slice; no way on; wound round too far without closing; the allowance of touches is
-# spent; nothing felt
+# spent; nothing touched
 ContourStatus = Literal["closed", "occluded", "pole", "stuck", "overrun", "budget", "no_contact"]
 # The pad touched beside a stretch, or over it, but not in it; or it touched nothing there
 GapReason = Literal["bridged", "missed"]
@@ -52,18 +52,18 @@ class Contour:
     finger: Count  # The finger that traced it
     frame: Pose  # Slicing frame in the world
     height: Metres  # Height of the slice along the frame's z axis
-    # Points in the order felt, world frame, counter-clockwise about the frame's z axis
+    # Points in the order touched, world frame, counter-clockwise about the frame's z axis
     points: Points
     normals: Directions  # Outward unit normals at the points
     # Normal curvature across the contour at the points; convex is positive; 0 at edges
     curvature: Curvatures
-    # Lowest height along the frame's z axis that was felt below each point, without a break
+    # Lowest height along the frame's z axis that was touched below each point, without a break
     contact_low: Lengths
-    contact_high: Lengths  # Highest height that was felt above it
+    contact_high: Lengths  # Highest height that was touched above it
     status: ContourStatus  # How tracing ended
-    gap_starts: Points  # Last points before the stretches that could not be felt, world frame
+    gap_starts: Points  # Last points before the stretches that could not be touched, world frame
     gap_ends: Points  # First points after them
-    gap_reasons: tuple[GapReason, ...]  # What the pad felt there
+    gap_reasons: tuple[GapReason, ...]  # What the pad met there
     touches: Count  # Touches made
     robot_time: Seconds  # Robot time of the last touch
 
@@ -86,8 +86,8 @@ class Probe:
     id: Count  # Number of the goal
     finger: Count  # The finger that touched
     outcome: Outcome  # How the guarded move ended
-    point: Vector  # Deepest point felt, world frame; the end of the reach after a miss
-    # Outward normal at the middle of the contact, or the pad's own if it could not be felt
+    point: Vector  # Deepest point touched, world frame; the end of the reach after a miss
+    # Outward normal at the middle of the contact, or the pad's own if it could not be touched
     normal: Direction
     touches: Count  # Touches made
     robot_time: Seconds  # Robot time of the last touch

@@ -33,18 +33,18 @@ from palpate.messages.types import GraspContacts, GraspGoal, Probe, Superquadric
 from palpate.nodes.planning.state import HandContacts, State, Task
 from palpate.nodes.specs import CONTACT_ERROR
 
-ENOUGH_CONTACTS = 60  # Contacts after which the hand has felt enough
+ENOUGH_CONTACTS = 60  # Contacts after which the hand has touched enough
 MAX_GRIPS = 30  # Times that it closes on the object at most
 # Distance of the places at which the object is looked for, m: less than a pad.
 SEARCH_SPACING = 12.0e-3
 OPENING_SHARE = 0.8  # Of the reach: how far the hand's fingers open
 ENDS: tuple[End, ...] = ("upper", "lower")
-# Of the extent: an end is felt all over as soon as there is a contour so near to it.
+# Of the extent: an end is touched all over as soon as there is a contour so near to it.
 END_NEARNESS = 0.07
 
 
 def grasp_goal(state: State) -> GraspGoal | None:
-    """The next closing of the hand; None once it has felt enough, or looked everywhere."""
+    """The next closing of the hand; None once it has touched enough, or looked everywhere."""
     assert state.world is not None
     grasped, world = state.grasped, state.world
     hand = Hand(opening=OPENING_SHARE * world.reach, reach=OPENING_SHARE * world.reach)
@@ -107,7 +107,7 @@ class EndTouch(NamedTuple):
 def next_touch(state: State, tolerance: float, *, last: bool) -> EndTouch | None:
     """The next touch of an end, if one is due.
 
-    At first each end is found; it is felt all over when there is a contour near to it, or when
+    At first each end is found; it is touched all over when there is a contour near to it, or when
     all slices are done. One finger at a time, and away from the others.
     """
     survey = state.survey

@@ -46,7 +46,7 @@ def run_composed(
     ends : str
         The node whose Finished ends the graph.
     watch : sequence of str
-        Topics, as on the wire, that the watcher wants to hear.
+        Topics, as on the wire, that the watcher wants to receive.
     watcher : Watcher
         Hears them.
     schedule : int or None
@@ -112,7 +112,7 @@ class Composition:
         self._next_tick = time.monotonic() + TICK_PERIOD
 
     def open(self) -> Sequence[tuple[str, Work]]:
-        """Make the nodes, sinks first: they must hear everything."""
+        """Make the nodes, sinks first: they must receive everything."""
         made: list[tuple[str, Work]] = []
         for name, wiring in self._wirings.items():
             self.doing = name
@@ -171,7 +171,7 @@ class Composition:
         return Ending(status=status, reason=reason, statuses=self.statuses())  # type: ignore[arg-type]
 
     def _ask_sources(self) -> bool:
-        """Have a source say what it has next, when nothing else is left to do."""
+        """Have a source publish what it has next, when nothing else is left to do."""
         for name, work in self.works.items():
             if isinstance(work, SourceWork) and (left := work.wait()) is not None:
                 time.sleep(left)
@@ -233,7 +233,7 @@ class Ending:
 
 
 class Watcher(Protocol):
-    """Hears what the launcher hears, while the graph runs."""
+    """Receives what the launcher receives, while the graph runs."""
 
     def ready(self, seconds: float) -> None:
         """All nodes are up and joined, this long after the launch began."""

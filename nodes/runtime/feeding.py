@@ -59,7 +59,7 @@ def recorded(recording: RecordingPath, topic: str, cls: Any = None) -> list[Any]
 def feed(
     node: Node, recording: RecordingPath, *, name: str | None = None, params: object = None
 ) -> Published:
-    """What a node says to what a node of a recording heard.
+    """What a node publishes to what a node of a recording received.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def feed(
         A recording, or a run directory.
     name : str, optional
         The node of the recorded graph whose place it takes. Without a name it is its own, or, if
-        it was not there, it hears the topics that it declares.
+        it was not there, it subscribes to the topics that it declares.
     params : map, Struct or None
         Its parameters; those that were recorded, where it takes its own place, if None.
 
@@ -92,7 +92,7 @@ def feed(
     work = NodeWork(node, given, wiring)
     publishers = {one.topic: one.publisher for one in edges}
     published: list[Outgoing | Finished] = work.begin()
-    # Processes of one machine share the clock; the recorder may have heard them in another order.
+    # Processes of one machine share the clock; the recorder may have another order.
     for kept in sorted(bag.messages(), key=lambda kept: kept.sent_ns):
         if kept.topic in publishers:
             header = Header(kept.run, kept.epoch, kept.seq, kept.sent_ns, 0.0, kept.schema)
@@ -142,7 +142,7 @@ def _recorded(place: RecordedNode | None, node: Node) -> object:
 
 
 def _inputs(bag: Recording, node: Node, place: RecordedNode | None) -> tuple[Input, ...]:
-    """What the node hears of the recording."""
+    """What the node receives of the recording."""
     if place is None:
         found = [
             Input("recording", topic, topic, cls.__name__)
@@ -152,7 +152,9 @@ def _inputs(bag: Recording, node: Node, place: RecordedNode | None) -> tuple[Inp
     else:
         found = [one for one in place.inputs if one.local in node.inputs]
     if not found and node.inputs:
-        whose = f"what {place.name} heard in it" if place else "its topics"
+        whose = f"what {place.name} received in it" if place else "its topics"
         subscriptions = ", ".join(node.inputs)
-        raise ValueError(f"recording {bag.path}: the node hears {subscriptions}, none of {whose}")
+        raise ValueError(
+            f"recording {bag.path}: the node subscribes to {subscriptions}, none of {whose}"
+        )
     return tuple(found)

@@ -249,7 +249,7 @@ class NodeLoop:
         self._publish(work.take(arrival))
 
     def _answer(self, published: Sequence[Outgoing | Finished], cause: Cause) -> None:
-        """Publish what a node that acts has said, with what it had heard."""
+        """Publish what a node that acts has said, with what it had received."""
         ends = [one for one in published if isinstance(one, Finished)]
         parcels = [one for one in published if isinstance(one, Outgoing)]
         reason = ends[0].reason if ends else ""
@@ -257,7 +257,7 @@ class NodeLoop:
         self._publish(ends)
 
     def _go_on(self, work: Work) -> OutgoingSequence:
-        """Take up what an earlier start has done; returns what it had not come to say."""
+        """Take up what an earlier start has done; returns what it had not come to publish."""
         station, owed = self._station, list[Outgoing | Promise | Finished]()
         gc.freeze()
         if isinstance(work, NodeWork) and work.has_side_effects:

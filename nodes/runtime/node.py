@@ -30,8 +30,8 @@ class Finished:
 class Deferred:
     """A message that takes long to make, and on which the node's state does not depend.
 
-    A node that is started again says once more what it had said; such a message is made once more
-    only if somebody lacks it.
+    A node that is started again publishes once more what it had published; such a message is made
+    once more only if somebody lacks it.
     """
 
     cls: type  # Its type
@@ -51,7 +51,7 @@ Handler = Callable[[Any, Any, Any], tuple[Any, Outputs]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node:
-    """What a node hears, says and does."""
+    """What a node subscribes to, publishes and does."""
 
     params: type  # Type of the parameters: a frozen ``msgspec.Struct``
     # ``params -> (state, outputs)``, called once before any input.
@@ -61,34 +61,34 @@ class Node:
     needs: tuple[str, ...] = ()  # Latched inputs without which no other input is handed over
     fan_in: tuple[str, ...] = ()  # Inputs with one publisher in each finger's namespace
     # Topics that stay outside the fingers' namespaces: where there is such a node for each finger,
-    # that of the first finger alone hears and says them.
+    # that of the first finger alone subscribes to and publishes them.
     shared: tuple[str, ...] = ()
     # Longest time that a handler may take, s: after it, a node that is at work hangs.
     handler_timeout: float = HANDLER_TIMEOUT
     # It acts on the world: when it is started again it is not handed once more what it has handled,
-    # and begins with a fresh state; what it has said is kept in a file.
+    # and begins with a fresh state; what it has published is kept in a file.
     has_side_effects: bool = False
 
 
 class Timed(NamedTuple):
-    """What a source says, and when."""
+    """What a source publishes, and when."""
 
-    due: float  # Seconds after the source was opened; 0 says it at once
+    due: float  # Seconds after the source was opened; 0 publishes it at once
     topic: str  # The topic as the node calls it
     message: object  # A message, or bytes: a message's encoded body
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """A node that hears nothing: what it says comes from a file, or from the world outside."""
+    """A node without inputs: what it publishes comes from a file, or from the world outside."""
 
     params: type  # Type of the parameters: a frozen ``msgspec.Struct``
     outputs: Callable[[Any], Mapping[str, type]]  # ``params -> {topic: message type}``
-    # ``params -> what it says``, one after the other; None says that there is nothing yet and wants
-    # to be asked again soon. It never waits for longer than 0.1 s.
+    # ``params -> what it publishes``, one after the other; None says that there is nothing yet
+    # and wants to be asked again soon. It never waits for longer than 0.1 s.
     open: Callable[[Any], Iterator[Timed | Finished | None]]
-    # Whether it says the same when it is opened again, as a file does, and goes on behind what it
-    # had said; what comes from the world comes once.
+    # Whether it publishes the same when it is opened again, as a file does, and goes on behind
+    # that; what comes from the world comes once.
     repeats: bool = True
     # ``params ->`` whether it stands still at the beginning until a tool has it go on.
     paused: Callable[[Any], bool] = lambda params: False
@@ -96,13 +96,15 @@ class Source:
     handler_timeout: float = HANDLER_TIMEOUT  # Longest time that it may take for one message, s
 
     def __post_init__(self) -> None:
-        """Refuse a source that could not say again what tools had it say."""
+        """Refuse a source that could not publish again what tools had it publish."""
         if self.outside and self.repeats:
-            raise ValueError("a source that tools may speak for cannot repeat what they said")
+            raise ValueError(
+                "a source that tools may publish for cannot repeat what they published"
+            )
 
 
 class SinkWriter(Protocol):
-    """Where a sink puts what it hears."""
+    """Where a sink puts what it receives."""
 
     def write(self, topic: str, header: Header, body: bytes) -> None:
         """Keep one message, undecoded."""
@@ -119,7 +121,7 @@ class SinkWriter(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sink:
-    """A node that hears every reliable topic, undecoded, and says nothing: the recorder."""
+    """A node that receives every reliable topic, undecoded, and publishes nothing: the recorder."""
 
     params: type  # Type of the parameters: a frozen ``msgspec.Struct``
     # ``(params, {topic: name of its message type}) -> writer``.
@@ -134,7 +136,7 @@ AnyNode = Node | Source | Sink
 
 
 def is_persistent(node: AnyNode) -> bool:
-    """Whether what a node says comes from the world, and could not be said again."""
+    """Whether what a node publishes comes from the world, and could not be published again."""
     if isinstance(node, Source):
         return not node.repeats
     return isinstance(node, Node) and node.has_side_effects

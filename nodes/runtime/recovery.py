@@ -22,7 +22,7 @@ def replay(
     before: Sequence[Consumed],  # What it had handled
     station: NodeSockets,  # Its sockets
     *,
-    publish: Publish,  # Sends what it says
+    publish: Publish,  # Sends what it publishes
     turn: Callable[[], bool],  # Waits for a moment, obeys the launcher, and says whether to go on
     beat: Callable[[], None],  # Gives a sign of life
 ) -> OutgoingSequence:
@@ -32,7 +32,7 @@ def replay(
     -------
     sequence
         What it died over: it may have been making something that takes long, which is still to be
-        made and sent, with all that it said after that.
+        made and sent, with all that it published after that.
     """
     order, owed = JournalOrder(before), list[Outgoing | Promise | Finished]()
     while order.replaying and turn():
@@ -48,7 +48,7 @@ def replay(
 def _republish(
     published: OutgoingSequence, station: NodeSockets, publish: Publish
 ) -> list[Outgoing | Promise | Finished]:
-    """Publish what had been said before; returns what takes long and had not, and all after it."""
+    """Publish it once more; returns what takes long and had not been, and all after it."""
     for place, one in enumerate(published):
         if isinstance(one, Promise) and not station.publisher.was_published(one.topic):
             return list(published[place:])
@@ -57,10 +57,10 @@ def _republish(
 
 
 def unpublished(
-    published: Iterable[Outgoing | Finished],  # What a node says at its start
-    counts: Mapping[str, int],  # Messages that it had said on each topic
+    published: Iterable[Outgoing | Finished],  # What a node publishes at its start
+    counts: Mapping[str, int],  # Messages that it had published on each topic
 ) -> Iterator[Outgoing | Finished]:
-    """What of it an earlier start had not come to say."""
+    """What of it an earlier start had not come to publish."""
     had = dict(counts)
     for one in published:
         if isinstance(one, Outgoing) and had[one.topic]:

@@ -20,11 +20,11 @@ from palpate.nodes.runtime.work import (
     SinkWork,
 )
 
-POLL_PERIOD = 0.01  # A source that has nothing to say is asked again after this long, s
+POLL_PERIOD = 0.01  # A source that has nothing to publish is asked again after this long, s
 # The last of a wait is not spent on the sockets, s: a poll is no more exact than that.
 SPIN_TIME = 1.5e-3
 SLEEP_OVERSHOOT = 3e-4  # A sleep may be late by so much, s
-BATCH = 64  # Messages that are said before others are heard again
+BATCH = 64  # Messages that are published before others are received again
 _END: Any = object()
 
 
@@ -36,7 +36,7 @@ class SourceWork:
         source: Source,  # What it does
         params: Any,  # Instance of the source's parameter type
         wiring: Wiring,  # Its place in the graph
-        # How much an earlier start of it has said, and will be counted; None counts for itself
+        # How much an earlier start of it has published, and will be counted; None counts for itself
         tally: SourceProgress | None = None,
     ) -> None:
         self.name = wiring.name
@@ -44,7 +44,7 @@ class SourceWork:
         self.consumed: dict[Edge, int] = {}
         self.waits: list[str] = []
         paused = source.paused(params) if tally is None or tally.paused is None else tally.paused
-        self.pace = PlaybackClock(paused=paused)  # When it says what it has to say
+        self.pace = PlaybackClock(paused=paused)  # When it publishes what it has
         self._source, self._params, self._wires = source, params, wiring.outputs
         self._types = source.outputs(params)
         self._tally = tally
@@ -59,11 +59,11 @@ class SourceWork:
 
     @property
     def can_publish(self) -> bool:
-        """Whether it may say something yet."""
+        """Whether it may publish something yet."""
         return self._next is not _END
 
     def begin(self) -> Iterator[Outgoing | Finished]:
-        """Open the source; what an earlier start of it had said is said at once."""
+        """Open the source; what an earlier start of it had published is published at once."""
         self._published = iter(self._source.open(self._params))
         words = (one for one in self._published if isinstance(one, Timed))
         due = 0.0
@@ -73,7 +73,7 @@ class SourceWork:
         self.pace.start(due, time.monotonic())
 
     def wait(self) -> float | None:
-        """Time until it has something to say, s; None while it stands still or is at its end."""
+        """Time until it has something to publish, s; None while it is paused or at its end."""
         if self._next is None:
             self._doing = "looking for what comes next"
             began = time.perf_counter_ns()
@@ -114,7 +114,7 @@ class SourceWork:
         return packed
 
     def all(self) -> Iterator[Outgoing | Finished]:
-        """All that it says, at once: nobody waits for the time of anything."""
+        """All that it publishes, at once: nobody waits for the time of anything."""
         while self.can_publish:
             self.wait()
             if self._next is not None and self._next is not _END:
@@ -147,7 +147,7 @@ class SourceWork:
 
         Raises ContractError always.
         """
-        raise ContractError(f"{self.name} hears nothing, and has heard {arrival.topic}")
+        raise ContractError(f"{self.name} subscribes to nothing, and has received {arrival.topic}")
 
     def close(self) -> None:
         """Let go of what it reads."""
@@ -208,13 +208,13 @@ class PlaybackClock:
         self._place, self._when = place, now
 
     def wait(self, due: float, now: float) -> float | None:
-        """Time until what is due may be said, s; None while it stands still before that."""
+        """Time until what is due may be published, s; None while it stands still before that."""
         if due <= self._place or self._steps:
             return 0.0
         return None if self.paused else max(0.0, due - self._at(now))
 
     def gone(self, due: float, now: float) -> None:
-        """What was due has been said."""
+        """What was due has been published."""
         if self._steps and due > self._place:
             self._steps -= 1
             self.start(due, now)

@@ -21,7 +21,7 @@ from palpate.nodes.runtime.sources import SourceWork
 from palpate.nodes.runtime.wiring import Input, lone_wiring
 from palpate.nodes.runtime.work import NodeWork, Outgoing
 
-# Topic, as the node calls it, and message each, in the order in which they were said.
+# Topic, as the node calls it, and message each, in the order in which they were published.
 Published = list[tuple[str, Any] | Finished]
 Message = TypeVar("Message")
 _PLAIN: dict[str, Any] = {
@@ -40,7 +40,7 @@ def drive(
     *,
     most: int | None = None,
 ) -> Published:
-    """What a node says from its start on, given what it hears.
+    """What a node publishes from its start on, given what it receives.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def drive(
         What to drive.
     inputs : pairs of str and message
         Topic, as the node calls it, and message each; nothing of a source. Finished is passed
-        over, so that what one node says can be given to the next.
+        over, so that what one node publishes can be given to the next.
     params : map, Struct or None
         Parameters as a launch file has them, or an instance of the node's own type; None for
         all defaults.
@@ -63,15 +63,15 @@ def drive(
     Raises
     ------
     ValueError
-        If the parameters are not the node's, the node does not hear a topic, or a message is not
-        of its type.
+        If the parameters are not the node's, the node does not subscribe to a topic, or a message
+        is not of its type.
     ContractError
-        If the node says what it does not declare. What its handlers raise is handed on.
+        If the node publishes what it does not declare. What its handlers raise is handed on.
     """
     given = params_of(node, params)
     if isinstance(node, Source):
         if list(inputs):
-            raise ValueError("a source hears nothing; give it no inputs")
+            raise ValueError("a source subscribes to nothing; give it no inputs")
         return list(_published_by(node, given, most))
     edges = [Input("test", topic, topic, cls.__name__) for topic, (cls, _) in node.inputs.items()]
     work = NodeWork(node, given, lone_wiring(given, edges, node.outputs))
@@ -86,7 +86,7 @@ def drive(
 def _published_by(
     source: Source, params: Any, most: int | None
 ) -> Iterator[tuple[str, Any] | Finished]:
-    """What a source says until it ends, or has said so much; nothing is waited for."""
+    """What a source publishes until it ends, or has published so much; nothing is waited for."""
     outputs = source.outputs(params)
     work = SourceWork(source, params, lone_wiring(params, (), outputs))
     list(work.begin())
@@ -103,11 +103,13 @@ def _arrival(node: Node, topic: str, message: object, seq: int) -> Received:
     """A message on its way to a node."""
     if topic not in node.inputs:
         subscriptions = ", ".join(node.inputs) or "nothing"
-        raise ValueError(f"the node does not hear {topic}; it hears {subscriptions}")
+        raise ValueError(
+            f"the node does not subscribe to {topic}; it subscribes to {subscriptions}"
+        )
     wanted = node.inputs[topic][0]
     if type(message) is not wanted:
         raise ValueError(
-            f"the node hears {topic} as {wanted.__name__}, got a {type(message).__name__}"
+            f"the node subscribes to {topic} as {wanted.__name__}, got a {type(message).__name__}"
         )
     return Received(
         "test", topic, Header(0, 0, seq, 0, 0.0, codec_of(wanted).hash), encode(message)
@@ -188,7 +190,7 @@ def assert_same(
     published: Sequence[tuple[str, object] | Finished],
     expected: Sequence[tuple[str, object] | Finished],
 ) -> None:
-    """Compare what was said with what is expected, bit by bit.
+    """Compare what was published with what is expected, bit by bit.
 
     Raises
     ------
@@ -197,18 +199,18 @@ def assert_same(
     """
     for number, (one, other) in enumerate(zip(published, expected, strict=False)):
         if _named(one) != _named(other):
-            raise AssertionError(f"{number}: said {_named(one)}, expected {_named(other)}")
+            raise AssertionError(f"{number}: published {_named(one)}, expected {_named(other)}")
         if isinstance(one, Finished) or isinstance(other, Finished):
             continue
         found = first_difference(type(one[1]), encode(one[1]), encode(other[1]))
         if found is not None:
             field, now, then = found
-            raise AssertionError(f"{number}: {one[0]} {field}: said {now}, expected {then}")
+            raise AssertionError(f"{number}: {one[0]} {field}: published {now}, expected {then}")
     rest = published[len(expected) :] or expected[len(published) :]
     if rest:
-        more = "more was said" if len(published) > len(expected) else "not said"
+        more = "more was published" if len(published) > len(expected) else "not published"
         raise AssertionError(
-            f"said {len(published)}, expected {len(expected)}; {more}: {_named(rest[0])}"
+            f"published {len(published)}, expected {len(expected)}; {more}: {_named(rest[0])}"
         )
 
 

@@ -34,9 +34,9 @@ class Wiring:
     name: str  # Name of the node in the graph
     module: str  # Module that holds ``NODE``, ``SOURCE`` or ``SINK``
     params: Any  # Parameters: an instance of the node's own type
-    inputs: tuple[Input, ...]  # What it hears
+    inputs: tuple[Input, ...]  # What it subscribes to
     outputs: Mapping[str, str]  # The topic as the node calls it, to the topic on the wire
-    listeners: Mapping[str, tuple[str, ...]]  # Topic on the wire to the names of those who hear it
+    listeners: Mapping[str, tuple[str, ...]]  # Topic on the wire to the names of its subscribers
     # Topic on the wire to the name of its message type.
     types: Mapping[str, str] = field(default_factory=dict)
     host: str = ""  # Address of the machine on which it runs; empty for the launcher's
@@ -44,7 +44,7 @@ class Wiring:
     on_exit: OnExit = "restart"  # What is done when it dies
     # Longest time for which it may give no sign of life though it works, s.
     handler_timeout: float = HANDLER_TIMEOUT
-    # Whether what it says is kept beyond its death, for it could not say it again.
+    # Whether what it publishes is kept beyond its death, for it could not publish it again.
     persistent: bool = False
 
 

@@ -98,12 +98,12 @@ class NodeWork:
         return {topic: number for (_, topic), number in left_out.items()}
 
     def begin(self) -> list[Outgoing | Finished]:
-        """Start the node, and return what it says."""
+        """Start the node, and return what it publishes."""
         self._state, outputs = self._node.start(self._params)
         return [self._pack(output) for output in outputs]
 
     def take(self, arrival: Received) -> list[Outgoing | Finished]:
-        """Handle one message, or hold it until the needs are met; return what the node says.
+        """Handle one message, or hold it until the needs are met; return what the node publishes.
 
         Raises CodecError if the message, or one of the outputs, is not of its type; ContractError
         if the handler publishes what the node does not declare.
@@ -176,7 +176,9 @@ class NodeWork:
         if self._node.outputs.get(local) is not cls:
             raise ContractError(self._undeclared(local, cls))
         if local not in self._wires:
-            raise ContractError(f"{self.name} published {local}, which another finger's node says")
+            raise ContractError(
+                f"{self.name} published {local}, which another finger's node publishes"
+            )
         return self._wires[local]
 
     def _undeclared(self, local: str, cls: type) -> str:
@@ -193,7 +195,7 @@ def _subscription(node: Node, local: str) -> tuple[type, Handler, int]:
 
 
 class SinkWork:
-    """A sink in the course of its run: it writes all that it hears.
+    """A sink in the course of its run: it writes all that it receives.
 
     Raises ContractError if it has, and the sink cannot go on with that.
     """
@@ -212,9 +214,9 @@ class SinkWork:
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         self.waits: list[str] = []
         types = {one.topic: one.type for one in wiring.inputs}
-        # Messages that were sent and never came, by topic; whoever listens says so
+        # Messages that were sent and never came, by topic; whoever listens reports it
         self.missing: Mapping[str, int] = {}
-        self.unwritten = False  # Whether it has heard something since it was last flushed
+        self.unwritten = False  # Whether it has received something since it was last flushed
         # Messages of each topic that an earlier start of it has kept
         self.had: Mapping[str, int] = {}
         if not again:
@@ -232,7 +234,7 @@ class SinkWork:
         return _doing(self._current, self._otherwise)
 
     def begin(self) -> list[Outgoing | Finished]:
-        """Nothing to say."""
+        """Nothing to publish."""
         return []
 
     def take(self, arrival: Received) -> list[Outgoing | Finished]:
@@ -263,7 +265,7 @@ def _doing(current: Received | None, otherwise: str) -> str:
 
 
 def topics_by_publisher(inputs: tuple[Input, ...]) -> Mapping[str, list[str]]:
-    """Name of each publisher to the topics that are heard from it."""
+    """Name of each publisher to the topics that it is subscribed for."""
     sources: dict[str, list[str]] = {}
     for one in inputs:
         sources.setdefault(one.publisher, []).append(one.topic)

@@ -45,7 +45,7 @@ def test_the_frames_of_a_file_become_patches(table: Path) -> None:
     published = drive(driver.SOURCE, params={**PAD, "path": str(table)})
     images = drive(filter.NODE, published)
     patches = messages_on(drive(curvature.NODE, [*published[:1], *images]), "/touch/patch")
-    assert published[-1] == Finished(f"said the 3 frames of {table}")
+    assert published[-1] == Finished(f"published the 3 frames of {table}")
     assert [patch.kind for patch in patches] == ["smooth"] * 3
     for patch in patches:
         # Rounding alone: a paraboloid is a jet.

@@ -189,7 +189,9 @@ def test_a_frame_of_another_run_is_refused(bench: Any) -> None:
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
     publisher.socket.send(pack_frame("/talk", Header(2, 0, 0, 0, 0.0, 0), b""))
-    with pytest.raises(ValueError, match="hearer heard /talk of run 2, which it never asked for"):
+    with pytest.raises(
+        ValueError, match="hearer received /talk of run 2, to which it never subscribed"
+    ):
         subscriber.receive()
 
 

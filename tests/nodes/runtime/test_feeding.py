@@ -94,7 +94,9 @@ def test_a_new_node_takes_the_place_that_is_named(record: Record) -> None:
     path, own = record(wiring("filter")), replace(filter.NODE)
     published = feed(own, path, name="filter", params={"contact": 100e-6})
     assert_same(published, feed(filter.NODE, path))
-    with pytest.raises(ValueError, match="hears /touch/image, none of what filter heard in it"):
+    with pytest.raises(
+        ValueError, match="subscribes to /touch/image, none of what filter received in it"
+    ):
         feed(replace(curvature.NODE, inputs=only("/touch/image")), path, name="filter")
 
 
@@ -129,7 +131,7 @@ def test_a_place_that_is_not_there_is_told(
 
 def test_a_node_that_hears_nothing_of_the_recording_is_told(record: Record) -> None:
     node: Node = replace(curvature.NODE, inputs=only("/touch/image"), needs=())
-    with pytest.raises(ValueError, match="the node hears /touch/image, none of its topics"):
+    with pytest.raises(ValueError, match="the node subscribes to /touch/image, none of its topics"):
         feed(node, record())
 
 

@@ -157,7 +157,7 @@ def test_it_hears_nothing() -> None:
     from palpate.messages.bus.subscriber import Received
     from palpate.messages.codec import Header
 
-    with pytest.raises(ContractError, match="hears nothing, and has heard /in"):
+    with pytest.raises(ContractError, match="subscribes to nothing, and has received /in"):
         work(()).take(Received("other", "/in", Header(1, 0, 0, 0, 0.0, 0), b""))
 
 

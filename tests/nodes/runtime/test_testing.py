@@ -62,8 +62,13 @@ def test_parameters_may_be_a_map_or_an_instance(params: object) -> None:
 @pytest.mark.parametrize(
     ("received", "params", "error", "words"),
     [
-        ([("/inn", line("n"))], None, ValueError, "does not hear /inn; it hears /in, /need"),
-        ([("/in", 3)], None, ValueError, "hears /in as LogRecord, got a int"),
+        (
+            [("/inn", line("n"))],
+            None,
+            ValueError,
+            "does not subscribe to /inn; it subscribes to /in, /need",
+        ),
+        ([("/in", 3)], None, ValueError, "subscribes to /in as LogRecord, got a int"),
         ([("/in", replace(line("n"), robot_time=np.nan))], None, CodecError, "must be finite"),
         ([], {"sais": 1}, ValueError, "the parameters do not fit: .*sais"),
         ([], {"prefix": 1}, ValueError, "the parameters do not fit: Expected `str`"),
@@ -139,7 +144,7 @@ def test_a_source_that_says_what_it_does_not_declare_is_refused(
 
 
 def test_a_source_is_given_no_inputs() -> None:
-    with pytest.raises(ValueError, match="a source hears nothing"):
+    with pytest.raises(ValueError, match="a source subscribes to nothing"):
         drive(source(), [("/in", line("a"))])
 
 
@@ -167,14 +172,17 @@ def test_messages_that_are_the_same_to_the_last_bit_are_the_same() -> None:
 @pytest.mark.parametrize(
     ("expected", "words"),
     [
-        ([("/out", line("b"))], r"^0: /out text: said 'a', expected 'b'$"),
-        ([("/other", line("a"))], r"^0: said a LogRecord on /out, expected a LogRecord on /other$"),
+        ([("/out", line("b"))], r"^0: /out text: published 'a', expected 'b'$"),
+        (
+            [("/other", line("a"))],
+            r"^0: published a LogRecord on /out, expected a LogRecord on /other$",
+        ),
         ([("/out", example(World))], r"expected a World on /out$"),
-        ([Finished("a")], r"^0: said a LogRecord on /out, expected Finished\('a'\)$"),
-        ([], r"^said 1, expected 0; more was said: a LogRecord on /out$"),
+        ([Finished("a")], r"^0: published a LogRecord on /out, expected Finished\('a'\)$"),
+        ([], r"^published 1, expected 0; more was published: a LogRecord on /out$"),
         (
             [("/out", line("a")), Finished("end")],
-            r"^said 1, expected 2; not said: Finished\('end'\)$",
+            r"^published 1, expected 2; not published: Finished\('end'\)$",
         ),
     ],
 )
@@ -185,5 +193,5 @@ def test_the_first_difference_is_told(expected: list[Any], words: str) -> None:
 
 def test_a_zero_that_changed_its_sign_is_a_difference() -> None:
     one, other = (example(World, reach=value) for value in (0.0, -0.0))
-    with pytest.raises(AssertionError, match=r"reach: said 0.0, expected -0.0"):
+    with pytest.raises(AssertionError, match=r"reach: published 0.0, expected -0.0"):
         assert_same([("/world", one)], [("/world", other)])
