@@ -60,8 +60,7 @@ def quaternion_from_matrix(matrix: Floats) -> Floats:
         [h - f, c - g, d - b, squares[3]],
     ]
     best = np.array(columns[int(np.argmax(squares))])
-    result: Floats = best / math.sqrt(float(best @ best))
-    return result
+    return best / math.sqrt(float(best @ best))
 
 
 def split_pose(pose: Floats) -> tuple[Floats, Floats]:
@@ -85,8 +84,7 @@ def inverse_pose(pose: Floats) -> Floats:
 def transform_points(pose: Floats, points: Floats) -> Floats:
     """Points (n, 3) given in the frame `pose`, in the outer frame."""
     position, matrix = split_pose(pose)
-    result: Floats = points @ matrix.T + position
-    return result
+    return points @ matrix.T + position
 
 
 def pad_rotation(heading: float, tilt: float) -> Floats:
@@ -160,5 +158,4 @@ def _cross_matrices(vectors: Floats) -> Floats:
 def principal_axes(centred: Floats) -> Floats:
     """Principal axes (3, 3) of points about the origin, the longest last; a rotation."""
     axes = np.linalg.eigh(centred.T @ centred)[1]
-    result: Floats = axes if np.linalg.det(axes) > 0.0 else axes * [-1.0, 1.0, 1.0]
-    return result
+    return axes if np.linalg.det(axes) > 0.0 else axes * [-1.0, 1.0, 1.0]

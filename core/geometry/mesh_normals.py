@@ -106,8 +106,7 @@ def corner_normals(vertices: Floats, faces: Ints, sharp: float) -> Floats:
     sums = np.stack([np.bincount(group, column) for column in weighted.T], axis=-1)
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     units = sums / np.where(length > 0.0, length, 1.0)
-    found: Floats = units[group].reshape(-1, 3, 3)
-    return found
+    return units[group].reshape(-1, 3, 3)
 
 
 def face_neighbours(faces: Ints) -> Ints:

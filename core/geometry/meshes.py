@@ -91,8 +91,7 @@ def _count_groups(count: int, one: Indices, other: Indices) -> int:
 
 def _next_corner(edges: Indices) -> Indices:
     """The corner at which each directed edge ends."""
-    following: Indices = edges - edges % 3 + (edges + 1) % 3
-    return following
+    return edges - edges % 3 + (edges + 1) % 3
 
 
 def signed_volume(corners: Floats) -> float:

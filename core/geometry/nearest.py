@@ -164,8 +164,7 @@ def nearest_on(triangles: Triangles, faces: NDArray[np.intp], points: Floats) ->
     along = np.stack([s, t], axis=1)
     outside = np.flatnonzero(~inside)
     along[outside] = _along_edges(edges[outside], offset[outside])
-    result: Floats = start + along[:, :1] * edges[:, 0] + along[:, 1:] * edges[:, 1]
-    return result
+    return start + along[:, :1] * edges[:, 0] + along[:, 1:] * edges[:, 1]
 
 
 def _along_edges(edges: Floats, offset: Floats) -> Floats:

@@ -152,8 +152,7 @@ def area_centroids(contours: Floats) -> Floats:
 
 
 def _cross(first: Floats, second: Floats) -> Floats:
-    cross: Floats = first[..., 0] * second[..., 1] - second[..., 0] * first[..., 1]
-    return cross
+    return first[..., 0] * second[..., 1] - second[..., 0] * first[..., 1]
 
 
 def signed_area(polygon: Floats) -> float:
@@ -275,15 +274,13 @@ def _meet(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
     """Whether segments ab and cd, (k, 2) each, whose boxes overlap, have a point in common."""
     on_ab = _side(a, b, c) * _side(a, b, d)
     on_cd = _side(c, d, a) * _side(c, d, b)
-    met: Bools = (on_ab <= 0.0) & (on_cd <= 0.0)
-    return met
+    return (on_ab <= 0.0) & (on_cd <= 0.0)
 
 
 def _side(a: Floats, b: Floats, point: Floats) -> Floats:
     """1, 0 or -1 (k,): left of, on or right of the line from a to b."""
     along, away = b - a, point - a
-    side: Floats = np.sign(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0])
-    return side
+    return np.sign(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0])
 
 
 def closed_polygon(polygon: ArrayLike, least: int = 1) -> Floats:

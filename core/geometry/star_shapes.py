@@ -80,8 +80,7 @@ def _rising(azimuth: Floats) -> Floats:
     wound = np.concatenate([turn - 2.0 * np.pi, turn, turn + 2.0 * np.pi, azimuth[-1:] + 2 * np.pi])
     so_far = np.maximum.accumulate(wound)
     to_come = np.minimum.accumulate(wound[::-1])[::-1]
-    middle: Floats = 0.5 * (so_far + to_come)[len(turn) : 2 * len(turn) + 1]
-    return middle
+    return 0.5 * (so_far + to_come)[len(turn) : 2 * len(turn) + 1]
 
 
 class RadialMatch(NamedTuple):
@@ -186,5 +185,4 @@ def _scaled(name: str, direction: ArrayLike, sizes: tuple[int, ...]) -> Floats:
     if not np.isfinite(direction).all():
         raise ValueError(f"{name} must be finite")
     largest = np.abs(direction).max(axis=-1, keepdims=True)
-    scaled: Floats = direction / np.where(largest > 0.0, largest, 1.0)
-    return scaled
+    return direction / np.where(largest > 0.0, largest, 1.0)

@@ -130,8 +130,7 @@ def _plane_vertices(planes: Floats) -> Floats:
     unit = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
     matrices = unit[three]
     meet = np.abs(np.linalg.det(matrices[:, :, :3])) > PARALLEL
-    found: Floats = np.linalg.solve(matrices[meet, :, :3], -matrices[meet, :, 3:])[:, :, 0]
-    return found
+    return np.linalg.solve(matrices[meet, :, :3], -matrices[meet, :, 3:])[:, :, 0]
 
 
 def _best(

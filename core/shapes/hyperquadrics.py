@@ -161,8 +161,7 @@ class Hyperquadric:
         return ray_bundle(self._planes, self._exponents, self._dents, origins, directions)
 
     def _forms(self, planes: Floats, points: Floats) -> Floats:
-        result: Floats = planes[:, :3] @ points.T + planes[:, 3:]
-        return result
+        return planes[:, :3] @ points.T + planes[:, 3:]
 
     def _through_strips(self, beam: RayBundle) -> tuple[Floats, Floats]:
         """Where rays enter and leave all strips, at least 0."""
@@ -175,8 +174,7 @@ class Hyperquadric:
 def _half_widths(exponents: Floats, dents: tuple[Dent, ...]) -> Floats:
     """How large each linear form can be in the solid: what swells it widens the strips."""
     swelling = sum(max(-dent.depth, 0.0) for dent in dents)
-    result: Floats = (1.0 + swelling) ** (1.0 / exponents)
-    return result
+    return (1.0 + swelling) ** (1.0 / exponents)
 
 
 def first_entries(rays: RayBundle, starts: Floats, ends: Floats, tolerance: float) -> Floats:
@@ -419,8 +417,7 @@ def checked_terms(planes: Floats, exponents: Floats) -> tuple[Floats, Floats]:
 def _most(power: Floats, exponent: Floats) -> Floats:
     """Largest value of y^power exp(-y^exponent) for y >= 0."""
     share = power / exponent
-    result: Floats = share**share * np.exp(-share)  # 0^0 is 1
-    return result
+    return share**share * np.exp(-share)  # 0^0 is 1
 
 
 def range_of_powers(h: Floats, rate: Floats, exponents: Floats, lengths: Floats) -> Floats:
@@ -435,8 +432,7 @@ def powers(h: Floats, exponents: Floats) -> Floats:
 
     `h` (k, n): quantities. `exponents` (k, 1): positive.
     """
-    result: Floats = np.minimum(np.abs(h), LARGEST) ** exponents
-    return result
+    return np.minimum(np.abs(h), LARGEST) ** exponents
 
 
 def range_of_slopes(h: Floats, rate: Floats, exponents: Floats, lengths: Floats) -> Floats:
@@ -455,8 +451,7 @@ def power_slopes(h: Floats, rate: Floats, exponents: Floats) -> Floats:
     positive.
     """
     size = np.minimum(np.abs(h), LARGEST)
-    result: Floats = exponents * (size + TINY) ** (exponents - 1.0) * (np.sign(h) * rate)
-    return result
+    return exponents * (size + TINY) ** (exponents - 1.0) * (np.sign(h) * rate)
 
 
 def _to_cusp(h: Floats, rate: Floats) -> Floats:

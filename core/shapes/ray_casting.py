@@ -152,8 +152,7 @@ def first_roots(
 def _across(gap: RayGap, before: Floats, after: Floats) -> Floats:
     """Places after a step, at the gap's end where the step begins or ends in it or passes it."""
     begin, end = gap
-    result: Floats = np.where((before < end) & (after > begin), end, after)
-    return result
+    return np.where((before < end) & (after > begin), end, after)
 
 
 def _safe_step(value: Floats, slope: Floats, dip: float) -> Floats:

@@ -110,8 +110,7 @@ class TriangleShape:
         return hits
 
     def _from_behind(self, hits: Hits, direction: Floats) -> Bools:
-        result: Bools = (hits.faces >= 0) & (self._normals[hits.faces] @ direction > 0.0)
-        return result
+        return (hits.faces >= 0) & (self._normals[hits.faces] @ direction > 0.0)
 
 
 def _backend(vertices: Floats, faces: Ints, embree: bool) -> Backend:
@@ -158,8 +157,7 @@ class ZBuffer:
         first, last = rays.min(axis=0), rays.max(axis=0)
         across = (low[:, :2] <= last[:2]) & (high[:, :2] >= first[:2])
         ahead = high[:, 2] >= first[2]
-        found: Ints = np.flatnonzero(across.all(axis=1) & ahead).astype(np.int32)
-        return found
+        return np.flatnonzero(across.all(axis=1) & ahead).astype(np.int32)
 
 
 def _depths(corners: Floats, rays: Floats) -> tuple[Floats, Floats, Floats]:

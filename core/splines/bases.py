@@ -268,8 +268,7 @@ def clip_to_domain(x: Floats, domain: tuple[float, float]) -> Floats:
             f"x must lie in the domain from {low:g} to {high:g}, "
             f"got {np.count_nonzero(outside)} outside, the worst {worst:g}"
         )
-    clipped: Floats = np.clip(x, low, high)
-    return clipped
+    return np.clip(x, low, high)
 
 
 class LocalBasis(NamedTuple):
@@ -281,8 +280,7 @@ class LocalBasis(NamedTuple):
     def columns(self) -> Ints:
         """Numbers of all of them, (m, degree + 1)."""
         steps = np.arange(self.values.shape[2], dtype=np.int32)
-        columns: Ints = self.first[:, None] + steps
-        return columns
+        return self.first[:, None] + steps
 
 
 def uniform_knots(count: int, degree: int = CUBIC) -> Floats:

@@ -186,8 +186,7 @@ def _bending(count: int) -> Floats:
     """Sum of the squared second differences around the circle, over its mean diagonal."""
     second = np.roll(np.eye(count), 1, axis=1) - 2.0 * np.eye(count)
     second += np.roll(np.eye(count), -1, axis=1)
-    form: Floats = second.T @ second / 6.0
-    return form
+    return second.T @ second / 6.0
 
 
 def choose_smoothing(basis: Floats, bending: Floats, points: Floats) -> float:
@@ -247,14 +246,12 @@ class Modes(NamedTuple):
 
     def kept(self, strengths: Floats) -> Floats:
         """Share of each mode that smoothing by strengths (s,) keeps, (s, r)."""
-        kept: Floats = 1.0 / (1.0 + strengths[:, None] * self.stiffness)
-        return kept
+        return 1.0 / (1.0 + strengths[:, None] * self.stiffness)
 
     def lost(self, strengths: Floats) -> Floats:
         """What is not kept, (s, r), to full precision however little it is."""
         stiff = strengths[:, None] * self.stiffness
-        lost: Floats = stiff / (1.0 + stiff)
-        return lost
+        return stiff / (1.0 + stiff)
 
 
 def demmler_reinsch(weight: Floats, bending: Floats, basis: Floats) -> Modes:

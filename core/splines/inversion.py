@@ -324,8 +324,7 @@ def _near_samples(volume: SplineVolume, points: Floats) -> Floats:
     axis = np.linspace(0.0, 1.0, START_SAMPLES)
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     tree = cKDTree(volume.grid(axis, axis, axis).reshape(-1, 3))
-    near: Floats = grid[tree.query(points, k=STARTS)[1]]
-    return near
+    return grid[tree.query(points, k=STARTS)[1]]
 
 
 def is_folded(volume: SplineVolume, slopes: Floats) -> Bools:

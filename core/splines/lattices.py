@@ -434,5 +434,4 @@ def _keep(pieces: BernsteinPieces, which: Bools) -> BernsteinPieces:
 
 def _may_fold(pieces: BernsteinPieces) -> Bools:
     least: Floats = pieces.coefficients.min(axis=(1, 2, 3))
-    fold: Bools = least <= pieces.rounding
-    return fold
+    return least <= pieces.rounding

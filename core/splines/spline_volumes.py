@@ -140,8 +140,7 @@ class SplineVolume:
 
 def _quotient_slope(points: Floats, slope: Floats, weight: Floats) -> Floats:
     """Slopes (n, 3, 3) of points that are a quotient, from those (n, 4, 3) of both its parts."""
-    slopes: Floats = (slope[:, :3] - points[:, :, None] * slope[:, 3:]) / weight[:, None, None]
-    return slopes
+    return (slope[:, :3] - points[:, :, None] * slope[:, 3:]) / weight[:, None, None]
 
 
 class BernsteinPieces(NamedTuple):
@@ -215,8 +214,7 @@ def _breaks(basis: Basis) -> Floats:
 
 def _sites(breaks: Floats, degree: int) -> Floats:
     """Chebyshev's points in each piece, (pieces, degree + 1)."""
-    sites: Floats = breaks[:-1, None] + np.diff(breaks)[:, None] * _unit_sites(degree)
-    return sites
+    return breaks[:-1, None] + np.diff(breaks)[:, None] * _unit_sites(degree)
 
 
 @cache
@@ -231,8 +229,7 @@ def _converter(degree: int) -> Floats:
 
 def _unit_sites(degree: int) -> Floats:
     angles = (np.arange(degree + 1) + 0.5) * np.pi / (degree + 1)
-    sites: Floats = np.sin(0.5 * angles) ** 2
-    return sites
+    return np.sin(0.5 * angles) ** 2
 
 
 def _determinant_and_weight(

@@ -91,8 +91,7 @@ def evaluate_grid(
         # The axis that is done goes to the end; after the last one the components are first.
         values = rows.reshape(len(x), *values.shape[1:])
         values = np.moveaxis(values, 0, -1)
-    result: Floats = np.ascontiguousarray(np.moveaxis(values, 0, -1))
-    return result
+    return np.ascontiguousarray(np.moveaxis(values, 0, -1))
 
 
 def _checked(bases: Sequence[Basis], control: Floats, orders: Sequence[Orders]) -> Floats:

@@ -198,8 +198,7 @@ def _by_azimuth(stack: ContourStack, sides: tuple[int, int]) -> _Matched:
 
 def ray_azimuths(count: int) -> Floats:
     """Azimuths (count,) of so many rays: even ones from -pi on, rad."""
-    rays: Floats = np.pi * (2.0 * np.arange(count) / count - 1.0)
-    return rays
+    return np.pi * (2.0 * np.arange(count) / count - 1.0)
 
 
 def match_contour(points: Floats, azimuths: Floats) -> ContourMatch:

@@ -184,8 +184,7 @@ class TripleSpline:
 
         Raises ValueError if a number is not finite, or outside 0 to 1 by more than rounding.
         """
-        clipped: Floats = np.clip(evaluate_grid(self.bases, self.control, (eta, nu)), 0.0, 1.0)
-        return clipped
+        return np.clip(evaluate_grid(self.bases, self.control, (eta, nu)), 0.0, 1.0)
 
 
 def interpolated_parameters(parameters: Floats) -> TripleSpline:
