@@ -28,7 +28,7 @@ from palpate.core.shapes.ray_casting import (
     RaySelection,
     first_roots,
 )
-from palpate.core.shapes.superquadrics import RANGE_TOLERANCE, TINY, Superquadric
+from palpate.core.shapes.superquadrics import RANGE_TOLERANCE, SMALLEST, Superquadric
 
 # Of the bend that would squeeze the inner side to nothing, or close the axis to a ring.
 LARGEST_SHARE = 0.98
@@ -69,7 +69,7 @@ class DeformedSuperquadric:
         """An upright box about the solid: see `ImplicitShape.enclosure`."""
         inwards, _, height = self._half.tolist()
         # A bend moves sideways most at the ends; up most there, or where it turns level.
-        turned = 0.5 * math.pi / max(abs(self._bend.curvature), TINY)
+        turned = 0.5 * math.pi / max(abs(self._bend.curvature), SMALLEST)
         edge, rise = np.array([-inwards, inwards] * 3), [0.0, min(height, turned), height]
         corners = np.column_stack([edge, 0.0 * edge, np.repeat(rise, 2)])
         bent = Bend(self._bend.curvature)(corners)
@@ -396,7 +396,7 @@ def inside_minorant(curve: RaysAt, norm: NormFunction, dip: float) -> MinorantFu
         at = curve(places, which)
         here = norm(at.place, at.slope)[0]
         there = norm(at.place + lengths * at.slope, at.slope)[0]
-        rise = (there - here) / (lengths + TINY)
+        rise = (there - here) / (lengths + SMALLEST)
         bend = np.full_like(places, dip)
         return Minorant(at.width - here, at.width_slope - rise, bend, lengths, np.zeros_like(here))
 

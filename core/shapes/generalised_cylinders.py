@@ -22,7 +22,7 @@ from palpate.core.shapes.ray_casting import (
     guaranteed_first_roots,
 )
 from palpate.core.shapes.sections import PiecewiseCubic, Section, natural_spline, straight_pieces
-from palpate.core.shapes.superquadrics import TINY
+from palpate.core.shapes.superquadrics import SMALLEST
 
 # Beyond it the section's plane nearly holds the axis, and the solid is flat.
 MOST_TILT = math.radians(75.0)
@@ -172,7 +172,7 @@ class GeneralisedCylinder:
                 after = self._section.gauge_along(
                     x + towards[0] * lengths, y + towards[1] * lengths, *towards[:2, None]
                 )[0]
-                rise = np.minimum((after - gauge) / (lengths + TINY), traits.steepest * speed)
+                rise = np.minimum((after - gauge) / (lengths + SMALLEST), traits.steepest * speed)
                 return Minorant(scale - gauge, slope - rise, dip, lengths, np.zeros_like(scale))
             near = _nearest(x, y, towards, speed, lengths)
             with np.errstate(over="ignore", invalid="ignore"):
@@ -291,5 +291,5 @@ def _across(places: Floats, towards: Floats) -> Floats:
 def _nearest(x: Floats, y: Floats, towards: Floats, speed: float, lengths: Floats) -> Floats:
     """Distance from the axis at which rays pass it within the lengths, not 0."""
     dx, dy, _ = towards
-    way = np.clip(-(x * dx + y * dy) / (speed * speed + TINY), 0.0, lengths)
-    return np.asarray(np.hypot(x + dx * way, y + dy * way)) + TINY
+    way = np.clip(-(x * dx + y * dy) / (speed * speed + SMALLEST), 0.0, lengths)
+    return np.asarray(np.hypot(x + dx * way, y + dy * way)) + SMALLEST

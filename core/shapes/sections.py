@@ -13,7 +13,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints, finite_array
-from palpate.core.shapes.superquadrics import LARGEST_EXPONENT, LEAST_EXPONENT, TINY, p_norm_along
+from palpate.core.shapes.superquadrics import (
+    LARGEST_EXPONENT,
+    LEAST_EXPONENT,
+    SMALLEST,
+    p_norm_along,
+)
 
 LEAST_RADII, MOST_RADII = 3, 64
 LEAST_RADIUS = 1e-9  # m
@@ -72,7 +77,7 @@ class SplineSection:
         """See `Section.gauge_along`."""
         distance = np.hypot(x, y)
         rho, slope = self._radius(np.arctan2(y, x))
-        inverse = 1.0 / (distance + TINY)
+        inverse = 1.0 / (distance + SMALLEST)
         outwards, across = (x * dx + y * dy) * inverse, (x * dy - y * dx) * inverse
         return distance / rho, (outwards - slope / rho * across) / rho
 

@@ -24,7 +24,6 @@ from palpate.core.shapes.tessellations import icosphere
 
 # Above the largest the solid is pinched, and the gauge no norm.
 LEAST_EXPONENT, LARGEST_EXPONENT = 0.02, 2.0
-TINY = 1e-300
 RANGE_TOLERANCE = 1e-13  # Of the smallest semi-axis: some hundred roundings
 SMALLEST = 1e-300  # Stands for 0 in a logarithm or a divisor
 # Of the gauge: nearer to a coordinate plane, exponents above 1 have unbounded second derivatives,
@@ -171,7 +170,7 @@ def p_norm_along(x: Floats, y: Floats, dx: Floats, dy: Floats, p: float) -> tupl
     """
     first = x >= y
     larger = np.maximum(x, y)
-    ratio = np.minimum(x, y) / (larger + TINY)
+    ratio = np.minimum(x, y) / (larger + SMALLEST)
     weight = ratio ** (p - 1.0)
     total = 1.0 + weight * ratio
     stretch = total ** (1.0 / p)
