@@ -16,6 +16,7 @@ import sys
 import tempfile
 import tokenize
 from collections.abc import Iterable, Iterator, Sequence
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -238,9 +239,8 @@ def watch_plan(out: Path) -> dict[str, Any]:
 
     sys.addaudithook(stop)
     with CallWatch() as watch:
-        from palpate.tools.cli.command_line import run
-
-        run(["run", "vase", "--composed", "--quiet", "--out", str(out)])
+        command_line = import_module("palpate.tools.cli.command_line")
+        command_line.run(["run", "vase", "--composed", "--quiet", "--out", str(out)])
     return {"files run through": len(watch.files), "imported": len(watch.modules | watch.files)}
 
 

@@ -126,9 +126,9 @@ def run_claim(one: Explored, percent: float) -> RunClaim:
     first = first_within(one.scores, percent)
     if first is None:
         return RunClaim(one.held is True, None, None)
-    felt = [i + 1 for i, reason in enumerate(one.reasons) if reason in (COVERING, UNTOUCHED)]
+    covering = [i + 1 for i, reason in enumerate(one.reasons) if reason in (COVERING, UNTOUCHED)]
     count = one.score.contours
-    return RunClaim(one.held is True, count - first, count - min(max([first, *felt]), count))
+    return RunClaim(one.held is True, count - first, count - min(max([first, *covering]), count))
 
 
 def calibration_figures(told: Sequence[RunClaim]) -> Iterator[Row]:

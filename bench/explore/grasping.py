@@ -59,8 +59,8 @@ class GraspOutcome(NamedTuple):
     axis: float  # deg; 0 if it is ambiguous
     centre: float  # Distance of the true centroid from the axis, m
     extent: float  # Larger error of the two ends, m
-    told: bool  # Whether that is within two of the standard deviations that are said
-    right: bool  # Whether the axis is right, or there is none and that is said
+    told: bool  # Whether that is within two of the standard deviations that are claimed
+    right: bool  # Whether the axis is right, or there is none and that is told
 
 
 def grasp(name: str, turn: Floats, azimuth: float, sigma: float, seed: int) -> GraspTrial:
@@ -175,11 +175,11 @@ def grasp_rows(quick: bool) -> Iterable[Row]:
 def _rows(name: str, done: list[GraspTrial], count: int) -> Iterator[Row]:
     found = [judge_frame(trial, count) for trial in done]
     share = statistics.mean(one.right for one in found)
-    yield at_least(f"{name}: right or said", 100 * share, 100 * LEAST_RIGHT, ".1f", " %")
+    yield at_least(f"{name}: right or ambiguous", 100 * share, 100 * LEAST_RIGHT, ".1f", " %")
     lost = statistics.mean(
         one.ambiguous for one, trial in zip(found, done, strict=True) if _has_axis(trial)
     )
-    yield Row(f"{name}: axis not found, and said", f"{100 * lost:.1f} %")
+    yield Row(f"{name}: ambiguous", f"{100 * lost:.1f} %")
     for what, unit, scale in (("axis", "deg", 1.0), ("centre", "mm", 1e3), ("extent", "mm", 1e3)):
         errors = [scale * getattr(one, what) for one in found if not one.ambiguous]
         middle, most = np.quantile(errors, [0.5, 0.95])

@@ -70,7 +70,7 @@ class Explored(NamedTuple):
     reasons: tuple[str, ...]  # Why each slice was asked for, in the order in which they were
     models: tuple[ShapeModel, ...]  # In the order in which they were rebuilt
     scores: tuple[Score, ...]  # Of the models
-    done: PlanDone  # What the planner said in the end
+    done: PlanDone  # What the planner published in the end
     touches: int  # Of all fingers, searching and probing included
     travel: float  # Way of the fingers: between the touches, to the surface and back, m
     wall: float  # Time on this computer, s
@@ -145,29 +145,29 @@ def explore_scene(scene: Path, fingers: int = 1) -> Explored:
         name=scene.stem,
         out=scene.parent / "run",
     )
-    ears = MessageCollector()
-    said = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
+    collector = MessageCollector()
+    types = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
     names = {cls.__name__ for cls in KEPT_TYPES}
-    watch = tuple(topic for topic, name in said.items() if name in names)
+    watch = tuple(topic for topic, name in types.items() if name in names)
     began = time.perf_counter()
-    ending = run_composed(plan.wirings, ends=plan.ends, watch=watch, watcher=ears)
-    return _explored(ending, ears, time.perf_counter() - began)
+    ending = run_composed(plan.wirings, ends=plan.ends, watch=watch, watcher=collector)
+    return _explored(ending, collector, time.perf_counter() - began)
 
 
-def _explored(ending: Ending, ears: MessageCollector, wall: float) -> Explored:
-    heard = ears.messages_of
-    if ending.status != "finished" or not heard[Score]:
+def _explored(ending: Ending, collector: MessageCollector, wall: float) -> Explored:
+    kept = collector.messages_of
+    if ending.status != "finished" or not kept[Score]:
         raise RuntimeError(f"the exploration {ending.status}: {ending.reason}")
     return Explored(
         ending,
-        heard[Truth][0],
-        tuple(heard[Contour]),
-        tuple(goal.reason for goal in heard[ContourGoal]),
-        tuple(heard[ShapeModel]),
-        tuple(heard[Score]),
-        heard[PlanDone][-1],
-        ears.touches,
-        ears.travel,
+        kept[Truth][0],
+        tuple(kept[Contour]),
+        tuple(goal.reason for goal in kept[ContourGoal]),
+        tuple(kept[ShapeModel]),
+        tuple(kept[Score]),
+        kept[PlanDone][-1],
+        collector.touches,
+        collector.travel,
         wall,
     )
 
@@ -284,7 +284,7 @@ def contour_error(side: Side, contours: Sequence[Contour], *, slopes: bool) -> f
 
 
 def model_error(side: Side, model: ShapeModel) -> float:
-    """Error of the side of a model that was rebuilt from everything that was felt, %."""
+    """Error of the side of a model that was rebuilt from all touched taxels, %."""
     return side.percent(model.vertices, model.faces) if len(model.faces) else WORST
 
 

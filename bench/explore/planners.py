@@ -199,7 +199,7 @@ def first_counts(planner: Planner, trials: Mapping[str, PlannerTrial]) -> Counts
 
 
 def plan_calibration_rows(tolerances: Sequence[float]) -> Iterable[Row]:
-    """Whether the bound holds as often as it says, on objects not used for tuning."""
+    """Whether the bound holds as often as it claims, on objects not used for tuning."""
     objects = {**HELD_OUT, **drawn_objects(DRAWN // 3, SEED)}
     runs = [
         plan_claim(PlannerTrial(radius, noise, seed), tolerance)
@@ -258,7 +258,7 @@ def _decision() -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ByContours(Predicted):
-    """The default planner, not counting on what pads feel beside the slices."""
+    """The default planner, not counting on what pads touch beside the slices."""
 
     def next(self, observation: Observation) -> Choice:
         """As `Predicted.next`."""

@@ -118,10 +118,10 @@ def _rows(title: str, names: Sequence[str], pad: Pad, most: int) -> Iterator[Row
     found = [trace_figures(TRACED_OBJECTS[name], share, pad) for name in names for share in SHARES]
     yield _touches(title, found, most)
     rms, worst = max(one.rms for one in found), max(one.worst for one in found)
-    said = f"{1e6 * rms:.1f}, {1e6 * worst:.0f} um"
+    shown = f"{1e6 * rms:.1f}, {1e6 * worst:.0f} um"
     yield Row(
         f"{title}: worst rms, largest error",
-        said,
+        shown,
         "10, 50 um",
         rms <= MOST_RMS and worst <= MOST_ERROR,
     )
@@ -153,7 +153,7 @@ def _touches(title: str, found: Sequence[SliceFigures], most: int) -> Row:
 
 
 def hollow_rows(quick: bool) -> Iterator[Row]:
-    """Hollows that no pad can enter: gaps are as long as what no pose of the pad can feel."""
+    """Hollows that no pad can enter: gaps are as long as what no pose of the pad can touch."""
     for name, target in list(HOLLOWS.items())[:: 4 if quick else 1]:
         for kind, pad in PADS.items():
             found, gaps = trace_with_gaps(target, 0.0, pad)
@@ -161,9 +161,9 @@ def hollow_rows(quick: bool) -> Iterator[Row]:
                 (abs(gap.extent - unreachable_chord(target, pad, 0.0, gap)) for gap in gaps),
                 default=0,
             )
-            said = f"{found.status}, {found.touches}, off by {1e3 * off:.1f} mm"
+            shown = f"{found.status}, {found.touches}, off by {1e3 * off:.1f} mm"
             honest = found.status == ("occluded" if gaps else "closed")
-            yield Row(f"{name}, {kind}", said, "within 1 mm", honest and off < NEAR)
+            yield Row(f"{name}, {kind}", shown, "within 1 mm", honest and off < NEAR)
 
 
 def unreachable_chord(target: TracedSolid, pad: Pad, height: float, gap: Gap) -> float:
@@ -276,13 +276,13 @@ def trace_with_gaps(
     from scipy.spatial import cKDTree
 
     height = share * target.half
-    feel = simulated_finger(target, pad, height, noise, seed)
+    touch = simulated_finger(target, pad, height, noise, seed)
     trace = Trace(TraceGoal(height, np.zeros(2), APPROACH, MOST_SLICE_TOUCHES))
     while True:
         trace, status = next_command(pad, trace)
         if not isinstance(status, TouchCommand):
             break
-        trace = after_touch(trace, feel(status))
+        trace = after_touch(trace, touch(status))
     if trace.path is None:
         return SliceFigures(status, trace.touches, math.inf, math.inf, 0.0), trace.gaps
     outline, points = target.outline(height), trace.path.points[:, :2]
@@ -298,15 +298,15 @@ def trace_with_gaps(
 def simulated_finger(
     target: TracedSolid, pad: Pad, height: float, noise: TouchNoise | None, seed: int = 0
 ) -> TouchFunction:
-    """A finger that touches a solid and says what it feels of one slice."""
+    """A finger that touches a solid and tells what it touches of one slice."""
     rng = np.random.default_rng(seed)
 
-    def feel(aim: TouchCommand) -> SliceArc | None:
+    def touch(aim: TouchCommand) -> SliceArc | None:
         believed = aim.start(height)
         actual = believed if noise is None else _disturbed(believed, noise, rng)
         end = guarded_move(target.shape, pad, actual, aim.travel, aim.posture.depth)
         if end.outcome == "inside" and aim.standoff < BACK_OFF:
-            return feel(aim._replace(standoff=aim.standoff + BACK_OFF))
+            return touch(aim._replace(standoff=aim.standoff + BACK_OFF))
         if end.outcome not in HITS:
             return None
         pose, (place, axes) = believed.copy(), split_pose(believed)
@@ -320,7 +320,7 @@ def simulated_finger(
             pad, pose, surface, touched, patch.jet, height, smooth=patch.kind == "smooth"
         )
 
-    return feel
+    return touch
 
 
 def _disturbed(pose: Floats, noise: TouchNoise, rng: np.random.Generator) -> Floats:

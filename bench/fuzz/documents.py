@@ -130,7 +130,7 @@ def _forms() -> list[str]:
 
 
 def hostile_values() -> list[str]:
-    """What is wrong with what it says."""
+    """What is wrong with its values."""
     return [
         *(f"{OBJECT}seed: {seed}\n" for seed in SEEDS),
         f"object: {{{BALL.replace('0.03', '0x' + 'f' * 400, 1)}}}\n",
@@ -188,7 +188,7 @@ def valid_scenes() -> list[InputFile]:
 
 
 def _hurt_value(rng: random.Random, text: bytes) -> bytes:
-    """A scene that says something else somewhere; JSON is YAML, too."""
+    """A scene with other values somewhere; JSON is YAML, too."""
     tree = parse_yaml(text.decode(), SCENE_NAME).value
     for _ in range(rng.choice((1, 1, 2))):
         path = rng.choice(tree_paths(tree))

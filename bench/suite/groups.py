@@ -42,7 +42,7 @@ BENCHES: Mapping[str, Mapping[str, str]] = {
         "fingers": f"{EXPLORE}.explorations:finger_rows",
         "planners_whole": f"{EXPLORE}.planners:whole_planner_rows",
         "calibration": f"{EXPLORE}.explorations:calibration_rows",
-        "peer": "palpate.bench.peers.gp_explorer:gp_rows",
+        "peer": "palpate.bench.explore.gp_explorer:gp_rows",
     },
     "bus": {
         "losses": f"{BUS}.losses:loss_rows",

@@ -301,12 +301,12 @@ class PartialContact(NamedTuple):
     """A ball that touches only the middle of the pad."""
 
     taxels: int  # How many it touches
-    # Root mean square error as a share of the curvature, by method; None if it said 'insufficient'.
+    # Root mean square error as a share of the curvature, by method; None if 'insufficient'.
     errors: Mapping[str, float | None]
 
 
 class Curvatures(NamedTuple):
-    """What an estimator says."""
+    """What an estimator finds."""
 
     k1: float  # Larger principal curvature, 1/pitch; not a number if none was found
     k2: float  # Smaller one

@@ -28,7 +28,7 @@ MM = 1e-3
 CONTACT = 50e-6  # Least compression that counts as touched, m, and in deviations of the noise
 CONTACT_SPREADS = 5.0
 COUNTS_FROM = 8  # Touched taxels from which a face counts
-SAYS_FROM = 12  # Touched taxels below which a touch says nothing of curvature
+LEAST_TAXELS = 12  # Touched taxels below which a touch tells nothing of curvature
 # In pitches: a face whose taxels scatter less than this across their longest direction is a line of
 # taxels, and no plane can be told from it.
 THINNEST = 0.4
@@ -45,18 +45,18 @@ class KnownTouch(NamedTuple):
     """A touch whose kind is known."""
 
     kind: PatchKind  # What it is
-    pad: Pad  # What felt it
+    pad: Pad  # What touched it
     height: Floats  # Surface over the plane of the pad's face, (rows, cols), m
     touched: Bools  # Where the pad touches, (rows, cols)
     noise: float  # Standard deviation of one taxel, m
 
 
 def draw_touch(rng: np.random.Generator, name: str) -> KnownTouch | None:
-    """One random touch of what a name of `SURFACES` says; None if its kind is a borderline.
+    """One random touch of a kind by its name in `SURFACES`; None if it is a borderline case.
 
     A face counts if it owns 8 touched taxels that are not all on a line. A touch in which some
     face owns fewer than that, but not none, is a borderline: nobody can say whether it should
-    be felt. A touch of fewer than 12 taxels is insufficient whatever it touches.
+    be touched. A touch of fewer than 12 taxels is insufficient whatever it touches.
     """
     dome = 0.0 if rng.random() < 0.5 else 1.0 / rng.uniform(12 * MM, 25 * MM)
     pad = Pad(rows=16, cols=16, pitch=MM, thickness=3 * MM, dome=dome, saturation=0.8)
@@ -81,7 +81,7 @@ def draw_touch(rng: np.random.Generator, name: str) -> KnownTouch | None:
 def _kind(pad: Pad, face: Floats, touched: Bools) -> PatchKind | None:
     if not touched.any():
         return "miss"
-    if touched.sum() < SAYS_FROM:
+    if touched.sum() < LEAST_TAXELS:
         return "insufficient"
     owners = [int(owner) for owner in np.unique(face[touched])]
     if not all(_counts(pad, touched & (face == owner)) for owner in owners):
@@ -111,7 +111,7 @@ class FusionScore(NamedTuple):
 
     single: float  # Root mean square error of one touch, 1/m
     fused: float  # The same, fused with the touches before it; from the fourth touch on
-    # Mean normalised squared innovation; 3 if the errors are what they are said to be.
+    # Mean normalised squared innovation; 3 if the errors are what they are claimed to be.
     surprise: float
 
 
@@ -125,12 +125,12 @@ def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionSc
     errors, surprises = [], []
     for _ in range(walks):
         fused = None
-        for number, (felt, truth) in enumerate(_touches(rng, WALKS[name], noise)):
-            fused = begin_fusion(felt) if fused is None else fuse(fused, felt)
+        for number, (found, truth) in enumerate(_touches(rng, WALKS[name], noise)):
+            fused = begin_fusion(found) if fused is None else fuse(fused, found)
             if number < 3:
                 continue
             wanted = np.array([truth.k1, truth.k2])
-            alone = principal_curvatures(felt.shape)
+            alone = principal_curvatures(found.shape)
             errors.append([np.array(alone[:2]) - wanted, np.array(fused.principal[:2]) - wanted])
             surprises.append(fused.surprise)
     single, both = np.sqrt(np.mean(np.square(errors), axis=(0, 2)))

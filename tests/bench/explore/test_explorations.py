@@ -226,10 +226,10 @@ def test_a_bound_of_95_percent_may_hold_neither_too_seldom_nor_too_often(
     rows = list(calibration_figures(told))
     assert named(rows, "bound of 95 %").holds == holds
     assert named(rows, "first count within tolerance").holds
-    assert named(rows, "first count and nothing unfelt").holds
+    assert named(rows, "first count and nothing untouched").holds
     fewer = list(calibration_figures([RunClaim(True, 5, 0 if i < 79 else 2) for i in range(100)]))
     assert not named(fewer, "first count within tolerance").holds
-    assert not named(fewer, "first count and nothing unfelt").holds
+    assert not named(fewer, "first count and nothing untouched").holds
     assert len(list(calibration_figures([RunClaim(True, None, None)]))) == 2
 
 
@@ -243,10 +243,10 @@ def test_runs_of_the_calibration_tell_how_far_they_are(monkeypatch: pytest.Monke
 
 
 def counts(**more: int) -> ContourCounts:
-    given = {"positions": 8, "uniform": 6, "predicted": 5, "felt": 4, **more}
+    given = {"positions": 8, "uniform": 6, "predicted": 5, "taxels": 4, **more}
     thesis = (given.pop("thesis", 7), 9)
-    felt = given.pop("felt")
-    return ContourCounts(**given, thesis=thesis, uniform_taxels=felt, predicted_taxels=felt)
+    taxels = given.pop("taxels")
+    return ContourCounts(**given, thesis=thesis, uniform_taxels=taxels, predicted_taxels=taxels)
 
 
 @pytest.mark.parametrize(

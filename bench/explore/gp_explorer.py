@@ -23,7 +23,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.explore import (
+from palpate.bench.explore.gp_surface import (
+    UNKNOWN,
+    BallPrior,
+    GpSurface,
+    Kernel,
+    Observations,
+    matern,
+    thin_plate,
+)
+from palpate.bench.explore.harness import (
     NOISES,
     Demand,
     Explored,
@@ -34,15 +43,6 @@ from palpate.bench.explore import (
     write_scene,
 )
 from palpate.bench.objects import EXPLORED_OBJECTS
-from palpate.bench.peers.gp_surface import (
-    UNKNOWN,
-    BallPrior,
-    GpSurface,
-    Kernel,
-    Observations,
-    matern,
-    thin_plate,
-)
 from palpate.bench.table import Row
 from palpate.core import Floats, pad_rotation, pose_of, split_pose
 from palpate.core.explore.tracing import TOUCH_DEPTH
@@ -72,7 +72,7 @@ BEYOND = 0.012  # How far behind the expected surface a touch may go, m
 MARGIN = 6e-3  # Around the object's box, m
 # Of the points and of the normals of an exact finger, m and 1.
 POINT_ERROR, SLOPE_ERROR = 2e-5, 0.03
-EMPTY, EMPTY_ERROR = 4e-3, 3e-3  # What a miss says of the place where it ended, m
+EMPTY, EMPTY_ERROR = 4e-3, 3e-3  # What a miss tells of the place where it ended, m
 LEAST_UP = -0.7  # Of a normal's z: the finger comes from no farther below
 
 
@@ -172,7 +172,7 @@ class Explorer:
 
     def _seen(self, touched: TouchResult) -> Observations:
         """What a touch tells: all of its points are off together, as the arm is."""
-        points, normals, _ = touched.felt
+        points, normals, _ = touched.contact
         if not len(points):
             lost = np.array([UNKNOWN])
             error = np.array([EMPTY_ERROR])
@@ -215,7 +215,7 @@ class TouchResult(NamedTuple):
 
     outcome: str  # As in a tactile frame
     end: Floats  # Where the middle of the face then was, (3,), m
-    felt: ContactPoints  # Everything that touched; none after a miss
+    contact: ContactPoints  # Everything that touched; none after a miss
     smooth: bool  # Whether the normals are to be trusted
     way: float  # Of the finger, m
 
@@ -264,10 +264,10 @@ class GuardedFinger:
 
     def _touched(self, frame: TactileFrame, patch: SurfacePatch) -> TouchResult:
         jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
-        felt = contact_points_of(self._pad, patch.pose, patch.height, patch.mask, jet)
+        contact = contact_points_of(self._pad, patch.pose, patch.height, patch.mask, jet)
         end, _ = split_pose(patch.pose)
         return TouchResult(
-            frame.outcome, end, felt, patch.kind == "smooth", path_length(frame.move)
+            frame.outcome, end, contact, patch.kind == "smooth", path_length(frame.move)
         )
 
 

@@ -31,7 +31,7 @@ BLOCK = 128
 
 
 class BallPrior(NamedTuple):
-    """What is expected before anything is felt."""
+    """What is expected before anything is touched."""
 
     centre: Floats  # (3,), m
     radius: float  # m

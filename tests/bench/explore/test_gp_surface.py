@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.bench.peers import gp_surface
-from palpate.bench.peers.gp_surface import (
+from palpate.bench.explore import gp_surface
+from palpate.bench.explore.gp_surface import (
     BallPrior,
     CholeskyFactor,
     GpSurface,

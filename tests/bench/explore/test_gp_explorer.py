@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.bench.explore import gp_explorer as peer
+from palpate.bench.explore import gp_surface
+from palpate.bench.explore.gp_explorer import Explorer, GuardedFinger, Tuning, farthest_points
 from palpate.bench.explore.harness import NOISES, Demand, write_scene
 from palpate.bench.objects.touched import EXPLORED_OBJECTS
-from palpate.bench.peers import gp_explorer as peer
-from palpate.bench.peers import gp_surface
-from palpate.bench.peers.gp_explorer import Explorer, GuardedFinger, Tuning, farthest_points
 from palpate.bench.table import WIDTH
 from palpate.core.geometry.distances import compare_surfaces, prepare_surface
 from palpate.launch.scene import load_scene
@@ -48,7 +48,7 @@ def test_a_touch_beside_the_object_tells_that_nothing_is_there(tmp_path: Path) -
     finger = GuardedFinger(scene)
     touched = finger.touch(np.array([0.1, 0.0, 0.045]), np.array([1.0, 0.0, 0.0]), 0.02, 0.01)
     assert touched.outcome == "miss"
-    assert len(touched.felt.points) == 0
+    assert len(touched.contact.points) == 0
     assert touched.way == pytest.approx(0.06)
     seen = explorer_of(tmp_path)._seen(touched)
     assert seen.places == pytest.approx(np.array([[0.09, 0.0, 0.045]]))
