@@ -221,9 +221,9 @@ def _spread(offset: Floats) -> str:
 
 
 def ball_text(found: Calibrated) -> str:
-    """Radius of the ball as it is felt, with and without the calibration."""
+    """Radius of the ball as it is measured, with and without the calibration."""
     before, after = _radius(found, _as_read(found)), _radius(found, _corrected(found))
-    return f"of {1e3 * BALL_RADIUS:g} mm felt as {_mm(after)}; {_mm(before)} by the data sheet"
+    return f"of {1e3 * BALL_RADIUS:g} mm measured as {_mm(after)}; {_mm(before)} by the data sheet"
 
 
 def _mm(radius: MeasuredRadius | None) -> str:
@@ -247,12 +247,12 @@ def calibration_warnings(found: Calibrated) -> list[str]:
         said.append(f"the arm was {1e3 * estimate.pose_error:.1f} mm off, or the pad is no spring")
     before, after = _radius(found, _as_read(found)), _radius(found, _corrected(found))
     if after is None or abs(after.mean - BALL_RADIUS) > MAX_RADIUS_ERROR * BALL_RADIUS:
-        said.append("with it the ball is not felt as a ball of its size")
+        said.append("with it the ball is not measured as a ball of its size")
     elif (
         before is not None
         and abs(after.mean - BALL_RADIUS) > abs(before.mean - BALL_RADIUS) + 3 * after.error
     ):
-        said.append("with it the ball is felt worse than by the data sheet")
+        said.append("with it the ball is measured worse than by the data sheet")
     return said
 
 
@@ -289,7 +289,7 @@ def _corrected(found: Calibrated) -> ReadingCorrection:
 
 
 class MeasuredRadius(NamedTuple):
-    """A radius that was felt."""
+    """A radius that was measured."""
 
     mean: float  # m
     error: float  # Its standard error, m

@@ -40,7 +40,7 @@ def init_node(name: str, folder: Path, kind: Literal["node", "driver"]) -> NodeF
     folder : Path
         Where to put them.
     kind : str
-        ``node``, which hears and says something, or ``driver``, which says what a sensor feels.
+        ``node``, which receives and publishes, or ``driver``, which publishes a sensor's frames.
 
     Raises
     ------

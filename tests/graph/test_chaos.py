@@ -59,9 +59,9 @@ def test_another_result_and_what_is_left_behind_are_found(
     (tmp_path / "palpate-run-left").mkdir()
     found = examine_run(toys, wanted, InjectionLog(), before.code, tmp_path / "run")
     assert found.wrong == (
-        "what nodes had said is left in the run directory",
+        "what nodes had published is left in the run directory",
         f"the private folder {tmp_path / 'palpate-run-left'} is left",
-        f"exit code {before.code} instead of 7: it said nothing",
+        f"exit code {before.code} instead of 7: it printed nothing",
         "the mesh is None instead of 0",
         "/world is not what it is undisturbed",
     )

@@ -65,8 +65,10 @@ def test_the_ball_is_felt_truer_with_the_calibration(
     calibrated: Calibrated, worn: SceneSpec
 ) -> None:
     ball = calibration_text(calibrated, worn.sensor).splitlines()[-1]
-    felt, by_sheet = (part.split(" +- ") for part in ball.partition("felt as ")[2].split("; "))
-    radius, error = float(felt[0]), float(felt[1].split()[0])
+    measured, by_sheet = (
+        part.split(" +- ") for part in ball.partition("measured as ")[2].split("; ")
+    )
+    radius, error = float(measured[0]), float(measured[1].split()[0])
     radius_by_sheet, error_by_sheet = float(by_sheet[0]), float(by_sheet[1].split()[0])
     assert abs(radius - 30.0) < 0.5 * abs(radius_by_sheet - 30.0)
     assert error < error_by_sheet
@@ -149,7 +151,7 @@ def test_pads_that_yield_are_calibrated_by_what_they_touch(write: Write) -> None
         ("saturation: {share: 0.1}", "a speed of sound of"),
         ("gain_offset: {sigma_gain: 0.3, sigma_offset: 1.0e-3}", "taxels could not be calibrated"),
         ("tenting: {decay: 0.02}", "taxels could not be calibrated"),
-        ("saturation: {share: 0.1}", "not felt as a ball"),
+        ("saturation: {share: 0.1}", "not measured as a ball"),
     ],
 )
 def test_what_makes_no_sense_is_doubted(effect: str, words: str, write: Write) -> None:

@@ -84,14 +84,14 @@ class PlaybackWatcher:
     wiring : Wiring
         The player's.
     quiet : bool
-        Whether it says nothing.
+        Whether it publishes nothing.
     keys : Keys
         Told that the graph is up, and that it goes on.
     """
 
     def __init__(self, wiring: Wiring, *, quiet: bool, keys: Keyboard) -> None:
         self.sent = 0
-        """Messages that the player has said."""
+        """Messages that the player has published."""
         self._wiring, self._quiet, self._keys = wiring, quiet, keys
         self._paused: bool = wiring.params.paused
 

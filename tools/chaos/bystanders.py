@@ -1,6 +1,6 @@
 """Beside a graph that is tried: a node that floods it, and a program that looks on.
 
-The source publishes as fast as it can what nobody needs. The tool listens to everything by the
+The source publishes as fast as it can what nobody needs. The tool subscribes to everything by the
 taps, until it is stopped or killed.
 """
 
@@ -28,7 +28,7 @@ def _flood(params: FloodParams) -> Iterator[Timed]:
 
 
 def listen_to_taps(taps: list[str], topics: list[str]) -> None:
-    """Hear all that is said; print one line as soon as there is something to hear."""
+    """Receive all that is published; print one line as soon as something has come."""
     with zmq.Context() as context:
         reader = TapReader(context, taps, topics)
         told = False

@@ -213,7 +213,7 @@ class FaultInjector:
         self._onlookers.append(onlooker)
 
     def _stop_onlookers(self) -> None:
-        """Stop the tools that have heard something."""
+        """Stop the tools that have received something."""
         for onlooker in self._onlookers:
             assert onlooker.stdout is not None
             if select.select([onlooker.stdout], [], [], 0.0)[0]:

@@ -133,7 +133,7 @@ def _repeated(events: list[Event]) -> Iterator[Violation]:
             continue
         yield Violation("twice", f"{event.topic} {event.seq} is there more than once")
         if before != event.body:
-            yield Violation("bodies", f"{event.topic} {event.seq} says two different things")
+            yield Violation("bodies", f"{event.topic} {event.seq} holds two different messages")
 
 
 def _out_of_time(events: list[Event]) -> Iterator[Violation]:
@@ -146,7 +146,7 @@ def _out_of_time(events: list[Event]) -> Iterator[Violation]:
 
 
 def _epochs(events: Iterable[Event]) -> Iterator[Violation]:
-    """Who was heard from after a restart is not heard from before it any more."""
+    """After a restart of a node nothing comes that it sent before."""
     latest: dict[str, int] = {}
     for event in events:
         before = latest.setdefault(event.publisher, event.epoch)
@@ -187,7 +187,7 @@ class Answer(NamedTuple):
 
 
 def causality_violations(history: History, *, whole: bool) -> Iterator[Violation]:
-    """Messages that answer what was not said, or not yet.
+    """Messages that answer what was not published, or not yet.
 
     Parameters
     ----------
@@ -207,7 +207,9 @@ def causality_violations(history: History, *, whole: bool) -> Iterator[Violation
         times = [first[key] for key in keys if key in first]
         if not times and whole:
             what = ", ".join(f"{n} {v}" for n, v in zip(answer.fields, values, strict=True))
-            yield Violation("cause", f"{event.topic} {event.seq} answers {what}, which nobody said")
+            yield Violation(
+                "cause", f"{event.topic} {event.seq} answers {what}, which nobody published"
+            )
         elif times and min(times) >= event.sent_ns:
             text = f"{event.topic} {event.seq} was sent before what it answers"
             yield Violation("cause", text)

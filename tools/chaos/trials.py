@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.launch import RECORDING
-from palpate.launch.processes import FOLDER_PREFIX, remove_stale_folders
+from palpate.launch.processes import FOLDER_PREFIX, MESSAGE_LOG_FOLDER, remove_stale_folders
 from palpate.messages.recording import open_recording
 from palpate.nodes.runtime import recorded_nodes
 from palpate.tools.chaos.fault_injection import (
@@ -252,8 +252,8 @@ def _left_over(injected: InjectionLog, out: Path) -> Iterator[str]:
             kill_session(injected.session)
     if injected.ended_by == "launcher":
         remove_stale_folders(out.parent)  # as the next launch does
-    elif (out / ".said").exists():
-        yield "what nodes had said is left in the run directory"
+    elif (out / MESSAGE_LOG_FOLDER).exists():
+        yield "what nodes had published is left in the run directory"
     for folder in out.parent.glob(f"{FOLDER_PREFIX}*"):
         yield f"the private folder {folder} is left"
 
@@ -265,7 +265,7 @@ def kill_session(session: int) -> None:
 
 
 def _processes_of(session: int) -> list[int]:
-    """Processes of a session; one that only waits to be buried does not count."""
+    """Processes of a session; one that only waits to be reaped does not count."""
     found = []
     for folder in Path("/proc").iterdir():
         if not folder.name.isdecimal():
@@ -307,10 +307,10 @@ def _resumed_result(
 
 
 def stderr_of(out: Path) -> str:
-    """What a run has said on its standard error, in one line."""
+    """What a run has printed on its standard error, in one line."""
     words = _stderr_file(out)
     text = words.read_text(encoding="utf-8", errors="replace") if words.exists() else ""
-    return " ".join(text.split()) or "it said nothing"
+    return " ".join(text.split()) or "it printed nothing"
 
 
 def _other_result(before: Baseline, out: Path) -> Iterator[str]:

@@ -154,7 +154,7 @@ palpate_group = LazyGroup(
         ),
         "replay": (
             "tools.cli.launching:replay_command",
-            "Run nodes on a recording and compare what they say.",
+            "Run nodes on a recording and compare what they publish.",
         ),
         "bag": (
             "tools.cli.recordings:bag_group",
@@ -203,7 +203,7 @@ palpate_group = LazyGroup(
             "Put faults into explorations and say what they survive.",
         ),
     },
-    "Feels an unknown object with a simulated fingertip and rebuilds it as a solid.",
+    "Touches an unknown object with a simulated fingertip and rebuilds it as a solid.",
 )
 
 

@@ -9,17 +9,17 @@ import click
 
 from palpate.launch.files import InputError
 
-REPLAY_HELP = """Run nodes on the recording BAG and compare what they say with what they had said.
+REPLAY_HELP = """Run nodes on the recording BAG and compare what they publish with what they had.
 
-BAG is a topics.mcap, or the folder of a run. What one of the nodes says now is what the others
-hear; all else comes from the recording. A table tells what has changed, by topic and field.
+BAG is a topics.mcap, or the folder of a run. What one of the nodes publishes now is what the others
+receive; all else comes from the recording. A table tells what has changed, by topic and field.
 
 Exits with 0 if all of it is identical, with 1 if not, or if a node fails. With --set the table is
 what was asked for: then it exits with 1 only if a node fails.
 
 With --from contour=12 or --from end, the exploration goes on from there, in a new run directory,
 and comes to the solid of a run that was never interrupted. What was recorded is gone through
-unheard; what acts on the world does nothing again.
+without being published; what acts on the world does nothing again.
 """
 CHAOS_HELP = """Put faults into running explorations of a scene, and say what they survive.
 
@@ -205,7 +205,6 @@ def chaos_command(
 ) -> int:
     """Put faults into explorations; `CHAOS_HELP` says which."""
     from palpate.launch import find_scene
-    from palpate.launch.files import InputError
     from palpate.tools.chaos import Exploration, run_trials
 
     path = find_scene(scene).resolve()
@@ -223,7 +222,7 @@ def chaos_command(
 
 
 def _fault_kinds(text: str | None) -> tuple[str, ...]:
-    from palpate.launch.files import InputError, hint
+    from palpate.launch.files import hint
     from palpate.tools.chaos import FAULT_KINDS
 
     named = (

@@ -66,12 +66,12 @@ def calibrate_command(scene: str, out: Path | None, quiet: bool) -> int:
     click.echo(calibration_text(found, spec.sensor))
     reasons = calibration_warnings(found)
     for reason in reasons:
-        click.echo(f"{'doubtful':<13}{reason}")
+        click.echo(f"{'warning':<13}{reason}")
     if out is not None and not reasons:
         write_calibration(out, found.estimate, found.pad)
         click.echo(f"{'written':<13}{out}")
     elif out is not None:
-        click.echo(f"{'not written':<13}{out}: see what is doubtful")
+        click.echo(f"{'not written':<13}{out}: see the warnings")
     return 1 if reasons else 0
 
 
@@ -133,4 +133,4 @@ def _print_begun(begun: NodeFiles, topic: str) -> None:
     click.echo(f"{begun.module}, {begun.test}, {begun.launch}: written; in this folder")
     click.echo(f"  test it:    python -m pytest {begun.test}")
     click.echo(f"  launch it:  palpate launch {begun.launch}")
-    click.echo(f"  listen:     palpate topic echo {topic}")
+    click.echo(f"  look:       palpate topic echo {topic}")

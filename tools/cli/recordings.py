@@ -63,7 +63,7 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
     return 0 if info["closed"] else 1
 
 
-@bag_group.command("play", short_help="Say again what a recording holds, at its own pace.")
+@bag_group.command("play", short_help="Publish again what a recording holds, at its own pace.")
 @click.argument("bag", type=click.Path(path_type=Path))
 @click.option("-r", "--rate", default=1.0, show_default=True, help="Recorded s in a second.")
 @click.option("-l", "--loop", is_flag=True, help="Begin anew at the end, until Ctrl-C.")
@@ -78,7 +78,7 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
     flag_value=40.0,
     default=0.0,
     metavar="[HZ]",
-    help="Say the recording's time on /clock, 40 times a second if no number is given.",
+    help="Publish the recording's time on /clock, 40 times a second if no number is given.",
 )
 @click.option("-p", "--start-paused", is_flag=True, help="Wait for resume or step.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
@@ -94,9 +94,9 @@ def bag_play_command(
     start_paused: bool,
     quiet: bool,
 ) -> int:
-    """Say again what the recording BAG holds: a file, or a run directory.
+    """Publish again what the recording BAG holds: a file, or a run directory.
 
-    Latched messages from before the offset are said first. Tools hear it as they hear any graph:
+    Latched messages from before the offset are published first. Tools receive it as from any graph:
     palpate topic echo. In a terminal the space bar pauses and resumes, the right arrow steps;
     palpate bag pause, resume and step do the same from elsewhere.
     """
@@ -132,11 +132,11 @@ def bag_resume_command(run: str | None) -> None:
     control_player(run, "resume")
 
 
-@bag_group.command("step", short_help="Have a player that stands still say the next message.")
+@bag_group.command("step", short_help="Have a player that stands still publish the next message.")
 @click.option("-n", "--messages", type=click.IntRange(1, 1 << 31), default=1, show_default=True)
 @click.option("--run", metavar="ID", help="Which running graph; the latest if left out.")
 def bag_step_command(messages: int, run: str | None) -> None:
-    """Have the player of a running graph, if it stands still, say the next MESSAGES."""
+    """Have the player of a running graph, if it stands still, publish the next MESSAGES."""
     from palpate.tools.introspection import control_player
 
     control_player(run, "step", number=messages)

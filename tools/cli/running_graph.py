@@ -37,7 +37,7 @@ def run_option(command: Command) -> Command:
 @run_option
 @click.option("-t", "--show-types", is_flag=True, help="Add the type.")
 @click.option("-c", "--count-topics", is_flag=True, help="Print only how many there are.")
-@click.option("-v", "--verbose", is_flag=True, help="Add who publishes and who listens.")
+@click.option("-v", "--verbose", is_flag=True, help="Add publishers and subscribers.")
 def topic_list_command(
     run: str | None, show_types: bool, count_topics: bool, verbose: bool
 ) -> None:
@@ -61,13 +61,13 @@ def topic_list_command(
 @run_option
 @click.option("-v", "--verbose", is_flag=True, help="Add the fields with their units.")
 def topic_info_command(topic: str, run: str | None, verbose: bool) -> None:
-    """Say what TOPIC carries, who publishes it and who listens."""
+    """Say what TOPIC carries, who publishes it and who subscribes."""
     from palpate.tools.introspection import field_lines, find_topic, type_of
 
     with as_input_errors():
         found = find_topic(card_of(run), topic)
         lines = field_lines(type_of(found)) if verbose else []
-    click.echo(f"Type: {found.type or 'not said'}")
+    click.echo(f"Type: {found.type or 'not known'}")
     click.echo(f"Publisher count: {len(found.publishers)}  {', '.join(found.publishers)}")
     click.echo(f"Subscription count: {len(found.listeners)}  {', '.join(found.listeners)}".rstrip())
     if lines:
@@ -229,13 +229,13 @@ def topic_pub_command(
 ) -> None:
     r"""Publish BODY, a message's fields in YAML, on TOPIC.
 
-    A graph has one publisher for each topic. So what is to be spoken from outside belongs to a
+    A graph has one publisher for each topic. So what is to be published from outside belongs to a
     console in its launch file:
 
     \b
         console: {params: {topics: {/finger/goal: TouchGoal}}}
 
-    What is published is recorded and heard like any other message.
+    What is published is recorded and received like any other message.
     """
     from palpate.tools.introspection import publish
 
@@ -256,21 +256,21 @@ def node_list_command(run: str | None, every: bool) -> None:
         click.echo(name)
 
 
-@node_group.command("info", short_help="Say how a running node is doing, what it hears and says.")
+@node_group.command("info", short_help="Say how a running node is doing, and its topics.")
 @click.argument("node")
 @run_option
 def node_info_command(node: str, run: str | None) -> None:
-    """Say how NODE is doing, what it hears from whom and says to whom, and its parameters."""
+    """Say how NODE is doing, its topics with publishers and subscribers, and its parameters."""
     from palpate.tools.introspection import node_text
 
     with as_input_errors():
         click.echo(node_text(card_of(run), node))
 
 
-@node_group.command("kinds", short_help="List the kinds of node and what they hear and say.")
+@node_group.command("kinds", short_help="List the kinds of node and their topics.")
 @click.argument("kind", required=False)
 def node_kinds_command(kind: str | None) -> None:
-    """Name the kinds of node; of one KIND, say what it hears and says, and its parameters."""
+    """Name the kinds of node; of one KIND, tell its topics and its parameters."""
     from palpate.launch import describe_kind, list_kinds
 
     for line in list_kinds() if kind is None else [describe_kind(kind)]:

@@ -57,7 +57,7 @@ class EchoFormat(NamedTuple):
 
 
 class LossReport:
-    """How many messages were sent and not heard.
+    """How many messages were sent and not received.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def _received(
             yield heard
         if quiet is not None and time.monotonic() > quiet:
             quiet = None
-            tell(f"nothing has come on {topic.name} yet; what was said before is not said again")
+            tell(f"nothing has come on {topic.name} yet; what was published before is not repeated")
 
 
 def message_text(topic: Topic, heard: TapMessage, form: EchoFormat) -> str | None:

@@ -59,7 +59,7 @@ class RateMonitor:
         self.print(last=True)
 
     def print(self, *, last: bool) -> None:
-        """Say what is new, and of what nothing comes; at the last only what was not said."""
+        """Say what is new, and of what nothing comes; at the last only what was not printed."""
         for (topic, node), rates in self._rates.items():
             news = rates.last != self._said.get((topic, node))
             label = f"{topic} of {node}" if topic in self._crowds else topic
@@ -121,17 +121,17 @@ class Rates:
 
     @property
     def sent(self) -> int:
-        """Messages that were sent within the window, heard or not."""
+        """Messages that were sent within the window, received or not."""
         return self._seqs[-1] - self._seqs[0] + 1 if self._seqs else 0
 
     def rate(self) -> float | None:
-        """Messages a second, heard or not; None of fewer than two."""
+        """Messages a second, received or not; None of fewer than two."""
         if self.heard < 2:
             return None
         return (self._seqs[-1] - self._seqs[0]) / (1e-9 * (self._sent[-1] - self._sent[0]))
 
     def periods(self) -> Statistics | None:
-        """Times between neighbouring messages, s; None if no two neighbours were heard."""
+        """Times between neighbouring messages, s; None if no two neighbours were received."""
         times = np.diff(np.array(self._sent, np.int64))
         next_to = np.diff(np.array(self._seqs, np.int64)) == 1
         return statistics_of(1e-9 * times[next_to]) if next_to.any() else None
@@ -149,7 +149,7 @@ class Rates:
         )
 
     def bandwidth(self) -> float | None:
-        """Bytes a second, those that were not heard taken for as large as the others; or None."""
+        """Bytes a second, what was not received taken for as large as the rest; or None."""
         rate, sizes = self.rate(), self.sizes()
         return None if rate is None or sizes is None else rate * sizes.mean
 
@@ -207,7 +207,7 @@ def delay_text(rates: Rates) -> str | None:
 
 def _window(rates: Rates) -> str:
     missed = rates.sent - rates.heard
-    return f"window: {rates.heard}" + (f" ({missed} sent, but not heard)" if missed else "")
+    return f"window: {rates.heard}" + (f" ({missed} sent, but not received)" if missed else "")
 
 
 # Some lines about one publisher; None if too little has come to say anything.

@@ -50,7 +50,7 @@ def running_nodes(card: RunCard) -> list[str]:
 
 
 def node_text(card: RunCard, name: str) -> str:
-    """What a node is, how it is doing, what it hears and says, and its parameters.
+    """What a node is, how it is doing, its topics, and its parameters.
 
     Raises
     ------
@@ -331,7 +331,7 @@ def publish(
 
 
 def _console(card: RunCard, topic: str) -> str:
-    """The node that publishes a topic, if tools may speak for it."""
+    """The node that publishes a topic, if tools may publish for it."""
     name = card.publishers.get(topic)
     if name is None:
         raise ValueError(

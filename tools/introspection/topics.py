@@ -47,7 +47,7 @@ class SequenceTracker:
     ----------
     anew : bool
         Whether a publisher that is started again counts from 0 once more. Otherwise it goes on
-        counting, after it has said again what it had said: that is no news.
+        counting, after it has repeated what it had published: that is no news.
     """
 
     def __init__(self, *, anew: bool) -> None:
@@ -75,7 +75,7 @@ class TapSubscription:
     card : Card
         The running graph.
     topics : iterable of Topic
-        What to hear.
+        What to receive.
     """
 
     def __init__(self, card: RunCard, topics: Iterable[Topic]) -> None:

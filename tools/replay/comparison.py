@@ -37,9 +37,9 @@ class TopicComparison:
         self.differ = 0
         """Messages of them that differ."""
         self.fewer = 0
-        """Messages that were recorded, but are not said now."""
+        """Messages that were recorded, but are not published now."""
         self.more = 0
-        """Messages that are said now, but were not recorded."""
+        """Messages that are published now, but were not recorded."""
         self.changes = TopicChanges(cls)
         """Field by field."""
         self.first = ""
@@ -57,25 +57,25 @@ class TopicComparison:
             self.fall_silent()
 
     def said(self, body: bytes) -> None:
-        """Take the next message that is said now."""
+        """Take the next message that is published now."""
         self._now.append(body)
         self._compare()
 
     def fall_silent(self) -> None:
-        """Nothing is said any more: what was recorded is counted, but not held."""
+        """Nothing is published any more: what was recorded is counted, but not held."""
         self._silent = True
         self._unsaid += len(self._then)
         self._then.clear()
 
     def end(self, *, closed: bool) -> None:
-        """Count what one side said and the other did not, if all was recorded."""
+        """Count what one side published and the other did not, if all was recorded."""
         if not closed:
             return
         self.fewer, self.more = self._unsaid + len(self._then), len(self._now)
         if not self.first and self.fewer:
-            self.first = f"{self.topic} {self.compared}: recorded, but not said again"
+            self.first = f"{self.topic} {self.compared}: recorded, but not published again"
         elif not self.first and self.more:
-            self.first = f"{self.topic} {self.compared}: said now, but not recorded"
+            self.first = f"{self.topic} {self.compared}: published now, but not recorded"
 
     def _compare(self) -> None:
         if not (self._then and self._now):

@@ -37,7 +37,7 @@ OWN_PACKAGE = "palpate."
 
 
 class Shortage(NamedTuple):
-    """A topic of which replayed nodes heard fewer or more messages than had been recorded."""
+    """A topic of which replayed nodes received fewer or more messages than had been recorded."""
 
     topic: str
     publisher: str
@@ -48,7 +48,7 @@ class Shortage(NamedTuple):
 
 @dataclass(slots=True)
 class _Link:
-    """A topic that a replayed node says and replayed nodes hear."""
+    """A topic that a replayed node publishes and replayed nodes receive."""
 
     publisher: str
     # Said now, before their place has come; numbered in the order in which they were said.
@@ -110,7 +110,7 @@ class MessageExchange:
         self._deliver()
 
     def end(self) -> None:
-        """Hand over what was said beyond the recorded, until all is quiet."""
+        """Hand over what was published beyond the recorded, until all is quiet."""
         self._ended = True
         rest = [one for link in self._links.values() for one in link.waiting]
         for link in self._links.values():
@@ -119,7 +119,7 @@ class MessageExchange:
         self._deliver()
 
     def shortages(self) -> tuple[Shortage, ...]:
-        """Topics of which other numbers were heard than had been recorded."""
+        """Topics of which other numbers were received than had been recorded."""
         return tuple(
             Shortage(
                 topic,
@@ -180,26 +180,26 @@ class ReplayedNode:
         except ContractError as error:
             raise ValueError(f"{error}; it was recorded with another version of it") from None
         self.failure = ""
-        """What it raised and when, in words; it hears and says no more after that."""
+        """What it raised and when, in words; it receives and publishes no more after that."""
         self.first = ""
         """Its first difference, in words."""
         self.publications = {
             topic: TopicComparison(topic, node.outputs[local])
             for local, topic in wiring.outputs.items()
         }
-        """What it says, by topic."""
+        """What it publishes, by topic."""
         self.subscriptions = {one.topic: node.inputs[one.local][0] for one in wiring.inputs}
-        """Types of what it hears, by topic."""
+        """Types of what it receives, by topic."""
         self._types = {wiring.outputs[local]: node.outputs[local] for local in wiring.outputs}
         self._types |= self.subscriptions
         self._publishers = {one.topic: one.publisher for one in wiring.inputs}
 
     def begin(self) -> list[Outgoing]:
-        """Start the node; what it says."""
+        """Start the node; what it publishes."""
         return self._run(self._work.begin)
 
     def receive(self, topic: str, header: Header, body: bytes) -> list[Outgoing]:
-        """Hand it one message; what it says."""
+        """Hand it one message; what it publishes."""
         arrival = Received(self._publishers[topic], topic, header, body)
         return [] if self.failure else self._run(lambda: self._work.take(arrival))
 
@@ -219,14 +219,14 @@ class ReplayedNode:
             )
 
     def had_said(self, kept: RecordedMessage) -> None:
-        """Compare with what it had said, if the recorded message was its own."""
+        """Compare with what it had published, if the recorded message was its own."""
         if kept.topic in self.publications:
             comparison = self.publications[kept.topic]
             comparison.recorded(kept.body)
             self.first = self.first or comparison.first
 
     def end(self, *, closed: bool) -> None:
-        """Count what was said only then or only now, if all was recorded."""
+        """Count what was published only then or only now, if all was recorded."""
         for comparison in self.publications.values():
             comparison.end(closed=closed)
             self.first = self.first or comparison.first
@@ -257,8 +257,8 @@ class ReplayNode(NamedTuple):
 def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode, ...]:
     """Load the named nodes; all that can be replayed exactly if none is named.
 
-    A node that heard one publisher beside its needs is replayed exactly: of two publishers it may
-    have heard the other one first.
+    A node that received one publisher beside its needs is replayed exactly: of two publishers it
+    may have received the other one first.
 
     Raises
     ------
@@ -283,7 +283,7 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
             chosen.append(ReplayNode(node, one.wiring(node.params)))
         elif names:
             raise ValueError(
-                f"{one.name} is no node that hears and says: there is nothing to be compared"
+                f"{one.name} neither subscribes nor publishes: there is nothing to be compared"
             )
     if not chosen:
         raise ValueError(f"recording {recording.path} has no node that can be replayed exactly")
@@ -291,13 +291,13 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
 
 
 def _is_exact(place: RecordedNode, node: Node, recording: Recording) -> bool:
-    """Whether the recorded order is sure to be the order in which the node heard."""
+    """Whether the recorded order is sure to be the order in which the node received."""
     heard = [one for one in place.inputs if recording.counts.get(one.topic)]
     return len({one.publisher for one in heard if one.local not in node.needs}) <= 1
 
 
 def in_order_of_sending(recording: Recording) -> Iterator[RecordedMessage]:
-    """Messages by the time at which they were sent; those of one time as they were heard.
+    """Messages by the time at which they were sent; those of one time as they were received.
 
     Processes of one machine share the clock, so no effect comes before its cause.
 

@@ -47,7 +47,7 @@ def replay(
 ) -> int:
     """Run nodes of a recording again, in lockstep and as fast as they can.
 
-    What one of them says now is what the others hear; what the others of the graph had said comes
+    What one of them publishes now is what the others receive; all else of the graph comes
     from the recording.
 
     Parameters
@@ -64,8 +64,8 @@ def replay(
     Returns
     -------
     int
-        1 if a node raised, or if none was given another parameter and one did not say what it had
-        said, byte for byte; otherwise 0.
+        1 if a node raised, or if none was given another parameter and one did not publish the
+        same, byte for byte; otherwise 0.
 
     Raises
     ------

@@ -112,7 +112,7 @@ def _load(recording: Recording, one: RecordedNode, nodes: Sequence[str]) -> AnyN
 
 
 def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage]) -> EarlierRun:
-    """What each node had heard, and what it had said when, in the order of sending.
+    """What each node had received, and what it had published when, in the order of sending.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def answered_messages(
 ) -> list[Consumed]:
     """What a node that acts had answered: each message by one of its own at least, in its order.
 
-    What it needs before all else does not count, nor what it says before it is asked anything.
+    What it needs before all else does not count, nor what it publishes before it is asked anything.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def answered_messages(
     heard : sequence of (Consumed, int)
         What was sent to it.
     said : sequence of Spoken
-        What it had said.
+        What it had published.
     """
     node = load_node(wiring.module)
     needs = node.needs if isinstance(node, Node) else ()

@@ -15,7 +15,7 @@ def test_the_sensor_is_told_first_and_then_the_frames_in_their_order() -> None:
 
 
 def test_what_it_says_is_understood() -> None:
-    """By the nodes that hear it: each patch is of a ball of 20 mm, its curvature within 2 %."""
+    """By the nodes that receive it: each patch is of a ball of 20 mm, its curvature within 2 %."""
     said = drive(SOURCE, params={"frames": 5})
     info = said[:1]
     images = drive(filter.NODE, said)

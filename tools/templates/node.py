@@ -1,4 +1,4 @@
-"""Template of a node: where the surface bends most, of all that was felt. Make it yours.
+"""Template of a node: where the surface bends most, of all that was touched. Make it yours.
 
 It joins the graph by its launch file; start palpate in the folder of this file:
 
@@ -47,7 +47,7 @@ class Template:
 
 
 def start(params: Params) -> tuple[float, Outputs]:
-    """Begin with nothing felt; what is remembered is the curvature to be exceeded, 1/m."""
+    """Begin with nothing touched; what is remembered is the curvature to be exceeded, 1/m."""
     return params.least, []
 
 

@@ -8,7 +8,7 @@ from palpate.tools.templates.node import NODE, Template
 
 
 def patch(touch: int, curvature: float, kind: str = "smooth") -> tuple[str, SurfacePatch]:
-    """What the node hears of one touch; fields that do not matter are 0."""
+    """What the node receives of one touch; fields that do not matter are 0."""
     return "/touch/patch", example(SurfacePatch, touch=touch, k1=curvature, kind=kind)
 
 

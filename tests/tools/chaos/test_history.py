@@ -131,7 +131,7 @@ def test_a_file_that_is_damaged_is_read_up_to_the_damage(tmp_path: Path) -> None
     [
         (without(1), "gap", "/finger/goal 0 of tracer is not there"),
         ((*GOOD, GOOD[3]), "twice", "/finger/goal 1 is there more than once"),
-        ((*GOOD, GOOD[3]._replace(body={"goal": 9})), "bodies", "/finger/goal 1 says two diff"),
+        ((*GOOD, GOOD[3]._replace(body={"goal": 9})), "bodies", "/finger/goal 1 holds two diff"),
         (
             (*GOOD, Line("/touch/raw", 2, 99, {"goal": 0, "touch": 1})),
             "epoch",
@@ -142,8 +142,8 @@ def test_a_file_that_is_damaged_is_read_up_to_the_damage(tmp_path: Path) -> None
         (changed(5, sent_ns=10), "order", "/model/goal 0 was sent at the time of /contour/goal 0"),
         (changed(2, sent_ns=15), "cause", "/touch/raw 0 was sent before what it answers"),
         (changed(2, sent_ns=20), "cause", "/touch/raw 0 was sent before what it answers"),
-        (without(0), "cause", "/finger/goal 0 answers goal 0, which nobody said"),
-        (without(7), "cause", "/model/shape 1 answers number 1, which nobody said"),
+        (without(0), "cause", "/finger/goal 0 answers goal 0, which nobody published"),
+        (without(7), "cause", "/model/shape 1 answers number 1, which nobody published"),
         (without(10), "cause", "/finger_2/touch/image 0 answers goal 0, touch 0, which nobody"),
         (changed(2, body={"goal": 0, "touch": 7}), "cause", "/touch/raw 0 answers goal 0, touch 7"),
     ],

@@ -45,7 +45,7 @@ def test_periods_are_those_of_neighbours_alone(copy: Copy) -> None:
     text = rate_text(rates)
     assert text == (
         "average rate: 75.000\n\tmin: 0.010000s max: 0.030000s std dev: 0.010000s "
-        "window: 4 (3 sent, but not heard)"
+        "window: 4 (3 sent, but not received)"
     )
 
 
@@ -54,7 +54,7 @@ def test_without_two_neighbours_there_is_a_rate_but_no_period(copy: Copy) -> Non
     assert rates.periods() is None
     assert rate_text(rates) == (
         "average rate: 100.000\n\tno two neighbouring messages came "
-        "window: 2 (8 sent, but not heard)"
+        "window: 2 (8 sent, but not received)"
     )
 
 
@@ -81,7 +81,7 @@ def test_bandwidth_counts_whole_frames_and_those_not_heard(copy: Copy) -> None:
     assert rates.bandwidth() == pytest.approx(1e6)
     assert bandwidth_text(rates) == (
         "1.00 MB/s from 3 messages\n\tMessage size mean: 1.00 KB min: 1.00 KB max: 1.00 KB "
-        "window: 3 (1 sent, but not heard)"
+        "window: 3 (1 sent, but not received)"
     )
 
 

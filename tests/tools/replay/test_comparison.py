@@ -45,8 +45,8 @@ def test_the_first_of_several_differences_is_told() -> None:
 def test_what_one_side_lacks_is_counted() -> None:
     fewer, more = compared([1.0, 2.0], []), compared([1.0], [1.0, 2.0, 3.0])
 
-    assert (fewer.fewer, fewer.first) == (2, "/log 0: recorded, but not said again")
-    assert (more.more, more.first) == (2, "/log 1: said now, but not recorded")
+    assert (fewer.fewer, fewer.first) == (2, "/log 0: recorded, but not published again")
+    assert (more.more, more.first) == (2, "/log 1: published now, but not recorded")
 
 
 def test_what_a_recording_without_its_end_lacks_is_no_difference() -> None:

@@ -66,8 +66,8 @@ def test_if_a_node_says_fewer_its_listener_hears_no_more(record_chain: RecordCha
 
     assert code == 0
     assert lines == [
-        "first: differs, /b 0: recorded, but not said again",
-        "second: differs, /c 0: recorded, but not said again",
+        "first: differs, /b 0: recorded, but not published again",
+        "second: differs, /c 0: recorded, but not published again",
         "second: received 3 fewer messages on /b than recorded: first publishes no more",
         "topic field compared differ first largest rms unit",
         "/b messages 0 0 3 fewer than recorded",
@@ -116,7 +116,7 @@ def test_after_a_node_has_failed_nothing_more_of_it_is_heard(
     assert code == 1
     assert lines == [
         "first: fails, ArithmeticError handling /a 1 from source: no more",
-        "second: differs, /c 1: recorded, but not said again",
+        "second: differs, /c 1: recorded, but not published again",
         "second: received 2 fewer messages on /b than recorded: first publishes no more",
         "topic field compared differ first largest rms unit",
         "/b messages 1 1 2 fewer than recorded",

@@ -157,10 +157,10 @@ def test_a_node_that_says_the_same_is_identical(record: Record) -> None:
             changed(4, ("/number", 1, log(1.0))),
             "adder: differs, /sum 2 robot_time: recorded 30.0, now 24.0",
         ),
-        (GOOD[:-1], "adder: differs, /sum 2: said now, but not recorded"),
+        (GOOD[:-1], "adder: differs, /sum 2: published now, but not recorded"),
         (
             [*GOOD, ("/sum", 3, log(30.0))],
-            "adder: differs, /sum 3: recorded, but not said again",
+            "adder: differs, /sum 3: recorded, but not published again",
         ),
     ],
 )
@@ -287,7 +287,7 @@ def test_a_recorder_cannot_be_replayed(record: Record) -> None:
         listeners={},
     )
 
-    with pytest.raises(ValueError, match="recorder is no node that hears and says"):
+    with pytest.raises(ValueError, match="recorder neither subscribes nor publishes"):
         replay(record(GOOD, graph=describe_wirings([sink])), ["recorder"])
 
 
