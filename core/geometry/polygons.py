@@ -122,7 +122,7 @@ def inscribed_ellipse_scale(polygon: Floats, middle: Floats, semi_axes: Floats) 
 def area_centroid(contour: Floats) -> Floats:
     """Centroid (2,) of the area that a closed contour encloses, m.
 
-    Of the area, because the mean of unevenly felt points lies nearer to where they are dense;
+    Of the area, because the mean of unevenly measured points lies nearer to where they are dense;
     where there is no area, that mean.
 
     `contour` (n, 2) or (n, 3): around it, in either direction, m; a third coordinate is ignored.

@@ -280,7 +280,7 @@ def curve_parameters(points: Floats, kind: Parametrisation) -> Floats:
     In proportion to the chords between neighbours, (4.28), or to their square roots, (4.18) of
     Fung, 1999; both with the chord that closes the curve, which the text leaves out. "auto"
     takes square roots where a few of the points are corners: there chords overshoot. "even"
-    takes equal steps where the points were felt at equal distances along the curve, which a
+    takes equal steps where the points were measured at equal distances along the curve, which a
     chord across a corner tells too short, and chords otherwise.
     """
     chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)

@@ -38,7 +38,7 @@ class Finger:
     felt: list[ContactPoints] = field(default_factory=list)
 
     def press(self, start: Floats, reach: float, depth: float, height: float) -> SliceArc | None:
-        """One touch; what it felt is kept."""
+        """One touch; what it measured is kept."""
         end = guarded_move(self.shape, self.pad, start, reach, depth)
         if end.outcome not in ("hit", "bottomed"):
             return None

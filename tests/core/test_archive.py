@@ -151,8 +151,8 @@ def test_what_is_shared_is_kept_once_and_shared_again() -> None:
 
 def test_what_cannot_be_kept_is_named_with_its_path() -> None:
     solid = solid_by("skin")
-    with pytest.raises(ValueError, match="solid/again cannot be kept: it is a function"):
-        tree_to_arrays(replace(solid, again=lambda evidence: solid))
+    with pytest.raises(ValueError, match="solid/rebuilder cannot be kept: it is a function"):
+        tree_to_arrays(replace(solid, rebuilder=lambda evidence: solid))
     with pytest.raises(ValueError, match=r"solid/1/x cannot be kept: it is a set"):
         tree_to_arrays((0, {"x": {1, 2}}))
     with pytest.raises(ValueError, match="solid must have texts as keys"):

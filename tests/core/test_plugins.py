@@ -49,7 +49,7 @@ def test_any_kind_of_number_is_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "words"),
     [
         ({"length": "1e-3"}, "length is '1e-3'; expected a number, 0 to 0.002 m"),
         ({"length": None}, "length is None; expected a number, 0 to 0.002 m"),
@@ -58,14 +58,14 @@ def test_any_kind_of_number_is_one() -> None:
         ({"count": True}, "count is True; expected a whole number, 1 to 32"),
     ],
 )
-def test_what_is_no_number_or_no_whole_one_is_refused(given: dict[str, Any], said: str) -> None:
+def test_what_is_no_number_or_no_whole_one_is_refused(given: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError) as caught:
         Described(**given)
-    assert str(caught.value) == said
+    assert str(caught.value) == words
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "words"),
     [
         ({"length": 3e-3}, "length is 0.003 m; expected 0 to 0.002 m"),
         ({"length": -1e-9}, "length is -1e-09 m; expected 0 to 0.002 m"),
@@ -75,7 +75,7 @@ def test_what_is_no_number_or_no_whole_one_is_refused(given: dict[str, Any], sai
         ({"count": 33}, "count is 33; expected 1 to 32"),
     ],
 )
-def test_a_number_outside_its_range_is_refused(given: dict[str, float], said: str) -> None:
+def test_a_number_outside_its_range_is_refused(given: dict[str, float], words: str) -> None:
     with pytest.raises(ValueError) as caught:
         Described(**given)  # type: ignore[arg-type]
-    assert str(caught.value) == said
+    assert str(caught.value) == words

@@ -360,7 +360,7 @@ def test_a_lattice_of_which_17_per_cent_is_folded_loses_at_most_1_per_cent() -> 
     found = invert_points(volume, points)
     assert (~found.converged).mean() <= 0.01
     assert found.residual[found.converged].max() < 1e-8
-    # Where the inverse is not unique, that is said: the flags are those of the determinant.
+    # Where the inverse is not unique the flags tell it: they are those of the determinant.
     there = np.linalg.det(volume.first(found.parameters)[1]) <= 0.0
     assert found.folded.any()
     assert np.array_equal(found.folded, there)
