@@ -368,12 +368,7 @@ def test_random_bytes_are_refused_in_one_way(body: bytes) -> None:
 @given(st.integers(0, 10_000), st.integers(0, 255))
 @settings(max_examples=500, deadline=None)
 def test_a_changed_byte_gives_a_checked_message_or_a_refusal(place: int, value: int) -> None:
-    pose = np.array([0, 0, 0, 0, 0, 0, 1.0])
-    frame = TactileFrame(
-        goal=1, touch=2, finger=1, direction=pose[4:], pose=pose, outcome="hit",
-        array=np.ones((3, 4)), robot_time=0.5,
-    )  # fmt: skip
-    body = bytearray(encode(frame))
+    body = bytearray(encode(FRAME))
     body[place % len(body)] = value
     try:
         found = decode(TactileFrame, bytes(body))

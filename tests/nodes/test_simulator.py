@@ -3,6 +3,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, get_args
 
 import msgspec
@@ -22,6 +23,7 @@ from palpate.messages.types import touch as touch_types
 from palpate.messages.types.motion import GraspContacts, GraspGoal, TouchGoal
 from palpate.messages.types.touch import TactileFrame
 from palpate.nodes import simulator
+from palpate.nodes.runtime.testing import example
 from palpate.nodes.simulator import NODE, Params, State, start, take_grasp, touch
 from palpate.nodes.specs.objects import ObjectSpec
 from palpate.nodes.specs.sensors import SensorSpec
@@ -30,17 +32,17 @@ Pose = Callable[[float], Floats]
 
 
 def goal_at(pose: Floats, **changes: Any) -> TouchGoal:
-    fields: dict[str, Any] = {
-        "goal": 0,
-        "touch": 0,
-        "finger": 1,
-        "pose": pose,
-        "reach": 0.15,
-        "depth": 0.001,
-        "direction": np.array([0.0, 0.0, 1.0]),
-        "not_before": 0.0,
-    }
-    return TouchGoal(**{**fields, **changes})
+    up = np.array([0.0, 0.0, 1.0])
+    asked = example(TouchGoal, finger=1, pose=pose, reach=0.15, depth=0.001, direction=up)
+    return replace(asked, **changes)
+
+
+def pressed(ball: ObjectSpec, pose: Floats, effects: Any = None, **more: Any) -> TactileFrame:
+    """The frame of the first touch of a ball."""
+    params = Params(object=ball, effects=effects or {})
+    _, [(_, frame)] = touch(params, start(params)[0], goal_at(pose, **more))  # type: ignore[misc]
+    assert isinstance(frame, TactileFrame)
+    return frame
 
 
 def test_it_tells_where_the_object_stands_and_how_high_it_is(ball: ObjectSpec) -> None:
@@ -60,9 +62,7 @@ def test_everything_it_says_can_be_sent(ball: ObjectSpec, sideways: Pose) -> Non
 
 
 def test_a_touch_is_pressed_to_the_asked_depth(ball: ObjectSpec, sideways: Pose) -> None:
-    params = Params(object=ball)
-    state, _ = start(params)
-    _, [(_, frame)] = touch(params, state, goal_at(sideways(0.03)))  # type: ignore[misc]
+    frame = pressed(ball, sideways(0.03))
     assert frame.outcome == "hit"
     # The shortest time of flight belongs to the deepest taxel: t = 2 (D - c) / v.
     assert frame.array.min() == pytest.approx(2 * (0.003 - 0.001) / 1000.0, rel=1e-12)
@@ -70,9 +70,7 @@ def test_a_touch_is_pressed_to_the_asked_depth(ball: ObjectSpec, sideways: Pose)
 
 
 def test_a_touch_beside_the_object_misses(ball: ObjectSpec, sideways: Pose) -> None:
-    params = Params(object=ball)
-    state, _ = start(params)
-    _, [(_, frame)] = touch(params, state, goal_at(sideways(0.2)))  # type: ignore[misc]
+    frame = pressed(ball, sideways(0.2))
     assert frame.outcome == "miss"
     assert np.ptp(frame.array) == 0.0
 
@@ -148,6 +146,7 @@ from palpate.core.poses import pad_rotation, pose_of
 from palpate.messages.types.motion import TouchGoal
 from palpate.nodes.specs.objects import ObjectSpec
 from palpate.nodes.specs.solids import SuperquadricSpec
+from palpate.nodes.runtime.testing import example
 from palpate.nodes.simulator import Params, start, touch
 ball = SuperquadricSpec(size=(0.03,) * 3, exponents=(1.0, 1.0))
 params = Params(object=ObjectSpec(superquadric=ball), effects={effects})
@@ -233,16 +232,11 @@ def test_a_frame_is_sent_as_often_as_the_link_delivers_it(ball: ObjectSpec, side
 
 
 def test_the_arm_says_where_it_believes_to_be(ball: ObjectSpec, sideways: Pose) -> None:
-    pose = sideways(0.03)
-    believed = {}
-    for name, effects in {"ideal": {}, "off": {"pose_error": {"sigma": 1e-3}}}.items():
-        params = Params(object=ball, effects=effects)
-        state, _ = start(params)
-        _, [(_, frame)] = touch(params, state, goal_at(pose))  # type: ignore[misc]
-        believed[name] = frame
+    ideal = pressed(ball, sideways(0.03))
+    off = pressed(ball, sideways(0.03), {"pose_error": {"sigma": 1e-3}})
     # Only the way along the normal, which the move measures, can tell.
-    assert np.allclose(believed["ideal"].pose[1:], believed["off"].pose[1:], atol=1e-15)
-    assert not np.allclose(believed["ideal"].array, believed["off"].array, atol=1e-8)
+    assert np.allclose(ideal.pose[1:], off.pose[1:], atol=1e-15)
+    assert not np.allclose(ideal.array, off.array, atol=1e-8)
 
 
 def test_listeners_are_told_of_noise_and_of_a_face_that_yields(ball: ObjectSpec) -> None:
@@ -325,15 +319,8 @@ MIDDLE = pose_of(np.array([0.0, 0.0, 0.03]), FACING_DOWN)
 
 
 def goal(**changes: Any) -> GraspGoal:
-    fields: dict[str, Any] = {
-        "number": 4,
-        "pose": MIDDLE,
-        "fingers": 5,
-        "opening": 0.1,
-        "reach": 0.1,
-        "not_before": 0.0,
-    }
-    return GraspGoal(**{**fields, **changes})
+    asked = GraspGoal(number=4, pose=MIDDLE, fingers=5, opening=0.1, reach=0.1, not_before=0.0)
+    return replace(asked, **changes)
 
 
 def grasp(params: Params, state: State, **changes: Any) -> tuple[State, GraspContacts]:
@@ -341,19 +328,6 @@ def grasp(params: Params, state: State, **changes: Any) -> tuple[State, GraspCon
     assert topic == "/hand/contacts" and isinstance(contacts, GraspContacts)
     assert encode(contacts)
     return state, contacts
-
-
-def touch_goal(number: int, contour: int, pose: Floats, not_before: float = 0.0) -> TouchGoal:
-    return TouchGoal(
-        goal=contour,
-        touch=number,
-        finger=1,
-        pose=pose,
-        reach=0.15,
-        depth=0.001,
-        direction=np.array([0.0, 0.0, 1.0]),
-        not_before=not_before,
-    )
 
 
 def felt(params: Params, state: State, asked: TouchGoal) -> tuple[State, TactileFrame]:
@@ -395,7 +369,7 @@ def test_the_hand_errs_without_shifting_what_the_finger_draws(ball: ObjectSpec) 
     _, two = grasp(params, grasped)
     arrays = []
     for before in (state, grasped):
-        above = touch_goal(0, 0, pose_of(np.array([0, 0, 0.1]), FACING_DOWN))
+        above = goal_at(pose_of(np.array([0, 0, 0.1]), FACING_DOWN))
         arrays.append(felt(params, before, above)[1].array)
     assert one.points.shape == two.points.shape
     assert 1e-6 < np.abs(one.points - two.points).max() < 2e-3
@@ -438,7 +412,7 @@ def test_the_moves_with_their_own_preset_give_the_robot_time_back(
     state, contacts = grasp(params, state)
     rows, times = [contacts.move], [contacts.robot_time]
     for number, (contour, height) in enumerate([(0, 0.03), (0, 0.035), (1, 0.04), (1, 0.3)]):
-        asked = touch_goal(number, contour, sideways(height), not_before=30.0 * number)
+        asked = goal_at(sideways(height), goal=contour, touch=number, not_before=30.0 * number)
         state, frame = felt(params, state, asked)
         rows.append(frame.move)
         times.append(frame.robot_time)
