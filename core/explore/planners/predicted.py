@@ -101,8 +101,7 @@ class Predicted:
         if prediction is not None and prediction.wants_refinement(
             observation.tolerance / observation.extent
         ):
-            costs = RefinementCosts(self.hidden_error, self.order, self.travel)
-            height = best_refinement(observation, profile.heights, prediction, spans, costs)
+            height = best_refinement(observation, profile.heights, prediction, spans, self)
             if height is not None:
                 height = _along_with(observation, spans, height)
                 return Height(height, "the predicted error is largest there")
@@ -147,18 +146,18 @@ def best_refinement(
     shares: Floats,
     prediction: ErrorPrediction,
     spans: Sequence[Span],
-    costs: RefinementCosts,
+    rule: Predicted,
 ) -> float | None:
     """The height at which one slice more is worth most, m; None where there is no room."""
     heights = (observation.low + observation.extent * shares).tolist()
     pairs = list(pairwise(heights))
-    variances = _variances(observation, pairs, prediction, spans, costs.hidden_error)
-    parts = parts_needed(variances, observation.tolerance / observation.extent / AMPLE, costs.order)
+    variances = _variances(observation, pairs, prediction, spans, rule.hidden_error)
+    parts = parts_needed(variances, observation.tolerance / observation.extent / AMPLE, rule.order)
     last = observation.slices[-1].height
     bottom, top = first_and_last(observation)
     offers = []
     for i, (low, high) in enumerate(pairs):
-        if any(low < busy_heights < high for busy_heights in observation.busy_heights):
+        if any(low < busy < high for busy in observation.busy_heights):
             continue  # another finger cuts it at this moment
         share = _place(int(parts[i]), float(prediction.indicators.bend_side[i]))
         inside = Span(max(low, bottom), min(high, top))  # a slice may lie beyond an end that moved
@@ -166,7 +165,7 @@ def best_refinement(
         height = free_height(observation, wanted, inside)
         if height is not None:
             away = abs(height - last) / observation.extent
-            offers.append((float(variances[i]) / (1.0 + costs.travel * away), away, height))
+            offers.append((float(variances[i]) / (1.0 + rule.travel * away), away, height))
     if not offers:
         return None
     most = max(value for value, _, _ in offers)
@@ -289,15 +288,6 @@ def _end(observation: Observation, prediction: ErrorPrediction | None, untouched
     else:
         said = "the slices lie as close as they may, and the error is not within tolerance"
     return Stop(said, small and covered, bound, max(untouched, loose))
-
-
-class RefinementCosts(NamedTuple):
-    """What is weighed; as in `palpate.core.explore.planners.Predicted`."""
-
-    # Error that an untouched stretch may hide, by the square of its share of the height.
-    hidden_error: float
-    order: float  # Of the error, in the number of parts
-    travel: float  # Cost of moving by the whole height, over that of a slice
 
 
 class ErrorPrediction(NamedTuple):
