@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array, positive
 from palpate.core.geometry import area_centroid, area_centroids
@@ -83,8 +82,7 @@ class ContourSolid:
         if self.radial is None:
             return self.loft.deviation(heights, turns)
         levels = np.interp(heights, self.radial.band_heights, self.radial.band)
-        deviation: Floats = np.repeat(levels[:, None], len(turns), axis=1)
-        return deviation
+        return np.repeat(levels[:, None], len(turns), axis=1)
 
     def uncertainty(self) -> Uncertainty:
         """What the error of the side stays below, and what is narrower than could be seen."""
@@ -323,19 +321,12 @@ def lattice_of(
 def refine_solid(
     fit: LatticeFit,
     closed: ContourSolid,
-    points: ArrayLike,
+    points: Floats,
     *,
     sigma: float | None = None,
     weights: bool = False,
 ) -> tuple[Surface, LatticeFit]:
-    """Change a lattice so that the side of its closed surface passes points (n, 3), m.
-
-    Raises
-    ------
-    ValueError
-        If a point is not finite, or the standard deviation `sigma` is not positive.
-    """
-    points = finite_array("points", points, (None, 3))
+    """Change a lattice so that the side of its closed surface passes points: `Solid.refined`."""
     ends = closed.bottom, closed.top
     surface = _closed(fit.side, ends)
     if sigma is not None:

@@ -63,7 +63,7 @@ class Evidence(NamedTuple):
     frame: Floats | None = None
 
     @property
-    def strays(self) -> int:
+    def outliers(self) -> int:
         """Single points of the contours that were found to be wrong, and left out."""
         return int(sum(loop.outlier.sum() for loop in self.slices.loops))
 
@@ -76,7 +76,7 @@ class Evidence(NamedTuple):
             "dropped": float(len(slices.dropped)),
             "perhaps_features": float(sum(one.may_be_feature for one in slices.dropped)),
             "suspicious": float(len(self.feature_candidates)),
-            "outlying_points": float(self.strays),
+            "outlying_points": float(self.outliers),
             "tilted": float(slices.tilted.sum()),
             "not_starlike": float((~are_nearly_star_shaped(away)).sum()),
             "self_intersecting": float(slices.self_intersecting.sum()),
@@ -156,11 +156,11 @@ def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Corre
 def _mended(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence]:
     """Without single points that are wrong, which are looked for again once others are mended."""
     for _ in range(PASSES):
-        strays = point_outliers(slices.loops, matched.places)
-        same = zip(slices.loops, strays.masks, strict=True)
+        outliers = point_outliers(slices.loops, matched.places)
+        same = zip(slices.loops, outliers.masks, strict=True)
         if all(np.array_equal(loop.outlier, mask) for loop, mask in same):
             break
-        loops = map(refitted_curve, slices.loops, strays.mended, strays.masks)
+        loops = map(refitted_curve, slices.loops, outliers.mended, outliers.masks)
         slices = restack(tuple(loops), slices.dropped)
         matched = _matched(slices)
     return slices, matched

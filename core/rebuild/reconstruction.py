@@ -347,5 +347,4 @@ class ConePatch:
         tip = self.tip if by[1] == 0 else np.zeros(3)
         if by[0] == 1:
             return (ring - tip) * (-1.0 if self.upper else 1.0)
-        found: Floats = tip + share * (ring - tip)
-        return found
+        return np.asarray(tip + share * (ring - tip))

@@ -83,7 +83,7 @@ class Solid:
     """A closed solid, and how it came about; lengths in the unit of the contours.
 
     What it answers is in the world, but heights, which count along the z axis of the slicing
-    frame; where ends are slanted, over its middle. What is kept of how it came about is seen from
+    frame; where ends are sheared, over its middle. What is kept of how it came about is seen from
     that frame: evidence, loft and ends, lattice, model.
     """
 
@@ -179,8 +179,8 @@ class Solid:
         Raises
         ------
         ValueError
-            If the method was not "lattice", a point is not finite, or so far aside of slanted
-            ends that these would have met before.
+            If the method was not "lattice", `sigma` is not positive, a point is not finite, or
+            so far aside of sloping ends that these would have met before.
         """
         if self.lattice is None or self.closed is None:
             raise ValueError(f"method must be lattice for a solid to be refined, got {self.method}")
@@ -423,9 +423,9 @@ def health_of(
     """All that is known of how a solid came about: see `Solid.health`."""
     found = evidence.health() | {"uncovered_below": 0.0, "uncovered_above": 0.0}
     if closed is not None:
-        strays = found["outlying_points"]
+        outliers = found["outlying_points"]
         found |= _of_side(closed)
-        found["outlying_points"] += strays
+        found["outlying_points"] += outliers
         if evidence.contacts is not None:
             found |= _of_contacts(closed)
     if lattice is not None:

@@ -108,7 +108,7 @@ def scaled_down(points: Floats, core: Bools | None = None) -> Scaled:
 def reported(
     scaled: Scaled, warps: Warps, found: SearchResult, noise: float | None, *, chosen: bool
 ) -> Recovery:
-    """What is said of a fit to scaled points.
+    """What is known of a fit to scaled points.
 
     `noise` is the standard deviation of the points in their unit, if it is known; `chosen` tells
     whether the exponents were chosen, not fitted.
@@ -121,7 +121,10 @@ def reported(
     free = np.ones(warps.total, bool)
     free[3:5] = not chosen
     left = int(inliers.sum()) - int(free.sum())
-    known = certainty(jacobian[inliers], noise or _scatter(residuals[inliers], left), free)
+    near = residuals[inliers]
+    # Unknown if the fit bent to all of them.
+    scatter = float(np.sqrt(near @ near / left)) if left > 0 else UNKNOWN
+    known = certainty(jacobian[inliers], noise or scatter, free)
     share, loose = 1.0, 1.0  # of what is folded, nothing is known
     if not found.folded:
         places, area = _surface(solid, place)
@@ -198,13 +201,6 @@ def certainty(jacobian: Floats, noise: float, free: Bools) -> Certainty:
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = root @ root.T
     return Certainty(covariance, rank, condition)
-
-
-def _scatter(residuals: Floats, left: int) -> float:
-    """Standard deviation of points, from what a fit left of it; unknown if it bent to them all."""
-    if left <= 0:
-        return UNKNOWN
-    return float(np.sqrt(residuals @ residuals / left))
 
 
 def _surface(solid: CanonicalSolid, place: Floats) -> tuple[Floats, float]:

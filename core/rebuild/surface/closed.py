@@ -43,7 +43,7 @@ class Surface:
     size: float  # Diagonal of its box, about
     # Pose (7,) of the frame in which the pieces are; None if they are where the surface is.
     frame: Floats | None = None
-    shear: Shear | None = None  # How the pieces are slanted before
+    shear: Shear | None = None  # How the pieces are sheared before
 
     def at(self, v: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (..., 3), or derivatives of them.

@@ -1,13 +1,13 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.geometry.distances import compare_surfaces, prepare_surface
 from palpate.core.geometry.meshes import solidity
 from palpate.core.poses import pose_of
 from palpate.core.rebuild.contours.contacts import ContactPoints
@@ -40,6 +40,11 @@ def ball(count: int, around: int, seed: int = 0, noise: float = 0.0) -> list[Flo
     return [contours[i] for i in rng.permutation(count)]
 
 
+@cache
+def plain_ball() -> Solid:
+    return reconstruct(ball(15, 60), tops=TOPS)
+
+
 def prism(count: int) -> list[Floats]:
     turn = 2 * np.pi * np.arange(60) / 60
     ring = RADIUS * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(60)])
@@ -52,7 +57,7 @@ def eight(height: float) -> Floats:
 
 
 def test_a_ball_comes_back_from_contours_in_any_order_and_direction() -> None:
-    rebuilt = reconstruct(ball(15, 60), tops=TOPS)
+    rebuilt = plain_ball()
     measures = rebuilt.measures()
     assert measures.moments.volume == pytest.approx(4 / 3 * np.pi * HALF**3, rel=1e-4)
     assert measures.area == pytest.approx(4 * np.pi * HALF**2, rel=1e-4)
@@ -60,7 +65,7 @@ def test_a_ball_comes_back_from_contours_in_any_order_and_direction() -> None:
 
 
 def test_the_mesh_is_closed_of_one_piece_and_as_fine_as_asked_for() -> None:
-    rebuilt = reconstruct(ball(15, 60), tops=TOPS)
+    rebuilt = plain_ball()
     coarse, fine = rebuilt.mesh(1.0), rebuilt.mesh(0.1)
     assert len(fine.faces) > 2 * len(coarse.faces)
     for mesh in (coarse, fine):
@@ -86,51 +91,10 @@ def test_a_touched_end_is_where_it_was_touched_and_an_untouched_flat_one_is_doub
     assert min(open_ended.uncovered) == pytest.approx(9.9)
 
 
-def test_a_contour_that_went_wrong_is_left_out_and_said() -> None:
-    contours = ball(27, 60)
-    heights = np.array([contour[0, 2] for contour in contours])
-    wrong = int(np.argsort(heights)[13])
-    contours[wrong] = contours[wrong] * [1.3, 1.3, 1.0]
-    rebuilt = reconstruct(contours, tops=TOPS)
-    assert [one.which for one in rebuilt.slices.dropped] == [wrong]
-    assert rebuilt.health()["dropped"] == 1.0
-    radii = np.linalg.norm(rebuilt.mesh().vertices, axis=1)
-    assert np.abs(radii - HALF).max() < 0.1
-
-
-def test_the_unit_and_the_place_change_nothing() -> None:
-    near = reconstruct(ball(15, 60), tops=TOPS)
-    offset = np.array([7.0, -3.0, 2.0])
-    far = reconstruct([1e-3 * c + offset for c in ball(15, 60)], tops=1e-3 * TOPS + offset)
-    volume = far.measures().moments.volume
-    assert volume == pytest.approx(1e-9 * near.measures().moments.volume, rel=1e-9)
-    assert far.measures().moments.centroid == pytest.approx(offset, abs=1e-6)
-
-
 def test_a_control_lattice_takes_the_shape_of_the_side() -> None:
-    lattice = reconstruct(ball(15, 60), tops=TOPS).lattice
+    lattice = plain_ball().lattice
     assert lattice.health.rms < 1e-4 * HALF
     assert lattice.health.folded == 0.0
-
-
-def test_two_contours_are_enough() -> None:
-    rebuilt = reconstruct(prism(2), tops=TOPS)
-    assert rebuilt.measures().moments.volume == pytest.approx(
-        np.pi * RADIUS**2 * 2 * HALF, rel=1e-3
-    )
-
-
-def test_the_distance_to_the_truth_stands_beside_what_can_be_told_apart() -> None:
-    mesh = reconstruct(ball(15, 60), tops=TOPS).mesh(0.02)
-    finer, coarser = (reconstruct(ball(15, 60), tops=TOPS).mesh(t) for t in (0.02, 0.04))
-    found = compare_surfaces(
-        prepare_surface(mesh.vertices, mesh.faces), prepare_surface(finer.vertices, finer.faces)
-    )
-    floor = compare_surfaces(
-        prepare_surface(coarser.vertices, coarser.faces),
-        prepare_surface(finer.vertices, finer.faces),
-    )
-    assert found.chamfer <= floor.chamfer
 
 
 @pytest.mark.parametrize(
@@ -149,11 +113,6 @@ def test_the_distance_to_the_truth_stands_beside_what_can_be_told_apart() -> Non
         ([eight(-HALF), eight(HALF)], None, "contours must run around an area"),
         (prism(4), [[0.0, 0.0]], "tops must have shape"),
         (prism(4), [[0.0, 0.0, np.nan]], "tops must be finite"),
-        (
-            prism(4),
-            [[0.0, 0.0, 10.0]],
-            "tops must not lie within the contours, got 10 where the last is at 49.5",
-        ),
     ],
 )
 def test_what_cannot_be_rebuilt_is_refused(
@@ -163,22 +122,12 @@ def test_what_cannot_be_rebuilt_is_refused(
         reconstruct(contours, tops=tops)
 
 
-def test_a_noise_of_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="noise must be positive"):
-        reconstruct(prism(4), noise=0.0)
-
-
-def test_a_figure_of_eight_is_left_out() -> None:
-    rebuilt = reconstruct([*prism(2), eight(0.0)])
-    assert [one[:2] for one in rebuilt.slices.dropped] == [(2, "around no area")]
-
-
 def test_no_tops_may_be_an_empty_list() -> None:
     assert reconstruct(prism(4), tops=[]).uncovered == reconstruct(prism(4)).uncovered
 
 
 def test_a_side_through_contours_close_together_and_unlike_does_not_swing_out() -> None:
-    even = reconstruct(ball(15, 60), tops=TOPS)
+    even = plain_ball()
     low, high = prism(2)
     narrow = np.array([0.6, 0.6, 1.0])
     step = reconstruct(
@@ -235,6 +184,11 @@ def egg(heights: Floats, points: int = 48) -> list[Floats]:
 EGG = egg(np.linspace(-29.5, 29.5, 15))
 
 
+@cache
+def whole(method: Method, faithful: bool = False) -> Solid:
+    return reconstruct(EGG, method=method, faithful=faithful)
+
+
 @pytest.mark.parametrize(
     ("method", "faithful", "off"),
     [
@@ -246,7 +200,7 @@ EGG = egg(np.linspace(-29.5, 29.5, 15))
     ],
 )
 def test_every_method_gives_a_closed_solid(method: Method, faithful: bool, off: float) -> None:
-    solid = reconstruct(EGG, method=method, faithful=faithful)
+    solid = whole(method, faithful)
     mesh = solid.mesh()
     found = solidity(mesh.vertices, mesh.faces)
     assert (solid.method, found.watertight, found.genus) == (method, True, 0)
@@ -256,21 +210,21 @@ def test_every_method_gives_a_closed_solid(method: Method, faithful: bool, off: 
 
 
 def test_what_does_not_come_from_a_skin_claims_no_uncertainty() -> None:
-    said = reconstruct(EGG, method="skin").uncertainty()
+    said = whole("skin").uncertainty()
     assert said is not None and said.most > 0.0
-    assert reconstruct(EGG, method="coarse").uncertainty() is None
-    assert reconstruct(EGG, method="thesis").uncertainty() is None
+    for solid in (whole("coarse"), whole("thesis")):
+        assert solid.uncertainty() is None is solid.whole_deviation()
 
 
 def test_the_program_differs_from_what_is_right() -> None:
-    right, program = (reconstruct(EGG, method="thesis", faithful=f) for f in (False, True))
+    right, program = whole("thesis"), whole("thesis", True)
     assert program.health()["widest_gap"] > 0.01 > right.health()["widest_gap"]
 
 
 def test_a_superquadric_says_how_well_it_fits() -> None:
     bulge = [ring * np.array([1 + 0.3 * np.sin(ring[0, 2] / 5), 1, 1]) for ring in EGG]
-    fits, misses = (reconstruct(c, method="coarse").health()["rms"] for c in (EGG, bulge))
-    assert fits < 1e-9 < 1.0 < misses
+    misses = reconstruct(bulge, method="coarse").health()["rms"]
+    assert whole("coarse").health()["rms"] < 1e-9 < 1.0 < misses
 
 
 @pytest.mark.parametrize(
@@ -304,9 +258,9 @@ def test_a_lattice_of_no_size_or_of_too_much_is_refused(size: Any) -> None:
 
 
 def test_the_lattice_is_put_around_the_section_that_a_grasp_found() -> None:
-    found = reconstruct(EGG, method="coarse").model
+    found = whole("coarse").model
     assert isinstance(found, Recovery)
-    fitted, grasped = reconstruct(EGG), reconstruct(EGG, grasp=found)
+    fitted, grasped = whole("lattice"), reconstruct(EGG, grasp=found)
     assert fitted.lattice is not None and grasped.lattice is not None
     assert grasped.lattice.section.half_extent == pytest.approx(found.size[:2], rel=0.02)
     assert grasped.measures().moments.volume == pytest.approx(VOLUME, rel=1e-3)
@@ -321,7 +275,7 @@ def test_what_is_no_patches_is_refused() -> None:
 
 def test_the_side_says_its_deviation_place_by_place() -> None:
     heights, turns = np.linspace(-20.0, 20.0, 5), np.arange(4) / 4
-    traced, coarse = reconstruct(EGG), reconstruct(EGG, method="coarse")
+    traced, coarse = whole("lattice"), whole("coarse")
     rng = np.random.default_rng(0)
     points = np.concatenate(EGG) + 0.05 * rng.normal(size=(sum(map(len, EGG)), 3))
     numbers = np.repeat(np.arange(len(EGG), dtype=np.int32), [len(ring) for ring in EGG])

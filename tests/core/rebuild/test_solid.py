@@ -206,9 +206,3 @@ def test_it_is_the_same_upside_down(oracle: Make) -> None:
     )
     assert said(other) == pytest.approx(said(one), rel=0.05)
     assert other.measures().moments.volume == pytest.approx(one.measures().moments.volume, rel=1e-4)
-
-
-def test_methods_that_do_not_say_have_none() -> None:
-    contours = cylinder(np.linspace(-0.045, 0.045, 10))
-    assert reconstruct(contours, method="thesis").whole_deviation() is None
-    assert reconstruct(contours, method="coarse").whole_deviation() is None
