@@ -17,6 +17,7 @@ from palpate.core.rebuild.surface.closed import (
 )
 from palpate.core.touch.forms import principal_curvatures, shape_operator
 
+Make = Callable[..., Any]
 SIZE = np.array([0.05, 0.04, 0.03])
 LATITUDE = 1.0
 RIM = SIZE[2] * np.sin(LATITUDE)
@@ -29,12 +30,12 @@ def end(profile: Profile, gap: float, *, upper: bool = True, shift: float = 0.0)
 
 
 @pytest.fixture
-def whole(ellipsoid_side: Callable[..., Any]) -> Surface:
+def whole(ellipsoid_side: Make) -> Surface:
     return close_surface(ellipsoid_side(SIZE))
 
 
 @pytest.fixture
-def capped(ellipsoid_side: Callable[..., Any]) -> Callable[..., Surface]:
+def capped(ellipsoid_side: Make) -> Callable[..., Surface]:
     def make(above: Profile, gap: float = 0.01, shift: float = 0.0) -> Surface:
         side = ellipsoid_side(SIZE, -LATITUDE, LATITUDE)
         return close_surface(side, end(Flat(0.0), 0.0, upper=False), end(above, gap, shift=shift))
@@ -138,7 +139,7 @@ def test_a_flat_end_has_an_edge_and_normals_on_both_sides_of_it(
     np.testing.assert_allclose(disc, [0, 0, 1], atol=1e-9)
 
 
-def test_a_surface_has_no_unit(ellipsoid_side: Callable[..., Any]) -> None:
+def test_a_surface_has_no_unit(ellipsoid_side: Make) -> None:
     small, large = (close_surface(ellipsoid_side(SIZE * unit)) for unit in (1e-6, 1e6))
     v, turns = places(50)
     np.testing.assert_allclose(small.normals(v, turns), large.normals(v, turns), atol=1e-12)
@@ -172,7 +173,7 @@ def test_normals_beyond_the_poles_are_refused(whole: Surface) -> None:
         whole.normals(-0.5, 0.0)
 
 
-def test_a_side_that_does_not_close_needs_an_end(ellipsoid_side: Callable[..., Any]) -> None:
+def test_a_side_that_does_not_close_needs_an_end(ellipsoid_side: Make) -> None:
     side = ellipsoid_side(SIZE, -0.5 * np.pi, LATITUDE)
     with pytest.raises(ValueError, match="top must be given, for the side does not close there"):
         close_surface(side)
@@ -180,7 +181,7 @@ def test_a_side_that_does_not_close_needs_an_end(ellipsoid_side: Callable[..., A
         close_surface(ellipsoid_side(SIZE, -LATITUDE, 0.5 * np.pi))
 
 
-def test_a_clockwise_side_is_refused(ellipsoid_side: Callable[..., Any]) -> None:
+def test_a_clockwise_side_is_refused(ellipsoid_side: Make) -> None:
     with pytest.raises(ValueError, match="side must run counter-clockwise"):
         close_surface(ellipsoid_side(SIZE * [1.0, -1.0, 1.0]))
 
@@ -199,7 +200,7 @@ class Moved:
         return np.asarray(self.side.at(v, turns, by) + self.shift * (by == (0, 0)))
 
 
-def test_an_ellipsoid_has_its_volume_and_its_inertia(ellipsoid_side: Callable[..., Any]) -> None:
+def test_an_ellipsoid_has_its_volume_and_its_inertia(ellipsoid_side: Make) -> None:
     found = measure_surface(close_surface(ellipsoid_side(SIZE)))
     a, b, c = SIZE**2
     assert found.moments.volume == pytest.approx(VOLUME, rel=1e-12)
@@ -210,12 +211,12 @@ def test_an_ellipsoid_has_its_volume_and_its_inertia(ellipsoid_side: Callable[..
     assert found.error < 1e-9
 
 
-def test_the_area_of_a_sphere_is_exact(ellipsoid_side: Callable[..., Any]) -> None:
+def test_the_area_of_a_sphere_is_exact(ellipsoid_side: Make) -> None:
     found = measure_surface(close_surface(ellipsoid_side([0.03, 0.03, 0.03])))
     assert found.area == pytest.approx(4 * np.pi * 0.03**2, rel=1e-12)
 
 
-def test_far_from_the_origin_nothing_is_lost(ellipsoid_side: Callable[..., Any]) -> None:
+def test_far_from_the_origin_nothing_is_lost(ellipsoid_side: Make) -> None:
     shift = np.array([100.0, -200.0, 300.0])
     here = measure_surface(close_surface(ellipsoid_side(SIZE)))
     there = measure_surface(close_surface(Moved(ellipsoid_side(SIZE), shift)))
@@ -225,9 +226,7 @@ def test_far_from_the_origin_nothing_is_lost(ellipsoid_side: Callable[..., Any])
     np.testing.assert_allclose(there.moments.second, expected, rtol=1e-9)
 
 
-def test_ends_count_and_the_pieces_between_edges_are_exact(
-    ellipsoid_side: Callable[..., Any],
-) -> None:
+def test_ends_count_and_the_pieces_between_edges_are_exact(ellipsoid_side: Make) -> None:
     low, high = -1.0, 0.5
     heights = 0.03 * np.sin([low, high])
     none = np.zeros(2)

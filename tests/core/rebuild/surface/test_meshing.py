@@ -15,6 +15,7 @@ from palpate.core.rebuild.ends.profiles import Conic, Flat, Profile, Superellips
 from palpate.core.rebuild.surface.closed import Surface, close_surface
 from palpate.core.rebuild.surface.meshing import DEFAULT_TOLERANCE, SurfaceMesh, mesh_surface
 
+Make = Callable[..., Any]
 SIZE = np.array([0.05, 0.04, 0.03])
 RIM = float(SIZE[2] * np.sin(1.0))
 PROFILES = [Flat(0.0), Flat(-1.0), Conic(-0.9), Superellipse(0.4, 20.0, 30.0)]
@@ -58,7 +59,7 @@ def farthest(surface: Surface, mesh: SurfaceMesh) -> float:
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 2e-5])
 def test_the_mesh_stays_within_the_tolerance_and_does_not_waste_it(
-    ellipsoid_side: Callable[..., Any], tolerance: float
+    ellipsoid_side: Make, tolerance: float
 ) -> None:
     surface = close_surface(ellipsoid_side(SIZE))
     off = farthest(surface, mesh_surface(surface, tolerance))
@@ -67,7 +68,7 @@ def test_the_mesh_stays_within_the_tolerance_and_does_not_waste_it(
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_meshes_with_ends_are_closed_and_within_the_tolerance(
-    ellipsoid_side: Callable[..., Any], profile: Profile
+    ellipsoid_side: Make, profile: Profile
 ) -> None:
     surface = capped(ellipsoid_side(SIZE, -1.0, 1.0), profile, (-RIM, RIM), 0.01)
     mesh = mesh_surface(surface)
@@ -85,21 +86,19 @@ def test_a_twisted_side_with_corners_is_within_the_tolerance() -> None:
     assert farthest(surface, mesh) <= 1e-4
 
 
-def test_a_quarter_of_the_tolerance_takes_four_times_the_vertices(
-    ellipsoid_side: Callable[..., Any],
-) -> None:
+def test_a_quarter_of_the_tolerance_takes_four_times_the_vertices(ellipsoid_side: Make) -> None:
     surface = close_surface(ellipsoid_side(SIZE))
     coarse, fine = (len(mesh_surface(surface, one).vertices) for one in (8e-5, 2e-5))
     assert fine / coarse == pytest.approx(4.0, rel=0.25)
 
 
-def test_vertices_know_their_places(ellipsoid_side: Callable[..., Any]) -> None:
+def test_vertices_know_their_places(ellipsoid_side: Make) -> None:
     surface = close_surface(ellipsoid_side(SIZE))
     mesh = mesh_surface(surface, 1e-4)
     np.testing.assert_allclose(surface.at(mesh.v, mesh.turns), mesh.vertices, atol=1e-15)
 
 
-def test_triangles_at_the_poles_are_no_slivers(ellipsoid_side: Callable[..., Any]) -> None:
+def test_triangles_at_the_poles_are_no_slivers(ellipsoid_side: Make) -> None:
     mesh = mesh_surface(close_surface(ellipsoid_side(SIZE)), 2e-5)
     corners = mesh.vertices[mesh.faces]
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
@@ -108,15 +107,11 @@ def test_triangles_at_the_poles_are_no_slivers(ellipsoid_side: Callable[..., Any
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1e-4, np.nan, np.inf])
-def test_a_tolerance_that_is_none_is_refused(
-    ellipsoid_side: Callable[..., Any], tolerance: float
-) -> None:
+def test_a_tolerance_that_is_none_is_refused(ellipsoid_side: Make, tolerance: float) -> None:
     with pytest.raises(ValueError, match="tolerance must be positive and finite"):
         mesh_surface(close_surface(ellipsoid_side(SIZE)), tolerance)
 
 
-def test_a_tolerance_that_needs_too_many_vertices_is_refused(
-    ellipsoid_side: Callable[..., Any],
-) -> None:
+def test_a_tolerance_that_needs_too_many_vertices_is_refused(ellipsoid_side: Make) -> None:
     with pytest.raises(ValueError, match="tolerance must let 2000000 vertices suffice, got 1e-09"):
         mesh_surface(close_surface(ellipsoid_side(SIZE)), 1e-9)

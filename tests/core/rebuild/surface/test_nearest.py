@@ -13,13 +13,14 @@ from palpate.core.rebuild.surface.closed import Surface, close_surface
 from palpate.core.rebuild.surface.meshing import mesh_surface
 from palpate.core.rebuild.surface.nearest import search_surface
 
+Make = Callable[..., Any]
 SIZE = np.array([0.05, 0.04, 0.03])
 RIM = float(SIZE[2] * np.sin(1.0))
 COARSE = 3e-4
 
 
 @pytest.fixture
-def capped(ellipsoid_side: Callable[..., Any]) -> Surface:
+def capped(ellipsoid_side: Make) -> Surface:
     """With a disc below and a square shoulder above."""
     none = np.zeros(2)
     return close_surface(
@@ -30,7 +31,7 @@ def capped(ellipsoid_side: Callable[..., Any]) -> Surface:
 
 
 def test_distances_from_an_ellipsoid_are_exact_though_the_mesh_is_coarse(
-    ellipsoid_side: Callable[..., Any],
+    ellipsoid_side: Make,
 ) -> None:
     search = search_surface(close_surface(ellipsoid_side(SIZE)), COARSE)
     points = np.random.default_rng(0).normal(size=(3000, 3)) * 0.04
@@ -87,14 +88,14 @@ def test_outside_an_edge_points_are_outside(capped: Surface) -> None:
 
 
 def test_the_middle_of_a_sphere_has_a_nearest_point_although_every_one_is(
-    ellipsoid_side: Callable[..., Any],
+    ellipsoid_side: Make,
 ) -> None:
     search = search_surface(close_surface(ellipsoid_side([0.03, 0.03, 0.03])), COARSE)
     foot = search.nearest([[0.0, 0.0, 0.0]])
     assert foot.distances == pytest.approx(-0.03)
 
 
-def test_a_point_on_the_axis_finds_the_pole(ellipsoid_side: Callable[..., Any]) -> None:
+def test_a_point_on_the_axis_finds_the_pole(ellipsoid_side: Make) -> None:
     search = search_surface(close_surface(ellipsoid_side(SIZE)), COARSE)
     foot = search.nearest([[0.0, 0.0, 0.2], [0.0, 0.0, -0.2]])
     np.testing.assert_allclose(foot.distances, 0.17, rtol=1e-12)
@@ -102,9 +103,7 @@ def test_a_point_on_the_axis_finds_the_pole(ellipsoid_side: Callable[..., Any]) 
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
-def test_nearest_points_do_not_depend_on_the_unit(
-    ellipsoid_side: Callable[..., Any], unit: float
-) -> None:
+def test_nearest_points_do_not_depend_on_the_unit(ellipsoid_side: Make, unit: float) -> None:
     points = np.random.default_rng(3).normal(size=(200, 3)) * 0.04
     plain, scaled = (
         search_surface(close_surface(ellipsoid_side(SIZE * one)), COARSE * one).nearest(
@@ -116,7 +115,7 @@ def test_nearest_points_do_not_depend_on_the_unit(
     assert scaled.converged.all()
 
 
-def test_a_point_that_is_not_finite_is_refused(ellipsoid_side: Callable[..., Any]) -> None:
+def test_a_point_that_is_not_finite_is_refused(ellipsoid_side: Make) -> None:
     search = search_surface(close_surface(ellipsoid_side(SIZE)), 1e-3)
     with pytest.raises(ValueError, match="points must be finite"):
         search.nearest([[np.nan, 0.0, 0.0]])
