@@ -328,20 +328,21 @@ class Recovery(FittedSuperquadric):
     # Parameters: logarithms of the semi-axes; exponents; a small turn, rad, about the solid's own
     # axes; position, m; widenings; curvature of the bend times its direction, 1/m.
     names: tuple[str, ...]
-    rank: int  # Parameters that the points determine to first order
+    rank: int = 0  # Parameters that the points determine to first order
     # Largest over smallest singular value of the Jacobian, its columns scaled to length 1 and those
     # that are nothing left out; 0 if nothing was fitted.
-    condition: float
+    condition: float = 0.0
     # Share of the surface with no inlier as near as the spacing of the points explains.
-    uncovered: float
+    uncovered: float = 1.0
     # Standard deviation of the surface along its normals, root mean square over it, m: how far off
     # the scatter of the points lets it be.
     looseness: float
-    converged: bool
+    converged: bool = False
     warnings: tuple[RecoveryWarning, ...]
-    choice: str | None  # Name of the shape that was chosen, where the exponents were given a choice
-    starts: int  # Fits that were started
-    steps: int  # Steps of the one that was taken
+    # Name of the shape that was chosen, where the exponents were given a choice.
+    choice: str | None = None
+    starts: int = 0  # Fits that were started
+    steps: int = 0  # Steps of the one that was taken
 
     def deviations(self) -> dict[str, float]:
         """Standard deviation of each parameter, by name."""
@@ -393,15 +394,8 @@ def unfitted(points: Floats, warps: Warps, warning: RecoveryWarning) -> Recovery
         rms=float(np.sqrt(np.mean(residuals**2))) if len(points) else 0.0,
         covariance=np.diag(units**2),
         names=names_of(warps),
-        rank=0,
-        condition=0.0,
-        uncovered=1.0,
         looseness=unit,
-        converged=False,
         warnings=(warning,),
-        choice=None,
-        starts=0,
-        steps=0,
     )
 
 

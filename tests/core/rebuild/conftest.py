@@ -1,4 +1,4 @@
-"""What a perfect finger would have felt of a superquadric that stands on height 0."""
+"""What a perfect finger would have touched of a superquadric that stands on height 0."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.core.rebuild.reconstruction import reconstruct
 from palpate.core.rebuild.solid import Solid
 from palpate.core.shapes.superquadrics import Superquadric
 
-BAND = 6e-3  # Half the height of the band that is felt along a contour, m
+BAND = 6e-3  # Half the height of the band that is touched along a contour, m
 AROUND = 120
 
 
@@ -38,7 +38,7 @@ class Oracle:
             low, high = np.where(inside, middle, low), np.where(inside, high, middle)
         return np.asarray(self._at(away * low[:, None], height) + self.middle)
 
-    def felt(self, points: Floats) -> ContactPoints:
+    def contacts_at(self, points: Floats) -> ContactPoints:
         """The points with their outward normals, by central differences of the gauge."""
         local, step = points - self.middle, 1e-6 * self.scale
         gradient = np.stack(
@@ -52,35 +52,35 @@ class Oracle:
         return ContactPoints(points, normals, np.zeros(len(points), np.int32))
 
     def band(self, share: float) -> ContactPoints:
-        """What the touches along a contour feel above and below it."""
+        """What the touches along a contour meet above and below it."""
         half = BAND * self.scale / self.shape.size[2]
         around = np.linspace(share - half, share + half, 9)
         near = [self.section(one) for one in around if abs(one) < 1.0]
-        return self.felt(np.concatenate(near))
+        return self.contacts_at(np.concatenate(near))
 
     def top(self) -> ContactPoints:
-        """What touches from above feel over the middle 0.4 of the width."""
+        """What touches from above meet over the middle 0.4 of the width."""
         along = np.linspace(-0.42, 0.42, 12)
         places = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
         origins = self._at(places * self.shape.size[:2], 3 * self.shape.size[2])
         ranges = self.shape.cast(origins, np.array([0.0, 0.0, -1.0]), 9 * self.shape.size[2])
-        return self.felt(origins - ranges[:, None] * [0.0, 0.0, 1.0] + self.middle)
+        return self.contacts_at(origins - ranges[:, None] * [0.0, 0.0, 1.0] + self.middle)
 
     def rebuilt(self, shares: Sequence[float], top: bool = True, **options: Any) -> Solid:
-        """From contours at these heights, all that was felt along them, and touches from above."""
-        contours, felt, tops = self.evidence(shares, top)
+        """From contours at these heights, contacts along them and from above."""
+        contours, contacts, tops = self.evidence(shares, top)
         options = {"method": "skin", **options}
-        return reconstruct(contours, patches=felt, tops=tops, **options)
+        return reconstruct(contours, patches=contacts, tops=tops, **options)
 
     def evidence(
         self, shares: Sequence[float], top: bool = True
     ) -> tuple[list[Floats], ContactPoints, Floats]:
-        """Contours, everything that was felt, and touches of the ends."""
+        """Contours, all contacts, and touches of the ends."""
         height = 2.0 * self.middle[2]
         parts = [self.band(share) for share in shares]
         tops = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, height]])[: 1 + top]
-        felt = stack_points([*parts, self.top()] if top else parts)
-        return [self.section(share) for share in shares], felt, tops
+        contacts = stack_points([*parts, self.top()] if top else parts)
+        return [self.section(share) for share in shares], contacts, tops
 
     def distances(self, points: Floats) -> Floats:
         """Radial distance of points (n, 3) from the surface, m."""

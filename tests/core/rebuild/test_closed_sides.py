@@ -229,17 +229,17 @@ def test_the_solid_of_a_larger_object_is_larger_and_else_the_same(
 
 
 def test_the_order_of_the_contours_does_not_matter(oracle: Make) -> None:
-    contours, felt, tops = oracle(*BALL).evidence(NINE)
-    one = reconstruct(contours, patches=felt, tops=tops, method="skin")
-    other = reconstruct(contours[::-1], patches=felt, tops=tops, method="skin")
+    contours, contacts, tops = oracle(*BALL).evidence(NINE)
+    one = reconstruct(contours, patches=contacts, tops=tops, method="skin")
+    other = reconstruct(contours[::-1], patches=contacts, tops=tops, method="skin")
     assert np.allclose(places(one), places(other), rtol=0, atol=1e-12)
 
 
 def test_the_figures_of_the_fit_are_told(oracle: Make) -> None:
-    contours, felt, tops = oracle(*BALL).evidence(NINE)
-    solid = reconstruct(contours, patches=felt, tops=tops, method="skin")
+    contours, contacts, tops = oracle(*BALL).evidence(NINE)
+    solid = reconstruct(contours, patches=contacts, tops=tops, method="skin")
     health = solid.health()
-    assert 0.9 * len(felt.points) < health["felt_points"] <= len(felt.points)
+    assert 0.9 * len(contacts.points) < health["felt_points"] <= len(contacts.points)
     assert health["felt_rms"] < 1e-6
     assert health["sigma"] == health["felt_sigma"] < 1e-6
     assert 1.0 < health["felt_condition"] < 1e10
@@ -250,11 +250,11 @@ def test_the_figures_of_the_fit_are_told(oracle: Make) -> None:
     assert 0.0 < uncertainty.rms < uncertainty.most < 1e-3
 
 
-def test_a_side_that_was_felt_at_one_height_alone_is_stretched_and_that_is_said(
+def test_a_side_that_was_touched_at_one_height_alone_is_stretched_and_that_is_said(
     oracle: Make,
 ) -> None:
-    contours, felt, tops = oracle([0.03, 0.03, 0.4], [1.0, 1.0]).evidence([0.0], top=False)
-    solid = reconstruct(contours, patches=felt, tops=tops, method="skin")
+    contours, contacts, tops = oracle([0.03, 0.03, 0.4], [1.0, 1.0]).evidence([0.0], top=False)
+    solid = reconstruct(contours, patches=contacts, tops=tops, method="skin")
     assert solid.health()["felt_stretched"] == 1.0
 
 
@@ -273,20 +273,20 @@ def test_sections_that_are_not_star_shaped_are_left_to_the_contours_and_that_is_
     normals = np.column_stack([across, np.zeros(len(across))])
     tops = np.array([[0.03, 0.0, 0.0], [0.03, 0.0, 0.06]])
     for given in (normals, None):
-        felt = ContactPoints(
+        contacts = ContactPoints(
             np.concatenate(contours),
             None if given is None else np.tile(given, (5, 1)),
             np.zeros(5 * len(ring), np.int32),
         )
-        solid = reconstruct(contours, patches=felt, tops=tops, method="skin")
+        solid = reconstruct(contours, patches=contacts, tops=tops, method="skin")
         alone = reconstruct(contours, tops=tops, method="skin")
         assert solid.health()["felt_unused"] == 1.0
         assert np.array_equal(places(solid), places(alone))
 
 
 def test_a_handful_of_points_is_left_out_and_that_is_said(oracle: Make) -> None:
-    contours, felt, tops = oracle(*BALL).evidence(NINE)
-    few = ContactPoints(felt.points[:50], felt.normals[:50], felt.touch[:50])
+    contours, contacts, tops = oracle(*BALL).evidence(NINE)
+    few = ContactPoints(contacts.points[:50], contacts.normals[:50], contacts.touch[:50])
     health = reconstruct(contours, patches=few, tops=tops, method="skin").health()
     assert health["felt_unused"] == 1.0
 
@@ -294,7 +294,7 @@ def test_a_handful_of_points_is_left_out_and_that_is_said(oracle: Make) -> None:
 def test_normals_tell_what_lies_between_a_few_contours(oracle: Make) -> None:
     true = oracle([0.05, 0.04, 0.05], [0.4, 0.9])
     contours, _, tops = true.evidence([-0.9, -0.45, 0.0, 0.45, 0.9])
-    normals = [true.felt(contour).normals for contour in contours]
+    normals = [true.contacts_at(contour).normals for contour in contours]
     plain = reconstruct(contours, tops=tops, method="skin")
     with_them = reconstruct(contours, normals=normals, tops=tops, method="skin")
     assert with_them.health()["felt_unused"] == 0.0
@@ -303,7 +303,7 @@ def test_normals_tell_what_lies_between_a_few_contours(oracle: Make) -> None:
 
 
 @pytest.mark.parametrize("name", ["ball", "cylinder"])
-def test_what_a_finger_feels_gives_the_object_back(
+def test_what_a_finger_touches_gives_the_object_back(
     name: str, finger: Any, domed: Pad, oracle: Make, request: pytest.FixtureRequest
 ) -> None:
     shape: Superquadric = request.getfixturevalue(name)

@@ -213,7 +213,7 @@ def test_a_contour_that_is_unlike_few_others_is_kept_and_told() -> None:
 
 
 def step(seed: int, noise: float) -> list[Floats]:
-    """A cylinder that narrows at once, felt at random heights close to the step as well."""
+    """A cylinder that narrows at once, touched at random heights close to the step as well."""
     rng = np.random.default_rng(seed)
     near = 6.0 + np.concatenate([rng.uniform(-3.0, 0.0, 2), 0.1 + rng.uniform(0.0, 3.0, 2)])
     heights = np.concatenate([rng.uniform(-49, 49, 12), near])

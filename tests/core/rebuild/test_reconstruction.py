@@ -150,7 +150,7 @@ def test_a_wild_side_is_meshed_however_coarsely(share: float) -> None:
 
 
 @pytest.mark.parametrize("count", [9, 11, 12, 15])
-def test_of_few_contours_a_neck_that_one_alone_has_felt_stays_and_is_listed(count: int) -> None:
+def test_of_few_contours_a_neck_that_one_alone_has_touched_stays_and_is_listed(count: int) -> None:
     contours = prism(count)
     which = count // 2
     contours[which] = contours[which] * [0.8, 0.8, 1.0]
@@ -279,8 +279,8 @@ def test_the_side_says_its_deviation_place_by_place() -> None:
     rng = np.random.default_rng(0)
     points = np.concatenate(EGG) + 0.05 * rng.normal(size=(sum(map(len, EGG)), 3))
     numbers = np.repeat(np.arange(len(EGG), dtype=np.int32), [len(ring) for ring in EGG])
-    felt = reconstruct(EGG, patches=ContactPoints(points, None, numbers))
-    for solid in (traced, felt):
+    contacts = reconstruct(EGG, patches=ContactPoints(points, None, numbers))
+    for solid in (traced, contacts):
         said = solid.deviation(heights, turns)
         assert said is not None and said.shape == (5, 4) and (said >= 0.0).all()
     assert coarse.deviation(heights, turns) is None

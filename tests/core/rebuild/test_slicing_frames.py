@@ -116,12 +116,12 @@ def test_it_is_searched_and_checked_where_it_is() -> None:
     assert (low < POSE[:3]).all() and (high > POSE[:3]).all()
 
 
-def test_everything_that_was_felt_is_taken_into_the_frame(oracle: Make) -> None:
-    contours, felt, tops = oracle([0.03, 0.025, 0.045], [1.0, 1.0]).evidence(
+def test_everything_that_was_touched_is_taken_into_the_frame(oracle: Make) -> None:
+    contours, contacts, tops = oracle([0.03, 0.025, 0.045], [1.0, 1.0]).evidence(
         np.linspace(-0.9, 0.9, 7)
     )
-    there = ContactPoints(moved(felt.points), turned(felt.normals), felt.touch)
-    one = reconstruct(contours, patches=felt, tops=tops, method="skin")
+    there = ContactPoints(moved(contacts.points), turned(contacts.normals), contacts.touch)
+    one = reconstruct(contours, patches=contacts, tops=tops, method="skin")
     other = reconstruct(
         [moved(each) for each in contours],
         patches=there,
@@ -137,7 +137,7 @@ def test_everything_that_was_felt_is_taken_into_the_frame(oracle: Make) -> None:
 def test_normals_at_the_contours_are_taken_into_the_frame(oracle: Make) -> None:
     true = oracle([0.03, 0.02, 0.04], [1.0, 1.0])
     contours = [true.section(share) for share in np.linspace(-0.9, 0.9, 5)]
-    normals = [true.felt(one).normals for one in contours]
+    normals = [true.contacts_at(one).normals for one in contours]
     normals[2][7] = np.nan  # one that nobody could tell
     one = reconstruct(contours, normals, method="skin")
     other = reconstruct(
@@ -277,10 +277,10 @@ def touches() -> ContactPoints:
             around = 2.0 * math.pi * (turn + rng.uniform(-0.02, 0.02, 12))
             out = np.column_stack([np.cos(around), np.sin(around)])
             heights = level + rng.uniform(-3e-3, 3e-3, 12)
-            felt = (heights < top_at(RADIUS * out)) & (heights > 0.0)
-            if felt.sum() > 2:
-                normals = np.column_stack([out, np.zeros(12)])[felt]
-                points = np.column_stack([RADIUS * out, heights])[felt]
+            beside = (heights < top_at(RADIUS * out)) & (heights > 0.0)
+            if beside.sum() > 2:
+                normals = np.column_stack([out, np.zeros(12)])[beside]
+                points = np.column_stack([RADIUS * out, heights])[beside]
                 parts.append(ContactPoints(points, normals, np.zeros(len(points), np.int32)))
     upward = np.array([-SLOPES[0], -SLOPES[1], 1.0]) / math.sqrt(1.0 + SLOPES @ SLOPES)
     for place in ((0.0, 0.0), (0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01)):
@@ -343,11 +343,12 @@ def test_points_where_both_ends_would_have_met_are_refused(solid: Solid) -> None
 
 
 def test_an_end_that_tops_alone_told_stays_where_it_is() -> None:
-    felt = touches()
-    under = felt._replace(
-        points=felt.points * [1.0, 1.0, -1.0], normals=np.asarray(felt.normals) * [1.0, 1.0, -1.0]
+    contacts = touches()
+    under = contacts._replace(
+        points=contacts.points * [1.0, 1.0, -1.0],
+        normals=np.asarray(contacts.normals) * [1.0, 1.0, -1.0],
     )
-    top = 2e-5 - float(felt.points[felt.points[:, 2] < 0.01, 2].min())
+    top = 2e-5 - float(contacts.points[contacts.points[:, 2] < 0.01, 2].min())
     found = reconstruct(
         [one * [1.0, 1.0, -1.0] for one in contours()], patches=under, tops=np.array([[0, 0, top]])
     )
@@ -366,12 +367,13 @@ def test_it_can_be_kept_and_more_can_be_added(solid: Solid) -> None:
     assert np.abs(more.search().nearest(surface_points()).distances).max() < 2e-5
 
 
-def test_it_moves_with_the_frame_in_which_it_was_felt(solid: Solid) -> None:
+def test_it_moves_with_the_frame_in_which_it_was_touched(solid: Solid) -> None:
     turn = rotations_from_vectors(np.array([[0.3, -0.5, 0.2]]))[0]
     pose = pose_of(np.array([0.1, -0.2, 0.3]), turn)
-    felt = touches()
-    moved = felt._replace(
-        points=transform_points(pose, felt.points), normals=np.asarray(felt.normals) @ turn.T
+    contacts = touches()
+    moved = contacts._replace(
+        points=transform_points(pose, contacts.points),
+        normals=np.asarray(contacts.normals) @ turn.T,
     )
     found = reconstruct(
         [transform_points(pose, one) for one in contours()],

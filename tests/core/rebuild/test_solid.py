@@ -92,10 +92,10 @@ def ends(low: float, high: float) -> Floats:
 def test_it_is_of_the_size_of_the_true_error(shape: Any, oracle: Make) -> None:
     true = oracle(*shape)
     rng = np.random.default_rng(0)
-    contours, felt, tops = true.evidence(SEVEN)
-    poses = 1e-4 * rng.normal(size=(120, 3))  # of touches, each of which felt a part of the points
-    touch = (len(poses) * np.arange(len(felt.points)) // len(felt.points)).astype(np.int32)
-    noisy = felt._replace(points=felt.points + poses[touch], touch=touch)
+    contours, contacts, tops = true.evidence(SEVEN)
+    poses = 1e-4 * rng.normal(size=(120, 3))  # of touches, each of a part of the points
+    touch = (len(poses) * np.arange(len(contacts.points)) // len(contacts.points)).astype(np.int32)
+    noisy = contacts._replace(points=contacts.points + poses[touch], touch=touch)
     contours = [one + 1e-4 * rng.normal(size=one.shape) for one in contours]
     solid = reconstruct(contours, patches=noisy, tops=tops, method="skin")
     mesh = solid.mesh(1e-4)
@@ -103,19 +103,19 @@ def test_it_is_of_the_size_of_the_true_error(shape: Any, oracle: Make) -> None:
     assert 0.4 * error < said(solid) < 4.0 * error
 
 
-def test_sharp_edges_of_the_side_that_taxels_felt_are_owned_up_to() -> None:
+def test_sharp_edges_of_the_side_that_taxels_touched_are_owned_up_to() -> None:
     rng = np.random.default_rng(0)
     turn, heights = rng.uniform(0.0, 2.0 * np.pi, 20_000), rng.uniform(-0.05, 0.05, 20_000)
     facet = (np.floor(turn / (np.pi / 3)) + 0.5) * np.pi / 3
     apothem = 0.026 / np.cos(turn - facet)
     points = np.column_stack([apothem * np.cos(turn), apothem * np.sin(turn), heights])
     normals = np.column_stack([np.cos(facet), np.sin(facet), np.zeros(20_000)])
-    felt = ContactPoints(points, normals, np.arange(20_000, dtype=np.int32) // 100)
+    contacts = ContactPoints(points, normals, np.arange(20_000, dtype=np.int32) // 100)
     rings = [
         np.column_stack([points[::200, :2][np.argsort(turn[::200])], np.full(100, z)])
         for z in np.linspace(-0.045, 0.045, 9)
     ]
-    solid = reconstruct(rings, patches=felt, tops=ends(-0.05, 0.05), method="skin")
+    solid = reconstruct(rings, patches=contacts, tops=ends(-0.05, 0.05), method="skin")
     assert solid.closed is not None and solid.closed.radial is not None
     assert solid.closed.radial.rms > 2.0 * solid.closed.radial.sigma
     error = np.sqrt(np.mean(solid.search().nearest(points[:2000]).distances ** 2))
@@ -142,7 +142,7 @@ def test_a_touched_end_hides_more_the_farther_the_last_contour_is() -> None:
     assert told[-1] > 5.0 * told[0]
 
 
-def test_fewer_contours_felt_alone_are_trusted_less(oracle: Make) -> None:
+def test_fewer_contours_touched_alone_are_trusted_less(oracle: Make) -> None:
     true = oracle(*EGG)
     told = [said(true.rebuilt(np.linspace(-0.9, 0.9, count))) for count in (3, 5, 9)]
     assert told == sorted(told, reverse=True)
@@ -150,13 +150,13 @@ def test_fewer_contours_felt_alone_are_trusted_less(oracle: Make) -> None:
 
 def test_noise_is_in_it(oracle: Make) -> None:
     rng = np.random.default_rng(0)
-    contours, felt, tops = oracle(*EGG).evidence(SEVEN)
-    noise = rng.normal(size=felt.points.shape)
+    contours, contacts, tops = oracle(*EGG).evidence(SEVEN)
+    noise = rng.normal(size=contacts.points.shape)
     told = [
         said(
             reconstruct(
                 contours,
-                patches=felt._replace(points=felt.points + sigma * noise),
+                patches=contacts._replace(points=contacts.points + sigma * noise),
                 tops=tops,
                 method="skin",
             )
@@ -166,15 +166,15 @@ def test_noise_is_in_it(oracle: Make) -> None:
     assert told == sorted(told)
 
 
-def test_what_was_felt_off_an_end_is_in_it(oracle: Make) -> None:
-    contours, felt, tops = oracle([0.03, 0.03, 0.04], [0.1, 1.0]).evidence(SEVEN)
-    assert felt.normals is not None
-    level = felt.normals[:, 2] > 0.95
-    tilted = felt.points.copy()
+def test_what_was_touched_off_an_end_is_in_it(oracle: Make) -> None:
+    contours, contacts, tops = oracle([0.03, 0.03, 0.04], [0.1, 1.0]).evidence(SEVEN)
+    assert contacts.normals is not None
+    level = contacts.normals[:, 2] > 0.95
+    tilted = contacts.points.copy()
     tilted[level, 2] -= 0.05 * (tilted[level, 0] + 0.03)  # 3 deg, from one side of the top on
     straight, leaning = (
         said(reconstruct(contours, patches=one, tops=tops, method="skin"))
-        for one in (felt, felt._replace(points=tilted))
+        for one in (contacts, contacts._replace(points=tilted))
     )
     assert leaning > 2.0 * straight
     assert leaning > 1e-4
@@ -192,12 +192,14 @@ def test_it_has_the_unit_of_the_contours(scale: float) -> None:
 
 def test_it_is_the_same_upside_down(oracle: Make) -> None:
     over = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # half a turn about x
-    contours, felt, tops = oracle(*EGG).evidence(SEVEN)
-    assert felt.normals is not None
+    contours, contacts, tops = oracle(*EGG).evidence(SEVEN)
+    assert contacts.normals is not None
     upside = ContactPoints(
-        transform_points(over, felt.points), transform_points(over, felt.normals), felt.touch
+        transform_points(over, contacts.points),
+        transform_points(over, contacts.normals),
+        contacts.touch,
     )
-    one = reconstruct(contours, patches=felt, tops=tops, method="skin")
+    one = reconstruct(contours, patches=contacts, tops=tops, method="skin")
     other = reconstruct(
         [transform_points(over, each) for each in contours],
         patches=upside,

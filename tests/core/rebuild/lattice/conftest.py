@@ -1,4 +1,4 @@
-"""Skins of objects between the heights -1 and 1, with what they were fitted to."""
+"""Lofts of objects between the heights -1 and 1, with what they were fitted to."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ SECTIONS: dict[str, Callable[[float, int], Floats]] = {
 }
 
 
-class Felt:
-    """An object, felt at some heights."""
+class SampledObject:
+    """An object, sampled at some heights."""
 
     def __init__(self, name: str, rows: int = 27, around: int = 80, noise: float = 0.0):
         self.section = SECTIONS[name]
@@ -65,7 +65,7 @@ class Felt:
         rng = np.random.default_rng(0)
         self.grid = grid + noise * rng.normal(size=grid.shape)
 
-    def skin(self) -> ContourLoft:
+    def loft(self) -> ContourLoft:
         return fit_contour_loft(self.heights, self.grid, low=-1.0, high=1.0)
 
     def contours(self) -> list[Floats]:
@@ -87,5 +87,5 @@ class Felt:
 
 
 @pytest.fixture(scope="session")
-def felt() -> Callable[..., Felt]:
-    return Felt
+def sampled() -> Callable[..., SampledObject]:
+    return SampledObject

@@ -25,16 +25,16 @@ def places(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("noise", [0.0, 0.002])
 @pytest.mark.parametrize("name", STARLIKE)
 def test_sections_seen_whole_from_the_middle_do_not_fold(
-    felt: Making, name: str, noise: float
+    sampled: Making, name: str, noise: float
 ) -> None:
-    skin = felt(name, noise=noise).skin()
+    skin = sampled(name, noise=noise).loft()
     fit = fit_lattice(skin.surface, 0.1 * skin.uncertainty().rms)
     assert fit.health.folded == 0.0
     assert fit.health.rms < max(0.1 * skin.uncertainty().rms, 1e-5)
 
 
-def test_the_side_is_the_deformed_prism_and_close_to_the_skin(felt: Making) -> None:
-    skin = felt("lobed").skin()
+def test_the_side_is_the_deformed_prism_and_close_to_the_skin(sampled: Making) -> None:
+    skin = sampled("lobed").loft()
     fit = fit_lattice(skin.surface)
     v, turns = places(300)
     side = fit.side.at(v, turns)
@@ -48,9 +48,9 @@ def test_the_side_is_the_deformed_prism_and_close_to_the_skin(felt: Making) -> N
 @pytest.mark.parametrize("by", [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2)])
 @pytest.mark.parametrize("weighted", [False, True])
 def test_derivatives_of_the_side_are_those_of_differences(
-    felt: Making, by: tuple[int, int], weighted: bool
+    sampled: Making, by: tuple[int, int], weighted: bool
 ) -> None:
-    fit = fit_lattice(felt("rounded box").skin().surface, 1e-4)
+    fit = fit_lattice(sampled("rounded box").loft().surface, 1e-4)
     if weighted:
         weights = np.random.default_rng(1).uniform(0.5, 2.0, fit.lattice.control.shape[:3])
         lattice = fit.lattice.with_control(fit.lattice.control, weights)
@@ -87,8 +87,8 @@ def test_a_round_end_closes_in_a_point_exactly() -> None:
     assert np.abs(np.linalg.norm(side, axis=1) - 1.0).max() < 1e-4
 
 
-def test_a_sound_lattice_is_proved_sound(felt: Making) -> None:
-    fit = fit_lattice(felt("bent tube", rows=9, around=24).skin().surface, 1e-3)
+def test_a_sound_lattice_is_proved_sound(sampled: Making) -> None:
+    fit = fit_lattice(sampled("bent tube", rows=9, around=24).loft().surface, 1e-3)
     assert fold_report(fit.lattice).verdict == "sound"
     assert fit.folds().verdict == "sound"
 
@@ -104,18 +104,18 @@ def test_a_section_bent_around_its_middle_folds_and_says_so() -> None:
     assert fit.health.rms < 1e-3
 
 
-def test_the_lattice_is_the_same_in_micrometres_and_kilometres(felt: Making) -> None:
-    one = felt("twisted lobes", rows=9, around=40)
-    lattice = fit_lattice(one.skin().surface, 1e-3).lattice
+def test_the_lattice_is_the_same_in_micrometres_and_kilometres(sampled: Making) -> None:
+    one = sampled("twisted lobes", rows=9, around=40)
+    lattice = fit_lattice(one.loft().surface, 1e-3).lattice
     for scale in (1e6, 1e-3):
         skin = fit_contour_loft(scale * one.heights, scale * one.grid, low=-scale, high=scale)
         other = fit_lattice(skin.surface, 1e-3 * scale).lattice
         assert np.allclose(other.control, scale * lattice.control, rtol=0, atol=1e-7 * scale)
 
 
-def test_an_offset_changes_nothing_but_the_place(felt: Making) -> None:
-    one, offset = felt("lobed", rows=15, around=60), np.array([300.0, -200.0])
-    near = fit_lattice(one.skin().surface, 1e-3)
+def test_an_offset_changes_nothing_but_the_place(sampled: Making) -> None:
+    one, offset = sampled("lobed", rows=15, around=60), np.array([300.0, -200.0])
+    near = fit_lattice(one.loft().surface, 1e-3)
     skin = fit_contour_loft(one.heights, one.grid + offset, low=-1.0, high=1.0)
     far = fit_lattice(skin.surface, 1e-3)
     v, turns = places(200)
@@ -124,21 +124,21 @@ def test_an_offset_changes_nothing_but_the_place(felt: Making) -> None:
 
 
 @pytest.mark.parametrize("size", [(4, 4), (6, 9), (9, 60)])
-def test_the_size_that_is_wanted_is_taken(felt: Making, size: tuple[int, int]) -> None:
-    fit = fit_lattice(felt("bent tube").skin().surface, size=size)
+def test_the_size_that_is_wanted_is_taken(sampled: Making, size: tuple[int, int]) -> None:
+    fit = fit_lattice(sampled("bent tube").loft().surface, size=size)
     assert fit.lattice.control.shape == (size[0], size[0], size[1], 3)
     # four layers cannot follow every bend of the tube
     assert fit.health.rms < (0.1 if size[1] == 4 else 1e-2)
 
 
 @pytest.mark.parametrize("size", [(3, 9), (9, 3)])
-def test_a_size_below_four_is_refused(felt: Making, size: tuple[int, int]) -> None:
+def test_a_size_below_four_is_refused(sampled: Making, size: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match="size must be at least 4 each way, got"):
-        fit_lattice(felt("bent tube").skin().surface, size=size)
+        fit_lattice(sampled("bent tube").loft().surface, size=size)
 
 
-def test_more_control_points_come_nearer_to_the_skin(felt: Making) -> None:
-    surface = felt("star").skin().surface
+def test_more_control_points_come_nearer_to_the_skin(sampled: Making) -> None:
+    surface = sampled("star").loft().surface
     misfits = [fit_lattice(surface, size=(side, 27)).health.rms for side in (5, 9, 17)]
     assert misfits[1] < 0.5 * misfits[0]
     assert misfits[2] < 0.5 * misfits[1]

@@ -24,10 +24,10 @@ def side_points(solid: Solid, count: int = 400) -> np.ndarray:
     return solid.lattice.side.at(rng.random(count), rng.random(count))
 
 
-def rms(felt: Any, solid: Solid) -> float:
+def rms(sampled: Any, solid: Solid) -> float:
     points = side_points(solid)
     points = points[np.abs(points[:, 2]) < 0.98]
-    return float(np.sqrt(np.mean(np.square(felt.off(points))))) / SIZE
+    return float(np.sqrt(np.mean(np.square(sampled.off(points))))) / SIZE
 
 
 def is_closed(solid: Solid) -> bool:
@@ -36,9 +36,9 @@ def is_closed(solid: Solid) -> bool:
     return bool(np.isfinite(mesh.vertices).all() and found.watertight and found.genus == 0)
 
 
-def test_fewer_points_than_unknowns_keep_the_control_points_near(felt: Making) -> None:
-    one = felt("bent tube", rows=24, around=41)
-    fit = fit_lattice(one.skin().surface, size=(7, 24))
+def test_fewer_points_than_unknowns_keep_the_control_points_near(sampled: Making) -> None:
+    one = sampled("bent tube", rows=24, around=41)
+    fit = fit_lattice(one.loft().surface, size=(7, 24))
     solid = reconstruct(one.contours(), size=(7, 24))
     for lattice in (fit.lattice, solid.lattice.lattice):
         assert lattice.control.shape == (7, 7, 24, 3)
@@ -46,16 +46,16 @@ def test_fewer_points_than_unknowns_keep_the_control_points_near(felt: Making) -
     assert rms(one, solid) < 5e-4
 
 
-def test_a_contour_that_is_missing_costs_little(felt: Making) -> None:
-    one = felt("lobed")
+def test_a_contour_that_is_missing_costs_little(sampled: Making) -> None:
+    one = sampled("lobed")
     contours = one.contours()
     del contours[13]
     solid = reconstruct(contours)
     assert rms(one, solid) < 1.5e-3
 
 
-def test_a_contour_of_another_size_is_left_out_and_a_clean_one_is_not(felt: Making) -> None:
-    one = felt("lobed", noise=0.002)
+def test_a_contour_of_another_size_is_left_out_and_a_clean_one_is_not(sampled: Making) -> None:
+    one = sampled("lobed", noise=0.002)
     contours = one.contours()
     clean = reconstruct(contours)
     contours[13] = contours[13] * [1.3, 1.3, 1.0]
@@ -65,8 +65,8 @@ def test_a_contour_of_another_size_is_left_out_and_a_clean_one_is_not(felt: Maki
     assert rms(one, solid) < 2e-3
 
 
-def test_strong_noise_is_not_followed(felt: Making) -> None:
-    one = felt("lobed", noise=0.015 * SIZE)
+def test_strong_noise_is_not_followed(sampled: Making) -> None:
+    one = sampled("lobed", noise=0.015 * SIZE)
     solid = reconstruct(one.contours())
     # A fit to points that correspond leaves 0.003 of the size; raw points cost as much again.
     assert rms(one, solid) < 0.6 * 0.015
@@ -74,8 +74,8 @@ def test_strong_noise_is_not_followed(felt: Making) -> None:
     assert np.isfinite(solid.lattice.lattice.control).all()
 
 
-def test_a_top_contour_that_is_a_point_closes_there(felt: Making) -> None:
-    contours = felt("bent tube", rows=15, around=60).contours()
+def test_a_top_contour_that_is_a_point_closes_there(sampled: Making) -> None:
+    contours = sampled("bent tube", rows=15, around=60).contours()
     contours.append(np.tile([1.2, 0.1, 1.0], (60, 1)))
     solid = reconstruct(contours)
     assert is_closed(solid)
@@ -83,15 +83,15 @@ def test_a_top_contour_that_is_a_point_closes_there(felt: Making) -> None:
 
 
 @pytest.mark.parametrize("rows", [2, 3])
-def test_two_or_three_contours_make_a_cubic_lattice(felt: Making, rows: int) -> None:
-    solid = reconstruct(felt("rounded box", rows=rows, around=60).contours())
+def test_two_or_three_contours_make_a_cubic_lattice(sampled: Making, rows: int) -> None:
+    solid = reconstruct(sampled("rounded box", rows=rows, around=60).contours())
     assert is_closed(solid)
     assert solid.lattice.lattice.volume.bases[2].degree == 3
     assert solid.lattice.health.folded == 0.0
 
 
-def test_uneven_and_repeated_heights_do_not_fold(felt: Making) -> None:
-    one = felt("rounded box", rows=15, around=60)
+def test_uneven_and_repeated_heights_do_not_fold(sampled: Making) -> None:
+    one = sampled("rounded box", rows=15, around=60)
     contours = one.contours()
     for contour, height in zip(contours, np.sort(one.heights**3), strict=True):
         contour[:, 2] = height
@@ -121,9 +121,9 @@ def test_forty_control_points_each_way_are_solved_for_many_points() -> None:
 @pytest.mark.parametrize("name", ["lobed", "rounded box", "star"])
 @pytest.mark.parametrize(("rows", "around", "noise"), [(27, 81, 0.0), (27, 81, 4e-3), (9, 24, 0.0)])
 def test_the_lattice_is_as_near_to_the_object_as_the_skin(
-    felt: Making, name: str, rows: int, around: int, noise: float
+    sampled: Making, name: str, rows: int, around: int, noise: float
 ) -> None:
-    one = felt(name, rows=rows, around=around, noise=noise)
+    one = sampled(name, rows=rows, around=around, noise=noise)
     lattice, skin = (reconstruct(one.contours(), method=way) for way in ("lattice", "skin"))
     v, turns = np.random.default_rng(1).uniform(0.05, 0.95, (2, 400))
     errors = [float(one.off(solid.surface.at(v, turns)).mean()) for solid in (lattice, skin)]

@@ -96,7 +96,7 @@ def test_doubtful_points_draw_less() -> None:
     assert left[2] > 1.8
 
 
-def test_a_touch_on_a_dent_that_nobody_felt_brings_the_surface_nearer_there() -> None:
+def test_a_touch_on_a_dent_that_nobody_touched_brings_the_surface_nearer_there() -> None:
     def dent(points: np.ndarray) -> np.ndarray:
         """A ball with a shallow dent at +x."""
         way = points / np.linalg.norm(points, axis=1, keepdims=True)
@@ -167,8 +167,8 @@ def test_what_is_no_point_is_refused(points: Any, sigma: float | None, words: st
         ball().refined(points, sigma=sigma)
 
 
-def test_a_deviation_of_nothing_is_refused(felt: Making) -> None:
-    fit: LatticeFit = fit_lattice(felt("bent tube", rows=9, around=24).skin().surface, 1e-3)
+def test_a_deviation_of_nothing_is_refused(sampled: Making) -> None:
+    fit: LatticeFit = fit_lattice(sampled("bent tube", rows=9, around=24).loft().surface, 1e-3)
     with pytest.raises(ValueError, match="sigma must be positive, got 0 m"):
         refine_lattice(fit, np.ones((1, 3)), np.full((1, 2), 0.5), sigma=np.zeros(1))
     assert isinstance(fit.lattice, Lattice)
