@@ -127,15 +127,7 @@ def _cost(run: RunMoves, name: str, touches: int) -> Costs:
 def with_recomputed_waits(
     fingers: Sequence[FingerMoves], robot: RobotPreset | SlidingPreset
 ) -> list[MoveGeometry]:
-    """The moves of all fingers, with the waits that this robot would have.
-
-    Parameters
-    ----------
-    fingers : sequence of FingerMoves
-        What was recorded.
-    robot : Preset or Sliding
-        Who makes the moves.
-    """
+    """The moves of all fingers, with the waits that this robot would have."""
     work = [move_durations(one.moves._replace(wait=0.0 * one.moves.wait), robot) for one in fingers]
     lasts = [one.total() for one in work]
     waits = [one.moves.wait.copy() for one in fingers]
@@ -183,11 +175,6 @@ def _part_figures(made: MoveDurations, which: Bools) -> Costs:
 
 def read_moves(run: Path) -> RunMoves:
     """The moves of a run.
-
-    Parameters
-    ----------
-    run : Path
-        A recording, or the folder of a run.
 
     Raises
     ------

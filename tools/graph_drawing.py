@@ -114,15 +114,7 @@ def write_picture(graph: Graph, path: Path, title: str) -> None:
 
 
 def draw_svg(sketch: Sketch, title: str) -> str:
-    """The wiring as the text of an SVG file.
-
-    Parameters
-    ----------
-    sketch : Sketch
-        The graph.
-    title : str
-        What the picture shows, for who cannot see it.
-    """
+    """The wiring as the text of an SVG file."""
     places, strands, right, bottom = lay_out(sketch)
     parts = [line for one in strands for line in _strand_lines(one, places)]
     parts += [line for one in places for line in _box_lines(one)]
@@ -312,11 +304,6 @@ def layers_of(edges: Edges) -> list[list[int]]:
     Edges that go back to where they came from are not asked. The column is the length of the
     longest way to a box; within it, boxes are ordered by the mean place of their neighbours,
     which lessens crossings.
-
-    Parameters
-    ----------
-    edges : map
-        Every box, in the order in which the ways begin, to its subscribers.
     """
     back = back_edges(edges)
     onward = {box: [t for t in targets if (box, t) not in back] for box, targets in edges.items()}

@@ -78,13 +78,6 @@ def _sorted_imports(text: str, name: str) -> str:
 def init_effect(name: str, folder: Path) -> tuple[Path, str]:
     """Write the module of a new effect.
 
-    Parameters
-    ----------
-    name : str
-        The module's name: lower case, with underscores.
-    folder : Path
-        Where to put it.
-
     Returns
     -------
     path : Path
@@ -108,13 +101,6 @@ def init_effect(name: str, folder: Path) -> tuple[Path, str]:
 
 def init_planner(name: str, folder: Path) -> tuple[Path, Path, str]:
     """Write the module of a new planner, and its test.
-
-    Parameters
-    ----------
-    name : str
-        The module's name: lower case, with underscores.
-    folder : Path
-        Where to put them.
 
     Returns
     -------
@@ -146,19 +132,6 @@ def init_planner(name: str, folder: Path) -> tuple[Path, Path, str]:
 
 def class_name_of(name: str, what: str, taken: Container[str], path: Path, *texts: str) -> str:
     """The class in a new module.
-
-    Parameters
-    ----------
-    name : str
-        The module's name: lower case, with underscores.
-    what : str
-        What it is, with its article.
-    taken : container of str
-        Names that palpate has given to others.
-    path : Path
-        Where the module will lie.
-    texts : str
-        What will be written, in which the class must have no other meaning.
 
     Raises
     ------

@@ -338,21 +338,7 @@ def rebuild_record(
 def rebuild_warnings(
     solid: Solid, mesh: SurfaceMesh, found: MeasuredContours, unit: str, crossings: int
 ) -> list[str]:
-    """Sentences about everything that a user should doubt.
-
-    Parameters
-    ----------
-    solid : Solid
-        What was rebuilt, in m.
-    mesh : SurfaceMesh
-        Its triangles.
-    found : PointsFound
-        What it was rebuilt from.
-    unit : str
-        As which that was read.
-    crossings : int
-        Pairs of triangles that pass through each other.
-    """
+    """Sentences about everything that a user should doubt."""
     said = _size(mesh.vertices, unit) + _contours(solid, found.places)
     health = solid.health()
     for name, (one, more) in COUNT_WARNINGS.items():

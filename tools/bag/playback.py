@@ -77,17 +77,7 @@ def play_recording(entry: Entry, *, quiet: bool) -> int:
 
 
 class PlaybackWatcher:
-    """Says what a player does.
-
-    Parameters
-    ----------
-    wiring : Wiring
-        The player's.
-    quiet : bool
-        Whether it publishes nothing.
-    keys : Keys
-        Told that the graph is up, and that it goes on.
-    """
+    """Says what a player does."""
 
     def __init__(self, wiring: Wiring, *, quiet: bool, keys: Keyboard) -> None:
         self.sent = 0

@@ -82,17 +82,7 @@ class _Blow:
 
 
 class FaultInjector:
-    """Puts its faults into one run.
-
-    Parameters
-    ----------
-    process : Popen
-        The launcher, in a session of its own.
-    out : Path
-        The run directory.
-    faults : iterable of Fault
-        What to do.
-    """
+    """Puts its faults into one run."""
 
     def __init__(
         self, process: subprocess.Popen[bytes], out: Path, faults: Iterable[Fault]

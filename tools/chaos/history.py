@@ -189,12 +189,7 @@ class Answer(NamedTuple):
 def causality_violations(history: History, *, whole: bool) -> Iterator[Violation]:
     """Messages that answer what was not published, or not yet.
 
-    Parameters
-    ----------
-    history : History
-        What was recorded.
-    whole : bool
-        Whether it has an end; if not, a cause may just have had no time to be recorded.
+    Without an end (`whole` false) a cause may just have had no time to be recorded.
     """
     first = _first_said(history)
     for event in history.events:

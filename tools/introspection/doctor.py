@@ -181,17 +181,7 @@ def graphs_findings(cards: list[RunCard]) -> Iterator[Finding]:
 def graph_findings(
     card: RunCard, answer: Mapping[str, Any], beats: Mapping[str, StatusSample]
 ) -> Iterator[Finding]:
-    """What there is to say of one graph.
-
-    Parameters
-    ----------
-    card : Card
-        The running graph.
-    answer : mapping
-        What its launcher says.
-    beats : mapping of str to Beats
-        What its nodes say.
-    """
+    """What there is to say of one graph."""
     nodes, title = answer["nodes"], f"{card.run[:6]} ({card.name})"
     faults = list(_faults(title, nodes, beats))
     if faults:

@@ -34,15 +34,7 @@ _WHOLE = TextStyle(full=True)
 
 
 def yaml_lines(fields: Mapping[str, Any], style: TextStyle = _WHOLE) -> Iterator[str]:
-    """Fields in YAML, one a line, and so those of tables within them.
-
-    Parameters
-    ----------
-    fields : mapping
-        Name of the field to its value: a number, text, array, or list or table of such.
-    style : Style
-        How much is shown, and how.
-    """
+    """Fields in YAML, one a line, and so those of tables within them."""
     if style.flow:
         yield _flow(fields, style)
         return

@@ -20,15 +20,7 @@ POSE_UNITS = {"m, 1": ("m",) * 3 + ("1",) * 4}
 
 
 class TopicComparison:
-    """The messages of one topic; those that wait for their counterpart are held.
-
-    Parameters
-    ----------
-    topic : str
-        The topic on the wire.
-    cls : type
-        Type of its messages.
-    """
+    """The messages of one topic; those that wait for their counterpart are held."""
 
     def __init__(self, topic: str, cls: type) -> None:
         self.topic = topic
@@ -139,13 +131,7 @@ class FieldChange:
 
 
 class TopicChanges:
-    """The changes of one topic's messages.
-
-    Parameters
-    ----------
-    cls : type
-        The message type.
-    """
+    """The changes of one topic's messages."""
 
     def __init__(self, cls: type) -> None:
         self._cls = cls

@@ -59,13 +59,7 @@ class _Link:
 
 
 class MessageExchange:
-    """Replayed nodes, and what is under way between them.
-
-    Parameters
-    ----------
-    players : sequence of Player
-        The nodes.
-    """
+    """Replayed nodes, and what is under way between them."""
 
     def __init__(self, players: Sequence[ReplayedNode]) -> None:
         self._players = players
@@ -160,11 +154,6 @@ class MessageExchange:
 
 class ReplayedNode:
     """A node under replay.
-
-    Parameters
-    ----------
-    chosen : Chosen
-        The node.
 
     Raises
     ------
@@ -300,11 +289,6 @@ def in_order_of_sending(recording: Recording) -> Iterator[RecordedMessage]:
     """Messages by the time at which they were sent; those of one time as they were received.
 
     Processes of one machine share the clock, so no effect comes before its cause.
-
-    Parameters
-    ----------
-    recording : Recording
-        What to read; it is read twice.
 
     Raises
     ------

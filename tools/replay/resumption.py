@@ -112,15 +112,7 @@ def _load(recording: Recording, one: RecordedNode, nodes: Sequence[str]) -> AnyN
 
 
 def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage]) -> EarlierRun:
-    """What each node had received, and what it had published when, in the order of sending.
-
-    Parameters
-    ----------
-    wirings : sequence of Wiring
-        The nodes; a recorder writes all of it anew.
-    messages : iterable of Kept
-        The messages that had been sent, by the time of sending.
-    """
+    """What each node had received, and what it had published when, in the order of sending."""
     listeners: dict[str, list[tuple[str, str]]] = {}
     speaker = {topic: one for one in wirings for topic in one.outputs.values()}
     heard: dict[str, list[ConsumedAt]] = {one.name: [] for one in wirings}
@@ -155,15 +147,6 @@ def answered_messages(
     """What a node that acts had answered: each message by one of its own at least, in its order.
 
     What it needs before all else does not count, nor what it publishes before it is asked anything.
-
-    Parameters
-    ----------
-    wiring : Wiring
-        The node's.
-    heard : sequence of (Consumed, int)
-        What was sent to it.
-    said : sequence of Spoken
-        What it had published.
     """
     node = load_node(wiring.module)
     needs = node.needs if isinstance(node, Node) else ()
