@@ -15,13 +15,10 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, finite_array
 
-# A bad contour spoils five predictions: with fewer, nothing tells how good contours fare.
-LEAST_SLICES = 9
-# Quantile of the prediction errors that stands for good contours: three bad ones spoil half.
-USUAL = 0.2
+LEAST_SLICES = 9  # A bad contour spoils five predictions: fewer slices do not tell good ones
+USUAL = 0.2  # Quantile of the errors that stands for good contours: three bad ones spoil half
 CLEARLY = 6.0  # A bad contour is off by more than so many times that error,
-# and by more than this share of the mean distance from the middles: less does little harm.
-LEAST_OFF = 0.02
+LEAST_OFF = 0.02  # and by more than this share of the mean distance from the middles
 # Of that: a contour is looked at only if its own prediction is off by more. It would be by 0.7, but
 # a second bad one within 4 may take most of it away.
 OWN = 0.2
@@ -29,14 +26,11 @@ OWN = 0.2
 # is left when it is put right, the object itself is like that. Its edges leave 0.05, its steps
 # 0.12.
 UNEXPLAINED = 0.02
-# The same where another contour within 4 is bad as well, for two together explain more.
-UNEXPLAINED_NEAR = 0.01
-# The same next to the lowest and the highest, where an object that rounds off leaves 0.01.
-UNEXPLAINED_END = 0.003
+UNEXPLAINED_NEAR = 0.01  # Where another within 4 is bad as well: two explain more
+UNEXPLAINED_END = 0.003  # Next to lowest and highest: objects that round off leave 0.01
 PAIRED = (2, 3, 4)  # Two bad contours so far apart spoil each other's test, and are tried together
 FAR = 0.1  # Of the mean radius: a contour that is off by less does little harm
-# Times what its neighbours are off once it is put away, by which a contour must be off.
-CANDIDATE_CLEARLY = 4.0
+CANDIDATE_CLEARLY = 4.0  # Times what its neighbours are off without it, that one must be off
 # With fewer nothing is left to compare with. Of three the middle one may well be the widest; one
 # that is narrower than both others, or aside, is a candidate.
 CANDIDATE_LEAST_SLICES = 4
@@ -55,19 +49,13 @@ class InconsistentContours(NamedTuple):
 def inconsistent_contours(heights: ArrayLike, grid: ArrayLike) -> InconsistentContours:
     """Find contours that contradict their neighbours.
 
-    A wrong contour's own prediction and those of its neighbours are off by known shares of its
-    displacement; an edge, a step or a zigzag of the object itself leaves other shares. But what a
-    single contour has touched, a groove narrower than twice the spacing, is no different from a
-    contour gone wrong. The lowest and the highest contour are never bad: beyond them nothing tells
-    how the object rounds off. None is bad where there are fewer than 9, or so many bad, more than
-    one in five or so, that nothing tells how good ones fare.
-
-    Parameters
-    ----------
-    heights : (M,) array
-        Rising, m.
-    grid : (M, K, 2) array
-        Contours, matched place by place, m.
+    Of contours (M, K, 2) at rising heights (M,), matched place by place, m. A wrong one's own
+    prediction and those of its neighbours are off by known shares of its displacement; an edge, a
+    step or a zigzag of the object itself leaves other shares. But what a single contour has
+    touched, a groove narrower than twice the spacing, is no different from a contour gone wrong.
+    The lowest and the highest contour are never bad: beyond them nothing tells how the object
+    rounds off. None is bad where there are fewer than 9, or so many bad, more than one in five or
+    so, that nothing tells how good ones fare.
 
     Raises ValueError if a shape is wrong, a number not finite, or the heights do not rise.
     """

@@ -8,6 +8,7 @@ its lobes), a ray along x, and azimuths. Leaving slices out decides.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -23,18 +24,15 @@ from palpate.core.rebuild.contours.slices import Slices
 
 CorrespondenceMethod = Literal["twist", "signature", "ray", "azimuth"]
 LEAST_COUNT = 3
-# Of the score of the least twist: another method must do better than that to be taken.
-CLEARLY = 0.85
+CLEARLY = 0.85  # Of the score of the least twist: another method must beat that to be taken
 WHOLE = 6  # Slices from which on only those count that have two neighbours on either side
 EXACT = 1e-6  # Of the perimeter: distances below are not told apart
 SCORED = 64  # Places around, at least, at which methods are compared
 LEAST_SLICES = 3  # With fewer no slice lies between others
 REACH = 0.17  # Turns on either side of the least twist within which lobes are sought
-# Standard deviation of a signature, over the mean distance, below which there is nothing in it.
-LEAST_RELIEF = 0.02
+LEAST_RELIEF = 0.02  # Deviation of a signature, over the mean distance, that tells nothing
 LEAST_ALIKE = 0.5  # Correlation of two signatures below which they are not of one shape
-# What a change of the step, squared, in turns, from one pair to the next costs, in correlation.
-CHANGE = 15.0
+CHANGE = 15.0  # Cost of a change of the step between pairs, squared, in turns, in correlation
 TWIST = 1.5  # What a departure from the least twist, squared, in turns, costs
 # Slices are set apart by so many times the width of everything, so that no place is nearest to a
 # point of another slice.
@@ -109,18 +107,15 @@ def _places(slices: Slices, count: int, methods: tuple[CorrespondenceMethod, ...
     # In the middle of the stack, so that what is wrong in a step moves few slices.
     middle = len(shapes) // 2
     around = np.arange(count) / count
-    found = []
-    for method in methods:
-        if method == "azimuth":
-            found.append(_azimuths(slices, around))
-            continue
-        turns = rays
-        if method == "twist":
-            turns = begin_turns(steps, middle, rays[middle])
-        elif method == "signature":
-            turns = begin_turns(follow_signatures(shapes, steps), middle, rays[middle])
-        found.append(turns[:, None] + around)
-    return np.stack(found)
+    found: dict[CorrespondenceMethod, Callable[[], Floats]] = {
+        "twist": lambda: begin_turns(steps, middle, rays[middle])[:, None] + around,
+        "signature": lambda: (
+            begin_turns(follow_signatures(shapes, steps), middle, rays[middle])[:, None] + around
+        ),
+        "ray": lambda: rays[:, None] + around,
+        "azimuth": lambda: _azimuths(slices, around),
+    }
+    return np.stack([found[method]() for method in methods])
 
 
 def start_ray(shapes: Floats) -> Floats:
@@ -258,8 +253,7 @@ def slice_distance(curves: Floats, points: Floats) -> Floats:
     To the tangent at the nearest of the curve's places, at even steps of its turn, as far as that
     place stands for it: one search for all.
     """
-    # About each slice's own middle: width must not grow by where an object leans to.
-    middles = curves.mean(axis=1)
+    middles = curves.mean(axis=1)  # Width must not grow by where an object leans to
     curves = curves - middles[:, None]
     points = points - middles[:, None]
     far = APART * max(float(np.abs(curves).max()), float(np.abs(points).max()))

@@ -72,8 +72,7 @@ CLEAR = 8.0  # Chords so many times longer than the noise tell how even the step
 WIDEST = 6  # Of the points, one in so many is the longest such chord: a sixth of a turn
 
 
-# Deviation of a point from the cubic through two neighbours on either side, of its noise.
-CUBIC_GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))
+CUBIC_GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))  # Of noise, from the cubic through two on each side
 BACK = 0.1  # Angle by which a polygon may go back around the origin, rad: noise does
 
 
@@ -103,18 +102,11 @@ def contour_curves(
 ) -> tuple[ContourCurve | DroppedContour, ...]:
     """Each contour as a closed curve, or why it is none: too few points, in one place, on a line.
 
-    Parameters
-    ----------
-    contours : sequence of (n, 3) arrays
-        Points around each contour, z the slicing axis, in any one unit (written m here): begun
-        anywhere, in either direction, any number of them, the first again at the end or not.
-        Rows that are not finite are left out. With `heights`, (n, 2).
-    heights : (len(contours),) array, optional
-        z of plane contours, m.
-    first : int
-        Number of the first of them.
-    frame : (7,) array, optional
-        Pose of the frame around whose z axis they run, in the world in which they are given.
+    A contour is (n, 3) points, z the slicing axis, in any one unit (written m here): begun
+    anywhere, in either direction, any number of them, the first again at the end or not. Rows that
+    are not finite are left out. With `heights` (len(contours),) they are (n, 2). `first` is the
+    number of the first of them; `frame` (7,) the pose of the frame around whose z axis they run, in
+    the world in which they are given.
 
     Raises ValueError if a shape is another, a height is not finite, or there are heights in a
     frame.
@@ -393,8 +385,7 @@ class DroppedContour(NamedTuple):
     which: int  # Of the given contours
     why: DropReason
     height: float | None = None  # Its height, if it has one, m
-    # By how much it contradicts its neighbours, root mean square, m, if that is why.
-    off: float = 0.0
+    off: float = 0.0  # By how much it contradicts its neighbours, root mean square, m, if so
     # It is unlike them in its size alone, and whole: it may as well have touched what no other
     # contour did, a neck or a groove, and nothing tells. It is left out, for a wrong contour costs
     # more than a groove that is missed.

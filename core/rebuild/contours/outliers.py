@@ -27,8 +27,7 @@ LEAST_POINTS = 12  # Contours of fewer points are not judged: seven points in a 
 ROUNDS = 5  # Of looking, for what sticks out most hides what is beside it
 
 
-# Of uneven steps: what a point may be off along the contour, once others have been mended.
-SLACK = 0.3
+SLACK = 0.3  # Of uneven steps: what a point may be off along the contour, others being mended
 SWEEPS = 3  # Of mending, for outliers side by side
 BESIDE = 3  # Points on either side that one point spoils
 REACH = 3  # Neighbours on either side that tell of a point
@@ -37,8 +36,7 @@ NEAREST = 4  # Curves beside one that tell what is the object's
 WINDOW = 1.5  # Steps on either side within which a curve may have the same corner
 
 
-# Neighbours through which lines predict the point between or beyond them: of seven in a row.
-PAIRS = ((2, 4), (1, 5), (0, 6), (2, 1), (4, 5))
+PAIRS = ((2, 4), (1, 5), (0, 6), (2, 1), (4, 5))  # Of seven in a row: lines to the fourth
 CUBIC = (1, 2, 4, 5)  # Neighbours that a cubic passes
 
 
@@ -46,8 +44,7 @@ class PointOutliers(NamedTuple):
     """What was found, for each of the curves."""
 
     masks: tuple[Bools, ...]  # (n,): which points are wrong
-    # (n, 2): with these where their neighbours and the contours beside tell.
-    mended: tuple[Floats, ...]
+    mended: tuple[Floats, ...]  # (n, 2): with these where neighbours and contours beside tell
 
 
 class _Points(NamedTuple):

@@ -43,8 +43,7 @@ class Slices:
     fine: Floats  # (M, 512, 2): each curve at even steps of its turn, m
     star: Bools  # (M,): each ray from the middle meets the curve once
     self_intersecting: Bools  # (M,): the curve meets itself
-    # (M,): root mean square by which z rises and falls around the contour, noise apart, m.
-    tilt: Floats
+    tilt: Floats  # (M,): root mean square rise and fall of z around the contour, noise apart, m
     tilted: Bools  # (M,): by more than a quarter of the distance to the next slice
     loops: tuple[ContourCurve, ...]  # What they are made of
     rows: Ints  # (M,): which of the given contours each one is

@@ -39,8 +39,7 @@ EndKind = Literal["flat", "conic", "superellipse", "flared", "rounded", "pole", 
 LEAN_CONTOURS = 3  # Contours whose middles tell which way the axis leans
 LEAST_GAP = 1e-6  # Of the contours' range: an end that lies nearer to the last contour lies on it
 FEWEST = 12  # With fewer contours they lie too far apart for a test by the last one
-# Of the largest radius: families that predict within this are equally good; the plainest is taken.
-SLACK = 0.004
+SLACK = 0.004  # Of the largest radius: within this the plainest family is taken
 NOISES = 2.0  # The same in standard deviations of a mean radius
 # Contours that are left out for the test, at least and at most: of contours, and of dense ones,
 # where it is those that lie the end's own way before the last.
@@ -68,8 +67,7 @@ FARTHEST = 2.0  # Spacings of the last contours: most that the pole may lie beyo
 NARROWED = 0.75
 NEARLY_REAL = 0.15  # Imaginary over real part of a root that noise has lifted off the axis
 SHOULDER_FEWEST = 12  # Contours: with fewer they lie too far apart to show how an edge is rounded
-# Heights of the end over the last contour that are tried, in spacings of the last two.
-WAYS = np.geomspace(0.02, 1.0, 48)
+WAYS = np.geomspace(0.02, 1.0, 48)  # Heights over the last contour that are tried, in spacings
 SHOULDER_MISS = 0.004  # Of the largest radius: what the contours may be missed by
 SHOULDER_NOISES = 2.0  # The same in standard deviations of a mean radius
 
@@ -88,8 +86,7 @@ class End:
     # The solid may go on by up to this much, and nobody can know: one spacing of the contours for a
     # fan, as much as the end lies beyond them for a superellipse that nobody touched, else 0.
     uncovered: float
-    # Radius over the last contour's, by the share of the way from `rim` to `height`.
-    profile: Profile
+    profile: Profile  # Radius over the last contour's, by the share of the way from rim to height
     middle: Floats  # Place of the axis at `height`, (2,)
     # Whether the last contour is seen whole from its middle; where it is not, an end that is drawn
     # from the rim to the middle folds over itself.
@@ -169,11 +166,7 @@ def _end(
 ) -> End:
     last = float(stack.depths[-1])
     if touched is None:
-        ahead = free_pole(stack.depths, stack.radii, stack.scatter)
-        if ahead is None:
-            return _rounded_or_open(stack)
-        profile = conic(stack.depths, stack.radii, last + ahead)
-        return stack.end("pole", last + ahead, profile)
+        return _untouched_end(stack)
     depth = stack.sign * float(finite_array(name, touched, ()))
     if depth < last - stack.spacing:
         raise ValueError(
@@ -186,6 +179,15 @@ def _end(
         stack.depths, stack.radii, depth, stack.scatter, dense=dense, beyond=beyond
     )
     return stack.end(choice.kind, depth, choice.profile)
+
+
+def _untouched_end(stack: _Stack) -> End:
+    last, rows = float(stack.depths[-1]), (stack.depths, stack.radii)
+    if (ahead := free_pole(*rows, stack.scatter)) is not None:
+        return stack.end("pole", last + ahead, conic(*rows, last + ahead))
+    if (ahead := free_shoulder(*rows, stack.scatter)) is not None:
+        return stack.end("superellipse", last + ahead, superellipse(*rows, last + ahead), ahead)
+    return stack.end("fan", last, Flat(0.0), stack.spacing)
 
 
 def free_pole(depths: Floats, radii: Floats, scatter: float) -> float | None:
@@ -219,16 +221,6 @@ def _first_root(trend: Trend) -> float:
     real = half / trend.bend
     imaginary = math.sqrt(-inside) / abs(trend.bend)
     return real if real > 0.0 and imaginary < NEARLY_REAL * real else math.inf
-
-
-def _rounded_or_open(stack: _Stack) -> End:
-    """An end that nobody touched and that is no conic's."""
-    last = float(stack.depths[-1])
-    beyond = free_shoulder(stack.depths, stack.radii, stack.scatter)
-    if beyond is None:
-        return stack.end("fan", last, Flat(0.0), stack.spacing)
-    profile = superellipse(stack.depths, stack.radii, last + beyond)
-    return stack.end("superellipse", last + beyond, profile, beyond)
 
 
 def free_shoulder(depths: Floats, radii: Floats, scatter: float) -> float | None:
@@ -388,5 +380,4 @@ class ProfileChoice(NamedTuple):
 
     kind: ProfileKind
     profile: Profile
-    # By how much each family missed the last contour's radius; none with few contours.
-    misses: dict[ProfileKind, float]
+    misses: dict[ProfileKind, float]  # Of the last contour's radius, m; none of few contours

@@ -29,8 +29,7 @@ SHOULDER_REACH = 10  # The contour, counted from the end, at which a superellips
 # Exponents of superellipses that are tried, along the height and across: eight from each to its
 # double, so that those of a ball are among them.
 EXPONENTS = np.geomspace(1.0, 32.0, 41)
-# Those that are tried where contours lie so close together that they show sharper edges.
-FLARED = np.geomspace(1.0, 128.0, 57)
+FLARED = np.geomspace(1.0, 128.0, 57)  # Where close contours show sharper edges
 LEAST_TREND, MOST_TREND = -0.9, 2.0  # Of a wall: it must be there when the end comes
 NEAR_END = 1e-9  # A contour lies at least this share before the end
 ROWS = 9  # Rows of the side to which it is fitted
@@ -325,8 +324,7 @@ class Rounded(NamedTuple):
 
     arc: float  # Radius of the arc, as a way: 1 or more
     width: float  # The same as a share
-    # The wall as a polynomial of the way, by ascending powers, shares.
-    wall: tuple[float, float, float]
+    wall: tuple[float, float, float]  # Polynomial of the way, by ascending powers, shares
 
     def shares(self, way: Floats) -> Floats:
         """Radius (n,) as a share of the last row's."""

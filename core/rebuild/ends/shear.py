@@ -18,18 +18,15 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.contours import ContactPoints, quadric_terms
 
-# Of the extent: how far from its plane they may lie, and anything else may stand out over it.
-TOGETHER = 0.02
-# Of the extent: so far below the outermost touch others must not lean otherwise, as on a gable.
-OUTER = 0.1
+TOGETHER = 0.02  # Of the extent: how far off their plane they, or others above it, may lie
+OUTER = 0.1  # Of the extent: so far below the outermost touch others must lean alike
 # Touches that tell themselves how sure their mean is; of fewer, each may be wrong by this, and none
 # that is not flat may lie beside them: a dome looks flat somewhere.
 FEW, UNSURE = 3, math.radians(0.25)
 SHORT = 2e-3  # Of the extent: what was touched so near to a given height is of that end
 SURE = 3.0  # Standard deviations by which a slope must differ from none
 LEAST = 1e-4  # Of the extent: what heights must be moved by to be worth it
-# Slope up to which an end is nearly level: one of both must be, else it is the axis that leans.
-LEVEL = 0.15
+LEVEL = 0.15  # Slope up to which an end is nearly level: one must be, else the axis leans
 STEEPEST = 1.0  # Slope beyond which nothing was understood
 ContactKind = Literal["flat", "bent", "edge"]
 FACING = 0.8  # Part of a normal along the axis from which on a taxel lies on an end, sloping or not
@@ -38,8 +35,7 @@ FEWEST = 24  # Taxels of a touch: fewer met but an edge
 # if a bent surface follows them no better than by the second factor, nor the best touch its plane
 # by the third: else it lies across an edge.
 FLAT, BENT, WORSE = 2e-4, 1.4, 2.0
-# By how much touches of one plane may lean otherwise than the outermost of them.
-ALIKE = math.radians(2.0)
+ALIKE = math.radians(2.0)  # How much otherwise than the outermost touches of a plane may lean
 # A flat touch that leans less is level; of those that lean more each is as high as its highest
 # taxel.
 CONTACT_LEVEL = math.radians(0.5)

@@ -37,16 +37,13 @@ FACING = 0.995  # Part of a normal along the axis from which on a taxel belongs 
 DEEP = 0.01  # Of the extent: how far below the farthest taxel it still does
 FEWEST = 3  # Touches: of fewer, the highest is as good
 SURER = 0.1  # Taxels err so much less than the poses; the quadric may be as wrong
-# As many points at the very end, touched from each side, does the lean of the contours count.
-PRIOR = 2.0
+PRIOR = 2.0  # As many points at the very end, from each side, does the contours' lean count
 PASSES = 4  # Azimuths are taken about the middle, which moves
 MOST = 1.0  # Of the row's radius: an end whose middle seems to lie farther off was not understood
 BINS = 12  # Heights between the last row and the end at which points are averaged
 LEAST_FACING = 0.2  # Radial part of a normal: a point on a level face tells nothing of the radius
-# Parts of a turn, and in how many of them points must be: one side alone may be a feature.
-SECTORS, FEWEST_SECTORS = 12, 4
-# Of the way to the end: what was touched less far tells the same of all ends, for they begin alike.
-REACH = 0.6
+SECTORS, FEWEST_SECTORS = 12, 4  # Of a turn, and those with points: one alone may be a feature
+REACH = 0.6  # Of the way to the end: nearer touches tell the same of all ends, which begin alike
 # Of the way to the end: what was touched farther lies on it. A row of taxels over a sharp edge has
 # normals between both sides, and would pass for a rounding.
 NEARLY = 0.95

@@ -28,12 +28,9 @@ from palpate.core.rebuild.loft.surfaces import (
 from palpate.core.splines import Basis, PeriodicBasis
 
 MOST_AROUND = 128  # Coefficients around
-# With fewer rows and poles nothing tells whether the ends are round; those with a pole are.
-LEAST_ROWS = 5
-# Of the choice of strengths, where residuals of different rows do not resemble each other.
-CAUTION = 1.2
-# Rows from which on that can be told, and the correlation above which they do.
-MANY_ROWS, ALIKE = 12, 0.25
+LEAST_ROWS = 5  # With fewer rows and poles only ends with a pole can be round
+CAUTION = 1.2  # Of the choice of strengths, where residuals of rows do not resemble each other
+MANY_ROWS, ALIKE = 12, 0.25  # Rows from which on that is told, correlation above which they do
 # Swing from which on rows are tried in another parameter, and how much of it may be left then. Of
 # smooth objects it stays below a quarter or so, however few rows there are.
 SWINGS, CALMER = 0.5, 0.5
@@ -49,8 +46,7 @@ PREDICTED = 0.01  # Of the size: rows that are predicted as well as this lie clo
 LEAST_TURNS = 4
 SAME_HEIGHT = 1e-3  # Of the mean spacing: rows at heights nearer to each other are one
 LEAN_ROWS = 3  # Outermost contours whose middles tell which way the axis leans
-# Whether a surface closes in a point: where the axis leads, or at a place (2,), m.
-Pole = bool | ArrayLike
+Pole = bool | ArrayLike  # Whether a surface closes in a point where the axis leads, or at (2,), m
 
 
 class ContourFit(NamedTuple):
@@ -282,8 +278,7 @@ class ContourRows(NamedTuple):
     grid: Floats  # (M, K, 2), about `middle`, over `size`
     weights: Floats  # (M,): of how many given contours each is the mean
     owner: Ints  # The row of each given contour
-    # Places (2,) of the poles below and above, if there are any, in the unit of the grid.
-    poles: tuple[Floats | None, Floats | None]
+    poles: tuple[Floats | None, Floats | None]  # (2,) below and above, in the unit of the grid
     middle: Floats  # (2,), m
     size: float  # Largest coordinate about the middle, m
 

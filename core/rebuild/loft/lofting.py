@@ -35,20 +35,15 @@ from palpate.core.splines import PeriodicBasis
 # Times the deviation: what root mean square and largest error stay below on nine of ten objects
 # without features narrower than the contours' spacing.
 SAFE_RMS, SAFE_MOST = 1.5, 4.0
-# Places between contours, and around, over which the deviation is averaged.
-STEPS_ALONG, STEPS_AROUND = 8, 48
+STEPS_ALONG, STEPS_AROUND = 8, 48  # Places between contours, and around, of the mean deviation
 SUSPECT = 1.5  # Residuals over the noise between neighbours from which on points are suspected
 STICKING = 5.0  # Deviations from which on a point sticks out of its neighbourhood
-# Residuals, in deviations, above which a point stays out and is newly left out.
-KEPT_OUT, TAKEN_OUT = 3.5, 6.0
-# Times those of the points beside it, by which a point must stick out to be newly left out.
-LONELY = 2.2
-# Fits at most, and those after which it is judged anew which points stick out.
-ROUNDS, REVIEWS = 15, (2, 4, 6)
+KEPT_OUT, TAKEN_OUT = 3.5, 6.0  # Deviations above which a point stays out, is newly left out
+LONELY = 2.2  # Times those of the points beside it, by which a point newly left out sticks out
+ROUNDS, REVIEWS = 15, (2, 4, 6)  # Fits at most, and those after which outliers are judged anew
 SETTLED = 0.01  # Of the noise: a change between fits that matters no more
 NEAR_ROWS = 2  # Contours on either side whose like deviations are the object's
-# Share of the points beyond which it is the object that sticks out: edges do, of exact points.
-MOST = 0.15
+MOST = 0.15  # Share of the points beyond which the object sticks out: edges do, of exact points
 LEAST_SPARE = 0.05  # Least share of the points' freedom that is taken as left
 Fit = Callable[[Floats], ContourFit]
 
@@ -59,14 +54,11 @@ class LoftHealth(NamedTuple):
     sigma: float  # Estimate of the noise: standard deviation across the contours, m
     freedom: float  # Degrees of freedom spent on each coordinate
     condition: float  # Condition number of the matrix from coefficients to points and bending
-    # Of smoothing along and around, against the mean weight of the points.
-    strengths: tuple[float, float]
-    # Whether the surface runs into its ends below and above as into a sphere's.
-    round: tuple[bool, bool]
+    strengths: tuple[float, float]  # Of smoothing along and around, over the points' mean weight
+    round: tuple[bool, bool]  # Whether the ends below and above are run into as a sphere's
     merged: int  # Contours that were averaged with one at the same height
     outlying: int  # Points that were not used, for they stick out
-    # How far the surface leaves the middle between contours, over how far these differ.
-    swing: float
+    swing: float  # How far the surface leaves the middle between contours, over their difference
 
 
 class Uncertainty(NamedTuple):
@@ -74,8 +66,7 @@ class Uncertainty(NamedTuple):
 
     rms: float  # What the root mean square error of the side stays below
     most: float  # What the largest error stays below
-    # Half the largest spacing of the contours: what is narrower may have been missed.
-    resolution: float
+    resolution: float  # Half the largest spacing of the contours: narrower things may be missed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,8 +77,7 @@ class ContourLoft:
     size: float  # Half the width of the contours, m
     smoothed: Smoothed  # The fit, over the size
     between: BetweenContours  # What it may miss between contours, over the size
-    # (m, K): which points were not used, by contours in order of height, merged ones as one.
-    outlying: Bools
+    outlying: Bools  # (m, K): points that were not used, by rising contours, merged ones as one
     spacing: float  # Largest distance between contours, m
     health: LoftHealth  # How the fit came about
     given: LoftInput  # From what
@@ -178,11 +168,9 @@ def fit_contour_loft(
     heights : (M,) array
         Of the contours, in any order, m; those at one height are averaged.
     grid : (M, K, 2) array
-        Their points, m, at even turns, corresponding: column j of each lies at the turn j / K.
-        Counter-clockwise, at least 4.
+        Their points, m, counter-clockwise, at least 4, corresponding: column j at the turn j / K.
     low, high : float
-        Heights of the object's ends, m, or of what is to be taken as such; the contours lie
-        between.
+        Heights of the object's ends, m, or of what is to be taken as such, beyond the contours.
     pole : pair of bool or (2,) arrays
         Whether the surface closes in a point there, below and above: where the axis leads, or
         at a place, m.

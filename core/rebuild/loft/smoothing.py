@@ -24,15 +24,12 @@ STRENGTHS = 61  # Strengths that are tried along each axis
 # Times the stiffness of the stiffest mode, and of the most yielding one: from leaving values as
 # they are to leaving nothing that bends.
 WEAKEST, STRONGEST = 1e-6, 1e4
-# Share of the freedom that is taken as left where caution allows none: never the best score.
-LEAST_SPARE = 1e-9
+LEAST_SPARE = 1e-9  # Share of freedom left where caution allows none: never the best score
 FLAT = 1e-12  # Stiffness, over the mean, of what does not bend
-# Exact for the square of a cubic's second derivative.
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(2)
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(2)  # Exact for squared second derivatives
 NEAR = 0.2  # Width around a contour over which its misses are averaged, rad
 DECAYING = 9  # Contours from which on the decay with the spacing is measured
-# Of a miss when the spacing is halved: where it cannot be measured, and its limits.
-DECAY, LEAST_DECAY, MOST_DECAY = 0.4, 0.1, 0.7
+DECAY, LEAST_DECAY, MOST_DECAY = 0.4, 0.1, 0.7  # Of a miss at half the spacing: by default, limits
 WORST = 0.25  # Share of the contours, those missed most, by which the decay is measured
 # Of more contours than so many it counts less, in proportion, for the surface agrees with them over
 # more than two spacings; and how much at least. Set on shapes of several kinds, such that 95 of 100
@@ -155,31 +152,19 @@ def smooth(
     noise: float | None = None,
     caution: float = 1.0,
 ) -> Smoothed:
-    """Smooth values on a grid.
+    """Smooth values (m, l, d) on a grid: d components at each crossing of m and l lines.
 
-    Parameters
-    ----------
-    values : (m, l, d) array
-        d components at each place.
-    along, around : SmoothingAxis
-        Prepared for m and l lines.
-    noise : float or None
-        Standard deviation of a component, if it is known: the strengths are those of the least
-        expected error; otherwise those of generalised cross-validation.
-    caution : float
-        Of cross-validation: how much a degree of freedom counts, at least 1. More than 1 guards
-        against following noise that neighbours share, at the price that values cannot be
-        passed; of 1.2, up to five sixths of them are spent.
+    `noise` is the standard deviation of a component, if it is known: the strengths are then those
+    of the least expected error, otherwise those of generalised cross-validation (Craven and Wahba,
+    *Smoothing noisy data with spline functions*, 1979, for both at once). There, `caution` is how
+    much a degree of freedom counts, at least 1: more guards against following noise that neighbours
+    share, at the price that values cannot be passed; of 1.2, up to five sixths of them are spent
+    (Kim and Gu, *Smoothing spline Gaussian regression*, 2004). Nothing is subtracted from almost
+    the same, so that the score has its limit (of leaving one out) where as many degrees of freedom
+    are spent as there are values.
 
     Raises ValueError if the shape does not fit the axes, a value is not finite, the noise is
     negative or not finite, or the caution is below 1.
-
-    Notes
-    -----
-    Craven and Wahba, *Smoothing noisy data with spline functions*, 1979, for both at once;
-    caution: Kim and Gu, *Smoothing spline Gaussian regression*, 2004. Nothing is subtracted from
-    almost the same, so that the score has its limit (of leaving one out) where as many degrees of
-    freedom are spent as there are values.
     """
     lines = len(along.roots), len(around.roots)
     values = finite_array("values", values, (*lines, None))

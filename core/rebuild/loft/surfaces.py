@@ -115,8 +115,7 @@ class AxialParameter:
 
     low: float  # Height of the lower end, m
     high: float  # Height of the upper end, m
-    # Whether the surface closes there with a slope like a sphere's: below, above.
-    round: tuple[bool, bool]
+    round: tuple[bool, bool]  # Closing there with a sphere's slope: below, above
     reparametrisation: Reparametrisation | None = None  # How fast it runs, if not evenly in this
 
     def of(self, heights: Floats) -> Floats:
@@ -154,18 +153,16 @@ class AxialParameter:
     def _height(self, parameters: Floats, derivative: int) -> Floats:
         """The same without a reparametrisation."""
         extent = self.high - self.low
-        match self.round:
-            case (True, True):
-                half, angle = 0.5 * extent, parameters + 0.5 * np.pi * derivative
-                middle = 0.5 * (self.low + self.high)
-                return half * np.sin(angle) + (middle if derivative == 0 else 0.0)
-            case (True, False):
-                result = np.polyval(np.polyder([extent, 0.0, self.low], derivative), parameters)
-            case (False, True):
-                result = np.polyval(np.polyder([-extent, 0.0, self.high], derivative), parameters)
-            case _:
-                result = np.polyval(np.polyder([extent, self.low], derivative), parameters)
-        return result
+        if self.round == (True, True):
+            half, angle = 0.5 * extent, parameters + 0.5 * np.pi * derivative
+            middle = 0.5 * (self.low + self.high)
+            return np.asarray(half * np.sin(angle) + (middle if derivative == 0 else 0.0))
+        powers = {
+            (True, False): [extent, 0.0, self.low],
+            (False, True): [-extent, 0.0, self.high],
+            (False, False): [extent, self.low],
+        }[self.round]
+        return np.polyval(np.polyder(powers, derivative), parameters)
 
 
 def basis_along(sites: Floats, ends: tuple[float, float]) -> Basis:

@@ -24,23 +24,20 @@ from palpate.core.rebuild.loft import bending_around
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
 LEAST_DISTANCE = 0.05  # Least distance from the axis in a point's weight, as a share of the median
-# Least radial part of a normal: a point on a level face tells nothing of the distance.
-LEAST_FACING = 0.05
+LEAST_FACING = 0.05  # Least radial part of a normal: level faces tell nothing of the distance
 # Radial part of a normal below which a point looks towards the axis, and the share of such points
 # above which sections are not star-shaped about it.
 INWARD, MOST_INWARD = -0.2, 0.03
 RIDGE = 1e-10  # Bounds the condition of the system, over its mean diagonal
 STEPS = 30  # Of the iterations that estimate a condition number
 MOST_DEGREE = 3
-# Of the height: where a middle lies farther off the polynomial, the axis is a spline instead.
-MISSES = 0.01
+MISSES = 0.01  # Of the height: where middles lie farther off a polynomial, the axis is a spline
 
 
 class SideEquations(NamedTuple):
     """The points that tell of the side."""
 
-    # (n, along * around): from coefficients to distances along the normals, over m.
-    matrix: csr_array
+    matrix: csr_array  # (n, along * around): coefficients to distances along the normals, over m
     target: Floats  # (n,), m
     normals: Floats  # (n, 3)
     touch: Ints  # (n,)

@@ -47,13 +47,11 @@ EXPLAINED = 0.7  # Of the median misfit: shifts are believed if they leave no mo
 WORTHWHILE = 1e-4
 
 
-# With fewer touches, or fewer taxels in half of them, shifts cannot be told from the surface.
-FEWEST_TOUCHES, FEWEST_TAXELS = 8, 12
+FEWEST_TOUCHES, FEWEST_TAXELS = 8, 12  # Fewer, or as few in half of them, tell no shifts
 ITERATIONS, ENOUGH = 60, 1e-6  # Of the conjugate gradients, and the residual at which they end
 
 
-# Heights at which the deviation is given, and turns over which it is averaged.
-BANDS, BAND_TURNS = 25, 4
+BANDS, BAND_TURNS = 25, 4  # Heights at which the deviation is given, turns of its average
 
 
 # Of the touches' pose error: what it leaves in the surface, for shifts are known against each other
@@ -73,8 +71,7 @@ BENDING_AROUND = 1e-2  # Strength of bending around
 LEAST = 1e-6  # Smallest squared distance ever given, over that of the median
 
 
-# Steps by which the bending is made to cost more where there is noise, and how many at most.
-STIFFER, MOST_STIFFER = 10.0, 5
+STIFFER, MOST_STIFFER = 10.0, 5  # Steps of stiffness where there is noise, and their number
 UNBENT = 6  # Coefficients' combinations that do not bend
 PROBES = 2  # Random signs by which the freedom is estimated
 LEAST_SPARE = 0.05  # Least share of the points' freedom that is taken as left
