@@ -24,7 +24,7 @@ from palpate.core.explore.planners.protocol import (
 )
 
 ROWS = 8  # Heights per feature at which it is asked whether anything was touched
-FINE = 65  # Heights of a run at which a band is looked up
+FINE = 65  # Heights of a span at which a band is looked up
 ROUNDING = 1e-9  # Of a slice: more than this, and it takes another one
 OPEN = 0.1  # A height counts as untouched where more than this share of its azimuths is
 MOST_BEND = 8.0  # Of the radius' second derivative times the interval: curvatures beyond are edges
