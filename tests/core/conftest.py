@@ -35,7 +35,7 @@ class Finger:
 
     shape: Shape
     pad: Pad
-    felt: list[ContactPoints] = field(default_factory=list)
+    contacts: list[ContactPoints] = field(default_factory=list)
 
     def press(self, start: Floats, reach: float, depth: float, height: float) -> SliceArc | None:
         """One touch; what it measured is kept."""
@@ -45,7 +45,7 @@ class Finger:
         touched = end.compression > CONTACT
         surface = self.pad.surface(end.compression, touched)
         jet = fit_patch(self.pad, surface, touched, ACROSS, 0.0).jet
-        self.felt.append(contact_points_of(self.pad, end.pose, surface, touched, jet))
+        self.contacts.append(contact_points_of(self.pad, end.pose, surface, touched, jet))
         return arc_in_slice(self.pad, end.pose, surface, touched, jet, height)
 
     def answer(self, aim: TouchCommand, height: float) -> SliceArc | None:

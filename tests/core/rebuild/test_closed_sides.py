@@ -317,6 +317,6 @@ def test_what_a_finger_touches_gives_the_object_back(
     for x, y in [(0.0, 0.0), *((x, y) for x in (-0.01, 0.01) for y in (-0.01, 0.01))]:
         hand.press(pose_of(np.array([x, y, 2 * half + 6e-3]), FACING_DOWN), 0.05, 1e-3, 0.0)
     tops = np.array([[0, 0, 0.0], [0, 0, 2 * half]])
-    solid = reconstruct(contours, patches=stack_points(hand.felt), tops=tops, method="skin")
+    solid = reconstruct(contours, patches=stack_points(hand.contacts), tops=tops, method="skin")
     error = oracle(shape.size, shape.exponents).distances(places(solid))
     assert (rms(error) < 20e-6, np.abs(error).max() < 0.3e-3) == (True, True)

@@ -236,7 +236,7 @@ def test_a_traced_ball_is_felt_as_far_as_contacts_reach(share, finger, flat, dom
         assert status == "closed"
         assert (path.low <= height).all()
         assert (path.high >= height).all()
-        heights = np.concatenate([one.points[:, 2] for one in hand.felt])
+        heights = np.concatenate([one.points[:, 2] for one in hand.contacts])
         assert heights.min() <= path.low.min() + ROUNDING
         assert heights.max() >= path.high.max() - ROUNDING
         # Half the height of a contact; a flat pad's ends at its edge.
