@@ -55,7 +55,7 @@ BENCHES: Mapping[str, Mapping[str, str]] = {
     },
     "touch": {
         "frames": f"{TOUCH}.frames:touch_rows",
-        "costs": f"{TOUCH}.costs:cost_rows",
+        "costs": f"{TOUCH}.frames:cost_rows",
     },
     "effects": {"effects": f"{TOUCH}.frames:effect_rows"},
     "curvature": {"curvature": f"{TOUCH}.curvature:curvature_rows"},

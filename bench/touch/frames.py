@@ -1,4 +1,4 @@
-"""One touch: frames a second, how exact a cast is, and the cost of each effect.
+"""One touch: frames a second, how exact a cast is, what calls and effects cost.
 
 All is measured in turns within one run, for machines change their speed.
 """
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.bench.explore import InProcessLoop, LoopNode, touching_nodes
-from palpate.bench.table import Row, at_least, at_most, in_turns
+from palpate.bench.table import Row, at_least, at_most, best_seconds, in_turns
 from palpate.bench.touch.curvature import (
     QUICK_TRIALS,
     TRIALS,
@@ -24,8 +24,25 @@ from palpate.bench.touch.curvature import (
     partial_rows,
 )
 from palpate.core import IDENTITY_POSE, ROBOT_PRESETS, Floats, pad_rotation, pose_of, split_pose
-from palpate.core.shapes import Superquadric, TriangleShape
-from palpate.core.touch import Pipeline, SimulatedTouch, fit_jet
+from palpate.core.shapes import (
+    Bend,
+    DeformedShape,
+    DeformedSuperquadric,
+    Shape,
+    Superquadric,
+    TriangleShape,
+)
+from palpate.core.splines import LatticeLayer, layered_lattice
+from palpate.core.touch import (
+    Pad,
+    Pipeline,
+    SimulatedTouch,
+    fit_jet,
+    fit_patch,
+    fit_robust_jet,
+    guarded_move,
+    remove_impulses,
+)
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch import load_scene
 from palpate.messages.types import Contour, ContourGoal, TouchGoal
@@ -50,6 +67,12 @@ EFFECT_FRAMES = 40  # Touches on which a cost is measured at a time
 EFFECT_REPEATS = 15
 SEED = 5
 APPROACH = 0.02  # The finger comes from this far outside of the object, m
+CALL_ROUNDS, QUICK_CALL_ROUNDS = 300, 30
+DOMED_PAD = Pad(rows=16, cols=16, pitch=0.001, thickness=0.003, dome=1 / 0.015, saturation=0.8)
+FLAT_PAD = Pad(rows=16, cols=16, pitch=0.001, thickness=0.003, dome=0.0, saturation=0.8)
+PRESS_START = pose_of(np.array([0.1, 0.0, 0.01]), pad_rotation(0.0, 0.2))
+FRAME_NOISE = 10e-6  # m
+ACROSS = np.array([0.0, 1.0, 0.0])
 
 
 def touch_rows(quick: bool) -> Iterable[Row]:
@@ -200,6 +223,64 @@ def _jet_seconds() -> float:
     x, y = pad.grid()
     height, everywhere = (x * x + y * y) / 0.04, np.ones((pad.rows, pad.cols), bool)
     return min(timeit.repeat(lambda: fit_jet(pad, height, everywhere), number=500, repeat=9)) / 500
+
+
+def cost_rows(quick: bool) -> Iterator[Row]:
+    """A row for each call."""
+    rounds = QUICK_CALL_ROUNDS if quick else CALL_ROUNDS
+    for name, call in {**_shape_calls(), **_frame_calls()}.items():
+        yield Row(name, f"{1e6 * best_seconds(call, rounds):.0f} us")
+
+
+def _shape_calls() -> dict[str, Callable[[], object]]:
+    _, axes = split_pose(PRESS_START)
+    origins = DOMED_PAD.transducers() @ axes.T + PRESS_START[:3]
+    calls: dict[str, Callable[[], object]] = {}
+    for name, shape in cast_shapes().items():
+        calls[f"cast, {len(origins)} rays: {name}"] = partial(
+            shape.cast, origins, axes[:, 2], 0.104
+        )
+        calls[f"press: {name}"] = partial(guarded_move, shape, DOMED_PAD, PRESS_START, 0.1, 0.001)
+    return calls
+
+
+def cast_shapes() -> Mapping[str, Shape]:
+    """Ten shapes that a finger meets."""
+    solid = Superquadric(np.array([0.04, 0.03, 0.05]), np.array([0.4, 0.7]))
+    layers = [LatticeLayer(0.8), LatticeLayer(1.2, 0.2), LatticeLayer(), LatticeLayer(0.9)]
+    lattice = layered_lattice(solid.bounds(), layers)
+    return {
+        "ball": Superquadric(np.full(3, 0.04), np.ones(2)),
+        "superquadric": solid,
+        "tapered": DeformedSuperquadric(solid, np.array([0.3, 0.3])),
+        "tapered and bent": DeformedSuperquadric(solid, np.array([0.3, 0.1]), Bend(5.0, 0.5)),
+        "lattice, facets": DeformedShape(solid, lattice),
+        "lattice, exact": DeformedShape(solid, lattice, exact=True),
+        "mesh of 20k faces": TriangleShape(*solid.mesh(5)),
+        "mesh of 80k faces": TriangleShape(*solid.mesh(6)),
+        "mesh of 5k faces, z-buffer": TriangleShape(*solid.mesh(4), embree=False),
+        "mesh of 20k faces, z-buffer": TriangleShape(*solid.mesh(5), embree=False),
+    }
+
+
+def _frame_calls() -> dict[str, Callable[[], object]]:
+    rng, (x, y) = np.random.default_rng(0), FLAT_PAD.grid()
+    height = 0.5 * (x**2 + y**2) / 0.04 + FRAME_NOISE * rng.normal(size=x.shape)
+    image = 2.2e-3 - height
+    impulses = np.where(rng.random(x.shape) < 0.08, 2.4e-3, image)
+    edge = 0.5 * np.abs(x + 0.2 * y) + FRAME_NOISE * rng.normal(size=x.shape)
+    everywhere = np.ones((16, 16), bool)
+    mend = partial(remove_impulses, FLAT_PAD, contact=5e-5, noise=FRAME_NOISE)
+    patch = partial(fit_patch, FLAT_PAD)
+    return {
+        "impulses removed, a clean frame": partial(mend, image),
+        "impulses removed, 8 %": partial(mend, impulses),
+        "robust jet of a full pad": partial(
+            fit_robust_jet, FLAT_PAD, height, everywhere, FRAME_NOISE
+        ),
+        "patch of a full pad": partial(patch, height, everywhere, ACROSS, FRAME_NOISE),
+        "patch of an edge": partial(patch, edge, everywhere, ACROSS, FRAME_NOISE),
+    }
 
 
 class TracedBody(NamedTuple):

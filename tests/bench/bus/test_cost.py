@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.bench.bus.cost import _share, introspection_rows
+from palpate.bench.bus.cost import _full_and_bare, _share, introspection_rows, lock_rows
 
 
 def test_a_share_is_that_in_the_rates_before_and_after_it() -> None:
@@ -19,3 +19,11 @@ def test_a_ring_turns_on_while_a_tool_is_stopped() -> None:
     # turns not at all.
     assert float(beside.value) > 0.1
     assert float(stopped.value) > 0.1
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+def test_a_hop_and_a_locked_hop_have_their_costs() -> None:
+    rows = [*_full_and_bare(20, turns=1), *lock_rows(quick=True, turns=1)]
+    assert len({row.name for row in rows}) == len(rows) == 13
+    assert all(float(row.value.split()[0]) > 0.0 for row in rows if "hop" in row.name[:8])

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from palpate.bench.objects.contoured import ROUND_OBJECTS
 from palpate.bench.rebuild.contours import (
@@ -17,6 +18,7 @@ from palpate.core.rebuild.loft.lofting import fit_contour_loft
 TIMED = ("fit, ms", "deviation on", "contour more", "time")
 
 
+@pytest.mark.slow
 def test_every_demand_on_the_band_that_needs_no_clock_is_met() -> None:
     rows = list(band_rows(True))
     assert len({row.name for row in rows}) == len(rows)

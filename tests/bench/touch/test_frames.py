@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.bench.touch import frames as bench_effects
-from palpate.bench.touch import frames as bench_touch
+from palpate.bench.touch import frames
 from palpate.bench.touch.frames import (
     BODIES,
     WORN,
@@ -64,11 +63,11 @@ def test_the_oracle_tells_inside_from_outside() -> None:
     shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array([0.5, 0.7]))
     start, along = np.zeros((2, 3)), np.array([0.0, 0.0, 1.0])
     way = np.array([0.0399999, 0.0400001])
-    assert (bench_touch._outside(shape, start, along, way) > 0.0).tolist() == [False, True]
+    assert (frames._outside(shape, start, along, way) > 0.0).tolist() == [False, True]
 
 
 def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor() -> None:
-    lines = list(bench_effects.effect_rows(quick=True))
+    lines = list(frames.effect_rows(quick=True))
     assert [str(line).split()[0] for line in lines[1:-1]] == ["(ideal)", *EFFECT_NAMES, WORN]
 
 
@@ -94,3 +93,10 @@ def test_costs_are_told_for_each_set() -> None:
     assert all(cost.ideal > 0.0 for cost in found.values())
     assert found["aperture"].added > 0.0  # nine casts for one
     assert found["aperture"].ratio > 1.0
+
+
+def test_every_single_call_has_its_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(frames, "QUICK_CALL_ROUNDS", 1)
+    rows = list(frames.cost_rows(quick=True))
+    assert len({row.name for row in rows}) == len(rows) == 2 * len(frames.cast_shapes()) + 5
+    assert all(row.value.endswith(" us") for row in rows)
