@@ -1,4 +1,4 @@
-"""The folder of a run: what is written there, under which names, and the figures of `summary.json`."""
+"""The folder of a run: what is written there, and the figures of `summary.json`."""
 
 from __future__ import annotations
 

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from palpate.core.shapes.boolean_solids import Union as Union
     from palpate.core.shapes.boolean_solids import complement_of as complement_of
     from palpate.core.shapes.boolean_solids import difference as difference
-    from palpate.core.shapes.deformed_shapes import DeformedShape as DeformedShape
     from palpate.core.shapes.deformed_superquadrics import (
         DeformedSuperquadric as DeformedSuperquadric,
     )
@@ -64,6 +63,7 @@ if TYPE_CHECKING:
     from palpate.core.shapes.superquadrics import regular_points as regular_points
     from palpate.core.shapes.superquadrics import trigonometric_points as trigonometric_points
     from palpate.core.shapes.tessellations import isosurface as isosurface
+    from palpate.core.shapes.triangle_meshes import DeformedShape as DeformedShape
     from palpate.core.shapes.triangle_meshes import TriangleShape as TriangleShape
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -21,11 +21,6 @@ if TYPE_CHECKING:
     from palpate.core.touch.curvature import fit_patch as fit_patch
     from palpate.core.touch.curvature import fuse as fuse
     from palpate.core.touch.curvature import surface_patch as surface_patch
-    from palpate.core.touch.effect import Effect as Effect
-    from palpate.core.touch.effect import Fingertip as Fingertip
-    from palpate.core.touch.effect import Phase as Phase
-    from palpate.core.touch.effect import SimulatedTouch as SimulatedTouch
-    from palpate.core.touch.effect import Stage as Stage
     from palpate.core.touch.filters import FilterOrder as FilterOrder
     from palpate.core.touch.filters import adaptive_wiener as adaptive_wiener
     from palpate.core.touch.filters import clean as clean
@@ -53,7 +48,12 @@ if TYPE_CHECKING:
     from palpate.core.touch.pad import TouchOutcome as TouchOutcome
     from palpate.core.touch.pad import contact_mask as contact_mask
     from palpate.core.touch.pad import guarded_move as guarded_move
+    from palpate.core.touch.pipeline import Effect as Effect
+    from palpate.core.touch.pipeline import Fingertip as Fingertip
+    from palpate.core.touch.pipeline import Phase as Phase
     from palpate.core.touch.pipeline import Pipeline as Pipeline
+    from palpate.core.touch.pipeline import SimulatedTouch as SimulatedTouch
+    from palpate.core.touch.pipeline import Stage as Stage
     from palpate.core.touch.pipeline import StageStates as StageStates
     from palpate.core.touch.pipeline import assemble as assemble
     from palpate.core.touch.taxel_calibration import CalibrationEstimate as CalibrationEstimate

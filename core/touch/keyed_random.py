@@ -14,7 +14,7 @@ from zlib import crc32
 import numpy as np
 from numpy.random import Generator, Philox, SeedSequence
 
-from palpate.core.touch.effect import Fingertip
+from palpate.core.touch.pipeline import Fingertip
 
 
 class KeyedRandom:

@@ -13,10 +13,6 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.nodes.specs.effects import EffectSpecs as EffectSpecs
-    from palpate.nodes.specs.effects import build_pipeline as build_pipeline
-    from palpate.nodes.specs.effects import describe_effects as describe_effects
-    from palpate.nodes.specs.effects import sensed_face as sensed_face
     from palpate.nodes.specs.frames import DRIVER_OUTPUTS as DRIVER_OUTPUTS
     from palpate.nodes.specs.frames import FrameSequence as FrameSequence
     from palpate.nodes.specs.frames import SensorParams as SensorParams
@@ -31,13 +27,17 @@ if TYPE_CHECKING:
     from palpate.nodes.specs.sensors import CONTACT_ERROR as CONTACT_ERROR
     from palpate.nodes.specs.sensors import MIN_COMPRESSION as MIN_COMPRESSION
     from palpate.nodes.specs.sensors import CalibrationSpec as CalibrationSpec
+    from palpate.nodes.specs.sensors import EffectSpecs as EffectSpecs
     from palpate.nodes.specs.sensors import PadSpec as PadSpec
     from palpate.nodes.specs.sensors import SensorSpec as SensorSpec
+    from palpate.nodes.specs.sensors import build_pipeline as build_pipeline
     from palpate.nodes.specs.sensors import calibration_of_info as calibration_of_info
+    from palpate.nodes.specs.sensors import describe_effects as describe_effects
     from palpate.nodes.specs.sensors import info_of as info_of
     from palpate.nodes.specs.sensors import pad_of_info as pad_of_info
     from palpate.nodes.specs.sensors import pad_of_spec as pad_of_spec
     from palpate.nodes.specs.sensors import resolution_of_info as resolution_of_info
+    from palpate.nodes.specs.sensors import sensed_face as sensed_face
     from palpate.nodes.specs.solids import Length as Length
     from palpate.nodes.specs.solids import PoseSpec as PoseSpec
     from palpate.nodes.specs.solids import Seed as Seed

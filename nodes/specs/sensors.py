@@ -1,15 +1,33 @@
-"""The fingertip's array, pad and calibration as data, for scenes and for nodes."""
+"""The fingertip's array, pad, calibration and effects as data, for scenes and for nodes.
+
+Only the modules of listed effects are imported.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
+from palpate.core import RobotPreset
 from palpate.core.explore.tracing import TOUCH_DEPTH
-from palpate.core.touch import SPRINGS, Calibration, FaceModel, Pad, Signal
+from palpate.core.touch import (
+    SPRINGS,
+    Calibration,
+    Effect,
+    FaceModel,
+    Fingertip,
+    Pad,
+    Pipeline,
+    Signal,
+    assemble,
+)
+from palpate.core.touch.effects import effect_type, rank
 from palpate.messages.types import SensorInfo
 
 # Widths of an array, m: with those that were tried between them, domed and flat, contours of a
@@ -20,6 +38,10 @@ MIN_COMPRESSION = 50e-6  # Least compression that counts as touched, m
 RESOLUTION = 0.01  # Of the pitch: points of contours are off by as much where there is no noise
 Gain = Annotated[float, Meta(ge=0, le=10, description="1")]
 Offset = Annotated[float, Meta(ge=-0.01, le=0.01, description="m")]
+
+
+# Parameters of each listed effect by its name, or by ``module:Class``.
+EffectSpecs = dict[str, dict[str, Any]]
 
 
 class PadSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -107,16 +129,6 @@ def pad_of_spec(sensor: SensorSpec) -> Pad:
     )
 
 
-def data_sheet(sensor: SensorSpec) -> Calibration:
-    """What the sensor's signal means if every taxel is as it should be."""
-    return Calibration(
-        signal=sensor.signal,
-        thickness=sensor.pad.thickness,
-        sound_speed=sensor.pad.sound_speed,
-        taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
-    )
-
-
 def info_of(sensor: SensorSpec, noise: float, face: FaceModel = SPRINGS) -> SensorInfo:
     """What the listeners are told: the calibration, or the data sheet and its noise, m."""
     pad, found = pad_of_spec(sensor), sensor.calibration
@@ -167,3 +179,59 @@ def calibration_of_info(info: SensorInfo) -> Calibration:
         gain=info.gain,
         offset=info.offset,
     )
+
+
+def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, Effect]:
+    """The listed effects in the order in which they act, whatever the order of the list.
+
+    Raises ValueError if there is no such effect, or a parameter is unknown or out of its range.
+    """
+    described = {name: _described(name, parameters) for name, parameters in listed.items()}
+    ordered = sorted(described, key=lambda name: (described[name].phase, rank(name), name))
+    return {name: described[name] for name in ordered}
+
+
+def _described(name: str, parameters: Mapping[str, Any]) -> Effect:
+    try:
+        kind = effect_type(name)
+    except LookupError as error:
+        raise ValueError(str(error.args[0])) from None
+    known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    for key in parameters:
+        if key not in known:
+            raise ValueError(f"effects.{name} has no parameter {key!r}; it has {known}")
+    try:
+        return msgspec.convert(parameters, kind)
+    except msgspec.ValidationError as error:
+        raise ValueError(f"effects.{name}: {error}") from None
+
+
+def build_pipeline(
+    sensor: SensorSpec,
+    listed: Mapping[str, Mapping[str, Any]],
+    robot: RobotPreset,
+    finger: int = 1,
+    seed: int = 0,
+) -> Pipeline:
+    """A finger with its effects.
+
+    Raises ValueError if an effect cannot be had, or not with this sensor.
+    """
+    owner = Fingertip(pad_of_spec(sensor), data_sheet(sensor), robot, finger, seed)
+    return assemble(owner, tuple(describe_effects(listed).values()))
+
+
+def data_sheet(sensor: SensorSpec) -> Calibration:
+    """What the sensor's signal means if every taxel is as it should be."""
+    return Calibration(
+        signal=sensor.signal,
+        thickness=sensor.pad.thickness,
+        sound_speed=sensor.pad.sound_speed,
+        taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
+    )
+
+
+def sensed_face(pipeline: Pipeline) -> FaceModel:
+    """How the pad's face yields in what the array sends: forces show no skirt about a contact."""
+    by_force = pipeline.finger.calibration.signal == "force"
+    return SPRINGS if by_force else pipeline.face

@@ -30,8 +30,12 @@ Coordinate = Annotated[float, Meta(ge=-10, le=10, description="m")]
 Degrees = Annotated[float, Meta(ge=-360, le=360, description="degrees")]
 Exponent = Annotated[float, Meta(ge=0.02, le=2, description="1")]
 Seed = Annotated[int, Meta(ge=0, le=1 << 53)]
+
+
 # Farther off, a solid would lose the digits that its surface needs.
 WorldCoordinate = Annotated[float, Meta(ge=-1000, le=1000, description="m")]
+
+
 # Of a quaternion; so that its length, which must be 1, can be worked out.
 QuaternionPart = Annotated[float, Meta(ge=-10, le=10)]
 

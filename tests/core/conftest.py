@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.tracing.commands import TouchCommand
+from palpate.core.explore.tracing.contour_path import SliceArc, TouchCommand, arc_in_slice
 from palpate.core.explore.tracing.contour_trace import (
     Trace,
     TraceGoal,
@@ -17,7 +17,6 @@ from palpate.core.explore.tracing.contour_trace import (
     after_touch,
     next_command,
 )
-from palpate.core.explore.tracing.slice_arc import SliceArc, arc_in_slice
 from palpate.core.rebuild.contours.contacts import ContactPoints, contact_points_of
 from palpate.core.shapes.protocol import Mesh, Shape
 from palpate.core.shapes.superquadrics import Superquadric

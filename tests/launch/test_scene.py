@@ -260,7 +260,7 @@ OWN = """
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 from palpate.core.plugins import Range, check_ranges
-from palpate.core.touch.effect import Phase, Stage
+from palpate.core.touch.pipeline import Phase, Stage
 
 @dataclass(frozen=True, kw_only=True)
 class Ringing:

@@ -12,7 +12,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.tracing import contour_trace as trace
-from palpate.core.explore.tracing.commands import TOUCH_DEPTH
+from palpate.core.explore.tracing.contour_path import TOUCH_DEPTH
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.robot_time import LIFTED, ROBOTS, MoveGeometry, elapsed_seconds
 from palpate.core.touch import curvature as core_curvature

@@ -14,25 +14,23 @@ from typing import Literal
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.tracing.commands import (
-    UPRIGHT,
-    Posture,
-    Procedure,
-    SliceSpec,
-    TouchCommand,
-    resume,
-)
 from palpate.core.explore.tracing.contour_path import (
+    UPRIGHT,
     Gap,
     Heading,
     Path,
+    Posture,
+    Procedure,
+    SliceArc,
+    SliceSpec,
+    TouchCommand,
     heading_at_end,
     path_of,
+    resume,
     winding,
 )
 from palpate.core.explore.tracing.following import Stride, follow, probe_gaps, reacquire
 from palpate.core.explore.tracing.search import FirstArc, NoArc, search_first_arc
-from palpate.core.explore.tracing.slice_arc import SliceArc
 from palpate.core.touch import Pad
 
 # How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object
@@ -41,9 +39,13 @@ from palpate.core.touch import Pad
 TraceStatus = Literal["closed", "occluded", "pole", "stuck", "overrun", "budget", "no_contact"]
 AROUND = math.radians(260.0)  # A loop can only close after winding this far about its own middle
 OVERRUN = math.radians(420.0)  # Winding this far without closing is going in circles
+
+
 # The loop is closed when the new arc passes the start at this distance, in widths of the pad.
 CLOSED = 1.0 / 15.0
 VERTICAL = 0.97  # A surface whose normals are steeper than this has left the slice, or nearly
+
+
 # A path that is no longer than this, in widths of the pad, after so many touches goes round a pole
 # that one touch has touched.
 TINY, MANY = 0.2, 30

@@ -13,29 +13,29 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.tracing.commands import (
+from palpate.core.explore.tracing.contour_path import (
     DEEP_TOUCH_DEPTH,
     UPRIGHT,
-    Posture,
-    Procedure,
-    SliceSpec,
-    TouchCommand,
-)
-from palpate.core.explore.tracing.contour_path import (
     Gap,
     GapReason,
     Heading,
     Path,
+    Posture,
+    Procedure,
+    SliceArc,
+    SliceSpec,
+    TouchCommand,
     normal_azimuth,
     path_of,
     travel_direction,
 )
 from palpate.core.explore.tracing.search import FirstArc, Target, approach_from, search_arc
-from palpate.core.explore.tracing.slice_arc import SliceArc
 
 AHEAD = 0.25 / 15.0  # A new point must lie this far ahead of the last one; in widths of the pad
 PROGRESS = 0.6 / 15.0  # And the farthest of them this far; in widths of the pad
 PAD_STEP, CONTACT_STEP = 0.69, 1.05  # Longest step, in half widths of the pad and of the contact
+
+
 # How far a kept posture may step beyond half of the arc that it touched first, in the distance of
 # points that still join.
 KEPT_STEP = 0.5
@@ -44,6 +44,8 @@ STEP_STANDOFF = 0.2  # Of a plain touch, in widths of the pad
 SHARP_TURN = 0.2  # Beyond this turn, progress is measured along the new heading, rad
 REACQUIRE_STEP = math.radians(30.0)  # Between the directions that are tried, at most
 ROUNDING = 1e-9  # Of a leap: a direction that is farther by less is not one more
+
+
 # Ways of a probe before and past the gap's chord, in widths of the pad; longer gaps are probed from
 # as far away as they are long.
 GAP_STANDOFF, GAP_REACH = 6.0 / 15.0, 8.0 / 15.0
@@ -51,6 +53,8 @@ WITHIN = 0.25 / 15.0  # A point in the gap lies this far from both of its ends, 
 SHORTER = 0.25  # A probe that leaves a gap shorter by less than this many pitches has not helped
 STEEPEST = 1.3  # No pad is turned farther than this against the chord, rad
 CORNER = 7.0 / 15.0  # Shift that leaves one row beyond the slice, at a corner; in widths of the pad
+
+
 # Ways before and past the place, besides the gap's length; in widths of the pad.
 WALL_STANDOFF, WALL_REACH = 9.0 / 15.0, 8.0 / 15.0
 
@@ -299,9 +303,13 @@ AROUND_A_CORNER = tuple(
     + [Attempt(4 / 15, 0.0, 8 / 15), Attempt(8 / 15, 0.0, 10 / 15)]
     + [Attempt(8 / 15, math.radians(30), 10 / 15), Attempt(12 / 15, 0.0, 12 / 15)]
 )
+
+
 # One turn on the spot, into the hollow that the pad may have bridged; more turns find less than
 # they cost, for the gap's middle is probed in any case.
 OVER_A_GAP = (Attempt(0.0, math.radians(-25), STEP_STANDOFF),)
+
+
 # The likeliest first; each is tried at both ends. Chosen on slots, wedges and dents.
 WALL_POSTURES = (
     WallPosture(0.9, 0.22, 0.0),

@@ -32,15 +32,21 @@ FLAT = 3.0  # Root mean square residuals that the least semi-axis must exceed
 LOOSE = 0.02  # Of the points' diameter: what a surface may be off and still be recovered
 UNKNOWN = 1.0  # Of the points' diameter: the scatter of points that are no more than the parameters
 NEGLIGIBLE = 1e-6  # Of the longest column, and of the largest singular value: counts as nothing
+
+
 # Standard deviation, in the units of the fit (points of diameter 1, logarithms, radians), that each
 # parameter has before there are points; no variance is infinite.
 PRIOR = 1.0
 TAIL = 0.1  # Probability that the scatter is larger than it is taken to be
 SAMPLES = 400
+
+
 # Of the root of the area for each point. With points strewn evenly, one place in 23 is farther than
 # that from all of them: the probability is exp(-pi).
 SPACING = 1.0
 FAR = 3.0  # Standard deviations by which points may stand off
+
+
 # Why not to believe a fit. The first four: nothing was fitted, the solid is an ellipsoid about the
 # points. *at a bound*: size, place or turn left what the extents of the points allow. *folded*: the
 # bend folds the solid. *flat*: not clearly thicker than the points scatter. *one-sided*: part of
@@ -64,6 +70,8 @@ NAMES = (
 )
 TAPER_NAMES = ("taper x", "taper y")
 BEND_NAMES = ("bend x", "bend y")
+
+
 # Exponents e1 and e2: Fung, 1999, 3.2.2, step 1.
 CHOICES: dict[str, tuple[float, float]] = {
     "sphere": (1.0, 1.0),
@@ -71,6 +79,8 @@ CHOICES: dict[str, tuple[float, float]] = {
     "cylinder": (0.2, 1.0),
 }
 QUARTER_TURN: Floats = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
 # Diagonals of the rotations by half a turn about no axis, x, y and z.
 HALF_TURNS: Floats = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 NO_EXTENT = 1e-6  # Of the largest extent
@@ -80,6 +90,8 @@ THINNEST = 1e-3  # Of the largest extent: no ellipsoid is given thinner than thi
 MEDIAN_STEPS = 30
 WEIGHT_STEPS = 10
 FULL_WEIGHT = 1.45  # Of the median distance: what is nearer counts fully
+
+
 # Of the variance, added in every direction, so that flat points have distances too.
 LEAST_SPREAD = 1e-9
 
@@ -238,7 +250,7 @@ def looseness(jacobian: Floats, covariance: Floats, exponents: Floats) -> float:
     jacobian : (k, p) array
         Derivatives of the distances of places spread evenly over the surface.
     covariance : (p, p) array
-        Of the parameters, in the order of `palpate.core.rebuild.recovery.distances.RIGID`.
+        Of the parameters, in the order of `palpate.core.rebuild.recovery.RIGID`.
     exponents : (2,) array
         What was fitted. To first order an exponent near 0 might be anything; here none is off by
         more than itself.

@@ -2,7 +2,7 @@
 
 Nothing here is imported that no scene lists. A module of this room holds one frozen dataclass
 under the name ``EFFECT``, whose numbers have ranges, units and defaults: add one beside them, or
-name a class of your own as ``module:Class``. It rests on `palpate.core.touch.effect`; no effect
+name a class of your own as ``module:Class``. It rests on `palpate.core.touch.pipeline`; no effect
 imports another.
 """
 

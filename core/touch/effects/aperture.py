@@ -10,9 +10,8 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.plugins import Range, check_ranges
 from palpate.core.poses import split_pose
-from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 from palpate.core.touch.pad import GuardedMove, Pad, TouchOutcome, started_inside
-from palpate.core.touch.pipeline import record_move
+from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage, record_move
 
 Reading = Literal["mean", "max"]  # What an element makes of the compression under it
 

@@ -6,7 +6,7 @@ from dataclasses import is_dataclass
 from typing import cast
 
 from palpate.core.plugins import class_by_name
-from palpate.core.touch.effect import Effect, Phase
+from palpate.core.touch.pipeline import Effect, Phase
 
 # By phase first, as `palpate.core.touch.Phase` has them.
 EFFECT_NAMES = (

@@ -10,12 +10,14 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.plugins import Range, check_ranges
-from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
 from palpate.core.touch.pad import FaceModel, half_space_influence
+from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
 # Largest error of the face within the contact, as a share of the deepest indentation.
 TOLERANCE = 1e-7
 MOST_STEPS = 1000  # Thirty are usual at 16 by 16 taxels, a hundred at 32 by 32
+
+
 # Length of a projected step, over the largest stiffness of the scaled problem: below 2.
 EXPANSION = 1.9
 

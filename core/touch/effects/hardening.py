@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.plugins import Range, check_ranges
-from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
 LARGEST_STRAIN = 0.98  # The law goes to infinity at a strain of 1, where nothing of the pad is left
 

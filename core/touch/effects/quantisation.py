@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.plugins import Range, check_ranges
-from palpate.core.touch.effect import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
 # Of a scene that says neither, Hz: 5 um at 1000 m/s. 20 MHz, an array of the 1990s, are 25.
 CLOCK = 100e6

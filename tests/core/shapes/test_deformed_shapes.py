@@ -8,11 +8,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Floats
-from palpate.core.shapes.deformed_shapes import DeformedShape, polish
 from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.global_deformations import Bend
 from palpate.core.shapes.protocol import INSIDE, MISS, ImplicitShape, Mesh
 from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.shapes.triangle_meshes import DeformedShape, polish
 from palpate.core.splines.lattices import Lattice, LatticeLayer, layered_lattice
 
 FACETS = 10e-6  # How far the facets of a 0.1 m object stand off at most, m

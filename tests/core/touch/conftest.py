@@ -13,8 +13,8 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.shapes.superquadrics import Superquadric
-from palpate.core.touch.effect import Fingertip, SimulatedTouch, Stage
 from palpate.core.touch.pad import Calibration, Pad, Signal
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch, Stage
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip
 from palpate.core.touch.keyed_random import KeyedRandom
+from palpate.core.touch.pipeline import Fingertip
 
 
 def drawn(finger: Fingertip, name: str, number: int) -> Floats:

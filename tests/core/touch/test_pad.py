@@ -10,10 +10,10 @@ from palpate.core.arrays import Bools, Floats
 from palpate.core.poses import FACING_DOWN, pose_of, split_pose
 from palpate.core.shapes.protocol import PosedShape
 from palpate.core.shapes.superquadrics import Superquadric
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.half_space import HalfSpace
 from palpate.core.touch.effects.tenting import Tenting
 from palpate.core.touch.pad import Calibration, FaceModel, Pad, contact_mask, guarded_move
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
 # A pad 20 mm over the ball's pole, looking down.
 ABOVE = pose_of(np.array([0.0, 0.0, 0.05]), FACING_DOWN)

@@ -12,11 +12,20 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, compose_poses, pose_of
 from palpate.core.robot_time import contact_seconds
-from palpate.core.touch.effect import Effect, Fingertip, Phase, SimulatedTouch, Stage
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
 from palpate.core.touch.keyed_random import KeyedRandom
 from palpate.core.touch.pad import guarded_move
-from palpate.core.touch.pipeline import Pipeline, advanced_pose, assemble, cast_single_rays
+from palpate.core.touch.pipeline import (
+    Effect,
+    Fingertip,
+    Phase,
+    Pipeline,
+    SimulatedTouch,
+    Stage,
+    advanced_pose,
+    assemble,
+    cast_single_rays,
+)
 
 IDEAL = """
 import sys
@@ -26,7 +35,7 @@ from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.pad import Calibration, Pad
 from palpate.core.touch.pipeline import assemble
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
 pad = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 finger = Fingertip(pad, Calibration("time", 3e-3, 1000.0, 0.2e3), ROBOT_PRESETS["modern"])

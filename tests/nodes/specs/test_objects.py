@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.core.poses import rotation_matrix
-from palpate.core.shapes.deformed_shapes import DeformedShape
+from palpate.core.shapes.triangle_meshes import DeformedShape
 from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.global_deformations import Bend, Taper
 from palpate.core.shapes.protocol import PosedShape, Shape

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.core.shapes.boolean_solids import BooleanShape
-from palpate.core.shapes.deformed_shapes import DeformedShape
+from palpate.core.shapes.triangle_meshes import DeformedShape
 from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder
 from palpate.core.shapes.hyperquadrics import Hyperquadric
 from palpate.core.shapes.polyhedra import Polyhedron

@@ -12,7 +12,7 @@ from typing import Any
 import click
 import pytest
 
-from palpate.core.explore.tracing.commands import TOUCH_DEPTH
+from palpate.core.explore.tracing.contour_path import TOUCH_DEPTH
 from palpate.launch.files.source_map import InputError
 from palpate.launch.node_kinds import describe_kind, list_kinds
 from palpate.launch.scene import SHIPPED_SCENES

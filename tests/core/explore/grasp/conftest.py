@@ -13,9 +13,8 @@ from palpate.core.explore.grasp.closing import Closing, Grasp, close_hand
 from palpate.core.explore.grasp.hand import Hand, next_pose, search_pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.shapes.protocol import Shape
-from palpate.core.touch.effect import Effect, Fingertip
 from palpate.core.touch.pad import Calibration, Pad
-from palpate.core.touch.pipeline import Pipeline, assemble
+from palpate.core.touch.pipeline import Effect, Fingertip, Pipeline, assemble
 
 PLACES = [np.array([x, y]) for x, y in ((0.0, 0.0), (0.04, 0.0), (-0.04, 0.0), (0.0, 0.04))]
 

@@ -18,7 +18,7 @@ from palpate.core.explore.probing.end_observation import (
     StopProbing,
 )
 from palpate.core.explore.probing.rule import next_probe
-from palpate.core.explore.tracing.slice_arc import deepest_point
+from palpate.core.explore.tracing.contour_path import deepest_point
 from palpate.core.poses import split_pose, transform_points
 from palpate.core.shapes.protocol import Shape
 from palpate.core.touch.curvature import fit_patch

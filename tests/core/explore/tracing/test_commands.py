@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from palpate.core.explore.tracing.commands import (
+from palpate.core.explore.tracing.contour_path import (
     UPRIGHT,
     Procedure,
     ProcedureResult,
+    SliceArc,
     TouchCommand,
     resume,
 )
-from palpate.core.explore.tracing.slice_arc import SliceArc
 
 
 def felt(slope: float) -> SliceArc:

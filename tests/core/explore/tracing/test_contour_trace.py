@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.explore.tracing.commands import SliceSpec, TouchCommand
+from palpate.core.explore.tracing.contour_path import SliceArc, SliceSpec, TouchCommand
 from palpate.core.explore.tracing.contour_trace import Trace, TraceGoal, after_touch, next_command
-from palpate.core.explore.tracing.slice_arc import SliceArc
 from palpate.core.shapes.protocol import Mesh, PosedShape, Shape
 from palpate.core.shapes.superquadrics import Superquadric
 
 MOST = 150
+
+
 # Where only two rows are touched beside the slice, a straight line has to do; else 0.1 um.
 EXACT = 5e-6
 NEAR_RIM = 25e-6  # The same where the rounded edge of a box curves within 5 mm

@@ -8,16 +8,19 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.tracing.commands import (
+from palpate.core.explore.tracing.contour_path import (
     DEEP_TOUCH_DEPTH,
     TOUCH_DEPTH,
     UPRIGHT,
+    Gap,
+    Path,
     ProcedureResult,
+    SliceArc,
     SliceSpec,
     TouchCommand,
+    heading_at_end,
     resume,
 )
-from palpate.core.explore.tracing.contour_path import Gap, Path, heading_at_end
 from palpate.core.explore.tracing.following import (
     AROUND_A_CORNER,
     OVER_A_GAP,
@@ -30,7 +33,6 @@ from palpate.core.explore.tracing.following import (
     probe_walls,
     reacquire,
 )
-from palpate.core.explore.tracing.slice_arc import SliceArc
 from palpate.core.poses import split_pose
 from palpate.core.touch.pad import Pad
 

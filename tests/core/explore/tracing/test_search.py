@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.tracing.commands import (
+from palpate.core.explore.tracing.contour_path import (
     DEEP_TOUCH_DEPTH,
     MOST_TILT,
     TOUCH_DEPTH,
     UPRIGHT,
     Posture,
     ProcedureResult,
+    SliceArc,
     SliceSpec,
     TouchCommand,
     resume,
@@ -28,7 +29,6 @@ from palpate.core.explore.tracing.search import (
     search_arc,
     search_first_arc,
 )
-from palpate.core.explore.tracing.slice_arc import SliceArc
 from palpate.core.shapes.protocol import Shape
 from palpate.core.touch.pad import Pad
 

@@ -7,24 +7,27 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.explore.tracing.commands import TOUCH_DEPTH
-from palpate.core.explore.tracing.contour_path import Path, path_of
-from palpate.core.explore.tracing.contour_trace import TraceGoal
-from palpate.core.explore.tracing.slice_arc import (
+from palpate.core.explore.tracing.contour_path import (
     LEAN,
     STEEP,
+    TOUCH_DEPTH,
+    Path,
     SliceArc,
     arc_in_slice,
     contact_bands,
     crossings,
+    path_of,
     same_surface,
 )
+from palpate.core.explore.tracing.contour_trace import TraceGoal
 from palpate.core.poses import pad_rotation, pose_of
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.jet import fit_jet
 from palpate.core.touch.pad import Pad, guarded_move
 
 RADIUS = 0.03
+
+
 # What a cubic through four rows misses on a ball, m; a straight line cuts off 4.2 um.
 ROW_BIAS = 0.2e-6
 

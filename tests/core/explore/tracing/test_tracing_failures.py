@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.tracing.commands import SliceSpec, TouchCommand
+from palpate.core.explore.tracing.contour_path import SliceSpec, TouchCommand
 from palpate.core.explore.tracing.contour_trace import Trace, TraceGoal, after_touch, next_command
 from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder
 from palpate.core.shapes.protocol import Mesh, PosedShape, Shape

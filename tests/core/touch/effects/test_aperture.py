@@ -8,10 +8,9 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, pose_of, split_pose
 from palpate.core.shapes.protocol import Mesh
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.aperture import Aperture
 from palpate.core.touch.pad import Pad
-from palpate.core.touch.pipeline import cast_single_rays
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch, cast_single_rays
 
 MakeTouch = Callable[..., SimulatedTouch]
 READINGS = ("mean", "max")

@@ -6,8 +6,8 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, pose_of
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.arm_backlash import ArmBacklash
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
 MakeTouch = Callable[..., SimulatedTouch]
 WIDTH = 0.2e-3

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.creep import Creep
-from palpate.core.touch.pipeline import assemble
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch, assemble
 
 MakeFinger = Callable[..., Fingertip]
 MakeTouch = Callable[..., SimulatedTouch]

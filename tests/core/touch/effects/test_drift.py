@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.drift import Drift
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
 MakeTouch = Callable[..., SimulatedTouch]
 

@@ -8,9 +8,9 @@ import pytest
 from scipy.optimize import nnls
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects import half_space
 from palpate.core.touch.effects.half_space import HalfSpace
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
 MakeTouch = Callable[..., SimulatedTouch]
 RADIUS, DEPTH = 0.03, 1e-3

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.hardening import Hardening
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
 
 def hardened(finger: Fingertip, touch: SimulatedTouch, strength: float = 1.0) -> Floats:

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import pose_of
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.pose_error import PoseError
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
 MakeFinger = Callable[..., Fingertip]
 MakeTouch = Callable[..., SimulatedTouch]

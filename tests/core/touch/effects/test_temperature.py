@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.temperature import Temperature
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
 
 def warmed(effect: Temperature, finger: Fingertip, touch: SimulatedTouch) -> Floats:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.tenting import Tenting
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
 MakeTouch = Callable[..., SimulatedTouch]
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.effect import Fingertip, SimulatedTouch
 from palpate.core.touch.effects.transport import Transport
+from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
 MakeFinger = Callable[..., Fingertip]
 MakeTouch = Callable[..., SimulatedTouch]
