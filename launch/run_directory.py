@@ -327,7 +327,7 @@ def _error_bound(summary: Mapping[str, Any]) -> list[str]:
     bound, truth = millimetres(summary["rms_bound_95_m"]), millimetres(summary["rms_m"])
     parts = [f"rms below {bound} (95 %), in truth {truth}"]
     if summary["largest_untouched_m"] is not None:
-        parts.append(f"untouched at most {millimetres(summary['unfelt_m'])}")
+        parts.append(f"untouched at most {millimetres(summary['largest_untouched_m'])}")
     return titled("promise", *parts)
 
 

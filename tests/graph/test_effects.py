@@ -49,6 +49,7 @@ def explored(lab: Path, name: str, *flags: str) -> dict[str, Any]:
     return summary
 
 
+@pytest.mark.slow
 def test_a_disturbed_run_is_the_same_in_one_process_and_in_many_and_can_be_replayed(
     lab: Path,
 ) -> None:
@@ -63,6 +64,7 @@ def test_a_disturbed_run_is_the_same_in_one_process_and_in_many_and_can_be_repla
     assert replayed.stdout.count("identical") == 3
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_sensor(lab: Path) -> None:
     few = ("--composed", "--no-record", "--set", "planner.most_touches=22")
     hashes = {explored(lab, f"s{n}", *few, "--seed", n)["mesh_sha256"] for n in "12"}

@@ -209,7 +209,7 @@ def spline_of(contacts: ContactPoints) -> RadialSpline:
 
 def contacts_at(true: Any, heights: Floats) -> ContactPoints:
     sections = [true.section(height / 0.04 - 1.0) for height in heights]
-    found = true.felt(np.concatenate(sections))
+    found = true.contacts_at(np.concatenate(sections))
     assert isinstance(found, ContactPoints)
     return found
 

@@ -39,7 +39,7 @@ def upright() -> AxisCurve:
 
 
 def everywhere(ellipsoid: Any) -> ContactPoints:
-    contacts: ContactPoints = ellipsoid.felt(
+    contacts: ContactPoints = ellipsoid.contacts_at(
         np.concatenate([ellipsoid.section(s) for s in np.linspace(-0.98, 0.98, 49)])
     )
     return contacts
@@ -180,7 +180,7 @@ def test_bending_counts_on_a_span_by_the_third_power_of_its_width() -> None:
 def blunt_error(oracle: Make) -> float:
     """Misfit along the normals next to the ends of a solid blunter than an ellipsoid, m."""
     solid = oracle([0.04, 0.025, 0.03], [0.5, 1.0])
-    contacts = solid.felt(
+    contacts = solid.contacts_at(
         np.concatenate([solid.section(s) for s in np.linspace(-0.995, 0.995, 133)])
     )
     spline = fit_radial_spline(
