@@ -136,3 +136,15 @@ def test_the_closing_words_do_without_figures(tmp_path: Any) -> None:
 
     assert lines[0] == "result     no model was measured"
     assert "died       boom" in lines
+
+
+def test_the_closing_words_tell_what_the_run_promises_of_its_error(
+    progress: Progress, tmp_path: Any
+) -> None:
+    summary = summarise(ending(), progress, "vase", 7)
+    summary |= {"rms_bound_95_m": 28e-6, "rms_m": 16e-6, "largest_untouched_m": 2.5e-3}
+
+    text = summary_text(summary, [], tmp_path)
+
+    assert "rms below 0.028 mm (95 %), in truth 0.016 mm" in text
+    assert "untouched at most 2.500 mm" in text

@@ -15,6 +15,7 @@ from palpate.core.splines.closed_curves import (
 )
 from palpate.core.splines.curve_fits import (
     STRENGTHS,
+    _bending,
     choose_smoothing,
     closed_curve_points,
     curve_parameters,
@@ -246,3 +247,10 @@ def test_what_is_lost_is_exact_however_little_it_is() -> None:
     weak = np.array([1e-30])
     assert np.allclose(modes.lost(weak)[0], 1e-30 * modes.stiffness, rtol=1e-12)
     assert np.allclose(modes.kept(weak) + modes.lost(weak), 1.0)
+
+
+def test_bending_is_the_sum_of_squared_second_differences_over_its_mean_diagonal() -> None:
+    form, values = _bending(9), np.random.default_rng(0).normal(size=9)
+    second = np.roll(values, 1) - 2.0 * values + np.roll(values, -1)
+    assert values @ form @ values == pytest.approx(second @ second / 6.0)
+    assert np.trace(form) == pytest.approx(9.0)

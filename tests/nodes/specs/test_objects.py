@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from palpate.core.poses import rotation_matrix
-from palpate.core.shapes.triangle_meshes import DeformedShape
 from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.global_deformations import Bend, Taper
 from palpate.core.shapes.protocol import PosedShape, Shape
 from palpate.core.shapes.superquadrics import Superquadric
-from palpate.core.shapes.triangle_meshes import TriangleShape
+from palpate.core.shapes.triangle_meshes import DeformedShape, TriangleShape
 from palpate.nodes.specs.objects import ObjectSpec, build_shape, encode_mesh
 from palpate.nodes.specs.solids import PoseSpec
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from palpate.core.shapes.boolean_solids import BooleanShape
-from palpate.core.shapes.triangle_meshes import DeformedShape
 from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder
 from palpate.core.shapes.hyperquadrics import Hyperquadric
 from palpate.core.shapes.polyhedra import Polyhedron
 from palpate.core.shapes.protocol import INSIDE, MISS, PosedShape, Shape
+from palpate.core.shapes.triangle_meshes import DeformedShape
 from palpate.nodes.specs.objects import ObjectSpec, build_shape
 
 DOWN, SIDEWAYS = np.array([0.0, 0.0, -1.0]), np.array([-1.0, 0.0, 0.0])
