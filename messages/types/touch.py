@@ -74,7 +74,7 @@ class TactileImage:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SurfacePatch:
-    """The piece of surface that one touch felt. On ``/touch/patch``."""
+    """The piece of surface that one touch met. On ``/touch/patch``."""
 
     goal: Count  # Number of the contour or probe
     touch: Count  # Number of the touch within the goal
