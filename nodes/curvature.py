@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct
 
-from palpate.core import split_pose
-from palpate.core.touch import Pad, fit_patch
+from palpate.core import split_pose, touch
 from palpate.messages import derive
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileImage
 from palpate.nodes.runtime import Node, Outputs
@@ -22,7 +21,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Sensor(NamedTuple):
     """What the node remembers of the sensor."""
 
-    pad: Pad  # The array
+    pad: touch.Pad  # The array
     noise: float  # Standard deviation of one taxel, m
 
 
@@ -44,22 +43,22 @@ def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State
     _, axes = split_pose(image.pose)
     pad = sensor.pad
     surface = pad.surface(image.compression, image.mask)
-    felt = fit_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
+    found = touch.fit_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
     patch = derive(
         SurfacePatch,
         image,
-        felt,
+        found,
         height=surface,
-        jet=np.zeros(0) if felt.jet is None else felt.jet.coefficients,
-        jet_scale=1.0 if felt.jet is None else felt.jet.scale,
-        normal=axes @ felt.normal,
-        k1=felt.principal[0],
-        k2=felt.principal[1],
-        k1_error=felt.principal_error[0],
-        k2_error=felt.principal_error[1],
-        principal_direction=axes @ felt.principal_direction,
-        curvature_across=felt.across,
-        curvature_across_error=felt.across_error,
+        jet=np.zeros(0) if found.jet is None else found.jet.coefficients,
+        jet_scale=1.0 if found.jet is None else found.jet.scale,
+        normal=axes @ found.normal,
+        k1=found.principal[0],
+        k2=found.principal[1],
+        k1_error=found.principal_error[0],
+        k2_error=found.principal_error[1],
+        principal_direction=axes @ found.principal_direction,
+        curvature_across=found.across,
+        curvature_across_error=found.across_error,
     )
     return sensor, [("/touch/patch", patch)]
 

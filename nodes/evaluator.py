@@ -10,7 +10,7 @@ from functools import cached_property, partial
 
 import msgspec
 
-from palpate.core.geometry import PreparedSurface, compare_surfaces, prepare_surface, solidity
+from palpate.core import geometry
 from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes.runtime import Deferred, Finished, Node, Outputs
 
@@ -32,20 +32,20 @@ class TrueSurface:
         truth: Truth,  # As it was received
     ) -> None:
         self._truth, self.height = truth, truth.height
-        self.volume = solidity(truth.vertices, truth.faces).volume  # m3
+        self.volume = geometry.solidity(truth.vertices, truth.faces).volume  # m3
         if not self.volume > 0.0:
             raise ValueError(f"the truth must have a positive volume, got {self.volume} m3")
 
     @cached_property
-    def prepared(self) -> PreparedSurface:
+    def prepared(self) -> geometry.PreparedSurface:
         """The surface itself."""
-        return prepare_surface(self._truth.vertices, self._truth.faces)
+        return geometry.prepare_surface(self._truth.vertices, self._truth.faces)
 
     @cached_property
     def sampling_floor(self) -> float:
         """Chamfer distance between two tessellations of the truth, m."""
-        other = prepare_surface(self._truth.floor_vertices, self._truth.floor_faces)
-        return compare_surfaces(self.prepared, other).chamfer
+        other = geometry.prepare_surface(self._truth.floor_vertices, self._truth.floor_faces)
+        return geometry.compare_surfaces(self.prepared, other).chamfer
 
 
 State = TrueSurface | None  # The truth; None before it was received
@@ -75,8 +75,10 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
 
 
 def _score(truth: TrueSurface, model: ShapeModel) -> Score:
-    distances = compare_surfaces(truth.prepared, prepare_surface(model.vertices, model.faces))
-    solid = solidity(model.vertices, model.faces)
+    distances = geometry.compare_surfaces(
+        truth.prepared, geometry.prepare_surface(model.vertices, model.faces)
+    )
+    solid = geometry.solidity(model.vertices, model.faces)
     return Score(
         number=model.number,
         contours=len(model.contours),

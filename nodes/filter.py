@@ -8,7 +8,7 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from palpate.core import Bools
-from palpate.core.touch import Calibration, FilterOrder, clean
+from palpate.core.touch import Calibration, FilterOrder, Pad, clean
 from palpate.messages import derive
 from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.runtime import Node, Outputs
@@ -29,7 +29,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class State:
     """The sensor, and what was received last."""
 
-    info: SensorInfo  # The sensor
+    pad: Pad  # The sensor's array
+    noise: float  # Standard deviation of one taxel, m
     calibration: Calibration  # What its signal means
     lost: Bools | None  # Taxels that it does not trust, (rows, cols); None if it trusts all
     # Goal and touch of the last frame: a link may deliver a frame twice.
@@ -44,7 +45,8 @@ def start(params: Params) -> tuple[State | None, Outputs]:
 def calibrate(params: Params, state: State | None, info: SensorInfo) -> tuple[State, Outputs]:
     """Remember the sensor."""
     lost = info.gain == 0.0
-    return State(info, calibration_of_info(info), lost if lost.any() else None), []
+    lost = lost if lost.any() else None
+    return State(pad_of_info(info), info.noise, calibration_of_info(info), lost), []
 
 
 def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State, Outputs]:
@@ -52,9 +54,9 @@ def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State
     if state.last == (frame.goal, frame.touch):
         return state, []
     cleaned = clean(
-        pad_of_info(state.info),
+        state.pad,
         state.calibration.decode(frame.array),
-        state.info.noise,
+        state.noise,
         contact=params.contact,
         order=params.order,
         lost=state.lost,

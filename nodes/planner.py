@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import Floats
-from palpate.core.explore import Demand, ModelUncertainty, next_finished, widened
+from palpate.core import Floats, explore
 from palpate.core.explore.planners import (
     Height,
     Observation,
@@ -39,21 +38,13 @@ from palpate.messages.types import (
     Superquadric,
     World,
 )
-from palpate.nodes.planning import (
-    State,
-    Task,
-    contour_goal,
-    grasp_goal,
-    model_goal,
-    next_touch,
-    probe_goal,
-    traced_of,
-    with_coarse,
-    with_contacts,
-    with_probe,
-)
+from palpate.nodes import planning
 from palpate.nodes.runtime import Node, Outputs
 from palpate.nodes.specs import resolution_of_info
+
+if TYPE_CHECKING:
+    from palpate.core.explore import Demand
+    from palpate.nodes.planning import State, Task
 
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 
@@ -93,7 +84,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def demand(self) -> Demand:
         """What is asked of the exploration."""
-        return Demand(
+        return explore.Demand(
             tolerance=self.tolerance,
             feature=self.feature,
             most_touches=math.inf if self.most_touches is None else self.most_touches,
@@ -103,7 +94,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 def start(params: Params) -> tuple[State, Outputs]:
     """Wait for the world."""
-    return State(), []
+    return planning.State(), []
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
@@ -128,23 +119,25 @@ def know_world(params: Params, state: State, world: World) -> tuple[State, Outpu
 
 def take_contacts(params: Params, state: State, contacts: GraspContacts) -> tuple[State, Outputs]:
     """Close the hand again, or ask for the coarse model."""
-    return _grasp_on(with_contacts(state, contacts))
+    return _grasp_on(planning.with_contacts(state, contacts))
 
 
 def _grasp_on(state: State) -> tuple[State, Outputs]:
     """The next closing; or, after the last one, the coarse model, or the end."""
-    goal = grasp_goal(state)
+    goal = planning.grasp_goal(state)
     if goal is not None:
         return state, [("/hand/goal", goal)]
     if not len(state.grasped.points):
         return done(state, "the hand closed on nothing within reach")
     state = replace(state, models=state.models + 1)
-    return state, [("/model/goal", model_goal(state))]
+    return state, [("/model/goal", planning.model_goal(state))]
 
 
 def take_coarse(params: Params, state: State, coarse: Superquadric) -> tuple[State, Outputs]:
     """Fix the slicing frame and begin with the slices."""
-    return decide(params.demand, _rule(params), with_coarse(state, coarse, params.direction))
+    return decide(
+        params.demand, _rule(params), planning.with_coarse(state, coarse, params.direction)
+    )
 
 
 def take_clock(params: Params, state: State, clock: FingerClock) -> tuple[State, Outputs]:
@@ -174,9 +167,9 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     return decide(params.demand, _rule(params), replace(state, survey=survey, asked=False))
 
 
-def _uncertainty(model: ShapeModel) -> ModelUncertainty:
+def _uncertainty(model: ShapeModel) -> explore.ModelUncertainty:
     starlike = model.health.get("felt_unused", 0.0) == 0.0
-    return ModelUncertainty(
+    return explore.ModelUncertainty(
         heights=model.uncertainty_height,
         deviations=model.uncertainty,
         whole=model.deviation,
@@ -194,7 +187,7 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     if state.asked:
         return state, []
     times = {finger: result.robot_time for finger, result in state.pending.items()}
-    finger = next_finished(times, state.tasks.keys(), state.clocks)
+    finger = explore.next_finished(times, state.tasks.keys(), state.clocks)
     if finger is None:
         return state, []
     result, task = state.pending[finger], state.tasks[finger]
@@ -207,7 +200,7 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
         clock=max(state.clock, result.robot_time),
     )
     if isinstance(result, Probe):
-        return decide(demand, rule, with_probe(state, task, result))
+        return decide(demand, rule, planning.with_probe(state, task, result))
     return _with_contour(demand, rule, state, task, result)
 
 
@@ -215,9 +208,9 @@ def _with_contour(
     demand: Demand, rule: Planner, state: State, task: Task, contour: Contour
 ) -> tuple[State, Outputs]:
     """Go on with one contour more."""
-    traced = traced_of(contour, task.begun)
+    traced = planning.traced_of(contour, task.begun)
     assert state.survey is not None
-    survey = state.survey.with_slice(widened(traced, demand.feature))
+    survey = state.survey.with_slice(explore.widened(traced, demand.feature))
     state = replace(state, survey=survey, contours=(*state.contours, contour.id))
     return decide(demand, rule, state)
 
@@ -242,7 +235,7 @@ def decide(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]
 
 def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[State, Outputs]:
     """Something to do for an idle finger, if there is anything; or a model, to decide by."""
-    touch = next_touch(state, demand.tolerance, last=False)
+    touch = planning.next_touch(state, demand.tolerance, last=False)
     if touch is None:
         if state.is_searching:
             return state, []
@@ -251,22 +244,22 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
         observation = _observation(demand, state)
         choice = check_choice(rule, observation)
         if isinstance(choice, Height):
-            task = Task(state.goals, state.clock, choice.height)
-            slice_goal = contour_goal(state, finger, choice)
+            task = planning.Task(state.goals, state.clock, choice.height)
+            slice_goal = planning.contour_goal(state, finger, choice)
             return _with_task(state, finger, task), [("/contour/goal", slice_goal)]
         if isinstance(choice, Stop) and not state.tasks and not observation.budget.spent:
-            touch = next_touch(state, demand.tolerance, last=True)
+            touch = planning.next_touch(state, demand.tolerance, last=True)
     if touch is None:
         return state, []
-    task = Task(state.goals, state.clock, touch.height, (touch.end, touch.probing))
-    goal = probe_goal(state, finger, touch.probing)
+    task = planning.Task(state.goals, state.clock, touch.height, (touch.end, touch.probing))
+    goal = planning.probe_goal(state, finger, touch.probing)
     return _with_task(state, finger, task), [("/probe/goal", goal)]
 
 
 def _ask(state: State) -> tuple[State, Outputs]:
     """Ask for a model of all that there is, and wait for it."""
     state = replace(state, models=state.models + 1, modelled=state.evidence, asked=True)
-    return state, [("/model/goal", model_goal(state))]
+    return state, [("/model/goal", planning.model_goal(state))]
 
 
 def _with_task(state: State, finger: int, task: Task) -> State:
@@ -295,7 +288,7 @@ def done(
 ) -> tuple[State, Outputs]:
     """Say that it is over."""
     state = replace(state, models=state.models + 1)
-    goal = model_goal(state)
+    goal = planning.model_goal(state)
     plan_done = derive(
         PlanDone,
         goal,

@@ -15,11 +15,10 @@ from typing import Any, TypeGuard
 import numpy as np
 from msgspec import Struct
 
-from palpate.core import IDENTITY_POSE, Floats, split_pose, tree_to_bytes
-from palpate.core.rebuild import Solid, fit_coarse, reconstruct
+from palpate.core import IDENTITY_POSE, Floats, rebuild, split_pose, tree_to_bytes
+from palpate.core.rebuild import lattice as lattices
+from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of, stack_points
-from palpate.core.rebuild.lattice import lattice_grid
-from palpate.core.rebuild.surface import SurfaceMesh
 from palpate.core.touch import Jet, Pad
 from palpate.messages import derive
 from palpate.messages.types import (
@@ -226,7 +225,7 @@ def _coarse(state: State, goal: ModelGoal) -> Superquadric:
 
 def coarse_model(number: int, contacts: Floats) -> Superquadric:
     """The message for the superquadric through contacts (n, 3), m."""
-    found = fit_coarse(contacts, CONTACT_ERROR)
+    found = rebuild.fit_coarse(contacts, CONTACT_ERROR)
     return derive(
         Superquadric,
         found,
@@ -248,7 +247,7 @@ def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
 
 def shape_model(
     goal: ModelGoal | PlanDone,  # Who asked for it
-    solid: Solid | None,  # None if there was nothing to rebuild: the model is empty
+    solid: rebuild.Solid | None,  # None if there was nothing to rebuild: the model is empty
     why: str = "",  # Why nothing could be rebuilt of contours that are there
 ) -> ShapeModel:
     """The message for a solid."""
@@ -272,11 +271,11 @@ def shape_model(
     )
 
 
-def _parts(solid: Solid, final: bool) -> dict[str, Any]:
+def _parts(solid: rebuild.Solid, final: bool) -> dict[str, Any]:
     """Everything of a model that is the solid's."""
     lattice = solid.control_lattice
     assert lattice is not None
-    grid, mesh = lattice_grid(lattice), _mesh(solid, final)
+    grid, mesh = lattices.lattice_grid(lattice), _mesh(solid, final)
     heights, deviation = _band(solid)
     return {
         "control": grid.control,
@@ -292,7 +291,7 @@ def _parts(solid: Solid, final: bool) -> dict[str, Any]:
     }
 
 
-def _mesh(solid: Solid, final: bool) -> SurfaceMesh:
+def _mesh(solid: rebuild.Solid, final: bool) -> surface.SurfaceMesh:
     """At the end about as many triangles whatever the shape: a first mesh tells how fine."""
     coarse = COARSE_TOLERANCE * solid.surface.size
     first = solid.mesh(coarse)
@@ -303,7 +302,7 @@ def _mesh(solid: Solid, final: bool) -> SurfaceMesh:
     )
 
 
-def _band(solid: Solid) -> tuple[Floats, Floats]:
+def _band(solid: rebuild.Solid) -> tuple[Floats, Floats]:
     """Heights along the slicing axis, and the side's standard deviation there."""
     assert solid.closed is not None
     if solid.closed.radial is not None:
@@ -318,7 +317,7 @@ def _rounded(value: float) -> float:
     return float(f"{value:.2g}")
 
 
-def _rebuild(state: State, goal: ModelGoal | PlanDone) -> Solid:
+def _rebuild(state: State, goal: ModelGoal | PlanDone) -> rebuild.Solid:
     felt = {
         id_: [state.felt[id_][touch] for touch in sorted(state.felt.get(id_, {}))]
         for id_ in (*goal.contours, *goal.probes)
@@ -337,7 +336,7 @@ def rebuild_set(
     # What each touch of a contour or probe measured, by its number
     felt: Mapping[int, Sequence[ContactPoints]],
     platform: float,  # Height on which the object stands, m
-) -> Solid:
+) -> rebuild.Solid:
     """The solid of a set.
 
     Raises ValueError if the contours were not traced in one frame, or as `reconstruct` does.
@@ -345,7 +344,7 @@ def rebuild_set(
     frame = common_frame(contours)
     numbers = [one.id for one in contours] + [one.id for one in probes]
     touched = [each for number in numbers for each in felt[number]]
-    return reconstruct(
+    return rebuild.reconstruct(
         [contour.points for contour in contours],
         patches=stack_points(touched),
         tops=touched_ends(contours, probes, felt, platform),

@@ -10,19 +10,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core import Floats, compose_poses, inverse_pose, split_pose, transform_points
-from palpate.core.explore.tracing import (
-    TOUCH_DEPTH,
-    SliceArc,
-    SliceSpec,
-    TouchCommand,
-    Trace,
-    TraceGoal,
-    TraceStatus,
-    after_touch,
-    arc_in_slice,
-    deepest_point,
-    next_command,
-)
+from palpate.core.explore import tracing
 from palpate.core.touch import HITS, Jet, Pad
 from palpate.messages import derive
 from palpate.messages.types import (
@@ -58,8 +46,8 @@ class Job:
 
     goal: ContourGoal | ProbeGoal  # What was asked for
     touches: int = 0  # Touches made, repeated ones included
-    trace: Trace | None = None  # The contour so far; None for a probe
-    aim: TouchCommand | None = None  # Where the finger was sent; None for a probe
+    trace: tracing.Trace | None = None  # The contour so far; None for a probe
+    aim: tracing.TouchCommand | None = None  # Where the finger was sent; None for a probe
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,12 +105,12 @@ def _go_on(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Ou
     if isinstance(job.goal, ProbeGoal):
         return _finish(params, state, _probe(state, job.goal, patch), patch.robot_time)
     assert job.trace is not None and job.aim is not None and state.pad is not None
-    back_off = BACK_OFF * SliceSpec(state.pad, job.goal.height).width
+    back_off = BACK_OFF * tracing.SliceSpec(state.pad, job.goal.height).width
     if patch.outcome == "inside" and job.aim.standoff < back_off:
         farther = job.aim._replace(standoff=job.aim.standoff + back_off)
         return _send(state, replace(job, aim=farther), job.goal, patch.robot_time)
     felt = _slice_arc(state.pad, job.goal, patch)
-    return _trace(params, state, job, after_touch(job.trace, felt), patch.robot_time)
+    return _trace(params, state, job, tracing.after_touch(job.trace, felt), patch.robot_time)
 
 
 def _begin(
@@ -136,22 +124,22 @@ def _begin(
             finger=goal.finger,
             pose=goal.pose,
             reach=goal.reach,
-            depth=TOUCH_DEPTH,
+            depth=tracing.TOUCH_DEPTH,
             direction=axes[:, 1],
             not_before=max(now, goal.not_before),
         )
         return replace(state, job=Job(goal, touches=1)), [("/finger/goal", touch)]
-    wanted = TraceGoal(goal.height, goal.centre, goal.radius, params.most_touches)
-    return _trace(params, state, Job(goal), Trace(wanted), max(now, goal.not_before))
+    wanted = tracing.TraceGoal(goal.height, goal.centre, goal.radius, params.most_touches)
+    return _trace(params, state, Job(goal), tracing.Trace(wanted), max(now, goal.not_before))
 
 
 def _trace(
-    params: Params, state: State, job: Job, trace: Trace, now: float
+    params: Params, state: State, job: Job, trace: tracing.Trace, now: float
 ) -> tuple[State, Outputs]:
     """Ask for the next touch of a contour, or report it."""
     assert isinstance(job.goal, ContourGoal) and state.pad is not None
-    trace, found = next_command(state.pad, trace)
-    if isinstance(found, TouchCommand):
+    trace, found = tracing.next_command(state.pad, trace)
+    if isinstance(found, tracing.TouchCommand):
         return _send(state, replace(job, trace=trace, aim=found), job.goal, now)
     contour = _contour(job, job.goal, trace, found, now)
     return _finish(params, state, ("/contour/traced", contour), now)
@@ -184,16 +172,18 @@ def _finish(
     return state, [published, *outputs]
 
 
-def _slice_arc(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> SliceArc | None:
+def _slice_arc(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> tracing.SliceArc | None:
     if patch.outcome not in HITS:
         return None
     pose = compose_poses(inverse_pose(goal.frame), patch.pose)
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
     smooth = patch.kind == "smooth"
-    return arc_in_slice(pad, pose, patch.height, patch.mask, jet, goal.height, smooth)
+    return tracing.arc_in_slice(pad, pose, patch.height, patch.mask, jet, goal.height, smooth)
 
 
-def _contour(job: Job, goal: ContourGoal, trace: Trace, status: TraceStatus, now: float) -> Contour:
+def _contour(
+    job: Job, goal: ContourGoal, trace: tracing.Trace, status: tracing.TraceStatus, now: float
+) -> Contour:
     empty = np.zeros((0, 3))
     path = trace.path
     _, axes = split_pose(goal.frame)
@@ -229,7 +219,7 @@ def _deepest(pad: Pad, patch: SurfacePatch) -> Floats:
     """The point of deepest compression, world frame; the pad's middle if none is touched."""
     if not patch.mask.any():
         return patch.pose[:3]
-    local = deepest_point(pad, patch.height, patch.mask)
+    local = tracing.deepest_point(pad, patch.height, patch.mask)
     return np.asarray(transform_points(patch.pose, local[None])[0])
 
 

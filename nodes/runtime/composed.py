@@ -21,6 +21,7 @@ from palpate.messages import Header, decode
 from palpate.messages.bus import Received
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Finished, Node, Source
+from palpate.nodes.runtime.preloading import import_whole
 from palpate.nodes.runtime.sources import SourceWork, Work
 from palpate.nodes.runtime.wiring import Wiring, load_node
 from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
@@ -117,6 +118,7 @@ class Composition:
         for name, wiring in self._wirings.items():
             self.doing = name
             node = load_node(wiring.module)
+            import_whole(wiring.module)
             if isinstance(node, Node):
                 self._types |= {wire: node.outputs[local] for local, wire in wiring.outputs.items()}
                 made.append((name, NodeWork(node, wiring.params, wiring)))

@@ -23,7 +23,7 @@ from palpate.messages import encode
 from palpate.messages.bus import Addresses, Cause, Journal, NodeSockets, Received, SourceProgress
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Finished, Node, Source
-from palpate.nodes.runtime.preloading import signal_at_parent_death
+from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
 from palpate.nodes.runtime.recovery import OutgoingSequence, replay, unpublished
 from palpate.nodes.runtime.sources import SourceWork, Work
 from palpate.nodes.runtime.wiring import Wiring, load_node
@@ -121,6 +121,7 @@ def _load(
 ) -> Work:
     """The node at work; what it holds is put away with the stack."""
     node = load_node(wiring.module)
+    import_whole(wiring.module)
     params: object = msgspec.msgpack.decode(wiring.params, type=node.params)
     file = Path(place.journals[wiring.name])
     if isinstance(node, Node):

@@ -1,18 +1,22 @@
-"""Imported by the server that forks the nodes, and by nobody else: what they need is then there.
+"""What a node needs is imported before its first message, and once for all that are forked.
 
-What cannot be imported is left to the node that wants it, which says in words what is wrong.
+The server that forks the nodes imports this module with `PRELOAD_VARIABLE` set. What cannot be
+imported is left to the node that wants it, which says in words what is wrong.
 """
 
 from __future__ import annotations
 
+import ast
 import ctypes
 import gc
+import inspect
 import os
 import signal
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from types import ModuleType
 
 # Variable of the environment with the names of the modules, between blanks.
 PRELOAD_VARIABLE = "PALPATE_PRELOAD"
@@ -25,12 +29,26 @@ def preload(names: Iterable[str]) -> None:
     with _no_longer_than_parent():
         for name in names:
             with suppress(Exception):
-                import_module(name)
+                import_whole(name)
     gc.enable()
     gc.freeze()
     if "numpy.random" in sys.modules:
         # Who draws without a generator of its own must not draw what its neighbours draw.
         os.register_at_fork(after_in_child=sys.modules["numpy.random"].seed)
+
+
+def import_whole(name: str) -> None:
+    """Import a module, and what its functions take from rooms, which import only when asked.
+
+    Raises what the imports raise.
+    """
+    module = import_module(name)
+    rooms = {key: one for key, one in vars(module).items() if isinstance(one, ModuleType)}
+    with suppress(OSError):  # no source, no look ahead: the first message takes longer then
+        for taken in ast.walk(ast.parse(inspect.getsource(module))):
+            match taken:
+                case ast.Attribute(ast.Name(key), attribute) if key in rooms:
+                    getattr(rooms[key], attribute, None)
 
 
 @contextmanager
