@@ -15,7 +15,15 @@ from palpate.rooms import lazy
 if TYPE_CHECKING:
     from palpate.launch.graph import Graph as Graph
     from palpate.launch.graph import ResolvedNode as ResolvedNode
+    from palpate.launch.graph import override as override
+    from palpate.launch.graph import plain_params as plain_params
+    from palpate.launch.graph import read_arguments as read_arguments
+    from palpate.launch.graph import read_settings as read_settings
     from palpate.launch.graph import resolve_nodes as resolve_nodes
+    from palpate.launch.hosts import free_endpoints as free_endpoints
+    from palpate.launch.hosts import key_file as key_file
+    from palpate.launch.hosts import read_host as read_host
+    from palpate.launch.hosts import run_host_agent as run_host_agent
     from palpate.launch.launch_file import arguments_table as arguments_table
     from palpate.launch.launch_file import describe as describe
     from palpate.launch.launch_source import EXPLORE as EXPLORE
@@ -48,13 +56,11 @@ if TYPE_CHECKING:
     from palpate.launch.scene import SHIPPED_SCENES as SHIPPED_SCENES
     from palpate.launch.scene import Scene as Scene
     from palpate.launch.scene import SceneSpec as SceneSpec
+    from palpate.launch.scene import check_calibration_path as check_calibration_path
     from palpate.launch.scene import find_scene as find_scene
     from palpate.launch.scene import load_scene as load_scene
     from palpate.launch.scene import scene_title as scene_title
     from palpate.launch.scene import shipped_scenes as shipped_scenes
-    from palpate.launch.settings import override as override
-    from palpate.launch.settings import plain_params as plain_params
-    from palpate.launch.settings import read_arguments as read_arguments
-    from palpate.launch.settings import read_settings as read_settings
+    from palpate.launch.scene import write_calibration as write_calibration
 else:
     __getattr__, __dir__ = lazy(__name__)

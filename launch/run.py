@@ -15,7 +15,7 @@ from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.launch.files import InputError, SourceMapped, export_model
-from palpate.launch.graph import Graph
+from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.launch_source import EXPLORE, prestart_fork_server
 from palpate.launch.node_kinds import Entry
@@ -30,7 +30,6 @@ from palpate.launch.run_directory import (
     versions_text,
 )
 from palpate.launch.scene import find_scene
-from palpate.launch.settings import override, resolved_text
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, simulator
 from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description

@@ -1,21 +1,25 @@
 """A scene: object, sensor, effects, planner and world, from a YAML file.
 
-Loading checks everything that can be wrong with it; a scene that loads can be explored.
+Loading checks everything that can be wrong with it; a scene that loads can be explored. Also the
+calibration that it may name, as `palpate calibrate` writes it.
 """
 
 from __future__ import annotations
 
+import io
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from msgspec import Meta, Struct, to_builtins
+from msgspec import Meta, Struct, field, to_builtins
+from ruamel.yaml import YAML
 
-from palpate.core import ROBOT_PRESETS
+from palpate.core import ROBOT_PRESETS, Floats
 from palpate.core.explore.planners import PLANNER_NAMES, Planner, planner_type
-from palpate.core.touch import Effect
+from palpate.core.touch import CalibrationEstimate, Effect, Pad
 from palpate.core.touch.effects import EFFECT_NAMES, effect_type
 from palpate.launch.files import (
     InputError,
@@ -27,10 +31,10 @@ from palpate.launch.files import (
     hint,
     read_mesh,
     read_yaml,
-    with_calibration,
 )
 from palpate.launch.node_kinds import search_current_folder
 from palpate.nodes.specs import (
+    CalibrationSpec,
     EffectSpecs,
     ObjectSpec,
     Seed,
@@ -43,6 +47,8 @@ from palpate.nodes.specs import (
 LEAST_EXTENT = 5.0e-3  # Smallest extent of an object, m
 CHECK_LEVEL = 4  # 5k faces: enough to tell how far an object reaches
 SHIPPED_SCENES = Path(__file__).parent / "scenes"  # Folder of the scenes that come with palpate
+DIGITS = 6  # Significant digits of what is written: far more than any of it is sure of
+MAX_CALIBRATION_VALUES = 20_000  # Four tables of 64 by 64, and what belongs to them
 
 
 class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -207,6 +213,47 @@ def _with_mesh(given: SourceMapped, scene: Path) -> SourceMapped:
     return SourceMapped(value, given.source, given.places)
 
 
+def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
+    """The scene with the calibration file that its sensor names read into it.
+
+    Raises
+    ------
+    InputError
+        If the file is not in the scene's folder, or cannot be used.
+    """
+    sensor = given.value.get("sensor")
+    name = sensor.get("calibration") if isinstance(sensor, dict) else None
+    if name is None:
+        return given
+    where = ("sensor", "calibration")
+    if not isinstance(name, str):
+        raise given.error(where, "sensor.calibration must be the name of a file")
+    try:
+        path = file_within(folder, name, "sensor.calibration")
+    except ValueError as error:
+        raise given.error(where, str(error)) from None
+    found = to_builtins(read_calibration(path))
+    value = {**given.value, "sensor": {**sensor, "calibration": found}}
+    return SourceMapped(value, given.source, given.places)
+
+
+def read_calibration(path: Path) -> CalibrationSpec:
+    """The calibration in a file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; the sentence names file, line, key and value.
+    """
+    found = convert(read_yaml(path, MAX_CALIBRATION_VALUES), CalibrationFile, "calibration")
+    return CalibrationSpec(
+        gain=found.gain,
+        offset=found.offset,
+        sound_speed=found.sound_speed,
+        noise=found.noise,
+    )
+
+
 def check_planner(given: SourceMapped) -> Planner | None:
     """Make the planner that a scene describes, ``explore: {planner: NAME, settings: {...}}``.
 
@@ -315,3 +362,70 @@ def scene_title(name: str) -> str:
     """The first comment of a shipped scene."""
     first = (SHIPPED_SCENES / f"{name}.yaml").read_text(encoding="utf-8").partition("\n")[0]
     return first.removeprefix("#").strip()
+
+
+class CalibrationFile(CalibrationSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A calibration with its standard errors; nothing reads these but people."""
+
+    errors: dict[str, Any] = field(default_factory=dict)  # By the names of the fields
+
+
+def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> None:
+    """Write a calibration whole, or not at all.
+
+    Raises
+    ------
+    InputError
+        If the file is there already, or cannot be written.
+    """
+    shape = (pad.rows, pad.cols)
+    document = {
+        "sound_speed": _rounded(estimate.sound_speed),
+        "noise": _rounded(estimate.noise),
+        "gain": _table(estimate.gain, shape),
+        "offset": _table(estimate.offset, shape),
+        "errors": {
+            "sound_speed": _rounded(estimate.sound_speed_error),
+            "gain": _table(estimate.gain_error, shape),
+            "offset": _table(estimate.offset_error, shape),
+        },
+    }
+    text = io.StringIO()
+    text.write("# Written by palpate calibrate. Gains: 0 is a taxel not to be trusted.\n")
+    yaml = YAML(pure=True)
+    yaml.default_flow_style = None
+    yaml.width = 1000
+    yaml.dump(document, text)
+    check_calibration_path(path)
+    whole = path.with_name(path.name + ".part")
+    try:
+        whole.write_text(text.getvalue(), encoding="utf-8")
+        whole.replace(path)
+    except OSError as error:
+        whole.unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _table(flat: Floats, shape: tuple[int, int]) -> list[list[float | None]]:
+    return [
+        [_rounded(value) if math.isfinite(value) else None for value in row]
+        for row in flat.reshape(shape).tolist()
+    ]
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def check_calibration_path(path: Path) -> None:
+    """Refuse a path to which no calibration can be written, before anything is pressed.
+
+    Raises
+    ------
+    InputError
+        If there is something already, or no folder to put it in.
+    """
+    if path.exists():
+        raise InputError(f"{path}: is there already; choose another name")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")

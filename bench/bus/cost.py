@@ -27,8 +27,7 @@ import zmq
 
 from palpate.bench.bus.toy_node import frame, settle, token_ring
 from palpate.bench.table import Row, SilentWatcher, at_least, at_most, best_seconds, in_turns
-from palpate.launch import launch
-from palpate.launch.hosts import free_endpoints
+from palpate.launch import free_endpoints, launch
 from palpate.launch.processes import RunCard, running_graphs, without_main_module
 from palpate.messages import Header, decode, encode, pack_frame, schema_hash, split_frame
 from palpate.messages.bus import STATUS_TOPIC, SocketContext, bind, make_key

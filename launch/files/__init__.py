@@ -13,11 +13,6 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.launch.files.calibration_file import (
-        check_calibration_path as check_calibration_path,
-    )
-    from palpate.launch.files.calibration_file import with_calibration as with_calibration
-    from palpate.launch.files.calibration_file import write_calibration as write_calibration
     from palpate.launch.files.file_access import FileWriter as FileWriter
     from palpate.launch.files.file_access import check_new as check_new
     from palpate.launch.files.file_access import file_within as file_within

@@ -1,6 +1,7 @@
-"""Files of measured points, by their endings.
+"""Files of measured points, by their endings: tables, arrays, clouds and recordings.
 
-Text files have a header that names the columns, or x, y and z alone.
+Text files have a header that names the columns, or x, y and z alone. Of a recording is read what
+was traced, all that was touched, and what the plan took.
 """
 
 from __future__ import annotations
@@ -8,19 +9,26 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import Bools, Floats
+from palpate.core import Bools, Floats, split_pose
+from palpate.core.rebuild.contours import ContactPoints, stack_points
+from palpate.core.rebuild.contours import contact_points_of as contacts_contact_points_of
+from palpate.core.touch import Jet
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.mesh_file import read_cloud
 from palpate.launch.files.point_clouds import MeasuredContours, contact_points_of, slice_cloud
-from palpate.launch.files.points_recording import read_recording
 from palpate.launch.files.solid_file import read_arrays
 from palpate.launch.files.source_map import InputError
+from palpate.messages import CodecError, decode
+from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, World
+from palpate.nodes import reconstructor as reconstructor_node
+from palpate.nodes.specs import pad_of_info
 
 NUMBERED = re.compile(r"contour_(\d+)")  # Name of one contour's array
 RECORDING_NAME = "topics.mcap"  # Name of the recording in the folder of a run
@@ -28,10 +36,23 @@ MIN_CLOUD_POINTS = 6  # Points of a cloud: two contours of three
 MAX_TABLE_BYTES = 256 << 20  # Largest file
 POSITION_COLUMNS, NORMAL_COLUMNS = ("x", "y", "z"), ("nx", "ny", "nz")
 CONTOUR_COLUMN, TOUCH_COLUMN = "contour", "touch"
+
+
 # Columns that mean something; others are passed over.
 KNOWN_COLUMNS = (*POSITION_COLUMNS, CONTOUR_COLUMN, *NORMAL_COLUMNS, TOUCH_COLUMN)
 MAX_NUMBER = 2**31 - 1  # Largest number of a contour or a touch
 MOST_LINES_NAMED = 6  # Most line numbers in a sentence
+
+
+# What is read, by the end of its topic: before it a finger may stand.
+MESSAGE_TYPES: Mapping[str, type] = {
+    "/contour/traced": Contour,
+    "/probe/traced": Probe,
+    "/touch/patch": SurfacePatch,
+    "/touch/info": SensorInfo,
+    "/plan/done": PlanDone,
+    "/world": World,
+}
 
 
 def read_points(path: Path) -> MeasuredContours:
@@ -84,6 +105,34 @@ class Table(NamedTuple):
     columns: dict[str, Floats]  # (n,) each, by name
     lines: Sequence[int]  # Line of each row
     notes: tuple[str, ...]  # What was left out
+
+
+@dataclass(slots=True)
+class RecordedContours:
+    """Messages of a recording, by kind."""
+
+    contours: list[Contour] = field(default_factory=list)
+    probes: list[Probe] = field(default_factory=list)
+    patches: list[SurfacePatch] = field(default_factory=list)
+    sensor: SensorInfo | None = None
+    done: PlanDone | None = None
+    world: World | None = None
+
+    def take(self, message: object) -> None:
+        """Keep one message."""
+        match message:
+            case Contour():
+                self.contours.append(message)
+            case Probe():
+                self.probes.append(message)
+            case SurfacePatch():
+                self.patches.append(message)
+            case SensorInfo():
+                self.sensor = message
+            case PlanDone():
+                self.done = message
+            case World():
+                self.world = message
 
 
 def _read_text(path: Path) -> MeasuredContours:
@@ -351,6 +400,89 @@ def _array(
     if length is not None and len(found) != length:
         raise InputError(f"{path}: {name} must have {length} rows, as contours, got {len(found)}")
     return np.asarray(found, np.float64)
+
+
+def read_recording(path: Path) -> MeasuredContours:
+    """Closed contours of a recording with all taxels of their touches, in m.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or holds no closed contour.
+    """
+    # Not for those who read a CSV file: mcap is imported with it.
+    from palpate.messages.recording import open_recording
+
+    heard = RecordedContours()
+    try:
+        for kept in open_recording(path).messages():
+            kind = next(
+                (kind for end, kind in MESSAGE_TYPES.items() if kept.topic.endswith(end)), None
+            )
+            if kind is not None:
+                heard.take(decode(kind, kept.body))
+    except CodecError as error:
+        raise InputError(f"{path}: was recorded with other messages: {error}") from None
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    return contours_of(path, heard)
+
+
+def contours_of(path: Path, heard: RecordedContours) -> MeasuredContours:
+    """The closed contours that a plan ended with, or all, where probes hit, and all taxels.
+
+    Raises
+    ------
+    InputError
+        If no contour is closed, or they were not traced in one frame; it names the path.
+    """
+    contours, probes = heard.contours, heard.probes
+    if heard.done is not None:
+        contours = [one for one in contours if one.id in heard.done.contours]
+        probes = [one for one in probes if one.id in heard.done.probes]
+    closed = [one for one in contours if one.status == "closed"]
+    if not closed:
+        raise InputError(f"{path}: holds no closed contour, of {len(contours)} that were traced")
+    hits = [one for one in probes if one.outcome == "hit"]
+    touches = _touches(heard, {one.id for one in closed} | {one.id for one in hits})
+    felt = stack_points([one for each in touches.values() for one in each]) if touches else None
+    notes = [] if felt is None else [f"{len(felt.points)} taxels of {felt.touch.max() + 1} touches"]
+    if len(closed) < len(contours):
+        notes.append(f"left out {len(contours) - len(closed)} contours that were not closed")
+    platform = None if heard.world is None else heard.world.platform
+    try:
+        frame = reconstructor_node.common_frame(closed)
+        tops = reconstructor_node.touched_ends(closed, hits, touches, platform)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    if not reconstructor_node.is_upright(frame):
+        lean = np.degrees(np.arccos(np.clip(split_pose(frame)[1][2, 2], -1.0, 1.0)))
+        notes.append(f"sliced along an axis that leans by {lean:.1f} deg")
+    elif platform is not None:
+        notes.append("the object stands on its platform, which is a touch of its lower end")
+    return MeasuredContours(
+        contours=tuple(np.array(one.points) for one in closed),
+        places=tuple(f"contour {one.id}" for one in closed),
+        normals=tuple(np.array(one.normals) for one in closed),
+        felt=felt,
+        tops=tops,
+        frame=np.array(frame),
+        notes=tuple(notes),
+    )
+
+
+def _touches(heard: RecordedContours, goals: set[int]) -> dict[int, list[ContactPoints]]:
+    """What each touch of some goals felt, by goal, as the reconstructor takes it."""
+    if heard.sensor is None:
+        return {}
+    pad = pad_of_info(heard.sensor)
+    found: dict[int, list[ContactPoints]] = {}
+    for patch in sorted(heard.patches, key=lambda patch: (patch.goal, patch.touch)):
+        if patch.goal in goals and patch.mask.any():
+            jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
+            points = contacts_contact_points_of(pad, patch.pose, patch.height, patch.mask, jet)
+            found.setdefault(patch.goal, []).append(points)
+    return found
 
 
 # By ending.

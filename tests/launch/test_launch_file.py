@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from palpate.launch.files.source_map import InputError, SourceMapped
+from palpate.launch.graph import resolved_text
 from palpate.launch.launch_file import LaunchDescription, arguments_table, describe
 from palpate.launch.launch_source import EXPLORE, find_launch_file
-from palpate.launch.settings import resolved_text
 
 Write = Callable[[str, str], Path]
 TWO = """

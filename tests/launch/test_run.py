@@ -11,10 +11,10 @@ import pytest
 
 from palpate.launch import run as module
 from palpate.launch.files.source_map import InputError, SourceMapped
+from palpate.launch.graph import read_settings
 from palpate.launch.launch_source import EXPLORE
 from palpate.launch.progress import SilentDisplay
 from palpate.launch.run import Run, explore, perform, plan_run
-from palpate.launch.settings import read_settings
 from palpate.messages.types.model import Score, ShapeModel
 from palpate.messages.types.motion import Contour
 from palpate.nodes.runtime.node import Finished, Node

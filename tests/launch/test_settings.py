@@ -4,9 +4,8 @@ import pytest
 from msgspec import Struct
 
 from palpate.launch.files.source_map import InputError
-from palpate.launch.graph import Graph
+from palpate.launch.graph import Graph, override, read_arguments, read_settings
 from palpate.launch.node_kinds import Entry
-from palpate.launch.settings import override, read_arguments, read_settings
 
 
 class Dials(Struct, frozen=True, kw_only=True):

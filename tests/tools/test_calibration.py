@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.launch.files.calibration_file import read_calibration, write_calibration
 from palpate.launch.files.source_map import InputError
-from palpate.launch.scene import SceneSpec, load_scene
+from palpate.launch.scene import SceneSpec, load_scene, read_calibration, write_calibration
 from palpate.tools.calibration import Calibrated, calibrate, calibration_text, calibration_warnings
 
 Write = Callable[[str, str], Path]

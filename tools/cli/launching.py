@@ -252,7 +252,7 @@ def host_command(address: str) -> None:
     Whoever has the same key (palpate keys) may run nodes here, and nobody else: a node is a
     program. A launch file names the machine with host: ADDRESS.
     """
-    from palpate.launch.hosts import key_file, read_host, run_host_agent
+    from palpate.launch import key_file, read_host, run_host_agent
 
     where, port = read_host(address)
     try:
@@ -267,7 +267,7 @@ def keys_command() -> None:
 
     Copy it to the same place on the other machines, readable by nobody but you.
     """
-    from palpate.launch.hosts import key_file
+    from palpate.launch import key_file
     from palpate.messages.bus import make_key
 
     path = key_file()

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import IDENTITY_POSE, transform_points
-from palpate.launch.files.points_recording import MESSAGE_TYPES, RecordedContours, contours_of
+from palpate.launch.files.points_file import MESSAGE_TYPES, RecordedContours, contours_of
 from palpate.launch.files.source_map import InputError
 from palpate.messages.types.model import PlanDone
 from palpate.messages.types.motion import Contour, ContourStatus, Probe

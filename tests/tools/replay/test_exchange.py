@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from palpate.launch.settings import read_settings
+from palpate.launch.graph import read_settings
 from palpate.messages.codec import Header, schema_hash
 from palpate.messages.recording.reader import RecordedMessage, open_recording
 from palpate.messages.recording.writer import RecordingWriter

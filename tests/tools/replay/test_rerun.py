@@ -11,9 +11,8 @@ import msgspec
 import pytest
 
 from palpate.launch.files.source_map import InputError
-from palpate.launch.graph import Graph
+from palpate.launch.graph import Graph, override, read_settings
 from palpate.launch.node_kinds import Entry
-from palpate.launch.settings import override, read_settings
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.reader import open_recording
 from palpate.messages.recording.writer import RecordingWriter
