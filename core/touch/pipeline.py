@@ -32,8 +32,6 @@ from palpate.core.touch.pad import (
 )
 
 MOST_COPIES = 100  # Of one frame
-
-
 # What each stage remembers between touches, in the order of the stages.
 StageStates = tuple[Any, ...]
 _NOTHING: Floats = np.zeros((0, 0))

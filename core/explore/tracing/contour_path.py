@@ -25,51 +25,35 @@ from palpate.core.touch import Jet, Pad
 
 JOINED = 2.0 / 15.0  # Points farther apart than this have a gap between them; in widths of the pad
 LEAST_JOINED = 1.6  # But points of neighbouring taxels never have; in pitches
-
-
 # Depth of a plain touch, m: half of the pad. Shallower ones touch less at once: at 1 mm a contour
 # takes a fifth more touches, and a band is lower by as much.
 TOUCH_DEPTH = 1.5e-3
 DEEP_TOUCH_DEPTH = 2.35e-3  # Depth where a plain one does not reach into a hollow, m
 MOST_TILT = 1.45  # The pad is tilted no farther than this, rad: at a pole a contour has no heading
 Result = TypeVar("Result")
-
-
 # The pad touched beside the stretch, or over it, but not in it; or it touched nothing there.
 GapReason = Literal["bridged", "missed"]
 LEAST_POINTS = 10  # Fewer points have no winding
-
-
 # Lengths of the path's end to which a parabola is fitted, the first whose fit is good; in widths of
 # the pad.
 WINDOWS = (7.0 / 15.0, 3.2 / 15.0)
-
-
 # Points that belong to the path's end; near its closing the start lies within the window too.
 LONGEST_TAIL = 40
 GOOD_FIT = 4.0e-3  # A parabola within this of the points is good; in widths of the pad
 CURVATURES = (-3.0, 7.5)  # Bounds of the path's curvature, in 1 / widths of the pad
 LEVEL_NORMAL = 0.2  # A normal whose level part is shorter than this has no azimuth
 ALIKE = 0.8  # Cosine of the angle within which the measured normal and the parabola must agree
-
-
 # The same where the parabola is good: beside an edge the normals are those of two faces.
 CLOSE = 0.997
 NEIGHBOURS = 8  # Pairs of taxels that tell the slope nearest to the slice
 LEAN = 0.36  # Slope to assume where only an edge of the pad touches: 20 degrees
 Indices = NDArray[np.intp]
-
-
 # Two neighbouring taxels belong to one surface if they differ by less than this many pitches.
 STEEP = 2.0
-
-
 # First row, counted from the one before the slice, and number of rows that a polynomial goes
 # through: the first window of which all rows are touched.
 SLICE_ARC_WINDOWS = ((-1, 4), (-2, 4), (0, 4), (-1, 3), (0, 3), (0, 2))
 MOST_ROWS = 4
-
-
 # Columns with more than two rows that do without those that have two: a corner of the pad in a
 # hollow has few of either.
 AMPLE = 6

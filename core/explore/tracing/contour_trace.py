@@ -39,8 +39,6 @@ from palpate.core.touch import Pad
 TraceStatus = Literal["closed", "occluded", "pole", "stuck", "overrun", "budget", "no_contact"]
 AROUND = math.radians(260.0)  # A loop can only close after winding this far about its own middle
 OVERRUN = math.radians(420.0)  # Winding this far without closing is going in circles
-
-
 # The loop is closed when the new arc passes the start at this distance, in widths of the pad.
 CLOSED = 1.0 / 15.0
 VERTICAL = 0.97  # A surface whose normals are steeper than this has left the slice, or nearly

@@ -303,13 +303,9 @@ AROUND_A_CORNER = tuple(
     + [Attempt(4 / 15, 0.0, 8 / 15), Attempt(8 / 15, 0.0, 10 / 15)]
     + [Attempt(8 / 15, math.radians(30), 10 / 15), Attempt(12 / 15, 0.0, 12 / 15)]
 )
-
-
 # One turn on the spot, into the hollow that the pad may have bridged; more turns find less than
 # they cost, for the gap's middle is probed in any case.
 OVER_A_GAP = (Attempt(0.0, math.radians(-25), STEP_STANDOFF),)
-
-
 # The likeliest first; each is tried at both ends. Chosen on slots, wedges and dents.
 WALL_POSTURES = (
     WallPosture(0.9, 0.22, 0.0),

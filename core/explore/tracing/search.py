@@ -33,8 +33,6 @@ ASKEW = 0.12  # Angle to the surface above which the first arc is touched again,
 # Ways of a repeated touch before and past the place, in widths of the pad.
 STANDOFF, REACH = 12.0 / 15.0, 14.0 / 15.0
 PAST = 0.2  # A touch from above goes this far past the slice, in widths of the pad
-
-
 # Why there is no first arc: nothing was touched; only what keeps the pad off the slice was; or the
 # object ends below the slice.
 NoArc = Literal["no_contact", "occluded", "pole"]
@@ -45,8 +43,6 @@ LEVEL = 0.03  # Slope below which the tilt is left alone
 MOST_STEPS = 6  # Touches of a walk
 GIVE_UP = 0.85  # A walk ends when a step leaves more than this share of the way to the slice
 BRIDGED = 3  # More touched taxels than this above and below the slice, and none at it: a bridge
-
-
 # Shift that brings the slice to just inside the pad's edge; in widths of the pad.
 SHIFT = 6.8 / 15.0
 LEANS = (-0.45, -0.9, 0.45)  # Tilts tried together with a shift, rad

@@ -16,8 +16,6 @@ from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 # Largest error of the face within the contact, as a share of the deepest indentation.
 TOLERANCE = 1e-7
 MOST_STEPS = 1000  # Thirty are usual at 16 by 16 taxels, a hundred at 32 by 32
-
-
 # Length of a projected step, over the largest stiffness of the scaled problem: below 2.
 EXPANSION = 1.9
 
