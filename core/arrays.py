@@ -1,4 +1,10 @@
-"""Array types, and the checks that public functions start with."""
+"""Array types, the checks that public functions start with, and the spread of errors.
+
+Half of the errors may be gross before their median follows them (Hampel, *The influence curve
+and its role in robust estimation*, 1974). The constant of normal noise stands here both ways,
+each rounded as textbooks have it: multiplying by the one differs from dividing by the other in
+the fifth digit.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Bools = NDArray[np.bool_]
+MAD_TO_SIGMA = 1.4826  # Standard deviation of normal noise, of its median absolute deviation
+PROBABLE_ERROR = 0.6745  # Median absolute deviation of normal noise, of its standard deviation
 
 
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floats:
@@ -55,3 +63,13 @@ def not_negative(name: str, value: float, unit: str) -> float:
     if not 0.0 <= value < math.inf:
         raise ValueError(f"{name} must be 0 or more and finite, got {value} {unit}")
     return float(value)
+
+
+def scaled_mad(errors: ArrayLike) -> float:
+    """Standard deviation of errors about 0, as 1.4826 times their median size."""
+    return MAD_TO_SIGMA * float(np.median(np.abs(errors)))
+
+
+def probable_error_sigma(errors: ArrayLike) -> float:
+    """Standard deviation of errors about 0, as their median size over 0.6745."""
+    return float(np.median(np.abs(errors))) / PROBABLE_ERROR

@@ -13,9 +13,8 @@ from typing import NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.core.arrays import Floats, Ints
+from palpate.core.arrays import Floats, Ints, probable_error_sigma
 from palpate.core.geometry import self_intersects
-from palpate.core.robust import probable_error_sigma
 from palpate.core.splines.bases import CUBIC, periodic_knots
 from palpate.core.splines.curve_fits import (
     LEAST_CONTROL,

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from palpate.core.touch.jet import fit_jet as fit_jet
     from palpate.core.touch.jet import fit_robust_jet as fit_robust_jet
     from palpate.core.touch.jet import monomials as monomials
-    from palpate.core.touch.keyed_random import KeyedRandom as KeyedRandom
     from palpate.core.touch.pad import HITS as HITS
     from palpate.core.touch.pad import SPRINGS as SPRINGS
     from palpate.core.touch.pad import Calibration as Calibration
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from palpate.core.touch.pad import guarded_move as guarded_move
     from palpate.core.touch.pipeline import Effect as Effect
     from palpate.core.touch.pipeline import Fingertip as Fingertip
+    from palpate.core.touch.pipeline import KeyedRandom as KeyedRandom
     from palpate.core.touch.pipeline import Phase as Phase
     from palpate.core.touch.pipeline import Pipeline as Pipeline
     from palpate.core.touch.pipeline import SimulatedTouch as SimulatedTouch

@@ -13,8 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.robust import scaled_mad
+from palpate.core.arrays import Bools, Floats, Ints, scaled_mad
 from palpate.core.touch.filters import neighbourhoods
 from palpate.core.touch.jet import JetFit, fit_robust_jet, monomials
 from palpate.core.touch.pad import Pad

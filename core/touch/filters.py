@@ -16,8 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.robust import scaled_mad
+from palpate.core.arrays import Bools, Floats, Ints, scaled_mad
 from palpate.core.touch.jet import LEAST_TAXELS, fit_robust_jet, monomials
 from palpate.core.touch.pad import CONTACT_DEVIATIONS, Pad, contact_mask
 
@@ -43,6 +42,8 @@ STRAIGHT = 0.05  # In pitches: what a line of three may bend, beside noise, to c
 ALSO_OFF = 0.5
 # In pitches: a taxel as high as one beside it that is no impulse is none: the end of a ridge.
 LEVEL = 0.15
+
+
 # In pitches: how far an impulse in the outermost rings stands beyond all that is about it; the
 # array's own corners have three neighbours only.
 BEYOND, BEYOND_IN_CORNERS = 0.15, 0.45

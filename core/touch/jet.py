@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.robust import scaled_mad
+from palpate.core.arrays import Bools, Floats, Ints, scaled_mad
 from palpate.core.touch.pad import Pad
 
 TUKEY = 4.685  # Deviations beyond which a taxel has no weight: 95 % efficient for normal noise

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
-from palpate.core.arrays import Bools, Floats
-from palpate.core.robust import scaled_mad
+from palpate.core.arrays import Bools, Floats, scaled_mad
 from palpate.core.touch.pad import Calibration
 
 LEAST_PRESSES = 4  # A taxel needs this many presses for a gain and an offset of its own
@@ -34,10 +33,16 @@ LEAST_NOISE = 1e-7
 LEAST_REACHED = 16
 FAR = 6.0  # Free readings farther off than this many scales are impulses
 OUTLIER = 4.5  # Readings farther off than this many standard deviations are left out
+
+
 # Spread of the pose's error with which the estimate begins, m and rad.
 FIRST_POSE, FIRST_TILT = 0.1e-3, 2e-3
+
+
 # Likewise of the taxels' departures from the common gain and offset, 1 and m.
 FIRST_GAIN, FIRST_OFFSET = 0.03, 10e-6
+
+
 # Compressions are counted in mm where gains are solved for, so that all columns are alike.
 UNIT = 1e-3
 TaxelIndices = NDArray[np.signedinteger]

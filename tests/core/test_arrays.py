@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
-from palpate.core.arrays import finite_array, positive
+from palpate.core.arrays import finite_array, positive, probable_error_sigma, scaled_mad
 
 
 def test_lists_and_integers_become_float_arrays() -> None:
@@ -56,3 +58,14 @@ def test_what_is_not_positive_and_finite_is_refused(value: float) -> None:
 def test_what_is_no_array_of_real_numbers_is_refused(value: object, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         finite_array("size", value, (None,))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("sigma_of", [scaled_mad, probable_error_sigma])
+def test_normal_noise_has_its_standard_deviation_though_a_few_errors_are_gross(
+    sigma_of: Callable[[ArrayLike], float],
+) -> None:
+    errors = np.random.default_rng(1).normal(0.0, 2.5, 200_001)
+    assert sigma_of(errors) == pytest.approx(2.5, rel=0.01)
+    errors[:200] = 1e9
+    assert sigma_of(errors) == pytest.approx(2.5, rel=0.01)
+    assert sigma_of(-errors) == sigma_of(errors)

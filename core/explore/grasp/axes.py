@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Floats
-from palpate.core.robust import scaled_mad
+from palpate.core.arrays import Floats, scaled_mad
 
 # A surface that leans less lies level: the object stands on a platform and ends level, however its
 # middles lean.
@@ -27,14 +26,22 @@ SQUARE = math.radians(3.0)
 SAME = math.radians(1.0)  # An axis that differs by less is no other
 # Normals that are square to the axis but for less are those of the sides; closer each time.
 NEAR = tuple(math.radians(one) for one in (20.0, 10.0, 5.0, 2.5, 1.5))
+
+
 # Contacts of straight sides, at least; and their share of those that face sideways at all: of a
 # round surface far fewer do.
 FEWEST, LEAST_STRAIGHT = 10, 0.4
+
+
 # Share of the sides' normals, at least, in the direction that has fewest: else the axis may turn
 # about the only direction in which they point.
 ROUND_ABOUT = 0.05
+
+
 # Of reweighting, and of these with the axis's direction held, until it has found its place.
 SWEEPS, PLACING = 25, 6
+
+
 # Normals that miss the axis by more than this many standard deviations count for nothing: those at
 # edges, which are measured as something between their faces.
 CUT = 3.0

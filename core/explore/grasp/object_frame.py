@@ -1,10 +1,16 @@
-"""The frame in which an object is sliced, and where the object begins and ends in it.
+"""The frame in which an object is sliced, where it begins and ends, and its coarse model.
 
 Its axis is the one about which the object was turned, if there is one; else the principal axis
 that differs most from the others (Fung, 1999, 6.1), or beside it the one along which the
-surface runs straight; else the world's own z axis, and that is said. Who knows better may give
-the axis. An end that was touched is where its contacts say; one that was not is where the
+surface runs straight; else the world's own z axis, which the frame tells. Who knows better may
+give the axis. An end that was touched is where its contacts tell; one that was not is where the
 fitted solid has it, if that fits, or where the platform cuts it off.
+
+What the fitted solid misses is a smooth field of displacements along its normals: a Gaussian
+process that the contacts' residuals pin down where they are; elsewhere it returns to nothing,
+and may be anything of the size of what the fit misses. So a bump that was touched moves the
+axis, and a side that was not makes it uncertain. Rasmussen and Williams, *Gaussian processes for
+machine learning*, 2006, (2.25) and (2.26).
 """
 
 from __future__ import annotations
@@ -14,11 +20,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats, finite_array, positive
+from palpate.core.arrays import Bools, Floats, Ints, finite_array, positive
 from palpate.core.explore.grasp.axes import ROUND, RevolutionAxis, extrusion_axis, revolution_axis
-from palpate.core.explore.grasp.coarse_model import CorrectedSolid, correct_solid
 from palpate.core.poses import inverse_pose, pose_of, split_pose, transform_points
-from palpate.core.shapes import FittedSuperquadric
+from palpate.core.shapes import FittedSuperquadric, Mesh
 
 # Which axis: that about which the surface was turned, a principal axis, no axis of its own, or one
 # that was given.
@@ -34,9 +39,13 @@ DISTINCT = 1.06  # Principal axes whose ratio is smaller are alike
 # differs more.
 SLENDER = 1.25
 EXACT = 1e-9  # A given axis that leans less is the vertical, rad
+
+
 # An axis of revolution within two standard deviations of the vertical, but at least and at most
 # this, is the vertical: objects stand on platforms.
 LEAST_SNAP, MOST_SNAP = math.radians(1.0), math.radians(3.0)
+
+
 # So is a principal axis that leans less: features that no contact has met turn the axes of vases
 # and twisted columns by as much, and slices that lean less are as good.
 PRINCIPAL_SNAP = math.radians(15.0)
@@ -50,6 +59,10 @@ QUARTER = 0.25  # Of the extent: the widest contact so near to the lower end tel
 # Of the diameter: a solid that misses its contacts by more says nothing of what is beyond.
 FITS = 0.015
 LEAST_COSINE = 0.5  # The platform cuts off an axis that is steeper than this
+REACH = 0.2  # Of the diameter: how far one residual speaks for its neighbourhood
+# A fit follows the contacts: away from them it is off by this many times what it shows there.
+UNSEEN = 5.0
+TIED = 1e-6  # Of the largest variance: no gap between two counts as smaller
 
 
 class ObjectFrame(NamedTuple):
@@ -151,6 +164,73 @@ def _on_platform(
     points = np.vstack([points, mesh.vertices[lowest]])
     residuals = np.append(found.residuals, mesh.vertices[lowest, 2] - platform)
     return correct_solid(mesh, points, residuals, found.rms, noise)
+
+
+def correct_solid(
+    mesh: Mesh, points: Floats, residuals: Floats, rms: float, noise: float
+) -> CorrectedSolid:
+    """Move a solid's surface on to its contacts.
+
+    `points` (n, 3): contacts, m. `residuals` (n,): how far outside it each lies, m. `rms`: what the
+    fit misses, m. `noise`: standard deviation of a contact, m.
+    """
+    vertices, faces = mesh
+    area, normals = _areas(vertices, faces)
+    reach = REACH * float(np.ptp(vertices, axis=0).max())
+    size = (UNSEEN * max(rms, noise)) ** 2
+    among = size * _kernel(points, points, reach) + noise**2 * np.eye(len(points))
+    towards = size * _kernel(vertices, points, reach)
+    gain = np.linalg.solve(among, towards.T).T
+    moved = vertices + normals * (gain @ residuals)[:, None]
+    left = np.maximum(size - np.einsum("vn,vn->v", gain, towards), 0.0)
+    mass = mass_properties(moved, faces)
+    if not mass.sound:  # the contacts contradict the solid: it is left as it is
+        moved, mass = vertices, mass_properties(vertices, faces)
+    effects = _effects(mass, moved, area)
+    covariance = size * effects @ (_kernel(vertices, vertices, reach) @ effects.T)
+    covariance -= (effects @ gain) @ (effects @ towards).T
+    return CorrectedSolid(
+        moved,
+        faces,
+        mass,
+        np.sqrt(left),
+        covariance[:3, :3],
+        float(np.sqrt(max(np.trace(covariance[3:, 3:]), 0.0))),
+    )
+
+
+def _areas(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
+    """Area of the surface about each vertex, (n,), and its normal, (n, 3)."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    third = np.cross(b - a, c - a) / 6.0
+    areas = np.zeros_like(vertices)
+    for corner in faces.T:
+        np.add.at(areas, corner, third)
+    area = np.linalg.norm(areas, axis=1)
+    return area, areas / np.maximum(area, np.finfo(float).tiny)[:, None]
+
+
+def _kernel(one: Floats, other: Floats, reach: float) -> Floats:
+    """Correlation (n, m) of displacements at two sets of places."""
+    squares = (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2.0 * one @ other.T
+    result: Floats = np.exp(-0.5 * np.maximum(squares, 0.0) / reach**2)
+    return result
+
+
+def _effects(mass: MassProperties, vertices: Floats, area: Floats) -> Floats:
+    """What a displacement of each vertex does, (6, n): turns of the principal axes, shifts.
+
+    To first order: a layer of area A and thickness d at x adds A d x x^T to the second moment,
+    and an axis turns by the mixed part over the gap of the two variances.
+    """
+    at = (vertices - mass.centroid) @ mass.axes
+    spread = mass.spread
+    least = TIED * spread[2]
+    turns = [
+        area * at[:, i] * at[:, j] / (mass.volume * max(spread[j] - spread[i], least))
+        for i, j in ((1, 2), (0, 2), (0, 1))
+    ]
+    return np.vstack([*turns, area * at.T / mass.volume])
 
 
 def _framed(
@@ -328,3 +408,54 @@ class AxialExtent(NamedTuple):
     high: float  # m
     radius: float  # Largest distance from the axis, m
     error: float  # Standard deviation of the two ends, the larger one, m
+
+
+class CorrectedSolid(NamedTuple):
+    """A solid with what its contacts added."""
+
+    vertices: Floats  # (n, 3), m
+    faces: Ints  # (m, 3)
+    mass: MassProperties  # What it bounds
+    deviation: Floats  # Standard deviation of each vertex along its normal, (n,), m
+    # Covariance of the body's principal axes: turns about the first, second and third of them, (3,
+    # 3), rad2.
+    tilts: Floats
+    shift: float  # Standard deviation of its centroid, m
+
+
+class MassProperties(NamedTuple):
+    """A solid of density 1."""
+
+    volume: float  # m3
+    centroid: Floats  # (3,), m
+    axes: Floats  # Principal axes as columns, the longest last; a rotation
+    spread: Floats  # Variances of the volume along them, ascending, (3,), m2
+
+    @property
+    def sound(self) -> bool:
+        """False for a surface that is turned inside out, or encloses nothing."""
+        return self.volume > 0.0 and float(self.spread[0]) > 0.0
+
+
+def mass_properties(vertices: Floats, faces: Ints) -> MassProperties:
+    """What a closed mesh bounds.
+
+    `vertices` (n, 3): m. `faces` (m, 3): counter-clockwise seen from outside.
+
+    Sums over the tetrahedra between faces and a point: the integral of x x^T over one is its volume
+    / 20 times the sum of x_i x_i^T over its corners and of their sum with itself.
+    """
+    start = vertices.mean(axis=0)
+    corners = (vertices - start)[faces]
+    a, b, c = corners.transpose(1, 0, 2)
+    volumes = np.einsum("mi,mi->m", a, np.cross(b, c)) / 6.0
+    volume = float(volumes.sum())
+    total = corners.sum(axis=1)
+    centroid = volumes @ total / (4.0 * volume)
+    second = np.einsum("m,mki,mkj->ij", volumes, corners, corners)
+    second += np.einsum("m,mi,mj->ij", volumes, total, total)
+    covariance = second / (20.0 * volume) - np.outer(centroid, centroid)
+    spread, axes = np.linalg.eigh(covariance)
+    if np.linalg.det(axes) < 0.0:
+        axes = axes * [-1.0, 1.0, 1.0]
+    return MassProperties(volume, centroid + start, axes, spread)

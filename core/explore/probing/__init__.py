@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.core.explore.probing.end_observation import End as End
-    from palpate.core.explore.probing.end_observation import EndObservation as EndObservation
-    from palpate.core.explore.probing.end_observation import ProbeCommand as ProbeCommand
-    from palpate.core.explore.probing.end_observation import ProbeResult as ProbeResult
-    from palpate.core.explore.probing.end_observation import SideContour as SideContour
+    from palpate.core.explore.probing.ends import End as End
+    from palpate.core.explore.probing.ends import EndObservation as EndObservation
+    from palpate.core.explore.probing.ends import ProbeCommand as ProbeCommand
+    from palpate.core.explore.probing.ends import ProbeResult as ProbeResult
+    from palpate.core.explore.probing.ends import SideContour as SideContour
     from palpate.core.explore.probing.rule import next_probe as next_probe
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -16,19 +16,15 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.grasp import search_places
-from palpate.core.explore.probing.end_observation import (
+from palpate.core.explore.probing.ends import (
+    FOOT,
     End,
+    EndFace,
     EndObservation,
     ProbeCommand,
     ProbeResult,
     SideContour,
     StopProbing,
-    turned_command,
-    turned_over,
-)
-from palpate.core.explore.probing.faces import (
-    FOOT,
-    EndFace,
     covers,
     expected_edge,
     fit_face,
@@ -37,6 +33,8 @@ from palpate.core.explore.probing.faces import (
     is_plane,
     largest_untouched_disc,
     next_edge,
+    turned_command,
+    turned_over,
 )
 from palpate.core.explore.tracing import TOUCH_DEPTH
 from palpate.core.geometry import edge_distance, signed_area
@@ -48,6 +46,8 @@ PLANE = 5  # Touches all over a face that are enough if they lie in one plane
 # Of the tolerance: what a plane may add to the error of the whole surface, for the mean of its
 # touches errs as their poses do.
 SURE = 0.05
+
+
 # Of the pad's width: radius of a disc in which nothing need be touched; and where the wall leans
 # over the end, so that a smooth surface goes on from it.
 SMALL, SMALL_ROUND = 0.35, 0.5

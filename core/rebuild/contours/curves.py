@@ -14,10 +14,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Bools, Floats, finite_array
+from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array, probable_error_sigma
 from palpate.core.geometry import area_centroid, self_intersects, turn_between
 from palpate.core.rebuild.contours.contacts import into_frame
-from palpate.core.robust import PROBABLE_ERROR, probable_error_sigma
 from palpate.core.splines import (
     EVEN_GAP,
     EVEN_MIDDLE,

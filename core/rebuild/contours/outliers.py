@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from palpate.core.arrays import Bools, Floats
+from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats
 from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, same_steps
-from palpate.core.robust import PROBABLE_ERROR
 
 CLEARLY = 4.5  # Deviations of the points' noise from which on one is off,
 

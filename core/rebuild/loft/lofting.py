@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Bools, Floats, finite_array
+from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array, probable_error_sigma
 from palpate.core.rebuild.contours import CUBIC_GAIN
 from palpate.core.rebuild.loft.fitting import (
     ContourFit,
@@ -29,7 +29,6 @@ from palpate.core.rebuild.loft.fitting import (
 )
 from palpate.core.rebuild.loft.smoothing import BetweenContours, Smoothed, between_contours
 from palpate.core.rebuild.loft.surfaces import ContourSurface
-from palpate.core.robust import PROBABLE_ERROR, probable_error_sigma
 from palpate.core.splines import PeriodicBasis
 
 # Times the deviation: what root mean square and largest error stay below on nine of ten objects

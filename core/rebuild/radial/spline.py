@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array, kron
 
-from palpate.core.arrays import Floats, Ints
+from palpate.core.arrays import Floats, Ints, probable_error_sigma
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.loft import SAFE_MOST, SAFE_RMS, Uncertainty, bending_along
 from palpate.core.rebuild.radial.equations import (
@@ -30,7 +30,6 @@ from palpate.core.rebuild.radial.equations import (
     side_system,
     tensor_rows,
 )
-from palpate.core.robust import probable_error_sigma
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
 SWEEPS = 2  # Fits, each about the points as the shifts before have moved them

@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.core.arrays import Bools, Floats, Ints, finite_array, positive
+from palpate.core.arrays import MAD_TO_SIGMA, Bools, Floats, Ints, finite_array, positive
 from palpate.core.least_squares import Loss, cauchy_loss, levenberg_marquardt, linear_loss
 from palpate.core.poses import principal_axes
 from palpate.core.rebuild.recovery.distances import Warps, distances_alone, normal_distances
@@ -32,7 +32,6 @@ from palpate.core.rebuild.recovery.report import (
     scaled_down,
     unfitted,
 )
-from palpate.core.robust import MAD_TO_SIGMA
 from palpate.core.shapes import (
     LARGEST_EXPONENT,
     LEAST_EXPONENT,

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from palpate.core.plugins import Range, check_ranges
-from palpate.core.touch.keyed_random import KeyedRandom
-from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
+from palpate.core.touch.pipeline import Fingertip, KeyedRandom, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,7 +8,7 @@ import pytest
 from palpate.bench.explore import grasping as bench_grasp
 from palpate.bench.explore.grasping import grasp, grasp_rows, judge_frame
 from palpate.bench.objects.touched import GRASPED_OBJECTS
-from palpate.core.explore.grasp.coarse_model import mass_properties
+from palpate.core.explore.grasp.object_frame import mass_properties
 
 
 @pytest.mark.parametrize("name", GRASPED_OBJECTS)

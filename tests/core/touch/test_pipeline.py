@@ -13,11 +13,11 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, compose_poses, pose_of
 from palpate.core.robot_time import contact_seconds
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
-from palpate.core.touch.keyed_random import KeyedRandom
 from palpate.core.touch.pad import guarded_move
 from palpate.core.touch.pipeline import (
     Effect,
     Fingertip,
+    KeyedRandom,
     Phase,
     Pipeline,
     SimulatedTouch,
@@ -96,7 +96,6 @@ def test_an_ideal_touch_imports_no_effect_and_no_random_number() -> None:
     assert "palpate.core.touch.pipeline" in loaded
     assert not [name for name in loaded if name.startswith("palpate.core.touch.effects")]
     assert not [name for name in loaded if name.startswith(("numpy.random", "scipy"))]
-    assert "palpate.core.touch.keyed_random" not in loaded
 
 
 def test_without_effects_the_array_reads_the_compression(make_finger, make_touch) -> None:
@@ -320,3 +319,47 @@ def test_a_bottomed_pad_was_pressed_only_to_its_saturation(make_finger, make_tou
     cast_single_rays(finger, touch)
     assert touch.outcome == "bottomed"
     assert touch.loading == pytest.approx(0.8 * 3e-3 / finger.robot.approach)
+
+
+def drawn(finger: Fingertip, name: str, number: int) -> Floats:
+    return KeyedRandom(finger, name).of_touch(number).standard_normal(4096)
+
+
+def test_a_touch_can_be_drawn_again_after_any_other(make_finger) -> None:
+    draws = KeyedRandom(make_finger(), "drift")
+    first = draws.of_touch(5).standard_normal(100)
+    draws.once().random(7)
+    draws.of_touch(6).integers(0, 9, size=3, dtype=np.uint32)  # leaves half a word over
+    assert np.array_equal(draws.of_touch(5).standard_normal(100), first)
+    assert np.array_equal(drawn(make_finger(), "drift", 5)[:100], first)
+
+
+def test_what_is_drawn_once_is_apart_from_every_touch(make_finger) -> None:
+    draws = KeyedRandom(make_finger(), "drift")
+    once = draws.once().random(10_000)
+    again = draws.once().random(10_000)
+    first = draws.of_touch(0).random(10_000)
+    assert np.array_equal(once, again)
+    assert not np.intersect1d(once, first).size
+
+
+def test_seed_finger_effect_and_touch_each_give_other_numbers(make_finger) -> None:
+    samples = [
+        drawn(make_finger(), "drift", 3),
+        drawn(make_finger(seed=8), "drift", 3),
+        drawn(make_finger(number=2), "drift", 3),
+        drawn(make_finger(), "gaussian_noise", 3),
+        drawn(make_finger(), "drift", 4),
+    ]
+    # The correlation of independent samples has a standard error of 1 / sqrt(n).
+    correlations = np.corrcoef(samples) - np.eye(len(samples))
+    assert np.abs(correlations).max() < 5 / np.sqrt(4096)
+
+
+def test_numbers_of_successive_touches_are_independent(make_finger) -> None:
+    draws = KeyedRandom(make_finger(), "drift")
+    series = np.array([draws.of_touch(number).standard_normal() for number in range(4096)])
+    for lag in (1, 2, 3):
+        assert abs(np.mean(series[lag:] * series[:-lag])) < 5 / np.sqrt(4096)
+    assert abs(series.mean()) < 5 / np.sqrt(4096)
+    assert abs(series.var() - 1.0) < 5 * np.sqrt(2 / 4096)

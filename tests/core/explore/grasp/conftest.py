@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.grasp.closing import Closing, Grasp, close_hand
-from palpate.core.explore.grasp.hand import Hand, next_pose, search_pose
+from palpate.core.explore.grasp.hand import Closing, Grasp, Hand, close_hand, next_pose, search_pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.shapes.protocol import Shape
 from palpate.core.touch.pad import Calibration, Pad

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.probing.end_observation import (
+from palpate.core.explore.probing.ends import (
     End,
     EndObservation,
     ProbeCommand,

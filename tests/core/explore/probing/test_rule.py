@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.grasp.hand import search_places
-from palpate.core.explore.probing.end_observation import (
+from palpate.core.explore.probing.ends import (
+    FOOT,
     EndObservation,
     ProbeCommand,
     ProbeResult,
@@ -19,7 +20,6 @@ from palpate.core.explore.probing.end_observation import (
     turned_command,
     turned_over,
 )
-from palpate.core.explore.probing.faces import FOOT
 from palpate.core.explore.probing.rule import (
     MOST_CLIMBS,
     MOST_RINGS,

@@ -2,16 +2,46 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.explore.tracing.contour_path import SliceArc, SliceSpec, TouchCommand
-from palpate.core.explore.tracing.contour_trace import Trace, TraceGoal, after_touch, next_command
+from palpate.core.explore.tracing.contour_path import (
+    DEEP_TOUCH_DEPTH,
+    TOUCH_DEPTH,
+    UPRIGHT,
+    Gap,
+    Path,
+    ProcedureResult,
+    SliceArc,
+    SliceSpec,
+    TouchCommand,
+    heading_at_end,
+    resume,
+)
+from palpate.core.explore.tracing.contour_trace import (
+    AROUND_A_CORNER,
+    OVER_A_GAP,
+    REACQUIRE_STEP,
+    STEEPEST,
+    WALL_POSTURES,
+    Stride,
+    Trace,
+    TraceGoal,
+    after_touch,
+    follow,
+    next_command,
+    probe_gaps,
+    probe_walls,
+    reacquire,
+)
+from palpate.core.poses import split_pose
 from palpate.core.shapes.protocol import Mesh, PosedShape, Shape
 from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.touch.pad import Pad
 
 MOST = 150
 
@@ -226,3 +256,279 @@ def test_a_path_that_circles_without_closing_is_overrun(flat) -> None:
         assert trace.touches < 40
     assert found == "overrun"
     assert azimuth > 2 * np.pi
+
+
+def following_arc(radius: float, begin: float, end: float, count: int) -> Path:
+    """Points of a circle about the origin, counter-clockwise, with their normals."""
+    azimuth = np.linspace(begin, end, count)
+    away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(count)])
+    flat = np.zeros(count)
+    return Path(radius * away, away, flat, flat, flat)
+
+
+def line(begin: Floats, end: Floats, count: int) -> Path:
+    points = np.linspace([*begin, 0.0], [*end, 0.0], count)
+    along = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
+    flat = np.zeros(count)
+    return Path(points, np.tile([along[1], -along[0], 0.0], (count, 1)), flat, flat, flat)
+
+
+def stride(
+    pad: Pad, path: Path, heading: float, felt: Sequence[SliceArc | None]
+) -> TouchCommand | Stride | None:
+    """Where the march from the path's end goes after it has felt this, or what it found."""
+    cut = SliceSpec(pad, 0.0)
+    course = heading_at_end(path, heading, cut.width)
+    found = resume(lambda: follow(cut, path, course, UPRIGHT), felt)
+    return found.result if isinstance(found, ProcedureResult) else found
+
+
+def felt_on(path: Path) -> SliceArc:
+    return SliceArc(*path, 0.0, path.points[0], path.points[0], 5, 5)
+
+
+def test_steps_are_as_long_as_contact_and_pad_allow(flat, domed) -> None:
+    ways = []
+    for pad, radius in ((flat, 0.003), (flat, 0.006), (domed, 10.0), (flat, 10.0)):
+        path = following_arc(radius, -0.009 / radius, 0.0, 40)
+        aim = stride(pad, path, 0.0, ())
+        assert isinstance(aim, TouchCommand)
+        ways.append(abs(float(aim.place[1])))
+    # The contact of a press of depth d on a contour of radius r is sqrt(2 r d) wide.
+    assert ways[0] == pytest.approx(1.05 * math.sqrt(2.0 * TOUCH_DEPTH * 0.003), rel=0.1)
+    assert ways[1] == pytest.approx(1.05 * math.sqrt(2.0 * TOUCH_DEPTH * 0.006), rel=0.1)
+    assert ways[2] == ways[3] == pytest.approx(0.69 * 7.5e-3)
+
+
+def test_an_arc_that_joins_the_path_is_taken_without_what_lies_behind(flat) -> None:
+    found = stride(
+        flat, following_arc(0.03, 0.0, 0.5, 16), 0.5, [felt_on(following_arc(0.03, 0.4, 0.8, 13))]
+    )
+    assert isinstance(found, Stride)
+    azimuth = np.arctan2(found.new.points[:, 1], found.new.points[:, 0])
+    assert azimuth.min() > 0.5
+    assert azimuth.max() == pytest.approx(0.8)
+    assert len(azimuth) == 9
+
+
+def test_a_miss_leads_around_the_corner_and_through_the_whole_list(flat) -> None:
+    path = line(np.array([0.03, 0.0]), np.array([0.03, 0.02]), 16)
+    counts = range(1, 2 + len(AROUND_A_CORNER))
+    tried = [stride(flat, path, 0.0, [None] * count) for count in counts]
+    headings = [aim.heading for aim in tried if isinstance(aim, TouchCommand)]
+    assert headings == pytest.approx([attempt.turn for attempt in AROUND_A_CORNER])
+    assert tried[-1] is None
+
+
+def test_a_face_beyond_the_corner_is_joined_by_the_turned_touch(flat) -> None:
+    path = line(np.array([0.03, 0.0]), np.array([0.03, 0.02]), 16)
+    top = line(np.array([0.0295, 0.0205]), np.array([0.02, 0.0205]), 10)
+    found = stride(flat, path, 0.0, [None, felt_on(top)])
+    assert isinstance(found, Stride)
+    assert found.heading == pytest.approx(AROUND_A_CORNER[0].turn)
+
+
+def test_an_arc_beyond_a_gap_is_taken_last_with_a_touch_in_the_gaps_middle(flat) -> None:
+    path = line(np.array([0.03, 0.0]), np.array([0.03, 0.01]), 11)
+    beyond = felt_on(line(np.array([0.03, 0.015]), np.array([0.03, 0.02]), 6))
+    missed = [beyond, *[None] * len(OVER_A_GAP)]
+    aim = stride(flat, path, 0.0, missed)
+    assert isinstance(aim, TouchCommand)
+    assert np.allclose(aim.place, [0.03, 0.0125], atol=1e-12)
+    between = felt_on(line(np.array([0.0299, 0.011]), np.array([0.0299, 0.014]), 4))
+    for filling, count in ((between, 4 + 6), (None, 6)):
+        found = stride(flat, path, 0.0, [*missed, filling])
+        assert isinstance(found, Stride)
+        assert len(found.new.points) == count
+
+
+# Of a gap that stays: a plain one, a deep one, and each way at both ends.
+PROBES = 2 + 2 * len(WALL_POSTURES)
+Filled = tuple[Path, tuple[Gap, ...]]
+
+
+def chain(*places: float) -> Path:
+    """Points along y on a wall that looks along x."""
+    points = np.array([[0.03, place, 0.0] for place in places])
+    flat = np.zeros(len(points))
+    return Path(points, np.tile([1.0, 0.0, 0.0], (len(points), 1)), flat, flat, flat)
+
+
+def felt_at(*places: float) -> SliceArc:
+    return SliceArc(*chain(*places), 0.0, np.zeros(3), np.zeros(3), 5, 5)
+
+
+def filled(
+    pad: Pad, path: Path, felt: Sequence[SliceArc | None]
+) -> TouchCommand | ProcedureResult[Filled]:
+    return resume(lambda: probe_gaps(SliceSpec(pad, 0.0), path, UPRIGHT), felt)
+
+
+def test_points_that_join_are_left_alone(flat) -> None:
+    found = filled(flat, chain(0.0, 0.001, 0.0028), ())
+    assert isinstance(found, ProcedureResult)
+    path, gaps = found.result
+    assert len(path.points) == 3
+    assert gaps == ()
+
+
+def test_a_gap_is_probed_in_its_middle_across_its_chord(flat) -> None:
+    aim = filled(flat, chain(0.0, 0.006), ())
+    assert isinstance(aim, TouchCommand)
+    assert np.allclose(aim.place, [0.03, 0.003])
+    assert aim.heading == pytest.approx(0.0)
+
+
+def test_what_is_felt_between_is_put_in_and_what_is_not_stays_a_gap(flat) -> None:
+    path = chain(0.0, 0.006, 0.016)
+    nothing: list[SliceArc | None] = [felt_at(0.0, 0.016)] * PROBES
+    found = filled(flat, path, [*nothing, felt_at(-0.001, 0.0015, 0.003, 0.0045, 0.0075)])
+    assert isinstance(found, ProcedureResult)
+    whole, [gap] = found.result
+    assert whole.points[:, 1].tolist() == [0.0, 0.0015, 0.003, 0.0045, 0.006, 0.016]
+    assert (gap.start[1], gap.end[1], gap.reason) == (0.006, 0.016, "bridged")
+    assert gap.extent == pytest.approx(0.010)
+
+
+def test_a_gap_that_a_probe_has_shortened_is_probed_again(flat) -> None:
+    aim = filled(flat, chain(0.0, 0.010), [felt_at(0.001, 0.002)])
+    assert isinstance(aim, TouchCommand)
+    assert np.allclose(aim.place, [0.03, 0.006])
+
+
+def test_a_bridge_is_pressed_deeper_and_then_its_walls_are_followed_from_both_ends(flat) -> None:
+    bridged: list[SliceArc | None] = [felt_at(0.0, 0.010)]
+    aims = [filled(flat, chain(0.0, 0.010), bridged * count) for count in range(1, PROBES)]
+    assert filled(flat, chain(0.0, 0.010), bridged * PROBES) not in aims
+    deep, *walls = aims
+    assert isinstance(deep, TouchCommand)
+    assert np.allclose(deep.place, [0.03, 0.005])
+    expected = probe_walls(
+        SliceSpec(flat, 0.0), chain(0.0, 0.010).points, chain(0.0, 0.010).normals
+    )
+    for aim, wanted in zip(walls, expected, strict=True):
+        assert isinstance(aim, TouchCommand)
+        assert aim.posture == wanted.posture
+        assert np.array_equal(aim.place, wanted.place)
+    assert all(
+        isinstance(aim, TouchCommand) and aim.posture.depth == DEEP_TOUCH_DEPTH for aim in aims
+    )
+
+
+def test_where_nothing_is_touched_one_probe_is_enough(flat) -> None:
+    found = filled(flat, chain(0.0, 0.006), [None])
+    assert isinstance(found, ProcedureResult)
+    [gap] = found.result[1]
+    assert gap.reason == "missed"
+
+
+def test_a_probe_that_feels_no_more_than_the_ends_has_not_helped(flat) -> None:
+    path = chain(0.0, 0.006)
+    found = filled(flat, path, [felt_at(0.0001, 0.0059)] * PROBES)
+    assert isinstance(found, ProcedureResult)
+    assert len(found.result[0].points) == 2
+
+
+# Of a hollow in a wall that looks along x.
+ENDS = np.array([[0.03, -0.004, 0.0], [0.03, 0.004, 0.0]])
+
+
+def walls(angle: float) -> Any:
+    """Normals of two walls that lead into it, so steep."""
+    return np.array([[math.cos(angle), side * math.sin(angle), 0.0] for side in (1.0, -1.0)])
+
+
+def leading_edge(pad: Pad, aim: Any, number: int) -> Any:
+    """Where the pad's edge comes that is set into the hollow, (2,), m."""
+    place, axes = split_pose(aim.start(0.0))
+    edge = place + (1.0 if number == 0 else -1.0) * 7.5e-3 * axes[:, 0]
+    return edge[:2] + aim.standoff * axes[:2, 2]
+
+
+def test_each_way_is_tried_at_both_ends_with_the_deepest_press(flat) -> None:
+    aims = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))
+    assert len(aims) == 2 * len(WALL_POSTURES)
+    assert {aim.posture.depth for aim in aims} == {DEEP_TOUCH_DEPTH}
+    assert flat.saturation * flat.thickness > DEEP_TOUCH_DEPTH
+
+
+def test_an_edge_comes_down_the_wall_beyond_its_last_felt_point(flat) -> None:
+    first, last = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))[:2]
+    for number, aim, side in ((0, first, 1.0), (1, last, -1.0)):
+        assert aim.heading == pytest.approx(side * 0.9 * 0.7)
+        beyond = leading_edge(flat, aim, number) - ENDS[number, :2]
+        assert np.linalg.norm(beyond) == pytest.approx(0.22 * 15e-3)
+        into = np.array([-math.sin(0.7), side * math.cos(0.7)])
+        assert beyond @ into == pytest.approx(0.22 * 15e-3)
+
+
+def test_the_pads_body_stays_outside_the_hollow(flat) -> None:
+    for number, aim in enumerate(probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))[:2]):
+        edge, middle = leading_edge(flat, aim, number), aim.place
+        assert middle[0] > edge[0]
+        assert abs(middle[1]) > abs(edge[1])
+
+
+def test_corners_come_first_where_the_pad_is_tilted(flat) -> None:
+    for aim, way in zip(
+        probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))[::2], WALL_POSTURES, strict=True
+    ):
+        assert aim.posture.tilt == way.tilt
+        assert aim.posture.shift == pytest.approx(7e-3 * float(np.sign(way.tilt)))
+
+
+def test_no_edge_is_set_beyond_the_middle_of_a_narrow_gap(flat) -> None:
+    narrow = 0.25 * ENDS + 0.75 * ENDS.mean(axis=0)
+    for number, aim in enumerate(probe_walls(SliceSpec(flat, 0.0), narrow, walls(0.0))[:2]):
+        assert leading_edge(flat, aim, number)[1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_pad_is_never_turned_along_the_chord(flat) -> None:
+    first = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(3.0))[0]
+    assert first.heading == pytest.approx(STEEPEST)
+
+
+@pytest.mark.parametrize("scale", [0.3, 3.0])
+def test_lengths_go_by_the_width_of_the_array(scale, flat) -> None:
+    pad = Pad(16, 16, scale * flat.pitch, flat.thickness, 0.0, flat.saturation)
+    one = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.5))[0]
+    other = probe_walls(SliceSpec(pad, 0.0), scale * ENDS, walls(0.5))[0]
+    assert np.allclose(other.place, scale * one.place)
+    assert other.standoff == pytest.approx(scale * one.standoff)
+
+
+def circle_arc(begin: float, end: float) -> Path:
+    """Points of a circle of 30 mm."""
+    azimuth = np.linspace(begin, end, max(int(30 * (end - begin)), 2))
+    away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
+    flat = np.zeros(len(azimuth))
+    return Path(0.03 * away, away, flat, flat, flat)
+
+
+def reacquired(
+    pad: Pad, path: Path, felt: Sequence[SliceArc | None]
+) -> TouchCommand | ProcedureResult[Stride | None]:
+    return resume(lambda: reacquire(SliceSpec(pad, 0.0), path, np.zeros(2), 0.1), felt)
+
+
+def test_approaches_come_from_ever_farther_round_up_to_the_start(flat) -> None:
+    path = circle_arc(0.0, math.pi)
+    aims = [reacquired(flat, path, [None] * count) for count in range(6)]
+    headings = [aim.heading for aim in aims if isinstance(aim, TouchCommand)]
+    assert headings == pytest.approx([math.pi + REACQUIRE_STEP * turn for turn in range(1, 7)])
+    assert reacquired(flat, path, [None] * 6) == ProcedureResult(None)
+
+
+def test_what_is_met_is_the_way_on_and_the_stretch_before_it_is_probed(flat) -> None:
+    path, beyond = circle_arc(0.0, math.pi), circle_arc(math.pi + 0.45, math.pi + 0.6)
+    met = SliceArc(*beyond, 0.0, beyond.points[0], beyond.points[0], 5, 5)
+    aim = reacquired(flat, path, [met])
+    assert isinstance(aim, TouchCommand)
+    middle = 0.5 * (path.points[-1] + beyond.points[0])
+    assert np.allclose(aim.place, middle[:2])
+    found = reacquired(flat, path, [met, None])
+    assert isinstance(found, ProcedureResult)
+    assert isinstance(found.result, Stride)
+    assert len(found.result.new.points) == len(beyond.points)
+    [gap] = found.result.gaps
+    assert gap.extent == pytest.approx(2 * 0.03 * math.sin(0.225))
