@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -60,25 +61,24 @@ MODULES = modules()
 ROOMS = frozenset(name.removesuffix(".__init__") for name in MODULES if name.endswith("__init__"))
 
 
-def imports(source: str) -> Iterator[tuple[int, str, bool]]:
+@cache
+def imports(source: str) -> tuple[tuple[int, str, bool], ...]:
     """Line, full name, and whether it happens at once, of everything that a source imports."""
-    tree = ast.parse(source)
-    later = {
-        id(inner)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef | ast.Lambda) or _is_for_checkers(node)
-        for inner in ast.walk(node)
-    }
-    for node in ast.walk(tree):
-        at_once = id(node) not in later
-        if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name, at_once) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            module = "." * node.level + (node.module or "")
-            for alias in node.names:
-                full = f"{module}.{alias.name}"
-                is_module = full in MODULES or full in ROOMS
-                yield node.lineno, full if is_module else module, at_once
+    return tuple(_imports_of(ast.parse(source), at_once=True))
+
+
+def _imports_of(node: ast.AST, at_once: bool) -> Iterator[tuple[int, str, bool]]:
+    if isinstance(node, ast.Import):
+        yield from ((node.lineno, alias.name, at_once) for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        module = "." * node.level + (node.module or "")
+        for alias in node.names:
+            full = f"{module}.{alias.name}"
+            yield node.lineno, full if full in MODULES or full in ROOMS else module, at_once
+    elif not isinstance(node, ast.expr):
+        at_once = at_once and not (isinstance(node, ast.FunctionDef) or _is_for_checkers(node))
+        for inner in ast.iter_child_nodes(node):
+            yield from _imports_of(inner, at_once)
 
 
 def _is_for_checkers(node: ast.AST) -> bool:
