@@ -58,7 +58,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
-def test_every_module_of_the_wheel_can_be_imported(installed: Path) -> None:
+def test_every_module_of_the_wheel_can_be_imported(installed: Path):
     done = run(sys.executable, "-P", "-c", IMPORT_ALL, installed, PYTHONPATH=str(installed))
 
     assert done.returncode == 0, done.stderr
@@ -70,7 +70,7 @@ def test_every_module_of_the_wheel_can_be_imported(installed: Path) -> None:
     assert int(done.stdout) == here + public
 
 
-def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed: Path) -> None:
+def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed: Path):
     names = {path.name for path in (ROOT / "scenes").iterdir() if path.suffix in (".yaml", ".ply")}
 
     assert len(names) >= 7
@@ -80,26 +80,26 @@ def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed:
     assert (installed / "palpate/py.typed").is_file()
 
 
-def test_the_wheel_installs_nothing_but_palpate(installed: Path) -> None:
+def test_the_wheel_installs_nothing_but_palpate(installed: Path):
     tops = {path.name for path in installed.iterdir()}
 
     assert {name for name in tops if not re.match(r"palpate|bin$", name)} == set()
 
 
-def test_the_version_is_the_same_everywhere() -> None:
+def test_the_version_is_the_same_everywhere():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
     assert palpate.__version__ == project["version"]
     assert f"\nversion: {palpate.__version__}\n" in (ROOT / "CITATION.cff").read_text()
 
 
-def test_the_folders_are_linked_under_the_import_name() -> None:
+def test_the_folders_are_linked_under_the_import_name():
     for layer in ("core", "messages", "nodes", "launch", "tools", "bench"):
         assert (ROOT / "palpate" / layer).resolve() == ROOT / layer
     assert (ROOT / "launch" / "scenes").resolve() == ROOT / "scenes"
 
 
-def test_the_top_module_offers_its_names_and_no_others() -> None:
+def test_the_top_module_offers_its_names_and_no_others():
     assert palpate.load_scene("sphere").name == "sphere"
     assert callable(palpate.explore)
     assert {name for name in dir(palpate) if not name.startswith("__")} == {
@@ -118,13 +118,13 @@ def test_the_top_module_offers_its_names_and_no_others() -> None:
         palpate.exlpore  # noqa: B018
 
 
-def test_importing_palpate_imports_nothing_heavy() -> None:
+def test_importing_palpate_imports_nothing_heavy():
     code = "import palpate, sys; print(sorted({'numpy', 'scipy', 'click'} & set(sys.modules)))"
 
     assert run(sys.executable, "-c", code).stdout == "[]\n"
 
 
-def test_the_pins_have_no_address_and_cover_what_is_required() -> None:
+def test_the_pins_have_no_address_and_cover_what_is_required():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pinned = {re.split("==", line)[0].replace("_", "-").lower() for line in lines}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -155,7 +155,7 @@ def set_up(clone: Path, palpate_script: str) -> None:
     (clone / ".venv" / ".stamp").write_text(stamp)
 
 
-def test_the_start_script_explores_the_vase_unless_told_otherwise(clone: Path) -> None:
+def test_the_start_script_explores_the_vase_unless_told_otherwise(clone: Path):
     set_up(clone, 'echo "$@"')
 
     assert run(clone / "go").stdout == "run vase\n"
@@ -164,7 +164,7 @@ def test_the_start_script_explores_the_vase_unless_told_otherwise(clone: Path) -
 
 def test_a_package_called_launch_on_the_path_does_not_disturb_the_start_script(
     clone: Path,
-) -> None:
+):
     (clone / "ros" / "launch").mkdir(parents=True)
     (clone / "ros" / "launch" / "__init__.py").write_text("raise SystemExit('the wrong launch')")
     set_up(clone, f"exec {sys.executable} -P -c 'import launch'")
@@ -192,7 +192,7 @@ def path_without_python(clone: Path) -> Path:
     return folder
 
 
-def test_without_a_new_enough_python_the_start_script_says_so(clone: Path) -> None:
+def test_without_a_new_enough_python_the_start_script_says_so(clone: Path):
     programs = path_without_python(clone)
     stand_in(programs, "python3", "exit 1")
 
@@ -205,7 +205,7 @@ def test_without_a_new_enough_python_the_start_script_says_so(clone: Path) -> No
 
 def test_a_python_that_does_not_run_is_passed_over_and_a_missing_venv_is_said(
     clone: Path,
-) -> None:
+):
     programs = path_without_python(clone)
     # A version manager's answer to a name for which it has no version.
     stand_in(programs, "python3", "echo 'no version is set' >&2; exit 127")
@@ -242,7 +242,7 @@ def without_pip_settings() -> dict[str, str]:
 )
 def test_uv_sets_up_unless_pip_has_an_index_of_its_own(
     clone: Path, setting: dict[str, str], called: bool
-) -> None:
+):
     programs = path_without_python(clone)
     (programs / "mkdir").symlink_to(shutil.which("mkdir") or "")
     (programs / "chmod").symlink_to(shutil.which("chmod") or "")

@@ -16,6 +16,7 @@ from palpate.rooms import lazy
 if TYPE_CHECKING:
     from palpate.bench.explore.harness import InProcessLoop as InProcessLoop
     from palpate.bench.explore.harness import LoopNode as LoopNode
+    from palpate.bench.explore.harness import MessageCollector as MessageCollector
     from palpate.bench.explore.harness import touching_nodes as touching_nodes
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -19,8 +19,9 @@ from palpate.bench.explore.harness import (
     explore_object,
     first_within,
     leaning,
+    within_percent,
 )
-from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject, drawn_object
+from palpate.bench.objects import EXPLORED_OBJECTS, ExploreObject, described, drawn_object
 from palpate.bench.table import Row, at_least, at_most
 from palpate.core import Floats
 from palpate.core.explore.planners import COVERING, UNTOUCHED
@@ -44,6 +45,15 @@ LEAN, AWAY, LIFT = 25.0, 0.03, 0.07  # Degrees, m, and m: enough above the floor
 TILTED, QUICK_TILTED = ("ellipsoid", "box", "bottle", "vase", "pear"), ("ellipsoid",)
 MOST_TIMES = 1.2
 SEEDS, QUICK_SEEDS = 5, 1  # Explorations of which a mean is taken
+# Sliced along another axis, too, that leans by so many degrees.
+TURNED: Mapping[str, tuple[ExploreObject, float]] = {
+    "blunt cube": (described(0.036, 0.036, 0.036, 0.6, 0.6), 45.0),
+    "cube": (described(0.036, 0.036, 0.036, 0.4, 0.4), 30.0),
+    "ellipsoid": (EXPLORED_OBJECTS["ellipsoid"], 90.0),
+    "box": (EXPLORED_OBJECTS["box"], 90.0),
+    "tapered and bent": (EXPLORED_OBJECTS["tapered and bent"], 15.0),
+    "lattice": (EXPLORED_OBJECTS["lattice"], 15.0),
+}
 QUICK_TURNED = ("blunt cube",)
 
 
@@ -53,42 +63,36 @@ def exploration_rows(quick: bool) -> Iterable[Row]:
         for noise, percent in DEMANDED.items():
             found = []
             for name in QUICK_OBJECTS if quick else EXPLORED_OBJECTS:
-                demand = Demand(tolerance=0.01 * percent * EXPLORED_HEIGHT)
+                demand = within_percent(percent)
                 one = explore_object(EXPLORED_OBJECTS[name], NOISES[noise], demand)
                 found.append(one)
                 yield from _rows(f"{name}, {noise}", one, percent)
-            yield from _sums(noise, found, percent)
+            yield from _sums(f"objects, {noise}", found, percent)
 
 
 def _rows(title: str, one: Explored, percent: float) -> Iterator[Row]:
-    rms, contours = one.percent, one.score.contours
-    yield at_most(f"{title}: rms", rms, percent, ".3f", " %")
+    contours, size, untouched = one.score.contours, one.score.size, one.done.largest_untouched
+    yield at_most(f"{title}: rms", one.percent, percent, ".3f", " %")
     enough = contours <= MOST_CONTOURS and one.touches <= MOST_TOUCHES
     target = f"<= {MOST_CONTOURS}, {MOST_TOUCHES}"
     yield Row(f"{title}: contours, touches", f"{contours}, {one.touches}", target, enough)
-    yield Row(f"{title}: stated bound, largest untouched", _stated(one))
-    floor = 100.0 * one.score.sampling_floor / one.score.size
+    bound = "none" if one.bound is None else f"{one.bound:.3f} % {'' if one.held else 'NOT '}held"
+    shown = f"{bound}, {'-' if untouched is None else f'{1e3 * untouched:.1f} mm'}"
+    yield Row(f"{title}: stated bound, largest untouched", shown)
+    floor = 100.0 * one.score.sampling_floor / size
     times = f"{one.score.robot_time:.0f}, {one.wall:.1f} s, {floor:.3f} %"
     yield Row(f"{title}: robot, computer, sampling floor", times)
     if not one.done.tolerance_met:
         yield Row(f"{title}: ended, because", one.done.reason)
 
 
-def _stated(one: Explored) -> str:
-    bound = "none" if one.bound is None else f"{one.bound:.3f} % {'' if one.held else 'NOT '}held"
-    height = one.done.largest_untouched
-    return f"{bound}, {'-' if height is None else f'{1e3 * height:.1f} mm'}"
-
-
-def _sums(noise: str, found: list[Explored], percent: float) -> Iterator[Row]:
-    good = sum(one.percent <= percent for one in found)
-    shown = f"{good} of {len(found)}"
-    yield Row(f"objects, {noise}: within {percent:.2f} %", shown, "all", good == len(found))
-    contours = sum(one.score.contours for one in found) / len(found)
-    touches = sum(one.touches for one in found) / len(found)
-    yield Row(f"objects, {noise}: contours, touches, mean", f"{contours:.1f}, {touches:.0f}")
-    held = sum(one.held is True for one in found)
-    yield Row(f"objects, {noise}: bound holds", f"{held} of {len(found)}")
+def _sums(title: str, found: list[Explored], percent: float) -> Iterator[Row]:
+    count, good = len(found), sum(one.percent <= percent for one in found)
+    yield Row(f"{title}: within {percent:.2f} %", f"{good} of {count}", "all", good == count)
+    contours = sum(one.score.contours for one in found) / count
+    touches = sum(one.touches for one in found) / count
+    yield Row(f"{title}: contours, touches, mean", f"{contours:.1f}, {touches:.0f}")
+    yield Row(f"{title}: bound holds", f"{sum(one.held is True for one in found)} of {count}")
 
 
 class RunClaim(NamedTuple):
@@ -116,9 +120,9 @@ def calibration_run(number: int) -> RunClaim:
     """One object by chance: every other one with noise, the tolerances in turn."""
     noise = tuple(NOISES.values())[number % len(NOISES)]
     percent = TOLERANCES[number // len(NOISES) % len(TOLERANCES)]
-    demand = Demand(tolerance=0.01 * percent * EXPLORED_HEIGHT)
     seed = FIRST_SEED + number
-    return run_claim(explore_object(drawn_object(seed), noise, demand, seed=seed), percent)
+    one = explore_object(drawn_object(seed), noise, within_percent(percent), seed=seed)
+    return run_claim(one, percent)
 
 
 def run_claim(one: Explored, percent: float) -> RunClaim:
@@ -132,28 +136,26 @@ def run_claim(one: Explored, percent: float) -> RunClaim:
 
 
 def calibration_figures(told: Sequence[RunClaim]) -> Iterator[Row]:
-    """Shares of the runs."""
+    """Shares of the runs, and when they ended against the first count that would have done."""
     held = sum(one.held for one in told) / len(told)
     good = LEAST_HELD <= held <= MOST_HELD
     yield Row(f"{len(told)} runs: bound of 95 % holds", f"{held:.1%}", "90 to 98 %", good)
     reached = [one for one in told if one.late is not None]
     yield Row("of them within tolerance at some time", f"{len(reached)}")
-    if reached:
-        yield from _lateness("within tolerance", [one.late or 0 for one in reached])
-        yield from _lateness("and nothing untouched", [one.late_covered or 0 for one in reached])
-
-
-def _lateness(what: str, late: Sequence[int]) -> Iterator[Row]:
-    """When runs ended, against the first count that would have done."""
-    near = sum(abs(one) <= 1 for one in late) / len(late)
-    title = f"ended within 1 contour of the first count {what}"
-    yield at_least(title, near, LEAST_NEAR, ".1%")
-    yield Row(f"contours after the first {what}, median", f"{sorted(late)[len(late) // 2]}")
+    for what, late in {
+        "within tolerance": [one.late or 0 for one in reached],
+        "and nothing untouched": [one.late_covered or 0 for one in reached],
+    }.items():
+        if late:
+            near = sum(abs(one) <= 1 for one in late) / len(late)
+            title = f"ended within 1 contour of the first count {what}"
+            yield at_least(title, near, LEAST_NEAR, ".1%")
+            yield Row(f"contours after the first {what}, median", f"{sorted(late)[len(late) // 2]}")
 
 
 def finger_rows(quick: bool) -> Iterable[Row]:
     """Objects explored by three fingers at once and by one; fewer objects if quick."""
-    single, joint = [], []
+    errors: list[tuple[float, float]] = []
     with single_threaded():
         for name in QUICK_FINGERS if quick else FINGER_OBJECTS:
             one = explore_object(EXPLORED_OBJECTS[name], NOISY, Demand())
@@ -164,29 +166,18 @@ def finger_rows(quick: bool) -> Iterable[Row]:
             total = several.score.robot_time / one.score.robot_time
             contours = f"{several.score.contours} for {one.score.contours}"
             yield Row(f"{name}: whole robot time, contours", f"{total:.2f} x, {contours}")
-            single.append(one.percent)
-            joint.append(several.percent)
-            yield Row(f"{name}: error", f"{joint[-1]:.3f} for {single[-1]:.3f} %")
-    error = pooled_rms(joint) / pooled_rms(single)
-    yield at_most("all: error, root mean square", error, 1.0 + MOST_OFF, ".2f", " x")
+            yield Row(f"{name}: error", f"{several.percent:.3f} for {one.percent:.3f} %")
+            errors.append((one.percent, several.percent))
+    single, joint = (
+        math.sqrt(sum(error**2 for error in some) / len(some)) for some in zip(*errors, strict=True)
+    )
+    yield at_most("all: error, root mean square", joint / single, 1.0 + MOST_OFF, ".2f", " x")
 
 
 def tracing_seconds(one: Explored) -> float:
     """Robot time from the end of the first contour to the end of the last, s."""
-    ends = sorted(contour.robot_time for contour in one.contours)
-    return ends[-1] - ends[0]
-
-
-def pooled_rms(errors: Sequence[float]) -> float:
-    """Root mean square of errors."""
-    return math.sqrt(sum(error**2 for error in errors) / len(errors))
-
-
-class Turned(NamedTuple):
-    """An object that is sliced along another axis, too."""
-
-    target: ExploreObject  # The object
-    degrees: float  # By which that axis leans
+    ends = [contour.robot_time for contour in one.contours]
+    return max(ends) - min(ends)
 
 
 def tilted_rows(quick: bool) -> Iterable[Row]:
@@ -208,9 +199,8 @@ def direction_rows(quick: bool) -> Iterable[Row]:
             lean = math.radians(degrees)
             along = Demand(axis=(math.sin(lean), 0.0, math.cos(lean)))
             one, other = (mean_chamfer(target, each, quick) for each in (Demand(), along))
-            worst = max(one / other, other / one)
             title = f"{name}: sliced in directions {degrees:g} deg apart"
-            yield at_most(title, worst, MOST_TIMES, ".2f", " x")
+            yield at_most(title, max(one / other, other / one), MOST_TIMES, ".2f", " x")
 
 
 def mean_chamfer(
@@ -220,19 +210,3 @@ def mean_chamfer(
     seeds = range(QUICK_SEEDS if quick else SEEDS)
     runs = (explore_object(target, NOISY, demand, seed=seed, moved=moved) for seed in seeds)
     return float(np.mean([run.score.chamfer for run in runs]))
-
-
-def _cube(exponent: float) -> ExploreObject:
-    described = {"size": [0.036, 0.036, 0.036], "exponents": [exponent, exponent]}
-    solid = {"superquadric": described, "pose": {"position": [0.0, 0.0, 0.036]}}
-    return ExploreObject("plain", solid)
-
-
-TURNED: Mapping[str, Turned] = {
-    "blunt cube": Turned(_cube(0.6), 45.0),
-    "cube": Turned(_cube(0.4), 30.0),
-    "ellipsoid": Turned(EXPLORED_OBJECTS["ellipsoid"], 90.0),
-    "box": Turned(EXPLORED_OBJECTS["box"], 90.0),
-    "tapered and bent": Turned(EXPLORED_OBJECTS["tapered and bent"], 15.0),
-    "lattice": Turned(EXPLORED_OBJECTS["lattice"], 15.0),
-}

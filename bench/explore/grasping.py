@@ -95,9 +95,8 @@ def _contacts(shape: Shape, sigma: float, seed: int) -> tuple[Floats, Floats, in
             pose = search_pose(places, closings, 0.0)
         if pose is None:
             break
-        found, states = close_hand(
-            shape, fingers, states, hand, pose, 0.0, Closing(closings, 0.0, 0.0)
-        )
+        closing = Closing(closings, 0.0, 0.0)
+        found, states = close_hand(shape, fingers, states, hand, pose, 0.0, closing)
         way = 0.0 if before is None else float(np.linalg.norm(pose[:3] - before[:3]))
         seconds += free_seconds(robot, way, 0.0) + contact_seconds(robot, found.advance)
         points, normals = np.vstack([points, found.points]), np.vstack([normals, found.normals])
@@ -111,7 +110,10 @@ def judge_frame(trial: GraspTrial, count: int) -> GraspOutcome:
     found = fit_object_frame(fit_coarse(points, CONTACT_NOISE), points, normals, 0.0, CONTACT_NOISE)
     origin, axes = split_pose(found.pose)
     axis = axes[:, 2]
-    off = 0.0 if found.ambiguous else _degrees(axis, _true_axis(trial.body, found))
+    true = _true_axis(trial.body, found)
+    across = float(np.linalg.norm(np.cross(axis, true)))
+    degrees = math.degrees(math.atan2(across, abs(float(axis @ true))))
+    off = 0.0 if found.ambiguous else degrees
     along = (trial.vertices - origin) @ axis
     extent = max(abs(found.low - float(along.min())), abs(found.high - float(along.max())))
     away = float(np.linalg.norm(np.cross(trial.body.centroid - origin, axis)))
@@ -122,29 +124,19 @@ def judge_frame(trial: GraspTrial, count: int) -> GraspOutcome:
 
 def _true_axis(body: MassProperties, found: ObjectFrame) -> Floats:
     """The principal axis that a frame claims to have found."""
-    if found.axis == "longest":
-        return np.asarray(body.axes[:, 2])
-    if found.axis == "shortest":
-        return np.asarray(body.axes[:, 0])
     lower, upper = np.diff(np.log(body.spread))
-    return np.asarray(body.axes[:, 2] if upper >= lower else body.axes[:, 0])
+    longest = found.axis == "longest" or (found.axis != "shortest" and upper >= lower)
+    return np.asarray(body.axes[:, 2 if longest else 0])
 
 
-def _degrees(one: Floats, other: Floats) -> float:
-    across = float(np.linalg.norm(np.cross(one, other)))
-    return math.degrees(math.atan2(across, abs(float(one @ other))))
-
-
-def _any_turn(rng: np.random.Generator) -> Floats:
+def _turn(rng: np.random.Generator, tilted: bool) -> Floats:
+    """Any turn, or a lean by 25 degrees to any side."""
+    if tilted:
+        first, second = rng.uniform(0.0, 2.0 * math.pi, 2)
+        return Rotation.from_euler("ZXZ", [first, TILT, second]).as_matrix()
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn[:, 0] *= np.linalg.det(turn)
     return np.asarray(turn)
-
-
-def _tilted(rng: np.random.Generator) -> Floats:
-    """Leaning by 25 degrees, to any side."""
-    first, second = rng.uniform(0.0, 2.0 * math.pi, 2)
-    return Rotation.from_euler("ZXZ", [first, TILT, second]).as_matrix()
 
 
 def grasp_trials(sigma: float, tilted: bool, repeats: int) -> list[GraspTrial]:
@@ -153,7 +145,7 @@ def grasp_trials(sigma: float, tilted: bool, repeats: int) -> list[GraspTrial]:
     for number, name in enumerate(GRASPED_OBJECTS):
         for repeat in range(repeats):
             rng = np.random.default_rng([number, repeat, int(tilted)])
-            turn = _tilted(rng) if tilted else _any_turn(rng)
+            turn = _turn(rng, tilted)
             made.append(grasp(name, turn, rng.uniform(0.0, 2.0 * math.pi), sigma, repeat))
     return made
 
@@ -176,18 +168,12 @@ def _rows(name: str, done: list[GraspTrial], count: int) -> Iterator[Row]:
     found = [judge_frame(trial, count) for trial in done]
     share = statistics.mean(one.right for one in found)
     yield at_least(f"{name}: right or ambiguous", 100 * share, 100 * LEAST_RIGHT, ".1f", " %")
-    lost = statistics.mean(
-        one.ambiguous for one, trial in zip(found, done, strict=True) if _has_axis(trial)
-    )
+    pairs = zip(found, done, strict=True)
+    lost = statistics.mean(one.ambiguous for one, trial in pairs if trial.name not in ROUND_THINGS)
     yield Row(f"{name}: ambiguous", f"{100 * lost:.1f} %")
     for what, unit, scale in (("axis", "deg", 1.0), ("centre", "mm", 1e3), ("extent", "mm", 1e3)):
         errors = [scale * getattr(one, what) for one in found if not one.ambiguous]
         middle, most = np.quantile(errors, [0.5, 0.95])
-        shown = f"{middle:.2f}, {most:.2f} {unit}"
-        yield Row(f"{name}: {what}, median and 95 %", shown)
+        yield Row(f"{name}: {what}, median and 95 %", f"{middle:.2f}, {most:.2f} {unit}")
     told = statistics.mean(one.told for one in found)
     yield Row(f"{name}: extent within 2 deviations", f"{100 * told:.1f} %")
-
-
-def _has_axis(trial: GraspTrial) -> bool:
-    return trial.name not in ROUND_THINGS

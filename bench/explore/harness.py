@@ -1,35 +1,20 @@
-"""One whole exploration in this process.
-
-Its scene is written, what it publishes is kept, its side is rebuilt and judged.
-"""
+"""One whole exploration in this process: its scene is written, and what it publishes is kept."""
 
 from __future__ import annotations
 
 import json
 import tempfile
 import time
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.bench.objects import EXPLORED_HEIGHT, ExploreObject
+from palpate.bench.objects import EXPLORED_HEIGHT, ExploreObject, mesh_of_radius
 from palpate.bench.table import SilentWatcher
-from palpate.core import (
-    Floats,
-    Ints,
-    compose_poses,
-    inverse_pose,
-    pose_of,
-    rotations_from_vectors,
-    split_pose,
-    transform_points,
-)
-from palpate.core.explore.planners import END_SHARE
-from palpate.core.geometry import nearest_points, prepare_surface
-from palpate.core.rebuild import reconstruct
+from palpate.core import Floats, compose_poses, pose_of, rotations_from_vectors
 from palpate.launch import EXPLORE, plan_run
 from palpate.launch.files import SourceMapped, write_mesh
 from palpate.messages.types import (
@@ -43,32 +28,26 @@ from palpate.messages.types import (
     Truth,
 )
 from palpate.nodes import curvature, filter, simulator
-from palpate.nodes.runtime import Ending, Finished, Node, Outputs, run_composed
+from palpate.nodes.runtime import Finished, Node, Outputs, run_composed
 
 KEPT_TYPES = (Contour, ContourGoal, GraspContacts, PlanDone, Score, ShapeModel, TactileFrame, Truth)
 MOVE_TRAVEL, MOVE_APPROACH = 1, 3  # Places in a touch's `move`
-EXACT: tuple[Mapping[str, Any], ...] = ()
+Noise = tuple[Mapping[str, Any], ...]  # Effects, as scenes list them
+EXACT: Noise = ()
 # The default noise: a place that is off by 0.1 mm along each axis, taxels by 10 um.
-NOISY: tuple[Mapping[str, Any], ...] = (
-    {"pose_error": {"sigma": 1e-4}},
-    {"gaussian_noise": {"sigma": 1e-5}},
-)
+NOISY: Noise = ({"pose_error": {"sigma": 1e-4}}, {"gaussian_noise": {"sigma": 1e-5}})
 NOISES = {"exact": EXACT, "noise": NOISY}
-FEATURE = 3.0e-3  # What may stay unfelt, m
+FEATURE = 3.0e-3  # What may stay untouched, m
 MESH = "object.ply"
-USABLE = ("closed", "occluded")
-LEAST_POINTS = 8
-WORST = 100.0  # Error where nothing can be rebuilt, %
 
 
 class Explored(NamedTuple):
-    """What an exploration came to."""
+    """What an exploration came to; what there are several of stands in the order it was made."""
 
-    ending: Ending  # How the graph ended
     truth: Truth  # The object
-    contours: tuple[Contour, ...]  # In the order in which they were traced
-    reasons: tuple[str, ...]  # Why each slice was asked for, in the order in which they were
-    models: tuple[ShapeModel, ...]  # In the order in which they were rebuilt
+    contours: tuple[Contour, ...]
+    reasons: tuple[str, ...]  # Why each slice was asked for
+    models: tuple[ShapeModel, ...]
     scores: tuple[Score, ...]  # Of the models
     done: PlanDone  # What the planner published in the end
     touches: int  # Of all fingers, searching and probing included
@@ -98,10 +77,10 @@ class Explored(NamedTuple):
 
 
 class MessageCollector(SilentWatcher):
-    """Keeps what is published, by type."""
+    """Keeps what is published, by type; of tactile frames only how many there were."""
 
     def __init__(self) -> None:
-        self.messages_of: dict[type, list[Any]] = {kind: [] for kind in KEPT_TYPES}
+        self.kept: dict[type, list[Any]] = defaultdict(list)
         self.touches = 0  # Of all fingers
         self.travel = 0.0  # Way of the fingers and of the hand, m
 
@@ -111,12 +90,12 @@ class MessageCollector(SilentWatcher):
             self.touches += isinstance(message, TactileFrame)
             self.travel += path_length(message.move)
         else:
-            self.messages_of[type(message)].append(message)
+            self.kept[type(message)].append(message)
 
 
 def explore_object(
     target: ExploreObject,
-    noise: tuple[Mapping[str, Any], ...],
+    noise: Noise,
     demand: Demand,
     *,
     seed: int = 0,
@@ -125,10 +104,8 @@ def explore_object(
 ) -> Explored:
     """Explore an object, all nodes in this process, nothing recorded.
 
-    Arguments as of `write_scene`; `fingers` is the launch file's.
-
-    Raises RuntimeError if the exploration does not come to its end with a model that could be
-    measured.
+    Arguments as of `write_scene`; `fingers` is the launch file's. Raises RuntimeError if the
+    exploration does not come to its end with a model that could be measured.
     """
     with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
         scene = write_scene(Path(folder), target, noise, demand, seed, moved)
@@ -137,29 +114,19 @@ def explore_object(
 
 def explore_scene(scene: Path, fingers: int = 1) -> Explored:
     """Explore the scene in a file; as `explore_object`."""
-    args = {"scene": str(scene), "fingers": fingers, "record": False}
-    plan = plan_run(
-        EXPLORE,
-        {name: SourceMapped(value, name) for name, value in args.items()},
-        {},
-        name=scene.stem,
-        out=scene.parent / "run",
-    )
+    values = {"scene": str(scene), "fingers": fingers, "record": False}
+    args = {name: SourceMapped(value, name) for name, value in values.items()}
+    plan = plan_run(EXPLORE, args, {}, name=scene.stem, out=scene.parent / "run")
     collector = MessageCollector()
     types = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
     names = {cls.__name__ for cls in KEPT_TYPES}
     watch = tuple(topic for topic, name in types.items() if name in names)
     began = time.perf_counter()
     ending = run_composed(plan.wirings, ends=plan.ends, watch=watch, watcher=collector)
-    return _explored(ending, collector, time.perf_counter() - began)
-
-
-def _explored(ending: Ending, collector: MessageCollector, wall: float) -> Explored:
-    kept = collector.messages_of
+    wall, kept = time.perf_counter() - began, collector.kept
     if ending.status != "finished" or not kept[Score]:
         raise RuntimeError(f"the exploration {ending.status}: {ending.reason}")
     return Explored(
-        ending,
         kept[Truth][0],
         tuple(kept[Contour]),
         tuple(goal.reason for goal in kept[ContourGoal]),
@@ -188,7 +155,7 @@ def percent_of(score: Score) -> float:
 
 
 class Demand(NamedTuple):
-    """What is asked of an exploration."""
+    """What is asked of an exploration, by its keys in a scene."""
 
     planner: str = "predicted"  # Name of the rule
     tolerance: float = 0.002 * EXPLORED_HEIGHT  # Root mean square error, m
@@ -196,41 +163,36 @@ class Demand(NamedTuple):
     # Along which it is sliced; None for the object's own axis.
     axis: tuple[float, float, float] | None = None
 
-    def keys(self) -> dict[str, Any]:
-        """Its keys in a scene."""
-        return {
-            "planner": self.planner,
-            "tolerance": self.tolerance,
-            "feature": FEATURE,
-            "settings": dict(self.settings),
-            "axis": None if self.axis is None else list(self.axis),
-        }
+
+def within_percent(percent: float) -> Demand:
+    """An exploration to an error of so many % of the object's height."""
+    return Demand(tolerance=0.01 * percent * EXPLORED_HEIGHT)
 
 
 def write_scene(
     folder: Path,
     target: ExploreObject,
-    noise: tuple[Mapping[str, Any], ...],
+    noise: Noise,
     demand: Demand,
     seed: int = 0,
     moved: Floats | None = None,
 ) -> Path:
-    """A scene with one object.
+    """A scene with one object, and its mesh if it is given by its radius.
 
-    `folder`: where it is written; the object's mesh too, if it has one. `target`: what stands
-    there. `noise`: effects, as scenes list them. `demand`: what is asked of the exploration.
     `seed`: of all that is random. `moved` (7,): pose of the object's own frame in the world, m.
-    Returns the scene's file.
+    Returns the scene's file in the folder.
     """
-    solid = dict(target.solid or {})
-    if target.solid is None:
-        write_mesh(folder / MESH, *target.mesh())
-        solid["mesh"] = {"file": MESH, "unit": "m"}
+    if callable(target):
+        write_mesh(folder / MESH, *mesh_of_radius(target))
+        solid: dict[str, Any] = {"mesh": {"file": MESH, "unit": "m"}}
+    else:
+        solid = dict(target)
     if moved is not None:
         place = solid.get("pose", {}).get("position", [0.0, 0.0, 0.0])
         found = compose_poses(moved, pose_of(np.array(place), np.eye(3)))
         solid["pose"] = {"position": found[:3].tolist(), "rotation": found[3:].tolist()}
-    scene = {"object": solid, "effects": list(noise), "explore": demand.keys(), "seed": seed}
+    asked = {**demand._asdict(), "feature": FEATURE}
+    scene = {"object": solid, "effects": list(noise), "explore": asked, "seed": seed}
     path = folder / "scene.yaml"
     path.write_text(json.dumps(scene), encoding="utf-8")  # JSON is YAML too
     return path
@@ -240,52 +202,6 @@ def leaning(degrees: float, away: float, lift: float) -> Floats:
     """Pose (7,) of an object that leans about the y axis and stands beside the world's, m."""
     turn = np.array([[0.0, np.radians(degrees), 0.0]])
     return pose_of(np.array([away, 0.0, lift]), rotations_from_vectors(turn)[0])
-
-
-class Side(NamedTuple):
-    """Of a true surface, between 3 and 97 % of its height."""
-
-    points: Floats  # Spread evenly by area, (n, 3), m
-    height: float  # Of the object, m
-
-    def percent(self, vertices: Floats, faces: Ints) -> float:
-        """Root mean square distance of the side from a mesh, % of the height."""
-        found = nearest_points(prepare_surface(vertices, faces).search, self.points).distances
-        return float(100.0 * np.sqrt((found**2).mean()) / self.height)
-
-
-def side_of(truth: Truth) -> Side:
-    """The side of a true surface that stands upright."""
-    points = prepare_surface(truth.vertices, truth.faces).samples.points
-    low = float(truth.vertices[:, 2].min())
-    share = (points[:, 2] - low) / truth.height
-    return Side(points[(share >= END_SHARE) & (share <= 1.0 - END_SHARE)], truth.height)
-
-
-def contour_error(side: Side, contours: Sequence[Contour], *, slopes: bool) -> float:
-    """Error of the side that is rebuilt from contours alone, %.
-
-    `side`: the true one. `contours`: those without use are left out. `slopes`: with their normals;
-    else from positions alone.
-    """
-    usable = [one for one in contours if one.status in USABLE and len(one.points) >= LEAST_POINTS]
-    if len(usable) < 2:
-        return WORST
-    into = inverse_pose(usable[0].frame)
-    _, axes = split_pose(into)
-    points = [transform_points(into, one.points) for one in usable]
-    normals = [one.normals @ axes.T for one in usable] if slopes else None
-    try:
-        mesh = reconstruct(points, normals, method="skin").mesh()
-    except ValueError:  # these contours make no solid
-        return WORST
-    there = Side(transform_points(into, side.points), side.height)
-    return there.percent(mesh.vertices, mesh.faces)
-
-
-def model_error(side: Side, model: ShapeModel) -> float:
-    """Error of the side of a model that was rebuilt from all touched taxels, %."""
-    return side.percent(model.vertices, model.faces) if len(model.faces) else WORST
 
 
 class LoopNode(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import cache, partial
 from itertools import product
 from typing import NamedTuple
 
@@ -18,14 +18,12 @@ from palpate.bench.explore.harness import (
     EXACT,
     Demand,
     Explored,
-    Side,
-    contour_error,
     explore_object,
-    model_error,
-    side_of,
+    within_percent,
 )
-from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject
+from palpate.bench.objects import EXPLORED_OBJECTS, ExploreObject
 from palpate.bench.table import Row, at_least, at_most, best_seconds
+from palpate.core import Floats, Ints, inverse_pose, split_pose, transform_points
 from palpate.core.explore.planners import (
     END_SHARE,
     EXTENT,
@@ -49,6 +47,9 @@ from palpate.core.explore.planners import (
     run_planner,
     untouched_spans,
 )
+from palpate.core.geometry import nearest_points, prepare_surface
+from palpate.core.rebuild import reconstruct
+from palpate.messages.types import Contour, Truth
 from palpate.tools import single_threaded
 
 DEMAND = 0.0025  # Root mean square error of the side, over the height
@@ -68,6 +69,7 @@ THESIS_SETS = [
     *(Thesis(template=template, form="joint", least=0.08, most=0.2) for template in TEMPLATES),
 ]
 FUZZY_SCALES = (0.5, 0.7, 1.0, 1.4)
+Trials = Mapping[str, PlannerTrial]
 Counts = Mapping[str, int]  # Contours that each object needs
 PERCENT = 0.25  # Root mean square error of the side, % of the height
 SCREENED = 3  # Sets of the thesis that are best on exact contours
@@ -76,8 +78,9 @@ QUICK = ("ellipsoid", "groove")
 OVER_UNIFORM, OVER_THESIS, OVER_POSITIONS, MOST_MORE = 0.95, 0.85, 0.70, 1
 # Name of the default planner where the solid is rebuilt from contours alone.
 BY_CONTOURS = f"{__name__}:ByContours"
-# Of the side from the first so many contours of a run, %.
-SideError = Callable[[Side, Explored, int], float]
+USABLE = ("closed", "occluded")
+LEAST_POINTS = 8
+WORST = 100.0  # Error where nothing can be rebuilt, %
 
 
 class PlanClaim(NamedTuple):
@@ -96,57 +99,58 @@ def planner_rows(quick: bool) -> Iterable[Row]:
     yield from _other_objects("held-out objects", HELD_OUT)
     yield from _other_objects("drawn objects", drawn_objects(DRAWN, SEED))
     yield from plan_calibration_rows(QUICK_PLAN_TOLERANCES if quick else PLAN_TOLERANCES)
-    milliseconds = 1e3 * _decision()
+    trial, heights = PlannerTrial(TUNED["bottle"]), EXTENT * np.linspace(0.03, 0.97, 12)
+    slices = tuple(trial.slice_at(height) for height in heights.tolist())
+    decide = partial(Predicted().next, observation_of(slices, 0.0002))
+    milliseconds = 1e3 * best_seconds(decide, 9)
     yield at_most("a decision with 12 slices, ms", milliseconds, MOST_MILLISECONDS, ".1f")
 
 
 def count_rows() -> Iterable[Row]:
     """Contours that the planners need for the demand, summed over the objects."""
-    trials = {name: PlannerTrial(radius) for name, radius in TUNED.items()}
-    even = even_counts(trials)
-    bare = even_counts(trials, slopes=False)
+    trials = _trials(TUNED)
+    even, bare = even_counts(trials), even_counts(trials, slopes=False)
     predicted = first_counts(Predicted(), trials)
     sets = [plan_counts(one, trials) for one in THESIS_SETS]
     sums = [sum(counts.values()) for counts in sets]
-    thesis = min(sums)
     fuzzy = min(sum(plan_counts(Fuzzy(scale=s), trials).values()) for s in FUZZY_SCALES)
     seen = {name: greedy_count(trial) for name, trial in trials.items()}
     for name in trials:
         counts = f"{bare[name]} / {even[name]} / {predicted[name]} / {seen[name]}"
         yield Row(f"{name}: positions only / uniform / predicted / seeing", counts)
-    best = THESIS_SETS[sums.index(thesis)]
-    oracle = sum(min(counts[name] for counts in sets) for name in trials)
-    total = sum(predicted.values())
+    best = THESIS_SETS[sums.index(min(sums))]
     rule = f"{best.template} {best.form} {best.bend_rate:g}, {best.least:g} to {best.most:g}"
+    oracle = sum(min(counts[name] for counts in sets) for name in trials)
     for title, value in {
         "sum, thesis, the best set for each object": oracle,
         "sum, uniform with positions only": sum(bare.values()),
         "sum, uniform": sum(even.values()),
-        f"sum, thesis, best of {len(sums)} sets": thesis,
+        f"sum, thesis, best of {len(sums)} sets": min(sums),
         "that set": rule,
         f"sum, best of {len(FUZZY_SCALES)} fuzzy": fuzzy,
         "sum, seeing the truth, one slice ahead": sum(seen.values()),
-        "sum, predicted": total,
+        "sum, predicted": sum(predicted.values()),
     }.items():
         yield Row(title, str(value))
-    rivals = {
-        "uniform": (sum(even.values()), OVER_UNIFORM),
-        "the best thesis set": (thesis, OVER_THESIS),
-        "uniform with positions only": (sum(bare.values()), OVER_POSITIONS),
-    }
-    yield from _rival_rows(total, rivals)
-    yield _worst_row(max(predicted[name] - even[name] for name in trials))
+    rivals = {"uniform": even, "the best thesis set": sets[sums.index(min(sums))]}
+    yield from _rival_rows(predicted, {**rivals, "uniform with positions only": bare}, even)
 
 
-def _rival_rows(predicted: int, rivals: Mapping[str, tuple[int, float]]) -> Iterator[Row]:
-    for name, (total, most) in rivals.items():
-        value, holds = f"{predicted / total:.2f}", predicted <= most * total
+def _rival_rows(predicted: Counts, rivals: Mapping[str, Counts], even: Counts) -> Iterator[Row]:
+    """Sums over those of uniform, of the best thesis set and of positions only, in this order."""
+    total = sum(predicted.values())
+    most_over = (OVER_UNIFORM, OVER_THESIS, OVER_POSITIONS)
+    for (name, counts), most in zip(rivals.items(), most_over, strict=True):
+        other = sum(counts.values())
+        value, holds = f"{total / other:.2f}", total <= most * other
         yield Row(f"predicted over {name}", value, f"<= {most:.2f}", holds)
-
-
-def _worst_row(more: int) -> Row:
+    more = max(predicted[name] - even[name] for name in even)
     title = "predicted less uniform, on the worst object"
-    return Row(title, str(more), f"<= {MOST_MORE}", more <= MOST_MORE)
+    yield Row(title, str(more), f"<= {MOST_MORE}", more <= MOST_MORE)
+
+
+def _trials(objects: Mapping[str, Radius]) -> Trials:
+    return {name: PlannerTrial(radius) for name, radius in objects.items()}
 
 
 def greedy_count(trial: PlannerTrial) -> int:
@@ -161,7 +165,7 @@ def greedy_count(trial: PlannerTrial) -> int:
 
 
 def _other_objects(title: str, objects: Mapping[str, Radius]) -> Iterable[Row]:
-    trials = {name: PlannerTrial(radius) for name, radius in objects.items()}
+    trials = _trials(objects)
     even, bare = even_counts(trials), even_counts(trials, slopes=False)
     predicted = first_counts(Predicted(), trials)
     total = sum(predicted.values())
@@ -172,24 +176,21 @@ def _other_objects(title: str, objects: Mapping[str, Radius]) -> Iterable[Row]:
     yield Row(f"{title}: predicted less uniform, worst", str(worst))
 
 
-def even_counts(trials: Mapping[str, PlannerTrial], *, slopes: bool = True) -> Counts:
+def even_counts(trials: Trials, *, slopes: bool = True) -> Counts:
     """Of even slices, the fewest that do."""
 
-    def enough(trial: PlannerTrial, count: int) -> bool:
-        heights = EXTENT * np.linspace(END_SHARE, 1.0 - END_SHARE, count)
-        slices = [trial.slice_at(height) for height in heights.tolist()]
-        return trial.rms(slices, slopes=slopes) <= DEMAND
+    def fewest(trial: PlannerTrial) -> int:
+        for count in range(2, MOST_CONTOURS_PLANNED):
+            heights = EXTENT * np.linspace(END_SHARE, 1.0 - END_SHARE, count)
+            slices = [trial.slice_at(height) for height in heights.tolist()]
+            if trial.rms(slices, slopes=slopes) <= DEMAND:
+                return count
+        return MOST_CONTOURS_PLANNED
 
-    return {
-        name: next(
-            (count for count in range(2, MOST_CONTOURS_PLANNED) if enough(trial, count)),
-            MOST_CONTOURS_PLANNED,
-        )
-        for name, trial in trials.items()
-    }
+    return {name: fewest(trial) for name, trial in trials.items()}
 
 
-def first_counts(planner: Planner, trials: Mapping[str, PlannerTrial]) -> Counts:
+def first_counts(planner: Planner, trials: Trials) -> Counts:
     """After how many slices of a plan the side is first good enough."""
     return {
         name: _first(errors_of(trial, run_planner(planner, trial, DEMAND)[0]), DEMAND)
@@ -210,14 +211,17 @@ def plan_calibration_rows(tolerances: Sequence[float]) -> Iterable[Row]:
     held = float(np.mean([one.true <= one.bound for one in runs]))
     name = f"{len(runs)} runs on other objects: bound of 95 % holds"
     yield Row(name, f"{held:.1%}", "90 to 98 %", 0.90 <= held <= 0.98)
-    reached = [one for one in runs if one.first_true is not None]
-    near = float(np.mean([_near(one.first_bound, one) for one in reached]))
+    reached = [(one, one.first_true) for one in runs if one.first_true is not None]
+    near = [
+        one.first_bound is not None and abs(one.first_bound - first) <= 1 for one, first in reached
+    ]
     name = "other objects: bound within tolerance at most 1 contour late"
-    yield at_least(name, near, 0.80, ".1%")
-    ended = float(np.mean([_near(one.slices, one) for one in reached]))
+    yield at_least(name, float(np.mean(near)), 0.80, ".1%")
+    late = [one.slices - first for one, first in reached]
+    ended = float(np.mean([abs(more) <= 1 for more in late]))
     yield Row("other objects: ends so, with nothing untouched", f"{ended:.1%}")
-    late = np.median([one.slices - (one.first_true or 0) for one in reached])
-    yield Row("other objects: contours more until nothing is untouched, median", f"{late:.0f}")
+    name = "other objects: contours more until nothing is untouched, median"
+    yield Row(name, f"{np.median(late):.0f}")
 
 
 def plan_claim(trial: PlannerTrial, tolerance: float) -> PlanClaim:
@@ -241,19 +245,6 @@ def errors_of(trial: PlannerTrial, slices: Sequence[ObservedSlice]) -> list[floa
 
 def _first(values: Sequence[float], most: float) -> int | None:
     return next((i + 1 for i, value in enumerate(values) if value <= most), None)
-
-
-def _near(count: int | None, one: PlanClaim) -> bool:
-    return count is not None and one.first_true is not None and abs(count - one.first_true) <= 1
-
-
-def _decision() -> float:
-    trial = PlannerTrial(TUNED["bottle"])
-    slices = tuple(
-        trial.slice_at(height) for height in (EXTENT * np.linspace(0.03, 0.97, 12)).tolist()
-    )
-    observation, planner = observation_of(slices, 0.0002), Predicted()
-    return best_seconds(lambda: planner.next(observation), 9)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -293,30 +284,30 @@ def whole_planner_rows(quick: bool) -> Iterable[Row]:
 
 def count_sums(found: Mapping[str, ContourCounts]) -> Iterator[Row]:
     """Sums over the objects, and their ratios."""
-    predicted = sum(one.predicted for one in found.values())
-    thesis = min(map(sum, zip(*(one.thesis for one in found.values()), strict=True)))
-    rivals = {
-        "uniform": (sum(one.uniform for one in found.values()), OVER_UNIFORM),
-        "best thesis set": (thesis, OVER_THESIS),
-        "uniform, positions only": (sum(one.positions for one in found.values()), OVER_POSITIONS),
-    }
-    yield Row("sum, predicted", str(predicted))
-    for name, (total, _) in rivals.items():
-        yield Row(f"sum, {name}", str(total))
-    yield from _rival_rows(predicted, rivals)
-    yield _worst_row(max(one.predicted - one.uniform for one in found.values()))
-    pairs = [(one.uniform_taxels, one.predicted_taxels) for one in found.values()]
-    shown = " / ".join(str(sum(column)) for column in zip(*pairs, strict=True))
-    yield Row("sum, uniform / predicted, all taxels", shown)
+
+    def column(field: str) -> Counts:
+        return {name: getattr(one, field) for name, one in found.items()}
+
+    thesis = zip(*(one.thesis for one in found.values()), strict=True)
+    sets = [dict(zip(found, counts, strict=True)) for counts in thesis]
+    even, predicted = column("uniform"), column("predicted")
+    best = min(sets, key=lambda one: sum(one.values()))
+    rivals = {"uniform": even, "best thesis set": best}
+    rivals["uniform, positions only"] = column("positions")
+    for name, counts in {"predicted": predicted, **rivals}.items():
+        yield Row(f"sum, {name}", str(sum(counts.values())))
+    yield from _rival_rows(predicted, rivals, even)
+    taxels = (sum(column(f"{rule}_taxels").values()) for rule in ("uniform", "predicted"))
+    yield Row("sum, uniform / predicted, all taxels", " / ".join(map(str, taxels)))
 
 
 def best_sets(count: int) -> list[Thesis]:
     """The sets of the thesis that need the fewest contours where these are exact."""
-    trials = {name: PlannerTrial(radius) for name, radius in TUNED.items()}
+    trials = _trials(TUNED)
     return sorted(THESIS_SETS, key=lambda one: sum(plan_counts(one, trials).values()))[:count]
 
 
-def plan_counts(planner: Planner, trials: Mapping[str, PlannerTrial]) -> Counts:
+def plan_counts(planner: Planner, trials: Trials) -> Counts:
     """How many slices a plan has, if at its end the side is good enough."""
     counts = {}
     for name, trial in trials.items():
@@ -328,19 +319,28 @@ def plan_counts(planner: Planner, trials: Mapping[str, PlannerTrial]) -> Counts:
 
 def counts_of(target: ExploreObject, sets: Sequence[Thesis]) -> ContourCounts:
     """Contours that an object takes with each planner."""
-    predicted = explore_object(target, EXACT, Demand(tolerance=0.01 * PERCENT * EXPLORED_HEIGHT))
-    sparse = explore_object(
-        target, EXACT, Demand(BY_CONTOURS, tolerance=0.01 * PERCENT * EXPLORED_HEIGHT)
-    )
-    side = side_of(predicted.truth)
-    even = EvenSlices(target)
+    demand = within_percent(PERCENT)
+    predicted = explore_object(target, EXACT, demand)
+    sparse = explore_object(target, EXACT, demand._replace(planner=BY_CONTOURS))
     plans = [explore_object(target, EXACT, Demand("thesis", settings=asdict(one))) for one in sets]
+    side = Side.of(predicted.truth)
+
+    @cache
+    def evenly(count: int) -> Explored:
+        return explore_object(target, EXACT, Demand("uniform", settings={"count": count}))
+
+    def fewest(error: SideError) -> int:
+        """The fewest even slices that do."""
+        even = ((count, evenly(count)) for count in range(2, MOST_EVEN + 1))
+        good = (n for n, one in even if error(side, one, len(one.contours)) <= PERCENT)
+        return next(good, MOST_CONTOURS_PLANNED)
+
     return ContourCounts(
-        positions=even.fewest(side, partial(contours_error, slopes=False)),
-        uniform=even.fewest(side, contours_error),
-        predicted=first_within_percent(side, sparse, contours_error),
+        positions=fewest(partial(contour_error, slopes=False)),
+        uniform=fewest(contour_error),
+        predicted=first_within_percent(side, sparse, contour_error),
         thesis=tuple(at_end(side, one) for one in plans),
-        uniform_taxels=even.fewest(side, taxel_error),
+        uniform_taxels=fewest(taxel_error),
         predicted_taxels=first_within_percent(side, predicted, taxel_error),
     )
 
@@ -348,45 +348,66 @@ def counts_of(target: ExploreObject, sets: Sequence[Thesis]) -> ContourCounts:
 def first_within_percent(side: Side, one: Explored, error: SideError) -> int:
     """Contours of a run until the side is first good enough, else `MOST_CONTOURS_PLANNED`."""
     counts = range(2, len(one.contours) + 1)
-    return next(
-        (count for count in counts if error(side, one, count) <= PERCENT), MOST_CONTOURS_PLANNED
-    )
+    good = (count for count in counts if error(side, one, count) <= PERCENT)
+    return next(good, MOST_CONTOURS_PLANNED)
 
 
 def at_end(side: Side, one: Explored) -> int:
     """Contours of a run whose side is good enough at its end, else `MOST_CONTOURS_PLANNED`."""
     count = len(one.contours)
-    return count if contours_error(side, one, count) <= PERCENT else MOST_CONTOURS_PLANNED
+    return count if contour_error(side, one, count) <= PERCENT else MOST_CONTOURS_PLANNED
 
 
-def contours_error(side: Side, one: Explored, count: int, *, slopes: bool = True) -> float:
-    """From the first contours of a run alone."""
-    return contour_error(side, one.contours[:count], slopes=slopes)
+class Side(NamedTuple):
+    """Of a true surface that stands upright, between 3 and 97 % of its height."""
+
+    points: Floats  # Spread evenly by area, (n, 3), m
+    height: float  # Of the object, m
+
+    @classmethod
+    def of(cls, truth: Truth) -> Side:
+        """The side of a true surface."""
+        points = prepare_surface(truth.vertices, truth.faces).samples.points
+        share = (points[:, 2] - float(truth.vertices[:, 2].min())) / truth.height
+        return cls(points[(share >= END_SHARE) & (share <= 1.0 - END_SHARE)], truth.height)
+
+    def percent(self, vertices: Floats, faces: Ints) -> float:
+        """Root mean square distance of the side from a mesh, % of the height."""
+        found = nearest_points(prepare_surface(vertices, faces).search, self.points).distances
+        return float(100.0 * np.sqrt((found**2).mean()) / self.height)
+
+
+def contour_error(side: Side, one: Explored, count: int, *, slopes: bool = True) -> float:
+    """Error of the side that is rebuilt from the first contours of a run alone, %.
+
+    Contours without use are left out. `slopes`: with their normals; else from positions alone.
+    """
+    usable: list[Contour] = [
+        each
+        for each in one.contours[:count]
+        if each.status in USABLE and len(each.points) >= LEAST_POINTS
+    ]
+    if len(usable) < 2:
+        return WORST
+    into = inverse_pose(usable[0].frame)
+    _, axes = split_pose(into)
+    points = [transform_points(into, each.points) for each in usable]
+    normals = [each.normals @ axes.T for each in usable] if slopes else None
+    try:
+        mesh = reconstruct(points, normals, method="skin").mesh()
+    except ValueError:  # these contours make no solid
+        return WORST
+    there = side._replace(points=transform_points(into, side.points))
+    return there.percent(mesh.vertices, mesh.faces)
 
 
 def taxel_error(side: Side, one: Explored, count: int) -> float:
-    """From all touched taxels by the time of so many contours."""
+    """Of the side rebuilt from all touched taxels by the time of so many contours, %."""
     made = [model for model in one.models if len(model.contours) <= count]
-    return model_error(side, made[-1]) if made else 100.0
+    return (
+        side.percent(made[-1].vertices, made[-1].faces) if made and len(made[-1].faces) else WORST
+    )
 
 
-class EvenSlices:
-    """Explorations of one object with ever more even slices, each made once."""
-
-    def __init__(self, target: ExploreObject):
-        self._target = target
-        self._runs: dict[int, Explored] = {}
-
-    def fewest(self, side: Side, error: SideError) -> int:
-        """The fewest even slices that do; `MOST_CONTOURS_PLANNED` if none of those tried."""
-        for count in range(2, MOST_EVEN + 1):
-            one = self._run(count)
-            if error(side, one, len(one.contours)) <= PERCENT:
-                return count
-        return MOST_CONTOURS_PLANNED
-
-    def _run(self, count: int) -> Explored:
-        if count not in self._runs:
-            demand = Demand("uniform", settings={"count": count})
-            self._runs[count] = explore_object(self._target, EXACT, demand)
-        return self._runs[count]
+# Of the side from the first so many contours of a run, %.
+SideError = Callable[[Side, Explored, int], float]

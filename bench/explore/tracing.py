@@ -1,6 +1,4 @@
-"""Slices of known solids, traced.
-
-Touches, accuracy, and gaps against what no pose of the pad can touch.
+"""Slices of known solids, traced: touches, accuracy, and gaps against what no pad can touch.
 
 Seen along the pad's axis, an object is a field of depths. A rigid face that may stand anywhere
 over it reaches down to the field's opening by that face; a pad that yields reaches so much
@@ -14,18 +12,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.bench.objects import TRACED_OBJECTS, TracedSolid, dented, notched, wedged
+from palpate.bench.objects import HOLLOWS, TRACED_OBJECTS, TracedSolid
 from palpate.bench.table import Row
-from palpate.core import (
-    Bools,
-    Floats,
-    pad_rotation,
-    pose_of,
-    rotations_from_vectors,
-    split_pose,
-)
+from palpate.core import Bools, Floats, pad_rotation, pose_of, rotations_from_vectors, split_pose
 from palpate.core.explore.tracing import (
     Gap,
     SliceArc,
@@ -56,21 +46,9 @@ MOST = (
 )
 MOST_NOISY = 45
 TRACING_SEEDS = 8
-# By name; each is widest at its mouth.
-HOLLOWS = {
-    "slot 5 mm wide, 10 deep": notched(0.010, 0.0025),
-    "slot 8 mm wide, 10 deep": notched(0.010, 0.004),
-    "slot 10 mm wide, 20 deep": notched(0.020, 0.005),
-    "slot 3 mm wide, 3 deep": notched(0.003, 0.0015),
-    "wedge 10 mm wide, 6 deep": wedged(0.006, 0.005),
-    "wedge 8 mm wide, 8 deep": wedged(0.008, 0.004),
-    "dent 10 mm wide, 3 deep": dented(0.003, 0.005),
-    "dent 12 mm wide, 5 deep": dented(0.005, 0.006),
-}
 MOST_RMS, MOST_ERROR, NEAR = 10e-6, 50e-6, 1e-3
 MOST_SLICE_TOUCHES = 150
 CONTACT, BACK_OFF, APPROACH = 0.05e-3, 14e-3, 0.1
-TouchFunction = Callable[[TouchCommand], SliceArc | None]
 # Azimuths from which a stretch is touched, against the normal of its chord, rad.
 TURNS = tuple(np.radians(np.arange(-75.0, 76.0, 12.5)).tolist())
 TILTS = tuple(np.radians(np.arange(-60.0, 61.0, 30.0)).tolist())  # Elevations, rad
@@ -96,35 +74,27 @@ class SliceFigures(NamedTuple):
     rms: float  # Distance of its points from the true slice, m
     worst: float  # The largest of them, m
     covered: float  # Share of the true slice within 1 mm of a point
+    gaps: tuple[Gap, ...]
 
 
 def tracing_rows(quick: bool) -> Iterator[Row]:
     """All figures of slices that are traced."""
-    yield from closed_rows()
-    yield from noisy_rows(quick)
-    yield from hollow_rows(quick)
-    yield from width_rows()
-
-
-def closed_rows() -> Iterator[Row]:
-    """Closed contours: touches and accuracy, without noise."""
-    for pad in PADS:
+    for pad in PADS:  # closed contours: touches and accuracy, without noise
         yield from _rows(f"smooth, {pad}", SMOOTH, PADS[pad], MOST_SMOOTH[pad])
     for name, pad, most in MOST:
         yield from _rows(f"{name}, {pad}", (name,), PADS[pad], most)
+    yield from noisy_rows(quick)
+    yield from hollow_rows(quick)
+    yield from width_rows()
 
 
 def _rows(title: str, names: Sequence[str], pad: Pad, most: int) -> Iterator[Row]:
     found = [trace_figures(TRACED_OBJECTS[name], share, pad) for name in names for share in SHARES]
     yield _touches(title, found, most)
     rms, worst = max(one.rms for one in found), max(one.worst for one in found)
+    good = rms <= MOST_RMS and worst <= MOST_ERROR
     shown = f"{1e6 * rms:.1f}, {1e6 * worst:.0f} um"
-    yield Row(
-        f"{title}: worst rms, largest error",
-        shown,
-        "10, 50 um",
-        rms <= MOST_RMS and worst <= MOST_ERROR,
-    )
+    yield Row(f"{title}: worst rms, largest error", shown, "10, 50 um", good)
     covered = min(one.covered for one in found)
     yield Row(f"{title}: within 1 mm", f"{100 * covered:.1f} %", "100 %", covered > 0.9999)
 
@@ -144,31 +114,28 @@ def noisy_rows(quick: bool) -> Iterator[Row]:
 def _touches(title: str, found: Sequence[SliceFigures], most: int) -> Row:
     closed = sum(one.status == "closed" for one in found)
     touches = max(one.touches for one in found)
-    return Row(
-        f"{title}: closed, most touches",
-        f"{closed} of {len(found)}, {touches}",
-        f"all, {most}",
-        closed == len(found) and touches <= most,
-    )
+    shown, good = f"{closed} of {len(found)}, {touches}", closed == len(found) and touches <= most
+    return Row(f"{title}: closed, most touches", shown, f"all, {most}", good)
 
 
 def hollow_rows(quick: bool) -> Iterator[Row]:
     """Hollows that no pad can enter: gaps are as long as what no pose of the pad can touch."""
     for name, target in list(HOLLOWS.items())[:: 4 if quick else 1]:
         for kind, pad in PADS.items():
-            found, gaps = trace_with_gaps(target, 0.0, pad)
+            found = trace_figures(target, 0.0, pad)
             off = max(
-                (abs(gap.extent - unreachable_chord(target, pad, 0.0, gap)) for gap in gaps),
+                (abs(gap.extent - unreachable_chord(target, pad, 0.0, gap)) for gap in found.gaps),
                 default=0,
             )
             shown = f"{found.status}, {found.touches}, off by {1e3 * off:.1f} mm"
-            honest = found.status == ("occluded" if gaps else "closed")
+            honest = found.status == ("occluded" if found.gaps else "closed")
             yield Row(f"{name}, {kind}", shown, "within 1 mm", honest and off < NEAR)
 
 
 def unreachable_chord(target: TracedSolid, pad: Pad, height: float, gap: Gap) -> float:
     """Chord of the longest stretch in a gap that no pose of the pad can touch, m; 0 for none."""
     points = _stretch(target.outline(height), gap)
+    places = np.column_stack([points, np.full(len(points), height)])
     reached = np.zeros(len(points), bool)
     chord = points[-1] - points[0]
     heading = math.atan2(-chord[0], chord[1])
@@ -177,8 +144,14 @@ def unreachable_chord(target: TracedSolid, pad: Pad, height: float, gap: Gap) ->
             open_ = ~reached
             if open_.any():
                 axes = pad_rotation(heading + turn, tilt)
-                reached[open_] = _touched(target, pad, axes, _at_height(points[open_], height))
-    return _longest(points, ~reached)
+                reached[open_] = _touched(target, pad, axes, places[open_])
+    # The longest run of hidden points, to the points beside it.
+    edges = np.diff(np.concatenate([[False], ~reached, [False]]).astype(np.int8))
+    firsts, ends = (np.flatnonzero(edges == way).tolist() for way in (1, -1))
+    last = len(points) - 1
+    runs = zip(firsts, ends, strict=True)
+    chords = (points[min(end, last)] - points[max(first - 1, 0)] for first, end in runs)
+    return max((float(np.linalg.norm(chord)) for chord in chords), default=0.0)
 
 
 def _stretch(outline: Floats, gap: Gap) -> Floats:
@@ -200,63 +173,37 @@ def _touched(target: TracedSolid, pad: Pad, axes: Floats, points: Floats) -> Boo
     from scipy.ndimage import grey_dilation, grey_erosion, map_coordinates
 
     local = points @ axes
-    face: Any = -_face(pad)  # the stubs know of whole numbers alone
-    margin = CELL * np.array(face.shape[::-1])
-    low, high = local.min(axis=0)[:2] - margin, local.max(axis=0)[:2] + margin
-    columns, rows = (np.arange(a, b, CELL) for a, b in zip(low, high, strict=True))
-    x, y = (grid.ravel() for grid in np.meshgrid(columns, rows))
-    before = float(local[:, 2].min()) - FAR
-    origins = np.concatenate([np.column_stack([x, y]), local[:, :2]])
-    origins = np.column_stack([origins, np.full(len(origins), before)])
-    depth = before + target.shape.cast(origins @ axes.T, axes[:, 2], FAR + PAST)
-    nothing = before + FAR + PAST
-    field = np.minimum(depth[: len(x)].reshape(len(rows), len(columns)), nothing)
-    opened = grey_dilation(grey_erosion(field, structure=face), structure=face)
-    cells = (local[:, 1::-1] - low[::-1]) / CELL
-    floor = map_coordinates(opened, cells.T, order=1, mode="nearest")
-    seen = np.abs(depth[len(x) :] - local[:, 2]) < SEEN
-    return np.asarray(seen & (local[:, 2] - floor <= pad.saturation * pad.thickness))
-
-
-def _face(pad: Pad) -> Floats:
-    """How far the face falls back behind its middle, on the field's cells, m."""
     y, x = (
         CELL * np.arange(-half, half + 1)
         for half in (int(0.5 * (n - 1) * pad.pitch / CELL) for n in (pad.rows, pad.cols))
     )
-    return np.asarray(0.5 * pad.dome * (y[:, None] ** 2 + x**2))
-
-
-def _at_height(points: Floats, height: float) -> Floats:
-    return np.column_stack([points, np.full(len(points), height)])
-
-
-def _longest(points: Floats, hidden: Bools) -> float:
-    """Longest chord of a run of hidden points, to the points beside it, m."""
-    edges = np.diff(np.concatenate([[False], hidden, [False]]).astype(np.int8))
-    firsts: NDArray[np.intp] = np.flatnonzero(edges > 0)
-    ends: NDArray[np.intp] = np.flatnonzero(edges < 0)
-    last = len(points) - 1
-    return max(
-        (
-            float(np.linalg.norm(points[min(end, last)] - points[max(first - 1, 0)]))
-            for first, end in zip(firsts.tolist(), ends.tolist(), strict=True)
-        ),
-        default=0.0,
-    )
+    # How far the face falls back behind its middle; the stubs know of whole numbers alone.
+    face: Any = -np.asarray(0.5 * pad.dome * (y[:, None] ** 2 + x**2))
+    margin = CELL * np.array(face.shape[::-1])
+    low, high = local.min(axis=0)[:2] - margin, local.max(axis=0)[:2] + margin
+    columns, rows = (np.arange(a, b, CELL) for a, b in zip(low, high, strict=True))
+    starts = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    before = float(local[:, 2].min()) - FAR
+    origins = np.concatenate([starts, local[:, :2]])
+    origins = np.column_stack([origins, np.full(len(origins), before)])
+    depth = before + target.shape.cast(origins @ axes.T, axes[:, 2], FAR + PAST)
+    nothing = before + FAR + PAST
+    field = np.minimum(depth[: len(starts)].reshape(len(rows), len(columns)), nothing)
+    opened = grey_dilation(grey_erosion(field, structure=face), structure=face)
+    cells = (local[:, 1::-1] - low[::-1]) / CELL
+    floor = map_coordinates(opened, cells.T, order=1, mode="nearest")
+    seen = np.abs(depth[len(starts) :] - local[:, 2]) < SEEN
+    return np.asarray(seen & (local[:, 2] - floor <= pad.saturation * pad.thickness))
 
 
 def width_rows() -> Iterator[Row]:
     """Narrow and wide arrays of 16 by 16."""
     for width in WIDTHS:
         for name, pad in PADS.items():
-            scaled = pad.__class__(
-                16, 16, width / 15, pad.thickness, pad.dome * 15e-3 / width, pad.saturation
-            )
-            found = [
-                trace_figures(TRACED_OBJECTS[n], 0.0, scaled)
-                for n in ("sphere", "box", "superellipsoid")
-            ]
+            dome = pad.dome * 15e-3 / width
+            scaled = Pad(16, 16, width / 15, pad.thickness, dome, pad.saturation)
+            names = ("sphere", "box", "superellipsoid")
+            found = [trace_figures(TRACED_OBJECTS[one], 0.0, scaled) for one in names]
             closed = sum(one.status == "closed" for one in found)
             title = f"array of {1e3 * width:g} mm, {name}"
             yield Row(title, f"{closed} of {len(found)} closed", "all", closed == len(found))
@@ -266,13 +213,6 @@ def trace_figures(
     target: TracedSolid, share: float, pad: Pad, noise: TouchNoise | None = None, seed: int = 0
 ) -> SliceFigures:
     """Trace one slice and compare it with the truth."""
-    return trace_with_gaps(target, share, pad, noise, seed)[0]
-
-
-def trace_with_gaps(
-    target: TracedSolid, share: float, pad: Pad, noise: TouchNoise | None = None, seed: int = 0
-) -> tuple[SliceFigures, tuple[Gap, ...]]:
-    """Trace one slice: how it compares with the truth, and its gaps."""
     from scipy.spatial import cKDTree
 
     height = share * target.half
@@ -284,52 +224,45 @@ def trace_with_gaps(
             break
         trace = after_touch(trace, touch(status))
     if trace.path is None:
-        return SliceFigures(status, trace.touches, math.inf, math.inf, 0.0), trace.gaps
+        return SliceFigures(status, trace.touches, math.inf, math.inf, 0.0, trace.gaps)
     outline, points = target.outline(height), trace.path.points[:, :2]
     off = outline_distances(points, outline)
     near = cKDTree(points).query(outline)[0] <= NEAR
     ways = np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1)
     covered = float(ways[near].sum() / ways.sum())
     rms = float(np.sqrt((off**2).mean()))
-    figures = SliceFigures(status, trace.touches, rms, float(off.max()), covered)
-    return figures, trace.gaps
+    return SliceFigures(status, trace.touches, rms, float(off.max()), covered, trace.gaps)
 
 
 def simulated_finger(
     target: TracedSolid, pad: Pad, height: float, noise: TouchNoise | None, seed: int = 0
-) -> TouchFunction:
+) -> Callable[[TouchCommand], SliceArc | None]:
     """A finger that touches a solid and tells what it touches of one slice."""
     rng = np.random.default_rng(seed)
 
     def touch(aim: TouchCommand) -> SliceArc | None:
         believed = aim.start(height)
-        actual = believed if noise is None else _disturbed(believed, noise, rng)
+        pose, (place, axes) = believed.copy(), split_pose(believed)
+        actual = believed
+        if noise is not None:
+            shift, turn = rng.standard_normal((2, 3))
+            off = rotations_from_vectors(noise.turn * turn[None])[0]
+            actual = pose_of(place + axes @ (noise.place * shift), axes @ off)
         end = guarded_move(target.shape, pad, actual, aim.travel, aim.posture.depth)
         if end.outcome == "inside" and aim.standoff < BACK_OFF:
             return touch(aim._replace(standoff=aim.standoff + BACK_OFF))
         if end.outcome not in HITS:
             return None
-        pose, (place, axes) = believed.copy(), split_pose(believed)
         pose[:3] = place + end.advance * axes[:, 2]
         spread = 0.0 if noise is None else noise.taxel
         compression = end.compression + spread * rng.standard_normal(end.compression.shape)
         touched = compression > CONTACT
         surface = pad.surface(compression, touched)
         patch = fit_patch(pad, surface, touched, axes[2], spread)
-        return arc_in_slice(
-            pad, pose, surface, touched, patch.jet, height, smooth=patch.kind == "smooth"
-        )
+        smooth = patch.kind == "smooth"
+        return arc_in_slice(pad, pose, surface, touched, patch.jet, height, smooth=smooth)
 
     return touch
-
-
-def _disturbed(pose: Floats, noise: TouchNoise, rng: np.random.Generator) -> Floats:
-    place, axes = split_pose(pose)
-    shift, turn = rng.standard_normal((2, 3))
-    return pose_of(
-        place + axes @ (noise.place * shift),
-        axes @ rotations_from_vectors(noise.turn * turn[None])[0],
-    )
 
 
 def outline_distances(points: Floats, outline: Floats) -> Floats:

@@ -1,30 +1,47 @@
-"""Solids of eight objects beside those of lofts, radial functions, Poisson surfaces, the thesis.
+"""Solids of eight objects beside those of other ways, disorder, and the thesis's two examples.
 
 Objects are 100 mm high; contours begin and end 0.5 % of the height inside. Ratios are of means
-over the objects, unless a line names one. Kazhdan and Hoppe, *Screened Poisson surface
-reconstruction*, 2013, by PyMeshLab where that is installed.
+over the objects, unless a line names one.
+
+The examples stand in for the two objects that the thesis only draws: one turned and lobed, with
+27 contours of 81 points at even heights, one smoother, with 24 contours of 41 points. The first
+point of each contour comes again at its end, and each begins at azimuth -pi, as the thesis's
+program needs.
 """
 
 from __future__ import annotations
 
-import importlib.util
+import dataclasses
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 
-from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, ContouredShape, MeshErrors, truth_of
-from palpate.bench.rebuild.thesis import loft_rings
-from palpate.bench.table import Row, at_most, best_seconds
+from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, WAVY, RoundObject, closed_mesh
+from palpate.bench.rebuild.peers import (
+    LOFT,
+    PACKAGE,
+    POISSON,
+    RADIAL,
+    SMOOTHED,
+    THESIS,
+    MeshErrors,
+    Peer,
+    TrueSurface,
+    loft_rings,
+    poisson_installed,
+    truth_of,
+    truth_of_mesh,
+)
+from palpate.bench.table import Row, at_least, at_most, best_seconds
 from palpate.core import Floats
-from palpate.core.geometry import close_rings
 from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.lattice import fit_lattice
 from palpate.core.shapes import Mesh
-from palpate.core.thesis import rebuild_thesis
+from palpate.core.splines import SplineVolume, invert_points
+from palpate.core.thesis import ThesisSolid, interpolated_parameters, rebuild_thesis
 from palpate.tools import single_threaded
 
 INSIDE = 0.005  # Of the height: how far inside the first and the last contour lie
@@ -41,14 +58,17 @@ COUNTS = 0.25  # By which the number of points differs from contour to contour
 OUTLIER_SHARE, OUTLIER_DISTANCE = 0.02, 3.0  # Share of the points that are off, and by how much, mm
 ROUNDS = 5
 FIT_MS, UPDATE_MS, BAND_MS, LATTICE_S = 30.0, 10.0, 10.0, 1.0
-Disorder = Callable[[ContouredShape, Floats, np.random.Generator], Sequence[Floats]]
-LOFT_ROWS, LOFT_COLUMNS = 121, 180  # Of the lofts' meshes
-HARMONICS = 16  # Of a contour that are kept by the smoothed loft
-OFFSET = 0.02  # Of the size: by how much the points inside and outside lie off the surface
-FIELD_ROWS, FIELD_COLUMNS = 81, 120  # Of the mesh of the radial functions
-STEPS = 6  # Secant steps from the loft to the zero of the radial functions
-PACKAGE = "pymeshlab"
-OCTREE_DEPTH = 8  # Of the octree: 256 cells along the object
+EXAMPLE_NOISE = 0.005  # Of the object's height, along x and y
+SIDE = 50  # Rows and columns at which the thesis's program evaluates its surface
+LOOPED, QUICK_LOOPED = 200, 40  # Points that are done one at a time
+LEAST_RATIO = 50.0
+# Height of both examples; all figures are over it, so that its unit does not matter.
+EXAMPLE_HEIGHT = 2.0
+MESH_ROWS, MESH_COLUMNS = 161, 240  # Of the meshes that are compared
+TRUE_ROWS, TRUE_COLUMNS = 401, 720
+# Of the truth, and of the other mesh of it that shows what measuring alone adds.
+FLOOR_ROWS, FLOOR_COLUMNS = 301, 541
+Disorder = Callable[[RoundObject, Floats, np.random.Generator], Sequence[Floats]]
 
 
 class PeerCase(NamedTuple):
@@ -77,45 +97,38 @@ def peer_rows(quick: bool) -> Iterable[Row]:
 
 def case_rows(case: PeerCase, found: PeerErrors) -> Iterable[Row]:
     """The figures of one case."""
-    first = case.peers[0].name
-    head = f"{case.size[0]} by {case.size[1]}, {case.noise:g} mm"
-    for way, most in ((OURS, case.most), (TOUCHED, case.touched)):
+    first, head = case.peers[0].name, f"{case.size[0]} by {case.size[1]}, {case.noise:g} mm"
+    means = {
+        way: MeshErrors(*np.mean([[*one[:3], abs(one.volume)] for one in of.values()], axis=0))
+        for way, of in found.items()
+    }
+    for way, most, how in ((OURS, case.most, ""), (TOUCHED, case.touched, ", ends touched")):
         if way not in found:
             continue
         for name, errors in found[way].items():
             ratio = errors.chamfer / found[first][name].chamfer
-            title = f"{head}: {name}, {errors.chamfer:.3f} mm{_touched(way)}"
+            title = f"{head}: {name}, {errors.chamfer:.3f} mm{how}"
             yield Row(title, f"{ratio:.2f} x", "for comparison")
-        ratio = _mean(found[way]).chamfer / _mean(found[first]).chamfer
-        title = f"{head}: mean over the {first}'s{_touched(way)}"
-        yield _compared(title, f"{ratio:.3f} x", ratio, most, " x")
-    for way in found:
-        yield Row(f"{head}: {way}: {_told(_mean(found[way]))}", "")
-    angle = _mean(found[OURS]).normal_deg
-    yield _compared(f"{head}: normals, degrees", f"{angle:.2f}", angle, case.normals)
+        ratio = means[way].chamfer / means[first].chamfer
+        title = f"{head}: mean over the {first}'s{how}"
+        yield _compared(title, f"{ratio:.3f} x", ratio, most, f"{most:g} x")
+    for way, errors in means.items():
+        told = (
+            f"mean {errors.chamfer:.3f} mm, max {errors.hausdorff:.2f} mm, "
+            f"normals {errors.normal_deg:.2f} deg, volume {errors.volume:.2%}"
+        )
+        yield Row(f"{head}: {way}: {told}", "")
+    angle, most = means[OURS].normal_deg, case.normals
+    yield _compared(f"{head}: normals, degrees", f"{angle:.2f}", angle, most, f"{most:g}")
 
 
-def _compared(title: str, shown: str, value: float, most: float, unit: str = "") -> Row:
-    target = f"<= {most:g}{unit}" if np.isfinite(most) else "for comparison"
+def _compared(title: str, shown: str, value: float, most: float, bound: str) -> Row:
+    """A row with a demand, or for comparison if that is infinite."""
+    target = f"<= {bound}" if np.isfinite(most) else "for comparison"
     return Row(title, shown, target, value <= most)
 
 
-def _touched(way: str) -> str:
-    return ", ends touched" if way == TOUCHED else ""
-
-
-def _mean(errors: Mapping[str, MeshErrors]) -> MeshErrors:
-    return MeshErrors(*np.mean([[*one[:3], abs(one.volume)] for one in errors.values()], axis=0))
-
-
-def _told(errors: MeshErrors) -> str:
-    return (
-        f"mean {errors.chamfer:.3f} mm, max {errors.hausdorff:.2f} mm, "
-        f"normals {errors.normal_deg:.2f} deg, volume {errors.volume:.2%}"
-    )
-
-
-def errors_of(case: PeerCase, shapes: Mapping[str, ContouredShape], seeds: int) -> PeerErrors:
+def errors_of(case: PeerCase, shapes: Mapping[str, RoundObject], seeds: int) -> PeerErrors:
     """Errors of palpate and its peers, means over seeds of the noise."""
     runs: dict[str, dict[str, list[MeshErrors]]] = {}
     for name, shape in shapes.items():
@@ -130,25 +143,24 @@ def errors_of(case: PeerCase, shapes: Mapping[str, ContouredShape], seeds: int) 
 
 
 def _meshes(
-    case: PeerCase, shape: ContouredShape, rng: np.random.Generator
+    case: PeerCase, shape: RoundObject, rng: np.random.Generator
 ) -> Iterable[tuple[str, Mesh]]:
     contours = noisy_contours(shape, case.size, case.noise, rng)
     yield OURS, rebuilt(list(contours))
     if case.touched:
-        tops = np.array([[0.0, 0.0, shape.low], [0.0, 0.0, shape.high]])
+        tops = _ends(shape)
         tops += case.noise * rng.normal(size=tops.shape)
         yield TOUCHED, rebuilt(list(contours), tops)
     for peer in (*case.peers, *((POISSON,) if poisson_installed() else ())):
         yield peer.name, peer.build(contours)
 
 
-def poisson_installed() -> bool:
-    """Whether the package is there."""
-    return importlib.util.find_spec(PACKAGE) is not None
+def _ends(shape: RoundObject) -> Floats:
+    return np.array([[0.0, 0.0, shape.low], [0.0, 0.0, shape.high]])
 
 
 def noisy_contours(
-    shape: ContouredShape, size: tuple[int, int], noise: float, rng: np.random.Generator
+    shape: RoundObject, size: tuple[int, int], noise: float, rng: np.random.Generator
 ) -> Floats:
     """Contours (m, n, 3) with noise on every coordinate, mm."""
     margin = INSIDE * SHAPE_HEIGHT
@@ -158,24 +170,19 @@ def noisy_contours(
 
 
 def disorder_rows(quick: bool) -> Iterable[Row]:
-    """Figures of whole solids."""
+    """What disorder and outliers cost, and times."""
+    head = f"{DISORDERED[0]} by {DISORDERED[1]}"
     with single_threaded():
-        yield from _disorders()
-        yield from _times()
+        for name, disorder, most in (
+            ("random starts, directions and counts", shuffled, 1.03),
+            (f"{OUTLIER_SHARE:.0%} of points off by {OUTLIER_DISTANCE:g} mm", with_outliers, 1.1),
+        ):
+            title = f"{head}, {CONTOUR_NOISE} mm: {name}, error over that without"
+            yield at_most(title, ratio_of(disorder), most, ".3f", " x")
+        yield from _times(head)
 
 
-def _disorders() -> Iterable[Row]:
-    for name, disorder, most in (
-        ("random starts, directions and counts", shuffled, 1.03),
-        (f"{OUTLIER_SHARE:.0%} of points off by {OUTLIER_DISTANCE:g} mm", with_outliers, 1.1),
-    ):
-        ratio = ratio_of(disorder)
-        size = f"{DISORDERED[0]} by {DISORDERED[1]}"
-        title = f"{size}, {CONTOUR_NOISE} mm: {name}, error over that without"
-        yield at_most(title, ratio, most, ".3f", " x")
-
-
-def shuffled(shape: ContouredShape, contours: Floats, rng: np.random.Generator) -> list[Floats]:
+def shuffled(shape: RoundObject, contours: Floats, rng: np.random.Generator) -> list[Floats]:
     """Other contours at the same heights: each begun anywhere, of any direction and count."""
     found = []
     for level in contours[..., 2].mean(axis=1):
@@ -186,9 +193,7 @@ def shuffled(shape: ContouredShape, contours: Floats, rng: np.random.Generator) 
     return [found[i] for i in rng.permutation(len(found))]
 
 
-def with_outliers(
-    shape: ContouredShape, contours: Floats, rng: np.random.Generator
-) -> list[Floats]:
+def with_outliers(shape: RoundObject, contours: Floats, rng: np.random.Generator) -> list[Floats]:
     """The same contours with some points off, outwards or inwards."""
     changed = contours.copy()
     wrong = rng.random(contours.shape[:2]) < OUTLIER_SHARE
@@ -201,14 +206,14 @@ def with_outliers(
     return list(changed)
 
 
-def ratio_of(disorder: Disorder, shapes: Mapping[str, ContouredShape] = REBUILT_SHAPES) -> float:
+def ratio_of(disorder: Disorder, shapes: Mapping[str, RoundObject] = REBUILT_SHAPES) -> float:
     """Mean error over objects from disordered contours, over that from plain ones.
 
     The ends are touched, lest what nobody can know of them hides the rest.
     """
     plain, other = 0.0, 0.0
     for name, shape in shapes.items():
-        tops = np.array([[0.0, 0.0, shape.low], [0.0, 0.0, shape.high]])
+        tops = _ends(shape)
         contours = noisy_contours(shape, DISORDERED, CONTOUR_NOISE, np.random.default_rng(0))
         changed = disorder(shape, contours, np.random.default_rng(1))
         plain += truth_of(name).errors_of(rebuilt(list(contours), tops)).chamfer
@@ -222,150 +227,169 @@ def rebuilt(contours: Sequence[Floats], tops: Floats | None = None) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces)
 
 
-def _times() -> Iterable[Row]:
+def _times(head: str) -> Iterable[Row]:
+    """Times of the processor, which others' work does not count to."""
     shape = REBUILT_SHAPES["lobed zig-zag"]
-    contours = list(noisy_contours(shape, DISORDERED, CONTOUR_NOISE, np.random.default_rng(0)))
-    large = list(noisy_contours(shape, LARGE, CONTOUR_NOISE, np.random.default_rng(0)))
+
+    def contours_of(size: tuple[int, int], noise: float) -> list[Floats]:
+        return list(noisy_contours(shape, size, noise, np.random.default_rng(0)))
+
+    contours, large = contours_of(DISORDERED, CONTOUR_NOISE), contours_of(LARGE, CONTOUR_NOISE)
     solid = reconstruct([*contours[:13], *contours[14:]])
     closed = solid.closed
     assert closed is not None
     heights, turns = np.linspace(-49.0, 49.0, 241), np.arange(97) / 97
+    skin = partial(reconstruct, contours, method="skin")
     calls: Sequence[tuple[str, Callable[[], object], float]] = (
-        ("whole fit, method skin", partial(reconstruct, contours, method="skin"), FIT_MS),
+        ("whole fit, method skin", skin, FIT_MS),
         ("whole fit, method lattice", partial(reconstruct, contours, method="lattice"), FIT_MS),
         ("one contour more", partial(solid.update, contours[13]), UPDATE_MS),
         ("band", partial(closed.loft.deviation, heights, turns), BAND_MS),
     )
-    head = f"{DISORDERED[0]} by {DISORDERED[1]}"
+    clock = time.process_time
     for name, call, most in calls:
-        yield at_most(f"{head}: {name}, ms", 1e3 * _processor_seconds(call), most, ".1f")
-    ratio = _processor_seconds(partial(reconstruct, large, method="skin"), 2)
-    ratio /= _processor_seconds(partial(reconstruct, contours, method="skin"))
+        yield at_most(f"{head}: {name}, ms", 1e3 * best_seconds(call, ROUNDS, clock), most, ".1f")
+    ratio = best_seconds(partial(reconstruct, large, method="skin"), 2, clock)
+    ratio /= best_seconds(skin, ROUNDS, clock)
     most = LARGE[0] * LARGE[1] / (DISORDERED[0] * DISORDERED[1])
     yield at_most(f"{LARGE[0]} by {LARGE[1]} over {head}: time", ratio, most, ".1f", " x")
-    yield _largest(shape)
-
-
-def _largest(shape: ContouredShape) -> Row:
-    contours = list(noisy_contours(shape, HUGE, 0.0, np.random.default_rng(0)))
-    closed = reconstruct(contours, method="skin").closed
-    assert closed is not None
-    surface = closed.loft.surface
-    seconds = _processor_seconds(lambda: fit_lattice(surface, size=(CONTROL, CONTROL)), 2)
+    huge = reconstruct(contours_of(HUGE, 0.0), method="skin").closed
+    assert huge is not None
+    fit = partial(fit_lattice, huge.loft.surface, size=(CONTROL, CONTROL))
     name = f"{HUGE[0]} by {HUGE[1]}: lattice of {CONTROL} x {CONTROL} x {CONTROL}"
-    return at_most(name, seconds, LATTICE_S, ".2f", " s")
+    yield at_most(name, best_seconds(fit, 2, clock), LATTICE_S, ".2f", " s")
 
 
-def _processor_seconds(call: Callable[[], object], rounds: int = ROUNDS) -> float:
-    """The best of some calls: what others do meanwhile is not counted."""
-    return best_seconds(call, rounds, time.process_time)
+class ThesisVariant(NamedTuple):
+    """A way from contours to a mesh."""
+
+    name: str  # What it is called in the table
+    build: Callable[[Floats], Mesh]  # Contours (m, n, 3) to a mesh
+    most: float  # Chamfer distance that is demanded, over the height; infinite for comparison only
 
 
-class Peer(NamedTuple):
-    """Another way of rebuilding."""
-
-    name: str  # What it is called in tables
-    # From contours (m, n, 3) whose points correspond by number, upwards, to a closed mesh.
-    build: Callable[[Floats], Mesh]
-
-
-def loft(contours: Floats) -> Mesh:
-    """Cubic splines through points of one number: periodic around, then upwards; plane ends."""
-    return _closed(_loft_rings(contours, LOFT_ROWS, LOFT_COLUMNS))
-
-
-def smoothed_loft(contours: Floats) -> Mesh:
-    """The same with no more than 16 harmonics of each contour."""
-    waves = np.fft.rfft(contours, axis=1)
-    waves[:, HARMONICS + 1 :] = 0.0
-    return loft(np.fft.irfft(waves, contours.shape[1], axis=1))
+def thesis_rows(quick: bool) -> Iterable[Row]:
+    """Errors of both examples, and the time of a loop over points against ours."""
+    for example in EXAMPLES:
+        truth, contours = example_truth(example), example.contours()
+        floor = truth.errors_of(example.mesh(FLOOR_ROWS, FLOOR_COLUMNS))
+        yield _row(f"{example.name}: floor", floor, np.inf)
+        for way in VARIANTS:
+            errors = truth.errors_of(way.build(contours))
+            yield _row(f"{example.name}: {way.name}", errors, way.most)
+    truth, contours = example_truth(FIRST), with_noise(FIRST.contours())
+    for way in NOISY_VARIANTS:
+        errors = truth.errors_of(way.build(contours))
+        yield _row(f"{FIRST.name}, noise: {way.name}", errors, way.most)
+    ratio = loop_ratio(QUICK_LOOPED if quick else LOOPED)
+    yield at_least("contours to mesh, against a loop", ratio, LEAST_RATIO, ".0f", " x")
 
 
-def radial_functions(contours: Floats) -> Mesh:
-    """Zero of cubic radial functions that are known on the contours and a bit off them.
+def example_truth(example: Example) -> TrueSurface:
+    """The example's own surface, finely meshed; errors are over its height."""
+    return truth_of_mesh(example.mesh(TRUE_ROWS, TRUE_COLUMNS), EXAMPLE_HEIGHT)
 
-    The off-points lie along normals from differences between neighbours. Searched for outwards
-    from the middle of each section, beginning at the loft; the ends are plane.
+
+def _row(name: str, errors: MeshErrors, most: float) -> Row:
+    found = f"{name}; normals {errors.normal_deg:.1f} deg, volume {errors.volume:+.1%}"
+    return _compared(found, f"{errors.chamfer:.3%}", errors.chamfer, most, f"{most:.2%}")
+
+
+def with_noise(contours: Floats) -> Floats:
+    """Contours (m, n, 3) with noise across the axis, still closed."""
+    noisy = contours.copy()
+    rng = np.random.default_rng(0)
+    noisy[:, :-1, :2] += EXAMPLE_HEIGHT * EXAMPLE_NOISE * rng.normal(size=noisy[:, :-1, :2].shape)
+    noisy[:, -1] = noisy[:, 0]
+    return noisy
+
+
+def loop_ratio(looped: int) -> float:
+    """Seconds of a loop over points, over ours, for the same surface of the first example.
+
+    The loop inverts each of the model's 27 x 81 points and evaluates each of 50 x 50 points by
+    itself, as the thesis's program does; some of them are timed. Contours are fitted in the
+    same way in both, and their time is left out of the loop's.
     """
-    points = contours.reshape(-1, 3)
-    size = float(np.ptp(points, axis=0).max())
-    out = _normals(contours).reshape(-1, 3) * OFFSET * size
-    places = np.concatenate([points, points + out, points - out])
-    values = np.repeat([0.0, OFFSET * size, -OFFSET * size], len(points))
-    field = RBFInterpolator(places, values, kernel="cubic")
-    rings = _loft_rings(contours, FIELD_ROWS, FIELD_COLUMNS)
-    outwards = rings - rings.mean(axis=1, keepdims=True)
-    outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
-    return _closed(_zero(field, rings.reshape(-1, 3), outwards.reshape(-1, 3)).reshape(rings.shape))
+    contours = FIRST.contours()
+
+    def ours() -> ThesisSolid:
+        solid = rebuild_thesis(contours)
+        solid.mesh(SIDE, SIDE)
+        return solid
+
+    solid = ours()
+    undeformed = solid.lattice.undeformed
+    assert isinstance(undeformed, SplineVolume)
+    points = undeformed.at(solid.parameters.reshape(-1, 3))
+    some = points[np.linspace(0, len(points) - 1, looped).astype(int)]
+    places = np.random.default_rng(0).random((looped, 2))
+    inverted = best_seconds(lambda: [invert_points(undeformed, point[None]) for point in some], 1)
+    evaluated = best_seconds(lambda: [solid.surface(eta, nu) for eta, nu in places[..., None]], 1)
+    loop = (inverted * len(points) + evaluated * SIDE**2) / looped
+    return loop / best_seconds(ours, ROUNDS)
 
 
-def _loft_rings(contours: Floats, rows: int, columns: int) -> Floats:
-    closed = np.concatenate([contours, contours[:, :1]], axis=1)
-    return loft_rings(closed, contours[..., 2].mean(axis=1), rows, columns)
+class Example(NamedTuple):
+    """An object, and the contours that were traced of it."""
+
+    name: str  # What it is called in tables and files
+    shape: RoundObject
+    heights: Floats  # Of its contours, (m,)
+    around: int  # Points of a contour, the first twice
+
+    def contours(self) -> Floats:
+        """What a perfect finger traces, (m, around, 3)."""
+        return self.shape.rings(self.heights, np.linspace(-np.pi, np.pi, self.around))
+
+    def mesh(self, rows: int, columns: int) -> Mesh:
+        """The object itself, with plane ends."""
+        azimuths = 2.0 * np.pi * np.arange(columns) / columns
+        return closed_mesh(self.shape.rings(np.linspace(-1.0, 1.0, rows), azimuths))
 
 
-def _closed(rings: Floats) -> Mesh:
-    return Mesh(*close_rings(rings[0].mean(axis=0), rings, rings[-1].mean(axis=0)))
+def _solid(contours: Floats, **how: Any) -> Mesh:
+    return rebuild_thesis(contours, **how).mesh(MESH_ROWS, MESH_COLUMNS)
 
 
-def _zero(field: RBFInterpolator, start: Floats, way: Floats) -> Floats:
-    """Where a field of about unit slope is 0 along ways (n, 3) from places (n, 3)."""
-    before, value = np.zeros(len(start)), np.asarray(field(start))
-    here = -value
-    for _ in range(STEPS):
-        found = np.asarray(field(start + here[:, None] * way))
-        slope = np.divide(
-            found - value, here - before, out=np.ones_like(here), where=here != before
-        )
-        before, value = here, found
-        here = here - found / np.maximum(slope, 0.3)  # where it is flat, no wild step
-    return start + here[:, None] * way
+def _with_spline(contours: Floats) -> Mesh:
+    solid = rebuild_thesis(contours)
+    triples = interpolated_parameters(solid.parameters)
+    return dataclasses.replace(solid, triples=triples).mesh(MESH_ROWS, MESH_COLUMNS)
 
 
-def shell_and_core(contours: Floats) -> Mesh:
-    """The thesis's solid, corrected."""
-    level = contours.copy()
-    level[..., 2] = contours[..., 2].mean(axis=1, keepdims=True)
-    return rebuild_thesis(level).mesh(LOFT_ROWS, LOFT_COLUMNS)
+def spline_loft(contours: Floats) -> Mesh:
+    """The plain way: cubic splines through points of one number, around and then upwards.
 
-
-def poisson_surface(contours: Floats) -> Mesh:
-    """A Poisson surface of the points, with normals from differences between neighbours."""
-    return poisson(contours, _normals(contours))
-
-
-def poisson(contours: Floats, normals: Floats) -> Mesh:
-    """Surface of points (m, n, 3) with outward normals (m, n, 3); its ends are what it makes them.
-
-    Raises
-    ------
-    ImportError
-        If the package is not installed.
+    `contours` (m, n, 3): upwards, the first point of each again at its end. The ends are closed by
+    planes.
     """
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet()
-    cloud = pymeshlab.Mesh(
-        vertex_matrix=contours.reshape(-1, 3), v_normals_matrix=normals.reshape(-1, 3)
-    )
-    meshes.add_mesh(cloud)
-    meshes.generate_surface_reconstruction_screened_poisson(depth=OCTREE_DEPTH)
-    found = meshes.current_mesh()
-    return Mesh(
-        np.asarray(found.vertex_matrix(), np.float64), np.asarray(found.face_matrix(), np.int32)
-    )
+    return closed_mesh(loft_rings(contours, contours[:, 0, 2], MESH_ROWS, MESH_COLUMNS))
 
 
-def _normals(contours: Floats) -> Floats:
-    around = np.roll(contours, -1, axis=1) - np.roll(contours, 1, axis=1)
-    upwards = np.gradient(contours, axis=0)
-    normals = np.cross(around, upwards)
-    return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))
+def _smooth(height: Floats, azimuth: Floats) -> Floats:
+    outline = (1.02 - height**2) ** 0.35 * (0.8 + 0.1 * height)
+    return np.asarray(outline * (1.0 + 0.15 * np.cos(2.0 * azimuth)))
 
 
-LOFT, SMOOTHED = Peer("loft", loft), Peer("smoothed loft", smoothed_loft)
-POISSON = Peer("Poisson surface", poisson_surface)
-THESIS, RADIAL = Peer("thesis", shell_and_core), Peer("radial functions", radial_functions)
+VARIANTS = (
+    ThesisVariant("spline loft", spline_loft, np.inf),
+    ThesisVariant("program", partial(_solid, faithful=True), 0.005),
+    ThesisVariant("corrected", _solid, 0.0045),
+    ThesisVariant("with 4.3", _with_spline, 0.0045),
+    ThesisVariant("7 x 7 layers", partial(_solid, layer=(7, 7)), 0.004),
+    ThesisVariant("ellipsoid", partial(_solid, exponents=(1.0, 1.0)), np.inf),
+)
+NOISY_VARIANTS = (
+    ThesisVariant("spline loft", spline_loft, np.inf),
+    ThesisVariant("program", partial(_solid, faithful=True), np.inf),
+    ThesisVariant("corrected", _solid, 0.005),
+)
+FIRST = Example("example 1", WAVY, np.linspace(-1.0, 1.0, 27), 81)
+SECOND = Example(
+    "example 2", RoundObject(_smooth), np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 24)), 41
+)
+EXAMPLES = (FIRST, SECOND)
 CASES = (
     PeerCase((27, 81), 0.0, (LOFT, THESIS), 0.85, 0.45, 2.0),
     PeerCase((27, 81), CONTOUR_NOISE, (SMOOTHED, LOFT), 0.78, 0.65, 3.0),

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from palpate.bench.explore import MessageCollector
 from palpate.bench.objects import ROUND_HEIGHT, ROUND_OBJECTS, WAVY, RoundObject
-from palpate.bench.table import Row, SilentWatcher, at_least, at_most
+from palpate.bench.table import Row, at_least, at_most
 from palpate.core import Floats
 from palpate.core.geometry import PreparedSurface, compare_surfaces, prepare_surface
 from palpate.core.rebuild import Solid, reconstruct
@@ -17,6 +18,7 @@ from palpate.core.rebuild.loft import ContourLoft, fit_contour_loft
 from palpate.core.touch import Jet
 from palpate.launch import EXPLORE, choose_run_directory, describe, find_scene, override
 from palpate.launch.files import SourceMapped
+from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, Truth, World
 from palpate.nodes import reconstructor as reconstructor_node
 from palpate.nodes.runtime import run_composed
 from palpate.nodes.specs import pad_of_info
@@ -141,31 +143,18 @@ def _skin(
     off: float = 0.0,
     poles: bool = False,
 ) -> ContourLoft:
-    heights, grid = _band_contours(thing, size, noise, seed, off)
-    return _fit(heights, grid, POLE, True) if poles else _fit(heights, grid)
-
-
-def _band_contours(
-    thing: RoundObject, size: tuple[int, int], noise: float, seed: int, off: float = 0.0
-) -> tuple[Floats, Floats]:
-    """Contours with noise, and with a share of points that are off along the radius."""
+    """A loft of contours with noise, and with a share of points that are off along the radius."""
     rng = np.random.default_rng(seed)
     heights = np.linspace(-1.0, 1.0, size[0])
-    grid = thing.contours(heights, size[1])
+    grid = thing.rings(heights, 2.0 * np.pi * np.arange(size[1]) / size[1])[..., :2]
     outwards = grid - grid.mean(axis=1, keepdims=True)
     outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
     grid = grid + noise * ROUND_HEIGHT * rng.normal(size=grid.shape)
     wrong = rng.random(grid.shape[:2]) < off
-    grid[wrong] += (
-        BAND_OFF * ROUND_HEIGHT * rng.choice([-1.0, 1.0], (wrong.sum(), 1)) * outwards[wrong]
-    )
-    return heights, grid
-
-
-def _fit(
-    heights: Floats, grid: Floats, end: float = 1.0 + BEYOND, pole: bool = False
-) -> ContourLoft:
-    return fit_contour_loft(heights, grid, low=-end, high=end, pole=(pole, pole))
+    signs = rng.choice([-1.0, 1.0], (wrong.sum(), 1))
+    grid[wrong] += BAND_OFF * ROUND_HEIGHT * signs * outwards[wrong]
+    end = POLE if poles else 1.0 + BEYOND
+    return fit_contour_loft(heights, grid, low=-end, high=end, pole=(poles, poles))
 
 
 def contour_rows(quick: bool) -> Iterable[Row]:
@@ -173,26 +162,22 @@ def contour_rows(quick: bool) -> Iterable[Row]:
     seeds = QUICK_SEEDS if quick else SEEDS
     for size in SIZES:
         name = f"{size[0]} by {size[1]}"
-        ratio = disorder_ratio(size, seeds)
+        ratio = contour_ratio(size, seeds, anyhow=True)
         yield at_most(f"{name}, begun anywhere: error over as recorded", ratio, 1.03, ".3g")
-        ratio = outlier_ratio(size, seeds)
+        ratio = contour_ratio(size, seeds, share=SHARE)
         yield at_most(f"{name}, 2 % of points outlying: error over without", ratio, 1.1, ".3g")
     most = max(step_swing(seed) for seed in range(STEPS))
     yield at_most("a step: side beyond its radii, over the width", most, 0.05, ".3g")
 
 
-def disorder_ratio(size: tuple[int, int], seeds: int) -> float:
-    """Error of contours begun anywhere, in either direction, of any count, over recorded ones."""
-    return _ratio(size, seeds, anyhow=True, share=0.0)
+def contour_ratio(
+    size: tuple[int, int], seeds: int, *, anyhow: bool = False, share: float = 0.0
+) -> float:
+    """Geometric mean over objects of the error in one case over that of plain contours.
 
-
-def outlier_ratio(size: tuple[int, int], seeds: int) -> float:
-    """Error with single points far off over that without them."""
-    return _ratio(size, seeds, anyhow=False, share=SHARE)
-
-
-def _ratio(size: tuple[int, int], seeds: int, *, anyhow: bool, share: float) -> float:
-    """Geometric mean over objects of the error in one case over that of plain contours."""
+    `anyhow`: contours begun anywhere, in either direction, of any count. `share`: of the points
+    that are far off.
+    """
     logs = []
     for number, thing in enumerate(ROUND_OBJECTS.values()):
         plain, other = 0.0, 0.0
@@ -239,9 +224,7 @@ def _contours(
     for z in np.linspace(-LAST, LAST, size[0]):
         many = int(size[1] * other.uniform(0.8, 1.25)) if anyhow else size[1]
         angle = 2.0 * np.pi * (np.arange(many) / many + (other.random() if anyhow else 0.0))
-        radius = thing.radius(np.full(many, z), angle)[:, None]
-        plane = thing.axis(np.array(z)) + radius * np.stack([np.cos(angle), np.sin(angle)], -1)
-        points = np.column_stack([plane, np.full(many, z)])
+        points = thing.rings(np.array([z]), angle)[0]
         points += POINT_NOISE * rng.normal(size=points.shape)
         away = other.normal(size=points.shape)
         away *= OFF / np.linalg.norm(away, axis=1, keepdims=True)
@@ -266,17 +249,6 @@ class TouchedScene(NamedTuple):
     floor: float  # Chamfer distance between two tessellations of it, m
 
 
-class TopicCollector(SilentWatcher):
-    """Keeps what is published, by topic."""
-
-    def __init__(self) -> None:
-        self.messages: dict[str, list[Any]] = {topic: [] for topic in KEPT_TOPICS}
-
-    def received(self, topic: str, message: object) -> None:
-        """Keep a message."""
-        self.messages[topic].append(message)
-
-
 def taxel_rows(quick: bool) -> Iterable[Row]:
     """Errors of solids from all taxels over those of their contours alone."""
     scenes = ("sphere", "box") if quick else (*SMOOTH, *SHARP)
@@ -288,16 +260,13 @@ def taxel_rows(quick: bool) -> Iterable[Row]:
 
 
 def _row(scene: str, touched: TouchedScene, count: int, noisy: bool, most: float) -> Row:
-    both = [_taxel_error(touched, touched.points), _taxel_error(touched, None)]
-    ratio = both[0] / both[1]
-    share = 100.0 / touched.height
+    error, without = _taxel_error(touched, touched.points), _taxel_error(touched, None)
+    ratio, share = error / without, 100.0 / touched.height
     name = f"{scene}, {count} contours{', noise' if noisy else ''}: all taxels over contours"
-    value = f"{both[0] * share:.4f} {ratio:.2f} x"
+    target = f"<= {most:g} x (% of height; floor {touched.floor * share:.4f})"
     # What two tessellations of the truth differ by cannot be halved.
-    holds = ratio <= most or both[0] <= 2.0 * touched.floor
-    return Row(
-        name, value, f"<= {most:g} x (% of height; floor {touched.floor * share:.4f})", holds
-    )
+    holds = ratio <= most or error <= 2.0 * touched.floor
+    return Row(name, f"{error * share:.4f} {ratio:.2f} x", target, holds)
 
 
 def _taxel_error(touched: TouchedScene, points: ContactPoints | None) -> float:
@@ -311,10 +280,8 @@ def _taxel_error(touched: TouchedScene, points: ContactPoints | None) -> float:
 
 def explore_evenly(scene: str, count: int, noisy: bool) -> TouchedScene:
     """Touch a shipped scene along so many contours, in this process."""
-    args = {
-        "scene": SourceMapped(str(find_scene(scene)), "scene"),
-        "record": SourceMapped(False, "record"),
-    }
+    given = {"scene": str(find_scene(scene)), "record": False}
+    args = {name: SourceMapped(value, name) for name, value in given.items()}
     settings = {
         "planner.planner": SourceMapped("uniform", "planner"),
         "planner.settings": SourceMapped({"count": count}, "count"),
@@ -324,26 +291,24 @@ def explore_evenly(scene: str, count: int, noisy: bool) -> TouchedScene:
     folder = choose_run_directory("bench", None)  # chosen, never made
     graph = override(describe(EXPLORE, args, folder.path).graph, settings)
     wirings = [one for one in graph.wirings() if one.name != "evaluator"]
-    collector = TopicCollector()
+    collector = MessageCollector()
     run_composed(wirings, ends="planner", watch=KEPT_TOPICS, watcher=collector)
-    return _touched_scene(collector.messages)
+    return _touched_scene(collector.kept)
 
 
-def _touched_scene(published: Mapping[str, list[Any]]) -> TouchedScene:
-    [done], [truth], [world] = (published[name] for name in ("/plan/done", "/truth", "/world"))
-    pad = pad_of_info(published["/touch/info"][-1])
+def _touched_scene(kept: Mapping[type, list[Any]]) -> TouchedScene:
+    [done], [truth], [world] = (kept[name] for name in (PlanDone, Truth, World))
+    pad = pad_of_info(kept[SensorInfo][-1])
     parts: dict[int, list[ContactPoints]] = {}
-    for patch in published["/touch/patch"]:
+    for patch in kept[SurfacePatch]:
         if patch.goal in (*done.contours, *done.probes):
             jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
             points = contact_points_of(pad, patch.pose, patch.height, patch.mask, jet)
             parts.setdefault(patch.goal, []).append(points)
-    contours = [one for one in published["/contour/traced"] if one.id in done.contours]
-    probes = [one for one in published["/probe/traced"] if one.id in done.probes]
+    contours = [one for one in kept[Contour] if one.id in done.contours]
+    probes = [one for one in kept[Probe] if one.id in done.probes]
     prepared = prepare_surface(truth.vertices, truth.faces)
-    floor = compare_surfaces(
-        prepared, prepare_surface(truth.floor_vertices, truth.floor_faces)
-    ).chamfer
+    other = prepare_surface(truth.floor_vertices, truth.floor_faces)
     return TouchedScene(
         contours=[one.points for one in contours],
         points=stack_points([one for each in parts.values() for one in each]),
@@ -351,5 +316,5 @@ def _touched_scene(published: Mapping[str, list[Any]]) -> TouchedScene:
         tops=reconstructor_node.touched_ends(contours, probes, parts, world.platform),
         truth=prepared,
         height=truth.height,
-        floor=floor,
+        floor=compare_surfaces(prepared, other).chamfer,
     )

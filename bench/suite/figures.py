@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from palpate.bench.objects import HALF, REBUILT_SHAPES, truth_of
-from palpate.bench.rebuild import CONTOUR_NOISE, EXAMPLES, Example, loft, noisy_contours
+from palpate.bench.objects import HALF, REBUILT_SHAPES
+from palpate.bench.rebuild import CONTOUR_NOISE, EXAMPLES, Example, loft, noisy_contours, truth_of
 from palpate.bench.shapes import CLOSED_CURVES, CURVE_CONTROLS, CURVE_POINTS
 from palpate.bench.touch import HEADS, TRIALS, EstimatorErrors, estimator_rows, noise_variance
 from palpate.core import Floats

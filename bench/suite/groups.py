@@ -71,7 +71,7 @@ BENCHES: Mapping[str, Mapping[str, str]] = {
         "taxels": f"{REBUILD}.contours:taxel_rows",
         "disorder": f"{REBUILD}.comparison:disorder_rows",
         "band": f"{REBUILD}.contours:band_rows",
-        "thesis": f"{REBUILD}.thesis:thesis_rows",
+        "thesis": f"{REBUILD}.comparison:thesis_rows",
     },
     "house": {"house": "palpate.bench.house:house_rows"},
 }

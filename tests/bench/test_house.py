@@ -32,20 +32,20 @@ def call() -> None:
 '''
 
 
-def test_blank_lines_comments_and_docstrings_are_no_code(tmp_path: Path) -> None:
+def test_blank_lines_comments_and_docstrings_are_no_code(tmp_path: Path):
     assert code_lines(TEXT) == 4
     (tmp_path / "one.py").write_text(TEXT)
     assert folder_size("x", [tmp_path / "one.py"])[1:] == (1, 13, 4, 13, 0, 1)
 
 
-def test_the_product_is_the_sum_of_its_folders() -> None:
+def test_the_product_is_the_sum_of_its_folders():
     _, product, *folders = house_rows(quick=True)
     rooms = [one for one in folders if one.name != "tests"]  # type: ignore[union-attr]
     assert {one.name for one in rooms} >= {"core", "bench"}  # type: ignore[union-attr]
     assert product[1:4] == tuple(sum(one[i] for one in rooms) for i in (1, 2, 3))
 
 
-def test_calls_are_told_by_file_until_a_function_returns() -> None:
+def test_calls_are_told_by_file_until_a_function_returns():
     mesh = icosphere(2)
     with CallWatch() as watch:
         solidity(*mesh)
@@ -53,7 +53,7 @@ def test_calls_are_told_by_file_until_a_function_returns() -> None:
     assert "tests/bench/test_house.py" not in {call.file for call in watch.visits}  # type: ignore[attr-defined]
 
 
-def test_a_frame_is_one_round_of_all_its_nodes() -> None:
+def test_a_frame_is_one_round_of_all_its_nodes():
     def visit(node: str) -> Visit:
         return Visit(node, (Call(True, f"{node}.py", "f"), Call(False, f"{node}.py", "f")))
 

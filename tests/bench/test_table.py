@@ -26,12 +26,12 @@ GROUPS = {"good": f"{__name__}:good", "bad": f"{__name__}:bad"}
 
 
 @pytest.fixture(autouse=True)
-def here(monkeypatch: pytest.MonkeyPatch) -> None:
+def here(monkeypatch: pytest.MonkeyPatch):
     """Groups of this file are found whatever name it was imported by."""
     monkeypatch.setattr(table, "named", lambda place: globals()[place.rpartition(":")[2]])
 
 
-def test_a_missed_demand_is_printed_and_told_by_the_exit_code() -> None:
+def test_a_missed_demand_is_printed_and_told_by_the_exit_code():
     lines: list[str] = []
     assert run_groups(GROUPS, quick=True, echo=lines.append) == 1
     assert [line.split()[0] for line in lines] == ["--", "a", "one", "--", "two"]
@@ -39,7 +39,7 @@ def test_a_missed_demand_is_printed_and_told_by_the_exit_code() -> None:
     assert told[-1] is True
 
 
-def test_a_group_by_itself_is_printed_alone_as_text_or_as_json() -> None:
+def test_a_group_by_itself_is_printed_alone_as_text_or_as_json():
     lines: list[str] = []
     only = {"good": GROUPS["good"]}
     assert run_groups(only, quick=False, echo=lines.append) == 0
@@ -50,7 +50,7 @@ def test_a_group_by_itself_is_printed_alone_as_text_or_as_json() -> None:
     assert json.loads(lines[-1]) == wanted
 
 
-def test_a_line_without_a_demand_ends_with_its_value() -> None:
+def test_a_line_without_a_demand_ends_with_its_value():
     assert str(Row("cost", "3 us")).endswith("3 us")
 
 
@@ -64,11 +64,11 @@ def test_a_line_without_a_demand_ends_with_its_value() -> None:
         (at_least("a", float("nan"), 0.0), ">= 0", False),
     ],
 )
-def test_a_demand_is_met_up_to_its_bound(row: Row, target: str, holds: bool) -> None:
+def test_a_demand_is_met_up_to_its_bound(row: Row, target: str, holds: bool):
     assert (row.target, row.holds) == (target, holds)
 
 
-def test_what_is_compared_is_called_in_turns() -> None:
+def test_what_is_compared_is_called_in_turns():
     order: list[str] = []
 
     def call(name: str) -> float:
@@ -81,12 +81,12 @@ def test_what_is_compared_is_called_in_turns() -> None:
     }
 
 
-def test_the_best_of_some_rounds_counts() -> None:
+def test_the_best_of_some_rounds_counts():
     clock = iter([0.0, 3.0, 10.0, 11.0, 20.0, 22.0])
     assert best_seconds(lambda: None, 3, lambda: next(clock)) == 1.0
 
 
-def test_every_group_and_figure_is_where_the_table_says() -> None:
+def test_every_group_and_figure_is_where_the_table_says():
     places = [place for groups in BENCHES.values() for place in groups.values()]
     for place in [*places, *(one for some in FIGURES.values() for one in some)]:
         assert callable(named(place))

@@ -20,7 +20,7 @@ def shop(tmp_path_factory: pytest.TempPathFactory) -> Workshop:
 
 
 @pytest.mark.parametrize("golden", CASES)
-def test_golden(golden: Golden, shop: Workshop) -> None:
+def test_golden(golden: Golden, shop: Workshop):
     apart = differences(golden.stored(), golden.make(shop))
 
     if apart and (where := elsewhere()):

@@ -34,20 +34,20 @@ def test_what_the_check_loses_to_the_server_counts_and_what_it_gains_does_not(
     longer: float,
     shares: list[str],
     holds: list[bool],
-) -> None:
+):
     alone, both = rows(monkeypatch, ready=ready, longer=longer)[-2:]
     assert alone.name == "seven nodes ready, over seven fresh interpreters"
     assert [alone.value, both.value] == shares
     assert [alone.holds, both.holds] == holds
 
 
-def test_an_interpreter_that_cannot_import_its_node_is_no_measurement() -> None:
+def test_an_interpreter_that_cannot_import_its_node_is_no_measurement():
     with pytest.raises(RuntimeError, match="could not import its node"):
         seconds_of_fresh(["palpate.nodes.nothing"])
 
 
 @pytest.mark.graph
-def test_a_launch_is_measured_up_to_the_moment_at_which_its_nodes_are_ready() -> None:
+def test_a_launch_is_measured_up_to_the_moment_at_which_its_nodes_are_ready():
     done = bench_start._in_new_process(early=True)
     kinds = [module.rpartition(".")[2] for module in done.modules]
     assert kinds == [

@@ -1,35 +1,30 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.bench.explore import explorations as bench_explore_calibration
-from palpate.bench.explore import explorations as bench_explore_fingers
-from palpate.bench.explore import explorations as bench_explore_frames
-from palpate.bench.explore import explorations as bench_explore_whole
-from palpate.bench.explore import harness as bench_explore_trial
-from palpate.bench.explore import planners as bench_explore_planners
+from palpate.bench.explore import explorations, harness, planners
 from palpate.bench.explore.explorations import RunClaim, calibration_figures, run_claim
 from palpate.bench.explore.harness import (
     EXACT,
-    WORST,
     Demand,
     Explored,
-    contour_error,
     explore_object,
     first_within,
-    side_of,
 )
 from palpate.bench.explore.planners import (
+    WORST,
     ContourCounts,
+    Side,
     at_end,
-    contours_error,
+    contour_error,
     first_within_percent,
     taxel_error,
 )
-from palpate.bench.objects.touched import EXPLORED_OBJECTS
+from palpate.bench.objects import EXPLORED_OBJECTS
 from palpate.bench.table import WIDTH, Row
 from palpate.core.explore.planners.predicted import COVERING
 from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED
@@ -46,14 +41,7 @@ def explored() -> Explored:
 
 
 def changed(one: Explored, *, bound: float | None, within: bool = True) -> Explored:
-    done = type(one.done)(
-        **{
-            **{name: getattr(one.done, name) for name in one.done.__dataclass_fields__},
-            "rms_bound_95": bound,
-            "tolerance_met": within,
-        }
-    )
-    return one._replace(done=done)
+    return one._replace(done=replace(one.done, rms_bound_95=bound, tolerance_met=within))
 
 
 def named(rows: list[Row], part: str) -> Row:
@@ -61,7 +49,7 @@ def named(rows: list[Row], part: str) -> Row:
     return found
 
 
-def test_an_exploration_is_kept_with_all_that_was_heard_of_it(explored: Explored) -> None:
+def test_an_exploration_is_kept_with_all_that_was_published(explored: Explored):
     assert len(explored.contours) == explored.score.contours == COUNT
     assert explored.score.final
     assert explored.models[-1].final
@@ -71,57 +59,55 @@ def test_an_exploration_is_kept_with_all_that_was_heard_of_it(explored: Explored
     assert explored.truth.height == pytest.approx(0.09)
 
 
-def test_a_run_that_states_a_bound_holds_it_or_not(explored: Explored) -> None:
+def test_a_run_that_states_a_bound_holds_it_or_not(explored: Explored):
     assert explored.held is None
     size = explored.score.size
     assert changed(explored, bound=0.5 * size).held is True
     assert changed(explored, bound=1e-9 * size).held is False
 
 
-def test_an_exploration_that_dies_is_told_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exploration_that_dies_is_told_with_its_reason(monkeypatch: pytest.MonkeyPatch):
     ending = Ending(status="died", reason="the tracer: no way on")
-    monkeypatch.setattr(bench_explore_trial, "run_composed", lambda *args, **kwargs: ending)
+    monkeypatch.setattr(harness, "run_composed", lambda *args, **kwargs: ending)
     with pytest.raises(RuntimeError, match="exploration died: the tracer: no way on"):
         explore_object(EXPLORED_OBJECTS["ellipsoid"], EXACT, Demand())
 
 
 def test_the_side_is_good_from_contours_with_slopes_and_better_from_everything(
     explored: Explored,
-) -> None:
-    side = side_of(explored.truth)
+):
+    side = Side.of(explored.truth)
     share = side.points[:, 2] / side.height
     assert 0.03 <= share.min() <= share.max() <= 0.97
-    slopes = contour_error(side, explored.contours, slopes=True)
-    assert slopes < contour_error(side, explored.contours, slopes=False)
+    slopes = contour_error(side, explored, COUNT)
+    assert slopes < contour_error(side, explored, COUNT, slopes=False)
     assert taxel_error(side, explored, COUNT) < 0.5
-    assert contours_error(side, explored, COUNT) == slopes
-    assert contour_error(side, explored.contours[:1], slopes=True) == WORST
+    assert contour_error(side, explored, 1) == WORST
 
 
-def test_contours_are_counted_until_the_side_is_good_enough(explored: Explored) -> None:
-    side = side_of(explored.truth)
+def test_contours_are_counted_until_the_side_is_good_enough(explored: Explored):
+    side = Side.of(explored.truth)
     more = explored._replace(contours=2 * explored.contours)
     errors = {2: 1.0, 3: 0.2, 4: 0.1}
     assert first_within_percent(side, more, lambda side, one, count: errors[count]) == 3
-    assert (
-        first_within_percent(side, explored, lambda side, one, count: 1.0) == MOST_CONTOURS_PLANNED
-    )
+    never = first_within_percent(side, explored, lambda side, one, count: 1.0)
+    assert never == MOST_CONTOURS_PLANNED
     few = explored._replace(contours=explored.contours[:1])
     assert at_end(side, few) == MOST_CONTOURS_PLANNED
 
 
 def test_whole_explorations_are_held_against_error_and_cost(
     explored: Explored, monkeypatch: pytest.MonkeyPatch
-) -> None:
+):
     demands: list[Demand] = []
 
     def explore(target: Any, noise: Any, demand: Demand) -> Explored:
         demands.append(demand)
         return changed(explored, bound=0.5, within=len(demands) > 1)
 
-    monkeypatch.setattr(bench_explore_whole, "explore_object", explore)
-    monkeypatch.setattr(bench_explore_whole, "QUICK_OBJECTS", ("sphere", "box"))
-    rows = list(bench_explore_whole.exploration_rows(True))
+    monkeypatch.setattr(explorations, "explore_object", explore)
+    monkeypatch.setattr(explorations, "QUICK_OBJECTS", ("sphere", "box"))
+    rows = list(explorations.exploration_rows(True))
     assert len({row.name for row in rows}) == len(rows)
     assert max(len(row.name) for row in rows) < WIDTH
     assert [one.tolerance for one in demands] == pytest.approx([9e-5, 9e-5, 1.8e-4, 1.8e-4])
@@ -131,22 +117,22 @@ def test_whole_explorations_are_held_against_error_and_cost(
     assert named(rows, "objects, exact: bound holds").value == "2 of 2"
     assert "held" in named(rows, "box, exact: stated bound").value
     assert named(rows, "ended, because").value == explored.done.reason
-    monkeypatch.setattr(bench_explore_whole, "MOST_TOUCHES", explored.touches - 1)
-    rows = list(bench_explore_whole.exploration_rows(True))
+    monkeypatch.setattr(explorations, "MOST_TOUCHES", explored.touches - 1)
+    rows = list(explorations.exploration_rows(True))
     assert not named(rows, "box, noise: contours, touches").holds
 
 
 def test_an_object_that_leans_is_held_against_itself(
     explored: Explored, monkeypatch: pytest.MonkeyPatch
-) -> None:
+):
     poses: list[Any] = []
 
     def explore(target: Any, noise: Any, demand: Any, seed: int, moved: Any) -> Explored:
         poses.append(moved)
         return explored
 
-    monkeypatch.setattr(bench_explore_frames, "explore_object", explore)
-    [row] = list(bench_explore_frames.tilted_rows(True))
+    monkeypatch.setattr(explorations, "explore_object", explore)
+    [row] = list(explorations.tilted_rows(True))
     assert (row.value, row.holds) == ("1.00 x", True)
     assert [pose is None for pose in poses] == [True, False]
 
@@ -156,13 +142,13 @@ def test_an_object_that_leans_is_held_against_itself(
 )
 def test_a_leaning_object_may_be_a_fifth_worse(
     monkeypatch: pytest.MonkeyPatch, leaning: float, value: str, holds: bool
-) -> None:
+):
     monkeypatch.setattr(
-        bench_explore_frames,
+        explorations,
         "mean_chamfer",
         lambda target, demand, quick, moved=None: 1.0 if moved is None else leaning,
     )
-    [row] = list(bench_explore_frames.tilted_rows(True))
+    [row] = list(explorations.tilted_rows(True))
     assert (row.value, row.holds) == (value, holds)
 
 
@@ -171,23 +157,21 @@ def test_a_leaning_object_may_be_a_fifth_worse(
 )
 def test_a_direction_that_is_much_better_than_the_other_is_a_miss_too(
     monkeypatch: pytest.MonkeyPatch, times: float, value: str, holds: bool
-) -> None:
+):
     asked: list[Any] = []
 
     def mean(target: Any, demand: Any, quick: bool) -> float:
         asked.append(demand.axis)
         return 1.0 if demand.axis is None else times
 
-    monkeypatch.setattr(bench_explore_frames, "mean_chamfer", mean)
-    [row] = list(bench_explore_frames.direction_rows(True))
+    monkeypatch.setattr(explorations, "mean_chamfer", mean)
+    [row] = list(explorations.direction_rows(True))
     assert (row.value, row.holds) == (value, holds)
     assert asked[0] is None
     assert np.linalg.norm(asked[1]) == pytest.approx(1.0)
 
 
-def test_three_fingers_are_held_against_one(
-    explored: Explored, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_three_fingers_are_held_against_one(explored: Explored, monkeypatch: pytest.MonkeyPatch):
     seconds = {1: 100.0, 3: 41.0}
     asked = iter([1, 3])
 
@@ -195,19 +179,19 @@ def test_three_fingers_are_held_against_one(
         assert fingers == next(asked)
         return explored._replace(wall=seconds[fingers])
 
-    monkeypatch.setattr(bench_explore_fingers, "explore_object", explore)
-    monkeypatch.setattr(bench_explore_fingers, "tracing_seconds", lambda one: one.wall)
-    time, _, _, error = bench_explore_fingers.finger_rows(True)
+    monkeypatch.setattr(explorations, "explore_object", explore)
+    monkeypatch.setattr(explorations, "tracing_seconds", lambda one: one.wall)
+    time, _, _, error = explorations.finger_rows(True)
     assert (time.value, time.holds) == ("0.41 x", True)
     assert (error.value, error.holds) == ("1.00 x", True)
 
 
-def test_the_time_of_tracing_begins_with_the_end_of_the_first_contour(explored: Explored) -> None:
+def test_the_time_of_tracing_begins_with_the_end_of_the_first_contour(explored: Explored):
     times = [one.robot_time for one in explored.contours]
-    assert bench_explore_fingers.tracing_seconds(explored) == max(times) - min(times)
+    assert explorations.tracing_seconds(explored) == max(times) - min(times)
 
 
-def test_a_run_is_near_if_it_ended_within_one_contour(explored: Explored) -> None:
+def test_a_run_is_near_if_it_ended_within_one_contour(explored: Explored):
     after = explored.scores[0].contours
     assert first_within(explored.scores, 100.0) == after
     assert first_within(explored.scores, 0.0) is None
@@ -219,9 +203,7 @@ def test_a_run_is_near_if_it_ended_within_one_contour(explored: Explored) -> Non
 
 
 @pytest.mark.parametrize(("held", "holds"), [(89, False), (90, True), (98, True), (99, False)])
-def test_a_bound_of_95_percent_may_hold_neither_too_seldom_nor_too_often(
-    held: int, holds: bool
-) -> None:
+def test_a_bound_of_95_percent_may_hold_neither_too_seldom_nor_too_often(held: int, holds: bool):
     told = [RunClaim(i < held, 0 if i < 80 else 5, 0) for i in range(100)]
     rows = list(calibration_figures(told))
     assert named(rows, "bound of 95 %").holds == holds
@@ -233,11 +215,9 @@ def test_a_bound_of_95_percent_may_hold_neither_too_seldom_nor_too_often(
     assert len(list(calibration_figures([RunClaim(True, None, None)]))) == 2
 
 
-def test_runs_of_the_calibration_tell_how_far_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        bench_explore_calibration, "calibration_run", lambda number: RunClaim(True, 0, 0)
-    )
-    rows = list(bench_explore_calibration.calibration_rows(False))
+def test_runs_of_the_calibration_tell_how_far_they_are(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(explorations, "calibration_run", lambda number: RunClaim(True, 0, 0))
+    rows = list(explorations.calibration_rows(False))
     assert sum("runs so far" in row.name for row in rows) == 9
     assert named(rows, "200 runs").value == "100.0%"
 
@@ -258,25 +238,23 @@ def counts(**more: int) -> ContourCounts:
         ({"positions": 7}, ["predicted over uniform, positions only"]),
     ],
 )
-def test_the_default_planner_is_held_against_each_rival(
-    more: dict[str, int], missed: list[str]
-) -> None:
-    rows = list(bench_explore_planners.count_sums({"a": counts(**more), "b": counts(**more)}))
+def test_the_default_planner_is_held_against_each_rival(more: dict[str, int], missed: list[str]):
+    rows = list(planners.count_sums({"a": counts(**more), "b": counts(**more)}))
     assert [row.name for row in rows if not row.holds] == missed
 
 
-def test_no_object_may_take_two_contours_more_than_even_ones() -> None:
+def test_no_object_may_take_two_contours_more_than_even_ones():
     found = {"a": counts(predicted=3), "b": counts(predicted=8)}
-    rows = list(bench_explore_planners.count_sums(found))
+    rows = list(planners.count_sums(found))
     assert not named(rows, "on the worst object").holds
 
 
-def test_the_objects_of_the_figures_are_all_there() -> None:
+def test_the_objects_of_the_figures_are_all_there():
     names = {
-        *bench_explore_whole.QUICK_OBJECTS,
-        *bench_explore_frames.TILTED,
-        *bench_explore_fingers.FINGER_OBJECTS,
-        *bench_explore_planners.QUICK,
+        *explorations.QUICK_OBJECTS,
+        *explorations.TILTED,
+        *explorations.FINGER_OBJECTS,
+        *planners.QUICK,
     }
     assert names <= set(EXPLORED_OBJECTS)
-    assert np.isfinite([one.degrees for one in bench_explore_frames.TURNED.values()]).all()
+    assert np.isfinite([degrees for _, degrees in explorations.TURNED.values()]).all()

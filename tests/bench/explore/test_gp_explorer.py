@@ -6,12 +6,23 @@ import numpy as np
 import pytest
 
 from palpate.bench.explore import gp_explorer as peer
-from palpate.bench.explore import gp_surface
-from palpate.bench.explore.gp_explorer import Explorer, GuardedFinger, Tuning, farthest_points
+from palpate.bench.explore.gp_explorer import (
+    BallPrior,
+    CholeskyFactor,
+    Explorer,
+    GpSurface,
+    GuardedFinger,
+    Observations,
+    covariance_block,
+    farthest_points,
+    matern,
+)
 from palpate.bench.explore.harness import NOISES, Demand, write_scene
-from palpate.bench.objects.touched import EXPLORED_OBJECTS
+from palpate.bench.objects import EXPLORED_OBJECTS
 from palpate.bench.table import WIDTH
+from palpate.core.arrays import Floats
 from palpate.core.geometry.distances import compare_surfaces, prepare_surface
+from palpate.core.geometry.meshes import solidity
 from palpate.launch.scene import load_scene
 from palpate.nodes.specs.objects import build_shape
 
@@ -21,12 +32,12 @@ NAME = "ellipsoid"
 def explorer_of(folder: Path, noise: str = "exact") -> Explorer:
     scene = write_scene(folder, EXPLORED_OBJECTS[NAME], NOISES[noise], Demand())
     box = build_shape(load_scene(scene).spec.object).bounds()
-    return Explorer(GuardedFinger(scene), box, 0.0, Tuning())
+    return Explorer(GuardedFinger(scene), box, 0.0, 0.01)
 
 
-def test_fifteen_touches_find_an_ellipsoid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gp_surface, "CELL", 5e-3)
-    monkeypatch.setattr(gp_surface, "LEVEL", 5)
+def test_fifteen_touches_find_an_ellipsoid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(peer, "CELL", 5e-3)
+    monkeypatch.setattr(peer, "LEVEL", 5)
     explorer = explorer_of(tmp_path)
     state = explorer.until(lambda state: state.touches >= 15)
     assert state.touches < 20
@@ -36,14 +47,14 @@ def test_fifteen_touches_find_an_ellipsoid(tmp_path: Path, monkeypatch: pytest.M
     assert error < 0.01 * 0.09
 
 
-def test_the_same_finger_with_the_same_noise_explores_alike(tmp_path: Path) -> None:
+def test_the_same_finger_with_the_same_noise_explores_alike(tmp_path: Path):
     ways = [
         explorer_of(tmp_path, "noise").until(lambda state: state.touches >= 4).way for _ in range(2)
     ]
     assert ways[0] == ways[1]
 
 
-def test_a_touch_beside_the_object_tells_that_nothing_is_there(tmp_path: Path) -> None:
+def test_a_touch_beside_the_object_tells_that_nothing_is_there(tmp_path: Path):
     scene = write_scene(tmp_path, EXPLORED_OBJECTS[NAME], NOISES["exact"], Demand())
     finger = GuardedFinger(scene)
     touched = finger.touch(np.array([0.1, 0.0, 0.045]), np.array([1.0, 0.0, 0.0]), 0.02, 0.01)
@@ -55,7 +66,7 @@ def test_a_touch_beside_the_object_tells_that_nothing_is_there(tmp_path: Path) -
     assert seen.values[0] > 0.0
 
 
-def test_chosen_points_lie_far_from_one_another() -> None:
+def test_chosen_points_lie_far_from_one_another():
     x, y = np.meshgrid(np.arange(9.0), np.arange(9.0))
     points = np.column_stack([x.ravel(), y.ravel(), np.zeros(81)])
     chosen = points[farthest_points(points, 5), :2].tolist()
@@ -64,12 +75,12 @@ def test_chosen_points_lie_far_from_one_another() -> None:
     assert farthest_points(points[:3], 5) == [1, 0, 2]
 
 
-def test_tuned_objects_are_not_among_those_that_count() -> None:
+def test_tuned_objects_are_not_among_those_that_count():
     assert not set(peer.TUNED_ON) & {*peer.COMPARED, *peer.QUICK}
     assert {*peer.TUNED_ON, *peer.COMPARED, *peer.QUICK} <= set(EXPLORED_OBJECTS)
 
 
-def test_palpate_must_be_twice_as_good_on_the_same_way(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_palpate_must_be_twice_as_good_on_the_same_way(monkeypatch: pytest.MonkeyPatch):
     class Ours:
         percent, travel, touches = 0.1, 6.0, 200
 
@@ -83,3 +94,105 @@ def test_palpate_must_be_twice_as_good_on_the_same_way(monkeypatch: pytest.Monke
         assert [row.holds for row in demanded] == [holds, holds]
         assert demanded[0].value == f"{10.0 * error:.2f} x"
         assert len([row for row in rows if "over ours" in row.name]) == 8
+
+
+STEP = 1e-5
+AXES = np.array([1.2, 0.8, 1.0])
+
+
+def ellipsoid(count: int) -> tuple[Floats, Floats]:
+    ways = np.random.default_rng(0).normal(size=(count, 3))
+    points = AXES * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    normals = points / AXES**2
+    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def touched_ellipsoid(shared: float = 0.0) -> GpSurface:
+    found = GpSurface(matern(1.5), BallPrior(np.zeros(3), 1.0))
+    points, normals = ellipsoid(60)
+    for start in range(0, 60, 5):
+        some = slice(start, start + 5)
+        errors = np.full(5, 1e-3), shared, normals[some], np.full(5, 0.02)
+        found.observe(Observations(points[some], np.zeros(5), *errors))
+    return found
+
+
+def test_covariances_of_gradients_are_derivatives_of_those_of_values():
+    kernel, rng = matern(0.7), np.random.default_rng(0)
+    x, y = rng.normal(size=(2, 3))
+    found = covariance_block(kernel, x[None], y[None], True)
+
+    def k(dx: Floats, dy: Floats) -> float:
+        return float(covariance_block(kernel, (x + dx)[None], (y + dy)[None], False)[0, 0])
+
+    still, steps = np.zeros(3), STEP * np.eye(3)
+    by_y = [(k(still, s) - k(still, -s)) / (2.0 * STEP) for s in steps]
+    by_x = [(k(s, still) - k(-s, still)) / (2.0 * STEP) for s in steps]
+    assert found[0, 1:] == pytest.approx(by_y, abs=1e-8)
+    assert found[1:, 0] == pytest.approx(by_x, abs=1e-8)
+    both = [
+        [(k(s, t) - k(s, -t) - k(-s, t) + k(-s, -t)) / (4.0 * STEP**2) for t in steps]
+        for s in steps
+    ]
+    assert found[1:, 1:] == pytest.approx(np.array(both), abs=1e-4)
+
+
+def test_a_gradient_has_unit_variance():
+    place = np.zeros((1, 3))
+    found = covariance_block(matern(0.7), place, place, True)
+    assert np.diag(found)[1:] == pytest.approx(np.ones(3))
+
+
+def test_a_factor_that_grew_solves_as_the_whole_matrix_does():
+    rng = np.random.default_rng(0)
+    half = rng.normal(size=(600, 600))
+    whole = half @ half.T + 600.0 * np.eye(600)
+    grown = CholeskyFactor()
+    for start, stop in ((0, 10), (10, 300), (300, 600)):
+        grown.append(whole[start:stop, :start], whole[start:stop, start:stop])
+    right = rng.normal(size=600)
+    assert grown.solve(right) == pytest.approx(np.linalg.solve(whole, right), rel=1e-9)
+
+
+def test_before_anything_is_touched_the_surface_is_the_ball():
+    ball = BallPrior(np.array([1.0, 0.0, 0.0]), 2.0)
+    found = GpSurface(lambda r: None, ball)
+    value, gradient = found.at(np.array([[3.0, 0.0, 0.0], [1.0, 1.0, 0.0]]))
+    assert value == pytest.approx([0.0, -0.75])
+    assert gradient == pytest.approx(np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.0]]))
+
+
+def test_the_surface_goes_through_what_was_touched_along_its_normals():
+    found = touched_ellipsoid()
+    points, normals = ellipsoid(60)
+    value, gradient = found.at(points)
+    assert np.abs(value).max() < 3e-3
+    assert np.abs(gradient - normals).max() < 0.1
+    steps = STEP * np.eye(3)
+    slopes = [(found.at(points + s)[0] - found.at(points - s)[0]) / (2.0 * STEP) for s in steps]
+    assert gradient == pytest.approx(np.array(slopes).T, abs=1e-6)
+
+
+def test_less_is_known_farther_from_what_was_touched():
+    found = touched_ellipsoid()
+    near, far = found.deviations(np.array([ellipsoid(1)[0][0], [3.0, 3.0, 3.0]]))
+    assert near < 2e-3
+    assert far > 0.5
+
+
+def test_points_of_one_touch_are_off_together():
+    alone, together = (touched_ellipsoid(shared) for shared in (0.0, 0.1))
+    place = ellipsoid(1)[0]
+    assert together.deviations(place)[0] > 2.0 * alone.deviations(place)[0]
+
+
+def test_the_mesh_is_closed_and_ends_at_the_floor(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(peer, "CELL", 0.15)
+    monkeypatch.setattr(peer, "LEVEL", 4)
+    mesh = touched_ellipsoid().mesh(np.array([[-1.5] * 3, [1.5] * 3]), -0.5)
+    whole = solidity(mesh.vertices, mesh.faces)
+    assert whole.watertight
+    assert mesh.vertices[:, 2].min() == pytest.approx(-0.5, abs=0.02)
+    full = 4.0 / 3.0 * np.pi * AXES.prod()
+    cap = np.pi * AXES[0] * AXES[1] * (2.0 / 3.0 - 0.5 + 0.5**3 / 3.0)
+    assert whole.volume == pytest.approx(full - cap, rel=0.02)

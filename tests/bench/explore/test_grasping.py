@@ -7,19 +7,19 @@ import pytest
 
 from palpate.bench.explore import grasping as bench_grasp
 from palpate.bench.explore.grasping import grasp, grasp_rows, judge_frame
-from palpate.bench.objects.touched import GRASPED_OBJECTS
+from palpate.bench.objects import GRASPED_OBJECTS
 from palpate.core.explore.grasp.object_frame import mass_properties
 
 
 @pytest.mark.parametrize("name", GRASPED_OBJECTS)
-def test_an_object_is_closed_and_stands_about_the_origin(name: str) -> None:
+def test_an_object_is_closed_and_stands_about_the_origin(name: str):
     vertices, faces = GRASPED_OBJECTS[name]().mesh(3)
     body = mass_properties(vertices, faces)
     assert 2e-5 < body.volume < 4e-4
     assert np.abs(vertices).max() < 0.06
 
 
-def test_a_tilted_cylinder_is_judged_right() -> None:
+def test_a_tilted_cylinder_is_judged_right():
     c, s = math.cos(0.4), math.sin(0.4)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     outcome = judge_frame(grasp("cylinder", turn, 0.5, 0.0, 0), 60)
@@ -28,12 +28,12 @@ def test_a_tilted_cylinder_is_judged_right() -> None:
     assert outcome.centre < 5e-4
 
 
-def test_a_ball_is_right_if_it_is_said_to_be_ambiguous() -> None:
+def test_a_ball_is_right_if_it_is_said_to_be_ambiguous():
     outcome = judge_frame(grasp("ball", np.eye(3), 0.5, 0.0, 0), 60)
     assert outcome.right and outcome.ambiguous
 
 
-def test_the_rows_are_told_apart_and_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_rows_are_told_apart_and_hold(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(bench_grasp, "GRASPED_OBJECTS", {"cylinder": GRASPED_OBJECTS["cylinder"]})
     monkeypatch.setattr(bench_grasp, "COUNTS", (30,))
     rows = list(grasp_rows(quick=True))

@@ -12,7 +12,7 @@ from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED, TUNED, Pl
 from palpate.core.explore.planners.uniform import Uniform
 
 
-def test_every_demand_on_planners_that_needs_no_clock_is_met() -> None:
+def test_every_demand_on_planners_that_needs_no_clock_is_met():
     rows = list(planner_rows(True))
     assert len({row.name for row in rows}) == len(rows)
     timed = [row for row in rows if row.name.endswith("ms")]
@@ -21,14 +21,14 @@ def test_every_demand_on_planners_that_needs_no_clock_is_met() -> None:
     assert [str(row) for row in rows if not row.holds and row not in timed] == []
 
 
-def test_a_plan_that_never_gets_there_counts_as_the_most() -> None:
+def test_a_plan_that_never_gets_there_counts_as_the_most():
     trials = {"vase": PlannerTrial(TUNED["vase"])}
     assert plan_counts(Uniform(count=3), trials) == {"vase": MOST_CONTOURS_PLANNED}
     assert first_counts(Uniform(count=3), trials) == {"vase": MOST_CONTOURS_PLANNED}
     assert plan_counts(Uniform(count=9), trials) == {"vase": 9}
 
 
-def test_a_run_is_told_with_the_slice_at_which_it_was_good_enough() -> None:
+def test_a_run_is_told_with_the_slice_at_which_it_was_good_enough():
     trial = PlannerTrial(TUNED["pear"])
     one = plan_claim(trial, 0.0025)
     assert one.first_true is not None

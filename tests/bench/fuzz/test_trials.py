@@ -25,12 +25,12 @@ from palpate.launch.files.source_map import InputError
 from palpate.messages.fields import CodecError
 
 
-def test_every_kind_is_counted_fully_and_quickly() -> None:
+def test_every_kind_is_counted_fully_and_quickly():
     assert set(COUNTS) == set(QUICK) == set(INPUT_KINDS)
     assert all(QUICK[name] < COUNTS[name] for name in QUICK)
 
 
-def test_what_holds_is_told_in_four_rows() -> None:
+def test_what_holds_is_told_in_four_rows():
     rows = list(tally_rows("meshes", 2000, Tally(200, 1800, [], 0.25, 7, 12.4, 8)))
     assert all(row.holds for row in rows)
     assert [row.value for row in rows] == ["200, 1800", "0", "250 ms", "12 MB"]
@@ -45,12 +45,12 @@ def test_what_holds_is_told_in_four_rows() -> None:
         (Tally(1, 1, [], 0.1, 2, 64.1), "damaged meshes: memory"),
     ],
 )
-def test_each_missed_demand_is_named(found: Tally, missed: str) -> None:
+def test_each_missed_demand_is_named(found: Tally, missed: str):
     rows = list(tally_rows("meshes", 2, found))
     assert [row.name for row in rows if not row.holds] == [missed]
 
 
-def test_a_defect_is_told_with_its_number() -> None:
+def test_a_defect_is_told_with_its_number():
     defects = [f"meshes {i}: KeyError: 'x'" for i in range(9)]
     rows = list(tally_rows("meshes", 20, Tally(1, 1, defects)))
     assert [row.name for row in rows if row.name.startswith("  ")] == [
@@ -83,7 +83,7 @@ def raising(error: Exception, cause: Exception | None = None) -> Callable[[], No
 )
 def test_the_one_error_and_its_own_children_are_refusals(
     error: Exception, refusal: type[Exception], tmp_path: Path
-) -> None:
+):
     assert try_input(kind(raising(error), refusal), 1, tmp_path)[:2] == ("refused", str(error))
 
 
@@ -102,15 +102,13 @@ def test_the_one_error_and_its_own_children_are_refusals(
 )
 def test_every_other_error_is_a_defect(
     error: Exception, cause: Exception | None, words: str, tmp_path: Path
-) -> None:
+):
     outcome = try_input(kind(raising(error, cause)), 1, tmp_path)
     assert outcome.verdict == "defect"
     assert outcome.reason.startswith(words)
 
 
-def test_what_takes_long_each_time_is_a_defect(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_takes_long_each_time_is_a_defect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(trials, "MOST_CPU_SECONDS", 0.01)
     tries: list[float] = []
 
@@ -124,7 +122,7 @@ def test_what_takes_long_each_time_is_a_defect(
     assert len(tries) == 3
 
 
-def test_what_was_slow_once_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_slow_once_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     took = iter([5.0, 0.1])
     monkeypatch.setattr(trials, "_took", lambda *_: next(took))
     assert try_input(kind(lambda: None), 1, tmp_path) == ("accepted", "", 0.1)
@@ -132,12 +130,12 @@ def test_what_was_slow_once_is_tried_again(tmp_path: Path, monkeypatch: pytest.M
 
 def test_what_waits_uses_no_processor_and_is_timed_by_the_clock(
     monkeypatch: pytest.MonkeyPatch,
-) -> None:
+):
     assert trials._took(time.process_time(), time.monotonic()) < 1.0
     assert trials._took(time.process_time(), time.monotonic() - 11.0) >= 11.0
 
 
-def test_the_damage_of_a_number_is_always_the_same(tmp_path: Path) -> None:
+def test_the_damage_of_a_number_is_always_the_same(tmp_path: Path):
     seen: list[float] = []
     drawn = InputKind("x", lambda _: None, lambda rng, *_: seen.append(rng.random()), ValueError)
     for number in (3, 4, 3):
@@ -148,7 +146,7 @@ def test_the_damage_of_a_number_is_always_the_same(tmp_path: Path) -> None:
 
 def test_every_second_file_is_one_made_to_hurt_while_there_are_any(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+):
     read: list[str] = []
     toys = {
         "hostile_toys": lambda: [("a", b""), ("b", b"")],
@@ -162,7 +160,7 @@ def test_every_second_file_is_one_made_to_hurt_while_there_are_any(
     assert read == ["a", "hurt", "b", "hurt", "hurt", "hurt"]
 
 
-def test_one_input_can_be_tried_by_itself() -> None:
+def test_one_input_can_be_tried_by_itself():
     outcome = reproduce("meshes", 0)
     assert outcome.verdict == "refused"
     assert "states 2000000000 faces" in outcome.reason
@@ -178,7 +176,7 @@ SAMPLES = {
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_damaged_input_is_refused_in_one_sentence_or_valid(name: str, tmp_path: Path) -> None:
+def test_damaged_input_is_refused_in_one_sentence_or_valid(name: str, tmp_path: Path):
     INPUT_KINDS[name].prepare(tmp_path)
     outcomes = [try_input(INPUT_KINDS[name], number, tmp_path) for number in SAMPLES[name]]
     assert [one.reason for one in outcomes if one.verdict == "defect"] == []
@@ -209,7 +207,7 @@ def attempt(rng, number, folder):
 @pytest.mark.graph
 def test_a_crash_a_hang_and_every_other_error_are_told_with_their_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+):
     (tmp_path / "faulty_kind.py").write_text(FAULTY)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(trials, "HANG_SECONDS", 1.0)
@@ -231,7 +229,7 @@ def test_a_crash_a_hang_and_every_other_error_are_told_with_their_number(
 
 
 @pytest.mark.graph
-def test_damaged_messages_are_counted() -> None:
+def test_damaged_messages_are_counted():
     found = tally(INPUT_KINDS["messages"], 200)
     assert found.accepted + found.refused == 200
     assert found.defects == []

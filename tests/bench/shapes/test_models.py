@@ -26,7 +26,7 @@ TRIALS = 30
     ("kind", "least"),
     [(RIGID, 0.97), (OUTLIERS, 0.95), (TAPERED, 0.98), (BENT, 0.98), (BOTH, 0.98)],
 )
-def test_random_solids_are_recovered(kind: RecoveryKind, least: float) -> None:
+def test_random_solids_are_recovered(kind: RecoveryKind, least: float):
     found = recover_many(kind, TRIALS)
     # One in thirty may fail by chance; two are too many.
     assert share_one_way(found) >= min(least, 1 - 1.5 / TRIALS)
@@ -35,7 +35,7 @@ def test_random_solids_are_recovered(kind: RecoveryKind, least: float) -> None:
 
 def test_the_table_names_each_figure_once_and_says_what_was_missed(
     monkeypatch: pytest.MonkeyPatch,
-) -> None:
+):
     bad = RecoveryOutcome(one_sided=0.5, chamfer=0.5, floor=1e-4, doubted=True, seconds=9.0)
     monkeypatch.setattr(bench_shapes_recovery, "recover_many", lambda kind, trials: [bad] * 3)
     rows = list(recovery_rows(quick=True))
@@ -50,7 +50,7 @@ def test_the_table_names_each_figure_once_and_says_what_was_missed(
 CLOCKLESS = ("error of", "rays that pass")
 
 
-def test_every_demand_on_models_that_needs_no_clock_is_met() -> None:
+def test_every_demand_on_models_that_needs_no_clock_is_met():
     rows = list(model_rows(True))
     assert len({row.name for row in rows}) == len(rows)
     judged = [row for row in rows if row.name.startswith(CLOCKLESS)]

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.bench.objects.contoured import REBUILT_SHAPES
-from palpate.bench.rebuild.thesis import EXAMPLES
+from palpate.bench.objects import REBUILT_SHAPES
+from palpate.bench.rebuild.comparison import EXAMPLES
 from palpate.bench.suite import figures as figures_peers
 from palpate.bench.suite import figures as figures_rebuild
 from palpate.bench.suite.figures import section_lines, write_thesis_figures
@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[3]
 PAGE = ROOT / "docs" / "thesis.md"
 
 
-def test_a_section_of_a_tube_is_its_outline() -> None:
+def test_a_section_of_a_tube_is_its_outline():
     turn = 2.0 * np.pi * np.arange(96) / 96
     ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     rings = np.stack([ring, ring + [0, 0, 2.0]])
@@ -28,7 +28,7 @@ def test_a_section_of_a_tube_is_its_outline() -> None:
     assert np.abs(lines[..., 0]).max() == pytest.approx(1.0)
 
 
-def test_the_figures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_figures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     for name, value in (
         ("ROWS", 20),
         ("COLUMNS", 24),
@@ -40,7 +40,7 @@ def test_the_figures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (tmp_path / "new" / "thesis_example_2.png").stat().st_size > 1000
 
 
-def test_the_page_shows_figures_that_are_there_and_examples_that_are_right() -> None:
+def test_the_page_shows_figures_that_are_there_and_examples_that_are_right():
     page = PAGE.read_text(encoding="utf-8")
     for number in (1, 2):
         assert f"figures/thesis_example_{number}.png" in page
@@ -50,9 +50,7 @@ def test_the_page_shows_figures_that_are_there_and_examples_that_are_right() -> 
     assert outcome.attempted >= 10
 
 
-def test_the_figure_shows_each_object_thrice(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_figure_shows_each_object_thrice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(figures_peers, "REBUILT_SHAPES", {"vase": REBUILT_SHAPES["vase"]})
     monkeypatch.setattr(figures_peers, "TOLERANCE", 2.0)
     monkeypatch.setattr(figures_peers, "PEER_DPI", 20)

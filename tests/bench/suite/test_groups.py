@@ -26,7 +26,7 @@ def outcome(
     return SceneFigures("vase", {**GOOD, **changes}, wall, hashes)
 
 
-def test_a_run_that_meets_every_demand_has_no_faults() -> None:
+def test_a_run_that_meets_every_demand_has_no_faults():
     assert (outcome().missed, outcome().holds) == ([], True)
     line = "vase          0.100 %  0.010 %        9     200   400   8.0 s    0"
     assert str(outcome()) == line
@@ -47,5 +47,5 @@ def test_a_run_that_meets_every_demand_has_no_faults() -> None:
         ({"hashes": frozenset({"a", "b"})}, "not repeatable"),
     ],
 )
-def test_each_missed_demand_is_named(changes: dict[str, Any], fault: str) -> None:
+def test_each_missed_demand_is_named(changes: dict[str, Any], fault: str):
     assert outcome(**changes).missed == [fault]

@@ -18,12 +18,12 @@ from palpate.tools.cli import command_line as cli
 )
 def test_options_of_another_bench_are_refused_in_one_sentence(
     capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
-) -> None:
+):
     assert cli.run(["bench", *arguments]) == 2
     assert words in capsys.readouterr().err
 
 
-def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch: pytest.MonkeyPatch):
     asked: list[Any] = []
 
     def run(groups: Any, **how: Any) -> int:
@@ -39,7 +39,7 @@ def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch: pytest.MonkeyPat
     assert asked.pop() == (verb.BENCHES["scenes"], False, False)
 
 
-def test_the_figures_of_a_bench_are_drawn_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_figures_of_a_bench_are_drawn_first(monkeypatch: pytest.MonkeyPatch):
     drawn: list[str] = []
     monkeypatch.setattr(verb, "named", lambda place: lambda folder: drawn.append((place, folder)))
     monkeypatch.setattr(verb, "run_groups", lambda *_, **__: 0)

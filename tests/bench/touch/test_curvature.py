@@ -41,7 +41,7 @@ def first_words(lines: list[str]) -> list[str]:
     return [line[:34].strip() for line in lines if line.strip()]
 
 
-def test_the_tables_have_the_rows_of_the_documentation_in_its_order(printed: list[str]) -> None:
+def test_the_tables_have_the_rows_of_the_documentation_in_its_order(printed: list[str]):
     table = IN_THE_DOCS.split("```")[1].strip().splitlines()
     names = [name for name in first_words(table) if name in ESTIMATORS]
     assert names == list(ESTIMATORS)
@@ -51,7 +51,7 @@ def test_the_tables_have_the_rows_of_the_documentation_in_its_order(printed: lis
     assert shown == documented
 
 
-def test_the_order_of_the_estimators_is_that_of_the_documentation() -> None:
+def test_the_order_of_the_estimators_is_that_of_the_documentation():
     rows = {row.name: row.errors for row in estimator_rows(trials=10)}
     thesis, ours = rows[THESIS], rows[OURS]
     assert len(thesis) == len(HEADS)
@@ -68,7 +68,7 @@ def test_the_order_of_the_estimators_is_that_of_the_documentation() -> None:
     assert ours[4] < 1.1 * min(errors[4] for errors in rows.values())
 
 
-def test_what_palpate_does_meets_its_targets() -> None:
+def test_what_palpate_does_meets_its_targets():
     ours = next(row for row in estimator_rows(trials=15) if row.name == OURS)
     assert ours.errors[1] <= 0.5e-3
     assert ours.errors[4] <= 1.6e-3
@@ -83,7 +83,7 @@ def test_what_palpate_does_meets_its_targets() -> None:
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_every_estimator_is_right_on_a_clean_tilted_plane(name: str) -> None:
+def test_every_estimator_is_right_on_a_clean_tilted_plane(name: str):
     k1, k2, _ = ESTIMATORS[name](PAD_SURFACES["tilted plane"](*PAD.grid()), 0.0)
     assert (k1, k2) == pytest.approx((0.0, 0.0), abs=1e-2)
 
@@ -101,7 +101,7 @@ def missed(rows: Any = GOOD_ROWS, partial: Any = GOOD_PARTIAL) -> list[str]:
     return [row.name for row in estimator_demands(rows, partial) if not row.holds]
 
 
-def test_a_bench_that_meets_every_demand_misses_none() -> None:
+def test_a_bench_that_meets_every_demand_misses_none():
     assert missed() == []
     assert all(row.holds for row in (*verdict_demands(GOOD_CALLS), *fusion_demands(GOOD_SCORES)))
 
@@ -115,12 +115,12 @@ def test_a_bench_that_meets_every_demand_misses_none() -> None:
         ({"partial": [PartialContact(40, {"palpate": 0.06})]}, "32 taxels"),
     ],
 )
-def test_each_missed_demand_is_named(changes: dict[str, Any], words: str) -> None:
+def test_each_missed_demand_is_named(changes: dict[str, Any], words: str):
     [name] = missed(**changes)
     assert words in name
 
 
-def test_a_kind_that_is_called_otherwise_and_a_worse_fusion_are_missed() -> None:
+def test_a_kind_that_is_called_otherwise_and_a_worse_fusion_are_missed():
     *_, edge, _, _, _ = verdict_demands(Counter({**GOOD_CALLS, ("edge", "smooth"): 10}))
     assert (edge.value, edge.holds) == ("90.9%", False)
     [row] = fusion_demands({"sphere": FusionScore(1.0, 1.2, 3.0)})
@@ -128,7 +128,7 @@ def test_a_kind_that_is_called_otherwise_and_a_worse_fusion_are_missed() -> None
 
 
 @pytest.mark.parametrize("name", SURFACES)
-def test_every_random_surface_can_be_drawn_and_is_the_same_again(name: str) -> None:
+def test_every_random_surface_can_be_drawn_and_is_the_same_again(name: str):
     one, other = (
         [draw_touch(np.random.default_rng(seed), name) for seed in range(15)] for _ in range(2)
     )
@@ -139,7 +139,7 @@ def test_every_random_surface_can_be_drawn_and_is_the_same_again(name: str) -> N
     assert all(np.isfinite(touch.height).all() for touch in drawn)
 
 
-def test_the_figures_of_the_filters_show_every_chain_with_its_error(tmp_path: Path) -> None:
+def test_the_figures_of_the_filters_show_every_chain_with_its_error(tmp_path: Path):
     x, _ = PAD.grid()
     truth = np.where(x > 0, 1.2e-3, 0.0)
     names = list(filtered(truth))
@@ -151,13 +151,13 @@ def test_the_figures_of_the_filters_show_every_chain_with_its_error(tmp_path: Pa
     assert (tmp_path / "filters.png").stat().st_size > 10_000
 
 
-def test_the_figure_of_the_estimators_has_a_line_for_each() -> None:
+def test_the_figure_of_the_estimators_has_a_line_for_each():
     rows = [EstimatorErrors(name, (1e-3,) * 5, 0, (1.0, 1.0)) for name in ESTIMATORS]
     (axes,) = draw_estimators(rows).axes
     assert [line.get_label() for line in axes.lines] == list(ESTIMATORS)
 
 
-def test_the_documentation_shows_figures_that_are_there() -> None:
+def test_the_documentation_shows_figures_that_are_there():
     for name in ("filters_corner.png", "filters_ball.png", "estimators.png"):
         assert f"figures/{name}" in IN_THE_DOCS
         assert (ROOT / "docs" / "figures" / name).is_file()

@@ -18,13 +18,13 @@ from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES
 
 
-def test_casts_are_as_exact_as_is_demanded() -> None:
+def test_casts_are_as_exact_as_is_demanded():
     rows = list(exactness_rows(frames=4))
     assert [row.name.partition(" of ")[0] for row in rows] == ["error", "error"]
     assert all(row.holds for row in rows)
 
 
-def test_a_cast_that_is_a_nanometre_off_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cast_that_is_a_nanometre_off_is_found_out(monkeypatch: pytest.MonkeyPatch):
     cast = Superquadric.cast
 
     def off(self: Superquadric, origins: Floats, direction: Floats, reach: float) -> Floats:
@@ -34,7 +34,7 @@ def test_a_cast_that_is_a_nanometre_off_is_found_out(monkeypatch: pytest.MonkeyP
     assert not next(iter(exactness_rows(frames=2))).holds
 
 
-def test_curvatures_are_as_good_as_is_demanded() -> None:
+def test_curvatures_are_as_good_as_is_demanded():
     jet, *errors = estimator_summary(trials=6)
     assert jet.target == "<= 10 us"
     assert [row.target for row in errors] == [
@@ -46,7 +46,7 @@ def test_curvatures_are_as_good_as_is_demanded() -> None:
     assert all(row.holds for row in errors)
 
 
-def test_each_speed_has_its_demand() -> None:
+def test_each_speed_has_its_demand():
     rows = list(speed_rows(frames=3, rounds=1))
     assert [row.target for row in rows] == [
         ">= 2000 /s",
@@ -59,14 +59,14 @@ def test_each_speed_has_its_demand() -> None:
     assert all(row.value for row in rows)
 
 
-def test_the_oracle_tells_inside_from_outside() -> None:
+def test_the_oracle_tells_inside_from_outside():
     shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array([0.5, 0.7]))
     start, along = np.zeros((2, 3)), np.array([0.0, 0.0, 1.0])
     way = np.array([0.0399999, 0.0400001])
     assert (frames._outside(shape, start, along, way) > 0.0).tolist() == [False, True]
 
 
-def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor() -> None:
+def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor():
     lines = list(frames.effect_rows(quick=True))
     assert [str(line).split()[0] for line in lines[1:-1]] == ["(ideal)", *EFFECT_NAMES, WORN]
 
@@ -74,20 +74,20 @@ def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor() -> None:
 @pytest.mark.parametrize(("body", "most"), [("ball", 4.3e-6), ("box", 1e-7)])
 def test_without_effects_a_contour_is_as_good_as_a_straight_line_between_rows(
     body: str, most: float
-) -> None:
+):
     traced = trace_contour(BODIES[body], {})
     assert traced.status == "closed"
     # Rows are 1 mm apart: a chord of the ball is pitch^2 / 8 R = 4.2 um off.
     assert traced.rms < most
 
 
-def test_an_effect_is_seen_in_the_contour() -> None:
+def test_an_effect_is_seen_in_the_contour():
     ideal = trace_contour(BODIES["ball"], {})
     offset = trace_contour(BODIES["ball"], {"arm_compliance": {"stiffness": 50e3}})
     assert offset.rms > 10 * ideal.rms
 
 
-def test_costs_are_told_for_each_set() -> None:
+def test_costs_are_told_for_each_set():
     found = frame_costs({"none": {}, "aperture": {"aperture": {}}}, frames=20, repeats=5)
     assert set(found) == {"none", "aperture"}
     assert all(cost.ideal > 0.0 for cost in found.values())
@@ -95,7 +95,7 @@ def test_costs_are_told_for_each_set() -> None:
     assert found["aperture"].ratio > 1.0
 
 
-def test_every_single_call_has_its_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_single_call_has_its_cost(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(frames, "QUICK_CALL_ROUNDS", 1)
     rows = list(frames.cost_rows(quick=True))
     assert len({row.name for row in rows}) == len(rows) == 2 * len(frames.cast_shapes()) + 5

@@ -1,0 +1,494 @@
+"""The objects of all measurements, with exact contours, slices or meshes as their truth.
+
+Add an object at the end of its table; one that is held out must have no say in any number of
+palpate. Nearly all are a radius about an axis, over height and azimuth. Those that are rebuilt are
+100 mm high, smooth and sharp, with plane, round and rounded ends; those that are explored about
+90 mm, and star-shaped in every slice. No constant of the grasp was chosen for one object alone,
+and none of the methods for a round one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from palpate.core import Floats
+from palpate.core.explore.planners import TUNED, drawn_objects
+from palpate.core.geometry import close_rings
+from palpate.core.shapes import (
+    INSIDE,
+    MISS,
+    Bend,
+    DeformedSuperquadric,
+    Mesh,
+    Shape,
+    Superquadric,
+    Taper,
+    TriangleShape,
+)
+
+Radius = Callable[[Floats, Floats], Floats]  # Distance from the axis, by height and azimuth
+# What is explored: as a scene describes it, or by its radius, heights from 0 to 1 and both over
+# the object's height; either stands on z = 0.
+ExploreObject = Mapping[str, Any] | Radius
+SHAPE_HEIGHT = 100.0  # Of every rebuilt object, mm; it lies from -50 to 50, the bent one nearly
+HALF = 0.5 * SHAPE_HEIGHT
+TRUE_ROWS, TRUE_COLUMNS = 241, 360  # Of the meshes of the true surfaces
+TRUE_LEVEL = 7  # Of the mesh of the bent one: 328,000 faces
+ROUGH_LEVEL = 6  # Of that in which the middles of its sections are looked for
+HALVINGS = 60  # Steps that find a radius to the last bit
+SOLID = Superquadric(np.array([32.0, 26.0, HALF]), np.array([0.7, 0.8]))
+TAPER, BEND = Taper(0.25, 0.15, HALF), Bend(0.006)
+ROUND_HEIGHT = 2.0  # Of every object that is measured; its contours lie from -1 to 1
+SLOPE_STEP = 1e-5  # Over which slopes are taken
+EXPLORED_HEIGHT = 0.09  # Of every object that is given by its radius, m
+# Radius of the rounding where a side meets a flat end, over the height.
+ROUNDING = 4e-3 / EXPLORED_HEIGHT
+BLUNT = 2.0  # Roundings: an end that is narrower comes to a point by itself, and is not rounded
+RINGS, TURNS = 400, 288  # Of a mesh: its facets are off by 2 um, a tenth of what a touch tells
+DOME = 0.015  # Radius of the default pad, m
+# How far the pad is pressed at most, m: what lies deeper under the ball cannot be touched.
+DEEPEST = 2.2e-3
+SAMPLES = 361  # Along the height: a quarter of a millimetre apart
+AZIMUTHS = 24
+DRAWS = 200
+MARCH_STEP = 0.4e-3  # Of the march along a ray, m: nothing thinner is met for certain
+CAST_HALVINGS = 40
+FINE = 400_000  # Points from which a superellipse is sampled anew at even distances
+POINTS = 6000  # Points of an outline
+GRASPED_RINGS, GRASPED_TURNS = 160, 96
+
+
+def straight(z: Floats) -> Floats:
+    """The axis through the origin."""
+    return np.zeros((*np.shape(z), 2))
+
+
+def radial_rings(radii: Floats, heights: Floats, angles: Floats) -> Floats:
+    """Points (m, n, 3) at radii about the z axis, at heights (m,) and azimuths (n,)."""
+    radii = np.broadcast_to(radii, (len(heights), len(angles)))
+    level = np.broadcast_to(heights[:, None], radii.shape)
+    return np.stack([radii * np.cos(angles), radii * np.sin(angles), level], axis=-1)
+
+
+def closed_mesh(rings: Floats, low: Floats | None = None, high: Floats | None = None) -> Mesh:
+    """A mesh of rings (m, n, 3), closed towards two places, else the middles of its ends."""
+    low = rings[0].mean(axis=0) if low is None else low
+    return Mesh(*close_rings(low, rings, rings[-1].mean(axis=0) if high is None else high))
+
+
+class RoundObject(NamedTuple):
+    """An object by its radius, in any unit."""
+
+    radius: Radius
+    axis: Callable[[Floats], Floats] = straight  # Places (..., 2) of the axis at heights
+    low: float = -1.0  # Its lower end
+    high: float = 1.0  # Its upper end
+    fine: Callable[[], Mesh] | None = None  # Its mesh, where that is not made of rings
+
+    def rings(self, heights: Floats, angles: Floats) -> Floats:
+        """Points (m, n, 3) of the surface at heights (m,) and azimuths (n,)."""
+        found = radial_rings(self.radius(heights[:, None], angles[None]), heights, angles)
+        found[..., :2] += self.axis(heights)[:, None]
+        return found
+
+    def contours(self, heights: Floats, around: int, first: float = 0.0) -> Floats:
+        """Exact contours (m, around, 3), counter-clockwise, at even azimuths from the first."""
+        return self.rings(heights, 2.0 * np.pi * (first + np.arange(around) / around))
+
+    def true_mesh(self) -> Mesh:
+        """A fine mesh of the surface, closed by planes or, where the radius is 0, by points."""
+        if self.fine is not None:
+            return self.fine()
+        # Closer together towards the ends, where round ones bend.
+        heights = self.low * np.cos(np.linspace(0.0, np.pi, TRUE_ROWS))
+        angles = 2.0 * np.pi * np.arange(TRUE_COLUMNS) / TRUE_COLUMNS
+        low, high = (
+            np.array([*self.axis(z), z]) for z in (np.array(self.low), np.array(self.high))
+        )
+        ends = np.broadcast_to(self.radius(np.array([self.low, self.high]), np.zeros(2)), 2)
+        pointed = ends < 1e-9 * (self.high - self.low)
+        kept = heights[int(pointed[0]) : len(heights) - int(pointed[1])]
+        return closed_mesh(self.rings(kept, angles), low, high)
+
+    def distances(self, places: Floats, heights: Floats) -> tuple[Floats, Floats]:
+        """Normal distances (m, k) of places (m, k, 2) at heights (m,), and area elements.
+
+        To first order: how far outside, over its slope.
+        """
+        z = np.broadcast_to(heights[:, None], places.shape[:2])
+        outside = self._outside(places, z)
+        slopes = [
+            (self._outside(places + step, z) - self._outside(places - step, z)) / (2.0 * SLOPE_STEP)
+            for step in SLOPE_STEP * np.eye(2)
+        ]
+        low, high = np.maximum(z - SLOPE_STEP, -1.0), np.minimum(z + SLOPE_STEP, 1.0)
+        slopes.append((self._outside(places, high) - self._outside(places, low)) / (high - low))
+        level = np.hypot(slopes[0], slopes[1])
+        whole = np.hypot(level, slopes[2])
+        around = np.linalg.norm(np.roll(places, -1, 1) - places, axis=-1)
+        return outside / whole, around * whole / level
+
+    def _outside(self, places: Floats, z: Floats) -> Floats:
+        away = places - self.axis(z)
+        angle = np.arctan2(away[..., 1], away[..., 0])
+        return np.asarray(np.hypot(away[..., 0], away[..., 1]) - self.radius(z, angle))
+
+
+def _bent() -> RoundObject:
+    """A superquadric, tapered along its axis and then bent."""
+
+    def deformed(level: int) -> Mesh:
+        base = SOLID.mesh(level)
+        return Mesh(BEND(TAPER(base.vertices)), base.faces)
+
+    coarse, faces = deformed(ROUGH_LEVEL)
+    triangles = coarse[faces]
+
+    def section_middle(height: float) -> Floats:
+        """Middle of the box (2,) about where the triangles stand across a height."""
+        above = triangles[:, :, 2] > height
+        near = triangles[above.any(axis=1) & ~above.all(axis=1)].reshape(-1, 3)[:, :2]
+        middle: Floats = 0.5 * (near.min(axis=0) + near.max(axis=0))
+        return middle
+
+    def axis(z: Floats) -> Floats:
+        return np.array([section_middle(height) for height in z.ravel()]).reshape(*z.shape, 2)
+
+    def radius(z: Floats, t: Floats) -> Floats:
+        z, t = np.broadcast_arrays(z, t)
+        middle = np.broadcast_to(axis(z[:, :1]), (*z.shape, 2))
+        rim = np.stack([np.cos(t), np.sin(t)], axis=-1)
+        low, high = np.zeros(z.shape), np.full(z.shape, HALF)
+        for _ in range(HALVINGS):
+            half = 0.5 * (low + high)
+            places = np.concatenate([middle + half[..., None] * rim, z[..., None]], axis=-1)
+            back = TAPER.inverse(BEND.inverse(places.reshape(-1, 3)))
+            inside = SOLID.inside_out(back, np.ones_like(back))[0].reshape(z.shape) < 0.0
+            low, high = np.where(inside, half, low), np.where(inside, high, half)
+        return low
+
+    ends = float(coarse[:, 2].min()), float(coarse[:, 2].max())
+    return RoundObject(radius, axis, *ends, partial(deformed, TRUE_LEVEL))
+
+
+def mesh_of_radius(radius: Radius) -> Mesh:
+    """The solid within a radius, standing on z = 0 with flat or pointed ends, m."""
+    # Closer together towards the ends, where a rounding or a pole bends most.
+    z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, RINGS))
+    t = 2.0 * np.pi * np.arange(TURNS) / TURNS
+    wide = EXPLORED_HEIGHT * np.asarray(radius(z[:, None], t[None, :]))
+    rings = radial_rings(wide, EXPLORED_HEIGHT * z, t)
+    return closed_mesh(rings, np.zeros(3), np.array([0.0, 0.0, EXPLORED_HEIGHT]))
+
+
+def drawn_object(seed: int) -> Radius:
+    """An object by chance: round or straight, plain, lobed, twisted, necked, stepped or wavy.
+
+    What no pad could enter is not drawn. `seed`: the same seed, the same object. Raises ValueError
+    if the seed is negative.
+    """
+    if seed < 0:
+        raise ValueError(f"seed must be 0 or more, got {seed}")
+    for radius in drawn_objects(DRAWS, seed).values():
+        if hidden_depth(radius) <= DEEPEST:
+            return rounded(radius)
+    raise ValueError(f"seed must lead to an object that a pad can touch, {seed} does not")
+
+
+def hidden_depth(radius: Radius) -> float:
+    """How deep the side lies at most under a ball of the dome's radius that rolls along it, m."""
+    from scipy.ndimage import grey_closing
+
+    step = EXPLORED_HEIGHT / (SAMPLES - 1)
+    reach = int(DOME / step)
+    away = step * np.arange(-reach, reach + 1)
+    ball = np.sqrt(DOME**2 - away**2) - DOME
+    z, t = np.linspace(0.0, 1.0, SAMPLES), 2.0 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
+    side = EXPLORED_HEIGHT * np.asarray(radius(z[:, None], t[None, :]))
+    beyond = ((2 * reach, 2 * reach), (0, 0))  # nothing holds the ball off there
+    padded = np.pad(side, beyond, constant_values=-1.0)
+    closed: Floats = grey_closing(padded, structure=ball[:, None])
+    return float((closed - padded)[2 * reach : -2 * reach].max())
+
+
+def rounded(radius: Radius) -> Radius:
+    """The same with its flat ends rounded off."""
+    turns = np.linspace(0.0, 2.0 * np.pi, TURNS)
+    wide = {end: float(np.min(radius(np.array(end), turns))) for end in (0.0, 1.0)}
+    ends = [end for end, width in wide.items() if width > BLUNT * ROUNDING]
+
+    def shape(z: Floats, t: Floats) -> Floats:
+        found = radius(z, t)
+        for end in ends:
+            inside = np.clip(1.0 - np.abs(z - end) / ROUNDING, 0.0, 1.0)
+            found = found - ROUNDING * (1.0 - np.sqrt(1.0 - inside**2))
+        return np.asarray(found)
+
+    return shape
+
+
+class RadialSolid(NamedTuple):
+    """All points nearer to the z axis than a radius; it is only ever touched, and has no mesh."""
+
+    radius: Radius  # m, of heights in m
+    half: float  # Half the height: the ends are flat, m
+    widest: float  # No radius is larger, m
+
+    def bounds(self) -> Floats:
+        """Smallest and largest coordinates of a box that holds it, (2, 3), m."""
+        corner = np.array([self.widest, self.widest, self.half])
+        return np.stack([-corner, corner])
+
+    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+        """Range (n,) along parallel rays: see `Shape.cast`."""
+        start = self._level(origins)
+        ranges = np.where(start < 0.0, INSIDE, MISS)
+        ball = math.hypot(self.widest, self.half)
+        nearest = -(origins @ direction)
+        low, high = max(float(nearest.min()) - ball, 0.0), min(float(nearest.max()) + ball, reach)
+        if high <= low:
+            return ranges
+        steps = np.linspace(low, high, int((high - low) / MARCH_STEP) + 2)
+        inside = self._level(origins[:, None] + steps[:, None] * direction) < 0.0
+        met = (start >= 0.0) & inside.any(axis=1)
+        first = np.maximum(inside[met].argmax(axis=1), 1)
+        before, after = steps[first - 1], steps[first]
+        for _ in range(CAST_HALVINGS):
+            middle = 0.5 * (before + after)
+            hit = self._level(origins[met] + middle[:, None] * direction) < 0.0
+            before, after = np.where(hit, before, middle), np.where(hit, middle, after)
+        ranges[met] = after
+        return ranges
+
+    def mesh(self, level: int) -> Mesh:
+        """Refuse."""
+        raise NotImplementedError("a radial solid has no mesh")
+
+    def _level(self, points: Floats) -> Floats:
+        """Negative inside, (...,)."""
+        x, y, z = np.moveaxis(points, -1, 0)
+        side = np.hypot(x, y) - self.radius(z, np.arctan2(y, x))
+        return np.asarray(np.maximum(side, np.abs(z) - self.half))
+
+
+class TracedSolid(NamedTuple):
+    """A solid to be traced, about the origin."""
+
+    shape: Superquadric | RadialSolid
+    half: float  # Half its height, m
+
+    def outline(self, height: float) -> Floats:
+        """Points (n, 2) of the slice at a height, counter-clockwise, m."""
+        if isinstance(self.shape, RadialSolid):
+            azimuth = np.linspace(0.0, 2.0 * math.pi, POINTS, endpoint=False)
+            radius = self.shape.radius(np.full(POINTS, height), azimuth)
+            return np.column_stack([radius * np.cos(azimuth), radius * np.sin(azimuth)])
+        e1, e2 = self.shape.exponents.tolist()
+        scale = (1.0 - abs(height / self.shape.size[2]) ** (2.0 / e1)) ** (0.5 * e1)
+        angle = np.linspace(0.0, 0.5 * math.pi, FINE)
+        x = scale * self.shape.size[0] * np.cos(angle).clip(0.0) ** e2
+        y = scale * self.shape.size[1] * np.sin(angle) ** e2
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+        even = np.linspace(0.0, way[-1], POINTS // 4)
+        quarter = np.column_stack([np.interp(even, way, x), np.interp(even, way, y)])
+        back = quarter[::-1]
+        return np.concatenate([quarter, back * [-1.0, 1.0], -quarter, back * [1.0, -1.0]])
+
+
+def carved(profile: str, depth: float, half_width: float) -> TracedSolid:
+    """An upright cylinder of 28 mm with one hollow, widest at its mouth, opposite azimuth 0."""
+
+    def radius(height: Floats, azimuth: Floats) -> Floats:
+        beside = 0.028 * (math.pi - np.abs(azimuth))
+        return 0.028 - depth * CARVED[profile](beside, height, half_width)
+
+    return TracedSolid(RadialSolid(radius, 0.045, 0.028), 0.045)
+
+
+def turned(radius: Radius, half_height: float = 0.045) -> TriangleShape:
+    """The solid with this radius over -1 to 1, and flat ends where it is not 0 there, m."""
+    z = -np.cos(np.linspace(0.0, np.pi, GRASPED_RINGS))
+    angle = 2.0 * np.pi * np.arange(GRASPED_TURNS) / GRASPED_TURNS
+    rings = radial_rings(np.maximum(radius(z[:, None], angle), 1e-6), half_height * z, angle)
+    low, high = np.array([[0.0, 0.0, -half_height], [0.0, 0.0, half_height]])
+    return TriangleShape(*closed_mesh(rings, low, high))
+
+
+def _superquadric(x: float, y: float, z: float, e1: float, e2: float) -> Superquadric:
+    return Superquadric(np.array([x, y, z]), np.array([e1, e2]))
+
+
+def _traced(x: float, y: float, z: float, e1: float, e2: float) -> TracedSolid:
+    return TracedSolid(_superquadric(x, y, z, e1, e2), z)
+
+
+def described(x: float, y: float, z: float, e1: float, e2: float, **more: Any) -> dict[str, Any]:
+    """A tapered or bent superquadric that stands on z = 0, as a scene describes it."""
+    described = {"size": [x, y, z], "exponents": [e1, e2], **more}
+    return {"superquadric": described, "pose": {"position": [0.0, 0.0, z]}}
+
+
+def _rise(z: Floats, at: float, width: float) -> Floats:
+    """0 below a height, 1 above it."""
+    return np.asarray(0.5 * (1.0 + np.tanh((z - at) / width)))
+
+
+def _vase(z: Floats, t: Floats) -> Floats:
+    h = z / HALF
+    outline = 28.0 + 9.0 * np.sin(2.6 * h - 0.6) - 5.0 * h**2 + 3.0 * h
+    outline = outline * np.sqrt(np.maximum(1.0 - h**6, 0.0))
+    return np.asarray(outline * (1.0 + 0.1 * np.cos(2.0 * t + 0.8 * h) + 0.05 * np.sin(3.0 * t)))
+
+
+def _vase_axis(z: Floats) -> Floats:
+    h = z / HALF
+    return np.stack([6.0 * h**2 - 2.0 * h, 3.0 * np.sin(2.0 * h)], axis=-1)
+
+
+def _box(z: Floats, t: Floats) -> Floats:
+    section = (np.abs(np.cos(t) / 40.0) ** 10 + np.abs(np.sin(t) / 30.0) ** 10) ** -0.1
+    return np.asarray(section * np.maximum(1.0 - np.abs(z / HALF) ** 10, 0.0) ** 0.1)
+
+
+def _zigzag(half: float, z: Floats, t: Floats) -> Floats:
+    h = z / half
+    outline = np.sqrt(1.04 - h**2) * (0.75 + 0.18 * np.sin(9.0 * h))
+    lobes = 1.0 + 0.12 * np.cos(3.0 * t) + 0.08 * np.sin(2.0 * t + 2.0 * h)
+    return np.asarray(half * outline * lobes)
+
+
+def _tile(z: Floats, t: Floats) -> Floats:
+    square = (np.abs(np.cos(t)) ** 6.0 + np.abs(np.sin(t) / 0.7) ** 6.0) ** (-1.0 / 6.0)
+    return np.asarray(0.6 * square * (1.0 - 0.2 * z) * (1.08 - z**4) ** 0.25)
+
+
+def bent_axis(z: Floats) -> Floats:
+    """An axis that leans and bends sideways by a third of the height."""
+    return np.stack([0.6 * z**2 + 0.2 * z, 0.15 * np.sin(2.0 * z)], axis=-1)
+
+
+def _traced_pear(height: Floats, azimuth: Floats) -> Floats:
+    share = np.clip(height / 0.045, -1.0, 1.0)
+    return 0.03 * np.sqrt(1.0 - share**2) * (1.0 - 0.42 * share)
+
+
+def _lobed(z: Floats, t: Floats) -> Floats:
+    """Not symmetric: its middle leaves the axis."""
+    lobes = 1.0 + 0.15 * np.cos(t + 1.5 * z) + 0.08 * np.cos(3.0 * t)
+    return np.asarray(0.024 * lobes * np.sqrt(np.maximum(1.02 - z**4, 0.0)))
+
+
+_tall = partial(RoundObject, low=-HALF, high=HALF)
+REBUILT_SHAPES: Mapping[str, RoundObject] = {
+    "sphere": _tall(lambda z, t: np.sqrt(np.maximum(HALF**2 - z**2, 0.0)) + 0.0 * t),
+    "rounded box": _tall(_box),
+    "cylinder": _tall(lambda z, t: np.asarray(30.0)),
+    "tapered, bent": _bent(),
+    "lobed zig-zag": _tall(partial(_zigzag, HALF)),
+    "vase": _tall(_vase, _vase_axis),
+    "groove": _tall(lambda z, t: 32.0 - 6.0 * np.exp(-(((z - 8.0) / 5.0) ** 2))),
+    "step": _tall(lambda z, t: 29.0 - 7.0 * np.tanh((z + 6.0) / 3.0)),
+}
+WAVY = RoundObject(partial(_zigzag, 1.0))  # On which lattices and skins were compared
+ROUND_OBJECTS: Mapping[str, RoundObject] = {
+    "barrel": RoundObject(lambda z, t: (0.62 - 0.2 * z**2) * (1.0 + 0.06 * np.cos(2.0 * t))),
+    "pear": RoundObject(lambda z, t: np.sqrt(1.1 - z**2) * (0.5 - 0.22 * np.tanh(2.5 * z))),
+    "hourglass": RoundObject(
+        lambda z, t: np.sqrt(0.1 + 0.25 * z**2) * (1.0 + 0.1 * np.sin(4.0 * t + z))
+    ),
+    "screw": RoundObject(lambda z, t: (0.5 - 0.08 * z) * (1.0 + 0.12 * np.cos(3.0 * t - 2.2 * z))),
+    "tile": RoundObject(_tile),
+    "bent tube": RoundObject(
+        lambda z, t: (
+            0.4 * (1.0 / np.sqrt(np.cos(t) ** 2 + (np.sin(t) / 0.7) ** 2)) * (1.0 - 0.25 * z**2)
+        ),
+        bent_axis,
+    ),
+    "ogive": RoundObject(
+        lambda z, t: np.sqrt(2.1**2 - (z + 1.0) ** 2) - 0.35 + 0.04 * np.cos(5.0 * t)
+    ),
+    "rings": RoundObject(lambda z, t: 0.55 + 0.06 * np.cos(7.0 * z + 0.5 * np.sin(t)) - 0.1 * z),
+}
+LATTICE: Mapping[str, Any] = {
+    **described(0.029, 0.025, 0.045, 0.4, 0.8),
+    "lattice": [
+        *({"scale": 0.8}, {"scale": 1.15}, {"scale": 1.25, "shift": [0.002, 0.0]}),
+        *({"scale": 0.8, "turn": 10.0}, {"scale": 0.75, "turn": 15.0}, {"turn": 15.0}),
+    ],
+}
+EXPLORED_OBJECTS: Mapping[str, ExploreObject] = {
+    "sphere": described(0.045, 0.045, 0.045, 1.0, 1.0),
+    "ellipsoid": described(0.036, 0.029, 0.045, 1.0, 1.0),
+    "cylinder": described(0.028, 0.028, 0.045, 0.1, 1.0),
+    "box": described(0.03, 0.022, 0.045, 0.2, 0.2),
+    "egg": described(0.032, 0.032, 0.045, 1.0, 1.0, taper=[-0.2, -0.2]),
+    "tapered and bent": described(0.028, 0.022, 0.045, 0.5, 0.7, taper=[0.3, 0.3], bend=5.0),
+    "cone": rounded(lambda z, t: 0.36 - 0.2 * z + 0.0 * t),
+    **{name: rounded(TUNED[name]) for name in ("bottle", "vase", "pear", "groove")},
+    "step": rounded(TUNED["stepped"]),
+    "twist": rounded(TUNED["twisted"]),
+    **{name: rounded(TUNED[name]) for name in ("star", "hourglass")},
+    "lattice": LATTICE,
+}
+# How deep a hollow is at places beside its middle, as a share of its depth.
+CARVED: Mapping[str, Callable[[Floats, Floats, float], Floats]] = {
+    "dent": lambda beside, z, half: np.exp(-(((beside**2 + z**2) / half**2) ** 2)),
+    "wedge": lambda beside, z, half: np.maximum(1.0 - np.abs(beside) / half, 0.0),
+    "slot": lambda beside, z, half: np.exp(-((beside / half) ** 6)),
+}
+HOLLOWS: Mapping[str, TracedSolid] = {
+    "slot 5 mm wide, 10 deep": carved("slot", 0.010, 0.0025),
+    "slot 8 mm wide, 10 deep": carved("slot", 0.010, 0.004),
+    "slot 10 mm wide, 20 deep": carved("slot", 0.020, 0.005),
+    "slot 3 mm wide, 3 deep": carved("slot", 0.003, 0.0015),
+    "wedge 10 mm wide, 6 deep": carved("wedge", 0.006, 0.005),
+    "wedge 8 mm wide, 8 deep": carved("wedge", 0.008, 0.004),
+    "dent 10 mm wide, 3 deep": carved("dent", 0.003, 0.005),
+    "dent 12 mm wide, 5 deep": carved("dent", 0.005, 0.006),
+}
+TRACED_OBJECTS: Mapping[str, TracedSolid] = {
+    "sphere": _traced(0.03, 0.03, 0.03, 1.0, 1.0),
+    "egg": _traced(0.03, 0.024, 0.042, 1.0, 1.0),
+    "cylinder": _traced(0.025, 0.025, 0.04, 0.1, 1.0),
+    "pear": TracedSolid(RadialSolid(_traced_pear, 0.045, 0.043), 0.045),
+    "box": _traced(0.03, 0.02, 0.04, 0.1, 0.1),
+    "superellipsoid": _traced(0.04, 0.03, 0.03, 0.5, 0.3),
+    # Four lobes of 6 %, twisted by half a turn in 180 mm.
+    "star": TracedSolid(
+        RadialSolid(
+            lambda z, t: 0.028 * (1.0 + 0.06 * np.cos(4.0 * (t - z * math.pi / 0.18))), 0.045, 0.03
+        ),
+        0.045,
+    ),
+}
+GRASPED_OBJECTS: Mapping[str, Callable[[], Shape]] = {
+    "egg": lambda: DeformedSuperquadric(
+        _superquadric(0.026, 0.026, 0.038, 1.0, 1.0), np.array([-0.3, -0.3])
+    ),
+    "ellipsoid": partial(_superquadric, 0.022, 0.03, 0.042, 1.0, 1.0),
+    "box": partial(_superquadric, 0.03, 0.02, 0.04, 0.1, 0.1),
+    "cylinder": partial(_superquadric, 0.022, 0.022, 0.045, 0.1, 1.0),
+    "tapered and bent": lambda: DeformedSuperquadric(
+        _superquadric(0.02, 0.018, 0.045, 0.5, 0.7), np.array([0.3, 0.3]), Bend(6.0)
+    ),
+    "tile": partial(_superquadric, 0.04, 0.04, 0.015, 0.2, 1.0),
+    "bottle": partial(
+        turned, lambda z, t: (0.032 - 0.018 * _rise(z, 0.45, 0.08)) * (1.02 - z**20) ** 0.2, 0.05
+    ),
+    "vase": partial(turned, lambda z, t: 0.024 + 0.008 * np.sin(4.0 * z + 0.5)),
+    "pear": partial(
+        turned,
+        lambda z, t: np.sqrt(np.maximum(1.0 - z**2, 0.0)) * (0.028 - 0.01 * np.tanh(2.5 * z)),
+    ),
+    "groove": partial(turned, lambda z, t: 0.028 - 0.0035 * np.exp(-((z / 0.16) ** 4))),
+    "step": partial(turned, lambda z, t: 0.03 - 0.012 * _rise(z, 0.1, 0.01)),
+    "twisted star": partial(turned, lambda z, t: 0.026 * (1.0 + 0.06 * np.cos(4.0 * t - 1.2 * z))),
+    "lobed": partial(turned, _lobed),
+    "ball": partial(_superquadric, 0.03, 0.03, 0.03, 1.0, 1.0),
+    "cube": partial(_superquadric, 0.03, 0.03, 0.03, 0.1, 0.1),
+}
