@@ -60,11 +60,8 @@ class Codec:
 def encode(message: object) -> bytes:
     """Bytes of a message.
 
-    Raises
-    ------
-    CodecError
-        If a field has the wrong type, shape or dtype, or is not finite, or the body is
-        larger than its type allows.
+    Raises CodecError if a field has the wrong type, shape or dtype, or is not finite, or the body
+    is larger than its type allows.
     """
     codec = codec_of(type(message))
     body: dict[str, Any] = {}
@@ -74,18 +71,14 @@ def encode(message: object) -> bytes:
     except CodecError as error:
         raise CodecError(f"not a {codec.cls.__name__}: {name} {error}") from None
     data: bytes = msgpack.packb(body)
-    if len(data) > codec.max_bytes:
-        raise CodecError(_too_large(codec, len(data)))
+    _check_size(codec, data)
     return data
 
 
 def decode(cls: type[Message], body: bytes) -> Message:
     """Message of type `cls` from its bytes; its arrays are read-only.
 
-    Raises
-    ------
-    CodecError
-        If the bytes are not exactly one message of this type.
+    Raises CodecError if the bytes are not exactly one message of this type.
     """
     codec = codec_of(cls)
     fields = _unpack_map(codec, body)
@@ -100,8 +93,7 @@ def decode(cls: type[Message], body: bytes) -> Message:
 
 
 def _unpack_map(codec: Codec, body: bytes) -> dict[str, Any]:
-    if len(body) > codec.max_bytes:
-        raise CodecError(_too_large(codec, len(body)))
+    _check_size(codec, body)
     # In what is small, lists cannot grow to much before their fields are looked at.
     count = nesting_limit(MAX_NESTED) if len(body) > UNCOUNTED_BYTES else None
     try:
@@ -125,8 +117,11 @@ def _unpack_map(codec: Codec, body: bytes) -> dict[str, Any]:
     return fields
 
 
-def _too_large(codec: Codec, size: int) -> str:
-    return f"not a {codec.cls.__name__}: {size} bytes, at most {codec.max_bytes} are allowed"
+def _check_size(codec: Codec, body: bytes) -> None:
+    if len(body) > codec.max_bytes:
+        raise CodecError(
+            f"not a {codec.cls.__name__}: {len(body)} bytes, at most {codec.max_bytes} are allowed"
+        )
 
 
 def _refuse_extension(code: int, _: bytes) -> None:
@@ -208,7 +203,7 @@ def nesting_limit(number: int) -> Callable[[Any], Any]:
 
 
 class Header(NamedTuple):
-    """What every frame says before its body."""
+    """What every frame has before its body."""
 
     run: int  # Number of the run, 64 bits
     epoch: int  # Counts the publisher's starts
@@ -241,9 +236,7 @@ def split_frame(frame: bytes) -> tuple[str, Header, bytes]:
 
 
 def derive(cls: type[Message], *sources: object, **fields: object) -> Message:
-    """A message out of others.
-
-    A field that is not given is that of the same name in the first source that has one.
+    """A message whose fields, if not given, are those of the first source that has such a name.
 
     Raises TypeError if nothing has a field that must be.
     """
@@ -255,21 +248,11 @@ def derive(cls: type[Message], *sources: object, **fields: object) -> Message:
 
 
 def first_difference(cls: type, one: bytes, other: bytes) -> tuple[str, str, str] | None:
-    """Where two bodies of the same type differ first.
+    """Where two bodies of the same type differ first; None if they are identical.
 
-    Parameters
-    ----------
-    cls : type
-        The message type.
-    one, other : bytes
-        The bodies.
-
-    Returns
-    -------
-    field, value, value
-        The field, with the place within it if it is an array, and what is there in each body;
-        the field ``bytes`` if the bodies differ though the values do not, or if one of them is
-        no such message. None if the bodies are identical.
+    Returns the field, with the place within it if it is an array, and what is there in each body;
+    the field ``bytes`` if the bodies differ though the values do not, or if one of them is no such
+    message.
     """
     if one == other:
         return None
@@ -280,10 +263,8 @@ def first_difference(cls: type, one: bytes, other: bytes) -> tuple[str, str, str
         return "bytes", f"{len(one)} bytes", f"{len(other)} bytes: {error}"
     for field in dataclasses.fields(cls):
         mine, theirs = getattr(first, field.name), getattr(second, field.name)
-        found = _difference(mine, theirs)
-        if found is not None:
-            place, mine_text, theirs_text = found
-            return field.name + place, mine_text, theirs_text
+        if (found := _difference(mine, theirs)) is not None:
+            return field.name + found[0], *found[1:]
     place_of = next(i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b)
     return f"bytes[{place_of}]", f"{one[place_of]:#04x}", f"{other[place_of]:#04x}"
 

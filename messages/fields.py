@@ -62,15 +62,13 @@ def field_rule(hint: Any) -> FieldRule:
             return _array_rule(mark)
     plain = get_args(hint)[0] if marks else hint
     unit = next(({"unit": mark.symbol} for mark in marks if isinstance(mark, Unit)), {})
-    if plain is float:
-        return FieldRule(_pack_float, _unpack_float, {"type": "number", **unit})
-    if plain is int:
-        return FieldRule(_pack_int, _pack_int, {"type": "integer", **unit})
-    if plain is bool:
-        return FieldRule(_pack_bool, _pack_bool, {"type": "boolean"})
-    if plain is str:
-        return FieldRule(_pack_text, _pack_text, {"type": "string", "maxLength": MAX_TEXT})
-    return _compound_rule(plain)
+    plain_rules = {
+        float: FieldRule(_pack_float, _unpack_float, {"type": "number", **unit}),
+        int: FieldRule(_pack_int, _pack_int, {"type": "integer", **unit}),
+        bool: FieldRule(_pack_bool, _pack_bool, {"type": "boolean"}),
+        str: FieldRule(_pack_text, _pack_text, {"type": "string", "maxLength": MAX_TEXT}),
+    }
+    return plain_rules[plain] if plain in plain_rules else _compound_rule(plain)
 
 
 def _array_rule(array: Array) -> FieldRule:

@@ -239,7 +239,7 @@ def test_each_rule_fires(module: str, source: str) -> None:
     ("module", "source"),
     [
         ("palpate.core.shapes.polyhedra", "import trimesh"),
-        ("palpate.messages.bus.tap", "import zmq, time"),
+        ("palpate.messages.bus.node_sockets", "import zmq, time"),
         ("palpate.nodes.filter", "from palpate.nodes.runtime import Node"),
         ("palpate.nodes.runtime.work", "from palpate.nodes.runtime.loop import run"),
         ("palpate.nodes.runtime.loop", "import time"),

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from palpate.messages.bus.control import ControlMessage as ControlMessage
     from palpate.messages.bus.control import ControlServer as ControlServer
     from palpate.messages.bus.control import read_control as read_control
-    from palpate.messages.bus.curve import make_key as make_key
     from palpate.messages.bus.handshake import GREETING as GREETING
     from palpate.messages.bus.handshake import check_node_name as check_node_name
     from palpate.messages.bus.handshake import greeting as greeting
@@ -40,17 +39,18 @@ if TYPE_CHECKING:
     from palpate.messages.bus.message_log import MessageLog as MessageLog
     from palpate.messages.bus.message_log import SendTimes as SendTimes
     from palpate.messages.bus.message_log import SourceProgress as SourceProgress
+    from palpate.messages.bus.node_sockets import LOG_TOPIC as LOG_TOPIC
+    from palpate.messages.bus.node_sockets import STATUS_TOPIC as STATUS_TOPIC
     from palpate.messages.bus.node_sockets import NodeSockets as NodeSockets
+    from palpate.messages.bus.node_sockets import TapReader as TapReader
     from palpate.messages.bus.publisher import Publisher as Publisher
     from palpate.messages.bus.sockets import LAUNCHER as LAUNCHER
     from palpate.messages.bus.sockets import QUEUE_DEPTH as QUEUE_DEPTH
     from palpate.messages.bus.sockets import Addresses as Addresses
     from palpate.messages.bus.sockets import SocketContext as SocketContext
     from palpate.messages.bus.sockets import bind as bind
+    from palpate.messages.bus.sockets import make_key as make_key
     from palpate.messages.bus.subscriber import Received as Received
     from palpate.messages.bus.subscriber import Subscriber as Subscriber
-    from palpate.messages.bus.tap import LOG_TOPIC as LOG_TOPIC
-    from palpate.messages.bus.tap import STATUS_TOPIC as STATUS_TOPIC
-    from palpate.messages.bus.tap import TapReader as TapReader
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import msgpack
 import zmq
 
-from palpate.messages.bus.sockets import bind, connect
+from palpate.messages.bus.sockets import Socket, bind, connect, received
 from palpate.messages.codec import nesting_limit
 
 LINGER_MS = 500  # A last word has this long to leave
@@ -59,7 +59,7 @@ class ControlClient:
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
+        context: zmq.Context[Socket],
         endpoint: str,  # Address of the launcher
         *,
         name: str,  # Name of the node
@@ -80,10 +80,8 @@ class ControlClient:
 
         Raises ValueError if what arrived is no word.
         """
-        try:
-            return read_control(self.socket.recv(zmq.DONTWAIT), self._accepts)
-        except zmq.Again:
-            return None
+        data = received(self.socket)
+        return None if data is None else read_control(data, self._accepts)
 
     def close(self) -> None:
         """Close, once the last word has left."""
@@ -132,7 +130,7 @@ class ControlServer:
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
+        context: zmq.Context[Socket],
         endpoint: str,  # Address to bind
         *,
         accepts: ControlProtocol = FROM_NODES,  # What may be said to it
@@ -174,10 +172,7 @@ class ControlServer:
         self.socket.close(0)
 
 
-def read_control(
-    data: bytes,  # The frame
-    language: ControlProtocol,  # What may be said
-) -> ControlMessage:
+def read_control(data: bytes, language: ControlProtocol) -> ControlMessage:
     """Word in a frame.
 
     Raises ValueError if the frame holds no such word, or one that lacks what belongs to it.

@@ -1,8 +1,14 @@
-"""All that one node has on the bus: its sockets, and one place to wait for them."""
+"""All that one node has on the bus: its sockets, and one place to wait for them.
+
+By the tap a node publishes what it says of itself, and copies of its messages for tools. The tap
+may lose messages, so that nobody who subscribes to it can hold up the graph: a tool that is
+stopped or slow is left out. Copies are made only while somebody wants them.
+"""
 
 from __future__ import annotations
 
-from collections import deque
+import time
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -11,9 +17,90 @@ import zmq
 from palpate.messages.bus.control import ControlClient
 from palpate.messages.bus.message_log import Cause, MessageLog, SendTimes
 from palpate.messages.bus.publisher import Publisher
-from palpate.messages.bus.sockets import Addresses, SocketContext
-from palpate.messages.bus.subscriber import Received, Subscriber
-from palpate.messages.bus.tap import Tap
+from palpate.messages.bus.sockets import Addresses, Socket, SocketContext, bind, connect, received
+from palpate.messages.bus.subscriber import RECONNECT_MS, Received, Subscriber
+from palpate.messages.codec import Header, encode, pack_frame, schema_hash, split_frame
+from palpate.messages.types import LogRecord, NodeStatus
+
+STATUS_TOPIC, LOG_TOPIC = "/node/status", "/log"
+TAP_DEPTH = 64  # Messages that a slow tool may lag behind before it loses some
+
+
+class Tap:
+    """The lossy outlet of one node."""
+
+    def __init__(
+        self, context: zmq.Context[Socket], endpoint: str, *, run: int, epoch: int
+    ) -> None:
+        self.run, self.epoch = run, epoch
+        self._published: Counter[str] = Counter()
+        self._wanted: set[bytes] = set()
+        self._mirroring = False
+        self.socket = context.socket(zmq.XPUB)
+        self.socket.setsockopt(zmq.SNDHWM, TAP_DEPTH)
+        bind(self.socket, endpoint)
+
+    def refresh(self) -> None:
+        """Take note of who listens."""
+        while (notice := received(self.socket)) is not None:
+            change = self._wanted.add if notice.startswith(b"\x01") else self._wanted.discard
+            change(notice[1:])
+        own = {_prefix(STATUS_TOPIC), _prefix(LOG_TOPIC)}
+        self._mirroring = not self._wanted <= own
+
+    def publish(self, message: NodeStatus | LogRecord) -> None:
+        """Send the node's own word, if anybody listens."""
+        topic = STATUS_TOPIC if isinstance(message, NodeStatus) else LOG_TOPIC
+        seq, robot_time = self._published[topic], getattr(message, "robot_time", 0.0)
+        self._published[topic] += 1
+        schema = schema_hash(type(message))
+        header = Header(self.run, self.epoch, seq, time.monotonic_ns(), robot_time, schema)
+        self.socket.send(pack_frame(topic, header, encode(message)), zmq.DONTWAIT)
+
+    def mirror(self, frame: bytes) -> None:
+        """Send a copy of a reliable frame, if anybody wants copies."""
+        if self._mirroring:
+            self.socket.send(frame, zmq.DONTWAIT)
+
+    def close(self) -> None:
+        """Close at once."""
+        self.socket.close(0)
+
+
+class TapReader:
+    """Listens to the taps of several nodes."""
+
+    def __init__(
+        self,
+        context: zmq.Context[Socket],
+        endpoints: Iterable[str],
+        topics: Iterable[str],
+        depth: int = TAP_DEPTH,  # Most messages in the queue from one tap
+    ) -> None:
+        self.socket = context.socket(zmq.SUB)
+        self.socket.setsockopt(zmq.RCVHWM, depth)
+        self.socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+        for topic in topics:
+            self.socket.subscribe(_prefix(topic))
+        for endpoint in endpoints:
+            connect(self.socket, endpoint)
+
+    def receive(self) -> tuple[str, Header, bytes] | None:
+        """Topic, header and body of the next message; None if there is none.
+
+        Raises ValueError if what arrived is not a frame.
+        """
+        frame = received(self.socket)
+        return None if frame is None else split_frame(frame)
+
+    def close(self) -> None:
+        """Close at once."""
+        self.socket.close(0)
+
+
+def _prefix(topic: str) -> bytes:
+    return topic.encode() + b"\0"
+
 
 _BLOCKED_POLL_MS = 10
 LINGER_MS = 1000  # At the end, messages that are still queued have this long to leave
@@ -36,66 +123,53 @@ class NodeSockets:
         publications: Mapping[str, tuple[str, ...]],
         persistent: bool = False,  # Whether what it publishes is kept beyond the node's death
     ) -> None:
-        self._past = MessageLog(
+        run, epoch, depth = place.run, place.epoch, place.depth
+        wanted = [topic for topic, listeners in publications.items() if listeners]
+        past = MessageLog(
             Path(place.pasts[name]),
-            [topic for topic, listeners in publications.items() if listeners],
-            silent=[topic for topic, listeners in publications.items() if not listeners],
+            wanted,
+            silent=[topic for topic in publications if topic not in wanted],
             persistent=persistent,
-            epoch=place.epoch,
+            epoch=epoch,
         )
         self._wires = SocketContext(place.key)
         # What has no subscriber is not published again, and what is kept carries its times itself.
-        timed = [topic for topic, listeners in publications.items() if listeners and not persistent]
-        self._times = SendTimes(Path(place.times[name]), name, timed)
+        times = SendTimes(Path(place.times[name]), name, () if persistent else wanted)
         self._inbox: deque[Received] = deque()
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
-        # Called now and then while a listener's queue is full: who waits for it does not hang
+        # Called now and then while a subscriber's queue is full: who waits for it does not hang
         self.while_blocked: Callable[[], None] = lambda: None
         try:
-            self._open(
-                name, place, subscriptions, publications, again=place.going and not persistent
+            context = self._wires.context
+            self.line = ControlClient(context, place.control, name=name)
+            self.subscriber = Subscriber(
+                context,
+                name=name,
+                run=run,
+                epoch=epoch,
+                sources=subscriptions,
+                endpoints=place.endpoints,
+                depth=depth,
             )
+            self.publisher = Publisher(
+                context,
+                place.endpoints[name],
+                name=name,
+                run=run,
+                epoch=epoch,
+                listeners=publications,
+                depth=depth,
+                drain=self._drain,
+                past=past,
+                times=times,
+                again=place.going and not persistent,
+                ahead_ns=place.ahead_ns,
+            )
+            self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
         except zmq.ZMQError:
             self._wires.destroy()
-            self._times.close()
+            times.close()
             raise
-
-    def _open(
-        self,
-        name: str,
-        place: Addresses,
-        subscriptions: Mapping[str, Sequence[str]],
-        publications: Mapping[str, tuple[str, ...]],
-        *,
-        again: bool,
-    ) -> None:
-        context = self._wires.context
-        run, epoch, depth = place.run, place.epoch, place.depth
-        self.line = ControlClient(context, place.control, name=name)
-        self.subscriber = Subscriber(
-            context,
-            name=name,
-            run=run,
-            epoch=epoch,
-            sources=subscriptions,
-            endpoints=place.endpoints,
-            depth=depth,
-        )
-        self.publisher = Publisher(
-            context,
-            place.endpoints[name],
-            name=name,
-            run=run,
-            epoch=epoch,
-            listeners=publications,
-            depth=depth,
-            drain=self._drain,
-            past=self._past,
-            times=self._times,
-            again=again,
-            ahead_ns=place.ahead_ns,
-        )
-        self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
         # The publisher by its descriptor: it wakes when a place in a queue has come free.
         self._blocked.register(self.subscriber.socket, zmq.POLLIN)
         self._blocked.register(self.publisher.socket.getsockopt(zmq.FD), zmq.POLLIN)
@@ -110,10 +184,7 @@ class NodeSockets:
     def wait(self, timeout_ms: int) -> tuple[bool, bool]:
         """Wait until something arrives; answer those who join.
 
-        Returns
-        -------
-        received, told : bool
-            Whether messages, and words of the launcher, are there to be taken.
+        Returns whether messages, and words of the launcher, are there to be taken.
         """
         received = told = False
         for socket, _ in self._poller.poll(timeout_ms):
@@ -138,24 +209,23 @@ class NodeSockets:
         """Have messages handed out again, before all others."""
         self._inbox.extendleft(reversed(list(arrivals)))
 
-    def send(self, topic: str, body: bytes, *, robot_time: float, schema: int) -> None:
+    def send(self, topic: str, body: bytes, robot_time: float, schema: int) -> None:
         """Publish a message, with a copy for the tap.
 
-        Raises BlockedError if a listener's queue stays full for too long.
+        Raises BlockedError if a subscriber's queue stays full for too long.
         """
-        frame = self.publisher.send(topic, body, robot_time=robot_time, schema=schema)
-        self.tap.mirror(frame)
+        self.tap.mirror(self.publisher.send(topic, body, robot_time, schema))
 
     def answer(self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> None:
         """Publish all that answers one message, once it is kept, with copies for the tap.
 
-        Raises BlockedError if a listener's queue stays full for too long.
+        Raises BlockedError if a subscriber's queue stays full for too long.
         """
         for frame in self.publisher.answer(published, cause):
             self.tap.mirror(frame)
 
     def close(self) -> None:
-        """Close everything, the hearing end first: what is still sent to it is not wanted."""
+        """Close everything, the receiving end first: what is still sent to it is not wanted."""
         self.subscriber.close()
         self.publisher.close(LINGER_MS)
         self.tap.close()

@@ -24,7 +24,7 @@ from palpate.messages.bus.handshake import (
     resent_frame,
 )
 from palpate.messages.bus.message_log import Cause, MessageLog, SendTimes
-from palpate.messages.bus.sockets import bind
+from palpate.messages.bus.sockets import Socket, bind, received
 from palpate.messages.codec import Header, pack_frame
 
 SEND_TIMEOUT = 10.0  # A sender gives up after its queue has been full for this long, s
@@ -33,7 +33,7 @@ ZERO_COPY_BYTES = 1 << 16
 
 
 class BlockedError(RuntimeError):
-    """A listener does not take its messages."""
+    """A subscriber does not take its messages."""
 
 
 class Publisher:
@@ -41,7 +41,7 @@ class Publisher:
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
+        context: zmq.Context[Socket],
         endpoint: str,  # Address to bind
         *,
         name: str,  # Who sends, in which run, after how many starts
@@ -49,7 +49,7 @@ class Publisher:
         epoch: int,
         # Every topic, with the names of its known subscribers
         listeners: Mapping[str, tuple[str, ...]],
-        depth: int,  # Most messages in the queue to one listener
+        depth: int,  # Most messages in the queue to one subscriber
         # Takes in what has arrived, waiting for a moment; called while a queue is full
         drain: Callable[[], None],
         past: MessageLog,  # Where what was published is kept
@@ -77,12 +77,12 @@ class Publisher:
         """Number of messages sent on each topic."""
         return self._past.counts
 
-    def send(self, topic: str, body: bytes, *, robot_time: float, schema: int) -> bytes:
+    def send(self, topic: str, body: bytes, robot_time: float, schema: int) -> bytes:
         """Send one message to all subscribers of the topic, and return its frame.
 
         Before `go_live`, to those alone who have asked for it.
 
-        Raises KeyError if the topic is not one of this publisher's; BlockedError if a listener's
+        Raises KeyError if the topic is not one of this publisher's; BlockedError if a subscriber's
         queue stays full for longer than the patience.
         """
         seq = self._past.count(topic)
@@ -91,8 +91,9 @@ class Publisher:
         self._past.add(topic, frame)
         if self._lacks is None:
             self._put(frame, topic)
-        else:
-            self._resend(self._lacks, frame, topic, seq)
+        for (call, asked), wanted in (self._lacks or {}).items():
+            if asked == topic and seq >= wanted:
+                self._put(resent_frame(call, frame), topic)
         return frame
 
     @property
@@ -101,16 +102,13 @@ class Publisher:
         return self._past
 
     def answer(
-        self,
-        published: Sequence[tuple[str, bytes, float, int]],  # In the order in which it is sent
-        cause: Cause,  # The message
+        self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause
     ) -> list[bytes]:
-        """Send all that answers one message, once all of it is kept; returns the frames.
+        """Send all that answers one message, in its order, once all is kept; returns the frames.
 
         Raises KeyError, BlockedError as `send` does.
         """
-        counts = Counter[str]()
-        frames = []
+        counts, frames = Counter[str](), []
         for topic, body, robot_time, schema in published:
             seq = self._past.count(topic) + counts[topic]
             header = Header(self.run, self.epoch, seq, self._time(topic, seq), robot_time, schema)
@@ -133,7 +131,7 @@ class Publisher:
         seq = self._past.count(topic)
         lacked = [wanted for (_, asked), wanted in (self._lacks or {}).items() if asked == topic]
         if not self.was_published(topic) or any(seq >= wanted for wanted in lacked):
-            self.send(topic, make(), robot_time=0.0, schema=schema)
+            self.send(topic, make(), 0.0, schema)
             return
         header = Header(self.run, self.epoch, seq, self._time(topic, seq), 0.0, schema)
         self._past.promise(topic, lambda: pack_frame(topic, header, make()))
@@ -146,11 +144,7 @@ class Publisher:
 
     def serve(self) -> None:
         """Answer all who have asked to join."""
-        while True:
-            try:
-                notice = self.socket.recv(zmq.DONTWAIT)
-            except zmq.Again:
-                return
+        while (notice := received(self.socket)) is not None:
             request = read_request(notice)
             if request is not None and request.publisher == self.name:
                 self._answer(request)
@@ -186,13 +180,6 @@ class Publisher:
             published = self._past.count(request.topic)
             self._lacks[request.call, request.topic] = max(request.wanted, published)
 
-    def _resend(
-        self, lacks: dict[tuple[bytes, str], int], frame: bytes, topic: str, seq: int
-    ) -> None:
-        for (call, asked), wanted in lacks.items():
-            if asked == topic and seq >= wanted:
-                self._put(resent_frame(call, frame), topic)
-
     def _put(self, frame: bytes, topic: str) -> None:
         copy = len(frame) < ZERO_COPY_BYTES
         try:
@@ -212,8 +199,8 @@ class Publisher:
             except zmq.Again:
                 continue
             return
-        hearers = " or ".join(self._listeners.get(topic, ())) or "a listener"
+        blockers = " or ".join(self._listeners.get(topic, ())) or "a subscriber"
         raise BlockedError(
             f"{self.name} could not send {topic} for {self._patience:g} s: "
-            f"{hearers} does not take its messages"
+            f"{blockers} does not take its messages"
         )

@@ -17,7 +17,7 @@ from palpate.messages.bus.handshake import (
     read_epoch,
     read_reply,
 )
-from palpate.messages.bus.sockets import connect
+from palpate.messages.bus.sockets import Socket, connect, received
 from palpate.messages.codec import Header, split_frame
 
 RECONNECT_MS = 5  # A publisher that comes back is found again within this time
@@ -51,7 +51,7 @@ class Subscriber:
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],  # Where the socket lives
+        context: zmq.Context[Socket],
         *,
         name: str,  # Who receives, in which run, after how many starts
         run: int,
@@ -106,19 +106,12 @@ class Subscriber:
         Raises ValueError if a frame is malformed, of another run, or on a topic that was not asked
         for.
         """
-        while True:
-            try:
-                frame = self.socket.recv(zmq.DONTWAIT)
-            except zmq.Again:
-                return None
-            if frame.startswith(b"@"):
-                again = self._handle_reply(read_reply(frame))
-                if again is None:
-                    continue
-                frame = again
-            arrival = self._judge(frame)
+        while (frame := received(self.socket)) is not None:
+            own = self._handle_reply(read_reply(frame)) if frame.startswith(b"@") else frame
+            arrival = None if own is None else self._judge(own)
             if arrival is not None:
                 return arrival
+        return None
 
     def close(self) -> None:
         """Close at once.

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.messages.recording.copying import RecordingCopy as RecordingCopy
     from palpate.messages.recording.mcap_reading import DamagedRecording as DamagedRecording
     from palpate.messages.recording.reader import LocatedRecord as LocatedRecord
     from palpate.messages.recording.reader import ReadablePrefix as ReadablePrefix
     from palpate.messages.recording.reader import RecordedMessage as RecordedMessage
     from palpate.messages.recording.reader import Recording as Recording
+    from palpate.messages.recording.reader import RecordingCopy as RecordingCopy
     from palpate.messages.recording.reader import RecordingEnd as RecordingEnd
     from palpate.messages.recording.reader import counts_of as counts_of
     from palpate.messages.recording.reader import open_recording as open_recording

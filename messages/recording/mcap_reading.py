@@ -81,17 +81,9 @@ class PlacedRecord(NamedTuple):
 def file_records(path: Path) -> Iterator[McapRecord | Closed]:
     """Channels, messages, schemas and metadata in the order of the file.
 
-    Yields
-    ------
-    McapRecord or Closed
-        `Closed` comes last, and is missing if the file ends after a whole record without
-        having been closed.
-
-    Raises
-    ------
-    Damaged
-        If the file is missing, empty, no MCAP file, cut off within a record, or damaged. What
-        was whole before that has been given by then.
+    `Closed` comes last, and is missing if the file ends after a whole record without having been
+    closed. Raises DamagedRecording if the file is missing, empty, no MCAP file, cut off within a
+    record, or damaged; what was whole before that has been given by then.
     """
     return (record for _, record in placed_records(path))
 
@@ -186,11 +178,12 @@ def _records(
         case Opcode.CHUNK:
             yield from chunk_records(content, declared)
         case Opcode.METADATA:
-            yield metadata_of(content)
+            parts = RecordContent(content)
+            yield Metadata(name=parts.text(), metadata=parts.table())
         case Opcode.MESSAGE:
             raise RecordFault("has a message outside of its chunks, where no checksum guards it")
         case Opcode.DATA_END:
-            if checksum_of(content) not in (0, checksum):
+            if RecordContent(content).numbers(_U32)[0] not in (0, checksum):
                 raise RecordFault("is damaged: the checksum of its data does not fit")
         case Opcode.FOOTER:
             yield Closed()
@@ -201,11 +194,13 @@ def chunk_records(content: bytes, declared: Declarations) -> Iterator[Schema | C
 
     Raises RecordFault if the chunk is damaged, or packed in another way than by lz4.
     """
-    packed = chunk_of(content)
-    data = memoryview(_unpacked(packed))
-    if packed.checksum not in (0, zlib.crc32(data)):
+    parts = RecordContent(content)
+    _, _, size, checksum = parts.numbers(_CHUNK)
+    compression, packed = parts.name(), parts.block(_U64)
+    data = memoryview(_unpacked(size, compression, packed))
+    if checksum not in (0, zlib.crc32(data)):
         raise RecordFault("is damaged: the checksum of a chunk does not fit")
-    most = len(packed.data) // MIN_PACKED_BYTES
+    most = len(packed) // MIN_PACKED_BYTES
     for _ in _chunk_frames(data, most):
         pass  # a chunk is believed whole or not at all
     for opcode, start, end in _chunk_frames(data, most):
@@ -218,30 +213,23 @@ def chunk_records(content: bytes, declared: Declarations) -> Iterator[Schema | C
             yield _message(record, declared)
 
 
-def chunk_of(content: bytes) -> PackedChunk:
-    """The chunk of a record, still packed."""
-    parts = RecordContent(content)
-    _, _, size, checksum = parts.numbers(_CHUNK)
-    return PackedChunk(size, checksum, parts.name(), parts.block(_U64))
-
-
-def _unpacked(chunk: PackedChunk) -> bytearray | memoryview:
-    size, packed = chunk.size, len(chunk.data)
-    if chunk.compression not in ("", "lz4"):
-        raise RecordFault(f"has chunks packed by {chunk.compression!r}; only lz4 is read")
+def _unpacked(size: int, compression: str, packed: memoryview) -> bytearray | memoryview:
+    if compression not in ("", "lz4"):
+        raise RecordFault(f"has chunks packed by {compression!r}; only lz4 is read")
+    length = len(packed)
     most = min(
-        MAX_CHUNK_BYTES, LZ4_RATIO * packed, max(SMALL_CHUNK_BYTES, MAX_CHUNK_RATIO * packed)
+        MAX_CHUNK_BYTES, LZ4_RATIO * length, max(SMALL_CHUNK_BYTES, MAX_CHUNK_RATIO * length)
     )
     if size > most:
         raise RecordFault(
-            f"is damaged: a chunk of {size} bytes, at most {most} are allowed of {packed} packed"
+            f"is damaged: a chunk of {size} bytes, at most {most} are allowed of {length} packed"
         )
-    if not chunk.compression:
-        if packed != size:
+    if not compression:
+        if length != size:
             raise _lies(size)
-        return chunk.data
+        return packed
     try:
-        return _unpacked_lz4(chunk.data, size)
+        return _unpacked_lz4(packed, size)
     except RuntimeError:
         raise RecordFault("is damaged: a chunk cannot be unpacked") from None
 
@@ -296,24 +284,7 @@ def _message(content: memoryview, declared: Declarations) -> Message:
     channel, sequence, logged, sent = _MESSAGE.unpack_from(content)
     if not declared.has(channel):
         raise RecordFault("is damaged: a message without a channel")
-    return Message(
-        channel_id=channel,
-        log_time=logged,
-        data=bytes(content[_MESSAGE.size :]),
-        publish_time=sent,
-        sequence=sequence,
-    )
-
-
-def metadata_of(content: bytes) -> Metadata:
-    """The metadata of a record."""
-    parts = RecordContent(content)
-    return Metadata(name=parts.text(), metadata=parts.table())
-
-
-def checksum_of(content: bytes) -> int:
-    """The checksum that ends the data; 0 if none was kept."""
-    return RecordContent(content).numbers(_U32)[0]
+    return Message(channel, logged, bytes(content[_MESSAGE.size :]), sent, sequence)
 
 
 class Declarations:
@@ -330,48 +301,31 @@ class Declarations:
 
     def schema(self, content: memoryview) -> Schema:
         """Take in a schema."""
-        self._count(content)
-        schema = schema_of(content)
-        if self._schemas.setdefault(schema.id, schema) != schema:
-            raise RecordFault(f"is damaged: it declares schema {schema.id} in two ways")
+        parts = self._counted(content)
+        (number,) = parts.numbers(_U16)
+        name, encoding = parts.name(), parts.name()
+        schema = Schema(id=number, name=name, encoding=encoding, data=bytes(parts.block()))
+        if self._schemas.setdefault(number, schema) != schema:
+            raise RecordFault(f"is damaged: it declares schema {number} in two ways")
         return schema
 
     def channel(self, content: memoryview) -> Channel:
         """Take in a channel."""
-        self._count(content)
-        channel = channel_of(content)
-        if self._channels.setdefault(channel.id, channel) != channel:
-            raise RecordFault(f"is damaged: it declares channel {channel.id} in two ways")
+        parts = self._counted(content)
+        number, schema_id = parts.numbers(_IDS)
+        topic, encoding, about = parts.name(), parts.name(), parts.table()
+        channel = Channel(number, topic, encoding, about, schema_id)
+        if self._channels.setdefault(number, channel) != channel:
+            raise RecordFault(f"is damaged: it declares channel {number} in two ways")
         return channel
 
-    def _count(self, content: memoryview) -> None:
+    def _counted(self, content: memoryview) -> RecordContent:
         self._bytes += len(content)
         if self._bytes > MAX_DECLARED_BYTES:
             raise RecordFault(
                 f"is damaged: schemas and channels of more than {MAX_DECLARED_BYTES} bytes"
             )
-
-
-def schema_of(content: memoryview) -> Schema:
-    """The schema that a record declares."""
-    parts = RecordContent(content)
-    (number,) = parts.numbers(_U16)
-    name, encoding = parts.name(), parts.name()
-    return Schema(id=number, name=name, encoding=encoding, data=bytes(parts.block()))
-
-
-def channel_of(content: memoryview) -> Channel:
-    """The channel that a record declares."""
-    parts = RecordContent(content)
-    number, schema_id = parts.numbers(_IDS)
-    topic, encoding = parts.name(), parts.name()
-    return Channel(
-        id=number,
-        topic=topic,
-        message_encoding=encoding,
-        metadata=parts.table(),
-        schema_id=schema_id,
-    )
+        return RecordContent(content)
 
 
 class RecordFault(ValueError):
@@ -381,15 +335,6 @@ class RecordFault(ValueError):
         super().__init__(why)
         # Where the record begins that is wrong; None if only who reads the file knows
         self.byte = byte
-
-
-class PackedChunk(NamedTuple):
-    """A chunk as it lies in the file."""
-
-    size: int  # Bytes that it claims to become
-    checksum: int  # CRC-32 of them; 0 if it has none
-    compression: str
-    data: memoryview
 
 
 class RecordContent:

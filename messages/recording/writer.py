@@ -42,41 +42,22 @@ def mcap_writer(file: AtomicFile) -> Writer:
 class RecordingWriter:
     """A recording under way.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it must not exist.
-    types : mapping
-        Topic to the name of its message type.
-    publishers : mapping
-        Topic to the name of the node that publishes it, as far as known.
-    about : mapping
-        What the recording says of itself, text by name: ``version``, ``graph`` and others.
-    spare : int
-        Bytes that are left free on the disk: before there are fewer, the recording is closed.
-    schemas : mapping, optional
-        Name of each message type that palpate does not have, to its JSON schema.
-
-    Raises
-    ------
-    ValueError
-        If a type is unknown.
-    OSError
-        If the file exists or cannot be written.
-
-    Notes
-    -----
     A message's log time is the time at which it was sent, or that of the message before it if
     that is later: it orders the file by arrival, and needs no clock of its own.
+
+    Raises ValueError if a type is unknown; OSError if the file exists or cannot be written.
     """
 
     def __init__(
         self,
-        path: Path,
-        types: Mapping[str, str],
-        publishers: Mapping[str, str],
+        path: Path,  # The file; it must not exist
+        types: Mapping[str, str],  # Topic to the name of its message type
+        publishers: Mapping[str, str],  # Topic to the node that publishes it, as far as known
+        # What the recording says of itself, text by name: ``version``, ``graph`` and others
         about: Mapping[str, str],
+        # Bytes that are left free on the disk: before there are fewer, the recording is closed
         spare: int = 0,
+        # Name of each message type that palpate does not have, to its JSON schema
         schemas: Mapping[str, str] | None = None,
     ) -> None:
         self._texts = dict(schemas or {})
@@ -128,12 +109,8 @@ class RecordingWriter:
             self._give_up()
             raise self._told(error) from error
 
-    def close(
-        self,
-        # Topics to the messages that were sent and never came
-        missing: Mapping[str, int] | None = None,
-    ) -> None:
-        """Write what is held, the counts and the index; closing again does nothing.
+    def close(self, missing: Mapping[str, int] | None = None) -> None:
+        """Write what is held, the counts, those that never came, and the index; but once.
 
         Raises OSError if it cannot be written; what was written before stays readable.
         """

@@ -1,8 +1,8 @@
 """Every message type, one file a subject; `TYPES` finds one by its name.
 
-A new type is a frozen dataclass in the file of its subject and a line in `catalogue`; changing a
-field changes the schema's hash, and recordings of before are then refused by name. Rests on the
-field types of `palpate.messages` alone.
+A new type is a frozen dataclass in the file of its subject; changing a field changes the
+schema's hash, and recordings of before are then refused by name. Rests on the field types of
+`palpate.messages` alone.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from palpate.messages.types.catalogue import ALL_KEPT as ALL_KEPT
     from palpate.messages.types.catalogue import LATCHED as LATCHED
     from palpate.messages.types.catalogue import TYPES as TYPES
-    from palpate.messages.types.graph import Clock as Clock
-    from palpate.messages.types.graph import LogRecord as LogRecord
-    from palpate.messages.types.graph import NodeStatus as NodeStatus
+    from palpate.messages.types.catalogue import Clock as Clock
+    from palpate.messages.types.catalogue import LogRecord as LogRecord
+    from palpate.messages.types.catalogue import NodeStatus as NodeStatus
     from palpate.messages.types.model import ModelGoal as ModelGoal
     from palpate.messages.types.model import PlanDone as PlanDone
     from palpate.messages.types.model import Score as Score

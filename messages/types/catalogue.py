@@ -1,50 +1,64 @@
-"""Every message type by its name, and which of them are latched."""
+"""What nodes publish about themselves, by the lossy tap; and every message type by its name."""
 
 from __future__ import annotations
 
-from palpate.messages.types.graph import Clock, LogRecord, NodeStatus
-from palpate.messages.types.model import ModelGoal, PlanDone, Score, ShapeModel, Superquadric
-from palpate.messages.types.motion import (
-    Contour,
-    ContourGoal,
-    FingerClock,
-    GraspContacts,
-    GraspGoal,
-    Probe,
-    ProbeGoal,
-    TouchGoal,
-)
-from palpate.messages.types.touch import SurfacePatch, TactileFrame, TactileImage
-from palpate.messages.types.world import SensorInfo, Truth, World
+import sys
+from dataclasses import dataclass, is_dataclass
+from typing import Annotated, Literal
 
-TYPES: dict[str, type] = {
-    cls.__name__: cls
-    for cls in (
-        Clock,
-        Contour,
-        ContourGoal,
-        FingerClock,
-        GraspContacts,
-        GraspGoal,
-        LogRecord,
-        ModelGoal,
-        NodeStatus,
-        PlanDone,
-        Probe,
-        ProbeGoal,
-        Score,
-        SensorInfo,
-        ShapeModel,
-        Superquadric,
-        SurfacePatch,
-        TactileFrame,
-        TactileImage,
-        TouchGoal,
-        Truth,
-        World,
+from palpate.messages.fields import Count, Seconds, Unit
+from palpate.messages.types import model, motion, touch, world
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class NodeStatus:
+    """A node's counters. On ``/node/status``."""
+
+    node: str  # Name of the node
+    # What the node is doing; rebuilding after it was started again
+    state: Literal["starting", "rebuilding", "running", "ending"]
+    messages: Count  # Messages handled so far
+    sent: Count  # Messages published so far
+    gaps: Count  # Messages that are missing
+    duplicates: Count  # Messages that came twice and were dropped
+    p50: Annotated[float, Unit("us")]  # Median time of a handler
+    p99: Annotated[float, Unit("us")]  # 99 % quantile of the time of a handler
+    cpu: Seconds  # Processor time used
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LogRecord:
+    """One line for the log. On ``/log``."""
+
+    node: str  # Name of the node
+    level: Literal["debug", "info", "warning", "error"]  # How much it matters
+    text: str  # What happened, in one sentence
+    robot_time: Seconds  # Robot time at which it happened; 0 if none
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Clock:
+    """The time of a recording that is played. On ``/clock``."""
+
+    time: Seconds  # Time since the recording's first message
+
+
+_SUBJECTS = (model, motion, touch, world, sys.modules[__name__])
+TYPES: dict[str, type] = dict(
+    sorted(
+        (name, cls)
+        for subject in _SUBJECTS
+        for name, cls in vars(subject).items()
+        if isinstance(cls, type) and is_dataclass(cls) and cls.__module__ == subject.__name__
     )
-}
-ALL_KEPT = frozenset({Contour, Probe})  # Types of latched topics of which each message counts
+)
+ALL_KEPT = frozenset({motion.Contour, motion.Probe})  # Latched types whose every message counts
 # Types of latched topics: whoever comes late needs what was published before; of those
 # that are not in `ALL_KEPT`, the last message
-LATCHED = ALL_KEPT | {SensorInfo, ShapeModel, Superquadric, Truth, World}
+LATCHED = ALL_KEPT | {
+    model.ShapeModel,
+    model.Superquadric,
+    world.SensorInfo,
+    world.Truth,
+    world.World,
+}

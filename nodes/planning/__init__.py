@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.nodes.planning.phases import State as State
+    from palpate.nodes.planning.phases import Task as Task
+    from palpate.nodes.planning.phases import contour_goal as contour_goal
     from palpate.nodes.planning.phases import grasp_goal as grasp_goal
+    from palpate.nodes.planning.phases import model_goal as model_goal
     from palpate.nodes.planning.phases import next_touch as next_touch
+    from palpate.nodes.planning.phases import probe_goal as probe_goal
+    from palpate.nodes.planning.phases import traced_of as traced_of
     from palpate.nodes.planning.phases import with_coarse as with_coarse
     from palpate.nodes.planning.phases import with_contacts as with_contacts
     from palpate.nodes.planning.phases import with_probe as with_probe
-    from palpate.nodes.planning.state import State as State
-    from palpate.nodes.planning.state import Task as Task
-    from palpate.nodes.planning.state import contour_goal as contour_goal
-    from palpate.nodes.planning.state import model_goal as model_goal
-    from palpate.nodes.planning.state import probe_goal as probe_goal
-    from palpate.nodes.planning.state import traced_of as traced_of
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -20,10 +20,9 @@ from threadpoolctl import threadpool_limits
 from palpate.messages import Header, decode
 from palpate.messages.bus import Received
 from palpate.messages.types import LogRecord, NodeStatus
-from palpate.nodes.runtime.node import Finished, Node, Source
+from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole
 from palpate.nodes.runtime.sources import SourceWork, Work
-from palpate.nodes.runtime.wiring import Wiring, load_node
 from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
 
 TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
@@ -40,23 +39,9 @@ def run_composed(
 ) -> Ending:
     """Run a graph in this process until it is quiet.
 
-    Parameters
-    ----------
-    wirings : sequence of Wiring
-        The nodes.
-    ends : str
-        The node whose Finished ends the graph.
-    watch : sequence of str
-        Topics, as on the wire, that the watcher wants to receive.
-    watcher : Watcher
-        Hears them.
-    schedule : int or None
-        Seed of a random schedule; None for messages in the order in which they were sent.
-
-    Returns
-    -------
-    Ending
-        A node that raises ends the graph as ``died``.
+    The node `ends` is the one whose Finished ends it; the watcher receives the topics, as on the
+    wire, of `watch`. `schedule` is the seed of a random schedule; None hands messages over in the
+    order in which they were sent. A node that raises ends the graph as ``died``.
     """
     composition = Composition(wirings, watch, watcher, schedule)
     with ExitStack() as closing:
@@ -81,13 +66,7 @@ def run_composed(
 
 
 class Composition:
-    """The edges between the nodes and what is under way on them.
-
-    Parameters
-    ----------
-    wirings, hear, watcher, schedule
-        As for `run_composed`.
-    """
+    """The edges between the nodes and what is under way on them; arguments as `run_composed`."""
 
     def __init__(
         self,

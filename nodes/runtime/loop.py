@@ -1,6 +1,8 @@
 """The process of one node, and the one loop in it: receive, handle, publish.
 
-The process never outlives its launcher.
+The process never outlives its launcher. A node that is started again replays its journal, and
+goes on: it receives everything once more from its publishers, but in whatever order they answer;
+the journal says in which order it had handled them.
 """
 
 from __future__ import annotations
@@ -12,7 +14,8 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from multiprocessing import forkserver
 from pathlib import Path
@@ -20,20 +23,25 @@ from pathlib import Path
 import msgspec
 
 from palpate.messages import encode
-from palpate.messages.bus import Addresses, Cause, Journal, NodeSockets, Received, SourceProgress
+from palpate.messages.bus import (
+    Addresses,
+    Cause,
+    Consumed,
+    Journal,
+    NodeSockets,
+    Received,
+    SourceProgress,
+)
 from palpate.messages.types import LogRecord, NodeStatus
-from palpate.nodes.runtime.node import Finished, Node, Source
+from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
-from palpate.nodes.runtime.recovery import OutgoingSequence, replay, unpublished
 from palpate.nodes.runtime.sources import SourceWork, Work
-from palpate.nodes.runtime.wiring import Wiring, load_node
 from palpate.nodes.runtime.work import (
     Latency,
     NodeWork,
     Outgoing,
     Promise,
     SinkWork,
-    topics_by_publisher,
 )
 
 NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
@@ -46,13 +54,14 @@ DRAIN_TIME = 1.0
 MAX_TRACE_CHARS = 20_000  # Longest trace that is sent to the launcher, characters
 # Takes what is to be called when the process is asked to end, instead of dying at once.
 OnTerminate = Callable[[Callable[[], None]], None]
+Publication = Outgoing | Promise | Finished
 
 
-def enter_process(
-    wiring: bytes,  # A `Wiring` (its parameters once more as bytes) and a `Addresses`, in msgpack
-    place: bytes,
-) -> None:
-    """Run one node in this process, and leave the process."""
+def enter_process(wiring: bytes, place: bytes) -> None:
+    """Run one node in this process, and leave the process.
+
+    Given are a `Wiring` (its parameters once more as bytes) and `Addresses`, in msgpack.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
@@ -69,11 +78,10 @@ def enter_process(
 
 
 def _let_go_of_parent() -> None:
-    """Close the line that would keep the parent alive.
+    """Close the line that would keep the parent, the server that forks the nodes, alive.
 
-    The parent is the server that forks the nodes. It ends when nobody holds the far end of its
-    line any more, and it hands that end to every child; so a child has to close it, or neither
-    would end when the launcher is killed.
+    It ends when nobody holds the far end of its line any more, and hands that end to every child:
+    a child has to close it, or neither would end when the launcher is killed.
     """
     line = getattr(forkserver, "_forkserver", None)
     held = getattr(line, "_forkserver_alive_fd", None)
@@ -89,18 +97,16 @@ def run_node(
 ) -> int:
     """Run one node until the launcher says stop.
 
-    Returns
-    -------
-    int
-        Exit code: 0, or `FAILED` after the launcher has been told why.
+    Returns the exit code: 0, or `FAILED` after the launcher has been told why.
     """
-    publications = {topic: wiring.listeners.get(topic, ()) for topic in wiring.outputs.values()}
-    subscriptions = topics_by_publisher(wiring.inputs)
+    subscriptions: dict[str, list[str]] = {}
+    for one in wiring.inputs:
+        subscriptions.setdefault(one.publisher, []).append(one.topic)
     station = NodeSockets(
         wiring.name,
         place,
         subscriptions=subscriptions,
-        publications=publications,
+        publications={topic: wiring.listeners.get(topic, ()) for topic in wiring.outputs.values()},
         persistent=wiring.persistent,
     )
     loop = NodeLoop(wiring.name, station, going=place.going)
@@ -160,15 +166,9 @@ def _die_with_parent(number: signal.Signals) -> None:
 class NodeLoop:
     """A node's loop over its station."""
 
-    def __init__(
-        self,
-        name: str,  # Name of the node
-        station: NodeSockets,  # Its sockets
-        *,
-        # Whether the graph had been started before: the node then goes through what it had done,
-        # unheard but by those who miss something of it
-        going: bool = False,
-    ) -> None:
+    # `going`: whether the graph had been started before. The node then goes through what it had
+    # done, and that is sent only to those who lack something of it.
+    def __init__(self, name: str, station: NodeSockets, *, going: bool = False) -> None:
         self.work: Work | None = None  # What the node does; None until it is loaded
         # Where it puts down what it handles; only of nodes that could do it again
         self.journal: Journal | None = None
@@ -252,14 +252,14 @@ class NodeLoop:
     def _answer(self, published: Sequence[Outgoing | Finished], cause: Cause) -> None:
         """Publish what a node that acts has said, with what it had received."""
         ends = [one for one in published if isinstance(one, Finished)]
-        parcels = [one for one in published if isinstance(one, Outgoing)]
+        outgoing = [one for one in published if isinstance(one, Outgoing)]
         reason = ends[0].reason if ends else ""
-        self._station.answer(parcels, cause._replace(finished=reason))
+        self._station.answer(outgoing, cause._replace(finished=reason))
         self._publish(ends)
 
-    def _go_on(self, work: Work) -> OutgoingSequence:
+    def _go_on(self, work: Work) -> list[Publication]:
         """Take up what an earlier start has done; returns what it had not come to publish."""
-        station, owed = self._station, list[Outgoing | Promise | Finished]()
+        station, owed = self._station, list[Publication]()
         gc.freeze()
         if isinstance(work, NodeWork) and work.has_side_effects:
             past = station.publisher.past
@@ -268,16 +268,33 @@ class NodeLoop:
             return [Finished(past.finished)] if past.finished else []
         self._publish(work.begin())
         if isinstance(work, NodeWork) and self.journal is not None:
-            owed += replay(
-                work,
-                self.journal.before,
-                station,
-                publish=self._publish,
-                turn=lambda: self._turn_again(work),
-                beat=self._beat_if_due,
-            )
+            owed += self._replay(work, self.journal.before)
         station.publisher.go_live()
         return owed
+
+    def _replay(self, work: NodeWork, before: Sequence[Consumed]) -> list[Publication]:
+        """Do once more what an earlier start has done.
+
+        Returns what it died over: it may have been making something that takes long, which is
+        still to be made and sent, with all that it published after that.
+        """
+        station, order, owed = self._station, JournalOrder(before), list[Publication]()
+        while order.replaying and self._turn_again(work):
+            while (come := station.receive()) is not None:
+                order.put(come)
+            while order.replaying and (arrival := order.take()) is not None:
+                owed = self._republish(work.replay(arrival))
+                self._beat_if_due()
+        station.give_back(order.rest())
+        return owed
+
+    def _republish(self, published: Sequence[Publication]) -> list[Publication]:
+        """Publish it once more; returns what takes long and had not been, and all after it."""
+        for place, one in enumerate(published):
+            if isinstance(one, Promise) and not self._station.publisher.was_published(one.topic):
+                return list(published[place:])
+            self._publish([one])
+        return []
 
     def _turn_again(self, work: Work) -> bool:
         """Wait for a moment while it is rebuilt, and obey; False if it is told to end."""
@@ -318,19 +335,17 @@ class NodeLoop:
                 self._publish(work.obey(word))
                 line.send("acknowledged", ticket=word["ticket"])
 
-    def _publish(self, published: Iterable[Outgoing | Promise | Finished]) -> None:
+    def _publish(self, published: Iterable[Publication]) -> None:
         for one in published:
             if isinstance(one, Promise):
                 self._station.publisher.promise(*one)
             elif isinstance(one, Finished):
                 self._station.line.send("finished", reason=one.reason)
                 text = f"finished: {one.reason}"
-                self._station.tap.publish(
-                    LogRecord(node=self._name, level="info", text=text, robot_time=0.0)
-                )
+                record = LogRecord(node=self._name, level="info", text=text, robot_time=0.0)
+                self._station.tap.publish(record)
             else:
-                topic, body, robot_time, schema = one
-                self._station.send(topic, body, robot_time=robot_time, schema=schema)
+                self._station.send(*one)
 
     def _beat_if_due(self) -> None:
         if time.monotonic() < self._next_beat:
@@ -341,8 +356,19 @@ class NodeLoop:
         self._station.line.send("alive")
 
     def _status(self, state: str) -> NodeStatus:
-        latency = self.work.latency if self.work else None
-        return status_of(self._name, state, latency, self._station)
+        subscriber, publisher = self._station.subscriber, self._station.publisher
+        latency = self.work.latency if self.work else Latency()
+        return NodeStatus(
+            node=self._name,
+            state=state,  # type: ignore[arg-type]
+            messages=latency.count,
+            sent=sum(publisher.sent.values()),
+            gaps=subscriber.gaps,
+            duplicates=subscriber.duplicates,
+            p50=latency.quantile(0.5),
+            p99=latency.quantile(0.99),
+            cpu=time.process_time(),
+        )
 
     def _take_the_rest(self, work: SinkWork) -> None:
         """When others have died, what they said last is worth the most."""
@@ -351,22 +377,52 @@ class NodeLoop:
             work.take(arrival)
 
 
-def status_of(
-    name: str,  # Of the node; see `NodeStatus`
-    state: str,
-    latency: Latency | None,  # Times of its handlers; None until it is loaded
-    station: NodeSockets,  # Its sockets
-) -> NodeStatus:
-    """The node's counters."""
-    subscriber, publisher = station.subscriber, station.publisher
-    return NodeStatus(
-        node=name,
-        state=state,  # type: ignore[arg-type]
-        messages=latency.count if latency else 0,
-        sent=sum(publisher.sent.values()),
-        gaps=subscriber.gaps,
-        duplicates=subscriber.duplicates,
-        p50=latency.quantile(0.5) if latency else 0.0,
-        p99=latency.quantile(0.99) if latency else 0.0,
-        cpu=time.process_time(),
-    )
+def unpublished(
+    published: Iterable[Outgoing | Finished], counts: Mapping[str, int]
+) -> Iterator[Outgoing | Finished]:
+    """What of a node's first outputs an earlier start, which published so many, did not come to."""
+    had = dict(counts)
+    for one in published:
+        if isinstance(one, Outgoing) and had[one.topic]:
+            had[one.topic] -= 1
+        else:
+            yield one
+
+
+class JournalOrder:
+    """Puts arrivals into the order in which earlier starts of the node have consumed them."""
+
+    def __init__(self, before: Sequence[Consumed]) -> None:
+        self._before = deque(before)
+        self._come: dict[tuple[str, str], deque[Received]] = {}
+
+    @property
+    def replaying(self) -> bool:
+        """Whether something is still to be handled that had been handled before."""
+        return bool(self._before)
+
+    def put(self, arrival: Received) -> None:
+        """Take note of what has arrived."""
+        self._come.setdefault((arrival.publisher, arrival.topic), deque()).append(arrival)
+
+    def take(self) -> Received | None:
+        """What was handled next, if it has come.
+
+        Raises ValueError if a publisher sends something else than it had sent before.
+        """
+        wanted = self._before[0]
+        come = self._come.get((wanted.publisher, wanted.topic))
+        if not come:
+            return None
+        arrival = come.popleft()
+        if arrival.header.seq != wanted.seq:
+            raise ValueError(
+                f"{wanted.topic} {wanted.seq} of {wanted.publisher} must come next, as before; "
+                f"got {arrival.header.seq}"
+            )
+        self._before.popleft()
+        return arrival
+
+    def rest(self) -> list[Received]:
+        """What has come beyond the journal: each publisher's in its order."""
+        return [arrival for come in self._come.values() for arrival in come]

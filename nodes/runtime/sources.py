@@ -9,8 +9,7 @@ from typing import Any
 
 from palpate.messages import codec_of, decode, encode
 from palpate.messages.bus import ControlMessage, Received, SourceProgress
-from palpate.nodes.runtime.node import Finished, Source, Timed
-from palpate.nodes.runtime.wiring import Wiring
+from palpate.nodes.runtime.node import Finished, Source, Timed, Wiring
 from palpate.nodes.runtime.work import (
     ContractError,
     Edge,

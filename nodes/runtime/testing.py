@@ -1,36 +1,43 @@
 """For tests of nodes: drive one by plain calls, make messages, and compare them bit by bit.
 
 Nothing here has a socket. Every message is encoded and decoded on its way in and out, held back
-until the node's needs have come, and refused if it is not what the node declares.
+until the node's needs have come, and refused if it is not what the node declares. A node can be
+fed with what another one received in a recording, too.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import os
+import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, TypeVar, overload
 
 import msgspec
 import numpy as np
 
-from palpate.messages import Header, codec_of, decode, encode, first_difference, schema
+from palpate.messages import Header, codec_of, decode, encode, first_difference, schema, schema_hash
+from palpate.messages import recording as recordings
 from palpate.messages.bus import Received
-from palpate.nodes.runtime.node import Finished, Node, Source
+from palpate.messages.types import TYPES
+from palpate.nodes.runtime.node import (
+    Finished,
+    Input,
+    Node,
+    RecordedNode,
+    Source,
+    lone_wiring,
+    recorded_nodes,
+)
 from palpate.nodes.runtime.sources import SourceWork
-from palpate.nodes.runtime.wiring import Input, lone_wiring
 from palpate.nodes.runtime.work import NodeWork, Outgoing
 
 # Topic, as the node calls it, and message each, in the order in which they were published.
 Published = list[tuple[str, Any] | Finished]
 Message = TypeVar("Message")
-_PLAIN: dict[str, Any] = {
-    "number": 0.0,
-    "integer": 0,
-    "boolean": False,
-    "string": "",
-    "array": (),
-}
+_PLAIN: dict[str, Any] = {"number": 0.0, "integer": 0, "boolean": False, "string": "", "array": ()}
 
 
 def drive(
@@ -42,31 +49,16 @@ def drive(
 ) -> Published:
     """What a node publishes from its start on, given what it receives.
 
-    Parameters
-    ----------
-    node : Node or Source
-        What to drive.
-    inputs : pairs of str and message
-        Topic, as the node calls it, and message each; nothing of a source. Finished is passed
-        over, so that what one node publishes can be given to the next.
-    params : map, Struct or None
-        Parameters as a launch file has them, or an instance of the node's own type; None for
-        all defaults.
-    most : int, optional
-        Ask a source for no more than so many messages: what comes from outside may never end.
+    `inputs` are pairs of the topic, as the node calls it, and the message; a source has none.
+    Finished is passed over, so that what one node publishes can be given to the next. `params` are
+    as a launch file has them, or an instance of the node's own type; None for all defaults. A
+    source is asked for no more than `most` messages: what comes from outside may never end.
 
-    Returns
-    -------
-    list
-        Pairs of topic and message, read-only as a listener gets them, and Finished.
+    Returns pairs of topic and message, read-only as a subscriber gets them, and Finished.
 
-    Raises
-    ------
-    ValueError
-        If the parameters are not the node's, the node does not subscribe to a topic, or a message
-        is not of its type.
-    ContractError
-        If the node publishes what it does not declare. What its handlers raise is handed on.
+    Raises ValueError if the parameters are not the node's, the node does not subscribe to a topic,
+    or a message is not of its type; ContractError if the node publishes what it does not declare.
+    What its handlers raise is handed on.
     """
     given = params_of(node, params)
     if isinstance(node, Source):
@@ -137,20 +129,12 @@ def decoded_outputs(node: Node, published: Iterable[Outgoing | Finished]) -> Pub
 
 
 def example(cls: type[Message], **fields: object) -> Message:
-    """A message of which only some fields matter.
+    """A message of which only the given fields matter.
 
-    Parameters
-    ----------
-    cls : type
-        The message type.
-    fields : values
-        Those that matter; the others are 0, empty, the first word that is allowed or, if they
-        have one, their default. An array has no rows where its type leaves their number open.
+    The others are 0, empty, the first word that is allowed or, if they have one, their default. An
+    array has no rows where its type leaves their number open.
 
-    Raises
-    ------
-    ValueError
-        If the type has no such field, or a value does not fit.
+    Raises ValueError if the type has no such field, or a value does not fit.
     """
     described = schema(cls)["properties"]
     unknown = sorted(fields.keys() - described.keys())
@@ -175,9 +159,7 @@ def _plain(rule: dict[str, Any]) -> Any:
     if "enum" in rule:
         return rule["enum"][0]
     if "dtype" in rule:
-        return np.zeros(
-            [0 if length is None else length for length in rule["shape"]], rule["dtype"]
-        )
+        return np.zeros([length or 0 for length in rule["shape"]], rule["dtype"])
     return {} if rule["type"] == "object" else _PLAIN[rule["type"]]
 
 
@@ -192,10 +174,7 @@ def assert_same(
 ) -> None:
     """Compare what was published with what is expected, bit by bit.
 
-    Raises
-    ------
-    AssertionError
-        With the first message, and the first field in it, that differs.
+    Raises AssertionError with the first message, and the first field in it, that differs.
     """
     for number, (one, other) in enumerate(zip(published, expected, strict=False)):
         if _named(one) != _named(other):
@@ -218,3 +197,115 @@ def _named(one: tuple[str, object] | Finished) -> str:
     if isinstance(one, Finished):
         return f"Finished({one.reason!r})"
     return f"a {type(one[1]).__name__} on {one[0]}"
+
+
+TOPICS_FILE = "topics.mcap"  # The recording in a run directory
+RecordingPath = str | os.PathLike[str]
+
+
+@overload
+def recorded(recording: RecordingPath, topic: str) -> list[Any]: ...
+
+
+@overload
+def recorded(recording: RecordingPath, topic: str, cls: type[Message]) -> list[Message]: ...
+
+
+def recorded(recording: RecordingPath, topic: str, cls: Any = None) -> list[Any]:
+    """The messages of one topic, as on the wire, of a recording or a run directory, in their order.
+
+    Their type is needed only for types of one's own.
+
+    Raises ValueError if the recording cannot be read, has no such topic, or its messages are of
+    another type.
+    """
+    bag = _open(recording)
+    if topic not in bag.counts:
+        known = ", ".join(sorted(bag.counts)) or "nothing"
+        raise ValueError(f"recording {bag.path} has nothing on {topic}; it has {known}")
+    return [_decoded(kept, cls) for kept in bag.messages() if kept.topic == topic]
+
+
+def feed(
+    node: Node, recording: RecordingPath, *, name: str | None = None, params: object = None
+) -> Published:
+    """What a node publishes, as `drive` returns it, to what a node of a recording received.
+
+    `name` is the node of the recorded graph, or of a run directory's, whose place it takes. Without
+    a name it is its own, or, if it was not there, it subscribes to the topics that it declares. Its
+    parameters, if None, are those that were recorded where it takes its own place.
+
+    Raises ValueError if the recording cannot be read, or has no such place for the node.
+    """
+    bag = _open(recording)
+    place = _recorded_place(bag, node, name)
+    if params is None and place is not None and _holds(place, node):
+        params = place.wiring(node.params).params
+    given = params_of(node, params)
+    edges = _inputs(bag, node, place)
+    wiring = lone_wiring(given, edges, node.outputs, place.name if place else "node")
+    work = NodeWork(node, given, wiring)
+    publishers = {one.topic: one.publisher for one in edges}
+    published: list[Outgoing | Finished] = work.begin()
+    # Processes of one machine share the clock; the recorder may have another order.
+    for kept in sorted(bag.messages(), key=lambda kept: kept.sent_ns):
+        if kept.topic in publishers:
+            header = Header(kept.run, kept.epoch, kept.seq, kept.sent_ns, 0.0, kept.schema)
+            published += work.take(Received(publishers[kept.topic], kept.topic, header, kept.body))
+    return decoded_outputs(node, published)
+
+
+def _open(recording: RecordingPath) -> recordings.Recording:
+    path = Path(recording)
+    return recordings.open_recording(path / TOPICS_FILE if path.is_dir() else path)
+
+
+def _decoded(kept: recordings.RecordedMessage, cls: type | None) -> object:
+    wanted = cls or TYPES.get(kept.type)
+    if wanted is None:
+        raise ValueError(
+            f"{kept.topic} holds {kept.type}, which palpate does not have; name the type"
+        )
+    if kept.schema != schema_hash(wanted):
+        raise ValueError(f"{kept.topic} is not a {wanted.__name__} of this version")
+    return decode(wanted, kept.body)
+
+
+def _recorded_place(bag: recordings.Recording, node: Node, name: str | None) -> RecordedNode | None:
+    """The place in the recorded graph that the node takes; None if it was not there."""
+    places = recorded_nodes(bag.graph) if bag.graph else ()
+    if name is None:
+        own = [one for one in places if _holds(one, node)]
+        if len(own) > 1:
+            names = ", ".join(one.name for one in own)
+            raise ValueError(f"recording {bag.path} has {names}; say with name whose place to take")
+        return own[0] if own else None
+    for one in places:
+        if one.name == name:
+            return one
+    known = ", ".join(one.name for one in places) or "none"
+    raise ValueError(f"recording {bag.path} has no node {name!r}; it has {known}")
+
+
+def _holds(place: RecordedNode, node: Node) -> bool:
+    """Whether this very node was there; nothing is imported to find out."""
+    return getattr(sys.modules.get(place.module), "NODE", None) is node
+
+
+def _inputs(bag: recordings.Recording, node: Node, place: RecordedNode | None) -> tuple[Input, ...]:
+    """What the node receives of the recording."""
+    if place is None:
+        found = [
+            Input("recording", topic, topic, cls.__name__)
+            for topic, (cls, _) in node.inputs.items()
+            if topic in bag.counts
+        ]
+    else:
+        found = [one for one in place.inputs if one.local in node.inputs]
+    if not found and node.inputs:
+        whose = f"what {place.name} received in it" if place else "its topics"
+        subscriptions = ", ".join(node.inputs)
+        raise ValueError(
+            f"recording {bag.path}: the node subscribes to {subscriptions}, none of {whose}"
+        )
+    return tuple(found)

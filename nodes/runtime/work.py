@@ -15,8 +15,15 @@ from typing import Any, NamedTuple, TypeVar
 
 from palpate.messages import codec_of, decode, encode
 from palpate.messages.bus import Received
-from palpate.nodes.runtime.node import Deferred, Finished, Handler, Node, Sink, SinkWriter
-from palpate.nodes.runtime.wiring import Input, Wiring
+from palpate.nodes.runtime.node import (
+    Deferred,
+    Finished,
+    Handler,
+    Node,
+    Sink,
+    SinkWriter,
+    Wiring,
+)
 
 Edge = tuple[str, str]  # Publisher and topic on the wire
 Output = tuple[str, object] | Finished
@@ -262,14 +269,6 @@ def _doing(current: Received | None, otherwise: str) -> str:
     if current is None:
         return otherwise
     return f"handling {current.topic} {current.header.seq} from {current.publisher}"
-
-
-def topics_by_publisher(inputs: tuple[Input, ...]) -> Mapping[str, list[str]]:
-    """Name of each publisher to the topics that it is subscribed for."""
-    sources: dict[str, list[str]] = {}
-    for one in inputs:
-        sources.setdefault(one.publisher, []).append(one.topic)
-    return sources
 
 
 class Latency:

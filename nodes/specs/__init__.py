@@ -21,7 +21,11 @@ if TYPE_CHECKING:
     from palpate.nodes.specs.frames import read_frames as read_frames
     from palpate.nodes.specs.frames import sensor_info as sensor_info
     from palpate.nodes.specs.frames import tactile_frame as tactile_frame
+    from palpate.nodes.specs.objects import Length as Length
     from palpate.nodes.specs.objects import ObjectSpec as ObjectSpec
+    from palpate.nodes.specs.objects import PoseSpec as PoseSpec
+    from palpate.nodes.specs.objects import Seed as Seed
+    from palpate.nodes.specs.objects import SuperquadricSpec as SuperquadricSpec
     from palpate.nodes.specs.objects import build_shape as build_shape
     from palpate.nodes.specs.objects import encode_mesh as encode_mesh
     from palpate.nodes.specs.sensors import CONTACT_ERROR as CONTACT_ERROR
@@ -38,9 +42,5 @@ if TYPE_CHECKING:
     from palpate.nodes.specs.sensors import pad_of_spec as pad_of_spec
     from palpate.nodes.specs.sensors import resolution_of_info as resolution_of_info
     from palpate.nodes.specs.sensors import sensed_face as sensed_face
-    from palpate.nodes.specs.solids import Length as Length
-    from palpate.nodes.specs.solids import PoseSpec as PoseSpec
-    from palpate.nodes.specs.solids import Seed as Seed
-    from palpate.nodes.specs.solids import SuperquadricSpec as SuperquadricSpec
 else:
     __getattr__, __dir__ = lazy(__name__)

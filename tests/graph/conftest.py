@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.messages.types.graph import LogRecord, NodeStatus
-from palpate.nodes.runtime.wiring import Input, Wiring
+from palpate.messages.types.catalogue import LogRecord, NodeStatus
+from palpate.nodes.runtime.node import Input, Wiring
 
 
 class Listening:

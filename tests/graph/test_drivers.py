@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from palpate.messages.types.touch import SurfacePatch
-from palpate.nodes.runtime.feeding import recorded
-from palpate.nodes.runtime.testing import assert_same
+from palpate.nodes.runtime.testing import assert_same, recorded
 from palpate.tools.init import init_node
 
 pytestmark = pytest.mark.graph

@@ -18,7 +18,7 @@ from palpate.messages.types.model import ShapeModel
 from palpate.messages.types.motion import Contour, ContourGoal
 from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.runtime.composed import run_composed
-from palpate.nodes.runtime.wiring import Wiring
+from palpate.nodes.runtime.node import Wiring
 from palpate.tools.bag.differences import compare_recordings
 from palpate.tools.replay.rerun import replay
 

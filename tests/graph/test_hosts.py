@@ -20,8 +20,7 @@ from palpate.launch.files.source_map import InputError
 from palpate.launch.hosts import free_endpoints, key_file, own_address, read_host
 from palpate.launch.launcher import launch
 from palpate.messages.bus.control import ControlClient
-from palpate.messages.bus.curve import make_key, read_key
-from palpate.messages.bus.sockets import SocketContext, bind
+from palpate.messages.bus.sockets import SocketContext, bind, make_key, read_key
 
 pytestmark = [
     pytest.mark.graph,

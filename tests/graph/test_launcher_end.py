@@ -14,7 +14,7 @@ from palpate.launch.launcher import launch
 from palpate.launch.processes import supervisor
 from palpate.messages.types.touch import TactileFrame
 from palpate.nodes.runtime.composed import Ending
-from palpate.nodes.runtime.wiring import Wiring
+from palpate.nodes.runtime.node import Wiring
 
 pytestmark = pytest.mark.graph
 

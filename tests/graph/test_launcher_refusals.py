@@ -9,7 +9,7 @@ import pytest
 
 from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
-from palpate.nodes.runtime.wiring import Input, Wiring
+from palpate.nodes.runtime.node import Input, Wiring
 
 SOURCE = toy("source", ToyParams())
 COUNTER = toy("counter", ToyParams(), upstream="source")

@@ -14,9 +14,9 @@ import pytest
 from ruamel.yaml import YAML
 
 from palpate.launch.processes.registry import RunCard, running_graphs
-from palpate.messages.bus.tap import STATUS_TOPIC
+from palpate.messages.bus.node_sockets import STATUS_TOPIC
 from palpate.messages.codec import decode
-from palpate.messages.types.graph import NodeStatus
+from palpate.messages.types.catalogue import NodeStatus
 from palpate.tools.cli import command_line as cli
 from palpate.tools.introspection import requests as asking
 from palpate.tools.introspection.rates import Rates

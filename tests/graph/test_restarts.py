@@ -22,7 +22,7 @@ from palpate.launch.launcher import launch
 from palpate.messages.recording.reader import open_recording, parts_of
 from palpate.nodes import recorder
 from palpate.nodes.runtime.composed import Ending
-from palpate.nodes.runtime.wiring import Input, Wiring, with_description
+from palpate.nodes.runtime.node import Input, Wiring, with_description
 
 pytestmark = pytest.mark.graph
 FRAMES = 600

@@ -19,7 +19,7 @@ from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
 from palpate.messages.types.touch import TactileFrame
 from palpate.nodes import console, player
-from palpate.nodes.runtime.wiring import Wiring
+from palpate.nodes.runtime.node import Wiring
 from palpate.tools.introspection.requests import control_player, publish, request
 from tests.graph.test_restarts import Harm
 

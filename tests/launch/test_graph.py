@@ -15,11 +15,10 @@ from palpate.launch.node_kinds import Entry
 from palpate.messages.codec import Header, encode, schema, schema_hash
 from palpate.messages.fields import Metres
 from palpate.messages.recording.mcap_reading import file_records
-from palpate.messages.types.graph import LogRecord, NodeStatus
+from palpate.messages.types.catalogue import LogRecord, NodeStatus
 from palpate.messages.types.world import Truth, World
 from palpate.nodes import recorder
-from palpate.nodes.runtime.node import Sink
-from palpate.nodes.runtime.wiring import Wiring, schemas_of, with_description
+from palpate.nodes.runtime.node import Sink, Wiring, schemas_of, with_description
 
 MakeNode = Callable[..., str]
 

@@ -16,7 +16,7 @@ from palpate.launch.progress import (
     open_display,
     progress_text,
 )
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.model import Score, ShapeModel
 from palpate.messages.types.motion import Contour
 

@@ -24,7 +24,7 @@ from palpate.messages.codec import (
     split_frame,
 )
 from palpate.messages.fields import MAX_FIELDS, MAX_ITEMS, MAX_NESTED, MAX_TEXT, CodecError
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.model import ModelGoal, ShapeModel
 from palpate.messages.types.touch import TactileFrame
 from palpate.messages.types.world import World

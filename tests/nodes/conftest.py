@@ -14,7 +14,7 @@ from palpate.core.poses import IDENTITY_POSE, pad_rotation, pose_of, transform_p
 from palpate.launch.graph import Graph
 from palpate.launch.node_kinds import Entry
 from palpate.messages.codec import encode
-from palpate.messages.types.graph import LogRecord, NodeStatus
+from palpate.messages.types.catalogue import LogRecord, NodeStatus
 from palpate.messages.types.model import ModelGoal, ShapeModel, Superquadric
 from palpate.messages.types.motion import (
     Contour,
@@ -27,12 +27,11 @@ from palpate.messages.types.motion import (
 )
 from palpate.messages.types.world import SensorInfo, World
 from palpate.nodes.planner import NODE, Params
-from palpate.nodes.planning.state import State
+from palpate.nodes.planning.phases import State
+from palpate.nodes.runtime.node import Wiring
 from palpate.nodes.runtime.testing import example
-from palpate.nodes.runtime.wiring import Wiring
-from palpate.nodes.specs.objects import ObjectSpec
+from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.nodes.specs.sensors import SensorSpec, info_of
-from palpate.nodes.specs.solids import PoseSpec, SuperquadricSpec
 
 RADIUS = 0.03
 TOP = 0.1

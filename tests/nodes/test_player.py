@@ -11,7 +11,7 @@ import pytest
 
 from palpate.messages.codec import Header, decode, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.graph import Clock, LogRecord
+from palpate.messages.types.catalogue import Clock, LogRecord
 from palpate.messages.types.motion import Probe
 from palpate.messages.types.world import World
 from palpate.nodes.player import SOURCE, Params, outputs, play

@@ -20,8 +20,7 @@ from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.reconstructor import NODE, Params
 from palpate.nodes.runtime.node import resolved
 from palpate.nodes.runtime.testing import example
-from palpate.nodes.specs.objects import ObjectSpec
-from palpate.nodes.specs.solids import PoseSpec, SuperquadricSpec
+from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
 
 RADIUS = 0.03
 MIDDLE = np.array([0.02, -0.01, RADIUS])

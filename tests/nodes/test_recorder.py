@@ -10,7 +10,7 @@ from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.reader import open_recording
 from palpate.messages.types.world import World
 from palpate.nodes.recorder import SINK, Params
-from palpate.nodes.runtime.wiring import (
+from palpate.nodes.runtime.node import (
     Input,
     Wiring,
     describe_wirings,

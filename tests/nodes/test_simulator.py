@@ -145,7 +145,7 @@ import numpy as np
 from palpate.core.poses import pad_rotation, pose_of
 from palpate.messages.types.motion import TouchGoal
 from palpate.nodes.specs.objects import ObjectSpec
-from palpate.nodes.specs.solids import SuperquadricSpec
+from palpate.nodes.specs.objects import SuperquadricSpec
 from palpate.nodes.runtime.testing import example
 from palpate.nodes.simulator import Params, start, touch
 ball = SuperquadricSpec(size=(0.03,) * 3, exponents=(1.0, 1.0))

@@ -13,9 +13,8 @@ from palpate.core.poses import IDENTITY_POSE
 from palpate.messages.types.motion import Contour, ContourGoal
 from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.simulator import Params
-from palpate.nodes.specs.objects import ObjectSpec
+from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.nodes.specs.sensors import MAX_WIDTH, MIN_WIDTH, PadSpec, SensorSpec
-from palpate.nodes.specs.solids import PoseSpec, SuperquadricSpec
 
 BALL = ObjectSpec(
     superquadric=SuperquadricSpec(size=(0.03,) * 3, exponents=(1.0, 1.0)),

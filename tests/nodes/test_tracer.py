@@ -18,8 +18,7 @@ from palpate.messages.types.motion import (
 )
 from palpate.messages.types.world import SensorInfo, World
 from palpate.nodes import curvature, filter, simulator, tracer
-from palpate.nodes.specs.objects import ObjectSpec
-from palpate.nodes.specs.solids import PoseSpec, SuperquadricSpec
+from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.nodes.tracer import (
     Params,
     State,

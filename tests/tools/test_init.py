@@ -18,7 +18,7 @@ from palpate.launch.files.source_map import InputError
 from palpate.launch.launch_file import describe
 from palpate.launch.scene import load_scene
 from palpate.messages.types.touch import SurfacePatch
-from palpate.nodes.runtime.feeding import recorded
+from palpate.nodes.runtime.testing import recorded
 from palpate.tools.cli import command_line as cli
 from palpate.tools.init import init_effect, init_node, init_planner
 from palpate.tools.templates import driver_check, node_check, planner_check

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from palpate.bench.bus.stalling_node import NODE, FloodCount, StallingParams
-from palpate.messages.types.graph import Clock
+from palpate.messages.types.catalogue import Clock
 from palpate.nodes.runtime.node import Finished
 
 

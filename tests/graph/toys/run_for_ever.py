@@ -8,7 +8,7 @@ from pathlib import Path
 from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.bench.table import SilentWatcher
 from palpate.launch.launcher import launch
-from palpate.nodes.runtime.wiring import Input, Wiring
+from palpate.nodes.runtime.node import Input, Wiring
 
 # Without a guard: no node may run the script once more.
 folder = Path(sys.argv[1])

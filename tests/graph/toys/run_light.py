@@ -9,7 +9,7 @@ from pathlib import Path
 from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.bench.table import SilentWatcher
 from palpate.launch.launcher import launch
-from palpate.nodes.runtime.wiring import Input, Wiring
+from palpate.nodes.runtime.node import Input, Wiring
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -111,7 +111,7 @@ from palpate.bench.table import SilentWatcher
 from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes.fork_server import start_fork_server
-from palpate.nodes.runtime.wiring import Wiring
+from palpate.nodes.runtime.node import Wiring
 start_fork_server(["palpate.nodes.nothing", "palpate.nodes.filter"])
 source = toy("source", ToyParams(burst=5))
 nobody = dict(params={}, inputs=(), outputs={}, listeners={})

@@ -13,7 +13,7 @@ from palpate.launch.processes.node_status import (
     TerminationDetector,
 )
 from palpate.messages.codec import encode
-from palpate.messages.types.graph import NodeStatus
+from palpate.messages.types.catalogue import NodeStatus
 
 STATUS = NodeStatus(
     node="filter",

@@ -4,9 +4,9 @@ from typing import Any
 
 import zmq
 
-from palpate.messages.bus.tap import LOG_TOPIC, STATUS_TOPIC, TAP_DEPTH, Tap, TapReader
+from palpate.messages.bus.node_sockets import LOG_TOPIC, STATUS_TOPIC, TAP_DEPTH, Tap, TapReader
 from palpate.messages.codec import Header, decode, pack_frame
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 
 FRAME = pack_frame("/touch/raw", Header(1, 0, 0, 0, 0.0, 0), b"body")
 LINE = LogRecord(node="filter", level="info", text="hello", robot_time=1.5)

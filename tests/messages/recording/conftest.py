@@ -7,7 +7,7 @@ import pytest
 
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.world import World
 
 TYPES = {"/world": "World", "/log": "LogRecord"}

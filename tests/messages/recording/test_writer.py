@@ -13,7 +13,7 @@ from mcap.stream_reader import StreamReader
 from palpate.messages.codec import Header, decode, schema, schema_hash
 from palpate.messages.recording.reader import open_recording
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.world import World
 
 Write = Callable[..., None]

@@ -18,7 +18,7 @@ from palpate.nodes import reconstructor
 from palpate.nodes import reconstructor as shape_model
 from palpate.nodes.planning import phases as planner_grasp
 from palpate.nodes.runtime.composed import run_composed
-from palpate.nodes.runtime.wiring import Wiring
+from palpate.nodes.runtime.node import Wiring
 from palpate.nodes.specs.objects import ObjectSpec
 
 Exploration = Callable[..., tuple[Wiring, ...]]

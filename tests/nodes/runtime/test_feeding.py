@@ -13,10 +13,8 @@ from palpate.messages.recording.writer import RecordingWriter
 from palpate.messages.types.touch import TactileFrame, TactileImage
 from palpate.messages.types.world import SensorInfo, World
 from palpate.nodes import curvature, filter
-from palpate.nodes.runtime.feeding import feed, recorded
-from palpate.nodes.runtime.node import Node
-from palpate.nodes.runtime.testing import assert_same, drive, example, messages_on
-from palpate.nodes.runtime.wiring import Input, Wiring, describe_wirings
+from palpate.nodes.runtime.node import Input, Node, Wiring, describe_wirings
+from palpate.nodes.runtime.testing import assert_same, drive, example, feed, messages_on, recorded
 
 TYPES = {"/touch/info": "SensorInfo", "/f/raw": "TactileFrame", "/f/image": "TactileImage"}
 Record = Callable[..., Path]

@@ -5,7 +5,7 @@ import pytest
 from palpate.messages.bus.message_log import Consumed
 from palpate.messages.bus.subscriber import Received
 from palpate.messages.codec import Header
-from palpate.nodes.runtime.recovery import JournalOrder
+from palpate.nodes.runtime.loop import JournalOrder
 
 BEFORE = (Consumed("a", "/x", 0), Consumed("b", "/y", 0), Consumed("a", "/x", 1))
 

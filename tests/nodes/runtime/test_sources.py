@@ -10,11 +10,10 @@ import pytest
 from palpate.messages.bus.message_log import SourceProgress
 from palpate.messages.codec import decode, encode
 from palpate.messages.fields import CodecError
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.world import World
-from palpate.nodes.runtime.node import Finished, Source, Timed
+from palpate.nodes.runtime.node import Finished, Source, Timed, Wiring
 from palpate.nodes.runtime.sources import PlaybackClock, SourceWork
-from palpate.nodes.runtime.wiring import Wiring
 from palpate.nodes.runtime.work import ContractError, Outgoing
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.messages.codec import encode
 from palpate.messages.fields import CodecError
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.touch import TactileImage
 from palpate.messages.types.world import SensorInfo, World
 from palpate.nodes import curvature, filter

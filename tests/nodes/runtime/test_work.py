@@ -10,10 +10,9 @@ import pytest
 
 from palpate.messages.bus.subscriber import Received
 from palpate.messages.codec import Header, encode, schema_hash
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.world import World
-from palpate.nodes.runtime.node import Deferred, Finished, Node, Outputs, Sink
-from palpate.nodes.runtime.wiring import Input, Wiring
+from palpate.nodes.runtime.node import Deferred, Finished, Input, Node, Outputs, Sink, Wiring
 from palpate.nodes.runtime.work import (
     ContractError,
     Latency,
@@ -21,7 +20,6 @@ from palpate.nodes.runtime.work import (
     Outgoing,
     Promise,
     SinkWork,
-    topics_by_publisher,
 )
 
 
@@ -150,13 +148,6 @@ def test_what_a_node_was_doing_is_known_when_it_fails() -> None:
     with pytest.raises(ValueError, match="not a LogRecord"):
         work.take(need("n")._replace(body=b"\x80"))
     assert work.doing == "handling /a/need 0 from needed"
-
-
-def test_inputs_are_grouped_by_publisher() -> None:
-    assert topics_by_publisher((*WIRING.inputs, Input("other", "/x", "/x", "World"))) == {
-        "other": ["/a/in", "/x"],
-        "needed": ["/a/need"],
-    }
 
 
 class Kept:

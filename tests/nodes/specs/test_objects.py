@@ -15,8 +15,7 @@ from palpate.core.shapes.global_deformations import Bend, Taper
 from palpate.core.shapes.protocol import PosedShape, Shape
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.shapes.triangle_meshes import DeformedShape, TriangleShape
-from palpate.nodes.specs.objects import ObjectSpec, build_shape, encode_mesh
-from palpate.nodes.specs.solids import PoseSpec
+from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, build_shape, encode_mesh
 
 SIZE, EXPONENTS = [0.03, 0.025, 0.05], [0.4, 0.8]
 VASE = [{"scale": 0.8}, {"scale": 1.2, "turn": 10.0}, {"shift": [0.001, 0.0]}, {"scale": 1.1}]

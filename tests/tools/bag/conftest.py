@@ -9,7 +9,7 @@ import pytest
 
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.model import PlanDone, Score, ShapeModel
 from palpate.messages.types.motion import Contour
 from palpate.messages.types.touch import SurfacePatch, TactileFrame

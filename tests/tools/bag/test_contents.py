@@ -24,15 +24,15 @@ from mcap.writer import CompressionType, Writer
 from palpate import __version__
 from palpate.launch.files.source_map import InputError
 from palpate.messages.codec import Header, encode, schema_hash
-from palpate.messages.recording.copying import RecordingCopy
 from palpate.messages.recording.reader import (
     ReadablePrefix,
     RecordedMessage,
+    RecordingCopy,
     open_recording,
     part_path,
 )
 from palpate.messages.recording.writer import AtomicFile, RecordingWriter
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.world import World
 from palpate.tools.bag.contents import bag_info, info_text, recover_recording, recovered_text
 from palpate.tools.cli import command_line as cli

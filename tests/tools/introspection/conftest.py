@@ -7,7 +7,7 @@ import pytest
 
 from palpate.launch.processes.registry import RunCard
 from palpate.messages.codec import Header
-from palpate.nodes.runtime.wiring import Input, RecordedNode
+from palpate.nodes.runtime.node import Input, RecordedNode
 from palpate.tools.introspection.topics import TapMessage
 
 Copy = Callable[..., TapMessage]

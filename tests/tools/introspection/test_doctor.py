@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from palpate.launch.processes.registry import RunCard
-from palpate.messages.types.graph import NodeStatus
+from palpate.messages.types.catalogue import NodeStatus
 from palpate.tools.introspection import doctor as machine
 from palpate.tools.introspection.doctor import (
     Finding,

@@ -11,9 +11,8 @@ import pytest
 
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.graph import LogRecord
-from palpate.nodes.runtime.node import Node, Outputs
-from palpate.nodes.runtime.wiring import Input, Wiring, describe_wirings
+from palpate.messages.types.catalogue import LogRecord
+from palpate.nodes.runtime.node import Input, Node, Outputs, Wiring, describe_wirings
 
 MakeChain = Callable[..., list[Wiring]]
 RecordChain = Callable[[list[tuple[str, float]]], Path]

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.core.poses import IDENTITY_POSE
 from palpate.messages.codec import encode
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.model import PlanDone, ShapeModel
 from palpate.messages.types.touch import TactileFrame, TactileImage
 from palpate.tools.replay.comparison import ChangeNote, TopicChanges, TopicComparison

@@ -12,7 +12,7 @@ from palpate.launch.graph import read_settings
 from palpate.messages.codec import Header, schema_hash
 from palpate.messages.recording.reader import RecordedMessage, open_recording
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.graph import LogRecord
+from palpate.messages.types.catalogue import LogRecord
 from palpate.tools.replay.exchange import in_order_of_sending
 from palpate.tools.replay.rerun import replay
 

@@ -16,20 +16,21 @@ from palpate.launch.node_kinds import Entry
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.reader import open_recording
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.graph import LogRecord, NodeStatus
+from palpate.messages.types.catalogue import LogRecord, NodeStatus
 from palpate.messages.types.world import World
 from palpate.nodes import tracer
 from palpate.nodes.runtime.composed import run_composed
-from palpate.nodes.runtime.node import Finished, Node, Outputs
-from palpate.nodes.runtime.wiring import (
+from palpate.nodes.runtime.node import (
+    Finished,
     Input,
+    Node,
+    Outputs,
     Wiring,
     describe_wirings,
     load_node,
     with_description,
 )
-from palpate.nodes.specs.objects import ObjectSpec
-from palpate.nodes.specs.solids import PoseSpec, SuperquadricSpec
+from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.tools.bag.differences import compare_recordings
 from palpate.tools.cli import command_line as cli
 from palpate.tools.replay.comparison import ChangeNote, FieldChange, TopicComparison

@@ -9,9 +9,8 @@ import pytest
 
 from palpate.launch.processes.registry import SentMessage
 from palpate.messages.bus.message_log import Consumed
-from palpate.messages.types.graph import LogRecord
-from palpate.nodes.runtime.node import Node
-from palpate.nodes.runtime.wiring import Input, Wiring
+from palpate.messages.types.catalogue import LogRecord
+from palpate.nodes.runtime.node import Input, Node, Wiring
 from palpate.tools.replay.resumption import answered_messages
 
 
