@@ -1,6 +1,4 @@
-"""Damaged messages, frames, control words and recordings.
-
-And readers that look whether what they accept is valid.
+"""Damaged messages, frames, control words and recordings; readers that look whether all is valid.
 
 Messages of any type are drawn at random within what the type allows; recordings are hurt in
 bytes, records or chunks.
@@ -46,7 +44,7 @@ SHARE_OF_BODIES = 0.7  # The others are frames and words
 EXAMPLES = 3  # Of each type
 _NODE_WORDS: tuple[dict[str, Any], ...] = (
     {"kind": "ready"},
-    {"kind": "finished", "reason": "all felt"},
+    {"kind": "finished", "reason": "all touched"},
     {"kind": "failed", "text": "on /touch/raw 3: ValueError", "trace": "Traceback\n" * 20},
     {"kind": "exiting", "status": bytes(40)},
     {
@@ -59,9 +57,7 @@ _NODE_WORDS: tuple[dict[str, Any], ...] = (
     },
 )
 _LAUNCHER_WORDS: tuple[dict[str, Any], ...] = (
-    {"kind": "go"},
-    {"kind": "count", "round": 3},
-    {"kind": "stop"},
+    *({"kind": "go"}, {"kind": "count", "round": 3}, {"kind": "stop"}),
 )
 # Values of fields without structure.
 _PLAIN: dict[type, Callable[[np.random.Generator], Any]] = {
@@ -107,7 +103,7 @@ def read_packet(packet: Packet) -> None:
     if reader in TYPES:
         _read_body(TYPES[reader], data)
     elif reader == "frame":
-        _require(pack_frame(*split_frame(data)) == data, "a frame is not what it was read from")
+        assert pack_frame(*split_frame(data)) == data, "a frame is not what it was read from"
     elif reader == "answer":
         answer = read_reply(data)
         if answer.kind == GREETING:
@@ -116,9 +112,8 @@ def read_packet(packet: Packet) -> None:
         request = read_request(data)
         if request is None:
             raise ValueError("no request")
-        _require(
-            request.wanted < 1 << 64 and (request.epoch or 0) < 1 << 64, "a request is too far"
-        )
+        furthest = max(request.wanted, request.epoch or 0)
+        assert furthest < 1 << 64, "a request is too far"
     else:
         read_control(data, WORD_KINDS[reader])
 
@@ -128,14 +123,9 @@ def _read_body(cls: type, data: bytes) -> None:
     for field in dataclasses.fields(cls):
         value = getattr(message, field.name)
         if type(value) is float or (isinstance(value, np.ndarray) and value.dtype.kind == "f"):
-            _require(bool(np.isfinite(value).all()), f"{field.name} is not finite")
+            assert np.isfinite(value).all(), f"{field.name} is not finite"
     body = encode(message)
-    _require(encode(decode(cls, body)) == body, "a message is not what it was read from")
-
-
-def _require(holds: bool, fault: str) -> None:
-    if not holds:
-        raise AssertionError(fault)
+    assert encode(decode(cls, body)) == body, "a message is not what it was read from"
 
 
 class Record(NamedTuple):
@@ -229,11 +219,8 @@ def _examples() -> dict[str, tuple[Packet, ...]]:
         name: tuple(Packet(name, encode(any_message(cls, rng))) for _ in range(EXAMPLES))
         for name, cls in TYPES.items()
     }
-    frame = pack_frame(
-        "/touch/raw",
-        Header(7, 1, 17, 10**15, 1.5, schema_hash(TYPES["TactileFrame"])),
-        found["TactileFrame"][0].data,
-    )
+    header = Header(7, 1, 17, 10**15, 1.5, schema_hash(TYPES["TactileFrame"]))
+    frame = pack_frame("/touch/raw", header, found["TactileFrame"][0].data)
     call = join_call("finger_1/filter", 2, "simulator")
     words: dict[str, list[bytes]] = {
         "frame": [frame],
@@ -252,8 +239,7 @@ def _examples() -> dict[str, tuple[Packet, ...]]:
 def any_message(cls: type, rng: np.random.Generator) -> Any:
     """Some message of a type, every field of which is drawn."""
     hints = get_type_hints(cls, include_extras=True)
-    names = [field.name for field in dataclasses.fields(cls)]
-    return cls(**{name: _value(hints[name], rng) for name in names})
+    return cls(**{one.name: _value(hints[one.name], rng) for one in dataclasses.fields(cls)})
 
 
 def _value(hint: Any, rng: np.random.Generator) -> Any:
@@ -291,13 +277,12 @@ def _hurt_records(rng: random.Random, records: list[Record]) -> list[Record]:
         case 2:
             hurt[at], hurt[other] = hurt[other], hurt[at]
         case 3:
-            hurt[at] = Record(rng.randrange(256), hurt[at].content)
+            hurt[at] = hurt[at]._replace(code=rng.randrange(256))
         case 4:
-            hurt[at] = Record(rng.choice((1, 3, 4, 5, 6, 12, 15)), hurt[at].content)
+            hurt[at] = hurt[at]._replace(code=rng.choice((1, 3, 4, 5, 6, 12, 15)))
         case _:
-            hurt[at] = Record(
-                hurt[at].code, mutate_bytes(rng, hurt[at].content, hurt[other].content)
-            )
+            content = mutate_bytes(rng, hurt[at].content, hurt[other].content)
+            hurt[at] = hurt[at]._replace(content=content)
     return hurt
 
 

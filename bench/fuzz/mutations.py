@@ -7,7 +7,8 @@ import random
 import re
 import struct
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, Literal, NamedTuple
 
 import msgpack
 
@@ -112,17 +113,13 @@ class InputFile(NamedTuple):
     data: bytes
 
 
-def _flipped(rng: random.Random, data: bytes, other: bytes) -> bytes:
+def _changed(flip: bool, rng: random.Random, data: bytes, _: bytes) -> bytes:
+    """Some bytes with one bit flipped, or replaced."""
     hurt = bytearray(data)
-    for _ in range(rng.choice((1, 1, 2, 8)) if data else 0):
-        hurt[rng.randrange(len(hurt))] ^= 1 << rng.randrange(8)
-    return bytes(hurt)
-
-
-def _replaced(rng: random.Random, data: bytes, other: bytes) -> bytes:
-    hurt = bytearray(data)
-    for _ in range(rng.choice((1, 1, 2, 8)) if data else 0):
-        hurt[rng.randrange(len(hurt))] = rng.randrange(256)
+    for _i in range(rng.choice((1, 1, 2, 8)) if data else 0):
+        new = 0 if flip else rng.randrange(256)
+        at = rng.randrange(len(hurt))
+        hurt[at] = hurt[at] ^ 1 << rng.randrange(8) if flip else new
     return bytes(hurt)
 
 
@@ -151,9 +148,7 @@ def _doubled(rng: random.Random, data: bytes, _: bytes) -> bytes:
 
 
 def _length(rng: random.Random) -> int:
-    return (
-        rng.randint(1, LONGEST_SPAN) if rng.random() < 0.95 else rng.randint(1, 100 * LONGEST_SPAN)
-    )
+    return rng.randint(1, LONGEST_SPAN * (1 if rng.random() < 0.95 else 100))
 
 
 def _spliced(rng: random.Random, data: bytes, other: bytes) -> bytes:
@@ -161,33 +156,25 @@ def _spliced(rng: random.Random, data: bytes, other: bytes) -> bytes:
 
 
 def _overwritten(rng: random.Random, data: bytes, _: bytes) -> bytes:
-    number = _number(rng)
+    """A number from a boundary, in some width and order, in the place of what was there."""
+    order: Literal["little", "big"] = "little" if rng.choice("<>") == "<" else "big"
+    if rng.random() < 0.3:
+        number = struct.pack("<d" if order == "little" else ">d", rng.choice(FLOATS))
+    else:
+        width = rng.choice((1, 2, 4, 8))
+        number = (rng.choice(NUMBERS) % (1 << 8 * width)).to_bytes(width, order)
     at = rng.randrange(max(len(data) - len(number), 0) + 1)
     return data[:at] + number + data[at + len(number) :]
 
 
-def _number(rng: random.Random) -> bytes:
-    """A number from a boundary, in some width and order."""
-    order = rng.choice("<>")
-    if rng.random() < 0.3:
-        return struct.pack(order + "d", rng.choice(FLOATS))
-    width = rng.choice((1, 2, 4, 8))
-    number = rng.choice(NUMBERS) % (1 << 8 * width)
-    return number.to_bytes(width, "little" if order == "<" else "big")
-
-
 def _reworded(rng: random.Random, text: bytes, words: Sequence[bytes]) -> bytes:
-    found = list(_WORD.finditer(text, *_stretch(rng, len(text))))
+    """Another word in some kB of a text, more often of its beginning, where headers are."""
+    start = 0 if rng.random() < 0.4 else rng.randrange(len(text) + 1)
+    found = list(_WORD.finditer(text, start, start + 400))
     if not found:
         return text + rng.choice(words)
     word = rng.choice(found)
     return text[: word.start()] + rng.choice(words) + text[word.end() :]
-
-
-def _stretch(rng: random.Random, length: int) -> tuple[int, int]:
-    """Some kB of a text, more often of its beginning, where headers are."""
-    start = 0 if rng.random() < 0.4 else rng.randrange(length + 1)
-    return start, start + 400
 
 
 def _relined(rng: random.Random, text: bytes, _: Sequence[bytes]) -> bytes:
@@ -217,26 +204,15 @@ def _reblanked(rng: random.Random, text: bytes, _: Sequence[bytes]) -> bytes:
 
 def _other(rng: random.Random, _: Tree) -> Tree:
     """A value of some other type."""
-    kinds: tuple[Tree, ...] = (
-        None,
-        True,
-        rng.choice(NUMBERS),
-        -(2**63),
-        2**64 - 1,
-        rng.choice(FLOATS),
-        "",
-        "x" * rng.choice((1, 40, 4096, 4097)),
-        b"",
-        rng.randbytes(rng.choice((1, 8, 56))),
-        [],
-        [None] * rng.choice((1, 3, 4097)),
-        [[]] * rng.choice((1, 200, 4096)),
-        {},
-        {"a": {}},
-        {b"a": 1},
-        msgpack.ExtType(rng.randrange(128), rng.randbytes(rng.choice((0, 1, 8)))),
+    number, float_ = rng.choice(NUMBERS), rng.choice(FLOATS)
+    text, data = "x" * rng.choice((1, 40, 4096, 4097)), rng.randbytes(rng.choice((1, 8, 56)))
+    nothing, nested = [None] * rng.choice((1, 3, 4097)), [[]] * rng.choice((1, 200, 4096))
+    own = msgpack.ExtType(rng.randrange(128), rng.randbytes(rng.choice((0, 1, 8))))
+    maps: tuple[Tree, ...] = ({}, {"a": {}}, {b"a": 1}, own)
+    lists: tuple[Tree, ...] = ([], nothing, nested, *maps)
+    return rng.choice(
+        (None, True, number, -(2**63), 2**64 - 1, float_, "", text, b"", data, *lists)
     )
-    return rng.choice(kinds)
 
 
 def _array(rng: random.Random, value: Tree) -> Tree:
@@ -245,23 +221,18 @@ def _array(rng: random.Random, value: Tree) -> Tree:
         return _other(rng, value)
     held: bytes = value["data"]
     count = max(len(held) // 8, 1)
+    half, shape = 8 * (count // 2), value["shape"]
+    dtypes = "<f8", ">f8", "<f4", "<i4", "|b1", "|u1", "|O", "<U9", "<M8", ""
     changes: tuple[Tree, ...] = (
-        {"dtype": rng.choice(("<f8", ">f8", "<f4", "<i4", "|b1", "|u1", "|O", "<U9", "<M8", ""))},
-        {"shape": value["shape"][::-1]},
-        {"shape": [math.prod(value["shape"])]},
-        {"shape": [*value["shape"], 1]},
-        {"shape": [rng.choice(NUMBERS) for _ in value["shape"]]},
-        {"shape": [0, 2**63 - 1]},
-        {"shape": [0] * len(value["shape"]), "data": b""},
-        {"shape": [-1, *value["shape"][1:]]},
-        {"shape": [float(n) for n in value["shape"]]},
-        {"data": held[:-1]},
-        {"data": held + b"\0"},
-        {"data": rng.randbytes(len(held))},
+        {"dtype": rng.choice(dtypes)},
+        *({"shape": shape[::-1]}, {"shape": [math.prod(shape)]}, {"shape": [*shape, 1]}),
+        {"shape": [rng.choice(NUMBERS) for _ in shape]},
+        *({"shape": [0, 2**63 - 1]}, {"shape": [0] * len(shape), "data": b""}),
+        *({"shape": [-1, *shape[1:]]}, {"shape": [float(n) for n in shape]}),
+        *({"data": held[:-1]}, {"data": held + b"\0"}, {"data": rng.randbytes(len(held))}),
         {"data": b"\xff" * len(held)},
-        {"data": held[: 8 * (count // 2)] + b"\0\0\0\0\0\0\xf0\x7f" + held[8 * (count // 2) + 8 :]},
-        {"data": held.hex()},
-        {"more": 1},
+        {"data": held[:half] + b"\0\0\0\0\0\0\xf0\x7f" + held[half + 8 :]},
+        *({"data": held.hex()}, {"more": 1}),
     )
     return {**value, **rng.choice(changes)}
 
@@ -291,7 +262,15 @@ def _renamed(rng: random.Random, value: Tree) -> Tree:
 
 # Ways to damage bytes, text and values; what comes more often stands more often.
 BYTE_MUTATIONS: tuple[Callable[[random.Random, bytes, bytes], bytes], ...] = (
-    *(_flipped, _replaced, _cut, _begun_late, _inserted, _deleted, _doubled),
+    *(
+        partial(_changed, True),
+        partial(_changed, False),
+        _cut,
+        _begun_late,
+        _inserted,
+        _deleted,
+        _doubled,
+    ),
     *(_spliced, _overwritten),
 )
 TEXT_MUTATIONS: tuple[Callable[[random.Random, bytes, Sequence[bytes]], bytes], ...] = (

@@ -30,20 +30,10 @@ from palpate.launch.files import InputError
 from palpate.launch.processes import without_main_module
 
 # Inputs of each kind.
-COUNTS: Mapping[str, int] = {
-    "messages": 100_000,
-    "recordings": 2_000,
-    "meshes": 2_000,
-    "scenes": 500,
-    "solids": 2_000,
-}
-QUICK: Mapping[str, int] = {
-    "messages": 2_000,
-    "recordings": 50,
-    "meshes": 100,
-    "scenes": 50,
-    "solids": 50,
-}
+COUNTS: Mapping[str, int] = dict(
+    messages=100_000, recordings=2_000, meshes=2_000, scenes=500, solids=2_000
+)
+QUICK: Mapping[str, int] = dict(messages=2_000, recordings=50, meshes=100, scenes=50, solids=50)
 MOST_MEMORY = 64.0  # Beyond what a process has before the trials, MB
 SHOWN = 5  # Most defects of a kind that are told, each with the number by which it can be repeated
 HANG_SECONDS = 20.0  # A process that has not gone on for so long is killed, s
@@ -78,17 +68,19 @@ def tally_rows(name: str, count: int, found: Tally) -> Iterator[Row]:
 
 
 def tally(kind: InputKind, count: int) -> Tally:
-    """Try inputs 0 to `count` of a kind.
-
-    `kind`: what is read. `count`: how many.
-    """
+    """Try inputs 0 to `count` of a kind."""
     whole, first = Tally(), 0
     while first < count:
         shared: Any = RawValue(_Shared)
         shared.number = first - 1
         defects, fault = _run(kind, first, count, shared)
         whole.defects += defects
-        _add(whole, shared)
+        whole.accepted += shared.accepted
+        whole.refused += shared.refused
+        for most in ("slowest", "memory"):
+            if getattr(shared, most) > getattr(whole, most):
+                setattr(whole, most, getattr(shared, most))
+                setattr(whole, f"{most}_number", getattr(shared, f"{most}_number"))
         if fault is None:
             return whole
         whole.defects.append(f"{kind.name} {max(shared.number, first)}: {fault}")
@@ -171,15 +163,6 @@ def _listen(mine: Connection, shared: Any, defects: list[str]) -> str | None:
             return f"hangs for more than {HANG_SECONDS:g} s"
 
 
-def _add(whole: Tally, shared: Any) -> None:
-    whole.accepted += shared.accepted
-    whole.refused += shared.refused
-    if shared.slowest > whole.slowest:
-        whole.slowest, whole.slowest_number = shared.slowest, shared.slowest_number
-    if shared.memory > whole.memory:
-        whole.memory, whole.memory_number = shared.memory, shared.memory_number
-
-
 @dataclass(slots=True)
 class Tally:
     """What came of many inputs."""
@@ -198,13 +181,9 @@ class _Shared(Structure):
     """What a process leaves even if it is killed."""
 
     _fields_ = (
-        ("number", c_long),
-        ("accepted", c_long),
-        ("refused", c_long),
-        ("slowest", c_double),
-        ("slowest_number", c_long),
-        ("memory", c_double),
-        ("memory_number", c_long),
+        *((name, c_long) for name in ("number", "accepted", "refused")),
+        *(("slowest", c_double), ("slowest_number", c_long)),
+        *(("memory", c_double), ("memory_number", c_long)),
     )
 
 
@@ -224,10 +203,7 @@ def reproduce(name: str, number: int) -> TrialOutcome:
 
 
 def try_input(kind: InputKind, number: int, folder: Path) -> TrialOutcome:
-    """Damage and read the input of a number, which is the same whenever it is done.
-
-    `kind`: what is read. `number`: the seed. `folder`: where files are put; prepared.
-    """
+    """Damage and read the input of a number, its seed; the folder is prepared."""
     outcome = _once(kind, number, folder)
     for _ in range(TRIES - 1):
         if outcome.seconds <= MOST_CPU_SECONDS:
@@ -241,15 +217,15 @@ def try_input(kind: InputKind, number: int, folder: Path) -> TrialOutcome:
 def _once(kind: InputKind, number: int, folder: Path) -> TrialOutcome:
     rng = random.Random(f"{kind.name} {number}")
     began, then = time.process_time(), time.monotonic()
+    verdict: Literal["accepted", "refused", "defect"] = "accepted"
+    reason = ""
     try:
         kind.attempt(rng, number, folder)
     except Exception as error:
         fault = _fault(error, kind.refusal)
-        seconds = _took(began, then)
-        if fault is None:
-            return TrialOutcome("refused", str(error), seconds)
-        return TrialOutcome("defect", f"{fault}: {error!s:.300}", seconds)
-    return TrialOutcome("accepted", "", _took(began, then))
+        verdict = "refused" if fault is None else "defect"
+        reason = str(error) if fault is None else f"{fault}: {error!s:.300}"
+    return TrialOutcome(verdict, reason, _took(began, then))
 
 
 def _fault(error: Exception, refusal: type[Exception]) -> str | None:
@@ -258,20 +234,14 @@ def _fault(error: Exception, refusal: type[Exception]) -> str | None:
     own = kind is refusal or kind.__module__.startswith("palpate.")
     if not (own and isinstance(error, refusal)):
         return kind.__name__
-    if _ran_out(error):
-        return "refused for want of memory"
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, MemoryError):
+            return "refused for want of memory"
+        cause = cause.__cause__ or cause.__context__
     if not text or "\n" in text or len(text) > MOST_LETTERS:
         return f"refused in no sentence, but {len(text)} letters"
     return None
-
-
-def _ran_out(error: BaseException | None) -> bool:
-    """Whether an error came of another that says that there was no more memory."""
-    while error is not None:
-        if isinstance(error, MemoryError):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
 
 
 def _took(began: float, then: float) -> float:
@@ -339,7 +309,7 @@ _ROOM = __name__.rpartition(".")[0]
 INPUT_KINDS: Mapping[str, InputKind] = {
     "messages": InputKind("messages", _prepare_messages, _attempt_message, ValueError),
     "recordings": _files("recordings", f"{_ROOM}.messages", ValueError),
-    "meshes": _files("meshes", f"{_ROOM}.meshes", InputError),
-    "scenes": _files("scenes", f"{_ROOM}.documents", InputError),
-    "solids": _files("solids", f"{_ROOM}.documents", InputError),
+    "meshes": _files("meshes", f"{_ROOM}.files", InputError),
+    "scenes": _files("scenes", f"{_ROOM}.files", InputError),
+    "solids": _files("solids", f"{_ROOM}.files", InputError),
 }

@@ -9,14 +9,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from palpate.bench.fuzz import trials
+from palpate.bench.fuzz import reproduce, trials
 from palpate.bench.fuzz.trials import (
     COUNTS,
     INPUT_KINDS,
     QUICK,
     InputKind,
     Tally,
-    reproduce,
     tally,
     tally_rows,
     try_input,

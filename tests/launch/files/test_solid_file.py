@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.bench.fuzz.documents import hostile_solids, npz
+from palpate.bench.fuzz.files import hostile_solids, npz
 from palpate.launch.files.solid_file import read_npz
 
 
