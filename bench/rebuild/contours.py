@@ -14,7 +14,7 @@ from palpate.core import Floats
 from palpate.core.geometry import PreparedSurface, compare_surfaces, prepare_surface
 from palpate.core.rebuild import Solid, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of, stack_points
-from palpate.core.rebuild.loft import ContourLoft, fit_contour_loft
+from palpate.core.rebuild.side import ContourLoft, fit_contour_loft
 from palpate.core.touch import Jet
 from palpate.launch import EXPLORE, choose_run_directory, describe, find_scene, override
 from palpate.launch.files import SourceMapped

@@ -26,29 +26,27 @@ from palpate.core.rebuild.ends import (
     touched_end,
 )
 from palpate.core.rebuild.lattice import LatticeFit, LatticeSide, fit_lattice, refine_lattice
-from palpate.core.rebuild.loft import (
+from palpate.core.rebuild.recovery import Recovery
+from palpate.core.rebuild.side import (
+    AxisCurve,
     ContourLoft,
     ContourSurface,
-    SidePatch,
-    Uncertainty,
-    fit_contour_loft,
-    noise_of,
-)
-from palpate.core.rebuild.radial import (
-    AxisCurve,
     Coverage,
     RadialFit,
     RadialSpline,
+    SidePatch,
+    Uncertainty,
     coverage_of,
     fit_axis_curve,
+    fit_contour_loft,
     fit_radial_spline,
     fit_shifted_spline,
     looks_inward,
+    noise_of,
     pose_sigma,
     radial_fit,
     with_normals,
 )
-from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.surface import Patch, Surface, close_surface, search_surface
 
 POINT = 1e-9  # Of the widest contour: one that is narrower is a point
@@ -75,10 +73,7 @@ class ContourSolid:
     shear: Shear | None = None
 
     def deviation(self, heights: Floats, turns: Floats) -> Floats:
-        """Standard deviation of the side along its normal, m, on a grid (a, b).
-
-        See `ContourLoft.deviation`; of a radial spline, at each height the mean around.
-        """
+        """As `ContourLoft.deviation`; of a radial spline, at each height the mean around."""
         if self.radial is None:
             return self.loft.deviation(heights, turns)
         levels = np.interp(heights, self.radial.band_heights, self.radial.band)
@@ -97,29 +92,23 @@ def close_contours(
     top: float | None = None,
     noise: float | None = None,
 ) -> ContourSolid:
-    """The closed surface through contours.
+    """The closed surface through contours at ascending heights (m,), grid (m, k, 2).
 
-    Parameters
-    ----------
-    heights : (m,) array
-        Heights of the contours, ascending.
-    grid : (m, k, 2) array
-        Their points, counter-clockwise, corresponding. A first or last contour that is but a
-        point counts as a touch of the end.
-    bottom, top : float, optional
-        Heights at which a touch found the ends.
-    noise : float, optional
-        Standard deviation of a coordinate, in the same unit; estimated if left out.
-
-    Raises
-    ------
-    ValueError
-        As `close_ends` and `fit_contour_loft` do; or if there is but one contour, and both ends
-        have not been touched.
+    They run counter-clockwise and correspond; a first or last one that is but a point counts as a
+    touch of the end. `bottom` and `top` are heights at which a touch found the ends, `noise` is the
+    standard deviation of a coordinate, estimated if left out. Raises ValueError as `close_ends` and
+    `fit_contour_loft` do; or if there is but one contour, and both ends have not been touched.
     """
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))
-    heights, grid, (bottom, top) = _points_as_touches(heights, grid, (bottom, top))
+    width = np.ptp(grid, axis=1).max(axis=1, initial=0.0) if grid.shape[1] else np.zeros(0)
+    wide = np.flatnonzero(width > POINT * width.max(initial=0.0))
+    first, last = (int(wide[0]), int(wide[-1])) if len(wide) else (0, -1)
+    if len(wide) and first > 0 and bottom is None:
+        bottom = float(heights[0])
+    if len(wide) and last < len(heights) - 1 and top is None:
+        top = float(heights[-1])
+    heights, grid = heights[first : last + 1], grid[first : last + 1]
     if not len(heights) or (len(heights) == 1 and (bottom is None or top is None)):
         raise ValueError(
             f"heights must be at least 2 unless both ends were touched, got {len(heights)}"
@@ -128,20 +117,6 @@ def close_contours(
     known = noise if noise is not None else (noise_of(heights, grid) if len(heights) > 1 else 0.0)
     ends = close_ends(heights, grid, bottom=bottom, top=top, noise=known)
     return _between_ends(heights, grid, ends, noise)
-
-
-def _points_as_touches(
-    heights: Floats, grid: Floats, touched: tuple[float | None, float | None]
-) -> tuple[Floats, Floats, tuple[float | None, float | None]]:
-    """Contours without those at the ends that are points; these say where the ends are."""
-    width = np.ptp(grid, axis=1).max(axis=1, initial=0.0) if grid.shape[1] else np.zeros(0)
-    wide = np.flatnonzero(width > POINT * width.max(initial=0.0))
-    if not len(wide):
-        return heights[:0], grid[:0], touched
-    first, last = int(wide[0]), int(wide[-1])
-    bottom = float(heights[0]) if first > 0 and touched[0] is None else touched[0]
-    top = float(heights[-1]) if last < len(heights) - 1 and touched[1] is None else touched[1]
-    return heights[first : last + 1], grid[first : last + 1], (bottom, top)
 
 
 def close_radial(rows: RadialRows) -> ContourSolid:
@@ -153,38 +128,30 @@ def close_radial(rows: RadialRows) -> ContourSolid:
 def _between_ends(
     heights: Floats, grid: Floats, ends: tuple[End, End], noise: float | None
 ) -> ContourSolid:
-    loft = _loft_between(heights, grid, ends, noise)
+    """The loft runs on to a point where an end is round, else ends at its last contour."""
+
+    def lofted() -> ContourLoft:
+        low, high = (end.rim if end.apart else end.height for end in ends)
+        pole = [end.middle if end.round else False for end in ends]
+        return fit_contour_loft(heights, grid, low=low, high=high, pole=pole, noise=noise)
+
+    loft = lofted()
     through = [end.round and runs_through_axis(loft.surface, end.rim, end.height) for end in ends]
     if any(through):
-        below, above = ends
-        ends = (
-            replace(below, apart=below.apart or through[0]),
-            replace(above, apart=above.apart or through[1]),
+        below, above = (
+            replace(end, apart=end.apart or crossed)
+            for end, crossed in zip(ends, through, strict=True)
         )
-        loft = _loft_between(heights, grid, ends, noise)
+        ends = below, above
+        loft = lofted()
     return ContourSolid(_closed(SidePatch(loft.surface), ends), loft, *ends)
-
-
-def _loft_between(
-    heights: Floats, grid: Floats, ends: tuple[End, End], noise: float | None
-) -> ContourLoft:
-    """The loft, which runs on to a point where an end is round, else ends at its last contour."""
-    low, high = (end.rim if end.apart else end.height for end in ends)
-    return fit_contour_loft(
-        heights,
-        grid,
-        low=low,
-        high=high,
-        pole=[end.middle if end.round else False for end in ends],
-        noise=noise,
-    )
 
 
 def runs_through_axis(surface: ContourSurface, rim: float, end: float) -> bool:
     """Whether a section between the last contour (its height: `rim`) and the point is inside out.
 
-    Where the last contour is seen whole from its middle, so must be all sections. Otherwise a
-    section must but lie on the whole on the side of the axis on which the contour lies.
+    Where the last contour is seen whole from its middle, so must be all sections; else a section
+    must but lie on the whole on the side of the axis on which the contour lies.
     """
     ways = 1.0 - np.geomspace(1.0, LAST, SECTIONS)
     turns = np.arange(SECTION_TURNS) / SECTION_TURNS
@@ -245,7 +212,12 @@ def _rows_between(
     top: float | None,
 ) -> RadialRows | None:
     """The rows about an axis, from the heights (n,) of the contours' middles."""
-    low, high = _reach(contacts, levels, bottom, top)
+    # All contact points lie between them, but for what seems to lie beyond an end that is known
+    # from elsewhere, as a platform is.
+    low, high = (
+        _reached(contacts, float(last), way, end)
+        for end, last, way in ((bottom, levels[0], -1.0), (top, levels[-1], 1.0))
+    )
     contacts = with_normals(contacts, axis_curve, low, high)
     plain = fit_radial_spline(contacts, axis_curve, low, high)
     seen = coverage_of(plain.rows.heights, plain.rows.places[:, 1])
@@ -258,23 +230,11 @@ def _rows_between(
     return _rows(contacts, shifted.spline, levels, (bottom, top), seen, pose)
 
 
-def _reach(
-    contacts: ContactPoints, levels: Floats, bottom: float | None, top: float | None
-) -> tuple[float, float]:
-    """Heights between which the spline is fitted.
-
-    All contact points are between them, but for what seems to lie beyond an end that is known from
-    elsewhere, as a platform is.
-    """
-    reached = []
-    for end, last, way in ((bottom, levels[0], -1.0), (top, levels[-1], 1.0)):
-        heights = [way * float(last)]
-        if end is not None:
-            heights.append(way * end)
-        if end is None or on_end(contacts, float(last), way).any():
-            heights.append(float((way * contacts.points[:, 2]).max()))
-        reached.append(way * max(heights))
-    return reached[0], reached[1]
+def _reached(contacts: ContactPoints, last: float, way: float, end: float | None) -> float:
+    heights = [way * last] if end is None else [way * last, way * end]
+    if end is None or on_end(contacts, last, way).any():
+        heights.append(float((way * contacts.points[:, 2]).max()))
+    return way * max(heights)
 
 
 def _rows(
@@ -336,12 +296,9 @@ def refine_solid(
     low, high = surface.seams[number : number + 2]
     on_side = (nearest.v >= low) & (nearest.v <= high)
     places = np.column_stack([(nearest.v - low) / (high - low), nearest.turns])[on_side]
+    each = None if sigma is None else np.full(int(on_side.sum()), sigma)
     found = refine_lattice(
-        fit,
-        points[on_side],
-        np.clip(places, 0.0, 1.0),
-        sigma=None if sigma is None else np.full(int(on_side.sum()), sigma),
-        weights=weights,
+        fit, points[on_side], np.clip(places, 0.0, 1.0), sigma=each, weights=weights
     )
     assert found.refinement is not None
     beyond = int(np.count_nonzero(~on_side))

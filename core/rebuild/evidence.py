@@ -56,7 +56,6 @@ class Evidence(NamedTuple):
     # Each contour by itself, as it was given: what more evidence is added to.
     given: tuple[ContourCurve | DroppedContour, ...] = ()
     tops: Floats | None = None  # (k, 3): where single touches found the ends
-
     # Contours that are used, though they are unlike their neighbours.
     feature_candidates: tuple[FeatureCandidate, ...] = ()
     # Pose (7,) of the slicing frame in the world; None if it is the world's own.
@@ -119,8 +118,18 @@ def gather_curves(
     """The same of contours made into curves and of tops (k, 3), both seen from the frame."""
     slices = stack_curves(given)
     slices, bottom, top = _ends(slices, tops)
-    _check_size(slices, (bottom, top))
-    slices = _around_areas(slices)
+    reached = [*slices.heights[[0, -1]], *(end for end in (bottom, top) if end is not None)]
+    size = max(float(slices.perimeter.max()), float(max(reached) - min(reached)))
+    if not LEAST_SIZE <= size <= MOST_SIZE:
+        raise ValueError(
+            f"contours and tops must span from {LEAST_SIZE:g} to {MOST_SIZE:g}, got {size:g}"
+        )
+    areas = np.array([signed_area(one) for one in slices.fine])
+    # Figures of eight whose halves cancel: nobody can say which way they run.
+    none = slices.self_intersecting & (np.abs(areas) < NO_AREA * slices.perimeter**2)
+    if none.all():
+        raise ValueError("contours must run around an area, got none but figures of eight")
+    slices = slices.without(none, "around no area") if none.any() else slices
     matched = _matched(slices)
     if contacts is None:  # else it is not the contours that the surface goes through
         slices, matched = _mended(slices, matched)
@@ -136,11 +145,7 @@ def gather_curves(
 
 
 def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence, Floats]:
-    """Without contours that their neighbours contradict.
-
-    Of few contours those that may as well be features of the object stay: (M,) tells by how much
-    these are off, and 0 of all others.
-    """
+    """Without contours that neighbours contradict; by how much those are off that stay, (M,)."""
     found = inconsistent_contours(slices.heights, matched.grid)
     if not found.bad.any():
         return slices, matched, np.zeros(len(found.bad))
@@ -171,30 +176,13 @@ def _matched(slices: Slices) -> Correspondence:
     return match_slices(slices, min(max(usual, FEWEST), MOST))
 
 
-def _check_size(slices: Slices, ends: tuple[float | None, float | None]) -> None:
-    reached = [float(slices.heights[0]), float(slices.heights[-1])]
-    reached += [end for end in ends if end is not None]
-    size = max(float(slices.perimeter.max()), max(reached) - min(reached))
-    if not LEAST_SIZE <= size <= MOST_SIZE:
-        raise ValueError(
-            f"contours and tops must span from {LEAST_SIZE:g} to {MOST_SIZE:g}, got {size:g}"
-        )
-
-
-def _around_areas(slices: Slices) -> Slices:
-    """Without figures of eight whose halves cancel: nobody can say which way they run."""
-    areas = np.array([signed_area(one) for one in slices.fine])
-    none = slices.self_intersecting & (np.abs(areas) < NO_AREA * slices.perimeter**2)
-    if none.all():
-        raise ValueError("contours must run around an area, got none but figures of eight")
-    return slices.without(none, "around no area") if none.any() else slices
-
-
 def _ends(slices: Slices, tops: Floats | None) -> tuple[Slices, float | None, float | None]:
     """Heights of the touched ends, below and above; contours that are but points tell of them."""
     touched = np.zeros(0) if tops is None else tops[:, 2]
     for row in (0, -1):
-        if _scribble(slices, row):
+        width = np.ptp(slices.fine, axis=1).max(axis=1)
+        # A contour that is a point, drawn large by noise.
+        if slices.self_intersecting[row] and width[row] < POINT * width.max():
             touched = np.append(touched, slices.heights[row])
             last = np.arange(len(slices.heights)) == np.arange(len(slices.heights))[row]
             slices = slices.without(last, "in one place: a touch of its end")
@@ -208,28 +196,13 @@ def _ends(slices: Slices, tops: Floats | None) -> tuple[Slices, float | None, fl
             one = one._replace(why="in one place: a touch of its end")
         told.append(one)
     below, above = touched[touched < middle], touched[touched >= middle]
-    _check_ends(slices.heights, below, above)
-    return (
-        replace(slices, dropped=tuple(told)),
-        float(below.min()) if len(below) else None,
-        float(above.max()) if len(above) else None,
-    )
-
-
-def _scribble(slices: Slices, row: int) -> bool:
-    """Whether a contour is a point, drawn large by noise."""
-    width = np.ptp(slices.fine, axis=1).max(axis=1)
-    return bool(slices.self_intersecting[row] and width[row] < POINT * width.max())
-
-
-def _check_ends(heights: Floats, below: Floats, above: Floats) -> None:
-    """An end may lie a little inside the last contour, by noise, but not within the contours."""
-    spacing = float(np.diff(heights)[[0, -1]].min()) if len(heights) > 1 else 0.0
-    for end, rim, way in (
-        (below.min(initial=np.inf), heights[0], -1.0),
-        (above.max(initial=-np.inf), heights[-1], 1.0),
-    ):
-        if np.isfinite(end) and way * (end - rim) < -spacing:
+    bottom = float(below.min()) if len(below) else None
+    top = float(above.max()) if len(above) else None
+    # An end may lie a little inside the last contour, by noise, but not within the contours.
+    spacing = float(np.diff(slices.heights)[[0, -1]].min()) if len(slices.heights) > 1 else 0.0
+    for end, rim, way in ((bottom, low, -1.0), (top, high, 1.0)):
+        if end is not None and way * (end - rim) < -spacing:
             raise ValueError(
                 f"tops must not lie within the contours, got {end:g} where the last is at {rim:g}"
             )
+    return replace(slices, dropped=tuple(told)), bottom, top

@@ -35,9 +35,17 @@ from palpate.core.rebuild.contours import (
     stack_points,
 )
 from palpate.core.rebuild.evidence import Evidence, gather, gather_curves
+from palpate.core.rebuild.lattice import LatticeFit
 from palpate.core.rebuild.recovery import Recovery, recover
 from palpate.core.rebuild.solid import Method, Solid
-from palpate.core.rebuild.surface import Patch, SampledPatch, closed_surface, placed, sampled_patch
+from palpate.core.rebuild.surface import (
+    Patch,
+    SampledPatch,
+    Surface,
+    closed_surface,
+    placed,
+    sampled_patch,
+)
 from palpate.core.shapes import Superquadric, Taper, regular_points
 from palpate.core.thesis import ThesisSolid, rebuild_thesis
 
@@ -123,39 +131,28 @@ def reconstruct(
         positive("noise", float(finite_array("noise", noise, ())), "in the unit of the contours")
     if method != "lattice" and not (size is None and grasp is None):
         raise ValueError(f"size and grasp must be left out with the method {method!r}")
-    if size is not None:
-        _check_lattice(size)
+    if size is not None and not _is_size(size):
+        raise ValueError(
+            f"size must be two whole numbers, from {LEAST} to {WIDEST} across and to {8 * WIDEST} "
+            f"along, got {size}"
+        )
     if faithful and method != "thesis":
         raise ValueError(f"faithful goes with the method 'thesis' alone, got {method!r}")
     pose = slicing_pose(frame)
     if grasp is not None and pose is not None:
         grasp = replace(grasp, pose=compose_poses(inverse_pose(pose), grasp.pose))
-    contacts = _contact_points(contours, normals, patches, heights, pose)
+    # Everything that was touched but the contours themselves, seen from the frame.
+    parts = [] if patches is None else [contacts_into_frame(pose, checked_contacts(patches))]
+    if normals is not None:
+        parts.append(normals_as_points(contours, normals, heights, pose))
+    contacts = stack_points(parts) if parts else None
     evidence = gather(contours, tops, contacts=contacts, heights=heights, noise=noise, frame=pose)
     return Rebuilder(method, size, grasp, faithful)(evidence)
 
 
-def _check_lattice(size: tuple[int, int]) -> None:
+def _is_size(size: tuple[int, int]) -> bool:
     whole = isinstance(size, tuple) and all(isinstance(count, int) for count in size)
-    if not (whole and len(size) == 2 and min(size) >= LEAST and size[0] <= WIDEST >= size[1] // 8):
-        raise ValueError(
-            f"size must be two whole numbers, from {LEAST} to {WIDEST} across and to {8 * WIDEST} "
-            f"along, got {size}"
-        )
-
-
-def _contact_points(
-    contours: Sequence[ArrayLike],
-    normals: Sequence[ArrayLike] | None,
-    patches: ContactPoints | None,
-    heights: ArrayLike | None,
-    frame: Floats | None,
-) -> ContactPoints | None:
-    """Everything that was touched but the contours themselves, seen from the frame."""
-    parts = [] if patches is None else [contacts_into_frame(frame, checked_contacts(patches))]
-    if normals is not None:
-        parts.append(normals_as_points(contours, normals, heights, frame))
-    return stack_points(parts) if parts else None
+    return whole and len(size) == 2 and min(size) >= LEAST and size[0] <= WIDEST >= size[1] // 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,22 +171,19 @@ class Rebuilder:
         elif self.method == "thesis":
             solid = _thesis(evidence, self.faithful)
         else:
-            solid = self._from_loft(evidence)
+            evidence, closed = _close(evidence)
+            made: tuple[Surface, LatticeFit | None] = closed.surface, None
+            if self.method == "lattice":
+                made = lattice_of(closed, self.size, self.grasp)
+            solid = Solid(
+                surface=made[0],
+                method=self.method,
+                evidence=evidence,
+                closed=closed,
+                lattice=made[1],
+            )
         shear = None if solid.closed is None else solid.closed.shear
         return replace(solid, surface=placed(solid.surface, evidence.frame, shear), rebuilder=self)
-
-    def _from_loft(self, evidence: Evidence) -> Solid:
-        evidence, closed = _close(evidence)
-        surface, lattice = closed.surface, None
-        if self.method == "lattice":
-            surface, lattice = lattice_of(closed, self.size, self.grasp)
-        return Solid(
-            surface=surface,
-            method=self.method,
-            evidence=evidence,
-            closed=closed,
-            lattice=lattice,
-        )
 
 
 def _coarse(evidence: Evidence) -> Solid:
@@ -233,10 +227,7 @@ def _raised(rings: Sequence[Floats], heights: Floats) -> list[Floats]:
 
 
 def thesis_patches(solid: ThesisSolid) -> tuple[Patch, ...]:
-    """Its surface, from the bottom to the top, counter-clockwise whatever the lattice does.
-
-    The program closes its surface by points beyond its first and last rows; these are cones.
-    """
+    """Its surface, upwards and counter-clockwise; the points that close it there are cones here."""
     middle = solid.surface(np.array([0.5]), np.linspace(0.0, 1.0, 65))[0, :-1]
     mirrored = signed_area(middle[:, :2]) < 0.0
 
@@ -274,38 +265,19 @@ def _close_contours(evidence: Evidence) -> ContourSolid:
             "contours must leave at least 2 to rebuild from, or 1 with tops that touched both "
             f"ends, got 1{why}"
         )
-    return close_contours(
-        slices.heights,
-        evidence.correspondence.grid,
-        bottom=evidence.bottom,
-        top=evidence.top,
-        noise=evidence.noise,
-    )
+    ends = {"bottom": evidence.bottom, "top": evidence.top}
+    grid = evidence.correspondence.grid
+    return close_contours(slices.heights, grid, **ends, noise=evidence.noise)
 
 
 def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
-    """The superquadric that explains points best for its number of parameters.
+    """The superquadric that explains points (n, 3) on it best for its number of parameters.
 
-    Parameters
-    ----------
-    points : (n, 3) array
-        On the surface, in any unit; contacts of a hand, or points of contours.
-    noise : float, optional
-        Standard deviation of a coordinate, if it is known: what is less explains nothing.
+    Contacts of a hand, or points of contours; `noise` is the standard deviation of a coordinate, if
+    it is known: what is less explains nothing. Tapered and bent where that pays; of points too few,
+    or all in a plane, an ellipsoid in their extents, which says so in its warnings. Raises
+    ValueError if the points are not finite, or the noise is not positive.
 
-    Returns
-    -------
-    Recovery
-        Tapered and bent where that pays. If the points are too few, or all in a plane, it is an
-        ellipsoid in their extents, and says so in its warnings.
-
-    Raises
-    ------
-    ValueError
-        If the points are not finite, or the noise is not positive.
-
-    Notes
-    -----
     Fung, 1999, 3.2.2, step 1, with pose, taper, bend and free exponents. Chosen by Schwarz,
     *Estimating the dimension of a model*, 1978.
     """
@@ -319,14 +291,14 @@ def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
     if not fitted:
         return fits[0]
     sound = [fit for fit in fitted if not USELESS.intersection(fit.warnings)]
-    return min(sound or fitted[:1], key=lambda fit: _information(fit, len(places), noise or 0.0))
 
+    def information(fit: Recovery) -> float:
+        """Schwarz's criterion: smaller is better."""
+        rounding = max(np.finfo(float).eps * float(fit.size.max()), np.finfo(float).tiny)
+        missed = max(math.hypot(fit.rms, noise or 0.0), rounding)
+        return 2.0 * len(places) * math.log(missed) + len(fit.names) * math.log(len(places))
 
-def _information(fit: Recovery, count: int, noise: float) -> float:
-    """Schwarz's criterion: smaller is better."""
-    rounding = max(np.finfo(float).eps * float(fit.size.max()), np.finfo(float).tiny)
-    missed = max(math.hypot(fit.rms, noise), rounding)
-    return 2.0 * count * math.log(missed) + len(fit.names) * math.log(count)
+    return min(sound or fitted[:1], key=information)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

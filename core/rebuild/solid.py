@@ -1,13 +1,12 @@
-"""A rebuilt solid: an exact closed surface, how it came about, and figures of how far to trust it.
+"""A rebuilt solid: an exact closed surface, how it came about, and how far to trust it.
 
 Its control lattice is carried along by the slicing frame, deformed and undeformed control points
 alike. The shear of its ends moves the deformed ones alone, for it is part of the deformation: exact
-where both ends are parallel, else as near as the knots are close together.
-
-The deviation of the whole is that of the side, how much farther than by their noise taxels lie off
-it, and where it was not touched, what may bulge there. An end adds what nobody has touched of it:
-the edge beyond the last height that was touched, the end's own height, how far what touched it lies
-off it, and, where nobody touched, by how much the object may go on.
+where both ends are parallel, else as near as the knots are close together. The deviation of the
+whole is that of the side, how much farther than by their noise taxels lie off it, and where it was
+not touched, what may bulge there. An end adds what nobody has touched of it: the edge beyond the
+last height that was touched, the end's own height, how far what touched it lies off it, and, where
+nobody touched, by how much the object may go on.
 """
 
 from __future__ import annotations
@@ -27,9 +26,8 @@ from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame
 from palpate.core.rebuild.ends import End, Shear, levelled, on_end
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice import LatticeFit
-from palpate.core.rebuild.loft import SidePatch, Uncertainty
-from palpate.core.rebuild.radial import POSE_LEFT, SECTORS
 from palpate.core.rebuild.recovery import Recovery
+from palpate.core.rebuild.side import POSE_LEFT, SECTORS, SidePatch, Uncertainty
 from palpate.core.rebuild.surface import (
     DEFAULT_TOLERANCE,
     EndPatch,
@@ -57,7 +55,6 @@ Method = Literal["lattice", "skin", "thesis", "coarse"]
 # Places of the side at which it is seen whether it swings out.
 OVERSHOOT_ROWS, OVERSHOOT_TURNS = 97, 160
 NOISE_SHARE = 0.2  # Of the noise: the tolerance of a mesh where none is asked for
-Figures = dict[str, float]
 # Places of the side, and of each piece of an end, at which areas are taken.
 SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16
 # Of the height of an edge that nobody touched: what its rounding may be wrong by, root mean square
@@ -118,29 +115,16 @@ class Solid:
     def update(self, contour: ArrayLike, *, height: float | None = None) -> Solid:
         """The solid with one contour more: that of all contours at once, in any order.
 
-        Other contours need not be made into curves again, which is most of the work.
-
-        Parameters
-        ----------
-        contour : (n, 3) array, or (n, 2) with `height`
-            As for `reconstruct`, in the world.
-        height : float, optional
-            Of a plane contour, if there is no slicing frame.
-
-        Raises
-        ------
-        ValueError
-            As `reconstruct` does; or if the solid was not made by it.
+        Other contours need not be made into curves again, which is most of the work. `contour` is
+        as for `reconstruct`, in the world: (n, 3), or (n, 2) with `height` if there is no slicing
+        frame. Raises ValueError as `reconstruct` does; or if the solid was not made by it.
         """
         if self.rebuilder is None:
             raise ValueError("solid must be rebuilt by reconstruct to be updated, got another")
         return self.rebuilder(self.evidence.more(contour, height))
 
     def mesh(self, tolerance: float | None = None) -> SurfaceMesh:
-        """Triangles that leave the surface by at most a tolerance: see `mesh_surface`.
-
-        If none is asked for, noise sets it as well: finer triangles would show nothing more.
-        """
+        """Triangles that leave the surface by a tolerance, or as noise lets: `mesh_surface`."""
         if tolerance is None and self.closed is not None:
             noise = NOISE_SHARE * self.closed.loft.health.sigma
             tolerance = max(DEFAULT_TOLERANCE * self.surface.size, noise)
@@ -166,21 +150,11 @@ class Solid:
     ) -> Solid:
         """The solid after its control lattice was changed so that the side passes points.
 
-        Parameters
-        ----------
-        points : (n, 3) array
-            Further points of the object, in the world. Those nearest to an end are counted, not
-            passed.
-        sigma : float, optional
-            Their standard deviation: the side is drawn only as near as that lets it.
-        weights : bool
-            Whether weights of control points may change, too.
-
-        Raises
-        ------
-        ValueError
-            If the method was not "lattice", `sigma` is not positive, a point is not finite, or
-            so far aside of sloping ends that these would have met before.
+        They are further points (n, 3) of the object, in the world; those nearest to an end are
+        counted, not passed. With their standard deviation `sigma` the side is drawn only as near as
+        that lets it; `weights` lets weights of control points change, too. Raises ValueError if the
+        method was not "lattice", `sigma` is not positive, a point is not finite, or so far aside of
+        sloping ends that these would have met before.
         """
         if self.lattice is None or self.closed is None:
             raise ValueError(f"method must be lattice for a solid to be refined, got {self.method}")
@@ -198,17 +172,9 @@ class Solid:
     def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats | None:
         """Standard deviation of the side along its normal, on a grid (a, b), without the ends.
 
-        None with the methods "thesis" and "coarse", which do not say.
-
-        Parameters
-        ----------
-        heights, turns : (a,), (b,) arrays
-            Heights along the z axis of the slicing frame; a whole turn is 1.
-
-        Raises
-        ------
-        ValueError
-            If a number is not finite.
+        At heights (a,) along the z axis of the slicing frame and turns (b,), of which a whole one
+        is 1. None with the methods "thesis" and "coarse", which do not say. Raises ValueError if a
+        number is not finite.
         """
         if self.closed is None:
             return None
@@ -226,10 +192,7 @@ class Solid:
 
     @property
     def uncovered(self) -> tuple[float, float]:
-        """By how much the object may go on below and above, and nobody can know.
-
-        Along the slicing axis, of which "below" is the end that is smaller in z.
-        """
+        """By how much it may go on below and above, along the slicing axis: nobody can know."""
         if self.closed is None:
             return 0.0, 0.0
         return self.closed.bottom.uncovered, self.closed.top.uncovered
@@ -251,7 +214,7 @@ class Solid:
         return float(max(beyond, 0.0) / (high - low).max())
 
     def health(self) -> dict[str, float]:
-        """Figures of the fit, by name; lengths in the unit of the contours.
+        """dict[str, float] of the fit, by name; lengths in the unit of the contours.
 
         Of the contours: how many are used (`contours`) and not (`dropped`), of the latter may have
         touched what no other did (`perhaps_features`), are used though unlike their neighbours
@@ -275,9 +238,37 @@ class Solid:
         cannot be told by one distance for each turn, so that the contours alone count. Of the
         lattice and of the other methods: see `LatticeFit`, `Recovery`, `ThesisSolid`.
         """
-        return health_of(self.evidence, self.closed, self.lattice, self.model, self.surface) | {
-            "overshoot": self.overshoot
-        }
+        found = self.evidence.health() | {"uncovered_below": 0.0, "uncovered_above": 0.0}
+        if self.closed is not None:
+            outliers = found["outlying_points"]
+            found |= _of_side(self.closed)
+            found["outlying_points"] += outliers
+            if self.evidence.contacts is not None:
+                found |= _of_contacts(self.closed)
+        if self.lattice is not None:
+            found |= _of_lattice(self.lattice)
+        if isinstance(self.model, Recovery):
+            names = ("rms", "rank", "condition", "looseness")
+            found |= {name: float(getattr(self.model, name)) for name in names}
+            found["uncovered_share"] = self.model.uncovered
+            found["warnings"] = float(len(self.model.warnings))
+        if isinstance(self.model, ThesisSolid):
+            health = self.model.health
+            found |= {
+                "unmatched_contours": float((~health.one_to_one).sum()),
+                "degenerate_contours": float(health.degenerate.sum()),
+                "cores_moved": float(health.cores_moved.sum()),
+                "core_points_outside": float(health.cores_outside.sum()),
+                "widest_gap": float(health.gaps.max()),
+            }
+        pieces = self.surface.pieces
+        for name, upper in (("below", False), ("above", True)):
+            ends = [one for one in pieces if isinstance(one, EndPatch) and one.upper == upper]
+            found[f"folded_{name}"] = sum(end.folded for end in ends)
+        misses = [piece.miss for piece in pieces if isinstance(piece, SampledPatch)]
+        if misses:
+            found["sampling"] = max(misses)
+        return found | {"overshoot": self.overshoot}
 
 
 def moved_lattice(lattice: Lattice, frame: Floats | None, shear: Shear | None = None) -> Lattice:
@@ -311,10 +302,7 @@ def sheared_volume(volume: SplineVolume, shear: Shear) -> SplineVolume:
 
 
 def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> float:
-    """Standard deviation of the surface along its normal, root mean square over its area, m.
-
-    `contacts`, seen from the slicing frame, tell how well the ends fit.
-    """
+    """Standard deviation of the surface along its normal, root mean square over its area, m."""
     contacts = None if contacts is None else levelled(closed.shear, contacts)
     pieces = closed.surface.pieces
     side = next(i for i, piece in enumerate(pieces) if isinstance(piece, SidePatch))
@@ -323,7 +311,10 @@ def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> flo
     inside = (cells.heights > low) & (cells.heights < high)
     area = float(cells.areas[inside].sum())
     total = float((cells.areas * np.square(_side_deviation(closed, cells)))[inside].sum())
-    total += _of_gaps(closed)
+    if closed.radial is not None:  # what the side may hide where it was not touched, m^4
+        gaps, half = closed.radial.gaps, closed.loft.size
+        bulges = BULGES * gaps * (gaps / half) ** 3
+        total += float((2.0 * np.pi * half / SECTORS * gaps) @ bulges**2)
     ends = (
         (closed.bottom, -1.0, pieces[:side], cells.heights <= low),
         (closed.top, 1.0, pieces[side + 1 :], cells.heights >= high),
@@ -357,15 +348,6 @@ def _side_deviation(closed: ContourSolid, cells: _Cells) -> Floats:
     # Taxels that lie farther off than their noise lets them say how far the surface is wrong.
     off = max(closed.radial.rms**2 - closed.radial.sigma**2, 0.0)
     return np.asarray(np.sqrt(left**2 + off))
-
-
-def _of_gaps(closed: ContourSolid) -> float:
-    """Squared deviation times area of what the side may hide where it was not touched, m^4."""
-    if closed.radial is None:
-        return 0.0
-    gaps, half = closed.radial.gaps, closed.loft.size
-    bulges = BULGES * gaps * (gaps / half) ** 3
-    return float((2.0 * np.pi * half / SECTORS * gaps) @ bulges**2)
 
 
 def _of_end(
@@ -413,31 +395,7 @@ def _misfit(end: End, way: float, ring: Floats, contacts: ContactPoints) -> floa
     return float(np.sqrt(np.mean((points[:, 2] - heights) ** 2)))
 
 
-def health_of(
-    evidence: Evidence,
-    closed: ContourSolid | None,
-    lattice: LatticeFit | None,
-    model: ThesisSolid | Recovery | None,
-    surface: Surface,
-) -> Figures:
-    """All that is known of how a solid came about: see `Solid.health`."""
-    found = evidence.health() | {"uncovered_below": 0.0, "uncovered_above": 0.0}
-    if closed is not None:
-        outliers = found["outlying_points"]
-        found |= _of_side(closed)
-        found["outlying_points"] += outliers
-        if evidence.contacts is not None:
-            found |= _of_contacts(closed)
-    if lattice is not None:
-        found |= _of_lattice(lattice)
-    if isinstance(model, Recovery):
-        found |= _of_recovery(model)
-    if isinstance(model, ThesisSolid):
-        found |= _of_thesis(model)
-    return found | _of_ends(surface) | _of_samples(surface)
-
-
-def _of_side(closed: ContourSolid) -> Figures:
+def _of_side(closed: ContourSolid) -> dict[str, float]:
     loft, shear = closed.loft.health, closed.shear
     ends = (("below", closed.bottom), ("above", closed.top))
     told = ("uncovered", "unseen", "apart")
@@ -454,7 +412,7 @@ def _of_side(closed: ContourSolid) -> Figures:
     }
 
 
-def _of_contacts(closed: ContourSolid) -> Figures:
+def _of_contacts(closed: ContourSolid) -> dict[str, float]:
     radial = closed.radial
     if radial is None:
         return {"felt_unused": 1.0}
@@ -462,56 +420,15 @@ def _of_contacts(closed: ContourSolid) -> Figures:
     return {"felt_unused": 0.0} | radial.figures | about
 
 
-def _of_lattice(lattice: LatticeFit) -> Figures:
+def _of_lattice(lattice: LatticeFit) -> dict[str, float]:
     health, refined = lattice.health, lattice.refinement
-    found = {
-        "lattice_rms": health.rms,
-        "lattice_most": health.most,
-        "lattice_condition": health.condition,
-        "lattice_folded": health.folded,
-    }
+    told = ("rms", "most", "condition", "folded")
+    found = {f"lattice_{name}": float(getattr(health, name)) for name in told}
     if refined is not None:
-        told = ("points", "beyond", "before", "after", "moved")
-        found |= {f"refined_{name}": float(getattr(refined, name)) for name in told}
+        moved = ("points", "beyond", "before", "after", "moved")
+        found |= {f"refined_{name}": float(getattr(refined, name)) for name in moved}
         found["lattice_folded"] = refined.folded
     return found
-
-
-def _of_recovery(model: Recovery) -> Figures:
-    return {
-        "rms": model.rms,
-        "rank": float(model.rank),
-        "condition": model.condition,
-        "looseness": model.looseness,
-        "uncovered_share": model.uncovered,
-        "warnings": float(len(model.warnings)),
-    }
-
-
-def _of_thesis(model: ThesisSolid) -> Figures:
-    health = model.health
-    return {
-        "unmatched_contours": float((~health.one_to_one).sum()),
-        "degenerate_contours": float(health.degenerate.sum()),
-        "cores_moved": float(health.cores_moved.sum()),
-        "core_points_outside": float(health.cores_outside.sum()),
-        "widest_gap": float(health.gaps.max()),
-    }
-
-
-def _of_ends(surface: Surface) -> Figures:
-    """How much of the level ends lies on itself."""
-    ends = [piece for piece in surface.pieces if isinstance(piece, EndPatch)]
-    return {
-        f"folded_{name}": sum(end.folded for end in ends if end.upper == upper)
-        for name, upper in (("below", False), ("above", True))
-    }
-
-
-def _of_samples(surface: Surface) -> Figures:
-    """How far splines through samples of a surface may leave it."""
-    misses = [piece.miss for piece in surface.pieces if isinstance(piece, SampledPatch)]
-    return {"sampling": max(misses)} if misses else {}
 
 
 class _Cells(NamedTuple):

@@ -13,13 +13,6 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.core.rebuild.contours.consistency import FeatureCandidate as FeatureCandidate
-    from palpate.core.rebuild.contours.consistency import (
-        inconsistent_contours as inconsistent_contours,
-    )
-    from palpate.core.rebuild.contours.consistency import look_like_features as look_like_features
-    from palpate.core.rebuild.contours.consistency import neighbour_misfits as neighbour_misfits
-    from palpate.core.rebuild.contours.consistency import neighbour_weights as neighbour_weights
     from palpate.core.rebuild.contours.contacts import ContactPoints as ContactPoints
     from palpate.core.rebuild.contours.contacts import checked_contacts as checked_contacts
     from palpate.core.rebuild.contours.contacts import contact_points_of as contact_points_of
@@ -41,6 +34,13 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.contours.curves import drop_reasons as drop_reasons
     from palpate.core.rebuild.contours.curves import quadric_terms as quadric_terms
     from palpate.core.rebuild.contours.curves import refitted_curve as refitted_curve
+    from palpate.core.rebuild.contours.outliers import FeatureCandidate as FeatureCandidate
+    from palpate.core.rebuild.contours.outliers import (
+        inconsistent_contours as inconsistent_contours,
+    )
+    from palpate.core.rebuild.contours.outliers import look_like_features as look_like_features
+    from palpate.core.rebuild.contours.outliers import neighbour_misfits as neighbour_misfits
+    from palpate.core.rebuild.contours.outliers import neighbour_weights as neighbour_weights
     from palpate.core.rebuild.contours.outliers import point_outliers as point_outliers
     from palpate.core.rebuild.contours.slices import Slices as Slices
     from palpate.core.rebuild.contours.slices import restack as restack

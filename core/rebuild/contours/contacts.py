@@ -52,28 +52,24 @@ def contact_points_of(
     """
     position, axes = split_pose(pose)
     x, y = pad.grid()
-    slope_x = slope_y = np.zeros(x.shape)
+    slopes = np.zeros((2, *x.shape))
     if jet is not None:
         flat = x.ravel(), y.ravel()
         edge = edge_slopes(surface, jet.height(*flat).reshape(x.shape), touched, pad.pitch)
-        smooth_x, smooth_y = (each.reshape(x.shape) for each in jet.slopes(*flat))
-        slope_x = np.where(edge.edge, edge.slope_x, smooth_x)
-        slope_y = np.where(edge.edge, edge.slope_y, smooth_y)
+        slopes = np.where(edge.edge, edge.slopes, np.reshape(jet.slopes(*flat), slopes.shape))
         touched = touched & ~edge.unknown
     local = np.column_stack([x[touched], y[touched], surface[touched]])
-    slope_x, slope_y = slope_x[touched], slope_y[touched]
-    outward = np.column_stack([slope_x, slope_y, -np.ones(len(local))])
+    outward = np.column_stack([*slopes[:, touched], -np.ones(len(local))])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    one = np.zeros(len(local), np.int32)
-    return ContactPoints(local @ axes.T + position, outward @ axes.T, one)
+    touch = np.zeros(len(local), np.int32)
+    return ContactPoints(local @ axes.T + position, outward @ axes.T, touch)
 
 
 def edge_slopes(surface: Floats, smooth: Floats, touched: Bools, pitch: float) -> EdgeSlopes:
     """Slopes next to edges of heights (rows, cols), m, which a smooth surface was fitted to."""
-    nowhere = np.zeros(surface.shape)
     if min(surface.shape) < SIDE:
         none = np.zeros(surface.shape, np.bool_)
-        return EdgeSlopes(nowhere, nowhere, none, none)
+        return EdgeSlopes(np.zeros((2, *surface.shape)), none, none)
     steps = pitch * (np.arange(SIDE) - SIDE // 2)
     squares = sliding_window_view(np.where(touched, surface, np.nan), (SIDE, SIDE))
     missed = sliding_window_view(np.where(touched, surface - smooth, np.nan), (SIDE, SIDE))
@@ -93,7 +89,8 @@ def edge_slopes(surface: Floats, smooth: Floats, touched: Bools, pitch: float) -
     usual = float(np.median(known)) if known.size else 0.0
     left = np.where(found, np.fmin(chosen, followed), alone)
     unknown = touched & ~edge & (left > UNLIKE * usual + LEAST * pitch)
-    return EdgeSlopes(along_x.ravel()[best], along_y.ravel()[best], edge, unknown)
+    slopes = np.stack([along_x.ravel()[best], along_y.ravel()[best]])
+    return EdgeSlopes(slopes, edge, unknown)
 
 
 def _best_square(off: Floats) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
@@ -101,18 +98,15 @@ def _best_square(off: Floats) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]
     rows, cols = off.shape
     around = np.pad(off, SIDE - 1, constant_values=np.inf)
     numbers = np.pad(np.arange(rows * cols).reshape(rows, cols), SIDE - 1)
-    choices = sliding_window_view(around, (SIDE, SIDE)).reshape(
-        rows + SIDE - 1, cols + SIDE - 1, -1
+    choices, numbers = (
+        sliding_window_view(one, (SIDE, SIDE)).reshape(rows + SIDE - 1, cols + SIDE - 1, -1)
+        for one in (around, numbers)
     )
-    numbers = sliding_window_view(numbers, (SIDE, SIDE)).reshape(choices.shape)
     return np.take_along_axis(numbers, choices.argmin(axis=2)[..., None], axis=2)[..., 0]
 
 
 def stack_points(parts: list[ContactPoints]) -> ContactPoints:
-    """All points of several touches or stacks, no two of which share a touch.
-
-    Without normals if a part has none.
-    """
+    """All points of several touches or stacks, no two of which share a touch."""
     if not parts:
         return ContactPoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int32))
     counts = [int(part.touch.max(initial=-1)) + 1 for part in parts]
@@ -127,7 +121,7 @@ def stack_points(parts: list[ContactPoints]) -> ContactPoints:
 
 
 def checked_contacts(contacts: object) -> ContactPoints:
-    """The same, once it is known that it can be used.
+    """The same, normals of length 1 and touches counted from 0 on.
 
     Raises ValueError if it is nothing of the kind, shapes do not fit, a number is not finite, a
     normal has no length, or a touch is negative or no whole number.
@@ -154,8 +148,7 @@ def checked_contacts(contacts: object) -> ContactPoints:
 class EdgeSlopes(NamedTuple):
     """Of each taxel of an array (rows, cols)."""
 
-    slope_x: Floats  # Along the columns
-    slope_y: Floats  # Along the rows
+    slopes: Floats  # Along the columns and along the rows, (2, rows, cols)
     edge: Bools  # Where they are to be believed rather than the smooth surface's
     unknown: Bools  # Where neither is to be believed
 
@@ -178,12 +171,12 @@ def normals_as_points(
         raise ValueError(
             f"normals must be as many as the {len(contours)} contours, got {len(normals)}"
         )
-    levels = None if heights is None else finite_array("heights", heights, (len(contours),))
+    given_levels = None if heights is None else finite_array("heights", heights, (len(contours),))
     parts = []
     for which, (given, given_normals) in enumerate(zip(contours, normals, strict=True)):
         points, beside = np.asarray(given, float), np.asarray(given_normals, float)
-        if levels is not None:
-            points = np.column_stack([points, np.full(len(points), levels[which])])
+        if given_levels is not None:
+            points = np.column_stack([points, np.full(len(points), given_levels[which])])
         if beside.shape != points.shape:
             raise ValueError(
                 f"normals of contour {which} must have shape {points.shape}, got {beside.shape}"
@@ -192,17 +185,14 @@ def normals_as_points(
         good = np.isfinite(points).all(axis=1) & np.isfinite(length) & (length > 0.0)
         unit = turned_into_frame(frame, beside[good] / length[good, None])
         parts.append((into_frame(frame, points[good]), unit))
-    step = _step([points for points, _ in parts if len(points)])
+    used = [points for points, _ in parts if len(points)]
+    levels = np.array([points[:, 2].mean() for points in used])
+    step = 0.0
+    if len(used) and np.ptp(levels) > 0.0:
+        step = STEP * float(np.ptp(levels)) / (len(levels) - 1)
+    elif len(used):
+        step = ALONE * float(np.ptp(used[0][:, :2], axis=0).max())
     return stack_points([_stretches(points, unit, step) for points, unit in parts])
-
-
-def _step(contours: list[Floats]) -> float:
-    if not contours:
-        return 0.0
-    heights = np.array([points[:, 2].mean() for points in contours])
-    if np.ptp(heights) > 0.0:
-        return STEP * float(np.ptp(heights)) / (len(heights) - 1)
-    return ALONE * float(np.ptp(contours[0][:, :2], axis=0).max())
 
 
 def _stretches(points: Floats, normals: Floats, step: float) -> ContactPoints:
@@ -216,11 +206,7 @@ def _stretches(points: Floats, normals: Floats, step: float) -> ContactPoints:
 
 
 def slicing_pose(frame: ArrayLike | None) -> Floats | None:
-    """A checked pose (7,) of a slicing frame in the world; None if it is the world's own.
-
-    Raises ValueError if it is no pose: seven finite numbers, the last four a quaternion of length
-    1.
-    """
+    """A checked pose (7,); None if it is the world's own. Raises ValueError if it is none."""
     if frame is None:
         return None
     pose = finite_array("frame", frame, IDENTITY_POSE.shape).copy()

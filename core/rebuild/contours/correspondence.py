@@ -18,11 +18,11 @@ from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Floats
 from palpate.core.geometry import azimuth_match
-from palpate.core.rebuild.contours.consistency import neighbour_weights
 from palpate.core.rebuild.contours.curves import chord_places, curve_places
+from palpate.core.rebuild.contours.outliers import neighbour_weights
 from palpate.core.rebuild.contours.slices import Slices
 
-CorrespondenceMethod = Literal["twist", "signature", "ray", "azimuth"]
+CorrespondenceMethod = Literal["twist", "signature", "ray", "azimuth"]  # The last is for stars
 LEAST_COUNT = 3
 CLEARLY = 0.85  # Of the score of the least twist: another method must beat that to be taken
 WHOLE = 6  # Slices from which on only those count that have two neighbours on either side
@@ -57,35 +57,26 @@ class Correspondence:
 def match_slices(
     slices: Slices, count: int, method: Literal["auto"] | CorrespondenceMethod = "auto"
 ) -> Correspondence:
-    """Match slices place by place.
+    """Match slices place by place, at least 3 (`count`) around each.
 
-    Parameters
-    ----------
-    slices : Slices
-        The stack.
-    count : int
-        Places around each slice, at least 3.
-    method : {"auto", "twist", "signature", "ray", "azimuth"}
-        "twist": each slice begins where the surface between it and the next twists least.
-        "signature": it begins so that lobes and corners follow each other. "ray": it begins at
-        the ray along x from its middle. In all of them equal turns of the curves correspond.
-        "azimuth": equal azimuths about the middles do (Fung, 1999, 4.2, step 5); of slices that
-        are not star-shaped as nearly as may be, by `azimuth_match`. "auto" leaves each slice
-        out and predicts it from its neighbours: the least twist, unless another method
-        predicts clearly better; azimuths only if all slices are star-shaped.
-
-    Raises ValueError if the count is below 3 or the method unknown.
+    Methods: "twist": each slice begins where the surface between it and the next twists least.
+    "signature": it begins so that lobes and corners follow each other. "ray": it begins at the ray
+    along x from its middle. In all of them equal turns of the curves correspond. "azimuth": equal
+    azimuths about the middles do (Fung, 1999, 4.2, step 5); of slices that are not star-shaped as
+    nearly as may be, by `azimuth_match`. "auto" leaves each slice out and predicts it from its
+    neighbours: the least twist, unless another method predicts clearly better; azimuths only if all
+    slices are star-shaped. Raises ValueError if the count is below 3 or the method unknown.
     """
     if count < LEAST_COUNT:
         raise ValueError(f"count must be at least {LEAST_COUNT}, got {count}")
     if method != "auto" and method not in get_args(CorrespondenceMethod):
         words = ", ".join(get_args(CorrespondenceMethod))
         raise ValueError(f"method must be auto or one of {words}, got {method!r}")
-    methods: tuple[CorrespondenceMethod, ...] = (
-        get_args(CorrespondenceMethod) if method == "auto" else (method,)
-    )
-    if method == "auto" and not slices.star.all():
-        methods = tuple(one for one in methods if one != "azimuth")
+    methods: tuple[CorrespondenceMethod, ...] = get_args(CorrespondenceMethod)
+    if method != "auto":
+        methods = (method,)
+    elif not slices.star.all():
+        methods = methods[:-1]
     places = _places(slices, count, methods)
     scores: dict[CorrespondenceMethod, float] = {}
     best = 0
@@ -94,8 +85,7 @@ def match_slices(
         scores = dict(zip(methods, found.tolist(), strict=True))
         nearest = int(found.argmin())
         best = nearest if found[nearest] < CLEARLY * found[0] else 0
-    turns = np.mod(places[best, :, 0], 1.0)
-    grid = curve_places(slices.curves, places[best])
+    grid, turns = curve_places(slices.curves, places[best]), np.mod(places[best, :, 0], 1.0)
     return Correspondence(grid, places[best], turns, methods[best], scores)
 
 
@@ -121,9 +111,8 @@ def _places(slices: Slices, count: int, methods: tuple[CorrespondenceMethod, ...
 def start_ray(shapes: Floats) -> Floats:
     """Turns (M,) from 0 to 1 at which curves come up through the ray along x, the farthest out.
 
-    Of closed counter-clockwise curves (M, n, 2), each about its own middle, at even steps of the
-    turn. One that does not cross the ray, as its middle lies outside, begins where it is farthest
-    along x.
+    Closed counter-clockwise curves (M, n, 2), each about its own middle, at even steps of the turn;
+    one that does not cross the ray begins where it is farthest along x.
     """
     count = shapes.shape[1]
     following = np.roll(shapes, -1, axis=1)
@@ -139,10 +128,10 @@ def start_ray(shapes: Floats) -> Floats:
 
 
 def minimum_twist(shapes: Floats) -> Floats:
-    """Steps (M - 1,), in turns, from where one curve begins to where the next one should.
+    """Steps (M - 1,), in turns, to where the next curve should begin; curves as of `start_ray`.
 
-    Of curves as of `start_ray`. The step s makes the sum of ``|a(u) - b(u + s)|^2`` smallest, and
-    so their circular correlation largest, which the Fourier transform gives for all s at once.
+    The step s makes the sum of ``|a(u) - b(u + s)|^2`` smallest: the peak of a circular
+    correlation.
     """
     waves = np.fft.fft(shapes[..., 0] + 1j * shapes[..., 1], axis=1)
     # The sum over both coordinates is the real part of one complex product.
@@ -222,10 +211,7 @@ def _best_path(gain: Floats, shifts: Floats) -> NDArray[np.intp]:
 
 
 def circular_peak(values: Floats, top: NDArray[np.intp] | None = None) -> Floats:
-    """Places (m,) in turns, of the peaks of functions given at even steps around, (m, n).
-
-    By the parabola through the sample `top`, by default the largest, and its neighbours.
-    """
+    """Places (m,), in turns, of peaks of functions at even steps (m, n): parabolas at `top`."""
     count = values.shape[1]
     top = values.argmax(axis=1) if top is None else top
     rows = np.arange(len(values))
@@ -248,18 +234,19 @@ def _scores(slices: Slices, places: Floats) -> Floats:
 
 
 def slice_distance(curves: Floats, points: Floats) -> Floats:
-    """Distances (c, M, k) of c sets of points (c, M, k, 2) from their slices' curves (M, n, 2), m.
-
-    To the tangent at the nearest of the curve's places, at even steps of its turn, as far as that
-    place stands for it: one search for all.
-    """
+    """Distances (c, M, k) of points (c, M, k, 2) from curves (M, n, 2), to their tangents, m."""
     middles = curves.mean(axis=1)  # Width must not grow by where an object leans to
     curves = curves - middles[:, None]
     points = points - middles[:, None]
     far = APART * max(float(np.abs(curves).max()), float(np.abs(points).max()))
     level = far * np.arange(len(curves), dtype=np.float64)
-    tree = cKDTree(_raised(curves, level[:, None]), balanced_tree=False, compact_nodes=False)
-    nearest = tree.query(_raised(points, level[:, None]))[1].reshape(points.shape[:-1])
+
+    def raised(plane: Floats) -> Floats:
+        levels = np.broadcast_to(level[:, None], plane.shape[:-1])
+        return np.concatenate([plane, levels[..., None]], axis=-1).reshape(-1, 3)
+
+    tree = cKDTree(raised(curves), balanced_tree=False, compact_nodes=False)
+    nearest = tree.query(raised(points))[1].reshape(points.shape[:-1])
     ahead = 0.5 * (np.roll(curves, -1, axis=1) - np.roll(curves, 1, axis=1))
     step = np.linalg.norm(ahead, axis=2)
     along = ahead / np.where(step > 0.0, step, 1.0)[..., None]
@@ -269,9 +256,3 @@ def slice_distance(curves: Floats, points: Floats) -> Floats:
     aside = np.sqrt(np.maximum((off**2).sum(axis=-1) - across**2, 0.0))
     beyond = aside - 0.5 * step.ravel()[nearest]
     return np.asarray(np.hypot(across, np.maximum(beyond, 0.0)))
-
-
-def _raised(plane: Floats, level: Floats) -> Floats:
-    """Places (n, 3) of points (..., 2), each slice at its own level."""
-    levels = np.broadcast_to(level, plane.shape[:-1])
-    return np.concatenate([plane, levels[..., None]], axis=-1).reshape(-1, 3)

@@ -44,8 +44,6 @@ LEAST = 1e-4  # and of the perimeter: less does no harm
 MOST = 0.15  # Share of the points beyond which the contour itself is like that
 LEAST_HEIGHT_POINTS = 12
 SHOWN = 6  # Most contours that a sentence names
-
-
 # Why a contour is not used.
 DropReason = Literal[
     "too few points",
@@ -62,15 +60,10 @@ DropReason = Literal[
 FINE = 512  # Places along each curve at which it is compared with others
 LEAST_CURVE_POINTS = 3
 EVEN_CONDITION = 3.0  # Of the system for even steps: its eigenvalues lie between 1/3 and 1
-
-
-# Noise leaves a point off its neighbours' course along it as far as across it; points at uneven
-# steps lie off along it alone. So many times farther is more than chance.
+# So many times farther along the contour than across is more than noise: the steps are uneven.
 ISOTROPIC = 1.6
 CLEAR = 8.0  # Chords so many times longer than the noise tell how even the steps are
 WIDEST = 6  # Of the points, one in so many is the longest such chord: a sixth of a turn
-
-
 CUBIC_GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))  # Of noise, from the cubic through two on each side
 BACK = 0.1  # Angle by which a polygon may go back around the origin, rad: noise does
 
@@ -114,8 +107,8 @@ def contour_curves(
         raise ValueError(
             "heights must be left out with a frame, for contours are then points of the world"
         )
-    given = [into_frame(frame, points) for points in _given(contours, heights, first)]
-    return tuple(_contour_curve(which, points) for which, points in enumerate(given, first))
+    given = enumerate(_given(contours, heights, first), first)
+    return tuple(_contour_curve(which, into_frame(frame, points)) for which, points in given)
 
 
 def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None, first: int) -> list[Floats]:
@@ -127,7 +120,14 @@ def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None, first: int)
     columns = 3 if heights is None else 2
     found = []
     for which, contour in enumerate(contours, first):
-        points = _numbers(which, contour)
+        try:
+            array = np.asarray(contour)
+            if np.iscomplexobj(array):
+                raise ValueError("complex ones")
+            points = array.astype(np.float64, copy=False)
+        except (TypeError, ValueError) as error:
+            words = f"contour {which} must be an array of real numbers: {error}"
+            raise ValueError(words) from None
         if not points.size:
             points = points.reshape(0, columns)
         if points.ndim != 2 or points.shape[1] != columns:
@@ -136,22 +136,9 @@ def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None, first: int)
             )
         found.append(points)
     if heights is not None:
-        levels = finite_array("heights", heights, (len(found),))
-        found = [
-            np.column_stack([points, np.full(len(points), level)])
-            for points, level in zip(found, levels, strict=True)
-        ]
+        pairs = zip(found, finite_array("heights", heights, (len(found),)), strict=True)
+        found = [np.column_stack([points, np.full(len(points), z)]) for points, z in pairs]
     return [points[np.isfinite(points).all(axis=1)] for points in found]
-
-
-def _numbers(which: int, contour: ArrayLike) -> Floats:
-    try:
-        points = np.asarray(contour)
-        if np.iscomplexobj(points):
-            raise ValueError("complex ones")
-        return points.astype(np.float64, copy=False)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"contour {which} must be an array of real numbers: {error}") from None
 
 
 def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
@@ -167,7 +154,7 @@ def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
     perimeter = _length(found.fine)
     off_height = height_outliers(used[:, 2], perimeter)
     good = used[~off_height]
-    height_residual = height_residual_of(good)
+    tilt, noise = height_residual_of(good)
     return ContourCurve(
         which=which,
         height=float(good[0, 2] + (good[:, 2] - good[0, 2]).mean()),
@@ -179,20 +166,15 @@ def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
         fine=found.fine,
         star=found.star,
         perimeter=perimeter,
-        tilt=height_residual.shape,
-        error=height_residual.noise / float(np.sqrt(len(good))),
+        tilt=tilt,
+        error=noise / float(np.sqrt(len(good))),
     )
 
 
 def height_outliers(z: Floats, perimeter: float) -> Bools:
-    """Which points of a contour, by their z (n,) in order around, are far above or below it.
-
-    A contour that is tilted or bent changes its height little by little: its points are in the
-    middle of those beside them.
-    """
-    nothing = np.zeros(len(z), np.bool_)
+    """Which points, by their z (n,) in order, are far from the middle of those beside."""
     if len(z) < LEAST_HEIGHT_POINTS:
-        return nothing
+        return np.zeros(len(z), np.bool_)
     near = np.stack([np.roll(z, by) for by in range(-REACH, REACH + 1)])
     low, middle, high = np.quantile(near, [0.25, 0.5, 0.75], axis=0)
     off = np.abs(z - middle)
@@ -200,20 +182,20 @@ def height_outliers(z: Floats, perimeter: float) -> Bools:
     outlier: Bools = off > np.maximum(
         SPREAD * (high - low), max(CLEARLY * scale, LEAST * perimeter)
     )
-    return nothing if outlier.mean() > MOST else outlier
+    return np.asarray(outlier & (outlier.mean() <= MOST))
 
 
-def height_residual_of(points: Floats) -> HeightResidual:
-    """How z of points (n, 3) departs from its mean: from a quadric over the plane.
+def height_residual_of(points: Floats) -> tuple[float, float]:
+    """Root mean square departures of z of points (n, 3) from its mean: of a shape, and of noise, m.
 
-    The share that noise alone would have in the fit is taken out of it; of 6 points and fewer all
-    is taken for shape.
+    The shape is a quadric over the plane; the share that noise alone would have in the fit is taken
+    out of it. Of 6 points and fewer all is taken for shape.
     """
     z = points[:, 2] - points[0, 2]
     z = z - z.mean()
     size = float(np.abs(z).max())
     if size == 0.0:
-        return HeightResidual(0.0, 0.0)
+        return 0.0, 0.0
     near = points[:, :2] - points[:, :2].mean(axis=0)
     x, y = (near / np.abs(near).max()).T
     quadric = quadric_terms(x, y)
@@ -224,7 +206,7 @@ def height_residual_of(points: Floats) -> HeightResidual:
     left = float(((z / size - explained) ** 2).sum())
     noise = np.sqrt(left / spare) if spare > 0 else 0.0
     shape = np.sqrt(max(float((explained**2).mean()) - noise**2 * (rank - 1) / len(z), 0.0))
-    return HeightResidual(size * float(shape), size * float(noise))
+    return size * float(shape), size * float(noise)
 
 
 def quadric_terms(x: Floats, y: Floats) -> Floats:
@@ -256,8 +238,7 @@ def refitted_curve(loop: ContourCurve, points: Floats, outlier: Bools) -> Contou
 def slice_curve(points: Floats) -> SliceCurve:
     """Closed cubic through points (m, 2) around a contour, in any order and direction.
 
-    It passes all points. Only where it would then meet itself, because points are nearer to each
-    other than their noise, it is smoothed, if that helps.
+    It is smoothed only where it would meet itself, as points are closer than their noise.
     """
     ring = order_closed_points(points)
     if len(ring.points) < LEAST_CURVE_POINTS:
@@ -274,16 +255,14 @@ def slice_curve(points: Floats) -> SliceCurve:
 def slice_parameters(points: Floats) -> Floats:
     """Parameters (m,) of points (m, 2) around a closed curve, in turns; the first is 0.
 
-    Even steps where the points were touched at even distances, else in proportion to the chords. Of
-    points that are hardly farther apart than their noise, chords tell the noise: there only chords
-    over several steps are compared.
+    Even steps where the points were touched at even distances, else in proportion to the chords; of
+    points that are hardly farther apart than their noise only chords over several steps are
+    compared.
     """
     parameters = curve_parameters(points, "even")
-    count = len(points)
-    even = np.arange(count) / count
-    if count < LEAST_POINTS or same_steps(parameters) or not _noisy_even(points):
+    if len(points) < LEAST_POINTS or same_steps(parameters) or not _noisy_even(points):
         return parameters
-    return even
+    return np.arange(len(points)) / len(points)
 
 
 def _noisy_even(points: Floats) -> bool:
@@ -369,13 +348,6 @@ def _through(points: Floats, turns: Floats) -> CurveFit:
 def _length(fine: Floats) -> float:
     """Of a closed polygon (n, 2)."""
     return float(np.linalg.norm(np.roll(fine, -1, axis=0) - fine, axis=1).sum())
-
-
-class HeightResidual(NamedTuple):
-    """Departures of a contour's z from its mean, root mean square."""
-
-    shape: float  # What a smooth surface explains: the contour is tilted or bent, m
-    noise: float  # What it does not, m
 
 
 class DroppedContour(NamedTuple):

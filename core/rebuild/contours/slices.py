@@ -22,8 +22,6 @@ NOT_APART = 1e-9  # Of a contour's perimeter: heights nearer to each other diffe
 CERTAIN = 3.0  # Standard errors of a mean height within which two contours may be at the same one
 TILTED = 0.25  # Of the distance to the next slice: a contour that sways farther is not in one plane
 TILTED_ALONE = 0.02  # Of the perimeter, where there is no other slice
-
-
 # Arrays with a row for each slice.
 EACH_SLICE = (
     *("heights", "middles", "perimeter", "fine", "star", "self_intersecting"),
@@ -69,7 +67,6 @@ class Slices:
         """The slices but those that are bad, (M,), for a reason.
 
         What they are off by and whether they may be right, (M,) each, are for `DroppedContour`.
-
         Raises ValueError if there are not as many as slices, or none stays.
         """
         if bad.shape != self.heights.shape or bad.all():
@@ -79,19 +76,14 @@ class Slices:
         stay = np.flatnonzero(~bad)
         off = np.zeros(len(bad)) if off is None else off
         may_be_feature = np.zeros(len(bad), np.bool_) if may_be_feature is None else may_be_feature
-        figures = zip(self.rows, self.heights, off, may_be_feature, strict=True)
+        out = (each[bad].tolist() for each in (self.rows, self.heights, off, may_be_feature))
         left = [
-            DroppedContour(int(which), why, float(height), float(far), bool(may))
-            for (which, height, far, may), out in zip(figures, bad, strict=True)
-            if out
+            DroppedContour(which, why, height, far, may)
+            for which, height, far, may in zip(*out, strict=True)
         ]
         rows = {name: getattr(self, name)[stay] for name in EACH_SLICE}
-        return replace(
-            self,
-            loops=tuple(self.loops[row] for row in stay),
-            dropped=tuple(sorted([*self.dropped, *left])),
-            **rows,
-        )
+        rows |= {"dropped": tuple(sorted([*self.dropped, *left]))}
+        return replace(self, loops=tuple(self.loops[row] for row in stay), **rows)
 
 
 def stack_curves(given: Sequence[ContourCurve | DroppedContour]) -> Slices:
@@ -107,8 +99,9 @@ def stack_curves(given: Sequence[ContourCurve | DroppedContour]) -> Slices:
         found = drop_reasons(dropped) or "none"
         raise ValueError(f"contours must hold at least one of 3 points around an area, got {found}")
     # Ties are decided by what the contours are like, for the order in which they came must not.
-    loops, rivals = _one_at_each_height(sorted(loops, key=_rank))
-    return _stack(loops, tuple(sorted([*dropped, *rivals])))
+    loops.sort(key=lambda one: (one.height, one.perimeter, len(one.points), float(one.fine[0, 0])))
+    loops, rivals = _one_at_each_height(loops)
+    return restack(loops, tuple(sorted([*dropped, *rivals])))
 
 
 def _one_at_each_height(
@@ -132,8 +125,13 @@ def _one_at_each_height(
 
 def duplicate_of_two(first: ContourCurve, second: ContourCurve) -> tuple[ContourCurve, DropReason]:
     """Which one of two curves at one height to drop, and why."""
+
+    def worth(loop: ContourCurve) -> tuple[bool, bool, int]:
+        flags = loop.curve.flags
+        return not flags.self_intersecting, not flags.uneven, len(loop.points)
+
     smaller, larger = sorted((first, second), key=lambda loop: abs(signed_area(loop.fine)))
-    worse = min((second, first), key=_worth)
+    worse = min((second, first), key=worth)
     off = edge_distance(larger.fine, smaller.fine[::EACH])
     if float(np.sqrt((off**2).mean())) <= ALIKE * larger.perimeter:
         return worse, "repeats another at its height"
@@ -145,22 +143,8 @@ def duplicate_of_two(first: ContourCurve, second: ContourCurve) -> tuple[Contour
     return smaller, "beside another at its height"
 
 
-def _worth(loop: ContourCurve) -> tuple[bool, bool, int]:
-    """What makes one curve more reliable than another."""
-    flags = loop.curve.flags
-    return not flags.self_intersecting, not flags.uneven, len(loop.points)
-
-
-def _rank(loop: ContourCurve) -> tuple[float, float, int, float]:
-    return loop.height, loop.perimeter, len(loop.points), float(loop.fine[0, 0])
-
-
 def restack(loops: Sequence[ContourCurve], dropped: tuple[DroppedContour, ...]) -> Slices:
     """The stack of curves at rising heights, and of what was dropped before."""
-    return _stack(list(loops), dropped)
-
-
-def _stack(loops: list[ContourCurve], dropped: tuple[DroppedContour, ...]) -> Slices:
     fine = np.stack([loop.fine for loop in loops])
     middles = area_centroids(fine)
     heights = np.array([loop.height for loop in loops])

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.ends.profiles import ProfileCurve as ProfileCurve
     from palpate.core.rebuild.ends.profiles import StraightCurve as StraightCurve
     from palpate.core.rebuild.ends.profiles import profile_curves as profile_curves
-    from palpate.core.rebuild.ends.shear import Shear as Shear
-    from palpate.core.rebuild.ends.shear import levelled as levelled
-    from palpate.core.rebuild.ends.shear import only_given as only_given
-    from palpate.core.rebuild.ends.shear import shear_between as shear_between
+    from palpate.core.rebuild.ends.touched import Shear as Shear
     from palpate.core.rebuild.ends.touched import end_from_contacts as end_from_contacts
+    from palpate.core.rebuild.ends.touched import levelled as levelled
     from palpate.core.rebuild.ends.touched import on_end as on_end
+    from palpate.core.rebuild.ends.touched import only_given as only_given
+    from palpate.core.rebuild.ends.touched import shear_between as shear_between
     from palpate.core.rebuild.ends.touched import touched_end as touched_end
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from palpate.core.arrays import Floats, finite_array
 from palpate.core.geometry import area_centroids
 from palpate.core.rebuild.contours import are_nearly_star_shaped
 from palpate.core.rebuild.ends.profiles import (
-    EXPONENTS,
     ROWS,
     SHOULDER_CONTOURS,
     EdgeSamples,
@@ -30,7 +29,7 @@ from palpate.core.rebuild.ends.profiles import (
     flared,
     flat,
     rounded,
-    shoulder,
+    shoulder_misfits,
     superellipse,
     trend_of,
 )
@@ -51,7 +50,10 @@ Family = Callable[[Floats, Floats, float], Profile]
 FAMILIES: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "superellipse": superellipse}
 # Those for contours so close together that they show how a leaning wall is rounded.
 DENSE: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "flared": flared}
-LEVEL = ("flat", "flared")  # Families that end level, as a wall does that an arc rounds off
+LEVEL: tuple[ProfileKind, ProfileKind] = (
+    "flat",
+    "flared",
+)  # Families that end level, as a wall does that an arc rounds off
 # By how much better either must be than a sharp edge where that tells the last row; else an arc
 # than a superellipse, which looks like one, and how well it must then follow the rows, as a share
 # of the radius.
@@ -124,23 +126,12 @@ def close_ends(
 ) -> tuple[End, End]:
     """Both ends of a stack of contours, below and above.
 
-    Parameters
-    ----------
-    heights : (m,) array
-        Heights of the contours, ascending.
-    grid : (m, k, 2) array
-        Their points, counter-clockwise.
-    bottom, top : float, optional
-        Heights at which a touch found the ends; left out where nobody touched.
-    noise : float
-        Standard deviation of a point, in the same unit.
-    dense : bool
-        Whether the contours are rows of a surface, as close together as one likes.
-    beyond : pair of EdgeSamples or None
-        What was touched below and above dense contours, between them and touched ends.
-
-    Raises ValueError if the contours are not like that or have no width, if an end lies inside the
-    contours by more than a spacing, or if `noise` is negative.
+    They run counter-clockwise at ascending heights (m,), grid (m, k, 2); `noise` is the standard
+    deviation of a point, in the same unit. `bottom` and `top` are heights at which a touch found
+    the ends, left out where nobody touched. `dense` contours are rows of a surface, as close
+    together as one likes; `beyond` says what was touched below and above those, between them and
+    touched ends. Raises ValueError if the contours are not like that or have no width, if an end
+    lies inside the contours by more than a spacing, or if `noise` is negative.
     """
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))
@@ -175,10 +166,9 @@ def _end(
         )
     if depth - last <= LEAST_GAP * max(last - float(stack.depths[0]), stack.spacing):
         return stack.end("flat", last, Flat(0.0))
-    choice = choose_profile(
-        stack.depths, stack.radii, depth, stack.scatter, dense=dense, beyond=beyond
-    )
-    return stack.end(choice.kind, depth, choice.profile)
+    rows = stack.depths, stack.radii, depth, stack.scatter
+    kind, profile, _ = choose_profile(*rows, dense=dense, beyond=beyond)
+    return stack.end(kind, depth, profile)
 
 
 def _untouched_end(stack: _Stack) -> End:
@@ -193,7 +183,7 @@ def _untouched_end(stack: _Stack) -> End:
 def free_pole(depths: Floats, radii: Floats, scatter: float) -> float | None:
     """How far beyond the last contour the solid closes; None where nobody can know.
 
-    By outward coordinates (n,) of the contours, ascending, mean radii there, positive, and a mean
+    By ascending outward coordinates (n,) of the contours, mean radii there, positive, and a mean
     radius's standard deviation `scatter`.
     """
     if len(depths) < POLE_FEWEST:
@@ -224,28 +214,18 @@ def _first_root(trend: Trend) -> float:
 
 
 def free_shoulder(depths: Floats, radii: Floats, scatter: float) -> float | None:
-    """The same where a superellipse closes it; parameters as of `free_pole`.
-
-    For each height and pair of exponents the width follows by projection, for all at once.
-    """
+    """The same where a superellipse closes it, each with the width that fits; as `free_pole`."""
     if len(depths) < SHOULDER_FEWEST or not radii[-1] ** 2 < NARROWED * radii[-4] ** 2:
         return None
     begin = float(depths[-(len(depths) // 2 + 1)])
     ways = (depths[-1] - depths[-2]) * WAYS
     near, seen = depths[-SHOULDER_CONTOURS:], radii[-SHOULDER_CONTOURS:]
     zeta = (near - begin) / (depths[-1] + ways[:, None] - begin)
-    misses = np.array([_miss(each, seen) for each in zeta])
+    squares = np.array([shoulder_misfits(each, seen).min() for each in zeta])
+    misses = np.sqrt(squares / len(seen))
     best = int(misses.argmin())
     allowed = SHOULDER_MISS * float(radii.max()) + SHOULDER_NOISES * scatter
     return float(ways[best]) if misses[best] < allowed else None
-
-
-def _miss(zeta: Floats, seen: Floats) -> float:
-    """By how much the best superellipse misses radii (n,), root mean square."""
-    shares = shoulder(zeta, EXPONENTS[:, None, None], EXPONENTS[:, None])
-    wide = shares @ seen / np.einsum("pqn,pqn->pq", shares, shares)
-    square = np.sum((wide[:, :, None] * shares - seen) ** 2, axis=-1)
-    return float(np.sqrt(square.min() / len(seen)))
 
 
 def choose_profile(
@@ -256,11 +236,11 @@ def choose_profile(
     *,
     dense: bool = False,
     beyond: EdgeSamples | None = None,
-) -> ProfileChoice:
-    """Profile of an end whose outward coordinate, beyond the last contour, is known.
+) -> tuple[ProfileKind, Profile, dict[ProfileKind, float]]:
+    """Family, profile and misses of an end whose outward coordinate, beyond the contours, is known.
 
-    Parameters as of `free_pole`; of dense contours, which are rows of a surface, as close together
-    as one likes, what was touched `beyond` them has to be met as well.
+    Misses are of the last contour's radius, by family, m; none of few contours. Parameters as of
+    `free_pole`; what was touched `beyond` dense contours has to be met as well.
     """
     families, slack = (DENSE, DENSE_SLACK) if dense else (FAMILIES, SLACK)
     profiles = {name: family(depths, radii, end) for name, family in families.items()}
@@ -270,24 +250,31 @@ def choose_profile(
         carried = trend_of(depths, radii)
         stands = carried.at(end - float(depths[-1])) > STANDS * carried.square
         kind: ProfileKind = "flat" if stands else "conic"
-        return ProfileChoice(kind, profiles[kind], {})
+        return kind, profiles[kind], {}
     misses = _misses(families, depths, radii, end, LEFT_OUT[dense])
     if beyond is not None:
         rim, radius = float(depths[-1]), float(radii[-1])
         # What was touched beyond tells more of the end than any contour that is left out.
-        misses = {name: beyond.miss(one, rim, end, radius) for name, one in profiles.items()}
+        misses = {
+            name: float(np.sqrt(np.mean(beyond.off(one, rim, end, radius) ** 2)))
+            for name, one in profiles.items()
+        }
     enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
     kind = next(name for name, miss in misses.items() if miss <= enough)
     if kind not in LEVEL or not dense:
-        return ProfileChoice(kind, profiles[kind], misses)
-
-    def misfit(profile: Profile) -> float:
-        return _profile_misfit(profile, depths, radii, end, beyond)
-
-    allowed = CLOSELY * float(radii[-1]) + TOGETHER * scatter
-    return ProfileChoice(
-        *_level(kind, profiles, rounded(depths, radii, end), misfit, allowed), misses
-    )
+        return kind, profiles[kind], misses
+    # A sharp edge, or what follows the rows clearly better: a shoulder, or an arc.
+    rows = depths, radii, end, beyond
+    by_edge, by_shoulder = (_misfit(profiles[name], *rows) for name in LEVEL)
+    most = min(CLEARLY * by_shoulder, CLOSELY * float(radii[-1]) + TOGETHER * scatter)
+    if kind == "flat":
+        is_shoulder = by_shoulder < BY_FAR * by_edge
+        kind = "flared" if is_shoulder else "flat"
+        most = by_shoulder if is_shoulder else BY_FAR * by_edge
+    arc = rounded(depths, radii, end)
+    if arc is not None and _misfit(arc, *rows) < most:
+        return "rounded", arc, misses
+    return kind, profiles[kind], misses
 
 
 def _misses(
@@ -309,26 +296,7 @@ def _misses(
     }
 
 
-def _level(
-    kind: ProfileKind,
-    profiles: dict[ProfileKind, Profile],
-    arc: Profile | None,
-    misfit: Callable[[Profile], float],
-    allowed: float,
-) -> tuple[ProfileKind, Profile]:
-    """A sharp edge, or what follows the rows clearly better: a shoulder, or an arc."""
-    by_edge, by_shoulder = misfit(profiles["flat"]), misfit(profiles["flared"])
-    most = min(CLEARLY * by_shoulder, allowed)
-    if kind == "flat":
-        is_shoulder = by_shoulder < BY_FAR * by_edge
-        kind = "flared" if is_shoulder else "flat"
-        most = by_shoulder if is_shoulder else BY_FAR * by_edge
-    if arc is not None and misfit(arc) < most:
-        return "rounded", arc
-    return kind, profiles[kind]
-
-
-def _profile_misfit(
+def _misfit(
     profile: Profile, depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None
 ) -> float:
     """Root mean square distance of the last rows, and of samples beyond, from a profile."""
@@ -336,8 +304,7 @@ def _profile_misfit(
     way = (depths[-ROWS:] - rim) / (end - rim)
     missed = [last * profile.shares(way) - radii[-ROWS:]]
     if beyond is not None:
-        shares = profile.shares((beyond.depths - rim) / (end - rim))
-        missed.append(beyond.weights * (last * shares - beyond.radii))
+        missed.append(beyond.off(profile, rim, end, last))
     return float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
 
 
@@ -373,11 +340,3 @@ class _Stack:
         square = float(away @ away)
         lean = away @ (middles - middles.mean(axis=0)) / square if square else np.zeros(2)
         return np.asarray(self.middles[-1] + ahead * lean)
-
-
-class ProfileChoice(NamedTuple):
-    """A family and its profile."""
-
-    kind: ProfileKind
-    profile: Profile
-    misses: dict[ProfileKind, float]  # Of the last contour's radius, m; none of few contours

@@ -44,10 +44,7 @@ class ProfileCurve(Protocol):
     """Part of a profile."""
 
     def at(self, way: Floats, by: int = 0) -> Floats:
-        """Height and radius (n, 2), as shares, or their `by`-th derivatives, up to the second.
-
-        The way (n,) runs from 0 at the outer end to 1 at the inner.
-        """
+        """Height and radius (n, 2) by the way (n,) from 0, outside, to 1; or derivatives, to 2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,10 +154,7 @@ def _dot(one: Floats, other: Floats) -> Floats:
 
 
 def profile_curves(profile: Profile, gap: float) -> tuple[ProfileCurve, ...]:
-    """A profile's smooth parts, from the rim to the middle.
-
-    Where there is no `gap` from rim to end, all that is left is a disc.
-    """
+    """A profile's smooth parts, from the rim to the middle; a disc where there is no `gap`."""
     if isinstance(profile, Rounded):
         leaves = float(profile.shares(np.array([1.0]))[0])
         return ArcCurve(profile), StraightCurve((1.0, leaves), (1.0, 0.0))
@@ -219,10 +213,10 @@ class EdgeSamples(NamedTuple):
     radii: Floats  # Mean radii there, (n,), as if the last contour's had shrunk or grown as a whole
     weights: Floats  # Level part of the normals, (n,), by which a radius counts
 
-    def miss(self, profile: Profile, rim: float, end: float, radius: float) -> float:
-        """Root mean square distance of a profile that has `radius` at the rim."""
+    def off(self, profile: Profile, rim: float, end: float, radius: float) -> Floats:
+        """Weighted distances (n,) from a profile that has `radius` at the rim."""
         shares = profile.shares((self.depths - rim) / (end - rim))
-        return float(np.sqrt(np.mean((self.weights * (radius * shares - self.radii)) ** 2)))
+        return np.asarray(self.weights * (radius * shares - self.radii))
 
 
 class Trend(NamedTuple):
@@ -238,10 +232,7 @@ class Trend(NamedTuple):
 
 
 def trend_of(depths: Floats, radii: Floats) -> Trend:
-    """Quadratic through the last three squared radii; of lower degree through fewer.
-
-    By outward coordinates (n,) of the contours, ascending, and mean radii there.
-    """
+    """Quadratic through the last three squared radii at ascending outward coordinates (n,)."""
     count = min(TREND_CONTOURS, len(depths))
     depths, square = depths[-count:] - depths[-1], radii[-count:] ** 2
     if count == 1:
@@ -280,11 +271,16 @@ def superellipse(depths: Floats, radii: Floats, end: float) -> Profile:
     begin = depths[max(0, len(depths) - SHOULDER_REACH)]
     zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - NEAR_END)
     near, seen = zeta[-SHOULDER_CONTOURS:], radii[-SHOULDER_CONTOURS:]
-    shares = shoulder(near, EXPONENTS[:, None, None], EXPONENTS[:, None])
-    scale = shares @ seen / np.einsum("pqn,pqn->pq", shares, shares)
-    misfit = np.sum((scale[:, :, None] * shares - seen) ** 2, axis=-1)
+    misfit = shoulder_misfits(near, seen)
     p, q = np.unravel_index(int(misfit.argmin()), misfit.shape)
     return Superellipse(float(zeta[-1]), float(EXPONENTS[p]), float(EXPONENTS[q]))
+
+
+def shoulder_misfits(zeta: Floats, radii: Floats) -> Floats:
+    """Sums of squares (p, q) by which the best of each pair of exponents misses radii (n,)."""
+    shares = shoulder(zeta, EXPONENTS[:, None, None], EXPONENTS[:, None])
+    scale = shares @ radii / np.einsum("pqn,pqn->pq", shares, shares)
+    return np.asarray(np.sum((scale[:, :, None] * shares - radii) ** 2, axis=-1))
 
 
 def flared(depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None = None) -> Profile:

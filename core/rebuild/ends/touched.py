@@ -1,17 +1,20 @@
-"""Where an object ends that was touched.
+"""Where an object ends that was touched: heights, edges, middles and slopes of its ends.
 
-Heights, edges and middles of its ends from contact points.
-
-Of a dome, which falls away from its highest touch, the height is the top of one quadric through
-all taxels with a shift of each touch. Between the last row and an end, distances from the axis
-are taken over that of the row on their azimuth, so that touches on any side of an oval or a box
-tell of one edge. Where the end's middle lies is linear in distances across the section; the
-contours' own lean counts as a few points.
+Of a dome, which falls away from its highest touch, the height is the top of one quadric through all
+taxels with a shift of each touch. Between the last row and an end, distances from the axis are
+taken over that of the row on their azimuth, so that touches on any side of an oval or a box tell of
+one edge. An oblique top, or a flat one seen along an axis that is a little off, is level after
+every height has been moved by a slope that changes evenly from one end to the other: z = zeta + (p
++ q zeta) . (x, y). Sides, rims and ends are fitted there and carried back. Each touch of an end
+tells how that leans there; touches that are flat and lean alike make a plane.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -20,10 +23,36 @@ from palpate.core.geometry import area_centroid
 from palpate.core.rebuild.contours import ContactPoints, quadric_terms
 from palpate.core.rebuild.ends.closing import End, close_ends
 from palpate.core.rebuild.ends.profiles import EdgeSamples
-from palpate.core.rebuild.ends.shear import end_contacts_of
-from palpate.core.rebuild.radial import RadialSpline
+from palpate.core.rebuild.side import RadialSpline
 
-FEW = 3  # Level touches that tell the height of an end by themselves
+# Of end planes and their shear.
+TOGETHER = 0.02  # Of the extent: how far off their plane they, or others above it, may lie
+OUTER = 0.1  # Of the extent: so far below the outermost touch others must lean alike
+# Touches that tell a plane or a height alone; of fewer, each may be wrong by this angle, and
+# none that is not flat may lie beside them: a dome looks flat somewhere.
+FEW, UNSURE = 3, math.radians(0.25)
+SHORT = 2e-3  # Of the extent: what was touched so near to a given height is of that end
+SURE = 3.0  # Standard deviations by which a slope must differ from none
+LEAST = 1e-4  # Of the extent: what heights must be moved by to be worth it
+LEVEL = 0.15  # Slope up to which an end is nearly level: one must be, else the axis leans
+STEEPEST = 1.0  # Slope beyond which nothing was understood
+ContactKind = Literal["flat", "bent", "edge"]
+FACING_END = (
+    0.8  # Part of a normal along the axis from which on a taxel lies on an end, sloping or not
+)
+FEWEST_TAXELS = 24  # Taxels of a touch: fewer met but an edge
+# A touch is flat if its taxels lie no farther off a plane than this share of its width; with noise,
+# if a bent surface follows them no better than by the second factor, nor the best touch its plane
+# by the third: else it lies across an edge.
+FLAT, BENT, WORSE = 2e-4, 1.4, 2.0
+ALIKE = math.radians(2.0)  # How much otherwise than the outermost touches of a plane may lean
+# A flat touch that leans less is level; of those that lean more each is as high as its highest
+# taxel.
+CONTACT_LEVEL = math.radians(0.5)
+THIN = 0.1  # Of its width: what a touch must be wide at least, the other way, to lean in some way
+LEAST_STRETCH = 0.25  # How far heights may be pressed together; farther aside both ends would meet
+By = tuple[int, int]  # How often a surface is differentiated, by each of its two parameters
+# Of heights, edges and middles.
 UPRIGHT = 0.9  # Part of a normal along the axis from which on a taxel lies on an end
 # Standard deviations by which a touch of one height may lie below the mean of higher ones; and of
 # level touches, which scatter, but do not fall away.
@@ -35,7 +64,7 @@ STRETCH = 0.15  # Share of the side over which they lie
 LEANS = 0.15
 FACING = 0.995  # Part of a normal along the axis from which on a taxel belongs to the dome
 DEEP = 0.01  # Of the extent: how far below the farthest taxel it still does
-FEWEST = 3  # Touches: of fewer, the highest is as good
+FEWEST_TOUCHES = 3  # Touches: of fewer, the highest is as good
 SURER = 0.1  # Taxels err so much less than the poses; the quadric may be as wrong
 PRIOR = 2.0  # As many points at the very end, from each side, does the contours' lean count
 PASSES = 4  # Azimuths are taken about the middle, which moves
@@ -85,20 +114,12 @@ def touched_end(
 
 
 def _touched_heights(contacts: ContactPoints, beyond: Bools, way: float) -> tuple[Floats, Floats]:
-    """How far touches of an end tell that it reaches, m: level ones, and others.
-
-    A level touch tells it by all its taxels, another by the farthest; one across an edge tells
-    nothing, nor do a few taxels beside whole touches.
-    """
+    """How far level touches of an end, and others, tell that it reaches, m."""
     heights = np.full(int(contacts.touch.max()) + 1, -np.inf)
     np.maximum.at(heights, contacts.touch[beyond], way * contacts.points[beyond, 2])
-    end_contacts = [
-        one for one in end_contacts_of(contacts, way) if np.isfinite(heights[one.touch])
-    ]
-    level = [way * float(one.place[2]) for one in end_contacts if one.level]
-    others = [
-        float(heights[one.touch]) for one in end_contacts if one.kind != "edge" and not one.level
-    ]
+    met = [one for one in end_contacts_of(contacts, way) if np.isfinite(heights[one.touch])]
+    level = [way * float(one.place[2]) for one in met if one.level]
+    others = [float(heights[one.touch]) for one in met if one.kind != "edge" and not one.level]
     if not level and not others:
         return np.zeros(0), heights[np.isfinite(heights)]
     return np.array(level), np.array(others)
@@ -115,15 +136,14 @@ def _one_height(heights: Floats, within: float) -> float:
 def dome_height(contacts: ContactPoints, on: Bools, way: float) -> float | None:
     """How far an end reaches, along the axis in its own direction, m; None if few touched it.
 
-    `contacts` have normals, `on` (n,) tells which of them lie on the end, `way` is as of
-    `touched_end`.
+    `contacts` have normals; `on` (n,) tells which lie on the end, `way` is as of `touched_end`.
     """
     assert contacts.normals is not None
     reach = way * contacts.points[:, 2]
     deep = DEEP * float(np.ptp(reach))
     used = on & (way * contacts.normals[:, 2] > FACING) & (reach > reach[on].max() - deep)
     touch, counts = np.unique(contacts.touch[used], return_inverse=True)
-    if len(touch) < FEWEST:
+    if len(touch) < FEWEST_TOUCHES:
         return None
     places = contacts.points[used, :2]
     middle = places.mean(axis=0)
@@ -140,10 +160,8 @@ def on_end(contacts: ContactPoints, last: float, way: float) -> Bools:
     """Which taxels (n,) lie on an end, way 1 or -1, beyond the last contour at a height, m."""
     if contacts.normals is None:
         return np.zeros(len(contacts.points), np.bool_)
-    found: Bools = (way * contacts.normals[:, 2] > UPRIGHT) & (
-        way * (contacts.points[:, 2] - last) > 0.0
-    )
-    return found
+    beyond = way * (contacts.points[:, 2] - last) > 0.0
+    return np.asarray((way * contacts.normals[:, 2] > UPRIGHT) & beyond)
 
 
 def end_from_contacts(
@@ -158,8 +176,8 @@ def end_from_contacts(
     """How the side, a radial spline, goes on from its first or last row.
 
     The row has `turns` (k,) and the height `rim`, from which the side goes on `inwards`, negative
-    downwards; the end was touched at the height `end`; `noise` is the standard deviation of a point
-    of a row; all in m.
+    downwards; the end was touched at the height `end`; `noise` is a row's point's deviation; all in
+    m.
     """
     heights = np.sort(rim + STRETCH * inwards * np.arange(ROWS) / (ROWS - 1))
     grid = spline.rings(heights, turns)
@@ -168,15 +186,17 @@ def end_from_contacts(
 
     def closed(lean: Floats) -> End:
         beyond = None if end is None else edge_samples(contacts, spline, rim, end, radius, lean)
-        if inwards > 0.0:
-            below = beyond, None
-            ends = close_ends(heights, grid, bottom=end, noise=noise, dense=True, beyond=below)
-            return with_touched_middle(ends[0], row, contacts)
-        above = None, beyond
-        ends = close_ends(heights, grid, top=end, noise=noise, dense=True, beyond=above)
-        return with_touched_middle(ends[1], row, contacts)
+        bottom, top = (end, None) if inwards > 0.0 else (None, end)
+        pair = (beyond, None) if inwards > 0.0 else (None, beyond)
+        ends = close_ends(
+            heights, grid, bottom=bottom, top=top, noise=noise, dense=True, beyond=pair
+        )
+        return with_touched_middle(ends[0 if inwards > 0.0 else 1], row, contacts)
 
-    ahead = _lean(heights, grid) * (0.0 if end is None else end - rim)
+    # By how much the middles of the rows move aside along the height.
+    away = heights - heights.mean()
+    middles = np.array([area_centroid(ring) for ring in grid])
+    ahead = away @ middles / float(away @ away) * (0.0 if end is None else end - rim)
     first = closed(ahead)
     lean = first.middle - area_centroid(row)
     if end is None or float(np.hypot(*(lean - ahead))) < LEANS * radius:
@@ -202,9 +222,8 @@ def edge_samples(
     sign = 1.0 if end > rim else -1.0
     depth = sign * (contacts.points[:, 2] - rim)
     way = np.clip(depth / abs(end - rim), 0.0, 1.0)
-    away = (
-        contacts.points[:, :2] - spline.axis_curve.at(contacts.points[:, 2]) - way[:, None] * lean
-    )
+    axis = spline.axis_curve.at(contacts.points[:, 2])
+    away = contacts.points[:, :2] - axis - way[:, None] * lean
     distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
     facing = np.einsum("ni,ni->n", contacts.normals[:, :2], away) / distance
     told = (depth > 0.0) & (depth < NEARLY * abs(end - rim)) & (facing > LEAST_FACING)
@@ -261,8 +280,212 @@ def with_touched_middle(end: End, row: Floats, contacts: ContactPoints) -> End:
     return replace(end, middle=centre + lean)
 
 
-def _lean(heights: Floats, grid: Floats) -> Floats:
-    """By how much the middles of rows (m, k, 2) move aside along the height, (2,)."""
-    away = heights - heights.mean()
-    middles = np.array([area_centroid(ring) for ring in grid])
-    return np.asarray(away @ middles / float(away @ away))
+class EndPlane(NamedTuple):
+    """A plane over the slicing frame, z = height + slopes . (x, y)."""
+
+    height: float  # At the origin, m
+    slopes: Floats  # (2,)
+    error: float  # Standard deviation of a slope
+
+    def at(self, places: Floats) -> Floats:
+        """Heights (n,) over places (n, 2), m."""
+        return self.height + places @ self.slopes
+
+
+def shear_between(
+    contacts: ContactPoints, middle: Floats, ends: tuple[float | None, float | None]
+) -> Shear | None:
+    """The shear of the space between the ends; None where both are level, or not planes.
+
+    By all taxels, with normals, and the object's middle (2,), seen from the slicing frame. An end
+    where no taxel was is level at the height in `ends`, m, as touched by whatever means; one of
+    which nothing is known is like the other.
+    """
+    extent = float(np.ptp(contacts.points[:, 2]))
+    low, high = end_plane(contacts, -1.0), end_plane(contacts, 1.0)
+    away = contacts.points[:, :2] - middle
+    reach = float(np.linalg.norm(away, axis=1).max())
+    slopes = [(float(np.linalg.norm(one.slopes)), one.error) for one in (low, high) if one]
+    if not any(slope > SURE * error and slope * reach > LEAST * extent for slope, error in slopes):
+        return None
+    below = low or _like(high, contacts, -1.0, ends[0], middle)
+    above = high or _like(low, contacts, 1.0, ends[1], middle)
+    bottom, top = (float(plane.at(middle[None])[0]) for plane in (below, above))
+    if not top > bottom:
+        return None
+    change = (above.slopes - below.slopes) / (top - bottom)
+    shear = Shear(middle, below.slopes - bottom * change, change)
+    steep = sorted(float(np.linalg.norm(plane.slopes)) for plane in (below, above))
+    sound = bool(shear.reaches(contacts.points).all()) and steep[0] < LEVEL and steep[1] < STEEPEST
+    return shear if sound else None
+
+
+def end_plane(contacts: ContactPoints, way: float) -> EndPlane | None:
+    """The plane of an end, way 1 or -1; None if it was not touched as one."""
+    end_contacts = end_contacts_of(contacts, way)
+    flat = [one for one in end_contacts if one.kind == "flat"]
+    if not flat:
+        return None
+    extent = float(np.ptp(contacts.points[:, 2]))
+    first = max(flat, key=lambda contact: way * float(contact.place[2]))
+    outer = OUTER * extent
+    near = [one for one in end_contacts if way * float(first.place[2] - one.place[2]) <= outer]
+    alike = [one for one in flat if first.leans_as(one) and first.misses(one) <= TOGETHER * extent]
+    others = [one for one in near if one.kind == "flat" and not first.leans_as(one)]
+    beside = [one for one in near if one.kind != "flat" and first.misses(one) <= TOGETHER * extent]
+    if len(others) >= len(alike) or (beside and len(alike) < FEW):
+        return None
+    slopes = np.stack([one.slopes for one in alike])
+    mean = slopes.mean(axis=0)
+    height = float(np.mean([one.place[2] - one.place[:2] @ mean for one in alike]))
+    scatter = np.sqrt(np.mean((slopes - mean) ** 2)) if len(alike) >= FEW else math.tan(UNSURE)
+    plane = EndPlane(height, mean, float(scatter / np.sqrt(len(alike))))
+    beyond = float((way * (contacts.points[:, 2] - plane.at(contacts.points[:, :2]))).max())
+    return plane if beyond < TOGETHER * extent else None
+
+
+def _like(
+    other: EndPlane | None, contacts: ContactPoints, way: float, given: float | None, middle: Floats
+) -> EndPlane:
+    """What stands for an end that is no plane: level if only given, else as the other one."""
+    assert other is not None
+    if given is not None and only_given(contacts, way, given):
+        return EndPlane(given, np.zeros(2), 0.0)
+    farthest = way * float((way * contacts.points[:, 2]).max())
+    return EndPlane(farthest - float(middle @ other.slopes), other.slopes, other.error)
+
+
+def only_given(contacts: ContactPoints, way: float, given: float | None) -> bool:
+    """Whether an end is known by a given height alone, as by a platform: no taxel there faces."""
+    if given is None:
+        return False
+    assert contacts.normals is not None
+    heights = way * contacts.points[:, 2]
+    there = heights > way * given - SHORT * float(np.ptp(heights))
+    return not bool((way * contacts.normals[there, 2] > FACING_END).any())
+
+
+class EndContact(NamedTuple):
+    """A touch of an end."""
+
+    touch: int  # Its number
+    place: Floats  # Mean of its taxels, (3,), m
+    slopes: Floats  # (2,)
+    off: float  # How far its taxels lie off a plane, root mean square, m
+    width: float  # Of its taxels, root mean square from their middle, m
+    # flat: they lie in a plane; bent: a smooth surface follows them better; edge: neither, or they
+    # lie in a line.
+    kind: ContactKind
+
+    def misses(self, other: EndContact) -> float:
+        """How far another touch lies off its plane, along the axis, m."""
+        height = self.place[2] + (other.place - self.place)[:2] @ self.slopes
+        return abs(float(other.place[2] - height))
+
+    @property
+    def level(self) -> bool:
+        """Whether all its taxels tell one height."""
+        return self.kind == "flat" and float(np.linalg.norm(self.slopes)) < math.tan(CONTACT_LEVEL)
+
+    def leans_as(self, other: EndContact) -> bool:
+        """Whether another touch leans like it."""
+        return float(np.linalg.norm(other.slopes - self.slopes)) < math.tan(ALIKE)
+
+
+def end_contacts_of(contacts: ContactPoints, way: float) -> list[EndContact]:
+    """The touches that face an end, way 1 or -1, with enough taxels to tell how it leans there."""
+    assert contacts.normals is not None
+    facing = way * contacts.normals[:, 2] > FACING_END
+    counts = np.bincount(contacts.touch[facing], minlength=1)
+    numbers = np.flatnonzero(counts >= FEWEST_TAXELS)
+    found = [
+        _end_contact(int(each), contacts.points[facing & (contacts.touch == each)])
+        for each in numbers
+    ]
+    best = min((one.off for one in found), default=0.0)
+    uneven = [one.kind == "flat" and one.off > WORSE * best + FLAT * one.width for one in found]
+    pairs = zip(found, uneven, strict=True)
+    return [one._replace(kind="edge") if worse else one for one, worse in pairs]
+
+
+def _end_contact(touch: int, points: Floats) -> EndContact:
+    """A touch by its taxels (n, 3) that face an end."""
+    place = points.mean(axis=0)
+    away, z = (points - place)[:, :2], points[:, 2] - place[2]
+    width = float(np.sqrt(np.mean((away**2).sum(axis=1))))
+    # In its own width, so that the unit of length does not matter.
+    x, y = away.T / (width or 1.0)
+    rows = quadric_terms(x, y)
+    plane, bent = (np.linalg.lstsq(rows[:, :count], z, rcond=None)[0] for count in (3, 6))
+    off = float(np.sqrt(np.mean((z - rows[:, :3] @ plane) ** 2)))
+    left = float(np.sqrt(np.mean((z - rows @ bent) ** 2)))
+    narrow = float(np.linalg.eigvalsh(np.cov(x, y))[0]) < THIN**2
+    is_bent = off > BENT * left + FLAT * width
+    kind: ContactKind = "edge" if narrow else "bent" if is_bent else "flat"
+    return EndContact(touch, place, plane[1:] / (width or 1.0), off, width, kind)
+
+
+class Shear(NamedTuple):
+    """By how much heights are moved; places are seen from the slicing frame, m."""
+
+    middle: Floats  # Where nothing is moved, (2,)
+    slopes: Floats  # At the height 0 of the levelled space, (2,)
+    change: Floats  # By which they change with each m of it, (2,)
+
+    def levelled(self, points: Floats) -> Floats:
+        """Points (n, 3) in the levelled space."""
+        away = points[:, :2] - self.middle
+        heights = (points[:, 2] - away @ self.slopes) / (1.0 + away @ self.change)
+        return np.column_stack([points[:, :2], heights])
+
+    def reaches(self, points: Floats) -> Bools:
+        """Which points (n, 3) it carries: those before the line in which both ends would meet."""
+        return 1.0 + (points[:, :2] - self.middle) @ self.change > LEAST_STRETCH
+
+    def sheared(self, points: Floats) -> Floats:
+        """Points (n, 3) of the levelled space where they are."""
+        away = points[:, :2] - self.middle
+        moved = np.einsum("ni,ni->n", self._at(points[:, 2]), away)
+        return np.column_stack([points[:, :2], points[:, 2] + moved])
+
+    def levelled_contacts(self, contacts: ContactPoints) -> ContactPoints:
+        """Contact points in the levelled space, normals square to what is the surface there."""
+        points = self.levelled(contacts.points)
+        if contacts.normals is None:
+            return contacts._replace(points=points)
+        upward = contacts.normals[:, 2:]
+        level = contacts.normals[:, :2] + upward * self._at(points[:, 2])
+        stretch = 1.0 + (points[:, :2] - self.middle) @ self.change
+        normals = np.column_stack([level, upward[:, 0] * stretch])
+        return contacts._replace(
+            points=points, normals=normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        )
+
+    def steepness(self, height: float) -> float:
+        """How steep a plane is that is level at a height of the levelled space, m."""
+        return float(np.linalg.norm(self._at(np.array([height]))))
+
+    def carried(self, at: Callable[[By], Floats], by: By) -> Floats:
+        """Where points `at((0, 0))` (n, 3) of the levelled space are, or derivatives, to 2."""
+        points = at((0, 0))
+        if by == (0, 0):
+            return self.sheared(points)
+        found = at(by).copy()
+        stretch = 1.0 + (points[:, :2] - self.middle) @ self.change
+        along = np.einsum("ni,ni->n", self._at(points[:, 2]), found[:, :2])
+        found[:, 2] = found[:, 2] * stretch + along
+        if sum(by) == 2:
+            halves = ((1, 0), (0, 1)) if by == (1, 1) else ((by[0] // 2, by[1] // 2),) * 2
+            one, other = (at(each) for each in halves)
+            found[:, 2] += one[:, 2] * (other[:, :2] @ self.change)
+            found[:, 2] += other[:, 2] * (one[:, :2] @ self.change)
+        return found
+
+    def _at(self, heights: Floats) -> Floats:
+        """Slopes (n, 2) at heights (n,) of the levelled space."""
+        return self.slopes + heights[:, None] * self.change
+
+
+def levelled(shear: Shear | None, contacts: ContactPoints) -> ContactPoints:
+    """Contact points in the levelled space; as they are if there is no shear."""
+    return contacts if shear is None else shear.levelled_contacts(contacts)

@@ -25,8 +25,8 @@ from palpate.core.rebuild.lattice.section import (
     section_system,
     solve_section,
 )
-from palpate.core.rebuild.loft import ContourSurface
 from palpate.core.rebuild.recovery import Recovery
+from palpate.core.rebuild.side import ContourSurface
 from palpate.core.splines import (
     CUBIC,
     Basis,
@@ -42,16 +42,12 @@ from palpate.core.splines import (
 SIDES = (7, 9, 11, 13, 17, 21)  # Control points across a section each way that are tried
 FILLS: tuple[SectionFill, ...] = ("bending", "rings", "cones")
 FURTHER = 1  # How many larger sides are tried once the skin is met, if the inside folds
-
-
 # Of the size: a misfit that matters to nobody, and one that does however little is known.
 PRECISE, POOR = 1e-5, 1e-3
 TURNS_EACH = 2  # Places around for each coefficient of the skin
 LEAST_TURNS = 96
 BLOCK = 4096  # Turns for which columns of layers are laid out at a time
 _CHOOSE = ((1, 0, 0), (1, 1, 0), (1, 2, 1))
-
-
 # Places at which folds are looked for: across a section, and for each layer.
 RADII, TURNS, LAYERS = 7, 24, 3
 
@@ -113,30 +109,16 @@ def fit_lattice(
     size: tuple[int, int] | None = None,
     grasp: Recovery | None = None,
 ) -> LatticeFit:
-    """Solve for the lattice.
+    """Solve for the lattice that makes of a prism's side the loft.
 
-    Parameters
-    ----------
-    surface : ContourSurface
-        The loft.
-    tolerance : float
-        Misfit that is small against what is known of the loft, m.
-    size : pair of int, optional
-        Control points across a section each way, and layers. Otherwise the least side with which
-        the loft is met to within the tolerance, and the loft's own layers.
-    grasp : Recovery, optional
-        Superquadric whose section the prism shall have; otherwise the one that the loft's own
-        sections resemble.
+    `tolerance` is a misfit, m, that is small against what is known of the loft. `size` is the
+    number of control points across a section each way, and of layers: otherwise the least side with
+    which the loft is met to within the tolerance, and the loft's own layers. `grasp` is a
+    superquadric whose section the prism shall have, otherwise the one that the loft's own sections
+    resemble. Raises ValueError if a number of control points is less than 4.
 
-    Raises
-    ------
-    ValueError
-        If a number of control points is less than 4.
-
-    Notes
-    -----
-    Fung, 1999, (4.25), for the displacement from the undeformed lattice: the system of the
-    control points themselves is singular, since a rim cannot see a whole section.
+    Fung, 1999, (4.25), for the displacement from the undeformed lattice: the system of the control
+    points themselves is singular, since a rim cannot see a whole section.
     """
     if size is not None and min(size) <= CUBIC:
         raise ValueError(f"size must be at least {CUBIC + 1} each way, got {size}")
@@ -171,15 +153,21 @@ def _best(check: _Check, sides: tuple[int, ...], enough: float) -> _Trial:
         met += near
         if met > FURTHER or (met and trials[-1].health.folded == 0.0):
             break
-    best = min(trials, key=lambda trial: _demerit(trial.health, enough))
+
+    def demerit(trial: _Trial) -> tuple[float, float, float]:
+        """Less is better: near enough first, then without folds, then nearer."""
+        health = trial.health
+        return max(health.rms / enough, 1.0), health.folded, health.rms
+
+    best = min(trials, key=demerit)
     return best if best.health.folded < 1.0 else _looked_into(check, best)
 
 
 def _tried(check: _Check, system: SectionSystem, fill: SectionFill) -> _Trial:
     side = system.basis.count
-    solved = solve_section(system, check.curves, fill)
+    flat, condition = solve_section(system, check.curves, fill)
     control = np.empty((side, side, len(check.curves), 3))
-    control[..., :2], control[..., 2] = solved.control, check.layers.heights
+    control[..., :2], control[..., 2] = flat, check.layers.heights
     for layer, pinned in zip((0, -1), check.layers.pinned, strict=True):
         if pinned:
             control[:, :, layer, :2] = check.curves[layer, 0]
@@ -187,7 +175,7 @@ def _tried(check: _Check, system: SectionSystem, fill: SectionFill) -> _Trial:
     health = LatticeHealth(
         rms=float(np.sqrt(np.mean(np.square(off)))),
         most=float(np.abs(off).max()),
-        condition=float(f"{solved.condition:.2g}"),
+        condition=float(f"{condition:.2g}"),
         folded=1.0,  # until it is looked at
         fill=fill,
     )
@@ -236,11 +224,6 @@ def folded_share(section: Section, along: Basis, control: Floats) -> float:
     return float(weights @ folded / weights.sum())
 
 
-def _demerit(health: LatticeHealth, enough: float) -> tuple[float, float, float]:
-    """Less is better: near enough first, then without folds, then nearer."""
-    return max(health.rms / enough, 1.0), health.folded, health.rms
-
-
 class _Trial(NamedTuple):
     control: Floats
     health: LatticeHealth
@@ -258,12 +241,7 @@ class _Check(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LatticeSide:
-    """What the side of a prism becomes, from 0 at its lower end to 1 at its upper one.
-
-    Exact at every place: its derivatives are those of the volume, by the chain rule along the
-    rim of the prism's section. For each turn the section's functions are summed once, to a
-    spline along the side, however many places share the turn.
-    """
+    """What a prism's side becomes, from 0 at its lower end to 1 at its upper one."""
 
     section: Section  # Of the prism
     volume: SplineVolume  # The deformed one
@@ -315,10 +293,7 @@ class LatticeSide:
 
 
 def _quotients(parts: dict[tuple[int, int], Floats]) -> dict[tuple[int, int], Floats]:
-    """Points and derivatives (n, 3) of a quotient from those of its parts (n, 4), lowest first.
-
-    By the product rule for the points times the weight, solved for the highest derivative.
-    """
+    """Points and derivatives (n, 3) of a quotient from those of its parts (n, 4), lowest first."""
     found: dict[tuple[int, int], Floats] = {}
     weight = parts[0, 0][:, 3:]
     for (i, j), part in parts.items():
@@ -343,15 +318,10 @@ class LatticeGrid(NamedTuple):
 def lattice_grid(lattice: Lattice) -> LatticeGrid:
     """The arrays of a lattice."""
     bases, before, weights = lattice.volume.bases, lattice.undeformed, lattice.volume.weights
-    if isinstance(before, Parallelepiped):
-        undeformed = before.greville_control(bases)
-    else:
-        undeformed = before.control
-    s, t, u = bases
-    return LatticeGrid(
-        control=lattice.control,
-        undeformed=undeformed,
-        weights=np.ones(lattice.control.shape[:3]) if weights is None else weights,
-        knots=(s.knots, t.knots, u.knots),
-        degrees=(s.degree, t.degree, u.degree),
+    undeformed = (
+        before.greville_control(bases) if isinstance(before, Parallelepiped) else before.control
     )
+    weights = np.ones(lattice.control.shape[:3]) if weights is None else weights
+    s, t, u = bases
+    knots, degrees = (s.knots, t.knots, u.knots), (s.degree, t.degree, u.degree)
+    return LatticeGrid(lattice.control, undeformed, weights, knots, degrees)

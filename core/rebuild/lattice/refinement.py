@@ -7,7 +7,6 @@ points change that have a share in the points, and the solid stays as it is else
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array, hstack, vstack
@@ -29,13 +28,6 @@ MOST_WEIGHT = 0.5  # Largest change of a weight's logarithm in a step
 EXACT = 1e-14  # Relative residual at which the least change is taken as found
 
 
-class _Change(NamedTuple):
-    """Of control points (n, 3), m, and of the logarithms of their weights (n,)."""
-
-    control: Floats
-    weights: Floats
-
-
 def refine_lattice(
     fit: LatticeFit,
     points: Floats,
@@ -44,33 +36,17 @@ def refine_lattice(
     sigma: Floats | None = None,
     weights: bool = False,
 ) -> LatticeFit:
-    """Change a lattice so that its side passes points.
+    """Change a lattice so that its side passes points (n, 3), m.
 
-    Parameters
-    ----------
-    fit : LatticeFit
-        The lattice.
-    points : (n, 3) array
-        What the side shall pass, m.
-    places : (n, 2) array
-        Where it is nearest to them: from 0 to 1 along it, and the turn.
-    sigma : (n,) array, optional
-        Standard deviation of each point, m: the side is drawn towards the points only as far as
-        that lets it. They are passed exactly if it is left out.
-    weights : bool
-        Whether weights may change besides the control points.
+    `places` (n, 2) are where the side is nearest to them: from 0 to 1 along it, and the turn. With
+    `sigma` (n,), the points' standard deviations, m, the side is drawn towards them only as far as
+    those let it; else they are passed exactly. `weights` may change besides the control points.
+    Raises ValueError if shapes do not fit, a number is not finite, or a standard deviation is not
+    positive.
 
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, a number is not finite, or a standard deviation is not positive.
-
-    Notes
-    -----
-    Gauss-Newton with damping: each change is the least one that brings the places where the side
-    is nearest to the points nearer to them. Hsu, Hughes and Kaufman, *Direct manipulation of
-    free-form deformations*, 1992, without damping; weights as further unknowns as Fung, 1999,
-    6.1, suggests.
+    Gauss-Newton with damping: each change is the least one that brings the places where the side is
+    nearest to the points nearer to them. Hsu, Hughes and Kaufman, *Direct manipulation of free-form
+    deformations*, 1992, without damping; weights as further unknowns as Fung, 1999, 6.1, suggests.
     """
     points = finite_array("points", points, (None, 3))
     places = finite_array("places", places, (len(points), 2))
@@ -95,8 +71,7 @@ def refine_lattice(
         damping = 1.0 / (looseness * float(np.sqrt(np.mean(np.square(first)))))
     now, steps, last = fit, 0, first
     while steps < (STEPS if sigma is None else 1) and last.max() > ENOUGH * size:
-        change = _least(now, points, places, trust, damping, weights)
-        trial = _changed(now, change)
+        trial = _changed(now, *_least(now, points, places, trust, damping, weights))
         moved = _nearer(trial.side, points, places)
         left = _distances(trial.side, points, moved)
         gain = float(np.linalg.norm(left) / np.linalg.norm(last))
@@ -109,14 +84,9 @@ def refine_lattice(
 
 
 def _least(
-    now: LatticeFit,
-    points: Floats,
-    places: Floats,
-    trust: Floats,
-    damping: float,
-    weights: bool,
-) -> _Change:
-    """The least change with which the places would lie nearer to their points."""
+    now: LatticeFit, points: Floats, places: Floats, trust: Floats, damping: float, weights: bool
+) -> tuple[Floats, Floats]:
+    """The least change of control points (n, 3), m, and of the logarithms of their weights (n,)."""
     volume = now.lattice.volume
     at = now.side.parameters(places[:, 0], places[:, 1])
     shares = diags_array(trust) @ volume.shares(at) @ diags_array(_free(now).astype(float))
@@ -124,7 +94,7 @@ def _least(
     count = shares.shape[1]
     if not weights:
         found = [_solved(shares, off[:, axis], damping) for axis in range(3)]
-        return _Change(np.column_stack(found), np.zeros(count))
+        return np.column_stack(found), np.zeros(count)
     spacing = float(np.linalg.norm(now.prism.edges.sum(axis=0))) / len(now.lattice.control)
     blocks = []
     for axis in range(3):
@@ -135,7 +105,7 @@ def _least(
     solved = _solved(csr_array(vstack(blocks)), off.T.ravel(), damping)
     turned = solved[3 * count :] / spacing
     short = min(1.0, MOST_WEIGHT / max(float(np.abs(turned).max()), MOST_WEIGHT))
-    return _Change(short * solved[: 3 * count].reshape(3, count).T, short * turned)
+    return short * solved[: 3 * count].reshape(3, count).T, short * turned
 
 
 def _solved(rows: csr_array, wanted: Floats, damping: float) -> Floats:
@@ -145,12 +115,12 @@ def _solved(rows: csr_array, wanted: Floats, damping: float) -> Floats:
     return found
 
 
-def _changed(fit: LatticeFit, change: _Change) -> LatticeFit:
+def _changed(fit: LatticeFit, moves: Floats, growths: Floats) -> LatticeFit:
     lattice, before = fit.lattice, fit.lattice.volume.weights
-    control = lattice.control + change.control.reshape(lattice.control.shape)
-    if not change.weights.any():
+    control = lattice.control + moves.reshape(lattice.control.shape)
+    if not growths.any():
         return replace(fit, lattice=lattice.with_control(control))
-    weights = np.exp(change.weights).reshape(control.shape[:3])
+    weights = np.exp(growths).reshape(control.shape[:3])
     weights = weights if before is None else before * weights
     return replace(fit, lattice=lattice.with_control(control, weights))
 

@@ -21,8 +21,8 @@ from scipy.linalg import cho_solve, lapack
 from scipy.sparse import csr_array, vstack
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.loft import ContourSurface
 from palpate.core.rebuild.recovery import Recovery
+from palpate.core.rebuild.side import ContourSurface
 from palpate.core.splines import (
     CUBIC,
     Basis,
@@ -70,19 +70,15 @@ class Layers(NamedTuple):
 
 
 def layers_of(surface: ContourSurface, count: int | None = None) -> Layers:
-    """Layers of a loft: as many as it has, and further ones for the height, unless `count` says.
-
-    Raises
-    ------
-    ValueError
-        If the count is less than 4.
-    """
+    """As many layers as a loft has, and more for the height, or `count`: ValueError if below 4."""
     if count is not None and count <= CUBIC:
         raise ValueError(f"layers must be at least {CUBIC + 1}, got {count}")
     control = surface.control + surface.middle
     low, high = surface.along.domain
     own = Basis((surface.along.knots - low) / (high - low), surface.along.degree)
-    pinned = _is_point(control[0], control), _is_point(control[-1], control)
+    size = float(np.ptp(control, axis=(0, 1)).max())
+    widths = [float(np.ptp(control[end], axis=0).max()) for end in (0, -1)]
+    pinned = widths[0] <= 1e-12 * size, widths[1] <= 1e-12 * size
     if count is None:
         basis, curves = _cubic(own, control)
         basis, curves = _for_heights(surface, basis, curves)
@@ -92,14 +88,12 @@ def layers_of(surface: ContourSurface, count: int | None = None) -> Layers:
         places = np.linspace(0.0, 1.0, SAMPLES * max(count, own.count))
         values = (own.matrix(places) @ control.reshape(own.count, -1)).reshape(len(places), -1)
         values = np.column_stack([values, _height(surface, places)])
-        found = _fitted(basis, places, values)
+        matrix = basis.matrix(places).toarray()
+        ends = matrix[:, [0, -1]] @ values[[0, -1]]
+        inner = np.linalg.lstsq(matrix[:, 1:-1], values - ends, rcond=None)[0]
+        found = np.concatenate([values[:1], inner, values[-1:]])  # the ends are taken as they are
         curves, heights = found[:, :-1].reshape(count, -1, 2), found[:, -1]
     return Layers(basis, curves, heights, pinned)
-
-
-def _is_point(curve: Floats, control: Floats) -> bool:
-    size = float(np.ptp(control, axis=(0, 1)).max())
-    return float(np.ptp(curve, axis=0).max()) <= 1e-12 * size
 
 
 def _cubic(basis: Basis, control: Floats) -> tuple[Basis, Floats]:
@@ -136,14 +130,6 @@ def _interpolated(basis: Basis, values: Floats) -> Floats:
 def _height(surface: ContourSurface, shares: Floats) -> Floats:
     low, high = surface.along.domain
     return surface.axial_parameter.height(low + (high - low) * shares)
-
-
-def _fitted(basis: Basis, places: Floats, values: Floats) -> Floats:
-    """Coefficients nearest to values (n, d), with the first and the last taken as they are."""
-    matrix = basis.matrix(places).toarray()
-    ends = matrix[:, [0, -1]] @ values[[0, -1]]
-    inner = np.linalg.lstsq(matrix[:, 1:-1], values - ends, rcond=None)[0]
-    return np.concatenate([values[:1], inner, values[-1:]])
 
 
 class Strengths(NamedTuple):
@@ -203,18 +189,8 @@ def _differences(side: int) -> Floats:
 
 def solve_section(
     system: SectionSystem, curves: Floats, fill: SectionFill = "bending"
-) -> SolvedSection:
-    """Deform a section so that its rim becomes curves.
-
-    Parameters
-    ----------
-    system : SectionSystem
-        The section.
-    curves : (l, k, 2) array
-        What the rim shall become in each layer, m.
-    fill : str
-        What settles the inside.
-    """
+) -> tuple[Floats, float]:
+    """Control points (side, side, l, 2), m, for rims (l, k, 2), m, and the condition number."""
     section, side = system.section, system.basis.count
     strengths = STRENGTHS[fill]
     form = system.form + strengths.bending * system.bending + HELD * np.eye(side**2)
@@ -234,14 +210,7 @@ def solve_section(
     level = 2.0 * system.basis.greville() - 1.0
     undeformed = np.stack(np.meshgrid(level, level, indexing="ij"), axis=-1) @ section.axes
     control = moved.reshape(side, side, len(curves), 2) + undeformed[:, :, None]
-    return SolvedSection(control + section.middle, 1.0 / max(share, np.finfo(float).eps))
-
-
-class SolvedSection(NamedTuple):
-    """Control points of a section's layers."""
-
-    control: Floats  # (side, side, l, 2), m
-    condition: float  # Estimated condition number of the system
+    return control + section.middle, 1.0 / max(share, np.finfo(float).eps)
 
 
 def _layers_last(values: Floats) -> Floats:
@@ -255,10 +224,7 @@ def _mean(rows: csr_array) -> float:
 
 
 def _inner(box: Floats, moves: Floats, fading: float) -> Floats:
-    """How the rings shall move, (rings k, 2 l): as the rim does, less and less of it.
-
-    Its affine part goes on to the middle straight, what is left of it fades.
-    """
+    """How rings shall move, (rings k, 2 l): by the affine part of the rim; the rest fades."""
     rows = np.column_stack([box, np.ones(len(box))])
     affine = np.linalg.lstsq(rows, moves, rcond=None)[0]
     rest = moves - rows @ affine
@@ -266,19 +232,12 @@ def _inner(box: Floats, moves: Floats, fading: float) -> Floats:
 
 
 def fit_section(curves: Floats, grasp: Recovery | None = None) -> Section:
-    """Section of a prism for layers of closed curves.
+    """Section of a prism for layers of closed curves (l, k, 2), m, of which some may be points.
 
-    Parameters
-    ----------
-    curves : (l, k, 2) array
-        The layers at even turns, counter-clockwise, m; some may be points.
-    grasp : Recovery, optional
-        Superquadric whose second exponent, semi-axes, turn about the vertical and place are taken.
-
-    Notes
-    -----
-    Layers are laid upon each other by their first harmonics, which hold the place, the size and
-    the turn of a closed curve, before they are averaged.
+    They run at even turns, counter-clockwise. Of a superquadric, the `grasp`, its second exponent,
+    semi-axes, turn about the vertical and place are taken. Layers are laid upon each other by their
+    first harmonics, which hold the place, the size and the turn of a closed curve, before they are
+    averaged.
     """
     layers = curves[..., 0] + 1j * curves[..., 1]
     middles = layers.mean(axis=1)
@@ -304,13 +263,18 @@ def _resembling(mean: Complexes, middle: complex) -> Section:
     own = 0.0 if even else 0.5 * float(np.angle(forwards * backwards))
     angles = np.concatenate([[own], 0.5 * np.pi * np.arange(ANGLES) / ANGLES])
     tried = [_boxed(mean, float(angle)) for angle in angles]
-    misfits = np.array([_misfits(places, half) for places, half, _ in tried])
+    # How far the curve is from the superellipse of each exponent, as a length.
+    misfits = np.empty((len(angles), len(EXPONENTS)))
+    for row, (places, half, _) in enumerate(tried):
+        azimuth, radius = np.angle(places), np.abs(places)
+        off = [radius - np.abs(rim_of(float(e), azimuth)[0]) for e in EXPONENTS]
+        misfits[row] = np.sqrt(half[0] * half[1] * np.square(off).mean(axis=1))
     worst = float(misfits[0, 0])
-    row, column = np.unravel_index(misfits.argmin(), misfits.shape)
-    if misfits[row, column] > CLEARLY * worst:
-        row, column = np.intp(0), np.intp(0)
-    places, half, centre = tried[int(row)]
-    return _section(middle + centre, half, float(angles[row]), float(EXPONENTS[column]), places)
+    best, column = map(int, np.unravel_index(misfits.argmin(), misfits.shape))
+    if misfits[best, column] > CLEARLY * worst:
+        best, column = 0, 0
+    places, half, centre = tried[best]
+    return _section(middle + centre, half, float(angles[best]), float(EXPONENTS[column]), places)
 
 
 def _boxed(mean: Complexes, angle: float) -> tuple[Complexes, Floats, complex]:
@@ -323,13 +287,6 @@ def _boxed(mean: Complexes, angle: float) -> tuple[Complexes, Floats, complex]:
     centre = 0.5 * complex(*(low + high))
     off = turned - centre
     return off.real / half[0] + 1j * off.imag / half[1], half, centre * np.exp(1j * angle)
-
-
-def _misfits(places: Complexes, half: Floats) -> Floats:
-    """How far a curve is from the superellipse of each exponent, as a length."""
-    azimuth, radius = np.angle(places), np.abs(places)
-    off = [radius - np.abs(rim_of(float(e), azimuth)[0]) for e in EXPONENTS]
-    return np.asarray(np.sqrt(half[0] * half[1] * np.square(off).mean(axis=1)))
 
 
 def _grasped(mean: Complexes, grasp: Recovery) -> Section:

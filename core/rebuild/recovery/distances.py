@@ -73,22 +73,16 @@ def normal_distances(
 ) -> tuple[Floats, Floats]:
     """Distances (b, n), negative inside, and their derivatives (b, n, p).
 
-    Parameters
-    ----------
-    parameters : (b, p) array
-        Of each solid, see `RIGID`. Rotation vectors turn the solid's own axes, and positions are
-        along the axes of its frame: so nothing depends on how points and frames lie together.
-    points : (n, 3) array
-        In the unit of the sizes.
-    frames : (b, 3, 3) array
-        Axes, as columns, in which each solid stands where no rotation leaves it.
-    warps : Warps
-        Which parameters there are.
+    `parameters` (b, p): of each solid, see `RIGID`. Rotation vectors turn the solid's own axes, and
+    positions are along the axes of its frame: so nothing depends on how points and frames lie
+    together. `points` (n, 3): in the unit of the sizes. `frames` (b, 3, 3): axes, as columns, in
+    which each solid stands where no rotation leaves it. `warps`: which parameters there are.
     """
     turns, body = _body(parameters, points, frames)
     seen = _see(parameters, body, warps)
     gradient, length, distance = _distances(seen)
-    normal = (gradient[0] / length, gradient[1] / length, gradient[2] / length)
+    x, y, z = (part / length for part in gradient)
+    normal = (x, y, z)
     columns, pull = _columns(seen, parameters, warps, _rates(seen, normal), distance)
     jacobian = np.empty((*distance.shape, warps.total))
     for i, column in columns.items():
@@ -102,11 +96,7 @@ def normal_distances(
 def _columns(
     seen: Seen, parameters: Floats, warps: Warps, rates: Rates, distance: Floats
 ) -> tuple[dict[int, Floats], Triple]:
-    """Derivatives, times the gradient's length, by all but the pose; and by the body's places.
-
-    Of the gauge less the distance times the slope: `by_place` is their derivative by the places
-    of the unit superquadric, `by_rate` that by the rates of these.
-    """
+    """Derivatives, times the gradient's length, by all but the pose; and by the body's places."""
     first, unit = _gauge_slope(seen), rates.unit
     second, by_e1, by_e2 = _gauge_curve(seen, parameters, unit)
     across, whole = seen.across, seen.whole
@@ -179,11 +169,7 @@ def untaper_slope_of_both(
 def slope_by_bend(
     at: Unbent, bent: Triple, moving: Triple, by_place: Triple, by_rate: Triple
 ) -> tuple[Floats, Floats]:
-    """Derivatives by the two numbers of the bend; `bent` is the rate before unbending.
-
-    All in the bend's axes. The first is by the curvature, the second by the direction, divided
-    by the curvature.
-    """
+    """Derivatives by both numbers of the bend; `bent` is the rate before unbending."""
     r, z, stretch, s, c = at.inwards, at.along, at.stretch, at.sine, at.cosine
     angle = at.curvature * z
     sag = z * angle * at.rise
@@ -251,19 +237,13 @@ def distances_alone(parameters: Floats, points: Floats, frames: Floats, warps: W
 
 def _distances(seen: Seen) -> tuple[Triple, Floats, Floats]:
     """Gradient of the gauge by the body's coordinates, its length, and the distances."""
-    gradient = _back(seen, _gauge_slope(seen))
+    gradient = untaper_slope(seen.untapered, _gauge_slope(seen))
+    if seen.unbent is not None:
+        bent = unbend_slope(seen.unbent, turned(seen.unbent, gradient))
+        gradient = turned_back(seen.unbent, bent)
     length = np.sqrt(gradient[0] ** 2 + gradient[1] ** 2 + gradient[2] ** 2)
     length = np.maximum(length, LEAST_SLOPE)
     return gradient, length, (seen.whole.value - 1.0) / length
-
-
-def _back(seen: Seen, by_place: Triple) -> Triple:
-    """Derivatives by the body's coordinates."""
-    by_straight = untaper_slope(seen.untapered, by_place)
-    if seen.unbent is None:
-        return by_straight
-    bent = unbend_slope(seen.unbent, turned(seen.unbent, by_straight))
-    return turned_back(seen.unbent, bent)
 
 
 def untaper_slope(at: Untapered, by_place: Triple) -> Triple:

@@ -42,8 +42,6 @@ from palpate.core.shapes import (
 
 FARTHEST = 1e150  # m: squares beyond it overflow
 FIRST_STEPS, SECOND_STEPS, NEXT_STEPS, LAST_STEPS = 4, 6, 60, 200
-
-
 # One in so many starts goes on after the first steps, but at least this many.
 DROPPED, FEWEST = 3, 48
 KEPT, KEPT_ROBUST = 4, 8  # Starts that are solved to the end
@@ -51,21 +49,15 @@ TURN = slice(5, 8)  # Where the rotation vector is among the parameters
 MANY = 200  # Points among which the best start is found; all of them end it
 ROUGH, FINE = 1e-6, 1e-9  # Tolerances: see `levenberg_marquardt`
 SCALES = (0.02, 0.01)  # Of the points' diameter: distances beyond which a robust loss grows slowly
-
-
 # Shares of the outlying points that the extents of starts may leave out.
 TRIMMED = (0.15, 0.3, 0.45)
 FAR = 3.0  # Standard deviations beyond which a point is an outlier
-
-
 ALIKE = 1e-6  # Share of its cost by which a fit must be worse than another to be another
 LEEWAY = 1.1  # Times the least cost: no more than chance makes of it with some fifty points
 REFITS = 6
 EXACT = 1e-13  # Of the points' diameter: residuals of this size are roundings
 LEAST_NOISE = 1e-9  # Of the points' diameter
 LEAST_EXTENT = 5e-3  # Of the points' diameter: what is thinner starts as thick as that
-
-
 # Of half the extent along each axis: a taper widens by up to 2, a bend shows its sag.
 RIGID_SIZES, WARPED_SIZES = (0.5, 1.3), (0.3, 1.5)
 LARGEST_TURN = 0.8  # Rad, of each component: the next start is nearer than that
@@ -75,8 +67,6 @@ MOST_ANGLE = 2.2  # Rad, by which a bend may turn an end
 FIRST_ANGLE = 0.7  # Rad, by which the bends that are tried besides the estimated one turn an end
 STEEPEST_GUESS = 0.8  # Largest widening to start from
 Exponents = tuple[tuple[float, float], ...]
-
-
 # Near a box the exponents' slopes vanish, near an octahedron there are creases: from round neither
 # is always found.
 FREE_EXPONENTS: Exponents = ((1.0, 1.0), (0.2, 0.2), (1.8, 1.8))
@@ -84,8 +74,6 @@ BENT_EXPONENTS = FREE_EXPONENTS[:2]  # Where each is started with six bends
 SWEEPS = 6  # Of plane rotations; each is exact, and three or four end it
 HALF = np.sqrt(0.5)
 EIGHTH_TURN: Floats = np.array([[HALF, -HALF, 0.0], [HALF, HALF, 0.0], [0.0, 0.0, 1.0]])
-
-
 # Rotations that make each of three axes the z axis.
 ORDERS: Floats = np.stack([np.eye(3)[:, order] for order in ([0, 1, 2], [1, 2, 0], [2, 0, 1])])
 
@@ -101,30 +89,13 @@ def recover(
 ) -> Recovery:
     """Fit a superquadric to points on its surface.
 
-    Parameters
-    ----------
-    points : (n, 3) array
-        m. At least 11, and 2 more for a taper and for a bend.
-    taper, bend : bool
-        Whether these are fitted; otherwise there is none.
-    outliers : bool
-        Whether some of the points, up to about a third, may not lie on the surface. It costs
-        two to three times as much.
-    choice : "thesis" or None
-        Whether the exponents are only chosen from sphere, box and cylinder, see `CHOICES`.
-    noise : float or None
-        Standard deviation of the points, m, if it is known.
-
-    Returns
-    -------
-    Recovery
-        Always: what could not be fitted says so in `Recovery.warnings`.
-
-    Raises
-    ------
-    ValueError
-        If points are not finite, not of shape (n, 3) or so far away that their squares overflow,
-        the noise is not positive, or the choice is unknown.
+    `points` (n, 3): m. At least 11, and 2 more for a taper and for a bend. `taper` and `bend`:
+    whether these are fitted; otherwise there is none. `outliers`: whether some of the points, up to
+    about a third, may not lie on the surface. It costs two to three times as much. `choice`:
+    whether the exponents are only chosen from sphere, box and cylinder, see `CHOICES`. `noise`:
+    standard deviation of the points, m, if it is known. Returns always: what could not be fitted
+    says so in `Recovery.warnings`. Raises ValueError if points are not finite, not of shape (n, 3)
+    or so far away that their squares overflow, the noise is not positive, or the choice is unknown.
     """
     places = finite_array("points", points, (None, 3))
     farthest = float(np.abs(places).max(initial=0.0))
@@ -153,10 +124,7 @@ def recover(
 def search_among_outliers(
     points: Floats, warps: Warps, choice: Exponents | None, noise: float | None
 ) -> SearchResult:
-    """Fit points (n, 3) of which some have nothing to do with the solid.
-
-    `noise` is the standard deviation of the others, in the same unit, if it is known.
-    """
+    """Fit points (n, 3) of which some are not on the solid; `noise` is that of the others."""
     apart = outlyingness(points)
     cores = (points[apart <= np.quantile(apart, 1.0 - share)] for share in TRIMMED)
     starts = joined([starts_of(core, warps, choice) for core in cores])
@@ -203,10 +171,7 @@ def search(points: Floats, warps: Warps, choice: Exponents | None) -> SearchResu
 
 
 def starts_of(points: Floats, warps: Warps, choice: Exponents | None) -> Starts:
-    """All starts that the extents of points (n, 3), of diameter about 1, suggest.
-
-    `choice` has exponents that may not change; None if they are fitted.
-    """
+    """All starts that extents of points (n, 3) of diameter 1 suggest; `choice` may not change."""
     pairs = choice or (BENT_EXPONENTS if warps.bend else FREE_EXPONENTS)
     fixed = choice is not None
     tried = ((axes, pair) for axes in suggested_axes(points) for pair in pairs)
@@ -278,8 +243,7 @@ def _bounds(half: Floats, middle: Floats, warps: Warps) -> tuple[Floats, Floats]
 def suggested_axes(points: Floats) -> Floats:
     """Axes (12, 3, 3) in which to start, as columns: each of these with each axis as z.
 
-    Principal axes of points (n, 3) and these turned by 45 degrees, axes of the largest and of the
-    smallest fourth moments.
+    Principal axes of points (n, 3), these turned by 45 degrees, axes of extreme fourth moments.
     """
     centred = points - points.mean(axis=0)
     principal = principal_axes(centred)
@@ -291,11 +255,7 @@ def suggested_axes(points: Floats) -> Floats:
 
 
 def _quartic_axes(centred: Floats, axes: Floats, *, largest: bool) -> Floats:
-    """Turn axes until the sum of the fourth powers of the coordinates is largest or smallest.
-
-    In a plane that sum is constant but for a cosine of four times the angle, so that the best
-    turn of two axes is an arc tangent.
-    """
+    """Turn axes, two at a time, until the sum of fourth powers of coordinates is extreme."""
     way = 1.0 if largest else -1.0
     for _ in range(SWEEPS):
         for i, j in ((0, 1), (1, 2), (0, 2)):
@@ -329,10 +289,7 @@ def _narrowed(points: Floats, starts: Starts, warps: Warps, loss: Loss) -> tuple
 
 
 def _distinct(costs: Floats) -> NDArray[np.intp]:
-    """Which fits to go on with, best first: of those that cost the same, one.
-
-    They are one solid, described in several ways.
-    """
+    """Which fits to go on with, best first; of those that cost the same, one solid, one."""
     order = np.argsort(costs, kind="stable")
     ascending = costs[order]
     apart = np.diff(ascending, prepend=-np.inf) > ALIKE * ascending
@@ -349,11 +306,7 @@ def _unfolded(fits: _Fits, warps: Warps) -> tuple[_Fits, bool]:
 
 
 def _smallest(fits: _Fits, costs: Floats) -> _Fits:
-    """The fits, those first that are as good as the best, of these the smallest solid first.
-
-    Points on a thin rim are met as well by a larger solid with corners beyond them. Fung, 1999,
-    wants the least volume of (2.10) for the same reason.
-    """
+    """Those first that are as good as the best, the smallest first: thin rims fit others."""
     alike = costs <= LEEWAY * costs[0]
     volumes = [
         superquadric_volume(np.exp(one[:3]), one[3:5]) if near else np.inf

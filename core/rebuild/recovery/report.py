@@ -32,26 +32,19 @@ FLAT = 3.0  # Root mean square residuals that the least semi-axis must exceed
 LOOSE = 0.02  # Of the points' diameter: what a surface may be off and still be recovered
 UNKNOWN = 1.0  # Of the points' diameter: the scatter of points that are no more than the parameters
 NEGLIGIBLE = 1e-6  # Of the longest column, and of the largest singular value: counts as nothing
-
-
 # Standard deviation, in the units of the fit (points of diameter 1, logarithms, radians), that each
 # parameter has before there are points; no variance is infinite.
 PRIOR = 1.0
 TAIL = 0.1  # Probability that the scatter is larger than it is taken to be
 SAMPLES = 400
-
-
 # Of the root of the area for each point. With points strewn evenly, one place in 23 is farther than
 # that from all of them: the probability is exp(-pi).
 SPACING = 1.0
 FAR = 3.0  # Standard deviations by which points may stand off
-
-
 # Why not to believe a fit. The first four: nothing was fitted, the solid is an ellipsoid about the
-# points. *at a bound*: size, place or turn left what the extents of the points allow. *folded*: the
-# bend folds the solid. *flat*: not clearly thicker than the points scatter. *one-sided*: part of
-# the surface has no points near it. *loose*: the points are so few, or scatter so much, that the
-# surface may be off by more than 2 % of the diameter.
+# points. *at a bound*: size, place or turn left what the points' extents allow. *flat*: not clearly
+# thicker than the points scatter. *one-sided*: part of the surface has no points near it. *loose*:
+# by few or scattered points, the surface may be off by more than 2 % of the diameter.
 RecoveryWarning = Literal[
     "too few points",
     "identical points",
@@ -70,8 +63,6 @@ NAMES = (
 )
 TAPER_NAMES = ("taper x", "taper y")
 BEND_NAMES = ("bend x", "bend y")
-
-
 # Exponents e1 and e2: Fung, 1999, 3.2.2, step 1.
 CHOICES: dict[str, tuple[float, float]] = {
     "sphere": (1.0, 1.0),
@@ -79,8 +70,6 @@ CHOICES: dict[str, tuple[float, float]] = {
     "cylinder": (0.2, 1.0),
 }
 QUARTER_TURN: Floats = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-
-
 # Diagonals of the rotations by half a turn about no axis, x, y and z.
 HALF_TURNS: Floats = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 NO_EXTENT = 1e-6  # Of the largest extent
@@ -90,8 +79,6 @@ THINNEST = 1e-3  # Of the largest extent: no ellipsoid is given thinner than thi
 MEDIAN_STEPS = 30
 WEIGHT_STEPS = 10
 FULL_WEIGHT = 1.45  # Of the median distance: what is nearer counts fully
-
-
 # Of the variance, added in every direction, so that flat points have distances too.
 LEAST_SPREAD = 1e-9
 
@@ -105,10 +92,7 @@ class Scaled(NamedTuple):
 
 
 def scaled_down(points: Floats, core: Bools | None = None) -> Scaled:
-    """Points (n, 3) about the mean of some, divided by twice these' largest distance from it.
-
-    `core` says which; with None, or if those are all in one place, it is all of them.
-    """
+    """Points (n, 3) about the mean of the `core`, over twice its largest distance from it."""
     if core is None or together(float(np.ptp(points[core], axis=0).max()), points):
         core = np.ones(len(points), bool)
     middle = points[0] + (points[core] - points[0]).mean(axis=0)
@@ -120,14 +104,18 @@ def scaled_down(points: Floats, core: Bools | None = None) -> Scaled:
 def reported(
     scaled: Scaled, warps: Warps, found: SearchResult, noise: float | None, *, chosen: bool
 ) -> Recovery:
-    """What is known of a fit to scaled points.
-
-    `noise` is the standard deviation of the points in their unit, if it is known; `chosen` tells
-    whether the exponents were chosen, not fitted.
-    """
+    """What is known of a fit; `noise` in its unit, `chosen`: whether the exponents were."""
     (points, middle, unit), inliers = scaled, found.inliers
-    solid, place = _solid(found, warps), found.place()
-    parameters = _parameters(solid, place, warps)
+    place = found.axes @ found.parameters[8:11]
+    none, size = np.zeros(2), np.exp(found.parameters[:3])
+    taper = found.parameters[warps.taper_columns] if warps.taper else none
+    bend = found.parameters[warps.bend_columns] if warps.bend else none
+    turned = found.axes @ rotations_from_vectors(found.parameters[None, 5:8])[0]
+    solid = canonical(CanonicalSolid(size, found.parameters[3:5], turned, taper, bend))
+    # In the solid's own axes.
+    parts = [np.log(solid.size), solid.exponents, np.zeros(3), solid.axes.T @ place]
+    parts += [solid.taper] * warps.taper + [solid.bend] * warps.bend
+    parameters = np.concatenate(parts)
     (residuals,), (jacobian,) = normal_distances(parameters[None], points, solid.axes[None], warps)
     rms = float(np.sqrt(np.mean(residuals[inliers] ** 2)))
     free = np.ones(warps.total, bool)
@@ -136,14 +124,25 @@ def reported(
     near = residuals[inliers]
     # Unknown if the fit bent to all of them.
     scatter = float(np.sqrt(near @ near / left)) if left > 0 else UNKNOWN
-    known = certainty(jacobian[inliers], noise or scatter, free)
+    covariance, rank, condition = certainty(jacobian[inliers], noise or scatter, free)
     share, loose = 1.0, 1.0  # of what is folded, nothing is known
     if not found.folded:
         places, area = _surface(solid, place)
         share = uncovered(places, area, points[inliers], rms)
         slopes = normal_distances(parameters[None], places, solid.axes[None], warps)[1][0]
-        loose = looseness(slopes, known.covariance, solid.exponents)
+        loose = looseness(slopes, covariance, solid.exponents)
     cautious = loose * (caution(left) if noise is None else 1.0)
+    reasons: list[tuple[bool, RecoveryWarning]] = [
+        (not found.converged, "not converged"),
+        (found.bounded, "at a bound"),
+        (found.folded, "folded"),
+        (float(solid.size.min()) < FLAT * rms, "flat"),
+        (share > MOST_UNCOVERED, "one-sided"),
+        (cautious > LOOSE, "loose"),
+    ]
+    units = np.diag(units_of(warps, unit))
+    units[8:11, 8:11] = unit * solid.axes
+    names = {pair: name for name, pair in CHOICES.items()}
     return Recovery(
         size=unit * solid.size,
         exponents=solid.exponents,
@@ -153,51 +152,26 @@ def reported(
         residuals=unit * residuals,
         inliers=inliers,
         rms=unit * rms,
-        covariance=_in_metres(known.covariance, solid.axes, warps, unit),
+        covariance=np.asarray(units @ covariance @ units.T),
         names=names_of(warps),
-        rank=known.rank,
-        condition=known.condition,
+        rank=rank,
+        condition=condition,
         uncovered=share,
         looseness=unit * loose,
         converged=found.converged,
-        warnings=_warnings(found, solid, rms, share, cautious),
-        choice=name_of(solid.exponents) if chosen else None,
+        warnings=tuple(warning for applies, warning in reasons if applies),
+        choice=names[solid.exponents[0], solid.exponents[1]] if chosen else None,
         starts=found.starts,
         steps=found.steps,
     )
 
 
-def _solid(found: SearchResult, warps: Warps) -> CanonicalSolid:
-    parameters, none = found.parameters, np.zeros(2)
-    taper = parameters[warps.taper_columns] if warps.taper else none
-    bend = parameters[warps.bend_columns] if warps.bend else none
-    size = np.exp(parameters[:3])
-    return canonical(CanonicalSolid(size, parameters[3:5], found.turned_axes(), taper, bend))
+def certainty(jacobian: Floats, noise: float, free: Bools) -> tuple[Floats, int, float]:
+    """Covariance (p, p), rank and condition number of parameters, `free` ones (p,) of them fitted.
 
-
-def _parameters(solid: CanonicalSolid, place: Floats, warps: Warps) -> Floats:
-    """Those of `normal_distance`, in the solid's own axes."""
-    parts = [np.log(solid.size), solid.exponents, np.zeros(3), solid.axes.T @ place]
-    parts += [solid.taper] * warps.taper + [solid.bend] * warps.bend
-    return np.concatenate(parts)
-
-
-def certainty(jacobian: Floats, noise: float, free: Bools) -> Certainty:
-    """How well points determine parameters.
-
-    Parameters
-    ----------
-    jacobian : (n, p) array
-        Derivatives of the residuals by the parameters.
-    noise : float
-        Standard deviation of the residuals.
-    free : (p,) array
-        Which parameters were fitted; the others have no variance.
-
-    Notes
-    -----
-    Columns and directions that count as nothing lower the rank, and keep the variance that they
-    have before there are points. The condition is that of the other columns.
+    From derivatives (n, p) of residuals with the standard deviation `noise`. Columns and directions
+    that count as nothing lower the rank, and keep the variance that they have before there are
+    points. The condition is that of the other columns.
     """
     columns = jacobian[:, free]
     length = np.sqrt(np.einsum("np,np->p", columns, columns))
@@ -212,7 +186,7 @@ def certainty(jacobian: Floats, noise: float, free: Bools) -> Certainty:
     root = np.linalg.solve(triangle, noise * np.eye(len(length)))
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = root @ root.T
-    return Certainty(covariance, rank, condition)
+    return covariance, rank, condition
 
 
 def _surface(solid: CanonicalSolid, place: Floats) -> tuple[Floats, float]:
@@ -231,10 +205,7 @@ def bend_of(vector: Floats) -> Bend:
 
 
 def uncovered(surface: Floats, area: float, points: Floats, noise: float) -> float:
-    """Share of places (k, 3) spread evenly over a surface that are far from all points (n, 3).
-
-    `area` is the surface's; `noise` is the standard deviation of the points.
-    """
+    """Share of places (k, 3) of a surface of an area that are far from points (n, 3)."""
     squares = np.einsum("ki,ki->k", surface, surface)[:, None]
     squares = squares + np.einsum("ni,ni->n", points, points)
     squares -= 2.0 * surface @ points.T
@@ -245,15 +216,8 @@ def uncovered(surface: Floats, area: float, points: Floats, noise: float) -> flo
 def looseness(jacobian: Floats, covariance: Floats, exponents: Floats) -> float:
     """Standard deviation of a surface along its normals, root mean square over it.
 
-    Parameters
-    ----------
-    jacobian : (k, p) array
-        Derivatives of the distances of places spread evenly over the surface.
-    covariance : (p, p) array
-        Of the parameters, in the order of `palpate.core.rebuild.recovery.RIGID`.
-    exponents : (2,) array
-        What was fitted. To first order an exponent near 0 might be anything; here none is off by
-        more than itself.
+    By derivatives (k, p) of the distances of places spread evenly over it, the covariance (p, p) of
+    the parameters, and the exponents (2,): none counts as off by more than itself.
     """
     likely = np.ones(len(covariance))
     likely[3:5] = exponents / np.maximum(np.sqrt(np.diagonal(covariance)[3:5]), exponents)
@@ -262,39 +226,10 @@ def looseness(jacobian: Floats, covariance: Floats, exponents: Floats) -> float:
 
 
 def caution(left: int) -> float:
-    """Factor by which the scatter may be larger than found; `left`: points more than parameters.
-
-    With none left, it was not found.
-    """
+    """Factor by which the scatter may be larger, with `left` points over the parameters."""
     from scipy.special import chdtri
 
     return float(np.sqrt(left / chdtri(left, 1.0 - TAIL))) if left > 0 else 1.0
-
-
-def _in_metres(covariance: Floats, axes: Floats, warps: Warps, unit: float) -> Floats:
-    """A covariance (p, p) of parameters in a unit of length, with positions along `axes`."""
-    units = np.diag(units_of(warps, unit))
-    units[8:11, 8:11] = unit * axes
-    return np.asarray(units @ covariance @ units.T)
-
-
-def _warnings(
-    found: SearchResult, solid: CanonicalSolid, rms: float, share: float, loose: float
-) -> tuple[RecoveryWarning, ...]:
-    reasons: list[tuple[bool, RecoveryWarning]] = [
-        (not found.converged, "not converged"),
-        (found.bounded, "at a bound"),
-        (found.folded, "folded"),
-        (float(solid.size.min()) < FLAT * rms, "flat"),
-        (share > MOST_UNCOVERED, "one-sided"),
-        (loose > LOOSE, "loose"),
-    ]
-    return tuple(warning for applies, warning in reasons if applies)
-
-
-def name_of(exponents: Floats) -> str:
-    """Which of the three has these exponents (2,)."""
-    return next(name for name, pair in CHOICES.items() if pair == tuple(exponents.tolist()))
 
 
 class SearchResult(NamedTuple):
@@ -309,22 +244,6 @@ class SearchResult(NamedTuple):
     bounded: bool
     starts: int  # Starts tried
     steps: int  # Steps tried by the fit that was taken, those of its first stage left out
-
-    def turned_axes(self) -> Floats:
-        """The solid's axes (3, 3)."""
-        return np.asarray(self.axes @ rotations_from_vectors(self.parameters[None, 5:8])[0])
-
-    def place(self) -> Floats:
-        """Where the solid's middle is, (3,)."""
-        return np.asarray(self.axes @ self.parameters[8:11])
-
-
-class Certainty(NamedTuple):
-    """Covariance and rank of a fit."""
-
-    covariance: Floats  # (p, p)
-    rank: int
-    condition: float
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -393,7 +312,11 @@ def unfitted(points: Floats, warps: Warps, warning: RecoveryWarning) -> Recovery
     unit = float(size.max())
     residuals = np.zeros(len(points))
     if unit > 0.0:
-        residuals = unit * _distances(solid, (points - middle) / unit, unit)
+        parameters = np.zeros((1, RIGID))
+        parameters[0, :5] = np.concatenate([np.log(solid.size / unit), solid.exponents])
+        rigid = Warps(taper=False, bend=False)
+        away = (points - middle) / unit
+        residuals = unit * distances_alone(parameters, away, solid.axes[None], rigid)[0]
     units = units_of(warps, unit) if unit > 0.0 else np.ones(warps.total)
     return Recovery(
         size=solid.size,
@@ -444,14 +367,6 @@ def canonical(solid: CanonicalSolid) -> CanonicalSolid:
     return solid._replace(
         axes=solid.axes * signs, taper=solid.taper * signs[2], bend=solid.bend * signs[:2]
     )
-
-
-def _distances(solid: CanonicalSolid, points: Floats, unit: float) -> Floats:
-    """Distances (n,) of points about an ellipsoid's middle, all in the same unit."""
-    parameters = np.zeros((1, RIGID))
-    parameters[0, :5] = np.concatenate([np.log(solid.size / unit), solid.exponents])
-    rigid = Warps(taper=False, bend=False)
-    return np.asarray(distances_alone(parameters, points, solid.axes[None], rigid)[0])
 
 
 def units_of(warps: Warps, unit: float) -> Floats:

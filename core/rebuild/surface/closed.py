@@ -1,25 +1,37 @@
-"""A closed surface given by a rule, exact at every place: points, curvatures, volume and moments.
+"""A closed surface given by a rule, exact at every place: pieces, curvatures, volume and moments.
 
-It runs from a pole at v = 0 to a pole at v = 1, through the lower end, the side and the upper
-end; around it runs the turn. The pieces meet at seams, where it may have an edge. Integrals over
-the solid are taken over its surface by the divergence theorem, by Gauss's rule on cells that are
-halved until the result stands still.
+It runs from a pole at v = 0 to a pole at v = 1, through the lower end, the side and the upper end;
+around it runs the turn. The pieces meet at seams, where it may have an edge. Integrals over the
+solid are taken over its surface by the divergence theorem, by Gauss's rule on cells that are halved
+until the result stands still. Samples of a piece lie evenly along and around, whatever the
+parameters of what gives them: the spline's own error then shows only at edges.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, Ints, finite_array
-from palpate.core.geometry import signed_area
+from palpate.core.geometry import area_centroid, kernel_point, signed_area
 from palpate.core.poses import split_pose, transform_points
-from palpate.core.rebuild.ends import End, Shear
-from palpate.core.rebuild.surface.patches import Patch, end_patches
+from palpate.core.rebuild.contours import are_star_shaped
+from palpate.core.rebuild.ends import End, ProfileCurve, Shear, StraightCurve, profile_curves
 from palpate.core.shapes import MassMoments
+from palpate.core.splines import (
+    CUBIC,
+    Basis,
+    PeriodicBasis,
+    clamped_basis,
+    evaluate_grid,
+    evaluate_scattered,
+    interpolate_grid,
+    periodic_knots,
+)
 
 # Of the way from pole to pole: within this of a pole, normals and curvatures are told as they are
 # at this distance, where the tangents do not vanish.
@@ -31,6 +43,16 @@ NODES = 4  # Of Gauss's rule in a cell, each way
 FIRST_ROWS, FIRST_COLUMNS = 4, 12  # Cells of each piece to begin with
 HALVINGS = 4  # Most halvings of the cells
 ENOUGH = 1e-8  # Change of the volume and of the area, as a share, at which they stand still
+RIM = 720  # Points of a rim from which its middle is taken
+ROWS, TURNS = 161, 256  # Points along and around
+FINER = 8  # Times as many places tell how to set them evenly,
+FEW = 31  # each on so many lines across
+# Share of the steps that goes with the parameter and not with the length: what has no length still
+# has places.
+SPREAD = 0.05
+# Points (a, b, 3) at places (a,) along, from 0 to 1, and turns (b,), from 0 to 1.
+Grid = Callable[[Floats, Floats], Floats]
+Orders = tuple[int, int]  # Times it is differentiated by v and by turns; together up to 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,22 +67,12 @@ class Surface:
     frame: Floats | None = None
     shear: Shear | None = None  # How the pieces are sheared before
 
-    def at(self, v: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Points (..., 3), or derivatives of them.
+    def at(self, v: ArrayLike, turns: ArrayLike, by: Orders = (0, 0)) -> Floats:
+        """Points (..., 3) at v and turns, which are broadcast, or derivatives of them.
 
-        Parameters
-        ----------
-        v : array
-            From 0, the lower pole, to 1, the upper. At a seam the upper piece answers.
-        turns : array
-            Around it; a whole turn is 1. It is broadcast with `v`.
-        by : pair of int
-            How often it is differentiated by v and by turns; together up to 2.
-
-        Raises
-        ------
-        ValueError
-            If a place is not finite or v lies outside 0 to 1, or more derivatives are wanted.
+        v runs from 0, the lower pole, to 1, the upper; at a seam the upper piece answers. A whole
+        turn is 1. Raises ValueError if a place is not finite or v lies outside 0 to 1, or more
+        derivatives are wanted than together 2.
         """
         v, turns = np.broadcast_arrays(np.asarray(v, float), np.asarray(turns, float))
         shape = v.shape
@@ -81,9 +93,7 @@ class Surface:
         found = np.searchsorted(self.seams, v, side="right") - 1
         return np.clip(found, 0, len(self.pieces) - 1).astype(np.int32)
 
-    def piece_at(
-        self, piece: int, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)
-    ) -> Floats:
+    def piece_at(self, piece: int, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """Points (n, 3) of one piece, at v (n,) between its seams, or derivatives of them."""
         low, high = self.seams[piece], self.seams[piece + 1]
         local = np.clip((v - low) / (high - low), 0.0, 1.0)
@@ -99,31 +109,28 @@ class Surface:
         return found / (high - low) ** by[0] if by[0] else found
 
     def normals(self, v: ArrayLike, turns: ArrayLike) -> Floats:
-        """Outward unit normals (..., 3); arguments and errors as for `at`.
-
-        Where it has an edge, those of the piece that answers; at a tip, the limit along the
-        turn.
-        """
-        inside = self._off_poles(v)
+        """Outward unit normals (..., 3), at a tip the limit; errors as of `at`."""
+        inside = _off_poles(v)
         by_v, by_t = self.at(inside, turns, (1, 0)), self.at(inside, turns, (0, 1))
         normals = unit_normals(by_v.reshape(-1, 3), by_t.reshape(-1, 3))
         return normals.reshape(by_v.shape)
 
     def curvatures(self, v: ArrayLike, turns: ArrayLike) -> Curvatures:
         """Principal curvatures at places (n,); arguments and errors as for `at`."""
-        inside = self._off_poles(v)
+        inside = _off_poles(v)
         orders = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
         return curvatures_of(*(self.at(inside, turns, by).reshape(-1, 3) for by in orders))
-
-    def _off_poles(self, v: ArrayLike) -> Floats:
-        v = np.asarray(v, float)
-        _check_v(v)
-        return np.asarray(np.clip(v, POLE, 1.0 - POLE))
 
 
 def _check_v(v: Floats) -> None:
     if v.size and not (v.min() >= 0.0 and v.max() <= 1.0):
         raise ValueError(f"v must lie between 0 and 1, got {v.min():g} to {v.max():g}")
+
+
+def _off_poles(v: ArrayLike) -> Floats:
+    v = np.asarray(v, float)
+    _check_v(v)
+    return np.asarray(np.clip(v, POLE, 1.0 - POLE))
 
 
 def curvatures_of(
@@ -152,16 +159,13 @@ def curvatures_of(
 
 
 def unit_normals(by_v: Floats, by_t: Floats) -> Floats:
-    """Outward unit normals (n, 3) from tangents upwards and counter-clockwise.
+    """Outward unit normals (n, 3) from tangents upwards and counter-clockwise; 0 if parallel."""
 
-    0 where the tangents are parallel or zero.
-    """
-    return _unit(np.cross(_unit(by_t), _unit(by_v)))
+    def unit(vectors: Floats) -> Floats:
+        lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+        return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0))
 
-
-def _unit(vectors: Floats) -> Floats:
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0))
+    return unit(np.cross(unit(by_t), unit(by_v)))
 
 
 def dot(one: Floats, other: Floats) -> Floats:
@@ -170,13 +174,7 @@ def dot(one: Floats, other: Floats) -> Floats:
 
 
 def close_surface(side: Patch, bottom: End | None = None, top: End | None = None) -> Surface:
-    """A side, counter-clockwise seen from above, with what is set onto its ends.
-
-    Raises
-    ------
-    ValueError
-        If the side runs clockwise, or does not close in a point where no end is set onto it.
-    """
+    """A side and what is set onto its ends; ValueError if it runs clockwise or is open."""
     below = end_patches(side, bottom, upper=False) if bottom is not None else ()
     above = end_patches(side, top, upper=True) if top is not None else ()
     area = signed_area(_grid(side)[LENGTH_ROWS // 2, :, :2])
@@ -186,13 +184,7 @@ def close_surface(side: Patch, bottom: End | None = None, top: End | None = None
 
 
 def closed_surface(pieces: tuple[Patch, ...]) -> Surface:
-    """Pieces, from the lowest to the highest, that make a closed surface.
-
-    Raises
-    ------
-    ValueError
-        If it does not close in a point at both ends.
-    """
+    """Pieces, upwards, that make a closed surface; ValueError if an end is open."""
     grid = np.stack([_grid(piece) for piece in pieces])
     points = grid.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -254,11 +246,7 @@ class SolidMeasures(NamedTuple):
 
 
 def measure_surface(surface: Surface) -> SolidMeasures:
-    """Volume, area, centroid and second moments.
-
-    Taken about the middle of the surface's box, so that a solid far from the origin keeps its
-    digits; moved there afterwards.
-    """
+    """Volume, area, centroid and second moments, taken about the middle of the box and moved."""
     sums, error = _sums(surface, 0), np.inf
     for level in range(1, HALVINGS + 1):
         finer = _sums(surface, level)
@@ -314,3 +302,130 @@ def _flux(x: Floats, n: Floats) -> Floats:
             share * np.sum(x[:, i] ** 2 * x[:, j] * n[:, i], axis=0),
         ]
     )
+
+
+class Patch(Protocol):
+    """A piece of a surface, from one ring to another."""
+
+    def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
+        """Points (n, 3) at v and turns (n,), or derivatives of them by these, together up to 2.
+
+        v runs from 0 at its lower ring to 1 at its upper; turns counter-clockwise seen from above,
+        a whole one is 1.
+        """
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EndPatch:
+    """A ring's shape, scaled along a curve until it is a point or another ring."""
+
+    side: Patch  # Whose last ring it begins at
+    curve: ProfileCurve
+    rim: Floats  # Middle of the side's last ring, (3,): from where it is seen whole, if it can be
+    middle: Floats  # Middle of the end, (3,)
+    upper: bool  # Whether it lies on the side or under it
+
+    def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
+        """See `Patch.at`."""
+        way = v if self.upper else 1.0 - v
+        sign = 1.0 if self.upper else (-1.0) ** by[0]
+        along, share = (sign * self.curve.at(way, by[0])).T
+        edge = np.full(len(turns), 1.0 if self.upper else 0.0)
+        offset = self.side.at(edge, turns, (0, by[1]))
+        if by[1]:
+            return np.asarray(share[:, None] * offset)
+        moved = along[:, None] * (self.middle - self.rim) + share[:, None] * (offset - self.rim)
+        return np.asarray(moved + self.rim if by[0] == 0 else moved)
+
+    @property
+    def folded(self) -> float:
+        """How much of a level end lies on itself, over the area that its ring encloses."""
+        curve = self.curve
+        rises = isinstance(curve, StraightCurve) and curve.begin[0] != curve.end[0]
+        if not isinstance(curve, StraightCurve) or (rises and self.middle[2] != self.rim[2]):
+            return 0.0
+        seen = _ring(self.side, self.upper)[:, :2] - self.rim[:2]
+        onwards = np.roll(seen, -1, axis=0)
+        twice = seen[:, 0] * onwards[:, 1] - seen[:, 1] * onwards[:, 0]
+        whole = float(twice.sum())
+        return float(np.maximum(-twice, 0.0).sum()) / whole if whole > 0.0 else 1.0
+
+
+def end_patches(side: Patch, end: End, *, upper: bool) -> tuple[Patch, ...]:
+    """What closes a side at an end, upwards, set onto the side's last ring, wherever that lies."""
+    ring = _ring(side, upper)
+    centroid = area_centroid(ring)
+    # From where the ring is seen whole: its centroid, if from nowhere or from there, too.
+    seen_whole = are_star_shaped(ring[None, :, :2] - centroid)[0]
+    kernel = None if seen_whole else kernel_point(ring[:, :2])
+    shift = np.zeros(2) if kernel is None else kernel - centroid
+    rim = np.array([*(centroid + shift), ring[:, 2].mean()])
+    gap = end.height - float(rim[2]) if end.height != end.rim else 0.0
+    middle = np.array([*(end.middle + shift), rim[2] + gap]) if gap else rim
+    curves = profile_curves(end.profile, gap)
+    found = tuple(EndPatch(side, curve, rim, middle, upper) for curve in curves)
+    return found if upper else found[::-1]
+
+
+def _ring(side: Patch, upper: bool) -> Floats:
+    """Points (n, 3) of a side's last ring."""
+    return side.at(np.full(RIM, 1.0 if upper else 0.0), np.arange(RIM) / RIM)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledPatch:
+    """A spline through samples: see `Patch`."""
+
+    control: Floats  # (n, k, 3)
+    miss: float  # Largest distance from what was sampled, seen at places between the samples
+
+    def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
+        """See `Patch.at`."""
+        at = np.stack([np.clip(v, 0.0, 1.0), np.mod(turns, 1.0)], axis=-1)
+        return np.asarray(evaluate_scattered(self._bases, self._wound, at, [by])[0])
+
+    def on_grid(self, v: Floats, turns: Floats) -> Floats:
+        """Points (a, b, 3) at places v (a,) and turns (b,)."""
+        return np.asarray(evaluate_grid(self._bases, self._wound, [v, np.mod(turns, 1.0)]))
+
+    @property
+    def _bases(self) -> tuple[Basis, Basis]:
+        along, around = self.control.shape[:2]
+        return clamped_basis(along), Basis(periodic_knots(around), CUBIC)
+
+    @property
+    def _wound(self) -> Floats:
+        return np.concatenate([self.control, self.control[:, :CUBIC]], axis=1)
+
+
+def sampled_patch(grid: Grid, rows: int = ROWS, turns: int = TURNS) -> SampledPatch:
+    """Spline through so many evenly spaced points of a surface that is closed around."""
+    alongs, arounds = (np.linspace(0.0, 1.0, FINER * count + 1) for count in (rows, turns))
+    few = np.linspace(0.0, 1.0, FEW + 2)[1:-1]
+    lengths = _ways(grid(alongs, few), axis=0)
+    widths = _ways(grid(few, arounds), axis=1)
+
+    def points(v: Floats, t: Floats) -> Floats:
+        return grid(np.interp(v, lengths, alongs), np.interp(t, widths, arounds))
+
+    along = clamped_basis(rows)
+    places, ends = along.greville(), np.arange(turns) / turns
+    values = points(places, ends).transpose(1, 0, 2)
+    circle = PeriodicBasis(turns).matrix(ends).toarray()
+    around = np.linalg.solve(circle, values.reshape(turns, -1)).reshape(values.shape)
+    rings = around.transpose(1, 0, 2).reshape(rows, -1)
+    control = interpolate_grid([along], [places], rings).control
+    patch = SampledPatch(control.reshape(rows, turns, 3), 0.0)
+    between = 0.5 * (places[1:] + places[:-1])
+    middles = ends + 0.5 / turns
+    off = np.linalg.norm(patch.on_grid(between, middles) - points(between, middles), axis=-1)
+    return SampledPatch(patch.control, float(off.max()))
+
+
+def _ways(points: Floats, axis: int) -> Floats:
+    """Share of the way along an axis of a grid of points at which each lies, on the mean."""
+    steps = np.linalg.norm(np.diff(points, axis=axis), axis=-1).mean(axis=1 - axis)
+    total = max(float(steps.sum()), np.finfo(float).tiny)
+    steps = (1.0 - SPREAD) * steps / total + SPREAD / len(steps)
+    ways = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(ways / ways[-1])

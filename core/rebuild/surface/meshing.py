@@ -37,20 +37,10 @@ class SurfaceMesh(NamedTuple):
 
 
 def mesh_surface(surface: Surface, tolerance: float | None = None) -> SurfaceMesh:
-    """A watertight mesh of genus 0.
+    """A watertight mesh of genus 0 that leaves the surface by at most `tolerance`, in its unit.
 
-    Parameters
-    ----------
-    surface : Surface
-        What is meshed.
-    tolerance : float, optional
-        How far the triangles may leave it, in its own unit; 2e-4 of its size if left out.
-
-    Raises
-    ------
-    ValueError
-        If `tolerance` is not positive, or so small that more than 2,000,000 vertices would
-        be needed.
+    That is 2e-4 of its size if left out. Raises ValueError if it is not positive, or so small that
+    more than 2,000,000 vertices would be needed.
     """
     wanted = DEFAULT_TOLERANCE * surface.size if tolerance is None else tolerance
     wanted = positive("tolerance", wanted, "in the unit of the surface")
@@ -84,12 +74,19 @@ def _laid(surface: Surface, tolerance: float) -> tuple[Floats, Floats]:
         np.linspace(low, high, SAMPLE_ROWS)
         for low, high in zip(surface.seams[:-1], surface.seams[1:], strict=True)
     ]
-    half = 8.0 * tolerance / 2.0
+    half = 4.0 * tolerance
     bends = [_bends(surface, piece, v, turns) for piece, v in enumerate(near)]
     dense = np.sqrt(np.max([bend[2].max(axis=0) for bend in bends], axis=0) / half)
     dense = np.maximum(dense, EVEN * dense.mean())
     columns = _spread(turns, dense, FEWEST)
-    edges = _edges(surface, near, turns, len(columns))
+    around = []
+    for piece, v in enumerate(near):
+        along_v, around_v = np.repeat(v, len(turns)), np.tile(turns, len(v))
+        ring = surface.piece_at(piece, along_v, around_v).reshape(len(v), len(turns), 3)
+        around.append(np.linalg.norm(np.diff(ring, axis=1), axis=2).sum(axis=1))
+    most = max(float(each.max()) for each in around)
+    # Length of the edges along each ring, once thin rings have fewer of them.
+    edges = [np.clip((1 << HALVINGS) * each, 0.25 * most, most) / len(columns) for each in around]
     rows = [np.zeros(1)]
     for v, (along, mixed, _, speed), edge in zip(near, bends, edges, strict=True):
         by_twist = (2.0 * mixed / np.maximum(dense, 1e-9)).max(axis=1) / half
@@ -117,18 +114,6 @@ def _bends(
     speed = np.linalg.norm(surface.piece_at(piece, rows, columns, (1, 0)), axis=1)
     along, mixed, around = (part.reshape(shape) for part in found)
     return along, mixed, around, speed.reshape(shape).mean(axis=1)
-
-
-def _edges(surface: Surface, near: list[Floats], turns: Floats, columns: int) -> list[Floats]:
-    """Length of the edges along each sampled ring, once thin rings have fewer of them."""
-    around = []
-    for piece, v in enumerate(near):
-        rows, places = np.repeat(v, len(turns)), np.tile(turns, len(v))
-        ring = surface.piece_at(piece, rows, places).reshape(len(v), len(turns), 3)
-        around.append(np.linalg.norm(np.diff(ring, axis=1), axis=2).sum(axis=1))
-    most = max(float(each.max()) for each in around)
-    fewer = 1 << HALVINGS
-    return [np.clip(fewer * each, 0.25 * most, most) / columns for each in around]
 
 
 def _spread(places: Floats, density: Floats, least: int) -> Floats:

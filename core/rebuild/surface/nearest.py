@@ -54,13 +54,7 @@ class SurfaceSearch:
     tolerance: float  # Of the mesh
 
     def nearest(self, points: ArrayLike) -> NearestOnSurface:
-        """Nearest point to each of some points (n, 3), and its signed distance.
-
-        Raises
-        ------
-        ValueError
-            If a point is not finite.
-        """
+        """Nearest points to points (n, 3), signed; ValueError if one is not finite."""
         queries = finite_array("points", points, (None, 3))
         seed = nearest_points(self.search, queries)
         v, turns = _places(self.mesh, seed)
@@ -70,7 +64,9 @@ class SurfaceSearch:
         # Not by the square: next to the surface it would lose half the digits.
         distances = np.linalg.norm(queries - nearest, axis=1)
         far = are_outside(self.mesh.vertices, self.mesh.faces, queries, seed)
-        outwards = _outwards(self.surface, run)
+        outwards = self.surface.normals(run.v, run.turns)
+        seam = np.isin(run.v, self.surface.seams[1:-1])  # there the sum of both pieces'
+        outwards[seam] += self.surface.normals(run.v[seam] - BELOW, run.turns[seam])
         close = distances <= CLOSE * self.tolerance
         out = np.where(close, np.einsum("ni,ni->n", queries - nearest, outwards) >= 0.0, far)
         signed = np.where(out, distances, -distances)
@@ -207,11 +203,3 @@ def _beyond_seams(surface: Surface, points: Floats, run: _Run) -> _Run:
         run.v[better], run.turns[better] = tried.v[nearer], tried.turns[nearer]
         run.square[better] = tried.square[nearer]
     return run
-
-
-def _outwards(surface: Surface, run: _Run) -> Floats:
-    """Outward normals at places; at a seam the sum of both pieces'."""
-    normals = surface.normals(run.v, run.turns)
-    at = np.isin(run.v, surface.seams[1:-1])
-    normals[at] += surface.normals(run.v[at] - BELOW, run.turns[at])
-    return normals

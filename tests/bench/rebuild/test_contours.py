@@ -13,7 +13,7 @@ from palpate.bench.rebuild.contours import (
     judge_band,
     step_swing,
 )
-from palpate.core.rebuild.loft.lofting import fit_contour_loft
+from palpate.core.rebuild.side.lofting import fit_contour_loft
 
 TIMED = ("fit, ms", "deviation on", "contour more", "time")
 

@@ -10,7 +10,7 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.poses import transform_points
 from palpate.core.rebuild.contours.contacts import ContactPoints
-from palpate.core.rebuild.ends.shear import Shear
+from palpate.core.rebuild.ends.touched import Shear
 from palpate.core.rebuild.reconstruction import reconstruct
 from palpate.core.rebuild.solid import Solid, moved_lattice, sheared_volume
 from palpate.core.splines.bases import clamped_basis

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from palpate.core.rebuild import closed_sides as felt_rows
-from palpate.core.rebuild.radial import spline as along
-from palpate.core.rebuild.radial import spline as skin
+from palpate.core.rebuild.side import radial as along
+from palpate.core.rebuild.side import radial as skin
 from palpate.core.rebuild.solid import Solid
 from palpate.core.rebuild.surface.meshing import SurfaceMesh
 from palpate.messages.types.model import ShapeModel

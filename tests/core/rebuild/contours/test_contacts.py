@@ -128,10 +128,12 @@ def test_next_to_an_edge_each_taxel_leans_as_its_own_side(noise: float) -> None:
     found = edge_slopes(surface, smooth, ALL, PITCH)
     near = found.edge & (np.abs(x) < 3e-3)
     assert near.sum() > 30
-    assert found.slope_x[near] == pytest.approx(
+    assert found.slopes[0][near] == pytest.approx(
         np.where(x < 0, 0.2, -0.5)[near], abs=5 * noise / PITCH + 1e-9
     )
-    assert found.slope_y[near] == pytest.approx(np.zeros(near.sum()), abs=5 * noise / PITCH + 1e-9)
+    assert found.slopes[1][near] == pytest.approx(
+        np.zeros(near.sum()), abs=5 * noise / PITCH + 1e-9
+    )
 
 
 def test_a_smooth_surface_is_believed() -> None:

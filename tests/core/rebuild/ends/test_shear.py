@@ -5,7 +5,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.contours.contacts import ContactPoints, stack_points
-from palpate.core.rebuild.ends.shear import (
+from palpate.core.rebuild.ends.touched import (
     Shear,
     end_contacts_of,
     end_plane,

@@ -18,8 +18,8 @@ from palpate.core.rebuild.ends.touched import (
     touched_end,
     with_touched_middle,
 )
-from palpate.core.rebuild.radial.equations import fit_axis_curve
-from palpate.core.rebuild.radial.spline import RadialSpline, fit_radial_spline
+from palpate.core.rebuild.side.equations import fit_axis_curve
+from palpate.core.rebuild.side.radial import RadialSpline, fit_radial_spline
 
 LAST = 0.09  # Height of the last contour, m, or of the first one below
 

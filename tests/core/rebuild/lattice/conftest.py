@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.loft.lofting import ContourLoft, fit_contour_loft
+from palpate.core.rebuild.side.lofting import ContourLoft, fit_contour_loft
 
 
 def ring(radius: Floats) -> Floats:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from palpate.core.rebuild.lattice.fit import LatticeFit, fit_lattice, lattice_grid
-from palpate.core.rebuild.loft.lofting import fit_contour_loft
-from palpate.core.rebuild.loft.surfaces import SidePatch
+from palpate.core.rebuild.side.lofting import fit_contour_loft
+from palpate.core.rebuild.side.surfaces import SidePatch
 from palpate.core.splines.bases import Basis
 from palpate.core.splines.lattices import Lattice, box_lattice, fold_report
 from palpate.core.splines.spline_volumes import SplineVolume

@@ -10,8 +10,8 @@ import pytest
 
 from palpate.core.geometry.meshes import solidity
 from palpate.core.rebuild.lattice.fit import fit_lattice
-from palpate.core.rebuild.loft.lofting import fit_contour_loft
 from palpate.core.rebuild.reconstruction import reconstruct
+from palpate.core.rebuild.side.lofting import fit_contour_loft
 from palpate.core.rebuild.solid import Solid
 
 Making = Callable[..., Any]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.core.rebuild.lattice.section import Section, fit_section, layers_of, rim_of
-from palpate.core.rebuild.loft.lofting import fit_contour_loft
 from palpate.core.rebuild.recovery.report import Recovery
+from palpate.core.rebuild.side.lofting import fit_contour_loft
 from palpate.core.splines.bases import PeriodicBasis
 
 TURNS = np.arange(96) / 96

@@ -39,28 +39,28 @@ def test_flat_and_identical_points_have_finite_distances() -> None:
 
 def test_the_covariance_is_that_of_linear_least_squares() -> None:
     jacobian = np.random.default_rng(1).normal(size=(200, 4))
-    known = certainty(jacobian, 1e-3, np.ones(4, bool))
-    assert known.rank == 4
-    assert known.condition < 2.0
-    assert np.allclose(known.covariance, 1e-6 * np.linalg.inv(jacobian.T @ jacobian), rtol=1e-4)
+    covariance, rank, condition = certainty(jacobian, 1e-3, np.ones(4, bool))
+    assert rank == 4
+    assert condition < 2.0
+    assert np.allclose(covariance, 1e-6 * np.linalg.inv(jacobian.T @ jacobian), rtol=1e-4)
 
 
 def test_what_the_points_do_not_determine_keeps_a_bounded_variance() -> None:
     jacobian = np.random.default_rng(1).normal(size=(200, 4))
     jacobian[:, 1], jacobian[:, 3] = 0.0, jacobian[:, 2]
-    known = certainty(jacobian, 1e-3, np.ones(4, bool))
-    assert known.rank == 2
-    assert known.covariance[1, 1] == pytest.approx(1.0)
-    assert known.covariance[2, 2] == pytest.approx(0.5, rel=1e-3)
-    assert np.isfinite(certainty(jacobian, 0.0, np.ones(4, bool)).covariance).all()
+    covariance, rank, _ = certainty(jacobian, 1e-3, np.ones(4, bool))
+    assert rank == 2
+    assert covariance[1, 1] == pytest.approx(1.0)
+    assert covariance[2, 2] == pytest.approx(0.5, rel=1e-3)
+    assert np.isfinite(certainty(jacobian, 0.0, np.ones(4, bool))[0]).all()
 
 
 def test_what_was_not_fitted_has_no_variance() -> None:
     jacobian = np.random.default_rng(1).normal(size=(200, 3))
-    known = certainty(jacobian, 1e-3, np.array([True, False, True]))
-    assert known.rank == 2
-    assert not known.covariance[1].any()
-    assert known.covariance[2, 2] > 0
+    covariance, rank, _ = certainty(jacobian, 1e-3, np.array([True, False, True]))
+    assert rank == 2
+    assert not covariance[1].any()
+    assert covariance[2, 2] > 0
 
 
 def test_half_a_ball_without_points_is_half_uncovered() -> None:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.surface.closed import closed_surface
-from palpate.core.rebuild.surface.patches import sampled_patch
+from palpate.core.rebuild.surface.closed import closed_surface, sampled_patch
 from palpate.core.shapes.superquadrics import Superquadric, regular_points
 
 

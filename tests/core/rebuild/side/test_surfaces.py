@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.loft.lofting import fit_contour_loft
-from palpate.core.rebuild.loft.surfaces import (
+from palpate.core.rebuild.side.lofting import fit_contour_loft
+from palpate.core.rebuild.side.surfaces import (
     MOST_SITES,
     AxialParameter,
     ContourSurface,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.loft.smoothing import (
+from palpate.core.rebuild.side.smoothing import (
     DECAY,
     FEW,
     LEAST_DECAY,

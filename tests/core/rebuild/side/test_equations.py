@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.core.rebuild.radial.equations import fit_axis_curve
+from palpate.core.rebuild.side.equations import fit_axis_curve
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 9])

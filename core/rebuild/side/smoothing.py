@@ -89,11 +89,7 @@ class Smoothed:
 
     @property
     def missed(self) -> Floats:
-        """By how much each line along, smoothed around, is predicted wrongly by the others, (m,).
-
-        Root of its sum of squares, from the modes alone: all there is where each line has a
-        coefficient of its own. The strengths stay what they are.
-        """
+        """By how much each line along is predicted wrongly by the others, (m,)."""
         (lost,) = self.along.modes.lost(np.array(self.strengths[:1]))
         (held,) = self.around.modes.kept(np.array(self.strengths[1:]))
         shapes = self.along.modes.shapes
@@ -201,10 +197,7 @@ def smooth(
 
 
 def _trials(along: SmoothingAxis, around: SmoothingAxis, squares: Floats) -> tuple[Floats, Floats]:
-    """Squared residuals, and freedom not spent, within the modes for all pairs of strengths.
-
-    With a and b kept along and around, p and q lost, ``1 - a b = p + a q``.
-    """
+    """Squared residuals and freedom left for all pairs of strengths: ``1 - a b = p + a q``."""
     a, p = along.modes.kept(along.strengths), along.modes.lost(along.strengths)
     b, q = around.modes.kept(around.strengths), around.modes.lost(around.strengths)
     residual = (p**2 @ squares).sum(axis=1)[:, None] + 2.0 * (p * a) @ squares @ q.T
@@ -251,11 +244,7 @@ class BetweenContours:
     share: float  # Of a miss that is to be expected midway between contours
 
     def variance(self, places: Floats, turns: Floats) -> Floats:
-        """On a grid of parameters (a,) and turns (b,): (a, b).
-
-        Nothing at the contours, most midway between them; beyond the outermost ones it grows with
-        the squared distance.
-        """
+        """On a grid (a, b) of parameters and turns: 0 at contours, most midway."""
         count = len(self.sites)
         if count < 2:
             return np.zeros((len(places), len(turns)))

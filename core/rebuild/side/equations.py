@@ -20,7 +20,7 @@ from scipy.sparse import csr_array, diags_array, eye_array, kron
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.loft import bending_around
+from palpate.core.rebuild.side.smoothing import bending_around
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
 LEAST_DISTANCE = 0.05  # Least distance from the axis in a point's weight, as a share of the median
@@ -138,10 +138,7 @@ class SideSystem:
 
     @property
     def condition(self) -> float:
-        """Estimate of the condition number, to 2 digits, by inverse iteration from a fixed start.
-
-        More digits would depend on the machine.
-        """
+        """Condition number to 2 digits, by inverse iteration; more would depend on the machine."""
         vector = np.cos(np.arange(self.factor.shape[1], dtype=float) ** 2)
         length = 1.0
         for _ in range(STEPS):
@@ -229,10 +226,9 @@ class AxisCurve:
 
 
 def fit_axis_curve(heights: Floats, middles: Floats) -> AxisCurve:
-    """Axis through the middles (n, 2) of contours at heights (n,), m.
+    """Axis through middles (n, 2) of contours at heights (n,), m, of degree 3 or less.
 
-    The degree is 3, or less where there are few contours. What is bent more than that, as the stem
-    of a banana, has a spline for its axis.
+    What is bent more than that, as the stem of a banana, has a spline for its axis.
     """
     low, high = float(heights.min()), float(heights.max())
     half = max(0.5 * (high - low), np.finfo(float).tiny)

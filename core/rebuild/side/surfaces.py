@@ -168,8 +168,7 @@ class AxialParameter:
 def basis_along(sites: Floats, ends: tuple[float, float]) -> Basis:
     """Spline basis with which values at rising parameters (n,) can be interpolated.
 
-    Cubic, or of a lower degree where there are few sites; with knots that are averages of the
-    sites. For a single site it is linear between two `ends` of the parameter.
+    Cubic, or lower of few sites, with averaged knots; of one site linear between two `ends`.
     """
     if len(sites) == 1:
         low, high = ends

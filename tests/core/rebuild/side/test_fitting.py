@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.rebuild.loft.fitting import (
+from palpate.core.rebuild.side.fitting import (
     ContourFit,
     contour_rows,
     fit_axial_parameter,
     fit_rows,
 )
-from palpate.core.rebuild.loft.surfaces import AxialParameter
+from palpate.core.rebuild.side.surfaces import AxialParameter
 
 ANGLE = 2 * np.pi * np.arange(24) / 24
 RIM = np.stack([np.cos(ANGLE), np.sin(ANGLE)], axis=-1)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.rebuild.loft.lofting import ContourLoft, fit_contour_loft, local_outliers
+from palpate.core.rebuild.side.lofting import ContourLoft, fit_contour_loft, local_outliers
 
 HEIGHT = 2.0
 POLE = float(np.sqrt(1.04))

@@ -8,10 +8,9 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.contours.contacts import ContactPoints, stack_points
-from palpate.core.rebuild.loft.smoothing import bending_along
-from palpate.core.rebuild.radial import spline as along
-from palpate.core.rebuild.radial.equations import AxisCurve, fit_axis_curve
-from palpate.core.rebuild.radial.spline import (
+from palpate.core.rebuild.side import radial as along
+from palpate.core.rebuild.side.equations import AxisCurve, fit_axis_curve
+from palpate.core.rebuild.side.radial import (
     HALVED,
     LEAST,
     SECTORS,
@@ -28,6 +27,7 @@ from palpate.core.rebuild.radial.spline import (
     stiffened,
     with_normals,
 )
+from palpate.core.rebuild.side.smoothing import bending_along
 
 Make = Callable[..., Any]
 HEIGHT = 0.06

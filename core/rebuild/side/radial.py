@@ -21,8 +21,7 @@ from scipy.sparse import csr_array, kron
 
 from palpate.core.arrays import Floats, Ints, probable_error_sigma
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.loft import SAFE_MOST, SAFE_RMS, Uncertainty, bending_along
-from palpate.core.rebuild.radial.equations import (
+from palpate.core.rebuild.side.equations import (
     AxisCurve,
     SideEquations,
     SideSystem,
@@ -30,37 +29,27 @@ from palpate.core.rebuild.radial.equations import (
     side_system,
     tensor_rows,
 )
+from palpate.core.rebuild.side.lofting import SAFE_MOST, SAFE_RMS, Uncertainty
+from palpate.core.rebuild.side.smoothing import bending_along
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
 SWEEPS = 2  # Fits, each about the points as the shifts before have moved them
-
-
 # How many taxels weigh as much as the belief that a touch is not shifted. The taxels' own noise
 # over the poses' would be a hundredth; but a smooth surface errs by more than the taxels do.
 STRICTNESS = 0.3
 EXPLAINED = 0.7  # Of the median misfit: shifts are believed if they leave no more of it
-
-
 # Of the height: what is less noise is neither looked into nor smoothed. Edges leave half as much
 # without any noise, and shifts ten times as large seem to explain it.
 WORTHWHILE = 1e-4
-
-
 FEWEST_TOUCHES, FEWEST_TAXELS = 8, 12  # Fewer, or as few in half of them, tell no shifts
 ITERATIONS, ENOUGH = 60, 1e-6  # Of the conjugate gradients, and the residual at which they end
-
-
 BANDS, BAND_TURNS = 25, 4  # Heights at which the deviation is given, turns of its average
-
-
 # Of the touches' pose error: what it leaves in the surface, for shifts are known against each other
 # alone. Measured on shipped scenes with 5 and 9 contours, where it makes the 95 % band true.
 POSE_LEFT = 0.4
 SECTORS = 24  # Parts of a turn, each of which is looked at by itself
 TINY = 0.02  # Of the height that was touched: a stretch without a point that is lower is none
 AROUND = 96  # Coefficients around
-
-
 # Strength of bending along, where the side was touched all around and where it was not: there so
 # strong that what lies farther off bridges the gap, not the last points before it alone.
 TOUCHED, UNTOUCHED = 1e-3, 1e-2
@@ -68,16 +57,12 @@ BESIDE = 2  # Spans on either side of one that was not touched for which the sam
 HOLES = 0.1  # Share of them that may be without a point in a span that was touched
 BENDING_AROUND = 1e-2  # Strength of bending around
 LEAST = 1e-6  # Smallest squared distance ever given, over that of the median
-
-
 STIFFER, MOST_STIFFER = 10.0, 5  # Steps of stiffness where there is noise, and their number
 UNBENT = 6  # Coefficients' combinations that do not bend
 PROBES = 2  # Random signs by which the freedom is estimated
 LEAST_SPARE = 0.05  # Least share of the points' freedom that is taken as left
 SPANS = 45  # Even spans
 HALVED = 4  # Times that the first and the last of them are halved
-
-
 # Power of a span's width by which its bending counts: a root that begins there bends each half of a
 # span more than the whole, and is not flattened.
 WIDTHS = 3
@@ -91,10 +76,7 @@ class ShiftedSpline(NamedTuple):
 
 
 def fit_shifted_spline(contacts: ContactPoints, plain: RadialSpline) -> ShiftedSpline:
-    """Fit a spline once more, with a shift of each touch, if that explains its misfits.
-
-    `contacts` are those that the plain one was fitted to, with normals.
-    """
+    """Fit the plain spline's contacts again with a shift of each touch, if that explains."""
     used = np.bincount(plain.rows.touch)
     used = used[used > 0]
     before = plain.sigma
@@ -126,11 +108,7 @@ def stiffened(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
 
 
 def _more_shifts(spline: RadialSpline, believed: Floats) -> Floats:
-    """Shifts (k, 3) on top of those believed, whose points have been moved back by them.
-
-    The surface is eliminated: what remains is a system of the shifts, solved by conjugate
-    gradients with each touch's own block as preconditioner.
-    """
+    """Shifts (k, 3) on top of those believed, whose points have been moved back by them."""
     rows, count = spline.rows, len(believed)
     blocks = _blocks(rows.normals, rows.touch, count)
     own = np.zeros((count, 3, 3))  # Each touch's block of the system
@@ -213,11 +191,7 @@ def radial_fit(
     reach: tuple[float, float],
     stretched: bool,
 ) -> RadialFit:
-    """What is kept of a spline that is used between two heights, the `reach`, m.
-
-    `pose` is the standard deviation of the touches' shifts, m, None if they were not estimated;
-    `stretched` says that the reach is more than was touched.
-    """
+    """What is kept of a spline between two heights, the `reach`, m."""
     heights = np.linspace(*reach, BANDS)
     deviation = spline.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
     return RadialFit(
@@ -311,10 +285,7 @@ class RadialSpline:
 
     @property
     def score(self) -> float:
-        """Restricted likelihood of the stiffness, but for what it has in common with others.
-
-        Twice its negative logarithm (Wahba, *A comparison of GCV and GML*, 1985).
-        """
+        """Twice the negative log likelihood (Wahba, *A comparison of GCV and GML*, 1985)."""
         rows, flat = self.rows, self.coefficients.ravel()
         square = rows.target @ self.misfits()
         count, size = len(rows.target) - UNBENT, len(flat) - UNBENT
@@ -397,10 +368,7 @@ def bending_root() -> Floats:
 def with_normals(
     contacts: ContactPoints, axis_curve: AxisCurve, low: float, high: float
 ) -> ContactPoints:
-    """Contact points with normals: where nobody measured them, those of a fit to the points.
-
-    That fit takes them to be radial. Parameters and errors as of `fit_radial_spline`.
-    """
+    """Contact points with normals: unless measured, those of a fit that takes them to be radial."""
     if contacts.normals is not None:
         return contacts
     away = contacts.points[:, :2] - axis_curve.at(contacts.points[:, 2])

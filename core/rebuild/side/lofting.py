@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array, probable_error_sigma
 from palpate.core.rebuild.contours import CUBIC_GAIN
-from palpate.core.rebuild.loft.fitting import (
+from palpate.core.rebuild.side.fitting import (
     ContourFit,
     ContourRows,
     Pole,
@@ -27,8 +27,8 @@ from palpate.core.rebuild.loft.fitting import (
     fit_heights_or_round,
     fit_rows,
 )
-from palpate.core.rebuild.loft.smoothing import BetweenContours, Smoothed, between_contours
-from palpate.core.rebuild.loft.surfaces import ContourSurface
+from palpate.core.rebuild.side.smoothing import BetweenContours, Smoothed, between_contours
+from palpate.core.rebuild.side.surfaces import ContourSurface
 from palpate.core.splines import PeriodicBasis
 
 # Times the deviation: what root mean square and largest error stay below on nine of ten objects
@@ -86,11 +86,10 @@ class ContourLoft:
         return self.surface.at(heights, turns, by)
 
     def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats:
-        """Standard deviation of the surface along its normal, m, on a grid (a, b).
+        """Standard deviation of the surface along its normal, m, at heights (a,) and turns (b,).
 
         From the noise, and from what leaving out each contour would have cost. What nobody could
-        know, such as features between two contours, is not in it. Heights (a,) and turns (b,) as
-        for `at`.
+        know, such as features between two contours, is not in it.
         """
         heights = finite_array("heights", heights, (None,))
         parameters = self.surface.axial_parameter.of(heights)
@@ -160,25 +159,15 @@ def fit_contour_loft(
     pole: Sequence[Pole] = (False, False),
     noise: float | None = None,
 ) -> ContourLoft:
-    """Fit a surface through contours.
+    """Fit a surface through contours at heights (M,), grid (M, K, 2), m.
 
-    Parameters
-    ----------
-    heights : (M,) array
-        Of the contours, in any order, m; those at one height are averaged.
-    grid : (M, K, 2) array
-        Their points, m, counter-clockwise, at least 4, corresponding: column j at the turn j / K.
-    low, high : float
-        Heights of the object's ends, m, or of what is to be taken as such, beyond the contours.
-    pole : pair of bool or (2,) arrays
-        Whether the surface closes in a point there, below and above: where the axis leads, or
-        at a place, m.
-    noise : float or None
-        Standard deviation of a coordinate, m, if it is known; otherwise it is estimated. Of 0,
-        no point is left out.
-
-    Raises ValueError if shapes do not fit, a number is not finite, there are too few points, a
-    contour lies outside, or a pole on a contour.
+    They may come in any order, those at one height are averaged; their points run
+    counter-clockwise, at least 4, and correspond: column j at the turn j / K. `low` and `high` are
+    the heights of the object's ends, m, or of what is to be taken as such, beyond the contours;
+    `pole` tells whether the surface closes in a point there, below and above: where the axis leads,
+    or at a place, m. `noise` is the standard deviation of a coordinate, m, if it is known;
+    otherwise it is estimated. Of 0, no point is left out. Raises ValueError if shapes do not fit, a
+    number is not finite, there are too few points, a contour lies outside, or a pole on a contour.
     """
     rows = contour_rows(heights, grid, low, high, pole)
     scaled = None if noise is None else noise / rows.size
@@ -244,10 +233,7 @@ def _noise_between_neighbours(grid: Floats, across: Floats) -> float:
 
 
 def local_outliers(off: Floats) -> Bools:
-    """Points that stick out of their contour where the contours next to it do not.
-
-    By the distance `off` (m, k) of each point from a smooth surface.
-    """
+    """Points that stick out, by distances (m, k) from a surface, where others do not."""
     alone = _less_neighbours(unpredicted(off))
     size = np.abs(alone)
     column = np.median(size, axis=0)
@@ -257,10 +243,7 @@ def local_outliers(off: Floats) -> Bools:
 
 
 def unpredicted(off: Floats) -> Floats:
-    """What the points beside each along the last axis, around a contour, do not predict of it.
-
-    They predict the median of five guesses, of which one wrong point spoils two at most.
-    """
+    """What points do not have of the median of five guesses by those beside along the last axis."""
     before, after = (np.stack([np.roll(off, way * n, -1) for n in (1, 2, 3)]) for way in (1, -1))
     guesses = [*(0.5 * (before + after)), 2.0 * before[0] - before[1], 2.0 * after[0] - after[1]]
     return np.asarray(off - np.median(guesses, axis=0))

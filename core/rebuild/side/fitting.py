@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import area_centroids
-from palpate.core.rebuild.loft.smoothing import (
+from palpate.core.rebuild.side.smoothing import (
     Smoothed,
     SmoothingAxis,
     bending_along,
@@ -20,7 +20,7 @@ from palpate.core.rebuild.loft.smoothing import (
     smooth,
     smoothing_axis,
 )
-from palpate.core.rebuild.loft.surfaces import (
+from palpate.core.rebuild.side.surfaces import (
     AxialParameter,
     basis_along,
     reparametrisation_through,
@@ -81,10 +81,7 @@ class ContourFit(NamedTuple):
         return np.asarray(np.einsum("mkd,mkd->mk", grid - self.fitted(), across))
 
     def swing(self) -> float:
-        """How far it leaves the middle between two rows, at most, over how far rows there differ.
-
-        Seen against the steps before and after as well.
-        """
+        """How far it leaves the middle between two rows, at most, over how far these differ."""
         rows = self.along.matrix(self.sites) @ self.control.reshape(self.along.count, -1)
         middles = 0.5 * (self.sites[1:] + self.sites[:-1])
         between = self.along.matrix(middles) @ self.control.reshape(self.along.count, -1)
@@ -97,11 +94,7 @@ class ContourFit(NamedTuple):
         return float((away / (near + SLIGHT)).max())
 
     def likeness(self, grid: Floats) -> float:
-        """Correlation of the residuals of neighbouring rows, given the rows (m, k, 2).
-
-        Noise is another in every row, even where it is shared along a row because its points
-        were taken off a curve through others; what is smoothed away of a shape is not.
-        """
+        """Correlation of neighbouring rows' residuals, given the rows (m, k, 2): noise has none."""
         off = self.off(grid, self.across())
         below, above = off[:-1], off[1:]
         size = np.sqrt(np.square(below).sum() * np.square(above).sum())
@@ -126,8 +119,7 @@ def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) ->
 
     The third way is to be round only where there is a pole. Each end by itself is not left to the
     rows to decide: there the choice costs more than it gains. `low` and `high` are the ends'
-    heights, m; `noise` is a coordinate's standard deviation in the unit of the rows, if it is
-    known.
+    heights, m; `noise` is a coordinate's deviation in the unit of the rows, if it is known.
     """
     below, above = (pole is not None for pole in rows.poles)
     trials = [(below, above)]
@@ -139,11 +131,7 @@ def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) ->
     if swing <= SWINGS:
         return _far_better_reparametrised(rows, candidates, noise, fit)
     attempts = [
-        _careful(
-            rows,
-            [reparametrised(rows, axial_parameter, power) for axial_parameter in candidates],
-            noise,
-        )
+        _careful(rows, [reparametrised(rows, one, power) for one in candidates], noise)
         for power in POWERS
     ]
     mapped = min(attempts, key=ContourFit.swing)
@@ -153,10 +141,7 @@ def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) ->
 def _far_better_reparametrised(
     rows: ContourRows, candidates: list[AxialParameter], noise: float | None, fit: ContourFit
 ) -> ContourFit:
-    """A fit that follows the way along the surface, as steps ask for, if it predicts far better.
-
-    Where it is but somewhat better, it is as often worse between the rows.
-    """
+    """A fit that follows the way along the surface, if it predicts far better."""
     off = _prediction_error(fit) ** 2 / np.sqrt(rows.grid.shape[1])
     if len(rows.heights) < LEAST_PACED or off < PREDICTED:
         return fit
@@ -179,21 +164,15 @@ def reparametrised(
     rows: ContourRows, axial_parameter: AxialParameter, power: float
 ) -> AxialParameter:
     """The same parameter, but running by a power of the way from row to row along the surface."""
-    places = axial_parameter.of(
-        np.concatenate([[axial_parameter.low], rows.heights, [axial_parameter.high]])
+    low, high, grid = axial_parameter.low, axial_parameter.high, rows.grid
+    places = axial_parameter.of(np.concatenate([[low], rows.heights, [high]]))
+    first, last = (
+        grid[end, None] if pole is None else np.broadcast_to(pole, grid[:1].shape)
+        for end, pole in zip((0, -1), rows.poles, strict=True)
     )
-    below, above = rows.poles
-    grid = rows.grid
-    first = grid[:1] if below is None else np.broadcast_to(below, grid[:1].shape)
-    last = grid[-1:] if above is None else np.broadcast_to(above, grid[:1].shape)
     apart = np.diff(np.concatenate([first, grid, last]), axis=0)
     across = np.sqrt(np.square(apart).sum(axis=2).mean(axis=1))
-    rise = (
-        np.diff(places)
-        * (axial_parameter.high - axial_parameter.low)
-        / (places[-1] - places[0])
-        / rows.size
-    )
+    rise = np.diff(places) * (high - low) / (places[-1] - places[0]) / rows.size
     distinct = np.diff(places) > 0.0
     kept = np.concatenate([[True], distinct])
     lengths = np.hypot(rise, across)[distinct] ** power
@@ -211,19 +190,12 @@ def fit_heights_or_round(rows: ContourRows, low: float, high: float) -> ContourF
 def _best(
     rows: ContourRows, candidates: list[AxialParameter], noise: float | None, caution: float
 ) -> ContourFit:
-    fits = [
-        fit_axial_parameter(rows, axial_parameter, noise, caution) for axial_parameter in candidates
-    ]
+    fits = [fit_axial_parameter(rows, one, noise, caution) for one in candidates]
     return min(fits, key=_prediction_error)
 
 
 def _prediction_error(fit: ContourFit) -> float:
-    """By how much the inner rows are predicted wrongly by the others.
-
-    The mean of roots: a step that no parameter predicts must not decide, nor the rows that each
-    predicts well by chance. The score of the strengths is no measure here: where rows are passed
-    exactly it compares rounding.
-    """
+    """By how much the others predict the inner rows wrongly: a mean of roots, for steps."""
     inner = fit.smoothed.missed[1:-1]
     return float(np.sqrt(inner).mean()) if len(inner) else fit.smoothed.score
 
