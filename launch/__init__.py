@@ -56,7 +56,6 @@ if TYPE_CHECKING:
     from palpate.launch.scene import SHIPPED_SCENES as SHIPPED_SCENES
     from palpate.launch.scene import Scene as Scene
     from palpate.launch.scene import SceneSpec as SceneSpec
-    from palpate.launch.scene import check_calibration_path as check_calibration_path
     from palpate.launch.scene import find_scene as find_scene
     from palpate.launch.scene import load_scene as load_scene
     from palpate.launch.scene import scene_title as scene_title

@@ -12,7 +12,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from msgspec import to_builtins
 from ruamel.yaml import YAML
@@ -27,10 +27,8 @@ from palpate.messages.types import TYPES, Truth
 from palpate.nodes.runtime import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
 
 __all__ = ["Entry", "Graph"]
-
-
 # Modules of the nodes that may know the true shape.
-MAY_HEAR_TRUTH = frozenset({f"palpate.nodes.{kind}" for kind in ("evaluator", "view", "recorder")})
+MAY_KNOW_TRUTH = frozenset({f"palpate.nodes.{kind}" for kind in ("evaluator", "view", "recorder")})
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _TOPIC = re.compile(r"(/[a-z][a-z0-9_]*)+")
 
@@ -46,22 +44,19 @@ class Graph:
     def check(self) -> None:
         """Refuse a graph that could not run.
 
-        Raises
-        ------
-        InputError
-            With file and line where known: a name given twice, an unknown kind or parameter, a
-            parameter of the wrong type or out of range, an input that nobody publishes, a topic
-            with two publishers, types that differ, a node that may not hear the truth, an
-            unknown `ends`.
+        Raises InputError, with file and line where known: a name given twice, an unknown kind or
+        parameter, a parameter of the wrong type or out of range, an input that nobody publishes, a
+        topic with two publishers, types that differ, a node that may not know the truth, an unknown
+        `ends`.
         """
         self.wirings()
 
     def wirings(self) -> tuple[Wiring, ...]:
         """What each process must know; see `check` for what is refused."""
         placed = resolve_nodes(self.entries)
-        said = publishers(placed)
-        check_custom_types(said)
-        inputs = {one.entry.name: _inputs(one, said, placed) for one in placed}
+        published = publishers(placed)
+        check_custom_types(published)
+        inputs = {one.entry.name: _inputs(one, published, placed) for one in placed}
         self._check_ends(placed)
         return tuple(
             Wiring(
@@ -76,21 +71,25 @@ class Graph:
                 on_exit=one.entry.on_exit,
                 handler_timeout=one.node.handler_timeout,
                 persistent=is_persistent(one.node),
-                listeners={topic: _listeners(topic, inputs) for topic in one.outputs.values()},
+                listeners={
+                    topic: tuple(
+                        name for name, its in inputs.items() if any(x.topic == topic for x in its)
+                    )
+                    for topic in one.outputs.values()
+                },
             )
             for one in placed
         )
 
     def topics(self) -> dict[str, type]:
         """Topic on the wire to the type of its messages."""
-        return {topic: said.type for topic, said in publishers(resolve_nodes(self.entries)).items()}
+        return {topic: one.type for topic, one in publishers(resolve_nodes(self.entries)).items()}
 
     def table(self) -> str:
         """The resolved wiring, one topic a line."""
-        wirings = self.wirings()
         types = self.topics()
         rows = [("topic", "type", "from", "to")]
-        for wiring in wirings:
+        for wiring in self.wirings():
             for topic, listeners in wiring.listeners.items():
                 rows.append((topic, types[topic].__name__, wiring.name, ", ".join(listeners)))
         return "\n".join((*text_table(rows), f"ends with the Finished of {self.ends}"))
@@ -106,13 +105,7 @@ class Graph:
 
 
 def publishers(placed: Iterable[ResolvedNode]) -> dict[str, Publisher]:
-    """Topic on the wire to its one publisher.
-
-    Raises
-    ------
-    InputError
-        If two nodes publish one topic.
-    """
+    """Topic on the wire to its one publisher; InputError if two nodes publish one topic."""
     found: dict[str, Publisher] = {}
     for one in placed:
         for local, topic in one.outputs.items():
@@ -126,16 +119,10 @@ def publishers(placed: Iterable[ResolvedNode]) -> dict[str, Publisher]:
     return found
 
 
-def check_custom_types(said: Mapping[str, Publisher]) -> None:
-    """Refuse types that could not travel, or that a recording could not tell apart.
-
-    Raises
-    ------
-    InputError
-        If a type is no message type, or has the name of another one.
-    """
+def check_custom_types(published: Mapping[str, Publisher]) -> None:
+    """Refuse types that could not travel, or that a recording could not tell apart by name."""
     named = dict(TYPES)
-    for topic, publisher in said.items():
+    for topic, publisher in published.items():
         cls = publisher.type
         try:
             schema(cls)
@@ -150,49 +137,47 @@ def check_custom_types(said: Mapping[str, Publisher]) -> None:
 
 
 def _inputs(
-    one: ResolvedNode, said: Mapping[str, Publisher], placed: Iterable[ResolvedNode]
+    one: ResolvedNode, published: Mapping[str, Publisher], placed: Iterable[ResolvedNode]
 ) -> tuple[Input, ...]:
     if isinstance(one.node, Sink):
-        found = [_input(one, topic, topic, said) for topic in said]
-    elif isinstance(one.node, Source):
-        found = []
-    else:
-        found = []
-        for local, (wanted, _) in one.node.inputs.items():
-            if is_left_out(one.entry, one.node, local):
-                continue
-            for topic in _sources(one.entry, one.node, local, said, placed):
-                _check_type(one.entry, topic, wanted, said[topic])
-                found.append(_input(one, topic, local, said))
+        return tuple(_input(one, topic, topic, published[topic]) for topic in published)
+    if isinstance(one.node, Source):
+        return ()
+    found = []
+    for local, (wanted, _) in one.node.inputs.items():
+        if is_left_out(one.entry, one.node, local):
+            continue
+        for topic in _sources(one.entry, one.node, local, published, placed):
+            source = published[topic]
+            if wanted is not source.type:
+                raise one.entry.error(
+                    f"subscribes to {topic} as {wanted.__name__}, but "
+                    f"{source.placed.entry.name!r} publishes it as {source.type.__name__}"
+                )
+            found.append(_input(one, topic, local, source))
     return tuple(found)
 
 
-def _input(one: ResolvedNode, topic: str, local: str, said: Mapping[str, Publisher]) -> Input:
-    heard = said[topic]
+def _input(one: ResolvedNode, topic: str, local: str, source: Publisher) -> Input:
     # Judged by its type, so that no remapping smuggles the truth into the loop.
-    if heard.type is Truth and one.entry.module not in MAY_HEAR_TRUTH:
+    if source.type is Truth and one.entry.module not in MAY_KNOW_TRUTH:
         raise one.entry.error(
-            f"hears {topic}, the true shape, which only an evaluator, a view or a recorder may; "
-            "take this input away"
+            f"subscribes to {topic}, the true shape, which only an evaluator, a view or a recorder "
+            "may; take this input away"
         )
-    return Input(
-        heard.placed.entry.name, topic, local, heard.type.__name__, custom_schema(heard.type)
-    )
-
-
-def custom_schema(cls: type) -> str:
-    """JSON schema of a type that palpate does not have; empty of its own."""
-    return "" if TYPES.get(cls.__name__) is cls else json.dumps(schema(cls))
+    name = source.type.__name__
+    custom = "" if TYPES.get(name) is source.type else json.dumps(schema(source.type))
+    return Input(source.placed.entry.name, topic, local, name, custom)
 
 
 def _sources(
     entry: Entry,
     node: Node,
     local: str,
-    said: Mapping[str, Publisher],
+    published: Mapping[str, Publisher],
     placed: Iterable[ResolvedNode],
 ) -> list[str]:
-    """Topics on the wire that an input hears: in the node's own namespace first, then outside.
+    """Topics on the wire of an input: in the node's own namespace first, then outside.
 
     An input that is `fan_in` subscribes to the topic in every namespace.
     """
@@ -204,23 +189,11 @@ def _sources(
     else:
         candidates = [f"/{entry.namespace}{local}"] if entry.namespace else []
         candidates.append(local)
-    found = [topic for topic in candidates if topic in said]
+    found = [topic for topic in candidates if topic in published]
     if not found:
-        near = hint(candidates[-1], said)
-        raise entry.error(f"hears {candidates[-1]}, which nobody publishes; {near}")
+        near = hint(candidates[-1], published)
+        raise entry.error(f"subscribes to {candidates[-1]}, which nobody publishes; {near}")
     return found if local in node.fan_in else found[:1]
-
-
-def _check_type(entry: Entry, topic: str, wanted: type, heard: Publisher) -> None:
-    if wanted is not heard.type:
-        raise entry.error(
-            f"hears {topic} as {wanted.__name__}, but {heard.placed.entry.name!r} publishes it "
-            f"as {heard.type.__name__}"
-        )
-
-
-def _listeners(topic: str, inputs: Mapping[str, tuple[Input, ...]]) -> tuple[str, ...]:
-    return tuple(name for name, heard in inputs.items() if any(one.topic == topic for one in heard))
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,12 +203,11 @@ class ResolvedNode:
     entry: Entry
     node: AnyNode
     params: Any  # An instance of the node's own parameter type
-    types: Mapping[str, type]  # What it says: the topic as the node calls it, to the message type
+    types: Mapping[str, type]  # Topic as the node calls it, to the message type
     outputs: Mapping[str, str]  # The same topics, to the topic on the wire
 
 
-@dataclass(frozen=True, slots=True)
-class Publisher:
+class Publisher(NamedTuple):
     """Who publishes a topic, and what."""
 
     placed: ResolvedNode
@@ -245,16 +217,17 @@ class Publisher:
 def resolve_nodes(entries: Iterable[Entry]) -> tuple[ResolvedNode, ...]:
     """Find the node of each entry and check its name, parameters and remapping.
 
-    Raises
-    ------
-    InputError
-        If a name is taken or malformed, a kind or parameter is unknown, a parameter is of the
-        wrong type or out of range, or a topic is remapped that the node does not have.
+    Raises InputError if a name is taken or malformed, a kind or parameter is unknown, a parameter
+    is of the wrong type or out of range, or a topic is remapped that the node does not have.
     """
     placed: dict[str, ResolvedNode] = {}
     for entry in entries:
         _check_name(entry, placed)
-        _check_host(entry)
+        if entry.host:
+            try:
+                read_host(entry.host)
+            except InputError as error:
+                raise entry.error(str(error)) from None
         node = load_entry(entry)
         params = _params(entry, node.params)
         types = _published_types(entry, node, params)
@@ -277,14 +250,6 @@ def _check_name(entry: Entry, placed: Mapping[str, ResolvedNode]) -> None:
         raise entry.error(f"the name is taken{f' by {first}' if first else ''}; choose another")
 
 
-def _check_host(entry: Entry) -> None:
-    if entry.host:
-        try:
-            read_host(entry.host)
-        except InputError as error:
-            raise entry.error(str(error)) from None
-
-
 def _params(entry: Entry, kind: type) -> Any:
     if isinstance(entry.params, kind):
         return entry.params
@@ -294,12 +259,11 @@ def _params(entry: Entry, kind: type) -> Any:
 
 
 def _published_types(entry: Entry, node: AnyNode, params: Any) -> Mapping[str, type]:
-    """What a node says, by the topic as the node calls it."""
     if isinstance(node, Sink):
         return {}
     if isinstance(node, Node):
-        said = node.outputs.items()
-        return {topic: kind for topic, kind in said if not is_left_out(entry, node, topic)}
+        outputs = node.outputs.items()
+        return {topic: kind for topic, kind in outputs if not is_left_out(entry, node, topic)}
     try:
         return node.outputs(params)
     except ValueError as error:
@@ -307,7 +271,7 @@ def _published_types(entry: Entry, node: AnyNode, params: Any) -> Mapping[str, t
 
 
 def is_left_out(entry: Entry, node: Node, topic: str) -> bool:
-    """Whether another finger's node hears or says this topic for all of them."""
+    """Whether another finger's node subscribes to or publishes this topic for all of them."""
     return entry.finger > 1 and topic in node.shared
 
 
@@ -330,21 +294,11 @@ def _resolved_topic(entry: Entry, node: AnyNode, topic: str) -> str:
 
 
 def override(graph: Graph, settings: Mapping[str, SourceMapped]) -> Graph:
-    """The graph with parameters set from outside.
+    """The graph with parameters set from outside, by ``node.param``.
 
-    Parameters
-    ----------
-    graph : Graph
-        The graph as described.
-    settings : map
-        ``node.param`` to its value; where there is one such node for each finger, its name
-        without the number means all of them.
-
-    Raises
-    ------
-    InputError
-        If a setting does not look like this or names no node. The parameter itself is checked
-        with the graph.
+    Where there is one such node for each finger, its name without the number means all of them.
+    Raises InputError if a setting does not look like this or names no node; the parameter itself is
+    checked with the graph.
     """
     entries = {entry.name: entry for entry in graph.entries}
     groups: dict[str, list[str]] = {name: [name] for name in entries}
@@ -366,18 +320,13 @@ def _with_parameter(entry: Entry, param: str, value: SourceMapped) -> Entry:
     if isinstance(value.value, str):
         search_current_folder(value.value)  # a planner of one's own
     keys = tuple(param.split("."))
-    params = to_builtins(entry.params, builtin_types=(bytes,))
-    return replace(
-        entry,
-        params=_nested(params, keys, value),
-        places={**entry.places, keys: value.source},
-    )
+    params = _nested(to_builtins(entry.params, builtin_types=(bytes,)), keys, value)
+    return replace(entry, params=params, places={**entry.places, keys: value.source})
 
 
 def _nested(
     params: Mapping[str, Any], keys: tuple[str, ...], value: SourceMapped
 ) -> dict[str, Any]:
-    """Parameters with one of them set, maybe within a map that they hold."""
     first, *rest = keys
     if not rest:
         return {**params, first: value.value}
@@ -390,39 +339,32 @@ def _nested(
 def read_settings(texts: Iterable[str]) -> dict[str, SourceMapped]:
     """Settings as typed on the command line, ``node.param=value`` each; later ones win.
 
-    Raises
-    ------
-    InputError
-        If one has no ``=``, or a value that is not YAML.
+    Raises InputError if one has no ``=``, or a value that is not YAML.
     """
     found = {}
     for text in texts:
         target, equals, value = text.partition("=")
         if not equals:
             raise InputError(f"--set {text}: must look like planner.tolerance=0.2e-3")
-        found[target] = parsed_option(value, f"--set {text}")
+        found[target] = _parsed(value, f"--set {text}")
     return found
 
 
 def read_arguments(texts: Iterable[str]) -> dict[str, SourceMapped]:
     """Arguments of a launch file as typed on the command line, ``name:=value`` each.
 
-    Raises
-    ------
-    InputError
-        If one has no ``:=``, or a value that is not YAML.
+    Raises InputError if one has no ``:=``, or a value that is not YAML.
     """
     found = {}
     for text in texts:
         name, sign, value = text.partition(":=")
         if not (sign and name):
             raise InputError(f"{text!r}: an argument must look like scene:=vase")
-        found[name] = parsed_option(value, text)
+        found[name] = _parsed(value, text)
     return found
 
 
-def parsed_option(text: str, source: str) -> SourceMapped:
-    """A value typed on the command line, read as YAML."""
+def _parsed(text: str, source: str) -> SourceMapped:
     return SourceMapped(parse_yaml(text, source).value, source)
 
 
@@ -435,21 +377,18 @@ def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
     nodes = {}
     for wiring in wirings:
         entry = entries[wiring.name]
-        node: dict[str, Any] = {
+        told = {
+            "remap": dict(entry.remap),
+            "namespace": entry.namespace,
+            "host": entry.host,
+            "nice": entry.nice,
+            "on_exit": entry.on_exit.removeprefix("restart"),
+        }
+        nodes[wiring.name] = {
             "kind": entry.kind or entry.name,
             "params": plain_params(wiring.params),
+            **{key: value for key, value in told.items() if value},
         }
-        if entry.remap:
-            node["remap"] = dict(entry.remap)
-        if entry.namespace:
-            node["namespace"] = entry.namespace
-        if entry.host:
-            node["host"] = entry.host
-        if entry.nice:
-            node["nice"] = entry.nice
-        if entry.on_exit != "restart":
-            node["on_exit"] = entry.on_exit
-        nodes[wiring.name] = node
     stream = io.StringIO()
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = None

@@ -25,24 +25,14 @@ from palpate.nodes.runtime import Wiring
 
 PORT = 7447  # Where a machine that lends itself listens, unless the user says otherwise
 _HOST = re.compile(r"(\d{1,3}(?:\.\d{1,3}){3}|[a-z0-9][a-z0-9.-]*)(?::(\d{1,5}))?", re.IGNORECASE)
-LAUNCHER_LOST = 6.0  # A launcher of which nothing was heard for so long is gone, s
+LAUNCHER_LOST = 6.0  # A launcher that has been silent for so long is gone, s
 TURN_MS = 100
 
 
 class RemoteHosts:
     """The other machines of one graph; none is asked for if all nodes are here.
 
-    Parameters
-    ----------
-    wirings : sequence of Wiring
-        The nodes.
-    run : str
-        What the launcher is called by the other machines.
-
-    Raises
-    ------
-    ValueError
-        If there is no key, or a machine gives no answer.
+    `run` is what the launcher is called there. Raises ValueError if there is no key.
     """
 
     def __init__(self, wirings: Sequence[Wiring], run: str) -> None:
@@ -67,17 +57,14 @@ class RemoteHosts:
             self._wires.destroy()
 
     @property
-    def homes(self) -> Mapping[str, RemoteHost]:
+    def nodes(self) -> Mapping[str, RemoteHost]:
         """Name of each node that runs elsewhere, and where."""
         return {node: self._hosts[host] for host, nodes in self._nodes.items() for node in nodes}
 
     def reach(self, place: Addresses) -> Addresses:
         """The place with addresses that all machines can reach; as it is if all nodes are here.
 
-        Raises
-        ------
-        ValueError
-            If a machine gives no answer, or lends itself at an address that is not its own.
+        Raises ValueError if a machine gives no answer, or lends itself at an address not its own.
         """
         if not self._hosts:
             return place
@@ -88,10 +75,7 @@ class RemoteHosts:
                 f"{', '.join(sorted(owns))}; they could not reach each other"
             )
         (own,) = owns
-        here = free_endpoints(own, [f"n {name}" for name in self._here])
-        taps_here = free_endpoints(own, [f"t {name}" for name in self._here])
-        endpoints = {name: here[f"n {name}"] for name in self._here}
-        taps = {name: taps_here[f"t {name}"] for name in self._here}
+        endpoints, taps = (free_endpoints(own, self._here) for _ in range(2))
         for name, host in self._hosts.items():
             there, its_taps, ahead_ns = host.hello(self._nodes[name])
             endpoints |= there
@@ -119,13 +103,7 @@ def key_file() -> Path:
 
 
 def own_address(towards: str) -> str:
-    """The address by which another machine reaches this one.
-
-    Raises
-    ------
-    ValueError
-        If there is no way to it.
-    """
+    """The address by which another machine reaches this one; ValueError if there is no way."""
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.connect((towards, PORT))
@@ -137,10 +115,7 @@ def own_address(towards: str) -> str:
 def read_host(text: str) -> tuple[str, int]:
     """Address and port of a machine, as ``192.168.1.5`` or ``lab2:7447``.
 
-    Raises
-    ------
-    InputError
-        If it is no such address.
+    Raises InputError if it is no such address.
     """
     found = _HOST.fullmatch(text)
     port = int(found[2] or PORT) if found else 0
@@ -152,10 +127,7 @@ def read_host(text: str) -> tuple[str, int]:
 def free_endpoints(address: str, names: Iterable[str]) -> dict[str, str]:
     """An endpoint for each name, at ports of this machine that are free now.
 
-    Raises
-    ------
-    ValueError
-        If the address is none of this machine's.
+    Raises ValueError if the address is none of this machine's.
     """
     endpoints = {}
     with ExitStack() as held:
@@ -172,40 +144,28 @@ def free_endpoints(address: str, names: Iterable[str]) -> dict[str, str]:
 
 
 class HostedRun:
-    """One launcher's nodes on this machine.
+    """One launcher's nodes on this machine, whose greeting names them and their modules.
 
-    Parameters
-    ----------
-    address, key : str
-        Of this machine, and the file of the key.
-    word : map
-        The launcher's greeting: names and modules of the nodes that will run here.
-    now : float
-        Monotonic time, s.
+    `now` is monotonic time, s; `key` is the file of the key.
     """
 
     def __init__(self, address: str, key: str, word: ControlMessage, now: float) -> None:
-        self.heard = now
-        """Monotonic time of its last word, s."""
-        self.sentinels: dict[int, str] = {}
-        """Nodes that run, by what wakes when they end."""
+        self.last = now  # Monotonic time of its last word, s
+        self.sentinels: dict[int, str] = {}  # Nodes that run, by what wakes when they end
         self._address, self._key = address, key
         self._kept = ExitStack()
         self._folder = self._kept.enter_context(private_folder(None))
         modules = [str(name) for name in word["modules"]]
-        self._nursery = self._kept.enter_context(ForkServer(modules))
+        self._server = self._kept.enter_context(ForkServer(modules))
         self._names = [str(name) for name in word["names"]]
 
     def hello(self) -> ControlMessage:
         """Where the nodes that are to run here will be found, and this machine's clock."""
-        names = self._names
-        endpoints = free_endpoints(self._address, [f"n {name}" for name in names])
-        taps = free_endpoints(self._address, [f"t {name}" for name in names])
         return {
             "kind": "hello",
             "ns": time.monotonic_ns(),
-            "endpoints": {name: endpoints[f"n {name}"] for name in names},
-            "taps": {name: taps[f"t {name}"] for name in names},
+            "endpoints": free_endpoints(self._address, self._names),
+            "taps": free_endpoints(self._address, self._names),
         }
 
     def spawn(self, word: ControlMessage) -> ControlMessage | None:
@@ -222,7 +182,7 @@ class HostedRun:
         )
         try:
             packed = msgspec.msgpack.encode(own)
-            self.sentinels[self._nursery.spawn(name, word["wiring"], packed)] = name
+            self.sentinels[self._server.spawn(name, word["wiring"], packed)] = name
         except ChildProcessError as error:
             return {"kind": "spawn_failed", "node": name, "text": str(error)}
         return None
@@ -230,12 +190,12 @@ class HostedRun:
     def kill(self, word: ControlMessage) -> None:
         """Kill a node."""
         if word["node"] in self.sentinels.values():
-            self._nursery.kill(str(word["node"]))
+            self._server.kill(str(word["node"]))
 
     def bury(self, sentinel: int) -> ControlMessage:
         """A node has ended."""
         name = self.sentinels.pop(sentinel)
-        return {"kind": "ended", "node": name, "code": self._nursery.exit_code(name)}
+        return {"kind": "ended", "node": name, "code": self._server.exit_code(name)}
 
     def close(self) -> None:
         """End all its nodes, and leave nothing behind."""
@@ -243,21 +203,9 @@ class HostedRun:
 
 
 def run_host_agent(address: str, port: int, key: Path, echo: Callable[[str], None]) -> None:
-    """Lend this machine until Ctrl-C.
+    """Lend this machine until Ctrl-C to whoever has the key in a file; `echo` prints a line.
 
-    Parameters
-    ----------
-    address, port : str, int
-        Where launchers find it.
-    key : Path
-        The key that they must have.
-    echo : function
-        Prints a line.
-
-    Raises
-    ------
-    ValueError
-        If the key cannot be used, or the address is taken or not this machine's.
+    Raises ValueError if the key cannot be used, or the address is taken or not this machine's.
     """
     wires = SocketContext(str(key))
     try:
@@ -266,29 +214,19 @@ def run_host_agent(address: str, port: int, key: Path, echo: Callable[[str], Non
         wires.destroy()
         raise ValueError(f"{address}:{port} cannot be listened at: {error}") from None
     echo(f"{address}:{port} runs nodes for whoever has {key}; Ctrl-C ends it")
-    lender = HostAgent(line, address, str(key), echo)
+    agent = HostAgent(line, address, str(key), echo)
     try:
         with Interrupts() as interrupts:
             while not interrupts.came:
-                lender.turn()
+                agent.turn()
     finally:
-        lender.close()
+        agent.close()
         line.close()
         wires.close()
 
 
 class HostAgent:
-    """The guests of one machine.
-
-    Parameters
-    ----------
-    line : LauncherLine
-        Where launchers speak.
-    address, key : str
-        Of this machine, and the file of the key.
-    echo : function
-        Prints a line.
-    """
+    """The guests of one machine, whose launchers speak on a line."""
 
     def __init__(
         self, line: ControlServer, address: str, key: str, echo: Callable[[str], None]
@@ -307,7 +245,7 @@ class HostAgent:
         for name, guest in self._guests.items():
             for sentinel in ended & set(guest.sentinels):
                 self._line.send(name, **guest.bury(sentinel))
-        while self._hear():
+        while self._receive():
             pass
         self._see_to_lost(time.monotonic())
 
@@ -316,13 +254,13 @@ class HostAgent:
         for name in list(self._guests):
             self._part(name, "told to end")
 
-    def _hear(self) -> bool:
+    def _receive(self) -> bool:
         """Take one word; what cannot be done is told, and hurts nobody else. False if none came."""
         try:
-            heard = self._line.receive()
-            if heard is None:
+            received = self._line.receive()
+            if received is None:
                 return False
-            self._obey(*heard)
+            self._obey(*received)
         except (ValueError, msgspec.MsgspecError) as error:
             self._echo(f"a launcher of another version, or none: {error}")
         return True
@@ -337,12 +275,11 @@ class HostAgent:
         guest = self._guests.get(name)
         if guest is None:
             return
-        guest.heard = now
+        guest.last = now
         match word["kind"]:
             case "spawn":
-                spawn_failed = guest.spawn(word)
-                if spawn_failed is not None:
-                    self._line.send(name, **spawn_failed)
+                if (failure := guest.spawn(word)) is not None:
+                    self._line.send(name, **failure)
             case "kill":
                 guest.kill(word)
             case "alive":
@@ -352,7 +289,7 @@ class HostAgent:
 
     def _see_to_lost(self, now: float) -> None:
         for name, guest in list(self._guests.items()):
-            if now - guest.heard > LAUNCHER_LOST:
+            if now - guest.last > LAUNCHER_LOST:
                 self._part(name, "is gone; its nodes are ended")
 
     def _part(self, name: str, why: str) -> None:

@@ -9,13 +9,14 @@ from __future__ import annotations
 import inspect
 import json
 import traceback
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Annotated, Any
 
 from msgspec import Meta, Struct, field
+from msgspec.structs import asdict
 from ruamel.yaml import YAML
 
 from palpate.launch.files import InputError, SourceMapped, convert, hint, read_yaml
@@ -51,7 +52,7 @@ class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class LaunchSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Everything that a launch file may say."""
+    """Everything that a launch file may hold."""
 
     args: dict[str, Any] = {}  # What may be set from outside, and its default
     nodes: dict[str, Any]  # The nodes by name
@@ -68,21 +69,10 @@ class LaunchDescription:
 
 
 def describe(path: Path, args: Mapping[str, SourceMapped], out: Path) -> LaunchDescription:
-    """The graph that a launch file describes.
+    """The graph of a ``.yaml`` file, or of a ``.py`` file with ``describe(**args) -> Graph``.
 
-    Parameters
-    ----------
-    path : Path
-        A ``.yaml`` file, or a ``.py`` file with ``describe(**args) -> Graph``.
-    args : map
-        Arguments given from outside.
-    out : Path
-        The run directory, ``$(out)``; it need not exist.
-
-    Raises
-    ------
-    InputError
-        If the file or an argument cannot be used.
+    `out` is the run directory, ``$(out)``, which need not exist. Raises InputError if the file or
+    an argument cannot be used.
     """
     if path.suffix == ".py":
         plain = {name: value.value for name, value in args.items()}
@@ -117,9 +107,9 @@ def _arguments(
 def _graph(given: SourceMapped, known: Mapping[str, SourceMapped]) -> Graph:
     """The graph; the nodes are filled in one by one, for each may mean another finger."""
     rest = {key: value for key, value in given.value.items() if key not in ("args", "nodes")}
-    filled = substitute(SourceMapped(rest, given.source, given.places), known)
+    filled = substitute(replace(given, value=rest), known)
     nodes = {key: value for key, value in given.value.items() if key == "nodes"}
-    spec = convert(SourceMapped({**filled.value, **nodes}, given.source, filled.places), LaunchSpec)
+    spec = convert(replace(filled, value={**filled.value, **nodes}), LaunchSpec)
     entries = [
         entry for name in spec.nodes for entry in _entries(name, given.part(("nodes", name)), known)
     ]
@@ -134,14 +124,16 @@ def _entries(name: str, given: SourceMapped, known: Mapping[str, SourceMapped]) 
         raise given.error(
             ("namespace",), f"node {name!r}: a node with fingers has its namespace from them"
         )
-    fingers = _fingers(substitute(given.part(("fingers",)), known))
+    asked = substitute(given.part(("fingers",)), known)
+    fingers = asked.value
+    if type(fingers) is not int or not 1 <= fingers <= MAX_FINGERS:
+        raise asked.error((), f"fingers must be 1 to {MAX_FINGERS}, got {fingers!r:.60}")
     entries = []
     for finger in range(1, fingers + 1):
         number = SourceMapped(finger, given.place(("fingers",)))
         one = substitute(given, {**known, "finger": number})
         if fingers > 1:
-            own = {"kind": name, **one.value, "namespace": f"finger_{finger}"}
-            one = SourceMapped(own, one.source, one.places)
+            one = replace(one, value={"kind": name, **one.value, "namespace": f"finger_{finger}"})
         entries += _entry_unless_left_out(name, f"{name}_{finger}" if fingers > 1 else name, one)
     return entries
 
@@ -149,45 +141,17 @@ def _entries(name: str, given: SourceMapped, known: Mapping[str, SourceMapped]) 
 def _entry_unless_left_out(key: str, name: str, given: SourceMapped) -> list[Entry]:
     """The entry of a filled-in node, unless it is left out; the file has it under the key."""
     spec = NodeSpec() if given.value is None else convert(given, NodeSpec, f"nodes.{key}")
-    entry = Entry(
-        name=name,
-        kind=spec.kind,
-        params=spec.params,
-        remap=spec.remap,
-        namespace=spec.namespace,
-        host=spec.host,
-        nice=spec.nice,
-        on_exit=spec.on_exit,
-        source=given.source,
-        places=given.part(("params",)).places if spec.params else {},
-    )
-    return [entry] if spec.wanted else []
-
-
-def _fingers(given: SourceMapped) -> int:
-    value = given.value
-    if type(value) is not int or not 1 <= value <= MAX_FINGERS:
-        raise given.error((), f"fingers must be 1 to {MAX_FINGERS}, got {value!r:.60}")
-    return value
+    places = given.part(("params",)).places if spec.params else {}
+    own = {key: value for key, value in asdict(spec).items() if key not in ("fingers", "wanted")}
+    return [Entry(name=name, source=given.source, places=places, **own)] if spec.wanted else []
 
 
 def describe_python(path: Path, args: Mapping[str, SourceMapped], out: Path) -> Graph:
     """The graph that the file's ``describe`` returns.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    args : map
-        Arguments of ``describe`` by name.
-    out : Path
-        The run directory, handed over if ``describe`` has a parameter ``out``.
-
-    Raises
-    ------
-    InputError
-        If there is no such file or function, an argument is unknown or missing, or what comes
-        back is no Graph.
+    The run directory is handed over if ``describe`` has a parameter ``out``. Raises InputError if
+    there is no such file or function, an argument is unknown or missing, or what comes back is no
+    Graph.
     """
     function = load_describe(path)
     signature = inspect.signature(function)
@@ -212,38 +176,29 @@ def describe_python(path: Path, args: Mapping[str, SourceMapped], out: Path) -> 
 def arguments_table(path: Path) -> str:
     """A table of the arguments that a launch file takes; nothing is started.
 
-    Of a YAML file the comment behind an argument is its explanation; of a Python file, which is
-    run up to its ``describe``, the type is shown.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used.
+    Of a YAML file the comment behind an argument is its explanation; of a Python file, which is run
+    up to its ``describe``, the type is shown. Raises InputError if the file cannot be used.
     """
     python = path.suffix == ".py"
-    rows = _python_rows(path) if python else _yaml_rows(path)
+    rows = list(_python_rows(path) if python else _yaml_rows(path))
     if not rows:
         return f"{path} takes no arguments"
     head = ("argument", "type", "default") if python else ("argument", "default", "")
     return "\n".join([f"{path} takes, each as NAME:=VALUE", *text_table([head, *rows])])
 
 
-def _python_rows(path: Path) -> list[tuple[str, str, str]]:
-    rows = []
-    for name, parameter in inspect.signature(load_describe(path)).parameters.items():
-        several = parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
-        if name != "out" and not several:
-            rows.append((name, _type(parameter), _default(parameter)))
-    return rows
+def _python_rows(path: Path) -> Iterator[tuple[str, str, str]]:
+    for name, one in inspect.signature(load_describe(path)).parameters.items():
+        if name != "out" and one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD):
+            kind = inspect.formatannotation(one.annotation).strip("'")
+            default = "required" if one.default is one.empty else repr(one.default)
+            yield name, "" if one.annotation is one.empty else kind, default
 
 
 def load_describe(path: Path) -> Callable[..., Any]:
     """The function ``describe`` of a launch file, which is run up to its end.
 
-    Raises
-    ------
-    InputError
-        If there is no such file or function, or running the file fails.
+    Raises InputError if there is no such file or function, or running the file fails.
     """
     spec = spec_from_file_location("palpate_launch_file", path)
     if spec is None or spec.loader is None or not path.is_file():
@@ -274,30 +229,17 @@ def _call(path: Path, act: Callable[[], Any]) -> Any:
         raise InputError(f"{place}: {type(error).__name__}: {error}") from None
 
 
-def _type(parameter: inspect.Parameter) -> str:
-    if parameter.annotation is parameter.empty:
-        return ""
-    return inspect.formatannotation(parameter.annotation).strip("'")
-
-
-def _default(parameter: inspect.Parameter) -> str:
-    return "required" if parameter.default is parameter.empty else repr(parameter.default)
-
-
-def _yaml_rows(path: Path) -> list[tuple[str, str, str]]:
+def _yaml_rows(path: Path) -> Iterator[tuple[str, str, str]]:
     declared = declared_args(read_with_includes(path, find_launch_file))
     comments = _comments(path) if declared_args(read_yaml(path)) else {}
-    return [(name, _plain(value), comments.get(name, "")) for name, value in declared.items()]
+    for name, value in declared.items():
+        plain = isinstance(value, str) and value
+        text = plain or json.dumps(value, default=str, ensure_ascii=False)
+        yield name, text, comments.get(name, "")
 
 
 def declared_args(given: SourceMapped) -> dict[str, Any]:
-    """The arguments that a launch file declares, and their defaults as written.
-
-    Raises
-    ------
-    InputError
-        If they are no map.
-    """
+    """The arguments that a launch file declares, and their defaults as written."""
     declared = given.value.get("args") or {}
     if not isinstance(declared, dict):
         raise given.error(("args",), "args must be a map of names to defaults")
@@ -313,11 +255,3 @@ def _comments(path: Path) -> dict[str, str]:
         first = text.partition("\n")[0]
         found[name] = " ".join(first.lstrip("#").split())
     return found
-
-
-def _plain(value: Any) -> str:
-    return (
-        value
-        if isinstance(value, str) and value
-        else json.dumps(value, default=str, ensure_ascii=False)
-    )

@@ -22,16 +22,16 @@ EXPLORE = SHIPPED_LAUNCH_FILES / "explore.yaml"  # The one that explores a scene
 INCLUDE = "include"
 MERGE_DEPTH = 3  # Depth to which maps of nodes are laid over one another: nodes, a node, its params
 _REFERENCE = re.compile(r"\$\(([^()]*)\)")
+Places = Mapping[KeyPath, str]
 
 
 def prestart_fork_server(path: Path) -> None:
     """Wake the server of the nodes' processes, while the launch file is still to be checked.
 
-    Of a launch file in Python, or one that cannot be used, nothing is known yet: then nothing
-    is done.
+    Of a launch file in Python, or one that cannot be used, nothing is known yet: then nothing is
+    done.
     """
-    modules = named_modules(path)
-    if modules:
+    if modules := named_modules(path):
         start_fork_server(modules)
 
 
@@ -45,22 +45,17 @@ def named_modules(path: Path) -> tuple[str, ...]:
         return ()
     if not isinstance(nodes, dict):
         return ()
-    kinds = [_named_kind(name, node) for name, node in nodes.items()]
-    return tuple(Entry(name=kind).module for kind in kinds)
-
-
-def _named_kind(name: str, node: object) -> str:
-    kind = node.get("kind", name) if isinstance(node, dict) else name
-    return kind if isinstance(kind, str) else name
+    kinds = [node.get("kind") if isinstance(node, dict) else name for name, node in nodes.items()]
+    return tuple(
+        Entry(name=kind if isinstance(kind, str) else name).module
+        for name, kind in zip(nodes, kinds, strict=True)
+    )
 
 
 def find_launch_file(path: Path) -> Path:
     """A launch file given by path, or by name if it is a shipped one.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, or it is neither YAML nor Python.
+    Raises InputError if there is no such file, or it is neither YAML nor Python.
     """
     shipped = SHIPPED_LAUNCH_FILES / f"{path.name.removesuffix('.yaml')}.yaml"
     if not path.is_file() and path.parent == Path() and shipped.is_file():
@@ -75,21 +70,9 @@ def find_launch_file(path: Path) -> Path:
 def read_with_includes(
     path: Path, find: Callable[[Path], Path], above: tuple[Path, ...] = ()
 ) -> SourceMapped:
-    """A launch file laid over those that it includes.
+    """A launch file in YAML laid over those that it includes; `above` are those that include it.
 
-    Parameters
-    ----------
-    path : Path
-        A YAML file.
-    find : function
-        Finds a launch file by path, or by name if it is a shipped one.
-    above : Paths
-        The files that include it.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be used, is no YAML, or includes itself.
+    Raises InputError if a file cannot be used, is no YAML, or includes itself.
     """
     own = read_yaml(path)
     if INCLUDE not in own.value:
@@ -108,16 +91,15 @@ def read_with_includes(
 
 
 def merged(below: SourceMapped, own: SourceMapped) -> SourceMapped:
-    """Arguments, nodes and their parameters of two files; where both say something, the own."""
+    """Arguments, nodes and their parameters of two files; where both have something, the own."""
     places = dict(below.places)
     rest = {key: value for key, value in own.value.items() if key != INCLUDE}
-    value = _merged_values(below.value, rest, (), own, places)
-    places[()] = own.place()
-    return SourceMapped(value, own.source, places)
+    value = _merged_values(below.value, rest, (), own.places, places)
+    return SourceMapped(value, own.source, {**places, (): own.place()})
 
 
 def _merged_values(
-    below: Any, own: Any, path: KeyPath, said: SourceMapped, places: dict[KeyPath, str]
+    below: Any, own: Any, path: KeyPath, own_places: Places, places: dict[KeyPath, str]
 ) -> Any:
     """One value over another; `places` is changed to where each part now comes from."""
     depth = MERGE_DEPTH if path[:1] == ("nodes",) else 1
@@ -127,31 +109,21 @@ def _merged_values(
     if not (isinstance(own, dict) and kept):
         for key in [key for key in places if key[: len(path)] == path]:
             del places[key]
-        places.update({key: at for key, at in said.places.items() if key[: len(path)] == path})
+        places.update({key: at for key, at in own_places.items() if key[: len(path)] == path})
         return own
-    if path in said.places:
-        places[path] = said.places[path]
+    if path in own_places:
+        places[path] = own_places[path]
     laid = {
-        key: _merged_values(kept.get(key), one, (*path, key), said, places)
+        key: _merged_values(kept.get(key), one, (*path, key), own_places, places)
         for key, one in own.items()
     }
     return {**kept, **laid}
 
 
 def substitute(given: SourceMapped, known: Mapping[str, SourceMapped]) -> SourceMapped:
-    """The document with every reference replaced.
+    """The document with every reference replaced; the places of what is inserted are kept.
 
-    Parameters
-    ----------
-    given : Located
-        Plain values.
-    known : map
-        Name to value; the places of a value that is inserted whole are kept.
-
-    Raises
-    ------
-    InputError
-        If a name is not known, or a map or list stands within a longer text.
+    Raises InputError if a name is not known, or a map or list stands within a longer text.
     """
     places = dict(given.places)
     return SourceMapped(_replaced(given, given.value, (), known, places), given.source, places)
@@ -170,23 +142,20 @@ def _replaced(
         return [_replaced(given, v, (*path, i), known, places) for i, v in enumerate(value)]
     if not isinstance(value, str):
         return value
-    whole = _REFERENCE.fullmatch(value)
-    if whole:
+    if whole := _REFERENCE.fullmatch(value):
         found = _look_up(given, whole[1], path, known)
         places.update({(*path, *key): at for key, at in found.places.items()})
         if () not in found.places and found.source:
             places[path] = found.source
         return found.value
-    return _REFERENCE.sub(lambda match: _as_text(given, match[1], path, known), value)
 
+    def as_text(match: re.Match[str]) -> str:
+        word = _look_up(given, match[1], path, known).value
+        if isinstance(word, (dict, list, tuple, bytes)):
+            raise given.error(path, f"$({match[1]}) is more than a word; it must stand alone")
+        return str(word)
 
-def _as_text(
-    given: SourceMapped, name: str, path: KeyPath, known: Mapping[str, SourceMapped]
-) -> str:
-    value = _look_up(given, name, path, known).value
-    if isinstance(value, (dict, list, tuple, bytes)):
-        raise given.error(path, f"$({name}) is more than a word; it must stand alone")
-    return str(value)
+    return _REFERENCE.sub(as_text, value)
 
 
 def _look_up(
@@ -197,8 +166,8 @@ def _look_up(
         raise given.error(path, f"$({name}) is not known; {hint(first, known)}")
     found = known[first]
     for key in rest:
-        if not isinstance(found.value, Mapping) or key not in found.value:
-            keys = found.value if isinstance(found.value, Mapping) else ()
+        keys = found.value if isinstance(found.value, Mapping) else ()
+        if key not in keys:
             raise given.error(path, f"$({name}): there is no {key!r}; {hint(key, keys)}")
         found = found.part((key,))
     return found

@@ -42,23 +42,18 @@ def launch(
 
     Parameters
     ----------
-    wirings : sequence of Wiring
-        The nodes.
-    ends : str
-        Name of the node whose `Finished` ends the graph.
-    watch : sequence of str
-        Topics of which the watcher is told every message.
-    watcher : Watcher
-        Is told what happens. What it raises ends the graph, and is raised again.
-    name : str
-        What tools call the run.
-    run_dir : Path, optional
-        The run directory, where nodes put what they have no memory for.
+    wirings, ends : sequence of Wiring, str
+        The nodes, and the name of the one whose `Finished` ends the graph.
+    watch, watcher : sequence of str, Watcher
+        Topics of which the watcher is told every message. What it raises ends the graph, and is
+        raised again.
+    name, run_dir : str, Path
+        What tools call the run, and the folder where nodes put what they have no memory for.
     work_dir : Path, optional
         Where the private folder of the sockets is made; by default where such folders belong.
     depth : int
         Most messages in a queue between two nodes.
-    before : Before, optional
+    before : EarlierRun, optional
         An earlier run, with which this one goes on.
 
     Returns
@@ -82,37 +77,35 @@ def launch(
         Interrupts() as interrupts,
         private_folder(work_dir) as folder,
         message_log_folder(run_dir, folder) as past,
-        RemoteHosts(wirings, f"{name} {folder.name}") as abroad,
+        RemoteHosts(wirings, f"{name} {folder.name}") as remote,
     ):
-        place = abroad.reach(addresses_of(folder, names, depth, past))
+        place = remote.reach(addresses_of(folder, names, depth, past))
         with (
-            LauncherSockets(place, sources) as desk,
-            ForkServer([wiring.module for wiring in wirings]) as nursery,
+            LauncherSockets(place, sources) as sockets,
+            ForkServer([wiring.module for wiring in wirings]) as server,
         ):
-            homes = ProcessHosts(nursery, abroad.homes)
-            wired = _with_listeners(wirings, watch)
+            hosts = ProcessHosts(server, remote.nodes)
+            complete = _with_listeners(wirings, watch)
             if before is not None:
-                before.lay(wired, place)
+                before.lay(complete, place)
             announce(folder, _card(wirings, place, name, ends, run_dir))
-            supervisor = Supervisor(
-                wired,
+            return Supervisor(
+                complete,
                 ends=ends,
                 sources=sources,
                 watcher=watcher,
                 place=place,
-                desk=desk,
-                homes=homes,
-                ahead_ns=abroad.ahead_ns,
+                sockets=sockets,
+                hosts=hosts,
+                ahead_ns=remote.ahead_ns,
                 interrupts=interrupts,
                 going=before is not None,
-            )
-            return supervisor.run(began)
+            ).run(began)
 
 
 def _card(
     wirings: Sequence[Wiring], place: Addresses, name: str, ends: str, run_dir: Path | None
 ) -> RunCard:
-    """What the graph says of itself to tools."""
     return RunCard(
         run=f"{place.run:016x}",
         name=name,
@@ -136,21 +129,22 @@ def _check(wirings: Sequence[Wiring], ends: str) -> None:
         raise ValueError(f"each node needs a name of its own, {twice[0]!r} is there twice")
     if ends not in names:
         raise ValueError(f"no node {ends!r} that could end the graph; there are {sorted(names)}")
-    said = {(wiring.name, topic) for wiring in wirings for topic in wiring.outputs.values()}
+    published = {(wiring.name, topic) for wiring in wirings for topic in wiring.outputs.values()}
     for wiring in wirings:
         topics = [one.topic for one in wiring.inputs]
         twice = sorted({topic for topic in topics if topics.count(topic) > 1})
         if twice:
-            raise ValueError(f"{wiring.name} hears {twice[0]} twice, once is enough")
+            raise ValueError(f"{wiring.name} subscribes to {twice[0]} twice, once is enough")
         for one in wiring.inputs:
-            if (one.publisher, one.topic) not in said:
+            if (one.publisher, one.topic) not in published:
                 raise ValueError(
-                    f"{wiring.name} hears {one.topic} from {one.publisher}, who does not publish it"
+                    f"{wiring.name} subscribes to {one.topic} of {one.publisher}, "
+                    "who does not publish it"
                 )
 
 
 def _sources(wirings: Sequence[Wiring], watch: Sequence[str]) -> dict[str, list[str]]:
-    """Who publishes each topic that the launcher hears."""
+    """Who publishes each topic that the launcher subscribes to."""
     publisher = {topic: w.name for w in wirings for topic in w.outputs.values()}
     sources: dict[str, list[str]] = {}
     for topic in watch:
@@ -161,7 +155,7 @@ def _sources(wirings: Sequence[Wiring], watch: Sequence[str]) -> dict[str, list[
 
 
 def _with_listeners(wirings: Sequence[Wiring], watch: Sequence[str]) -> list[Wiring]:
-    """The wirings, each with all who hear what it says."""
+    """The wirings, each with all subscribers of its topics."""
     listeners: dict[str, list[str]] = {topic: [LAUNCHER] for topic in watch}
     for wiring in wirings:
         for one in wiring.inputs:

@@ -48,7 +48,7 @@ class Entry:
     # Address of the machine on which it runs, ``192.168.1.5`` or ``lab2:7447``; empty for this.
     host: str = ""
     nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
-    # What is done when its process dies: start it again, stop the run, or go on without it.
+    # When its process dies: start it again, stop the run, or go on without it.
     on_exit: OnExit = "restart"
     source: str = ""  # ``file:line`` of the description
     # ``file:line``, or the option, of single parameters.
@@ -99,10 +99,7 @@ def _holds_node(module: str) -> bool:
 def load_entry(entry: Entry) -> AnyNode:
     """The node that an entry asks for.
 
-    Raises
-    ------
-    InputError
-        If there is no such kind, or its module holds no node, or cannot be imported.
+    Raises InputError if there is no such kind, or its module holds no node, or cannot be imported.
     """
     kind = entry.kind or entry.name
     _, mark, held = kind.partition(":")
@@ -126,31 +123,23 @@ def load_entry(entry: Entry) -> AnyNode:
     return node
 
 
-def describe_kind(kind: str) -> str:
-    """What a node of this kind hears, says and takes, as a text.
-
-    Raises
-    ------
-    InputError
-        If there is no such kind.
-    """
-    node = load_entry(Entry(name=kind, kind=kind))
-    lines = [kind]
+def describe_kind(name: str) -> str:
+    """What a node of this kind subscribes to, publishes and takes, as a text."""
+    node = load_entry(Entry(name=name, kind=name))
+    lines = [name]
     if isinstance(node, runtime.Sink):
-        lines.append("  hears everything")
+        lines.append("  subscribes to everything")
     elif isinstance(node, runtime.Source):
-        lines.append("  hears nothing; its parameters say what it says")
+        lines.append("  subscribes to nothing; its parameters tell what it publishes")
     else:
-        lines += [f"  hears {topic}  {said.__name__}" for topic, (said, _) in node.inputs.items()]
-        lines += [f"  says  {topic}  {said.__name__}" for topic, said in node.outputs.items()]
+        inputs = {topic: kind for topic, (kind, _) in node.inputs.items()}
+        for what, topics in (("subscribes", inputs), ("publishes ", node.outputs)):
+            lines += [f"  {what} {topic}  {kind.__name__}" for topic, kind in topics.items()]
     for one in structs.fields(node.params):
-        need = "required" if one.required else f"default {_default(one)!r}"
+        default = one.default_factory() if callable(one.default_factory) else one.default
+        need = "required" if one.required else f"default {default!r}"
         lines.append(f"  takes {one.encode_name}  {need}")
     return "\n".join(lines)
-
-
-def _default(field: structs.FieldInfo) -> object:
-    return field.default_factory() if callable(field.default_factory) else field.default
 
 
 def search_current_folder(name: str) -> None:

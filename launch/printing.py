@@ -1,4 +1,4 @@
-"""What is printed: aligned tables, titled blocks of 80 columns, and figures with their units.
+"""What is printed: aligned tables, titled blocks of 80 columns, figures with units, and a run.
 
 All of it is plain text, on a terminal as in a pipe. Rich is imported when a table is made.
 """
@@ -6,26 +6,23 @@ All of it is plain text, on a terminal as in a pipe. Rich is imported when a tab
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Sequence
-from typing import Literal
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
 
 TEXT_WIDTH = 80  # Columns of what is printed; tables may be wider, so that no cell is broken
+TITLE_WIDTH = 11  # Columns before the parts of a block
 GAP = "  "  # Between two columns, and between two parts of a block
+ENDED = {"finished": "done", "died": "died", "stalled": "stalled", "interrupted": "stopped"}
 
 
 def text_table(
     rows: Sequence[Sequence[str]], right: Collection[int] = (), least: Sequence[int] = ()
 ) -> list[str]:
-    """Rows as lines in which columns are aligned.
+    """Rows of cells, the heads first, as lines in which columns are aligned.
 
-    Parameters
-    ----------
-    rows : sequence of sequences of str
-        Cells, the heads first; what a row lacks at its end is empty.
-    right : collection of int
-        Numbers of the columns that stand to the right, as numbers do.
-    least : sequence of int
-        Least width of each column, in letters.
+    Columns whose numbers are in `right` stand to the right, as numbers do; `least` is the least
+    width of each. What a row lacks at its end is empty.
     """
     from rich.console import Console
     from rich.table import Table
@@ -43,17 +40,11 @@ def text_table(
     return [line.rstrip() for line in printed.get().splitlines()]
 
 
-def titled(title: str, *parts: str, width: int = 11) -> list[str]:
+def titled(title: str, *parts: str, width: int = TITLE_WIDTH) -> list[str]:
     """Parts behind a title, in lines of 80 columns that break between parts where they can.
 
-    Parameters
-    ----------
-    title : str
-        What the parts are; empty where they belong to the lines above.
-    *parts : str
-        Texts; one that is longer than a line is broken between its words.
-    width : int
-        Columns before the parts.
+    A part that is longer than a line is broken between its words; `width` columns stand before
+    them.
     """
     lines = [""]
     for part in parts:
@@ -89,3 +80,65 @@ def size_text(size: int) -> str:
         if size >= factor:
             return f"{size / factor:.1f} {unit}"
     return f"{size} B"
+
+
+def summary_text(summary: Mapping[str, Any], files: Sequence[str], folder: Path) -> str:
+    """The figures as lines of at most 80 columns, with the names of what the run left behind."""
+    lines = [*_result(summary), *_time(summary), *_node_table(summary["nodes"])]
+    lines += titled("numerics", *[f"{k} {v:.3g}" for k, v in summary["numerics"].items()])
+    lines += titled("outputs", *files)
+    lines += titled(ENDED[summary["status"]], summary["reason"])
+    return "\n".join((*lines, *titled("run", str(folder))))
+
+
+def _result(summary: Mapping[str, Any]) -> list[str]:
+    if summary["chamfer_m"] is None:
+        return titled("result", "no model was measured")
+    share = 100.0 * summary["chamfer_m"] / summary["size_m"]
+    near = [
+        f"chamfer {millimetres(summary['chamfer_m'])} ({share:.2f} % of the height)",
+        f"p95 {millimetres(summary['p95_m'])}",
+        f"worst {millimetres(summary['hausdorff_m'])}",
+    ]
+    rest = [
+        f"sampling floor {millimetres(summary['sampling_floor_m'])}",
+        f"normals {summary['normal_deg']:.1f} deg",
+        f"volume {100.0 * summary['volume_error']:+.2f} %",
+        f"watertight {'yes' if summary['watertight'] else 'NO'}",
+    ]
+    return [*titled("result", *near), *titled("", *rest), *_error_bound(summary)]
+
+
+def _error_bound(summary: Mapping[str, Any]) -> list[str]:
+    if summary["rms_bound_95_m"] is None:
+        return []
+    bound, truth = millimetres(summary["rms_bound_95_m"]), millimetres(summary["rms_m"])
+    parts = [f"rms below {bound} (95 %), in truth {truth}"]
+    if summary["largest_untouched_m"] is not None:
+        parts.append(f"untouched at most {millimetres(summary['largest_untouched_m'])}")
+    return titled("promise", *parts)
+
+
+def _time(summary: Mapping[str, Any]) -> list[str]:
+    parts = [
+        f"{summary['contacts']} contacts",
+        f"{summary['contours']} contours",
+        f"{summary['touches']} touches",
+        f"robot {summary['robot_time_s']:.1f} s",
+        f"wall {summary['wall_s']:.1f} s",
+    ]
+    if summary["compute_s"] is not None:
+        parts.append(f"compute {summary['compute_s']:.1f} s")
+    if summary["touches_per_s"]:
+        parts.append(f"{summary['touches_per_s']:.0f} touches/s")
+    return titled("time", *parts)
+
+
+def _node_table(nodes: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    if not nodes:
+        return []
+    rows = [("nodes", "node", "messages", "p50 us", "p99 us", "CPU s")]
+    for name, one in nodes.items():
+        timing = f"{one['p50_us']:.0f}", f"{one['p99_us']:.0f}", f"{one['cpu_s']:.2f}"
+        rows.append(("", name, str(one["messages"]), *timing))
+    return text_table(rows, right=range(2, 6), least=(TITLE_WIDTH - 2,))

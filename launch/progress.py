@@ -45,7 +45,7 @@ class Progress:
     reports: list[tuple[float, int]] = field(default_factory=list)
     wall: float = 0.0  # Time since the launch began, s
     model: ShapeModel | None = None  # The last model
-    # Time since the launch, s, and score, in the order heard.
+    # Time since the launch, s, and score, in the order received.
     scores: list[tuple[float, Score]] = field(default_factory=list)
 
     @property
@@ -75,7 +75,7 @@ class Display(Protocol):
         """Something may have changed."""
 
     def note(self, record: LogRecord) -> None:
-        """A node has something to say."""
+        """A node has something to report."""
 
     def close(self) -> None:
         """The run is over."""
@@ -120,7 +120,7 @@ class ProgressWatcher:
         self._display.show(progress)
 
     def log(self, record: LogRecord) -> None:
-        """A node has something to say."""
+        """A node has something to report."""
         self._stamp()
         line = {"wall_s": round(self.progress.wall, 3), **asdict(record)}
         line["robot_time_s"] = line.pop("robot_time")
@@ -147,17 +147,10 @@ def open_display(*, quiet: bool) -> Display:
 class SilentDisplay:
     """Shows nothing."""
 
-    def ready(self, nodes: int, seconds: float) -> None:
+    def ready(self, *_: object, **__: object) -> None:
         """Show nothing."""
 
-    def show(self, progress: Progress) -> None:
-        """Show nothing."""
-
-    def note(self, record: LogRecord) -> None:
-        """Show nothing."""
-
-    def close(self) -> None:
-        """Show nothing."""
+    show = note = close = ready
 
 
 class LineDisplay:
@@ -169,17 +162,17 @@ class LineDisplay:
         self._noted: set[tuple[str, str]] = set()
 
     def ready(self, nodes: int, seconds: float) -> None:
-        """Say that all nodes are up."""
+        """Tell that all nodes are up."""
         self.print(f"ready    {nodes} nodes in {seconds:.1f} s")
 
     def show(self, progress: Progress) -> None:
-        """Say how far it is if there is a new score."""
+        """Tell how far it is if there is a new score."""
         if len(progress.scores) > self._scored:
             self._scored = len(progress.scores)
             self.print(f"tracing  {progress_text(progress)}")
 
     def note(self, record: LogRecord) -> None:
-        """Say a warning, the first time."""
+        """Tell a warning, the first time."""
         key = (record.node, record.text)
         if record.level in LEVELS_SHOWN and key not in self._noted:
             self._noted.add(key)

@@ -19,6 +19,7 @@ from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.launch_source import EXPLORE, prestart_fork_server
 from palpate.launch.node_kinds import Entry
+from palpate.launch.printing import summary_text
 from palpate.launch.processes import EarlierRun
 from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher, open_display
 from palpate.launch.run_directory import (
@@ -26,7 +27,6 @@ from palpate.launch.run_directory import (
     choose_run_directory,
     exit_code,
     summarise,
-    summary_text,
     versions_text,
 )
 from palpate.launch.scene import find_scene
@@ -47,7 +47,7 @@ def explore(
     record: bool = True,
     quiet: bool = True,
 ) -> Run:
-    """Feel the object of a scene and rebuild it.
+    """Touch the object of a scene and rebuild it.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Plan:
     name: str  # What tools call it
     wirings: tuple[Wiring, ...]  # The nodes, wired
     ends: str  # The node whose Finished ends the graph
-    # What it says of itself, text by name: launch file, scene, seed, versions.
+    # What it tells of itself, text by name: launch file, scene, seed, versions.
     about: Mapping[str, str]
     folder: RunDirectory  # Where the results will be
     before: EarlierRun | None = None  # An earlier run, if it goes on with one
@@ -132,12 +132,7 @@ def check_run(
 ) -> tuple[LaunchDescription, tuple[Wiring, ...]]:
     """What a launch file comes to with arguments and settings, checked whole, and its wiring.
 
-    Parameters are those of `plan_run`; `out` is the run directory, which need not exist.
-
-    Raises
-    ------
-    InputError
-        If anything is wrong.
+    `out` is the run directory, which need not exist. Raises InputError if anything is wrong.
     """
     found = describe(path, args, out)
     graph = override(found.graph, settings)
@@ -150,11 +145,6 @@ def check_feasibility(graph: Graph, wirings: Sequence[Wiring]) -> None:
     """Refuse a tolerance that the sensor cannot tell, and fingers that have nothing to do.
 
     Says nothing of a graph that has no planner or no simulator of palpate's own.
-
-    Raises
-    ------
-    InputError
-        With file and line where they are known.
     """
     places = {entry.name: entry for entry in graph.entries}
     plans = [one for one in wirings if isinstance(one.params, planner.Params)]
@@ -166,9 +156,9 @@ def check_feasibility(graph: Graph, wirings: Sequence[Wiring]) -> None:
             _check_room(asked, place, fingers[0].params, len(fingers))
 
 
-def _check_tolerance(asked: planner.Params, place: Entry, feels: simulator.Params) -> None:
-    pipeline = build_pipeline(feels.sensor, feels.effects, ROBOT_PRESETS[feels.robot])
-    resolution = resolution_of_info(info_of(feels.sensor, pipeline.noise))
+def _check_tolerance(asked: planner.Params, place: Entry, hand: simulator.Params) -> None:
+    pipeline = build_pipeline(hand.sensor, hand.effects, ROBOT_PRESETS[hand.robot])
+    resolution = resolution_of_info(info_of(hand.sensor, pipeline.noise))
     if asked.tolerance < resolution:
         raise place.settings.error(
             ("tolerance",),
@@ -177,7 +167,7 @@ def _check_tolerance(asked: planner.Params, place: Entry, feels: simulator.Param
         )
 
 
-def _check_room(asked: planner.Params, place: Entry, feels: simulator.Params, fingers: int) -> None:
+def _check_room(asked: planner.Params, place: Entry, hand: simulator.Params, fingers: int) -> None:
     rule = make_planner(asked.planner, asked.settings)
     if isinstance(rule, Uniform) and rule.count < fingers:
         raise place.settings.error(
@@ -185,8 +175,8 @@ def _check_room(asked: planner.Params, place: Entry, feels: simulator.Params, fi
             f"count is {rule.count}, but there are {fingers} fingers; a finger would have nothing "
             "to do: ask for more slices or take fewer fingers",
         )
-    low, high = build_shape(feels.object).bounds()
-    apart = APART * feels.sensor.pitch * max(feels.sensor.rows, feels.sensor.cols)
+    low, high = build_shape(hand.object).bounds()
+    apart = APART * hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)
     room = int((high[2] - low[2]) / apart) + 1
     if fingers > room:
         raise place.error(
@@ -205,23 +195,8 @@ def plan_run(
 ) -> Plan:
     """Read and check everything that a run needs.
 
-    Parameters
-    ----------
-    path : Path
-        The launch file.
-    args : map
-        Its arguments.
-    settings : map
-        ``node.param`` to its value.
-    name : str
-        Name of the run, for its directory.
-    out : Path or None
-        The run directory, if the user chooses it.
-
-    Raises
-    ------
-    InputError
-        If anything is wrong; nothing has been started or written.
+    `settings` are values by ``node.param``; `name` and `out` choose the run directory. Raises
+    InputError if anything is wrong; nothing has been started or written.
     """
     folder = choose_run_directory(name, out)
     described, wirings = check_run(path, args, settings, folder.path)
@@ -231,35 +206,18 @@ def plan_run(
 
 
 def _about(described: LaunchDescription, resolved: str) -> dict[str, str]:
-    """What a recording says of its run, beside the graph."""
     about = {"launch": resolved, "versions": versions_text(), "ends": described.graph.ends}
     if described.scene is not None:
         about |= {"scene": described.scene.text, "scene_name": described.scene.name}
-    seed = _seed(described)
-    return about if seed is None else {**about, "seed": str(seed)}
-
-
-def _seed(described: LaunchDescription) -> int | None:
     seed = described.args.get("seed")
-    return seed if isinstance(seed, int) else None
+    return {**about, "seed": str(seed)} if isinstance(seed, int) else about
 
 
 def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     """Start the graph, watch it to its end and write what it leaves.
 
-    Parameters
-    ----------
-    plan : Plan
-        What to run.
-    composed : bool
-        All nodes in this process instead of one process each; the results are the same.
-    display : Display
-        Shows the progress.
-
-    Raises
-    ------
-    InputError
-        If the run directory cannot be written, or its disk is too full for a recording.
+    `composed` has all nodes in this process instead of one each; the results are the same. Raises
+    InputError if the run directory cannot be written, or its disk is too full for a recording.
     """
     folder, about = plan.folder, plan.about
     for wiring in plan.wirings:
@@ -287,9 +245,9 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
 
 
 def _start(plan: Plan, gatherer: ProgressWatcher, *, composed: bool) -> Ending:
-    said = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
+    types = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
     gathered = {cls.__name__ for cls in GATHERED_TYPES}
-    ends, watch = plan.ends, tuple(topic for topic, name in said.items() if name in gathered)
+    ends, watch = plan.ends, tuple(topic for topic, name in types.items() if name in gathered)
     if composed:
         from palpate.launch.processes import signals_as_ctrl_c
         from palpate.nodes.runtime import run_composed

@@ -6,27 +6,36 @@ import json
 import os
 import platform
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from palpate import __version__
-from palpate.launch.files import InputError, mesh_sha256
-from palpate.launch.printing import millimetres, text_table, titled
+from palpate.launch.files import InputError, mesh_sha256, write_atomically
 from palpate.launch.progress import Progress
 from palpate.messages.recording import free_bytes
-from palpate.messages.types import NodeStatus, PlanDone, Score
 from palpate.nodes.runtime import Ending
 
-RUNS = Path("runs")  # Where run directories are made, unless the user says otherwise
+RUNS = Path("runs")  # Where run directories are made, unless the user wants another folder
 LATEST = "latest"  # Link to the last of them
 RECORDING = "topics.mcap"  # Name of the recording in a run directory
 VERSIONED_PACKAGES = ("numpy", "scipy", "trimesh", "pyzmq", "msgpack", "msgspec", "mcap", "lz4")
 Summary = dict[str, Any]
-TITLE_WIDTH = 11
-ENDED = {"finished": "done", "died": "died", "stalled": "stalled", "interrupted": "stopped"}
+# Keys of `summary.json`, and the fields of a score that they hold.
+SCORE_FIELDS = {
+    "chamfer_m": "chamfer",
+    "rms_m": "rms",
+    "hausdorff_m": "hausdorff",
+    "p95_m": "p95",
+    "normal_deg": "normal",
+    "volume_error": "volume_error",
+    "sampling_floor_m": "sampling_floor",
+    "size_m": "size",
+    "watertight": "watertight",
+    "genus": "genus",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,18 +46,7 @@ class RunDirectory:
     linked: bool  # Whether ``latest`` beside it shall point to it
 
     def check_room(self, spare: int) -> None:
-        """Refuse a disk that is too full for a recording, before anything is made.
-
-        Parameters
-        ----------
-        spare : int
-            Bytes that the recorder leaves free.
-
-        Raises
-        ------
-        InputError
-            If there are not even that many.
-        """
+        """Refuse a disk without the bytes that the recorder leaves free; nothing is made yet."""
         there = next(path for path in (self.path, *self.path.absolute().parents) if path.exists())
         left = free_bytes(there)
         if left < spare:
@@ -58,13 +56,7 @@ class RunDirectory:
             )
 
     def create(self) -> None:
-        """Make the folder and show that it can be written.
-
-        Raises
-        ------
-        InputError
-            If that is not possible.
-        """
+        """Make the folder and show that it can be written; InputError if that is not possible."""
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             probe = self.path / ".probe"
@@ -77,17 +69,11 @@ class RunDirectory:
 
     def write_text(self, name: str, text: str) -> None:
         """Write a file whole or not at all."""
-        part = self.path / f".{name}.part"
-        part.write_text(text, encoding="utf-8")
-        part.replace(self.path / name)
+        write_atomically({self.path / name: lambda part: part.write_text(text, encoding="utf-8")})
 
     def write_json(self, name: str, value: Mapping[str, Any]) -> None:
         """Write a JSON file whole or not at all; infinity and NaN are refused."""
         self.write_text(name, json.dumps(value, indent=2, allow_nan=False) + "\n")
-
-    def files(self) -> tuple[str, ...]:
-        """Names of what lies in it."""
-        return tuple(sorted(entry.name for entry in self.path.iterdir()))
 
 
 def _link_latest(link: Path, target: str) -> None:
@@ -98,19 +84,9 @@ def _link_latest(link: Path, target: str) -> None:
 
 
 def choose_run_directory(name: str, out: Path | None) -> RunDirectory:
-    """The folder for a run, not yet made.
+    """The folder for a run of this name, not yet made: `out`, or a new one in ``runs/``.
 
-    Parameters
-    ----------
-    name : str
-        Name of the scene or launch file.
-    out : Path or None
-        The folder that the user asks for; None for a new one in ``runs/``.
-
-    Raises
-    ------
-    InputError
-        If the folder that the user asks for holds something already.
+    Raises InputError if the folder that the user asks for holds something already.
     """
     if out is None:
         stamp = time.strftime("%Y-%m-%dT%H-%M-%S")
@@ -123,7 +99,7 @@ def choose_run_directory(name: str, out: Path | None) -> RunDirectory:
 
 
 def _free(path: Path) -> Path:
-    """The path, or the first one numbered after it that is free: two runs may share a second."""
+    """The first free one of a path and those numbered after it: two runs may share a second."""
     number, free = 1, path
     while free.exists():
         number += 1
@@ -132,13 +108,7 @@ def _free(path: Path) -> Path:
 
 
 def find_bag(path: Path) -> Path:
-    """The recording's first file; `path` is that, or a run directory.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """The recording's first file, given that or a run directory; InputError if there is none."""
     bag = path / RECORDING if path.is_dir() else path
     if bag.is_file():
         return bag
@@ -149,57 +119,36 @@ def find_bag(path: Path) -> Path:
 
 
 def versions_text() -> str:
-    """The same in a line."""
-    return ", ".join(f"{name} {number}" for name, number in versions().items())
-
-
-def versions() -> dict[str, str]:
-    """Python and the packages that results and recordings depend on, by name."""
-    return {
-        "python": platform.python_version(),
-        **{name: version(name) for name in VERSIONED_PACKAGES},
-    }
+    """Python and the packages that results and recordings depend on, in a line."""
+    packages = (f"{name} {version(name)}" for name in VERSIONED_PACKAGES)
+    return ", ".join((f"python {platform.python_version()}", *packages))
 
 
 def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int | None) -> Summary:
-    """The figures of a run.
-
-    Parameters
-    ----------
-    ending : Ending
-        How the graph ended.
-    progress : Progress
-        What was heard on the way.
-    scene : str or None
-        Name of the scene.
-    seed : int or None
-        The run's seed.
-
-    Returns
-    -------
-    dict
-        Ready for JSON.
-    """
-    model, wall = progress.model, progress.wall
+    """The figures of a run, ready for JSON."""
+    model, done, score = progress.model, progress.done, progress.score
     compute = sum(status.cpu for status in ending.statuses.values())
+    distances = {key: score and getattr(score, name) for key, name in SCORE_FIELDS.items()}
+    if score is not None and score.genus < 0:
+        distances["genus"] = None  # an open surface has no handles to count
     return {
         "palpate": __version__,
         "status": ending.status,
-        "reason": ending.reason if progress.done is None else _reason(ending, progress.done),
+        "reason": ending.reason if done is None else f"{done.reason}; {ending.reason}",
         "scene": scene,
         "seed": seed,
-        **_distances(progress.score),
-        "rms_bound_95_m": None if progress.done is None else progress.done.rms_bound_95,
-        "tolerance_met": None if progress.done is None else progress.done.tolerance_met,
-        "largest_untouched_m": None if progress.done is None else progress.done.largest_untouched,
+        **distances,
+        "rms_bound_95_m": done and done.rms_bound_95,
+        "tolerance_met": done and done.tolerance_met,
+        "largest_untouched_m": done and done.largest_untouched,
         "contacts": progress.contacts,
         "contours": progress.contours,
         "contours_failed": progress.failed,
-        "uncovered_m": None if progress.done is None else progress.done.uncovered,
+        "uncovered_m": done and done.uncovered,
         "touches": progress.touches,
         "robot_time_s": progress.robot_time,
         "ready_s": progress.ready,
-        "wall_s": wall,
+        "wall_s": progress.wall,
         "compute_s": compute if compute > 0.0 else None,
         "touches_per_s": progress.touches_per_s,
         "mesh_sha256": mesh_sha256(model) if model is not None and len(model.faces) else None,
@@ -207,71 +156,36 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "gaps": ending.gaps,
         "duplicates": ending.duplicates,
         "restarts": dict(ending.restarts),
-        "nodes": {name: _node(status) for name, status in sorted(ending.statuses.items())},
+        "nodes": {
+            name: {
+                "messages": status.messages,
+                "sent": status.sent,
+                "p50_us": status.p50,
+                "p99_us": status.p99,
+                "cpu_s": status.cpu,
+            }
+            for name, status in sorted(ending.statuses.items())
+        },
         "numerics": {} if model is None else dict(sorted(model.health.items())),
-        "curve": [_point(seconds, score) for seconds, score in progress.scores],
-    }
-
-
-def _reason(ending: Ending, done: PlanDone) -> str:
-    return f"{done.reason}; {ending.reason}"
-
-
-def _distances(score: Score | None) -> Summary:
-    names = {
-        "chamfer_m": "chamfer",
-        "rms_m": "rms",
-        "hausdorff_m": "hausdorff",
-        "p95_m": "p95",
-        "normal_deg": "normal",
-        "volume_error": "volume_error",
-        "sampling_floor_m": "sampling_floor",
-        "size_m": "size",
-        "watertight": "watertight",
-        "genus": "genus",
-    }
-    found = {key: None if score is None else getattr(score, name) for key, name in names.items()}
-    if found["genus"] is not None and found["genus"] < 0:
-        found["genus"] = None  # an open surface has no handles to count
-    return found
-
-
-def _node(status: NodeStatus) -> Summary:
-    return {
-        "messages": status.messages,
-        "sent": status.sent,
-        "p50_us": status.p50,
-        "p99_us": status.p99,
-        "cpu_s": status.cpu,
-    }
-
-
-def _point(seconds: float, score: Score) -> Summary:
-    return {
-        "contours": score.contours,
-        "touches": score.touches,
-        "robot_time_s": score.robot_time,
-        "wall_s": seconds,
-        "chamfer_m": score.chamfer,
-        "rms_m": score.rms,
+        "curve": [
+            {
+                "contours": one.contours,
+                "touches": one.touches,
+                "robot_time_s": one.robot_time,
+                "wall_s": seconds,
+                "chamfer_m": one.chamfer,
+                "rms_m": one.rms,
+            }
+            for seconds, one in progress.scores
+        ],
     }
 
 
 def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
-    """Exit code of a run.
+    """0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
 
-    Parameters
-    ----------
-    summary : map
-        The run's figures.
-    rebuilds : bool
-        Whether the graph has a node that rebuilds: then a run without a final, watertight model
-        has missed its goal, and so has one that left a part of the object untraced.
-
-    Returns
-    -------
-    int
-        0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
+    In a graph that rebuilds, a run without a final, watertight model has missed its goal, and so
+    has one that left a part of the object untraced.
     """
     if summary["status"] == "interrupted":
         return 130
@@ -281,76 +195,3 @@ def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
     covered = not summary["uncovered_m"]
     missed = rebuilds and not (summary["final"] and solid and covered)
     return 1 if missed else 0
-
-
-def summary_text(summary: Mapping[str, Any], files: Sequence[str], folder: Path) -> str:
-    """The figures as lines of at most 80 columns.
-
-    Parameters
-    ----------
-    summary : map
-        The run's figures.
-    files : texts
-        Names of what the run left behind.
-    folder : Path
-        Where it lies.
-    """
-    lines = [*_result(summary), *_time(summary), *_node_table(summary["nodes"])]
-    lines += titled("numerics", *[f"{k} {v:.3g}" for k, v in summary["numerics"].items()])
-    lines += titled("outputs", *files)
-    lines += titled(ENDED[summary["status"]], summary["reason"])
-    return "\n".join((*lines, *titled("run", str(folder))))
-
-
-def _result(summary: Mapping[str, Any]) -> list[str]:
-    if summary["chamfer_m"] is None:
-        return titled("result", "no model was measured")
-    share = 100.0 * summary["chamfer_m"] / summary["size_m"]
-    near = [
-        f"chamfer {millimetres(summary['chamfer_m'])} ({share:.2f} % of the height)",
-        f"p95 {millimetres(summary['p95_m'])}",
-        f"worst {millimetres(summary['hausdorff_m'])}",
-    ]
-    rest = [
-        f"sampling floor {millimetres(summary['sampling_floor_m'])}",
-        f"normals {summary['normal_deg']:.1f} deg",
-        f"volume {100.0 * summary['volume_error']:+.2f} %",
-        f"watertight {'yes' if summary['watertight'] else 'NO'}",
-    ]
-    return [*titled("result", *near), *titled("", *rest), *_error_bound(summary)]
-
-
-def _error_bound(summary: Mapping[str, Any]) -> list[str]:
-    """What the run says of its own error, beside the truth."""
-    if summary["rms_bound_95_m"] is None:
-        return []
-    bound, truth = millimetres(summary["rms_bound_95_m"]), millimetres(summary["rms_m"])
-    parts = [f"rms below {bound} (95 %), in truth {truth}"]
-    if summary["largest_untouched_m"] is not None:
-        parts.append(f"untouched at most {millimetres(summary['largest_untouched_m'])}")
-    return titled("promise", *parts)
-
-
-def _time(summary: Mapping[str, Any]) -> list[str]:
-    parts = [
-        f"{summary['contacts']} contacts",
-        f"{summary['contours']} contours",
-        f"{summary['touches']} touches",
-        f"robot {summary['robot_time_s']:.1f} s",
-        f"wall {summary['wall_s']:.1f} s",
-    ]
-    if summary["compute_s"] is not None:
-        parts.append(f"compute {summary['compute_s']:.1f} s")
-    if summary["touches_per_s"]:
-        parts.append(f"{summary['touches_per_s']:.0f} touches/s")
-    return titled("time", *parts)
-
-
-def _node_table(nodes: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    if not nodes:
-        return []
-    rows = [("nodes", "node", "messages", "p50 us", "p99 us", "CPU s")]
-    for name, one in nodes.items():
-        timing = f"{one['p50_us']:.0f}", f"{one['p99_us']:.0f}", f"{one['cpu_s']:.2f}"
-        rows.append(("", name, str(one["messages"]), *timing))
-    return text_table(rows, right=range(2, 6), least=(TITLE_WIDTH - 2,))

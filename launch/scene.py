@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,6 +31,7 @@ from palpate.launch.files import (
     hint,
     read_mesh,
     read_yaml,
+    write_new,
 )
 from palpate.launch.node_kinds import search_current_folder
 from palpate.nodes.specs import (
@@ -65,10 +66,10 @@ class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Everything that a scene file may say."""
+    """Everything that a scene file may hold."""
 
     object: ObjectSpec  # What stands there
-    sensor: SensorSpec = SensorSpec()  # What feels it
+    sensor: SensorSpec = SensorSpec()  # What touches it
     world: WorldSpec = WorldSpec()  # Where
     effects: EffectSpecs = {}  # What disturbs the sensor; in the file a list, here by name
     explore: dict[str, Any] = {}  # Parameters of the planner
@@ -82,24 +83,15 @@ class Scene:
     name: str  # The file's name without its suffix
     path: Path  # The file
     text: str  # The file's text
-    spec: SceneSpec  # What it says, with defaults filled in and the mesh read
+    spec: SceneSpec  # What it holds, with defaults filled in and the mesh read
     located: SourceMapped  # The same as plain values, with file and line
     size: tuple[float, float, float]  # Extents of the object along x, y and z, to 0.1 mm or so, m
 
 
 def load_scene(name: str | Path) -> Scene:
-    """The scene in a file, or one that comes with palpate.
+    """The scene in a YAML file, given by its path, or one that comes with palpate, by name.
 
-    Parameters
-    ----------
-    name : str or Path
-        Path of a YAML file, or the name of a shipped scene.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; the sentence names file, line, key, value and what would
-        be right.
+    Raises InputError, which names file, line, key, value and what would be right.
     """
     path = find_scene(name)
     given = read_yaml(path)
@@ -117,18 +109,14 @@ def with_effects(given: SourceMapped) -> SourceMapped:
     """The scene with its list of effects made into a map from name to parameters.
 
     An entry is a name, or a map from the name to the parameters. A user's own effect is named
-    ``module:Class``; the module is looked for in the current folder as well.
-
-    Raises
-    ------
-    InputError
-        If the list is none, an effect is unknown or listed twice, or a parameter is unknown,
-        of the wrong type, or out of its range.
+    ``module:Class``; the module is looked for in the current folder as well. Raises InputError if
+    the list is none, an effect is unknown or listed twice, or a parameter is unknown, of the wrong
+    type, or out of its range.
     """
     listed = given.value.get("effects")
     if listed is None:  # the key is not there, or nothing stands behind it
         kept = {key: value for key, value in given.value.items() if key != "effects"}
-        return SourceMapped(kept, given.source, given.places)
+        return replace(given, value=kept)
     if not isinstance(listed, list):
         raise given.error(("effects",), "effects must be a list: - gaussian_noise: {sigma: 1e-5}")
     effects: dict[str, Any] = {}
@@ -139,15 +127,15 @@ def with_effects(given: SourceMapped) -> SourceMapped:
         if name in effects:
             raise given.error(("effects", i), f"effects lists {name!r} twice; list it once")
         where: KeyPath = ("effects", i, name) if isinstance(entry, Mapping) else ("effects", i)
-        part = SourceMapped(parameters, given.place(where), _places_below(given, where))
-        kind = type(effect_of(part, name))
+        part = replace(given.part(where), value=parameters)
+        kind = _checked_effect(part, name)
         if kind in kinds:
             raise given.error(("effects", i), f"{name!r} and {kinds[kind]!r} are the same effect")
         kinds[kind] = name
         effects[name] = parameters
         places.update({("effects", name, *key): at for key, at in part.places.items()})
         places["effects", name] = part.source
-    return SourceMapped({**given.value, "effects": effects}, given.source, places)
+    return replace(given, value={**given.value, "effects": effects}, places=places)
 
 
 def _listed_effect(given: SourceMapped, i: int, entry: Any) -> tuple[str, dict[str, Any]]:
@@ -163,27 +151,10 @@ def _listed_effect(given: SourceMapped, i: int, entry: Any) -> tuple[str, dict[s
     )
 
 
-def _places_below(given: SourceMapped, where: KeyPath) -> dict[KeyPath, str]:
-    size = len(where)
-    return {key[size:]: at for key, at in given.places.items() if key[:size] == where}
-
-
-def effect_of(parameters: SourceMapped, name: str) -> Effect:
-    """One effect.
-
-    Raises
-    ------
-    InputError
-        If there is none of this name, or a parameter cannot be used.
-    """
-    kind = _effect_type(parameters, name)
-    return convert(parameters, kind, f"effects.{name}")
-
-
-def _effect_type(parameters: SourceMapped, name: str) -> type[Effect]:
+def _checked_effect(parameters: SourceMapped, name: str) -> type[Effect]:
     search_current_folder(name)
     try:
-        return effect_type(name)
+        kind = effect_type(name)
     except LookupError:
         place = f"{parameters.source}: " if parameters.source else ""
         raise InputError(
@@ -191,10 +162,11 @@ def _effect_type(parameters: SourceMapped, name: str) -> type[Effect]:
         ) from None
     except ValueError as error:
         raise parameters.error((), str(error)) from None
+    convert(parameters, kind, f"effects.{name}")
+    return kind
 
 
 def _with_mesh(given: SourceMapped, scene: Path) -> SourceMapped:
-    """The scene with its mesh file read into it."""
     try:
         part = given.part(("object", "mesh"))
     except (KeyError, TypeError):
@@ -206,20 +178,14 @@ def _with_mesh(given: SourceMapped, scene: Path) -> SourceMapped:
         data = encode_mesh(*read_mesh(path, mesh.unit))
     except ValueError as error:
         raise part.error(("file",), str(error)) from None
-    value = {
-        **given.value,
-        "object": {**given.value["object"], "mesh": to_builtins(data, builtin_types=(bytes,))},
-    }
-    return SourceMapped(value, given.source, given.places)
+    kept = {**given.value["object"], "mesh": to_builtins(data, builtin_types=(bytes,))}
+    return replace(given, value={**given.value, "object": kept})
 
 
 def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
     """The scene with the calibration file that its sensor names read into it.
 
-    Raises
-    ------
-    InputError
-        If the file is not in the scene's folder, or cannot be used.
+    Raises InputError if the file is not in the scene's folder, or cannot be used.
     """
     sensor = given.value.get("sensor")
     name = sensor.get("calibration") if isinstance(sensor, dict) else None
@@ -233,24 +199,14 @@ def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
     except ValueError as error:
         raise given.error(where, str(error)) from None
     found = to_builtins(read_calibration(path))
-    value = {**given.value, "sensor": {**sensor, "calibration": found}}
-    return SourceMapped(value, given.source, given.places)
+    return replace(given, value={**given.value, "sensor": {**sensor, "calibration": found}})
 
 
 def read_calibration(path: Path) -> CalibrationSpec:
-    """The calibration in a file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; the sentence names file, line, key and value.
-    """
+    """The calibration in a file; InputError names file, line, key and value."""
     found = convert(read_yaml(path, MAX_CALIBRATION_VALUES), CalibrationFile, "calibration")
     return CalibrationSpec(
-        gain=found.gain,
-        offset=found.offset,
-        sound_speed=found.sound_speed,
-        noise=found.noise,
+        **{name: getattr(found, name) for name in CalibrationSpec.__struct_fields__}
     )
 
 
@@ -258,17 +214,8 @@ def check_planner(given: SourceMapped) -> Planner | None:
     """Make the planner that a scene describes, ``explore: {planner: NAME, settings: {...}}``.
 
     A user's own is named ``module:Class``; the module is looked for in the current folder as well.
-
-    Returns
-    -------
-    Planner or None
-        None if the scene says nothing of one.
-
-    Raises
-    ------
-    InputError
-        If there is no such planner, or a setting is unknown, of the wrong type, or out of its
-        range; with file and line.
+    None if the scene names neither. Raises InputError if there is no such planner, or a setting is
+    unknown, of the wrong type, or out of its range.
     """
     explore = given.value.get("explore")
     if not isinstance(explore, Mapping) or not {"planner", "settings"} & set(explore):
@@ -302,7 +249,6 @@ def _planner_settings(given: SourceMapped, explore: Mapping[str, object]) -> Sou
 
 
 def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
-    """Each effect must be one that this sensor can have."""
     try:
         build_pipeline(spec.sensor, spec.effects, ROBOT_PRESETS[spec.world.robot])
     except ValueError as error:
@@ -312,7 +258,6 @@ def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
 
 
 def _check_reach(spec: SceneSpec, located: SourceMapped) -> tuple[float, float, float]:
-    """The object must be large enough to feel and lie within the finger's reach; its extents."""
     vertices = build_shape(spec.object).mesh(CHECK_LEVEL).vertices
     extents = np.ptp(vertices, axis=0)
     if extents.min() < LEAST_EXTENT:
@@ -341,10 +286,7 @@ def shipped_scenes() -> tuple[str, ...]:
 def find_scene(scene: str | Path) -> Path:
     """Path of a scene given by name or path.
 
-    Raises
-    ------
-    InputError
-        If there is no such file and no shipped scene of this name.
+    Raises InputError if there is no such file and no shipped scene of this name.
     """
     path = Path(scene)
     if path.is_file():
@@ -373,21 +315,22 @@ class CalibrationFile(CalibrationSpec, frozen=True, kw_only=True, forbid_unknown
 def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> None:
     """Write a calibration whole, or not at all.
 
-    Raises
-    ------
-    InputError
-        If the file is there already, or cannot be written.
+    Raises InputError if the file is there already, or cannot be written.
     """
-    shape = (pad.rows, pad.cols)
+
+    def table(flat: Floats) -> list[list[float | None]]:
+        rows = flat.reshape(pad.rows, pad.cols).tolist()
+        return [[_rounded(x) if math.isfinite(x) else None for x in row] for row in rows]
+
     document = {
         "sound_speed": _rounded(estimate.sound_speed),
         "noise": _rounded(estimate.noise),
-        "gain": _table(estimate.gain, shape),
-        "offset": _table(estimate.offset, shape),
+        "gain": table(estimate.gain),
+        "offset": table(estimate.offset),
         "errors": {
             "sound_speed": _rounded(estimate.sound_speed_error),
-            "gain": _table(estimate.gain_error, shape),
-            "offset": _table(estimate.offset_error, shape),
+            "gain": table(estimate.gain_error),
+            "offset": table(estimate.offset_error),
         },
     }
     text = io.StringIO()
@@ -396,36 +339,8 @@ def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> No
     yaml.default_flow_style = None
     yaml.width = 1000
     yaml.dump(document, text)
-    check_calibration_path(path)
-    whole = path.with_name(path.name + ".part")
-    try:
-        whole.write_text(text.getvalue(), encoding="utf-8")
-        whole.replace(path)
-    except OSError as error:
-        whole.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-
-
-def _table(flat: Floats, shape: tuple[int, int]) -> list[list[float | None]]:
-    return [
-        [_rounded(value) if math.isfinite(value) else None for value in row]
-        for row in flat.reshape(shape).tolist()
-    ]
+    write_new(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
 
 
 def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
-
-
-def check_calibration_path(path: Path) -> None:
-    """Refuse a path to which no calibration can be written, before anything is pressed.
-
-    Raises
-    ------
-    InputError
-        If there is something already, or no folder to put it in.
-    """
-    if path.exists():
-        raise InputError(f"{path}: is there already; choose another name")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")

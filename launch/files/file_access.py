@@ -21,21 +21,10 @@ FileWriter = Callable[[Path], object]  # Writes one file at a path
 
 
 def read_bounded(path: Path, most: int, what: str = "") -> bytes:
-    """The bytes of a file.
+    """The bytes of a file of at most `most`; `what` is its kind for complaints, ``the mesh ``.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    most : int
-        Most bytes that it may have.
-    what : str
-        What it is, with a blank behind it, for complaints: ``the mesh ``.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is larger, or is no plain file: a pipe would be waited for.
+    Raises InputError if it cannot be read, is larger, or is no plain file: a pipe would be waited
+    for.
     """
     try:
         told = path.stat()
@@ -57,21 +46,10 @@ def read_bounded(path: Path, most: int, what: str = "") -> bytes:
 
 
 def file_within(folder: Path, name: str, what: str) -> Path:
-    """Path of a file that a scene from elsewhere names.
+    """Path of a file that a scene from elsewhere names, within the scene's own, resolved folder.
 
-    Parameters
-    ----------
-    folder : Path
-        The scene's own, resolved.
-    name : str
-        The path within it.
-    what : str
-        Key of the scene that holds the name, for complaints.
-
-    Raises
-    ------
-    ValueError
-        If the name leads out of the folder, to something that is no file, or cannot be a name.
+    `what` is the scene's key that holds the name. Raises ValueError if the name leads out of the
+    folder, to something that is no file, or cannot be a name.
     """
     if not name.isprintable() or len(name) > MAX_PATH_LENGTH:
         raise ValueError(
@@ -94,15 +72,8 @@ def file_within(folder: Path, name: str, what: str) -> Path:
 def write_atomically(files: Mapping[Path, FileWriter]) -> None:
     """Write files beside their places, and move all there once all are written.
 
-    Parameters
-    ----------
-    files : map of Path to function
-        Each writes at the path that it is given, whose suffix is that of its place.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written; then none has changed.
+    Each function writes at the path that it is given, whose suffix is that of its place. Raises
+    InputError if a file cannot be written; then none has changed.
     """
     for path in files:
         if path.is_dir():
@@ -124,19 +95,9 @@ def write_atomically(files: Mapping[Path, FileWriter]) -> None:
 
 
 def write_new(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file or a folder beside its place, and move it there once it is whole.
+    """Make a file or a folder beside its place, and move it there once it is whole.
 
-    Parameters
-    ----------
-    path : Path
-        Where it shall be; there must be nothing yet.
-    write : function
-        Makes the file or the folder at the path that it is given, which has the same suffix.
-
-    Raises
-    ------
-    InputError
-        If there is something already, or it cannot be written; then nothing is left behind.
+    Raises InputError if there is something already, or it cannot be written; then nothing is left.
     """
     check_new(path)
     part = path.with_name(f".{os.getpid()}.part.{path.name}")
@@ -171,13 +132,7 @@ def _move_into_place(part: Path, path: Path) -> None:
 
 
 def check_new(path: Path) -> None:
-    """Refuse a place where something is already, or where nothing can be.
-
-    Raises
-    ------
-    InputError
-        In both cases.
-    """
+    """Refuse a place where something is already, or where nothing can be."""
     if os.path.lexists(path):
         raise InputError(_exists_text(path))
     if not path.parent.is_dir():

@@ -37,8 +37,6 @@ MAX_FACES = MAX_TRIANGLES  # Most triangles
 MIN_EXTENT = 1e-4  # Smallest extent of an object, m
 MAX_EXTENT = 10.0  # Largest extent of an object, m
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # Metres in each unit
-
-
 # Formats that are read.
 READERS: Mapping[str, Callable[[bytes], RawMesh]] = {
     "ply": read_ply,
@@ -52,12 +50,8 @@ Faces = NDArray[np.int32]
 MESH_FILES = ("mesh.ply", "mesh.stl", "mesh.glb")  # Files of the surface
 ARCHIVE_FIELD = "archive"  # The field that is unpacked, not kept as it is
 MILLIMETRES_PER_METRE = 1000.0  # STL has no unit; programs that slice it for printing assume mm
-
-
 # Turns z up, as everywhere here, into y up, as glTF demands.
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-
-
 # In which each format is written.
 MESH_UNITS: Mapping[str, str] = {".ply": "m", ".stl": "mm", ".glb": "m, y up", ".obj": "m"}
 
@@ -70,26 +64,11 @@ class MeshFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def read_mesh(path: Path, unit: str) -> tuple[Vertices, Faces]:
-    """The one closed surface in a file.
+    """The one closed surface in a PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
 
-    Parameters
-    ----------
-    path : Path
-        A PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
-    unit : str
-        Unit of its coordinates: ``m``, ``cm`` or ``mm``.
-
-    Returns
-    -------
-    vertices : (n, 3) array
-        Corners, each once, in m.
-    faces : (m, 3) array of int32
-        Triangles, counter-clockwise seen from outside.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or is not one closed, outward-facing surface of fitting size.
+    Returns its vertices (n, 3), each once, in m, and its triangles (m, 3), counter-clockwise seen
+    from outside. Raises InputError if the file cannot be read or is not one closed, outward-facing
+    surface of fitting size.
     """
     vertices, faces = read_surface(path, unit)
     _check_closed(path, faces)
@@ -143,12 +122,8 @@ def _check_size(path: Path, vertices: Vertices, unit: str) -> None:
 def read_surface(path: Path, unit: str) -> tuple[Vertices, Faces]:
     """The surface in a file, closed or not, of any size; arguments and arrays as of `read_mesh`.
 
-    GLB files have y up, and are turned so that z is.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or holds no triangles.
+    GLB files have y up, and are turned so that z is. Raises InputError if the file cannot be read
+    or holds no triangles.
     """
     found = _load(path)
     if not len(found.faces) and len(found.vertices):
@@ -193,13 +168,7 @@ def _unique_rows(vertices: Vertices) -> tuple[Vertices, NDArray[np.int64]]:
 
 
 def read_cloud(path: Path, unit: str) -> Vertices | None:
-    """The points (n, 3) in a file that holds nothing else, in m; None if it holds more.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
+    """The points (n, 3) in a file that holds nothing else, in m; None if it holds more."""
     found = _load(path)
     return None if len(found.faces) else found.vertices * METRES_PER_UNIT[unit]
 
@@ -221,18 +190,9 @@ def _load(path: Path) -> RawMesh:
 def export_model(model: ShapeModel, folder: Path) -> tuple[str, ...]:
     """Write the solid into a folder; without a surface, only what there is to say about it.
 
-    Parameters
-    ----------
-    model : ShapeModel
-        What was rebuilt.
-    folder : Path
-        Gets ``mesh.ply`` (m), ``mesh.stl`` (mm), ``mesh.glb`` (m, y up) and ``model.npz``
-        (everything that the model says, and the solid itself for `palpate.load`).
-
-    Returns
-    -------
-    tuple of str
-        Names of the files.
+    There will be ``mesh.ply`` (m), ``mesh.stl`` (mm), ``mesh.glb`` (m, y up) and ``model.npz``
+    (everything that the model says, and the solid itself for `palpate.load`); the names are
+    returned.
     """
     archived = arrays_from_bytes(model.archive) if len(model.archive) else {}
     np.savez(folder / "model.npz", allow_pickle=False, **_model_arrays(model), **archived)
@@ -244,7 +204,6 @@ def export_model(model: ShapeModel, folder: Path) -> tuple[str, ...]:
 
 
 def _model_arrays(model: ShapeModel) -> dict[str, NDArray[np.generic]]:
-    """Every field as an array that can be read without pickle."""
     found: dict[str, NDArray[np.generic]] = {}
     for field in fields(ShapeModel):
         if field.name == ARCHIVE_FIELD:
@@ -268,14 +227,9 @@ def mesh_sha256(model: ShapeModel) -> str:
 
 
 def write_mesh(path: Path, vertices: Floats, faces: NDArray[np.int32]) -> None:
-    """Write a mesh; the suffix is one of `MESH_UNITS`.
+    """Write vertices (n, 3), m, z up, and triangles (m, 3), counter-clockwise from outside.
 
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m, z up.
-    faces : (m, 3) array
-        Counter-clockwise seen from outside.
+    The suffix is one of `MESH_UNITS`.
     """
     import trimesh
 

@@ -23,8 +23,6 @@ _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attrib
 _CORNER = re.compile(rb"^[ \t]*vertex[ \t]([^\r\n]*)", re.MULTILINE)
 _OFF_START = re.compile(rb"\s*(?:ST)?C?N?OFF\b")
 MAX_TRIANGLES = 2_000_000  # Of a mesh
-
-
 # Of a face; it is cut into triangles about its first one, which suits no rounder ones.
 MAX_FACE_CORNERS = 1024
 MAX_VERTICES = 3 * MAX_TRIANGLES  # Of a mesh: STL repeats each corner for each triangle
@@ -46,10 +44,8 @@ Vector = tuple[float, float, float]
 def read_stl(data: bytes) -> RawMesh:
     """The triangles of an STL file; those of several solids are put together.
 
-    Raises
-    ------
-    ValueError
-        If it is neither text with whole facets nor binary of the length that it states.
+    Raises ValueError if it is neither text with whole facets nor binary of the length that it
+    states.
     """
     if len(data) >= _STL_HEADER.size:
         (count,) = _STL_HEADER.unpack_from(data)
@@ -76,7 +72,6 @@ def _read_text(text: bytes) -> RawMesh:
 
 
 def _unmerged(corners: Floats) -> RawMesh:
-    """Triangles that share nothing yet."""
     vertices = corners.reshape(-1, 3)
     return RawMesh(vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3))
 
@@ -84,10 +79,7 @@ def _unmerged(corners: Floats) -> RawMesh:
 def read_obj(data: bytes) -> RawMesh:
     """The vertices and faces of an OBJ file; no other file that it names is opened.
 
-    Raises
-    ------
-    ValueError
-        If a vertex has no three numbers, or a face names a vertex that is none.
+    Raises ValueError if a vertex has no three numbers, or a face names a vertex that is none.
     """
     places: list[bytes] = []
     lengths: list[int] = []
@@ -125,10 +117,7 @@ def _obj_corners(text: bytes, vertices: int) -> list[int]:
 def read_off(data: bytes) -> RawMesh:
     """The mesh of an OFF file; colours and normals are passed over.
 
-    Raises
-    ------
-    ValueError
-        If it does not begin with OFF, or has not what it states.
+    Raises ValueError if it does not begin with OFF, or has not what it states.
     """
     start = _OFF_START.match(data)
     if start is None:
@@ -184,13 +173,7 @@ class Ragged(NamedTuple):
 
 
 def parse_numbers(text: bytes) -> Floats:
-    """All numbers in a text, in which there must be nothing else but blanks.
-
-    Raises
-    ------
-    ValueError
-        If there is something else.
-    """
+    """All numbers in a text; ValueError if there is anything else but blanks."""
     if not text.strip():  # which numpy takes for a number
         return np.zeros(0)
     with warnings.catch_warnings():
@@ -208,13 +191,7 @@ def as_float64(found: NDArray[np.generic]) -> Floats:
 
 
 def check_counts(vertices: int, faces: int) -> None:
-    """Refuse a mesh that is too large, or counts that are none.
-
-    Raises
-    ------
-    ValueError
-        If it is.
-    """
+    """Refuse a mesh that is too large, or counts that are none, by a ValueError."""
     if not 0 <= vertices <= MAX_VERTICES:
         raise ValueError(f"states {vertices} vertices; there may be 0 to {MAX_VERTICES}")
     if not 0 <= faces <= MAX_TRIANGLES:
@@ -224,11 +201,8 @@ def check_counts(vertices: int, faces: int) -> None:
 def triangulate(polygons: Ragged) -> Indices:
     """Polygons cut into triangles (m, 3) about their first corners.
 
-    Raises
-    ------
-    ValueError
-        If a polygon has fewer than three corners or far too many, if a corner is no whole number,
-        or if there are too many triangles.
+    Raises ValueError if a polygon has fewer than three corners or far too many, if a corner is no
+    whole number, or if there are too many triangles.
     """
     lengths, items = polygons
     if not len(lengths):
@@ -304,10 +278,8 @@ class Gltf(msgspec.Struct, frozen=True, rename="camel"):
 def read_glb(data: bytes) -> RawMesh:
     """The one mesh in a GLB file, in its own directions: y is up.
 
-    Raises
-    ------
-    ValueError
-        If the file has not what it states, or does not hold exactly one mesh of one piece.
+    Raises ValueError if the file has not what it states, or holds not exactly one mesh of one
+    piece.
     """
     described, held = _chunks(data)
     try:
@@ -335,7 +307,6 @@ def read_glb(data: bytes) -> RawMesh:
 
 
 def _chunks(data: bytes) -> tuple[bytes, memoryview]:
-    """The description, and the data behind it."""
     if len(data) < _HEAD.size + _CHUNK.size:
         raise ValueError("is cut short")
     magic, version, length = _HEAD.unpack_from(data)
@@ -360,7 +331,6 @@ def _chunks(data: bytes) -> tuple[bytes, memoryview]:
 def _accessor_values(
     gltf: Gltf, held: memoryview, number: int | None, shape: str, kinds: dict[int, str]
 ) -> NDArray[np.generic]:
-    """Numbers (n, 1 or 3) that an accessor tells of."""
     accessor = _at(gltf.accessors, number)
     if (
         accessor.type != shape
@@ -394,10 +364,7 @@ def _at(parts: Sequence[Part], number: int | None) -> Part:
 def apply_node_transform(vertices: Floats, nodes: Sequence[GltfNode]) -> Floats:
     """Vertices (n, 3) of the only mesh, where the node that has it puts them.
 
-    Raises
-    ------
-    ValueError
-        If several nodes have it, or a node has several parents or is its own.
+    Raises ValueError if several nodes have it, or a node has several parents or is its own.
     """
     have = [number for number, node in enumerate(nodes) if node.mesh is not None]
     if len(have) > 1:
@@ -432,7 +399,6 @@ def _transformed(vertices: Floats, motion: Floats) -> Floats:
 
 
 def _node_matrix(node: GltfNode) -> Floats:
-    """The (4, 4) matrix from a node's frame to that around it."""
     if node.matrix is not None:
         if len(node.matrix) != 16:
             raise ValueError(f"has a node with a matrix of {len(node.matrix)} numbers")

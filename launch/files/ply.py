@@ -57,7 +57,6 @@ PLY_TYPES = {
     "float32": "f4",
     "float64": "f8",
 }
-
 # Letters of numbers in `struct`.
 _STRUCT_CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I"}
 _STRUCT_CODES |= {"i8": "q", "u8": "Q", "f4": "f", "f8": "d"}
@@ -66,10 +65,7 @@ _STRUCT_CODES |= {"i8": "q", "u8": "Q", "f4": "f", "f8": "d"}
 def read_ply(data: bytes) -> RawMesh:
     """The vertices and faces of a PLY file; all else in it is passed over.
 
-    Raises
-    ------
-    ValueError
-        If the header is none, or the file has not what it states.
+    Raises ValueError if the header is none, or the file has not what it states.
     """
     header = read_header(data)
     elements, rows, at = header.elements, memoryview(data), header.size
@@ -94,13 +90,7 @@ def read_ply(data: bytes) -> RawMesh:
 
 
 def read_header(data: bytes) -> PlyHeader:
-    """The header of a PLY file.
-
-    Raises
-    ------
-    ValueError
-        If it is none.
-    """
+    """The header of a PLY file; ValueError if it is none."""
     lines, size = _lines(data)
     order: Literal["<", ">"] | None = None
     formats = 0
@@ -123,7 +113,6 @@ def read_header(data: bytes) -> PlyHeader:
 
 
 def _lines(data: bytes) -> tuple[list[str], int]:
-    """Lines of the header between its first and its last, and its length."""
     head = data[:MAX_HEADER_BYTES]
     if head.split(None, 1)[:1] != [b"ply"]:
         raise ValueError("does not begin with 'ply'")
@@ -167,10 +156,7 @@ def _of_doubles(element: Element) -> Element:
 def read_rows(data: memoryview, at: int, element: Element, order: ByteOrder) -> tuple[Columns, int]:
     """Columns of an element that begins at a byte, and the byte after it.
 
-    Raises
-    ------
-    ValueError
-        If the data end before the element does, or a list's length is none.
+    Raises ValueError if the data end before the element does, or a list's length is none.
     """
     if not element.properties or not element.count:
         return {}, at

@@ -51,7 +51,7 @@ class MeasuredContours(NamedTuple):
 def contact_points_of(
     contours: tuple[Floats, ...], normals: tuple[Floats, ...] | None, touches: Ints
 ) -> ContactPoints:
-    """The points of contours as what touches, (n,) numbers from any on, have felt."""
+    """The points of contours as what touches, (n,) numbers from any on, measured."""
     numbers = np.unique(touches, return_inverse=True)[1].reshape(-1).astype(np.int32)
     unit = None
     if normals is not None:
@@ -65,10 +65,7 @@ def contact_points_of(
 def slice_cloud(points: Floats) -> MeasuredContours:
     """Contours from points (n, 3) in no order.
 
-    Raises
-    ------
-    ValueError
-        If the points do not lie at repeated heights.
+    Raises ValueError if the points do not lie at repeated heights.
     """
     slice_of, spread = slices_by_height(points[:, 2])
     count = int(slice_of.max()) + 1
@@ -95,12 +92,8 @@ def slice_cloud(points: Floats) -> MeasuredContours:
 def slices_by_height(z: Floats) -> tuple[Ints, float]:
     """The slice of each height (n,), from the lowest, and the widest spread within a slice.
 
-    Cut where neighbouring heights lie clearly farther apart than all that are kept together.
-
-    Raises
-    ------
-    ValueError
-        If no such cut leaves at least 3 points in each slice on average, and 2 slices.
+    Cut where neighbouring heights lie clearly farther apart than all that are kept together. Raises
+    ValueError if no such cut leaves at least 3 points in each slice on average, and 2 slices.
     """
     order = np.argsort(z, kind="stable")
     levels = z[order]
@@ -126,13 +119,8 @@ def slices_by_height(z: Floats) -> tuple[Ints, float]:
 def order_points(points: Floats) -> PointOrder:
     """The way around points (n, 2) of one contour.
 
-    By azimuth about their middle where the section is star-shaped from there; else, or where a
-    tour from neighbour to neighbour is clearly shorter, that tour.
-
-    Notes
-    -----
-    The tour begins with nearest neighbours and is shortened by reversing parts of it: Croes, *A
-    method for solving traveling-salesman problems*, 1958.
+    By azimuth about their middle where the section is star-shaped from there; else, or where a tour
+    from neighbour to neighbour is clearly shorter, that tour.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     away = points - middle

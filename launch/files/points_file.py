@@ -36,14 +36,10 @@ MIN_CLOUD_POINTS = 6  # Points of a cloud: two contours of three
 MAX_TABLE_BYTES = 256 << 20  # Largest file
 POSITION_COLUMNS, NORMAL_COLUMNS = ("x", "y", "z"), ("nx", "ny", "nz")
 CONTOUR_COLUMN, TOUCH_COLUMN = "contour", "touch"
-
-
 # Columns that mean something; others are passed over.
 KNOWN_COLUMNS = (*POSITION_COLUMNS, CONTOUR_COLUMN, *NORMAL_COLUMNS, TOUCH_COLUMN)
 MAX_NUMBER = 2**31 - 1  # Largest number of a contour or a touch
 MOST_LINES_NAMED = 6  # Most line numbers in a sentence
-
-
 # What is read, by the end of its topic: before it a finger may stand.
 MESSAGE_TYPES: Mapping[str, type] = {
     "/contour/traced": Contour,
@@ -58,15 +54,8 @@ MESSAGE_TYPES: Mapping[str, type] = {
 def read_points(path: Path) -> MeasuredContours:
     """Contours from a file, in its own unit.
 
-    Parameters
-    ----------
-    path : Path
-        NPZ, CSV, TXT or XYZ, PLY without faces, MCAP, or the folder of a run.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or holds no contours; the sentence tells the file and the line.
+    NPZ, CSV, TXT or XYZ, PLY without faces, MCAP, or the folder of a run. Raises InputError, which
+    tells the file and the line, if it cannot be read or holds no contours.
     """
     if not path.exists():
         raise InputError(f"{path}: cannot be read: No such file or directory")
@@ -85,13 +74,7 @@ def read_points(path: Path) -> MeasuredContours:
 
 
 def read_tops(path: Path) -> Floats:
-    """Where ends were touched, (k, 3), from a text file of x, y and z.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
+    """Where ends were touched, (k, 3), from a text file of x, y and z."""
     columns = read_table(path).columns
     tops = np.column_stack([columns[name] for name in POSITION_COLUMNS])
     if not len(tops):
@@ -168,17 +151,10 @@ def _read_text(path: Path) -> MeasuredContours:
 
 
 def read_table(path: Path) -> Table:
-    """The columns of a text file.
+    """The columns of a text file in UTF-8, parted by commas, semicolons, tabs or blanks.
 
-    Parameters
-    ----------
-    path : Path
-        UTF-8, parted by commas, semicolons, tabs or blanks; ``#`` begins a comment.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, lacks x, y or z, or a line is no row of it.
+    ``#`` begins a comment. Raises InputError if the file cannot be read, lacks x, y or z, or a line
+    is no row of it.
     """
     rows = list(_rows(path))
     if not rows:
@@ -370,7 +346,6 @@ def _rows_by_number(numbers: Floats) -> dict[int, NDArray[np.intp]]:
 def _whole_numbers(
     path: Path, arrays: Mapping[str, NDArray[Any]], name: str, length: int
 ) -> Floats:
-    """One array of whole numbers, of a length."""
     numbers = _array(path, arrays, name, None, length)
     bad = ~(np.abs(numbers) <= MAX_NUMBER) | (numbers != np.round(numbers))
     if bad.any():
@@ -389,7 +364,6 @@ def _array(
     width: int | None,
     length: int | None = None,
 ) -> Floats:
-    """One array of numbers, of a width and a length."""
     wanted = "(n,)" if width is None else f"(n, {width})"
     if name not in arrays:
         raise InputError(f"{path}: lacks {name}, which must be {wanted}")
@@ -405,10 +379,7 @@ def _array(
 def read_recording(path: Path) -> MeasuredContours:
     """Closed contours of a recording with all taxels of their touches, in m.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, or holds no closed contour.
+    Raises InputError if it cannot be read, or holds no closed contour.
     """
     # Not for those who read a CSV file: mcap is imported with it.
     from palpate.messages.recording import open_recording
@@ -431,10 +402,8 @@ def read_recording(path: Path) -> MeasuredContours:
 def contours_of(path: Path, heard: RecordedContours) -> MeasuredContours:
     """The closed contours that a plan ended with, or all, where probes hit, and all taxels.
 
-    Raises
-    ------
-    InputError
-        If no contour is closed, or they were not traced in one frame; it names the path.
+    Raises InputError if no contour is closed, or they were not traced in one frame; it names the
+    path.
     """
     contours, probes = heard.contours, heard.probes
     if heard.done is not None:
@@ -472,7 +441,7 @@ def contours_of(path: Path, heard: RecordedContours) -> MeasuredContours:
 
 
 def _touches(heard: RecordedContours, goals: set[int]) -> dict[int, list[ContactPoints]]:
-    """What each touch of some goals felt, by goal, as the reconstructor takes it."""
+    """What each touch of some goals measured, by goal, as the reconstructor takes it."""
     if heard.sensor is None:
         return {}
     pad = pad_of_info(heard.sensor)

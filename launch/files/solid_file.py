@@ -53,12 +53,12 @@ AXES = "stu"
 
 
 def save(solid: Solid, path: str | Path) -> None:
-    """Write everything that there is to a solid.
+    """Write everything that there is to a solid, as `palpate.reconstruct` returned it.
 
     Parameters
     ----------
     solid : Solid
-        What `palpate.reconstruct` returned.
+        The solid.
     path : str or Path
         A name that ends in ``.npz``. It is replaced as a whole.
 
@@ -111,13 +111,7 @@ def load(path: str | Path) -> Solid:
 
 
 def read_arrays(path: Path) -> Arrays:
-    """All arrays of an NPZ file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is too large, or holds objects.
-    """
+    """All arrays of an NPZ file; InputError if it is unreadable, too large, or holds objects."""
     data = read_bounded(path, MAX_SOLID_BYTES)
     try:
         return read_npz(data)
@@ -126,18 +120,10 @@ def read_arrays(path: Path) -> Arrays:
 
 
 def read_npz(data: bytes) -> Arrays:
-    """All arrays of an NPZ file by name.
+    """All arrays in the bytes of an NPZ file, by name.
 
-    Parameters
-    ----------
-    data : bytes
-        The file.
-
-    Raises
-    ------
-    ValueError
-        If it is none, holds objects, or unpacks to far more than it is; the text is the rest of a
-        sentence about the file.
+    Raises ValueError if it is none, holds objects, or unpacks to far more than it is; the text is
+    the rest of a sentence about the file.
     """
     try:
         parts = zipfile.ZipFile(io.BytesIO(data))

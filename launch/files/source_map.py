@@ -36,13 +36,7 @@ class SourceMapped:
         return self.source
 
     def part(self, path: KeyPath) -> SourceMapped:
-        """The value at a path, with its places.
-
-        Raises
-        ------
-        KeyError
-            If there is no value at this path.
-        """
+        """The value at a path, with its places; KeyError if there is none."""
         value, size = self.value, len(path)
         for key in path:
             value = value[key]

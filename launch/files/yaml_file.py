@@ -32,15 +32,11 @@ from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint, path_text
 
 MAX_DEPTH = 16  # Deepest nesting; a scene has 5
-
-
 # Keys and values; a scene has some 30, the largest polyhedron 12,300; each takes some 30 us.
 MAX_VALUES = 12_500
 BYTES_PER_VALUE = 16  # Most bytes of a file, for each of its values, comments and all
 MAX_BITS = 1024  # Of a whole number: what is larger is larger than all floats
 Target = TypeVar("Target")
-
-
 # What msgspec calls things, and what people do.
 _WORDS = {
     "array": "list",
@@ -56,19 +52,9 @@ _STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
 
 
 def read_yaml(path: Path, most: int = MAX_VALUES) -> SourceMapped:
-    """The document in a file.
+    """The document in a file: a map of at most `most` keys and values, of 16 bytes on average.
 
-    Parameters
-    ----------
-    path : Path
-        A file with one document, a map.
-    most : int
-        Most keys and values that it may have; 16 bytes for each, and no more.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, unreadable, too large, empty, not YAML, or not a map.
+    Raises InputError if the file is missing, unreadable, too large, empty, not YAML, or not a map.
     """
     try:
         text = read_bounded(path, BYTES_PER_VALUE * most).decode()
@@ -91,10 +77,7 @@ def _kind(value: Any) -> str:
 def parse_yaml(text: str, source: str, most: int = MAX_VALUES) -> SourceMapped:
     """The document in a text; `source` names it in complaints.
 
-    Raises
-    ------
-    InputError
-        If it is not exactly one YAML document of at most `most` plain values.
+    Raises InputError if it is not exactly one YAML document of at most `most` plain values.
     """
     yaml = YAML(typ="safe", pure=True)
     reader = _Reader(yaml, source, most)
@@ -192,23 +175,11 @@ class _Reader:
 
 
 def convert(given: SourceMapped, wanted: type[Target], name: str = "") -> Target:
-    """The value as an instance of `wanted`.
+    """The value as an instance of `wanted`, a ``msgspec.Struct`` or a dataclass.
 
-    Parameters
-    ----------
-    given : Located
-        Plain values and the lines on which they stand.
-    wanted : type
-        A ``msgspec.Struct``, or a dataclass.
-    name : str
-        Where the document as a whole belongs, put before each path: ``planner`` makes
-        ``planner.tolerance``.
-
-    Raises
-    ------
-    InputError
-        If a key is unknown or missing, a value has the wrong type or lies out of range, or a
-        number is not finite.
+    `name` is where the document belongs, put before each path: ``planner`` makes
+    ``planner.tolerance``. Raises InputError if a key is unknown or missing, a value has the wrong
+    type or lies out of range, or a number is not finite.
     """
     refuse_unknown(given, wanted, name)
     refuse_infinite(given, name)

@@ -18,8 +18,6 @@ from palpate.nodes.runtime import PRELOAD_VARIABLE
 _RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
 _PRELOADING = "palpate.nodes.runtime.preloading"
 _OWN = "palpate.nodes."
-
-
 # Of all processes of a graph.
 NODE_ENVIRONMENT = {
     # One thread for linear algebra: nodes share the machine, and sums keep their order.
@@ -35,10 +33,9 @@ def start_fork_server(modules: Iterable[str]) -> None:
     """Start the server for a graph whose nodes are in these modules, unless one runs.
 
     It goes on by itself, and is ready when the first node can be forked. One that runs already
-    stays as it is: nodes import what it lacks.
-
-    What must not reach a node is blocked while the server is started, and stays so in all
-    that is forked from it. Blocked, not ignored: a Ctrl-C in this moment still reaches us.
+    stays as it is: nodes import what it lacks. What must not reach a node is blocked while it is
+    started, and stays so in all that is forked from it. Blocked, not ignored: a Ctrl-C in this
+    moment still reaches us.
     """
     multiprocessing.get_context("forkserver").set_forkserver_preload([_PRELOADING])
     blocked = {signal.SIGINT, signal.SIGHUP, signal.SIGTERM}
@@ -93,15 +90,11 @@ def without_main_module() -> Iterator[None]:
 class Interrupts:
     """Within its ``with`` block, a request to end is only noted, however often it comes.
 
-    Raises
-    ------
-    RuntimeError
-        On entry, if this is not the main thread: only there can signals be heard.
+    Raises RuntimeError on entry, if this is not the main thread: only it receives signals.
     """
 
     def __init__(self) -> None:
-        self.came: str | None = None
-        """Name of the first signal that came."""
+        self.came: str | None = None  # Name of the first signal that came
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Interrupts:
@@ -128,7 +121,7 @@ class Interrupts:
 def signals_as_ctrl_c() -> Iterator[None]:
     """Have a request to end, whichever it is, interrupt this thread as Ctrl-C does.
 
-    Elsewhere than in the main thread nothing is changed: signals are not heard there.
+    Elsewhere than in the main thread nothing is changed: signals do not arrive there.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -148,10 +141,7 @@ def signals_as_ctrl_c() -> Iterator[None]:
 def until_ctrl_c() -> Iterator[Callable[[], bool]]:
     """Have the first Ctrl-C only noted, so that a loop ends where it can; the second one raises.
 
-    Yields
-    ------
-    function
-        Whether it came. Elsewhere than in the main thread it never does.
+    Yields a function that tells whether it came; elsewhere than in the main thread it never does.
     """
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():

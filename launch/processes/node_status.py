@@ -31,37 +31,24 @@ RETRY = 0.2  # A node that has not answered is asked again after this long, s
 
 
 class NodeStatusTable:
-    """The nodes of one graph, as they have spoken so far.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the nodes.
-    """
+    """The nodes of one graph, as they have reported so far."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        self.statuses: dict[str, NodeStatus] = {}
-        """The latest counters of each node."""
-        self.ready: set[str] = set()
-        """Nodes of which all inputs are in step."""
-        self.exiting: set[str] = set()
-        """Nodes that have put away what they held."""
-        self.failed: dict[str, str] = {}
-        """Nodes that have failed, and of what."""
+        self.statuses: dict[str, NodeStatus] = {}  # The latest counters of each node
+        self.ready: set[str] = set()  # Nodes of which all inputs are in step
+        self.exiting: set[str] = set()  # Nodes that have put away what they held
+        self.failed: dict[str, str] = {}  # Nodes that have failed, and of what
         self._alive = dict.fromkeys(names, time.monotonic())
         self._mentioned: set[str] = set()
 
     def receive(self, name: str, word: ControlMessage) -> list[LogRecord]:
-        """Take a node's word about itself; returns what is worth a line in the log.
+        """Take a node's report about itself; returns what is worth a line in the log.
 
-        Raises
-        ------
-        ValueError
-            If the node's counters cannot be read.
+        Raises ValueError if the node's counters cannot be read.
         """
         kind = word["kind"]
         if name not in self._alive:
-            raise ValueError(f"somebody called {name!r} spoke, who is not in the graph")
+            raise ValueError(f"{name!r} reported, which is not in the graph")
         self._alive[name] = time.monotonic()
         self._mentioned.discard(name)
         if kind == "ready":
@@ -79,17 +66,17 @@ class NodeStatusTable:
         return []
 
     def left(self, name: str) -> str | None:
-        """A node's process has ended; what it failed of, if it said so."""
+        """A node's process has ended; what it failed of, if it told."""
         self.ready.discard(name)
         self._alive[name] = time.monotonic()
         return self.failed.pop(name, None)
 
     def silence(self, name: str, now: float) -> float:
-        """Time since a node was last heard of, s."""
+        """Time since the last report of a node, s."""
         return now - self._alive[name]
 
     def silent(self, now: float) -> list[LogRecord]:
-        """Lines for the log about nodes that have not been heard of for long, once each."""
+        """Lines for the log about nodes that have been silent for long, once each."""
         lines = []
         for name, when in self._alive.items():
             if now - when > SILENCE and name not in self._mentioned and name not in self.exiting:
@@ -119,24 +106,15 @@ class MessageCounts:
     sent: dict[str, int]  # Messages sent on each topic
     consumed: dict[tuple[str, str], int]  # Messages consumed, by publisher and topic
     waits: tuple[str, ...] = ()  # Topics without whose first message the node handles nothing else
-    # Whether it may still say something of its own: then nothing need move for long.
+    # Whether it may still publish something of its own: then nothing need move for long.
     can_publish: bool = False
 
 
 class TerminationDetector:
-    """Rounds of counting.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Everybody who is counted.
-    edges : sequence of Edge
-        Who hears what from whom.
-    """
+    """Rounds of counting everybody by name, and what went over the edges between them."""
 
     def __init__(self, names: Sequence[str], edges: Sequence[Edge]) -> None:
-        self.round = 0
-        """Number of the round."""
+        self.round = 0  # Number of the round
         self._names, self._edges = tuple(names), tuple(edges)
         self._counts: dict[str, MessageCounts] = {}
         self._last: dict[str, MessageCounts] | None = None
@@ -173,45 +151,47 @@ class TerminationDetector:
         self._counts[name] = count
         if len(self._counts) < len(self._names):
             return
-        if self._counts == self._last:
-            self._equal += 1
-        else:
-            self._equal, self._since = 1, now
+        if self._counts != self._last:
+            self._equal, self._since = 0, now
+        self._equal += 1
         self._last, self._counts = self._counts, {}
         self.round += 1
         self._due = now + pause
 
     @property
     def settled(self) -> bool:
-        """Whether nothing is on its way: two rounds are equal, and all that was sent was heard."""
-        return self._equal > 1 and not self.unheard()
+        """Whether nothing is on its way: two rounds are equal, and all that was sent consumed."""
+        return self._equal > 1 and not self.unconsumed()
 
     def still_for(self, now: float) -> float:
         """Time for which nothing has been sent or consumed, s; 0 if a source may speak yet."""
         can_publish = any(count.can_publish for count in (self._last or {}).values())
-        if self._equal < 2 or (can_publish and not self.unheard()):
+        if self._equal < 2 or (can_publish and not self.unconsumed()):
             return 0.0
         return now - self._since
 
-    def unheard(self) -> list[tuple[Edge, int, int]]:
+    def unconsumed(self) -> list[tuple[Edge, int, int]]:
         """Edges on which more was sent than consumed, with both numbers, from the last round."""
         return [entry for entry in self._traffic() if entry[1] != entry[2]]
 
     def complaints(self) -> list[str]:
         """Who waits for what, as far as counting can tell."""
-        said = []
-        for name, count in (self._last or {}).items():
-            if count.waits:
-                said.append(f"{name} needs {', '.join(count.waits)} before anything else")
-        for edge, sent, consumed in self.unheard():
-            said.append(
-                f"{edge.listener} has consumed {consumed} of {sent} on {edge.topic} "
-                f"from {edge.publisher}"
-            )
-        for edge, sent, _ in self._traffic():
-            if sent == 0:
-                said.append(f"{edge.listener} has heard nothing on {edge.topic} ({edge.publisher})")
-        return said
+        needs = [
+            f"{name} needs {', '.join(count.waits)} before anything else"
+            for name, count in (self._last or {}).items()
+            if count.waits
+        ]
+        missing = [
+            f"{edge.listener} has consumed {consumed} of {sent} on {edge.topic} "
+            f"from {edge.publisher}"
+            for edge, sent, consumed in self.unconsumed()
+        ]
+        silent = [
+            f"{edge.listener} has received nothing on {edge.topic} ({edge.publisher})"
+            for edge, sent, _ in self._traffic()
+            if sent == 0
+        ]
+        return needs + missing + silent
 
     def _traffic(self) -> list[tuple[Edge, int, int]]:
         counts = self._last or {}
@@ -225,22 +205,14 @@ class TerminationDetector:
 
 
 class LauncherSockets:
-    """The launcher's sockets.
-
-    Parameters
-    ----------
-    place : Place
-        Addresses of the run.
-    sources : mapping of str to sequence of str
-        Name of each publisher to the topics that the launcher hears from it.
-    """
+    """The launcher's sockets; `sources` are the topics that it subscribes to, by publisher."""
 
     def __init__(self, place: Addresses, sources: Mapping[str, Sequence[str]]) -> None:
         self._wires = SocketContext(place.key)
         context = self._wires.context
         self.line = ControlServer(context, place.control)
         self.tools = ControlServer(context, place.tools, accepts=FROM_TOOLS)
-        self.ears = Subscriber(
+        self.subscriber = Subscriber(
             context,
             name=LAUNCHER,
             run=place.run,
@@ -250,18 +222,18 @@ class LauncherSockets:
             depth=place.depth,
         )
         self.taps = TapReader(context, place.taps.values(), (STATUS_TOPIC, LOG_TOPIC), place.depth)
+        # Messages received, by publisher and topic.
         self.consumed: Counter[tuple[str, str]] = Counter()
-        """Messages heard, by publisher and topic."""
         self._types: dict[int, type] = {}
         self._poller = zmq.Poller()
-        for socket in (self.line.socket, self.tools.socket, self.ears.socket, self.taps.socket):
-            self._poller.register(socket, zmq.POLLIN)
+        for one in (self.line, self.tools, self.subscriber, self.taps):
+            self._poller.register(one.socket, zmq.POLLIN)
 
     def __enter__(self) -> LauncherSockets:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.ears.close()
+        self.subscriber.close()
         self.taps.close()
         self.line.close()
         self.tools.close()
@@ -281,7 +253,7 @@ class LauncherSockets:
 
     def receive(self) -> tuple[str, object] | None:
         """Topic and message of what has arrived next on the topics, or None."""
-        arrival = self.ears.receive()
+        arrival = self.subscriber.receive()
         if arrival is None:
             return None
         self.consumed[arrival.publisher, arrival.topic] += 1
@@ -290,11 +262,11 @@ class LauncherSockets:
         )
 
     def receive_tap(self) -> object | None:
-        """What a node has said about itself, or None."""
-        heard = self.taps.receive()
-        if heard is None:
+        """What a node tells of itself, or None."""
+        tapped = self.taps.receive()
+        if tapped is None:
             return None
-        topic, header, body = heard
+        topic, header, body = tapped
         return decode(self._type_of(topic, header.schema), body)
 
     def _type_of(self, topic: str, schema: int) -> type:

@@ -25,45 +25,19 @@ HEARTBEAT, HOST_LOST = 0.5, 6.0
 
 
 class ProcessHosts:
-    """The nursery of this machine, and the hosts of those that are elsewhere.
+    """The fork server of this machine, and the hosts of the nodes that are elsewhere, by name."""
 
-    Parameters
-    ----------
-    nursery : Nursery
-        Of this machine.
-    away : mapping of str to Host
-        Name of each node that runs elsewhere, and where.
-    """
-
-    def __init__(self, nursery: ForkServer, away: Mapping[str, RemoteHost]) -> None:
-        self._nursery, self._away = nursery, away
+    def __init__(self, server: ForkServer, away: Mapping[str, RemoteHost]) -> None:
+        self._server, self._away = server, away
+        # The other machines.
         self.hosts = list({host.name: host for host in away.values()}.values())
-        """The other machines."""
 
-    def spawn(self, name: str, wiring: bytes, place: bytes) -> int:
-        """Start the process of a node, and return its sentinel.
-
-        Raises
-        ------
-        ChildProcessError
-            If it cannot be started.
-        """
-        return (self._away.get(name) or self._nursery).spawn(name, wiring, place)
-
-    def exit_code(self, name: str) -> int:
-        """Exit code of a process that has ended; negative for a signal."""
-        return (self._away.get(name) or self._nursery).exit_code(name)
-
-    def kill(self, name: str) -> None:
-        """Kill a process at once."""
-        (self._away.get(name) or self._nursery).kill(name)
-
-    def pid(self, name: str) -> int:
-        """Number of a node's process; 0 if it runs elsewhere."""
-        return 0 if name in self._away else self._nursery.pid(name)
+    def of(self, name: str) -> ForkServer | RemoteHost:
+        """Where the process of a node is started, and ended."""
+        return self._away.get(name) or self._server
 
     def receive(self) -> None:
-        """Take in what other machines say."""
+        """Take in what other machines report."""
         now = time.monotonic()
         for host in self.hosts:
             host.receive(now)
@@ -72,17 +46,11 @@ class ProcessHosts:
         """End all processes."""
         for host in self.hosts:
             host.end()
-        self._nursery.end()
+        self._server.end()
 
 
 class ForkServer:
-    """The processes of one graph; none of them is left when its ``with`` block ends.
-
-    Parameters
-    ----------
-    modules : iterable of str
-        Modules of the nodes that will be born.
-    """
+    """The processes of one graph; none of them is left when its ``with`` block ends."""
 
     def __init__(self, modules: Iterable[str]) -> None:
         self._modules = tuple(modules)
@@ -98,10 +66,7 @@ class ForkServer:
     def spawn(self, name: str, wiring: bytes, place: bytes) -> int:
         """Start the process of a node, and return its sentinel.
 
-        Raises
-        ------
-        ChildProcessError
-            If the process cannot be started.
+        Raises ChildProcessError if it cannot be started.
         """
         child = _CONTEXT.Process(target=enter_process, args=(wiring, place), name=name, daemon=True)
         try:
@@ -150,43 +115,26 @@ def exit_text(code: int) -> str:
 
 
 class RemoteHost:
-    """The line to one machine that lends itself; nodes are born and die there.
+    """The line to one machine that lends itself; nodes are started and ended there.
 
-    Parameters
-    ----------
-    wires : Wires
-        Locked with the key.
-    name : str
-        Address and port, as the launch file has it.
-    endpoint : str
-        The same for a socket.
-    run : str
-        What the launcher is called there.
+    `wires` are locked with the key, `name` is address and port as the launch file has it,
+    `endpoint` the same for a socket, and `run` what the launcher is called there.
     """
 
     def __init__(self, wires: SocketContext, name: str, endpoint: str, run: str) -> None:
-        self.name = name
-        """Address and port."""
+        self.name = name  # Address and port
+        # The line to it.
         self.line = ControlClient(wires.context, endpoint, name=run, accepts=FROM_HOSTS)
-        """The line to it."""
         self._ends: dict[str, tuple[int, int]] = {}
         self._codes: dict[str, int] = {}
-        self._heard = time.monotonic()
+        self._last = time.monotonic()
         self._next_beat = 0.0
         self._lost = False
 
     def hello(self, nodes: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str], int]:
-        """Endpoints and taps of the nodes that will run there, and how far its clock is behind, ns.
+        """Endpoints and taps of nodes that will run there, and how far its clock is behind, ns.
 
-        Parameters
-        ----------
-        nodes : mapping of str to str
-            Their names and modules.
-
-        Raises
-        ------
-        ValueError
-            If it gives no answer.
+        The nodes are given by name and module. Raises ValueError if the machine gives no answer.
         """
         asked = time.monotonic_ns()
         self.line.send("hello", names=list(nodes), modules=list(nodes.values()))
@@ -195,19 +143,13 @@ class RemoteHost:
                 f"host {self.name} gives no answer: palpate host must run there, with the same key"
             )
         word = self.line.receive()
-        heard = time.monotonic_ns()
+        answered = time.monotonic_ns()
         assert word is not None
-        self._heard = time.monotonic()
-        return word["endpoints"], word["taps"], (asked + heard) // 2 - word["ns"]
+        self._last = time.monotonic()
+        return word["endpoints"], word["taps"], (asked + answered) // 2 - word["ns"]
 
     def spawn(self, name: str, wiring: bytes, place: bytes) -> int:
-        """Have a node started; returns what wakes when it ends.
-
-        Raises
-        ------
-        ChildProcessError
-            If the machine is lost.
-        """
+        """Have a node started; returns what wakes when it ends. ChildProcessError if it is lost."""
         if self._lost:
             raise ChildProcessError(f"{name} cannot be started: host {self.name} is lost")
         self._close(name)
@@ -219,22 +161,24 @@ class RemoteHost:
         """Exit code of a node that has ended; negative for a signal."""
         return self._codes.get(name, 1)
 
+    def pid(self, name: str) -> int:
+        """0: the number of its process means nothing here."""
+        return 0
+
     def kill(self, name: str) -> None:
         """Have a node killed at once."""
         self.line.send("kill", node=name)
 
     def receive(self, now: float) -> None:
-        """Take in what the machine says, and give a sign of life."""
+        """Take in what the machine reports, and give a sign of life."""
         while (word := self.line.receive()) is not None:
-            self._heard = now
+            self._last = now
             self._take(word)
         if now >= self._next_beat:
             self._next_beat = now + HEARTBEAT
             self.line.send("alive")
-        if now - self._heard > HOST_LOST and not self._lost:
-            self._lost = True
-            for name in self._ends:
-                self._end(name, 1)
+        if now - self._last > HOST_LOST and not self._lost:
+            self._lose()
 
     def end(self) -> None:
         """Have all nodes there ended, and wait for that."""
@@ -255,9 +199,12 @@ class RemoteHost:
         elif word["kind"] == "spawn_failed":
             self._end(str(word["node"]), 1)
         elif word["kind"] == "closed":
-            self._lost = True
-            for name in self._ends:
-                self._end(name, 1)
+            self._lose()
+
+    def _lose(self) -> None:
+        self._lost = True
+        for name in self._ends:
+            self._end(name, 1)
 
     def _end(self, name: str, code: int) -> None:
         self._codes[name] = code

@@ -24,12 +24,8 @@ from palpate.nodes.runtime import OnExit, Wiring
 
 # So often may a node be started again within so many s: more is a storm.
 MAX_RESTARTS, RESTART_WINDOW = 3, 10.0
-
-
 # Signs of life come four times a second; after so long without one a node is looked at, s.
 SILENCE_LIMIT = 1.2
-
-
 # If the launcher itself had not run for so long, nobody is blamed for his silence, s.
 LAUNCHER_GAP = 0.5
 
@@ -37,33 +33,23 @@ LAUNCHER_GAP = 0.5
 class ProcessTable:
     """The processes of one graph.
 
-    Parameters
-    ----------
-    wirings : sequence of Wiring
-        The nodes.
-    place : Place
-        The addresses of the run.
-    homes, desk
-        Where processes are born, and what wakes when they end.
-    ahead_ns : function
-        How far this machine's clock is ahead of that of a node's machine, ns.
+    `ahead_ns` tells how far this machine's clock is ahead of that of a node's machine, ns.
     """
 
     def __init__(
         self,
         wirings: Sequence[Wiring],
         place: Addresses,
-        homes: ProcessHosts,
-        desk: LauncherSockets,
+        hosts: ProcessHosts,
+        sockets: LauncherSockets,
         ahead_ns: Callable[[str], int],
     ) -> None:
-        self.wirings = {wiring.name: wiring for wiring in wirings}
-        """The nodes by name."""
+        self.wirings = {wiring.name: wiring for wiring in wirings}  # The nodes by name
+        # What has died so far.
         self.restarts = RestartPolicy({one.name: one.on_exit for one in wirings})
-        """What has died so far."""
-        self._place, self._homes, self._desk = place, homes, desk
+        self._addresses, self._hosts, self._sockets = place, hosts, sockets
         self._ahead_ns = ahead_ns
-        self._pulse = Watchdog({one.name: one.handler_timeout for one in wirings})
+        self._watchdog = Watchdog({one.name: one.handler_timeout for one in wirings})
         self._hung: dict[str, float] = {}
         self._living: dict[int, str] = {}
 
@@ -74,58 +60,55 @@ class ProcessTable:
 
     def pid(self, name: str) -> int:
         """Number of the process of a node."""
-        return self._homes.pid(name)
+        return self._hosts.of(name).pid(name)
 
     def spawn(self, name: str, *, going: bool = False) -> None:
         """Start the process of a node, again if the graph is going.
 
-        Raises
-        ------
-        ChildProcessError
-            If it cannot be started.
+        Raises ChildProcessError if it cannot be started.
         """
         epoch, ahead_ns = self.restarts.counts[name], self._ahead_ns(name)
-        place = replace(self._place, epoch=epoch, going=going, ahead_ns=ahead_ns)
+        place = replace(self._addresses, epoch=epoch, going=going, ahead_ns=ahead_ns)
         packed = msgspec.msgpack.encode(place)
-        sentinel = self._homes.spawn(name, _packed_wiring(self.wirings[name]), packed)
+        sentinel = self._hosts.of(name).spawn(name, _packed_wiring(self.wirings[name]), packed)
         self._living[sentinel] = name
-        self._pulse.begin(name, time.monotonic())
-        self._desk.watch(sentinel)
+        self._watchdog.begin(name, time.monotonic())
+        self._sockets.watch(sentinel)
 
     def bury(self, sentinel: int) -> tuple[str, int]:
         """Name and exit code of the node whose process has ended."""
-        self._desk.unwatch(sentinel)
+        self._sockets.unwatch(sentinel)
         name = self._living.pop(sentinel)
-        self._pulse.forget(name)
-        return name, self._homes.exit_code(name)
+        self._watchdog.forget(name)
+        return name, self._hosts.of(name).exit_code(name)
 
     def how_it_died(self, name: str, code: int, failed: str | None) -> str:
-        """How a node died, as the rest of a sentence; what it said it failed of, if it did."""
+        """How a node died, as the rest of a sentence; what it failed of, if it told."""
         silence = self._hung.pop(name, None)
         if silence is not None:
             return f"hung: it gave no sign of life for {silence:.1f} s"
         return exit_text(code) if failed is None else f"failed while {failed}"
 
     def sign(self, name: str, kind: str) -> None:
-        """A node has said a word of a kind to the launcher."""
+        """A node has reported something of a kind to the launcher."""
         if kind in ("exiting", "failed"):
-            self._pulse.forget(name)
+            self._watchdog.forget(name)
         elif name in self.living:
-            does = process_state(self._homes.pid(name))
-            self._pulse.sign(name, time.monotonic(), 0.0 if does is None else does.used)
+            process = process_state(self._hosts.of(name).pid(name))
+            self._watchdog.sign(name, time.monotonic(), 0.0 if process is None else process.used)
 
     def let_begin(self) -> None:
         """All nodes begin: that may take its time, and signs of life count from the next on."""
         for name in self.living:
-            self._pulse.begin(name, time.monotonic())
+            self._watchdog.begin(name, time.monotonic())
 
     def see_to_hung(self, now: float) -> None:
         """Kill what hangs: it is then buried as others are."""
-        pids = {name: self._homes.pid(name) for name in self.living}
-        for name, silence in self._pulse.hung(now, pids).items():
+        pids = {name: self._hosts.of(name).pid(name) for name in self.living}
+        for name, silence in self._watchdog.hung(now, pids).items():
             self._hung[name] = silence
-            self._pulse.forget(name)
-            self._homes.kill(name)
+            self._watchdog.forget(name)
+            self._hosts.of(name).kill(name)
 
 
 def _packed_wiring(wiring: Wiring) -> bytes:
@@ -134,17 +117,10 @@ def _packed_wiring(wiring: Wiring) -> bytes:
 
 
 class RestartPolicy:
-    """What nodes have died of so far.
-
-    Parameters
-    ----------
-    on_exit : mapping of str to str
-        Name of the node to what is done when it dies.
-    """
+    """What nodes have died of so far, and what is done about it."""
 
     def __init__(self, on_exit: Mapping[str, OnExit]) -> None:
-        self.counts = dict.fromkeys(on_exit, 0)
-        """How often each node has been started again."""
+        self.counts = dict.fromkeys(on_exit, 0)  # How often each node has been started again
         self._on_exit = on_exit
         self._failed_while: dict[str, str] = {}
         self._when: dict[str, deque[float]] = {name: deque(maxlen=MAX_RESTARTS) for name in on_exit}
@@ -152,16 +128,8 @@ class RestartPolicy:
     def refusal(self, name: str, how: str, failed: bool, now: float) -> str | None:
         """Why a node that died may not be started again, in a sentence; None if it may.
 
-        Parameters
-        ----------
-        name : str
-            Name of the node.
-        how : str
-            How it died, as the rest of a sentence that begins with its name.
-        failed : bool
-            Whether it said so itself: what it failed of is in `how`.
-        now : float
-            Monotonic time, s.
+        `how` is the rest of a sentence that begins with its name; `failed` is whether it reported
+        that itself; `now` is monotonic time, s.
         """
         if self._on_exit[name] == "stop":
             return f"{name} {how}"
@@ -181,7 +149,7 @@ class RestartPolicy:
 
 
 class ProcessState(NamedTuple):
-    """What a process does, as the system has it."""
+    """What a process is doing, as the system has it."""
 
     # R: it runs, or waits for the processor; T: it is stopped; others: it waits for something.
     state: str
@@ -195,13 +163,7 @@ class _Heartbeat(NamedTuple):
 
 
 class Watchdog:
-    """The signs of life of the nodes of one graph.
-
-    Parameters
-    ----------
-    handler_timeout : mapping of str to float
-        Name of the node to the longest time that one of its handlers may take, s.
-    """
+    """The signs of life of nodes, by name with the longest time that a handler may take, s."""
 
     def __init__(self, handler_timeout: Mapping[str, float]) -> None:
         self._handler_timeout = handler_timeout
@@ -217,44 +179,34 @@ class Watchdog:
         self._signs[name] = _Heartbeat(now, 0.0, False)
 
     def forget(self, name: str) -> None:
-        """A node has died, or has said goodbye: nothing more is expected of it."""
+        """A node has died, or has taken its leave: nothing more is expected of it."""
         self._signs.pop(name, None)
 
     def hung(self, now: float, pids: Mapping[str, int]) -> dict[str, float]:
-        """Names of the nodes that hang, with the time since their last sign, s.
-
-        Parameters
-        ----------
-        now : float
-            Monotonic time, s.
-        pids : mapping of str to int
-            Numbers of the processes.
-        """
+        """Names of the nodes that hang, with the time since their last sign, s."""
         if now - self._looked > LAUNCHER_GAP:
             self._signs = {name: sign._replace(when=now) for name, sign in self._signs.items()}
         self._looked = now
-        silent = {
-            name: sign for name, sign in self._signs.items() if now - sign.when > SILENCE_LIMIT
-        }
         return {
             name: now - sign.when
-            for name, sign in silent.items()
-            if self._hangs(name, now, sign, process_state(pids[name]))
+            for name, sign in self._signs.items()
+            if now - sign.when > SILENCE_LIMIT
+            and self._hangs(name, now, sign, process_state(pids[name]))
         }
 
-    def _hangs(self, name: str, now: float, sign: _Heartbeat, does: ProcessState | None) -> bool:
-        if does is not None and does.state in "Tt":
+    def _hangs(self, name: str, now: float, sign: _Heartbeat, process: ProcessState | None) -> bool:
+        if process is not None and process.state in "Tt":
             return True
         if not sign.begun:
             return False
         silence, handler_timeout = now - sign.when, max(self._handler_timeout[name], SILENCE_LIMIT)
-        if does is not None and does.state == "R":
-            return does.used - sign.used > handler_timeout
+        if process is not None and process.state == "R":
+            return process.used - sign.used > handler_timeout
         return silence > handler_timeout
 
 
 def process_state(pid: int) -> ProcessState | None:
-    """What a process does; None where the system does not say."""
+    """What a process is doing; None where the system does not tell."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:

@@ -27,12 +27,8 @@ from palpate.nodes.runtime import RecordedNode, Wiring
 
 FOLDER_PREFIX = "palpate-run-"
 CARD_FILE, LOCK_FILE = "run.json", "lock"
-
-
-# Folder in the run directory for what nodes have said and have no memory for.
-MESSAGE_LOG_FOLDER = ".said"
-
-
+# Folder in the run directory for what nodes have published and have no memory for.
+MESSAGE_LOG_FOLDER = ".published"
 # What a private folder may hold: one that holds anything else is somebody's own.
 OWN_FILES = re.compile(r"[jnpst]\d+|control|tools|lock|\.?run\.json")
 GRACE_AGE = 60.0  # A folder without a card may just be coming up until it is so old, s
@@ -40,7 +36,7 @@ _RUN_BITS = 63
 
 
 class RunCard(msgspec.Struct, frozen=True, kw_only=True):
-    """What a running graph says of itself."""
+    """What a running graph tells of itself."""
 
     run: str  # Number of the run, 16 hexadecimal digits
     name: str  # Name of its scene or launch file
@@ -64,9 +60,8 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
         return {topic: one.name for one in self.nodes for topic in one.outputs.values()}
 
     def listeners(self, topic: str) -> tuple[str, ...]:
-        """The nodes that hear a topic."""
-        subscriptions = [(one.name, heard.topic) for one in self.nodes for heard in one.inputs]
-        return tuple(name for name, heard in subscriptions if heard == topic)
+        """The nodes that subscribe to a topic."""
+        return tuple(one.name for one in self.nodes for x in one.inputs if x.topic == topic)
 
 
 def runtime_folder(parent: Path | None = None) -> Path:
@@ -88,10 +83,8 @@ def announce(folder: Path, card: RunCard) -> None:
 
 def running_graphs(parent: Path | None = None) -> list[RunCard]:
     """The graphs of this user that run, the latest last."""
-    cards = [
-        card for folder in _folders(parent) if (card := _read_card(folder)) and _is_held(folder)
-    ]
-    return sorted(cards, key=lambda card: card.began)
+    held = (card for x in _folders(parent) if (card := _read_card(x)) and _is_held(x))
+    return sorted(held, key=lambda card: card.began)
 
 
 def stale_folders(parent: Path | None = None) -> list[Path]:
@@ -101,9 +94,7 @@ def stale_folders(parent: Path | None = None) -> list[Path]:
 
 def _folders(parent: Path | None) -> list[Path]:
     try:
-        found = [
-            path for path in runtime_folder(parent).iterdir() if path.name.startswith(FOLDER_PREFIX)
-        ]
+        found = runtime_folder(parent).glob(f"{FOLDER_PREFIX}*")
         return [path for path in found if path.is_dir() and path.stat().st_uid == os.getuid()]
     except OSError:
         return []
@@ -153,10 +144,7 @@ def _read_card(folder: Path) -> RunCard | None:
 def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
     """The running graph that is meant: by the beginning of its number, by name, or the latest.
 
-    Raises
-    ------
-    ValueError
-        If there is none, or several are meant.
+    Raises ValueError if there is none, or several are meant.
     """
     cards = running_graphs(parent)
     if not cards:
@@ -175,17 +163,9 @@ def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
 def private_folder(parent: Path | None) -> Iterator[Path]:
     """Make a folder that only this user can enter, hold its lock, and remove it at the end.
 
-    What launchers that were killed have left is taken away as well.
-
-    Parameters
-    ----------
-    parent : Path or None
-        Where to make it; None chooses the user's run-time folder, or else the temporary one.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be made, or its path is too long for a socket.
+    It lies in `parent`, or else in the user's run-time or temporary folder. What launchers that
+    were killed have left is taken away as well. Raises ValueError if it cannot be made, or its path
+    is too long for a socket.
     """
     remove_stale_folders(parent)
     try:
@@ -195,20 +175,16 @@ def private_folder(parent: Path | None) -> Iterator[Path]:
             f"no folder for sockets can be made in {runtime_folder(parent)}: {error.strerror}"
         ) from None
     try:
-        _check_length(folder / "control")
+        socket = folder / "control"
+        if (length := len(os.fsencode(socket))) > zmq.IPC_PATH_MAX_LEN:
+            raise ValueError(
+                f"the socket {socket} has a path of {length} bytes, at most {zmq.IPC_PATH_MAX_LEN} "
+                "will do: choose a folder with a shorter path"
+            )
         with folder_lock(folder):
             yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _check_length(socket: Path) -> None:
-    length = len(os.fsencode(socket))
-    if length > zmq.IPC_PATH_MAX_LEN:
-        raise ValueError(
-            f"the socket {socket} has a path of {length} bytes, at most {zmq.IPC_PATH_MAX_LEN} "
-            "will do: choose a folder with a shorter path"
-        )
 
 
 @contextmanager
@@ -224,14 +200,10 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def message_log_folder(run_dir: Path | None, folder: Path) -> Iterator[Path]:
-    """Where nodes keep what they have said and have no memory for, removed at the end.
+    """Where nodes keep what they published and have no memory for, removed at the end.
 
-    Parameters
-    ----------
-    run_dir : Path or None
-        The run directory, on a disk that has room; if there is none, the private folder must do.
-    folder : Path
-        The private folder, which may be held in memory.
+    It lies in the run directory, on a disk that has room; without one, the private folder must do,
+    which may be held in memory.
     """
     if run_dir is None:
         yield folder
@@ -246,17 +218,21 @@ def message_log_folder(run_dir: Path | None, folder: Path) -> Iterator[Path]:
 
 def addresses_of(folder: Path, names: Sequence[str], depth: int, past: Path) -> Addresses:
     """Addresses of a run, with short file names for nodes of any name."""
+
+    def numbered(path: str) -> dict[str, str]:
+        return {name: f"{path}{index}" for index, name in enumerate(names)}
+
     return Addresses(
         run=secrets.randbits(_RUN_BITS),
         epoch=0,
         depth=depth,
-        endpoints={name: f"ipc://{folder}/n{index}" for index, name in enumerate(names)},
-        taps={name: f"ipc://{folder}/t{index}" for index, name in enumerate(names)},
+        endpoints=numbered(f"ipc://{folder}/n"),
+        taps=numbered(f"ipc://{folder}/t"),
         control=f"ipc://{folder}/control",
         tools=f"ipc://{folder}/tools",
-        journals={name: str(folder / f"j{index}") for index, name in enumerate(names)},
-        times={name: str(folder / f"s{index}") for index, name in enumerate(names)},
-        pasts={name: str(past / f"p{index}") for index, name in enumerate(names)},
+        journals=numbered(f"{folder}/j"),
+        times=numbered(f"{folder}/s"),
+        pasts=numbered(f"{past}/p"),
     )
 
 
@@ -280,43 +256,31 @@ class EarlierRun:
     # What each node had handled, in its order: it goes through it once more, unheard. Those that
     # act on the world do not.
     consumed: Mapping[str, Sequence[Consumed]]
-    spoken: Mapping[str, Sequence[SentMessage]]  # What those had said that act on the world
-    # Topics and times, ns, of what the others had said: they say it again with these.
+    published: Mapping[str, Sequence[SentMessage]]  # What those had published that act on the world
+    # Topics and times, ns, of what the others had published: they do so again with these.
     times: Mapping[str, Sequence[tuple[str, int]]]
 
     def lay(self, wirings: Sequence[Wiring], place: Addresses) -> None:
-        """Write the journals and memories that the nodes will find.
-
-        Parameters
-        ----------
-        wirings : sequence of Wiring
-            The nodes, each with all who hear what it says.
-        place : Place
-            Addresses of the run.
-        """
-        later_ns = time.monotonic_ns() - max(self._all_times(), default=0)
+        """Write the journals and message logs that the nodes, with their listeners, will find."""
+        sent_ns = [one.sent_ns for messages in self.published.values() for one in messages]
+        sent_ns += [when for times in self.times.values() for _, when in times]
+        later_ns = time.monotonic_ns() - max(sent_ns, default=0)
         for wiring in wirings:
             if wiring.persistent:
                 self._remember(wiring, place, later_ns)
             else:
                 self._put_down(wiring, place, later_ns)
 
-    def _all_times(self) -> Iterator[int]:
-        for spoken in self.spoken.values():
-            yield from (one.sent_ns for one in spoken)
-        for times in self.times.values():
-            yield from (sent_ns for _, sent_ns in times)
-
     def _put_down(self, wiring: Wiring, place: Addresses, later_ns: int) -> None:
-        """What a node goes through once more, and when it had said what."""
+        """What a node goes through once more, and when it had published what."""
         edges = [(one.publisher, one.topic) for one in wiring.inputs]
         with closing(Journal(Path(place.journals[wiring.name]), edges)) as journal:
             for one in self.consumed.get(wiring.name, ()):
                 journal.note(*one)
-        heard = [topic for topic in wiring.outputs.values() if wiring.listeners.get(topic)]
-        with closing(SendTimes(Path(place.times[wiring.name]), wiring.name, heard)) as said:
+        topics = [topic for topic in wiring.outputs.values() if wiring.listeners.get(topic)]
+        with closing(SendTimes(Path(place.times[wiring.name]), wiring.name, topics)) as times:
             for topic, sent_ns in self.times.get(wiring.name, ()):
-                said.note(topic, sent_ns + later_ns)
+                times.note(topic, sent_ns + later_ns)
 
     def _remember(self, wiring: Wiring, place: Addresses, later_ns: int) -> None:
         """What a node has answered, and how."""
@@ -324,7 +288,7 @@ class EarlierRun:
             Path(place.pasts[wiring.name]), tuple(wiring.outputs.values()), persistent=True
         )
         with closing(past):
-            for topic, sent_ns, schema, body in self.spoken.get(wiring.name, ()):
+            for topic, sent_ns, schema, body in self.published.get(wiring.name, ()):
                 seq, when = past.count(topic), sent_ns + later_ns
                 header = Header(place.run, 0, seq, when, 0.0, schema)
                 past.add(topic, pack_frame(topic, header, body))

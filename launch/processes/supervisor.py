@@ -44,24 +44,11 @@ class Verdict(NamedTuple):
 
 
 class Supervisor:
-    """Watches over the processes of one graph.
+    """Watches over the processes of one graph, until the node `ends` has finished.
 
-    Parameters
-    ----------
-    wirings : sequence of Wiring
-        The nodes.
-    ends : str
-        Name of the node whose word ends the graph.
-    sources : mapping of str to sequence of str
-        What the launcher itself hears: publishers and their topics.
-    watcher : Watcher
-        Is told what happens.
-    place, desk, homes, interrupts
-        The addresses, the sockets, the processes and the wish to end.
-    ahead_ns : function
-        How far this machine's clock is ahead of that of a node's machine, ns.
-    going : bool
-        Whether the nodes go on with what they did in an earlier run, and wait for nobody.
+    `sources` are the topics that the launcher itself subscribes to, by publisher; `ahead_ns` tells
+    how far this machine's clock is ahead of that of a node's machine, ns; with `going` the nodes go
+    on with what they did in an earlier run, and wait for nobody.
     """
 
     def __init__(
@@ -72,50 +59,44 @@ class Supervisor:
         sources: Mapping[str, Sequence[str]],
         watcher: Watcher,
         place: Addresses,
-        desk: LauncherSockets,
-        homes: ProcessHosts,
+        sockets: LauncherSockets,
+        hosts: ProcessHosts,
         ahead_ns: Callable[[str], int],
         interrupts: Interrupts,
         going: bool = False,
     ) -> None:
         self._wirings, self._ends = wirings, ends
-        self._watcher, self._desk = watcher, desk
-        self._homes, self._interrupts = homes, interrupts
+        self._watcher, self._sockets = watcher, sockets
+        self._hosts, self._interrupts = hosts, interrupts
         names = [wiring.name for wiring in wirings]
         edges = [Edge(w.name, one.publisher, one.topic) for w in wirings for one in w.inputs]
         edges += [Edge(LAUNCHER, source, topic) for source in sources for topic in sources[source]]
-        self._census = TerminationDetector([*names, LAUNCHER], edges)
-        self._roll = NodeStatusTable(names)
-        self._ward = ProcessTable(wirings, place, homes, desk, ahead_ns)
-        self._reception = ToolServer(desk.tools, desk.line, self._ward, self._roll)
+        self._detector = TerminationDetector([*names, LAUNCHER], edges)
+        self._reports = NodeStatusTable(names)
+        self._processes = ProcessTable(wirings, place, hosts, sockets, ahead_ns)
+        self._tools = ToolServer(sockets.tools, sockets.line, self._processes, self._reports)
         self._finished: str | None = None
         self._going, self._stopping = going, False
         self._next_tick = 0.0
 
     def run(self, began: float) -> Ending:
-        """Start everything and watch until it has ended, however it does.
-
-        Parameters
-        ----------
-        began : float
-            Monotonic time at which the launch began, s.
-        """
+        """Start everything, launched at monotonic time `began`, s, and watch until it has ended."""
         verdict = self._start() or self._watch(began)
         if verdict.status == "finished":
             verdict = self._stop() or verdict
-        self._homes.end()
-        self._hear_nodes()
-        if verdict.status == "died" and self._interrupts.came and not self._roll.failed:
+        self._hosts.end()
+        self._receive_reports()
+        if verdict.status == "died" and self._interrupts.came and not self._reports.failed:
             # The signal reached the whole group, and a node was faster than the launcher.
             verdict = self._interrupted()
-        statuses, ears = self._roll.statuses, self._desk.ears
+        statuses, subscriber = self._reports.statuses, self._sockets.subscriber
         return Ending(
             status=verdict.status,
             reason=verdict.reason,
             statuses=statuses,
-            gaps=ears.gaps + sum(one.gaps for one in statuses.values()),
-            duplicates=ears.duplicates + sum(one.duplicates for one in statuses.values()),
-            restarts={name: count for name, count in self._ward.restarts.counts.items() if count},
+            gaps=subscriber.gaps + sum(one.gaps for one in statuses.values()),
+            duplicates=subscriber.duplicates + sum(one.duplicates for one in statuses.values()),
+            restarts={name: n for name, n in self._processes.restarts.counts.items() if n},
         )
 
     def _start(self) -> Verdict | None:
@@ -123,8 +104,8 @@ class Supervisor:
             if self._interrupts.came:
                 return self._interrupted()
             try:
-                self._ward.spawn(wiring.name, going=self._going)
-                self._homes.receive()  # other machines take nobody for lost who is busy
+                self._processes.spawn(wiring.name, going=self._going)
+                self._hosts.receive()  # other machines take nobody for lost who is busy
             except ChildProcessError as error:
                 return Verdict("died", str(error))
         return None
@@ -137,76 +118,76 @@ class Supervisor:
                 return verdict
             if self._going:
                 self._count()
-            elif self._roll.ready == names and self._desk.ears.in_step:
+            elif self._reports.ready == names and self._sockets.subscriber.in_step:
                 self._going = True
                 self._tell(names, "go")
-                self._ward.let_begin()
+                self._processes.let_begin()
                 self._watcher.ready(time.monotonic() - began)
 
     def _stop(self) -> Verdict | None:
         """Stop all nodes at once; returns what went wrong, if anything did."""
         self._stopping = True
-        self._tell(self._ward.living, "stop")
+        self._tell(self._processes.living, "stop")
         deadline = time.monotonic() + STOP
-        while self._ward.living:
+        while self._processes.living:
             verdict = self._turn()
             if verdict is not None:
                 return verdict
             if time.monotonic() > deadline:
-                late = ", ".join(self._ward.living)
+                late = ", ".join(self._processes.living)
                 return Verdict("died", f"{late} did not stop within {STOP:g} s")
         return None
 
     def _turn(self) -> Verdict | None:
         """Wait for something to happen, and see to it; returns what must end the graph."""
-        ended = self._desk.wait(5 if self._finished else 50)
-        self._homes.receive()
-        self._hear_nodes()
-        self._hear_topics()
-        self._reception.serve()
+        ended = self._sockets.wait(5 if self._finished else 50)
+        self._hosts.receive()
+        self._receive_reports()
+        self._receive_messages()
+        self._tools.serve()
         self._tick()
         died = [verdict for sentinel in ended if (verdict := self._bury(sentinel))]
         if self._interrupts.came:
             return self._interrupted()
-        if LAUNCHER in self._roll.failed:
-            return Verdict("died", f"{LAUNCHER} failed while {self._roll.failed[LAUNCHER]}")
+        if LAUNCHER in self._reports.failed:
+            return Verdict("died", f"{LAUNCHER} failed while {self._reports.failed[LAUNCHER]}")
         return died[0] if died else None
 
     def _bury(self, sentinel: int) -> Verdict | None:
-        name, code = self._ward.bury(sentinel)
+        name, code = self._processes.bury(sentinel)
         deadline = time.monotonic() + (LAST_WORDS if code in (0, FAILED) else 0.0)
-        while name not in self._roll.failed and name not in self._roll.exiting:
+        while name not in self._reports.failed and name not in self._reports.exiting:
             if time.monotonic() >= deadline:
                 break
-            self._desk.wait(10)
-            self._hear_nodes()
-        if name in self._roll.exiting:
+            self._sockets.wait(10)
+            self._receive_reports()
+        if name in self._reports.exiting:
             return None
-        failed = self._roll.left(name)
-        self._reception.buried(name)
-        return self._after_death(name, self._ward.how_it_died(name, code, failed), failed)
+        failed = self._reports.left(name)
+        self._tools.buried(name)
+        return self._after_death(name, self._processes.how_it_died(name, code, failed), failed)
 
     def _after_death(self, name: str, how: str, failed: str | None) -> Verdict | None:
-        """Start a node again that has died, or go on without it, or say why the run must end."""
-        wiring = self._ward.wirings[name]
+        """Start a node again that has died, or go on without it, or tell why the run must end."""
+        wiring = self._processes.wirings[name]
         if self._interrupts.came:
             return self._interrupted()
         if self._stopping and wiring.outputs:
-            return None  # it had nothing more to say, and holds no file
+            return None  # it had nothing more to publish, and holds no file
         if wiring.on_exit == "ignore":
             self._warn(name, f"{name} {how}; the run goes on without it")
-            self._census.drop(name)
+            self._detector.drop(name)
             return None
         refusal: str | None = f"{name} {how}"
         # Who cannot put away what it holds, or cannot even begin, would not do better again.
         if failed is None or (self._going and not self._stopping):
             now = time.monotonic()
-            refusal = self._ward.restarts.refusal(name, how, failed is not None, now)
+            refusal = self._processes.restarts.refusal(name, how, failed is not None, now)
         if refusal is not None:
             return Verdict("died", refusal)
         self._warn(name, f"{name} {how}; it is started again")
         try:
-            self._ward.spawn(name, going=self._going)
+            self._processes.spawn(name, going=self._going)
         except ChildProcessError as error:
             return Verdict("died", str(error))
         return None
@@ -216,34 +197,34 @@ class Supervisor:
         self._watcher.log(record)
 
     def _quiet(self) -> Verdict | None:
-        if self._finished is not None and self._census.settled:
+        if self._finished is not None and self._detector.settled:
             return Verdict("finished", self._finished)
-        if self._census.still_for(time.monotonic()) < STALL:
+        if self._detector.still_for(time.monotonic()) < STALL:
             return None
-        missing = [(name, one.gaps) for name, one in self._roll.statuses.items() if one.gaps]
-        said = [f"{name} misses {gaps} messages" for name, gaps in missing]
-        said += self._census.complaints()
+        missing = [(name, one.gaps) for name, one in self._reports.statuses.items() if one.gaps]
+        faults = [f"{name} misses {gaps} messages" for name, gaps in missing]
+        faults += self._detector.complaints()
         what = "has finished, yet" if self._finished is not None else "has not finished, and"
-        why = "; ".join(said) or "every message was consumed"
+        why = "; ".join(faults) or "every message was consumed"
         return Verdict("stalled", f"{self._ends} {what} nothing has moved for {STALL:g} s: {why}")
 
     def _interrupted(self) -> Verdict:
         return Verdict("interrupted", f"interrupted by {self._interrupts.came}")
 
-    def _hear_nodes(self) -> None:
+    def _receive_reports(self) -> None:
         try:
-            while (heard := self._desk.line.receive()) is not None:
-                name, word = heard
-                for line in self._roll.receive(name, word):
+            while (report := self._sockets.line.receive()) is not None:
+                name, word = report
+                for line in self._reports.receive(name, word):
                     self._watcher.log(line)
-                self._ward.sign(name, word["kind"])
+                self._processes.sign(name, word["kind"])
                 if self._stopping and word["kind"] == "alive":
-                    self._desk.line.send(name, "stop")
+                    self._sockets.line.send(name, "stop")
                 if word["kind"] == "finished" and name == self._ends and self._finished is None:
                     self._finished = str(word["reason"])
-                    self._census.forget()
+                    self._detector.forget()
                 elif word["kind"] == "acknowledged":
-                    self._reception.done(word["ticket"])
+                    self._tools.done(word["ticket"])
                 elif word["kind"] == "count":
                     consumed = {(p, t): number for p, t, number in word["consumed"]}
                     count = MessageCounts(
@@ -251,67 +232,61 @@ class Supervisor:
                     )
                     self._counted(name, word["round"], count)
         except ValueError as error:
-            self._roll.failed[LAUNCHER] = f"listening to the nodes: {error}"
+            self._reports.failed[LAUNCHER] = f"listening to the nodes: {error}"
 
-    def _hear_topics(self) -> None:
+    def _receive_messages(self) -> None:
         for _ in range(_BATCH):
             try:
-                heard, said = self._desk.receive(), self._desk.receive_tap()
+                message, tapped = self._sockets.receive(), self._sockets.receive_tap()
             except ValueError as error:
-                self._roll.failed[LAUNCHER] = f"hearing: {error}"
+                self._reports.failed[LAUNCHER] = f"receiving: {error}"
                 return
-            if heard is not None:
-                self._watcher.received(*heard)
-            if isinstance(said, NodeStatus):
-                self._roll.statuses[said.node] = said
-            elif isinstance(said, LogRecord):
-                self._watcher.log(said)
-            if heard is None and said is None:
+            if message is not None:
+                self._watcher.received(*message)
+            if isinstance(tapped, NodeStatus):
+                self._reports.statuses[tapped.node] = tapped
+            elif isinstance(tapped, LogRecord):
+                self._watcher.log(tapped)
+            if message is None and tapped is None:
                 return
 
     def _tick(self) -> None:
         now = time.monotonic()
         if now >= self._next_tick:
             self._next_tick = now + TICK
-            self._ward.see_to_hung(now)
-            for line in self._roll.silent(now):
+            self._processes.see_to_hung(now)
+            for line in self._reports.silent(now):
                 self._watcher.log(line)
-            self._watcher.tick(self._roll.statuses)
+            self._watcher.tick(self._reports.statuses)
 
     def _count(self) -> None:
-        round_ = self._census.round
-        for name in self._census.to_ask(time.monotonic()):
+        round_ = self._detector.round
+        for name in self._detector.to_ask(time.monotonic()):
             if name == LAUNCHER:
-                self._counted(LAUNCHER, round_, MessageCounts({}, dict(self._desk.consumed)))
+                self._counted(LAUNCHER, round_, MessageCounts({}, dict(self._sockets.consumed)))
             else:
-                self._desk.line.send(name, "count", round=round_)
+                self._sockets.line.send(name, "count", round=round_)
 
     def _counted(self, name: str, round_: int, count: MessageCounts) -> None:
         pause = _CALM if self._finished is None else _HASTE
-        self._census.answer(name, round_, count, time.monotonic(), pause)
+        self._detector.answer(name, round_, count, time.monotonic(), pause)
 
     def _tell(self, names: Iterable[str], kind: str) -> None:
         for name in names:
-            self._desk.line.send(name, kind)
+            self._sockets.line.send(name, kind)
 
 
 class ToolServer:
-    """Answers the tools of one graph.
-
-    Parameters
-    ----------
-    line : LauncherLine
-        The tools' line.
-    nodes : LauncherLine
-        The nodes' line.
-    ward, roll
-        The processes, and what the nodes have said.
-    """
+    """Answers the tools of one graph, which speak on `line`, and asks the nodes on `nodes`."""
 
     def __init__(
-        self, line: ControlServer, nodes: ControlServer, ward: ProcessTable, roll: NodeStatusTable
+        self,
+        line: ControlServer,
+        nodes: ControlServer,
+        processes: ProcessTable,
+        reports: NodeStatusTable,
     ) -> None:
-        self._line, self._nodes, self._ward, self._roll = line, nodes, ward, roll
+        self._line, self._nodes, self._processes, self._reports = line, nodes, processes, reports
         self._began = time.monotonic()
         self._pending: dict[int, tuple[str, str]] = {}
         self._tickets = count()
@@ -326,7 +301,8 @@ class ToolServer:
             if asked is None:
                 return
             tool, word = asked
-            answer = self._answer(tool, word)
+            # A node may have to do something first, and is then waited for.
+            answer = self._status() if word["kind"] == "status" else self._tell(tool, word)
             if answer is not None:
                 self._line.send(tool, **answer)
 
@@ -343,30 +319,22 @@ class ToolServer:
                 del self._pending[ticket]
                 self._line.send(tool, "refused", text=f"{name} died before it had done that")
 
-    def _answer(self, tool: str, word: ControlMessage) -> dict[str, Any] | None:
-        """What is answered at once; None if a node has to do something first."""
-        return self._status() if word["kind"] == "status" else self._tell(tool, word)
-
     def _status(self) -> dict[str, Any]:
-        now, counts = time.monotonic(), self._ward.restarts.counts
-        living = set(self._ward.living)
+        now, counts = time.monotonic(), self._processes.restarts.counts
+        living = set(self._processes.living)
         nodes = {
             name: {
-                "pid": self._ward.pid(name) if name in living else 0,
+                "pid": self._processes.pid(name) if name in living else 0,
                 "restarts": counts[name],
-                "silent_s": self._roll.silence(name, now),
+                "silent_s": self._reports.silence(name, now),
             }
-            for name in self._ward.wirings
+            for name in self._processes.wirings
         }
-        return {
-            "kind": "status",
-            "launcher": os.getpid(),
-            "for_s": now - self._began,
-            "nodes": nodes,
-        }
+        for_s = now - self._began
+        return {"kind": "status", "launcher": os.getpid(), "for_s": for_s, "nodes": nodes}
 
     def _tell(self, tool: str, word: ControlMessage) -> dict[str, Any] | None:
-        """Hand a word on to a source, which says when it has done it."""
+        """Hand a request on to a source, which reports when it has done it."""
         name, ticket = str(word["node"]), next(self._tickets)
         try:
             self._check(name, word)
@@ -382,12 +350,12 @@ class ToolServer:
 
     def _check(self, name: str, word: ControlMessage) -> None:
         """Refuse what a node could not do."""
-        wiring = self._ward.wirings.get(name)
+        wiring = self._processes.wirings.get(name)
         if wiring is None:
             raise ValueError(f"there is no node {name!r}")
         node = load_node(wiring.module)
         if not isinstance(node, Source):
-            raise ValueError(f"{name} is no source: it speaks when it hears something")
+            raise ValueError(f"{name} is no source: it publishes when it receives something")
         if word["kind"] == "publish":
             topic = word["topic"]
             if not node.outside or topic not in wiring.outputs.values():

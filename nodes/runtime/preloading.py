@@ -44,7 +44,7 @@ def import_whole(name: str) -> None:
     """
     module = import_module(name)
     rooms = {key: one for key, one in vars(module).items() if isinstance(one, ModuleType)}
-    with suppress(OSError):  # no source, no look ahead: the first message takes longer then
+    with suppress(OSError, TypeError):  # no source, no look ahead: the first message takes longer
         for taken in ast.walk(ast.parse(inspect.getsource(module))):
             match taken:
                 case ast.Attribute(ast.Name(key), attribute) if key in rooms:

@@ -55,7 +55,7 @@ def test_another_result_and_what_is_left_behind_are_found(
 ) -> None:
     before = run_baseline(toys, tmp_path / "run")
     wanted = replace(before, code=7, mesh="0", said={**before.said, "/world": (2, "0")})
-    (tmp_path / "run" / ".said").mkdir()
+    (tmp_path / "run" / ".published").mkdir()
     (tmp_path / "palpate-run-left").mkdir()
     found = examine_run(toys, wanted, InjectionLog(), before.code, tmp_path / "run")
     assert found.wrong == (

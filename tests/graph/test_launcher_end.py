@@ -146,7 +146,7 @@ def test_quiet_without_an_end_is_reported(
     assert ending.status == "stalled"
     assert ending.reason == (
         "counter has not finished, and nothing has moved for 0.6 s: "
-        "waiting has heard nothing on /silent (silent)"
+        "waiting has received nothing on /silent (silent)"
     )
 
 

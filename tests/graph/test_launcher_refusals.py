@@ -31,8 +31,13 @@ LOST = dataclasses.replace(COUNTER, inputs=(Input("source", "/sauce", "/in", "Ta
         ([renamed("launcher")], "launcher", [], "no node may be called 'launcher'"),
         ([renamed("two words")], "two words", [], "got 'two words'"),
         ([SOURCE], "source", ["/model"], "nobody publishes /model"),
-        ([SOURCE, TWICE], "source", [], "counter hears /source twice"),
-        ([SOURCE, LOST], "source", [], "counter hears /sauce from source, who does not publish it"),
+        ([SOURCE, TWICE], "source", [], "counter subscribes to /source twice"),
+        (
+            [SOURCE, LOST],
+            "source",
+            [],
+            "counter subscribes to /sauce of source, who does not publish it",
+        ),
     ],
 )
 def test_a_graph_that_cannot_run_is_refused(

@@ -239,5 +239,5 @@ def test_a_tool_of_another_version_cannot_hurt_a_source(watcher: Any, tmp_path: 
     assert (ending.status, ending.restarts) == ("finished", {})
     assert refused[0] == "console does not publish '/nowhere' for tools"
     assert refused[1].startswith("not a TactileFrame: missing fields")
-    assert refused[2] == "counter is no source: it speaks when it hears something"
+    assert refused[2] == "counter is no source: it publishes when it receives something"
     assert refused[3] == "there is no node 'nobody'"

@@ -174,7 +174,11 @@ def test_the_table_names_topic_type_and_both_ends(pair: tuple[Entry, Entry]) -> 
         (0, {"params": {"turns": "x"}}, "a.turns is 'x'; expected whole number, got text"),
         (0, {"params": {"turns": 0}}, "a.turns is 0; expected whole number >= 1"),
         (0, {"params": [1]}, "params must be a map"),
-        (0, {"remap": {"/x": "/xx"}}, "hears /x, which nobody publishes; did you mean '/xx'?"),
+        (
+            0,
+            {"remap": {"/x": "/xx"}},
+            "subscribes to /x, which nobody publishes; did you mean '/xx'?",
+        ),
     ],
 )
 def test_a_graph_that_could_not_run_is_refused(
@@ -204,7 +208,9 @@ def test_two_publishers_of_one_topic_are_refused(pair: tuple[Entry, Entry]) -> N
 def test_types_that_differ_are_refused(pair: tuple[Entry, Entry], make_node: MakeNode) -> None:
     make_node("t.c", inputs={"/x": NodeStatus})
 
-    with pytest.raises(InputError, match="hears /x as NodeStatus, but 'a' publishes it as LogReco"):
+    with pytest.raises(
+        InputError, match="subscribes to /x as NodeStatus, but 'a' publishes it as L"
+    ):
         graph_of(*pair, Entry(name="c", kind="t.c")).check()
 
 
@@ -212,7 +218,7 @@ def test_a_publisher_outside_the_namespace_hears_nothing_within(make_node: MakeN
     make_node("t.a", outputs={"/x": LogRecord})
     make_node("t.b", inputs={"/x": LogRecord})
 
-    with pytest.raises(InputError, match="hears /x, which nobody publishes"):
+    with pytest.raises(InputError, match="subscribes to /x, which nobody publishes"):
         graph_of(Entry(name="a", kind="t.a", namespace="one"), Entry(name="b", kind="t.b")).check()
 
 

@@ -123,7 +123,9 @@ def test_a_module_of_ones_own_is_a_kind(write: Write, here: Path) -> None:
     graph = describe(path, {}, here).graph
 
     assert graph.entries[0].module == "palpate_test_own"
-    with pytest.raises(InputError, match="node 'a': hears /touch/info, which nobody publishes"):
+    with pytest.raises(
+        InputError, match="node 'a': subscribes to /touch/info, which nobody publishes"
+    ):
         graph.check()
     wrong = write("g.yaml", "nodes: {a: {kind: 'palpate_test_own:Node'}}\nends: a")
     with pytest.raises(InputError, match=r"is named as module:NODE"):

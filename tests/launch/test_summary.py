@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.launch.printing import TEXT_WIDTH
+from palpate.launch.printing import TEXT_WIDTH, summary_text
 from palpate.launch.progress import Progress
-from palpate.launch.run_directory import exit_code, summarise, summary_text
+from palpate.launch.run_directory import exit_code, summarise
 from palpate.messages.types.catalogue import NodeStatus
 from palpate.messages.types.model import Score, ShapeModel
 from palpate.nodes.runtime.composed import Ending

@@ -97,7 +97,7 @@ def test_a_written_calibration_is_read_by_a_scene(
 def test_a_file_that_is_there_is_not_overwritten(calibrated: Calibrated, tmp_path: Path) -> None:
     path = tmp_path / "found.yaml"
     path.write_text("mine")
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         write_calibration(path, calibrated.estimate, calibrated.pad)
     assert path.read_text() == "mine"
 

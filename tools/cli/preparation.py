@@ -52,12 +52,12 @@ def calibrate_command(scene: str, out: Path | None, quiet: bool) -> int:
     Estimates the speed of sound, and gain and offset of each taxel, each with its standard
     error. A scene in the same folder reads the file: sensor: {calibration: FILE}.
     """
-    from palpate.launch import check_calibration_path, load_scene, write_calibration
-    from palpate.launch.files import InputError
+    from palpate.launch import load_scene, write_calibration
+    from palpate.launch.files import InputError, check_new
     from palpate.tools.calibration import calibrate, calibration_text, calibration_warnings
 
     if out is not None:
-        check_calibration_path(out)
+        check_new(out)
     spec = load_scene(scene).spec
     try:
         found = calibrate(spec, _print_nothing if quiet else _print_press)

@@ -46,7 +46,7 @@ def test_a_failure_is_one_line_and_its_trace_another() -> None:
 
 
 def test_a_stranger_is_refused() -> None:
-    with pytest.raises(ValueError, match="somebody called 'spy' spoke, who is not in the graph"):
+    with pytest.raises(ValueError, match="'spy' reported, which is not in the graph"):
         NodeStatusTable(["filter"]).receive("spy", {"kind": "ready"})
 
 
@@ -97,7 +97,7 @@ def test_a_message_that_is_on_its_way_is_not_settled() -> None:
     answer(one, 3, 2, 0.0)
     answer(one, 3, 2, 1.0)
     assert not one.settled
-    assert one.unheard() == [(EDGE, 3, 2)]
+    assert one.unconsumed() == [(EDGE, 3, 2)]
 
 
 def test_rounds_that_differ_are_not_settled() -> None:
@@ -141,7 +141,7 @@ def test_complaints_name_who_waits_for_what() -> None:
         "hearer has consumed 1 of 3 on /talk from talker",
     ]
     answer(one, 0, 0, 1.0)
-    assert one.complaints() == ["hearer has heard nothing on /talk (talker)"]
+    assert one.complaints() == ["hearer has received nothing on /talk (talker)"]
 
 
 def test_who_is_dropped_is_neither_asked_nor_waited_for() -> None:

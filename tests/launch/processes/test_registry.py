@@ -57,7 +57,7 @@ def left(
 
 def test_what_a_killed_launcher_left_is_no_running_graph_and_is_swept(tmp_path: Path) -> None:
     run = tmp_path / "run"
-    (run / ".said").mkdir(parents=True)
+    (run / ".published").mkdir(parents=True)
     left(tmp_path / "palpate-run-dead", run=run)
     left(tmp_path / "palpate-run-old", age=2 * GRACE_AGE, announced=False)
     assert running_graphs(tmp_path) == []

@@ -195,8 +195,8 @@ def test_the_kinds_of_node_are_listed_and_described(capsys: Output) -> None:
     assert capsys.readouterr().out.split() == list(list_kinds())
     assert cli.run(["node", "kinds", "planner"]) == 0
     text = capsys.readouterr().out
-    assert "  hears /world  World" in text
-    assert "  says  /contour/goal  ContourGoal" in text
+    assert "  subscribes /world  World" in text
+    assert "  publishes  /contour/goal  ContourGoal" in text
     assert "  takes planner  default 'predicted'" in text
 
 
@@ -319,7 +319,7 @@ def test_a_calibration_is_written_and_told(write: Write, home: Path, capsys: Out
     assert "256 calibrated, 0 not reached, 0 not trusted" in out
     assert (home / "found.yaml").exists()
     assert cli.run(["calibrate", "s.yaml", "--out", "found.yaml"]) == 2
-    assert sentence(capsys) == "palpate: found.yaml: is there already; choose another name\n"
+    assert sentence(capsys) == "palpate: found.yaml: exists already; it is not overwritten\n"
 
 
 def test_an_effect_is_begun(home: Path, capsys: Output) -> None:
