@@ -32,16 +32,11 @@ SEVERAL = [
 EACH = [at(5, "stop", "filter_1"), at(5, "full", "recorder"), at(5, "launcher")]
 
 
-@pytest.mark.parametrize(
-    "faults",
-    [
-        pytest.param(SEVERAL, id="several"),
-        *(pytest.param([one], id=one.kind, marks=pytest.mark.slow) for one in EACH),
-    ],
-)
-def test_explorations_survive_what_is_done_to_them(
-    faults: list[Fault], toys: Exploration, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("faults", [
+    pytest.param(SEVERAL, id="several"),
+    *(pytest.param([one], id=one.kind, marks=pytest.mark.slow) for one in EACH),
+])  # fmt: skip
+def test_explorations_survive_what_is_done_to_them(faults, toys, monkeypatch):
     monkeypatch.setattr("palpate.tools.chaos.trials.draw_faults", lambda *_: tuple(faults))
     said: list[str] = []
     tally = run_trials(toys, seed=1, minutes=0, kinds=(), echo=said.append)
@@ -50,9 +45,7 @@ def test_explorations_survive_what_is_done_to_them(
     assert tally.survived == sum(tally.injected.values()) == len(faults)
 
 
-def test_another_result_and_what_is_left_behind_are_found(
-    toys: Exploration, tmp_path: Path
-) -> None:
+def test_another_result_and_what_is_left_behind_are_found(toys, tmp_path):
     before = run_baseline(toys, tmp_path / "run")
     wanted = replace(before, code=7, mesh="0", said={**before.said, "/world": (2, "0")})
     (tmp_path / "run" / ".published").mkdir()

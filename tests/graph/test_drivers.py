@@ -45,11 +45,8 @@ def patches(run: Path) -> list[tuple[str, object]]:
     return [("/touch/patch", patch) for patch in recorded(run, "/touch/patch", SurfacePatch)]
 
 
-def test_a_file_of_frames_gives_the_same_patches_in_processes_and_in_one(
-    frames: Path, tmp_path: Path
-) -> None:
+def test_a_file_of_frames_gives_the_same_patches_in_processes_and_in_one(frames, tmp_path):
     words = ("driver.yaml", f"path:={frames}", FLAT, "rate:=100")
-
     apart = patches(launched(tmp_path, *words))
     assert len(apart) == 12
     assert_same(apart, patches(launched(tmp_path, *words, "--composed")))
@@ -57,7 +54,7 @@ def test_a_file_of_frames_gives_the_same_patches_in_processes_and_in_one(
     assert_same(apart, patches(quick))
 
 
-def test_a_connection_gives_the_patches_of_its_lines(frames: Path, tmp_path: Path) -> None:
+def test_a_connection_gives_the_patches_of_its_lines(frames, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer() -> None:
@@ -74,14 +71,11 @@ def test_a_connection_gives_the_patches_of_its_lines(frames: Path, tmp_path: Pat
     assert_same(patches(live), patches(filed))
 
 
-def test_a_node_of_ones_own_and_its_type_are_found_by_every_process(
-    frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_node_of_ones_own_and_its_type_are_found_by_every_process(frames, tmp_path, monkeypatch):
     init_node("own_bends", tmp_path, "node")
     (tmp_path / "own.yaml").write_text(
         "include: driver.yaml\nnodes:\n  own_bends:\n    kind: own_bends:NODE\n"
     )
-
     run = launched(tmp_path, "own.yaml", f"path:={frames}", FLAT, "at_once:=true")
     monkeypatch.syspath_prepend(str(tmp_path))
     from own_bends import OwnBends  # type: ignore[import-not-found]

@@ -50,11 +50,8 @@ def explored(lab: Path, name: str, *flags: str) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_a_disturbed_run_is_the_same_in_one_process_and_in_many_and_can_be_replayed(
-    lab: Path,
-) -> None:
+def test_a_disturbed_run_is_the_same_in_one_process_and_in_many_and_can_be_replayed(lab):
     separate, composed = explored(lab, "many"), explored(lab, "one", "--composed")
-
     assert separate["mesh_sha256"] == composed["mesh_sha256"]
     assert (separate["status"], separate["gaps"]) == ("finished", 0)
     assert separate["chamfer_m"] < 0.01 * separate["size_m"]
@@ -65,8 +62,7 @@ def test_a_disturbed_run_is_the_same_in_one_process_and_in_many_and_can_be_repla
 
 
 @pytest.mark.slow
-def test_another_seed_is_another_sensor(lab: Path) -> None:
+def test_another_seed_is_another_sensor(lab):
     few = ("--composed", "--no-record", "--set", "planner.most_touches=22")
     hashes = {explored(lab, f"s{n}", *few, "--seed", n)["mesh_sha256"] for n in "12"}
-
     assert len(hashes) == 2

@@ -80,9 +80,7 @@ def contours_of(said: Bodies) -> list[Contour]:
     return [contour for topic in topics for contour in heard(said, topic)]
 
 
-def test_every_finger_has_topics_of_its_own_and_the_rest_is_said_once(
-    composed: tuple[Path, Bodies],
-) -> None:
+def test_every_finger_has_topics_of_its_own_and_the_rest_is_said_once(composed):
     _, said = composed
     for finger in range(1, FINGERS + 1):
         for topic in EACH:
@@ -93,18 +91,14 @@ def test_every_finger_has_topics_of_its_own_and_the_rest_is_said_once(
     assert [len(said[topic]) for topic in ("/world", "/truth", "/touch/info")] == [1, 1, 1]
 
 
-def test_the_fingers_share_out_the_heights_and_close_every_contour(
-    composed: tuple[Path, Bodies],
-) -> None:
+def test_the_fingers_share_out_the_heights_and_close_every_contour(composed):
     found = contours_of(composed[1])
     assert {contour.status for contour in found} == {"closed"}
     assert sorted(contour.id for contour in found) == list(range(5))
     assert {contour.finger for contour in found} == {1, 2, 3}
 
 
-def test_what_a_finger_does_takes_no_time_of_the_others(
-    composed: tuple[Path, Bodies], tmp_path: Path
-) -> None:
+def test_what_a_finger_does_takes_no_time_of_the_others(composed, tmp_path):
     alone = contours_of(explored(tmp_path / "run", composed=True, fingers=1))
     ends = {1: max(contour.robot_time for contour in alone)}
     ends[FINGERS] = max(contour.robot_time for contour in contours_of(composed[1]))
@@ -112,14 +106,14 @@ def test_what_a_finger_does_takes_no_time_of_the_others(
     assert ends[FINGERS] < 0.6 * ends[1]
 
 
-def test_every_finger_has_errors_of_its_own(composed: tuple[Path, Bodies]) -> None:
+def test_every_finger_has_errors_of_its_own(composed):
     first = [heard(composed[1], f"/finger_{n}/touch/raw")[0] for n in (1, 2, 3)]
     # They begin at heights that mirror each other on a ball, but not with the same noise.
     assert len({frame.array.tobytes() for frame in first}) == FINGERS
     assert [frame.finger for frame in first] == [1, 2, 3]
 
 
-def test_a_clock_follows_every_touch_and_only_grows(composed: tuple[Path, Bodies]) -> None:
+def test_a_clock_follows_every_touch_and_only_grows(composed):
     for finger in range(1, FINGERS + 1):
         clocks = heard(composed[1], f"/finger_{finger}/finger/clock")
         patches = heard(composed[1], f"/finger_{finger}/touch/patch")
@@ -128,7 +122,7 @@ def test_a_clock_follows_every_touch_and_only_grows(composed: tuple[Path, Bodies
         assert {clock.finger for clock in clocks} == {finger}
 
 
-def test_no_finger_starts_before_the_decision(composed: tuple[Path, Bodies]) -> None:
+def test_no_finger_starts_before_the_decision(composed):
     _, said = composed
     begun = {
         goal.id: goal.not_before for goal in (decode(ContourGoal, b) for b in said["/contour/goal"])
@@ -140,16 +134,14 @@ def test_no_finger_starts_before_the_decision(composed: tuple[Path, Bodies]) -> 
     assert len(set(begun.values())) == 1 + 2
 
 
-def test_one_finger_has_neither_namespace_nor_clock(tmp_path: Path) -> None:
+def test_one_finger_has_neither_namespace_nor_clock(tmp_path):
     said = explored(tmp_path / "run", composed=True, fingers=1)
     assert not [topic for topic in said if topic.startswith("/finger_")]
     assert "/finger/clock" not in said
     assert len(said["/contour/traced"]) == 5
 
 
-def test_no_order_of_the_edges_changes_a_byte(
-    composed: tuple[Path, Bodies], tmp_path: Path, watcher: Any
-) -> None:
+def test_no_order_of_the_edges_changes_a_byte(composed, tmp_path, watcher):
     graph = wirings(tmp_path, FINGERS)
     watch = tuple(topic for one in graph for topic in one.outputs.values())
     for schedule in range(SCHEDULES):
@@ -164,25 +156,21 @@ def test_no_order_of_the_edges_changes_a_byte(
         assert said == composed[1]
 
 
-def test_replaying_it_says_the_same_again(composed: tuple[Path, Bodies]) -> None:
+def test_replaying_it_says_the_same_again(composed):
     lines: list[str] = []
-
     assert replay(composed[0], NODES, lines.append) == 0
-
     assert [line.partition(", ")[0] for line in lines] == [f"{name}: identical" for name in NODES]
 
 
 @pytest.mark.graph
-def test_separate_processes_say_the_same_to_the_last_byte(
-    composed: tuple[Path, Bodies], tmp_path: Path
-) -> None:
+def test_separate_processes_say_the_same_to_the_last_byte(composed, tmp_path):
     assert explored(tmp_path / "run", composed=False) == composed[1]
     assert compare_recordings(composed[0], tmp_path / "run").first == ""
     assert replay(tmp_path / "run" / "topics.mcap", NODES, lambda line: None) == 0
 
 
 @pytest.mark.graph
-def test_a_whole_exploration_is_the_same_in_processes_and_in_one(tmp_path: Path) -> None:
+def test_a_whole_exploration_is_the_same_in_processes_and_in_one(tmp_path):
     args = {"scene": SourceMapped("sphere", ""), "fingers": SourceMapped(FINGERS, "")}
     settings = {"planner.planner": "uniform", "planner.settings": {"count": 3}}
     given = {key: SourceMapped(value, "") for key, value in settings.items()}

@@ -72,9 +72,7 @@ def ring(where: str) -> list[Any]:
     ]
 
 
-def test_a_graph_on_two_machines_loses_nothing(
-    away: tuple[str, subprocess.Popen[str]], watcher: Any, tmp_path: Path
-) -> None:
+def test_a_graph_on_two_machines_loses_nothing(away, watcher, tmp_path):
     ending = launch(ring(away[0]), ends="counter", watch=["/relay"], watcher=watcher)
     assert (ending.status, ending.reason) == ("finished", f"{FRAMES} received")
     assert [message.touch for _, message in watcher.messages] == list(range(FRAMES))
@@ -85,9 +83,7 @@ def test_a_graph_on_two_machines_loses_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["config"]
 
 
-def test_a_node_that_dies_on_the_other_machine_goes_on(
-    away: tuple[str, subprocess.Popen[str]], watcher: Any
-) -> None:
+def test_a_node_that_dies_on_the_other_machine_goes_on(away, watcher):
     slow = ring(away[0])
     slow[1] = replace(slow[1], params=ToyParams(relay=True, work=3e-3))
     heard = watcher.received
@@ -116,9 +112,7 @@ def node_of(process: subprocess.Popen[str]) -> int:
     return node
 
 
-def test_who_has_another_key_is_refused(
-    away: tuple[str, subprocess.Popen[str]], watcher: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_has_another_key_is_refused(away, watcher, monkeypatch):
     monkeypatch.setattr("palpate.launch.processes.process_hosts.HOST_PATIENCE", 1.0)
     key_file().unlink()
     make_key(key_file())
@@ -126,9 +120,7 @@ def test_who_has_another_key_is_refused(
         launch(ring(away[0]), ends="counter", watch=[], watcher=watcher)
 
 
-def test_a_launcher_of_another_version_hurts_nobody_else(
-    away: tuple[str, subprocess.Popen[str]], watcher: Any
-) -> None:
+def test_a_launcher_of_another_version_hurts_nobody_else(away, watcher):
     wires = SocketContext(str(key_file()))
     line = ControlClient(wires.context, f"tcp://{away[0]}", name="other")
     line.send("hello", names=["a"], modules=["m"], more=1)
@@ -139,15 +131,13 @@ def test_a_launcher_of_another_version_hurts_nobody_else(
     wires.close()
 
 
-def test_without_a_key_nothing_is_started(
-    away: tuple[str, subprocess.Popen[str]], watcher: Any
-) -> None:
+def test_without_a_key_nothing_is_started(away, watcher):
     key_file().unlink()
     with pytest.raises(ValueError, match=r"graph\.key cannot be used: No such file"):
         launch(ring(away[0]), ends="counter", watch=[], watcher=watcher)
 
 
-def test_who_connects_without_a_key_hears_nothing(key: Path) -> None:
+def test_who_connects_without_a_key_hears_nothing(key):
     wires = SocketContext(str(key))
     publisher, open_ear = wires.context.socket(zmq.XPUB), zmq.Context.instance().socket(zmq.SUB)
     [endpoint] = free_endpoints("127.0.0.1", ["port"]).values()
@@ -166,7 +156,7 @@ def test_who_connects_without_a_key_hears_nothing(key: Path) -> None:
     wires.close()
 
 
-def test_nobody_listens_at_an_address_without_a_key() -> None:
+def test_nobody_listens_at_an_address_without_a_key():
     wires = SocketContext()
     socket = wires.context.socket(zmq.XPUB)
     with pytest.raises(ValueError, match="cannot be used without a key"):
@@ -176,9 +166,7 @@ def test_nobody_listens_at_an_address_without_a_key() -> None:
 
 
 @pytest.mark.slow
-def test_a_launcher_that_is_gone_leaves_no_node_on_other_machines(
-    away: tuple[str, subprocess.Popen[str]], tmp_path: Path
-) -> None:
+def test_a_launcher_that_is_gone_leaves_no_node_on_other_machines(away, tmp_path):
     script = Path(__file__).parent / "toys" / "run_away.py"
     command = [sys.executable, str(script), away[0]]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as launcher:
@@ -192,7 +180,7 @@ def test_a_launcher_that_is_gone_leaves_no_node_on_other_machines(
         time.sleep(0.05)
 
 
-def test_a_key_is_made_once_and_for_nobody_else(key: Path) -> None:
+def test_a_key_is_made_once_and_for_nobody_else(key):
     assert key.stat().st_mode & 0o777 == 0o600
     with pytest.raises(FileExistsError, match="exists already; it is not overwritten"):
         make_key(key)
@@ -205,24 +193,24 @@ SHORT = 'curve\n    public-key = "short"\n    secret-key = "short"\n'
 
 
 @pytest.mark.parametrize("text", ["curve\n", "", "\0", 'public-key = "short"\n', SHORT])
-def test_what_is_no_key_is_refused(text: str, key: Path) -> None:
+def test_what_is_no_key_is_refused(text, key):
     key.write_text(text)
     with pytest.raises(ValueError, match="cannot be used"):
         read_key(key)
 
 
-def test_a_machine_is_named_by_address_and_port() -> None:
+def test_a_machine_is_named_by_address_and_port():
     assert read_host("lab2") == ("lab2", 7447)
     assert read_host("192.168.1.5:900") == ("192.168.1.5", 900)
     assert own_address(AWAY).startswith("127.")
 
 
 @pytest.mark.parametrize("text", ["", "tcp://a", "a:b", "a:0", "a:70000", "-a", "a b"])
-def test_what_is_no_machine_is_refused(text: str) -> None:
+def test_what_is_no_machine_is_refused(text):
     with pytest.raises(InputError, match="must look like"):
         read_host(text)
 
 
-def test_ports_of_another_machine_cannot_be_had_here() -> None:
+def test_ports_of_another_machine_cannot_be_had_here():
     with pytest.raises(ValueError, match=r"8\.8\.8\.8 is no address of this machine"):
         free_endpoints("8.8.8.8", ["port"])

@@ -37,9 +37,7 @@ def counter(expects: int, upstream: str = "source", **more: Any) -> Wiring:
     return toy("counter", ToyParams(expects=expects, **more), upstream=upstream)
 
 
-def test_a_graph_ends_when_all_that_was_sent_has_been_consumed(
-    watcher: Any, tmp_path: Path
-) -> None:
+def test_a_graph_ends_when_all_that_was_sent_has_been_consumed(watcher, tmp_path):
     ending = run([source(50), counter(50)], watcher, tmp_path, ends="counter", watch=["/source"])
     assert (ending.status, ending.reason) == ("finished", "50 received")
     assert (ending.gaps, ending.duplicates) == (0, 0)
@@ -52,15 +50,13 @@ def test_a_graph_ends_when_all_that_was_sent_has_been_consumed(
     assert watcher.ticks > 0
 
 
-def test_the_word_of_any_other_node_does_not_end_the_graph(watcher: Any, tmp_path: Path) -> None:
+def test_the_word_of_any_other_node_does_not_end_the_graph(watcher, tmp_path):
     early = toy("early", ToyParams(expects=1), upstream="source")
     ending = run([source(50), early, counter(50)], watcher, tmp_path, ends="counter")
     assert ending.reason == "50 received"
 
 
-def test_a_sink_has_written_everything_when_the_graph_ends(
-    watcher: Any, toys: Any, tmp_path: Path
-) -> None:
+def test_a_sink_has_written_everything_when_the_graph_ends(watcher, toys, tmp_path):
     path = tmp_path / "lines.txt"
     graph = [source(100), counter(100), toys.sink(path, work=1e-3)]
     assert run(graph, watcher, tmp_path, ends="counter", depth=2).status == "finished"
@@ -70,24 +66,16 @@ def test_a_sink_has_written_everything_when_the_graph_ends(
     assert lines[-1] == "closed"
 
 
-@pytest.mark.parametrize(
-    ("how", "words"),
-    [
-        ("raise", "broken failed while handling /source 2 from source: ZeroDivisionError: cannot"),
-        ("undeclared", "broken published /nowhere, which it does not declare; it declares /out"),
-        ("wrong type", "broken published a LogRecord on /out, declared as TactileFrame"),
-        (
-            "not finite",
-            "handling /source 2 from source: CodecError: not a TactileFrame: robot_time",
-        ),
-        ("start", "broken failed while starting: RuntimeError: no world to start in"),
-        ("exit", "broken ended by itself with exit code 7"),
-        ("kill", "broken was killed by SIGKILL"),
-    ],
-)
-def test_a_node_that_breaks_ends_the_graph_and_is_named(
-    how: str, words: str, watcher: Any, toys: Any, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize(("how", "words"), [
+    ("raise", "broken failed while handling /source 2 from source: ZeroDivisionError: cannot"),
+    ("undeclared", "broken published /nowhere, which it does not declare; it declares /out"),
+    ("wrong type", "broken published a LogRecord on /out, declared as TactileFrame"),
+    ("not finite", "handling /source 2 from source: CodecError: not a TactileFrame: robot_time"),
+    ("start", "broken failed while starting: RuntimeError: no world to start in"),
+    ("exit", "broken ended by itself with exit code 7"),
+    ("kill", "broken was killed by SIGKILL"),
+])  # fmt: skip
+def test_a_node_that_breaks_ends_the_graph_and_is_named(how, words, watcher, toys, tmp_path):
     path = tmp_path / "lines.txt"
     ending = run([source(), toys.broken(how), toys.sink(path)], watcher, tmp_path)
     assert ending.status == "died"
@@ -96,14 +84,14 @@ def test_a_node_that_breaks_ends_the_graph_and_is_named(
     assert path.read_text().splitlines()[-1] == "closed"
 
 
-def test_the_trace_of_a_failure_goes_to_the_log(watcher: Any, toys: Any, tmp_path: Path) -> None:
+def test_the_trace_of_a_failure_goes_to_the_log(watcher, toys, tmp_path):
     run([source(), toys.broken("raise")], watcher, tmp_path)
     assert [line.level for line in watcher.lines if line.node == "broken"] == ["error", "debug"]
     assert watcher.lines[-1].text.startswith("Traceback")
     assert "palpate_toy_broken.py" in watcher.lines[-1].text
 
 
-def test_a_node_whose_module_is_missing_ends_the_graph(watcher: Any, tmp_path: Path) -> None:
+def test_a_node_whose_module_is_missing_ends_the_graph(watcher, tmp_path):
     lost = Wiring(
         name="lost", module="palpate_nothing", params={}, inputs=(), outputs={}, listeners={}
     )
@@ -114,7 +102,7 @@ def test_a_node_whose_module_is_missing_ends_the_graph(watcher: Any, tmp_path: P
     )
 
 
-def test_parameters_that_do_not_fit_end_the_graph(watcher: Any, toys: Any, tmp_path: Path) -> None:
+def test_parameters_that_do_not_fit_end_the_graph(watcher, toys, tmp_path):
     wrong = toy("wrong", ToyParams())
     wrong = Wiring(
         name="wrong",
@@ -129,16 +117,14 @@ def test_parameters_that_do_not_fit_end_the_graph(watcher: Any, toys: Any, tmp_p
     assert "wrong failed while loading: ValidationError: Expected `int`, got `str`" in ending.reason
 
 
-def test_a_sink_that_cannot_close_is_a_failure(watcher: Any, toys: Any, tmp_path: Path) -> None:
+def test_a_sink_that_cannot_close_is_a_failure(watcher, toys, tmp_path):
     graph = [source(), counter(5), toys.sink(tmp_path / "lines.txt", spoilt=True)]
     ending = run(graph, watcher, tmp_path, ends="counter")
     assert ending.status == "died"
     assert ending.reason == "sink failed while closing: OSError: no space left on device"
 
 
-def test_quiet_without_an_end_is_reported(
-    watcher: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_quiet_without_an_end_is_reported(watcher, tmp_path, monkeypatch):
     monkeypatch.setattr(supervisor, "STALL", 0.6)
     silent = toy("silent", ToyParams())
     waiting = toy("waiting", ToyParams(), upstream="silent")
@@ -150,9 +136,7 @@ def test_quiet_without_an_end_is_reported(
     )
 
 
-def test_a_node_that_lacks_what_it_needs_is_named(
-    watcher: Any, toys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_node_that_lacks_what_it_needs_is_named(watcher, toys, tmp_path, monkeypatch):
     monkeypatch.setattr(supervisor, "STALL", 0.6)
     graph = [source(5), toy("silent", ToyParams()), toys.needy("silent", "source")]
     ending = run(graph, watcher, tmp_path, ends="needy")
@@ -162,16 +146,14 @@ def test_a_node_that_lacks_what_it_needs_is_named(
 
 
 @pytest.mark.parametrize("turn", range(10))
-def test_what_is_needed_is_handled_first(
-    turn: int, watcher: Any, toys: Any, tmp_path: Path
-) -> None:
+def test_what_is_needed_is_handled_first(turn, watcher, toys, tmp_path):
     late = toy("late", ToyParams(relay=True), upstream="source")
     graph = [source(3), late, toys.needy("late", "source")]
     ending = run(graph, watcher, tmp_path, ends="needy")
     assert (ending.status, ending.reason) == ("finished", "all there")
 
 
-def test_what_the_watcher_raises_ends_the_graph(watcher: Any, tmp_path: Path) -> None:
+def test_what_the_watcher_raises_ends_the_graph(watcher, tmp_path):
     def full(topic: str, message: object) -> None:
         raise OSError("the screen is full")
 
@@ -182,9 +164,7 @@ def test_what_the_watcher_raises_ends_the_graph(watcher: Any, tmp_path: Path) ->
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_node_that_is_silent_for_long_is_mentioned(
-    watcher: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_node_that_is_silent_for_long_is_mentioned(watcher, tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.launch.processes.node_status.SILENCE", 0.4)
     slow = counter(1, work=1.0)
     assert run([source(1), slow], watcher, tmp_path, ends="counter").status == "finished"
@@ -192,9 +172,7 @@ def test_a_node_that_is_silent_for_long_is_mentioned(
     assert texts == ["counter is still working, or hangs: no sign of life for 0.4 s"]
 
 
-def test_a_sink_still_writes_what_had_arrived_when_a_node_died(
-    watcher: Any, toys: Any, tmp_path: Path
-) -> None:
+def test_a_sink_still_writes_what_had_arrived_when_a_node_died(watcher, toys, tmp_path):
     path = tmp_path / "lines.txt"
     slow = toy("slow", ToyParams(relay=True, work=0.05), upstream="source")
     graph = [source(50), slow, toys.broken("raise", upstream="slow"), toys.sink(path, work=0.01)]
@@ -204,7 +182,7 @@ def test_a_sink_still_writes_what_had_arrived_when_a_node_died(
     assert lines[-1] == "closed"
 
 
-def test_a_node_of_a_users_own_starts_light_with_one_thread_and_as_nice_as_asked() -> None:
+def test_a_node_of_a_users_own_starts_light_with_one_thread_and_as_nice_as_asked():
     # In a process of its own, for what a server has once imported stays there.
     command = [sys.executable, str(Path(__file__).parent / "toys" / "run_light.py")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=True)

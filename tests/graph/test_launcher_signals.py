@@ -65,18 +65,14 @@ def assert_ended_well(process: Process, folder: Path, signal_name: str, gone: Go
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_ctrl_c_at_any_moment_leaves_nothing_behind(
-    seed: int, process: Process, tmp_path: Path, group_is_gone: Gone
-) -> None:
+def test_ctrl_c_at_any_moment_leaves_nothing_behind(seed, process, tmp_path, group_is_gone):
     let_run(process, random.Random(seed).random() * 0.8 + 0.05)
     os.killpg(process.pid, signal.SIGINT)
     assert_ended_well(process, tmp_path, "SIGINT", group_is_gone)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_ctrl_c_may_be_pressed_twice(
-    seed: int, process: Process, tmp_path: Path, group_is_gone: Gone
-) -> None:
+def test_ctrl_c_may_be_pressed_twice(seed, process, tmp_path, group_is_gone):
     let_run(process, 0.6)
     os.killpg(process.pid, signal.SIGINT)
     os.killpg(process.pid, signal.SIGINT)
@@ -84,9 +80,7 @@ def test_ctrl_c_may_be_pressed_twice(
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_to_the_launcher_alone_ends_the_graph(
-    number: signal.Signals, process: Process, tmp_path: Path, group_is_gone: Gone
-) -> None:
+def test_a_signal_to_the_launcher_alone_ends_the_graph(number, process, tmp_path, group_is_gone):
     let_run(process, 0.6)
     process.send_signal(number)
     assert_ended_well(process, tmp_path, number.name, group_is_gone)
@@ -94,17 +88,15 @@ def test_a_signal_to_the_launcher_alone_ends_the_graph(
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_the_whole_group_counts_as_an_interruption(
-    number: signal.Signals, process: Process, tmp_path: Path, group_is_gone: Gone
-) -> None:
+    number, process, tmp_path, group_is_gone
+):
     let_run(process, 0.6)
     os.killpg(process.pid, number)
     assert_ended_well(process, tmp_path, number.name, group_is_gone)
 
 
 @pytest.mark.parametrize("moment", [0.05, 0.3, 0.7])
-def test_no_node_outlives_a_launcher_that_is_killed(
-    moment: float, process: Process, tmp_path: Path, group_is_gone: Gone
-) -> None:
+def test_no_node_outlives_a_launcher_that_is_killed(moment, process, tmp_path, group_is_gone):
     let_run(process, moment)
     process.kill()
     process.wait(GONE_WITHIN)

@@ -115,7 +115,7 @@ def runtime(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(request.getfixturevalue(folder)))
 
 
-def test_echo_hears_a_running_graph(home: Path, capsys: Output) -> None:
+def test_echo_hears_a_running_graph(home, capsys):
     assert cli.run(["topic", "echo", "/relay", "-n", "3"]) == 0
     documents = [
         one for one in YAML(typ="safe", pure=True).load_all(capsys.readouterr().out) if one
@@ -125,14 +125,14 @@ def test_echo_hears_a_running_graph(home: Path, capsys: Output) -> None:
     assert documents[0]["outcome"] == "hit"
 
 
-def test_a_filter_and_a_field_choose_what_is_shown(home: Path, capsys: Output) -> None:
+def test_a_filter_and_a_field_choose_what_is_shown(home, capsys):
     wanted = "touch >= 0 and outcome == 'hit'"
     arguments = ["--filter", wanted, "--field", "outcome", "--field", "pose[6]", "--csv", "--once"]
     assert cli.run(["topic", "echo", "relay", *arguments]) == 0
     assert capsys.readouterr().out == "hit,1.0\n"
 
 
-def test_a_graph_is_told_of_by_its_nodes_topics_and_parameters(home: Path, capsys: Output) -> None:
+def test_a_graph_is_told_of_by_its_nodes_topics_and_parameters(home, capsys):
     said = {}
     for words in ("node list", "topic list -t", "topic list -c", "topic info source -v",
                   "node info source", "param dump source"):  # fmt: skip
@@ -150,7 +150,7 @@ def test_a_graph_is_told_of_by_its_nodes_topics_and_parameters(home: Path, capsy
     assert (params["burst"], params["laps"]) == (1, 10**9)
 
 
-def test_the_numbers_of_messages_are_the_publishers_own_count(home: Path) -> None:
+def test_the_numbers_of_messages_are_the_publishers_own_count(home):
     card = only(home)
     beats: list[tuple[int, int]] = []
     frames: list[TapMessage] = []
@@ -180,13 +180,13 @@ def test_the_numbers_of_messages_are_the_publishers_own_count(home: Path) -> Non
     assert min(lost) >= 0
 
 
-def test_hz_bw_and_delay_say_their_figures(home: Path, capsys: Output) -> None:
+def test_hz_bw_and_delay_say_their_figures(home, capsys):
     for verb, words in (("hz", "average rate: "), ("bw", "B/s from "), ("delay", "average delay:")):
         assert cli.run(["topic", verb, "/relay", "--duration", "0.5"]) == 0
         assert words in capsys.readouterr().out
 
 
-def test_hz_says_on_which_topic_nothing_comes(home: Path, capsys: Output) -> None:
+def test_hz_says_on_which_topic_nothing_comes(home, capsys):
     assert cli.run(["topic", "hz", "--all", "--duration", "0.5"]) == 0
     out = capsys.readouterr().out
     assert "no messages on /relay/mark\n" in out
@@ -195,7 +195,7 @@ def test_hz_says_on_which_topic_nothing_comes(home: Path, capsys: Output) -> Non
     assert "nobody publishes /rely; did you mean '/relay'?" in capsys.readouterr().err
 
 
-def test_a_tool_that_is_stopped_is_left_out_and_the_graph_goes_on(home: Path) -> None:
+def test_a_tool_that_is_stopped_is_left_out_and_the_graph_goes_on(home):
     card = only(home)
     with tool("topic", "echo", "/relay", "--field", "touch") as echo:
         assert first_line(echo).strip().isdigit()
@@ -218,7 +218,7 @@ def read_on(echo: subprocess.Popen[str]) -> str:
     return echo.stderr.readline()
 
 
-def test_a_tool_whose_output_nobody_reads_is_left_out_too(home: Path) -> None:
+def test_a_tool_whose_output_nobody_reads_is_left_out_too(home):
     card = only(home)
     with tool("topic", "echo", "/relay", "--full-length") as echo:
         first_line(echo)
@@ -228,7 +228,7 @@ def test_a_tool_whose_output_nobody_reads_is_left_out_too(home: Path) -> None:
     assert_untouched(card)
 
 
-def test_a_tool_that_is_killed_leaves_the_graph_untouched(home: Path) -> None:
+def test_a_tool_that_is_killed_leaves_the_graph_untouched(home):
     card = only(home)
     with tool("topic", "hz", "/relay", "/source") as hz:
         assert first_line(hz).strip()
@@ -248,7 +248,7 @@ def only_restarts(card: RunCard) -> dict[str, int]:
     return {name: about["restarts"] for name, about in request(card, "status")["nodes"].items()}
 
 
-def test_ctrl_c_ends_a_tool_with_0(home: Path) -> None:
+def test_ctrl_c_ends_a_tool_with_0(home):
     with tool("topic", "echo", "/relay", "--field", "touch", "--no-lost-messages") as echo:
         first_line(echo)
         echo.send_signal(signal.SIGINT)
@@ -256,7 +256,7 @@ def test_ctrl_c_ends_a_tool_with_0(home: Path) -> None:
     assert (echo.returncode, err) == (0, "")
 
 
-def test_a_graph_that_ends_ends_the_tool_with_0(tmp_path: Path) -> None:
+def test_a_graph_that_ends_ends_the_tool_with_0(tmp_path):
     with launched(tmp_path) as ring:
         with tool("topic", "hz", "/relay", "/node/status") as hz:
             assert first_line(hz).strip()
@@ -266,7 +266,7 @@ def test_a_graph_that_ends_ends_the_tool_with_0(tmp_path: Path) -> None:
         assert "average rate" in out
 
 
-def test_without_a_graph_every_tool_says_so_in_one_sentence(tmp_path: Path, capsys: Output) -> None:
+def test_without_a_graph_every_tool_says_so_in_one_sentence(tmp_path, capsys):
     for words in ("node list", "node info a", "topic list", "topic info a", "topic echo a",
                   "topic hz a", "topic bw a", "topic delay a", "param dump"):  # fmt: skip
         assert cli.run(words.split()) == 2
@@ -279,7 +279,7 @@ def test_without_a_graph_every_tool_says_so_in_one_sentence(tmp_path: Path, caps
 NONE = "no graph of yours is running; start one with palpate run or launch"
 
 
-def test_one_of_several_graphs_is_chosen_by_its_number(tmp_path: Path, capsys: Output) -> None:
+def test_one_of_several_graphs_is_chosen_by_its_number(tmp_path, capsys):
     with launched(tmp_path) as first, launched(tmp_path) as second:
         found = cards(tmp_path)
         assert cli.run(["topic", "list", "-c"]) == 0
@@ -295,9 +295,7 @@ def test_one_of_several_graphs_is_chosen_by_its_number(tmp_path: Path, capsys: O
         assert capsys.readouterr().out.count("3 nodes, ") == 2
 
 
-def test_doctor_fails_a_launcher_that_does_not_answer(
-    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_doctor_fails_a_launcher_that_does_not_answer(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(asking, "REQUEST_PATIENCE", 0.2)
     with launched(tmp_path) as ring:
         assert cli.run(["doctor", "--report"]) == 0
@@ -309,7 +307,7 @@ def test_doctor_fails_a_launcher_that_does_not_answer(
         assert any(line.startswith("FAIL ") for line in said.splitlines())
 
 
-def test_a_node_that_is_started_again_is_heard_on_and_says_nothing_twice(tmp_path: Path) -> None:
+def test_a_node_that_is_started_again_is_heard_on_and_says_nothing_twice(tmp_path):
     with launched(tmp_path):
         card = only(tmp_path)
         with TapSubscription(card, find_topics(card, ["/relay"])) as hearing:

@@ -85,9 +85,7 @@ ALL = sorted((topic, seq) for topic in ("/source", "/relay") for seq in range(FR
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_nodes_that_are_killed_go_on_where_they_were(
-    seed: int, watcher: Any, tmp_path: Path
-) -> None:
+def test_nodes_that_are_killed_go_on_where_they_were(seed, watcher, tmp_path):
     names = ["relay", "counter", "source", "recorder"]
     random.Random(seed).shuffle(names)
     harm = Harm(names, signal.SIGKILL, seed)
@@ -102,7 +100,7 @@ def test_nodes_that_are_killed_go_on_where_they_were(
     assert all("was killed by SIGKILL; it is started again" in text for text in said) and said
 
 
-def test_neighbours_that_die_at_once_rebuild_each_other(watcher: Any, tmp_path: Path) -> None:
+def test_neighbours_that_die_at_once_rebuild_each_other(watcher, tmp_path):
     a = toy("a", ToyParams(laps=3000, burst=1), upstream="b")
     b = toy("b", ToyParams(relay=True, expects=3000), upstream="a")
     watch = threading.Thread(target=_kill_both, daemon=True)
@@ -120,7 +118,7 @@ def _kill_both() -> None:
                 os.kill(child.pid or 0, signal.SIGKILL)
 
 
-def test_a_node_that_is_stopped_is_found_and_started_again(watcher: Any, tmp_path: Path) -> None:
+def test_a_node_that_is_stopped_is_found_and_started_again(watcher, tmp_path):
     harm = Harm(["relay"], signal.SIGSTOP, 1)
     ending = run(line(tmp_path), watcher, tmp_path, harm)
     assert (ending.status, ending.restarts) == ("finished", {"relay": 1})
@@ -129,9 +127,7 @@ def test_a_node_that_is_stopped_is_found_and_started_again(watcher: Any, tmp_pat
     assert recorded(tmp_path) == ALL
 
 
-def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(
-    watcher: Any, tmp_path: Path
-) -> None:
+def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(watcher, tmp_path):
     busy = listener("busy", StallingParams(expects=12_000, stalls=((2000, 1.8),)))
     flooding = Wiring(
         name="source",
@@ -146,9 +142,7 @@ def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(
     assert (ending.reason, ending.restarts) == ("12000 received, 0 missing, 0 out of turn", {})
 
 
-def test_a_message_that_breaks_a_node_twice_ends_the_run(
-    watcher: Any, toys: Any, tmp_path: Path
-) -> None:
+def test_a_message_that_breaks_a_node_twice_ends_the_run(watcher, toys, tmp_path):
     wirings = [toy("source", ToyParams(burst=5)), replace(toys.broken("raise"), on_exit="restart")]
     ending = launch(wirings, ends="source", watch=[], watcher=watcher, work_dir=tmp_path)
     assert ending.status == "died"
@@ -158,9 +152,7 @@ def test_a_message_that_breaks_a_node_twice_ends_the_run(
     )
 
 
-def test_a_node_that_dies_again_and_again_ends_the_run(
-    watcher: Any, toys: Any, tmp_path: Path
-) -> None:
+def test_a_node_that_dies_again_and_again_ends_the_run(watcher, toys, tmp_path):
     wirings = [toy("source", ToyParams(burst=5)), replace(toys.broken("kill"), on_exit="restart")]
     ending = launch(wirings, ends="source", watch=[], watcher=watcher, work_dir=tmp_path)
     assert (ending.status, ending.restarts) == ("died", {"broken": 3})
@@ -169,9 +161,7 @@ def test_a_node_that_dies_again_and_again_ends_the_run(
     )
 
 
-def test_the_run_goes_on_without_a_node_that_may_be_missed(
-    watcher: Any, toys: Any, tmp_path: Path
-) -> None:
+def test_the_run_goes_on_without_a_node_that_may_be_missed(watcher, toys, tmp_path):
     wirings = [
         toy("source", ToyParams(burst=50)),
         toy("counter", ToyParams(expects=50, work=1e-2), upstream="source"),
@@ -183,9 +173,7 @@ def test_the_run_goes_on_without_a_node_that_may_be_missed(
     assert said == "broken was killed by SIGKILL; the run goes on without it"
 
 
-def test_a_node_that_acts_does_nothing_twice_but_what_was_under_way(
-    watcher: Any, toys: Any, tmp_path: Path
-) -> None:
+def test_a_node_that_acts_does_nothing_twice_but_what_was_under_way(watcher, toys, tmp_path):
     actor = Wiring(
         name="actor",
         module="palpate_toy_actor",
@@ -213,9 +201,7 @@ def test_a_node_that_acts_does_nothing_twice_but_what_was_under_way(
 
 
 @pytest.mark.parametrize("on_exit", ["ignore", "restart"])
-def test_a_full_disk_ends_the_recording_and_the_run_as_it_is_told_to(
-    on_exit: Any, watcher: Any, tmp_path: Path
-) -> None:
+def test_a_full_disk_ends_the_recording_and_the_run_as_it_is_told_to(on_exit, watcher, tmp_path):
     source, relay, counter, kept = line(tmp_path)
     params = msgspec.structs.replace(kept.params, spare=1 << 60)
     kept = replace(kept, params=params, on_exit=on_exit)

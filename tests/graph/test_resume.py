@@ -60,24 +60,22 @@ def identical(a: Path, b: Path) -> bool:
 
 
 @pytest.mark.parametrize("contour", [1, 4])
-def test_a_finger_goes_on_from_any_contour_to_the_same_end(
-    contour: int, alone: Path, tmp_path: Path
-) -> None:
+def test_a_finger_goes_on_from_any_contour_to_the_same_end(contour, alone, tmp_path):
     again = gone_on(alone, contour, tmp_path / "again")
     assert identical(alone, again)
     assert past_differences(alone, again) == ""
 
 
-def test_three_fingers_go_on_to_the_same_end(three: Path, tmp_path: Path) -> None:
+def test_three_fingers_go_on_to_the_same_end(three, tmp_path):
     assert identical(three, gone_on(three, 2, tmp_path / "again"))
 
 
-def test_nothing_comes_before_its_cause_where_a_run_went_on(three: Path, tmp_path: Path) -> None:
+def test_nothing_comes_before_its_cause_where_a_run_went_on(three, tmp_path):
     history = read_history(gone_on(three, None, tmp_path / "again") / "topics.mcap")
     assert [*violations_in(history), *causality_violations(history, whole=True)] == []
 
 
-def test_a_recording_that_was_never_closed_is_gone_on_with(three: Path, tmp_path: Path) -> None:
+def test_a_recording_that_was_never_closed_is_gone_on_with(three, tmp_path):
     cut = tmp_path / "topics.mcap"
     cut.write_bytes(whole_records((three / "topics.mcap").read_bytes()))
     assert not open_recording(cut).closed
@@ -92,7 +90,7 @@ def whole_records(data: bytes) -> bytes:
     return data[:place]
 
 
-def test_only_what_was_sent_before_the_contour_is_known(alone: Path, tmp_path: Path) -> None:
+def test_only_what_was_sent_before_the_contour_is_known(alone, tmp_path):
     plan = plan_resume(alone, 2, nodes=("planner",), out=tmp_path / "again")
     assert plan.before is not None
     traced = [one for one in plan.before.consumed["planner"] if one.topic == "/contour/traced"]
@@ -101,24 +99,22 @@ def test_only_what_was_sent_before_the_contour_is_known(alone: Path, tmp_path: P
     assert not (tmp_path / "again").exists()
 
 
-def test_more_contours_than_there_are_are_refused(alone: Path, tmp_path: Path) -> None:
+def test_more_contours_than_there_are_are_refused(alone, tmp_path):
     with pytest.raises(ValueError, match="has 5 contours, so none to go on from after 9"):
         plan_resume(alone, 9, nodes=("planner",), out=tmp_path / "again")
 
 
-def test_a_module_that_is_not_ours_must_be_named(alone: Path, tmp_path: Path) -> None:
+def test_a_module_that_is_not_ours_must_be_named(alone, tmp_path):
     with pytest.raises(ValueError, match=r"wants module 'toys.palpate_toy_heights' for"):
         plan_resume(alone, None, out=tmp_path / "again")
 
 
-def test_another_past_is_told(alone: Path, three: Path) -> None:
+def test_another_past_is_told(alone, three):
     assert "/world (1 of 1)" in past_differences(alone, three)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_three_fingers_whose_nodes_are_killed_come_to_the_same_end(
-    seed: int, three: Path, tmp_path: Path
-) -> None:
+def test_three_fingers_whose_nodes_are_killed_come_to_the_same_end(seed, three, tmp_path):
     names = [["tracer_2", "simulator_1", "planner"], ["curvature_3", "filter_2", "recorder"]]
     harm = Harm(names[seed - 1], signal.SIGKILL, seed)
     harm.start()

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +44,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]
     return folder / "run", explored(folder)
 
 
-def test_a_run_loses_nothing_and_leaves_a_closed_solid(run: tuple[Path, dict[str, Any]]) -> None:
+def test_a_run_loses_nothing_and_leaves_a_closed_solid(run):
     _, summary = run
     assert (summary["status"], summary["gaps"], summary["duplicates"]) == ("finished", 0, 0)
     assert (summary["watertight"], summary["genus"], summary["contours"]) == (True, 0, 2)
@@ -53,9 +52,7 @@ def test_a_run_loses_nothing_and_leaves_a_closed_solid(run: tuple[Path, dict[str
     assert len(summary["curve"]) == 3
 
 
-def test_it_leaves_everything_that_the_run_directory_promises(
-    run: tuple[Path, dict[str, Any]],
-) -> None:
+def test_it_leaves_everything_that_the_run_directory_promises(run):
     folder, _ = run
     names = {path.name for path in folder.iterdir()}
     meshes = {"mesh.ply", "mesh.stl", "mesh.glb"}
@@ -65,7 +62,7 @@ def test_it_leaves_everything_that_the_run_directory_promises(
         assert model["vertices"].shape[1] == 3
 
 
-def test_the_stock_reader_opens_the_recording(run: tuple[Path, dict[str, Any]]) -> None:
+def test_the_stock_reader_opens_the_recording(run):
     folder, summary = run
     with (folder / "topics.mcap").open("rb") as file:
         found = make_reader(file).get_summary()
@@ -80,9 +77,7 @@ def test_the_stock_reader_opens_the_recording(run: tuple[Path, dict[str, Any]]) 
     assert counts["/score"] == 3
 
 
-def test_a_replay_of_filter_and_curvature_is_identical(
-    run: tuple[Path, dict[str, Any]], tmp_path: Path
-) -> None:
+def test_a_replay_of_filter_and_curvature_is_identical(run, tmp_path):
     folder, _ = run
     bag = str(folder / "topics.mcap")
     done = palpate("replay", bag, "--nodes", "filter,curvature", folder=tmp_path)
@@ -93,9 +88,7 @@ def test_a_replay_of_filter_and_curvature_is_identical(
     ]
 
 
-def test_a_run_that_is_not_recorded_gives_the_same_solid_to_the_last_bit(
-    run: tuple[Path, dict[str, Any]], tmp_path: Path
-) -> None:
+def test_a_run_that_is_not_recorded_gives_the_same_solid_to_the_last_bit(run, tmp_path):
     assert explored(tmp_path, "--no-record")["mesh_sha256"] == run[1]["mesh_sha256"]
 
 
@@ -126,9 +119,7 @@ def kill_some(launcher: subprocess.Popen[str], seed: int) -> int:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux says who is whose child")
-def test_a_run_whose_nodes_are_killed_comes_to_the_same_solid(
-    run: tuple[Path, dict[str, Any]], tmp_path: Path
-) -> None:
+def test_a_run_whose_nodes_are_killed_comes_to_the_same_solid(run, tmp_path):
     out, calm = run
     command = [sys.executable, "-m", "palpate", "run", "sphere", *EVEN, "--quiet", "--out", "run"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
@@ -150,7 +141,7 @@ def test_a_run_whose_nodes_are_killed_comes_to_the_same_solid(
     assert kept == other
 
 
-def test_a_bad_scene_starts_nothing_and_leaves_nothing(tmp_path: Path) -> None:
+def test_a_bad_scene_starts_nothing_and_leaves_nothing(tmp_path):
     scene = tmp_path / "scene.yaml"
     scene.write_text("object:\n  superquadric: {size: [1, -1, 1], exponents: [1, 1]}\n")
     done = palpate("run", str(scene), folder=tmp_path)
@@ -161,9 +152,7 @@ def test_a_bad_scene_starts_nothing_and_leaves_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("lines", [1, 3])
-def test_a_ctrl_c_ends_everything_and_the_recording_can_be_read(
-    tmp_path: Path, lines: int, group_is_gone: Callable[[int, float], bool]
-) -> None:
+def test_a_ctrl_c_ends_everything_and_the_recording_can_be_read(tmp_path, lines, group_is_gone):
     out = tmp_path / "run"
     command = [sys.executable, "-m", "palpate", "run", "sphere", "--out", str(out)]
     process = subprocess.Popen(

@@ -85,7 +85,7 @@ class Aside(threading.Thread):
             self.failure = error
 
 
-def test_a_recording_is_played_to_its_last_message(watcher: Any, tmp_path: Path) -> None:
+def test_a_recording_is_played_to_its_last_message(watcher, tmp_path):
     counter = toy("counter", ToyParams(expects=300), upstream="player")
     wirings = [playing(bag(tmp_path / "a.mcap", 300)), counter]
     ending = launch(wirings, ends="player", watch=["/player"], watcher=watcher)
@@ -94,7 +94,7 @@ def test_a_recording_is_played_to_its_last_message(watcher: Any, tmp_path: Path)
     assert ending.statuses["counter"].messages == 300
 
 
-def test_messages_come_at_their_times(watcher: Any, tmp_path: Path) -> None:
+def test_messages_come_at_their_times(watcher, tmp_path):
     wirings = [playing(bag(tmp_path / "a.mcap", 21, every=0.02))]
     times: list[float] = []
     watcher.received = lambda *_: times.append(time.monotonic())
@@ -102,7 +102,7 @@ def test_messages_come_at_their_times(watcher: Any, tmp_path: Path) -> None:
     assert times[-1] - times[0] > 0.02 * 20 - 0.1
 
 
-def test_a_player_that_is_killed_goes_on_where_it_was(watcher: Any, tmp_path: Path) -> None:
+def test_a_player_that_is_killed_goes_on_where_it_was(watcher, tmp_path):
     harm = Harm(["player", "counter", "player"], signal.SIGKILL, seed=3)
     counter = toy("counter", ToyParams(expects=900), upstream="player")
     harm.start()
@@ -114,7 +114,7 @@ def test_a_player_that_is_killed_goes_on_where_it_was(watcher: Any, tmp_path: Pa
     assert ending.restarts["player"] == 2
 
 
-def test_a_player_stands_still_steps_and_goes_on(watcher: Any, tmp_path: Path) -> None:
+def test_a_player_stands_still_steps_and_goes_on(watcher, tmp_path):
     heard: list[int] = []
 
     def act() -> None:
@@ -140,9 +140,7 @@ BODY = (
 )
 
 
-def test_what_a_user_types_is_heard_though_the_console_dies_in_between(
-    watcher: Any, tmp_path: Path
-) -> None:
+def test_what_a_user_types_is_heard_though_the_console_dies_in_between(watcher, tmp_path):
     def act() -> None:
         for number in range(4):
             publish("/console", BODY % number, rate=1, times=1, run=None, echo=said.append)
@@ -164,7 +162,7 @@ def test_what_a_user_types_is_heard_though_the_console_dies_in_between(
     assert said == ["published TactileFrame on /console"] * 4
 
 
-def test_what_cannot_be_published_is_refused_in_a_sentence(watcher: Any, tmp_path: Path) -> None:
+def test_what_cannot_be_published_is_refused_in_a_sentence(watcher, tmp_path):
     refused: list[str] = []
 
     def act() -> None:
@@ -205,16 +203,14 @@ def test_what_cannot_be_published_is_refused_in_a_sentence(watcher: Any, tmp_pat
         assert part in text
 
 
-def test_a_source_that_is_quiet_for_long_has_not_stalled(
-    watcher: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_source_that_is_quiet_for_long_has_not_stalled(watcher, tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.launch.processes.supervisor.STALL", 0.2)
     wirings = [playing(bag(tmp_path / "a.mcap", 3, every=1.5))]
     ending = launch(wirings, ends="player", watch=["/player"], watcher=watcher)
     assert (ending.status, ending.reason) == ("finished", "played 3 messages")
 
 
-def test_a_tool_of_another_version_cannot_hurt_a_source(watcher: Any, tmp_path: Path) -> None:
+def test_a_tool_of_another_version_cannot_hurt_a_source(watcher, tmp_path):
     refused = []
 
     def act() -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,9 +43,8 @@ def changed(entry: Entry, **fields: Any) -> Entry:
     return Entry(**{name: getattr(entry, name) for name in entry.__slots__} | fields)
 
 
-def test_a_wiring_says_who_hears_what_from_whom(pair: tuple[Entry, Entry]) -> None:
+def test_a_wiring_says_who_hears_what_from_whom(pair):
     a, b = graph_of(*pair).wirings()
-
     assert a.outputs == {"/x": "/x"}
     assert a.listeners == {"/x": ("b",)}
     assert a.params == Dials(turns=3)
@@ -53,41 +53,35 @@ def test_a_wiring_says_who_hears_what_from_whom(pair: tuple[Entry, Entry]) -> No
     ]
 
 
-def test_a_namespace_is_put_before_the_topics_and_looked_into_first(make_node: MakeNode) -> None:
+def test_a_namespace_is_put_before_the_topics_and_looked_into_first(make_node):
     make_node("t.a", outputs={"/x": LogRecord})
     make_node("t.b", inputs={"/x": LogRecord, "/y": LogRecord})
     make_node("t.c", outputs={"/y": LogRecord})
-
     wirings = graph_of(
         Entry(name="a1", kind="t.a", namespace="one"),
         Entry(name="a2", kind="t.a", namespace="two"),
         Entry(name="b", kind="t.b", namespace="two"),
         Entry(name="c", kind="t.c"),
     ).wirings()
-
     heard = {i.local: (i.publisher, i.topic) for i in wirings[2].inputs}
     assert heard == {"/x": ("a2", "/two/x"), "/y": ("c", "/y")}
 
 
-def test_an_input_that_is_many_hears_every_namespace(make_node: MakeNode) -> None:
+def test_an_input_that_is_many_hears_every_namespace(make_node):
     make_node("t.a", outputs={"/x": LogRecord})
     make_node("t.b", inputs={"/x": LogRecord}, fan_in=("/x",))
-
     b = graph_of(
         Entry(name="a1", kind="t.a", namespace="one"),
         Entry(name="a2", kind="t.a", namespace="two"),
         Entry(name="b", kind="t.b"),
     ).wirings()[-1]
-
     assert [(i.publisher, i.topic, i.local) for i in b.inputs] == [
         ("a1", "/one/x", "/x"),
         ("a2", "/two/x", "/x"),
     ]
 
 
-def test_what_a_node_shares_is_heard_and_said_by_the_first_finger_alone(
-    make_node: MakeNode,
-) -> None:
+def test_what_a_node_shares_is_heard_and_said_by_the_first_finger_alone(make_node):
     make_node(
         "t.a",
         inputs={"/x": LogRecord, "/ask": LogRecord},
@@ -96,7 +90,6 @@ def test_what_a_node_shares_is_heard_and_said_by_the_first_finger_alone(
     )
     make_node("t.b", inputs={"/told": LogRecord}, outputs={"/x": LogRecord})
     make_node("t.c", inputs={"/y": LogRecord}, outputs={"/ask": LogRecord}, fan_in=("/y",))
-
     a1, a2, b1, b2, c = graph_of(
         *(
             Entry(name=f"{kind}_{finger}", kind=f"t.{kind}", namespace=f"finger_{finger}")
@@ -106,7 +99,6 @@ def test_what_a_node_shares_is_heard_and_said_by_the_first_finger_alone(
         Entry(name="c", kind="t.c"),
         ends="c",
     ).wirings()
-
     assert a1.outputs == {"/y": "/finger_1/y", "/told": "/told"}
     assert a2.outputs == {"/y": "/finger_2/y"}
     heard = [{i.local: (i.publisher, i.topic) for i in one.inputs} for one in (a1, a2, b1, b2)]
@@ -120,130 +112,104 @@ def test_what_a_node_shares_is_heard_and_said_by_the_first_finger_alone(
     assert [i.topic for i in c.inputs] == ["/finger_1/y", "/finger_2/y"]
 
 
-def test_in_any_other_namespace_a_node_keeps_what_it_shares(make_node: MakeNode) -> None:
+def test_in_any_other_namespace_a_node_keeps_what_it_shares(make_node):
     make_node("t.a", outputs={"/told": LogRecord}, shared=("/told",))
-
     spaces = ("", "lab", "finger_0", "finger_10")
     entries = [Entry(name=f"a{n}", kind="t.a", namespace=one) for n, one in enumerate(spaces)]
     said = [one.outputs["/told"] for one in graph_of(*entries, ends="a0").wirings()]
-
     assert said == ["/told", "/lab/told", "/finger_0/told", "/finger_10/told"]
 
 
-def test_remapping_renames_a_topic_on_the_wire(pair: tuple[Entry, Entry]) -> None:
+def test_remapping_renames_a_topic_on_the_wire(pair):
     a = changed(pair[0], remap={"/x": "/z"}, namespace="one")
     b = changed(pair[1], remap={"/x": "/z"})
-
     first, second = graph_of(a, b).wirings()
-
     assert first.outputs == {"/x": "/z"}
     assert [(i.topic, i.local) for i in second.inputs] == [("/z", "/x")]
 
 
-def test_a_sink_hears_every_topic(pair: tuple[Entry, Entry], make_node: MakeNode) -> None:
+def test_a_sink_hears_every_topic(pair, make_node):
     sink = Sink(params=Dials, open=lambda params, types: None)  # type: ignore[arg-type,return-value]
     make_node("t.s", value=sink)
-
     wirings = graph_of(*pair, Entry(name="s", kind="t.s")).wirings()
-
     assert [i.topic for i in wirings[2].inputs] == ["/x"]
     assert wirings[0].listeners == {"/x": ("b", "s")}
 
 
-def test_the_table_names_topic_type_and_both_ends(pair: tuple[Entry, Entry]) -> None:
+def test_the_table_names_topic_type_and_both_ends(pair):
     table = graph_of(*pair).table().splitlines()
-
     assert table[0].split() == ["topic", "type", "from", "to"]
     assert table[1].split() == ["/x", "LogRecord", "a", "b"]
     assert table[-1] == "ends with the Finished of b"
 
 
-@pytest.mark.parametrize(
-    ("which", "change", "words"),
-    [
-        (1, {"name": "a"}, "node 'a': the name is taken by f.yaml:2"),
-        (0, {"name": "A b"}, "the name must be a letter"),
-        (0, {"name": "launcher"}, "the launcher's own name"),
-        (0, {"namespace": "/one"}, "the namespace '/one' must be"),
-        (0, {"kind": "plannet"}, "there is no kind of node 'plannet'; did you mean 'planner'?"),
-        (0, {"kind": "t.none"}, "f.yaml:2: node 'a': no module 't.none'"),
-        (0, {"kind": "palpate.nodes.runtime.node"}, "holds no NODE"),
-        (0, {"remap": {"/xx": "/x"}}, "has no topic '/xx' to remap; did you mean '/x'?"),
-        (0, {"remap": {"/x": "x y"}}, "/x cannot become 'x y'"),
-        (0, {"params": {"turn": 1}}, "f.yaml:2: unknown key 'turn' in a; did you mean 'turns'?"),
-        (0, {"params": {"turns": "x"}}, "a.turns is 'x'; expected whole number, got text"),
-        (0, {"params": {"turns": 0}}, "a.turns is 0; expected whole number >= 1"),
-        (0, {"params": [1]}, "params must be a map"),
-        (
-            0,
-            {"remap": {"/x": "/xx"}},
-            "subscribes to /x, which nobody publishes; did you mean '/xx'?",
-        ),
-    ],
-)
-def test_a_graph_that_could_not_run_is_refused(
-    pair: tuple[Entry, Entry], which: int, change: dict[str, Any], words: str
-) -> None:
+@pytest.mark.parametrize(("which", "change", "words"), [
+    (1, {"name": "a"}, "node 'a': the name is taken by f.yaml:2"),
+    (0, {"name": "A b"}, "the name must be a letter"),
+    (0, {"name": "launcher"}, "the launcher's own name"),
+    (0, {"namespace": "/one"}, "the namespace '/one' must be"),
+    (0, {"kind": "plannet"}, "there is no kind of node 'plannet'; did you mean 'planner'?"),
+    (0, {"kind": "t.none"}, "f.yaml:2: node 'a': no module 't.none'"),
+    (0, {"kind": "palpate.nodes.runtime.node"}, "holds no NODE"),
+    (0, {"remap": {"/xx": "/x"}}, "has no topic '/xx' to remap; did you mean '/x'?"),
+    (0, {"remap": {"/x": "x y"}}, "/x cannot become 'x y'"),
+    (0, {"params": {"turn": 1}}, "f.yaml:2: unknown key 'turn' in a; did you mean 'turns'?"),
+    (0, {"params": {"turns": "x"}}, "a.turns is 'x'; expected whole number, got text"),
+    (0, {"params": {"turns": 0}}, "a.turns is 0; expected whole number >= 1"),
+    (0, {"params": [1]}, "params must be a map"),
+    (0, {"remap": {"/x": "/xx"}}, "subscribes to /x, which nobody publishes; did you mean '/xx'?"),
+])  # fmt: skip
+def test_a_graph_that_could_not_run_is_refused(pair, which, change, words):
     entries = list(pair)
     entries[which] = changed(entries[which], **change)
-
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=re.escape(words)):
         graph_of(*entries).check()
 
-    assert words in str(caught.value)
 
-
-def test_a_parameter_set_elsewhere_is_refused_with_that_place(pair: tuple[Entry, Entry]) -> None:
+def test_a_parameter_set_elsewhere_is_refused_with_that_place(pair):
     a = changed(pair[0], params={"turns": 0}, places={("turns",): "--set a.turns=0"})
-
     with pytest.raises(InputError, match=r"^--set a.turns=0: a.turns is 0"):
         graph_of(a, pair[1]).check()
 
 
-def test_two_publishers_of_one_topic_are_refused(pair: tuple[Entry, Entry]) -> None:
+def test_two_publishers_of_one_topic_are_refused(pair):
     with pytest.raises(InputError, match="publishes /x, which 'a' publishes already"):
         graph_of(*pair, changed(pair[0], name="c")).check()
 
 
-def test_types_that_differ_are_refused(pair: tuple[Entry, Entry], make_node: MakeNode) -> None:
+def test_types_that_differ_are_refused(pair, make_node):
     make_node("t.c", inputs={"/x": NodeStatus})
-
     with pytest.raises(
         InputError, match="subscribes to /x as NodeStatus, but 'a' publishes it as L"
     ):
         graph_of(*pair, Entry(name="c", kind="t.c")).check()
 
 
-def test_a_publisher_outside_the_namespace_hears_nothing_within(make_node: MakeNode) -> None:
+def test_a_publisher_outside_the_namespace_hears_nothing_within(make_node):
     make_node("t.a", outputs={"/x": LogRecord})
     make_node("t.b", inputs={"/x": LogRecord})
-
     with pytest.raises(InputError, match="subscribes to /x, which nobody publishes"):
         graph_of(Entry(name="a", kind="t.a", namespace="one"), Entry(name="b", kind="t.b")).check()
 
 
 @pytest.mark.parametrize("ends", ["c", "", "aa"])
-def test_ends_must_name_a_node(pair: tuple[Entry, Entry], ends: str) -> None:
+def test_ends_must_name_a_node(pair, ends):
     with pytest.raises(InputError, match=f"^f.yaml:9: ends names '{ends}'"):
         graph_of(*pair, ends=ends).check()
 
 
-def test_a_sink_cannot_end_a_graph(pair: tuple[Entry, Entry], make_node: MakeNode) -> None:
+def test_a_sink_cannot_end_a_graph(pair, make_node):
     make_node("t.s", value=Sink(params=Dials, open=lambda params, types: None))  # type: ignore[arg-type,return-value]
-
     with pytest.raises(InputError, match="ends names 's'"):
         graph_of(*pair, Entry(name="s", kind="t.s"), ends="s").check()
 
 
 @pytest.mark.parametrize("topic", ["/truth", "/harmless"])
-def test_the_truth_is_for_the_evaluator_alone_under_any_name(
-    make_node: MakeNode, topic: str
-) -> None:
+def test_the_truth_is_for_the_evaluator_alone_under_any_name(make_node, topic):
     make_node("t.a", outputs={"/truth": Truth})
     make_node("t.b", inputs={topic: Truth})
     make_node("palpate.nodes.evaluator", inputs={topic: Truth})
     outputs = Entry(name="a", kind="t.a", remap={"/truth": topic})
-
     graph_of(outputs, Entry(name="b", kind="evaluator")).check()
     with pytest.raises(InputError, match="only an evaluator, a view or a recorder may"):
         graph_of(outputs, Entry(name="b", kind="t.b")).check()
@@ -273,14 +239,11 @@ def graph(make_node: MakeNode, path: Path, *outputs: type) -> tuple[Wiring, ...]
     return Graph((*entries, keeps), ends="n0").wirings()
 
 
-def test_a_recording_has_the_schemas_of_types_of_ones_own(
-    make_node: MakeNode, tmp_path: Path
-) -> None:
+def test_a_recording_has_the_schemas_of_types_of_ones_own(make_node, tmp_path):
     path = tmp_path / "topics.mcap"
     wirings = with_description(graph(make_node, path, Width, World), {})
     params = wirings[-1].params
     assert schemas_of(params.graph) == {"Width": json.dumps(schema(Width))}
-
     types = {one.topic: one.type for one in wirings[-1].inputs}
     writer = recorder.SINK.open(params, types)
     header = Header(1, 0, 0, 5, 0.0, schema_hash(Width))
@@ -290,31 +253,23 @@ def test_a_recording_has_the_schemas_of_types_of_ones_own(
     assert json.loads(kept["Width"]) == schema(Width)
 
 
-def test_without_its_schema_a_type_of_ones_own_is_not_recorded(tmp_path: Path) -> None:
+def test_without_its_schema_a_type_of_ones_own_is_not_recorded(tmp_path):
     params = recorder.Params(path=str(tmp_path / "topics.mcap"))
-
     assert schemas_of(b"") == {}
     with pytest.raises(ValueError, match="no message type to record /n0 as Width"):
         recorder.SINK.open(params, {"/n0": "Width"})
 
 
-@pytest.mark.parametrize(
-    ("outputs", "words"),
-    [
-        (
-            (named("World"),),
-            "node 'n0': publishes /n0 as World of .*, but palpate.messages.types.world",
-        ),
-        ((Width, named("Width")), "node 'n1': publishes /n1 as Width of .*; call it otherwise"),
-        ((int,), "node 'n0': publishes /n0: int is not a message type"),
-    ],
-)
-def test_types_that_could_not_be_told_apart_are_refused(
-    make_node: MakeNode, tmp_path: Path, outputs: tuple[type, ...], words: str
-) -> None:
+@pytest.mark.parametrize(("outputs", "words"), [
+    ((named("World"),),
+     "node 'n0': publishes /n0 as World of .*, but palpate.messages.types.world"),
+    ((Width, named("Width")), "node 'n1': publishes /n1 as Width of .*; call it otherwise"),
+    ((int,), "node 'n0': publishes /n0: int is not a message type"),
+])  # fmt: skip
+def test_types_that_could_not_be_told_apart_are_refused(make_node, tmp_path, outputs, words):
     with pytest.raises(InputError, match=words):
         graph(make_node, tmp_path / "topics.mcap", *outputs)
 
 
-def test_one_type_may_be_on_two_topics(make_node: MakeNode, tmp_path: Path) -> None:
+def test_one_type_may_be_on_two_topics(make_node, tmp_path):
     assert graph(make_node, tmp_path / "topics.mcap", Width, Width)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -32,9 +33,8 @@ def described(path: Path, **args: object) -> LaunchDescription:
     return describe(path, {k: SourceMapped(v, k) for k, v in args.items()}, Path("runs/here"))
 
 
-def test_a_launch_file_becomes_a_graph(write: Write) -> None:
+def test_a_launch_file_becomes_a_graph(write):
     graph = described(write("f.yaml", TWO)).graph
-
     a, b = graph.entries
     assert (a.name, a.module, a.namespace, a.remap) == ("a", "t.a", "one", {"/x": "/z"})
     assert a.params == {"turns": 3, "label": "in runs/here/n3"}
@@ -44,17 +44,15 @@ def test_a_launch_file_becomes_a_graph(write: Write) -> None:
     assert graph.ends == "a"
 
 
-def test_an_argument_overrides_its_default_and_keeps_its_type(write: Write) -> None:
+def test_an_argument_overrides_its_default_and_keeps_its_type(write):
     found = described(write("f.yaml", TWO), turns=7, loud=False)
-
     assert [entry.name for entry in found.graph.entries] == ["a"]
     assert found.graph.entries[0].params["turns"] == 7
     assert found.args["label"] == "n7"
 
 
-def test_the_shipped_launch_file_takes_everything_from_the_scene() -> None:
+def test_the_shipped_launch_file_takes_everything_from_the_scene():
     found = described(EXPLORE, scene="vase")
-
     assert found.scene is not None
     entries = {entry.name: entry for entry in found.graph.entries}
     params = entries["simulator"].params
@@ -65,60 +63,47 @@ def test_the_shipped_launch_file_takes_everything_from_the_scene() -> None:
     assert found.graph.ends == "evaluator"
 
 
-def test_what_the_scene_says_of_the_planner_is_placed_in_the_scene(write: Write) -> None:
+def test_what_the_scene_says_of_the_planner_is_placed_in_the_scene(write):
     scene = write(
         "s.yaml",
         "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
         "explore:\n  tolerance: 0.5e-3\n",
     )
-
     entries = {e.name: e for e in described(EXPLORE, scene=str(scene)).graph.entries}
-
     assert entries["planner"].params == {"tolerance": 0.5e-3}
     assert entries["planner"].places["tolerance",] == f"{scene}:4"
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("nodes: {}", "the document lacks the key 'ends'"),
-        ("ends: a\nnoodes: {}", "f.yaml:2: unknown key 'noodes'; did you mean 'nodes'?"),
-        (
-            "ends: a\nnodes:\n  a: {parms: 1}",
-            "f.yaml:3: unknown key 'parms' in nodes.a; did you mean 'params'?",
-        ),
-        ("ends: a\nnodes:\n  a:\n    kind: 3", "f.yaml:4: nodes.a.kind is 3; expected text"),
-        ("ends: a\nnodes: {a: {if: 3}}", "nodes.a.if is 3; expected true or false"),
-        ("args: [x]\nends: a\nnodes: {}", "f.yaml:1: args must be a map"),
-        ("args: {out: x}\nends: a\nnodes: {}", "f.yaml:1: $(out) is the run directory"),
-        ("args: {finger: x}\nends: a\nnodes: {}", "f.yaml:1: $(finger) is the number of a finger"),
-        ("ends: a\nnodes:\n  a:\n    fingers: 9", "f.yaml:4: fingers must be 1 to 8, got 9"),
-        ("ends: a\nnodes: {a: {fingers: 0}}", "f.yaml:2: fingers must be 1 to 8, got 0"),
-        ("ends: a\nnodes: {a: {fingers: 2.0}}", "fingers must be 1 to 8, got 2.0"),
-        ("ends: a\nnodes: {a: {fingers: true}}", "fingers must be 1 to 8, got True"),
-        ("ends: a\nnodes: {a: {fingers: }}", "fingers must be 1 to 8, got None"),
-        (
-            "ends: a\nnodes:\n  a:\n    fingers: 1\n    namespace: b",
-            "f.yaml:5: node 'a': a node with fingers has its namespace from them",
-        ),
-        (
-            "ends: a\nnodes: {a: {fingers: 2, nise: 1}}",
-            "f.yaml:2: unknown key 'nise' in nodes.a; did you mean 'nice'?",
-        ),
-        ("ends: a\nnodes:\n  a:\n    on_exit: respawn", "f.yaml:4: "),
-        ("ends: a\nnodes: {a: {on_exit: respawn}}", "respawn"),
-        ("ends: a\nnodes: {a: {params: {n: $(finger)}}}", "f.yaml:2: $(finger) is not known"),
-        ("args: {a: 1}\nends: $(b)\nnodes: {}", "f.yaml:2: $(b) is not known; known: a, out"),
-        ("args: {a: {b: 1}}\nends: $(a.c)\nnodes: {}", "$(a.c): there is no 'c'; known: b"),
-        ("args: {a: 1}\nends: $(a.c)\nnodes: {}", "$(a.c): there is no 'c'"),
-        ("args: {a: [1]}\nends: x$(a)\nnodes: {}", "$(a) is more than a word"),
-    ],
-)
-def test_a_wrong_launch_file_is_refused(write: Write, text: str, words: str) -> None:
-    with pytest.raises(InputError) as caught:
+@pytest.mark.parametrize(("text", "words"), [
+    ("nodes: {}", "the document lacks the key 'ends'"),
+    ("ends: a\nnoodes: {}", "f.yaml:2: unknown key 'noodes'; did you mean 'nodes'?"),
+    ("ends: a\nnodes:\n  a: {parms: 1}",
+     "f.yaml:3: unknown key 'parms' in nodes.a; did you mean 'params'?"),
+    ("ends: a\nnodes:\n  a:\n    kind: 3", "f.yaml:4: nodes.a.kind is 3; expected text"),
+    ("ends: a\nnodes: {a: {if: 3}}", "nodes.a.if is 3; expected true or false"),
+    ("args: [x]\nends: a\nnodes: {}", "f.yaml:1: args must be a map"),
+    ("args: {out: x}\nends: a\nnodes: {}", "f.yaml:1: $(out) is the run directory"),
+    ("args: {finger: x}\nends: a\nnodes: {}", "f.yaml:1: $(finger) is the number of a finger"),
+    ("ends: a\nnodes:\n  a:\n    fingers: 9", "f.yaml:4: fingers must be 1 to 8, got 9"),
+    ("ends: a\nnodes: {a: {fingers: 0}}", "f.yaml:2: fingers must be 1 to 8, got 0"),
+    ("ends: a\nnodes: {a: {fingers: 2.0}}", "fingers must be 1 to 8, got 2.0"),
+    ("ends: a\nnodes: {a: {fingers: true}}", "fingers must be 1 to 8, got True"),
+    ("ends: a\nnodes: {a: {fingers: }}", "fingers must be 1 to 8, got None"),
+    ("ends: a\nnodes:\n  a:\n    fingers: 1\n    namespace: b",
+     "f.yaml:5: node 'a': a node with fingers has its namespace from them"),
+    ("ends: a\nnodes: {a: {fingers: 2, nise: 1}}",
+     "f.yaml:2: unknown key 'nise' in nodes.a; did you mean 'nice'?"),
+    ("ends: a\nnodes:\n  a:\n    on_exit: respawn", "f.yaml:4: "),
+    ("ends: a\nnodes: {a: {on_exit: respawn}}", "respawn"),
+    ("ends: a\nnodes: {a: {params: {n: $(finger)}}}", "f.yaml:2: $(finger) is not known"),
+    ("args: {a: 1}\nends: $(b)\nnodes: {}", "f.yaml:2: $(b) is not known; known: a, out"),
+    ("args: {a: {b: 1}}\nends: $(a.c)\nnodes: {}", "$(a.c): there is no 'c'; known: b"),
+    ("args: {a: 1}\nends: $(a.c)\nnodes: {}", "$(a.c): there is no 'c'"),
+    ("args: {a: [1]}\nends: x$(a)\nnodes: {}", "$(a) is more than a word"),
+])  # fmt: skip
+def test_a_wrong_launch_file_is_refused(write, text, words):
+    with pytest.raises(InputError, match=re.escape(words)):
         described(write("f.yaml", text))
-
-    assert words in str(caught.value)
 
 
 EACH = """
@@ -135,9 +120,8 @@ ends: b
 """
 
 
-def test_there_is_a_node_for_each_finger(write: Write) -> None:
+def test_there_is_a_node_for_each_finger(write):
     one, two, b = described(write("f.yaml", EACH)).graph.entries
-
     assert (one.name, one.module, one.namespace) == ("a_1", "palpate.nodes.a", "finger_1")
     assert (two.name, two.module, two.namespace) == ("a_2", "palpate.nodes.a", "finger_2")
     assert [entry.finger for entry in (one, two, b)] == [1, 2, 0]
@@ -150,23 +134,21 @@ def test_there_is_a_node_for_each_finger(write: Write) -> None:
     assert (b.name, b.namespace) == ("b", "")
 
 
-def test_a_single_finger_has_no_namespace(write: Write) -> None:
+def test_a_single_finger_has_no_namespace(write):
     a, _ = described(write("f.yaml", EACH), hands=1).graph.entries
-
     assert (a.name, a.namespace, a.finger) == ("a", "", 0)
     assert a.params == {"number": 1, "of": 1, "label": "finger 1"}
 
 
-def test_a_wrong_number_of_fingers_is_refused_with_where_it_was_given(write: Write) -> None:
+def test_a_wrong_number_of_fingers_is_refused_with_where_it_was_given(write):
     with pytest.raises(InputError, match=r"^hands: fingers must be 1 to 8, got 12$"):
         described(write("f.yaml", EACH), hands=12)
 
 
-def test_only_the_sensing_nodes_of_the_shipped_launch_file_are_there_for_each_finger() -> None:
+def test_only_the_sensing_nodes_of_the_shipped_launch_file_are_there_for_each_finger():
     found = {
         entry.name: entry for entry in described(EXPLORE, scene="vase", fingers=3).graph.entries
     }
-
     each = ("simulator", "filter", "curvature", "tracer")
     assert set(found) == {f"{kind}_{n}" for kind in each for n in (1, 2, 3)} | {
         *("planner", "reconstructor", "evaluator", "recorder")
@@ -175,13 +157,9 @@ def test_only_the_sensing_nodes_of_the_shipped_launch_file_are_there_for_each_fi
     assert (found["simulator_3"].params["finger"], found["simulator_3"].params["fingers"]) == (3, 3)
 
 
-def test_the_resolved_graph_of_several_fingers_is_a_launch_file_of_the_same_graph(
-    write: Write,
-) -> None:
+def test_the_resolved_graph_of_several_fingers_is_a_launch_file_of_the_same_graph(write):
     graph = described(EXPLORE, scene="sphere", fingers=2, record=False).graph
-
     text = resolved_text(graph, graph.wirings())
-
     first, again = (
         {one.name: (one.module, one.params, set(one.inputs), one.outputs) for one in wirings}
         for wirings in (graph.wirings(), described(write("again.yaml", text)).graph.wirings())
@@ -189,14 +167,13 @@ def test_the_resolved_graph_of_several_fingers_is_a_launch_file_of_the_same_grap
     assert again == first
 
 
-def test_an_unknown_argument_is_refused_with_the_nearest(write: Write) -> None:
+def test_an_unknown_argument_is_refused_with_the_nearest(write):
     with pytest.raises(InputError, match="has no argument 'lout'; did you mean 'loud'"):
         described(write("f.yaml", TWO), lout=1)
 
 
-def test_a_launch_file_is_found_by_path_and_the_shipped_one_by_name(write: Write) -> None:
+def test_a_launch_file_is_found_by_path_and_the_shipped_one_by_name(write):
     path = write("f.yaml", TWO)
-
     assert find_launch_file(path) == path
     assert find_launch_file(Path("explore.yaml")) == EXPLORE
     assert find_launch_file(Path("explore")) == EXPLORE
@@ -205,7 +182,7 @@ def test_a_launch_file_is_found_by_path_and_the_shipped_one_by_name(write: Write
 @pytest.mark.parametrize(
     ("name", "words"), [("no.yaml", "does not exist"), ("f.txt", "must end in .yaml or .py")]
 )
-def test_what_is_no_launch_file_is_refused(name: str, words: str) -> None:
+def test_what_is_no_launch_file_is_refused(name, words):
     with pytest.raises(InputError, match=words):
         find_launch_file(Path(name))
 
@@ -219,38 +196,30 @@ def describe(turns, out="", size=1):
 """
 
 
-def test_a_python_file_describes_its_graph_itself(write: Write) -> None:
+def test_a_python_file_describes_its_graph_itself(write):
     graph = described(write("f.py", PYTHON), turns=4).graph
-
     assert graph.entries[0].params == {"turns": 4, "out": "runs/here"}
 
 
-@pytest.mark.parametrize(
-    ("text", "args", "words"),
-    [
-        (PYTHON, {"turns": 1, "siz": 1}, "has no argument 'siz'; did you mean 'size'?"),
-        (PYTHON, {"turns": 1, "out": 1}, "has no argument 'out'"),
-        (PYTHON, {}, "missing a required argument: 'turns'"),
-        ("x = 1", {}, "has no function describe"),
-        ("def describe(): return 3", {}, "describe returned 3; it must return a Graph"),
-        ("def describe(:", {}, "f.py:1: is not Python"),
-    ],
-)
-def test_a_wrong_python_file_is_refused(
-    write: Write, text: str, args: dict[str, object], words: str
-) -> None:
-    with pytest.raises(InputError) as caught:
+@pytest.mark.parametrize(("text", "args", "words"), [
+    (PYTHON, {"turns": 1, "siz": 1}, "has no argument 'siz'; did you mean 'size'?"),
+    (PYTHON, {"turns": 1, "out": 1}, "has no argument 'out'"),
+    (PYTHON, {}, "missing a required argument: 'turns'"),
+    ("x = 1", {}, "has no function describe"),
+    ("def describe(): return 3", {}, "describe returned 3; it must return a Graph"),
+    ("def describe(:", {}, "f.py:1: is not Python"),
+])  # fmt: skip
+def test_a_wrong_python_file_is_refused(write, text, args, words):
+    with pytest.raises(InputError, match=re.escape(words)):
         described(write("f.py", text), **args)
 
-    assert words in str(caught.value)
 
-
-def test_a_python_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_python_file_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         described(tmp_path / "none.py")
 
 
-def test_what_a_python_launch_file_raises_is_told_with_its_line(tmp_path: Path) -> None:
+def test_what_a_python_launch_file_raises_is_told_with_its_line(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text("def describe():\n    raise RuntimeError('no arm')\n")
     with pytest.raises(InputError, match=rf"{path}:2: RuntimeError: no arm"):
@@ -274,7 +243,7 @@ def rows(text: str) -> list[str]:
     return [" ".join(line.split()) for line in text.splitlines()[2:]]
 
 
-def test_the_arguments_of_the_shipped_graph_are_shown_with_default_and_comment() -> None:
+def test_the_arguments_of_the_shipped_graph_are_shown_with_default_and_comment():
     shown = rows(arguments_table(EXPLORE))
     assert "scene vase name of a shipped scene, or a path" in shown
     assert "seed $(scene.seed)" in shown
@@ -292,19 +261,17 @@ def test_the_arguments_of_the_shipped_graph_are_shown_with_default_and_comment()
         ("{a: 1}  # all", "a 1"),
     ],
 )
-def test_a_comment_is_what_stands_behind_the_argument(tmp_path: Path, line: str, row: str) -> None:
+def test_a_comment_is_what_stands_behind_the_argument(tmp_path, line, row):
     path = written(tmp_path, "graph.yaml", f"args:\n  {line}\nnodes: {{}}\nends: x\n")
     assert rows(arguments_table(path)) == [row]
 
 
-def test_a_file_without_arguments_says_so(tmp_path: Path) -> None:
+def test_a_file_without_arguments_says_so(tmp_path):
     path = written(tmp_path, "graph.yaml", "nodes: {}\nends: x\n")
     assert arguments_table(path) == f"{path} takes no arguments"
 
 
-def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(
-    tmp_path: Path,
-) -> None:
+def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(tmp_path):
     text = (
         "def describe(turns: int = 3, *, name, out: str, speed: 'float | None' = None, **more):\n"
     )
@@ -316,17 +283,12 @@ def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(
     ]
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "words"),
-    [
-        ("graph.yaml", "args: [1]\n", "args must be a map of names to defaults"),
-        ("graph.yaml", "args: {a: &b 1}\n", "anchors and aliases"),
-        ("graph.py", "describe = 3", "has no function describe"),
-        ("graph.py", "1 / 0", "ZeroDivisionError"),
-    ],
-)
-def test_a_file_that_cannot_be_used_is_refused(
-    tmp_path: Path, name: str, text: str, words: str
-) -> None:
+@pytest.mark.parametrize(("name", "text", "words"), [
+    ("graph.yaml", "args: [1]\n", "args must be a map of names to defaults"),
+    ("graph.yaml", "args: {a: &b 1}\n", "anchors and aliases"),
+    ("graph.py", "describe = 3", "has no function describe"),
+    ("graph.py", "1 / 0", "ZeroDivisionError"),
+])  # fmt: skip
+def test_a_file_that_cannot_be_used_is_refused(tmp_path, name, text, words):
     with pytest.raises(InputError, match=words):
         arguments_table(written(tmp_path, name, text))

@@ -37,13 +37,12 @@ def entries(path: Path, **args: Any) -> Mapping[str, Entry]:
     return {entry.name: entry for entry in found.entries}
 
 
-def test_an_included_graph_is_taken_as_it_is(write: Write) -> None:
+def test_an_included_graph_is_taken_as_it_is(write):
     base = write("base.yaml", BASE)
-
     assert entries(write("f.yaml", "include: base.yaml\n")) == entries(base)
 
 
-def test_nodes_are_added_and_changed_and_left_out(write: Write) -> None:
+def test_nodes_are_added_and_changed_and_left_out(write):
     write("base.yaml", BASE)
     own = """
 include: base.yaml
@@ -56,7 +55,6 @@ nodes:
 ends: c
 """
     found = entries(write("f.yaml", own))
-
     assert list(found) == ["a", "b", "c"]
     assert found["a"].params == {"turns": 4, "box": {"c": 3}, "more": 4}
     assert (found["a"].kind, found["a"].remap) == ("t.a", {"/x": "/z"})
@@ -66,10 +64,9 @@ ends: c
     assert entries(left)["a"].params["turns"] == 3
 
 
-def test_what_was_included_is_placed_in_its_own_file(write: Write) -> None:
+def test_what_was_included_is_placed_in_its_own_file(write):
     base = write("base.yaml", BASE)
     path = write("f.yaml", "include: base.yaml\nnodes:\n  a:\n    params: {more: 1}\n")
-
     found = entries(path)["a"]
     assert found.places["turns",] == f"{base}:3"
     assert found.places["box", "a"] == f"{base}:10"
@@ -80,36 +77,31 @@ def test_what_was_included_is_placed_in_its_own_file(write: Write) -> None:
         entries(path)
 
 
-def test_shipped_files_are_included_by_name_and_those_beside_come_first(write: Write) -> None:
+def test_shipped_files_are_included_by_name_and_those_beside_come_first(write):
     path = write("f.yaml", "include: explore.yaml\nnodes:\n  extra: {kind: t.c}\n")
-
     assert entries(path, scene="sphere").keys() == {*entries(EXPLORE), "extra"}
     write("explore.yaml", BASE)
     assert list(entries(path)) == ["a", "b", "extra"]
 
 
-def test_an_included_file_may_include(write: Write) -> None:
+def test_an_included_file_may_include(write):
     write("base.yaml", BASE)
     write("middle.yaml", "include: base.yaml\nargs: {turns: 5}\n")
-
     assert entries(write("f.yaml", "include: middle.yaml\n"))["a"].params["turns"] == 5
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("include: f.yaml", "f.yaml:1: includes f.yaml, which includes this file"),
-        ("ends: a\ninclude: g.yaml", "g.yaml:1: includes f.yaml, which includes this file"),
-        ("include: no.yaml", "no.yaml: the launch file does not exist"),
-        ("include: [a]", r"f.yaml:1: include is \['a'\]; expected the name of a launch file"),
-        ("include: ''", "f.yaml:1: include is ''; expected"),
-        ("include: h.py", "f.yaml:1: includes h.py, which is no YAML"),
-        ("include: base.yaml\nnoodes: {}", "f.yaml:2: unknown key 'noodes'"),
-        ("include: base.yaml\nnodes: 3", "f.yaml:2: nodes is 3; expected map"),
-        ("include: base.yaml\nargs: 3", "f.yaml:2: args must be a map"),
-    ],
-)
-def test_a_wrong_include_is_refused(write: Write, text: str, words: str) -> None:
+@pytest.mark.parametrize(("text", "words"), [
+    ("include: f.yaml", "f.yaml:1: includes f.yaml, which includes this file"),
+    ("ends: a\ninclude: g.yaml", "g.yaml:1: includes f.yaml, which includes this file"),
+    ("include: no.yaml", "no.yaml: the launch file does not exist"),
+    ("include: [a]", r"f.yaml:1: include is \['a'\]; expected the name of a launch file"),
+    ("include: ''", "f.yaml:1: include is ''; expected"),
+    ("include: h.py", "f.yaml:1: includes h.py, which is no YAML"),
+    ("include: base.yaml\nnoodes: {}", "f.yaml:2: unknown key 'noodes'"),
+    ("include: base.yaml\nnodes: 3", "f.yaml:2: nodes is 3; expected map"),
+    ("include: base.yaml\nargs: 3", "f.yaml:2: args must be a map"),
+])  # fmt: skip
+def test_a_wrong_include_is_refused(write, text, words):
     write("base.yaml", BASE)
     write("g.yaml", "include: f.yaml")
     write("h.py", "")
@@ -117,11 +109,10 @@ def test_a_wrong_include_is_refused(write: Write, text: str, words: str) -> None
         entries(write("f.yaml", text))
 
 
-def test_a_module_of_ones_own_is_a_kind(write: Write, here: Path) -> None:
+def test_a_module_of_ones_own_is_a_kind(write, here):
     write("palpate_test_own.py", "from palpate.nodes.filter import NODE as NODE\n")
     path = write("f.yaml", "nodes: {a: {kind: 'palpate_test_own:NODE'}}\nends: a")
     graph = describe(path, {}, here).graph
-
     assert graph.entries[0].module == "palpate_test_own"
     with pytest.raises(
         InputError, match="node 'a': subscribes to /touch/info, which nobody publishes"
@@ -146,7 +137,7 @@ def test_a_module_of_ones_own_is_a_kind(write: Write, here: Path) -> None:
         describe(none, {}, here).graph.check()
 
 
-def test_the_modules_of_the_shipped_graph_are_known_without_reading_it_whole() -> None:
+def test_the_modules_of_the_shipped_graph_are_known_without_reading_it_whole():
     names = [name.removeprefix("palpate.nodes.") for name in named_modules(EXPLORE)]
     assert names[0] == "simulator"
     assert set(names) == {
@@ -161,30 +152,27 @@ def test_the_modules_of_the_shipped_graph_are_known_without_reading_it_whole() -
     }
 
 
-@pytest.mark.parametrize(
-    ("text", "modules"),
-    [
-        ("nodes: {a: {kind: filter}, b: {kind: my_lab.b}, tracer: }", "filter my_lab.b tracer"),
-        ("nodes: {filter: {kind: 3}}", "filter"),
-        ("nodes: [filter]", ""),
-        ("ends: filter", ""),
-        ("nodes: {filter", ""),
-    ],
-)
-def test_a_fault_is_left_to_be_told_later(tmp_path: Path, text: str, modules: str) -> None:
+@pytest.mark.parametrize(("text", "modules"), [
+    ("nodes: {a: {kind: filter}, b: {kind: my_lab.b}, tracer: }", "filter my_lab.b tracer"),
+    ("nodes: {filter: {kind: 3}}", "filter"),
+    ("nodes: [filter]", ""),
+    ("ends: filter", ""),
+    ("nodes: {filter", ""),
+])  # fmt: skip
+def test_a_fault_is_left_to_be_told_later(tmp_path, text, modules):
     path = tmp_path / "graph.yaml"
     path.write_text(text)
     names = [name if "." in name else f"palpate.nodes.{name}" for name in modules.split()]
     assert named_modules(path) == tuple(names)
 
 
-def test_nothing_is_known_of_a_launch_file_in_python_or_of_none(tmp_path: Path) -> None:
+def test_nothing_is_known_of_a_launch_file_in_python_or_of_none(tmp_path):
     path = tmp_path / "graph.py"
     path.write_text("raise SystemExit")
     assert named_modules(path) == named_modules(tmp_path / "none.yaml") == ()
 
 
-def test_nothing_heavy_is_imported_before_the_server_is_woken() -> None:
+def test_nothing_heavy_is_imported_before_the_server_is_woken():
     script = "import palpate.launch.launch_source, sys; print({'numpy', 'zmq'} & set(sys.modules))"
     command = [sys.executable, "-c", script]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=True)

@@ -5,7 +5,7 @@ import pytest
 from palpate.launch.printing import counted, millimetres, size_text, text_table, titled
 
 
-def test_columns_are_aligned_and_cells_are_printed_as_they_are() -> None:
+def test_columns_are_aligned_and_cells_are_printed_as_they_are():
     assert text_table(
         [("topic", "n", "to"), ("/a", "12", ""), ("/[b]x", "3", ":smile:")], (1,)
     ) == [
@@ -15,12 +15,12 @@ def test_columns_are_aligned_and_cells_are_printed_as_they_are() -> None:
     ]
 
 
-def test_a_column_has_at_least_its_width_and_no_cell_is_cut() -> None:
+def test_a_column_has_at_least_its_width_and_no_cell_is_cut():
     assert text_table([("a", "b"), ("x" * 200, "1")], least=(1, 3))[1] == "x" * 200 + "  1"
     assert text_table([("a", "b")], (1,), (3, 4)) == ["a       b"]
 
 
-def test_lines_break_between_parts_and_long_words_stay_whole() -> None:
+def test_lines_break_between_parts_and_long_words_stay_whole():
     assert titled("time", *["one part"] * 8) == [
         "time       one part  one part  one part  one part  one part  one part  one part",
         "           one part",
@@ -33,11 +33,11 @@ def test_lines_break_between_parts_and_long_words_stay_whole() -> None:
     ("size", "text"),
     [(0, "0 B"), (999, "999 B"), (1500, "1.5 kB"), (2_000_000, "2.0 MB"), (3 * 10**9, "3.0 GB")],
 )
-def test_sizes_have_the_unit_that_suits_them(size: int, text: str) -> None:
+def test_sizes_have_the_unit_that_suits_them(size, text):
     assert size_text(size) == text
 
 
-def test_figures_have_units_and_things_are_counted() -> None:
+def test_figures_have_units_and_things_are_counted():
     assert millimetres(0.0123456) == "12.346 mm"
     assert [counted(1, "touch", "touches"), counted(2, "touch", "touches")] == [
         "1 touch",

@@ -5,8 +5,6 @@ import io
 import json
 import sys
 
-import pytest
-
 from palpate.launch.progress import (
     LineDisplay,
     LiveDisplay,
@@ -17,24 +15,18 @@ from palpate.launch.progress import (
     progress_text,
 )
 from palpate.messages.types.catalogue import LogRecord
-from palpate.messages.types.model import Score, ShapeModel
-from palpate.messages.types.motion import Contour
 
 
 def record(text: str = "the pad slipped", level: str = "warning") -> LogRecord:
     return LogRecord(node="tracer", level=level, text=text, robot_time=2.5)  # type: ignore[arg-type]
 
 
-def test_the_gatherer_adds_up_what_it_hears(
-    contour: Contour, tetrahedron: ShapeModel, score: Score
-) -> None:
+def test_the_gatherer_adds_up_what_it_hears(contour, tetrahedron, score):
     gatherer = ProgressWatcher(3, SilentDisplay(), io.StringIO())
-
     gatherer.ready(0.5)
     for message in (contour, dataclasses.replace(contour, robot_time=9.0), tetrahedron, score):
         gatherer.received("/any", message)
     gatherer.tick({})
-
     progress = gatherer.progress
     assert (progress.contours, progress.touches, progress.robot_time) == (2, 60, 15.0)
     assert progress.ready == 0.5
@@ -43,10 +35,9 @@ def test_the_gatherer_adds_up_what_it_hears(
     assert 0.0 <= progress.scores[0][0] <= progress.wall
 
 
-def test_the_log_is_one_json_line_a_record() -> None:
+def test_the_log_is_one_json_line_a_record():
     log = io.StringIO()
     ProgressWatcher(1, SilentDisplay(), log).log(record())
-
     line = json.loads(log.getvalue())
     assert line.pop("wall_s") >= 0.0
     assert line == {
@@ -57,11 +48,10 @@ def test_the_log_is_one_json_line_a_record() -> None:
     }
 
 
-def test_plain_lines_come_once_a_score_and_once_a_warning(score: Score) -> None:
+def test_plain_lines_come_once_a_score_and_once_a_warning(score):
     stream = io.StringIO()
     lines = LineDisplay(stream)
     progress = Progress(contours=1, touches=40, wall=2.0)
-
     lines.ready(8, 1.25)
     lines.show(progress)
     progress.scores.append((1.0, score))
@@ -70,7 +60,6 @@ def test_plain_lines_come_once_a_score_and_once_a_warning(score: Score) -> None:
     for one in (record(), record(), record("all is well", "info")):
         lines.note(one)
     lines.close()
-
     assert stream.getvalue().splitlines() == [
         "ready    8 nodes in 1.2 s",
         "tracing  1 contours  40 touches  error 0.30 mm (1.00 %)  2 s",
@@ -78,25 +67,21 @@ def test_plain_lines_come_once_a_score_and_once_a_warning(score: Score) -> None:
     ]
 
 
-def test_a_line_of_progress_fits_on_a_screen(score: Score) -> None:
+def test_a_line_of_progress_fits_on_a_screen(score):
     progress = Progress(contours=200, touches=99999, wall=99999.0, scores=[(1.0, score)])
-
     assert len(progress_text(progress)) <= 70
 
 
-def test_the_live_line_is_taken_away_at_the_end(
-    score: Score, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_live_line_is_taken_away_at_the_end(score, capfd):
     live = LiveDisplay()
     live.show(Progress(scores=[(1.0, score)]))
     live.note(record())
     live.close()
     live.close()
-
     assert "warning  tracer: the pad slipped" in capfd.readouterr().err
 
 
-def test_the_display_suits_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_display_suits_the_terminal(monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
     assert type(open_display(quiet=False)) is LineDisplay
     assert type(open_display(quiet=True)) is SilentDisplay
@@ -104,11 +89,10 @@ def test_the_display_suits_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None
     assert type(open_display(quiet=False)) is LiveDisplay
 
 
-def test_silence_is_silent(score: Score, capfd: pytest.CaptureFixture[str]) -> None:
+def test_silence_is_silent(score, capfd):
     silence = SilentDisplay()
     silence.ready(1, 1.0)
     silence.show(Progress(scores=[(1.0, score)]))
     silence.note(record())
     silence.close()
-
     assert capfd.readouterr() == ("", "")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -78,9 +79,8 @@ def start(path: Path, **args: object) -> Run:
     return perform(plan, composed=True, display=SilentDisplay())
 
 
-def test_a_run_leaves_its_results_in_its_directory(launch_file: Path) -> None:
+def test_a_run_leaves_its_results_in_its_directory(launch_file):
     run = start(launch_file)
-
     assert run.exit_code == 0
     names = {path.name for path in run.folder.iterdir()}
     assert names == {
@@ -98,30 +98,26 @@ def test_a_run_leaves_its_results_in_its_directory(launch_file: Path) -> None:
     assert "mesh.stl" in run.text
 
 
-def test_the_resolved_launch_file_says_what_was_run(launch_file: Path) -> None:
+def test_the_resolved_launch_file_says_what_was_run(launch_file):
     run = start(launch_file)
-
     text = (run.folder / "launch.yaml").read_text()
     assert "kind: t.maker" in text
     assert "ends: judge" in text
     assert "$(" not in text
 
 
-def test_a_node_that_fails_ends_the_run_with_3_and_its_name(launch_file: Path) -> None:
+def test_a_node_that_fails_ends_the_run_with_3_and_its_name(launch_file):
     run = start(launch_file, maker="t.broken")
-
     assert run.exit_code == 3
     assert "maker" in run.summary["reason"]
     assert "the finger fell off" in run.summary["reason"]
     assert run.summary["chamfer_m"] is None
 
 
-def test_a_plan_that_is_refused_leaves_no_trace(launch_file: Path, tmp_path: Path) -> None:
+def test_a_plan_that_is_refused_leaves_no_trace(launch_file, tmp_path):
     before = sorted(tmp_path.iterdir())
-
     with pytest.raises(InputError, match="there is no node 'makre'; did you mean 'maker'"):
         plan_run(launch_file, {}, read_settings(["makre.x=1"]), name="toy")
-
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -138,46 +134,31 @@ def planned(folder: Path, text: str, fingers: int = 1, **settings: Any) -> None:
     plan_run(EXPLORE, args, laid, name="s", out=folder / "run")
 
 
-def test_a_demand_that_can_be_met_passes(tmp_path: Path) -> None:
+def test_a_demand_that_can_be_met_passes(tmp_path):
     planned(tmp_path, "explore: {tolerance: 0.1e-3}\n", fingers=2)
 
 
-@pytest.mark.parametrize(
-    ("text", "fingers", "words"),
-    [
-        (
-            "explore:\n  tolerance: 5.0e-6\n",
-            1,
-            "s.yaml:4: tolerance is 5e-06 m; it must be at least what the sensor can tell, 1e-05 m",
-        ),
-        (
-            "effects:\n  - gaussian_noise: {sigma: 50.0e-6}\nexplore:\n  tolerance: 40.0e-6\n",
-            1,
-            "s.yaml:6: tolerance is 4e-05 m; it must be at least what the sensor can tell, 5e-05 m",
-        ),
-        (
-            "explore:\n  planner: uniform\n  settings:\n    count: 2\n",
-            3,
-            "s.yaml:6: count is 2, but there are 3 fingers; a finger would have nothing to do",
-        ),
-        ("", 4, "fingers is 4, but an object of 0.06 m has room for 3, 0.024 m apart"),
-    ],
-)
-def test_a_demand_that_cannot_be_met_is_refused_in_its_place(
-    tmp_path: Path, text: str, fingers: int, words: str
-) -> None:
-    with pytest.raises(InputError) as caught:
+@pytest.mark.parametrize(("text", "fingers", "words"), [
+    ("explore:\n  tolerance: 5.0e-6\n", 1,
+     "s.yaml:4: tolerance is 5e-06 m; it must be at least what the sensor can tell, 1e-05 m"),
+    ("effects:\n  - gaussian_noise: {sigma: 50.0e-6}\nexplore:\n  tolerance: 40.0e-6\n", 1,
+     "s.yaml:6: tolerance is 4e-05 m; it must be at least what the sensor can tell, 5e-05 m"),
+    ("explore:\n  planner: uniform\n  settings:\n    count: 2\n", 3,
+     "s.yaml:6: count is 2, but there are 3 fingers; a finger would have nothing to do"),
+    ("", 4, "fingers is 4, but an object of 0.06 m has room for 3, 0.024 m apart"),
+])  # fmt: skip
+def test_a_demand_that_cannot_be_met_is_refused_in_its_place(tmp_path, text, fingers, words):
+    with pytest.raises(InputError, match=re.escape(words)):
         planned(tmp_path, text, fingers)
-    assert words in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["s.yaml"]
 
 
-def test_a_setting_from_outside_is_named_as_such(tmp_path: Path) -> None:
+def test_a_setting_from_outside_is_named_as_such(tmp_path):
     with pytest.raises(InputError, match="--set tolerance: tolerance is 1e-06 m"):
         planned(tmp_path, "", tolerance=1e-6)
 
 
-def test_exploring_from_python_is_what_run_does(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exploring_from_python_is_what_run_does(monkeypatch):
     asked: dict[str, Any] = {}
 
     def plan(path: Path, args: Mapping[str, SourceMapped], settings: Any, **rest: Any) -> str:
@@ -191,10 +172,8 @@ def test_exploring_from_python_is_what_run_does(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(module, "plan_run", plan)
     monkeypatch.setattr(module, "perform", perform)
-
     settings = {"planner.tolerance": 1e-4}
     done = explore("vase", seed=3, fingers=2, settings=settings, out="here", composed=True)
-
     assert done == "the run"  # type: ignore[comparison-overlap]
     assert asked["plan"] == "the plan"
     assert (asked["path"], asked["name"], asked["out"]) == (EXPLORE, "vase", Path("here"))
@@ -205,6 +184,6 @@ def test_exploring_from_python_is_what_run_does(monkeypatch: pytest.MonkeyPatch)
     assert isinstance(asked["display"], SilentDisplay)
 
 
-def test_a_scene_that_is_not_there_is_refused() -> None:
+def test_a_scene_that_is_not_there_is_refused():
     with pytest.raises(InputError, match="there is no scene 'vaes'"):
         explore("vaes")

@@ -25,14 +25,13 @@ BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n
 
 
 @pytest.mark.parametrize("name", shipped_scenes())
-def test_every_shipped_scene_loads_and_stands_on_the_ground(name: str) -> None:
+def test_every_shipped_scene_loads_and_stands_on_the_ground(name):
     scene = load_scene(name)
-
     assert scene.name == name
     assert 0.05 <= max(scene.size) <= 0.15
 
 
-def test_fourteen_scenes_are_shipped() -> None:
+def test_fourteen_scenes_are_shipped():
     assert shipped_scenes() == (
         "bottle",
         "box",
@@ -51,9 +50,8 @@ def test_fourteen_scenes_are_shipped() -> None:
     )
 
 
-def test_a_scene_fills_in_its_defaults(write: Write) -> None:
+def test_a_scene_fills_in_its_defaults(write):
     scene = load_scene(write("ball.yaml", BALL))
-
     assert scene.name == "ball"
     assert scene.spec.sensor.rows == 16
     assert scene.located.value["seed"] == 0
@@ -61,194 +59,138 @@ def test_a_scene_fills_in_its_defaults(write: Write) -> None:
     assert scene.size == pytest.approx((0.08, 0.08, 0.08))
 
 
-def test_a_mesh_is_read_into_the_scene_in_metres() -> None:
+def test_a_mesh_is_read_into_the_scene_in_metres():
     mesh = load_scene("from_mesh").spec.object.mesh
-
     assert mesh is not None
     vertices = np.frombuffer(mesh.vertices, "<f8").reshape(-1, 3)
     assert vertices[:, 2].min() == 0.0
     assert vertices[:, 2].max() == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "bad.yaml: is empty"),
-        ("a: [", "bad.yaml:1: is not YAML"),
-        ("seed: 3", "bad.yaml:1: the document lacks the key 'object'"),
-        (BALL + "sede: 3", "bad.yaml:3: unknown key 'sede'; did you mean 'seed'?"),
-        (
-            "object:\n  superquadric:\n    sizes: [1, 1, 1]",
-            "bad.yaml:3: unknown key 'sizes' in object.superquadric; did you mean 'size'?",
-        ),
-        (
-            "object:\n  superquadric:\n    size: [0.04, -0.03, 0.05]\n    exponents: [1, 1]",
-            "bad.yaml:3: object.superquadric.size[1] is -0.03; expected number > 0.0",
-        ),
-        (
-            "object:\n  superquadric: {size: [0.04, .inf, 0.05], exponents: [1, 1]}",
-            "bad.yaml:2: object.superquadric.size[1] is inf; a number must be finite",
-        ),
-        (
-            "object: {}",
-            "bad.yaml:1: object: an object is exactly one of superquadric, hyperquadric",
-        ),
-        (BALL + "seed: -1", "bad.yaml:3: seed is -1; expected whole number >= 0"),
-        (BALL + "world: {reach: 0.05}", "but the finger reaches 0.05 m; enlarge world.reach"),
-        (
-            "object:\n  mesh: {file: none.ply, unit: mm}",
-            "none.ply: the mesh cannot be read: No such file",
-        ),
-        ("object:\n  mesh: {file: x.ply}", "bad.yaml:2: object.mesh lacks the key 'unit'"),
-        (
-            "object:\n  mesh: {file: x.ply, unit: inch}",
-            "bad.yaml:2: object.mesh.unit is 'inch'; expected one of cm, m, mm",
-        ),
-        (
-            "object:\n  mesh: {file: ../x.ply, unit: mm}",
-            "bad.yaml:2: object.mesh.file is '../x.ply'; it must lie in the scene's own folder",
-        ),
-        ("object:\n  mesh: {file: /etc/x.ply, unit: mm}", "must lie in the scene's own folder"),
-        ("object: 3", "bad.yaml:1: object is 3; expected map"),
-        (
-            "object:\n  hyperquadric:\n    terms:\n      - {plane: [30, 0, 0, 0], exponent: 4}\n"
-            "      - {plane: [0, 30, 0, 0], exponent: 4}\n      - {plan: [0, 0, 1, 0]}",
-            "bad.yaml:6: unknown key 'plan' in object.hyperquadric.terms[2]; did you mean 'plane'?",
-        ),
-        (
-            "object:\n  generalised_cylinder:\n    section: {size: [0.03, 0.03]}\n"
-            "    sweep: [[0.0, 1.0], [0.0, 0.5]]",
-            "bad.yaml:2: object.generalised_cylinder: heights must increase, by 1e-09 m or more",
-        ),
-        (
-            "object:\n  polyhedron:\n    vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
-            "    faces: [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 3, 2]]",
-            "bad.yaml:4: object.polyhedron: faces[1] and faces[3] both walk the edge from vertex 1",
-        ),
-        (
-            "object:\n  boolean:\n    union:\n"
-            "      - superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
-            "      - half_space: {normal: [0, 0, 1]}",
-            "bad.yaml:2: object: boolean: the half-space that is union[1] of the tree is unbounded",
-        ),
-        (
-            "object:\n  boolean:\n    union:\n      - {}\n      - half_space: {normal: [0, 0, 1]}",
-            "bad.yaml:4: object.boolean.union[0]: a part of a boolean is exactly one of",
-        ),
-    ],
-)
-def test_a_bad_scene_is_refused_in_one_sentence(write: Write, text: str, words: str) -> None:
-    with pytest.raises(InputError) as caught:
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "bad.yaml: is empty"),
+    ("a: [", "bad.yaml:1: is not YAML"),
+    ("seed: 3", "bad.yaml:1: the document lacks the key 'object'"),
+    (BALL + "sede: 3", "bad.yaml:3: unknown key 'sede'; did you mean 'seed'?"),
+    ("object:\n  superquadric:\n    sizes: [1, 1, 1]",
+     "bad.yaml:3: unknown key 'sizes' in object.superquadric; did you mean 'size'?"),
+    ("object:\n  superquadric:\n    size: [0.04, -0.03, 0.05]\n    exponents: [1, 1]",
+     "bad.yaml:3: object.superquadric.size[1] is -0.03; expected number > 0.0"),
+    ("object:\n  superquadric: {size: [0.04, .inf, 0.05], exponents: [1, 1]}",
+     "bad.yaml:2: object.superquadric.size[1] is inf; a number must be finite"),
+    ("object: {}", "bad.yaml:1: object: an object is exactly one of superquadric, hyperquadric"),
+    (BALL + "seed: -1", "bad.yaml:3: seed is -1; expected whole number >= 0"),
+    (BALL + "world: {reach: 0.05}", "but the finger reaches 0.05 m; enlarge world.reach"),
+    ("object:\n  mesh: {file: none.ply, unit: mm}",
+     "none.ply: the mesh cannot be read: No such file"),
+    ("object:\n  mesh: {file: x.ply}", "bad.yaml:2: object.mesh lacks the key 'unit'"),
+    ("object:\n  mesh: {file: x.ply, unit: inch}",
+     "bad.yaml:2: object.mesh.unit is 'inch'; expected one of cm, m, mm"),
+    ("object:\n  mesh: {file: ../x.ply, unit: mm}",
+     "bad.yaml:2: object.mesh.file is '../x.ply'; it must lie in the scene's own folder"),
+    ("object:\n  mesh: {file: /etc/x.ply, unit: mm}", "must lie in the scene's own folder"),
+    ("object: 3", "bad.yaml:1: object is 3; expected map"),
+    ("object:\n  hyperquadric:\n    terms:\n      - {plane: [30, 0, 0, 0], exponent: 4}\n"
+     "      - {plane: [0, 30, 0, 0], exponent: 4}\n      - {plan: [0, 0, 1, 0]}",
+     "bad.yaml:6: unknown key 'plan' in object.hyperquadric.terms[2]; did you mean 'plane'?"),
+    ("object:\n  generalised_cylinder:\n    section: {size: [0.03, 0.03]}\n"
+     "    sweep: [[0.0, 1.0], [0.0, 0.5]]",
+     "bad.yaml:2: object.generalised_cylinder: heights must increase, by 1e-09 m or more"),
+    ("object:\n  polyhedron:\n    vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
+     "    faces: [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 3, 2]]",
+     "bad.yaml:4: object.polyhedron: faces[1] and faces[3] both walk the edge from vertex 1"),
+    ("object:\n  boolean:\n    union:\n"
+     "      - superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
+     "      - half_space: {normal: [0, 0, 1]}",
+     "bad.yaml:2: object: boolean: the half-space that is union[1] of the tree is unbounded"),
+    ("object:\n  boolean:\n    union:\n      - {}\n      - half_space: {normal: [0, 0, 1]}",
+     "bad.yaml:4: object.boolean.union[0]: a part of a boolean is exactly one of"),
+])  # fmt: skip
+def test_a_bad_scene_is_refused_in_one_sentence(write, text, words):
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
         load_scene(write("bad.yaml", text))
-
-    assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_a_link_out_of_the_folder_does_not_lead_out(write: Write, tmp_path: Path) -> None:
+def test_a_link_out_of_the_folder_does_not_lead_out(write, tmp_path):
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "x.ply").symlink_to(SHIPPED_SCENES / "pear.ply")
     scene = write("scenes/s.yaml", "object:\n  mesh: {file: x.ply, unit: mm}")
-
     with pytest.raises(InputError, match="must lie in the scene's own folder"):
         load_scene(scene)
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("vaes", "there is no scene 'vaes'; did you mean 'vase'?"),
-        ("no/such.yaml", "no/such.yaml: the scene does not exist"),
-        ("none.yaml", "none.yaml: the scene does not exist"),
-    ],
-)
-def test_a_scene_that_is_not_there_is_refused(name: str, words: str) -> None:
-    with pytest.raises(InputError) as caught:
+@pytest.mark.parametrize(("name", "words"), [
+    ("vaes", "there is no scene 'vaes'; did you mean 'vase'?"),
+    ("no/such.yaml", "no/such.yaml: the scene does not exist"),
+    ("none.yaml", "none.yaml: the scene does not exist"),
+])  # fmt: skip
+def test_a_scene_that_is_not_there_is_refused(name, words):
+    with pytest.raises(InputError, match=re.escape(words)):
         find_scene(name)
 
-    assert words in str(caught.value)
 
-
-def test_a_folder_is_no_scene(tmp_path: Path) -> None:
+def test_a_folder_is_no_scene(tmp_path):
     with pytest.raises(InputError, match="the scene is a folder"):
         find_scene(tmp_path)
 
 
-def test_a_list_becomes_parameters_by_name(write: Write) -> None:
+def test_a_list_becomes_parameters_by_name(write):
     text = BALL + "effects:\n  - gaussian_noise: {sigma: 2e-5}\n  - drift\n  - creep:\n"
     effects = load_scene(write("s.yaml", text)).spec.effects
-
     assert effects == {"gaussian_noise": {"sigma": 2e-5}, "drift": {}, "creep": {}}
 
 
 @pytest.mark.parametrize("text", ["", "effects:\n", "effects: []\n"])
-def test_a_scene_without_effects_has_none(write: Write, text: str) -> None:
+def test_a_scene_without_effects_has_none(write, text):
     assert load_scene(write("s.yaml", BALL + text)).spec.effects == {}
 
 
-@pytest.mark.parametrize(
-    ("effects", "words"),
-    [
-        ("[noise]", "bad.yaml:3: there is no effect 'noise'"),
-        ("[drfit]", "there is no effect 'drfit'; did you mean 'drift'?"),
-        ("[3]", "bad.yaml:3: effects[0] must be one effect and its parameters"),
-        ("[{drift: {}, creep: {}}]", "effects[0] must be one effect"),
-        ("[{drift: 3}]", "effects[0] must be one effect"),
-        ("drift", "bad.yaml:3: effects must be a list"),
-        ("{drift: {}}", "bad.yaml:3: effects must be a list"),
-        ("[drift, drift]", "bad.yaml:3: effects lists 'drift' twice"),
-        ("['.x:Y']", "must name its module in full"),
-        ("[drift, 'palpate.core.touch.effects.drift:EFFECT']", "are the same effect"),
-        ("[no.such:Module]", "bad.yaml:3: the effect 'no.such:Module' cannot be imported"),
-        ("['os.path:join']", "'os.path:join' is no effect: 'join' must be a dataclass"),
-    ],
-)
-def test_a_bad_list_is_refused_in_one_sentence(write: Write, effects: str, words: str) -> None:
-    with pytest.raises(InputError) as caught:
+@pytest.mark.parametrize(("effects", "words"), [
+    ("[noise]", "bad.yaml:3: there is no effect 'noise'"),
+    ("[drfit]", "there is no effect 'drfit'; did you mean 'drift'?"),
+    ("[3]", "bad.yaml:3: effects[0] must be one effect and its parameters"),
+    ("[{drift: {}, creep: {}}]", "effects[0] must be one effect"),
+    ("[{drift: 3}]", "effects[0] must be one effect"),
+    ("drift", "bad.yaml:3: effects must be a list"),
+    ("{drift: {}}", "bad.yaml:3: effects must be a list"),
+    ("[drift, drift]", "bad.yaml:3: effects lists 'drift' twice"),
+    ("['.x:Y']", "must name its module in full"),
+    ("[drift, 'palpate.core.touch.effects.drift:EFFECT']", "are the same effect"),
+    ("[no.such:Module]", "bad.yaml:3: the effect 'no.such:Module' cannot be imported"),
+    ("['os.path:join']", "'os.path:join' is no effect: 'join' must be a dataclass"),
+])  # fmt: skip
+def test_a_bad_list_is_refused_in_one_sentence(write, effects, words):
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
         load_scene(write("bad.yaml", BALL + f"effects: {effects}\n"))
-
-    assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        (
-            "sigma: -1",
-            "bad.yaml:5: effects.gaussian_noise: sigma is -1 m; expected 0 to 0.001 m",
-        ),
-        ("sigmo: 1", "unknown key 'sigmo' in effects.gaussian_noise; did you mean 'sigma'?"),
-        ("sigma: much", "bad.yaml:5: effects.gaussian_noise.sigma is 'much'; expected number"),
-        ("sigma: .nan", "bad.yaml:5: effects.gaussian_noise.sigma is nan; a number must be finite"),
-    ],
-)
-def test_a_bad_parameter_is_refused_with_line_range_and_unit(
-    write: Write, parameters: str, words: str
-) -> None:
+@pytest.mark.parametrize(("parameters", "words"), [
+    ("sigma: -1", "bad.yaml:5: effects.gaussian_noise: sigma is -1 m; expected 0 to 0.001 m"),
+    ("sigmo: 1", "unknown key 'sigmo' in effects.gaussian_noise; did you mean 'sigma'?"),
+    ("sigma: much", "bad.yaml:5: effects.gaussian_noise.sigma is 'much'; expected number"),
+    ("sigma: .nan", "bad.yaml:5: effects.gaussian_noise.sigma is nan; a number must be finite"),
+])  # fmt: skip
+def test_a_bad_parameter_is_refused_with_line_range_and_unit(write, parameters, words):
     text = BALL + f"effects:\n  - gaussian_noise:\n      {parameters}\n"
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=re.escape(words)):
         load_scene(write("bad.yaml", text))
 
-    assert words in str(caught.value)
 
-
-def test_what_a_sensor_cannot_have_is_refused(write: Write) -> None:
+def test_what_a_sensor_cannot_have_is_refused(write):
     text = BALL + "sensor: {signal: force}\neffects:\n  - temperature\n"
     with pytest.raises(InputError, match=r"bad\.yaml:5: .*temperature"):
         load_scene(write("bad.yaml", text))
 
 
-def test_a_module_of_the_users_is_an_effect(
-    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_module_of_the_users_is_an_effect(write, tmp_path, monkeypatch):
     (tmp_path / "lab_effects").mkdir()
     write("lab_effects/__init__.py", "")
     write("lab_effects/ringing.py", OWN)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     text = BALL + "effects:\n  - lab_effects.ringing:Ringing: {size: 2e-6}\n"
-
     assert load_scene(write("s.yaml", text)).spec.effects == {
         "lab_effects.ringing:Ringing": {"size": 2e-6}
     }
@@ -277,29 +219,25 @@ class Ringing:
 """
 
 
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        ("def (", "cannot be imported: SyntaxError"),
-        ("1 / 0", "cannot be imported: ZeroDivisionError"),
-        ("import sys; sys.exit(0)", "cannot be imported: SystemExit"),
-        (OWN.replace("phase: ClassVar = Phase.SIGNAL", "pass"), "its phase must be one of Phase"),
-        (OWN.replace("Phase.SIGNAL", "6"), "its phase must be one of Phase"),
-        (OWN.replace("Annotated[float", "Annotated[flaot"), "cannot be imported: NameError"),
-        (OWN.replace("return Stage(apply)", "return None"), "prepares a NoneType, not a Stage"),
-    ],
-)
+@pytest.mark.parametrize(("source", "words"), [
+    ("def (", "cannot be imported: SyntaxError"),
+    ("1 / 0", "cannot be imported: ZeroDivisionError"),
+    ("import sys; sys.exit(0)", "cannot be imported: SystemExit"),
+    (OWN.replace("phase: ClassVar = Phase.SIGNAL", "pass"), "its phase must be one of Phase"),
+    (OWN.replace("Phase.SIGNAL", "6"), "its phase must be one of Phase"),
+    (OWN.replace("Annotated[float", "Annotated[flaot"), "cannot be imported: NameError"),
+    (OWN.replace("return Stage(apply)", "return None"), "prepares a NoneType, not a Stage"),
+])  # fmt: skip
 def test_a_module_that_is_no_effect_is_refused_in_one_sentence(
-    source: str, words: str, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    source, words, write, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     name = f"odd_{abs(hash((source, words)))}"
     write(f"{name}.py", source)
     text = BALL + f"effects:\n  - {name}:Ringing\n"
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
         load_scene(write("s.yaml", text))
-    assert words in str(caught.value)
     assert re.search(r"s\.yaml:[34]: ", str(caught.value))
     assert "\n" not in str(caught.value)
 
@@ -307,32 +245,32 @@ def test_a_module_that_is_no_effect_is_refused_in_one_sentence(
 Typed = Callable[[str], SourceMapped]
 
 
-def test_a_planner_is_made_with_its_settings(typed: Typed) -> None:
+def test_a_planner_is_made_with_its_settings(typed):
     given = typed("explore: {planner: uniform, settings: {count: 5, order: nested}}")
     assert check_planner(given) == Uniform(count=5, order="nested")
 
 
 @pytest.mark.parametrize("name", PLANNER_NAMES)
-def test_every_planner_can_be_named_without_settings(typed: Typed, name: str) -> None:
+def test_every_planner_can_be_named_without_settings(typed, name):
     assert check_planner(typed(f"explore:\n  planner: {name}\n  settings:\n")) == make_planner(
         name, {}
     )
 
 
-def test_settings_alone_are_those_of_the_default(typed: Typed) -> None:
+def test_settings_alone_are_those_of_the_default(typed):
     made = check_planner(typed("explore: {settings: {cover: 5}}"))
     assert isinstance(made, planner_type(PLANNER_NAMES[0]))
     assert getattr(made, "cover") == 5  # noqa: B009
 
 
 @pytest.mark.parametrize("text", ["seed: 3", "explore: {tolerance: 2.0e-4}", "explore: 3"])
-def test_a_scene_that_says_nothing_of_a_planner_is_left_alone(typed: Typed, text: str) -> None:
+def test_a_scene_that_says_nothing_of_a_planner_is_left_alone(typed, text):
     assert check_planner(typed(text)) is None
 
 
 def test_a_planner_of_ones_own_is_found_in_the_folder_where_palpate_is_started(
-    typed: Typed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    typed, tmp_path, monkeypatch
+):
     _, _, named = init_planner("found_here", tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -342,22 +280,18 @@ def test_a_planner_of_ones_own_is_found_in_the_folder_where_palpate_is_started(
         check_planner(typed(f"explore:\n  planner: {named}\n  settings: {{most_bow: 0.0}}"))
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("planner: unifrom", "f.yaml:2: there is no planner 'unifrom'; did you mean 'uniform'?"),
-        ("planner: 3", "f.yaml:2: explore.planner is 3; it must be a name, as predicted"),
-        ("planner: no_such_module:Any", "cannot be imported: ModuleNotFoundError"),
-        ("planner: json:loads", "'json:loads' is no planner: 'loads' must be a frozen dataclass"),
-        ("settings: 3", "explore.settings is 3; it must be a map of numbers"),
-        ("settings: {covr: 5}", "covr"),
-        ("settings: {cover: 5.5}", "explore.settings.cover is 5.5; expected whole number"),
-        ("settings: {cover: many}", "explore.settings.cover is 'many'; expected whole number"),
-        ("settings: {cover: 4}", "cover must be odd"),
-        ("settings: {travel: .nan}", "travel is nan; a number must be finite"),
-    ],
-)
-def test_what_is_no_planner_is_refused_with_its_line(typed: Typed, text: str, words: str) -> None:
-    with pytest.raises(InputError) as caught:
+@pytest.mark.parametrize(("text", "words"), [
+    ("planner: unifrom", "f.yaml:2: there is no planner 'unifrom'; did you mean 'uniform'?"),
+    ("planner: 3", "f.yaml:2: explore.planner is 3; it must be a name, as predicted"),
+    ("planner: no_such_module:Any", "cannot be imported: ModuleNotFoundError"),
+    ("planner: json:loads", "'json:loads' is no planner: 'loads' must be a frozen dataclass"),
+    ("settings: 3", "explore.settings is 3; it must be a map of numbers"),
+    ("settings: {covr: 5}", "covr"),
+    ("settings: {cover: 5.5}", "explore.settings.cover is 5.5; expected whole number"),
+    ("settings: {cover: many}", "explore.settings.cover is 'many'; expected whole number"),
+    ("settings: {cover: 4}", "cover must be odd"),
+    ("settings: {travel: .nan}", "travel is nan; a number must be finite"),
+])  # fmt: skip
+def test_what_is_no_planner_is_refused_with_its_line(typed, text, words):
+    with pytest.raises(InputError, match=re.escape(words)):
         check_planner(typed(f"explore:\n  {text}"))
-    assert words in str(caught.value)

@@ -52,14 +52,13 @@ def progress(tetrahedron: ShapeModel, score: Score) -> Progress:
     )
 
 
-def test_the_keys_are_stable_whatever_happened(progress: Progress) -> None:
+def test_the_keys_are_stable_whatever_happened(progress):
     assert set(summarise(ending(), progress, "vase", 7)) == KEYS
     assert set(summarise(ending("died"), Progress(), None, None)) == KEYS
 
 
-def test_a_summary_holds_the_figures_of_the_run(progress: Progress, score: Score) -> None:
+def test_a_summary_holds_the_figures_of_the_run(progress, score):
     found = summarise(ending(), progress, "vase", 7)
-
     assert found["chamfer_m"] == 0.0003
     assert found["touches_per_s"] == 20.0  # 40 in the 2 s between the reports
     assert found["compute_s"] == 1.5
@@ -80,9 +79,8 @@ def test_a_summary_holds_the_figures_of_the_run(progress: Progress, score: Score
     assert json.loads(json.dumps(found, allow_nan=False)) == found
 
 
-def test_what_is_unknown_is_null() -> None:
+def test_what_is_unknown_is_null():
     found = summarise(Ending(status="died", reason="x"), Progress(), None, None)
-
     unknown = ("chamfer_m", "watertight", "mesh_sha256", "compute_s", "touches_per_s", "ready_s")
     assert {found[key] for key in unknown} == {None}
 
@@ -90,13 +88,11 @@ def test_what_is_unknown_is_null() -> None:
 @pytest.mark.parametrize(
     ("status", "code"), [("finished", 0), ("died", 3), ("stalled", 3), ("interrupted", 130)]
 )
-def test_the_exit_code_says_how_it_ended(progress: Progress, status: str, code: int) -> None:
+def test_the_exit_code_says_how_it_ended(progress, status, code):
     assert exit_code(summarise(ending(status), progress, "vase", 7), rebuilds=True) == code
 
 
-def test_a_run_without_a_solid_has_missed_its_goal(
-    progress: Progress, tetrahedron: ShapeModel, score: Score
-) -> None:
+def test_a_run_without_a_solid_has_missed_its_goal(progress, tetrahedron, score):
     def code(rebuilds: bool = True) -> int:
         return exit_code(summarise(ending(), progress, "vase", 7), rebuilds=rebuilds)
 
@@ -113,12 +109,10 @@ def test_a_run_without_a_solid_has_missed_its_goal(
     assert code(rebuilds=False) == 0
 
 
-def test_the_closing_words_fit_on_a_screen(progress: Progress, tmp_path: Any) -> None:
+def test_the_closing_words_fit_on_a_screen(progress, tmp_path):
     summary = summarise(ending(reason="the tracer died of " + "x " * 300), progress, "vase", 7)
     files = [f"a_rather_long_name_{i}.json" for i in range(9)]
-
     lines = summary_text(summary, files, tmp_path / "r").splitlines()
-
     assert max(map(len, lines[:-1])) <= TEXT_WIDTH
     text = "\n".join(lines)
     assert "chamfer 0.300 mm (1.00 % of the height)" in text
@@ -129,22 +123,16 @@ def test_the_closing_words_fit_on_a_screen(progress: Progress, tmp_path: Any) ->
     assert lines[-1] == f"run        {tmp_path / 'r'}"
 
 
-def test_the_closing_words_do_without_figures(tmp_path: Any) -> None:
+def test_the_closing_words_do_without_figures(tmp_path):
     summary = summarise(Ending(status="died", reason="boom"), Progress(), None, None)
-
     lines = summary_text(summary, [], tmp_path).splitlines()
-
     assert lines[0] == "result     no model was measured"
     assert "died       boom" in lines
 
 
-def test_the_closing_words_tell_what_the_run_promises_of_its_error(
-    progress: Progress, tmp_path: Any
-) -> None:
+def test_the_closing_words_tell_what_the_run_promises_of_its_error(progress, tmp_path):
     summary = summarise(ending(), progress, "vase", 7)
     summary |= {"rms_bound_95_m": 28e-6, "rms_m": 16e-6, "largest_untouched_m": 2.5e-3}
-
     text = summary_text(summary, [], tmp_path)
-
     assert "rms below 0.028 mm (95 %), in truth 0.016 mm" in text
     assert "untouched at most 2.500 mm" in text

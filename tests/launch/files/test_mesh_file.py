@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -39,108 +40,90 @@ def stl(faces: object = FACES) -> str:
 
 @pytest.mark.parametrize(("name", "text"), [("x.off", off()), ("x.stl", stl())])
 @pytest.mark.parametrize(("unit", "side"), [("m", 10.0), ("cm", 0.1), ("mm", 0.01)])
-def test_a_closed_mesh_is_read_in_metres_with_each_corner_once(
-    write: Write, name: str, text: str, unit: str, side: float
-) -> None:
+def test_a_closed_mesh_is_read_in_metres_with_each_corner_once(write, name, text, unit, side):
     vertices, faces = read_mesh(write(name, text), unit)
-
     assert vertices.shape == (4, 3)
     assert faces.shape == (4, 3)
     assert faces.dtype == np.int32
     assert vertices.max() == pytest.approx(side)
 
 
-def test_corners_that_no_triangle_uses_are_left_out(write: Write) -> None:
+def test_corners_that_no_triangle_uses_are_left_out(write):
     vertices, _ = read_mesh(write("x.off", off([*CORNERS, (99, 99, 99)])), "mm")
-
     assert vertices.shape == (4, 3)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "words"),
-    [
-        ("x.ply", "", "the mesh file is empty"),
-        ("x.txt", "hello", "'txt' is no mesh format; known: ply"),
-        ("x", "hello", "'no suffix' is no mesh format"),
-        ("x.ply", "hello", "is no mesh in PLY"),
-        ("x.off", off(faces=[]), "x.off: "),
-        ("x.off", off(faces=FACES[:3]), "is not watertight: 3 of its 6 edges"),
-        ("x.off", off(faces=[*FACES, FACES[0]]), "is not watertight: 3 of its 6 edges"),
-        ("x.off", off(faces=[f[::-1] for f in FACES]), "is inside out: its volume is negative"),
-        ("x.off", off(faces=[FACES[0][::-1], *FACES[1:]]), "face opposite ways at 3 of its 6"),
-        ("x.off", off(corners=[("nan", 0, 0), *CORNERS[1:]]), "vertex 0 is not finite"),
-        ("x.off", off(corners=[("inf", 0, 0), *CORNERS[1:]]), "vertex 0 is not finite"),
-        ("x.off", off(faces=[(0, 2, 9), *FACES[1:]]), "x.off: "),
-        ("x.off", off(corners=[(x * 1e4, y, z) for x, y, z in CORNERS]), "is the unit right?"),
-        ("x.off", off(corners=[(x, y, z * 1e-3) for x, y, z in CORNERS]), "is the unit right?"),
-        ("x.stl", "solid x\nendsolid x\n", "x.stl: "),
-        ("x.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "x.obj: "),
-    ],
-)
-def test_a_bad_mesh_is_refused_in_one_sentence(
-    write: Write, name: str, text: str, words: str
-) -> None:
-    with pytest.raises(InputError) as caught:
+@pytest.mark.parametrize(("name", "text", "words"), [
+    ("x.ply", "", "the mesh file is empty"),
+    ("x.txt", "hello", "'txt' is no mesh format; known: ply"),
+    ("x", "hello", "'no suffix' is no mesh format"),
+    ("x.ply", "hello", "is no mesh in PLY"),
+    ("x.off", off(faces=[]), "x.off: "),
+    ("x.off", off(faces=FACES[:3]), "is not watertight: 3 of its 6 edges"),
+    ("x.off", off(faces=[*FACES, FACES[0]]), "is not watertight: 3 of its 6 edges"),
+    ("x.off", off(faces=[f[::-1] for f in FACES]), "is inside out: its volume is negative"),
+    ("x.off", off(faces=[FACES[0][::-1], *FACES[1:]]), "face opposite ways at 3 of its 6"),
+    ("x.off", off(corners=[("nan", 0, 0), *CORNERS[1:]]), "vertex 0 is not finite"),
+    ("x.off", off(corners=[("inf", 0, 0), *CORNERS[1:]]), "vertex 0 is not finite"),
+    ("x.off", off(faces=[(0, 2, 9), *FACES[1:]]), "x.off: "),
+    ("x.off", off(corners=[(x * 1e4, y, z) for x, y, z in CORNERS]), "is the unit right?"),
+    ("x.off", off(corners=[(x, y, z * 1e-3) for x, y, z in CORNERS]), "is the unit right?"),
+    ("x.stl", "solid x\nendsolid x\n", "x.stl: "),
+    ("x.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "x.obj: "),
+])  # fmt: skip
+def test_a_bad_mesh_is_refused_in_one_sentence(write, name, text, words):
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
         read_mesh(write(name, text), "mm")
-
-    assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_a_mesh_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_mesh_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match="the mesh cannot be read: No such file"):
         read_mesh(tmp_path / "none.ply", "mm")
 
 
-def test_a_large_file_is_refused_before_it_is_read(
-    write: Write, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_file_is_refused_before_it_is_read(write, monkeypatch):
     path = write("x.off", off())
     monkeypatch.setattr(mesh_file, "MAX_MESH_BYTES", 10)
-
     with pytest.raises(InputError, match="is larger than"):
         read_mesh(path, "mm")
 
 
-def test_too_many_triangles_are_refused(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_triangles_are_refused(write, monkeypatch):
     path = write("x.off", off())
     monkeypatch.setattr(mesh_file, "MAX_FACES", 3)
-
     with pytest.raises(InputError, match="has 4 triangles; at most 3 are taken"):
         read_mesh(path, "mm")
 
 
-def test_two_meshes_in_one_file_are_refused(tmp_path: Path) -> None:
+def test_two_meshes_in_one_file_are_refused(tmp_path):
     import trimesh
 
     one = trimesh.creation.box()
     trimesh.Scene([one, one.copy()]).export(tmp_path / "x.glb")
-
     with pytest.raises(InputError, match="holds 2 meshes; there must be exactly one"):
         read_mesh(tmp_path / "x.glb", "mm")
 
 
-def test_a_file_with_y_up_is_turned(tmp_path: Path) -> None:
+def test_a_file_with_y_up_is_turned(tmp_path):
     import trimesh
 
     upright = trimesh.creation.box([1.0, 3.0, 2.0])
     upright.apply_translation([0.0, 10.0, 0.0])
     upright.export(tmp_path / "x.glb")
-
     vertices, _ = read_mesh(tmp_path / "x.glb", "mm")
     assert vertices.min(axis=0) == pytest.approx([-0.0005, -0.001, 0.0085])
     assert vertices.max(axis=0) == pytest.approx([0.0005, 0.001, 0.0115])
 
 
-def test_points_without_triangles_are_refused(write: Write) -> None:
+def test_points_without_triangles_are_refused(write):
     header = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
     path = write("x.ply", header + "property float z\nend_header\n0 0 0\n")
-
     with pytest.raises(InputError, match="holds points without triangles"):
         read_mesh(path, "mm")
 
 
-def test_no_cut_or_damage_to_a_file_shows_more_than_a_sentence(tmp_path: Path) -> None:
+def test_no_cut_or_damage_to_a_file_shows_more_than_a_sentence(tmp_path):
     data = (SHIPPED_SCENES / "pear.ply").read_bytes()
     rng = np.random.default_rng(5)
     refused = 0
@@ -161,26 +144,25 @@ def test_no_cut_or_damage_to_a_file_shows_more_than_a_sentence(tmp_path: Path) -
     assert refused >= 20
 
 
-def test_the_shipped_mesh_is_what_its_script_writes(tmp_path: Path) -> None:
+def test_the_shipped_mesh_is_what_its_script_writes(tmp_path):
     import runpy
 
     script = runpy.run_path(str(SHIPPED_SCENES / "make_mesh.py"))
     script["write"](tmp_path / "pear.ply")
-
     assert (tmp_path / "pear.ply").stat().st_size == (SHIPPED_SCENES / "pear.ply").stat().st_size
     again, _ = read_mesh(tmp_path / "pear.ply", "mm")
     shipped, _ = read_mesh(SHIPPED_SCENES / "pear.ply", "mm")
     np.testing.assert_allclose(np.ptp(again, axis=0), np.ptp(shipped, axis=0), rtol=1e-6)
 
 
-def test_a_mesh_in_two_pieces_is_refused(write: Write) -> None:
+def test_a_mesh_in_two_pieces_is_refused(write):
     both = [*CORNERS, *((x + 50, y, z) for x, y, z in CORNERS)]
     faces = [*FACES, *((a + 4, b + 4, c + 4) for a, b, c in FACES)]
     with pytest.raises(InputError, match="is made of 2 separate surfaces"):
         read_mesh(write("two.off", off(both, faces)), "mm")
 
 
-def test_a_mesh_with_a_hole_through_it_is_refused(write: Write) -> None:
+def test_a_mesh_with_a_hole_through_it_is_refused(write):
     turns = 2 * np.pi * np.arange(12) / 12
     corners = [
         ((30 + 10 * np.cos(b)) * np.cos(a), (30 + 10 * np.cos(b)) * np.sin(a), 10 * np.sin(b))
@@ -197,9 +179,8 @@ def test_a_mesh_with_a_hole_through_it_is_refused(write: Write) -> None:
         read_mesh(write("ring.off", off(corners, faces)), "mm")
 
 
-def test_the_meshes_keep_volume_and_unit(tetrahedron: ShapeModel, tmp_path: Path) -> None:
+def test_the_meshes_keep_volume_and_unit(tetrahedron, tmp_path):
     names = export_model(tetrahedron, tmp_path)
-
     assert sorted(names) == sorted(path.name for path in tmp_path.iterdir())
     volume = 0.01 * 0.02 * 0.03 / 6.0
     for name, scale in (("mesh.ply", 1.0), ("mesh.stl", 1000.0), ("mesh.glb", 1.0)):
@@ -208,17 +189,15 @@ def test_the_meshes_keep_volume_and_unit(tetrahedron: ShapeModel, tmp_path: Path
         np.testing.assert_allclose(mesh.volume, volume * scale**3, rtol=1e-5)
 
 
-def test_gltf_stands_upright_with_y_up(tetrahedron: ShapeModel, tmp_path: Path) -> None:
+def test_gltf_stands_upright_with_y_up(tetrahedron, tmp_path):
     export_model(tetrahedron, tmp_path)
-
     low, high = trimesh.load(tmp_path / "mesh.glb", force="mesh").bounds
     np.testing.assert_allclose(low, [0, 0, -0.02], atol=1e-9)
     np.testing.assert_allclose(high, [0.01, 0.03, 0], atol=1e-9)
 
 
-def test_the_arrays_can_be_read_without_pickle(tetrahedron: ShapeModel, tmp_path: Path) -> None:
+def test_the_arrays_can_be_read_without_pickle(tetrahedron, tmp_path):
     export_model(tetrahedron, tmp_path)
-
     with np.load(tmp_path / "model.npz", allow_pickle=False) as found:
         arrays = dict(found)
     np.testing.assert_array_equal(arrays["vertices"], tetrahedron.vertices)
@@ -233,7 +212,7 @@ def test_the_arrays_can_be_read_without_pickle(tetrahedron: ShapeModel, tmp_path
     assert names | {"health_names", "health_values"} == set(arrays)
 
 
-def test_the_solid_itself_lies_beside_the_arrays(tetrahedron: ShapeModel, tmp_path: Path) -> None:
+def test_the_solid_itself_lies_beside_the_arrays(tetrahedron, tmp_path):
     turn = 2 * np.pi * np.arange(24) / 24
     rings = [np.column_stack([np.cos(turn), np.sin(turn), 0 * turn + z]) for z in range(5)]
     solid = palpate.reconstruct(rings, method="skin")
@@ -241,35 +220,29 @@ def test_the_solid_itself_lies_beside_the_arrays(tetrahedron: ShapeModel, tmp_pa
         ShapeModel, encode(dataclasses.replace(tetrahedron, archive=tree_to_bytes(solid)))
     )
     export_model(sent, tmp_path)
-
     assert equal_trees(palpate.load(tmp_path / "model.npz"), solid)
     with np.load(tmp_path / "model.npz", allow_pickle=False) as arrays:
         np.testing.assert_array_equal(arrays["vertices"], tetrahedron.vertices)
 
 
-def test_a_model_without_the_solid_itself_is_not_loaded(
-    tetrahedron: ShapeModel, tmp_path: Path
-) -> None:
+def test_a_model_without_the_solid_itself_is_not_loaded(tetrahedron, tmp_path):
     export_model(tetrahedron, tmp_path)
-
     with pytest.raises(InputError, match="holds no solid"):
         palpate.load(tmp_path / "model.npz")
 
 
-def test_a_model_without_a_surface_leaves_no_mesh(tetrahedron: ShapeModel, tmp_path: Path) -> None:
+def test_a_model_without_a_surface_leaves_no_mesh(tetrahedron, tmp_path):
     empty = dataclasses.replace(
         tetrahedron, vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), np.int32)
     )
-
     assert export_model(empty, tmp_path) == ("model.npz",)
     assert [path.name for path in tmp_path.iterdir()] == ["model.npz"]
 
 
-def test_the_fingerprint_sees_every_bit_of_the_surface(tetrahedron: ShapeModel) -> None:
+def test_the_fingerprint_sees_every_bit_of_the_surface(tetrahedron):
     moved = tetrahedron.vertices.copy()
     moved[0, 0] = np.nextafter(moved[0, 0], 1.0)
     turned = tetrahedron.faces[::-1].copy()
-
     prints = {
         mesh_sha256(model)
         for model in (

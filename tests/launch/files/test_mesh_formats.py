@@ -14,10 +14,9 @@ VALID = dict(valid_meshes())
 
 
 @pytest.mark.parametrize("name", VALID)
-def test_every_format_gives_the_surface_that_was_written(name: str) -> None:
+def test_every_format_gives_the_surface_that_was_written(name):
     vertices, faces = Superquadric(np.array(SIZE), np.array([1.0, 1.0])).mesh(LEVEL)
     found = READERS[name.rpartition(".")[2]](VALID[name])
-
     assert found.vertices.dtype == np.float64
     assert found.faces.dtype == np.int64
     assert len(found.faces) == len(faces)
@@ -38,42 +37,35 @@ def volume(mesh: RawMesh) -> float:
 CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "faces"),
-    [
-        (b"f 1 2 3\n", [[0, 1, 2]]),
-        (b"f 1/5 2/6/7 3//8\n", [[0, 1, 2]]),
-        (b"f -4 -3 -2\n", [[0, 1, 2]]),
-        (b"f 1 2 3 4\n", [[0, 1, 2], [0, 2, 3]]),
-        (b"f 1 2 \\\n3 # a comment\n", [[0, 1, 2]]),
-        (b"o one\nf 1 2 3\no other\nusemtl red\nf 1 3 4\n", [[0, 1, 2], [0, 2, 3]]),
-    ],
-)
-def test_faces_of_obj_are_numbered_from_one_or_back_from_the_last(
-    text: bytes, faces: list[list[int]]
-) -> None:
+@pytest.mark.parametrize(("text", "faces"), [
+    (b"f 1 2 3\n", [[0, 1, 2]]),
+    (b"f 1/5 2/6/7 3//8\n", [[0, 1, 2]]),
+    (b"f -4 -3 -2\n", [[0, 1, 2]]),
+    (b"f 1 2 3 4\n", [[0, 1, 2], [0, 2, 3]]),
+    (b"f 1 2 \\\n3 # a comment\n", [[0, 1, 2]]),
+    (b"o one\nf 1 2 3\no other\nusemtl red\nf 1 3 4\n", [[0, 1, 2], [0, 2, 3]]),
+])  # fmt: skip
+def test_faces_of_obj_are_numbered_from_one_or_back_from_the_last(text, faces):
     assert READERS["obj"](CORNERS + text).faces.tolist() == faces
 
 
-def test_vertices_may_have_colours_and_lines_any_end() -> None:
+def test_vertices_may_have_colours_and_lines_any_end():
     obj = READERS["obj"](b"v 0 0 0 1 0 0\r\nv 1 0 0 0.5 0 0\r\nv 0 1 0 1 1 1\r\nf 1 2 3\r\n")
     off = READERS["off"](
         b"COFF 3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 0 0 0\n0 1 0 0 0 0 0\n3 0 1 2 9\n"
     )
-
     for found in (obj, off):
         np.testing.assert_array_equal(found.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
         assert found.faces.tolist() == [[0, 1, 2]]
 
 
-def test_a_mesh_is_where_its_nodes_put_it() -> None:
+def test_a_mesh_is_where_its_nodes_put_it():
     described, held = gltf_of(VALID["plain.glb"])
     turn = {"children": [1], "rotation": [0.0, 0.0, 0.5**0.5, 0.5**0.5], "scale": [2.0, 2.0, 2.0]}
     place = np.eye(4)
     place[:3, 3] = [100.0, 0.0, 0.0]
     moved = {"mesh": 0, "matrix": place.T.ravel().tolist()}
     found = READERS["glb"](glb({**described, "nodes": [turn, moved]}, held))
-
     # First 100 mm along x, then twice as large and turned about z, from x to y.
     np.testing.assert_allclose(found.vertices.mean(axis=0), [0.0, 200.0, 0.0], atol=1e-3)
     np.testing.assert_allclose(np.ptp(found.vertices, axis=0), [100.0, 120.0, 160.0], rtol=1e-2)
@@ -150,36 +142,27 @@ REFUSED: list[tuple[str, Callable[[], bytes], str]] = [
 
 
 @pytest.mark.parametrize(("kind", "data", "words"), REFUSED)
-def test_what_is_not_what_it_says_is_refused(
-    kind: str, data: Callable[[], bytes], words: str
-) -> None:
+def test_what_is_not_what_it_says_is_refused(kind, data, words):
     with pytest.raises(ValueError, match=r"^[a-z]") as caught:
         READERS[kind](data())
-
     assert words in str(caught.value)
     assert len(str(caught.value)) < 200
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("count", 10**9, "states 1000000000 numbers that it does not hold"),
-        ("count", -1, "states -1 numbers"),
-        ("byteOffset", -4, "numbers that it does not hold"),
-        ("byteOffset", 10**12, "numbers that it does not hold"),
-        ("componentType", 5130, "numbers of a kind that is not read"),
-        ("type", "MAT4", "numbers of a kind that is not read"),
-        ("sparse", {"count": 1}, "numbers of a kind that is not read"),
-        ("bufferView", None, "names a part that does not exist"),
-        ("count", "many", "is described by something else than glTF"),
-    ],
-)
-def test_numbers_that_a_glb_file_does_not_hold_are_not_made_up(
-    key: str, value: object, words: str
-) -> None:
+@pytest.mark.parametrize(("key", "value", "words"), [
+    ("count", 10**9, "states 1000000000 numbers that it does not hold"),
+    ("count", -1, "states -1 numbers"),
+    ("byteOffset", -4, "numbers that it does not hold"),
+    ("byteOffset", 10**12, "numbers that it does not hold"),
+    ("componentType", 5130, "numbers of a kind that is not read"),
+    ("type", "MAT4", "numbers of a kind that is not read"),
+    ("sparse", {"count": 1}, "numbers of a kind that is not read"),
+    ("bufferView", None, "names a part that does not exist"),
+    ("count", "many", "is described by something else than glTF"),
+])  # fmt: skip
+def test_numbers_that_a_glb_file_does_not_hold_are_not_made_up(key, value, words):
     described, _ = gltf_of(VALID["plain.glb"])
     first, second = described["accessors"]
-
     for accessors in ([{**first, key: value}, second], [first, {**second, key: value}]):
         with pytest.raises(ValueError, match=words):
             READERS["glb"](changed(accessors=accessors))

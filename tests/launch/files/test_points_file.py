@@ -32,7 +32,7 @@ def write(folder: Path, name: str, text: str) -> Path:
 
 
 @pytest.mark.parametrize("mark", [",", ";", "\t", " "], ids=["comma", "semicolon", "tab", "blank"])
-def test_a_table_gives_its_contours_in_the_order_of_its_lines(tmp_path: Path, mark: str) -> None:
+def test_a_table_gives_its_contours_in_the_order_of_its_lines(tmp_path, mark):
     rows = [[1, 2, 3, 7], [4, 5, 6, 7], [7, 8, 9, 2], [1, 1, 1, 7]]
     text = "# a comment\n" + "\n".join(
         mark.join(map(str, row)) for row in [["z", "y", "X", "contour"], *rows]
@@ -47,7 +47,7 @@ def test_a_table_gives_its_contours_in_the_order_of_its_lines(tmp_path: Path, ma
     assert found.felt is None
 
 
-def test_normals_and_touches_are_read_and_other_columns_passed_over(tmp_path: Path) -> None:
+def test_normals_and_touches_are_read_and_other_columns_passed_over(tmp_path):
     text = "x,y,z,contour,colour,nx,ny,nz,touch\n0,1,2,0,red,1,0,0,4\n3,4,5,0,blue,0,1,0,5\n"
     found = read_points(write(tmp_path, "a.csv", text))
     assert found.normals is not None and found.felt is not None
@@ -57,46 +57,41 @@ def test_normals_and_touches_are_read_and_other_columns_passed_over(tmp_path: Pa
     assert found.scaled(0.1).felt.points.max() == pytest.approx(0.5)  # type: ignore[union-attr]
 
 
-def test_points_that_are_not_finite_are_left_out_and_their_lines_told(tmp_path: Path) -> None:
+def test_points_that_are_not_finite_are_left_out_and_their_lines_told(tmp_path):
     lines = ["x,y,z,contour"] + [f"{i},nan,0,0" if i % 3 else f"{i},1,0,0" for i in range(12)]
     found = read_points(write(tmp_path, "a.csv", "\n".join(lines)))
     assert len(found.contours[0]) == 4
     assert found.notes == ("left out 8 points not finite, lines 3, 4, 6, 7, 9, 10 and 2 more",)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "a.csv: holds no points"),
-        ("# nothing\n", "a.csv: holds no points"),
-        ("x,y,z\n", "a.csv:1: holds no points under its header"),
-        ("x,y\n1,2\n", "a.csv:1: lacks the column z"),
-        ("x,y,z,x\n1,2,3,4\n", "a.csv:1: has the column x more than once"),
-        ("x,y,z,nx\n1,2,3,4\n", "a.csv:1: has nx alone; nx, ny and nz belong together"),
-        ("1,2,3,4\n", "a.csv:1: has 4 columns and no header; name them, as in x,y,z,contour"),
-        ("x,y,z\n1,2,3\n\n1,2\n", "a.csv:4: has 2 columns where 3 are named"),
-        ("x,y,z\n1,two,3\n", "a.csv:2: y must be a number, got 'two'"),
-        ("x,y,z,contour\n1,2,3,1.5\n", "a.csv:2: contour must be a whole number, got 1.5"),
-        ("x,y,z,touch\n1,2,3,1e20\n", "a.csv:2: touch must be at most 2147483647, got 1e+20"),
-        ("x,y,z,contour\nnan,2,3,1\n", "a.csv: holds no points"),
-        ("x,y,z\n1,2,3\n", "a.csv: holds 1 points; at least 6 are needed"),
-    ],
-)
-def test_a_table_that_cannot_be_used_is_refused_with_its_line(
-    tmp_path: Path, text: str, said: str
-) -> None:
+@pytest.mark.parametrize(("text", "said"), [
+    ("", "a.csv: holds no points"),
+    ("# nothing\n", "a.csv: holds no points"),
+    ("x,y,z\n", "a.csv:1: holds no points under its header"),
+    ("x,y\n1,2\n", "a.csv:1: lacks the column z"),
+    ("x,y,z,x\n1,2,3,4\n", "a.csv:1: has the column x more than once"),
+    ("x,y,z,nx\n1,2,3,4\n", "a.csv:1: has nx alone; nx, ny and nz belong together"),
+    ("1,2,3,4\n", "a.csv:1: has 4 columns and no header; name them, as in x,y,z,contour"),
+    ("x,y,z\n1,2,3\n\n1,2\n", "a.csv:4: has 2 columns where 3 are named"),
+    ("x,y,z\n1,two,3\n", "a.csv:2: y must be a number, got 'two'"),
+    ("x,y,z,contour\n1,2,3,1.5\n", "a.csv:2: contour must be a whole number, got 1.5"),
+    ("x,y,z,touch\n1,2,3,1e20\n", "a.csv:2: touch must be at most 2147483647, got 1e+20"),
+    ("x,y,z,contour\nnan,2,3,1\n", "a.csv: holds no points"),
+    ("x,y,z\n1,2,3\n", "a.csv: holds 1 points; at least 6 are needed"),
+])  # fmt: skip
+def test_a_table_that_cannot_be_used_is_refused_with_its_line(tmp_path, text, said):
     with pytest.raises(InputError) as refused:
         read_points(write(tmp_path, "a.csv", text))
     assert said in str(refused.value)
 
 
-def test_a_file_that_is_no_text_is_refused_with_its_line(tmp_path: Path) -> None:
+def test_a_file_that_is_no_text_is_refused_with_its_line(tmp_path):
     (tmp_path / "a.csv").write_bytes(b"x,y,z\n1,2,3\n\xff\xfe\n")
     with pytest.raises(InputError, match=r"a\.csv:3: is no text in UTF-8"):
         read_points(tmp_path / "a.csv")
 
 
-def test_files_of_other_kinds_and_files_that_are_not_there_are_refused(tmp_path: Path) -> None:
+def test_files_of_other_kinds_and_files_that_are_not_there_are_refused(tmp_path):
     (tmp_path / "a.stl").touch()
     with pytest.raises(InputError, match=r"'.stl' is no format of points; known: .npz"):
         read_points(tmp_path / "a.stl")
@@ -106,7 +101,7 @@ def test_files_of_other_kinds_and_files_that_are_not_there_are_refused(tmp_path:
         read_points(tmp_path)
 
 
-def test_contours_come_out_of_arrays_in_each_of_three_forms(tmp_path: Path) -> None:
+def test_contours_come_out_of_arrays_in_each_of_three_forms(tmp_path):
     rings = [ring(0.0), ring(1.0), ring(2.0)]
     np.savez(tmp_path / "a.npz", contour_10=rings[2], contour_2=rings[1], contour_0=rings[0])
     np.savez(tmp_path / "b.npz", contours=np.array(rings), tops=[[0, 0, 3.0]])
@@ -126,30 +121,25 @@ def test_contours_come_out_of_arrays_in_each_of_three_forms(tmp_path: Path) -> N
     assert read_points(tmp_path / "c.npz").places == ("contour 5", "contour 1", "contour 9")
 
 
-@pytest.mark.parametrize(
-    ("arrays", "said"),
-    [
-        ({"points": ring(0.0)}, "must hold contours and contour, or contour_0"),
-        ({}, "it holds nothing"),
-        ({"contours": ring(0.0)}, "contour must number them"),
-        ({"contours": ring(0.0), "contour": np.zeros(3)}, "contour must have 24 rows"),
-        ({"contour_0": np.zeros((3, 2))}, r"contour_0 must be (n, 3), got float64 (3, 2)"),
-        ({"contour_0": ring(0.0), "normals_1": ring(0.0)}, "lacks normals_0"),
-        ({"contour_0": ring(0.0), "normals_0": np.ones((2, 3))}, "normals_0 must have 24 rows"),
-        ({"contours": np.array(["a"])}, "contours must be (n, 3)"),
-        ({"contour_0": ring(0.0), "tops": np.ones(3)}, "tops must be (n, 3)"),
-    ],
-)
-def test_arrays_that_cannot_be_used_are_refused(
-    tmp_path: Path, arrays: dict[str, Any], said: str
-) -> None:
+@pytest.mark.parametrize(("arrays", "said"), [
+    ({"points": ring(0.0)}, "must hold contours and contour, or contour_0"),
+    ({}, "it holds nothing"),
+    ({"contours": ring(0.0)}, "contour must number them"),
+    ({"contours": ring(0.0), "contour": np.zeros(3)}, "contour must have 24 rows"),
+    ({"contour_0": np.zeros((3, 2))}, r"contour_0 must be (n, 3), got float64 (3, 2)"),
+    ({"contour_0": ring(0.0), "normals_1": ring(0.0)}, "lacks normals_0"),
+    ({"contour_0": ring(0.0), "normals_0": np.ones((2, 3))}, "normals_0 must have 24 rows"),
+    ({"contours": np.array(["a"])}, "contours must be (n, 3)"),
+    ({"contour_0": ring(0.0), "tops": np.ones(3)}, "tops must be (n, 3)"),
+])  # fmt: skip
+def test_arrays_that_cannot_be_used_are_refused(tmp_path, arrays, said):
     np.savez(tmp_path / "a.npz", **arrays)
     with pytest.raises(InputError) as refused:
         read_points(tmp_path / "a.npz")
     assert said in str(refused.value)
 
 
-def test_a_file_that_only_looks_like_arrays_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_only_looks_like_arrays_is_refused(tmp_path):
     (tmp_path / "a.npz").write_bytes(b"PK\x03\x04 nothing more")
     with pytest.raises(InputError, match=r"a.npz: is no NPZ file"):
         read_points(tmp_path / "a.npz")
@@ -158,7 +148,7 @@ def test_a_file_that_only_looks_like_arrays_is_refused(tmp_path: Path) -> None:
         read_points(tmp_path / "b.npz")
 
 
-def test_a_cloud_is_cut_at_its_heights_and_put_in_order() -> None:
+def test_a_cloud_is_cut_at_its_heights_and_put_in_order():
     rng = np.random.default_rng(0)
     rings = [ring(z, 3.0 + z) for z in (0.0, 0.7, 2.0, 3.1)]
     noisy = np.concatenate(rings) + 0.01 * rng.normal(size=(96, 3))
@@ -176,19 +166,19 @@ def test_a_cloud_is_cut_at_its_heights_and_put_in_order() -> None:
     [np.linspace(0.0, 1.0, 60), np.zeros(60), np.random.default_rng(0).random(200)],
     ids=["ramp", "one height", "anywhere"],
 )
-def test_a_cloud_without_repeated_heights_is_refused(z: Floats) -> None:
+def test_a_cloud_without_repeated_heights_is_refused(z):
     with pytest.raises(ValueError, match="do not lie at repeated heights"):
         slices_by_height(z)
 
 
-def test_exact_heights_are_cut_whatever_their_spacing() -> None:
+def test_exact_heights_are_cut_whatever_their_spacing():
     z = np.repeat([0.0, 1e-3, 5.0, 5.5], 10)
     slice_of, spread = slices_by_height(np.random.default_rng(0).permutation(z))
     assert sorted(np.bincount(slice_of)) == [10, 10, 10, 10]
     assert spread == 0.0
 
 
-def test_points_of_a_star_shaped_section_are_ordered_by_azimuth() -> None:
+def test_points_of_a_star_shaped_section_are_ordered_by_azimuth():
     points = np.random.default_rng(0).permutation(ring(0.0)[:, :2] * [1.0, 0.4])
     found = order_points(points)
     assert found.by_azimuth
@@ -197,7 +187,7 @@ def test_points_of_a_star_shaped_section_are_ordered_by_azimuth() -> None:
     assert (steps > 0.0).all()
 
 
-def test_points_of_a_horseshoe_are_ordered_by_the_shortest_way() -> None:
+def test_points_of_a_horseshoe_are_ordered_by_the_shortest_way():
     true = kidney()
     mixed = np.random.default_rng(1).permutation(len(true))
     found = order_points(true[mixed])
@@ -211,11 +201,11 @@ def test_points_of_a_horseshoe_are_ordered_by_the_shortest_way() -> None:
     assert "3 of 3 slices are not star-shaped" in slice_cloud(cloud).notes[1]
 
 
-def test_a_few_points_are_ordered_too() -> None:
+def test_a_few_points_are_ordered_too():
     assert sorted(order_points(np.eye(3)[:, :2]).rows) == [0, 1, 2]
 
 
-def test_tops_are_read_from_a_table(tmp_path: Path) -> None:
+def test_tops_are_read_from_a_table(tmp_path):
     assert read_tops(write(tmp_path, "t.csv", "0 0 5\n0 0 -1\n")).tolist() == [
         [0, 0, 5],
         [0, 0, -1],
@@ -226,9 +216,7 @@ def test_tops_are_read_from_a_table(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("wrong", [np.nan, 0.5, 1e20])
 @pytest.mark.parametrize("name", ["contour", "touch"])
-def test_numbers_of_contours_and_touches_must_be_whole(
-    tmp_path: Path, name: str, wrong: float
-) -> None:
+def test_numbers_of_contours_and_touches_must_be_whole(tmp_path, name, wrong):
     numbers = np.repeat([0.0, 1.0], 24)
     arrays: dict[str, Any] = {"contour": numbers, "touch": numbers}
     arrays[name] = np.where(np.arange(48) == 7, wrong, numbers)

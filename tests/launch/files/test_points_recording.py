@@ -63,7 +63,7 @@ def done(contours: tuple[int, ...], probes: tuple[int, ...]) -> PlanDone:
     )  # fmt: skip
 
 
-def test_a_recording_gives_the_contours_that_the_plan_ended_with() -> None:
+def test_a_recording_gives_the_contours_that_the_plan_ended_with():
     traced = [contour(1), contour(2), contour(3)]
     probes = [probe(4, hit=True), probe(5, hit=False), probe(6, hit=True)]
     found = contours_of(PATH, RecordedContours(traced, probes, done=done((1, 3), (4, 5))))
@@ -73,7 +73,7 @@ def test_a_recording_gives_the_contours_that_the_plan_ended_with() -> None:
     assert found.normals is not None and len(found.normals) == 2
 
 
-def test_contours_that_were_not_closed_are_left_out_and_told() -> None:
+def test_contours_that_were_not_closed_are_left_out_and_told():
     assert "stuck" in get_args(ContourStatus)
     found = contours_of(PATH, RecordedContours([contour(1), contour(2, "stuck")]))
     assert found.places == ("contour 1",)
@@ -81,18 +81,18 @@ def test_contours_that_were_not_closed_are_left_out_and_told() -> None:
     assert "left out 1 contours that were not closed" in found.notes
 
 
-def test_a_recording_without_closed_contours_is_refused() -> None:
+def test_a_recording_without_closed_contours_is_refused():
     with pytest.raises(InputError, match="holds no closed contour, of 1 that were traced"):
         contours_of(PATH, RecordedContours([contour(1, "stuck")]))
 
 
-def test_the_topics_are_those_of_the_reconstructor() -> None:
+def test_the_topics_are_those_of_the_reconstructor():
     others = ("/model/goal", "/hand/contacts")
     heard = {topic: kind for topic, (kind, _) in NODE.inputs.items() if topic not in others}
     assert heard == MESSAGE_TYPES
 
 
-def test_the_platform_is_a_touch_of_an_upright_object_alone() -> None:
+def test_the_platform_is_a_touch_of_an_upright_object_alone():
     heights = {}
     for name, frame in (("upright", IDENTITY_POSE), ("tilted", TILTED)):
         found = contours_of(
@@ -106,12 +106,12 @@ def test_the_platform_is_a_touch_of_an_upright_object_alone() -> None:
     assert heights == {"upright": [[0.0, 0.0, -0.3]], "tilted": None}
 
 
-def test_contours_of_two_frames_are_refused() -> None:
+def test_contours_of_two_frames_are_refused():
     with pytest.raises(InputError, match=r"topics\.mcap: contours must be traced in one slicing"):
         contours_of(PATH, RecordedContours([contour(1), contour(2, frame=TILTED)]))
 
 
-def test_probes_touch_the_ends_along_the_axis() -> None:
+def test_probes_touch_the_ends_along_the_axis():
     traced = [contour(1, frame=TILTED), contour(2, frame=TILTED)]
     up, down = (transform_points(TILTED, np.array([[0.0, 0.0, z]]))[0] for z in (0.4, -0.2))
     probes = [replace(probe(i, hit=True), point=one) for i, one in enumerate((up, down), 4)]
@@ -119,6 +119,6 @@ def test_probes_touch_the_ends_along_the_axis() -> None:
     assert found.tops is not None and found.tops == pytest.approx(np.array([up, down]))
 
 
-def test_a_frame_has_the_unit_of_its_points() -> None:
+def test_a_frame_has_the_unit_of_its_points():
     found = contours_of(PATH, RecordedContours([contour(1, frame=TILTED)])).scaled(1000.0)
     assert found.frame == pytest.approx([10.0, 0.0, 50.0, 0.6, 0.0, 0.0, 0.8])

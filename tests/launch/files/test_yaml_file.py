@@ -11,92 +11,75 @@ from palpate.launch.files.yaml_file import BYTES_PER_VALUE, MAX_VALUES, parse_ya
 Write = Callable[[str, str], Path]
 
 
-def test_numbers_are_those_of_yaml_1_2() -> None:
+def test_numbers_are_those_of_yaml_1_2():
     value = parse_yaml("[5e-2, 1e3, no, 012, true, null, 0x10]", "f").value
-
     assert value == [0.05, 1000.0, "no", 12, True, None, 16]
 
 
-def test_every_value_has_its_line() -> None:
+def test_every_value_has_its_line():
     found = parse_yaml("a:\n  b:\n    - 1\n    - c: 2\n", "f.yaml")
-
     assert found.place(("a", "b", 1, "c")) == "f.yaml:4"
     assert found.place(("a", "b", 0, "none")) == "f.yaml:3"
     assert found.part(("a", "b")).place((1,)) == "f.yaml:4"
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("a: &x 1\nb: *x\n", "f.yaml:1: anchors and aliases"),
-        ("a: 1\nb: *x\n", "f.yaml:2: anchors and aliases"),
-        ("a: !!python/object:os.system 1\n", "f.yaml:1: the tag"),
-        ("a: 1\nb: [\n", "f.yaml:3: is not YAML"),
-        ("a: 1\na: 2\n", "f.yaml:2: the key 'a' is given twice"),
-        ("? [1]\n: 2\n", "f.yaml:1: a key must be a word"),
-        ("--- 1\n--- 2\n", "f.yaml:2: is not YAML"),
-        ("[" * 40 + "]" * 40, "f.yaml:1: is nested deeper than 16"),
-        ("a: \x00", "f.yaml: is not YAML"),
-        ("a: 2001-99-99\n", "f.yaml: is not YAML"),
-    ],
-)
-def test_what_is_not_plain_yaml_is_refused_with_its_line(text: str, words: str) -> None:
+@pytest.mark.parametrize(("text", "words"), [
+    ("a: &x 1\nb: *x\n", "f.yaml:1: anchors and aliases"),
+    ("a: 1\nb: *x\n", "f.yaml:2: anchors and aliases"),
+    ("a: !!python/object:os.system 1\n", "f.yaml:1: the tag"),
+    ("a: 1\nb: [\n", "f.yaml:3: is not YAML"),
+    ("a: 1\na: 2\n", "f.yaml:2: the key 'a' is given twice"),
+    ("? [1]\n: 2\n", "f.yaml:1: a key must be a word"),
+    ("--- 1\n--- 2\n", "f.yaml:2: is not YAML"),
+    ("[" * 40 + "]" * 40, "f.yaml:1: is nested deeper than 16"),
+    ("a: \x00", "f.yaml: is not YAML"),
+    ("a: 2001-99-99\n", "f.yaml: is not YAML"),
+])  # fmt: skip
+def test_what_is_not_plain_yaml_is_refused_with_its_line(text, words):
     with pytest.raises(InputError) as caught:
         parse_yaml(text, "f.yaml")
-
     assert str(caught.value).startswith(words)
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "is empty"),
-        ("# nothing\n", "is empty"),
-        ("[1, 2]", "must be a map of keys to values, got a list"),
-        ("word", "must be a map of keys to values, got 'word'"),
-        ("#" * (BYTES_PER_VALUE * MAX_VALUES + 1), "is larger than 195 kB"),
-    ],
-)
-def test_a_file_must_hold_one_small_map(write: Write, text: str, words: str) -> None:
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "is empty"),
+    ("# nothing\n", "is empty"),
+    ("[1, 2]", "must be a map of keys to values, got a list"),
+    ("word", "must be a map of keys to values, got 'word'"),
+    ("#" * (BYTES_PER_VALUE * MAX_VALUES + 1), "is larger than 195 kB"),
+])  # fmt: skip
+def test_a_file_must_hold_one_small_map(write, text, words):
     path = write("f.yaml", text)
-
     with pytest.raises(InputError, match=words):
         read_yaml(path)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("a: [" + "1," * 13_000 + "]", "f.yaml:1: has more than 12500 values"),
-        ("".join(f"k{i}: 1\n" for i in range(7000)), "f.yaml:6250: has more than 12500 values"),
-        ("a: 0x" + "f" * 20_000, "f.yaml:1: has a number of more than 1024 bits"),
-        ("a: " + "9" * 4000, "f.yaml:1: has a number of more than 1024 bits"),
-        ("a: " + "9" * 5000, "f.yaml: is not YAML: Exceeds the limit"),
-        ("- " * 3000, "f.yaml:1: is nested deeper than 16"),
-        ("a: &a [*a]", "f.yaml:1: anchors and aliases"),
-        ("&k a: 1", "f.yaml:1: anchors and aliases"),
-        ("? !x a\n: 1", "f.yaml:1: the tag"),
-        ('"' + "k" * 900 + '": 1\n"' + "k" * 900 + '": 2', "f.yaml:2: the key 'kkk"),
-    ],
-)
-def test_what_would_take_long_or_much_is_refused_as_soon_as_it_is_seen(
-    text: str, words: str
-) -> None:
+@pytest.mark.parametrize(("text", "words"), [
+    ("a: [" + "1," * 13_000 + "]", "f.yaml:1: has more than 12500 values"),
+    ("".join(f"k{i}: 1\n" for i in range(7000)), "f.yaml:6250: has more than 12500 values"),
+    ("a: 0x" + "f" * 20_000, "f.yaml:1: has a number of more than 1024 bits"),
+    ("a: " + "9" * 4000, "f.yaml:1: has a number of more than 1024 bits"),
+    ("a: " + "9" * 5000, "f.yaml: is not YAML: Exceeds the limit"),
+    ("- " * 3000, "f.yaml:1: is nested deeper than 16"),
+    ("a: &a [*a]", "f.yaml:1: anchors and aliases"),
+    ("&k a: 1", "f.yaml:1: anchors and aliases"),
+    ("? !x a\n: 1", "f.yaml:1: the tag"),
+    ('"' + "k" * 900 + '": 1\n"' + "k" * 900 + '": 2', "f.yaml:2: the key 'kkk"),
+])  # fmt: skip
+def test_what_would_take_long_or_much_is_refused_as_soon_as_it_is_seen(text, words):
     with pytest.raises(InputError) as caught:
         parse_yaml(text, "f.yaml")
-
     assert str(caught.value).startswith(words)
     assert len(str(caught.value)) < 250
 
 
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"none.yaml: cannot be read: No such file"):
         read_yaml(tmp_path / "none.yaml")
 
 
-def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+def test_bytes_that_are_no_text_are_refused(tmp_path):
     (tmp_path / "f.yaml").write_bytes(b"a: \xff\xfe")
-
     with pytest.raises(InputError, match="is not text in UTF-8"):
         read_yaml(tmp_path / "f.yaml")

@@ -18,14 +18,14 @@ def said_by(script: str) -> list[str]:
     return done.stdout.splitlines()
 
 
-def test_the_script_is_hidden_only_for_a_moment() -> None:
+def test_the_script_is_hidden_only_for_a_moment():
     script = sys.modules["__main__"]
     with without_main_module():
         assert not hasattr(sys.modules["__main__"], "__file__")
     assert sys.modules["__main__"] is script
 
 
-def test_each_kind_of_palpates_own_is_preloaded_once_and_none_of_a_users() -> None:
+def test_each_kind_of_palpates_own_is_preloaded_once_and_none_of_a_users():
     tracer = "palpate.nodes.tracer"
     modules = [
         tracer,
@@ -61,9 +61,7 @@ if sys.platform == "linux":
 """
 
 
-def test_what_is_preloaded_for_exploring_has_no_socket_no_thread_and_no_effect(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_is_preloaded_for_exploring_has_no_socket_no_thread_and_no_effect(monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
     missing, sockets, effects, heavy, garbage, *threads = said_by(PRELOADED)
     assert missing == "[]"
@@ -82,7 +80,7 @@ print("palpate.nodes.filter" in sys.modules)
 """
 
 
-def test_what_cannot_be_imported_keeps_nothing_else_from_being_preloaded() -> None:
+def test_what_cannot_be_imported_keeps_nothing_else_from_being_preloaded():
     assert said_by(BROKEN) == ["True"]
 
 
@@ -102,7 +100,7 @@ print(drawn[0] != drawn[1])
 """
 
 
-def test_two_nodes_that_draw_from_the_global_generator_draw_different_numbers() -> None:
+def test_two_nodes_that_draw_from_the_global_generator_draw_different_numbers():
     assert said_by(DRAWN) == ["True"]
 
 
@@ -123,7 +121,7 @@ for graph in ([source, lost], [source, toy("counter", ToyParams(expects=5), upst
 
 
 @pytest.mark.graph
-def test_a_module_that_is_missing_is_told_and_the_next_graph_of_other_nodes_runs() -> None:
+def test_a_module_that_is_missing_is_told_and_the_next_graph_of_other_nodes_runs():
     first, second = said_by(LAUNCHED)
     assert first.startswith(
         "died lost failed while loading: ValueError: no module 'palpate.nodes.nothing'"

@@ -28,7 +28,7 @@ STATUS = NodeStatus(
 )
 
 
-def test_a_node_is_ready_and_says_goodbye_with_its_counters() -> None:
+def test_a_node_is_ready_and_says_goodbye_with_its_counters():
     roll = NodeStatusTable(["filter"])
     assert roll.receive("filter", {"kind": "ready"}) == []
     assert roll.receive("filter", {"kind": "exiting", "status": encode(STATUS)}) == []
@@ -36,7 +36,7 @@ def test_a_node_is_ready_and_says_goodbye_with_its_counters() -> None:
     assert roll.statuses["filter"].messages == 3
 
 
-def test_a_failure_is_one_line_and_its_trace_another() -> None:
+def test_a_failure_is_one_line_and_its_trace_another():
     roll = NodeStatusTable(["filter"])
     lines = roll.receive("filter", {"kind": "failed", "text": "it broke", "trace": "T" * 99_999})
     assert roll.failed == {"filter": "it broke"}
@@ -45,17 +45,17 @@ def test_a_failure_is_one_line_and_its_trace_another() -> None:
         encode(line)
 
 
-def test_a_stranger_is_refused() -> None:
+def test_a_stranger_is_refused():
     with pytest.raises(ValueError, match="'spy' reported, which is not in the graph"):
         NodeStatusTable(["filter"]).receive("spy", {"kind": "ready"})
 
 
-def test_counters_that_cannot_be_read_are_refused() -> None:
+def test_counters_that_cannot_be_read_are_refused():
     with pytest.raises(ValueError, match="not a NodeStatus"):
         NodeStatusTable(["filter"]).receive("filter", {"kind": "exiting", "status": b""})
 
 
-def test_silence_is_mentioned_once_until_the_node_speaks_again() -> None:
+def test_silence_is_mentioned_once_until_the_node_speaks_again():
     roll = NodeStatusTable(["filter"])
     late = time.monotonic() + 2 * SILENCE
     [line] = roll.silent(late)
@@ -83,7 +83,7 @@ def answer(
     )
 
 
-def test_two_equal_rounds_with_everything_consumed_are_settled() -> None:
+def test_two_equal_rounds_with_everything_consumed_are_settled():
     one = census()
     answer(one, 3, 3, 0.0)
     assert not one.settled
@@ -92,7 +92,7 @@ def test_two_equal_rounds_with_everything_consumed_are_settled() -> None:
     assert one.still_for(2.0) == 2.0
 
 
-def test_a_message_that_is_on_its_way_is_not_settled() -> None:
+def test_a_message_that_is_on_its_way_is_not_settled():
     one = census()
     answer(one, 3, 2, 0.0)
     answer(one, 3, 2, 1.0)
@@ -100,7 +100,7 @@ def test_a_message_that_is_on_its_way_is_not_settled() -> None:
     assert one.unconsumed() == [(EDGE, 3, 2)]
 
 
-def test_rounds_that_differ_are_not_settled() -> None:
+def test_rounds_that_differ_are_not_settled():
     one = census()
     answer(one, 3, 3, 0.0)
     answer(one, 3, 3, 1.0)
@@ -109,7 +109,7 @@ def test_rounds_that_differ_are_not_settled() -> None:
     assert one.still_for(3.0) == 0.0
 
 
-def test_what_was_counted_before_is_forgotten() -> None:
+def test_what_was_counted_before_is_forgotten():
     one = census()
     answer(one, 3, 3, 0.0)
     one.forget()
@@ -117,7 +117,7 @@ def test_what_was_counted_before_is_forgotten() -> None:
     assert not one.settled
 
 
-def test_an_answer_to_an_earlier_round_does_not_count() -> None:
+def test_an_answer_to_an_earlier_round_does_not_count():
     one = census()
     answer(one, 3, 3, 0.0)
     one.answer("talker", 0, MessageCounts({"/talk": 3}, {}), 1.0, 0.0)
@@ -125,7 +125,7 @@ def test_an_answer_to_an_earlier_round_does_not_count() -> None:
     assert one.to_ask(1.0) == ["talker", "hearer"]
 
 
-def test_who_has_not_answered_is_asked_again() -> None:
+def test_who_has_not_answered_is_asked_again():
     one = census()
     assert one.to_ask(0.0) == ["talker", "hearer"]
     one.answer("talker", 0, MessageCounts({}, {}), 0.0, 0.0)
@@ -133,7 +133,7 @@ def test_who_has_not_answered_is_asked_again() -> None:
     assert one.to_ask(RETRY) == ["hearer"]
 
 
-def test_complaints_name_who_waits_for_what() -> None:
+def test_complaints_name_who_waits_for_what():
     one = census()
     answer(one, 3, 1, 0.0, waits=("/world",))
     assert one.complaints() == [
@@ -144,7 +144,7 @@ def test_complaints_name_who_waits_for_what() -> None:
     assert one.complaints() == ["hearer has received nothing on /talk (talker)"]
 
 
-def test_who_is_dropped_is_neither_asked_nor_waited_for() -> None:
+def test_who_is_dropped_is_neither_asked_nor_waited_for():
     one = TerminationDetector(["talker", "hearer"], [EDGE, Edge("late", "talker", "/talk")])
     one.drop("hearer")
     assert one.to_ask(1.0) == ["talker"]

@@ -10,16 +10,13 @@ import pytest
 from palpate.launch.processes.process_hosts import exit_text
 
 
-@pytest.mark.parametrize(
-    ("code", "words"),
-    [
-        (-9, "was killed by SIGKILL"),
-        (-11, "was killed by SIGSEGV"),
-        (3, "ended by itself with exit code 3"),
-        (0, "ended by itself with exit code 0"),
-    ],
-)
-def test_an_exit_code_is_put_into_words(code: int, words: str) -> None:
+@pytest.mark.parametrize(("code", "words"), [
+    (-9, "was killed by SIGKILL"),
+    (-11, "was killed by SIGSEGV"),
+    (3, "ended by itself with exit code 3"),
+    (0, "ended by itself with exit code 0"),
+])  # fmt: skip
+def test_an_exit_code_is_put_into_words(code, words):
     assert exit_text(code) == words
 
 
@@ -34,7 +31,7 @@ with ForkServer(()):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_a_closed_terminal_does_not_reach_the_process_that_keeps_track() -> None:
+def test_a_closed_terminal_does_not_reach_the_process_that_keeps_track():
     run = [sys.executable, "-c", TRACKED]
     told = subprocess.run(run, capture_output=True, text=True, timeout=30.0, check=True).stdout
     [held] = re.findall(r"^SigBlk:\s*(\w+)$", told, re.MULTILINE)

@@ -17,7 +17,7 @@ from palpate.launch.processes.process_table import (
 )
 
 
-def test_a_node_may_be_started_again_but_not_in_a_storm() -> None:
+def test_a_node_may_be_started_again_but_not_in_a_storm():
     restarts = RestartPolicy({"a": "restart", "b": "restart"})
     how = "was killed by SIGKILL"
     assert [restarts.refusal("a", how, False, now) for now in (0.0, 1.0, 2.0)] == [None] * 3
@@ -29,7 +29,7 @@ def test_a_node_may_be_started_again_but_not_in_a_storm() -> None:
     assert restarts.counts == {"a": 4, "b": 1}
 
 
-def test_a_message_of_which_a_node_dies_twice_ends_the_run() -> None:
+def test_a_message_of_which_a_node_dies_twice_ends_the_run():
     restarts = RestartPolicy({"a": "restart"})
     how = "failed while handling /in 7 from b: ValueError: no"
     assert restarts.refusal("a", how, True, 0.0) is None
@@ -39,7 +39,7 @@ def test_a_message_of_which_a_node_dies_twice_ends_the_run() -> None:
     )
 
 
-def test_a_node_that_the_launch_file_says_so_of_ends_the_run_at_once() -> None:
+def test_a_node_that_the_launch_file_says_so_of_ends_the_run_at_once():
     restarts = RestartPolicy({"a": "stop"})
     assert restarts.refusal("a", "hung", False, 0.0) == "a hung"
     assert restarts.counts == {"a": 0}
@@ -82,18 +82,13 @@ def hung_at(made: Watchdog, until: float) -> float | None:
     ],
 )
 def test_a_node_hangs_that_neither_works_nor_waits_for_the_processor(
-    monkeypatch: pytest.MonkeyPatch,
-    does: ProcessState | None,
-    handler_timeout: float,
-    found: float | None,
-) -> None:
+    monkeypatch, does, handler_timeout, found
+):
     at = hung_at(watched(monkeypatch, does, handler_timeout), 5.0)
     assert at == (None if found is None else pytest.approx(found))
 
 
-def test_nobody_is_blamed_for_the_time_in_which_the_launcher_did_not_run(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_nobody_is_blamed_for_the_time_in_which_the_launcher_did_not_run(monkeypatch):
     made = watched(monkeypatch, ProcessState("T", 2.0))
     assert made.hung(60.0, PIDS) == {}
     assert made.hung(60.4, PIDS) == {}
@@ -105,24 +100,20 @@ def test_nobody_is_blamed_for_the_time_in_which_the_launcher_did_not_run(
     ("does", "found"),
     [(ProcessState("T", 2.0), 1.3), (ProcessState("S", 2.0), None), (ProcessState("R", 9.0), None)],
 )
-def test_a_node_that_begins_may_take_its_time_but_must_not_be_stopped(
-    monkeypatch: pytest.MonkeyPatch, does: ProcessState, found: float | None
-) -> None:
+def test_a_node_that_begins_may_take_its_time_but_must_not_be_stopped(monkeypatch, does, found):
     made = watched(monkeypatch, does)
     made.begin("node", 10.0)
     assert hung_at(made, 5.0) == (None if found is None else pytest.approx(found))
 
 
-def test_nothing_is_expected_of_a_node_that_has_said_goodbye(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_nothing_is_expected_of_a_node_that_has_said_goodbye(monkeypatch):
     made = watched(monkeypatch, ProcessState("T", 2.0))
     made.forget("node")
     assert hung_at(made, 5.0) is None
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux says what a process does")
-def test_the_system_says_what_a_process_does() -> None:
+def test_the_system_says_what_a_process_does():
     assert process_state(1 << 30) is None
     child = subprocess.Popen([sys.executable, "-c", "while True: pass"])
     try:

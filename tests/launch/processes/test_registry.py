@@ -35,7 +35,7 @@ def card(run: str, name: str = "vase", folder: str = "") -> RunCard:
     )
 
 
-def test_a_graph_runs_as_long_as_its_lock_is_held(tmp_path: Path) -> None:
+def test_a_graph_runs_as_long_as_its_lock_is_held(tmp_path):
     with private_folder(tmp_path) as folder:
         assert running_graphs(tmp_path) == []
         announce(folder, card("ab01"))
@@ -55,7 +55,7 @@ def left(
         announce(folder, card("dead", folder="" if run is None else str(run)))
 
 
-def test_what_a_killed_launcher_left_is_no_running_graph_and_is_swept(tmp_path: Path) -> None:
+def test_what_a_killed_launcher_left_is_no_running_graph_and_is_swept(tmp_path):
     run = tmp_path / "run"
     (run / ".published").mkdir(parents=True)
     left(tmp_path / "palpate-run-dead", run=run)
@@ -68,9 +68,7 @@ def test_what_a_killed_launcher_left_is_no_running_graph_and_is_swept(tmp_path: 
 
 
 @pytest.mark.parametrize(("age", "swept"), [(0.0, False), (GRACE_AGE + 1.0, True)])
-def test_what_was_taken_away_but_for_a_part_is_swept_when_it_is_old(
-    age: float, swept: bool, tmp_path: Path
-) -> None:
+def test_what_was_taken_away_but_for_a_part_is_swept_when_it_is_old(age, swept, tmp_path):
     half = tmp_path / "palpate-run-half"
     half.mkdir()
     (half / "n0").touch()
@@ -79,7 +77,7 @@ def test_what_was_taken_away_but_for_a_part_is_swept_when_it_is_old(
     assert half.exists() != swept
 
 
-def test_what_is_not_ours_or_just_coming_up_is_left_alone(tmp_path: Path) -> None:
+def test_what_is_not_ours_or_just_coming_up_is_left_alone(tmp_path):
     left(tmp_path / "palpate-run-young", announced=False)
     left(tmp_path / "somebody-dead")
     (tmp_path / "palpate-run-file").touch()
@@ -90,13 +88,13 @@ def test_what_is_not_ours_or_just_coming_up_is_left_alone(tmp_path: Path) -> Non
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_a_spoilt_card_is_no_running_graph(tmp_path: Path) -> None:
+def test_a_spoilt_card_is_no_running_graph(tmp_path):
     with private_folder(tmp_path) as folder:
         (folder / CARD_FILE).write_text("{")
         assert running_graphs(tmp_path) == []
 
 
-def test_a_run_is_found_by_its_number_or_name_or_as_the_latest(tmp_path: Path) -> None:
+def test_a_run_is_found_by_its_number_or_name_or_as_the_latest(tmp_path):
     with private_folder(tmp_path) as one, private_folder(tmp_path) as other:
         announce(one, card("ab01"))
         announce(other, card("ac02", "egg"))
@@ -109,12 +107,12 @@ def test_a_run_is_found_by_its_number_or_name_or_as_the_latest(tmp_path: Path) -
             find_run("x", tmp_path)
 
 
-def test_without_a_running_graph_that_is_said(tmp_path: Path) -> None:
+def test_without_a_running_graph_that_is_said(tmp_path):
     with pytest.raises(ValueError, match="no graph of yours is running"):
         find_run(None, tmp_path)
 
 
-def test_a_folder_that_holds_anything_else_is_somebodys_own(tmp_path: Path) -> None:
+def test_a_folder_that_holds_anything_else_is_somebodys_own(tmp_path):
     mine = tmp_path / "palpate-run-of-mine"
     left(mine, age=2 * GRACE_AGE)
     (mine / "thesis.tex").touch()
@@ -125,29 +123,27 @@ def test_a_folder_that_holds_anything_else_is_somebodys_own(tmp_path: Path) -> N
     assert mine.exists() and other.exists()
 
 
-def test_the_folder_is_private_and_vanishes_with_all_that_is_in_it(tmp_path: Path) -> None:
+def test_the_folder_is_private_and_vanishes_with_all_that_is_in_it(tmp_path):
     with private_folder(tmp_path) as folder:
         assert folder.stat().st_mode & 0o777 == 0o700
         (folder / "n0").touch()
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_users_own_folder_is_preferred(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_users_own_folder_is_preferred(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     with private_folder(None) as folder:
         assert folder.parent == tmp_path
 
 
-def test_without_a_folder_of_ones_own_the_temporary_one_will_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_folder_of_ones_own_the_temporary_one_will_do(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "nowhere"))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with private_folder(None) as folder:
         assert folder.parent == tmp_path
 
 
-def test_nodes_of_any_name_have_addresses_of_their_own(tmp_path: Path) -> None:
+def test_nodes_of_any_name_have_addresses_of_their_own(tmp_path):
     place = addresses_of(tmp_path, ["finger_1/filter", "x" * 200], depth=7, past=tmp_path)
     addresses = [*place.endpoints.values(), *place.taps.values(), place.control, place.tools]
     assert len(set(addresses)) == 6
