@@ -2,8 +2,8 @@
 
 These chapters serve all its rooms: array types and their checks, poses, batched least squares,
 archives of values, plug-ins and their parameters, and what moves cost a robot. Of them only the
-presets of `robot_time` are assumptions that may be replaced; the rest is to be relied on. They
-rest on numpy alone.
+presets of `robot_time` are assumptions that may be replaced; the rest is to be relied on. They rest
+on numpy alone.
 """
 
 from __future__ import annotations

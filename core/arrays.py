@@ -1,9 +1,9 @@
 """Array types, the checks that public functions start with, and the spread of errors.
 
-Half of the errors may be gross before their median follows them (Hampel, *The influence curve
-and its role in robust estimation*, 1974). The constant of normal noise stands here both ways,
-each rounded as textbooks have it: multiplying by the one differs from dividing by the other in
-the fifth digit.
+Half of the errors may be gross before their median follows them (Hampel, *The influence curve and
+its role in robust estimation*, 1974). The constant of normal noise stands here both ways, each
+rounded as textbooks have it: multiplying by the one differs from dividing by the other in the fifth
+digit.
 """
 
 from __future__ import annotations
@@ -26,33 +26,26 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     Raises ValueError if `value` holds anything but real numbers, has another shape, or holds a NaN
     or an infinity.
     """
-    array = _real_numbers(name, value)
-    fits = array.ndim == len(shape) and all(
-        want is None or want == have for want, have in zip(shape, array.shape, strict=True)
-    )
-    if not fits:
-        wanted = ", ".join("any" if n is None else str(n) for n in shape)
-        raise ValueError(f"{name} must have shape ({wanted}), got {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite")
-    return array
-
-
-def _real_numbers(name: str, value: ArrayLike) -> Floats:
     try:
         array = np.asarray(value)
     except ValueError as error:  # rows of unequal length
         raise ValueError(f"{name} must be an array of numbers, got rows of many lengths") from error
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{name} must be an array of real numbers, got {array.dtype}")
-    return array.astype(np.float64, copy=False)
+    fits = array.ndim == len(shape) and all(
+        want is None or want == have for want, have in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("any" if n is None else str(n) for n in shape)
+        raise ValueError(f"{name} must have shape ({wanted}), got {array.shape}")
+    array = array.astype(np.float64, copy=False)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite")
+    return array
 
 
 def positive(name: str, value: float, unit: str) -> float:
-    """A positive, finite number.
-
-    Raises ValueError if it is not.
-    """
+    """A positive, finite number; else ValueError."""
     if not 0.0 < value < math.inf:
         raise ValueError(f"{name} must be positive and finite, got {value} {unit}")
     return float(value)

@@ -1,8 +1,8 @@
 """Many small nonlinear least-squares problems, solved side by side: Levenberg and Marquardt.
 
-With Nielsen's damping, bounds and robust losses. All problems that are still under way take
-their next step in one call, so that a hundred starts of one fit, or the inversion of ten
-thousand points, cost little more than one. Own code: scipy's solver takes one problem at a time.
+With Nielsen's damping, bounds and robust losses. All problems that are still under way take their
+next step in one call, so that a hundred starts of one fit, or the inversion of ten thousand points,
+cost little more than one. Own code: scipy's solver takes one problem at a time.
 """
 
 from __future__ import annotations
@@ -115,13 +115,11 @@ def levenberg_marquardt(
     infinite. `loss`: what squared residuals cost. `steps`: most steps of each. `enough`: length of
     the residuals below which a problem is solved. `tolerance`: a problem has converged when no free
     column of the Jacobian has a larger cosine with the residuals, or when a step promises to lower
-    the cost by less than this squared.
-
-    A parameter at a bound that it would leave is held for the step; the others' step is cut at
-    their bounds. Damping is in the units of each column, so that the path does not depend on
-    the parameters' units: Marquardt, 1963, where Fung, 1999, (2.16) damps all alike. How it
-    changes: Nielsen, *Damping parameter in Marquardt's method*, 1999. A robust loss weights
-    residuals and Jacobian by the root of its derivative.
+    the cost by less than this squared. A parameter at a bound that it would leave is held for the
+    step; the others' step is cut at their bounds. Damping is in the units of each column, so that
+    the path does not depend on the parameters' units: Marquardt, 1963, where Fung, 1999, (2.16)
+    damps all alike. How it changes: Nielsen, *Damping parameter in Marquardt's method*, 1999. A
+    robust loss weights residuals and Jacobian by the root of its derivative.
     """
     low, high = np.broadcast_to(low, starts.shape), np.broadcast_to(high, starts.shape)
     parameters = np.clip(starts, low, high)

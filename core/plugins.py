@@ -80,6 +80,15 @@ def check_ranges(value: Any) -> None:
             raise ValueError(f"{name} is {number!r}; expected {what}, {allowed}")
 
 
+class Ranged:
+    """A dataclass of this kind checks its numbers when it is made, as `check_ranges` does."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
 @cache
 def _ranges_of(described: type) -> Mapping[str, Range]:
     found = {}

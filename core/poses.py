@@ -1,14 +1,15 @@
 """Poses, rotation matrices, quaternions, rotation vectors, and the principal axes of points.
 
-A pose is seven numbers: position x, y, z in m, then a unit quaternion x, y, z, w. Rotation
-matrices hold the axes of the moved frame as columns. A rotation vector is axis times angle,
-for poses that are adjusted by least squares. Own code: scipy's `Rotation` has other last digits,
-takes 0.3 s to import, and five times as long for one rotation.
+A pose is seven numbers: position x, y, z in m, then a unit quaternion x, y, z, w. Rotation matrices
+hold the axes of the moved frame as columns. A rotation vector is axis times angle, for poses that
+are adjusted by least squares. Own code: scipy's `Rotation` has other last digits, takes 0.3 s to
+import, and five times as long for one rotation.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -79,6 +80,40 @@ def inverse_pose(pose: Floats) -> Floats:
     """Pose of the outer frame, seen from the frame that `pose` describes."""
     position, matrix = split_pose(pose)
     return pose_of(-matrix.T @ position, matrix.T)
+
+
+def advanced_pose(pose: Floats, way: float) -> Floats:
+    """A pose (7,) moved along its own z axis, m."""
+    x, y, z, w = pose[3:].tolist()
+    axis = (2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y))
+    moved = pose.copy()
+    moved[:3] += np.multiply(axis, way)
+    return moved
+
+
+def turned_pose(pose: Floats, shift: Sequence[float], turn: Sequence[float]) -> Floats:
+    """A pose (7,) shifted, m, and turned by a rotation vector, rad, both in its own frame."""
+    px, py, pz, x, y, z, w = pose.tolist()
+    a, b, c = shift
+    # v + 2 q x (q x v + w v), the rotation of the shift by the quaternion.
+    u, v, t = y * c - z * b + w * a, z * a - x * c + w * b, x * b - y * a + w * c
+    position = (
+        px + a + 2 * (y * t - z * v),
+        py + b + 2 * (z * u - x * t),
+        pz + c + 2 * (x * v - y * u),
+    )
+    angle = math.hypot(*turn)
+    scale = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
+    a, b, c = (scale * part for part in turn)
+    d = math.cos(0.5 * angle)
+    turned = (
+        w * a + x * d + y * c - z * b,
+        w * b - x * c + y * d + z * a,
+        w * c + x * b - y * a + z * d,
+        w * d - x * a - y * b - z * c,
+    )
+    length = math.hypot(*turned)
+    return np.array((*position, *(part / length for part in turned)))
 
 
 def transform_points(pose: Floats, points: Floats) -> Floats:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Bools, Floats, finite_array, positive
+from palpate.core.arrays import Floats, finite_array, not_negative, positive
 
 COLUMNS = 5
 LIFTED = -1.0  # Length of the way along the surface where there was none
@@ -39,44 +39,29 @@ class RobotPreset:
         units = {"acceleration": "m/s2", "turning": "rad/s", "dwell": "s", "overhead": "s"}
         for field in fields(self):
             value, unit = getattr(self, field.name), units.get(field.name, "m/s")
-            if unit != "s":
-                positive(field.name, value, unit)
-            elif not 0.0 <= value < math.inf:
-                raise ValueError(f"{field.name} must be finite and not negative, got {value} s")
+            (not_negative if unit == "s" else positive)(field.name, value, unit)
 
 
 def free_seconds(preset: RobotPreset, travel: float, turn: float) -> float:
     """Robot time from one start pose to the next, travelling and turning together.
 
-    `preset`: the arm. `travel`: way from the last start pose to this one, m. `turn`: angle between
-    the two, rad. Raises ValueError if the way or the angle is negative or not finite.
+    `travel`: way from the last start pose to this one, m. `turn`: angle between the two, rad.
+    Raises ValueError if the way or the angle is negative or not finite.
     """
-    _check_not_negative("travel", travel, "m")
-    _check_not_negative("turn", turn, "rad")
-    return max(_travel_seconds(preset, travel), turn / preset.turning)
-
-
-def _travel_seconds(preset: RobotPreset, distance: float) -> float:
-    """From rest to rest, with a trapezoid of speed, or a triangle if it is short."""
-    if distance >= preset.speed**2 / preset.acceleration:
-        return distance / preset.speed + preset.speed / preset.acceleration
-    return 2.0 * math.sqrt(distance / preset.acceleration)
+    way = not_negative("travel", travel, "m")
+    turning = not_negative("turn", turn, "rad") / preset.turning
+    return max(float(_travel_durations(preset, np.array(way))), turning)
 
 
 def contact_seconds(preset: RobotPreset, approach: float) -> float:
     """Robot time of a move to the surface and back: approach, rest, retreat, two commands.
 
-    `preset`: the arm. `approach`: way from the start pose to the end of the touch, m; the finger
-    goes back as far. Raises ValueError if the way is negative or not finite.
+    `approach`: way from the start pose to the end of the touch, m; the finger goes back as far.
+    Raises ValueError if the way is negative or not finite.
     """
-    _check_not_negative("approach", approach, "m")
+    not_negative("approach", approach, "m")
     there_and_back = approach / preset.approach + approach / preset.retract
     return there_and_back + preset.dwell + 2.0 * preset.overhead
-
-
-def _check_not_negative(name: str, value: float, unit: str) -> None:
-    if not 0.0 <= value < math.inf:
-        raise ValueError(f"{name} must be finite and not negative, got {value} {unit}")
 
 
 class MoveGeometry(NamedTuple):
@@ -138,8 +123,6 @@ class SlidingPreset:
 def move_durations(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> MoveDurations:
     """Durations of moves, as this robot would make them.
 
-    `moves`: their geometry. `robot`: who makes them.
-
     With the preset of which a recording was made they add up to its robot times; see
     `elapsed_seconds`.
     """
@@ -158,24 +141,16 @@ def _slid(moves: MoveGeometry, robot: SlidingPreset) -> MoveDurations:
     """Between touches that the surface joins there is neither retreat nor approach nor rest."""
     lifted, slid = move_durations(moves, robot.arm), moves.along >= 0.0
     way = np.where(slid, moves.along, 0.0) / robot.speed
+    followed = np.append(slid[1:], False)
+    # The surface is left as from the contact where sliding began.
+    began = np.maximum.accumulate(np.where(slid, 0, np.arange(len(slid))))
     return MoveDurations(
         lifted.wait,
         np.where(slid, np.maximum(way, moves.turn / robot.arm.turning), lifted.travel),
         np.where(slid, 0.0, lifted.approach),
         np.where(slid, robot.frame, lifted.dwell),
-        np.where(_followed(slid), 0.0, _retreat(slid, lifted.retract)),
+        np.where(followed, 0.0, lifted.retract[began]),
     )
-
-
-def _followed(slid: Bools) -> Bools:
-    """Which moves are followed by one along the surface."""
-    return np.append(slid[1:], False)
-
-
-def _retreat(slid: Bools, retract: Floats) -> Floats:
-    """Time to leave the surface after each move: as from the contact where sliding began."""
-    began = np.maximum.accumulate(np.where(slid, 0, np.arange(len(slid))))
-    return retract[began]
 
 
 def _travel_durations(preset: RobotPreset, ways: Floats) -> Floats:

@@ -2,9 +2,9 @@
 
 The planner node keeps one; a planner is told of it as an `Observation`: radii about one axis,
 slopes, curvatures, bands of contact. That axis is the straight line through the middles of the
-contours. Where one of them does not surround it, as in a banana, each contour is seen from its
-own middle, and the slopes are corrected for how that moves. Results of several fingers are
-taken up in the order of robot time, whatever the order in which they arrived.
+contours. Where one of them does not surround it, as in a banana, each contour is seen from its own
+middle, and the slopes are corrected for how that moves. Results of several fingers are taken up in
+the order of robot time, whatever the order in which they arrived.
 """
 
 from __future__ import annotations

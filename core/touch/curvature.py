@@ -1,9 +1,9 @@
 """Normal and curvatures of a touched patch, with errors; from one touch or fused over several.
 
-Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns every
-taxel's noise into curvature. Chapter 6 wishes for a Kalman filter over the derivatives of the
-tactile surface; ours is over the shape operator, which is what these say of the surface itself:
-three numbers that two touches share, however their pads were turned.
+Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns every taxel's
+noise into curvature. Chapter 6 wishes for a Kalman filter over the derivatives of the tactile
+surface; ours is over the shape operator, which is what these say of the surface itself: three
+numbers that two touches share, however their pads were turned.
 """
 
 from __future__ import annotations
@@ -134,11 +134,9 @@ def fit_patch(
     bool: where the pad touches, impulses left out. `direction` (3,): direction in which `across` is
     wanted, pad frame; its part in the tangent plane counts. `noise`: standard deviation of one
     taxel, m, as far as known. Errors are for the larger of this and what the misfit shows.
-    `weights` (rows, cols): how much each taxel counts, from 0 to 1.
-
-    Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns every
-    taxel's noise into curvature. A convex surface has positive curvature, as (3.1) expects and
-    (3.15) does not give.
+    `weights` (rows, cols): how much each taxel counts, from 0 to 1. Fung, 1999, section 3.5, with a
+    jet in place of the interpolating spline, which turns every taxel's noise into curvature. A
+    convex surface has positive curvature, as (3.1) expects and (3.15) does not give.
     """
     if not touched.any():
         return Patch("miss")

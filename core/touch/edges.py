@@ -1,9 +1,8 @@
 """Whether a touched surface is smooth, or an edge or a corner, which have no curvature.
 
-A jet is believed where it leaves no more than noise. Where it does leave more, a few flat faces
-are tried in its place (Magnani and Boyd, *Convex piecewise-linear fitting*, 2009); single
-taxels that have nothing to do with the surface are told from both by what a robust jet leaves
-over.
+A jet is believed where it leaves no more than noise. Where it does leave more, a few flat faces are
+tried in its place (Magnani and Boyd, *Convex piecewise-linear fitting*, 2009); single taxels that
+have nothing to do with the surface are told from both by what a robust jet leaves over.
 """
 
 from __future__ import annotations
@@ -53,10 +52,8 @@ def classify_surface(
     """What the surface is that a jet was fitted to.
 
     `sharpness`: the larger of the principal curvatures' sizes, 1/m. `noise`: standard deviation of
-    one taxel, m.
-
-    The jet is believed where it leaves no more than noise. Where it does leave more, flat faces are
-    tried in its place.
+    one taxel, m. The jet is believed where it leaves no more than noise. Where it does leave more,
+    flat faces are tried in its place.
     """
     freedom = max(len(fit.misfit) - fit.jet.coefficients.size, 1)
     by_noise = noise * (1.0 + SURE / math.sqrt(2.0 * freedom))
@@ -97,11 +94,10 @@ def slopes_of_cells(pad: Pad, height: Floats, touched: Bools) -> Cells:
 def fit_faces(pad: Pad, height: Floats, touched: Bools, cells: Cells, count: int) -> Faces | None:
     """Two to four planes whose envelope is nearest to the touched taxels.
 
-    None if there are fewer cells than faces.
-
-    A convex body is the upper envelope of its faces over the pad, a hollow one the lower; the
-    envelope that begins better is taken. Planes are fitted to the taxels for which they stand out,
-    by turns, as Magnani and Boyd, *Convex piecewise-linear fitting*, 2009.
+    None if there are fewer cells than faces. A convex body is the upper envelope of its faces over
+    the pad, a hollow one the lower; the envelope that begins better is taken. Planes are fitted to
+    the taxels for which they stand out, by turns, as Magnani and Boyd, *Convex piecewise-linear
+    fitting*, 2009.
     """
     if len(cells.slopes) < count:
         return None
@@ -213,7 +209,6 @@ def isolated_outliers(
     """Up to three touched taxels, no two of them neighbours, far off a jet: (rows, cols).
 
     None if there are none, or too many, or they lie together: a face, however small, is no stray.
-
     `noise`: standard deviation of one taxel, m.
     """
     if not 0 < np.count_nonzero(_far(fit, noise)) <= MOST * PULLED:

@@ -1,10 +1,10 @@
 """From reported compression to what was touched: filters against noise and impulses.
 
-Adaptive Wiener and median filters are those of Fung, 1999, section 3.4.2. For impulses there is
-a robust one: a surface, however sharp, is even along some lines of three taxels through each
-taxel (along an edge, down a face, on the level beside a step); an impulse is even along none.
-So impulses are the taxels that a robust jet misses and that no line of three supports; a whole
-face that the jet misses supports itself.
+Adaptive Wiener and median filters are those of Fung, 1999, section 3.4.2. For impulses there is a
+robust one: a surface, however sharp, is even along some lines of three taxels through each taxel
+(along an edge, down a face, on the level beside a step); an impulse is even along none. So impulses
+are the taxels that a robust jet misses and that no line of three supports; a whole face that the
+jet misses supports itself.
 """
 
 from __future__ import annotations
@@ -42,8 +42,6 @@ STRAIGHT = 0.05  # In pitches: what a line of three may bend, beside noise, to c
 ALSO_OFF = 0.5
 # In pitches: a taxel as high as one beside it that is no impulse is none: the end of a ridge.
 LEVEL = 0.15
-
-
 # In pitches: how far an impulse in the outermost rings stands beyond all that is about it; the
 # array's own corners have three neighbours only.
 BEYOND, BEYOND_IN_CORNERS = 0.15, 0.45
@@ -119,11 +117,9 @@ def adaptive_wiener(image: Floats, noise_variance: float) -> Floats:
     """Pull each taxel towards its neighbourhood's mean, by as much as noise explains.
 
     `image` (rows, cols): m. `noise_variance`: variance of one taxel's noise, m^2. With 0 the image
-    comes back as it is.
-
-    Fung, 1999, (3.4) to (3.9); variances stand where (3.6) prints deviations, borders are
-    reflected, and a neighbourhood without any variance keeps its mean instead of 0/0. The variance
-    is taken about the mean, so that a large offset costs no digits.
+    comes back as it is. Fung, 1999, (3.4) to (3.9); variances stand where (3.6) prints deviations,
+    borders are reflected, and a neighbourhood without any variance keeps its mean instead of 0/0.
+    The variance is taken about the mean, so that a large offset costs no digits.
     """
     if noise_variance <= 0.0:
         return image
@@ -139,8 +135,8 @@ def adaptive_wiener(image: Floats, noise_variance: float) -> Floats:
 def median_filter(image: Floats) -> Floats:
     """The median of each taxel and the eight around it, borders reflected.
 
-    Fung, 1999, section 3.4.2. It takes out what stands alone and keeps steps; but it cuts
-    tops and makes plateaus, of which no curvature can be taken.
+    Fung, 1999, section 3.4.2. It takes out what stands alone and keeps steps; but it cuts tops and
+    makes plateaus, of which no curvature can be taken.
     """
     result: Floats = np.median(neighbourhoods(image), axis=-1)
     return result
@@ -186,11 +182,10 @@ def remove_impulses(pad: Pad, image: Floats, contact: float, noise: float) -> Re
     """Find and mend the impulses of a frame.
 
     `image` (rows, cols): compression; about 0 where the pad does not touch, m. `contact`: least
-    compression that counts as touched, m. `noise`: standard deviation of one taxel, m.
-
-    A frame all of whose taxels lie on even lines is returned as it is. For the others a jet is
-    fitted with Tukey's weights, beginning with the supported taxels. Where there is no surface to
-    fit, what stands alone is an impulse, and three touched taxels side by side are a tip.
+    compression that counts as touched, m. `noise`: standard deviation of one taxel, m. A frame all
+    of whose taxels lie on even lines is returned as it is. For the others a jet is fitted with
+    Tukey's weights, beginning with the supported taxels. Where there is no surface to fit, what
+    stands alone is an impulse, and three touched taxels side by side are a tip.
     """
     by_noise = BEND_DEVIATIONS * noise
     supported = _supported(pad, image, math.hypot(UNEVEN * pad.pitch, by_noise), by_noise)
@@ -222,9 +217,9 @@ def _supported(
 ) -> Bools:
     """Which taxels lie on three even lines, or on one or two with others that do.
 
-    A line is even for a taxel if it bends by no more than is allowed for that taxel. One line
-    may be so by chance; it is enough if it is straight but for noise. An impulse up and one
-    down lie evenly about what is between them, but neither lies on three lines.
+    A line is even for a taxel if it bends by no more than is allowed for that taxel. One line may
+    be so by chance; it is enough if it is straight but for noise. An impulse up and one down lie
+    evenly about what is between them, but neither lies on three lines.
     """
     bends = np.full((3 * len(WAYS), *image.shape), np.inf)
     for way, places in enumerate(_lines(*image.shape)):
@@ -316,8 +311,8 @@ def _level(image: Floats, impulses: Bools, least: float) -> Bools:
 def _on_the_brink(pad: Pad, image: Floats, marked: Bools) -> Bools:
     """Marked taxels of the two outermost rings that are not the highest or lowest about them.
 
-    They lie on few lines, and a contact that runs off the array is steep there: they must
-    stand beyond all their neighbours by a step, those left out that do so themselves.
+    They lie on few lines, and a contact that runs off the array is steep there: they must stand
+    beyond all their neighbours by a step, those left out that do so themselves.
     """
     ring = np.ones(image.shape, np.bool_)
     ring[2:-2, 2:-2] = False

@@ -1,10 +1,9 @@
 """The shape operator of a surface, the curvatures that it holds, and their standard errors.
 
-Everything is told in orthonormal tangents: there the shape operator is a symmetric 2 by 2
-matrix, the principal curvatures are its eigenvalues, and neither umbilics nor walls that stand
-along the viewing direction lose digits. Outward normal, convex positive: this flips the sign of
-Fung, 1999, (3.14), by which a convex surface has negative curvature but (3.1) needs it
-positive.
+Everything is told in orthonormal tangents: there the shape operator is a symmetric 2 by 2 matrix,
+the principal curvatures are its eigenvalues, and neither umbilics nor walls that stand along the
+viewing direction lose digits. Outward normal, convex positive: this flips the sign of Fung, 1999,
+(3.14), by which a convex surface has negative curvature but (3.1) needs it positive.
 """
 
 from __future__ import annotations
@@ -80,10 +79,9 @@ def graph_shape_operator(
 ) -> ShapeOperator:
     """Shape operator of z(x, y), with the object on the side of larger z.
 
-    `seconds`: z_xx, z_xy, z_yy, 1/m.
-
-    In the directions of steepest slope and of none, the first form is diagonal: what is left of the
-    Cholesky factor is a division by the steepness, w, which is finite on a wall.
+    `seconds`: z_xx, z_xy, z_yy, 1/m. In the directions of steepest slope and of none, the first
+    form is diagonal: what is left of the Cholesky factor is a division by the steepness, w, which
+    is finite on a wall.
     """
     steepest, slope = steepest_direction(slopes)
     along_x, along_y = steepest
@@ -147,11 +145,9 @@ def graph_errors(
 
     `derivatives` (5,): z_x, z_y, z_xx, z_xy, z_yy. `factor` (5, m): square root of their covariance
     for unit noise. `deviation`: noise of one taxel, m. `direction` (3,): along which the normal
-    curvature is wanted.
-
-    First order (delta method) for everything but the principal curvatures where they are nearly
-    equal: there their difference is the length of a vector that noise may turn, and the part of it
-    across counts by its second order, at most by its full size.
+    curvature is wanted. First order (delta method) for everything but the principal curvatures
+    where they are nearly equal: there their difference is the length of a vector that noise may
+    turn, and the part of it across counts by its second order, at most by its full size.
     """
     slopes = float(derivatives[0]), float(derivatives[1])
     (c, s), p = steepest_direction(slopes)
@@ -214,8 +210,8 @@ def _how_it_changes_along(
 ) -> Floats:
     """Derivatives of the curvature along a direction by the turned derivatives, (5,).
 
-    The shape operator changes, and so does the direction's part in the tangent plane as that
-    plane leans.
+    The shape operator changes, and so does the direction's part in the tangent plane as that plane
+    leans.
     """
     part = tangent_components(shape, direction)
     if part is None:

@@ -1,9 +1,9 @@
 """Jets, local polynomials, fitted to the touched taxels: least squares by QR, with errors.
 
 Cazals and Pouget, *Estimating differential quantities using polynomial fitting*, 2005. The
-monomials are ordered by degree, so that one factorisation holds those of all lower degrees as
-its leading blocks. It depends on which taxels are touched and on nothing else: a full pad is
-factorised once.
+monomials are ordered by degree, so that one factorisation holds those of all lower degrees as its
+leading blocks. It depends on which taxels are touched and on nothing else: a full pad is factorised
+once.
 """
 
 from __future__ import annotations
@@ -66,14 +66,11 @@ def fit_jet(
     bool: which taxels count. `weights` (rows, cols): how much each of them does, from 0 to 1:
     inverse variances, up to a factor. `noise`: standard deviation of one taxel, m, or less. If
     given, the cubic and the quartic part are shrunk by as much as noise explains them. None if
-    fewer than 8 taxels count, or they lie on a line.
-
-    The degree follows the number of taxels, and falls where they cannot tell the powers of one
-    degree apart, as on two rows.
-
-    A quartic follows a tight curve and a quadric is steadier on a flat one; shrinking by James and
-    Stein, *Estimation with quadratic loss*, 1961, goes between the two whichever the surface is,
-    and over all coefficients it is on average nowhere worse than the quartic.
+    fewer than 8 taxels count, or they lie on a line. The degree follows the number of taxels, and
+    falls where they cannot tell the powers of one degree apart, as on two rows. A quartic follows a
+    tight curve and a quadric is steadier on a flat one; shrinking by James and Stein, *Estimation
+    with quadratic loss*, 1961, goes between the two whichever the surface is, and over all
+    coefficients it is on average nowhere worse than the quartic.
     """
     if weights is not None:
         touched = touched & (weights > 0.0)
@@ -116,10 +113,8 @@ def fit_robust_jet(
     `least_deviation`: the noise is not taken to be smaller than this, m: otherwise a noise-free
     frame would throw out all taxels that a polynomial misses. `start` (rows, cols): weights to
     begin with; without them, all alike. None if fewer than 8 taxels are touched, or they lie on a
-    line.
-
-    Tukey's biweight, the scale by the median absolute misfit, at most 8 rounds; Beaton and Tukey,
-    *The fitting of power series*, 1974.
+    line. Tukey's biweight, the scale by the median absolute misfit, at most 8 rounds; Beaton and
+    Tukey, *The fitting of power series*, 1974.
     """
     design = jet_design(pad.rows, pad.cols, pad.pitch, touched.tobytes())
     if design is None:
@@ -185,8 +180,8 @@ def _weighted(
 def _shares(inner: Floats, noise: float) -> Floats:
     """Share of each coefficient over Q that is kept: James and Stein for each degree's own.
 
-    Those of one degree count together, so that the pad may be turned. Seen as Bayes's rule
-    with a prior that is learnt from them, the share is also that of their variance.
+    Those of one degree count together, so that the pad may be turned. Seen as Bayes's rule with a
+    prior that is learnt from them, the share is also that of their variance.
     """
     shares = np.ones(len(inner))
     for lower, upper in pairwise(COUNTS[2:]):

@@ -2,9 +2,9 @@
 
 The pad's own frame: x along the columns, y along the rows, z into the object; the middle of the
 undeformed face is the origin. The transducers lie one thickness behind the face and follow its
-dome, so that every taxel is equally thick. A taxel sends a time of flight or a force: Fung,
-1999, (1.1), (1.2) and section 3.4.1. An elastic face is drawn down beside a contact, so that a
-taxel reads compression although nothing touches it: contact is where there is load.
+dome, so that every taxel is equally thick. A taxel sends a time of flight or a force: Fung, 1999,
+(1.1), (1.2) and section 3.4.1. An elastic face is drawn down beside a contact, so that a taxel
+reads compression although nothing touches it: contact is where there is load.
 """
 
 from __future__ import annotations
@@ -55,47 +55,40 @@ class Pad:
     saturation: float  # Largest compression, as a share of the thickness
     face: FaceModel = SPRINGS  # How the face yields beside a contact, as a data sheet has it
 
+    @cache  # noqa: B019 - pads are values, and few
     def grid(self) -> tuple[Floats, Floats]:
         """Coordinates x and y of the taxels, (rows, cols) each, m; read-only."""
-        return _grid(self.rows, self.cols, self.pitch)
+        x = (np.arange(self.cols) - (self.cols - 1) / 2) * self.pitch
+        y = (np.arange(self.rows) - (self.rows - 1) / 2) * self.pitch
+        x, y = np.meshgrid(x, y)
+        return _read_only(x), _read_only(y)
 
+    @cache  # noqa: B019
     def sag(self) -> Floats:
         """How far the domed face falls back behind its middle, (rows, cols), m; read-only."""
-        return _sag(self.rows, self.cols, self.pitch, self.dome)
+        x, y = self.grid()
+        return _read_only(0.5 * self.dome * (x * x + y * y))
 
     def surface(self, compression: Floats, touched: Bools) -> Floats:
         """Surface over the plane of the face where the pad touches it, else 0, (rows, cols), m."""
         return np.where(touched, -(compression + self.sag()), 0.0)
 
+    def surface_point(self, surface: Floats, taxel: int) -> Floats:
+        """The point (3,) of such a surface over a taxel, counted row by row, m."""
+        x, y = self.grid()
+        return np.array([x.flat[taxel], y.flat[taxel], surface.flat[taxel]])
+
+    @cache  # noqa: B019
     def transducers(self) -> Floats:
         """Where the transducers are in the pad's frame, (rows * cols, 3), m; read-only."""
-        return _transducers(self)
+        x, y = self.grid()
+        z = -(self.thickness + self.sag())
+        return _read_only(np.column_stack([x.ravel(), y.ravel(), z.ravel()]))
 
 
-@cache
-def _sag(rows: int, cols: int, pitch: float, dome: float) -> Floats:
-    x, y = _grid(rows, cols, pitch)
-    sag: Floats = 0.5 * dome * (x * x + y * y)
-    sag.setflags(write=False)
-    return sag
-
-
-@cache
-def _grid(rows: int, cols: int, pitch: float) -> tuple[Floats, Floats]:
-    x = (np.arange(cols) - (cols - 1) / 2) * pitch
-    y = (np.arange(rows) - (rows - 1) / 2) * pitch
-    grid = np.meshgrid(x, y)
-    for axis in grid:
-        axis.setflags(write=False)
-    return grid[0], grid[1]
-
-
-@cache
-def _transducers(pad: Pad) -> Floats:
-    x, y = pad.grid()
-    places = np.column_stack([x.ravel(), y.ravel(), -(pad.thickness + pad.sag()).ravel()])
-    places.setflags(write=False)
-    return places
+def _read_only(array: Floats) -> Floats:
+    array.setflags(write=False)
+    return array
 
 
 class GuardedMove(NamedTuple):
@@ -111,17 +104,13 @@ class GuardedMove(NamedTuple):
 
 
 def guarded_move(shape: Shape, pad: Pad, start: Floats, reach: float, depth: float) -> GuardedMove:
-    """Move a pad along its normal until its deepest compression is `depth`.
+    """Move a pad along its normal until its deepest compression is `depth`, m.
 
-    A pad that saturates before bottoms out there, and goes no farther.
-
-    One cast serves the whole move: the surface's distance from every taxel is known at once.
-
-    `shape`: what may be met. `start` (7,): pose from which it moves. `reach`: longest way to first
-    contact, m. `depth`: compression at which it stops, m.
-
-    Each taxel is a spring of its own (Winkler); inside the contact the pad takes the surface's
-    shape, which is exact under any elastic model.
+    A pad that saturates before bottoms out there, and goes no farther. `start` (7,): pose from
+    which it moves. `reach`: longest way to first contact, m. One cast serves the whole move: the
+    surface's distance from every taxel is known at once. Each taxel is a spring of its own
+    (Winkler); inside the contact the pad takes the surface's shape, which is exact under any
+    elastic model.
     """
     position, axes = split_pose(start)
     ranges = shape.cast(
@@ -150,14 +139,12 @@ def contact_mask(pad: Pad, compression: Floats, contact: float, noise: float) ->
     """Taxels under load, (rows, cols).
 
     `compression` (rows, cols): m. `contact`: least compression that counts, m; also as the load of
-    a pad that is pressed evenly. `noise`: standard deviation of one taxel, m.
-
-    On a bed of springs load and compression are one. A membrane on springs is loaded with ``u -
-    decay^2 lap(u)``, taken at the pitch with free borders. On a half-space the load is the inverse
-    of Love's displacements; those of a 16 by 16 array have a condition of 27. A contact that runs
-    off the array presses from outside as well, and adds load at the border, where it is a contact
-    anyway. Noise counts as the operator magnifies it: a skin that is stiff over many taxels needs a
-    quiet array.
+    a pad that is pressed evenly. `noise`: standard deviation of one taxel, m. On a bed of springs
+    load and compression are one. A membrane on springs is loaded with ``u - decay^2 lap(u)``, taken
+    at the pitch with free borders. On a half-space the load is the inverse of Love's displacements;
+    those of a 16 by 16 array have a condition of 27. A contact that runs off the array presses from
+    outside as well, and adds load at the border, where it is a contact anyway. Noise counts as the
+    operator magnifies it: a skin that is stiff over many taxels needs a quiet array.
     """
     moved = compression > max(contact, CONTACT_DEVIATIONS * noise)
     if pad.face.kind == "springs" or not moved.any():
@@ -192,8 +179,11 @@ def _half_space_loads(pad: Pad) -> tuple[Floats, float, float]:
     """
     kernel = half_space_influence(pad)
     loads = np.linalg.inv(kernel / kernel[0, 0])
-    loads.setflags(write=False)
-    return loads, float(loads.sum(axis=1).min()), float(np.sqrt((loads**2).sum(axis=1)).max())
+    return (
+        _read_only(loads),
+        float(loads.sum(axis=1).min()),
+        float(np.sqrt((loads**2).sum(axis=1)).max()),
+    )
 
 
 def half_space_influence(pad: Pad) -> Floats:
@@ -232,8 +222,8 @@ class Calibration:
     def encode(self, reading: Floats) -> Floats:
         """What the array sends for a compression that it takes to be `reading`, m.
 
-        A round trip of the echo through the compressed pad, ``2 (d1 - c) / v`` in s, or a
-        force, ``k c`` in N. Gain and offset are corrections of the listener: not applied.
+        A round trip of the echo through the compressed pad, ``2 (d1 - c) / v`` in s, or a force,
+        ``k c`` in N. Gain and offset are corrections of the listener: not applied.
         """
         if self.signal == "force":
             return self.taxel_stiffness * reading

@@ -1,10 +1,10 @@
 """A fingertip with the effects of its scene, stage by stage, and what an effect is.
 
-An effect is a description, a frozen dataclass whose numbers have ranges, units and defaults. It
-is turned once, for one fingertip, into a `Stage`: a function that changes the touch under way,
-and the state in which it begins. Which stage comes before which is fixed by `Phase` and by the
-catalogue, never by the order in a file. What a scene does not list is not in the list of stages,
-so it costs nothing. The cast, one ray a taxel, and the transducer are what every touch has.
+An effect is a description, a frozen dataclass whose numbers have ranges, units and defaults. It is
+turned once, for one fingertip, into a `Stage`: a function that changes the touch under way, and the
+state in which it begins. Which stage comes before which is fixed by `Phase` and by the catalogue,
+never by the order in a file. What a scene does not list is not in the list of stages, so it costs
+nothing. The cast, one ray a taxel, and the transducer are what every touch has.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from zlib import crc32
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.poses import advanced_pose
 from palpate.core.robot_time import RobotPreset, contact_seconds
 from palpate.core.shapes import Shape
 from palpate.core.touch.pad import (
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
 MOST_COPIES = 100  # Of one frame
 # What each stage remembers between touches, in the order of the stages.
 StageStates = tuple[Any, ...]
-_NOTHING: Floats = np.zeros((0, 0))
+NOTHING: Floats = np.zeros((0, 0))
+NOTHING.setflags(write=False)
 
 
 class Pipeline(NamedTuple):
@@ -60,8 +62,8 @@ class Pipeline(NamedTuple):
     @property
     def face(self) -> FaceModel:
         """How the pad's face yields beside a contact."""
-        said = [stage.face for stage in self.stages if stage.face is not None]
-        return said[-1] if said else SPRINGS
+        faces = [stage.face for stage in self.stages if stage.face is not None]
+        return faces[-1] if faces else SPRINGS
 
     def simulate(self, touch: SimulatedTouch, states: StageStates) -> StageStates:
         """Carry out a touch: fills it in, and gives what the stages remember next.
@@ -72,7 +74,7 @@ class Pipeline(NamedTuple):
         for stage, name, state in zip(self.stages, self.names, states, strict=True):
             try:
                 following.append(stage.apply(touch, state))
-            except Exception as error:  # an effect may be anybody's: whose it was must be said
+            except Exception as error:  # an effect may be anybody's: whose it was must be told
                 kind = type(error).__name__
                 raise ValueError(f"the effect {name} failed: {kind}: {error}") from error
         shape = (self.finger.pad.rows, self.finger.pad.cols)
@@ -100,7 +102,7 @@ def assemble(finger: Fingertip, effects: Sequence[Effect]) -> Pipeline:
         (effect.phase, type(effect).__name__, _prepared(effect, finger)) for effect in effects
     ]
     if not casts:
-        stages.append((Phase.CAST, "cast", _cast(finger)))
+        stages.append((Phase.CAST, "cast", Stage(lambda touch, _: cast_single_rays(finger, touch))))
     stages.append((Phase.ARM, "transducer", _transduce(finger)))
     stages.sort(key=lambda placed: placed[0])  # stable: within a phase the order stays
     return Pipeline(
@@ -114,7 +116,7 @@ def _prepared(effect: Effect, finger: Fingertip) -> Stage:
         stage = effect.prepare(finger)
     except ValueError:
         raise
-    except Exception as error:  # an effect may be anybody's: whose it was must be said
+    except Exception as error:  # an effect may be anybody's: whose it was must be told
         kind = type(error).__name__
         raise ValueError(f"the effect {name} cannot be prepared: {kind}: {error}") from error
     if not isinstance(stage, Stage):
@@ -122,13 +124,6 @@ def _prepared(effect: Effect, finger: Fingertip) -> Stage:
     if not (isinstance(stage.noise, (int, float)) and 0.0 <= stage.noise < math.inf):
         raise ValueError(f"the effect {name} has a noise of {stage.noise!r}; expected metres, >= 0")
     return stage
-
-
-def _cast(finger: Fingertip) -> Stage:
-    def apply(touch: SimulatedTouch, state: None) -> None:
-        cast_single_rays(finger, touch)
-
-    return Stage(apply)
 
 
 def cast_single_rays(finger: Fingertip, touch: SimulatedTouch) -> None:
@@ -152,8 +147,8 @@ def _transduce(finger: Fingertip) -> Stage:
 def record_move(finger: Fingertip, touch: SimulatedTouch, end: GuardedMove) -> None:
     """Write down how a guarded move ended: poses, times, compression and pressure.
 
-    The arm believes to have gone as far as it went, from where it believed to start. Each
-    taxel is a spring of its own (Winkler): the pressure is (1.2) for each area.
+    The arm believes to have gone as far as it went, from where it believed to start. Each taxel is
+    a spring of its own (Winkler): the pressure is (1.2) for each area.
     """
     touch.outcome, touch.advance = end.outcome, end.advance
     touch.believed = advanced_pose(touch.believed, end.advance)
@@ -167,15 +162,6 @@ def record_move(finger: Fingertip, touch: SimulatedTouch, end: GuardedMove) -> N
     touch.dwell = robot.dwell if met else 0.0
     before = end.advance / robot.approach - touch.loading
     touch.rest = touch.begun - touch.previous + before + robot.overhead
-
-
-def advanced_pose(pose: np.ndarray, way: float) -> np.ndarray:
-    """A pose moved along its own z axis."""
-    x, y, z, w = pose[3:].tolist()
-    axis = (2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y))
-    moved = pose.copy()
-    moved[:3] += np.multiply(axis, way)
-    return moved
 
 
 class Phase(IntEnum):
@@ -231,10 +217,6 @@ class Fingertip:
         return self.calibration.taxel_stiffness / self.pad.pitch**2
 
 
-def _nothing() -> Floats:
-    return _NOTHING
-
-
 @dataclass(slots=True, eq=False)
 class SimulatedTouch:
     """One touch, as far as it has come. Stages write into it, one after the other.
@@ -261,12 +243,12 @@ class SimulatedTouch:
     dwell: float = 0.0  # How long it then stayed until the frame was taken, s
 
     # How far the rigid surface would enter the undeformed pad, (rows, cols), m: negative over a
-    # gap, -inf where there is nothing.
-    indentation: Floats = field(default_factory=_nothing)
-    compression: Floats = field(default_factory=_nothing)  # Compression of the pad, (rows, cols), m
-    pressure: Floats = field(default_factory=_nothing)  # Pressure on the pad, (rows, cols), N/m2
-    # Compression that the array reports, (rows, cols), m.
-    reading: Floats = field(default_factory=_nothing)
+    # gap, -inf where there is nothing. Then the pad's compression, m, the pressure on it, N/m2, and
+    # the compression that the array reports, m.
+    indentation: Floats = field(default_factory=lambda: NOTHING)
+    compression: Floats = field(default_factory=lambda: NOTHING)
+    pressure: Floats = field(default_factory=lambda: NOTHING)
+    reading: Floats = field(default_factory=lambda: NOTHING)
     copies: int = 1  # How often its frame is sent
 
 
@@ -301,6 +283,3 @@ class KeyedRandom:
         state["buffer_pos"], state["has_uint32"], state["uinteger"] = 4, 0, 0
         self._philox.state = state
         return self._generator
-
-
-_NOTHING.setflags(write=False)

@@ -1,10 +1,10 @@
 """Gains and offsets of taxels and the speed of sound, from touches of known shapes.
 
-Each taxel reads ``a c + o`` where the compression is c. The compression is known up to the
-error of the arm's pose: a shift along the pad's normal and two tilts, common to all taxels of a
-touch. Gains, offsets and these nuisances are estimated together; the nuisances have a normal
-prior whose spread is estimated as well, for without one no touch could tell a stiff sensor from
-a shallow press. (scipy.sparse: only calibration imports this.)
+Each taxel reads ``a c + o`` where the compression is c. The compression is known up to the error of
+the arm's pose: a shift along the pad's normal and two tilts, common to all taxels of a touch.
+Gains, offsets and these nuisances are estimated together; the nuisances have a normal prior whose
+spread is estimated as well, for without one no touch could tell a stiff sensor from a shallow
+press. (scipy.sparse: only calibration imports this.)
 """
 
 from __future__ import annotations
@@ -33,16 +33,10 @@ LEAST_NOISE = 1e-7
 LEAST_REACHED = 16
 FAR = 6.0  # Free readings farther off than this many scales are impulses
 OUTLIER = 4.5  # Readings farther off than this many standard deviations are left out
-
-
 # Spread of the pose's error with which the estimate begins, m and rad.
 FIRST_POSE, FIRST_TILT = 0.1e-3, 2e-3
-
-
 # Likewise of the taxels' departures from the common gain and offset, 1 and m.
 FIRST_GAIN, FIRST_OFFSET = 0.03, 10e-6
-
-
 # Compressions are counted in mm where gains are solved for, so that all columns are alike.
 UNIT = 1e-3
 TaxelIndices = NDArray[np.signedinteger]
@@ -74,12 +68,10 @@ def estimate_calibration(
     """Gain and offset of each taxel, speed of sound, and noise.
 
     `x`, `y` (taxels,): where the taxels are, m. Raises ValueError if too few taxels answer to being
-    pressed.
-
-    Fung, 1999, section 3.4.1, asks for "careful sensor calibration" and says no more. With times of
-    flight a wrong speed of sound is a gain common to all taxels: the common gain is given to the
-    speed, and what is left to the taxels. So is whatever else makes all taxels answer alike, as a
-    pad that creeps does.
+    pressed. Fung, 1999, section 3.4.1, asks for "careful sensor calibration" and says no more. With
+    times of flight a wrong speed of sound is a gain common to all taxels: the common gain is given
+    to the speed, and what is left to the taxels. So is whatever else makes all taxels answer alike,
+    as a pad that creeps does.
     """
     found = _look(presses)
     fit = TaxelFit(presses, x, y, found)
@@ -123,8 +115,8 @@ def _trusted(presses: CalibrationTouches, offset: Floats) -> Bools:
 def _noise(scatter: Floats) -> float:
     """Standard deviation of one taxel, without impulses.
 
-    Of a frame that is counted in coarse steps most readings are alike, and the median of
-    their scatter is 0: then the smallest step that is seen says what is far off.
+    Of a frame that is counted in coarse steps most readings are alike, and the median of their
+    scatter is 0: then the smallest step that is seen says what is far off.
     """
     frames, off = len(scatter), np.abs(scatter)
     steps = off[off > LEAST_SPREAD]
@@ -192,9 +184,9 @@ class TaxelFit:
     """The joint least squares: a gain and an offset a taxel, three nuisances a touch.
 
     A taxel's gain is a common one and its own departure from that, and so is its offset; the
-    departures have a normal prior whose spread is learnt, so that what cannot be told from
-    noise stays at nothing. Given all else the taxels do not depend on each other, so that
-    they are eliminated two by two, and a small dense system is left.
+    departures have a normal prior whose spread is learnt, so that what cannot be told from noise
+    stays at nothing. Given all else the taxels do not depend on each other, so that they are
+    eliminated two by two, and a small dense system is left.
     """
 
     def __init__(self, presses: CalibrationTouches, x: Floats, y: Floats, found: InitialEstimate):

@@ -71,7 +71,7 @@ def test_a_usual_touch_takes_a_modern_arm_about_a_second_and_an_old_one_three() 
 @pytest.mark.parametrize("name", ["travel", "turn", "approach"])
 def test_a_way_that_cannot_be_gone_is_refused(name: str, bad: float) -> None:
     ways = {"travel": 0.01, "turn": 0.1, "approach": 0.003, name: bad}
-    with pytest.raises(ValueError, match=f"{name} must be finite and not negative, got"):
+    with pytest.raises(ValueError, match=f"{name} must be 0 or more and finite, got"):
         touch_seconds(MODERN, **ways)
 
 
@@ -83,7 +83,7 @@ def test_an_arm_that_does_not_move_is_refused(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["dwell", "overhead"])
 def test_a_negative_duration_is_refused(name: str) -> None:
-    with pytest.raises(ValueError, match=f"{name} must be finite and not negative, got -0.1 s"):
+    with pytest.raises(ValueError, match=f"{name} must be 0 or more and finite, got -0.1 s"):
         replace(MODERN, **{name: -0.1})
 
 

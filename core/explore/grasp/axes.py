@@ -1,12 +1,12 @@
 """Slicing axes from normals alone: of revolution, of straight sides, of a touched end face.
 
 Every normal of a surface of revolution meets its axis; those of a screw surface have one pitch.
-Both are linear in the axis's Pluecker coordinates, so that neither the profile nor where along
-it the contacts lie matters: Pottmann and Randrup, *Rotational and helical surface approximation
-for reverse engineering*, 1998. Most normals of a box or a column are square to its axis,
-wherever its contacts lie; those of its two ends are not, and count for nothing. One touch of an
-end does not know whether it met a face: where the surface is level, sections are best taken
-level; and where all sides run straight along its normal, it is the face that closes them.
+Both are linear in the axis's Pluecker coordinates, so that neither the profile nor where along it
+the contacts lie matters: Pottmann and Randrup, *Rotational and helical surface approximation for
+reverse engineering*, 1998. Most normals of a box or a column are square to its axis, wherever its
+contacts lie; those of its two ends are not, and count for nothing. One touch of an end does not
+know whether it met a face: where the surface is level, sections are best taken level; and where all
+sides run straight along its normal, it is the face that closes them.
 """
 
 from __future__ import annotations
@@ -26,22 +26,14 @@ SQUARE = math.radians(3.0)
 SAME = math.radians(1.0)  # An axis that differs by less is no other
 # Normals that are square to the axis but for less are those of the sides; closer each time.
 NEAR = tuple(math.radians(one) for one in (20.0, 10.0, 5.0, 2.5, 1.5))
-
-
 # Contacts of straight sides, at least; and their share of those that face sideways at all: of a
 # round surface far fewer do.
 FEWEST, LEAST_STRAIGHT = 10, 0.4
-
-
 # Share of the sides' normals, at least, in the direction that has fewest: else the axis may turn
 # about the only direction in which they point.
 ROUND_ABOUT = 0.05
-
-
 # Of reweighting, and of these with the axis's direction held, until it has found its place.
 SWEEPS, PLACING = 25, 6
-
-
 # Normals that miss the axis by more than this many standard deviations count for nothing: those at
 # edges, which are measured as something between their faces.
 CUT = 3.0

@@ -1,10 +1,10 @@
 """A hand that closes: from where, and what its fingers touch.
 
-It closes next where it expects to touch farthest from all contacts so far. The hand's own
-frame: its z axis points away from the palm, into what is grasped; the fingers close towards the
-origin in the plane across it, evenly spread, and the palm comes from behind. What is expected
-is an ellipsoid about the contacts, on the platform. Before there are any, the hand goes over
-the platform from above until it closes on something.
+It closes next where it expects to touch farthest from all contacts so far. The hand's own frame:
+its z axis points away from the palm, into what is grasped; the fingers close towards the origin in
+the plane across it, evenly spread, and the palm comes from behind. What is expected is an ellipsoid
+about the contacts, on the platform. Before there are any, the hand goes over the platform from
+above until it closes on something.
 """
 
 from __future__ import annotations
@@ -58,10 +58,9 @@ def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> F
     """Pose (7,) from which a hand is expected to touch where nothing was touched yet.
 
     `points`, `normals` (n, 3): contacts so far, at least one, m, and outward unit normals.
-    `platform`: height of the platform, m.
-
-    Farthest-point sampling: of a fixed set of poses the one is taken whose expected contacts are
-    together farthest from those that there are, and from each other.
+    `platform`: height of the platform, m. Farthest-point sampling: of a fixed set of poses the one
+    is taken whose expected contacts are together farthest from those that there are, and from each
+    other.
     """
     middle, axes, size = expected_ellipsoid(points, normals, platform)
     middles = middle + (SHIFTS * size) @ axes.T
@@ -315,12 +314,8 @@ def contact_of(pad: Pad, pose: Floats, compression: Floats, noise: float) -> Con
     position, axes = split_pose(pose)
     if patch.jet is not None and patch.kind == "smooth":
         return Contact(axes @ patch.place + position, axes @ patch.normal)
-    x, y = pad.grid()
-    row, col = np.unravel_index(
-        int(np.where(cleaned.touched, cleaned.compression, -1.0).argmax()), surface.shape
-    )
-    deepest = np.array([x[row, col], y[row, col], surface[row, col]])
-    return Contact(axes @ deepest + position, axes @ patch.normal)
+    taxel = int(np.where(cleaned.touched, cleaned.compression, -1.0).argmax())
+    return Contact(axes @ pad.surface_point(surface, taxel) + position, axes @ patch.normal)
 
 
 class Contact(NamedTuple):

@@ -1,16 +1,16 @@
 """The frame in which an object is sliced, where it begins and ends, and its coarse model.
 
-Its axis is the one about which the object was turned, if there is one; else the principal axis
-that differs most from the others (Fung, 1999, 6.1), or beside it the one along which the
-surface runs straight; else the world's own z axis, which the frame tells. Who knows better may
-give the axis. An end that was touched is where its contacts tell; one that was not is where the
-fitted solid has it, if that fits, or where the platform cuts it off.
+Its axis is the one about which the object was turned, if there is one; else the principal axis that
+differs most from the others (Fung, 1999, 6.1), or beside it the one along which the surface runs
+straight; else the world's own z axis, which the frame tells. Who knows better may give the axis. An
+end that was touched is where its contacts tell; one that was not is where the fitted solid has it,
+if that fits, or where the platform cuts it off.
 
 What the fitted solid misses is a smooth field of displacements along its normals: a Gaussian
-process that the contacts' residuals pin down where they are; elsewhere it returns to nothing,
-and may be anything of the size of what the fit misses. So a bump that was touched moves the
-axis, and a side that was not makes it uncertain. Rasmussen and Williams, *Gaussian processes for
-machine learning*, 2006, (2.25) and (2.26).
+process that the contacts' residuals pin down where they are; elsewhere it returns to nothing, and
+may be anything of the size of what the fit misses. So a bump that was touched moves the axis, and a
+side that was not makes it uncertain. Rasmussen and Williams, *Gaussian processes for machine
+learning*, 2006, (2.25) and (2.26).
 """
 
 from __future__ import annotations
@@ -39,13 +39,9 @@ DISTINCT = 1.06  # Principal axes whose ratio is smaller are alike
 # differs more.
 SLENDER = 1.25
 EXACT = 1e-9  # A given axis that leans less is the vertical, rad
-
-
 # An axis of revolution within two standard deviations of the vertical, but at least and at most
 # this, is the vertical: objects stand on platforms.
 LEAST_SNAP, MOST_SNAP = math.radians(1.0), math.radians(3.0)
-
-
 # So is a principal axis that leans less: features that no contact has met turn the axes of vases
 # and twisted columns by as much, and slices that lean less are as good.
 PRINCIPAL_SNAP = math.radians(15.0)
@@ -220,8 +216,8 @@ def _kernel(one: Floats, other: Floats, reach: float) -> Floats:
 def _effects(mass: MassProperties, vertices: Floats, area: Floats) -> Floats:
     """What a displacement of each vertex does, (6, n): turns of the principal axes, shifts.
 
-    To first order: a layer of area A and thickness d at x adds A d x x^T to the second moment,
-    and an axis turns by the mixed part over the gap of the two variances.
+    To first order: a layer of area A and thickness d at x adds A d x x^T to the second moment, and
+    an axis turns by the mixed part over the gap of the two variances.
     """
     at = (vertices - mass.centroid) @ mass.axes
     spread = mass.spread
@@ -440,10 +436,9 @@ class MassProperties(NamedTuple):
 def mass_properties(vertices: Floats, faces: Ints) -> MassProperties:
     """What a closed mesh bounds.
 
-    `vertices` (n, 3): m. `faces` (m, 3): counter-clockwise seen from outside.
-
-    Sums over the tetrahedra between faces and a point: the integral of x x^T over one is its volume
-    / 20 times the sum of x_i x_i^T over its corners and of their sum with itself.
+    `vertices` (n, 3): m. `faces` (m, 3): counter-clockwise seen from outside. Sums over the
+    tetrahedra between faces and a point: the integral of x x^T over one is its volume / 20 times
+    the sum of x_i x_i^T over its corners and of their sum with itself.
     """
     start = vertices.mean(axis=0)
     corners = (vertices - start)[faces]

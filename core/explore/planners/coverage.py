@@ -1,9 +1,9 @@
 """What no pad has touched, room for one slice more, and the surface between two slices.
 
-The squared radius q is carried between slices by the cubic that has its values and slopes at
-both: exact for every ellipsoid. A curve of one degree more, or one that knows less, differs
-from it; how far such differences predict the true error was measured on shapes of known form.
-All figures of a profile are shares of the object's height.
+The squared radius q is carried between slices by the cubic that has its values and slopes at both:
+exact for every ellipsoid. A curve of one degree more, or one that knows less, differs from it; how
+far such differences predict the true error was measured on shapes of known form. All figures of a
+profile are shares of the object's height.
 """
 
 from __future__ import annotations

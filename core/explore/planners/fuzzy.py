@@ -1,7 +1,7 @@
 """The fuzzy planner: nine rules in words, as the thesis' section 6.1 wishes for.
 
-A curvature is somewhat small and somewhat medium, and so is its change; each rule counts as far
-as both of its words are true, and the step is the mean of what the rules say.
+A curvature is somewhat small and somewhat medium, and so is its change; each rule counts as far as
+both of its words are true, and the step is the mean of what the rules say.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.core.explore.planners.protocol import Choice, Observation
 from palpate.core.explore.planners.thesis import StopRule, step_search
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 
 WORDS = ("small", "medium", "large")
 BEND = (1.0, 4.0, 10.0)  # Mean curvature times height at which each word is wholly true
@@ -36,15 +36,12 @@ RULES: Mapping[tuple[str, str], str] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fuzzy:
+class Fuzzy(Ranged):
     """Steps by the rules; `scale` makes all of them longer or shorter."""
 
     scale: Annotated[float, Range(0.1, 2.0, "1")] = 1.0  # Of all steps
     # A contour shorter than this share of the height ends the search.
     perimeter: Annotated[float, Range(0.0, 1.0, "1")] = 0.1
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def next(self, observation: Observation) -> Choice:
         """The next slice of the search, or that it has ended."""

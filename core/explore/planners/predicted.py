@@ -1,13 +1,13 @@
 """The default planner: refines where the predicted error is largest, then what is untouched.
 
-A coarse cover first, of an odd number, so that the middle is among it. Then, while the error
-that the slices predict is too large, the height that brings it down with the fewest slices;
-when it is small enough, the middle of what no pad has touched. A predicted error says nothing
-about what lies between two pads, which is why both are asked for. Two indicators are enough. A
-curve that knows the curvatures, too, differs from the cubic by about as much as the cubic
-differs from the truth; and where slopes and curvatures of both ends do not add up to the rise
-of the positions, something lies between. Their weights were fitted to logarithms of true
-errors, interval by interval, and the factor of the bound to whole runs.
+A coarse cover first, of an odd number, so that the middle is among it. Then, while the error that
+the slices predict is too large, the height that brings it down with the fewest slices; when it is
+small enough, the middle of what no pad has touched. A predicted error says nothing about what lies
+between two pads, which is why both are asked for. Two indicators are enough. A curve that knows the
+curvatures, too, differs from the cubic by about as much as the cubic differs from the truth; and
+where slopes and curvatures of both ends do not add up to the rise of the positions, something lies
+between. Their weights were fitted to logarithms of true errors, interval by interval, and the
+factor of the bound to whole runs.
 """
 
 from __future__ import annotations
@@ -217,8 +217,8 @@ def _along_with(observation: Observation, spans: Sequence[Span], wanted: float) 
 def _untouched_height(observation: Observation, spans: Sequence[Span]) -> float | None:
     """Where to touch what was not touched: into the longest span, m.
 
-    Beside other fingers, where the most slices are left so close together that only one finger
-    at a time can trace them: else they are left over for a single one.
+    Beside other fingers, where the most slices are left so close together that only one finger at a
+    time can trace them: else they are left over for a single one.
     """
     wanted = [
         span

@@ -1,8 +1,8 @@
 """What a planner is told and what it answers; how one is made, and its answers checked.
 
-All lengths are in one unit of the caller's choice, m in palpate itself. Planners work in shares
-of the object's height, so that a plan in millimetres is the plan in metres. A planner may be a
-user's own: an answer that nobody could act on is refused.
+All lengths are in one unit of the caller's choice, m in palpate itself. Planners work in shares of
+the object's height, so that a plan in millimetres is the plan in metres. A planner may be a user's
+own: an answer that nobody could act on is refused.
 """
 
 from __future__ import annotations

@@ -1,15 +1,14 @@
 """The thesis' planner: steps by curvature and its change, (3.1), (3.2), (3.28), (3.34), (3.35).
 
-From half height to one end, then to the other (3.2.2). A step is a share of the height: s =
-(most - least) shape + least. The shape is a product of two templates, one of the curvature and
-one of its change, (3.28), or one template of a sum of both: section 6.1 asks for forms that
-cannot be separated. Lengths are over the object's height, curvatures times it: as printed, in
-1/length, the same rule gave 15, 5 and 3 contours for one vase in three units. Templates fall
-from 1 at 0, never below 0; as printed some leave that range: a / ln(b x + c) is infinite where
-b x + c is 1, and 1 / (a x + b)^c begins at 1 only where b is 1. The piecewise linear form
-(section 3.6) is written there as sums of |x - k| over knots k, (3.29), with normal equations,
-(3.33): collinear where knots come close. Hat functions span the same functions, and their
-condition stays small whatever the knots.
+From half height to one end, then to the other (3.2.2). A step is a share of the height: s = (most -
+least) shape + least. The shape is a product of two templates, one of the curvature and one of its
+change, (3.28), or one template of a sum of both: section 6.1 asks for forms that cannot be
+separated. Lengths are over the object's height, curvatures times it: as printed, in 1/length, the
+same rule gave 15, 5 and 3 contours for one vase in three units. Templates fall from 1 at 0, never
+below 0; as printed some leave that range: a / ln(b x + c) is infinite where b x + c is 1, and 1 /
+(a x + b)^c begins at 1 only where b is 1. The piecewise linear form (section 3.6) is written there
+as sums of |x - k| over knots k, (3.29), with normal equations, (3.33): collinear where knots come
+close. Hat functions span the same functions, and their condition stays small whatever the knots.
 """
 
 from __future__ import annotations
@@ -232,8 +231,8 @@ class Polyline(NamedTuple):
 def free_knots(places: Floats, values: Floats, segments: int) -> Polyline:
     """The best falling polyline over its knots as well, by variable projection.
 
-    For given knots the values follow by linear least squares; what is searched is the knots
-    alone, as shares of the range, so that they stay in order.
+    For given knots the values follow by linear least squares; what is searched is the knots alone,
+    as shares of the range, so that they stay in order.
     """
     from scipy.optimize import least_squares
 

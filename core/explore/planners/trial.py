@@ -2,10 +2,10 @@
 
 And the objects by their radius.
 
-The answer to a height is the object's own contour with normals and curvature, and the band that
-a pad touches around it. The side is rebuilt by one method for all planners. Radii are over
-heights and azimuths, as shares of the object's height. `TUNED` had a say in the numbers of the
-planner `predicted`; `HELD_OUT` had none.
+The answer to a height is the object's own contour with normals and curvature, and the band that a
+pad touches around it. The side is rebuilt by one method for all planners. Radii are over heights
+and azimuths, as shares of the object's height. `TUNED` had a say in the numbers of the planner
+`predicted`; `HELD_OUT` had none.
 """
 
 from __future__ import annotations

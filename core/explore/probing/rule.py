@@ -1,10 +1,10 @@
 """Where to touch an end next, or that it is known well enough: a pure function.
 
-The end is found by one touch along the axis, and by a few more uphill where that met a flank.
-With a contour beside it, the face that closes it is touched where it is farthest from
-everything touched so far, until no more is left than a pad would see beside it, or until
-touches all over it lie in one plane, whose height they tell surely enough. Then the edge around
-it, where the band that the contour's touches reached ends below the face.
+The end is found by one touch along the axis, and by a few more uphill where that met a flank. With
+a contour beside it, the face that closes it is touched where it is farthest from everything touched
+so far, until no more is left than a pad would see beside it, or until touches all over it lie in
+one plane, whose height they tell surely enough. Then the edge around it, where the band that the
+contour's touches reached ends below the face.
 """
 
 from __future__ import annotations
@@ -46,8 +46,6 @@ PLANE = 5  # Touches all over a face that are enough if they lie in one plane
 # Of the tolerance: what a plane may add to the error of the whole surface, for the mean of its
 # touches errs as their poses do.
 SURE = 0.05
-
-
 # Of the pad's width: radius of a disc in which nothing need be touched; and where the wall leans
 # over the end, so that a smooth surface goes on from it.
 SMALL, SMALL_ROUND = 0.35, 0.5

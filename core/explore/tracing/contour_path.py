@@ -1,12 +1,12 @@
 """What procedures of tracing share: touch commands, the arc that a touch shows, the way so far.
 
 Procedures touch, wait and go on: they are written as generators and run as pure functions. A
-procedure yields what it wants to touch and is sent what was touched. A generator cannot be a
-node's state, for it cannot be copied or compared; so the state keeps what was touched since the
-procedure began, and `resume` runs it again over that. Procedures are short, a few touches each.
+procedure yields what it wants to touch and is sent what was touched. A generator cannot be a node's
+state, for it cannot be copied or compared; so the state keeps what was touched since the procedure
+began, and `resume` runs it again over that. Procedures are short, a few touches each.
 
-An arc is where the surface touched by one pad meets the slice: one point in each column of
-taxels, and column by column the band of heights that was touched without a break beside it.
+An arc is where the surface touched by one pad meets the slice: one point in each column of taxels,
+and column by column the band of heights that was touched without a break beside it.
 """
 
 from __future__ import annotations
@@ -210,9 +210,8 @@ def heading_at_end(path: Path, heading: float, width: float) -> Heading:
 
     A parabola is fitted to the path's end, or to less of it where that does not fit: a longer
     window would mix two faces. The measured normal is a better heading than the parabola, unless
-    they contradict each other.
-
-    `heading`: azimuth of the outward normal at the last touch, rad. `width`: width of the pad, m.
+    they contradict each other. `heading`: azimuth of the outward normal at the last touch, rad.
+    `width`: width of the pad, m.
     """
     tangent = travel_direction(heading)
     curvature, good = 0.0, False
@@ -391,9 +390,8 @@ def _values(polynomials: Floats, share: Floats) -> tuple[Floats, Floats]:
 def contact_bands(above: Floats, one_surface: Bools, met: Crossings) -> tuple[Floats, Floats]:
     """Lowest and highest height touched without a break from where columns meet the slice.
 
-    Only touched taxels count: of a domed pad's face the edge often hangs free.
-
-    Returns `low`, `high` (n,): heights over the slice, m: 0 or less, 0 or more.
+    Only touched taxels count: of a domed pad's face the edge often hangs free. Returns `low`,
+    `high` (n,): heights over the slice, m: 0 or less, 0 or more.
     """
     breaks = np.cumsum(~one_surface, axis=0)
     stretch = np.vstack([np.zeros_like(breaks[:1]), breaks])[:, met.columns]
@@ -415,18 +413,13 @@ def _slope(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> float:
 
 def _nearest(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Floats:
     """The surface's point (3,) nearest to the slice in height, pad frame, m."""
-    x, y = pad.grid()
-    nearest = np.where(touched, np.abs(above), np.inf).argmin()
-    row, col = np.unravel_index(int(nearest), surface.shape)
-    return np.array([x[row, col], y[row, col], surface[row, col]])
+    return pad.surface_point(surface, int(np.where(touched, np.abs(above), np.inf).argmin()))
 
 
 def deepest_point(pad: Pad, surface: Floats, touched: Bools) -> Floats:
     """The surface's point (3,) under the most compressed taxel, pad frame, m."""
-    x, y = pad.grid()
     pressed = np.where(touched, -(surface + pad.sag()), -np.inf)
-    row, col = np.unravel_index(int(pressed.argmax()), surface.shape)
-    return np.array([x[row, col], y[row, col], surface[row, col]])
+    return pad.surface_point(surface, int(pressed.argmax()))
 
 
 class Crossings(NamedTuple):

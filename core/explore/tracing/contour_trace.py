@@ -1,10 +1,10 @@
 """Tracing one contour, touch by touch: the state and its step, and how the contour is followed.
 
-The state is a value. What was touched since the last accepted arc is kept in it, and the
-procedure under way is resumed over that. It follows the contour to one more arc ahead, around a
-corner, over a gap, or meets it again from outside. A gap between touched points is probed in
-its middle, then down the walls of the hollow that the pad has bridged, with an edge or a corner
-of it first, until it is closed or known to stay.
+The state is a value. What was touched since the last accepted arc is kept in it, and the procedure
+under way is resumed over that. It follows the contour to one more arc ahead, around a corner, over
+a gap, or meets it again from outside. A gap between touched points is probed in its middle, then
+down the walls of the hollow that the pad has bridged, with an edge or a corner of it first, until
+it is closed or known to stay.
 """
 
 from __future__ import annotations
@@ -56,8 +56,6 @@ OVERRUN = math.radians(420.0)  # Winding this far without closing is going in ci
 # The loop is closed when the new arc passes the start at this distance, in widths of the pad.
 CLOSED = 1.0 / 15.0
 VERTICAL = 0.97  # A surface whose normals are steeper than this has left the slice, or nearly
-
-
 # A path that is no longer than this, in widths of the pad, after so many touches goes round a pole
 # that one touch has touched.
 TINY, MANY = 0.2, 30
@@ -66,8 +64,6 @@ MOST_REACQUISITIONS = 4  # Stretches that cannot be followed, on one contour
 AHEAD = 0.25 / 15.0  # A new point must lie this far ahead of the last one; in widths of the pad
 PROGRESS = 0.6 / 15.0  # And the farthest of them this far; in widths of the pad
 PAD_STEP, CONTACT_STEP = 0.69, 1.05  # Longest step, in half widths of the pad and of the contact
-
-
 # How far a kept posture may step beyond half of the arc that it touched first, in the distance of
 # points that still join.
 KEPT_STEP = 0.5
@@ -76,8 +72,6 @@ STEP_STANDOFF = 0.2  # Of a plain touch, in widths of the pad
 SHARP_TURN = 0.2  # Beyond this turn, progress is measured along the new heading, rad
 REACQUIRE_STEP = math.radians(30.0)  # Between the directions that are tried, at most
 ROUNDING = 1e-9  # Of a leap: a direction that is farther by less is not one more
-
-
 # Ways of a probe before and past the gap's chord, in widths of the pad; longer gaps are probed from
 # as far away as they are long.
 GAP_STANDOFF, GAP_REACH = 6.0 / 15.0, 8.0 / 15.0
@@ -85,8 +79,6 @@ WITHIN = 0.25 / 15.0  # A point in the gap lies this far from both of its ends, 
 SHORTER = 0.25  # A probe that leaves a gap shorter by less than this many pitches has not helped
 STEEPEST = 1.3  # No pad is turned farther than this against the chord, rad
 CORNER = 7.0 / 15.0  # Shift that leaves one row beyond the slice, at a corner; in widths of the pad
-
-
 # Ways before and past the place, besides the gap's length; in widths of the pad.
 WALL_STANDOFF, WALL_REACH = 9.0 / 15.0, 8.0 / 15.0
 
@@ -265,10 +257,8 @@ def reacquire(
     """The contour met again beyond a stretch that cannot be followed, or None.
 
     Approaches come from ever farther round, the last from where the contour began; then the stretch
-    between is probed like any gap.
-
-    `centre` (2,): where the object's axis is expected, m. `radius`: distance from which the pad
-    approaches, m.
+    between is probed like any gap. `centre` (2,): where the object's axis is expected, m. `radius`:
+    distance from which the pad approaches, m.
     """
     first, last = path.points[0, :2] - centre, path.points[-1, :2] - centre
     from_ = math.atan2(last[1], last[0])

@@ -1,8 +1,8 @@
 """Finding the slice: the first arc of a contour, and an arc near a place.
 
 A pad that meets an object does not always meet it at the slice: on a pole it slides off to the
-side, below a shoulder the shoulder holds it away, across a groove it is bridged. So it tilts to
-the surface, walks along it, and tries other postures.
+side, below a shoulder the shoulder holds it away, across a groove it is bridged. So it tilts to the
+surface, walks along it, and tries other postures.
 """
 
 from __future__ import annotations
@@ -28,8 +28,6 @@ from palpate.core.explore.tracing.contour_path import (
 AZIMUTHS = tuple(np.radians([0, 90, 180, -90, 45, 135, -45, -135]).tolist())
 MOST_REPEATS = 5  # Touches from one direction while the pad still stands askew
 ASKEW = 0.12  # Angle to the surface above which the first arc is touched again, rad
-
-
 # Ways of a repeated touch before and past the place, in widths of the pad.
 STANDOFF, REACH = 12.0 / 15.0, 14.0 / 15.0
 PAST = 0.2  # A touch from above goes this far past the slice, in widths of the pad
@@ -68,10 +66,8 @@ def search_first_arc(spec: SliceSpec, centre: Floats, radius: float) -> Procedur
     """Approach the slice from one direction after the other until an arc is met.
 
     `centre` (2,): where the object's axis is expected, m. `radius`: distance from which the pad
-    approaches, m.
-
-    A pad that meets the object below the slice is held off, or the object ends there. One touch
-    from above tells them apart.
+    approaches, m. A pad that meets the object below the slice is held off, or the object ends
+    there. One touch from above tells them apart.
     """
     held_off = 0
     for azimuth in AZIMUTHS:

@@ -21,10 +21,10 @@ class Aperture:
     """Each element looks along a square grid of rays, and reports their mean or their largest.
 
     ``c = mean(max(a - g, 0))`` or ``max(max(a - g, 0))``, with the gaps ``g`` under its area and
-    the way ``a``. The move stops when the deepest element reports the asked depth, or earlier,
-    as bottomed, where the pad is pressed to its saturation at any ray. A touched element is
-    indented by what it reports; a free one is as far away as its nearest ray. It matters for
-    features smaller than the pitch, which a single ray sees wholly or not at all.
+    the way ``a``. The move stops when the deepest element reports the asked depth, or earlier, as
+    bottomed, where the pad is pressed to its saturation at any ray. A touched element is indented
+    by what it reports; a free one is as far away as its nearest ray. It matters for features
+    smaller than the pitch, which a single ray sees wholly or not at all.
     """
 
     phase: ClassVar = Phase.CAST
@@ -98,8 +98,8 @@ def _press(pad: Pad, origins: Floats, touch: SimulatedTouch, mean: bool) -> Guar
 def _way_to_mean(gaps: Floats, depth: float) -> float:
     """Way after which the first element's mean compression is `depth`.
 
-    A mean ``sum(max(a - g, 0)) / n`` is the largest of the lines ``(k a - g1 - ... - gk) / n``
-    over k, with the gaps in order; so the way to `depth` is the smallest of theirs.
+    A mean ``sum(max(a - g, 0)) / n`` is the largest of the lines ``(k a - g1 - ... - gk) / n`` over
+    k, with the gaps in order; so the way to `depth` is the smallest of theirs.
     """
     count = gaps.shape[1]
     sums = np.sort(gaps, axis=1).cumsum(axis=1)

@@ -9,21 +9,21 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Creep:
+class Creep(Ranged):
     """The standard linear solid: ``q' = -q / tau + c'``, and ``(1 - b) c + b q`` is measured.
 
-    A share ``b`` of the answer relaxes while the pad is held, and is missing in the next touch
-    if the pad had no time to recover. Solved in closed form for what a touch does: free, pressed
-    at a constant rate, as long in every taxel as in the deepest, held, let go at once, and free
-    on its way back. A free face reads nothing, never less. The pressure falls in the same
-    proportion. Christensen, *Theory of viscoelasticity*, 1982; the values are engineering
-    values. It matters after short rests and short dwells: a tenth of the depth is the largest
-    error of a contour next to the arm's.
+    A share ``b`` of the answer relaxes while the pad is held, and is missing in the next touch if
+    the pad had no time to recover. Solved in closed form for what a touch does: free, pressed at a
+    constant rate, as long in every taxel as in the deepest, held, let go at once, and free on its
+    way back. A free face reads nothing, never less. The pressure falls in the same proportion.
+    Christensen, *Theory of viscoelasticity*, 1982; the values are engineering values. It matters
+    after short rests and short dwells: a tenth of the depth is the largest error of a contour next
+    to the arm's.
     """
 
     phase: ClassVar = Phase.PAD
@@ -31,9 +31,6 @@ class Creep:
     # The share ``b`` that relaxes: that of a filled silicone.
     share: Annotated[float, Range(0.0, 0.9, "1")] = 0.10
     tau: Annotated[float, Range(1e-3, 1e4, "s")] = 0.5  # Time constant of relaxation and recovery
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger; its state is q at the end of the touch, (rows, cols), m."""

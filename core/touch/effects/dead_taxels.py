@@ -16,8 +16,8 @@ class DeadTaxels:
     """Some taxels always read 0, others always the same wrong value, drawn once for the finger.
 
     Each taxel is dead with probability ``rate`` or stuck with probability ``stuck``; a stuck one
-    reads a value from 0 to full scale, at which the pad bottoms. Engineering values. Single
-    dead taxels are bridged by their neighbours; clusters, and stuck ones, are not.
+    reads a value from 0 to full scale, at which the pad bottoms. Engineering values. Single dead
+    taxels are bridged by their neighbours; clusters, and stuck ones, are not.
     """
 
     phase: ClassVar = Phase.SIGNAL

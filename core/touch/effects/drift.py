@@ -9,26 +9,23 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pipeline import Fingertip, KeyedRandom, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Drift:
+class Drift(Ranged):
     """A random walk of each taxel's zero, ``o <- o + N(0, rate^2 dt)``, from 0 on.
 
     ``dt`` is the robot time since the touch before, so after ``t`` seconds the zero has a standard
-    deviation of ``rate sqrt(t)``, however many touches there were. An engineering value: 17 um
-    in five minutes. It matters in long runs without a new zero.
+    deviation of ``rate sqrt(t)``, however many touches there were. An engineering value: 17 um in
+    five minutes. It matters in long runs without a new zero.
     """
 
     phase: ClassVar = Phase.SIGNAL
 
     # Standard deviation of the zero after one second.
     rate: Annotated[float, Range(0.0, 1e-4, "m/sqrt(s)")] = 1e-6
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger; its state is the time of a touch, s, and the zeros, m."""

@@ -9,12 +9,12 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EchoLoss:
+class EchoLoss(Ranged):
     """An echo of amplitude ``exp(-(theta / angle)^2)`` below the threshold is lost.
 
     ``theta`` is the slope of the pressed face against the undeformed one: central differences of
@@ -30,9 +30,6 @@ class EchoLoss:
     angle: Annotated[float, Range(1.0, 60.0, "deg")] = 15.0
     # Smallest amplitude that is received, as a share of a level face's: 20 dB down. 0 for all.
     threshold: Annotated[float, Range(0.0, 1.0, "1")] = 0.1
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.

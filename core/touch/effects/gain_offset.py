@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pipeline import Fingertip, KeyedRandom, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GainOffset:
+class GainOffset(Ranged):
     """A gain and an offset of each taxel, ``v <- (1 + g) v + o``, drawn once for the finger.
 
     ``g ~ N(0, sigma_gain^2)`` and ``o ~ N(0, sigma_offset^2)``. Engineering values of an array that
-    was not calibrated; a calibration removes most of both. They matter as a pattern that
-    stays the same in every frame, and that no average over touches removes.
+    was not calibrated; a calibration removes most of both. They matter as a pattern that stays the
+    same in every frame, and that no average over touches removes.
     """
 
     phase: ClassVar = Phase.SIGNAL
@@ -24,9 +24,6 @@ class GainOffset:
     sigma_gain: Annotated[float, Range(0.0, 0.3, "1")] = 0.03
     # Standard deviation of the offset.
     sigma_offset: Annotated[float, Range(0.0, 1e-3, "m")] = 10e-6
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pad import FaceModel, half_space_influence
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
@@ -21,16 +21,16 @@ EXPANSION = 1.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HalfSpace:
+class HalfSpace(Ranged):
     """The pad as an elastic half-space, touched without friction.
 
     Find ``p >= 0`` with ``u = K p``, ``u = g`` where ``p > 0`` and ``u >= g`` elsewhere: the rigid
     surface indents the face by ``g``, and the free face about the contact is drawn down. ``K`` is
-    the displacement under uniformly loaded squares (Love, 1929; Johnson, *Contact mechanics*,
-    1985, 3.3). On a sphere this is Hertz's contact, whose radius is 0.71 of that of a bed of
-    springs. It replaces the springs' pressures, so it matters for forces, which then
-    no longer tell the compression by (1.2), and for what is touched
-    around a contact; the truth for a thin bonded pad lies between the two.
+    the displacement under uniformly loaded squares (Love, 1929; Johnson, *Contact mechanics*, 1985,
+    3.3). On a sphere this is Hertz's contact, whose radius is 0.71 of that of a bed of springs. It
+    replaces the springs' pressures, so it matters for forces, which then no longer tell the
+    compression by (1.2), and for what is touched around a contact; the truth for a thin bonded pad
+    lies between the two.
     """
 
     phase: ClassVar = Phase.PAD
@@ -39,9 +39,6 @@ class HalfSpace:
     modulus: Annotated[float, Range(1e4, 1e8, "N/m2")] = 0.5e6
     # Poisson's ratio: rubber keeps its volume.
     poisson: Annotated[float, Range(0.0, 0.5, "1")] = 0.49
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.

@@ -7,27 +7,23 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pipeline import Fingertip, KeyedRandom, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SaltAndPepper:
+class SaltAndPepper(Ranged):
     """Impulses: with probability ``rate`` a taxel reads 0 or full scale, either as likely.
 
-    Full scale is the compression at which the pad bottoms. Independent in each taxel and
-    touch. An engineering value for lost and false echoes. It is the noise that the median
-    filter is for (Fung, 1999, 3.4.2); a single impulse that is taken for the surface is an
-    error of millimetres.
+    Full scale is the compression at which the pad bottoms. Independent in each taxel and touch. An
+    engineering value for lost and false echoes. It is the noise that the median filter is for
+    (Fung, 1999, 3.4.2); a single impulse that is taken for the surface is an error of millimetres.
     """
 
     phase: ClassVar = Phase.SIGNAL
 
     # Probability for one taxel in one touch: two or three of 256.
     rate: Annotated[float, Range(0.0, 1.0, "1")] = 0.01
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""

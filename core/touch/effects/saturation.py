@@ -7,18 +7,18 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Saturation:
+class Saturation(Ranged):
     """Compression and pressure are clipped, ``c <- min(c, share D)``, and the touch bottomed.
 
-    The pad's own saturation, which every finger has, stops the move; this is the limit of what
-    the array can follow, and may lie below it. The pressure falls in the same proportion as
-    the compression. An engineering value. It matters where a press is deep: on corners, which
-    lose their tips, and after a wrong guess of the surface.
+    The pad's own saturation, which every finger has, stops the move; this is the limit of what the
+    array can follow, and may lie below it. The pressure falls in the same proportion as the
+    compression. An engineering value. It matters where a press is deep: on corners, which lose
+    their tips, and after a wrong guess of the surface.
     """
 
     phase: ClassVar = Phase.PAD
@@ -26,9 +26,6 @@ class Saturation:
     # Largest compression that is measured, as a share of the thickness: rubber cannot be squeezed
     # to nothing.
     share: Annotated[float, Range(0.1, 0.95, "1")] = 0.8
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""

@@ -6,19 +6,18 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Temperature:
+class Temperature(Ranged):
     """The speed of sound is ``v = v0 + a dT``, and ``dT = rise (1 - exp(-t / warm_up))``.
 
     The listener goes on with the nominal ``v0`` in (1.1): from an echo after ``2 (D - c) / v`` it
-    takes ``D - (D - c) v0 / v``. If the undeformed pad was timed at the same temperature, the
-    error of the thickness cancels and ``c v0 / v`` is left. Values of silicone rubber, as
-    published for underwater acoustics. Without a new zero, 5 K are 46 um at 3 mm, the same on
-    every taxel.
+    takes ``D - (D - c) v0 / v``. If the undeformed pad was timed at the same temperature, the error
+    of the thickness cancels and ``c v0 / v`` is left. Values of silicone rubber, as published for
+    underwater acoustics. Without a new zero, 5 K are 46 um at 3 mm, the same on every taxel.
     """
 
     phase: ClassVar = Phase.ECHO
@@ -31,9 +30,6 @@ class Temperature:
     coefficient: Annotated[float, Range(-10.0, 10.0, "m/s/K")] = -3.0
     # Whether the undeformed pad was timed again at the temperature of each touch.
     rezeroed: bool = False
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger.

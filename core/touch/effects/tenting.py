@@ -8,30 +8,27 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pad import FaceModel, Pad
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tenting:
+class Tenting(Ranged):
     """A membrane on a bed of springs: ``T lap(u) = k u`` outside the contact, ``u = c`` inside.
 
     About a straight edge ``u`` falls as ``exp(-x / l)`` with ``l = sqrt(T / k)``; at the border of
-    the array it ends level. Five-point Laplacian at the pitch, solved exactly. The contact is
-    where there is pressure: listed together with a half-space, that says where and how hard
-    the pad is touched, and this how its face falls beside it. An engineering value. At edges
-    and corners the skirt reads as a rounding of half a millimetre, which would be traced as if
-    it were the object by a listener who does not know of it.
+    the array it ends level. Five-point Laplacian at the pitch, solved exactly. The contact is where
+    there is pressure: listed together with a half-space, that says where and how hard the pad is
+    touched, and this how its face falls beside it. An engineering value. At edges and corners the
+    skirt reads as a rounding of half a millimetre, which would be traced as if it were the object
+    by a listener who does not know of it.
     """
 
     phase: ClassVar = Phase.PAD
 
     # The length ``l`` in which the skirt falls to 1/e: about the thickness of a tough skin.
     decay: Annotated[float, Range(1e-5, 20e-3, "m")] = 1e-3
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
@@ -83,9 +80,9 @@ def _rim(contact: Bools) -> tuple[np.ndarray, ...]:
 def _tent(membrane: _Membrane, rim: tuple[np.ndarray, ...], heights: Floats) -> Floats:
     """Height of the membrane, (rows, cols), m, if it is held at the rim.
 
-    Loads at the rim alone lift it there to its height: beyond the rim nothing else holds it,
-    so this is the solution outside the contact (inside it means nothing). Their number is
-    that of the rim, not of the free taxels.
+    Loads at the rim alone lift it there to its height: beyond the rim nothing else holds it, so
+    this is the solution outside the contact (inside it means nothing). Their number is that of the
+    rim, not of the free taxels.
     """
     down, across, answers = membrane
     modes = down[rim[0], :, None] * across[rim[1], None, :]

@@ -6,19 +6,19 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from palpate.core.plugins import Range, check_ranges
+from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pipeline import Fingertip, KeyedRandom, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Transport:
+class Transport(Ranged):
     """A frame takes ``latency``; a lost one is asked for again after ``timeout``.
 
     Reads are repeated, not touches: the finger stays where it is until a frame has arrived, and
-    every frame of a touch is the same. Losses are independent, so their number is geometric,
-    ``P(n) = drop^n (1 - drop)``. A frame may also arrive twice; its copies bear the same number,
-    and a listener must take only one. Engineering values of a serial line. It costs robot time
-    and no accuracy: that the pad creeps on while a frame is waited for is left out.
+    every frame of a touch is the same. Losses are independent, so their number is geometric, ``P(n)
+    = drop^n (1 - drop)``. A frame may also arrive twice; its copies bear the same number, and a
+    listener must take only one. Engineering values of a serial line. It costs robot time and no
+    accuracy: that the pad creeps on while a frame is waited for is left out.
     """
 
     phase: ClassVar = Phase.LINK
@@ -29,9 +29,6 @@ class Transport:
     timeout: Annotated[float, Range(0.0, 60.0, "s")] = 0.1  # How long a frame is waited for
     # Probability that a frame arrives twice.
     duplicate: Annotated[float, Range(0.0, 1.0, "1")] = 0.01
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
