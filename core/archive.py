@@ -31,7 +31,6 @@ FORM_KEY = "form"  # Name of the text that tells the tree's form
 ROOT = "solid"  # Path of the tree itself
 NUMERIC = "fiub"  # Kinds of arrays that are kept: floats, integers and truth values
 Arrays = dict[str, NDArray[np.generic]]
-CLASS_HOME = "palpate.core"  # Where all classes live that are kept
 # What stands for each kind of number.
 NUMBER_TYPES: dict[type, tuple[type, ...]] = {
     float: (float, int, np.floating, np.integer),
@@ -96,9 +95,6 @@ class _Writer:
         self._known[id(value)] = (path, value)
         if isinstance(value, np.ndarray | np.generic):
             return self._array(value, path)
-        return self._branch(value, path)
-
-    def _branch(self, value: object, path: str) -> Any:
         if type(value) in (tuple, list):
             assert isinstance(value, tuple | list)
             items = [self.node(item, f"{path}/{i}") for i, item in enumerate(value)]
@@ -158,17 +154,14 @@ class _Reader:
             case {"array": str(name), **rest}:
                 return self._ordered(self._array(name, path), rest.get("order"), path)
             case {"tuple": list(items)}:
-                return tuple(self._items(items, path))
+                return tuple(self.value(item, f"{path}/{i}") for i, item in enumerate(items))
             case {"list": list(items)}:
-                return self._items(items, path)
+                return [self.value(item, f"{path}/{i}") for i, item in enumerate(items)]
             case {"dict": dict(items)}:
                 return {key: self.value(item, f"{path}/{key}") for key, item in items.items()}
             case {"class": str(name), "fields": dict(fields)}:
                 return self._instance(name, fields, path)
         raise ValueError(f"{path} of the archive has no meaning: {node!r:.60}")
-
-    def _items(self, items: list[Any], path: str) -> list[object]:
-        return [self.value(item, f"{path}/{i}") for i, item in enumerate(items)]
 
     def _array(self, name: str, path: str) -> NDArray[np.generic]:
         if name not in self._arrays:
@@ -231,7 +224,7 @@ def _homes() -> dict[str, list[str]]:
     """Modules of core by the classes that stand in them, read off the sources."""
     root, homes = Path(__file__).parent, dict[str, list[str]]()
     for path in sorted(root.rglob("*.py")):
-        module = ".".join((CLASS_HOME, *path.relative_to(root).with_suffix("").parts))
+        module = ".".join(("palpate.core", *path.relative_to(root).with_suffix("").parts))
         for name in re.findall(r"^class (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE):
             homes.setdefault(name, []).append(module)
     return homes
@@ -256,17 +249,6 @@ def declared_types(kind: type) -> dict[str, Any]:
         return get_type_hints(kind)
     except NameError:  # a name that is imported for checkers alone
         return {}
-
-
-def equal_trees(one: object, other: object) -> bool:
-    """Whether two trees hold the same to the last bit."""
-    first, second = tree_to_arrays(one), tree_to_arrays(other)
-    return first.keys() == second.keys() and all(
-        here.dtype == second[name].dtype
-        and here.shape == second[name].shape
-        and here.tobytes() == second[name].tobytes()
-        for name, here in first.items()
-    )
 
 
 def tree_to_bytes(tree: object) -> NDArray[np.uint8]:
@@ -301,7 +283,10 @@ def fits_type(value: object, hint: Any) -> bool:
     if origin is Literal:
         return value in args
     if origin is tuple:
-        return isinstance(value, tuple) and _tuple_fits(value, args)
+        if not isinstance(value, tuple):
+            return False
+        hints = args[:1] * len(value) if args[1:] == (...,) else args
+        return len(value) == len(hints) and all(map(fits_type, value, hints))
     if origin in (list, collections.abc.Sequence):
         return isinstance(value, list | tuple) and all(fits_type(item, args[0]) for item in value)
     if origin in (dict, collections.abc.Mapping):
@@ -313,9 +298,3 @@ def fits_type(value: object, hint: Any) -> bool:
     if isinstance(hint, type) and not getattr(hint, "_is_protocol", False):
         return isinstance(value, NUMBER_TYPES.get(hint, (hint,)))
     return value is not None
-
-
-def _tuple_fits(value: tuple[object, ...], args: tuple[Any, ...]) -> bool:
-    if len(args) == 2 and args[1] is ...:
-        return all(fits_type(item, args[0]) for item in value)
-    return len(value) == len(args) and all(map(fits_type, value, args))

@@ -48,27 +48,13 @@ class _Running(NamedTuple):
 
     def take(self, which: Bools) -> _Running:
         """Some of them."""
-        return _Running(
-            self.rows[which],
-            self.parameters[which],
-            self.residuals[which],
-            self.jacobian[which],
-            self.cost[which],
-            self.damping[which],
-            self.growth[which],
-        )
+        return _Running(*(field[which] for field in self))
 
     def where(self, better: Bools, other: _Running) -> _Running:
         """Those of the others where they are better."""
-        row = better[:, None]
+        pairs = zip(other, self, strict=True)
         return _Running(
-            self.rows,
-            np.where(row, other.parameters, self.parameters),
-            np.where(row, other.residuals, self.residuals),
-            np.where(row[:, :, None], other.jacobian, self.jacobian),
-            np.where(better, other.cost, self.cost),
-            np.where(better, other.damping, self.damping),
-            np.where(better, other.growth, self.growth),
+            *(np.where(better.reshape(-1, *[1] * (one.ndim - 1)), one, two) for one, two in pairs)
         )
 
 
@@ -134,20 +120,15 @@ def levenberg_marquardt(
         solved = np.einsum("bm,bm->b", running.residuals, running.residuals) <= enough**2
         done = flat | small | solved
         stopped = done | (running.damping > MOST_DAMPING) | (ends.steps[running.rows] >= steps)
-        _settle(ends, running, stopped, done)
+        rows = running.rows[stopped]
+        ends.parameters[rows], ends.cost[rows] = running.parameters[stopped], running.cost[stopped]
+        ends.converged[rows] = done[stopped]
         if stopped.all():
             break
         running, moves, promised = running.take(~stopped), moves[~stopped], promised[~stopped]
         ends.steps[running.rows] += 1
         running = _stepped(problem, loss, running, moves, promised)
     return ends
-
-
-def _settle(ends: Solutions, running: _Running, stopped: Bools, done: Bools) -> None:
-    rows = running.rows[stopped]
-    ends.parameters[rows] = running.parameters[stopped]
-    ends.cost[rows] = running.cost[stopped]
-    ends.converged[rows] = done[stopped]
 
 
 def _evaluated(

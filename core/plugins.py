@@ -54,9 +54,12 @@ class Range(NamedTuple):
         return f"{self.low:g} to {self.high:g}{unit}"
 
 
+@cache
 def ranges_of(described: type) -> Mapping[str, Range]:
     """The ranges that a dataclass declares: ``sigma: Annotated[float, Range(0, 1, "m")]``."""
-    return _ranges_of(described)
+    hints = get_type_hints(described, include_extras=True)
+    notes = ((name, note) for name in hints for note in getattr(hints[name], "__metadata__", ()))
+    return {name: note for name, note in notes if isinstance(note, Range)}
 
 
 def check_ranges(value: Any) -> None:
@@ -66,7 +69,7 @@ def check_ranges(value: Any) -> None:
     should be a whole one.
     """
     described: type = type(value)
-    for name, allowed in _ranges_of(described).items():
+    for name, allowed in ranges_of(described).items():
         number, members = getattr(value, name), _members_of(described)[name]
         if number is None and NoneType in members:  # an optional number that was left out
             continue
@@ -87,16 +90,6 @@ class Ranged:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-
-
-@cache
-def _ranges_of(described: type) -> Mapping[str, Range]:
-    found = {}
-    for name, kind in get_type_hints(described, include_extras=True).items():
-        for note in getattr(kind, "__metadata__", ()):
-            if isinstance(note, Range):
-                found[name] = note
-    return found
 
 
 @cache

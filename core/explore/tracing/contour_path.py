@@ -328,9 +328,15 @@ def crossings(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> Cross
     meets = (above[:-1] <= 0.0) != (above[1:] <= 0.0)
     row, col = np.nonzero(meets & same_surface(pad, surface, touched))
     rows, window = _windows(touched, row, col)
-    row, col, rows, window = _curved(row, col, rows, window)
+    kept = window < len(SLICE_ARC_WINDOWS) - 1
+    if kept.sum() >= AMPLE:  # without those that only a straight line goes through
+        row, col, rows, window = row[kept], col[kept], rows[kept], window[kept]
     share = above[row, col] / (above[row, col] - above[row + 1, col])
-    rise, depth = (_polynomials(field, rows, col, window) for field in (above, surface))
+    # Coefficients (n, 4) along the rows, 0 at the row before the slice.
+    rise, depth = (
+        np.einsum("nij,nj->ni", _OF_WINDOW[window], field[rows, col[:, None]])
+        for field in (above, surface)
+    )
     straight = share
     for _ in range(ROUNDS):
         value, slope = _values(rise, share)
@@ -363,22 +369,6 @@ def _windows(touched: Bools, row: Indices, col: Indices) -> tuple[Indices, Indic
         window[whole] = number
     begins = np.array([begin for begin, _ in SLICE_ARC_WINDOWS])[window]
     return np.clip((row + begins)[:, None] + np.arange(MOST_ROWS), 0, last), window
-
-
-def _curved(
-    row: Indices, col: Indices, rows: Indices, window: Indices
-) -> tuple[Indices, Indices, Indices, Indices]:
-    """The crossings without those that only a straight line goes through, if enough remain."""
-    kept = window < len(SLICE_ARC_WINDOWS) - 1
-    if kept.sum() < AMPLE:
-        return row, col, rows, window
-    return row[kept], col[kept], rows[kept], window[kept]
-
-
-def _polynomials(field: Floats, rows: Indices, col: Indices, window: Indices) -> Floats:
-    """Coefficients (n, 4) along the rows, 0 at the row before the slice."""
-    coefficients: Floats = np.einsum("nij,nj->ni", _OF_WINDOW[window], field[rows, col[:, None]])
-    return coefficients
 
 
 def _values(polynomials: Floats, share: Floats) -> tuple[Floats, Floats]:

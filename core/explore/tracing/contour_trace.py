@@ -99,9 +99,7 @@ class Trace:
 
     slice: TraceGoal  # What is traced
     path: Path | None = None  # Points so far; None until the first arc
-    end_heading: Heading | None = (
-        None  # Where the path is going at its end; None until the first arc
-    )
+    end_heading: Heading | None = None  # Where the path is going at its end; None likewise
     posture: Posture = UPRIGHT  # How the pad is held
     arcs_since: tuple[SliceArc | None, ...] = ()  # What was touched since the last accepted arc
     touches: int = 0  # Touches made
@@ -138,9 +136,9 @@ def _go_on_searching(
         return trace, start.result
     path, heading, posture, gaps, _ = start.result
     path = _touched_again(spec, path, trace.arcs_since)
-    end_heading = heading_at_end(path, heading, spec.width)
+    end = heading_at_end(path, heading, spec.width)
     return replace(
-        trace, path=path, end_heading=end_heading, posture=posture, gaps=gaps, arcs_since=()
+        trace, path=path, end_heading=end, posture=posture, gaps=gaps, arcs_since=()
     ), None
 
 
@@ -171,8 +169,7 @@ def _onwards(
     """The next arc: along the contour, or beyond what cannot be followed."""
     stride = yield from follow(spec, path, end_heading, trace.posture)
     if stride is None and trace.reacquisitions < MOST_REACQUISITIONS:
-        stride = yield from reacquire(spec, path, trace.slice.centre, trace.slice.radius)
-        return None if stride is None else stride._replace(reacquired=True)
+        return (yield from reacquire(spec, path, trace.slice.centre, trace.slice.radius))
     return stride
 
 
@@ -189,12 +186,13 @@ def follow(
     beyond: Stride | None = None
     while attempts:
         attempt = attempts.popleft()
-        arc, posture = yield from search_arc(
-            spec, posture, _target(spec, path, end_heading, attempt)
-        )
+        target = _target(spec, path, end_heading, attempt)
+        arc, posture = yield from search_arc(spec, posture, target)
         new = None if arc is None else _new_points(spec, path, end_heading, arc, attempt)
         if attempt is plain:
-            attempts.extend(_after_plain(new, posture))
+            # A kept posture is not turned into a hollow.
+            over = () if posture.frozen else OVER_A_GAP
+            attempts.extend(AROUND_A_CORNER if new is None else over)
         if new is None:
             continue
         stride = Stride(new, end_heading.normal_azimuth + attempt.turn, posture)
@@ -240,13 +238,6 @@ def _new_points(
     return path_of(arc).part(new)
 
 
-def _after_plain(new: Path | None, posture: Posture) -> tuple[Attempt, ...]:
-    """What is tried after the plain step; a kept posture is not turned into a hollow."""
-    if new is None:
-        return AROUND_A_CORNER
-    return () if posture.frozen else OVER_A_GAP
-
-
 def _gap(path: Path, stride: Stride) -> float:
     return float(np.linalg.norm(stride.new.points[0] - path.points[-1]))
 
@@ -268,16 +259,15 @@ def reacquire(
         azimuth = from_ + left * number / reacquisitions
         found = yield from approach_from(spec, centre, radius, azimuth)
         if isinstance(found, FirstArc):
-            stride = Stride(path_of(found.arc), found.heading, found.posture)
+            stride = Stride(path_of(found.arc), found.heading, found.posture, reacquired=True)
             return (yield from with_gaps_probed(spec, path, stride))
     return None
 
 
 def with_gaps_probed(spec: SliceSpec, path: Path, stride: Stride) -> Procedure[Stride]:
     """A stride of which every gap has been probed."""
-    chain, gaps = yield from probe_gaps(
-        spec, path.part(slice(-1, None)).joined(stride.new), stride.posture
-    )
+    chain = path.part(slice(-1, None)).joined(stride.new)
+    chain, gaps = yield from probe_gaps(spec, chain, stride.posture)
     return stride._replace(new=chain.part(slice(1, None)), gaps=gaps)
 
 
@@ -297,9 +287,9 @@ def probe_gaps(
         if np.linalg.norm(end - start) <= spec.joined:
             last -= 1
             continue
-        between, why = yield from _probe(spec, ends, posture)
+        between, reason = yield from _probe(spec, ends, posture)
         if between is None:
-            gaps.append(Gap(start, end, why))
+            gaps.append(Gap(start, end, reason))
             last -= 1
             continue
         before, after = chain.part(slice(None, last)), chain.part(slice(last, None))
@@ -393,8 +383,7 @@ def _with_stride(
         if closing is not None:
             last = longer.part(slice(0, len(path.points) + closing))
             gaps = _gaps_up_to(stride, closing, path.points[0])
-            trace = replace(trace, path=last, gaps=trace.gaps + gaps)
-            return trace, "closed"
+            return replace(trace, path=last, gaps=trace.gaps + gaps), "closed"
     if swept > OVERRUN:
         return trace, "overrun"
     if trace.touches > MANY and np.ptp(longer.points, axis=0).max() < TINY * spec.width:
@@ -422,9 +411,8 @@ def _closing_point(spec: SliceSpec, path: Path, new: Path) -> int | None:
     ahead, start = np.concatenate([path.points[-1:], new.points]), path.points[0]
     ways = np.diff(ahead[:, :2], axis=0)
     to_start = start[:2] - ahead[:-1, :2]
-    share = np.einsum("ni,ni->n", to_start, ways) / np.maximum(
-        np.einsum("ni,ni->n", ways, ways), 1e-30
-    )
+    squares = np.maximum(np.einsum("ni,ni->n", ways, ways), 1e-30)
+    share = np.einsum("ni,ni->n", to_start, ways) / squares
     nearest = ahead[:-1, :2] + np.clip(share, 0.0, 1.0)[:, None] * ways
     distance = np.linalg.norm(nearest - start[:2], axis=1)
     closest = int(distance.argmin())
