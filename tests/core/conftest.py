@@ -1,24 +1,18 @@
 """Shapes, pads and fingers that the tests of core share."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
-from palpate.core.explore.tracing.contour_path import SliceArc, TouchCommand, arc_in_slice
+from palpate.core.explore.tracing.contour_path import TouchCommand, arc_in_slice
 from palpate.core.explore.tracing.contour_trace import (
     Trace,
-    TraceGoal,
-    TraceStatus,
     after_touch,
     next_command,
 )
-from palpate.core.rebuild.contours.contacts import ContactPoints, contact_points_of
-from palpate.core.shapes.protocol import Mesh, Shape
+from palpate.core.rebuild.contours.contacts import contact_points_of
+from palpate.core.shapes.protocol import Shape
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.curvature import fit_patch
 from palpate.core.touch.pad import Pad, guarded_move
@@ -34,9 +28,9 @@ class Finger:
 
     shape: Shape
     pad: Pad
-    contacts: list[ContactPoints] = field(default_factory=list)
+    contacts: list = field(default_factory=list)
 
-    def press(self, start: Floats, reach: float, depth: float, height: float) -> SliceArc | None:
+    def press(self, start, reach, depth, height):
         """One touch; what it measured is kept."""
         end = guarded_move(self.shape, self.pad, start, reach, depth)
         if end.outcome not in ("hit", "bottomed"):
@@ -47,14 +41,14 @@ class Finger:
         self.contacts.append(contact_points_of(self.pad, end.pose, surface, touched, jet))
         return arc_in_slice(self.pad, end.pose, surface, touched, jet, height)
 
-    def answer(self, aim: TouchCommand, height: float) -> SliceArc | None:
+    def answer(self, aim, height):
         """One touch of a contour, from farther away if it would start inside."""
         start = guarded_move(self.shape, self.pad, aim.start(height), aim.travel, aim.posture.depth)
         if start.outcome == "inside":
             aim = aim._replace(standoff=aim.standoff + BACK_OFF)
         return self.press(aim.start(height), aim.travel, aim.posture.depth, height)
 
-    def contour(self, wanted: TraceGoal) -> tuple[Trace, TraceStatus]:
+    def contour(self, wanted):
         """A contour, to its end."""
         trace = Trace(wanted)
         while True:
@@ -66,41 +60,41 @@ class Finger:
 
 
 @pytest.fixture
-def finger() -> type[Finger]:
+def finger():
     return Finger
 
 
 @pytest.fixture
-def flat() -> Pad:
+def flat():
     return Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 
 
 @pytest.fixture
-def domed(flat: Pad) -> Pad:
+def domed(flat):
     return Pad(flat.rows, flat.cols, flat.pitch, flat.thickness, 1 / 0.015, flat.saturation)
 
 
 @pytest.fixture
-def ball() -> Superquadric:
+def ball():
     """A ball of 60 mm about the origin."""
     return Superquadric(np.full(3, 0.03), np.ones(2))
 
 
 @pytest.fixture
-def box() -> Superquadric:
+def box():
     return Superquadric(np.array([0.03, 0.02, 0.04]), np.array([0.1, 0.1]))
 
 
 @pytest.fixture
-def cylinder() -> Superquadric:
+def cylinder():
     return Superquadric(np.array([0.025, 0.025, 0.04]), np.array([0.1, 1.0]))
 
 
 @pytest.fixture
-def signed_volume() -> Callable[[Mesh], float]:
+def signed_volume():
     """Volume of a closed mesh; negative if it is turned inside out."""
 
-    def volume(mesh: Mesh) -> float:
+    def volume(mesh):
         a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
         return float(np.einsum("ni,ni->", a, np.cross(b, c))) / 6.0
 
@@ -108,10 +102,10 @@ def signed_volume() -> Callable[[Mesh], float]:
 
 
 @pytest.fixture
-def is_closed() -> Callable[[Mesh], bool]:
+def is_closed():
     """Whether every edge is met once each way and the surface is a topological sphere."""
 
-    def closed(mesh: Mesh) -> bool:
+    def closed(mesh):
         edges = mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
         there = {tuple(edge) for edge in edges.tolist()}
         back = {(b, a) for a, b in there}
@@ -123,10 +117,10 @@ def is_closed() -> Callable[[Mesh], bool]:
 
 
 @pytest.fixture
-def rotations() -> Callable[[int], Floats]:
+def rotations():
     """Random rotation matrices (n, 3, 3) of a fixed seed."""
 
-    def draw(count: int) -> Floats:
+    def draw(count):
         matrices = np.linalg.qr(np.random.default_rng(5).normal(size=(count, 3, 3)))[0]
         matrices[:, :, 0] *= np.linalg.det(matrices)[:, None]
         return np.asarray(matrices)

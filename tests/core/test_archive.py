@@ -1,12 +1,8 @@
-from __future__ import annotations
-
 import json
 import math
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,41 +17,40 @@ from palpate.core.archive import (
     tree_to_arrays,
     tree_to_bytes,
 )
-from palpate.core.arrays import Floats
 from palpate.core.rebuild.reconstruction import reconstruct
-from palpate.core.rebuild.solid import Method, Solid
+from palpate.core.rebuild.solid import Solid
 from palpate.core.rebuild.surface.closed import Curvatures
 from palpate.core.shapes.global_deformations import Unbent
 from palpate.core.splines.spline_volumes import Parallelepiped
 
-METHODS: tuple[Method, ...] = ("lattice", "skin", "thesis", "coarse")
+METHODS = ("lattice", "skin", "thesis", "coarse")
 
 
-def ring(z: float, count: int = 30) -> Floats:
+def ring(z, count=30):
     turn = 2 * np.pi * np.arange(count) / count
     r = 0.03 * math.sqrt(1.1 - (z / 0.05) ** 2) * (1 + 0.05 * np.cos(2 * turn))
     return np.column_stack([r * np.cos(turn), 0.8 * r * np.sin(turn), np.full(count, z)])
 
 
 @cache
-def solid_by(method: Method) -> Solid:
+def solid_by(method):
     contours = [ring(z) for z in np.linspace(-0.045, 0.045, 9)]
     tops = None if method == "coarse" else [[0, 0, -0.05], [0, 0, 0.05]]
     return reconstruct(contours, method=method, tops=tops)
 
 
-def form_of(arrays: Arrays) -> Any:
+def form_of(arrays):
     return json.loads(str(arrays[FORM_KEY]))
 
 
-def with_form(arrays: Arrays, change: Callable[[Any], None]) -> Arrays:
+def with_form(arrays, change):
     form = form_of(arrays)
     change(form)
     return {**arrays, FORM_KEY: np.array(json.dumps(form))}
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_solid_comes_back_the_same_to_the_last_bit(method: Method) -> None:
+def test_a_solid_comes_back_the_same_to_the_last_bit(method):
     solid = solid_by(method)
     back = tree_from_arrays(tree_to_arrays(solid))
     assert np.array_equal(*map(tree_to_bytes, (solid, back)))
@@ -71,7 +66,7 @@ def test_a_solid_comes_back_the_same_to_the_last_bit(method: Method) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_solid_that_came_back_takes_further_contours_like_the_first(method: Method) -> None:
+def test_a_solid_that_came_back_takes_further_contours_like_the_first(method):
     solid = solid_by(method)
     back = tree_from_arrays(tree_to_arrays(solid))
     assert np.array_equal(
@@ -79,7 +74,7 @@ def test_a_solid_that_came_back_takes_further_contours_like_the_first(method: Me
     )
 
 
-def test_the_lattice_and_the_band_of_a_solid_that_came_back_are_the_same() -> None:
+def test_the_lattice_and_the_band_of_a_solid_that_came_back_are_the_same():
     solid = solid_by("lattice")
     back = tree_from_arrays(tree_to_arrays(solid))
     assert solid.lattice is not None and solid.closed is not None
@@ -92,7 +87,7 @@ def test_the_lattice_and_the_band_of_a_solid_that_came_back_are_the_same() -> No
     assert np.array_equal(first.deviation(heights, turns), second.deviation(heights, turns))
 
 
-def test_a_solid_goes_through_bytes_and_they_are_always_the_same() -> None:
+def test_a_solid_goes_through_bytes_and_they_are_always_the_same():
     solid = solid_by("skin")
     data = tree_to_bytes(solid)
     assert data.dtype == np.uint8
@@ -101,12 +96,12 @@ def test_a_solid_goes_through_bytes_and_they_are_always_the_same() -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"nothing", b"PK\x03\x04 and no more"])
-def test_bytes_of_something_else_are_refused(data: bytes) -> None:
+def test_bytes_of_something_else_are_refused(data):
     with pytest.raises(ValueError):
         arrays_from_bytes(np.frombuffer(data, np.uint8))
 
 
-def test_numbers_texts_and_containers_keep_their_kinds() -> None:
+def test_numbers_texts_and_containers_keep_their_kinds():
     tree = {
         "a": (1, 2.0, True, None, "text"),
         "b": [math.inf, -math.inf, 1e-300],
@@ -131,7 +126,7 @@ def test_numbers_texts_and_containers_keep_their_kinds() -> None:
     ],
     ids=["transposed", "fortran", "empty", "single", "bool", "strided"],
 )
-def test_arrays_keep_values_kind_and_the_order_of_their_axes(array: Floats) -> None:
+def test_arrays_keep_values_kind_and_the_order_of_their_axes(array):
     back = tree_from_arrays(tree_to_arrays(array))
     assert np.array_equal(back, array)
     assert back.dtype == array.dtype
@@ -142,7 +137,7 @@ def test_arrays_keep_values_kind_and_the_order_of_their_axes(array: Floats) -> N
     )
 
 
-def test_what_is_shared_is_kept_once_and_shared_again() -> None:
+def test_what_is_shared_is_kept_once_and_shared_again():
     shared = np.arange(1000.0)
     arrays = tree_to_arrays((shared, [shared], {"again": shared}))
     assert sum(array.size for name, array in arrays.items() if name != FORM_KEY) == 1000
@@ -150,7 +145,7 @@ def test_what_is_shared_is_kept_once_and_shared_again() -> None:
     assert first is second is rest["again"]
 
 
-def test_what_cannot_be_kept_is_named_with_its_path() -> None:
+def test_what_cannot_be_kept_is_named_with_its_path():
     solid = solid_by("skin")
     with pytest.raises(ValueError, match="solid/rebuilder cannot be kept: it is a function"):
         tree_to_arrays(replace(solid, rebuilder=lambda evidence: solid))
@@ -162,7 +157,7 @@ def test_what_cannot_be_kept_is_named_with_its_path() -> None:
         tree_to_arrays(np.array([None]))
 
 
-def test_a_class_goes_by_its_own_name_which_no_other_may_have() -> None:
+def test_a_class_goes_by_its_own_name_which_no_other_may_have():
     assert class_name(Solid) == "Solid"
     moved = dataclass(type("Solid", (), {"__module__": "palpate.core.rebuild.elsewhere"}))
     assert class_name(moved) is None
@@ -170,7 +165,7 @@ def test_a_class_goes_by_its_own_name_which_no_other_may_have() -> None:
         class_name(Unbent)
 
 
-def test_an_archive_tells_no_module_so_that_modules_may_move() -> None:
+def test_an_archive_tells_no_module_so_that_modules_may_move():
     forms = json.dumps([form_of(tree_to_arrays(solid_by(method))) for method in METHODS])
     names = set(re.findall(r'"class": "(.*?)"', forms))
     assert len(names) > 30
@@ -182,7 +177,7 @@ class Foreign:
     a: int = 0
 
 
-def test_only_classes_of_the_core_have_a_name() -> None:
+def test_only_classes_of_the_core_have_a_name():
     assert class_name(Foreign) is None
     assert class_name(int) is None
     assert class_named(class_name(Solid) or "") is Solid
@@ -208,7 +203,7 @@ def test_only_classes_of_the_core_have_a_name() -> None:
         "x" * 10_000,
     ],
 )
-def test_no_other_class_is_ever_built(name: str) -> None:
+def test_no_other_class_is_ever_built(name):
     with pytest.raises(ValueError, match="archives hold no class"):
         class_named(name)
     arrays: Arrays = {
@@ -218,7 +213,7 @@ def test_no_other_class_is_ever_built(name: str) -> None:
         tree_from_arrays(arrays)
 
 
-def test_a_form_of_another_version_or_none_is_refused() -> None:
+def test_a_form_of_another_version_or_none_is_refused():
     arrays = tree_to_arrays((1, np.ones(2)))
     with pytest.raises(ValueError, match="version must be 1, got 2"):
         tree_from_arrays(with_form(arrays, lambda form: form.update(version=2)))
@@ -242,19 +237,19 @@ def test_a_form_of_another_version_or_none_is_refused() -> None:
         {"array": 3},
     ],
 )
-def test_a_node_without_meaning_is_refused(node: Any) -> None:
+def test_a_node_without_meaning_is_refused(node):
     with pytest.raises(ValueError, match="solid of the archive has no meaning"):
         tree_from_arrays({FORM_KEY: np.array(json.dumps({"version": 1, "tree": node}))})
 
 
-def test_what_is_nested_without_end_is_refused() -> None:
+def test_what_is_nested_without_end_is_refused():
     deep = '{"tuple":[' * 900 + "1" + "]}" * 900
     text = f'{{"version":1,"tree":{deep}}}'
     with pytest.raises(ValueError, match=r"too deeply|must be JSON"):
         tree_from_arrays({FORM_KEY: np.array(text)})
 
 
-def test_missing_arrays_wrong_kinds_and_orders_are_refused() -> None:
+def test_missing_arrays_wrong_kinds_and_orders_are_refused():
     arrays = tree_to_arrays((np.ones((2, 3)).T,))
     with pytest.raises(ValueError, match="there is no array 'solid/0'"):
         tree_from_arrays({FORM_KEY: arrays[FORM_KEY]})
@@ -264,13 +259,13 @@ def test_missing_arrays_wrong_kinds_and_orders_are_refused() -> None:
         tree_from_arrays({**arrays, "solid/0": np.ones(3)})
 
 
-def test_a_class_with_other_fields_is_of_another_version() -> None:
+def test_a_class_with_other_fields_is_of_another_version():
     arrays = tree_to_arrays(solid_by("skin"))
     with pytest.raises(ValueError, match=r"is a Solid of another version: extra"):
         tree_from_arrays(with_form(arrays, lambda form: form["tree"]["fields"].update(extra=1)))
 
 
-def test_what_a_field_cannot_hold_is_refused() -> None:
+def test_what_a_field_cannot_hold_is_refused():
     arrays = tree_to_arrays(solid_by("skin"))
     with pytest.raises(ValueError, match="solid/model of the archive cannot be a int"):
         tree_from_arrays(with_form(arrays, lambda form: form["tree"]["fields"].update(model=1)))
@@ -278,7 +273,7 @@ def test_what_a_field_cannot_hold_is_refused() -> None:
         tree_from_arrays(with_form(arrays, lambda form: form["tree"]["fields"].update(method="x")))
 
 
-def test_what_a_class_refuses_is_refused() -> None:
+def test_what_a_class_refuses_is_refused():
     frame = Parallelepiped(np.zeros(3), np.eye(3))
     arrays = tree_to_arrays(frame)
     broken = {**arrays, "solid/corner": np.array([0.0, np.nan, 0.0])}

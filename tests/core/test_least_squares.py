@@ -1,12 +1,8 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from palpate.core.arrays import Floats, Ints
 from palpate.core.least_squares import (
-    Loss,
     cauchy_loss,
     levenberg_marquardt,
     linear_loss,
@@ -16,15 +12,15 @@ from palpate.core.least_squares import (
 FREE = np.full(2, np.inf)
 
 
-def rosenbrock(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
+def rosenbrock(parameters, rows):
     x, y = parameters.T
     jacobian = np.zeros((len(x), 2, 2))
     jacobian[:, 0, 0], jacobian[:, 0, 1], jacobian[:, 1, 0] = -20 * x, 10.0, -1.0
     return np.stack([10 * (y - x * x), 1 - x], axis=1), jacobian
 
 
-def line_through(places: Floats, values: Floats):  # type: ignore[no-untyped-def]
-    def problem(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
+def line_through(places, values):
+    def problem(parameters, rows):
         model = parameters[:, :1] + parameters[:, 1:] * places
         one = np.broadcast_to(np.stack([np.ones_like(places), places], -1), (*model.shape, 2))
         return model - values, one
@@ -32,7 +28,7 @@ def line_through(places: Floats, values: Floats):  # type: ignore[no-untyped-def
     return problem
 
 
-def test_each_problem_of_many_finds_its_minimum() -> None:
+def test_each_problem_of_many_finds_its_minimum():
     starts = np.random.default_rng(0).uniform(-2, 2, (200, 2))
     found = levenberg_marquardt(rosenbrock, starts, -FREE, FREE, steps=200)
     assert found.converged.all()
@@ -40,7 +36,7 @@ def test_each_problem_of_many_finds_its_minimum() -> None:
     assert found.cost.max() < 1e-16
 
 
-def test_a_problem_ends_the_same_alone_and_among_others() -> None:
+def test_a_problem_ends_the_same_alone_and_among_others():
     starts = np.random.default_rng(1).uniform(-2, 2, (20, 2))
     together = levenberg_marquardt(rosenbrock, starts, -FREE, FREE)
     alone = [levenberg_marquardt(rosenbrock, start[None], -FREE, FREE) for start in starts]
@@ -49,35 +45,35 @@ def test_a_problem_ends_the_same_alone_and_among_others() -> None:
     assert np.allclose(together.parameters, parameters, rtol=0, atol=1e-12)
 
 
-def test_a_start_at_the_solution_takes_no_step() -> None:
+def test_a_start_at_the_solution_takes_no_step():
     found = levenberg_marquardt(rosenbrock, np.ones((1, 2)), -FREE, FREE)
     assert found.converged[0] and found.steps[0] == 0
     assert found.parameters[0].tolist() == [1.0, 1.0]
 
 
-def test_bounds_hold_and_the_rest_is_best_within_them() -> None:
+def test_bounds_hold_and_the_rest_is_best_within_them():
     high = np.array([0.5, np.inf])
     found = levenberg_marquardt(rosenbrock, np.array([[-1.0, 2.0]]), -FREE, high, steps=200)
     assert found.converged[0]
     assert found.parameters[0] == pytest.approx([0.5, 0.25], abs=1e-9)
 
 
-def test_a_parameter_leaves_its_bound_when_that_helps() -> None:
+def test_a_parameter_leaves_its_bound_when_that_helps():
     found = levenberg_marquardt(
         rosenbrock, np.array([[2.0, 2.0]]), -FREE, np.full(2, 2.0), steps=200
     )
     assert found.parameters[0] == pytest.approx([1.0, 1.0], abs=1e-8)
 
 
-def test_starts_are_moved_into_the_bounds() -> None:
+def test_starts_are_moved_into_the_bounds():
     found = levenberg_marquardt(rosenbrock, np.array([[5.0, 5.0]]), -FREE, np.ones(2), steps=0)
     assert found.parameters[0].tolist() == [1.0, 1.0]
 
 
-def test_the_path_does_not_depend_on_the_units_of_a_parameter() -> None:
+def test_the_path_does_not_depend_on_the_units_of_a_parameter():
     scale = np.array([1e-6, 1e5])
 
-    def scaled(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
+    def scaled(parameters, rows):
         residuals, jacobian = rosenbrock(parameters / scale, rows)
         return residuals, jacobian / scale
 
@@ -92,7 +88,7 @@ def test_the_path_does_not_depend_on_the_units_of_a_parameter() -> None:
     ("ours", "theirs"),
     [(linear_loss, "linear"), (soft_l1_loss(0.1), "soft_l1"), (cauchy_loss(0.1), "cauchy")],
 )
-def test_losses_lead_to_the_minima_that_scipy_finds(ours: Loss, theirs: str) -> None:
+def test_losses_lead_to_the_minima_that_scipy_finds(ours, theirs):
     rng = np.random.default_rng(3)
     places = np.linspace(-1, 1, 40)
     values = 0.3 - 0.8 * places + 0.05 * rng.normal(size=40)
@@ -108,14 +104,14 @@ def test_losses_lead_to_the_minima_that_scipy_finds(ours: Loss, theirs: str) -> 
 
 
 @pytest.mark.parametrize("loss", [linear_loss, soft_l1_loss(0.3), cauchy_loss(0.3)])
-def test_the_weight_is_the_derivative_of_the_loss(loss: Loss) -> None:
+def test_the_weight_is_the_derivative_of_the_loss(loss):
     squared, step = np.linspace(0.01, 3, 30), 1e-6
     slope = (loss(squared + step)[0] - loss(squared - step)[0]) / (2 * step)
     assert loss(squared)[1] == pytest.approx(slope, abs=1e-7)
 
 
-def test_a_parameter_that_does_nothing_stays_where_it_is() -> None:
-    def problem(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
+def test_a_parameter_that_does_nothing_stays_where_it_is():
+    def problem(parameters, rows):
         jacobian = np.zeros((len(rows), 3, 2))
         jacobian[:, :, 0] = 1.0
         return parameters[:, :1] - np.array([1.0, 2.0, 3.0]), jacobian
@@ -125,12 +121,12 @@ def test_a_parameter_that_does_nothing_stays_where_it_is() -> None:
     assert found.parameters[0] == pytest.approx([2.0, 7.0], abs=1e-9)
 
 
-def test_too_few_steps_are_said() -> None:
+def test_too_few_steps_are_said():
     found = levenberg_marquardt(rosenbrock, np.array([[-1.2, 1.0]]), -FREE, FREE, steps=3)
     assert not found.converged[0] and found.steps[0] == 3
 
 
-def test_enough_is_where_a_problem_stops() -> None:
+def test_enough_is_where_a_problem_stops():
     start = np.array([[-1.2, 1.0]])
     rough = levenberg_marquardt(rosenbrock, start, -FREE, FREE, enough=0.1)
     fine = levenberg_marquardt(rosenbrock, start, -FREE, FREE)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -28,7 +26,7 @@ Draw = Callable[[int], Floats]
 ROUNDING = 4e-15
 
 
-def vector_from_rotation(matrix: Floats) -> Floats:
+def vector_from_rotation(matrix):
     """Rotation vector of angle 0 to pi, by way of the quaternion: no angle loses digits."""
     turn = quaternion_from_matrix(matrix)
     turn = -turn if turn[3] < 0.0 else turn
@@ -36,14 +34,14 @@ def vector_from_rotation(matrix: Floats) -> Floats:
     return np.asarray(turn[:3] * (2.0 * np.arctan2(sine, turn[3]) / sine if sine > 0.0 else 2.0))
 
 
-def about(axis: Floats, angle: float) -> Floats:
+def about(axis, angle):
     """Rotation about an axis, by Rodrigues's formula."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross)
 
 
-def test_a_matrix_survives_the_way_through_a_quaternion(rotations: Draw) -> None:
+def test_a_matrix_survives_the_way_through_a_quaternion(rotations):
     for matrix in rotations(200):
         there = quaternion_from_matrix(matrix)
         assert float(there @ there) == pytest.approx(1.0, abs=ROUNDING)
@@ -52,36 +50,36 @@ def test_a_matrix_survives_the_way_through_a_quaternion(rotations: Draw) -> None
 
 @pytest.mark.parametrize("axis", [*np.eye(3), *-np.eye(3), [1, 1, 0], [1, -2, 3], [0, 1e-9, 1]])
 @pytest.mark.parametrize("off", [0.0, 1e-12, -1e-8])
-def test_half_turns_survive_the_way_through_a_quaternion(axis: Floats, off: float) -> None:
+def test_half_turns_survive_the_way_through_a_quaternion(axis, off):
     matrix = about(np.array(axis, float), math.pi + off)
     assert np.allclose(
         rotation_matrix(quaternion_from_matrix(matrix)), matrix, rtol=0, atol=ROUNDING
     )
 
 
-def test_a_quaternion_and_its_negative_are_one_rotation(rotations: Draw) -> None:
+def test_a_quaternion_and_its_negative_are_one_rotation(rotations):
     there = quaternion_from_matrix(rotations(1)[0])
     assert np.array_equal(rotation_matrix(there), rotation_matrix(-there))
 
 
-def test_a_quaternion_turns_about_its_axis() -> None:
+def test_a_quaternion_turns_about_its_axis():
     half = math.sin(math.pi / 4)
     turned = rotation_matrix(np.array([0.0, 0.0, half, half]))
     assert np.allclose(turned @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=ROUNDING)
 
 
 @pytest.mark.parametrize("length", [0.0, 0.999, 1.00001, math.nan, math.inf])
-def test_a_quaternion_that_is_not_of_length_1_is_refused(length: float) -> None:
+def test_a_quaternion_that_is_not_of_length_1_is_refused(length):
     with pytest.raises(ValueError, match="a rotation must be a quaternion of length 1, got length"):
         rotation_matrix(np.array([0.0, 0.0, 0.0, length]))
 
 
-def test_a_quaternion_within_rounding_of_length_1_is_normalised() -> None:
+def test_a_quaternion_within_rounding_of_length_1_is_normalised():
     turned = rotation_matrix(np.array([0.5, 0.5, 0.5, 0.5]) * (1.0 + 5e-7))
     assert np.allclose(turned @ turned.T, np.eye(3), atol=ROUNDING)
 
 
-def test_a_pose_after_its_inverse_is_no_motion(rotations: Draw) -> None:
+def test_a_pose_after_its_inverse_is_no_motion(rotations):
     for number, matrix in enumerate(rotations(50)):
         pose = pose_of(np.array([number, -2.0, 0.3]), matrix)
         for both in (
@@ -93,7 +91,7 @@ def test_a_pose_after_its_inverse_is_no_motion(rotations: Draw) -> None:
             assert rotation_angle(axes, np.eye(3)) < 1e-14
 
 
-def test_composing_poses_is_transforming_twice(rotations: Draw) -> None:
+def test_composing_poses_is_transforming_twice(rotations):
     first, second = rotations(2)
     outer = pose_of(np.array([0.1, 0.2, 0.3]), first)
     inner = pose_of(np.array([-0.3, 0.0, 0.1]), second)
@@ -104,7 +102,7 @@ def test_composing_poses_is_transforming_twice(rotations: Draw) -> None:
     )
 
 
-def test_the_identity_moves_nothing() -> None:
+def test_the_identity_moves_nothing():
     points = np.random.default_rng(1).normal(size=(5, 3))
     assert np.array_equal(transform_points(IDENTITY_POSE, points), points)
     assert not IDENTITY_POSE.flags.writeable
@@ -113,7 +111,7 @@ def test_the_identity_moves_nothing() -> None:
 
 @pytest.mark.parametrize("heading", [-3.0, 0.0, 0.7, math.pi, 9.0])
 @pytest.mark.parametrize("tilt", [-math.pi / 2, -0.4, 0.0, 1.45, math.pi / 2])
-def test_a_pad_is_right_handed_and_faces_the_surface(heading: float, tilt: float) -> None:
+def test_a_pad_is_right_handed_and_faces_the_surface(heading, tilt):
     axes = pad_rotation(heading, tilt)
     assert np.allclose(axes.T @ axes, np.eye(3), atol=ROUNDING)
     assert np.linalg.det(axes) == pytest.approx(1.0, abs=ROUNDING)
@@ -124,7 +122,7 @@ def test_a_pad_is_right_handed_and_faces_the_surface(heading: float, tilt: float
 
 
 @pytest.mark.parametrize("heading", [-2.0, 0.0, 1.0])
-def test_the_pads_x_axis_leads_counter_clockwise_and_y_leads_down(heading: float) -> None:
+def test_the_pads_x_axis_leads_counter_clockwise_and_y_leads_down(heading):
     axes = pad_rotation(heading, 0.0)
     outward = np.array([math.cos(heading), math.sin(heading)])
     assert outward[0] * axes[1, 0] - outward[1] * axes[0, 0] == pytest.approx(1.0)
@@ -132,12 +130,12 @@ def test_the_pads_x_axis_leads_counter_clockwise_and_y_leads_down(heading: float
     assert axes[2, 0] == 0.0
 
 
-def test_a_pad_over_the_pole_looks_down() -> None:
+def test_a_pad_over_the_pole_looks_down():
     assert np.allclose(pad_rotation(0.0, math.pi / 2)[:, 2], [0, 0, -1], atol=ROUNDING)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-9, 1e-3, 1.0, 3.0, math.pi - 1e-9, math.pi])
-def test_angles_between_rotations_keep_all_their_digits(angle: float, rotations: Draw) -> None:
+def test_angles_between_rotations_keep_all_their_digits(angle, rotations):
     base = rotations(1)[0]
     turned = base @ about(np.array([1.0, -2.0, 0.5]), angle)
     # The matrices themselves are only right to a few roundings of 1.
@@ -152,7 +150,7 @@ DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-12, 1e-3, 0.1, 1.0, 3.0, math.pi])
-def test_a_vector_survives_the_way_through_a_matrix(angle: float) -> None:
+def test_a_vector_survives_the_way_through_a_matrix(angle):
     for vector in angle * DIRECTIONS:
         matrix = rotations_from_vectors(vector[None])[0]
         back = vector_from_rotation(matrix)
@@ -161,7 +159,7 @@ def test_a_vector_survives_the_way_through_a_matrix(angle: float) -> None:
         assert back == pytest.approx(vector, rel=1e-14, abs=4e-15)
 
 
-def test_rotations_are_those_of_the_matrix_exponential() -> None:
+def test_rotations_are_those_of_the_matrix_exponential():
     for vector in DIRECTIONS * RNG.uniform(0, 4, (40, 1)):
         x, y, z = vector
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -169,7 +167,7 @@ def test_rotations_are_those_of_the_matrix_exponential() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-4, 0.099, 0.101, 1.0, 3.0])
-def test_the_jacobian_says_how_small_changes_turn_the_body(angle: float) -> None:
+def test_the_jacobian_says_how_small_changes_turn_the_body(angle):
     vectors = angle * DIRECTIONS
     found, step = right_jacobians(vectors), 1e-6
     rotations = rotations_from_vectors(vectors)
@@ -182,12 +180,12 @@ def test_the_jacobian_says_how_small_changes_turn_the_body(angle: float) -> None
         assert np.allclose(found[:, :, axis], column, rtol=0, atol=1e-9)
 
 
-def test_the_jacobian_is_continuous_where_its_series_ends() -> None:
+def test_the_jacobian_is_continuous_where_its_series_ends():
     below, above = (right_jacobians(angle * DIRECTIONS) for angle in (0.1 - 1e-12, 0.1 + 1e-12))
     assert np.abs(below - above).max() < 2e-12
 
 
-def test_rotations_are_orthonormal_where_the_printed_matrix_is_not() -> None:
+def test_rotations_are_orthonormal_where_the_printed_matrix_is_not():
     vectors = np.random.default_rng(0).normal(size=(200, 3))
     for matrix in rotations_from_vectors(vectors):
         assert np.abs(matrix.T @ matrix - np.eye(3)).max() < 2e-15
@@ -205,7 +203,7 @@ def test_rotations_are_orthonormal_where_the_printed_matrix_is_not() -> None:
     assert np.linalg.det(printed) > 1.01
 
 
-def test_no_turn_at_all_is_the_identity_and_the_least_turn_is_kept() -> None:
+def test_no_turn_at_all_is_the_identity_and_the_least_turn_is_kept():
     assert np.array_equal(rotations_from_vectors(np.zeros((1, 3)))[0], np.eye(3))
     assert np.array_equal(right_jacobians(np.zeros((1, 3)))[0], np.eye(3))
     assert vector_from_rotation(np.eye(3)).tolist() == [0.0, 0.0, 0.0]
@@ -215,7 +213,7 @@ def test_no_turn_at_all_is_the_identity_and_the_least_turn_is_kept() -> None:
     )
 
 
-def test_rotations_are_continuous_across_half_a_turn() -> None:
+def test_rotations_are_continuous_across_half_a_turn():
     axis = np.array([2.0, -1.0, 2.0]) / 3.0
     angles = math.pi + np.array([-1e-9, 0.0, 1e-9])
     matrices = rotations_from_vectors(angles[:, None] * axis)

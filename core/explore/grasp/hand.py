@@ -39,6 +39,7 @@ FINGERTIP = 8e-3  # Half a fingertip's width, m: a finger stays this far above t
 LEVEL = 1e-9  # Slope below which a finger does not go down
 GRASP_DEPTH = 1.0e-3  # Compression at which a finger stops, m
 ACROSS: Floats = np.array([0.0, 1.0, 0.0])
+ACROSS.setflags(write=False)
 
 
 def search_pose(places: list[Floats], number: int, platform: float) -> Floats | None:
@@ -166,14 +167,6 @@ class FingerPaths(NamedTuple):
     reach: Floats
 
 
-class FingertipStarts(NamedTuple):
-    """Where the fingertips of one hand start, and how far they may go."""
-
-    poses: Floats  # (fingers + 1, 7): each moves along its own z axis; the palm is last
-    # (fingers + 1,), m: 0 where the platform is in the way, and the finger stays open.
-    reach: Floats
-
-
 def search_places(reach: float, spacing: float, most_rings: int | None = None) -> list[Floats]:
     """Places (2,) at which to look for the object, m: the axis, then rings around it.
 
@@ -222,11 +215,21 @@ def close_hand(
     remembers. `hand`, `pose` (7,), `platform`: how wide it opens, where it is, and the platform's
     height, m. Returns the grasp, and what the fingertips remember next.
     """
-    starts = fingertip_starts(hand, pose, platform)
-    reaches = starts.reach.tolist()
+    poses, reaches = fingertip_starts(hand, pose, platform)
     touches = [
-        _touch(shape, start, reach, closing) if reach > 0.0 else None
-        for start, reach in zip(starts.poses, reaches, strict=True)
+        SimulatedTouch(
+            shape=shape,
+            number=closing.number,
+            believed=start,
+            actual=start,
+            reach=reach,
+            depth=GRASP_DEPTH,
+            begun=closing.begun,
+            previous=closing.previous,
+        )
+        if reach > 0.0
+        else None
+        for start, reach in zip(poses, reaches.tolist(), strict=True)
     ]
     following = [
         states if touch is None else pipeline.simulate(touch, states)
@@ -235,13 +238,16 @@ def close_hand(
     return _together(fingers, touches), tuple(following)
 
 
-def fingertip_starts(hand: Hand, pose: Floats, platform: float) -> FingertipStarts:
-    """Fingertips of an open hand at a pose (7,): see `finger_paths`."""
+def fingertip_starts(hand: Hand, pose: Floats, platform: float) -> tuple[Floats, Floats]:
+    """Start poses (n, 7) of an open hand's fingertips and how far they may go, (n,), m.
+
+    Each moves along its own z axis; the palm is last. See `FingerPaths`.
+    """
     place, axes = split_pose(pose)
     paths = finger_paths(hand, place[None], axes[None], platform)
     turns = _in_hand(hand.fingers)[1]
     poses = [pose_of(at, axes @ turn) for at, turn in zip(paths.starts[0], turns, strict=True)]
-    return FingertipStarts(np.stack(poses), paths.reach[0])
+    return np.stack(poses), paths.reach[0]
 
 
 def finger_paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> FingerPaths:
@@ -267,19 +273,6 @@ def _in_hand(fingers: int) -> tuple[Floats, Floats]:
     return np.vstack([places, [[0.0, 0.0, -1.0]]]), np.stack([*turns, np.eye(3)])
 
 
-def _touch(shape: Shape, start: Floats, reach: float, closing: Closing) -> SimulatedTouch:
-    return SimulatedTouch(
-        shape=shape,
-        number=closing.number,
-        believed=start,
-        actual=start,
-        reach=reach,
-        depth=GRASP_DEPTH,
-        begun=closing.begun,
-        previous=closing.previous,
-    )
-
-
 def _together(fingers: Sequence[Pipeline], touches: Sequence[SimulatedTouch | None]) -> Grasp:
     contacts, which, missed, blocked, advance = [], [], 0, 0, 0.0
     for i, (pipeline, touch) in enumerate(zip(fingers, touches, strict=True)):
@@ -296,12 +289,14 @@ def _together(fingers: Sequence[Pipeline], touches: Sequence[SimulatedTouch | No
             continue
         contacts.append(found)
         which.append(i)
-    points = np.array([contact.point for contact in contacts]).reshape(-1, 3)
-    normals = np.array([contact.normal for contact in contacts]).reshape(-1, 3)
+    points = np.array([point for point, _ in contacts]).reshape(-1, 3)
+    normals = np.array([normal for _, normal in contacts]).reshape(-1, 3)
     return Grasp(points, normals, tuple(which), missed, blocked, advance)
 
 
-def contact_of(pad: Pad, pose: Floats, compression: Floats, noise: float) -> Contact | None:
+def contact_of(
+    pad: Pad, pose: Floats, compression: Floats, noise: float
+) -> tuple[Floats, Floats] | None:
     """What a pressed fingertip tells of the surface, in the frame in which its pose is given.
 
     The deepest point, with the normal of the surface about it; None if nothing is touched.
@@ -313,16 +308,6 @@ def contact_of(pad: Pad, pose: Floats, compression: Floats, noise: float) -> Con
     patch = fit_patch(pad, surface, cleaned.touched, ACROSS, noise)
     position, axes = split_pose(pose)
     if patch.jet is not None and patch.kind == "smooth":
-        return Contact(axes @ patch.place + position, axes @ patch.normal)
+        return axes @ patch.place + position, axes @ patch.normal
     taxel = int(np.where(cleaned.touched, cleaned.compression, -1.0).argmax())
-    return Contact(axes @ pad.surface_point(surface, taxel) + position, axes @ patch.normal)
-
-
-class Contact(NamedTuple):
-    """Where a fingertip touches."""
-
-    point: Floats  # (3,), m
-    normal: Floats  # Outward unit normal, (3,)
-
-
-ACROSS.setflags(write=False)
+    return axes @ pad.surface_point(surface, taxel) + position, axes @ patch.normal

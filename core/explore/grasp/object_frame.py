@@ -135,10 +135,8 @@ def _about_contacts(points: Floats, platform: float, given: Floats | None) -> Ob
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     local_contacts = (points - middle) @ turn
     low, high = float(local_contacts[:, 2].min()), float(local_contacts[:, 2].max())
-    away, size = (
-        float(np.hypot(*local_contacts[:, :2].T).max()),
-        float(np.ptp(points, axis=0).max()),
-    )
+    away = float(np.hypot(*local_contacts[:, :2].T).max())
+    size = float(np.ptp(points, axis=0).max())
     if not _is_vertical(axis):
         return ObjectFrame(pose_of(middle, turn), low, high, away, kind, 0.0, size, size)
     # An upright frame has the world's heights.

@@ -103,7 +103,7 @@ def _expected_bands(observation: Observation, heights: Floats) -> Floats:
     """
     usable = sorted((one for one in observation.slices if one.usable), key=lambda one: one.height)
     touched = [np.quantile(one.contact_high - one.contact_low, OPEN) for one in usable]
-    long = [_steepness(one.slopes) for one in usable]
+    long = [float(np.sqrt(1.0 + (one.slopes**2).mean())) for one in usable]
     along = np.interp(heights, [one.height for one in usable], np.multiply(touched, long))
     profile = profile_of(observation)
     if len(profile.heights) < 2:
@@ -112,10 +112,6 @@ def _expected_bands(observation: Observation, heights: Floats) -> Floats:
     wide = np.sqrt(np.maximum(hermite(profile, shares), 0.0))
     slopes = np.gradient(wide, (heights - observation.low) / observation.extent, axis=0)
     return np.asarray(along / np.sqrt(1.0 + (slopes**2).mean(axis=1)))
-
-
-def _steepness(slopes: Floats) -> float:
-    return float(np.sqrt(1.0 + (slopes**2).mean()))
 
 
 def longest_untouched(spans: Sequence[Span], low: float, high: float) -> float:
@@ -135,9 +131,8 @@ def free_height(observation: Observation, wanted: float, within: Span) -> float 
     """
     room = observation.feature * (1.0 - 1e-9)
     tried = [(one.height, room) for one in observation.slices]
-    tried += [
-        (height, max(observation.finger_spacing, room)) for height in observation.busy_heights
-    ]
+    spacing = max(observation.finger_spacing, room)
+    tried += [(height, spacing) for height in observation.busy_heights]
     reach = int(np.ceil(within.length / (0.25 * observation.feature)))
     steps = sorted(range(-reach, reach + 1), key=lambda step: (abs(step), -step))
     for step in steps:
@@ -207,9 +202,7 @@ class ErrorIndicators(NamedTuple):
     width: Floats  # Its height
     quintic_gap: Floats  # In its middle: the quintic with curvatures, too, against the cubic
     chord_gap: Floats  # The cubic against the straight line between the positions
-    rise_mismatch: (
-        Floats  # How far slopes and curvatures of both ends miss the rise of the positions
-    )
+    rise_mismatch: Floats  # How far slopes and curvatures of both ends miss the positions' rise
     noise: Floats  # Standard deviation of the two slices
     # From 0 to 1: towards which end it bends more, by the root of the second derivatives.
     bend_side: Floats

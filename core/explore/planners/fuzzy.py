@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 
 from palpate.core.explore.planners.protocol import Choice, Observation
-from palpate.core.explore.planners.thesis import StopRule, step_search
+from palpate.core.explore.planners.thesis import step_search
 from palpate.core.plugins import Range, Ranged
 
 WORDS = ("small", "medium", "large")
@@ -45,7 +45,7 @@ class Fuzzy(Ranged):
 
     def next(self, observation: Observation) -> Choice:
         """The next slice of the search, or that it has ended."""
-        return step_search(observation, self, StopRule(0.0, self.perimeter))
+        return step_search(observation, self, self.perimeter)
 
     def first(self, bend: float) -> float:
         """Step from half height, over the height: as if nothing had changed."""
@@ -55,8 +55,8 @@ class Fuzzy(Ranged):
         """Any other step, over the height."""
         bends, changes = truths(bend, BEND), truths(change, CHANGE)
         weights = {rule: min(bends[rule[0]], changes[rule[1]]) for rule in RULES}
-        said = sum(weight * STEP[RULES[rule]] for rule, weight in weights.items())
-        return self.scale * said / sum(weights.values())
+        steps = sum(weight * STEP[RULES[rule]] for rule, weight in weights.items())
+        return self.scale * steps / sum(weights.values())
 
 
 def truths(value: float, peaks: tuple[float, float, float]) -> dict[str, float]:

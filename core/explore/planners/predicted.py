@@ -87,9 +87,9 @@ class Predicted:
     def next(self, observation: Observation) -> Choice:
         """The next slice, or that the demand is met, or that nothing more can be done."""
         profile, spans = profile_of(observation), untouched_spans(observation)
-        prediction = (
-            predict_error(observation, profile, spans) if len(profile.heights) > 1 else None
-        )
+        prediction = None
+        if len(profile.heights) > 1:
+            prediction = predict_error(observation, profile, spans)
         bound = None if prediction is None else prediction.rms_bound_95 * observation.extent
         untouched = max((span.length for span in spans), default=0.0)
         over = exhausted_budget(observation)
@@ -98,9 +98,8 @@ class Predicted:
         height = self._covering(observation)
         if height is not None:
             return Height(height, COVERING)
-        if prediction is not None and prediction.wants_refinement(
-            observation.tolerance / observation.extent
-        ):
+        tolerance = observation.tolerance / observation.extent
+        if prediction and prediction.wants_refinement(tolerance):
             height = best_refinement(observation, profile.heights, prediction, spans, self)
             if height is not None:
                 height = _along_with(observation, spans, height)
@@ -108,11 +107,7 @@ class Predicted:
         height = _untouched_height(observation, spans) if prediction else None
         if height is not None:
             return Height(height, UNTOUCHED)
-        if (
-            prediction is not None
-            and observation.all_taxels
-            and _may_average(observation, prediction)
-        ):
+        if prediction and observation.all_taxels and _may_average(observation, prediction):
             height = _widest_free(observation)
             if height is not None:
                 return Height(height, "noise is averaged there")
@@ -125,10 +120,8 @@ class Predicted:
         low, high = first_and_last(observation)
         heights = np.linspace(low, high, self.cover)
         reach = min(COVER_REACH * observation.extent, 0.4 * (high - low) / (self.cover - 1))
-        there = [
-            *(one.height for one in observation.slices if one.usable),
-            *observation.busy_heights,
-        ]
+        there = [one.height for one in observation.slices if one.usable]
+        there += observation.busy_heights
         middle = self.cover // 2
         for i in sorted(range(self.cover), key=lambda i: (abs(i - middle), -i)):
             wanted = float(heights[i])
@@ -151,7 +144,10 @@ def best_refinement(
     """The height at which one slice more is worth most, m; None where there is no room."""
     heights = (observation.low + observation.extent * shares).tolist()
     pairs = list(pairwise(heights))
-    variances = _variances(observation, pairs, prediction, spans, rule.hidden_error)
+    hidden = np.array([longest_untouched(spans, *pair) for pair in pairs]) / observation.extent
+    # Squared errors of the intervals by their shares of the area, with what may be hidden.
+    squares = prediction.errors**2 + (rule.hidden_error * hidden**2) ** 2
+    variances = prediction.shares * squares
     parts = parts_needed(variances, observation.tolerance / observation.extent / AMPLE, rule.order)
     last = observation.slices[-1].height
     bottom, top = first_and_last(observation)
@@ -171,19 +167,6 @@ def best_refinement(
     most = max(value for value, _, _ in offers)
     alike = [offer for offer in offers if offer[0] >= most * (1.0 - NEAR)]
     return min(alike, key=lambda offer: (round(offer[1] / NEAR), -offer[2]))[2]
-
-
-def _variances(
-    observation: Observation,
-    pairs: Sequence[tuple[float, float]],
-    prediction: ErrorPrediction,
-    spans: Sequence[Span],
-    hidden_error: float,
-) -> Floats:
-    """Squared errors of the intervals by their shares of the area, with what may be hidden."""
-    hidden = np.array([longest_untouched(spans, *pair) for pair in pairs]) / observation.extent
-    found: Floats = prediction.shares * (prediction.errors**2 + (hidden_error * hidden**2) ** 2)
-    return found
 
 
 def parts_needed(variances: Floats, target: float, order: float) -> Ints:
@@ -220,21 +203,18 @@ def _untouched_height(observation: Observation, spans: Sequence[Span]) -> float 
     Beside other fingers, where the most slices are left so close together that only one finger at a
     time can trace them: else they are left over for a single one.
     """
-    wanted = [
-        span
-        for span in longest_first(spans, observation.feature)
-        if span.length > observation.feature
-    ]
+    feature = observation.feature
+    wanted = [span for span in longest_first(spans, feature) if span.length > feature]
     if not observation.busy_heights:
         found = (_into(observation, span) for span in wanted)
         return next((height for height in found if height is not None), None)
-    places = [place for span in wanted for place in even_heights(observation, span)]
-    crowds = [
-        sum(abs(place - other) < observation.finger_spacing for other in places) for place in places
-    ]
-    order = sorted(range(len(places)), key=lambda i: -crowds[i])
-    runs_of = [span for span in wanted for _ in even_heights(observation, span)]
-    tried = (free_height(observation, places[i], runs_of[i]) for i in order)
+    places = [(place, span) for span in wanted for place in even_heights(observation, span)]
+    crowds = {
+        place: sum(abs(place - other) < observation.finger_spacing for other, _ in places)
+        for place, _ in places
+    }
+    order = sorted(places, key=lambda one: -crowds[one[0]])
+    tried = (free_height(observation, *one) for one in order)
     return next((height for height in tried if height is not None), None)
 
 
@@ -271,23 +251,23 @@ def _widest_free(observation: Observation) -> float | None:
 def _end(observation: Observation, prediction: ErrorPrediction | None, untouched: float) -> Stop:
     if prediction is None:
         return Stop("fewer than two slices could be traced", False, None, untouched)
-    bound, noise = (
-        prediction.rms_bound_95 * observation.extent,
-        prediction.noise * observation.extent,
-    )
+    bound = prediction.rms_bound_95 * observation.extent
+    noise = prediction.noise * observation.extent
     loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
     small, covered = bound <= observation.tolerance, max(untouched, loose) <= observation.feature
     if small and covered:
-        said = "the error is within tolerance, and nothing larger than a feature is untouched"
+        reason = "the error is within tolerance, and nothing larger than a feature is untouched"
     elif small and loose > observation.feature:
-        said = "the error of the side is within tolerance, but where the object ends is uncertain"
+        reason = "the error of the side is within tolerance, but where the object ends is uncertain"
     elif small:
-        said = "the error is within tolerance, but what is left untouched cannot be reached"
+        reason = "the error is within tolerance, but what is left untouched cannot be reached"
     elif noise > observation.tolerance:
-        said = "the noise of the slices is beyond the tolerance, and no further slice takes it away"
+        reason = (
+            "the noise of the slices is beyond the tolerance, and no further slice takes it away"
+        )
     else:
-        said = "the slices lie as close as they may, and the error is not within tolerance"
-    return Stop(said, small and covered, bound, max(untouched, loose))
+        reason = "the slices lie as close as they may, and the error is not within tolerance"
+    return Stop(reason, small and covered, bound, max(untouched, loose))
 
 
 class ErrorPrediction(NamedTuple):

@@ -85,7 +85,7 @@ class Thesis:
 
     def next(self, observation: Observation) -> Choice:
         """The next slice of the search, or that it has ended."""
-        return step_search(observation, self, StopRule(self.threshold, self.perimeter))
+        return step_search(observation, self, self.perimeter, self.threshold)
 
     def first(self, bend: float) -> float:
         """Step from half height, (3.1), over the height; no smaller than the others may be."""
@@ -119,13 +119,6 @@ def polyline_of(function: Callable[[Floats], Floats], most: float, segments: int
     return fit_decreasing(places, values, equal_curvature_knots(places, values, segments))
 
 
-class StopRule(NamedTuple):
-    """When the search in one direction is over, short of the object's end."""
-
-    threshold: float  # A step upwards below this share of the height ends it; 0: never
-    perimeter: float  # So does a contour shorter than this share of the height: a pole is near
-
-
 class StepRule(Protocol):
     """How far to go; shares of the height."""
 
@@ -138,18 +131,21 @@ class StepRule(Protocol):
         ...
 
 
-def step_search(observation: Observation, steps: StepRule, ends: StopRule) -> Choice:
-    """The next slice of a search in one direction and then in the other."""
+def step_search(
+    observation: Observation, steps: StepRule, perimeter: float, threshold: float = 0.0
+) -> Choice:
+    """The next slice of a search in one direction and then in the other.
+
+    Short of the object's end one is over at a contour shorter than the share `perimeter` of the
+    height, for a pole is near; or at a step upwards below the share `threshold`.
+    """
     over = exhausted_budget(observation)
     if over is not None:
         return Stop(over, None)
     if not observation.slices:
-        middle = 0.5 * (observation.low + observation.high)
-        return (
-            Wait("the first slice is under way")
-            if observation.busy_heights
-            else Height(middle, "half height")
-        )
+        if observation.busy_heights:
+            return Wait("the first slice is under way")
+        return Height(0.5 * (observation.low + observation.high), "half height")
     start = observation.slices[0]
     if not start.usable:
         return Stop(f"the slice at half height, {start.height:g} m, could not be traced", False)
@@ -157,7 +153,7 @@ def step_search(observation: Observation, steps: StepRule, ends: StopRule) -> Ch
     for direction in (up, -up):
         if any((height - start.height) * direction > 0.0 for height in observation.busy_heights):
             continue
-        height = _onwards(observation, steps, ends, direction)
+        height = _onwards(observation, steps, perimeter, threshold, direction)
         if height is not None and not is_near_finger(observation, height):
             return Height(height, "upwards" if direction > 0.0 else "downwards")
         if height is not None:
@@ -175,7 +171,11 @@ def mean_normal_rise(one: ObservedSlice) -> float:
 
 
 def _onwards(
-    observation: Observation, steps: StepRule, ends: StopRule, direction: float
+    observation: Observation,
+    steps: StepRule,
+    perimeter: float,
+    threshold: float,
+    direction: float,
 ) -> float | None:
     """The next height in this direction, m; None where the search in it is over."""
     start = observation.slices[0]
@@ -190,7 +190,7 @@ def _onwards(
     here, end = min(max(last.height, bottom), top), top if direction > 0.0 else bottom
     if failures >= MOST_FAILURES or (end - here) * direction <= SAME * observation.extent:
         return None
-    if 2.0 * math.pi * float(last.radii.mean()) < ends.perimeter * observation.extent:
+    if 2.0 * math.pi * float(last.radii.mean()) < perimeter * observation.extent:
         return None
     bend = mean_profile_curvature(last, observation.extent)
     if len(usable) == 1:
@@ -198,7 +198,7 @@ def _onwards(
     else:
         change = abs(bend - mean_profile_curvature(usable[-2], observation.extent))
         step = steps.later(bend, change, len(usable) - 1)
-        if direction > 0.0 and step < ends.threshold:
+        if direction > 0.0 and step < threshold:
             return None
     step = min(step * observation.extent * 0.5**failures, (end - here) * direction)
     for shorter in SHORTER:
@@ -290,25 +290,10 @@ def _check(places: Floats, values: Floats, segments: int) -> None:
         raise ValueError(f"segments must be at least 1, got {segments}")
 
 
-def exponential(x: Floats, power: float) -> Floats:
-    """e^-x."""
-    return np.asarray(np.exp(-x))
-
-
-def inverse_power(x: Floats, power: float) -> Floats:
-    """1 / (1 + x)^power."""
-    return np.asarray((1.0 + x) ** -power)
-
-
-def logarithmic(x: Floats, power: float) -> Floats:
-    """ln(c) / ln(x + c) with c = 1 + power, which keeps it above 1."""
-    offset = 1.0 + power
-    return np.asarray(np.log(offset) / np.log(x + offset))
-
-
 PLANNER = Thesis
 TEMPLATES: Mapping[Template, StepTemplate] = {
-    "exponential": exponential,
-    "inverse_power": inverse_power,
-    "logarithmic": logarithmic,
+    "exponential": lambda x, power: np.asarray(np.exp(-x)),
+    "inverse_power": lambda x, power: np.asarray((1.0 + x) ** -power),
+    # The offset c in ln(c) / ln(x + c) is kept above 1.
+    "logarithmic": lambda x, power: np.asarray(np.log(1.0 + power) / np.log(x + (1.0 + power))),
 }

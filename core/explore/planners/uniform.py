@@ -48,13 +48,9 @@ class Uniform:
         spacing = (high - low) / max(self.count - 1, 1)
         waits = False
         for i in sweep(self.count) if self.order == "sweep" else nested(self.count):
-            wanted = float(heights[i])
-            visits = [
-                one for one in observation.slices if abs(one.height - wanted) <= REACH * spacing
-            ]
-            under_way = any(
-                abs(other - wanted) <= REACH * spacing for other in observation.busy_heights
-            )
+            wanted, near = float(heights[i]), REACH * spacing
+            visits = [one for one in observation.slices if abs(one.height - wanted) <= near]
+            under_way = any(abs(other - wanted) <= near for other in observation.busy_heights)
             if any(one.usable for one in visits) or len(visits) >= TRIES or under_way:
                 continue
             if visits:

@@ -1,12 +1,9 @@
-from __future__ import annotations
-
 import itertools
 import math
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.explore.grasp.hand import search_places
 from palpate.core.explore.planners.protocol import SliceOutcome
 from palpate.core.explore.survey import (
@@ -21,7 +18,7 @@ from palpate.core.explore.survey import (
 )
 
 
-def _survey(standing: bool = False) -> Survey:
+def _survey(standing=False):
     return Survey(
         low=0.0,
         high=0.09,
@@ -35,24 +32,24 @@ def _survey(standing: bool = False) -> Survey:
     )
 
 
-def test_what_was_felt_beyond_an_end_moves_it() -> None:
+def test_what_was_felt_beyond_an_end_moves_it():
     survey = _survey().reaching(-0.002, 0.085).reaching(0.05, 0.093)
     assert (survey.low, survey.high) == (-0.002, 0.093)
     assert survey.reached == (-0.002, 0.093)
 
 
-def test_an_object_that_stands_ends_where_it_stands() -> None:
+def test_an_object_that_stands_ends_where_it_stands():
     assert _survey(standing=True).reaching(-1e-4, 0.05).low == 0.0
 
 
 @pytest.mark.parametrize(("tip", "high"), [(0.085, 0.085), (0.07, 0.08)])
-def test_a_touched_end_lies_where_it_was_touched_or_beyond(tip, high) -> None:
+def test_a_touched_end_lies_where_it_was_touched_or_beyond(tip, high):
     survey = _survey().ended(np.array([0.0, 0.0, tip]), upper=True)
     assert (survey.high, survey.high_deviation) == (high, 0.0)
     assert (survey.low, survey.low_deviation) == (0.0, 1e-3)
 
 
-def test_each_end_has_one_tip_the_last_one() -> None:
+def test_each_end_has_one_tip_the_last_one():
     survey = _survey()
     for height in (0.085, 0.088, 0.002):
         survey = survey.ended(np.array([0.01, 0.0, height]), upper=height > 0.04)
@@ -65,7 +62,7 @@ TURN = 2.0 * np.pi * np.arange(COUNT) / COUNT
 OUT = np.column_stack([np.cos(TURN), np.sin(TURN)])
 
 
-def cone(height: float, lean: Floats | None = None, **changes: object) -> TracedContour:
+def cone(height, lean=None, **changes):
     """A slice of a cone of radius 30 - 0.2 z mm whose axis leans."""
     lean = np.zeros(2) if lean is None else lean
     radius = 0.03 - 0.2 * height
@@ -87,7 +84,7 @@ def cone(height: float, lean: Floats | None = None, **changes: object) -> Traced
 
 
 @pytest.mark.parametrize("lean", [(0.0, 0.0), (0.2, -0.1)])
-def test_radii_and_slopes_are_told_about_the_axis_even_if_it_leans(lean) -> None:
+def test_radii_and_slopes_are_told_about_the_axis_even_if_it_leans(lean):
     traced = [cone(height, np.array(lean)) for height in (0.02, 0.05, 0.08)]
     slices = observed_slices(traced, [0.0, 1e-5, 0.0])
     for one, made in zip(slices, traced, strict=True):
@@ -97,7 +94,7 @@ def test_radii_and_slopes_are_told_about_the_axis_even_if_it_leans(lean) -> None
     assert [one.deviation for one in slices] == [0.0, 1e-5, 0.0]
 
 
-def test_an_axis_that_leaves_a_contour_is_bent_from_middle_to_middle() -> None:
+def test_an_axis_that_leaves_a_contour_is_bent_from_middle_to_middle():
     away = [0.0, 0.05, 0.0]
     bent = []
     for height, x in zip((0.02, 0.05, 0.08), away, strict=True):
@@ -108,7 +105,7 @@ def test_an_axis_that_leaves_a_contour_is_bent_from_middle_to_middle() -> None:
     np.testing.assert_allclose(axis.leans[:, 0], np.gradient(away, [0.02, 0.05, 0.08]), atol=1e-4)
 
 
-def test_a_band_reaches_half_a_feature_aside_and_no_farther() -> None:
+def test_a_band_reaches_half_a_feature_aside_and_no_farther():
     low = np.full(COUNT, 0.05)
     low[60] = 0.04  # felt deep on one azimuth alone
     one = cone(0.05, contact_low=low)
@@ -133,15 +130,15 @@ def test_a_band_reaches_half_a_feature_aside_and_no_farther() -> None:
         ({"dropped": True}, SliceOutcome.FAILED),
     ],
 )
-def test_what_came_of_a_slice_is_what_a_planner_is_told(changes, outcome) -> None:
-    one = cone(0.05, **changes)  # type: ignore[arg-type]
+def test_what_came_of_a_slice_is_what_a_planner_is_told(changes, outcome):
+    one = cone(0.05, **changes)
     assert one.outcome == outcome
     [told] = observed_slices([one], [0.0])
     assert told.usable == one.usable == (outcome in (SliceOutcome.CLOSED, SliceOutcome.OCCLUDED))
     assert (told.touches, told.seconds) == (20, 25.0)
 
 
-def test_the_object_is_looked_for_at_the_origin_first_and_then_around_it() -> None:
+def test_the_object_is_looked_for_at_the_origin_first_and_then_around_it():
     places = search_places(0.05, 0.012)
     distances = [float(np.linalg.norm(place)) for place in places]
     assert distances[0] == 0.0
@@ -154,7 +151,7 @@ def test_the_object_is_looked_for_at_the_origin_first_and_then_around_it() -> No
     assert apart.min(axis=1).max() <= 0.013
 
 
-def test_a_slice_is_approached_from_outside_all_contours_about_the_nearest() -> None:
+def test_a_slice_is_approached_from_outside_all_contours_about_the_nearest():
     turn = 2 * np.pi * np.arange(60) / 60
     rim = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     low, high = 0.02 * rim, 0.03 * rim + [0.01, 0.0, 0.0]
@@ -163,7 +160,7 @@ def test_a_slice_is_approached_from_outside_all_contours_about_the_nearest() -> 
     assert distance == pytest.approx(0.03 + APPROACH)
 
 
-def test_a_slice_on_the_way_to_a_tip_aside_is_expected_on_that_way() -> None:
+def test_a_slice_on_the_way_to_a_tip_aside_is_expected_on_that_way():
     turn = 2 * np.pi * np.arange(60) / 60
     rim = 0.02 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     aside, over = np.array([0.05, 0.0, 0.1]), np.array([0.01, 0.0, 0.1])
@@ -176,7 +173,7 @@ def test_a_slice_on_the_way_to_a_tip_aside_is_expected_on_that_way() -> None:
         )
 
 
-def test_the_earliest_result_is_taken_up_when_nobody_can_be_earlier() -> None:
+def test_the_earliest_result_is_taken_up_when_nobody_can_be_earlier():
     assert next_finished({}, {1, 2}, {}) is None
     assert next_finished({1: 5.0}, {1}, {}) == 1
     assert next_finished({1: 5.0}, {1, 2}, {2: 4.0}) is None
@@ -184,21 +181,21 @@ def test_the_earliest_result_is_taken_up_when_nobody_can_be_earlier() -> None:
     assert next_finished({1: 5.0, 2: 4.0}, {1, 2}, {}) == 2
 
 
-def test_a_finger_whose_clock_is_not_known_is_waited_for() -> None:
+def test_a_finger_whose_clock_is_not_known_is_waited_for():
     assert next_finished({2: 5.0}, {1, 2}, {}) is None
 
 
-def test_of_two_at_one_time_the_lower_number_comes_first() -> None:
+def test_of_two_at_one_time_the_lower_number_comes_first():
     assert next_finished({1: 5.0, 2: 5.0}, {1, 2}, {}) == 1
     # Finger 1 may still end at 5 s, and would then come first; finger 3 would not.
     assert next_finished({2: 5.0}, {1, 2}, {1: 5.0}) is None
     assert next_finished({2: 5.0}, {2, 3}, {3: 5.0}) == 2
 
 
-def test_the_order_does_not_depend_on_who_was_heard_first() -> None:
+def test_the_order_does_not_depend_on_who_was_heard_first():
     ends = {1: 3.0, 2: 2.0, 3: 4.0}
     for heard in itertools.permutations(ends):
-        finished: dict[int, float] = {}
+        finished = {}
         busy, busy_heights = set(ends), []
         for finger in heard:
             finished[finger] = ends[finger]

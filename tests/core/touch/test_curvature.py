@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -11,7 +9,6 @@ from palpate.core.geometry.star_shapes import angle_between
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.curvature import (
-    FusedCurvature,
     LocalCurvature,
     Patch,
     begin_fusion,
@@ -21,12 +18,12 @@ from palpate.core.touch.curvature import (
 )
 from palpate.core.touch.filters import remove_impulses
 from palpate.core.touch.forms import ShapeOperator, principal_curvatures
-from palpate.core.touch.pad import Pad, guarded_move
+from palpate.core.touch.pad import guarded_move
 
 PITCH = 1e-3
 
 
-def pressed(radii: tuple[float, float], depth: float = 1e-3, dome: float = 0.0) -> Floats:
+def pressed(radii, depth=1e-3, dome=0.0):
     """A paraboloid with these radii along x and y, pressed onto a pad."""
     side = (np.arange(16) - 7.5) * PITCH
     x, y = np.meshgrid(side, side)
@@ -35,7 +32,7 @@ def pressed(radii: tuple[float, float], depth: float = 1e-3, dome: float = 0.0) 
     return image
 
 
-def test_a_paraboloid_has_its_curvatures() -> None:
+def test_a_paraboloid_has_its_curvatures():
     patch = surface_patch(pressed((0.04, 0.02)), PITCH)
     assert patch.kind == "smooth"
     # The jet has the paraboloid among its shapes: only rounding is left.
@@ -45,12 +42,12 @@ def test_a_paraboloid_has_its_curvatures() -> None:
     assert patch.across == pytest.approx(25.0, rel=1e-6)
 
 
-def test_a_domed_pad_is_taken_off() -> None:
+def test_a_domed_pad_is_taken_off():
     patch = surface_patch(pressed((0.02, 0.02), dome=1 / 0.015), PITCH, radius=0.015)
     assert patch.principal == pytest.approx((50.0, 50.0), rel=1e-6)
 
 
-def test_under_noise_the_error_is_what_it_says() -> None:
+def test_under_noise_the_error_is_what_it_says():
     noise, rng = 5e-6, np.random.default_rng(3)
     clear = pressed((0.03, 0.03), depth=2e-3)
     patches = [
@@ -66,7 +63,7 @@ def test_under_noise_the_error_is_what_it_says() -> None:
     assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.6
 
 
-def test_what_does_not_touch_is_a_miss() -> None:
+def test_what_does_not_touch_is_a_miss():
     assert surface_patch(np.zeros((16, 16)), PITCH).kind == "miss"
     assert surface_patch(pressed((0.02, 0.02), depth=4e-4), PITCH, contact=5e-4).kind == "miss"
 
@@ -83,7 +80,7 @@ def test_what_does_not_touch_is_a_miss() -> None:
         (np.zeros((8, 8)), {"noise": -1.0}, "noise must not be negative, got -1.0 m"),
     ],
 )
-def test_what_is_no_touch_is_refused(image, given, words) -> None:
+def test_what_is_no_touch_is_refused(image, given, words):
     with pytest.raises(ValueError, match=words):
         surface_patch(image, **{"pitch": PITCH, **given})
 
@@ -92,11 +89,11 @@ ALONG_X, ALONG_Y = np.eye(3)[:2]
 ALL = np.ones((16, 16), bool)
 
 
-def feel(pad: Pad, height: Floats, direction: Floats = ALONG_Y, noise: float = 0.0) -> Patch:
+def feel(pad, height, direction=ALONG_Y, noise=0.0):
     return fit_patch(pad, height, np.ones(height.shape, bool), direction, noise)
 
 
-def touch_ball(pad: Pad, radius: float) -> Patch:
+def touch_ball(pad, radius):
     ball = Superquadric(np.full(3, radius), np.ones(2))
     start = pose_of(np.array([0.0, 0.0, radius + 0.01]), FACING_DOWN)
     end = guarded_move(ball, pad, start, 0.05, 1e-3)
@@ -107,7 +104,7 @@ def touch_ball(pad: Pad, radius: float) -> Patch:
 @pytest.mark.parametrize(
     ("radius", "error"), [(0.01, 0.03), (0.02, 0.01), (0.03, 0.005), (0.1, 1e-4), (1.0, 1e-6)]
 )
-def test_a_ball_has_its_curvature_in_all_directions(radius, error, flat, domed) -> None:
+def test_a_ball_has_its_curvature_in_all_directions(radius, error, flat, domed):
     for pad in (flat, domed):
         patch = touch_ball(pad, radius)
         assert patch.kind == "smooth"
@@ -118,7 +115,7 @@ def test_a_ball_has_its_curvature_in_all_directions(radius, error, flat, domed) 
 
 
 @pytest.mark.parametrize("degrees", [0, 20, 45, 90, 130])
-def test_a_cylinder_has_one_curvature_whichever_way_it_lies(degrees, flat) -> None:
+def test_a_cylinder_has_one_curvature_whichever_way_it_lies(degrees, flat):
     turn = math.radians(degrees)
     x, y = flat.grid()
     off = -x * math.sin(turn) + y * math.cos(turn)
@@ -135,7 +132,7 @@ def test_a_cylinder_has_one_curvature_whichever_way_it_lies(degrees, flat) -> No
     assert feel(flat, height, between).across == pytest.approx(50 * math.sin(0.5) ** 2, rel=0.01)
 
 
-def test_a_saddle_keeps_both_signs_and_a_hollow_is_negative(flat) -> None:
+def test_a_saddle_keeps_both_signs_and_a_hollow_is_negative(flat):
     x, y = flat.grid()
     saddle = feel(flat, 0.5 * (30 * x**2 - 20 * y**2))
     assert saddle.principal == pytest.approx((30.0, -20.0), rel=1e-9)
@@ -144,7 +141,7 @@ def test_a_saddle_keeps_both_signs_and_a_hollow_is_negative(flat) -> None:
     assert feel(flat, -5 * (x**2 + y**2)).principal == pytest.approx((-10.0, -10.0), rel=1e-9)
 
 
-def test_principal_curvatures_do_not_depend_on_how_the_pad_is_turned(flat) -> None:
+def test_principal_curvatures_do_not_depend_on_how_the_pad_is_turned(flat):
     x, y = flat.grid()
     for turn in np.linspace(0.0, math.pi, 7):
         a = x * math.cos(turn) - y * math.sin(turn)
@@ -155,7 +152,7 @@ def test_principal_curvatures_do_not_depend_on_how_the_pad_is_turned(flat) -> No
         assert patch.principal == pytest.approx(wanted, rel=1e-9)
 
 
-def test_an_umbilic_is_exactly_that(flat) -> None:
+def test_an_umbilic_is_exactly_that(flat):
     x, y = flat.grid()
     for radius in np.geomspace(0.02, 1e6, 30):
         k1, k2 = feel(flat, 0.5 * (x**2 + y**2) / radius).principal
@@ -164,7 +161,7 @@ def test_an_umbilic_is_exactly_that(flat) -> None:
         assert feel(flat, 0.5 * (x**2 + y**2) / radius).umbilic
 
 
-def test_a_tilted_plane_is_flat_and_its_normal_is_tilted(flat) -> None:
+def test_a_tilted_plane_is_flat_and_its_normal_is_tilted(flat):
     x, y = flat.grid()
     patch = feel(flat, 0.3 * x - 0.4 * y)
     assert patch.kind == "smooth"
@@ -173,7 +170,7 @@ def test_a_tilted_plane_is_flat_and_its_normal_is_tilted(flat) -> None:
     assert patch.umbilic
 
 
-def test_a_tilted_balls_curvature_is_measured_on_the_surface_not_on_the_pad(flat) -> None:
+def test_a_tilted_balls_curvature_is_measured_on_the_surface_not_on_the_pad(flat):
     x, y = flat.grid()
     height = -np.sqrt(0.05**2 - (x - 0.01) ** 2 - (y + 0.02) ** 2)
     patch = feel(flat, height)
@@ -181,14 +178,14 @@ def test_a_tilted_balls_curvature_is_measured_on_the_surface_not_on_the_pad(flat
     assert patch.across == pytest.approx(20.0, rel=0.01)
 
 
-def test_a_direction_out_of_the_pads_plane_counts_by_its_part_in_it(flat) -> None:
+def test_a_direction_out_of_the_pads_plane_counts_by_its_part_in_it(flat):
     x, y = flat.grid()
     height = 0.5 * (30 * x**2 + 10 * y**2)
     assert feel(flat, height, np.array([0.6, 0.0, 0.8])).across == pytest.approx(30.0)
     assert feel(flat, height, np.array([0.0, 0.0, 1.0])).across == 0.0
 
 
-def test_an_edge_a_corner_and_a_step_are_that_and_have_no_curvature(flat) -> None:
+def test_an_edge_a_corner_and_a_step_are_that_and_have_no_curvature(flat):
     x, y = flat.grid()
     roof, corner = np.abs(x), np.maximum(np.abs(x), np.abs(y))
     step = np.where(x > 0, 1e-3, 0.0)
@@ -206,7 +203,7 @@ def test_an_edge_a_corner_and_a_step_are_that_and_have_no_curvature(flat) -> Non
         assert 0.0 < patch.normal_error < math.pi
 
 
-def test_what_curves_within_two_pitches_is_an_edge(flat) -> None:
+def test_what_curves_within_two_pitches_is_an_edge(flat):
     x, _ = flat.grid()
     patch = feel(flat, 0.5 * 501.0 * x**2)
     assert patch.residual < 1e-12
@@ -214,7 +211,7 @@ def test_what_curves_within_two_pitches_is_an_edge(flat) -> None:
     assert feel(flat, 0.5 * 499.0 * x**2).kind == "smooth"
 
 
-def test_nothing_touched_is_a_miss(flat) -> None:
+def test_nothing_touched_is_a_miss(flat):
     patch = fit_patch(flat, np.zeros((16, 16)), ~ALL, ALONG_Y, 0.0)
     assert patch == Patch("miss")
     assert patch.jet is None
@@ -223,7 +220,7 @@ def test_nothing_touched_is_a_miss(flat) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 4, 7])
-def test_a_few_taxels_are_insufficient(count, flat) -> None:
+def test_a_few_taxels_are_insufficient(count, flat):
     touched = np.zeros((16, 16), bool)
     touched.ravel()[118 : 118 + count] = True
     patch = fit_patch(flat, np.zeros((16, 16)), touched, ALONG_Y, 0.0)
@@ -232,7 +229,7 @@ def test_a_few_taxels_are_insufficient(count, flat) -> None:
     assert patch.confidence == 0.0
 
 
-def test_what_is_enough_for_a_plane_has_a_normal_and_no_curvature(flat) -> None:
+def test_what_is_enough_for_a_plane_has_a_normal_and_no_curvature(flat):
     x, y = flat.grid()
     touched = (np.abs(x) < 1.8e-3) & (np.abs(y) < 1.2e-3)
     assert touched.sum() == 8
@@ -244,7 +241,7 @@ def test_what_is_enough_for_a_plane_has_a_normal_and_no_curvature(flat) -> None:
 
 
 @pytest.mark.parametrize("radius", [3.5, 5.0, 8.0])
-def test_partial_contact_is_not_read_as_flat(radius, flat) -> None:
+def test_partial_contact_is_not_read_as_flat(radius, flat):
     x, y = flat.grid()
     height = 0.02 - np.sqrt(0.02**2 - x**2 - y**2)
     touched = np.hypot(x, y) < radius * 1e-3
@@ -253,7 +250,7 @@ def test_partial_contact_is_not_read_as_flat(radius, flat) -> None:
     assert patch.principal == pytest.approx((50.0, 50.0), rel=0.04)
 
 
-def test_noise_costs_little_curvature_and_is_not_taken_for_an_edge(flat) -> None:
+def test_noise_costs_little_curvature_and_is_not_taken_for_an_edge(flat):
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.02
     rng = np.random.default_rng(0)
@@ -268,9 +265,7 @@ def test_noise_costs_little_curvature_and_is_not_taken_for_an_edge(flat) -> None
 SIGMA = 1.0
 
 
-def place(
-    parts: tuple[float, float, float], x: float = 0.0, turn: float = 0.0, sigma: float = SIGMA
-) -> LocalCurvature:
+def place(parts, x=0.0, turn=0.0, sigma=SIGMA):
     """A place on a plane's x axis, told in tangents that are turned."""
     c, s = math.cos(turn), math.sin(turn)
     tangents = np.array([[c, s, 0.0], [-s, c, 0.0]])
@@ -278,16 +273,14 @@ def place(
     return LocalCurvature(np.array([x, 0.0, 0.0]), shape, sigma**2 * np.diag([1.0, 0.5, 1.0]))
 
 
-def in_tangents(
-    parts: tuple[float, float, float], c: float, s: float
-) -> tuple[float, float, float]:
+def in_tangents(parts, c, s):
     matrix = np.array([[parts[0], parts[1]], [parts[1], parts[2]]])
     frame = np.array([[c, s], [-s, c]])
     turned = frame @ matrix @ frame.T
     return float(turned[0, 0]), float(turned[0, 1]), float(turned[1, 1])
 
 
-def test_two_equal_touches_agree_and_halve_the_variance() -> None:
+def test_two_equal_touches_agree_and_halve_the_variance():
     fused = fuse(begin_fusion(place((30.0, 5.0, 10.0))), place((30.0, 5.0, 10.0)))
     assert np.allclose(fused.place.shape.parts, (30.0, 5.0, 10.0), rtol=1e-14)
     assert np.allclose(fused.place.covariance, 0.5 * np.diag([1.0, 0.5, 1.0]), atol=1e-14)
@@ -296,7 +289,7 @@ def test_two_equal_touches_agree_and_halve_the_variance() -> None:
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, math.pi / 2, 2.5, -1.0])
-def test_how_the_pads_are_turned_makes_no_difference(turn) -> None:
+def test_how_the_pads_are_turned_makes_no_difference(turn):
     parts = (30.0, 5.0, 10.0)
     fused = fuse(begin_fusion(place(parts)), place(parts, turn=turn))
     assert fused.surprise == pytest.approx(0.0, abs=1e-18)
@@ -311,9 +304,9 @@ def test_how_the_pads_are_turned_makes_no_difference(turn) -> None:
     assert fused.surprise == pytest.approx(0.0, abs=1e-18)
 
 
-def test_curvature_is_carried_along_a_bent_surface() -> None:
+def test_curvature_is_carried_along_a_bent_surface():
     # Round a cylinder about z: its curvature stays around, wherever the touch is.
-    def on_cylinder(angle: float) -> LocalCurvature:
+    def on_cylinder(angle):
         c, s = math.cos(angle), math.sin(angle)
         tangents = np.array([[-s, c, 0.0], [0.0, 0.0, 1.0]])
         shape = ShapeOperator(tangents, np.array([c, s, 0.0]), (40.0, 0.0, 0.0))
@@ -326,7 +319,7 @@ def test_curvature_is_carried_along_a_bent_surface() -> None:
         assert fused.principal[:2] == pytest.approx((40.0, 0.0), abs=1e-12)
 
 
-def test_what_changed_before_is_expected_to_change_again_and_more_over_a_longer_way() -> None:
+def test_what_changed_before_is_expected_to_change_again_and_more_over_a_longer_way():
     fused = begin_fusion(place((0.0, 0.0, 0.0)))
     for number in range(1, 6):
         step = 20.0 * number
@@ -340,7 +333,7 @@ def test_what_changed_before_is_expected_to_change_again_and_more_over_a_longer_
     assert np.trace(still.place.covariance) < 0.3 * np.trace(near.place.covariance)
 
 
-def test_a_sudden_bend_is_followed_at_once() -> None:
+def test_a_sudden_bend_is_followed_at_once():
     fused = begin_fusion(place((10.0, 0.0, 10.0)))
     for number in range(8):
         fused = fuse(fused, place((10.0, 0.0, 10.0), x=1e-3 * number))
@@ -349,13 +342,13 @@ def test_a_sudden_bend_is_followed_at_once() -> None:
     assert bent.principal[0] == pytest.approx(60.0, abs=2.0 * SIGMA)
 
 
-def test_exact_touches_need_no_weighing() -> None:
+def test_exact_touches_need_no_weighing():
     fused = fuse(begin_fusion(place((1.0, 0.0, 2.0), sigma=0.0)), place((3.0, 0.0, 2.0), sigma=0.0))
     assert fused.principal[0] == 3.0
     assert fused.touches == 2
 
 
-def test_covariances_stay_positive_over_many_touches() -> None:
+def test_covariances_stay_positive_over_many_touches():
     rng = np.random.default_rng(0)
     fused = begin_fusion(place((10.0, 0.0, 20.0)))
     for number in range(300):
@@ -365,7 +358,7 @@ def test_covariances_stay_positive_over_many_touches() -> None:
         assert np.linalg.eigvalsh(fused.place.covariance).min() > 0.0
 
 
-def run(seed: int, touches: int, drift: float) -> FusedCurvature:
+def run(seed, touches, drift):
     """Touches with the promised noise, of a curvature that drifts at random."""
     rng = np.random.default_rng(seed)
     parts: Floats = np.array([30.0, 0.0, 10.0])
@@ -381,7 +374,7 @@ def run(seed: int, touches: int, drift: float) -> FusedCurvature:
 
 
 @pytest.mark.slow
-def test_the_innovation_is_as_large_as_it_is_said_to_be() -> None:
+def test_the_innovation_is_as_large_as_it_is_said_to_be():
     for drift in (0.0, 1.0, 3.0):
         found = np.mean([run(seed, 60, drift).surprise for seed in range(20)])
         # Of 1140 innovations of 3 degrees of freedom the mean is 3 +- 0.07; drift has to be
@@ -391,7 +384,7 @@ def test_the_innovation_is_as_large_as_it_is_said_to_be() -> None:
 
 @pytest.mark.parametrize("name", ["sphere", "cylinder", "saddle"])
 @pytest.mark.parametrize("noise", [10e-6, 50e-6])
-def test_fused_is_better_than_single_and_consistent_where_curvature_is_even(name, noise) -> None:
+def test_fused_is_better_than_single_and_consistent_where_curvature_is_even(name, noise):
     score = score_fusion(name, noise, walks=8)
     assert score.fused < 0.9 * score.single
     assert 1.5 < score.surprise < 4.0
@@ -399,12 +392,12 @@ def test_fused_is_better_than_single_and_consistent_where_curvature_is_even(name
 
 @pytest.mark.parametrize("name", ["ellipsoid", "sharp end"])
 @pytest.mark.parametrize("noise", [5e-6, 20e-6])
-def test_fused_is_no_worse_than_single_where_curvature_changes(name, noise) -> None:
+def test_fused_is_no_worse_than_single_where_curvature_changes(name, noise):
     score = score_fusion(name, noise, walks=8)
     assert score.fused < 1.05 * score.single
 
 
-def test_trust_falls_with_the_misfit_and_with_the_share_of_touched_taxels(flat) -> None:
+def test_trust_falls_with_the_misfit_and_with_the_share_of_touched_taxels(flat):
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.02
     clean = feel(flat, height)
@@ -415,7 +408,7 @@ def test_trust_falls_with_the_misfit_and_with_the_share_of_touched_taxels(flat) 
     assert rough.confidence < 0.9 * clean.confidence
 
 
-def test_gaussian_and_mean_curvature_and_direction_belong_to_the_principal_ones(flat) -> None:
+def test_gaussian_and_mean_curvature_and_direction_belong_to_the_principal_ones(flat):
     x, y = flat.grid()
     for turn in (0.0, 0.4, 1.9):
         a = x * math.cos(turn) + y * math.sin(turn)
@@ -431,7 +424,7 @@ def test_gaussian_and_mean_curvature_and_direction_belong_to_the_principal_ones(
         assert again.across == pytest.approx(k1, rel=1e-9)
 
 
-def test_a_direction_is_claimed_only_where_noise_cannot_have_made_it(flat) -> None:
+def test_a_direction_is_claimed_only_where_noise_cannot_have_made_it(flat):
     x, y = flat.grid()
     rng = np.random.default_rng(0)
     claimed = {0.0: 0, 20.0: 0}
@@ -445,7 +438,7 @@ def test_a_direction_is_claimed_only_where_noise_cannot_have_made_it(flat) -> No
 
 @pytest.mark.parametrize("noise", [2e-6, 20e-6])
 @pytest.mark.parametrize("told", [True, False])
-def test_errors_are_as_large_as_they_are_said_to_be(noise, told, flat) -> None:
+def test_errors_are_as_large_as_they_are_said_to_be(noise, told, flat):
     x, y = flat.grid()
     rng = np.random.default_rng(1)
     height = 0.1 * x - 0.2 * y + 0.5 * (40 * x**2 + 10 * x * y - 5 * y**2)
@@ -467,7 +460,7 @@ def test_errors_are_as_large_as_they_are_said_to_be(noise, told, flat) -> None:
     assert (spread < 1.5).all()
 
 
-def test_noise_that_was_not_told_is_seen(flat) -> None:
+def test_noise_that_was_not_told_is_seen(flat):
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.02 + 8e-6 * np.random.default_rng(2).normal(size=x.shape)
     told, untold, less = (feel(flat, height, noise=noise) for noise in (8e-6, 0.0, 4e-6))
@@ -477,7 +470,7 @@ def test_noise_that_was_not_told_is_seen(flat) -> None:
     assert more.across_error > 2.0 * told.across_error
 
 
-def test_the_place_lies_on_the_surface_over_the_middle_of_the_contact(flat) -> None:
+def test_the_place_lies_on_the_surface_over_the_middle_of_the_contact(flat):
     x, y = flat.grid()
     touched = (x > 0) & (y < 2e-3)
     patch = fit_patch(flat, 0.1 * x + 20 * y**2, touched, ALONG_Y, 0.0)
@@ -486,7 +479,7 @@ def test_the_place_lies_on_the_surface_over_the_middle_of_the_contact(flat) -> N
     assert patch.place[2] == pytest.approx(0.1 * middle[0] + 20 * middle[1] ** 2)
 
 
-def test_weights_of_nothing_leave_taxels_out(flat) -> None:
+def test_weights_of_nothing_leave_taxels_out(flat):
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.02
     spoiled = np.where((x > 5e-3) & (y > 5e-3), 1e-3, height)
@@ -498,7 +491,7 @@ def test_weights_of_nothing_leave_taxels_out(flat) -> None:
     assert patch.residual < 1e-15
 
 
-def test_eight_percent_of_impulses_cost_little_curvature(flat) -> None:
+def test_eight_percent_of_impulses_cost_little_curvature(flat):
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.05
     rng = np.random.default_rng(3)
@@ -518,7 +511,7 @@ def test_eight_percent_of_impulses_cost_little_curvature(flat) -> None:
     assert np.sqrt(np.mean(np.square(errors))) < 2.0
 
 
-def test_one_impulse_that_no_filter_saw_does_not_make_an_edge(flat) -> None:
+def test_one_impulse_that_no_filter_saw_does_not_make_an_edge(flat):
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.03 + 5e-6 * np.random.default_rng(4).normal(size=x.shape)
     for place in ((8, 8), (0, 15), (3, 12)):
@@ -530,7 +523,7 @@ def test_one_impulse_that_no_filter_saw_does_not_make_an_edge(flat) -> None:
 
 
 @pytest.mark.parametrize("count", [32, 52, 112])
-def test_masked_contact_is_within_5_percent_under_noise_from_32_taxels_on(count, flat) -> None:
+def test_masked_contact_is_within_5_percent_under_noise_from_32_taxels_on(count, flat):
     x, y = flat.grid()
     height = 0.02 - np.sqrt(0.02**2 - x**2 - y**2)
     touched = np.zeros(256, bool)
@@ -545,7 +538,7 @@ def test_masked_contact_is_within_5_percent_under_noise_from_32_taxels_on(count,
     assert np.sqrt(np.mean(np.square(errors))) < 0.05
 
 
-def test_a_wall_that_stands_along_the_pads_normal_is_felt_without_overflow(flat) -> None:
+def test_a_wall_that_stands_along_the_pads_normal_is_felt_without_overflow(flat):
     x, _ = flat.grid()
     for steep in (1e3, 1e6, 1e150):
         patch = feel(flat, steep * x)

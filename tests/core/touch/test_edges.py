@@ -1,13 +1,10 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from palpate.bench.touch.curvature import VERDICTS, confusion, right_share
-from palpate.core.arrays import Bools, Floats
-from palpate.core.touch.curvature import PatchKind, fit_patch
+from palpate.core.touch.curvature import fit_patch
 from palpate.core.touch.edges import (
     curved_faces_deviation,
     fit_faces,
@@ -15,7 +12,6 @@ from palpate.core.touch.edges import (
     slopes_of_cells,
 )
 from palpate.core.touch.jet import fit_jet
-from palpate.core.touch.pad import Pad
 
 ALL = np.ones((16, 16), bool)
 ACROSS = np.array([0.0, 1.0, 0.0])
@@ -23,13 +19,13 @@ ACROSS = np.array([0.0, 1.0, 0.0])
 TUNED_WITH, HELD_OUT = 0, 1234
 
 
-def kind_of(pad: Pad, height: Floats, noise: float = 5e-6) -> PatchKind:
+def kind_of(pad, height, noise=5e-6):
     noisy = height + noise * np.random.default_rng(0).normal(size=height.shape)
     return fit_patch(pad, noisy, ALL, ACROSS, noise).kind
 
 
 @pytest.mark.parametrize("seed", [TUNED_WITH, HELD_OUT])
-def test_each_kind_is_called_by_its_name_19_times_of_20(seed: int) -> None:
+def test_each_kind_is_called_by_its_name_19_times_of_20(seed):
     # Which kind a random touch truly is, and which touches are left out because some face
     # owns too few taxels to be felt, is said in `draw_touch`.
     calls, _ = confusion(draws=60, seed=seed)
@@ -39,9 +35,9 @@ def test_each_kind_is_called_by_its_name_19_times_of_20(seed: int) -> None:
         assert right_share(calls, kind) >= 0.95, (kind, calls)
 
 
-def test_edges_corners_and_steps_are_told_apart(flat) -> None:
+def test_edges_corners_and_steps_are_told_apart(flat):
     x, y = flat.grid()
-    cases: list[tuple[PatchKind, Floats]] = [
+    cases = [
         ("edge", np.abs(x)),
         ("edge", 0.25 * np.abs(x)),
         ("edge", -0.5 * np.abs(x + 0.3 * y)),
@@ -58,27 +54,27 @@ def test_edges_corners_and_steps_are_told_apart(flat) -> None:
         assert kind_of(flat, height) == wanted
 
 
-def test_a_step_through_the_middle_has_no_curvature_of_zero(flat) -> None:
+def test_a_step_through_the_middle_has_no_curvature_of_zero(flat):
     x, _ = flat.grid()
     patch = fit_patch(flat, np.where(x > 0, 1e-3, 0.0), ALL, ACROSS, 5e-6)
     assert patch.kind == "edge"
     assert patch.shape is None
 
 
-def test_a_cylinders_rim_is_an_edge_although_one_face_is_curved(flat) -> None:
+def test_a_cylinders_rim_is_an_edge_although_one_face_is_curved(flat):
     x, y = flat.grid()
     side = (0.02 - np.sqrt(0.02**2 - y**2)) / 0.7 - 0.8 * x
     assert kind_of(flat, np.maximum(0.6 * x, side)) == "edge"
 
 
-def test_a_rounded_edge_is_an_edge_and_a_wide_rounding_is_smooth(flat) -> None:
+def test_a_rounded_edge_is_an_edge_and_a_wide_rounding_is_smooth(flat):
     x, _ = flat.grid()
     for blend, wanted in ((0.2e-3, "edge"), (8e-3, "smooth")):
         assert kind_of(flat, 0.5 * np.sqrt(x**2 + blend**2)) == wanted
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_verdicts_do_not_depend_on_the_unit(scale, flat) -> None:
+def test_verdicts_do_not_depend_on_the_unit(scale, flat):
     pad = replace(flat, pitch=scale * flat.pitch)
     x, y = pad.grid()
     roof = 0.4 * np.abs(x + 0.2 * y)
@@ -89,7 +85,7 @@ def test_verdicts_do_not_depend_on_the_unit(scale, flat) -> None:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_faces_are_found_with_their_slopes(side, flat) -> None:
+def test_faces_are_found_with_their_slopes(side, flat):
     x, y = flat.grid()
     wanted = np.array([[0.5, 0.1], [-0.3, 0.2], [0.0, -0.4]])
     height = side * np.max([a * x + b * y for a, b in wanted], axis=0)
@@ -104,7 +100,7 @@ def test_faces_are_found_with_their_slopes(side, flat) -> None:
     assert curved_faces_deviation(flat, height, ALL, two) < two.deviation
 
 
-def test_too_few_squares_of_four_have_no_faces(flat) -> None:
+def test_too_few_squares_of_four_have_no_faces(flat):
     touched = np.zeros((16, 16), bool)
     touched[4:6, 4:6] = True
     cells = slopes_of_cells(flat, np.zeros((16, 16)), touched)
@@ -112,7 +108,7 @@ def test_too_few_squares_of_four_have_no_faces(flat) -> None:
     assert fit_faces(flat, np.zeros((16, 16)), touched, cells, 2) is None
 
 
-def test_a_comb_of_taxels_that_no_face_fits_is_an_edge_only_if_a_jet_misses_it(flat) -> None:
+def test_a_comb_of_taxels_that_no_face_fits_is_an_edge_only_if_a_jet_misses_it(flat):
     comb = np.zeros((16, 16), bool)
     comb[::2] = True  # no square of four is touched
     rng = np.random.default_rng(0)
@@ -124,19 +120,19 @@ def test_a_comb_of_taxels_that_no_face_fits_is_an_edge_only_if_a_jet_misses_it(f
 NOISE = 10e-6
 
 
-def find(pad: Pad, height: Floats) -> Bools | None:
+def find(pad, height):
     fit = fit_jet(pad, height, ALL)
     assert fit is not None
     return isolated_outliers(pad, height, ALL, fit, NOISE)
 
 
-def surface(pad: Pad) -> Floats:
+def surface(pad):
     x, y = pad.grid()
     return 0.5 * (x**2 + y**2) / 0.03 + NOISE * np.random.default_rng(0).normal(size=x.shape)
 
 
 @pytest.mark.parametrize("places", [[(4, 4)], [(0, 0), (9, 12)], [(2, 3), (2, 5), (15, 15)]])
-def test_up_to_three_single_taxels_are_strays(places, flat) -> None:
+def test_up_to_three_single_taxels_are_strays(places, flat):
     height = surface(flat)
     for place in places:
         height[place] += 0.4e-3
@@ -145,7 +141,7 @@ def test_up_to_three_single_taxels_are_strays(places, flat) -> None:
     assert [tuple(place) for place in np.argwhere(found).tolist()] == places
 
 
-def test_taxels_that_lie_together_are_a_face(flat) -> None:
+def test_taxels_that_lie_together_are_a_face(flat):
     for others in ((4, 5), (5, 5), (5, 3)):
         height = surface(flat)
         height[4, 4] += 0.4e-3
@@ -153,7 +149,7 @@ def test_taxels_that_lie_together_are_a_face(flat) -> None:
         assert find(flat, height) is None
 
 
-def test_many_are_no_strays_and_neither_is_noise(flat) -> None:
+def test_many_are_no_strays_and_neither_is_noise(flat):
     height = surface(flat)
     assert find(flat, height) is None
     height[::5, ::5] += 0.4e-3

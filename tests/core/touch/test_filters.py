@@ -1,12 +1,9 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
 from palpate.bench.touch.surfaces import SURFACES, draw_touch
-from palpate.core.arrays import Bools, Floats
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.filters import (
@@ -22,24 +19,24 @@ from palpate.core.touch.pad import Pad, guarded_move
 NOISE = 10e-6
 
 
-def on_a_ball(pad: Pad, radius: float) -> Floats:
+def on_a_ball(pad, radius):
     ball = Superquadric(np.full(3, radius), np.ones(2))
     start = pose_of(np.array([0.0, 0.0, radius + 0.01]), FACING_DOWN)
     return guarded_move(ball, pad, start, 0.05, 1e-3).compression
 
 
-def test_without_noise_wiener_changes_nothing() -> None:
+def test_without_noise_wiener_changes_nothing():
     image = np.random.default_rng(0).normal(size=(16, 16))
     assert np.array_equal(adaptive_wiener(image, 0.0), image)
 
 
 @pytest.mark.parametrize("value", [0.0, 1e-3, -7.0, 1e8])
-def test_wiener_keeps_a_constant_frame(value) -> None:
+def test_wiener_keeps_a_constant_frame(value):
     image = np.full((6, 9), value)
     assert np.allclose(adaptive_wiener(image, NOISE**2), image, rtol=1e-15, atol=0)
 
 
-def test_wiener_takes_most_of_the_noise_from_a_flat_frame() -> None:
+def test_wiener_takes_most_of_the_noise_from_a_flat_frame():
     noise = np.random.default_rng(1).normal(scale=NOISE, size=(200, 16, 16))
     left = np.stack([adaptive_wiener(frame, NOISE**2) for frame in noise])
     # A mean of nine leaves 1/9 of the variance; the sample variance of nine often passes for
@@ -48,14 +45,14 @@ def test_wiener_takes_most_of_the_noise_from_a_flat_frame() -> None:
     assert abs(float(left.mean())) < NOISE / 20
 
 
-def test_wiener_hardly_touches_what_stands_far_above_the_noise() -> None:
+def test_wiener_hardly_touches_what_stands_far_above_the_noise():
     image = 1e-3 * np.random.default_rng(2).normal(size=(16, 16))
     moved = adaptive_wiener(image, NOISE**2) - image
     # The share taken is noise over signal variance, times the distance to the mean.
     assert np.abs(moved).max() < 1e-2 * 1e-3
 
 
-def test_wiener_uses_variances_as_3_6_should_read() -> None:
+def test_wiener_uses_variances_as_3_6_should_read():
     image = np.zeros((3, 3))
     image[1, 1] = 9.0
     variance = 9.0 - 1.0  # of eight zeros and a nine
@@ -64,14 +61,14 @@ def test_wiener_uses_variances_as_3_6_should_read() -> None:
 
 
 @pytest.mark.parametrize(("offset", "rounding"), [(1e6, 1e-8), (1e8, 1e-6)])
-def test_wiener_is_not_thrown_by_an_offset_of_1e8(offset: float, rounding: float) -> None:
+def test_wiener_is_not_thrown_by_an_offset_of_1e8(offset, rounding):
     # A variance by squares less squared mean gives -2.0 for 1.02 there.
     image = np.random.default_rng(3).normal(size=(16, 16))
     there = adaptive_wiener(image + offset, 0.5) - offset
     assert np.allclose(there, adaptive_wiener(image, 0.5), rtol=0, atol=rounding)
 
 
-def test_wiener_pulls_towards_the_mean_and_never_beyond() -> None:
+def test_wiener_pulls_towards_the_mean_and_never_beyond():
     image = np.random.default_rng(4).normal(size=(16, 16))
     for variance in (0.01, 1.0, 100.0):
         filtered = adaptive_wiener(image, variance)
@@ -79,7 +76,7 @@ def test_wiener_pulls_towards_the_mean_and_never_beyond() -> None:
         assert filtered.max() <= image.max()
 
 
-def test_the_median_of_a_neighbourhood_is_that_of_its_nine_with_reflected_borders() -> None:
+def test_the_median_of_a_neighbourhood_is_that_of_its_nine_with_reflected_borders():
     image = np.random.default_rng(6).normal(size=(7, 9))
     padded = np.pad(image, 1, mode="reflect")
     filtered = median_filter(image)
@@ -89,7 +86,7 @@ def test_the_median_of_a_neighbourhood_is_that_of_its_nine_with_reflected_border
         assert np.array_equal(neighbourhoods(image)[row, col], nine)
 
 
-def test_the_median_takes_an_impulse_out_and_keeps_a_step(flat) -> None:
+def test_the_median_takes_an_impulse_out_and_keeps_a_step(flat):
     x, _ = flat.grid()
     step = np.where(x > 0, 1e-3, 0.0)
     image = step.copy()
@@ -97,7 +94,7 @@ def test_the_median_takes_an_impulse_out_and_keeps_a_step(flat) -> None:
     assert np.array_equal(median_filter(image), step)
 
 
-def test_a_median_taken_everywhere_makes_plateaus(flat) -> None:
+def test_a_median_taken_everywhere_makes_plateaus(flat):
     x, y = flat.grid()
     top = median_filter(1e-3 - 0.5 * (x**2 + y**2) / 0.02)
     # The four highest taxels, and those around them, are made equal.
@@ -105,7 +102,7 @@ def test_a_median_taken_everywhere_makes_plateaus(flat) -> None:
     assert top.max() < 1e-3 - 0.5 * (2 * (0.5e-3) ** 2) / 0.02
 
 
-def test_without_impulses_both_orders_are_worth_same_and_with_them_median_first_wins(flat) -> None:
+def test_without_impulses_both_orders_are_worth_same_and_with_them_median_first_wins(flat):
     clean = 1.2e-3 + 0.3 * on_a_ball(flat, 0.1)
     rng = np.random.default_rng(7)
     errors = np.zeros((2, 2))
@@ -135,13 +132,13 @@ ACROSS = (
 )
 
 
-def bump(pad: Pad, depth: float = 1.5e-3, radius: float = 0.03) -> Floats:
+def bump(pad, depth=1.5e-3, radius=0.03):
     """Compression under a ball."""
     x, y = pad.grid()
     return np.maximum(depth - 0.5 * (x**2 + y**2) / radius, 0.0)
 
 
-def struck(clean: Floats, share: float, rng: np.random.Generator) -> tuple[Floats, Bools]:
+def struck(clean, share, rng):
     """The frame with noise and impulses, and where the impulses are seen."""
     hit, up = rng.random((2, *clean.shape))
     noisy = clean + NOISE * rng.normal(size=clean.shape)
@@ -150,7 +147,7 @@ def struck(clean: Floats, share: float, rng: np.random.Generator) -> tuple[Float
 
 
 @pytest.mark.parametrize("share", [0.02, 0.08])
-def test_salt_and_pepper_are_found_and_nothing_else(share, flat) -> None:
+def test_salt_and_pepper_are_found_and_nothing_else(share, flat):
     rng = np.random.default_rng(0)
     missed = wrong = all_of_them = 0
     for _ in range(60):
@@ -168,7 +165,7 @@ def test_salt_and_pepper_are_found_and_nothing_else(share, flat) -> None:
     assert wrong == 0
 
 
-def test_a_fifth_of_impulses_is_mostly_found(flat) -> None:
+def test_a_fifth_of_impulses_is_mostly_found(flat):
     rng = np.random.default_rng(1)
     missed = wrong = all_of_them = 0
     for _ in range(40):
@@ -184,7 +181,7 @@ def test_a_fifth_of_impulses_is_mostly_found(flat) -> None:
 
 @pytest.mark.parametrize("pair", ACROSS)
 @pytest.mark.parametrize("value", [0.0, DEEPEST])
-def test_two_impulses_side_by_side_are_both_found(pair, value, flat) -> None:
+def test_two_impulses_side_by_side_are_both_found(pair, value, flat):
     clean = 1.2e-3 + 0.3 * bump(flat, radius=0.1)
     frame = clean + NOISE * np.random.default_rng(2).normal(size=clean.shape)
     for place in pair:
@@ -194,7 +191,7 @@ def test_two_impulses_side_by_side_are_both_found(pair, value, flat) -> None:
     assert np.abs(found.image - clean).max() < 0.1e-3
 
 
-def test_salt_beside_the_contact_is_found(flat) -> None:
+def test_salt_beside_the_contact_is_found(flat):
     clean = bump(flat, depth=0.4e-3, radius=0.02)
     assert (clean > 0).sum() < 60
     frame = clean.copy()
@@ -206,7 +203,7 @@ def test_salt_beside_the_contact_is_found(flat) -> None:
     assert np.array_equal(found.image > CONTACT, clean > CONTACT)
 
 
-def test_salt_on_a_pad_that_touches_nothing_is_found(flat) -> None:
+def test_salt_on_a_pad_that_touches_nothing_is_found(flat):
     rng = np.random.default_rng(3)
     for _ in range(20):
         frame = NOISE * rng.normal(size=(16, 16))
@@ -216,7 +213,7 @@ def test_salt_on_a_pad_that_touches_nothing_is_found(flat) -> None:
         assert touched <= 4  # four in a square pass for a tip
 
 
-def test_an_impulse_up_and_one_down_do_not_hold_each_other(flat) -> None:
+def test_an_impulse_up_and_one_down_do_not_hold_each_other(flat):
     clean = np.full((16, 16), 1.2e-3)
     frame = clean.copy()
     frame[8, 7], frame[8, 9] = 2.4e-3, 0.0
@@ -225,7 +222,7 @@ def test_an_impulse_up_and_one_down_do_not_hold_each_other(flat) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in SURFACES if name not in ("grazing", "nothing")])
-def test_faces_edges_corners_steps_and_rims_are_not_taken_for_impulses(name) -> None:
+def test_faces_edges_corners_steps_and_rims_are_not_taken_for_impulses(name):
     rng = np.random.default_rng(4)
     taxels = wrong = 0
     for _ in range(80):
@@ -242,7 +239,7 @@ def test_faces_edges_corners_steps_and_rims_are_not_taken_for_impulses(name) -> 
     assert wrong <= (1e-2 if name == "rim" else 1e-3) * taxels
 
 
-def test_clean_frames_come_back_as_they_are(flat, domed) -> None:
+def test_clean_frames_come_back_as_they_are(flat, domed):
     x, y = flat.grid()
     frames = [np.zeros((16, 16)), np.full((16, 16), 1e-3), 2.0 * x, 0.49 * (x + y)]
     frames += [np.maximum(1e-3 - np.abs(x), 0.0), np.maximum(1e-3 - np.maximum(x, y), 0.0)]
@@ -258,7 +255,7 @@ def test_clean_frames_come_back_as_they_are(flat, domed) -> None:
         assert np.array_equal(found.image, frame)
 
 
-def test_the_tip_of_a_corner_and_of_a_cone_are_left_alone(flat) -> None:
+def test_the_tip_of_a_corner_and_of_a_cone_are_left_alone(flat):
     x, y = flat.grid()
     for steep in (0.5, 0.7, 1.0, 1.5):
         for off in (0.0, 0.25e-3, 0.5e-3):
@@ -272,14 +269,14 @@ def test_the_tip_of_a_corner_and_of_a_cone_are_left_alone(flat) -> None:
                 assert not remove_impulses(flat, image, CONTACT, NOISE).impulses.any()
 
 
-def test_noise_alone_has_no_impulses(flat) -> None:
+def test_noise_alone_has_no_impulses(flat):
     rng = np.random.default_rng(5)
     for _ in range(100):
         frame = bump(flat) + 50e-6 * rng.normal(size=(16, 16))
         assert not remove_impulses(flat, frame, 250e-6, 50e-6).impulses.any()
 
 
-def test_it_is_the_same_in_millimetres(flat) -> None:
+def test_it_is_the_same_in_millimetres(flat):
     rng = np.random.default_rng(6)
     large = Pad(16, 16, 1.0, 3.0, 0.0, 0.8)
     for _ in range(20):
@@ -290,7 +287,7 @@ def test_it_is_the_same_in_millimetres(flat) -> None:
         assert np.allclose(1e3 * metres.image, other.image, atol=1e-9)
 
 
-def test_a_contact_on_one_line_has_no_jet_and_keeps_its_taxels(flat) -> None:
+def test_a_contact_on_one_line_has_no_jet_and_keeps_its_taxels(flat):
     blade = np.zeros((16, 16))
     blade[8, :] = 1e-3
     assert not remove_impulses(flat, blade, CONTACT, NOISE).impulses.any()

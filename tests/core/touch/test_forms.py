@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -24,7 +22,7 @@ from palpate.core.touch.forms import (
 Derivatives = tuple[Floats, Floats, Floats, Floats, Floats, Floats]
 
 
-def on_an_ellipsoid(a: float, b: float, c: float, u: float, v: float) -> Derivatives:
+def on_an_ellipsoid(a, b, c, u, v):
     """First and second derivatives by latitude u and azimuth v, and the outward normal."""
     cu, su, cv, sv = math.cos(u), math.sin(u), math.cos(v), math.sin(v)
     return (
@@ -37,7 +35,7 @@ def on_an_ellipsoid(a: float, b: float, c: float, u: float, v: float) -> Derivat
     )
 
 
-def test_a_sphere_bends_by_one_over_its_radius_everywhere_outwards() -> None:
+def test_a_sphere_bends_by_one_over_its_radius_everywhere_outwards():
     for u in (-1.2, 0.0, 0.7):
         derivatives = on_an_ellipsoid(2.0, 2.0, 2.0, u, 0.4)
         forms = fundamental_forms(*derivatives)
@@ -47,7 +45,7 @@ def test_a_sphere_bends_by_one_over_its_radius_everywhere_outwards() -> None:
             assert normal_curvature(forms, math.cos(turn), math.sin(turn)) == pytest.approx(0.5)
 
 
-def test_gaussian_and_mean_curvature_of_an_ellipsoid_are_those_of_the_book() -> None:
+def test_gaussian_and_mean_curvature_of_an_ellipsoid_are_those_of_the_book():
     a, b, c = 0.03, 0.05, 0.02
     for u, v in np.random.default_rng(0).uniform(-1.3, 1.3, (20, 2)):
         derivatives = on_an_ellipsoid(a, b, c, u, v)
@@ -63,7 +61,7 @@ def test_gaussian_and_mean_curvature_of_an_ellipsoid_are_those_of_the_book() -> 
         assert 0.5 * (k1 + k2) == pytest.approx(mean, rel=1e-11)
 
 
-def test_the_principal_curvatures_are_the_extremes_of_the_normal_curvature() -> None:
+def test_the_principal_curvatures_are_the_extremes_of_the_normal_curvature():
     derivatives = on_an_ellipsoid(3.0, 1.0, 2.0, 0.5, 0.6)
     forms, shape = fundamental_forms(*derivatives), shape_operator(*derivatives)
     k1, k2, direction, umbilic = principal_curvatures(shape)
@@ -79,7 +77,7 @@ def test_the_principal_curvatures_are_the_extremes_of_the_normal_curvature() -> 
     assert float(direction @ shape.normal) == pytest.approx(0.0, abs=1e-15)
 
 
-def test_parametric_and_graph_agree() -> None:
+def test_parametric_and_graph_agree():
     rng = np.random.default_rng(1)
     for _ in range(50):
         p, q, r, s, t = rng.normal(size=5)
@@ -107,7 +105,7 @@ def test_parametric_and_graph_agree() -> None:
         assert np.allclose(graph.tangents @ graph.normal, 0.0, atol=1e-15)
 
 
-def test_at_an_umbilic_the_curvatures_are_equal_to_1e_14_and_no_direction_is_claimed() -> None:
+def test_at_an_umbilic_the_curvatures_are_equal_to_1e_14_and_no_direction_is_claimed():
     rng = np.random.default_rng(2)
     for _ in range(2000):
         u, v = rng.uniform(-1.4, 1.4, 2)
@@ -127,7 +125,7 @@ def test_at_an_umbilic_the_curvatures_are_equal_to_1e_14_and_no_direction_is_cla
         assert umbilic
 
 
-def test_a_plane_is_flat_exactly_and_its_direction_is_not_claimed() -> None:
+def test_a_plane_is_flat_exactly_and_its_direction_is_not_claimed():
     for slopes in ((0.0, 0.0), (0.3, -0.7), (1e6, 0.0)):
         shape = graph_shape_operator(slopes, (0.0, 0.0, 0.0))
         k1, k2, direction, umbilic = principal_curvatures(shape)
@@ -137,7 +135,7 @@ def test_a_plane_is_flat_exactly_and_its_direction_is_not_claimed() -> None:
         assert curvature_along(shape, direction) == 0.0
 
 
-def test_a_saddle_keeps_its_signs_with_a_mean_of_zero() -> None:
+def test_a_saddle_keeps_its_signs_with_a_mean_of_zero():
     k1, k2, direction, umbilic = principal_curvatures(
         graph_shape_operator((0.0, 0.0), (-30.0, 0.0, 30.0))
     )
@@ -148,7 +146,7 @@ def test_a_saddle_keeps_its_signs_with_a_mean_of_zero() -> None:
 
 
 @pytest.mark.parametrize("steep", [1e3, 1e6, 1e12, 1e160])
-def test_a_vertical_wall_is_finite_and_bends_as_it_should(steep: float) -> None:
+def test_a_vertical_wall_is_finite_and_bends_as_it_should(steep):
     # A cylinder of radius 2 about the z axis, seen almost along it: x along the slope.
     wall = shape_operator(
         np.array([1.0 / steep, 0.0, 1.0]) * steep,
@@ -167,7 +165,7 @@ def test_a_vertical_wall_is_finite_and_bends_as_it_should(steep: float) -> None:
         assert np.linalg.norm(shape.normal) == pytest.approx(1.0)
 
 
-def test_the_curvature_across_a_contour_does_not_need_h() -> None:
+def test_the_curvature_across_a_contour_does_not_need_h():
     forms = fundamental_forms(*on_an_ellipsoid(3.0, 1.0, 2.0, 0.5, 0.6))
     assert normal_curvature(forms, 0.0, 1.0) == forms.second[2] / forms.first[2]  # (3.16)
     assert normal_curvature(forms, 0.0, 1e-300) == normal_curvature(forms, 0.0, 1.0)
@@ -176,7 +174,7 @@ def test_the_curvature_across_a_contour_does_not_need_h() -> None:
         normal_curvature(forms, 0.0, 0.0)
 
 
-def test_which_way_is_outwards_decides_the_sign() -> None:
+def test_which_way_is_outwards_decides_the_sign():
     *derivatives, outward = on_an_ellipsoid(2.0, 2.0, 2.0, 0.3, 0.3)
     by_u, by_v, by_uu, by_uv, by_vv = derivatives
     inside_out = shape_operator(by_u, by_v, by_uu, by_uv, by_vv, -outward)
@@ -186,7 +184,7 @@ def test_which_way_is_outwards_decides_the_sign() -> None:
     ] == pytest.approx((0.5, 0.5))
 
 
-def test_what_is_no_surface_is_refused() -> None:
+def test_what_is_no_surface_is_refused():
     zero, x = np.zeros(3), np.array([1.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="parallel"):
         shape_operator(x, 3.0 * x, zero, zero, zero, x)
@@ -194,7 +192,7 @@ def test_what_is_no_surface_is_refused() -> None:
         fundamental_forms(x, zero, zero, zero, zero, x)
 
 
-def test_a_direction_along_the_normal_has_no_curvature() -> None:
+def test_a_direction_along_the_normal_has_no_curvature():
     shape = graph_shape_operator((0.3, -0.2), (1.0, 0.5, 2.0))
     assert curvature_along(shape, shape.normal) == 0.0
     assert curvature_along(shape, np.zeros(3)) == 0.0
@@ -204,11 +202,11 @@ DIRECTION = np.array([0.3, 0.9, 0.1])
 DEVIATION = 1e-3
 
 
-def scatter(derivatives: Floats, factor: Floats, draws: int = 4000) -> Floats:
+def scatter(derivatives, factor, draws=4000):
     """Root mean square change of normal, k1, k2 and the curvature along a direction."""
     rng = np.random.default_rng(0)
 
-    def known(five: Floats) -> tuple[Floats, list[float]]:
+    def known(five):
         p, q, r, s, t = five.tolist()
         shape = graph_shape_operator((p, q), (r, s, t))
         k1, k2, *_ = principal_curvatures(shape)
@@ -222,7 +220,7 @@ def scatter(derivatives: Floats, factor: Floats, draws: int = 4000) -> Floats:
     return np.asarray(np.sqrt(np.mean(np.square(found), axis=0)))
 
 
-def promised(derivatives: Floats, factor: Floats) -> Floats:
+def promised(derivatives, factor):
     p, q, r, s, t = derivatives.tolist()
     shape = graph_shape_operator((p, q), (r, s, t))
     errors = graph_errors(derivatives, factor, DEVIATION, shape, DIRECTION)
@@ -230,14 +228,14 @@ def promised(derivatives: Floats, factor: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_errors_are_the_scatter_under_noise_however_the_surface_leans(seed) -> None:
+def test_errors_are_the_scatter_under_noise_however_the_surface_leans(seed):
     rng = np.random.default_rng(seed)
     derivatives = rng.normal(size=5)
     factor = rng.normal(size=(5, 7))
     assert np.allclose(scatter(derivatives, factor), promised(derivatives, factor), rtol=0.06)
 
 
-def test_near_an_umbilic_the_errors_are_neither_nothing_nor_without_bound() -> None:
+def test_near_an_umbilic_the_errors_are_neither_nothing_nor_without_bound():
     factor = np.eye(5)
     for apart in (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 50.0):
         derivatives = np.array([0.0, 0.0, 1.0 + apart * DEVIATION, 0.0, 1.0])
@@ -248,7 +246,7 @@ def test_near_an_umbilic_the_errors_are_neither_nothing_nor_without_bound() -> N
         )  # on the safe side where their difference is as large as its error
 
 
-def test_a_pad_that_is_turned_makes_no_difference() -> None:
+def test_a_pad_that_is_turned_makes_no_difference():
     rng = np.random.default_rng(3)
     p, q, r, s, t = rng.normal(size=5)
     before = promised(np.array([p, q, r, s, t]), np.diag([1.0, 1.0, 1.0, 0.5**0.5, 1.0]))
@@ -263,7 +261,7 @@ def test_a_pad_that_is_turned_makes_no_difference() -> None:
     assert np.allclose(before, [after.normal, *after.principal, after.across], rtol=1e-12)
 
 
-def test_without_noise_there_is_no_error() -> None:
+def test_without_noise_there_is_no_error():
     derivatives = np.array([0.1, 0.2, 3.0, 0.5, 2.0])
     shape = graph_shape_operator((0.1, 0.2), (3.0, 0.5, 2.0))
     errors = graph_errors(derivatives, np.eye(5), 0.0, shape, DIRECTION)

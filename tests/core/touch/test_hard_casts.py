@@ -1,7 +1,5 @@
 """Presses at which a cast can go wrong, on each kind of shape to which they apply."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -9,13 +7,12 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats, Ints
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.protocol import PosedShape, Shape
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.shapes.triangle_meshes import TriangleShape
-from palpate.core.touch.pad import GuardedMove, Pad, guarded_move
+from palpate.core.touch.pad import Pad, guarded_move
 
 Make = Callable[[Superquadric], Shape]
 LEVEL = 5  # 20k faces
@@ -24,31 +21,31 @@ EXACT = 1e-12
 NO_EMBREE = pytest.mark.skipif(find_spec("embreex") is None, reason="no Embree here")
 
 
-def embree(solid: Superquadric) -> Shape:
+def embree(solid):
     return TriangleShape(*solid.mesh(LEVEL), embree=True)
 
 
-def zbuffer(solid: Superquadric) -> Shape:
+def zbuffer(solid):
     return TriangleShape(*solid.mesh(LEVEL), embree=False)
 
 
-def unwarped(solid: Superquadric) -> Shape:
+def unwarped(solid):
     return DeformedSuperquadric(solid, np.zeros(2))
 
 
 MESHES = [pytest.param(embree, marks=NO_EMBREE), zbuffer]
-ALL: list[Make] = [lambda solid: solid, unwarped, *MESHES]  # type: ignore[list-item]
+ALL: list[Make] = [lambda solid: solid, unwarped, *MESHES]
 KINDS = pytest.mark.parametrize(
     "make", ALL, ids=["superquadric", "warped", "mesh, Embree", "mesh, z-buffer"]
 )
 
 
-def above(height: float) -> Floats:
+def above(height):
     return pose_of(np.array([0.0, 0.0, height]), FACING_DOWN)
 
 
 @KINDS
-def test_a_pad_whose_transducers_start_inside_says_inside(make, ball, flat) -> None:
+def test_a_pad_whose_transducers_start_inside_says_inside(make, ball, flat):
     for height in (0.026, 0.0, -0.02, -0.0295):  # the last in the far half, near the exit
         end = guarded_move(make(ball), flat, above(height), REACH, 1e-3)
         assert end.outcome == "inside"
@@ -58,25 +55,25 @@ def test_a_pad_whose_transducers_start_inside_says_inside(make, ball, flat) -> N
 @KINDS
 def test_a_pad_whose_face_starts_inside_says_inside_though_its_transducers_are_outside(
     make, ball, flat
-) -> None:
+):
     assert guarded_move(make(ball), flat, above(0.0298), REACH, 1e-3).outcome == "inside"
 
 
 @KINDS
-def test_the_exit_out_of_reach_does_not_hide_that_the_start_is_inside(make, flat) -> None:
+def test_the_exit_out_of_reach_does_not_hide_that_the_start_is_inside(make, flat):
     deep = make(Superquadric(np.array([0.05, 0.05, 0.5]), np.ones(2)))
     assert guarded_move(deep, flat, above(0.4), 1e-3, 1e-3).outcome == "inside"
 
 
 @KINDS
-def test_a_press_past_saturation_bottoms(make, ball, flat) -> None:
+def test_a_press_past_saturation_bottoms(make, ball, flat):
     end = guarded_move(make(ball), flat, above(0.05), REACH, 2.9e-3)
     assert end.outcome == "bottomed"
     assert end.compression.max() == pytest.approx(2.4e-3, abs=EXACT)
 
 
 @KINDS
-def test_a_pad_beside_the_object_or_too_far_misses(make, ball, flat) -> None:
+def test_a_pad_beside_the_object_or_too_far_misses(make, ball, flat):
     aside = pose_of(np.array([0.04, 0.0, 0.05]), FACING_DOWN)
     for start, reach in ((aside, REACH), (above(0.05), 0.0199), (above(-0.05), REACH)):
         end = guarded_move(make(ball), flat, start, reach, 1e-3)
@@ -86,7 +83,7 @@ def test_a_pad_beside_the_object_or_too_far_misses(make, ball, flat) -> None:
 
 
 @KINDS
-def test_a_hit_is_felt_where_the_object_is(make, ball, flat) -> None:
+def test_a_hit_is_felt_where_the_object_is(make, ball, flat):
     end = guarded_move(make(ball), flat, above(0.05), REACH, 1e-3)
     x, y = flat.grid()
     wanted = np.sqrt(0.03**2 - x**2 - y**2)
@@ -101,7 +98,7 @@ def test_a_hit_is_felt_where_the_object_is(make, ball, flat) -> None:
 )
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("warp", [False, True])
-def test_a_ray_on_the_axis_is_exact(exponents, axis, warp) -> None:
+def test_a_ray_on_the_axis_is_exact(exponents, axis, warp):
     solid = Superquadric(np.array([0.02, 0.03, 0.04]), np.array(exponents))
     shape: Shape = unwarped(solid) if warp else solid
     odd = Pad(rows=15, cols=15, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
@@ -116,7 +113,7 @@ def test_a_ray_on_the_axis_is_exact(exponents, axis, warp) -> None:
 
 
 @KINDS
-def test_a_plate_of_1_mm_pressed_by_2_mm_is_felt_on_its_near_side(make, flat) -> None:
+def test_a_plate_of_1_mm_pressed_by_2_mm_is_felt_on_its_near_side(make, flat):
     plate = make(Superquadric(np.array([0.03, 0.03, 0.0005]), np.full(2, 0.05)))
     end = guarded_move(plate, flat, above(0.05), REACH, 2e-3)
     assert end.outcome == "hit"
@@ -128,7 +125,7 @@ def test_a_plate_of_1_mm_pressed_by_2_mm_is_felt_on_its_near_side(make, flat) ->
 @pytest.mark.parametrize(("aside", "felt"), [(0.0, 0), (0.5e-3, 1)])
 def test_an_object_finer_than_the_pitch_is_felt_on_a_taxel_and_not_between_taxels(
     make, aside, felt, flat
-) -> None:
+):
     """Honest: the pad has no taxel there, and says so."""
     pin = make(Superquadric(np.full(3, 0.4e-3), np.ones(2)))
     end = guarded_move(
@@ -141,7 +138,7 @@ def test_an_object_finer_than_the_pitch_is_felt_on_a_taxel_and_not_between_taxel
 
 
 @KINDS
-def test_an_object_smaller_than_the_pad_is_felt_by_the_taxels_over_it_alone(make, flat) -> None:
+def test_an_object_smaller_than_the_pad_is_felt_by_the_taxels_over_it_alone(make, flat):
     small = make(Superquadric(np.full(3, 0.004), np.ones(2)))
     end = guarded_move(small, flat, above(0.05), REACH, 0.3e-3)
     assert end.outcome == "hit"
@@ -154,7 +151,7 @@ def test_an_object_smaller_than_the_pad_is_felt_by_the_taxels_over_it_alone(make
 
 
 @pytest.mark.parametrize("count", [40, pytest.param(400, marks=pytest.mark.slow)])
-def test_random_exponents_and_tilts_agree_with_the_definition(count, flat) -> None:
+def test_random_exponents_and_tilts_agree_with_the_definition(count, flat):
     rng = np.random.default_rng(6)
     worst, hits = 0.0, 0
     for _ in range(count):
@@ -174,7 +171,7 @@ def test_random_exponents_and_tilts_agree_with_the_definition(count, flat) -> No
     assert worst < EXACT
 
 
-def test_the_gauge_does_not_overflow_at_the_smallest_exponents(flat) -> None:
+def test_the_gauge_does_not_overflow_at_the_smallest_exponents(flat):
     for exponents in ((0.02, 0.02), (0.02, 2.0), (2.0, 0.02)):
         solid = Superquadric(np.array([0.03, 0.001, 0.04]), np.array(exponents))
         for far in (0.1, 9.0):
@@ -185,7 +182,7 @@ def test_the_gauge_does_not_overflow_at_the_smallest_exponents(flat) -> None:
             assert guarded_move(solid, flat, above(-far), 10.0, 1e-3).outcome == "miss"
 
 
-def test_an_edge_met_at_45_degrees_and_a_corner_along_its_diagonal_are_exact(flat) -> None:
+def test_an_edge_met_at_45_degrees_and_a_corner_along_its_diagonal_are_exact(flat):
     for exponent, corner in ((0.05, (1.0, 1.0, 0.0)), (0.1, (1.0, 1.0, 1.0))):
         solid = Superquadric(np.full(3, 0.02), np.full(2, exponent))
         out = np.array(corner) / math.sqrt(sum(corner))
@@ -200,7 +197,7 @@ def test_an_edge_met_at_45_degrees_and_a_corner_along_its_diagonal_are_exact(fla
 
 
 @pytest.mark.parametrize("warp", [False, True])
-def test_rays_along_a_face_meet_what_is_within_it_and_miss_what_is_beside(warp, flat) -> None:
+def test_rays_along_a_face_meet_what_is_within_it_and_miss_what_is_beside(warp, flat):
     """A pad over the edge of a box: half its rays run along the side."""
     solid = Superquadric(np.array([0.0075, 0.03, 0.04]), np.full(2, 0.05))
     shape: Shape = unwarped(solid) if warp else solid
@@ -215,7 +212,7 @@ def test_rays_along_a_face_meet_what_is_within_it_and_miss_what_is_beside(warp, 
     assert error.max() < EXACT
 
 
-def _errors(solid: Superquadric, pad: Pad, end: GuardedMove, axes: Floats) -> Floats:
+def _errors(solid, pad, end, axes):
     """Distances of what was felt from the surface along the rays, in extended precision, m.
 
     Of rays that graze, the error of the gauge times the size: their range has no better.
@@ -228,7 +225,7 @@ def _errors(solid: Superquadric, pad: Pad, end: GuardedMove, axes: Floats) -> Fl
     towards = axes[:, 2].astype(wide)
     e1, e2 = solid.exponents.astype(wide)
 
-    def height(ways: Floats) -> Floats:
+    def height(ways):
         x, y, z = np.abs((origins + ways[:, None] * towards) / solid.size.astype(wide)).T
         across = np.maximum(x, y)
         across = across * ((x / across) ** (2 / e2) + (y / across) ** (2 / e2)) ** (e2 / 2)
@@ -246,7 +243,7 @@ def _errors(solid: Superquadric, pad: Pad, end: GuardedMove, axes: Floats) -> Fl
 BACKENDS = [pytest.param(True, marks=NO_EMBREE), False]
 
 
-def slab(half: Floats) -> tuple[Floats, Ints]:
+def slab(half):
     """A box with sharp edges, of twelve faces."""
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -255,7 +252,7 @@ def slab(half: Floats) -> tuple[Floats, Ints]:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_sharp_plate_of_1_mm_pressed_by_2_mm_is_felt_exactly(backend, flat) -> None:
+def test_a_sharp_plate_of_1_mm_pressed_by_2_mm_is_felt_exactly(backend, flat):
     plate = TriangleShape(*slab(np.array([0.03, 0.03, 0.0005])), backend)
     end = guarded_move(plate, flat, above(0.05), REACH, 2e-3)
     assert end.outcome == "hit"
@@ -263,7 +260,7 @@ def test_a_sharp_plate_of_1_mm_pressed_by_2_mm_is_felt_exactly(backend, flat) ->
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_nothing_is_felt_through_a_hole_but_the_wall_behind_it(backend, flat) -> None:
+def test_nothing_is_felt_through_a_hole_but_the_wall_behind_it(backend, flat):
     corners, faces = slab(np.array([0.03, 0.03, 0.02]))
     top = (corners[faces][:, :, 2] > 0).all(axis=1)
     assert top.sum() == 2
@@ -283,7 +280,7 @@ def test_nothing_is_felt_through_a_hole_but_the_wall_behind_it(backend, flat) ->
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_through_a_hole_a_ray_goes_on_to_the_next_front_face(backend, flat) -> None:
+def test_through_a_hole_a_ray_goes_on_to_the_next_front_face(backend, flat):
     corners, faces = slab(np.array([0.03, 0.03, 0.01]))
     top = (corners[faces][:, :, 2] > 0).all(axis=1)
     lower = corners - [0.0, 0.0, 0.04]
@@ -295,7 +292,7 @@ def test_through_a_hole_a_ray_goes_on_to_the_next_front_face(backend, flat) -> N
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_mesh_that_is_inside_out_is_turned(backend, ball, flat, signed_volume) -> None:
+def test_a_mesh_that_is_inside_out_is_turned(backend, ball, flat, signed_volume):
     vertices, faces = ball.mesh(4)
     right = TriangleShape(vertices, faces, backend)
     turned = TriangleShape(vertices, faces[:, ::-1], backend)
@@ -308,7 +305,7 @@ def test_a_mesh_that_is_inside_out_is_turned(backend, ball, flat, signed_volume)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_rays_along_the_silhouette_of_a_mesh_do_not_start_inside(backend, flat) -> None:
+def test_rays_along_the_silhouette_of_a_mesh_do_not_start_inside(backend, flat):
     """Edges and side faces seen edge-on show a back face as near as a front face."""
     box = TriangleShape(*slab(np.array([0.0075, 0.0035, 0.02])), backend)
     for aside in (0.0, 0.5e-3, 1e-3, 7e-3, 15e-3):  # taxels run exactly along the sides
@@ -322,9 +319,9 @@ def test_rays_along_the_silhouette_of_a_mesh_do_not_start_inside(backend, flat) 
 
 
 @NO_EMBREE
-def test_embree_and_the_z_buffer_feel_the_same(ball, domed) -> None:
+def test_embree_and_the_z_buffer_feel_the_same(ball, domed):
     corners, faces = slab(np.array([0.03, 0.02, 0.01]))
-    shapes: list[tuple[Floats, Ints]] = [tuple(ball.mesh(4)), (corners, faces)]  # type: ignore
+    shapes = [tuple(ball.mesh(4)), (corners, faces)]
     shapes += [(corners, faces[:, ::-1]), (corners, faces[1:]), (corners, faces[4:, ::-1])]
     rng, outcomes = np.random.default_rng(1), set()
     for vertices, some in shapes:

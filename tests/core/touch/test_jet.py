@@ -1,15 +1,11 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Bools, Floats
 from palpate.core.touch.jet import (
     COUNTS,
     Jet,
-    JetFit,
     derivative_rows,
     fit_jet,
     fit_robust_jet,
@@ -23,7 +19,7 @@ SCALE = 8e-3
 NOISE = 10e-6
 
 
-def polynomial(pad: Pad, degree: int, seed: int = 0) -> Floats:
+def polynomial(pad, degree, seed=0):
     """Heights of some millimetres, of one total degree, over the pad."""
     x, y = (axis / SCALE for axis in pad.grid())
     rng = np.random.default_rng(seed)
@@ -32,7 +28,7 @@ def polynomial(pad: Pad, degree: int, seed: int = 0) -> Floats:
     return np.asarray(1e-3 * np.sum(terms, axis=0))
 
 
-def first(count: int) -> Bools:
+def first(count):
     """The `count` taxels nearest to the middle of a 16 by 16 array."""
     row, col = np.mgrid[:16, :16] - 7.4
     touched = np.zeros(256, bool)
@@ -41,19 +37,19 @@ def first(count: int) -> Bools:
 
 
 def fit(
-    pad: Pad,
-    height: Floats,
-    touched: Bools = ALL,
-    weights: Floats | None = None,
-    noise: float | None = None,
-) -> JetFit:
+    pad,
+    height,
+    touched=ALL,
+    weights=None,
+    noise=None,
+):
     found = fit_jet(pad, height, touched, weights, noise)
     assert found is not None
     return found
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3, 4])
-def test_a_polynomial_up_to_the_fourth_degree_is_reproduced(degree, flat) -> None:
+def test_a_polynomial_up_to_the_fourth_degree_is_reproduced(degree, flat):
     height = polynomial(flat, degree)
     x, y = flat.grid()
     for found in (
@@ -68,20 +64,20 @@ def test_a_polynomial_up_to_the_fourth_degree_is_reproduced(degree, flat) -> Non
 @pytest.mark.parametrize(
     ("count", "degree"), [(8, 1), (11, 1), (12, 2), (29, 2), (30, 3), (44, 3), (45, 4), (256, 4)]
 )
-def test_the_degree_follows_the_number_of_taxels(count, degree, flat) -> None:
+def test_the_degree_follows_the_number_of_taxels(count, degree, flat):
     found = fit(flat, polynomial(flat, degree), first(count))
     assert found.jet.degree == degree
     assert found.residual < 1e-15
 
 
 @pytest.mark.parametrize("count", [0, 1, 7])
-def test_fewer_than_eight_taxels_have_no_jet(count, flat) -> None:
+def test_fewer_than_eight_taxels_have_no_jet(count, flat):
     assert fit_jet(flat, np.zeros((16, 16)), first(count)) is None
     assert fit_jet(flat, np.zeros((16, 16)), ALL, first(count).astype(float)) is None
     assert fit_robust_jet(flat, np.zeros((16, 16)), first(count), NOISE) is None
 
 
-def test_taxels_on_a_line_have_no_jet(flat) -> None:
+def test_taxels_on_a_line_have_no_jet(flat):
     height = polynomial(flat, 2)
     for line in (np.s_[3, :], np.s_[:, 15], np.s_[np.arange(16), np.arange(16)]):
         touched = np.zeros((16, 16), bool)
@@ -90,7 +86,7 @@ def test_taxels_on_a_line_have_no_jet(flat) -> None:
         assert fit_robust_jet(flat, height, touched, NOISE) is None
 
 
-def test_two_rows_of_taxels_tell_no_more_than_a_plane(flat) -> None:
+def test_two_rows_of_taxels_tell_no_more_than_a_plane(flat):
     touched = np.zeros((16, 16), bool)
     touched[7:9] = True
     found = fit(flat, polynomial(flat, 1), touched)
@@ -98,7 +94,7 @@ def test_two_rows_of_taxels_tell_no_more_than_a_plane(flat) -> None:
     assert found.residual < 1e-15
 
 
-def test_three_rows_bear_a_quadric_and_no_more(flat) -> None:
+def test_three_rows_bear_a_quadric_and_no_more(flat):
     touched = np.zeros((16, 16), bool)
     touched[6:9] = True
     found = fit(flat, polynomial(flat, 2), touched)
@@ -106,7 +102,7 @@ def test_three_rows_bear_a_quadric_and_no_more(flat) -> None:
     assert found.residual < 1e-15
 
 
-def test_the_jet_is_the_same_in_millimetres_and_metres(flat) -> None:
+def test_the_jet_is_the_same_in_millimetres_and_metres(flat):
     x, y = flat.grid()
     height = np.sqrt(0.02**2 - x**2 - y**2) + NOISE * np.random.default_rng(0).normal(size=x.shape)
     large = replace(flat, pitch=1e3 * flat.pitch)
@@ -120,13 +116,13 @@ def test_the_jet_is_the_same_in_millimetres_and_metres(flat) -> None:
         assert np.allclose(metres.derivative_factor[2:], 1e6 * other.derivative_factor[2:])
 
 
-def test_an_array_that_is_not_square_is_fitted_as_well() -> None:
+def test_an_array_that_is_not_square_is_fitted_as_well():
     pad = Pad(rows=8, cols=14, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
     height = polynomial(pad, 4)
     assert fit(pad, height, np.ones((8, 14), bool)).residual < 1e-15
 
 
-def test_derivatives_are_those_of_the_jet_at_the_middle_of_the_contact(flat) -> None:
+def test_derivatives_are_those_of_the_jet_at_the_middle_of_the_contact(flat):
     height, touched = polynomial(flat, 4), first(90)
     touched[:, :7] = False
     weights = np.where(touched, 0.5, 0.0)
@@ -139,7 +135,7 @@ def test_derivatives_are_those_of_the_jet_at_the_middle_of_the_contact(flat) -> 
 
 
 @pytest.mark.parametrize("weights", [None, np.ones((16, 16))])
-def test_what_the_coefficients_took_up_of_the_noise_is_given_back(weights, flat) -> None:
+def test_what_the_coefficients_took_up_of_the_noise_is_given_back(weights, flat):
     found = fit(
         flat, np.random.default_rng(4).normal(scale=NOISE, size=(16, 16)), first(20), weights
     )
@@ -147,7 +143,7 @@ def test_what_the_coefficients_took_up_of_the_noise_is_given_back(weights, flat)
     assert freedom * found.deviation**2 == pytest.approx(found.misfit @ found.misfit, rel=1e-9)
 
 
-def test_the_deviation_is_the_noise_whatever_the_degree(flat) -> None:
+def test_the_deviation_is_the_noise_whatever_the_degree(flat):
     rng = np.random.default_rng(2)
     for count in (12, 30, 45, 256):
         found = [
@@ -157,14 +153,14 @@ def test_the_deviation_is_the_noise_whatever_the_degree(flat) -> None:
         assert np.sqrt(np.mean(found)) == pytest.approx(NOISE, rel=0.05)
 
 
-def test_untouched_taxels_do_not_count(flat) -> None:
+def test_untouched_taxels_do_not_count(flat):
     height, touched = polynomial(flat, 4), first(80)
     spoiled = np.where(touched, height, 1e6)
     one, other = (fit(flat, h, touched) for h in (height, spoiled))
     assert np.array_equal(one.jet.coefficients, other.jet.coefficients)
 
 
-def test_equal_weights_change_nothing_and_no_weight_is_no_taxel(flat) -> None:
+def test_equal_weights_change_nothing_and_no_weight_is_no_taxel(flat):
     height = polynomial(flat, 4) + NOISE * np.random.default_rng(3).normal(size=(16, 16))
     plain = fit(flat, height, first(100))
     equal = fit(flat, height, first(100), np.full((16, 16), 0.3))
@@ -173,7 +169,7 @@ def test_equal_weights_change_nothing_and_no_weight_is_no_taxel(flat) -> None:
         assert np.allclose(found.jet.coefficients, plain.jet.coefficients, rtol=1e-9, atol=1e-18)
 
 
-def test_the_covariance_is_the_scatter_over_many_frames(flat) -> None:
+def test_the_covariance_is_the_scatter_over_many_frames(flat):
     rng = np.random.default_rng(4)
     clean, touched = polynomial(flat, 4), first(120)
     for weights in (None, np.where(flat.grid()[0] > 0, 1.0, 0.25)):
@@ -193,7 +189,7 @@ def test_the_covariance_is_the_scatter_over_many_frames(flat) -> None:
         )
 
 
-def test_shrinking_hardly_ever_costs_and_helps_most_where_the_surface_is_flat(flat) -> None:
+def test_shrinking_hardly_ever_costs_and_helps_most_where_the_surface_is_flat(flat):
     x, y = flat.grid()
     rng = np.random.default_rng(5)
     gains = []
@@ -210,7 +206,7 @@ def test_shrinking_hardly_ever_costs_and_helps_most_where_the_surface_is_flat(fl
     assert gains[0] < 0.75
 
 
-def test_shrinking_leaves_a_noise_free_surface_alone(flat) -> None:
+def test_shrinking_leaves_a_noise_free_surface_alone(flat):
     x, y = flat.grid()
     height = 0.02 - np.sqrt(0.02**2 - x**2 - y**2)
     plain, shrunk = fit(flat, height), fit(flat, height, noise=0.0)
@@ -218,7 +214,7 @@ def test_shrinking_leaves_a_noise_free_surface_alone(flat) -> None:
 
 
 @pytest.mark.parametrize("share", [0.02, 0.08, 0.2])
-def test_a_robust_jet_is_not_moved_by_impulses(share, flat) -> None:
+def test_a_robust_jet_is_not_moved_by_impulses(share, flat):
     x, y = flat.grid()
     height = 0.5 * (x**2 + y**2) / 0.02
     rng = np.random.default_rng(6)
@@ -236,7 +232,7 @@ def test_a_robust_jet_is_not_moved_by_impulses(share, flat) -> None:
         assert np.allclose(found.derivatives[[2, 4]], 50.0, atol=3.0)
 
 
-def test_a_robust_jet_of_a_clean_frame_throws_nothing_out(flat) -> None:
+def test_a_robust_jet_of_a_clean_frame_throws_nothing_out(flat):
     found = fit_robust_jet(flat, polynomial(flat, 4), ALL, NOISE)
     assert found is not None
     assert found.weights is not None
@@ -246,7 +242,7 @@ def test_a_robust_jet_of_a_clean_frame_throws_nothing_out(flat) -> None:
     assert (exact.jet.coefficients == 0.0).all()
 
 
-def test_a_robust_jet_may_begin_with_weights_even_if_they_leave_nothing(flat) -> None:
+def test_a_robust_jet_may_begin_with_weights_even_if_they_leave_nothing(flat):
     height = polynomial(flat, 2)
     spoiled = height.copy()
     spoiled[:6] += 3e-3
@@ -257,7 +253,7 @@ def test_a_robust_jet_may_begin_with_weights_even_if_they_leave_nothing(flat) ->
     assert fit_robust_jet(flat, height, ALL, NOISE, np.zeros((16, 16))) is not None
 
 
-def test_a_factorisation_is_made_once_for_each_mask(flat) -> None:
+def test_a_factorisation_is_made_once_for_each_mask(flat):
     jet_design.cache_clear()
     for height in (polynomial(flat, 2), polynomial(flat, 3)):
         fit(flat, height)
@@ -265,7 +261,7 @@ def test_a_factorisation_is_made_once_for_each_mask(flat) -> None:
     assert jet_design.cache_info().misses == 2
 
 
-def test_slopes_and_second_derivatives_are_those_of_the_height() -> None:
+def test_slopes_and_second_derivatives_are_those_of_the_height():
     jet = Jet(np.random.default_rng(0).normal(size=15), 0.5)
     x, y = np.random.default_rng(1).uniform(-0.4, 0.4, (2, 30))
     h = 1e-5
@@ -282,7 +278,7 @@ def test_slopes_and_second_derivatives_are_those_of_the_height() -> None:
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
-def test_rows_and_monomials_say_what_the_jet_says(degree) -> None:
+def test_rows_and_monomials_say_what_the_jet_says(degree):
     jet = Jet(np.random.default_rng(2).normal(size=COUNTS[degree]), 1.0)
     at_x, at_y = np.array([0.3]), np.array([-0.7])
     found = derivative_rows(0.3, -0.7, degree) @ jet.coefficients

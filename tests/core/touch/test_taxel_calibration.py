@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +6,6 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.touch.pad import Calibration
 from palpate.core.touch.taxel_calibration import (
-    CalibrationEstimate,
     CalibrationTouches,
     estimate_calibration,
 )
@@ -30,14 +27,14 @@ class Sensor(NamedTuple):
     pose: float
     speed: float = 1000.0
 
-    def read(self, compression: Floats, rng: np.random.Generator) -> Floats:
+    def read(self, compression, rng):
         seen = self.gain * compression + self.offset
         heard = 3e-3 - (1000.0 / self.speed) * (3e-3 - seen)
         noisy: Floats = heard + self.noise * rng.standard_normal(heard.shape)
         return noisy
 
 
-def worn(rng: np.random.Generator, **changes: float) -> Sensor:
+def worn(rng, **changes):
     gain = 1 + 0.03 * rng.standard_normal(TAXELS)
     return Sensor(
         gain / gain.mean(),
@@ -46,7 +43,7 @@ def worn(rng: np.random.Generator, **changes: float) -> Sensor:
     )
 
 
-def pressed(sensor: Sensor, rng: np.random.Generator, touches: int = 60) -> CalibrationTouches:
+def pressed(sensor, rng, touches=60):
     """Presses of a ball of 20 mm, its middle at random places, at three depths."""
     place = rng.uniform(-4e-3, 4e-3, (touches, 2, 1))
     depth = rng.choice([0.5e-3, 0.8e-3, 1.1e-3], (touches, 1))
@@ -58,13 +55,11 @@ def pressed(sensor: Sensor, rng: np.random.Generator, touches: int = 60) -> Cali
     return CalibrationTouches(known=known, read=sensor.read(true, rng), free=free)
 
 
-def estimate(
-    sensor: Sensor, rng: np.random.Generator, sheet: Calibration = SHEET
-) -> CalibrationEstimate:
+def estimate(sensor, rng, sheet=SHEET):
     return estimate_calibration(pressed(sensor, rng), X, Y, sheet)
 
 
-def test_an_ideal_sensor_needs_no_correction() -> None:
+def test_an_ideal_sensor_needs_no_correction():
     rng = np.random.default_rng(0)
     found = estimate(Sensor(np.ones(TAXELS), np.zeros(TAXELS), 0.0, 0.0), rng)
     assert np.allclose(found.gain, 1.0, atol=1e-6)
@@ -74,7 +69,7 @@ def test_an_ideal_sensor_needs_no_correction() -> None:
     assert found.noise == 1e-7  # no array is taken to be quieter
 
 
-def test_gains_offsets_speed_and_noise_come_out_within_their_errors() -> None:
+def test_gains_offsets_speed_and_noise_come_out_within_their_errors():
     rng = np.random.default_rng(1)
     sensor = worn(rng, speed=1012.0)
     found = estimate(sensor, rng)
@@ -88,7 +83,7 @@ def test_gains_offsets_speed_and_noise_come_out_within_their_errors() -> None:
     assert found.pose_error == pytest.approx(0.1e-3, rel=0.4)
 
 
-def test_a_corrected_sensor_reads_ten_times_better() -> None:
+def test_a_corrected_sensor_reads_ten_times_better():
     rng = np.random.default_rng(2)
     sensor = worn(rng, speed=1012.0)._replace(noise=2e-6)
     found = estimate(sensor, rng)
@@ -101,13 +96,13 @@ def test_a_corrected_sensor_reads_ten_times_better() -> None:
     assert np.std(corrected - true) < 0.1 * np.std(raw - true)
 
 
-def test_forces_say_nothing_of_the_speed_of_sound() -> None:
+def test_forces_say_nothing_of_the_speed_of_sound():
     rng = np.random.default_rng(3)
     found = estimate(worn(rng), rng, FORCE)
     assert (found.sound_speed, found.sound_speed_error) == (1000.0, 0.0)
 
 
-def test_dead_and_stuck_taxels_are_not_trusted_and_do_not_spoil_the_rest() -> None:
+def test_dead_and_stuck_taxels_are_not_trusted_and_do_not_spoil_the_rest():
     rng = np.random.default_rng(4)
     sensor = worn(rng)
     presses = pressed(sensor, rng)
@@ -120,7 +115,7 @@ def test_dead_and_stuck_taxels_are_not_trusted_and_do_not_spoil_the_rest() -> No
     assert np.abs(found.gain - 1 / sensor.gain)[others].max() < 6 * found.gain_error[others].max()
 
 
-def test_impulses_are_left_out() -> None:
+def test_impulses_are_left_out():
     rng = np.random.default_rng(5)
     sensor = worn(rng)
     presses = pressed(sensor, rng)
@@ -131,7 +126,7 @@ def test_impulses_are_left_out() -> None:
     assert np.mean(z**2) == pytest.approx(1.0, abs=5 * np.sqrt(2 / TAXELS))
 
 
-def test_a_taxel_that_was_never_pressed_has_an_offset_and_the_common_gain() -> None:
+def test_a_taxel_that_was_never_pressed_has_an_offset_and_the_common_gain():
     rng = np.random.default_rng(6)
     sensor = worn(rng, speed=1012.0)
     presses = pressed(sensor, rng)
@@ -145,14 +140,14 @@ def test_a_taxel_that_was_never_pressed_has_an_offset_and_the_common_gain() -> N
     assert found.gain[0] * at_rest + found.offset[0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_too_few_presses_are_refused() -> None:
+def test_too_few_presses_are_refused():
     rng = np.random.default_rng(7)
     presses = pressed(worn(rng), rng, touches=3)
     with pytest.raises(ValueError, match="only 0 taxels answer to being pressed 4 times"):
         estimate_calibration(presses, X, Y, SHEET)
 
 
-def test_coarse_steps_are_noise_too() -> None:
+def test_coarse_steps_are_noise_too():
     rng = np.random.default_rng(8)
     sensor = worn(rng, noise=6e-6)
     presses = pressed(sensor, rng)
@@ -166,7 +161,7 @@ def test_coarse_steps_are_noise_too() -> None:
     assert np.std(found.gain - 1 / sensor.gain) < 0.5 * 0.03
 
 
-def test_lost_taxels_do_not_quieten_the_others() -> None:
+def test_lost_taxels_do_not_quieten_the_others():
     rng = np.random.default_rng(9)
     presses = pressed(worn(rng), rng)
     presses.read[:, ::3], presses.free[:, ::3] = 0.0, 0.0
@@ -174,7 +169,7 @@ def test_lost_taxels_do_not_quieten_the_others() -> None:
     assert found.noise == pytest.approx(10e-6, rel=0.1)
 
 
-def test_what_cannot_be_told_from_noise_is_left_at_nothing() -> None:
+def test_what_cannot_be_told_from_noise_is_left_at_nothing():
     rng = np.random.default_rng(10)
     even = Sensor(np.ones(TAXELS), np.zeros(TAXELS), 10e-6, 0.1e-3)
     found = estimate(even, rng)
@@ -182,14 +177,14 @@ def test_what_cannot_be_told_from_noise_is_left_at_nothing() -> None:
     assert np.std(found.offset) < 1.5e-6
 
 
-def test_a_speed_that_is_far_off_is_found() -> None:
+def test_a_speed_that_is_far_off_is_found():
     rng = np.random.default_rng(11)
     found = estimate(worn(rng, speed=900.0), rng)
     assert abs(found.sound_speed - 900.0) < 4 * found.sound_speed_error
     assert found.trusted.all()
 
 
-def test_offsets_are_as_sure_as_they_are_said_to_be() -> None:
+def test_offsets_are_as_sure_as_they_are_said_to_be():
     squares = []
     for seed in range(12, 18):
         rng = np.random.default_rng(seed)
@@ -202,7 +197,7 @@ def test_offsets_are_as_sure_as_they_are_said_to_be() -> None:
     assert 0.6 < np.mean(squares) < 1.5
 
 
-def test_a_taxel_with_one_impulse_among_few_presses_is_kept() -> None:
+def test_a_taxel_with_one_impulse_among_few_presses_is_kept():
     rng = np.random.default_rng(19)
     presses = pressed(worn(rng), rng)
     often = np.flatnonzero(presses.known[:, 9] > 0.2e-3)

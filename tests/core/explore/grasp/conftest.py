@@ -1,28 +1,22 @@
 """A hand with ideal or disturbed fingertips, and contacts of whatever it closes on."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.grasp.hand import Closing, Grasp, Hand, close_hand, next_pose, search_pose
+from palpate.core.explore.grasp.hand import Closing, Hand, close_hand, next_pose, search_pose
 from palpate.core.robot_time import ROBOT_PRESETS
-from palpate.core.shapes.protocol import Shape
-from palpate.core.touch.pad import Calibration, Pad
-from palpate.core.touch.pipeline import Effect, Fingertip, Pipeline, assemble
+from palpate.core.touch.pad import Calibration
+from palpate.core.touch.pipeline import Fingertip, assemble
 
 PLACES = [np.array([x, y]) for x, y in ((0.0, 0.0), (0.04, 0.0), (-0.04, 0.0), (0.0, 0.04))]
 
 
 @pytest.fixture
-def fingers_of(flat: Pad) -> Callable[..., list[Pipeline]]:
+def fingers_of(flat):
     """Fingertips of a hand, the palm last, with these effects."""
 
-    def make(hand: Hand, *effects: Effect, seed: int = 3) -> list[Pipeline]:
+    def make(hand, *effects, seed=3):
         sheet = Calibration("time", flat.thickness, 1000.0, 0.2e3)
         return [
             assemble(Fingertip(flat, sheet, ROBOT_PRESETS["modern"], 100 + i, seed), effects)
@@ -33,10 +27,10 @@ def fingers_of(flat: Pad) -> Callable[..., list[Pipeline]]:
 
 
 @pytest.fixture
-def close(fingers_of: Callable[..., list[Pipeline]]) -> Callable[..., Grasp]:
+def close(fingers_of):
     """One closing of a fresh hand about a shape."""
 
-    def closed(shape: Shape, pose: Floats, hand: Hand, *effects: Effect, **more: Any) -> Grasp:
+    def closed(shape, pose, hand, *effects, **more):
         fingers = fingers_of(hand, *effects)
         states = [one.begin() for one in fingers]
         platform, number = more.get("platform", -1.0), more.get("number", 0)
@@ -47,13 +41,13 @@ def close(fingers_of: Callable[..., list[Pipeline]]) -> Callable[..., Grasp]:
 
 
 @pytest.fixture
-def grasped(fingers_of: Callable[..., list[Pipeline]]) -> Callable[..., tuple[Floats, Floats]]:
+def grasped(fingers_of):
     """At least so many contacts of a shape that stands on height 0, and their normals."""
 
-    def collect(shape: Shape, wanted: int, *effects: Effect) -> tuple[Floats, Floats]:
+    def collect(shape, wanted, *effects):
         hand = Hand()
         fingers = fingers_of(hand, *effects)
-        states: tuple[Any, ...] = tuple(one.begin() for one in fingers)
+        states = tuple(one.begin() for one in fingers)
         points, normals, number = np.zeros((0, 3)), np.zeros((0, 3)), 0
         while len(points) < wanted:
             assert number < 40

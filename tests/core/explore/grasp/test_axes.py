@@ -1,12 +1,8 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Floats
 from palpate.core.explore.grasp.axes import LEAST, end_face_axis, extrusion_axis, revolution_axis
 from palpate.core.poses import rotations_from_vectors
 
@@ -17,38 +13,38 @@ ROUND = np.random.default_rng(0).normal(size=(60, 3))
 ROUND /= np.linalg.norm(ROUND, axis=1, keepdims=True)
 
 
-def leaning(degrees: float) -> Floats:
+def leaning(degrees):
     lean = math.radians(degrees)
     return np.array([math.sin(lean), 0.0, math.cos(lean)])
 
 
-def box(degrees: float) -> Floats:
+def box(degrees):
     """Normals of the sides of a box that leans."""
     across, along = leaning(degrees + 90.0), np.array([0.0, 1.0, 0.0])
     return np.concatenate([np.tile(one, (8, 1)) for one in (across, -across, along, -along)])
 
 
-def test_a_level_face_of_an_object_whose_middles_lean_says_the_vertical() -> None:
+def test_a_level_face_of_an_object_whose_middles_lean_says_the_vertical():
     found = end_face_axis(leaning(20.0), leaning(0.5), ROUND)
     assert found is not None
     assert np.array_equal(found, UP)
 
 
-def test_the_face_of_a_box_says_its_axis() -> None:
+def test_the_face_of_a_box_says_its_axis():
     found = end_face_axis(UP, leaning(12.0), box(12.0))
     assert found == pytest.approx(leaning(12.0))
 
 
-def test_the_oblique_top_of_an_upright_column_does_not() -> None:
+def test_the_oblique_top_of_an_upright_column_does_not():
     assert end_face_axis(UP, leaning(12.0), box(0.0)) is None
 
 
-def test_the_flank_of_a_round_object_does_not() -> None:
+def test_the_flank_of_a_round_object_does_not():
     assert end_face_axis(UP, leaning(30.0), ROUND) is None
 
 
 @pytest.mark.parametrize("degrees", [0.0, 25.0])
-def test_a_face_square_to_the_axis_says_nothing_new(degrees) -> None:
+def test_a_face_square_to_the_axis_says_nothing_new(degrees):
     assert end_face_axis(leaning(degrees), leaning(degrees + 0.5), box(degrees)) is None
     assert end_face_axis(UP, leaning(2.0), box(2.0)) is None
 
@@ -56,7 +52,7 @@ def test_a_face_square_to_the_axis_says_nothing_new(degrees) -> None:
 GUESS = np.array([math.sin(0.05), 0.0, math.cos(0.05)])
 
 
-def _sides(turns: ArrayLike, lean: float = 0.0) -> Floats:
+def _sides(turns, lean=0.0):
     """Normals that lean up and down by as much."""
     turns = np.asarray(turns, np.float64)
     leans = lean * np.linspace(-1.0, 1.0, len(turns))
@@ -64,42 +60,42 @@ def _sides(turns: ArrayLike, lean: float = 0.0) -> Floats:
     return np.column_stack([np.cos(leans)[:, None] * level, np.sin(leans)])
 
 
-def _box(count: int = 24) -> Floats:
+def _box(count=24):
     sides = _sides(0.5 * np.pi * (np.arange(count) % 4))
     corners = _sides(np.arange(6.0), lean=0.3)
     return np.concatenate([sides, corners, np.tile(UP, (6, 1))])
 
 
-def test_the_axis_of_a_box_is_found_beside_a_guess() -> None:
+def test_the_axis_of_a_box_is_found_beside_a_guess():
     turn = rotations_from_vectors(np.array([[0.4, -0.7, 0.2]]))[0]
     found = extrusion_axis(_box() @ turn.T, turn @ GUESS)
     assert found is not None
     assert found == pytest.approx(turn @ UP, abs=2e-3)
 
 
-def test_a_round_surface_has_no_straight_sides() -> None:
+def test_a_round_surface_has_no_straight_sides():
     assert extrusion_axis(_sides(np.arange(40.0), lean=1.2), GUESS) is None
 
 
-def test_sides_that_taper_evenly_are_not_straight() -> None:
+def test_sides_that_taper_evenly_are_not_straight():
     turns = 0.5 * np.pi * (np.arange(24) % 4)
     tapered = np.column_stack([np.cos(turns), np.sin(turns), np.full(24, 0.1)])
     tapered /= np.linalg.norm(tapered, axis=1)[:, None]
     assert extrusion_axis(tapered, UP) is None
 
 
-def test_two_opposite_faces_leave_the_axis_free_to_turn() -> None:
+def test_two_opposite_faces_leave_the_axis_free_to_turn():
     assert extrusion_axis(_sides(np.pi * np.arange(24)), UP) is None
 
 
-def test_a_few_contacts_say_nothing() -> None:
+def test_a_few_contacts_say_nothing():
     assert extrusion_axis(_box(8), GUESS) is None
 
 
 NO_AXES = np.zeros((0, 3))
 
 
-def turned(count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def turned(count, rng):
     """Points and normals of a vase about the z axis."""
     z, angle = rng.uniform(-1.0, 1.0, count), rng.uniform(0.0, 2.0 * np.pi, count)
     radius, slope = 0.5 + 0.2 * np.sin(4.0 * z), 0.8 * np.cos(4.0 * z)
@@ -108,7 +104,7 @@ def turned(count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
     return np.column_stack([radius[:, None] * rim, z]), normals
 
 
-def test_the_axis_of_a_vase_is_exact_from_few_contacts(rotations) -> None:
+def test_the_axis_of_a_vase_is_exact_from_few_contacts(rotations):
     points, normals = turned(12, np.random.default_rng(1))
     for turn in rotations(5):
         found = revolution_axis(points @ turn.T + [3.0, 1.0, 2.0], normals @ turn.T, NO_AXES)
@@ -118,14 +114,14 @@ def test_the_axis_of_a_vase_is_exact_from_few_contacts(rotations) -> None:
         assert found.share == 1.0
 
 
-def test_only_one_side_is_enough() -> None:
+def test_only_one_side_is_enough():
     points, normals = turned(80, np.random.default_rng(2))
     side = points[:, 0] > 0.2
     found = revolution_axis(points[side], normals[side], NO_AXES)
     assert np.linalg.norm(found.axis[:2]) < 1e-6
 
 
-def test_wrong_normals_are_left_out() -> None:
+def test_wrong_normals_are_left_out():
     rng = np.random.default_rng(3)
     points, normals = turned(50, rng)
     normals[:12] = np.linalg.qr(rng.normal(size=(12, 3, 3)))[0][:, 0]
@@ -134,7 +130,7 @@ def test_wrong_normals_are_left_out() -> None:
     assert 0.7 < found.share < 0.9
 
 
-def test_the_error_is_as_large_as_it_says() -> None:
+def test_the_error_is_as_large_as_it_says():
     rng, errors, said = np.random.default_rng(4), [], []
     for _ in range(60):
         points, normals = turned(40, rng)
@@ -148,20 +144,20 @@ def test_the_error_is_as_large_as_it_says() -> None:
     assert np.sqrt(np.mean(np.square(errors))) > 0.4 * np.mean(said)
 
 
-def test_a_ball_has_no_axis() -> None:
+def test_a_ball_has_no_axis():
     normals = np.random.default_rng(5).normal(size=(40, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     assert revolution_axis(0.03 * normals, normals, NO_AXES).lift < 1e-3
 
 
-def test_millimetres_and_metres_give_the_same() -> None:
+def test_millimetres_and_metres_give_the_same():
     points, normals = turned(40, np.random.default_rng(6))
     one, other = (revolution_axis(scale * points, normals, NO_AXES) for scale in (1e-3, 1.0))
     assert (one.rms, one.share) == pytest.approx((other.rms, other.share), rel=1e-6)
     assert np.abs(one.axis @ other.axis) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_too_few_contacts_are_refused() -> None:
+def test_too_few_contacts_are_refused():
     points, normals = turned(LEAST - 1, np.random.default_rng(7))
     with pytest.raises(ValueError, match=f"points must be at least {LEAST}, got {LEAST - 1}"):
         revolution_axis(points, normals, NO_AXES)

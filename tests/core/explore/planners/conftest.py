@@ -1,9 +1,6 @@
 """What is known of objects with a simple formula, without a touch."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,7 +9,6 @@ from palpate.core.explore.planners.protocol import (
     Height,
     Observation,
     ObservedSlice,
-    Planner,
     SliceOutcome,
     Stop,
     slice_without_contour,
@@ -28,14 +24,14 @@ MakeKnown = Callable[..., Observation]
 Walk = Callable[..., tuple[list[float], Stop | None]]
 
 
-def round_slice(side: Side, share: float, unit: float = 1.0, **changes: Any) -> ObservedSlice:
+def round_slice(side, share, unit=1.0, **changes):
     """A slice of a round body: radii over height as shares of the height, in any unit."""
     size = HEIGHT * unit
     below, here, above = (side(share + d) for d in (-STEP, 0.0, STEP))
     slope = (above - below) / (2.0 * STEP)
     bend = -(above - 2.0 * here + below) / STEP**2 / (1.0 + slope**2) ** 1.5
     reach = BAND * unit / np.sqrt(1.0 + slope**2)
-    fields: dict[str, Any] = {
+    fields = {
         "height": share * size,
         "outcome": SliceOutcome.CLOSED,
         "radii": np.full(TURNS, here * size),
@@ -47,14 +43,12 @@ def round_slice(side: Side, share: float, unit: float = 1.0, **changes: Any) -> 
     return ObservedSlice(**(fields | changes))
 
 
-def failed_slice(height: float, outcome: SliceOutcome = SliceOutcome.FAILED) -> ObservedSlice:
+def failed_slice(height, outcome=SliceOutcome.FAILED):
     return slice_without_contour(height, outcome)
 
 
-def known_of(
-    slices: Sequence[ObservedSlice] = (), unit: float = 1.0, **changes: Any
-) -> Observation:
-    fields: dict[str, Any] = {
+def known_of(slices=(), unit=1.0, **changes):
+    fields = {
         "low": 0.0,
         "high": HEIGHT * unit,
         "tolerance": 0.0025 * HEIGHT * unit,
@@ -65,11 +59,9 @@ def known_of(
     return Observation(**(fields | changes))
 
 
-def walk_over(
-    planner: Planner, side: Side, unit: float = 1.0, top: float = 1.0, **changes: Any
-) -> tuple[list[float], Stop | None]:
+def walk_over(planner, side, unit=1.0, top=1.0, **changes):
     """Heights asked for, as shares, and the end; None if there was none within 60 slices."""
-    slices: list[ObservedSlice] = []
+    slices = []
     while len(slices) < 60:
         choice = planner.next(known_of(slices, unit, **changes))
         if not isinstance(choice, Height):
@@ -84,41 +76,41 @@ def walk_over(
 
 
 @pytest.fixture
-def slice_of() -> MakeSlice:
+def slice_of():
     return round_slice
 
 
 @pytest.fixture
-def failed() -> Callable[..., ObservedSlice]:
+def failed():
     return failed_slice
 
 
 @pytest.fixture
-def observation() -> MakeKnown:
+def observation():
     return known_of
 
 
 @pytest.fixture
-def explored() -> Walk:
+def explored():
     return walk_over
 
 
-def _vase(z: float) -> float:
+def _vase(z):
     return float(0.28 + 0.09 * np.sin(8.5 * z + 0.4))
 
 
-def _bottle(z: float) -> float:
+def _bottle(z):
     return float(0.35 - 0.11 * (1.0 + np.tanh((z - 0.7) / 0.04)))
 
 
-def _ball(z: float) -> float:
+def _ball(z):
     return float(np.sqrt(max(z * (1.0 - z), 1e-9)))
 
 
-def _cylinder(z: float) -> float:
+def _cylinder(z):
     return 0.3
 
 
 @pytest.fixture
-def sides() -> dict[str, Side]:
+def sides():
     return {"vase": _vase, "bottle": _bottle, "ball": _ball, "cylinder": _cylinder}

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -19,19 +17,19 @@ from palpate.core.explore.planners.predicted import parts_needed
 from palpate.core.explore.planners.protocol import Observation, ObservedSlice, SliceOutcome
 
 
-def test_without_a_slice_the_whole_side_is_unfelt(observation) -> None:
+def test_without_a_slice_the_whole_side_is_unfelt(observation):
     (run,) = untouched_spans(observation())
     assert run == pytest.approx((0.03 * 0.09, 0.97 * 0.09))
     assert run.middle == pytest.approx(0.045)
 
 
-def test_what_lies_between_the_felt_bands_is_unfelt(slice_of, observation) -> None:
+def test_what_lies_between_the_felt_bands_is_unfelt(slice_of, observation):
     slices = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.5, 0.97)]
     runs = untouched_spans(observation(slices))
     np.testing.assert_allclose(runs, [(0.0097, 0.038), (0.052, 0.0803)], atol=2.5e-3 / 8)
 
 
-def test_a_tenth_of_the_azimuths_may_stay_unfelt_and_no_more(slice_of, observation) -> None:
+def test_a_tenth_of_the_azimuths_may_stay_unfelt_and_no_more(slice_of, observation):
     for open_azimuths, whole in ((1, True), (2, False)):
         low = np.full(16, 0.0)
         low[:open_azimuths] = 0.09
@@ -39,7 +37,7 @@ def test_a_tenth_of_the_azimuths_may_stay_unfelt_and_no_more(slice_of, observati
         assert (untouched_spans(observation([one])) == []) == whole
 
 
-def test_the_longest_run_comes_first_and_of_equal_ones_the_lowest() -> None:
+def test_the_longest_run_comes_first_and_of_equal_ones_the_lowest():
     runs = [Span(0.0, 1.0), Span(2.0, 3.0 + 1e-9), Span(5.0, 7.0)]
     assert longest_first(runs, 1.0) == [runs[2], runs[0], runs[1]]
 
@@ -50,12 +48,12 @@ def test_the_longest_run_comes_first_and_of_equal_ones_the_lowest() -> None:
     tried=st.lists(st.floats(0.0, 0.09), max_size=12),
     busy_heights=st.lists(st.floats(0.0, 0.09), max_size=2),
 )
-def test_a_free_height_keeps_its_distance_from_all_others(wanted, tried, busy_heights) -> None:
+def test_a_free_height_keeps_its_distance_from_all_others(wanted, tried, busy_heights):
     none = np.zeros(0)
     slices = [
         ObservedSlice(
             height=height,
-            outcome="failed",  # type: ignore[arg-type]
+            outcome="failed",
             radii=none,
             slopes=none,
             curvatures=none,
@@ -82,7 +80,7 @@ def test_a_free_height_keeps_its_distance_from_all_others(wanted, tried, busy_he
         assert tried or busy_heights or height == wanted
 
 
-def test_the_fewest_parts_are_planned_and_equal_intervals_get_equal_parts() -> None:
+def test_the_fewest_parts_are_planned_and_equal_intervals_get_equal_parts():
     assert parts_needed(np.array([1.0, 1.0]), 0.1, 3.0).tolist() == [3, 3]
     assert parts_needed(np.array([1e-4, 1e-4]), 0.1, 3.0).tolist() == [1, 1]
     parts = parts_needed(np.array([1.0, 1e-3, 0.1]), 0.05, 2.0)
@@ -91,7 +89,7 @@ def test_the_fewest_parts_are_planned_and_equal_intervals_get_equal_parts() -> N
     assert parts[0] > parts[2] > parts[1]
 
 
-def test_as_few_slices_as_can_be_lie_evenly_in_a_run(slice_of, observation) -> None:
+def test_as_few_slices_as_can_be_lie_evenly_in_a_run(slice_of, observation):
     ends = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)]
     whole = observation(ends, all_taxels=True)
     [run] = untouched_spans(whole)
@@ -105,8 +103,8 @@ def test_as_few_slices_as_can_be_lie_evenly_in_a_run(slice_of, observation) -> N
     assert max(one.length for one in untouched_spans(filled)) <= 2.5e-3 + 0.4e-3  # to a row
 
 
-def test_bands_are_lower_where_the_surface_leans(slice_of, observation) -> None:
-    def ball(z: float) -> float:
+def test_bands_are_lower_where_the_surface_leans(slice_of, observation):
+    def ball(z):
         return math.sqrt(max(z * (1.0 - z), 1e-9))
 
     half = observation([slice_of(ball, share) for share in (0.03, 0.5)], all_taxels=True)
@@ -116,15 +114,13 @@ def test_bands_are_lower_where_the_surface_leans(slice_of, observation) -> None:
     assert (np.diff(steps) > 0.0).all()  # closer together towards the pole
 
 
-def test_where_contours_alone_count_a_run_is_entered_in_its_middle(slice_of, observation) -> None:
+def test_where_contours_alone_count_a_run_is_entered_in_its_middle(slice_of, observation):
     plain = observation([slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)])
     [run] = untouched_spans(plain)
     assert even_heights(plain, run) == [run.middle]
 
 
-def test_a_stretch_is_uncovered_only_where_a_slice_was_tried_in_vain(
-    slice_of, observation, failed
-) -> None:
+def test_a_stretch_is_uncovered_only_where_a_slice_was_tried_in_vain(slice_of, observation, failed):
     ends = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)]
     [run] = untouched_spans(observation(ends))
     assert untraceable_height(observation(ends)) == 0.0

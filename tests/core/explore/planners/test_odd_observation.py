@@ -1,7 +1,5 @@
 """What is known may be odd: ends that move, fingers in the way, slices that make no sense."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -17,7 +15,6 @@ from palpate.core.explore.planners.protocol import (
     SAME,
     Choice,
     Height,
-    Observation,
     ObservedSlice,
     SliceOutcome,
     Stop,
@@ -30,11 +27,9 @@ MakeSlice = Callable[..., ObservedSlice]
 MOST = 300  # Decisions after which a plan counts as endless
 
 
-def answer(
-    rng: np.random.Generator, height: float, trouble: float, make: MakeSlice
-) -> ObservedSlice:
+def answer(rng, height, trouble, make):
     """A slice, or none, that has nothing to do with any object."""
-    fields: dict[str, Any] = {"height": height}
+    fields = {"height": height}
     if rng.random() < trouble:
         fields["outcome"] = rng.choice([SliceOutcome.FAILED, SliceOutcome.LOST])
         names = ("radii", "slopes", "curvatures", "contact_low", "contact_high")
@@ -49,7 +44,7 @@ def answer(
     )
 
 
-def moved_ends(rng: np.random.Generator) -> dict[str, float]:
+def moved_ends(rng):
     """Ends of an object as better touches may show them."""
     low, high = np.sort(rng.uniform(-0.02, 0.11, 2))
     low_deviation, high_deviation = rng.choice([0.0, 1e-3, 0.02, 1.0], 2)
@@ -76,7 +71,7 @@ def moved_ends(rng: np.random.Generator) -> dict[str, float]:
 )
 def test_a_plan_ends_though_its_ends_move_and_fingers_are_in_its_way(
     name, seed, trouble, fingers, all_taxels, slice_of, observation
-) -> None:
+):
     rng, planner = np.random.default_rng(seed), make_planner(name, {})
     finger_spacing = float(rng.choice([0.0, 0.01, 0.03, 0.2])) if fingers > 1 else 0.0
     slices, busy, ends = list[ObservedSlice](), list[float](), moved_ends(rng)
@@ -104,7 +99,7 @@ def test_a_plan_ends_though_its_ends_move_and_fingers_are_in_its_way(
     assert isinstance(choice, Stop)
 
 
-def check(height: float, now: Observation) -> None:
+def check(height, now):
     """A height is inside, has not been asked for, and is away from other fingers."""
     assert now.low < height < now.high
     others = [*(one.height for one in now.slices), *now.busy_heights]
@@ -118,14 +113,14 @@ def check(height: float, now: Observation) -> None:
 @pytest.mark.parametrize(("share", "end"), [(1.5, 1.0), (-0.5, 0.0)])
 def test_a_walk_that_began_beyond_an_end_goes_on_from_that_end(
     name, share, end, sides, slice_of, observation
-) -> None:
+):
     choice = make_planner(name, {}).next(observation([slice_of(sides["cylinder"], share)]))
     assert isinstance(choice, Height)
     assert 0.0 < choice.height < 0.09
     assert abs(choice.height / 0.09 - end) < 0.3
 
 
-def test_of_two_slices_at_one_height_the_later_counts(sides, slice_of, observation) -> None:
+def test_of_two_slices_at_one_height_the_later_counts(sides, slice_of, observation):
     cover = [slice_of(sides["vase"], share) for share in (0.03, 0.5, 0.97)]
     again = slice_of(sides["vase"], 0.5 + 1e-12, radii=np.full(16, 0.02))
     profile = profile_of(observation([*cover, again]))
@@ -144,9 +139,7 @@ def test_of_two_slices_at_one_height_the_later_counts(sides, slice_of, observati
         {"slopes": np.linspace(-1e150, 1e150, 16), "curvatures": np.full(16, 1e150)},
     ],
 )
-def test_figures_beyond_all_measure_leave_no_infinity(
-    changes, sides, slice_of, observation
-) -> None:
+def test_figures_beyond_all_measure_leave_no_infinity(changes, sides, slice_of, observation):
     odd = observation([slice_of(sides["vase"], share, **changes) for share in (0.03, 0.5, 0.97)])
     profile = profile_of(odd)
     assert all(np.isfinite(signs).all() for signs in error_indicators(profile))
@@ -157,29 +150,27 @@ def test_figures_beyond_all_measure_leave_no_infinity(
 
 
 @pytest.mark.parametrize("planner", [Uniform(), Uniform(order="nested")])
-def test_ends_so_uncertain_that_all_heights_are_one_ask_for_it_once(
-    planner, failed, observation
-) -> None:
-    ends: Any = {"low_deviation": 1.0, "high_deviation": 1.0}
+def test_ends_so_uncertain_that_all_heights_are_one_ask_for_it_once(planner, failed, observation):
+    ends = {"low_deviation": 1.0, "high_deviation": 1.0}
     first = planner.next(observation(**ends))
     assert isinstance(first, Height)
     assert isinstance(planner.next(observation([failed(first.height)], **ends)), Stop)
 
 
 @pytest.mark.parametrize("name", PLANNER_NAMES)
-def test_a_thousand_slices_end_every_plan(name, sides, slice_of, observation) -> None:
+def test_a_thousand_slices_end_every_plan(name, sides, slice_of, observation):
     many = observation(
         [slice_of(sides["cylinder"], share) for share in np.linspace(0.03, 0.97, 1000)]
     )
     assert isinstance(make_planner(name, {}).next(many), Stop)
 
 
-def test_a_feature_too_small_to_be_counted_is_refused(observation) -> None:
+def test_a_feature_too_small_to_be_counted_is_refused(observation):
     with pytest.raises(ValueError, match=r"at least 0.0001 of the height 0.09 m, got 1e-07 m"):
         observation(feature=1e-7)
 
 
-def test_a_height_of_another_finger_that_is_no_number_is_refused(observation) -> None:
+def test_a_height_of_another_finger_that_is_no_number_is_refused(observation):
     with pytest.raises(ValueError, match="busy_heights must be finite"):
         observation(busy_heights=(0.02, np.nan))
 
@@ -195,7 +186,7 @@ def test_a_height_of_another_finger_that_is_no_number_is_refused(observation) ->
         ("fuzzy", {"scale": None}, "scale is None; expected a number, 0.1 to 2"),
     ],
 )
-def test_a_setting_of_the_wrong_kind_is_refused(name, given, words) -> None:
+def test_a_setting_of_the_wrong_kind_is_refused(name, given, words):
     with pytest.raises(ValueError, match=words):
         make_planner(name, given)
 
@@ -208,7 +199,7 @@ def test_a_setting_of_the_wrong_kind_is_refused(name, given, words) -> None:
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(seed=st.integers(0, 10**6), trouble=st.sampled_from([0.0, 0.2, 0.6, 1.0]))
-def test_plan_ends_and_asks_for_no_height_twice(name, seed, trouble, slice_of, observation) -> None:
+def test_plan_ends_and_asks_for_no_height_twice(name, seed, trouble, slice_of, observation):
     rng = np.random.default_rng(seed)
     planner, slices = make_planner(name, {}), list[ObservedSlice]()
     while isinstance(choice := planner.next(observation(slices)), Height):
@@ -219,13 +210,11 @@ def test_plan_ends_and_asks_for_no_height_twice(name, seed, trouble, slice_of, o
     assert isinstance(choice, Stop)
 
 
-def nonsense(
-    rng: np.random.Generator, height: float, trouble: float, slice_of: Callable[..., ObservedSlice]
-) -> ObservedSlice:
+def nonsense(rng, height, trouble, slice_of):
     """Nonsense: radii, slopes and curvatures that have nothing to do with each other."""
     if rng.random() < trouble:
         none = np.zeros(0)
-        fields: dict[str, Any] = {"outcome": rng.choice([SliceOutcome.FAILED, SliceOutcome.LOST])}
+        fields = {"outcome": rng.choice([SliceOutcome.FAILED, SliceOutcome.LOST])}
         for field in ("radii", "slopes", "curvatures", "contact_low", "contact_high"):
             fields[field] = none
         return slice_of(lambda z: 0.3, height / 0.09, **fields | {"height": height})

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -16,7 +14,6 @@ from palpate.core.explore.planners.predicted import (
     DEVIATION,
     LEFT,
     NOISE,
-    ErrorPrediction,
     Predicted,
     predict_error,
 )
@@ -35,7 +32,7 @@ MakeKnown = Callable[..., Observation]
 COVER = (0.5, 0.97, 0.03)
 
 
-def rms_error(observation: Observation, side: Callable[[float], float]) -> float:
+def rms_error(observation, side):
     """Of the side between the first slice and the last, over the height, along the radius."""
     shares = np.linspace(0.03, 0.97, 301)
     squares = hermite(profile_of(observation), shares)[:, 0]
@@ -43,7 +40,7 @@ def rms_error(observation: Observation, side: Callable[[float], float]) -> float
     return float(np.sqrt(np.mean((np.sqrt(np.maximum(squares, 0.0)) - truth) ** 2)))
 
 
-def test_the_cover_comes_first_from_the_middle(sides, explored) -> None:
+def test_the_cover_comes_first_from_the_middle(sides, explored):
     heights, _ = explored(Predicted(), sides["bottle"])
     np.testing.assert_allclose(heights[:3], COVER)
     heights, _ = explored(Predicted(cover=5), sides["bottle"])
@@ -51,7 +48,7 @@ def test_the_cover_comes_first_from_the_middle(sides, explored) -> None:
 
 
 @pytest.mark.parametrize("name", ["vase", "bottle", "ball", "cylinder"])
-def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, explored) -> None:
+def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, explored):
     metres, stop = explored(Predicted(), sides[name])
     millimetres, other = explored(Predicted(), sides[name], 1000.0)
     np.testing.assert_allclose(millimetres, metres, rtol=1e-9)
@@ -61,7 +58,7 @@ def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, expl
     assert (other.rms_bound_95 or 0.0) == pytest.approx(1000.0 * (stop.rms_bound_95 or 0.0))
 
 
-def test_case_66_a_bottles_neck_is_not_stepped_over(sides, explored, slice_of, observation) -> None:
+def test_case_66_a_bottles_neck_is_not_stepped_over(sides, explored, slice_of, observation):
     heights, stop = explored(Predicted(), sides["bottle"])
     found = observation([slice_of(sides["bottle"], share) for share in heights])
     assert stop is not None
@@ -72,14 +69,14 @@ def test_case_66_a_bottles_neck_is_not_stepped_over(sides, explored, slice_of, o
 
 
 @pytest.mark.parametrize("name", ["cylinder", "ball"])
-def test_case_67_flat_tops_and_poles_end_the_plan(name, sides, explored) -> None:
+def test_case_67_flat_tops_and_poles_end_the_plan(name, sides, explored):
     heights, stop = explored(Predicted(), sides[name])
     assert stop is not None
     assert stop.tolerance_met
     assert len(heights) <= 11
 
 
-def test_case_67_a_height_beyond_the_top_is_not_asked_for_again(sides, explored) -> None:
+def test_case_67_a_height_beyond_the_top_is_not_asked_for_again(sides, explored):
     heights, stop = explored(Predicted(), sides["cylinder"], top=0.93)
     assert stop is not None
     assert len(set(heights)) == len(heights)
@@ -88,8 +85,8 @@ def test_case_67_a_height_beyond_the_top_is_not_asked_for_again(sides, explored)
 
 def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
     explored, slice_of, observation
-) -> None:
-    def grooved(z: float) -> float:
+):
+    def grooved(z):
         return 0.3 - 0.03 * float(np.exp(-(((z - 0.26) / 0.035) ** 2)))
 
     cover = observation([slice_of(grooved, share) for share in COVER])
@@ -102,12 +99,12 @@ def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
     assert rms_error(found, grooved) < 0.0025
 
 
-def test_the_side_of_an_ellipsoid_is_exact_from_two_slices(sides, slice_of, observation) -> None:
+def test_the_side_of_an_ellipsoid_is_exact_from_two_slices(sides, slice_of, observation):
     two = observation([slice_of(sides["ball"], share) for share in (0.03, 0.97)])
     assert rms_error(two, sides["ball"]) < 1e-5
 
 
-def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides, explored) -> None:
+def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides, explored):
     _, stop = explored(Predicted(), sides["vase"])
     assert stop is not None
     assert stop.reason == (
@@ -128,7 +125,7 @@ def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides, explored) -
 )
 def test_a_slice_that_would_overrun_the_budget_is_not_begun(
     budget, words, sides, slice_of, observation
-) -> None:
+):
     cover = [slice_of(sides["bottle"], share, touches=25, seconds=30.0) for share in COVER[:2]]
     stop = Predicted().next(observation(cover, budget=budget))
     assert isinstance(stop, Stop)
@@ -139,10 +136,8 @@ def test_a_slice_that_would_overrun_the_budget_is_not_begun(
     assert stop.largest_untouched > 0.02
 
 
-def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(
-    sides, slice_of, observation
-) -> None:
-    slices: list[ObservedSlice] = []
+def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(sides, slice_of, observation):
+    slices = []
     while isinstance(choice := Predicted().next(observation(slices)), Height):
         slices.append(slice_of(sides["vase"], choice.height / 0.09, deviation=1e-3))
     assert isinstance(choice, Stop)
@@ -151,8 +146,8 @@ def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(
     assert len(slices) <= 11
 
 
-def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(explored) -> None:
-    def zigzag(z: float) -> float:
+def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(explored):
+    def zigzag(z):
         return 0.3 + 0.02 * math.asin(math.sin(60.0 * z))
 
     heights, stop = explored(Predicted(), zigzag, tolerance=1e-5)
@@ -161,8 +156,8 @@ def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(expl
     assert min(np.diff(sorted(heights))) >= 2.5e-3 / 0.09 * (1.0 - 1e-6)
 
 
-def test_what_the_pad_cannot_reach_is_left_and_said(sides, slice_of, failed, observation) -> None:
-    slices: list[ObservedSlice] = []
+def test_what_the_pad_cannot_reach_is_left_and_said(sides, slice_of, failed, observation):
+    slices = []
     while isinstance(choice := Predicted().next(observation(slices)), Height):
         share = choice.height / 0.09
         hidden = 0.6 < share < 0.9
@@ -176,8 +171,8 @@ def test_what_the_pad_cannot_reach_is_left_and_said(sides, slice_of, failed, obs
     assert choice.largest_untouched > 2.5e-3
 
 
-def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(failed, observation) -> None:
-    slices: list[ObservedSlice] = []
+def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(failed, observation):
+    slices = []
     while isinstance(choice := Predicted().next(observation(slices)), Height):
         slices.append(failed(choice.height))
         assert len(slices) < 60
@@ -187,7 +182,7 @@ def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(failed, observati
     assert choice.largest_untouched == pytest.approx(0.94 * 0.09)
 
 
-def test_occluded_slices_count_as_far_as_they_were_felt(sides, slice_of, observation) -> None:
+def test_occluded_slices_count_as_far_as_they_were_felt(sides, slice_of, observation):
     shares = np.linspace(0.03, 0.97, 8)
     whole = [slice_of(sides["cylinder"], share) for share in shares]
     assert isinstance(Predicted().next(observation(whole)), Stop)
@@ -203,10 +198,8 @@ def test_occluded_slices_count_as_far_as_they_were_felt(sides, slice_of, observa
     assert abs(choice.height / 0.09 - shares[4]) < 0.09
 
 
-def test_fingers_get_heights_of_their_own_and_wait_when_there_is_none(
-    sides, slice_of, observation
-) -> None:
-    busy_heights: list[float] = []
+def test_fingers_get_heights_of_their_own_and_wait_when_there_is_none(sides, slice_of, observation):
+    busy_heights = []
     while isinstance(
         choice := Predicted().next(
             observation(busy_heights=tuple(busy_heights), finger_spacing=0.02)
@@ -226,8 +219,8 @@ def test_fingers_get_heights_of_their_own_and_wait_when_there_is_none(
     assert isinstance(Predicted().next(both), Wait)
 
 
-def test_of_two_heights_worth_the_same_the_nearer_is_taken(slice_of, observation) -> None:
-    def wavy(z: float) -> float:
+def test_of_two_heights_worth_the_same_the_nearer_is_taken(slice_of, observation):
+    def wavy(z):
         return 0.3 + 0.05 * math.cos(4.0 * math.pi * (z - 0.5))
 
     for last, first in ((0.97, 0.5), (0.03, 0.5)):
@@ -237,14 +230,14 @@ def test_of_two_heights_worth_the_same_the_nearer_is_taken(slice_of, observation
         assert (choice.height / 0.09 > 0.5) == (last > 0.5)
 
 
-def test_uncertain_ends_are_kept_away_from(observation, slice_of) -> None:
+def test_uncertain_ends_are_kept_away_from(observation, slice_of):
     middle = [slice_of(lambda z: 0.3, 0.5)]
     choice = Predicted().next(observation(middle, high_deviation=5e-3))
     assert isinstance(choice, Height)
     assert choice.height == pytest.approx(0.09 - 0.01)
 
 
-def test_an_even_cover_is_refused() -> None:
+def test_an_even_cover_is_refused():
     with pytest.raises(ValueError, match="cover must be odd, so that the middle is in it, got 4"):
         Predicted(cover=4)
     with pytest.raises(ValueError, match="hidden_error is 2"):
@@ -254,19 +247,17 @@ def test_an_even_cover_is_refused() -> None:
 Side = Callable[[float], float]
 
 
-def wavy(z: float) -> float:
+def wavy(z):
     return 0.3 + 0.05 * math.sin(7.0 * z)
 
 
-def prediction(
-    side: Side, shares: list[float], make: MakeSlice, observation: MakeKnown
-) -> ErrorPrediction:
+def prediction(side, shares, make, observation):
     all_known = observation([make(side, share) for share in shares])
     return predict_error(all_known, profile_of(all_known), untouched_spans(all_known))
 
 
-def test_positions_and_slopes_are_kept_and_cubic_in_square_is_exact(slice_of, observation) -> None:
-    def cubic(z: float) -> float:
+def test_positions_and_slopes_are_kept_and_cubic_in_square_is_exact(slice_of, observation):
+    def cubic(z):
         return math.sqrt(0.1 + 0.2 * z - 0.3 * z**2 + 0.25 * z**3)
 
     profile = profile_of(observation([slice_of(cubic, share) for share in (0.1, 0.4, 0.9)]))
@@ -278,7 +269,7 @@ def test_positions_and_slopes_are_kept_and_cubic_in_square_is_exact(slice_of, ob
     assert signs.quintic_gap.max() < 1e-6
 
 
-def test_the_foretold_error_falls_like_the_true_one(slice_of, observation) -> None:
+def test_the_foretold_error_falls_like_the_true_one(slice_of, observation):
     coarse, fine = (
         prediction(wavy, np.linspace(0.03, 0.97, n).tolist(), slice_of, observation)
         for n in (9, 17)
@@ -287,7 +278,7 @@ def test_the_foretold_error_falls_like_the_true_one(slice_of, observation) -> No
 
 
 @pytest.mark.parametrize("count", [4, 5, 7, 9])
-def test_each_interval_errs_about_as_foretold(count, slice_of, observation) -> None:
+def test_each_interval_errs_about_as_foretold(count, slice_of, observation):
     shares = np.linspace(0.03, 0.97, count)
     said = prediction(wavy, shares.tolist(), slice_of, observation)
     profile = profile_of(observation([slice_of(wavy, share) for share in shares]))
@@ -301,17 +292,15 @@ def test_each_interval_errs_about_as_foretold(count, slice_of, observation) -> N
     assert (true > said.errors / 5.0).all()
 
 
-def test_cuts_are_drawn_to_the_end_that_bends_more(slice_of, observation) -> None:
-    def knee(z: float) -> float:
+def test_cuts_are_drawn_to_the_end_that_bends_more(slice_of, observation):
+    def knee(z):
         return 0.4 - 0.1 * math.exp(10.0 * (z - 0.97))
 
     profile = profile_of(observation([slice_of(knee, share) for share in (0.03, 0.97)]))
     assert error_indicators(profile).bend_side[0] > 0.8
 
 
-def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(
-    slice_of, observation
-) -> None:
+def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(slice_of, observation):
     noisy = observation(
         [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
     )
@@ -326,7 +315,7 @@ def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(
     assert said._replace(curve=said.noise).wants_refinement(said.noise * 0.5)
 
 
-def test_of_what_was_felt_only_the_unfelt_share_of_an_interval_errs(slice_of, observation) -> None:
+def test_of_what_was_felt_only_the_unfelt_share_of_an_interval_errs(slice_of, observation):
     slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 5)]
     plain, whole = observation(slices), observation(slices, all_taxels=True)
     one = predict_error(plain, profile_of(plain), untouched_spans(plain))
@@ -335,7 +324,7 @@ def test_of_what_was_felt_only_the_unfelt_share_of_an_interval_errs(slice_of, ob
     np.testing.assert_allclose(all_felt.errors, one.errors * shares**3, rtol=1e-9)
 
 
-def test_a_solid_of_all_that_was_felt_states_its_own_deviation(slice_of, observation) -> None:
+def test_a_solid_of_all_that_was_felt_states_its_own_deviation(slice_of, observation):
     slices = [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
     stated = observation(slices, all_taxels=True, deviation=5e-5)
     said = predict_error(stated, profile_of(stated), untouched_spans(stated))
@@ -343,9 +332,7 @@ def test_a_solid_of_all_that_was_felt_states_its_own_deviation(slice_of, observa
     assert said.noise == pytest.approx(expected, rel=1e-9)
 
 
-def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(
-    slice_of, observation
-) -> None:
+def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(slice_of, observation):
     slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 6)]
     noisy = observation(slices, all_taxels=True, deviation=4e-4)
     said = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import doctest
 import math
 from dataclasses import dataclass
@@ -15,7 +13,6 @@ from palpate.core.explore.planners.protocol import (
     Budget,
     Choice,
     Height,
-    Observation,
     Stop,
     Wait,
     check_choice,
@@ -40,7 +37,7 @@ from palpate.core.explore.planners.uniform import Uniform
         ({"finger_spacing": -1.0}, "finger_spacing must be 0 or more"),
     ],
 )
-def test_what_no_planner_can_work_with_is_refused(observation, changes, words) -> None:
+def test_what_no_planner_can_work_with_is_refused(observation, changes, words):
     with pytest.raises(ValueError, match=words):
         observation(**changes)
 
@@ -55,7 +52,7 @@ def test_what_no_planner_can_work_with_is_refused(observation, changes, words) -
         ({"seconds": math.inf}, "seconds must be 0 or more and finite"),
     ],
 )
-def test_a_budget_of_nothing_is_refused(changes, words) -> None:
+def test_a_budget_of_nothing_is_refused(changes, words):
     with pytest.raises(ValueError, match=words):
         Budget(**changes)
 
@@ -72,12 +69,12 @@ def test_a_budget_of_nothing_is_refused(changes, words) -> None:
         ({"slopes": np.zeros(3)}, r"slopes must have shape \(16\)"),
     ],
 )
-def test_a_slice_that_cannot_be_is_refused(slice_of, changes, words) -> None:
+def test_a_slice_that_cannot_be_is_refused(slice_of, changes, words):
     with pytest.raises(ValueError, match=words):
         slice_of(lambda z: 0.3, 0.5, **changes)
 
 
-def test_slices_of_other_azimuths_are_refused(slice_of, observation) -> None:
+def test_slices_of_other_azimuths_are_refused(slice_of, observation):
     few = {
         name: np.full(8, 0.02)
         for name in ("radii", "slopes", "curvatures", "contact_low", "contact_high")
@@ -93,12 +90,12 @@ class Says:
 
     choice: Any
 
-    def next(self, observation: Observation) -> Choice:
+    def next(self, observation):
         return cast("Choice", self.choice)
 
 
 @pytest.mark.parametrize("name", PLANNER_NAMES)
-def test_what_palpates_own_planners_answer_is_handed_on(name, observation) -> None:
+def test_what_palpates_own_planners_answer_is_handed_on(name, observation):
     planner = make_planner(name, {})
     assert check_choice(planner, observation()) == planner.next(observation())
 
@@ -113,7 +110,7 @@ def test_what_palpates_own_planners_answer_is_handed_on(name, observation) -> No
         (Stop("end", True, 0.0, 0.002), {}),
     ],
 )
-def test_an_answer_that_can_be_acted_on_is_handed_on(choice, more, observation) -> None:
+def test_an_answer_that_can_be_acted_on_is_handed_on(choice, more, observation):
     assert check_choice(Says(choice), observation(**more)) is choice
 
 
@@ -140,16 +137,14 @@ def test_an_answer_that_can_be_acted_on_is_handed_on(choice, more, observation) 
         ),
     ],
 )
-def test_an_answer_that_nobody_could_act_on_is_refused(choice, more, words, observation) -> None:
+def test_an_answer_that_nobody_could_act_on_is_refused(choice, more, words, observation):
     with pytest.raises(ValueError) as caught:
         check_choice(Says(choice), observation(**more))
     assert str(caught.value).startswith("the planner Says gave no answer to act on: ")
     assert words in str(caught.value)
 
 
-def test_a_planner_that_asks_for_a_failed_height_again_does_not_go_on_for_ever(
-    observation, failed
-) -> None:
+def test_a_planner_that_asks_for_a_failed_height_again_does_not_go_on_for_ever(observation, failed):
     with pytest.raises(ValueError, match=r"at 0.045 m before; it must go elsewhere, or stop"):
         check_choice(Says(Height(0.045, "")), observation([failed(0.045)]))
 
@@ -176,24 +171,24 @@ WORD = 1
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def own(tmp_path, monkeypatch):
     (tmp_path / "own_planner.py").write_text(OWN)
     (tmp_path / "broken_planner.py").write_text("1 / 0")
     monkeypatch.syspath_prepend(str(tmp_path))
 
 
-def test_every_name_has_its_planner_and_the_default_comes_first() -> None:
+def test_every_name_has_its_planner_and_the_default_comes_first():
     assert planner_type(PLANNER_NAMES[0]) is Predicted
     for name in PLANNER_NAMES:
         assert make_planner(name, {}) == planner_type(name)()
 
 
-def test_settings_reach_the_planner() -> None:
+def test_settings_reach_the_planner():
     assert make_planner("uniform", {"count": 5}) == Uniform(count=5)
 
 
 @pytest.mark.usefixtures("own")
-def test_a_users_own_planner_is_found_by_module_and_class() -> None:
+def test_a_users_own_planner_is_found_by_module_and_class():
     assert getattr(make_planner("own_planner:Middle", {"share": 0.3}), "share") == 0.3  # noqa: B009
 
 
@@ -209,17 +204,17 @@ def test_a_users_own_planner_is_found_by_module_and_class() -> None:
         (".own_planner:Middle", "must name its module in full"),
     ],
 )
-def test_what_is_no_planner_is_refused(name, words) -> None:
+def test_what_is_no_planner_is_refused(name, words):
     with pytest.raises(ValueError, match=words):
         planner_type(name)
 
 
-def test_an_unknown_name_is_refused_with_those_there_are() -> None:
+def test_an_unknown_name_is_refused_with_those_there_are():
     with pytest.raises(LookupError, match="no planner 'best'; there are predicted, uniform"):
         planner_type("best")
 
 
-def test_an_unknown_setting_is_refused_with_those_there_are() -> None:
+def test_an_unknown_setting_is_refused_with_those_there_are():
     with pytest.raises(ValueError, match="'uniform' has no speed; it has count, order"):
         make_planner("uniform", {"speed": 1})
 
@@ -227,7 +222,7 @@ def test_an_unknown_setting_is_refused_with_those_there_are() -> None:
 PAGE = Path(__file__).parents[4] / "docs" / "planning.md"
 
 
-def test_the_examples_of_the_page_are_right() -> None:
+def test_the_examples_of_the_page_are_right():
     outcome = doctest.testfile(str(PAGE), module_relative=False)
     assert outcome.failed == 0
     assert outcome.attempted >= 10

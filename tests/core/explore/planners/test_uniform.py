@@ -1,23 +1,21 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from palpate.core.explore.planners.protocol import Budget, Height, ObservedSlice, Stop, Wait
+from palpate.core.explore.planners.protocol import Budget, Height, Stop, Wait
 from palpate.core.explore.planners.uniform import Uniform, nested, sweep
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 9, 10, 41])
 @pytest.mark.parametrize("order", [sweep, nested])
-def test_every_height_is_visited_once(count, order) -> None:
+def test_every_height_is_visited_once(count, order):
     assert sorted(order(count)) == list(range(count))
 
 
-def test_a_sweep_goes_up_from_the_middle_and_then_down() -> None:
+def test_a_sweep_goes_up_from_the_middle_and_then_down():
     assert sweep(5) == [2, 3, 4, 1, 0]
 
 
-def test_the_beginnings_of_a_nested_order_are_even() -> None:
+def test_the_beginnings_of_a_nested_order_are_even():
     for size in (3, 5, 9):
         begun = np.sort(nested(17)[:size])
         assert len(set(np.diff(begun).tolist())) == 1
@@ -25,7 +23,7 @@ def test_the_beginnings_of_a_nested_order_are_even() -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 5, 24, 45])
 @pytest.mark.parametrize("order", ["sweep", "nested"])
-def test_the_heights_are_even_whatever_their_number(count, order, sides, explored) -> None:
+def test_the_heights_are_even_whatever_their_number(count, order, sides, explored):
     planner = Uniform(count=count, order="sweep" if order == "sweep" else "nested")
     heights, stop = explored(planner, sides["vase"])
     assert stop is not None
@@ -33,16 +31,16 @@ def test_the_heights_are_even_whatever_their_number(count, order, sides, explore
     np.testing.assert_allclose(sorted(heights), wanted, rtol=1e-12)
 
 
-def test_a_height_that_fails_is_tried_once_more_nearer_to_the_middle(failed, observation) -> None:
+def test_a_height_that_fails_is_tried_once_more_nearer_to_the_middle(failed, observation):
     planner, asked = Uniform(count=3), []
-    slices: list[ObservedSlice] = []
+    slices = []
     while isinstance(choice := planner.next(observation(slices)), Height):
         asked.append(choice.height / 0.09)
         slices.append(failed(choice.height))
     np.testing.assert_allclose(asked, [0.5, 0.3825, 0.97, 0.8525, 0.03, 0.1475])
 
 
-def test_heights_near_other_fingers_wait(observation) -> None:
+def test_heights_near_other_fingers_wait(observation):
     busy_heights = Uniform(count=3).next(observation(busy_heights=(0.045,), finger_spacing=0.02))
     assert isinstance(busy_heights, Height)
     assert busy_heights.height == pytest.approx(0.97 * 0.09)
@@ -51,7 +49,7 @@ def test_heights_near_other_fingers_wait(observation) -> None:
     )
 
 
-def test_a_spent_budget_ends_the_plan(slice_of, observation) -> None:
+def test_a_spent_budget_ends_the_plan(slice_of, observation):
     one = slice_of(lambda z: 0.3, 0.5, seconds=16.0)
     stop = Uniform().next(observation([one], budget=Budget(most_seconds=40.0, seconds=28.0)))
     assert isinstance(stop, Stop)
@@ -62,8 +60,8 @@ def test_a_spent_budget_ends_the_plan(slice_of, observation) -> None:
     assert isinstance(Uniform().next(observation(budget=ended)), Stop)
 
 
-def test_plans_that_cannot_be_are_refused() -> None:
+def test_plans_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match="count is 0; expected 1 to 200"):
         Uniform(count=0)
     with pytest.raises(ValueError, match="order must be sweep or nested, got 'random'"):
-        Uniform(order="random")  # type: ignore[arg-type]
+        Uniform(order="random")

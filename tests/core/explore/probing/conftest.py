@@ -1,8 +1,5 @@
 """A finger that probes known solids, and contours that are known without tracing."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +7,6 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.probing.ends import (
-    End,
     EndObservation,
     ProbeCommand,
     ProbeResult,
@@ -20,7 +16,6 @@ from palpate.core.explore.probing.ends import (
 from palpate.core.explore.probing.rule import next_probe
 from palpate.core.explore.tracing.contour_path import deepest_point
 from palpate.core.poses import split_pose, transform_points
-from palpate.core.shapes.protocol import Shape
 from palpate.core.touch.curvature import fit_patch
 from palpate.core.touch.pad import Pad, guarded_move
 
@@ -30,16 +25,16 @@ Explored = tuple[StopProbing, tuple[ProbeResult, ...]]
 
 
 @pytest.fixture(scope="session")
-def touch() -> Callable[[Shape, ProbeCommand], ProbeResult]:
+def touch():
     """Make a touch of a solid."""
     return _touch
 
 
 @pytest.fixture(scope="session")
-def probed() -> Callable[[Shape, End, EndObservation], Explored]:
+def probed():
     """Touch an end of a solid as the rule says, to its end."""
 
-    def run(shape: Shape, end: End, observation: EndObservation) -> Explored:
+    def run(shape, end, observation):
         while isinstance(found := next_probe(end, observation), ProbeCommand):
             observation = replace(observation, probes=(*observation.probes, _touch(shape, found)))
             assert len(observation.probes) <= 45
@@ -49,12 +44,10 @@ def probed() -> Callable[[Shape, End, EndObservation], Explored]:
 
 
 @pytest.fixture(scope="session")
-def ring() -> Callable[..., SideContour]:
+def ring():
     """A round contour of a wall that leans, whose touches felt so far below and above it."""
 
-    def make(
-        radius: float, height: float, *, lean: float = 0.0, below: float = 7e-3, above: float = 0.0
-    ) -> SideContour:
+    def make(radius, height, *, lean=0.0, below=7e-3, above=0.0):
         turn = 2.0 * np.pi * np.arange(60) / 60
         out = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
         level = np.full(60, height)
@@ -67,14 +60,14 @@ def ring() -> Callable[..., SideContour]:
 
 
 @pytest.fixture(scope="session")
-def observation() -> EndObservation:
+def observation():
     """An upper end at 40 mm of an object of 80 mm, found by nobody yet."""
     return EndObservation(
         height=0.04, deviation=5e-4, other=-0.04, radius=0.03, width=0.015, tolerance=2e-4
     )
 
 
-def _touch(shape: Shape, probing: ProbeCommand) -> ProbeResult:
+def _touch(shape, probing):
     end = guarded_move(shape, PAD, probing.pose, probing.reach, 1e-3)
     position, axes = split_pose(probing.pose)
     if end.outcome not in ("hit", "bottomed"):

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -42,25 +40,25 @@ from palpate.core.shapes.superquadrics import Superquadric
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def _ball() -> Superquadric:
+def _ball():
     return Superquadric(np.array([0.03, 0.03, 0.04]), np.array([1.0, 1.0]))
 
 
-def _column(radius: float = 0.025) -> Superquadric:
+def _column(radius=0.025):
     return Superquadric(np.array([radius, radius, 0.04]), np.array([0.1, 1.0]))
 
 
-def _whys(probes: tuple[ProbeResult, ...]) -> str:
+def _whys(probes):
     return "".join(one.probing.reason[0] for one in probes)
 
 
-def test_an_end_is_found_by_one_touch_before_any_contour(probed, observation) -> None:
+def test_an_end_is_found_by_one_touch_before_any_contour(probed, observation):
     done, probes = probed(_ball(), "upper", observation)
     assert len(probes) == 1 and done.reason == "the end is found"
     np.testing.assert_allclose(probes[0].point[2], 0.04, atol=5e-5)
 
 
-def test_an_end_beside_the_axis_is_climbed_to(probed, observation) -> None:
+def test_an_end_beside_the_axis_is_climbed_to(probed, observation):
     aside = PosedShape(_ball(), pose_of(np.array([0.013, -0.01, 0.0]), np.eye(3)))
     _, probes = probed(aside, "upper", observation)
     assert probes[0].point[2] < 0.0395
@@ -68,7 +66,7 @@ def test_an_end_beside_the_axis_is_climbed_to(probed, observation) -> None:
     assert len(probes) <= 4
 
 
-def test_a_touch_that_no_contour_lies_around_says_nothing_of_face(touch, observation, ring) -> None:
+def test_a_touch_that_no_contour_lies_around_says_nothing_of_face(touch, observation, ring):
     around = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     aside = touch(_ball(), _over_place(0.027))
     found = next_probe("upper", replace(observation, contour=around, probes=(aside,)))
@@ -79,19 +77,19 @@ def test_a_touch_that_no_contour_lies_around_says_nothing_of_face(touch, observa
     assert isinstance(again, StopProbing) or np.linalg.norm(again.target[:2]) > 1e-3
 
 
-def _over_place(x: float) -> ProbeCommand:
+def _over_place(x):
     start = np.array([x, 0.0, 0.06])
     return ProbeCommand(pose_of(start, FACING_DOWN), 0.05, "search", np.array([x, 0.0, 0.04]))
 
 
-def test_a_pole_takes_one_touch(probed, observation, ring) -> None:
+def test_a_pole_takes_one_touch(probed, observation, ring):
     contour = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     done, probes = probed(_ball(), "upper", replace(observation, contour=contour))
     assert _whys(probes) == "s" and done.reason == "nothing larger than a pad is untouched"
     assert done.untouched < 0.01
 
 
-def test_a_flat_top_takes_five_that_lie_all_over_it(probed, observation, ring) -> None:
+def test_a_flat_top_takes_five_that_lie_all_over_it(probed, observation, ring):
     done, probes = probed(
         _column(), "upper", replace(observation, contour=ring(0.024, 0.037, above=2e-3))
     )
@@ -103,7 +101,7 @@ def test_a_flat_top_takes_five_that_lie_all_over_it(probed, observation, ring) -
 @pytest.mark.parametrize("radius", [0.024, 0.014, 0.011])
 def test_a_flat_top_takes_as_many_touches_as_its_share_of_the_surface_asks_for_in_noise(
     probed, observation, ring, radius
-) -> None:
+):
     noisy = replace(observation, contour=ring(radius - 2e-4, 0.037, above=2e-3), noise=1e-4)
     _, probes = probed(_column(radius), "upper", noisy)
     share = radius / (2.0 * (radius + observation.height - observation.other))
@@ -113,26 +111,26 @@ def test_a_flat_top_takes_as_many_touches_as_its_share_of_the_surface_asks_for_i
     assert len(fewer) <= 5 < enough
 
 
-def test_a_top_on_which_no_whole_pad_lies_is_not_touched_again(probed, observation, ring) -> None:
+def test_a_top_on_which_no_whole_pad_lies_is_not_touched_again(probed, observation, ring):
     noisy = replace(observation, contour=ring(0.0048, 0.037, above=2e-3), noise=1e-4)
     _, probes = probed(_column(0.005), "upper", noisy)
     assert _whys(probes) == "s"
 
 
-def test_a_pole_takes_one_touch_in_spite_of_noise(probed, observation, ring) -> None:
+def test_a_pole_takes_one_touch_in_spite_of_noise(probed, observation, ring):
     contour = ring(0.0103, 0.0376, lean=math.radians(67.0), above=1e-3)
     _, probes = probed(_ball(), "upper", replace(observation, contour=contour, noise=1e-4))
     assert _whys(probes) == "s"
 
 
-def test_a_narrow_flat_top_takes_one(probed, observation, ring) -> None:
+def test_a_narrow_flat_top_takes_one(probed, observation, ring):
     done, probes = probed(
         _column(0.014), "upper", replace(observation, contour=ring(0.0138, 0.037, above=2e-3))
     )
     assert _whys(probes) == "s" and done.untouched < 0.0105
 
 
-def test_an_edge_below_which_band_ends_is_touched_at_45_degrees(probed, observation, ring) -> None:
+def test_an_edge_below_which_band_ends_is_touched_at_45_degrees(probed, observation, ring):
     contour = ring(0.025, 0.03, above=3e-3)
     _, probes = probed(_column(), "upper", replace(observation, contour=contour))
     assert _whys(probes) == "sffffeeee"
@@ -140,7 +138,7 @@ def test_an_edge_below_which_band_ends_is_touched_at_45_degrees(probed, observat
         assert one.touched and abs(one.normal[2] - math.sqrt(0.5)) < 0.2
 
 
-def test_a_lower_end_is_an_upper_one_turned_over(probed, observation, ring) -> None:
+def test_a_lower_end_is_an_upper_one_turned_over(probed, observation, ring):
     upper = replace(observation, contour=ring(0.025, 0.03, above=3e-3))
     done, probes = probed(_column(), "upper", upper)
     for count in range(len(probes) + 1):
@@ -158,26 +156,26 @@ def test_a_lower_end_is_an_upper_one_turned_over(probed, observation, ring) -> N
         assert lower.reach == pytest.approx(wanted.reach) and lower.reason == wanted.reason
 
 
-def test_an_end_on_which_it_stands_takes_none(observation, ring) -> None:
+def test_an_end_on_which_it_stands_takes_none(observation, ring):
     below = replace(observation, height=-0.04, other=0.04, standing=True)
     assert next_probe("lower", below) == StopProbing("it stands on the platform", 0.0)
     found = next_probe("lower", replace(below, contour=ring(0.025, -0.03, below=6e-3)))
     assert isinstance(found, StopProbing) and found.untouched == pytest.approx(4e-3)
 
 
-def test_an_end_that_is_lower_than_thought_is_found(probed, observation) -> None:
+def test_an_end_that_is_lower_than_thought_is_found(probed, observation):
     done, probes = probed(_ball(), "upper", replace(observation, height=0.06))
     assert done.reason == "the end is found" and len(probes) == 1
 
 
-def test_an_end_that_is_higher_than_thought_is_found(probed, observation) -> None:
+def test_an_end_that_is_higher_than_thought_is_found(probed, observation):
     done, probes = probed(_ball(), "upper", replace(observation, height=0.02))
     outcomes = [one.outcome for one in probes]
     assert outcomes == ["inside", "hit"] and done.reason == "the end is found"
 
 
-def test_a_touch_that_begins_inside_again_and_again_is_given_up(observation) -> None:
-    probes: tuple[ProbeResult, ...] = ()
+def test_a_touch_that_begins_inside_again_and_again_is_given_up(observation):
+    probes = ()
     for _ in range(5):
         found = next_probe("upper", replace(observation, probes=probes))
         assert isinstance(found, ProbeCommand)
@@ -188,7 +186,7 @@ def test_a_touch_that_begins_inside_again_and_again_is_given_up(observation) -> 
     assert isinstance(found, ProbeCommand) and np.linalg.norm(found.pose[:2]) > 0.01
 
 
-def test_an_object_off_the_axis_is_looked_for_around_it(probed, observation) -> None:
+def test_an_object_off_the_axis_is_looked_for_around_it(probed, observation):
     aside = PosedShape(_column(0.01), pose_of(np.array([0.02, 0.0, 0.0]), np.eye(3)))
     done, probes = probed(aside, "upper", observation)
     assert done.reason == "the end is found"
@@ -196,7 +194,7 @@ def test_an_object_off_the_axis_is_looked_for_around_it(probed, observation) -> 
 
 
 @pytest.mark.parametrize("contour", [False, True], ids=["no contour", "a contour"])
-def test_where_nothing_is_the_search_ends(probed, observation, ring, contour) -> None:
+def test_where_nothing_is_the_search_ends(probed, observation, ring, contour):
     far = PosedShape(_ball(), pose_of(np.array([1.0, 0.0, 0.0]), np.eye(3)))
     observation = replace(observation, contour=ring(0.025, 0.03) if contour else None)
     done, probes = probed(far, "upper", observation)
@@ -204,7 +202,7 @@ def test_where_nothing_is_the_search_ends(probed, observation, ring, contour) ->
     assert done.untouched >= 0.05
 
 
-def test_a_top_that_is_no_plane_is_felt_all_over(observation, ring) -> None:
+def test_a_top_that_is_no_plane_is_felt_all_over(observation, ring):
     observation = replace(observation, contour=ring(0.028, 0.037, above=3e-3))
     while isinstance(found := next_probe("upper", observation), ProbeCommand):
         away = float(np.linalg.norm(found.target[:2]))
@@ -218,7 +216,7 @@ def test_a_top_that_is_no_plane_is_felt_all_over(observation, ring) -> None:
     )
 
 
-def test_a_top_too_wide_to_be_felt_all_over_says_so(observation, ring) -> None:
+def test_a_top_too_wide_to_be_felt_all_over_says_so(observation, ring):
     observation = replace(observation, contour=ring(0.09, 0.037, above=3e-3))
     while isinstance(found := next_probe("upper", observation), ProbeCommand):
         point = np.array([*found.target[:2], 0.04 + 1e-3 * len(observation.probes)])
@@ -230,7 +228,7 @@ def test_a_top_too_wide_to_be_felt_all_over_says_so(observation, ring) -> None:
     assert found.reason == "14 touches have not reached all of it"
 
 
-def test_a_leaning_face_is_touched_along_its_normal(observation, ring) -> None:
+def test_a_leaning_face_is_touched_along_its_normal(observation, ring):
     observation = replace(observation, contour=ring(0.025, 0.02))
     normal = np.array([math.sin(0.3), 0.0, math.cos(0.3)])
     first = next_probe("upper", observation)
@@ -241,7 +239,7 @@ def test_a_leaning_face_is_touched_along_its_normal(observation, ring) -> None:
     np.testing.assert_allclose(split_pose(found.pose)[1][:, 2], -normal, atol=1e-6)
 
 
-def test_a_pole_beside_the_first_touch_is_looked_for(probed, observation, ring) -> None:
+def test_a_pole_beside_the_first_touch_is_looked_for(probed, observation, ring):
     turned = rotations_from_vectors(np.array([[0.0, math.radians(12.0), 0.0]]))[0]
     tip = Superquadric(np.array([0.015, 0.015, 0.045]), np.array([1.0, 1.0]))
     shape = PosedShape(tip, pose_of(np.zeros(3), turned))
@@ -251,12 +249,12 @@ def test_a_pole_beside_the_first_touch_is_looked_for(probed, observation, ring) 
     assert highest == pytest.approx(shape.bounds()[1, 2], abs=1e-4) and 2 <= len(probes) <= 3
 
 
-def test_an_end_on_the_wrong_side_is_refused(observation) -> None:
+def test_an_end_on_the_wrong_side_is_refused(observation):
     with pytest.raises(ValueError, match="height of the lower end must lie beyond the other one's"):
         next_probe("lower", observation)
 
 
-def test_a_touch_of_the_edge_alone_tells_of_no_face(observation, ring) -> None:
+def test_a_touch_of_the_edge_alone_tells_of_no_face(observation, ring):
     probing = ProbeCommand(IDENTITY_POSE, 0.01, "edge", np.zeros(3))
     made = ProbeResult(probing, "hit", np.zeros(3), UP)
     found = next_probe("upper", replace(observation, contour=ring(0.02, 0.03), probes=(made,)))
@@ -270,7 +268,7 @@ def test_a_touch_of_the_edge_alone_tells_of_no_face(observation, ring) -> None:
     st.floats(-1.0, 1.0),
     st.integers(0, 99),
 )
-def test_every_end_is_done_after_at_most_24_touches(probed, size, exponents, lean, seed) -> None:
+def test_every_end_is_done_after_at_most_24_touches(probed, size, exponents, lean, seed):
     turned = rotations_from_vectors(np.array([[0.4 * lean, 0.3 * lean, 0.0]]))[0]
     solid = Superquadric(np.array([*size, 0.04]), np.array(exponents))
     shape = PosedShape(solid, pose_of(np.zeros(3), turned))
@@ -301,7 +299,7 @@ def test_every_end_is_done_after_at_most_24_touches(probed, size, exponents, lea
         assert max(one.point[2] for one in probes if one.touched) <= high + 1e-6
 
 
-def test_places_of_a_search_are_a_pad_apart_and_few() -> None:
+def test_places_of_a_search_are_a_pad_apart_and_few():
     places = np.stack(search_places(0.1, 0.015, MOST_RINGS))
     assert len(places) == 1 + 6 + 12 + 18
     apart = np.linalg.norm(places[:, None] - places, axis=2) + np.eye(len(places))
@@ -309,19 +307,19 @@ def test_places_of_a_search_are_a_pad_apart_and_few() -> None:
     assert len(search_places(0.01, 0.015, MOST_RINGS)) == 1
 
 
-def test_a_search_begins_above_all_that_may_be(observation, ring) -> None:
+def test_a_search_begins_above_all_that_may_be(observation, ring):
     assert highest_expected(observation) == pytest.approx(0.0415)
     contour = ring(0.02, 0.04, above=4e-3)
     assert highest_expected(replace(observation, contour=contour)) == pytest.approx(0.044)
 
 
-def test_once_it_is_found_the_guess_no_longer_counts(observation) -> None:
+def test_once_it_is_found_the_guess_no_longer_counts(observation):
     probing = probe_along_axis(observation, np.zeros(2))
     made = ProbeResult(probing, "hit", np.array([0.0, 0.0, 0.035]), np.array([0.0, 0.0, 1.0]))
     assert highest_expected(replace(observation, probes=(made,))) == pytest.approx(0.035)
 
 
-def test_a_search_goes_down_to_half_the_height(observation) -> None:
+def test_a_search_goes_down_to_half_the_height(observation):
     probing = probe_along_axis(observation, np.array([0.01, 0.0]))
     assert probing.pose[2] - probing.reach == pytest.approx(0.0)
 
@@ -329,7 +327,7 @@ def test_a_search_goes_down_to_half_the_height(observation) -> None:
 WIDTH = 0.016
 
 
-def _touch(place: tuple[float, float], height: float, lean: float = 0.0) -> ProbeResult:
+def _touch(place, height, lean=0.0):
     """A touch of a surface that falls towards x."""
     target = np.array([*place, height])
     normal: Floats = np.array([math.sin(lean), 0.0, math.cos(lean)])
@@ -338,7 +336,7 @@ def _touch(place: tuple[float, float], height: float, lean: float = 0.0) -> Prob
     )
 
 
-def test_a_leaning_surface_is_climbed_by_as_much_as_a_pad_feels() -> None:
+def test_a_leaning_surface_is_climbed_by_as_much_as_a_pad_feels():
     touch = _touch((0.01, 0.002), 0.04, lean=0.3)
     place = next_uphill([touch], [touch], WIDTH)
     assert place is not None
@@ -346,23 +344,23 @@ def test_a_leaning_surface_is_climbed_by_as_much_as_a_pad_feels() -> None:
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.9 * SUMMIT_LEAN])
-def test_a_level_surface_is_not_climbed(lean) -> None:
+def test_a_level_surface_is_not_climbed(lean):
     touch = _touch((0.0, 0.0), 0.04, lean)
     assert next_uphill([touch], [touch], WIDTH) is None
 
 
-def test_the_highest_touch_tells_the_way() -> None:
+def test_the_highest_touch_tells_the_way():
     low, high = _touch((0.03, 0.0), 0.03, lean=0.5), _touch((0.0, 0.0), 0.04)
     assert next_uphill([low, high], [low, high], WIDTH) is None
 
 
-def test_no_place_is_tried_twice_even_if_it_met_nothing() -> None:
+def test_no_place_is_tried_twice_even_if_it_met_nothing():
     touch = _touch((0.01, 0.0), 0.04, lean=0.3)
     missed = _touch((0.01 - FOOT * WIDTH, 0.001), 0.04)._replace(outcome="miss")
     assert next_uphill([touch], [touch, missed], WIDTH) is None
 
 
-def test_nobody_climbs_for_ever() -> None:
+def test_nobody_climbs_for_ever():
     touches = [_touch((-0.1 * k, 0.0), 0.04 + 0.01 * k, lean=0.3) for k in range(MOST_CLIMBS)]
     assert next_uphill(touches[:-1], touches[:-1], WIDTH) is not None
     assert next_uphill(touches, touches, WIDTH) is None

@@ -1,19 +1,14 @@
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Bools, Floats
 from palpate.core.explore.tracing.contour_path import (
     LEAN,
     STEEP,
     TOUCH_DEPTH,
     UPRIGHT,
     Path,
-    Procedure,
     ProcedureResult,
     SliceArc,
     TouchCommand,
@@ -27,14 +22,13 @@ from palpate.core.explore.tracing.contour_path import (
 )
 from palpate.core.explore.tracing.contour_trace import TraceGoal
 from palpate.core.poses import pad_rotation, pose_of
-from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.jet import fit_jet
-from palpate.core.touch.pad import Pad, guarded_move
+from palpate.core.touch.pad import guarded_move
 
 WIDTH = 0.015
 
 
-def arc(radius: float, begin: float, end: float, count: int) -> Path:
+def arc(radius, begin, end, count):
     """Points of a circle about the origin, counter-clockwise, with their normals."""
     azimuth = np.linspace(begin, end, count)
     away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(count)])
@@ -44,7 +38,7 @@ def arc(radius: float, begin: float, end: float, count: int) -> Path:
 
 @pytest.mark.parametrize("radius", [0.005, 0.01, 0.03, 0.2])
 @pytest.mark.parametrize("azimuth", [0.0, 1.0, 3.1, -2.0])
-def test_the_course_of_a_circle_is_its_tangent_and_curvature(radius, azimuth) -> None:
+def test_the_course_of_a_circle_is_its_tangent_and_curvature(radius, azimuth):
     path = arc(radius, azimuth - 0.012 / radius, azimuth, 13)
     course = heading_at_end(path, azimuth - 0.1, WIDTH)
     assert np.allclose(course.tangent, [-math.sin(azimuth), math.cos(azimuth)], atol=1e-12)
@@ -53,38 +47,38 @@ def test_the_course_of_a_circle_is_its_tangent_and_curvature(radius, azimuth) ->
     assert course.curvature == pytest.approx(1 / radius, rel=0.15)
 
 
-def test_a_hollow_has_negative_curvature() -> None:
+def test_a_hollow_has_negative_curvature():
     points = arc(0.02, 3.0, 2.5, 12)
     path = points._replace(normals=-points.normals)
     assert heading_at_end(path, 2.5 - math.pi, WIDTH).curvature == pytest.approx(-50.0, rel=0.1)
 
 
-def test_headings_do_not_jump_by_a_whole_turn() -> None:
+def test_headings_do_not_jump_by_a_whole_turn():
     for turns in (-1, 0, 2):
         path = arc(0.03, 2.9, 3.3, 12)
         course = heading_at_end(path, 3.2 + 2 * math.pi * turns, WIDTH)
         assert course.normal_azimuth == pytest.approx(3.3 + 2 * math.pi * turns, abs=1e-9)
 
 
-def test_one_point_goes_on_across_the_heading() -> None:
+def test_one_point_goes_on_across_the_heading():
     path = arc(0.03, 0.5, 0.5, 1)._replace(normals=np.array([[0.0, 0.0, 1.0]]))
     course = heading_at_end(path, 0.5, WIDTH)
     assert np.allclose(course.tangent, [-math.sin(0.5), math.cos(0.5)])
     assert course.curvature == 0.0
 
 
-def test_curvatures_are_bounded() -> None:
+def test_curvatures_are_bounded():
     tight = heading_at_end(arc(0.0005, -2.0, 0.0, 9), 0.0, WIDTH)
     assert tight.curvature <= 500.0
 
 
-def felt(slope: float) -> SliceArc:
+def felt(slope):
     empty = np.zeros((0, 3))
     none = np.zeros(0)
     return SliceArc(empty, empty, none, none, none, slope, np.zeros(3), np.zeros(3), 1, 1)
 
 
-def count_hits(most: int) -> Procedure[int]:
+def count_hits(most):
     """Touch at 0, 1, 2, ... until `most` hits; a miss costs two steps ahead."""
     place, hits = 0.0, 0
     while hits < most:
@@ -94,41 +88,41 @@ def count_hits(most: int) -> Procedure[int]:
     return hits
 
 
-def place_of(aim: TouchCommand | ProcedureResult[int]) -> float:
+def place_of(aim):
     assert isinstance(aim, TouchCommand)
     return float(aim.place[0])
 
 
-def test_a_routine_starts_with_its_first_aim() -> None:
+def test_a_routine_starts_with_its_first_aim():
     assert place_of(resume(lambda: count_hits(2), ())) == 0.0
 
 
-def test_what_was_felt_leads_to_the_next_aim() -> None:
+def test_what_was_felt_leads_to_the_next_aim():
     assert place_of(resume(lambda: count_hits(3), (felt(0.0),))) == 1.0
     assert place_of(resume(lambda: count_hits(3), (None,))) == 2.0
     assert place_of(resume(lambda: count_hits(3), (None, felt(0.0), None))) == 5.0
 
 
-def test_the_end_of_a_routine_is_its_result() -> None:
+def test_the_end_of_a_routine_is_its_result():
     assert resume(lambda: count_hits(2), (felt(0.0), None, felt(0.0))) == ProcedureResult(2)
     assert resume(lambda: count_hits(0), ()) == ProcedureResult(0)
 
 
-def test_resuming_twice_is_resuming_once() -> None:
+def test_resuming_twice_is_resuming_once():
     known = (felt(0.0), None)
     first, second = (resume(lambda: count_hits(9), known) for _ in range(2))
     assert place_of(first) == place_of(second) == 3.0
 
 
-def test_a_routine_may_call_another() -> None:
-    def both() -> Procedure[int]:
+def test_a_routine_may_call_another():
+    def both():
         return (yield from count_hits(1)) + (yield from count_hits(1))
 
     assert place_of(resume(both, (felt(0.0),))) == 0.0
     assert resume(both, (felt(0.0), felt(0.0))) == ProcedureResult(2)
 
 
-def test_an_aim_starts_its_standoff_before_the_place_and_travels_past_it() -> None:
+def test_an_aim_starts_its_standoff_before_the_place_and_travels_past_it():
     aim = TouchCommand(np.array([0.03, 0.0]), 0.0, 0.012, 0.014, UPRIGHT)
     assert np.allclose(aim.start(0.05)[:3], [0.042, 0.0, 0.05])
     assert aim.travel == pytest.approx(0.026)
@@ -145,9 +139,7 @@ RADIUS = 0.03
 ROW_BIAS = 0.2e-6
 
 
-def touch(
-    pad: Pad, shape: Superquadric, heading: float, tilt: float, height: float
-) -> SliceArc | None:
+def touch(pad, shape, heading, tilt, height):
     """A pad pressed straight towards the middle of a ball, and the slice at a height."""
     axes = pad_rotation(heading, tilt)
     end = guarded_move(shape, pad, pose_of(-0.05 * axes[:, 2], axes), 0.05, 1e-3)
@@ -157,7 +149,7 @@ def touch(
     return arc_in_slice(pad, end.pose, surface, touched, fitted.jet if fitted else None, height)
 
 
-def level_pad(surface: Floats, touched: Bools, pad: Pad, height: float) -> SliceArc | None:
+def level_pad(surface, touched, pad, height):
     """A pad that looks along -x, its middle at the origin."""
     pose = pose_of(np.zeros(3), pad_rotation(0.0, 0.0))
     return arc_in_slice(pad, pose, surface, touched, None, height)
@@ -167,7 +159,7 @@ def level_pad(surface: Floats, touched: Bools, pad: Pad, height: float) -> Slice
 @pytest.mark.parametrize(
     ("tilt", "height"), [(0.0, 0.0), (0.0, 2e-3), (0.6, 0.018), (-0.6, -0.0165)]
 )
-def test_the_arc_lies_on_the_ball_and_in_slice(heading, tilt, height, flat, domed, ball) -> None:
+def test_the_arc_lies_on_the_ball_and_in_slice(heading, tilt, height, flat, domed, ball):
     for pad in (flat, domed):
         felt = touch(pad, ball, heading, tilt, height)
         assert felt is not None
@@ -180,7 +172,7 @@ def test_the_arc_lies_on_the_ball_and_in_slice(heading, tilt, height, flat, dome
         assert np.allclose(felt.across, 1 / RADIUS, rtol=0.05)
 
 
-def test_the_arc_leads_counter_clockwise(flat, ball) -> None:
+def test_the_arc_leads_counter_clockwise(flat, ball):
     for heading in (0.0, 2.0, -3.0):
         felt = touch(flat, ball, heading, 0.0, 0.0)
         assert felt is not None
@@ -189,7 +181,7 @@ def test_the_arc_leads_counter_clockwise(flat, ball) -> None:
         assert math.remainder(azimuth.mean() - heading, 2 * math.pi) == pytest.approx(0, abs=1e-9)
 
 
-def test_a_slice_that_the_pad_does_not_cover_has_no_arc_but_a_slope(flat, ball) -> None:
+def test_a_slice_that_the_pad_does_not_cover_has_no_arc_but_a_slope(flat, ball):
     felt = touch(flat, ball, 0.0, 0.0, 0.012)
     assert felt is not None
     assert felt.points.shape == felt.normals.shape == (0, 3)
@@ -202,7 +194,7 @@ def test_a_slice_that_the_pad_does_not_cover_has_no_arc_but_a_slope(flat, ball) 
     assert felt.slope == pytest.approx(-7e-3 / RADIUS, rel=0.1)
 
 
-def test_the_slope_says_how_the_surface_leans_against_the_pad(flat) -> None:
+def test_the_slope_says_how_the_surface_leans_against_the_pad(flat):
     _, y = flat.grid()
     touched = np.ones((16, 16), bool)
     felt = level_pad(0.25 * y, touched, flat, 0.02)
@@ -212,7 +204,7 @@ def test_the_slope_says_how_the_surface_leans_against_the_pad(flat) -> None:
 
 
 @pytest.mark.parametrize(("row", "sign"), [(0, 1.0), (15, -1.0)])
-def test_where_one_row_touches_the_slope_is_a_guess_of_the_right_sign(row, sign, flat) -> None:
+def test_where_one_row_touches_the_slope_is_a_guess_of_the_right_sign(row, sign, flat):
     touched = np.zeros((16, 16), bool)
     touched[row, 3:9] = True
     felt = level_pad(np.zeros((16, 16)), touched, flat, 0.0)
@@ -221,7 +213,7 @@ def test_where_one_row_touches_the_slope_is_a_guess_of_the_right_sign(row, sign,
     assert (felt.above, felt.below) == ((6, 0) if row == 0 else (0, 6))
 
 
-def test_untouched_taxels_bear_no_arc(flat) -> None:
+def test_untouched_taxels_bear_no_arc(flat):
     touched = np.ones((16, 16), bool)
     touched[:, 5:9] = False
     felt = level_pad(np.zeros((16, 16)), touched, flat, 0.0)
@@ -229,7 +221,7 @@ def test_untouched_taxels_bear_no_arc(flat) -> None:
     assert len(felt.points) == 12
 
 
-def test_a_jump_between_two_rows_is_not_one_surface(flat) -> None:
+def test_a_jump_between_two_rows_is_not_one_surface(flat):
     x, y = flat.grid()
     surface = np.where((y > 0) & (x > 0), 2.1e-3, 0.0)
     felt = level_pad(surface, np.ones((16, 16), bool), flat, 0.0)
@@ -237,7 +229,7 @@ def test_a_jump_between_two_rows_is_not_one_surface(flat) -> None:
     assert len(felt.points) == 8
 
 
-def test_each_column_gives_the_crossing_nearest_to_the_middle(flat) -> None:
+def test_each_column_gives_the_crossing_nearest_to_the_middle(flat):
     _, y = flat.grid()
     # Seen from 45 degrees above, a wave in y passes the slice three times.
     pose = pose_of(np.zeros(3), pad_rotation(0.0, math.pi / 4))
@@ -248,21 +240,21 @@ def test_each_column_gives_the_crossing_nearest_to_the_middle(flat) -> None:
     assert np.allclose(felt.points[:, [0, 2]], 0.0, atol=0.2e-3)
 
 
-def test_without_a_jet_the_pads_own_normal_stands_in(flat) -> None:
+def test_without_a_jet_the_pads_own_normal_stands_in(flat):
     felt = level_pad(np.zeros((16, 16)), np.ones((16, 16), bool), flat, 0.0)
     assert felt is not None
     assert np.allclose(felt.normals, [1.0, 0.0, 0.0], atol=1e-15)
     assert (felt.across == 0.0).all()
 
 
-def test_nothing_touched_is_nothing_felt(flat) -> None:
+def test_nothing_touched_is_nothing_felt(flat):
     assert level_pad(np.zeros((16, 16)), np.zeros((16, 16), bool), flat, 0.0) is None
 
 
 ROUNDING = 1e-15
 
 
-def level(pad: Pad, surface: Any, touched: Any, height: float = 0.0, tilt: float = 0.0) -> SliceArc:
+def level(pad, surface, touched, height=0.0, tilt=0.0):
     """A pad that looks along -x, its middle at the origin."""
     felt = arc_in_slice(
         pad, pose_of(np.zeros(3), pad_rotation(0.0, tilt)), surface, touched, None, height
@@ -271,7 +263,7 @@ def level(pad: Pad, surface: Any, touched: Any, height: float = 0.0, tilt: float
     return felt
 
 
-def test_a_flat_wall_is_felt_from_the_first_touched_row_to_the_last(flat) -> None:
+def test_a_flat_wall_is_felt_from_the_first_touched_row_to_the_last(flat):
     touched = np.zeros((16, 16), bool)
     touched[3:12] = True
     for height in (0.0, -2.2e-3):
@@ -281,12 +273,12 @@ def test_a_flat_wall_is_felt_from_the_first_touched_row_to_the_last(flat) -> Non
         assert np.allclose(felt.high, 4.5e-3, rtol=0, atol=1e-15)
 
 
-def test_a_tilted_pads_band_is_as_high_as_its_rows_stand(flat) -> None:
+def test_a_tilted_pads_band_is_as_high_as_its_rows_stand(flat):
     felt = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.0, 0.5)
     assert np.allclose(felt.high, 7.5e-3 * math.cos(0.5), rtol=0, atol=1e-15)
 
 
-def test_a_break_ends_the_band_there_and_in_that_column_alone(flat) -> None:
+def test_a_break_ends_the_band_there_and_in_that_column_alone(flat):
     touched = np.ones((16, 16), bool)
     touched[10, 4] = False
     _, y = flat.grid()
@@ -299,13 +291,13 @@ def test_a_break_ends_the_band_there_and_in_that_column_alone(flat) -> None:
     assert np.allclose(felt.high, 3.5e-3, rtol=0, atol=1e-15)
 
 
-def test_where_the_slice_runs_along_a_row_the_band_is_on_both_sides_of_it(flat) -> None:
+def test_where_the_slice_runs_along_a_row_the_band_is_on_both_sides_of_it(flat):
     felt = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.5e-3)
     assert np.allclose(felt.low, -7.5e-3, rtol=0, atol=1e-15)
     assert np.allclose(felt.high, 7.5e-3, rtol=0, atol=1e-15)
 
 
-def test_a_surface_that_turns_back_is_felt_to_its_highest_place(flat) -> None:
+def test_a_surface_that_turns_back_is_felt_to_its_highest_place(flat):
     _, y = flat.grid()
     above = 4e-3 - np.abs(y - 3.5e-3) + 1e-6
     met = crossings(flat, above, np.zeros((16, 16)), np.ones((16, 16), bool))
@@ -314,18 +306,18 @@ def test_a_surface_that_turns_back_is_felt_to_its_highest_place(flat) -> None:
     assert np.allclose(high, 4.001e-3, rtol=0, atol=1e-15)
 
 
-def test_what_the_slice_does_not_meet_has_no_band(flat) -> None:
+def test_what_the_slice_does_not_meet_has_no_band(flat):
     felt = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.02)
     assert felt.low.shape == felt.high.shape == (0,)
 
 
-def slice_arc_arc(pad: Pad, places: list[float], low: float, high: float) -> Path:
+def slice_arc_arc(pad, places, low, high):
     points = np.array([[0.03, place, 0.0] for place in places])
     flat = np.zeros(len(places))
     return Path(points, 0.0 * points, flat, flat + low, flat + high)
 
 
-def test_a_touch_over_felt_points_widens_their_bands_and_no_others(flat) -> None:
+def test_a_touch_over_felt_points_widens_their_bands_and_no_others(flat):
     path = slice_arc_arc(flat, [0.0, 1e-3, 2e-3], -3e-3, 1e-3)
     other = slice_arc_arc(flat, [1.3e-3, 2.3e-3, 3.3e-3], -1e-3, 5e-3)
     felt = SliceArc(*other, 0.0, np.zeros(3), np.zeros(3), 5, 5)
@@ -335,7 +327,7 @@ def test_a_touch_over_felt_points_widens_their_bands_and_no_others(flat) -> None
     assert np.array_equal(wider.points, path.points)
 
 
-def test_a_touch_without_an_arc_widens_no_band(flat) -> None:
+def test_a_touch_without_an_arc_widens_no_band(flat):
     path = slice_arc_arc(flat, [0.0], -1e-3, 1e-3)
     empty = path_of(level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.02))
     felt = SliceArc(*empty, 0.0, np.zeros(3), np.zeros(3), 5, 5)
@@ -343,7 +335,7 @@ def test_a_touch_without_an_arc_widens_no_band(flat) -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, -0.8])
-def test_a_traced_ball_is_felt_as_far_as_contacts_reach(share, finger, flat, domed, ball) -> None:
+def test_a_traced_ball_is_felt_as_far_as_contacts_reach(share, finger, flat, domed, ball):
     height = 0.03 * share
     for pad in (flat, domed):
         hand = finger(ball, pad)
@@ -363,7 +355,7 @@ def test_a_traced_ball_is_felt_as_far_as_contacts_reach(share, finger, flat, dom
         assert 1.2 * contact < band < 2.1 * contact
 
 
-def met(pad: Pad, surface: Floats, first: int = 0, last: int = 15) -> Floats:
+def met(pad, surface, first=0, last=15):
     """Where a surface, seen along a pad tilted by 45 degrees, meets a slice."""
     _, y = pad.grid()
     rows = np.arange(16)[:, None]
@@ -372,7 +364,7 @@ def met(pad: Pad, surface: Floats, first: int = 0, last: int = 15) -> Floats:
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 15), (7, 15), (0, 8), (6, 9), (5, 8), (7, 10)])
-def test_a_cubic_surface_is_met_exactly_where_four_rows_are_touched(first, last, flat) -> None:
+def test_a_cubic_surface_is_met_exactly_where_four_rows_are_touched(first, last, flat):
     _, y = flat.grid()
     found = met(flat, 0.2e-3 + 6.0 * y**2 + 800.0 * y**3, first, last)
     place = found[0, 1]
@@ -382,20 +374,20 @@ def test_a_cubic_surface_is_met_exactly_where_four_rows_are_touched(first, last,
 
 
 @pytest.mark.parametrize(("first", "last"), [(7, 9), (6, 8)])
-def test_a_parabola_is_met_exactly_where_three_rows_are_touched(first, last, flat) -> None:
+def test_a_parabola_is_met_exactly_where_three_rows_are_touched(first, last, flat):
     _, y = flat.grid()
     found = met(flat, 0.1e-3 + 9.0 * y**2, first, last)
     place = found[0, 1]
     assert 0.8 * place + 0.1e-3 + 9.0 * place**2 == pytest.approx(0.0, abs=1e-15)
 
 
-def test_a_line_is_met_exactly_where_two_rows_are_touched(flat) -> None:
+def test_a_line_is_met_exactly_where_two_rows_are_touched(flat):
     _, y = flat.grid()
     found = met(flat, 0.1e-3 - 0.1 * y, 7, 8)
     assert np.allclose(found[:, 1], -0.1e-3 / 0.7, atol=1e-17)
 
 
-def test_an_edge_between_two_rows_moves_no_point_off_its_rows(flat) -> None:
+def test_an_edge_between_two_rows_moves_no_point_off_its_rows(flat):
     _, y = flat.grid()
     for place in np.linspace(-0.5e-3, 0.5e-3, 9):
         found = met(flat, 1.2 * np.maximum(y - place, 0.0) - 0.6 * y)
@@ -403,7 +395,7 @@ def test_an_edge_between_two_rows_moves_no_point_off_its_rows(flat) -> None:
         assert np.abs(found[:, 1]).max() <= 0.5e-3
 
 
-def test_columns_are_met_in_their_order_and_once(flat) -> None:
+def test_columns_are_met_in_their_order_and_once(flat):
     x, y = flat.grid()
     found = crossings(flat, np.sin(y / 1.1e-3), 0.0 * x, np.ones((16, 16), bool))
     assert np.array_equal(found.places[:, 0], x[0])
@@ -412,19 +404,19 @@ def test_columns_are_met_in_their_order_and_once(flat) -> None:
     assert (found.rows == 7).all()
 
 
-def test_two_rows_that_differ_too_much_are_not_one_surface(flat) -> None:
+def test_two_rows_that_differ_too_much_are_not_one_surface(flat):
     _, y = flat.grid()
     jump = np.where(y > 0, STEEP * flat.pitch, 0.0)
     assert len(crossings(flat, y, 0.99 * jump, np.ones((16, 16), bool)).places) == 16
     assert len(crossings(flat, y, 1.01 * jump, np.ones((16, 16), bool)).places) == 0
 
 
-def test_nothing_touched_is_met_nowhere(flat) -> None:
+def test_nothing_touched_is_met_nowhere(flat):
     _, y = flat.grid()
     assert crossings(flat, y, y, np.zeros((16, 16), bool)).places.shape == (0, 3)
 
 
-def test_where_columns_have_more_rows_those_with_two_are_left_out(flat) -> None:
+def test_where_columns_have_more_rows_those_with_two_are_left_out(flat):
     _, y = flat.grid()
     touched = np.zeros((16, 16), bool)
     touched[7:9] = True
@@ -434,7 +426,7 @@ def test_where_columns_have_more_rows_those_with_two_are_left_out(flat) -> None:
     assert crossings(flat, y - 0.2e-3, 0.0 * y, touched).columns.tolist() == list(range(4, 12))
 
 
-def test_where_few_columns_have_more_rows_those_with_two_are_kept(flat) -> None:
+def test_where_few_columns_have_more_rows_those_with_two_are_kept(flat):
     _, y = flat.grid()
     touched = np.zeros((16, 16), bool)
     touched[7:9] = True

@@ -1,14 +1,9 @@
-from __future__ import annotations
-
 import itertools
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Bools, Floats
 from palpate.core.explore.tracing.contour_path import (
     DEEP_TOUCH_DEPTH,
     TOUCH_DEPTH,
@@ -39,8 +34,7 @@ from palpate.core.explore.tracing.contour_trace import (
     reacquire,
 )
 from palpate.core.poses import split_pose
-from palpate.core.shapes.protocol import Mesh, PosedShape, Shape
-from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.shapes.protocol import PosedShape, Shape
 from palpate.core.touch.pad import Pad
 
 MOST = 150
@@ -51,16 +45,16 @@ EXACT = 5e-6
 NEAR_RIM = 25e-6  # The same where the rounded edge of a box curves within 5 mm
 
 
-def slice_at(height: float, most: int = MOST) -> TraceGoal:
+def slice_at(height, most=MOST):
     return TraceGoal(height, np.zeros(2), 0.1, most)
 
 
-def off_surface(shape: Superquadric, points: Floats) -> Floats:
+def off_surface(shape, points):
     """Radial distance of points (n, 3) from a superquadric, m."""
     return np.asarray(np.linalg.norm(points, axis=1) * (1 - 1 / shape.gauge(points)))
 
 
-def length_of(points: Floats) -> float:
+def length_of(points):
     return float(np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).sum())
 
 
@@ -73,7 +67,7 @@ def length_of(points: Floats) -> float:
 )
 def test_a_contour_closes_on_the_surface_within_few_touches(
     name, most_flat, most_domed, error, share, finger, flat, domed, request
-) -> None:
+):
     shape = request.getfixturevalue(name)
     height = share * shape.size[2]
     for pad, most in ((flat, most_flat), (domed, most_domed)):
@@ -91,13 +85,13 @@ def test_a_contour_closes_on_the_surface_within_few_touches(
 
 
 @pytest.mark.parametrize("share", [0.0, 0.6, 0.93])
-def test_the_length_of_a_contour_of_a_ball_is_that_of_its_circle(share, finger, flat, ball) -> None:
+def test_the_length_of_a_contour_of_a_ball_is_that_of_its_circle(share, finger, flat, ball):
     trace, _ = finger(ball, flat).contour(slice_at(0.03 * share))
     circle = 2 * np.pi * 0.03 * np.sqrt(1 - share**2)
     assert length_of(trace.path.points) == pytest.approx(circle, rel=3e-3)
 
 
-def test_normals_look_outwards_and_curvatures_are_those_across(finger, flat, ball) -> None:
+def test_normals_look_outwards_and_curvatures_are_those_across(finger, flat, ball):
     trace, _ = finger(ball, flat).contour(slice_at(0.018))
     path = trace.path
     assert len(path.normals) == len(path.across) == len(path.points)
@@ -106,9 +100,7 @@ def test_normals_look_outwards_and_curvatures_are_those_across(finger, flat, bal
 
 
 @pytest.mark.parametrize("turn", [0.3, 0.9])
-def test_a_contour_does_not_depend_on_where_it_starts_beyond_its_sampling(
-    turn, finger, domed, box
-) -> None:
+def test_a_contour_does_not_depend_on_where_it_starts_beyond_its_sampling(turn, finger, domed, box):
     half = np.array([0, 0, np.sin(turn / 2), np.cos(turn / 2)])
     turned = PosedShape(box, np.concatenate([[0.004, -0.003, 0.0], half]))
     trace, status = finger(turned, domed).contour(slice_at(0.01))
@@ -120,7 +112,7 @@ def test_a_contour_does_not_depend_on_where_it_starts_beyond_its_sampling(
     assert length_of(points) == pytest.approx(0.195, abs=3e-3)
 
 
-def test_stepping_a_trace_twice_gives_the_same_and_leaves_it_unchanged(finger, flat, box) -> None:
+def test_stepping_a_trace_twice_gives_the_same_and_leaves_it_unchanged(finger, flat, box):
     hand, trace = finger(box, flat), Trace(slice_at(0.0))
     for _ in range(12):
         first, aim = next_command(flat, trace)
@@ -140,7 +132,7 @@ def test_stepping_a_trace_twice_gives_the_same_and_leaves_it_unchanged(finger, f
         trace = following
 
 
-def test_a_trace_asked_again_goes_on_from_where_it_was(finger, flat, box) -> None:
+def test_a_trace_asked_again_goes_on_from_where_it_was(finger, flat, box):
     hand, trace = finger(box, flat), Trace(slice_at(0.0))
     for _ in range(6):
         trace, aim = next_command(flat, trace)
@@ -151,20 +143,20 @@ def test_a_trace_asked_again_goes_on_from_where_it_was(finger, flat, box) -> Non
         trace = after_touch(again, hand.answer(same, 0.0))
 
 
-def test_a_slice_above_the_object_has_no_contact(finger, flat, ball) -> None:
+def test_a_slice_above_the_object_has_no_contact(finger, flat, ball):
     trace, status = finger(ball, flat).contour(slice_at(0.2))
     assert status == "no_contact"
     assert trace.path is None
 
 
-def test_a_slice_over_the_top_ends_at_the_pole(finger, flat, box) -> None:
+def test_a_slice_over_the_top_ends_at_the_pole(finger, flat, box):
     trace, status = finger(box, flat).contour(slice_at(0.043))
     assert status == "pole"
     assert trace.path is None
 
 
 @pytest.mark.parametrize("most", [1, 5, 12])
-def test_a_trace_gives_up_after_its_touches(most, finger, flat, ball) -> None:
+def test_a_trace_gives_up_after_its_touches(most, finger, flat, ball):
     trace, status = finger(ball, flat).contour(slice_at(0.0, most))
     assert status == "budget"
     assert trace.touches == most
@@ -173,26 +165,26 @@ def test_a_trace_gives_up_after_its_touches(most, finger, flat, ball) -> None:
 class Partly:
     """A ball of which only those places can be felt that a rule allows."""
 
-    def __init__(self, ball: Superquadric, rule: Callable[[Floats], Bools]) -> None:
+    def __init__(self, ball, rule):
         self._ball, self._rule = ball, rule
 
-    def bounds(self) -> Floats:
+    def bounds(self):
         return self._ball.bounds()
 
-    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+    def cast(self, origins, direction, reach):
         found = self._ball.cast(origins, direction, reach)
         place = origins + np.where(np.isfinite(found), found, 0.0)[:, None] * direction
         return np.where(self._rule(place), found, np.inf)
 
-    def mesh(self, level: int) -> Mesh:
+    def mesh(self, level):
         return self._ball.mesh(level)
 
 
 @pytest.mark.parametrize("azimuth", [180.0, 90.0, -22.0])
-def test_a_stretch_that_cannot_be_felt_is_a_gap_of_its_length(azimuth, finger, flat, ball) -> None:
+def test_a_stretch_that_cannot_be_felt_is_a_gap_of_its_length(azimuth, finger, flat, ball):
     middle = 0.03 * np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
 
-    def outside(place: Floats) -> Bools:
+    def outside(place):
         return np.asarray(np.linalg.norm(place[:, :2] - middle, axis=1) > 2.5e-3)
 
     trace, status = finger(Partly(ball, outside), flat).contour(slice_at(0.0))
@@ -202,7 +194,7 @@ def test_a_stretch_that_cannot_be_felt_is_a_gap_of_its_length(azimuth, finger, f
     assert np.linalg.norm(0.5 * (gap.start + gap.end)[:2] - middle) < 0.6e-3
 
 
-def test_a_side_that_cannot_be_felt_is_leapt_over_and_is_a_gap(finger, flat, ball) -> None:
+def test_a_side_that_cannot_be_felt_is_leapt_over_and_is_a_gap(finger, flat, ball):
     shape: Shape = Partly(ball, lambda place: np.asarray(place[:, 1] > -0.01))
     trace, status = finger(shape, flat).contour(slice_at(0.0))
     assert status == "occluded"
@@ -213,7 +205,7 @@ def test_a_side_that_cannot_be_felt_is_leapt_over_and_is_a_gap(finger, flat, bal
     assert gap.reason == "missed"
 
 
-def test_a_contour_without_a_way_on_is_stuck(flat) -> None:
+def test_a_contour_without_a_way_on_is_stuck(flat):
     trace = after_touch(next_command(flat, Trace(slice_at(0.0)))[0], arc(0.0, 0.5))
     while isinstance((stepped := next_command(flat, trace))[1], TouchCommand):
         trace = after_touch(stepped[0], None)
@@ -222,7 +214,7 @@ def test_a_contour_without_a_way_on_is_stuck(flat) -> None:
     assert stepped[0].path is not None
 
 
-def arc(begin: float, end: float, growth: float = 0.0) -> SliceArc:
+def arc(begin, end, growth=0.0):
     """A touch that felt part of a circle of 20 mm about the origin, or of a spiral."""
     azimuth = np.linspace(begin, end, 12)
     away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(12)])
@@ -231,7 +223,7 @@ def arc(begin: float, end: float, growth: float = 0.0) -> SliceArc:
     return SliceArc(points, away, flat, flat, flat, 0.0, points[0], points[0], 5, 5)
 
 
-def test_a_gap_that_ends_at_the_start_is_a_gap(flat) -> None:
+def test_a_gap_that_ends_at_the_start_is_a_gap(flat):
     ends = np.linspace(0.0, 2 * np.pi - 0.2, 16)
     arcs = [arc(begin, end) for begin, end in itertools.pairwise(ends)]
     arcs.append(arc(2 * np.pi + 0.02, 2 * np.pi + 0.4))
@@ -245,7 +237,7 @@ def test_a_gap_that_ends_at_the_start_is_a_gap(flat) -> None:
     assert gap.extent == pytest.approx(2 * 0.02 * np.sin(0.1))
 
 
-def test_a_path_that_circles_without_closing_is_overrun(flat) -> None:
+def test_a_path_that_circles_without_closing_is_overrun(flat):
     trace, azimuth = Trace(slice_at(0.0)), 0.0
     while True:
         trace, found = next_command(flat, trace)
@@ -258,7 +250,7 @@ def test_a_path_that_circles_without_closing_is_overrun(flat) -> None:
     assert azimuth > 2 * np.pi
 
 
-def following_arc(radius: float, begin: float, end: float, count: int) -> Path:
+def following_arc(radius, begin, end, count):
     """Points of a circle about the origin, counter-clockwise, with their normals."""
     azimuth = np.linspace(begin, end, count)
     away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(count)])
@@ -266,16 +258,14 @@ def following_arc(radius: float, begin: float, end: float, count: int) -> Path:
     return Path(radius * away, away, flat, flat, flat)
 
 
-def line(begin: Floats, end: Floats, count: int) -> Path:
+def line(begin, end, count):
     points = np.linspace([*begin, 0.0], [*end, 0.0], count)
     along = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
     flat = np.zeros(count)
     return Path(points, np.tile([along[1], -along[0], 0.0], (count, 1)), flat, flat, flat)
 
 
-def stride(
-    pad: Pad, path: Path, heading: float, felt: Sequence[SliceArc | None]
-) -> TouchCommand | Stride | None:
+def stride(pad, path, heading, felt):
     """Where the march from the path's end goes after it has felt this, or what it found."""
     cut = SliceSpec(pad, 0.0)
     course = heading_at_end(path, heading, cut.width)
@@ -283,11 +273,11 @@ def stride(
     return found.result if isinstance(found, ProcedureResult) else found
 
 
-def felt_on(path: Path) -> SliceArc:
+def felt_on(path):
     return SliceArc(*path, 0.0, path.points[0], path.points[0], 5, 5)
 
 
-def test_steps_are_as_long_as_contact_and_pad_allow(flat, domed) -> None:
+def test_steps_are_as_long_as_contact_and_pad_allow(flat, domed):
     ways = []
     for pad, radius in ((flat, 0.003), (flat, 0.006), (domed, 10.0), (flat, 10.0)):
         path = following_arc(radius, -0.009 / radius, 0.0, 40)
@@ -300,7 +290,7 @@ def test_steps_are_as_long_as_contact_and_pad_allow(flat, domed) -> None:
     assert ways[2] == ways[3] == pytest.approx(0.69 * 7.5e-3)
 
 
-def test_an_arc_that_joins_the_path_is_taken_without_what_lies_behind(flat) -> None:
+def test_an_arc_that_joins_the_path_is_taken_without_what_lies_behind(flat):
     found = stride(
         flat, following_arc(0.03, 0.0, 0.5, 16), 0.5, [felt_on(following_arc(0.03, 0.4, 0.8, 13))]
     )
@@ -311,7 +301,7 @@ def test_an_arc_that_joins_the_path_is_taken_without_what_lies_behind(flat) -> N
     assert len(azimuth) == 9
 
 
-def test_a_miss_leads_around_the_corner_and_through_the_whole_list(flat) -> None:
+def test_a_miss_leads_around_the_corner_and_through_the_whole_list(flat):
     path = line(np.array([0.03, 0.0]), np.array([0.03, 0.02]), 16)
     counts = range(1, 2 + len(AROUND_A_CORNER))
     tried = [stride(flat, path, 0.0, [None] * count) for count in counts]
@@ -320,7 +310,7 @@ def test_a_miss_leads_around_the_corner_and_through_the_whole_list(flat) -> None
     assert tried[-1] is None
 
 
-def test_a_face_beyond_the_corner_is_joined_by_the_turned_touch(flat) -> None:
+def test_a_face_beyond_the_corner_is_joined_by_the_turned_touch(flat):
     path = line(np.array([0.03, 0.0]), np.array([0.03, 0.02]), 16)
     top = line(np.array([0.0295, 0.0205]), np.array([0.02, 0.0205]), 10)
     found = stride(flat, path, 0.0, [None, felt_on(top)])
@@ -328,7 +318,7 @@ def test_a_face_beyond_the_corner_is_joined_by_the_turned_touch(flat) -> None:
     assert found.heading == pytest.approx(AROUND_A_CORNER[0].turn)
 
 
-def test_an_arc_beyond_a_gap_is_taken_last_with_a_touch_in_the_gaps_middle(flat) -> None:
+def test_an_arc_beyond_a_gap_is_taken_last_with_a_touch_in_the_gaps_middle(flat):
     path = line(np.array([0.03, 0.0]), np.array([0.03, 0.01]), 11)
     beyond = felt_on(line(np.array([0.03, 0.015]), np.array([0.03, 0.02]), 6))
     missed = [beyond, *[None] * len(OVER_A_GAP)]
@@ -347,24 +337,22 @@ PROBES = 2 + 2 * len(WALL_POSTURES)
 Filled = tuple[Path, tuple[Gap, ...]]
 
 
-def chain(*places: float) -> Path:
+def chain(*places):
     """Points along y on a wall that looks along x."""
     points = np.array([[0.03, place, 0.0] for place in places])
     flat = np.zeros(len(points))
     return Path(points, np.tile([1.0, 0.0, 0.0], (len(points), 1)), flat, flat, flat)
 
 
-def felt_at(*places: float) -> SliceArc:
+def felt_at(*places):
     return SliceArc(*chain(*places), 0.0, np.zeros(3), np.zeros(3), 5, 5)
 
 
-def filled(
-    pad: Pad, path: Path, felt: Sequence[SliceArc | None]
-) -> TouchCommand | ProcedureResult[Filled]:
+def filled(pad, path, felt):
     return resume(lambda: probe_gaps(SliceSpec(pad, 0.0), path, UPRIGHT), felt)
 
 
-def test_points_that_join_are_left_alone(flat) -> None:
+def test_points_that_join_are_left_alone(flat):
     found = filled(flat, chain(0.0, 0.001, 0.0028), ())
     assert isinstance(found, ProcedureResult)
     path, gaps = found.result
@@ -372,16 +360,16 @@ def test_points_that_join_are_left_alone(flat) -> None:
     assert gaps == ()
 
 
-def test_a_gap_is_probed_in_its_middle_across_its_chord(flat) -> None:
+def test_a_gap_is_probed_in_its_middle_across_its_chord(flat):
     aim = filled(flat, chain(0.0, 0.006), ())
     assert isinstance(aim, TouchCommand)
     assert np.allclose(aim.place, [0.03, 0.003])
     assert aim.heading == pytest.approx(0.0)
 
 
-def test_what_is_felt_between_is_put_in_and_what_is_not_stays_a_gap(flat) -> None:
+def test_what_is_felt_between_is_put_in_and_what_is_not_stays_a_gap(flat):
     path = chain(0.0, 0.006, 0.016)
-    nothing: list[SliceArc | None] = [felt_at(0.0, 0.016)] * PROBES
+    nothing = [felt_at(0.0, 0.016)] * PROBES
     found = filled(flat, path, [*nothing, felt_at(-0.001, 0.0015, 0.003, 0.0045, 0.0075)])
     assert isinstance(found, ProcedureResult)
     whole, [gap] = found.result
@@ -390,14 +378,14 @@ def test_what_is_felt_between_is_put_in_and_what_is_not_stays_a_gap(flat) -> Non
     assert gap.extent == pytest.approx(0.010)
 
 
-def test_a_gap_that_a_probe_has_shortened_is_probed_again(flat) -> None:
+def test_a_gap_that_a_probe_has_shortened_is_probed_again(flat):
     aim = filled(flat, chain(0.0, 0.010), [felt_at(0.001, 0.002)])
     assert isinstance(aim, TouchCommand)
     assert np.allclose(aim.place, [0.03, 0.006])
 
 
-def test_a_bridge_is_pressed_deeper_and_then_its_walls_are_followed_from_both_ends(flat) -> None:
-    bridged: list[SliceArc | None] = [felt_at(0.0, 0.010)]
+def test_a_bridge_is_pressed_deeper_and_then_its_walls_are_followed_from_both_ends(flat):
+    bridged = [felt_at(0.0, 0.010)]
     aims = [filled(flat, chain(0.0, 0.010), bridged * count) for count in range(1, PROBES)]
     assert filled(flat, chain(0.0, 0.010), bridged * PROBES) not in aims
     deep, *walls = aims
@@ -415,14 +403,14 @@ def test_a_bridge_is_pressed_deeper_and_then_its_walls_are_followed_from_both_en
     )
 
 
-def test_where_nothing_is_touched_one_probe_is_enough(flat) -> None:
+def test_where_nothing_is_touched_one_probe_is_enough(flat):
     found = filled(flat, chain(0.0, 0.006), [None])
     assert isinstance(found, ProcedureResult)
     [gap] = found.result[1]
     assert gap.reason == "missed"
 
 
-def test_a_probe_that_feels_no_more_than_the_ends_has_not_helped(flat) -> None:
+def test_a_probe_that_feels_no_more_than_the_ends_has_not_helped(flat):
     path = chain(0.0, 0.006)
     found = filled(flat, path, [felt_at(0.0001, 0.0059)] * PROBES)
     assert isinstance(found, ProcedureResult)
@@ -433,26 +421,26 @@ def test_a_probe_that_feels_no_more_than_the_ends_has_not_helped(flat) -> None:
 ENDS = np.array([[0.03, -0.004, 0.0], [0.03, 0.004, 0.0]])
 
 
-def walls(angle: float) -> Any:
+def walls(angle):
     """Normals of two walls that lead into it, so steep."""
     return np.array([[math.cos(angle), side * math.sin(angle), 0.0] for side in (1.0, -1.0)])
 
 
-def leading_edge(pad: Pad, aim: Any, number: int) -> Any:
+def leading_edge(pad, aim, number):
     """Where the pad's edge comes that is set into the hollow, (2,), m."""
     place, axes = split_pose(aim.start(0.0))
     edge = place + (1.0 if number == 0 else -1.0) * 7.5e-3 * axes[:, 0]
     return edge[:2] + aim.standoff * axes[:2, 2]
 
 
-def test_each_way_is_tried_at_both_ends_with_the_deepest_press(flat) -> None:
+def test_each_way_is_tried_at_both_ends_with_the_deepest_press(flat):
     aims = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))
     assert len(aims) == 2 * len(WALL_POSTURES)
     assert {aim.posture.depth for aim in aims} == {DEEP_TOUCH_DEPTH}
     assert flat.saturation * flat.thickness > DEEP_TOUCH_DEPTH
 
 
-def test_an_edge_comes_down_the_wall_beyond_its_last_felt_point(flat) -> None:
+def test_an_edge_comes_down_the_wall_beyond_its_last_felt_point(flat):
     first, last = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))[:2]
     for number, aim, side in ((0, first, 1.0), (1, last, -1.0)):
         assert aim.heading == pytest.approx(side * 0.9 * 0.7)
@@ -462,14 +450,14 @@ def test_an_edge_comes_down_the_wall_beyond_its_last_felt_point(flat) -> None:
         assert beyond @ into == pytest.approx(0.22 * 15e-3)
 
 
-def test_the_pads_body_stays_outside_the_hollow(flat) -> None:
+def test_the_pads_body_stays_outside_the_hollow(flat):
     for number, aim in enumerate(probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))[:2]):
         edge, middle = leading_edge(flat, aim, number), aim.place
         assert middle[0] > edge[0]
         assert abs(middle[1]) > abs(edge[1])
 
 
-def test_corners_come_first_where_the_pad_is_tilted(flat) -> None:
+def test_corners_come_first_where_the_pad_is_tilted(flat):
     for aim, way in zip(
         probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))[::2], WALL_POSTURES, strict=True
     ):
@@ -477,19 +465,19 @@ def test_corners_come_first_where_the_pad_is_tilted(flat) -> None:
         assert aim.posture.shift == pytest.approx(7e-3 * float(np.sign(way.tilt)))
 
 
-def test_no_edge_is_set_beyond_the_middle_of_a_narrow_gap(flat) -> None:
+def test_no_edge_is_set_beyond_the_middle_of_a_narrow_gap(flat):
     narrow = 0.25 * ENDS + 0.75 * ENDS.mean(axis=0)
     for number, aim in enumerate(probe_walls(SliceSpec(flat, 0.0), narrow, walls(0.0))[:2]):
         assert leading_edge(flat, aim, number)[1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_pad_is_never_turned_along_the_chord(flat) -> None:
+def test_a_pad_is_never_turned_along_the_chord(flat):
     first = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(3.0))[0]
     assert first.heading == pytest.approx(STEEPEST)
 
 
 @pytest.mark.parametrize("scale", [0.3, 3.0])
-def test_lengths_go_by_the_width_of_the_array(scale, flat) -> None:
+def test_lengths_go_by_the_width_of_the_array(scale, flat):
     pad = Pad(16, 16, scale * flat.pitch, flat.thickness, 0.0, flat.saturation)
     one = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.5))[0]
     other = probe_walls(SliceSpec(pad, 0.0), scale * ENDS, walls(0.5))[0]
@@ -497,7 +485,7 @@ def test_lengths_go_by_the_width_of_the_array(scale, flat) -> None:
     assert other.standoff == pytest.approx(scale * one.standoff)
 
 
-def circle_arc(begin: float, end: float) -> Path:
+def circle_arc(begin, end):
     """Points of a circle of 30 mm."""
     azimuth = np.linspace(begin, end, max(int(30 * (end - begin)), 2))
     away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
@@ -505,13 +493,11 @@ def circle_arc(begin: float, end: float) -> Path:
     return Path(0.03 * away, away, flat, flat, flat)
 
 
-def reacquired(
-    pad: Pad, path: Path, felt: Sequence[SliceArc | None]
-) -> TouchCommand | ProcedureResult[Stride | None]:
+def reacquired(pad, path, felt):
     return resume(lambda: reacquire(SliceSpec(pad, 0.0), path, np.zeros(2), 0.1), felt)
 
 
-def test_approaches_come_from_ever_farther_round_up_to_the_start(flat) -> None:
+def test_approaches_come_from_ever_farther_round_up_to_the_start(flat):
     path = circle_arc(0.0, math.pi)
     aims = [reacquired(flat, path, [None] * count) for count in range(6)]
     headings = [aim.heading for aim in aims if isinstance(aim, TouchCommand)]
@@ -519,7 +505,7 @@ def test_approaches_come_from_ever_farther_round_up_to_the_start(flat) -> None:
     assert reacquired(flat, path, [None] * 6) == ProcedureResult(None)
 
 
-def test_what_is_met_is_the_way_on_and_the_stretch_before_it_is_probed(flat) -> None:
+def test_what_is_met_is_the_way_on_and_the_stretch_before_it_is_probed(flat):
     path, beyond = circle_arc(0.0, math.pi), circle_arc(math.pi + 0.45, math.pi + 0.6)
     met = SliceArc(*beyond, 0.0, beyond.points[0], beyond.points[0], 5, 5)
     aim = reacquired(flat, path, [met])

@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,20 +20,18 @@ from palpate.core.explore.tracing.search import (
     AZIMUTHS,
     LEAST_ARC,
     FirstArc,
-    NoArc,
     Target,
     next_posture,
     search_arc,
     search_first_arc,
 )
-from palpate.core.shapes.protocol import Shape
 from palpate.core.touch.pad import Pad
 
 
-def first_arc(finger: Any, shape: Shape, pad: Pad, height: float) -> tuple[FirstArc | NoArc, int]:
+def first_arc(finger, shape, pad, height):
     """The start of a contour, and the number of touches that it took."""
     hand = finger(shape, pad)
-    felt: list[SliceArc | None] = []
+    felt = []
     for _ in range(150):
         found = resume(lambda: search_first_arc(SliceSpec(pad, height), np.zeros(2), 0.1), felt)
         if isinstance(found, ProcedureResult):
@@ -45,7 +40,7 @@ def first_arc(finger: Any, shape: Shape, pad: Pad, height: float) -> tuple[First
     raise AssertionError("begin does not end")
 
 
-def test_one_touch_is_enough_where_the_side_is_upright(finger, flat, ball, box) -> None:
+def test_one_touch_is_enough_where_the_side_is_upright(finger, flat, ball, box):
     for shape in (ball, box):
         start, touches = first_arc(finger, shape, flat, 0.0)
         assert touches == 1
@@ -56,7 +51,7 @@ def test_one_touch_is_enough_where_the_side_is_upright(finger, flat, ball, box) 
 @pytest.mark.parametrize("share", [-0.9, -0.6, 0.6, 0.9])
 def test_off_the_equator_the_pad_tilts_until_it_lies_against_the_surface(
     share, finger, flat, domed, ball
-) -> None:
+):
     for pad in (flat, domed):
         start, touches = first_arc(finger, ball, pad, 0.03 * share)
         assert isinstance(start, FirstArc)
@@ -71,16 +66,16 @@ def test_off_the_equator_the_pad_tilts_until_it_lies_against_the_surface(
 @pytest.mark.parametrize("share", [0.25, 0.33, -0.33])
 def test_a_first_arc_that_is_felt_askew_is_felt_once_more_and_no_oftener(
     share, finger, domed, ball
-) -> None:
+):
     start, touches = first_arc(finger, ball, domed, 0.03 * share)
     assert touches == 2
     assert isinstance(start, FirstArc)
     assert start.posture.tilt == pytest.approx(math.asin(share), abs=0.02)
 
 
-def test_later_tilts_follow_the_slope_without_overshooting(finger, domed, ball) -> None:
+def test_later_tilts_follow_the_slope_without_overshooting(finger, domed, ball):
     hand, tilts = finger(ball, domed), []
-    felt: list[SliceArc | None] = []
+    felt = []
     while isinstance(
         aim := resume(lambda: search_first_arc(SliceSpec(domed, 0.018), np.zeros(2), 0.1), felt),
         TouchCommand,
@@ -91,13 +86,13 @@ def test_later_tilts_follow_the_slope_without_overshooting(finger, domed, ball) 
     assert max(tilts) < math.asin(0.6)
 
 
-def test_an_object_that_is_not_there_is_sought_from_every_side(finger, flat, ball) -> None:
+def test_an_object_that_is_not_there_is_sought_from_every_side(finger, flat, ball):
     start, touches = first_arc(finger, ball, flat, 0.2)
     assert start == "no_contact"
     assert touches == len(AZIMUTHS)
 
 
-def test_the_first_approach_comes_from_the_radius_and_goes_to_the_centre(flat) -> None:
+def test_the_first_approach_comes_from_the_radius_and_goes_to_the_centre(flat):
     aim = resume(lambda: search_first_arc(SliceSpec(flat, 0.05), np.array([0.01, -0.02]), 0.1), ())
     assert isinstance(aim, TouchCommand)
     assert np.allclose(aim.start(0.05)[:3], [0.11, -0.02, 0.05])
@@ -113,7 +108,7 @@ def test_the_first_approach_comes_from_the_radius_and_goes_to_the_centre(flat) -
 @pytest.mark.parametrize("above", [1e-3, 5e-3])
 def test_one_touch_from_above_tells_that_the_object_ends_below_the_slice(
     above, finger, flat, domed, ball, box
-) -> None:
+):
     for pad in (flat, domed):
         for shape in (ball, box):
             found, touches = first_arc(finger, shape, pad, shape.size[2] + above)
@@ -121,7 +116,7 @@ def test_one_touch_from_above_tells_that_the_object_ends_below_the_slice(
             assert touches <= 20
 
 
-def test_a_slice_below_everything_that_is_felt_is_occluded(finger, flat, ball) -> None:
+def test_a_slice_below_everything_that_is_felt_is_occluded(finger, flat, ball):
     found, _ = first_arc(finger, ball, flat, -0.032)
     assert found == "occluded"
 
@@ -130,25 +125,21 @@ Found = tuple[SliceArc | None, Posture]
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 
 
-def felt_of(
-    slope: float, arc: int = 0, above: int = 0, below: int = 9, rise: float = 0.0
-) -> SliceArc:
+def felt_of(slope, arc=0, above=0, below=9, rise=0.0):
     points, normals = np.zeros((arc, 3)), np.tile([1.0, 0.0, 0.0], (arc, 1))
     nearest = np.array([0.03, 0.0, rise])
     flat = np.zeros(arc)
     return SliceArc(points, normals, flat, flat, flat, slope, nearest, nearest, above, below)
 
 
-def search(
-    felt: list[SliceArc | None], posture: Posture = UPRIGHT
-) -> TouchCommand | ProcedureResult[Found]:
+def search(felt, posture=UPRIGHT):
     place: Floats = np.array([0.03, 0.0])
     return resume(
         lambda: search_arc(SliceSpec(PAD, 0.0), posture, Target(place, 0.0, 3e-3, 3e-3)), felt
     )
 
 
-def test_an_arc_at_the_first_touch_ends_the_search() -> None:
+def test_an_arc_at_the_first_touch_ends_the_search():
     found = search([felt_of(0.0, arc=5)])
     assert isinstance(found, ProcedureResult)
     felt, posture = found.result
@@ -156,16 +147,16 @@ def test_an_arc_at_the_first_touch_ends_the_search() -> None:
     assert posture == UPRIGHT
 
 
-def test_a_miss_ends_the_search_with_nothing() -> None:
+def test_a_miss_ends_the_search_with_nothing():
     found = search([None])
     assert isinstance(found, ProcedureResult)
     assert found.result == (None, UPRIGHT)
 
 
 @pytest.mark.parametrize("height", [0.014, 0.02, -0.02])
-def test_a_pad_beside_the_slice_walks_to_it(height, finger, flat, ball) -> None:
+def test_a_pad_beside_the_slice_walks_to_it(height, finger, flat, ball):
     hand, target = finger(ball, flat), Target(np.array([0.03, 0.0]), 0.0, 14e-3, 30e-3)
-    felt: list[SliceArc | None] = []
+    felt = []
     while True:
         found = resume(lambda: search_arc(SliceSpec(flat, height), UPRIGHT, target), felt)
         if isinstance(found, ProcedureResult):
@@ -180,7 +171,7 @@ def test_a_pad_beside_the_slice_walks_to_it(height, finger, flat, ball) -> None:
     assert 0.3 < posture.tilt / math.asin(height / 0.03) < 1.2
 
 
-def test_a_bridge_is_searched_with_deep_touches_until_one_feels_an_arc() -> None:
+def test_a_bridge_is_searched_with_deep_touches_until_one_feels_an_arc():
     bridged = felt_of(0.0, above=20, below=20)
     aim = search([bridged])
     assert isinstance(aim, TouchCommand)
@@ -191,11 +182,11 @@ def test_a_bridge_is_searched_with_deep_touches_until_one_feels_an_arc() -> None
     assert found.result[1].frozen
 
 
-def test_a_search_that_finds_nothing_says_so_and_is_shorter_after_three() -> None:
+def test_a_search_that_finds_nothing_says_so_and_is_shorter_after_three():
     bridged = felt_of(0.0, above=20, below=20)
     lengths = []
     for failed in range(5):
-        felt: list[SliceArc | None] = [bridged]
+        felt = [bridged]
         posture = UPRIGHT._replace(failed_searches=failed)
         while not isinstance(found := search(felt, posture), ProcedureResult):
             felt.append(None)
@@ -204,7 +195,7 @@ def test_a_search_that_finds_nothing_says_so_and_is_shorter_after_three() -> Non
     assert lengths == [9, 9, 9, 3, 3]
 
 
-def test_a_frozen_stance_is_kept_while_it_works() -> None:
+def test_a_frozen_stance_is_kept_while_it_works():
     frozen = Posture(0.3, 6e-3, DEEP_TOUCH_DEPTH, frozen=True)
     aim = search([], frozen)
     assert isinstance(aim, TouchCommand)
@@ -218,7 +209,7 @@ def test_a_frozen_stance_is_kept_while_it_works() -> None:
 
 
 @pytest.mark.parametrize("slope", [-50.0, 50.0])
-def test_the_pad_is_never_tilted_beyond_its_limit(slope) -> None:
+def test_the_pad_is_never_tilted_beyond_its_limit(slope):
     posture = UPRIGHT._replace(tilt=-math.copysign(MOST_TILT, slope))
     assert abs(next_posture(posture, felt_of(slope)).tilt) == MOST_TILT
     aim = search([felt_of(slope, rise=0.02)])
@@ -226,7 +217,7 @@ def test_the_pad_is_never_tilted_beyond_its_limit(slope) -> None:
     assert abs(aim.posture.tilt) <= MOST_TILT
 
 
-def test_a_small_slope_leaves_the_tilt_alone_and_a_larger_one_is_followed_in_part() -> None:
+def test_a_small_slope_leaves_the_tilt_alone_and_a_larger_one_is_followed_in_part():
     assert next_posture(UPRIGHT, felt_of(0.03)) == UPRIGHT
     tilted = next_posture(UPRIGHT, felt_of(0.5)).tilt
     assert -math.atan(0.5) < tilted < -0.5 * math.atan(0.5)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -7,10 +5,9 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, pose_of, split_pose
-from palpate.core.shapes.protocol import Mesh
 from palpate.core.touch.effects.aperture import Aperture
 from palpate.core.touch.pad import Pad
-from palpate.core.touch.pipeline import Fingertip, SimulatedTouch, cast_single_rays
+from palpate.core.touch.pipeline import SimulatedTouch, cast_single_rays
 
 MakeTouch = Callable[..., SimulatedTouch]
 READINGS = ("mean", "max")
@@ -19,29 +16,29 @@ READINGS = ("mean", "max")
 class Ground:
     """A surface of this height under each place of the world, seen from above."""
 
-    def __init__(self, height: Callable[[Floats, Floats], Floats]):
+    def __init__(self, height):
         self.height = height
 
-    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+    def cast(self, origins, direction, reach):
         """Ranges of rays that look straight down."""
         assert np.allclose(direction, [0.0, 0.0, -1.0])
         x, y, z = origins.T
         ranges = z - self.height(x, y)
         return np.where(ranges <= reach, ranges, np.inf)
 
-    def bounds(self) -> Floats:
+    def bounds(self):
         raise NotImplementedError
 
-    def mesh(self, level: int) -> Mesh:
+    def mesh(self, level):
         raise NotImplementedError
 
 
-def felt(finger: Fingertip, touch: SimulatedTouch, **given: object) -> SimulatedTouch:
-    Aperture(**given).prepare(finger).apply(touch, None)  # type: ignore[arg-type]
+def felt(finger, touch, **given):
+    Aperture(**given).prepare(finger).apply(touch, None)
     return touch
 
 
-def over(finger: Fingertip, make_touch: MakeTouch, ground: Ground, **more: float) -> SimulatedTouch:
+def over(finger, make_touch, ground, **more):
     """A touch of a ground from 3 mm above its zero."""
     start = pose_of(np.array([0.0, 0.0, 3e-3]), FACING_DOWN)
     touch = make_touch(believed=start, actual=start, **more)
@@ -49,9 +46,7 @@ def over(finger: Fingertip, make_touch: MakeTouch, ground: Ground, **more: float
     return touch
 
 
-def slowly(
-    finger: Fingertip, touch: SimulatedTouch, width: float, rays: int, largest: bool
-) -> Floats:
+def slowly(finger, touch, width, rays, largest):
     """What the elements report at the end of a move, ray by ray."""
     pad = finger.pad
     position, axes = split_pose(touch.actual)
@@ -72,7 +67,7 @@ def slowly(
 
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("dome", [0.0, 1 / 0.015])
-def test_elements_report_what_their_rays_see(reading, dome, make_finger, make_touch) -> None:
+def test_elements_report_what_their_rays_see(reading, dome, make_finger, make_touch):
     finger = make_finger(dome=dome)
     start = pose_of(np.array([1.3e-3, -0.4e-3, 0.033]), FACING_DOWN)
     touch = make_touch(believed=start, actual=start)
@@ -85,7 +80,7 @@ def test_elements_report_what_their_rays_see(reading, dome, make_finger, make_to
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("depth", [0.05e-3, 1e-3, 2.2e-3])
 @pytest.mark.parametrize("dome", [0.0, 1 / 0.015])
-def test_deepest_element_reports_asked_depth(reading, depth, dome, make_finger, make_touch) -> None:
+def test_deepest_element_reports_asked_depth(reading, depth, dome, make_finger, make_touch):
     touch = felt(make_finger(dome=dome), make_touch(depth=depth), reading=reading)
     assert touch.outcome == "hit"
     assert touch.compression.max() == pytest.approx(depth, abs=1e-15)
@@ -93,11 +88,11 @@ def test_deepest_element_reports_asked_depth(reading, depth, dome, make_finger, 
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_way_to_a_mean_is_right_on_rough_ground(seed, make_finger, make_touch) -> None:
+def test_the_way_to_a_mean_is_right_on_rough_ground(seed, make_finger, make_touch):
     heights = np.random.default_rng(seed).uniform(-2e-3, 0.0, (64, 64))
     heights[::7] = -np.inf  # nothing there
 
-    def rough(x: Floats, y: Floats) -> Floats:
+    def rough(x, y):
         cells = [np.floor(part / 0.27e-3).astype(int) + 32 for part in (x, y)]
         found: Floats = heights[cells[1], cells[0]]
         return found
@@ -109,7 +104,7 @@ def test_the_way_to_a_mean_is_right_on_rough_ground(seed, make_finger, make_touc
     assert np.isfinite(touch.compression).all()
 
 
-def test_the_mean_of_a_plane_is_its_height_in_the_middle(make_finger, make_touch) -> None:
+def test_the_mean_of_a_plane_is_its_height_in_the_middle(make_finger, make_touch):
     finger, slope = make_finger(), 0.05
     touch = felt(finger, over(finger, make_touch, Ground(lambda x, y: slope * x), depth=2e-3))
     one_ray = over(finger, make_touch, Ground(lambda x, y: slope * x), depth=2e-3)
@@ -119,7 +114,7 @@ def test_the_mean_of_a_plane_is_its_height_in_the_middle(make_finger, make_touch
     assert np.allclose(touch.compression[pressed], one_ray.compression[pressed], atol=1e-15)
 
 
-def test_the_largest_of_a_plane_is_that_of_the_outermost_ray(make_finger, make_touch) -> None:
+def test_the_largest_of_a_plane_is_that_of_the_outermost_ray(make_finger, make_touch):
     finger, slope = make_finger(), 0.05
     ground = Ground(lambda x, y: slope * x)
     touch = felt(finger, over(finger, make_touch, ground, depth=2e-3), reading="max")
@@ -131,12 +126,12 @@ def test_the_largest_of_a_plane_is_that_of_the_outermost_ray(make_finger, make_t
     assert np.allclose(touch.compression, np.maximum(expected, 0.0), atol=1e-15)
 
 
-def ridge(x: Floats, y: Floats) -> Floats:
+def ridge(x, y):
     """A ridge of 1 mm between two columns of taxels, too narrow for a ray at their middles."""
     return np.where(np.abs(x - 0.3e-3) < 0.1e-3, 0.0, -1e-3)
 
 
-def test_a_ridge_between_the_taxels_is_seen(make_finger, make_touch) -> None:
+def test_a_ridge_between_the_taxels_is_seen(make_finger, make_touch):
     finger, depth = make_finger(), 0.2e-3
     blind = over(finger, make_touch, Ground(ridge), depth=depth)
     cast_single_rays(finger, blind)
@@ -149,12 +144,12 @@ def test_a_ridge_between_the_taxels_is_seen(make_finger, make_touch) -> None:
     assert mean.compression.max() == pytest.approx(depth)
 
 
-def needle(x: Floats, y: Floats) -> Floats:
+def needle(x, y):
     """A needle of 5 mm under one ray of one element."""
     return np.where(np.hypot(x - 0.5e-3, y - 0.5e-3) < 0.1e-3, 0.0, -5e-3)
 
 
-def test_a_needle_bottoms_the_pad_before_its_element_reports_depth(make_finger, make_touch) -> None:
+def test_a_needle_bottoms_the_pad_before_its_element_reports_depth(make_finger, make_touch):
     finger = make_finger()
     touch = felt(finger, over(finger, make_touch, Ground(needle), depth=1e-3))
     assert touch.outcome == "bottomed"
@@ -165,7 +160,7 @@ def test_a_needle_bottoms_the_pad_before_its_element_reports_depth(make_finger, 
 @pytest.mark.parametrize("reading", READINGS)
 def test_indentation_is_what_is_reported_or_the_way_to_the_nearest_ray(
     reading, make_finger, make_touch
-) -> None:
+):
     touch = felt(make_finger(), make_touch(), reading=reading)
     touched = touch.compression > 0.0
     assert touched.any() and not touched.all()
@@ -179,9 +174,7 @@ def test_indentation_is_what_is_reported_or_the_way_to_the_nearest_ray(
 
 
 @pytest.mark.parametrize("reading", READINGS)
-def test_outcomes_are_those_of_single_rays_on_smooth_ground(
-    reading, make_finger, make_touch
-) -> None:
+def test_outcomes_are_those_of_single_rays_on_smooth_ground(reading, make_finger, make_touch):
     finger = make_finger()
     inside = pose_of(np.array([0.0, 0.0, 0.0299]), FACING_DOWN)
     for given in ({"reach": 2.9e-3}, {"reach": 3.1e-3}, {"depth": 2.9e-3}, {"actual": inside}):
@@ -193,7 +186,7 @@ def test_outcomes_are_those_of_single_rays_on_smooth_ground(
         assert many.loading == pytest.approx(one.loading, rel=0.01)
 
 
-def test_a_small_element_sees_what_a_ray_does(make_finger, make_touch) -> None:
+def test_a_small_element_sees_what_a_ray_does(make_finger, make_touch):
     finger, small, ray = make_finger(), make_touch(), make_touch()
     felt(finger, small, width=0.05, rays=2)
     cast_single_rays(finger, ray)
@@ -202,6 +195,6 @@ def test_a_small_element_sees_what_a_ray_does(make_finger, make_touch) -> None:
     assert np.allclose(small.actual, ray.actual, rtol=0.0, atol=1e-6)
 
 
-def test_another_reading_is_refused() -> None:
+def test_another_reading_is_refused():
     with pytest.raises(ValueError, match="reading is 'median'; expected mean or max"):
-        Aperture(reading="median")  # type: ignore[arg-type]
+        Aperture(reading="median")

@@ -1,19 +1,16 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
 
-from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.touch.effects.arm_backlash import ArmBacklash
-from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
+from palpate.core.touch.pipeline import SimulatedTouch
 
 MakeTouch = Callable[..., SimulatedTouch]
 WIDTH = 0.2e-3
 
 
-def followed(finger: Fingertip, make_touch: MakeTouch, ways: Floats) -> Floats:
+def followed(finger, make_touch, ways):
     """Where the pad starts if the arm goes to each of these places in turn, (n, 3)."""
     stage, found = ArmBacklash(width=WIDTH).prepare(finger), []
     state = stage.state
@@ -28,7 +25,7 @@ def followed(finger: Fingertip, make_touch: MakeTouch, ways: Floats) -> Floats:
     return np.array(found)
 
 
-def test_to_and_fro_makes_a_loop_of_the_asked_width(make_finger, make_touch) -> None:
+def test_to_and_fro_makes_a_loop_of_the_asked_width(make_finger, make_touch):
     forth = np.linspace(0.0, 1e-3, 101)
     there_and_back = np.concatenate([forth, forth[::-1], forth])
     ways = np.zeros((there_and_back.size, 3))
@@ -45,20 +42,20 @@ def test_to_and_fro_makes_a_loop_of_the_asked_width(make_finger, make_touch) -> 
     assert np.isclose(loop, WIDTH * (1e-3 - WIDTH), rtol=1e-2)
 
 
-def test_each_axis_has_its_own_play(make_finger, make_touch) -> None:
+def test_each_axis_has_its_own_play(make_finger, make_touch):
     ways = np.array([[0.0, 0.0, 0.0], [1e-3, 0.0, -1e-3], [0.95e-3, 1e-3, -1e-3]])
     found = followed(make_finger(), make_touch, ways)
     assert np.allclose(found[1], [0.9e-3, 0.0, -0.9e-3], atol=1e-18)
     assert np.allclose(found[2], [0.9e-3, 0.9e-3, -0.9e-3], atol=1e-18)
 
 
-def test_the_pad_is_never_farther_from_the_arm_than_half_the_width(make_finger, make_touch) -> None:
+def test_the_pad_is_never_farther_from_the_arm_than_half_the_width(make_finger, make_touch):
     ways = np.random.default_rng(3).normal(0.0, 0.3e-3, (300, 3))
     found = followed(make_finger(), make_touch, ways)
     assert np.abs(found - ways).max() <= WIDTH / 2 + 1e-18
 
 
-def test_the_play_does_not_depend_on_the_speed(make_finger, make_touch) -> None:
+def test_the_play_does_not_depend_on_the_speed(make_finger, make_touch):
     corners = np.array([0.0, 1e-3, 0.2e-3, 0.6e-3, -1e-3])
     ways = np.zeros((5, 3))
     ways[:, 0] = corners

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -8,9 +6,7 @@ from palpate.core.touch.effects.arm_compliance import ArmCompliance
 from palpate.core.touch.pipeline import assemble
 
 
-def test_the_believed_pose_is_too_deep_by_force_over_stiffness(
-    make_finger, make_touch, rotations
-) -> None:
+def test_the_believed_pose_is_too_deep_by_force_over_stiffness(make_finger, make_touch, rotations):
     finger = make_finger(pitch=0.8e-3)
     stage = ArmCompliance(stiffness=10e3).prepare(finger)
     for axes in rotations(5):
@@ -25,7 +21,7 @@ def test_the_believed_pose_is_too_deep_by_force_over_stiffness(
         assert np.array_equal(touch.actual, end)
 
 
-def test_the_touch_is_as_with_a_stiff_arm_but_for_what_is_believed(make_finger, make_touch) -> None:
+def test_the_touch_is_as_with_a_stiff_arm_but_for_what_is_believed(make_finger, make_touch):
     finger = make_finger()
     touches = []
     for effects in ([], [ArmCompliance()]):
@@ -41,7 +37,7 @@ def test_the_touch_is_as_with_a_stiff_arm_but_for_what_is_believed(make_finger, 
     assert bent == pytest.approx(force / 20e3, rel=0.02)
 
 
-def test_a_stiffer_arm_bends_less_in_proportion(make_finger, make_touch, dent) -> None:
+def test_a_stiffer_arm_bends_less_in_proportion(make_finger, make_touch, dent):
     bent = []
     for stiffness in (1e3, 1e4, 1e8):
         touch = make_touch(field=dent)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from itertools import pairwise
@@ -7,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.touch.effects.creep import Creep
 from palpate.core.touch.pipeline import Fingertip, SimulatedTouch, assemble
 
@@ -17,13 +14,13 @@ SHARE, TAU = 0.2, 0.5
 
 
 def press(
-    make_touch: MakeTouch,
-    field: Floats,
-    rest: float = 1.0,
-    loading: float = 0.1,
-    dwell: float = 0.3,
-    way_back: float = 0.0,
-) -> SimulatedTouch:
+    make_touch,
+    field,
+    rest=1.0,
+    loading=0.1,
+    dwell=0.3,
+    way_back=0.0,
+):
     """A touch with these times, which begins at 0."""
     time = rest + loading + dwell + way_back
     return make_touch(
@@ -32,10 +29,10 @@ def press(
 
 
 @pytest.fixture
-def feel(make_finger: MakeFinger) -> Callable[[list[SimulatedTouch]], list[Floats]]:
+def feel(make_finger):
     """What is felt in each of these touches, one after the other."""
 
-    def follow(touches: list[SimulatedTouch]) -> list[Floats]:
+    def follow(touches):
         stage = Creep(share=SHARE, tau=TAU).prepare(make_finger())
         state = stage.state
         for touch in touches:
@@ -45,9 +42,7 @@ def feel(make_finger: MakeFinger) -> Callable[[list[SimulatedTouch]], list[Float
     return follow
 
 
-def integrated(
-    touches: list[SimulatedTouch], depths: list[float], taus: float = TAU
-) -> list[float]:
+def integrated(touches, depths, taus=TAU):
     """What is felt by small steps of the equation, q' = -q / tau + c'."""
     found, q, step = [], 0.0, 1e-4
     for touch, depth in zip(touches, depths, strict=True):
@@ -63,7 +58,7 @@ def integrated(
     return found
 
 
-def test_a_series_of_touches_follows_the_equation(make_touch, feel) -> None:
+def test_a_series_of_touches_follows_the_equation(make_touch, feel):
     times = [
         (1.0, 0.1, 0.3, 0.2),
         (0.2, 0.05, 0.1, 0.1),
@@ -80,13 +75,13 @@ def test_a_series_of_touches_follows_the_equation(make_touch, feel) -> None:
     assert np.allclose(found, expected, rtol=1e-6)
 
 
-def test_a_first_touch_is_the_closed_form_of_ramp_and_hold(make_touch, feel, dent) -> None:
+def test_a_first_touch_is_the_closed_form_of_ramp_and_hold(make_touch, feel, dent):
     (found,) = feel([press(make_touch, dent, loading=0.25, dwell=0.4)])
     branch = TAU / 0.25 * (1 - math.exp(-0.25 / TAU)) * math.exp(-0.4 / TAU)
     assert np.allclose(found, dent * (1 - SHARE + SHARE * branch), rtol=1e-14)
 
 
-def test_a_sudden_press_is_felt_wholly_and_a_long_one_less_by_share(make_touch, feel, dent) -> None:
+def test_a_sudden_press_is_felt_wholly_and_a_long_one_less_by_share(make_touch, feel, dent):
     (sudden,) = feel([press(make_touch, dent, loading=0.0, dwell=0.0)])
     (nearly,) = feel([press(make_touch, dent, loading=1e-12, dwell=0.0)])
     (long,) = feel([press(make_touch, dent, dwell=50 * TAU)])
@@ -95,7 +90,7 @@ def test_a_sudden_press_is_felt_wholly_and_a_long_one_less_by_share(make_touch, 
     assert np.allclose(long, (1 - SHARE) * dent, rtol=1e-14)
 
 
-def test_a_rest_in_two_parts_is_a_rest(make_touch, feel, dent) -> None:
+def test_a_rest_in_two_parts_is_a_rest(make_touch, feel, dent):
     nothing = 0.0 * dent
     first = press(make_touch, dent, way_back=0.05)
     parted = [
@@ -107,12 +102,12 @@ def test_a_rest_in_two_parts_is_a_rest(make_touch, feel, dent) -> None:
     assert np.allclose(feel(parted)[-1], feel(whole)[-1], rtol=1e-13)
 
 
-def test_a_pad_that_rested_long_has_recovered(make_touch, feel, dent) -> None:
+def test_a_pad_that_rested_long_has_recovered(make_touch, feel, dent):
     again = feel([press(make_touch, dent), press(make_touch, dent, rest=40 * TAU)])
     assert np.allclose(again[1], again[0], rtol=1e-14)
 
 
-def test_pad_that_rested_briefly_feels_less_and_converges_to_cycle(make_touch, feel, dent) -> None:
+def test_pad_that_rested_briefly_feels_less_and_converges_to_cycle(make_touch, feel, dent):
     series = feel([press(make_touch, dent, rest=0.1) for _ in range(30)])
     deepest = [field.max() for field in series]
     assert all(later < earlier for earlier, later in pairwise(deepest[:8]))
@@ -124,7 +119,7 @@ def test_pad_that_rested_briefly_feels_less_and_converges_to_cycle(make_touch, f
     assert deepest[-1] == pytest.approx(dent.max() * (1 - SHARE + SHARE * branch), rel=1e-9)
 
 
-def test_a_free_face_feels_nothing_and_never_less(make_touch, feel, dent) -> None:
+def test_a_free_face_feels_nothing_and_never_less(make_touch, feel, dent):
     deep, shallow = press(make_touch, dent), press(make_touch, 0.01 * dent, rest=0.01)
     _, found = feel([deep, shallow])
     assert (found >= 0.0).all()
@@ -133,7 +128,7 @@ def test_a_free_face_feels_nothing_and_never_less(make_touch, feel, dent) -> Non
     assert (shallow.pressure >= 0.0).all()
 
 
-def test_pressure_falls_in_the_same_proportion(make_touch, feel, dent) -> None:
+def test_pressure_falls_in_the_same_proportion(make_touch, feel, dent):
     touch = press(make_touch, dent)
     touch.pressure = 3e9 * dent**2
     (found,) = feel([touch])
@@ -143,7 +138,7 @@ def test_pressure_falls_in_the_same_proportion(make_touch, feel, dent) -> None:
     assert (touch.pressure[~touched] == 0.0).all()
 
 
-def test_it_knows_the_times_of_a_whole_touch(make_finger, make_touch) -> None:
+def test_it_knows_the_times_of_a_whole_touch(make_finger, make_touch):
     finger = make_finger()
     pipeline = assemble(finger, [Creep(share=SHARE, tau=TAU)])
     states, depths = pipeline.begin(), (1e-3, 0.5e-3, 1e-3)

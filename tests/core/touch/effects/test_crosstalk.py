@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -15,8 +13,8 @@ Mixed = Callable[[Floats], Floats]
 
 
 @pytest.fixture
-def mixed(make_finger: MakeFinger, make_touch: MakeTouch) -> Mixed:
-    def mix(field: Floats) -> Floats:
+def mixed(make_finger, make_touch):
+    def mix(field):
         touch = make_touch(field=field)
         Crosstalk(share=0.05).prepare(make_finger()).apply(touch, None)
         return touch.reading
@@ -24,7 +22,7 @@ def mixed(make_finger: MakeFinger, make_touch: MakeTouch) -> Mixed:
     return mix
 
 
-def test_a_single_taxel_spreads_over_its_four_neighbours(mixed) -> None:
+def test_a_single_taxel_spreads_over_its_four_neighbours(mixed):
     field = np.zeros((16, 16))
     field[5, 8] = 1e-3
     expected = np.zeros((16, 16))
@@ -34,18 +32,18 @@ def test_a_single_taxel_spreads_over_its_four_neighbours(mixed) -> None:
 
 
 @pytest.mark.parametrize(("place", "kept"), [((0, 8), 0.85), ((15, 15), 0.90), ((7, 0), 0.85)])
-def test_a_taxel_at_the_border_keeps_what_it_cannot_give(place, kept, mixed) -> None:
+def test_a_taxel_at_the_border_keeps_what_it_cannot_give(place, kept, mixed):
     field = np.zeros((16, 16))
     field[place] = 1e-3
     assert mixed(field)[place] == pytest.approx(kept * 1e-3, rel=1e-14)
 
 
-def test_a_level_field_stays_and_nothing_is_lost(mixed, dent) -> None:
+def test_a_level_field_stays_and_nothing_is_lost(mixed, dent):
     assert np.allclose(mixed(np.full((16, 16), 1e-3)), 1e-3, rtol=1e-15)
     assert mixed(dent).sum() == pytest.approx(dent.sum(), rel=1e-14)
 
 
-def test_a_wave_is_damped_by_its_closed_form(mixed: Mixed) -> None:
+def test_a_wave_is_damped_by_its_closed_form(mixed):
     # Cosines that end level at the borders are the modes of the mixing.
     for number in (1, 4, 15):
         wave = np.cos(np.pi * number * (np.arange(16) + 0.5) / 16)[None, :].repeat(16, axis=0)

@@ -1,12 +1,10 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from palpate.core.touch.effects.dead_taxels import DeadTaxels
 
 
-def test_dead_and_stuck_taxels_come_at_their_rates(make_finger, readings) -> None:
+def test_dead_and_stuck_taxels_come_at_their_rates(make_finger, readings):
     effect, field = DeadTaxels(rate=0.1, stuck=0.05), np.full((16, 16), -1.0)
     found = np.array(
         [readings(effect.prepare(make_finger(number=n)), field, 1)[0] for n in range(1, 41)]
@@ -21,7 +19,7 @@ def test_dead_and_stuck_taxels_come_at_their_rates(make_finger, readings) -> Non
     assert abs(level.var() - 1 / 12) < 5 * np.sqrt(1 / 180 / level.size)
 
 
-def test_the_same_taxels_stay_broken_in_the_same_way(make_finger, readings, dent) -> None:
+def test_the_same_taxels_stay_broken_in_the_same_way(make_finger, readings, dent):
     stage = DeadTaxels(rate=0.1, stuck=0.1).prepare(make_finger())
     first, other = readings(stage, dent + 1e-5, 3), readings(stage, dent + 2e-5, 3)
     assert (first == first[0]).all()
@@ -30,14 +28,14 @@ def test_the_same_taxels_stay_broken_in_the_same_way(make_finger, readings, dent
     assert 20 < broken.sum() < 90
 
 
-def test_taxels_that_are_dead_stay_dead_when_others_are_stuck(make_finger, readings) -> None:
+def test_taxels_that_are_dead_stay_dead_when_others_are_stuck(make_finger, readings):
     field = np.full((16, 16), -1.0)
     (some,) = readings(DeadTaxels(rate=0.1).prepare(make_finger()), field, 1)
     (more,) = readings(DeadTaxels(rate=0.1, stuck=0.2).prepare(make_finger()), field, 1)
     assert np.array_equal(some == 0.0, more == 0.0)
 
 
-def test_more_than_all_taxels_are_refused() -> None:
+def test_more_than_all_taxels_are_refused():
     with pytest.raises(ValueError, match=r"rate and stuck are 1\.1 together; expected 0 to 1"):
         DeadTaxels(rate=0.6, stuck=0.5)
     assert DeadTaxels(rate=0.5, stuck=0.5).rate == 0.5

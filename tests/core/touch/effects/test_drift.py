@@ -1,17 +1,14 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
 
-from palpate.core.arrays import Floats
 from palpate.core.touch.effects.drift import Drift
-from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
+from palpate.core.touch.pipeline import SimulatedTouch
 
 MakeTouch = Callable[..., SimulatedTouch]
 
 
-def walked(finger: Fingertip, make_touch: MakeTouch, times: Floats, rate: float = 2e-6) -> Floats:
+def walked(finger, make_touch, times, rate=2e-6):
     """Zeros after each of these times, (touches, rows * cols)."""
     stage = Drift(rate=rate).prepare(finger)
     state, found = stage.state, []
@@ -22,7 +19,7 @@ def walked(finger: Fingertip, make_touch: MakeTouch, times: Floats, rate: float 
     return np.array(found)
 
 
-def test_the_variance_grows_as_time_does(make_finger, make_touch) -> None:
+def test_the_variance_grows_as_time_does(make_finger, make_touch):
     times = np.array([1.0, 4.0, 20.0, 100.0, 300.0])
     zeros = np.concatenate(
         [walked(make_finger(number=number), make_touch, times) for number in range(1, 9)], axis=1
@@ -31,7 +28,7 @@ def test_the_variance_grows_as_time_does(make_finger, make_touch) -> None:
     assert (np.abs(ratio - 1.0) < 5 * np.sqrt(2 / zeros.shape[1])).all()
 
 
-def test_steps_are_independent_and_as_long_as_their_time(make_finger, make_touch) -> None:
+def test_steps_are_independent_and_as_long_as_their_time(make_finger, make_touch):
     waits = np.tile([0.5, 2.0, 1.0], 60)
     zeros = walked(make_finger(), make_touch, np.cumsum(waits))
     steps = np.diff(zeros, axis=0, prepend=0.0) / (2e-6 * np.sqrt(waits)[:, None])
@@ -42,11 +39,11 @@ def test_steps_are_independent_and_as_long_as_their_time(make_finger, make_touch
     assert abs(np.mean(neighbours[:, :, 1:] * neighbours[:, :, :-1])) < 5 / np.sqrt(steps.size)
 
 
-def test_no_time_no_drift(make_finger, make_touch) -> None:
+def test_no_time_no_drift(make_finger, make_touch):
     assert (walked(make_finger(), make_touch, np.zeros(3)) == 0.0).all()
 
 
-def test_a_step_does_not_depend_on_what_was_felt(make_finger, make_touch, dent) -> None:
+def test_a_step_does_not_depend_on_what_was_felt(make_finger, make_touch, dent):
     stage = Drift().prepare(make_finger())
     hit, miss = make_touch(3, dent, time=5.0), make_touch(3, 0.0 * dent, outcome="miss", time=5.0)
     assert np.array_equal(stage.apply(hit, stage.state)[1], stage.apply(miss, stage.state)[1])

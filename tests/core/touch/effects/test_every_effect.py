@@ -1,7 +1,5 @@
 """What holds for all effects alike."""
 
-from __future__ import annotations
-
 import ast
 import math
 import re
@@ -54,7 +52,7 @@ NOTHING: dict[str, dict[str, Any]] = {
 }
 
 
-def series(make_touch: MakeTouch) -> list[SimulatedTouch]:
+def series(make_touch):
     """Four touches, one after the other."""
     starts = [make_touch(number, **given) for number, given in enumerate(OUTCOMES)]
     for number, touch in enumerate(starts):
@@ -62,13 +60,13 @@ def series(make_touch: MakeTouch) -> list[SimulatedTouch]:
     return starts
 
 
-def test_every_file_of_the_package_is_in_the_catalogue_and_the_other_way_round() -> None:
+def test_every_file_of_the_package_is_in_the_catalogue_and_the_other_way_round():
     assert {path.stem for path in FOLDER.glob("*.py")} - {"__init__", "catalogue"} == set(
         EFFECT_NAMES
     )
 
 
-def test_the_catalogue_is_in_order_of_phase() -> None:
+def test_the_catalogue_is_in_order_of_phase():
     phases = [effect_type(name).phase for name in EFFECT_NAMES]
     assert phases == sorted(phases)
     assert set(phases) == set(Phase)
@@ -76,10 +74,10 @@ def test_the_catalogue_is_in_order_of_phase() -> None:
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_an_effect_is_a_frozen_value_with_defaults(name) -> None:
-    kind: Any = effect_type(name)
+def test_an_effect_is_a_frozen_value_with_defaults(name):
+    kind = effect_type(name)
     assert is_dataclass(kind())
-    effect: Any = kind()
+    effect = kind()
     assert effect == kind()
     assert all(field.kw_only for field in fields(kind))
     with pytest.raises(AttributeError):
@@ -89,7 +87,7 @@ def test_an_effect_is_a_frozen_value_with_defaults(name) -> None:
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_an_effect_and_each_of_its_parameters_are_described(name) -> None:
+def test_an_effect_and_each_of_its_parameters_are_described(name):
     source = (FOLDER / f"{name}.py").read_text()
     (described,) = [
         node
@@ -105,7 +103,7 @@ def test_an_effect_and_each_of_its_parameters_are_described(name) -> None:
 
 
 @pytest.mark.parametrize(("name", "field", "allowed"), NUMBERS)
-def test_a_parameter_outside_its_range_is_refused_with_range_and_unit(name, field, allowed) -> None:
+def test_a_parameter_outside_its_range_is_refused_with_range_and_unit(name, field, allowed):
     margin = max(1.0, abs(allowed.high))
     for value in (allowed.low - margin, allowed.high + margin, math.nan, math.inf):
         with pytest.raises(ValueError, match=re.escape(f"; expected {allowed}")) as caught:
@@ -114,7 +112,7 @@ def test_a_parameter_outside_its_range_is_refused_with_range_and_unit(name, fiel
 
 
 @pytest.mark.parametrize(("name", "field", "allowed"), NUMBERS)
-def test_the_ends_of_a_range_can_be_had(name, field, allowed, make_finger, make_touch) -> None:
+def test_the_ends_of_a_range_can_be_had(name, field, allowed, make_finger, make_touch):
     for value in (allowed.low, allowed.high):
         given = {field: int(value) if allowed.unit == "1" and value > 1 else value}
         if field == "stuck":
@@ -129,7 +127,7 @@ def test_the_ends_of_a_range_can_be_had(name, field, allowed, make_finger, make_
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_same_touches_and_states_give_same_again(name, make_finger, make_touch, values_of) -> None:
+def test_same_touches_and_states_give_same_again(name, make_finger, make_touch, values_of):
     pipeline = assemble(make_finger(), [effect_type(name)()])
     found = []
     for _ in range(2):
@@ -141,7 +139,7 @@ def test_same_touches_and_states_give_same_again(name, make_finger, make_touch, 
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_a_stage_writes_into_no_array_that_it_was_given(name, make_finger, make_touch) -> None:
+def test_a_stage_writes_into_no_array_that_it_was_given(name, make_finger, make_touch):
     effect = effect_type(name)()
     pipeline = assemble(make_finger(), [effect])
     states = pipeline.begin()
@@ -154,18 +152,18 @@ def test_a_stage_writes_into_no_array_that_it_was_given(name, make_finger, make_
         states = tuple(kept)
 
 
-def vars_of(touch: SimulatedTouch) -> list[np.ndarray]:
+def vars_of(touch):
     held = (getattr(touch, field.name) for field in fields(touch))
     return [value for value in held if isinstance(value, np.ndarray)]
 
 
-def arrays_in(state: Any) -> list[np.ndarray]:
+def arrays_in(state):
     parts = state if isinstance(state, tuple) else (state,)
     return [part for part in parts if isinstance(part, np.ndarray)]
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_a_miss_and_a_start_in_object_feel_nothing_but_noise(name, make_finger, make_touch) -> None:
+def test_a_miss_and_a_start_in_object_feel_nothing_but_noise(name, make_finger, make_touch):
     inside = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     pipeline = assemble(make_finger(), [effect_type(name)()])
     states = pipeline.begin()
@@ -179,7 +177,7 @@ def test_a_miss_and_a_start_in_object_feel_nothing_but_noise(name, make_finger, 
 
 
 @pytest.mark.parametrize("name", NOTHING)
-def test_effect_without_strength_changes_nothing(name, make_finger, make_touch, values_of) -> None:
+def test_effect_without_strength_changes_nothing(name, make_finger, make_touch, values_of):
     finger = make_finger(dome=1 / 0.015)
     ideal = assemble(finger, [])
     pipeline = assemble(finger, [effect_type(name)(**NOTHING[name])])
@@ -192,7 +190,7 @@ def test_effect_without_strength_changes_nothing(name, make_finger, make_touch, 
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_no_effect_imports_another_or_more_than_numpy(name) -> None:
+def test_no_effect_imports_another_or_more_than_numpy(name):
     source = ast.parse((FOLDER / f"{name}.py").read_text())
     for node in ast.walk(source):
         if isinstance(node, ast.ImportFrom):
@@ -204,7 +202,7 @@ def test_no_effect_imports_another_or_more_than_numpy(name) -> None:
 
 @pytest.mark.parametrize("rows_cols", [(8, 20), (20, 8), (13, 13)])
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_arrays_need_not_be_square_or_even(name, rows_cols, make_finger, make_touch) -> None:
+def test_arrays_need_not_be_square_or_even(name, rows_cols, make_finger, make_touch):
     finger = make_finger(rows=rows_cols[0], cols=rows_cols[1], pitch=0.8e-3)
     pipeline = assemble(finger, [effect_type(name)()])
     touch = make_touch()
@@ -213,19 +211,19 @@ def test_arrays_need_not_be_square_or_even(name, rows_cols, make_finger, make_to
     assert touch.reading.shape == touch.pressure.shape == rows_cols
 
 
-def test_unknown_effects_are_refused() -> None:
+def test_unknown_effects_are_refused():
     with pytest.raises(LookupError, match="there is no effect 'noise'"):
         effect_type("noise")
 
 
-def test_a_module_that_cannot_be_imported_or_holds_no_effect_is_refused() -> None:
+def test_a_module_that_cannot_be_imported_or_holds_no_effect_is_refused():
     with pytest.raises(ValueError, match=r"'no\.such:Effect' cannot be imported"):
         effect_type("no.such:Effect")
     with pytest.raises(ValueError, match="'math:pi' is no effect"):
         effect_type("math:pi")
 
 
-def test_a_users_own_effect_is_found_and_comes_last() -> None:
+def test_a_users_own_effect_is_found_and_comes_last():
     name = "palpate.core.touch.effects.drift:Drift"
     assert effect_type(name) is import_module("palpate.core.touch.effects.drift").EFFECT
     assert rank(name) == len(EFFECT_NAMES)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -7,29 +5,28 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from palpate.core.arrays import Floats
 from palpate.core.touch.effects import half_space
 from palpate.core.touch.effects.half_space import HalfSpace
-from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
+from palpate.core.touch.pipeline import SimulatedTouch
 
 MakeTouch = Callable[..., SimulatedTouch]
 RADIUS, DEPTH = 0.03, 1e-3
 STIFFNESS = 0.5e6 / (1.0 - 0.49**2)  # E / (1 - nu^2), N/m2
 
 
-def paraboloid(finger: Fingertip, radius: float = RADIUS, depth: float = DEPTH) -> Floats:
+def paraboloid(finger, radius=RADIUS, depth=DEPTH):
     x, y = finger.pad.grid()
     return depth - (x * x + y * y) / (2 * radius)
 
 
-def solved(finger: Fingertip, make_touch: MakeTouch, indentation: Floats) -> SimulatedTouch:
+def solved(finger, make_touch, indentation):
     springs = np.maximum(indentation, 0.0)
     touch = make_touch(field=indentation, compression=springs, pressure=2e8 * springs)
     HalfSpace().prepare(finger).apply(touch, None)
     return touch
 
 
-def displacement(finger: Fingertip, pressure: Floats, fine: int = 12) -> Floats:
+def displacement(finger, pressure, fine=12):
     """Displacement of each taxel's middle, by point loads on a fine grid (Boussinesq).
 
     In the middle of its own square the mean of 1 / r is 4 asinh(1) over the side.
@@ -47,7 +44,7 @@ def displacement(finger: Fingertip, pressure: Floats, fine: int = 12) -> Floats:
     return found
 
 
-def test_a_ball_makes_the_contact_of_hertz(make_finger, make_touch) -> None:
+def test_a_ball_makes_the_contact_of_hertz(make_finger, make_touch):
     finger = make_finger()
     touch = solved(finger, make_touch, paraboloid(finger))
     radius = math.sqrt(RADIUS * DEPTH)
@@ -71,7 +68,7 @@ def test_a_ball_makes_the_contact_of_hertz(make_finger, make_touch) -> None:
     assert np.allclose(touch.compression[outside], free / (math.pi * RADIUS), rtol=0.01)
 
 
-def test_the_error_of_the_force_falls_with_the_pitch(make_finger, make_touch) -> None:
+def test_the_error_of_the_force_falls_with_the_pitch(make_finger, make_touch):
     force = 4 / 3 * STIFFNESS * math.sqrt(RADIUS) * DEPTH**1.5
     errors = []
     for count, pitch in ((8, 2e-3), (16, 1e-3), (32, 0.5e-3)):
@@ -83,7 +80,7 @@ def test_the_error_of_the_force_falls_with_the_pitch(make_finger, make_touch) ->
     assert errors[2] < 0.003
 
 
-def shapes(finger: Fingertip) -> list[Floats]:
+def shapes(finger):
     x, y = finger.pad.grid()
     rough = np.random.default_rng(1)
     hole = np.where(np.hypot(x - 3e-3, y) < 2e-3, -np.inf, 0.8e-3)
@@ -104,7 +101,7 @@ def shapes(finger: Fingertip) -> list[Floats]:
 @pytest.mark.parametrize("which", range(10))
 def test_nothing_pulls_nothing_enters_and_what_pushes_touches(
     which, make_finger, make_touch, monkeypatch
-) -> None:
+):
     monkeypatch.setattr(half_space, "MOST_STEPS", 60)  # of a thousand
     finger = make_finger()
     indentation = shapes(finger)[which]
@@ -122,7 +119,7 @@ def test_nothing_pulls_nothing_enters_and_what_pushes_touches(
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_pressures_are_those_of_another_method(seed, make_finger, make_touch) -> None:
+def test_pressures_are_those_of_another_method(seed, make_finger, make_touch):
     """Lawson and Hanson's: least squares with a factor of the energy, x >= 0."""
     finger, rng = make_finger(rows=8, cols=10), np.random.default_rng(seed)
     units = np.eye(80).reshape(80, 8, 10)
@@ -135,9 +132,7 @@ def test_pressures_are_those_of_another_method(seed, make_finger, make_touch) ->
     assert np.allclose(touch.pressure, expected, rtol=0.0, atol=1e-3 * expected.max())
 
 
-def test_displacements_under_a_square_are_those_of_point_loads_all_over_it(
-    make_finger, make_touch
-) -> None:
+def test_displacements_under_a_square_are_those_of_point_loads_all_over_it(make_finger, make_touch):
     finger = make_finger(rows=5, cols=9)
     indentation = np.full((5, 9), -np.inf)
     indentation[1, 2] = 1e-3
@@ -145,7 +140,7 @@ def test_displacements_under_a_square_are_those_of_point_loads_all_over_it(
     assert np.allclose(touch.compression, displacement(finger, touch.pressure, 200), rtol=1e-5)
 
 
-def test_a_stiffer_pad_presses_harder_and_is_touched_alike(make_finger, make_touch) -> None:
+def test_a_stiffer_pad_presses_harder_and_is_touched_alike(make_finger, make_touch):
     finger = make_finger()
     soft, hard = (make_touch(field=paraboloid(finger)) for _ in range(2))
     HalfSpace(modulus=1e6, poisson=0.0).prepare(finger).apply(soft, None)
@@ -154,7 +149,7 @@ def test_a_stiffer_pad_presses_harder_and_is_touched_alike(make_finger, make_tou
     assert np.array_equal(hard.compression, soft.compression)
 
 
-def test_contacts_of_all_sizes_are_found_alike(make_finger, make_touch) -> None:
+def test_contacts_of_all_sizes_are_found_alike(make_finger, make_touch):
     finger = make_finger()
     usual = solved(finger, make_touch, paraboloid(finger))
     for scale in (1e-12, 1e9):
@@ -162,13 +157,13 @@ def test_contacts_of_all_sizes_are_found_alike(make_finger, make_touch) -> None:
         assert np.allclose(touch.pressure, scale * usual.pressure, rtol=1e-4, atol=1e-3 * scale)
 
 
-def test_an_untouched_pad_stays_as_it_is(make_finger, make_touch) -> None:
+def test_an_untouched_pad_stays_as_it_is(make_finger, make_touch):
     touch = solved(make_finger(), make_touch, np.full((16, 16), -np.inf))
     assert (touch.compression == 0.0).all()
     assert (touch.pressure == 0.0).all()
 
 
-def test_a_contact_that_is_not_found_is_said(make_finger, make_touch, monkeypatch) -> None:
+def test_a_contact_that_is_not_found_is_said(make_finger, make_touch, monkeypatch):
     monkeypatch.setattr(half_space, "MOST_STEPS", 3)
     finger = make_finger()
     with pytest.raises(ArithmeticError, match="half_space found no contact within 3 steps"):

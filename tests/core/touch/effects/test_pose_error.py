@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -7,7 +5,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from palpate.core.arrays import Floats
 from palpate.core.poses import pose_of
 from palpate.core.touch.effects.pose_error import PoseError
 from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
@@ -18,15 +15,15 @@ TOUCHES = 4000
 
 
 @pytest.fixture
-def start(rotations: Callable[[int], Floats]) -> Floats:
+def start(rotations):
     return pose_of(np.array([0.1, -0.2, 0.3]), rotations(1)[0])
 
 
 @pytest.fixture
-def errors(make_finger: MakeFinger, make_touch: MakeTouch, start: Floats) -> Callable[..., Floats]:
+def errors(make_finger, make_touch, start):
     """Shift, m, and rotation vector, rad, of many touches in the pad's frame, (n, 6)."""
 
-    def collect(effect: PoseError, touches: int = TOUCHES, **finger: int) -> Floats:
+    def collect(effect, touches=TOUCHES, **finger):
         stage, found = effect.prepare(make_finger(**finger)), []
         axes = Rotation.from_quat(start[3:])
         for number in range(touches):
@@ -40,14 +37,14 @@ def errors(make_finger: MakeFinger, make_touch: MakeTouch, start: Floats) -> Cal
     return collect
 
 
-def test_each_axis_has_the_asked_deviation_and_no_mean(errors) -> None:
+def test_each_axis_has_the_asked_deviation_and_no_mean(errors):
     found = errors(PoseError(sigma=0.2e-3, rotation=0.1))
     sigma = np.repeat([0.2e-3, math.radians(0.1)], 3)
     assert (np.abs(found.mean(axis=0)) < 5 * sigma / np.sqrt(TOUCHES)).all()
     assert (np.abs(found.var(axis=0) / sigma**2 - 1.0) < 5 * np.sqrt(2 / TOUCHES)).all()
 
 
-def test_neither_axes_nor_touches_are_correlated(errors) -> None:
+def test_neither_axes_nor_touches_are_correlated(errors):
     found = errors(PoseError(sigma=0.2e-3, rotation=0.1))
     scaled = found / np.repeat([0.2e-3, math.radians(0.1)], 3)
     across = scaled.T @ scaled / TOUCHES - np.diag(scaled.var(axis=0))
@@ -56,7 +53,7 @@ def test_neither_axes_nor_touches_are_correlated(errors) -> None:
     assert np.abs(later).max() < 5 / np.sqrt(TOUCHES)
 
 
-def test_large_turns_are_rotations_by_the_drawn_vector(errors, make_finger) -> None:
+def test_large_turns_are_rotations_by_the_drawn_vector(errors, make_finger):
     # The draws do not depend on the strength, so a large turn is a multiple of a small one.
     small = errors(PoseError(rotation=0.01), 50)
     large = errors(PoseError(rotation=10.0), 50)
@@ -64,7 +61,7 @@ def test_large_turns_are_rotations_by_the_drawn_vector(errors, make_finger) -> N
     assert np.allclose(large[:, :3], small[:, :3], rtol=1e-10, atol=1e-16)
 
 
-def test_arm_does_not_know_and_poses_stay_of_unit_length(make_finger, make_touch, start) -> None:
+def test_arm_does_not_know_and_poses_stay_of_unit_length(make_finger, make_touch, start):
     stage = PoseError(rotation=10.0).prepare(make_finger())
     for number in range(20):
         touch = make_touch(number, believed=start, actual=start)
@@ -73,7 +70,7 @@ def test_arm_does_not_know_and_poses_stay_of_unit_length(make_finger, make_touch
         assert abs(np.linalg.norm(touch.actual[3:]) - 1.0) < 4e-16
 
 
-def test_a_bias_is_the_same_in_every_touch_and_another_in_every_run(errors) -> None:
+def test_a_bias_is_the_same_in_every_touch_and_another_in_every_run(errors):
     effect = PoseError(sigma=0.0, rotation=0.0, bias=1e-3)
     found = errors(effect, 5)
     assert np.allclose(found, found[0], atol=1e-16)
@@ -82,7 +79,7 @@ def test_a_bias_is_the_same_in_every_touch_and_another_in_every_run(errors) -> N
     assert abs(runs.var() / 1e-6 - 1.0) < 5 * np.sqrt(2 / runs.size)
 
 
-def test_a_bias_does_not_change_the_other_draws(errors) -> None:
+def test_a_bias_does_not_change_the_other_draws(errors):
     biased, unbiased = errors(PoseError(bias=1e-3), 20), errors(PoseError(), 20)
     differences = (biased - unbiased)[:, :3]
     assert np.allclose(differences, differences[0], atol=1e-15)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -10,9 +8,9 @@ from palpate.core.touch.effects.quantisation import Quantisation
     ("given", "step"),
     [({"clock": 20e6}, 25e-6), ({"clock": 1e9}, 0.5e-6), ({}, 5e-6), ({"bits": 8}, 3e-3 / 256)],
 )
-def test_the_error_is_uniform_over_one_step(given, step, make_finger, readings) -> None:
+def test_the_error_is_uniform_over_one_step(given, step, make_finger, readings):
     field = np.random.default_rng(0).uniform(0.2e-3, 2e-3, (16, 16))
-    stage = Quantisation(**given).prepare(make_finger())  # type: ignore[arg-type]
+    stage = Quantisation(**given).prepare(make_finger())
     (found,) = readings(stage, field, 1)
     error = (found - field) / step
     assert np.abs(error).max() <= 0.5 + 1e-9
@@ -22,7 +20,7 @@ def test_the_error_is_uniform_over_one_step(given, step, make_finger, readings) 
     assert stage.noise == pytest.approx(step / np.sqrt(12))
 
 
-def test_a_clock_counts_whole_ticks_of_the_time_that_is_sent(make_finger, readings, dent) -> None:
+def test_a_clock_counts_whole_ticks_of_the_time_that_is_sent(make_finger, readings, dent):
     finger = make_finger(thickness=3.01e-3)
     (found,) = readings(Quantisation(clock=30e6).prepare(finger), dent, 1)
     ticks = finger.calibration.encode(found) * 30e6
@@ -30,7 +28,7 @@ def test_a_clock_counts_whole_ticks_of_the_time_that_is_sent(make_finger, readin
     assert np.abs(ticks - finger.calibration.encode(dent) * 30e6).max() <= 0.5 + 1e-9
 
 
-def test_a_converter_counts_from_no_compression(make_finger, readings, dent) -> None:
+def test_a_converter_counts_from_no_compression(make_finger, readings, dent):
     finger = make_finger(signal="force")
     (found,) = readings(Quantisation(bits=6).prepare(finger), dent, 1)
     codes = found / (3e-3 / 64)
@@ -38,21 +36,19 @@ def test_a_converter_counts_from_no_compression(make_finger, readings, dent) -> 
     assert (found[dent == 0.0] == 0.0).all()
 
 
-def test_readings_that_are_rounded_stay_when_they_are_rounded_again(
-    make_finger, readings, dent
-) -> None:
+def test_readings_that_are_rounded_stay_when_they_are_rounded_again(make_finger, readings, dent):
     stage = Quantisation().prepare(make_finger())
     (once,) = readings(stage, dent, 1)
     (twice,) = readings(stage, once, 1)
     assert np.array_equal(once, twice)
 
 
-def test_a_clock_and_a_converter_together_are_refused() -> None:
+def test_a_clock_and_a_converter_together_are_refused():
     with pytest.raises(ValueError, match=r"clock is 2e\+07 Hz and bits is 8; expected one"):
         Quantisation(clock=20e6, bits=8)
 
 
 @pytest.mark.parametrize("given", [{}, {"clock": 20e6}])
-def test_a_clock_that_would_count_forces_is_refused(given, make_finger) -> None:
+def test_a_clock_that_would_count_forces_is_refused(given, make_finger):
     with pytest.raises(ValueError, match="signal is force; expected bits"):
-        Quantisation(**given).prepare(make_finger(signal="force"))  # type: ignore[arg-type]
+        Quantisation(**given).prepare(make_finger(signal="force"))

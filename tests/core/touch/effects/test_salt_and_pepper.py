@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ FULL_SCALE = 0.8 * 3e-3
 
 
 @pytest.mark.parametrize("rate", [0.01, 0.2, 1.0])
-def test_impulses_come_at_their_rate_half_of_them_each_way(rate, make_finger, readings) -> None:
+def test_impulses_come_at_their_rate_half_of_them_each_way(rate, make_finger, readings):
     field = np.full((16, 16), 1e-3)
     found = readings(SaltAndPepper(rate=rate).prepare(make_finger()), field, 200)
     salt, pepper = np.isclose(found, FULL_SCALE, rtol=1e-14), found == 0.0
@@ -19,9 +17,7 @@ def test_impulses_come_at_their_rate_half_of_them_each_way(rate, make_finger, re
     assert abs(pepper.mean() - rate / 2) < error
 
 
-def test_impulses_of_neighbours_and_of_successive_touches_are_independent(
-    make_finger, readings
-) -> None:
+def test_impulses_of_neighbours_and_of_successive_touches_are_independent(make_finger, readings):
     rate = 0.2
     found = readings(SaltAndPepper(rate=rate).prepare(make_finger()), np.full((16, 16), 1e-3), 200)
     struck = (found != 1e-3) - rate
@@ -30,7 +26,7 @@ def test_impulses_of_neighbours_and_of_successive_touches_are_independent(
         assert abs(np.mean(here * there)) < 5 * rate * (1 - rate) / np.sqrt(here.size)
 
 
-def test_the_same_taxels_are_struck_whatever_was_felt(make_finger, readings, dent) -> None:
+def test_the_same_taxels_are_struck_whatever_was_felt(make_finger, readings, dent):
     stage = SaltAndPepper(rate=0.3).prepare(make_finger())
     low, high = (readings(stage, field, 3) for field in (dent + 1e-5, dent + 2e-5))
     untouched = np.isclose(high - low, 1e-5, rtol=1e-6)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -8,7 +6,7 @@ from palpate.core.touch.effects.saturation import Saturation
 
 def test_compression_and_pressure_are_clipped_where_they_are_too_large(
     make_finger, make_touch, dent
-) -> None:
+):
     touch = make_touch(field=dent)
     Saturation(share=0.2).prepare(make_finger()).apply(touch, None)
     assert np.allclose(touch.compression, np.minimum(dent, 0.6e-3), rtol=1e-15, atol=0.0)
@@ -16,7 +14,7 @@ def test_compression_and_pressure_are_clipped_where_they_are_too_large(
     assert touch.compression.max() == pytest.approx(0.6e-3)
 
 
-def test_a_hit_that_was_clipped_has_bottomed(make_finger, make_touch, dent) -> None:
+def test_a_hit_that_was_clipped_has_bottomed(make_finger, make_touch, dent):
     stage = Saturation(share=0.3).prepare(make_finger())
     for deepest, before, after in [
         (0.89e-3, "hit", "hit"),
@@ -30,7 +28,7 @@ def test_a_hit_that_was_clipped_has_bottomed(make_finger, make_touch, dent) -> N
         assert touch.outcome == after
 
 
-def test_a_hardened_pressure_falls_in_proportion(make_finger, make_touch, dent) -> None:
+def test_a_hardened_pressure_falls_in_proportion(make_finger, make_touch, dent):
     touch = make_touch(field=dent, pressure=7e8 * dent**2)
     Saturation(share=0.2).prepare(make_finger()).apply(touch, None)
     expected = (

@@ -1,26 +1,21 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Bools, Floats
 from palpate.core.touch.effects.tenting import Tenting
-from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
+from palpate.core.touch.pipeline import SimulatedTouch
 
 MakeTouch = Callable[..., SimulatedTouch]
 
 
-def tented(
-    finger: Fingertip, make_touch: MakeTouch, field: Floats, contact: Bools, decay: float = 1e-3
-) -> Floats:
+def tented(finger, make_touch, field, contact, decay=1e-3):
     touch = make_touch(field=field, pressure=np.where(contact, 1e4, 0.0))
     Tenting(decay=decay).prepare(finger).apply(touch, None)
     return touch.compression
 
 
-def by_elimination(field: Floats, contact: Bools, stiffness: float) -> Floats:
+def by_elimination(field, contact, stiffness):
     """The same equations, all taxels at once: slow and plain."""
     rows, cols = field.shape
     matrix, right = np.zeros((field.size, field.size)), np.zeros(field.size)
@@ -38,7 +33,7 @@ def by_elimination(field: Floats, contact: Bools, stiffness: float) -> Floats:
     return np.array(np.linalg.solve(matrix, right), dtype=np.float64).reshape(rows, cols)
 
 
-def contacts(size: tuple[int, int]) -> list[Bools]:
+def contacts(size):
     rng = np.random.default_rng(2)
     rim = np.ones(size, dtype=bool)
     rim[2:-2, 2:-2] = False
@@ -51,7 +46,7 @@ def contacts(size: tuple[int, int]) -> list[Bools]:
 @pytest.mark.parametrize("which", range(6))
 @pytest.mark.parametrize("decay", [0.2e-3, 1e-3, 20e-3])
 @pytest.mark.parametrize("size", [(16, 16), (9, 14)])
-def test_the_skirt_solves_equations_exactly(which, decay, size, make_finger, make_touch) -> None:
+def test_the_skirt_solves_equations_exactly(which, decay, size, make_finger, make_touch):
     finger = make_finger(rows=size[0], cols=size[1], pitch=0.9e-3)
     contact = contacts(size)[which]
     field = np.where(contact, np.random.default_rng(3).uniform(0.1e-3, 1e-3, size), 0.0)
@@ -64,7 +59,7 @@ def test_the_skirt_solves_equations_exactly(which, decay, size, make_finger, mak
 
 
 @pytest.mark.parametrize("decay", [0.5e-3, 1e-3, 3e-3])
-def test_beside_a_straight_edge_skirt_decays_exponentially(decay, make_finger, make_touch) -> None:
+def test_beside_a_straight_edge_skirt_decays_exponentially(decay, make_finger, make_touch):
     finger = make_finger(rows=8, cols=40, pitch=0.5e-3)
     contact = np.zeros((8, 40), dtype=bool)
     contact[:, :11] = True
@@ -81,7 +76,7 @@ def test_beside_a_straight_edge_skirt_decays_exponentially(decay, make_finger, m
     assert error < 1e-3 * (0.1 * (0.5e-3 / decay) ** 2 + 2 * np.exp(-29.5e-3 / decay))
 
 
-def test_the_skirt_has_the_symmetry_of_the_contact(make_finger, make_touch) -> None:
+def test_the_skirt_has_the_symmetry_of_the_contact(make_finger, make_touch):
     finger = make_finger()
     x, y = finger.pad.grid()
     field = np.maximum(1e-3 - (x * x + y * y) / 0.03, 0.0)
@@ -90,12 +85,12 @@ def test_the_skirt_has_the_symmetry_of_the_contact(make_finger, make_touch) -> N
         assert np.allclose(turned, found, rtol=0.0, atol=1e-17)
 
 
-def test_a_short_decay_leaves_hardly_any_skirt(make_finger, make_touch, dent) -> None:
+def test_a_short_decay_leaves_hardly_any_skirt(make_finger, make_touch, dent):
     found = tented(make_finger(), make_touch, dent, dent > 0.0, 1e-5)
     assert np.allclose(found, dent, rtol=0.0, atol=dent.max() * 4 * 1e-4)
 
 
-def test_pad_that_is_touched_everywhere_or_nowhere_stays_as_it_is(make_finger, make_touch) -> None:
+def test_pad_that_is_touched_everywhere_or_nowhere_stays_as_it_is(make_finger, make_touch):
     field = np.random.default_rng(0).uniform(0.1e-3, 1e-3, (16, 16))
     everywhere = tented(make_finger(), make_touch, field, field > 0.0)
     assert np.array_equal(everywhere, field)
