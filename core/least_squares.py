@@ -8,7 +8,7 @@ cost little more than one. Own code: scipy's solver takes one problem at a time.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,11 +48,12 @@ class _Running(NamedTuple):
 
     def take(self, which: Bools) -> _Running:
         """Some of them."""
-        return _Running(*(field[which] for field in self))
+        fields: tuple[Any, ...] = self
+        return _Running(*(field[which] for field in fields))
 
     def where(self, better: Bools, other: _Running) -> _Running:
         """Those of the others where they are better."""
-        pairs = zip(other, self, strict=True)
+        pairs: zip[tuple[Any, Any]] = zip(other, self, strict=True)
         return _Running(
             *(np.where(better.reshape(-1, *[1] * (one.ndim - 1)), one, two) for one, two in pairs)
         )

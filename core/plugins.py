@@ -54,7 +54,6 @@ class Range(NamedTuple):
         return f"{self.low:g} to {self.high:g}{unit}"
 
 
-@cache
 def ranges_of(described: type) -> Mapping[str, Range]:
     """The ranges that a dataclass declares: ``sigma: Annotated[float, Range(0, 1, "m")]``."""
     hints = get_type_hints(described, include_extras=True)
@@ -69,8 +68,8 @@ def check_ranges(value: Any) -> None:
     should be a whole one.
     """
     described: type = type(value)
-    for name, allowed in ranges_of(described).items():
-        number, members = getattr(value, name), _members_of(described)[name]
+    for name, (allowed, members) in _declared(described).items():
+        number = getattr(value, name)
         if number is None and NoneType in members:  # an optional number that was left out
             continue
         whole = float not in members
@@ -93,7 +92,8 @@ class Ranged:
 
 
 @cache
-def _members_of(described: type) -> Mapping[str, tuple[type, ...]]:
-    """What each field may be by its annotation: ``int | None`` may be two things."""
+def _declared(described: type) -> Mapping[str, tuple[Range, tuple[type, ...]]]:
+    """Range of each number, and what it may be by its annotation: ``int | None`` two things."""
     hints = get_type_hints(described)
-    return {name: get_args(kind) or (kind,) for name, kind in hints.items()}
+    ranges = ranges_of(described).items()
+    return {name: (one, get_args(hints[name]) or (hints[name],)) for name, one in ranges}

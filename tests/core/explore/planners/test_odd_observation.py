@@ -1,7 +1,6 @@
 """What is known may be odd: ends that move, fingers in the way, slices that make no sense."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
