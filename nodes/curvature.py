@@ -28,11 +28,6 @@ class Sensor(NamedTuple):
 State = Sensor | None
 
 
-def start(params: Params) -> tuple[State, Outputs]:
-    """Begin without a sensor."""
-    return None, []
-
-
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
     """Remember the sensor."""
     return Sensor(pad_of_info(info), info.noise), []
@@ -65,7 +60,7 @@ def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State
 
 NODE = Node(
     params=Params,
-    start=start,
+    start=lambda params: (None, []),
     inputs={"/touch/info": (SensorInfo, know_sensor), "/touch/image": (TactileImage, on_image)},
     outputs={"/touch/patch": SurfacePatch},
     needs=("/touch/info",),

@@ -11,6 +11,7 @@ from functools import cached_property, partial
 import msgspec
 
 from palpate.core import geometry
+from palpate.messages import derive
 from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes.runtime import Deferred, Finished, Node, Outputs
 
@@ -27,10 +28,7 @@ class TrueSurface:
     Raises ValueError if it is no surface, or has no volume.
     """
 
-    def __init__(
-        self,
-        truth: Truth,  # As it was received
-    ) -> None:
+    def __init__(self, truth: Truth) -> None:
         self._truth, self.height = truth, truth.height
         self.volume = geometry.solidity(truth.vertices, truth.faces).volume  # m3
         if not self.volume > 0.0:
@@ -75,26 +73,20 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
 
 
 def _score(truth: TrueSurface, model: ShapeModel) -> Score:
-    distances = geometry.compare_surfaces(
-        truth.prepared, geometry.prepare_surface(model.vertices, model.faces)
-    )
+    rebuilt = geometry.prepare_surface(model.vertices, model.faces)
+    distances = geometry.compare_surfaces(truth.prepared, rebuilt)
     solid = geometry.solidity(model.vertices, model.faces)
-    return Score(
-        number=model.number,
+    return derive(
+        Score,
+        model,
+        distances,
+        truth,
+        solid,
         contours=len(model.contours),
-        touches=model.touches,
-        robot_time=model.robot_time,
-        chamfer=distances.chamfer,
-        rms=distances.rms,
-        p95=distances.p95,
-        hausdorff=distances.hausdorff,
         normal=distances.normal_deg,
         volume_error=solid.volume / truth.volume - 1.0,
-        sampling_floor=truth.sampling_floor,
         size=truth.height,
-        watertight=solid.watertight,
         genus=NO_GENUS if solid.genus is None else solid.genus,
-        final=model.final,
     )
 
 

@@ -37,11 +37,6 @@ class State:
     last: tuple[int, int] = (-1, -1)
 
 
-def start(params: Params) -> tuple[State | None, Outputs]:
-    """Begin without a calibration."""
-    return None, []
-
-
 def calibrate(params: Params, state: State | None, info: SensorInfo) -> tuple[State, Outputs]:
     """Remember the sensor."""
     lost = info.gain == 0.0
@@ -67,7 +62,7 @@ def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State
 
 NODE = Node(
     params=Params,
-    start=start,
+    start=lambda params: (None, []),
     inputs={"/touch/info": (SensorInfo, calibrate), "/touch/raw": (TactileFrame, take_frame)},
     outputs={"/touch/image": TactileImage},
     needs=("/touch/info",),

@@ -69,9 +69,15 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         if self.axis is not None and not 0.0 < math.hypot(*self.axis) < math.inf:
             raise ValueError(f"axis must have a length, got {list(self.axis)}")
         try:
-            make_planner(self.planner, self.settings)
+            _ = self.rule
         except LookupError as error:
             raise ValueError(error.args[0]) from None
+
+    @property
+    def rule(self) -> Planner:
+        """The rule that chooses slices."""
+        made: Planner = make_planner(self.planner, self.settings)
+        return made
 
     @property
     def direction(self) -> Floats | None:
@@ -90,11 +96,6 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             most_touches=math.inf if self.most_touches is None else self.most_touches,
             most_seconds=math.inf if self.most_seconds is None else self.most_seconds,
         )
-
-
-def start(params: Params) -> tuple[State, Outputs]:
-    """Wait for the world."""
-    return planning.State(), []
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
@@ -135,21 +136,19 @@ def _grasp_on(state: State) -> tuple[State, Outputs]:
 
 def take_coarse(params: Params, state: State, coarse: Superquadric) -> tuple[State, Outputs]:
     """Fix the slicing frame and begin with the slices."""
-    return decide(
-        params.demand, _rule(params), planning.with_coarse(state, coarse, params.direction)
-    )
+    return decide(params.demand, params.rule, planning.with_coarse(state, coarse, params.direction))
 
 
 def take_clock(params: Params, state: State, clock: FingerClock) -> tuple[State, Outputs]:
     """Remember how far a finger has come: an earlier result may be free to be taken up."""
     clocks = {**state.clocks, clock.finger: clock.robot_time}
-    return take_up(params.demand, _rule(params), replace(state, clocks=clocks))
+    return take_up(params.demand, params.rule, replace(state, clocks=clocks))
 
 
 def take_result(params: Params, state: State, result: Contour | Probe) -> tuple[State, Outputs]:
     """Take up what a finger has finished, when its turn has come."""
     pending = {**state.pending, result.finger: result}
-    return take_up(params.demand, _rule(params), replace(state, pending=pending))
+    return take_up(params.demand, params.rule, replace(state, pending=pending))
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
@@ -164,22 +163,17 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         traced=tuple(one._replace(dropped=number in dropped) for number, one in pairs),
         uncertainty=_uncertainty(model) if len(model.faces) else None,
     )
-    return decide(params.demand, _rule(params), replace(state, survey=survey, asked=False))
+    return decide(params.demand, params.rule, replace(state, survey=survey, asked=False))
 
 
 def _uncertainty(model: ShapeModel) -> explore.ModelUncertainty:
-    starlike = model.health.get("felt_unused", 0.0) == 0.0
     return explore.ModelUncertainty(
         heights=model.uncertainty_height,
         deviations=model.uncertainty,
         whole=model.deviation,
         pose=model.health.get("felt_pose_sigma", 0.0),
-        starlike=starlike,
+        starlike=model.health.get("felt_unused", 0.0) == 0.0,
     )
-
-
-def _rule(params: Params) -> Any:
-    return make_planner(params.planner, params.settings)
 
 
 def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
@@ -201,17 +195,10 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     )
     if isinstance(result, Probe):
         return decide(demand, rule, planning.with_probe(state, task, result))
-    return _with_contour(demand, rule, state, task, result)
-
-
-def _with_contour(
-    demand: Demand, rule: Planner, state: State, task: Task, contour: Contour
-) -> tuple[State, Outputs]:
-    """Go on with one contour more."""
-    traced = planning.traced_of(contour, task.begun)
     assert state.survey is not None
-    survey = state.survey.with_slice(explore.widened(traced, demand.feature))
-    state = replace(state, survey=survey, contours=(*state.contours, contour.id))
+    traced = explore.widened(planning.traced_of(result, task.begun), demand.feature)
+    survey = state.survey.with_slice(traced)
+    state = replace(state, survey=survey, contours=(*state.contours, result.id))
     return decide(demand, rule, state)
 
 
@@ -302,18 +289,17 @@ def done(
 def _shape(state: State) -> str:
     """What is to be said of slices that are not star-shaped."""
     assert state.survey is not None
-    if not state.usable:
-        return ""
-    if state.survey.uncertainty is None:
+    known = state.survey.uncertainty
+    if state.usable and known is None:
         return "; no solid could be rebuilt from its slices"
-    if not state.survey.uncertainty.starlike:
+    if state.usable and known is not None and not known.starlike:
         return "; its slices are not star-shaped: it is rebuilt from contours alone"
     return ""
 
 
 NODE = Node(
     params=Params,
-    start=start,
+    start=lambda params: (planning.State(), []),
     handler_timeout=20.0,
     inputs={
         "/world": (World, know_world),

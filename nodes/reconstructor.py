@@ -45,17 +45,14 @@ COARSE_TOLERANCE, FINE_TOLERANCE = 5e-4, 5e-5
 # Heights at which the uncertainty is given, and turns over which it is averaged.
 BANDS, BAND_TURNS = 25, 8
 NO_ARCHIVE = np.zeros(0, np.uint8)
+_NONE = np.zeros(0)
 # Of a model of nothing.
 EMPTY_MODEL: dict[str, Any] = {
-    "control": np.zeros((0, 0, 0, 3)),
-    "undeformed": np.zeros((0, 0, 0, 3)),
-    "knots_columns": np.zeros(0),
-    "knots_rows": np.zeros(0),
-    "knots_layers": np.zeros(0),
+    **dict.fromkeys(("control", "undeformed"), np.zeros((0, 0, 0, 3))),
+    **dict.fromkeys(("knots_columns", "knots_rows", "knots_layers"), _NONE),
+    **dict.fromkeys(("uncertainty_height", "uncertainty"), _NONE),
     "vertices": np.zeros((0, 3)),
     "faces": np.zeros((0, 3), np.int32),
-    "uncertainty_height": np.zeros(0),
-    "uncertainty": np.zeros(0),
     "health": {},
 }
 
@@ -71,7 +68,7 @@ class State:
     platform: float = 0.0  # Height on which the object stands, m
     pad: Pad | None = None  # The sensor's array
     # Every touch; goals are numbered for all fingers together.
-    felt: TouchesByGoal = field(default_factory=lambda: MappingProxyType({}))
+    touches: TouchesByGoal = field(default_factory=lambda: MappingProxyType({}))
     # Where the hand met the object, by the number of the closing.
     contacts: Mapping[int, Floats] = field(default_factory=lambda: MappingProxyType({}))
     # By number.
@@ -103,23 +100,18 @@ def is_upright(frame: Floats) -> bool:
 def touched_ends(
     contours: Sequence[Contour],
     probes: Sequence[Probe],
-    felt: Mapping[int, Sequence[ContactPoints]],
+    touched: Mapping[int, Sequence[ContactPoints]],
     platform: float | None,
 ) -> Floats | None:
     """Where the ends of an object were touched, (k, 3), m; None if they were not.
 
-    Raises ValueError if the contours were not traced in one frame.
+    Arguments are as for `rebuild_set`; of probes of which nothing else is known, their own point
+    counts. A known height on which the object stands is a touch of its lower end if it is upright.
 
-    Parameters
-    ----------
-    contours, probes, felt
-        As for `rebuild_set`; of probes of which nothing else is known, their own point counts.
-    platform : float or None
-        Height on which the object stands, m, if that is known: a touch of its lower end if it
-        stands upright.
+    Raises ValueError if the contours were not traced in one frame.
     """
     frame = common_frame(contours)
-    tops = list(_probed(contours, probes, felt, frame))
+    tops = list(_probed(contours, probes, touched, frame))
     if platform is not None and is_upright(frame):
         tops.append(np.array([*frame[:2], platform]))
     return np.array(tops) if tops else None
@@ -128,7 +120,7 @@ def touched_ends(
 def _probed(
     contours: Sequence[Contour],
     probes: Sequence[Probe],
-    felt: Mapping[int, Sequence[ContactPoints]],
+    touched: Mapping[int, Sequence[ContactPoints]],
     frame: Floats,
 ) -> Iterator[Floats]:
     """Farthest point (3,) of each probe that touched an end: beyond the contours."""
@@ -139,16 +131,11 @@ def _probed(
         if probe.outcome not in TOUCHED_OUTCOMES:
             continue
         way = 1.0 if (probe.point - position) @ axes[:, 2] > 0.5 * (low + high) else -1.0
-        touched = [one.points for one in felt.get(probe.id, ()) if len(one.points)]
-        points = np.concatenate(touched) if touched else probe.point[None]
+        found = [one.points for one in touched.get(probe.id, ()) if len(one.points)]
+        points = np.concatenate(found) if found else probe.point[None]
         reached = way * (points - position) @ axes[:, 2]
         if reached.max() > max(way * low, way * high):
             yield points[int(reached.argmax())]
-
-
-def start(params: Params) -> tuple[State, Outputs]:
-    """Begin with nothing."""
-    return State(), []
 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
@@ -166,8 +153,8 @@ def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State
     assert state.pad is not None
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
     points = contact_points_of(state.pad, patch.pose, patch.height, patch.mask, jet)
-    of_goal = {**state.felt.get(patch.goal, {}), patch.touch: points}
-    return _fit_ready(replace(state, felt={**state.felt, patch.goal: of_goal}))
+    of_goal = {**state.touches.get(patch.goal, {}), patch.touch: points}
+    return _fit_ready(replace(state, touches={**state.touches, patch.goal: of_goal}))
 
 
 def take_contacts(params: Params, state: State, received: GraspContacts) -> tuple[State, Outputs]:
@@ -210,7 +197,9 @@ def _is_complete(state: State, goal: ModelGoal | PlanDone) -> bool:
         return all(number in state.contacts for number in range(goal.closings))
     wanted: list[Contour | Probe | None] = [state.contours.get(id_) for id_ in goal.contours]
     wanted += [state.probes.get(id_) for id_ in goal.probes]
-    return all(one is not None and len(state.felt.get(one.id, {})) == one.touches for one in wanted)
+    return all(
+        one is not None and len(state.touches.get(one.id, {})) == one.touches for one in wanted
+    )
 
 
 def _is_coarse(goal: ModelGoal | PlanDone) -> TypeGuard[ModelGoal]:
@@ -251,11 +240,10 @@ def shape_model(
     why: str = "",  # Why nothing could be rebuilt of contours that are there
 ) -> ShapeModel:
     """The message for a solid."""
-    dropped: dict[int, str] = {}
     if solid is not None:
         dropped = {one.which: one.why for one in solid.slices.dropped}
-    elif why:
-        dropped = dict.fromkeys(range(len(goal.contours)), why)
+    else:
+        dropped = dict.fromkeys(range(len(goal.contours)) if why else (), why)
     final = isinstance(goal, PlanDone)
     parts = EMPTY_MODEL if solid is None else _parts(solid, final)
     return derive(
@@ -280,9 +268,7 @@ def _parts(solid: rebuild.Solid, final: bool) -> dict[str, Any]:
     return {
         "control": grid.control,
         "undeformed": grid.undeformed,
-        "knots_columns": grid.knots[0],
-        "knots_rows": grid.knots[1],
-        "knots_layers": grid.knots[2],
+        **dict(zip(("knots_columns", "knots_rows", "knots_layers"), grid.knots, strict=True)),
         "vertices": mesh.vertices,
         "faces": mesh.faces,
         "uncertainty_height": heights,
@@ -318,14 +304,14 @@ def _rounded(value: float) -> float:
 
 
 def _rebuild(state: State, goal: ModelGoal | PlanDone) -> rebuild.Solid:
-    felt = {
-        id_: [state.felt[id_][touch] for touch in sorted(state.felt.get(id_, {}))]
+    touched = {
+        id_: [state.touches[id_][touch] for touch in sorted(state.touches.get(id_, {}))]
         for id_ in (*goal.contours, *goal.probes)
     }
     return rebuild_set(
         [state.contours[id_] for id_ in goal.contours],
         [state.probes[id_] for id_ in goal.probes],
-        felt,
+        touched,
         state.platform,
     )
 
@@ -334,7 +320,7 @@ def rebuild_set(
     contours: Sequence[Contour],  # At least one
     probes: Sequence[Probe],  # Single touches beside them
     # What each touch of a contour or probe measured, by its number
-    felt: Mapping[int, Sequence[ContactPoints]],
+    touched: Mapping[int, Sequence[ContactPoints]],
     platform: float,  # Height on which the object stands, m
 ) -> rebuild.Solid:
     """The solid of a set.
@@ -343,18 +329,18 @@ def rebuild_set(
     """
     frame = common_frame(contours)
     numbers = [one.id for one in contours] + [one.id for one in probes]
-    touched = [each for number in numbers for each in felt[number]]
+    points = [each for number in numbers for each in touched[number]]
     return rebuild.reconstruct(
         [contour.points for contour in contours],
-        patches=stack_points(touched),
-        tops=touched_ends(contours, probes, felt, platform),
+        patches=stack_points(points),
+        tops=touched_ends(contours, probes, touched, platform),
         frame=frame,
     )
 
 
 NODE = Node(
     params=Params,
-    start=start,
+    start=lambda params: (State(), []),
     handler_timeout=120.0,
     inputs={
         "/world": (World, know_world),

@@ -144,7 +144,7 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
     pipeline, begun = state.pipeline, max(state.clock, goal.not_before)
     travel, turn = _between(state.resting, goal.pose)
     starts = begun + free_seconds(ROBOT_PRESETS[params.robot], travel=travel, turn=turn)
-    felt = SimulatedTouch(
+    done = SimulatedTouch(
         shape=state.shape,
         number=state.touches,
         believed=goal.pose,
@@ -154,28 +154,28 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
         begun=starts,
         previous=state.clock,
     )
-    remembered = pipeline.simulate(felt, state.remembered)
-    late = max(felt.time - starts - contact_seconds(ROBOT_PRESETS[params.robot], felt.advance), 0.0)
-    met = LastContact(goal.goal, felt.believed[:3]) if felt.outcome in HITS else None
-    ways = (travel, turn, felt.advance, _along(state.met, met))
+    remembered = pipeline.simulate(done, state.remembered)
+    late = max(done.time - starts - contact_seconds(ROBOT_PRESETS[params.robot], done.advance), 0.0)
+    met = LastContact(goal.goal, done.believed[:3]) if done.outcome in HITS else None
+    ways = (travel, turn, done.advance, _along(state.met, met))
     frame = derive(
         TactileFrame,
         goal,
-        pose=felt.believed,
-        outcome=felt.outcome,
-        array=pipeline.finger.calibration.encode(felt.reading),
+        pose=done.believed,
+        outcome=done.outcome,
+        array=pipeline.finger.calibration.encode(done.reading),
         move=np.array([begun - state.clock + late, *ways]),
-        robot_time=felt.time,
+        robot_time=done.time,
     )
     state = replace(
         state,
         remembered=remembered,
         touches=state.touches + 1,
-        clock=felt.time,
+        clock=done.time,
         resting=goal.pose,
         met=met,
     )
-    return state, [("/touch/raw", frame)] * felt.copies
+    return state, [("/touch/raw", frame)] * done.copies
 
 
 def take_grasp(params: Params, state: State, goal: GraspGoal) -> tuple[State, Outputs]:

@@ -60,11 +60,6 @@ class State:
     waiting: tuple[ContourGoal | ProbeGoal, ...] = ()  # What comes after it
 
 
-def start(params: Params) -> tuple[State, Outputs]:
-    """Wait for goals."""
-    return State(), []
-
-
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     """Remember how many fingers there are: goals come after it."""
     return replace(state, fingers=world.fingers), []
@@ -103,29 +98,29 @@ def _go_on(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Ou
     if job is None or (patch.goal, patch.touch) != (job.goal.id, job.touches - 1):
         raise ValueError(f"nobody asked for touch {patch.touch} of goal {patch.goal}")
     if isinstance(job.goal, ProbeGoal):
-        return _finish(params, state, _probe(state, job.goal, patch), patch.robot_time)
+        assert state.pad is not None
+        probe = derive(Probe, job.goal, patch, point=_deepest(state.pad, patch), touches=1)
+        return _finish(params, state, ("/probe/traced", probe), patch.robot_time)
     assert job.trace is not None and job.aim is not None and state.pad is not None
     back_off = BACK_OFF * tracing.SliceSpec(state.pad, job.goal.height).width
     if patch.outcome == "inside" and job.aim.standoff < back_off:
         farther = job.aim._replace(standoff=job.aim.standoff + back_off)
         return _send(state, replace(job, aim=farther), job.goal, patch.robot_time)
-    felt = _slice_arc(state.pad, job.goal, patch)
-    return _trace(params, state, job, tracing.after_touch(job.trace, felt), patch.robot_time)
+    arc = _slice_arc(state.pad, job.goal, patch)
+    return _trace(params, state, job, tracing.after_touch(job.trace, arc), patch.robot_time)
 
 
 def _begin(
     params: Params, state: State, goal: ContourGoal | ProbeGoal, now: float
 ) -> tuple[State, Outputs]:
     if isinstance(goal, ProbeGoal):
-        _, axes = split_pose(goal.pose)
-        touch = TouchGoal(
+        touch = derive(
+            TouchGoal,
+            goal,
             goal=goal.id,
             touch=0,
-            finger=goal.finger,
-            pose=goal.pose,
-            reach=goal.reach,
             depth=tracing.TOUCH_DEPTH,
-            direction=axes[:, 1],
+            direction=split_pose(goal.pose)[1][:, 1],
             not_before=max(now, goal.not_before),
         )
         return replace(state, job=Job(goal, touches=1)), [("/finger/goal", touch)]
@@ -184,8 +179,7 @@ def _slice_arc(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> tracing.Slic
 def _contour(
     job: Job, goal: ContourGoal, trace: tracing.Trace, status: tracing.TraceStatus, now: float
 ) -> Contour:
-    empty = np.zeros((0, 3))
-    path = trace.path
+    empty, path = np.zeros((0, 3)), trace.path
     _, axes = split_pose(goal.frame)
     return derive(
         Contour,
@@ -209,12 +203,6 @@ def _placed(goal: ContourGoal, points: Sequence[Floats]) -> Floats:
     return transform_points(goal.frame, np.reshape(points, (-1, 3)))
 
 
-def _probe(state: State, goal: ProbeGoal, patch: SurfacePatch) -> tuple[str, Probe]:
-    assert state.pad is not None
-    probe = derive(Probe, goal, patch, point=_deepest(state.pad, patch), touches=1)
-    return "/probe/traced", probe
-
-
 def _deepest(pad: Pad, patch: SurfacePatch) -> Floats:
     """The point of deepest compression, world frame; the pad's middle if none is touched."""
     if not patch.mask.any():
@@ -225,7 +213,7 @@ def _deepest(pad: Pad, patch: SurfacePatch) -> Floats:
 
 NODE = Node(
     params=Params,
-    start=start,
+    start=lambda params: (State(), []),
     inputs={
         "/world": (World, know_world),
         "/touch/info": (SensorInfo, know_sensor),

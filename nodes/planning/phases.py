@@ -31,6 +31,7 @@ from palpate.core.explore.probing import (
 )
 from palpate.core.shapes import Bend, FittedSuperquadric
 from palpate.core.touch import HITS
+from palpate.messages import derive
 from palpate.messages.types import (
     Contour,
     ContourGoal,
@@ -125,15 +126,15 @@ def contour_goal(state: State, finger: int, chosen: Height) -> ContourGoal:
     """A slice to trace."""
     assert state.survey is not None and state.frame is not None
     centre, radius = state.survey.approach(chosen.height)
-    return ContourGoal(
+    return derive(
+        ContourGoal,
+        chosen,
         id=state.goals,
         finger=finger,
         frame=state.frame.pose,
-        height=chosen.height,
         centre=centre,
         radius=radius,
         not_before=state.clock,
-        reason=chosen.reason,
     )
 
 
@@ -204,14 +205,7 @@ def grasp_goal(state: State) -> GraspGoal | None:
         if found is None:
             return None
         pose = found
-    return GraspGoal(
-        number=grasped.closings,
-        pose=pose,
-        fingers=hand.fingers,
-        opening=hand.opening,
-        reach=hand.reach,
-        not_before=state.clock,
-    )
+    return derive(GraspGoal, hand, number=grasped.closings, pose=pose, not_before=state.clock)
 
 
 def with_contacts(state: State, contacts: GraspContacts) -> State:
@@ -229,16 +223,8 @@ def with_contacts(state: State, contacts: GraspContacts) -> State:
 
 def with_coarse(state: State, coarse: Superquadric, axis: Floats | None) -> State:
     """The state with the slicing frame that the coarse model lets choose, or with a given axis."""
-    fit = FittedSuperquadric(
-        size=coarse.size,
-        exponents=coarse.exponents,
-        pose=coarse.pose,
-        taper=coarse.taper,
-        bend=Bend(coarse.bend, coarse.bend_direction if coarse.bend else 0.0),
-        residuals=coarse.residuals,
-        rms=coarse.residual,
-        warnings=coarse.warnings,
-    )
+    bend = Bend(coarse.bend, coarse.bend_direction if coarse.bend else 0.0)
+    fit = derive(FittedSuperquadric, coarse, bend=bend, rms=coarse.residual)
     return with_frame(replace(state, grasped=replace(state.grasped, fit=fit)), axis)
 
 
@@ -344,28 +330,22 @@ def with_frame(state: State, axis: Floats | None) -> State:
     """The state at the beginning of the slices, along a given axis or along one that is found."""
     assert state.world is not None and state.grasped.fit is not None
     grasped, platform = state.grasped, state.world.platform
-    fit = state.grasped.fit
-    frame = fit_object_frame(fit, grasped.points, grasped.normals, platform, CONTACT_ERROR, axis)
+    frame = fit_object_frame(
+        state.grasped.fit, grasped.points, grasped.normals, platform, CONTACT_ERROR, axis
+    )
+    # Where heights are the world's, the object stands on its lower end.
+    upright = float(split_pose(frame.pose)[1][2, 2]) == 1.0
+    heights = transform_points(inverse_pose(frame.pose), grasped.points)[:, 2]
     survey = Survey(
-        low=platform if _is_upright(frame) else frame.low,
+        low=platform if upright else frame.low,
         high=frame.high,
-        low_deviation=0.0 if _is_upright(frame) else frame.extent_error,
+        low_deviation=0.0 if upright else frame.extent_error,
         high_deviation=frame.extent_error,
         radius=frame.radius,
-        standing=_is_upright(frame),
-        reached=_reached(frame, grasped.points),
+        standing=upright,
+        # Never beyond the expected ends
+        reached=(max(float(heights.min()), frame.low), min(float(heights.max()), frame.high)),
         pad_width=state.pad_width,
         resolution=state.resolution,
     )
     return replace(state, frame=frame, survey=survey, ends=MappingProxyType({}))
-
-
-def _is_upright(frame: ObjectFrame) -> bool:
-    """Whether its heights are the world's, so that the object stands on its lower end."""
-    return float(split_pose(frame.pose)[1][2, 2]) == 1.0
-
-
-def _reached(frame: ObjectFrame, points: Floats) -> tuple[float, float]:
-    """Lowest and highest contact along the slicing axis, m: never beyond the expected ends."""
-    heights = transform_points(inverse_pose(frame.pose), points)[:, 2]
-    return max(float(heights.min()), frame.low), min(float(heights.max()), frame.high)

@@ -53,21 +53,14 @@ class FrameSequence(NamedTuple):
 def read_frames(
     path: str | os.PathLike[str], rows: int | None = None, cols: int | None = None
 ) -> FrameSequence:
-    """The frames of a file.
+    """The frames of a file, whose array, if it is a CSV file, is square or of a given size.
 
-    Parameters
-    ----------
-    path : path
-        A ``.csv`` with a frame a line: x, y, z, qx, qy, qz, qw and the values row by row, maybe
-        with a time before them, maybe under a header. Or an ``.npz`` with ``frames``
-        (n, rows, cols), ``poses`` (n, 7) and maybe ``times`` (n,).
-    rows, cols : int, optional
-        Of the array; needed for a CSV file whose array is not square.
+    A ``.csv`` has a frame a line: x, y, z, qx, qy, qz, qw and the values row by row, maybe with a
+    time before them, maybe under a header. An ``.npz`` has ``frames`` (n, rows, cols), ``poses``
+    (n, 7) and maybe ``times`` (n,).
 
-    Raises
-    ------
-    ValueError
-        With file and line, if the file cannot be read, is too large, or a frame is none.
+    Raises ValueError with file and line, if the file cannot be read, is too large, or a frame is
+    none.
     """
     place = Path(path)
     if place.suffix not in (".csv", ".npz"):
@@ -139,9 +132,8 @@ def _of_csv(data: bytes, path: Path, shape: ArraySize | None) -> FrameSequence:
         if found and (row.time is None) != (found[0].time is None):
             raise ValueError(f"{path}:{number}: not every line has a time; expected all or none")
         if found and row.time is not None and row.time < (found[-1].time or 0.0):
-            raise ValueError(
-                f"{path}:{number}: the time {row.time:g} comes before {found[-1].time:g}"
-            )
+            order = f"the time {row.time:g} comes before {found[-1].time:g}"
+            raise ValueError(f"{path}:{number}: {order}")
         found.append(row)
         shape = row.image.shape[0], row.image.shape[1]
     if not found:
@@ -155,15 +147,11 @@ def _check(frames: FrameSequence, path: Path, shape: ArraySize | None) -> None:
     count, *size = frames.images.shape
     if not count:
         raise ValueError(f"{path}: holds no frames")
+    has = f"{path}: has frames of {size[0]} by {size[1]}; expected"
     if shape is not None and tuple(size) != shape:
-        raise ValueError(
-            f"{path}: has frames of {size[0]} by {size[1]}; expected {shape[0]} by {shape[1]}"
-        )
+        raise ValueError(f"{has} {shape[0]} by {shape[1]}")
     if not all(MIN_SIDE <= side <= MAX_SIDE for side in size):
-        raise ValueError(
-            f"{path}: has frames of {size[0]} by {size[1]}; "
-            f"expected {MIN_SIDE} to {MAX_SIDE} each way"
-        )
+        raise ValueError(f"{has} {MIN_SIDE} to {MAX_SIDE} each way")
 
 
 class FrameRow(NamedTuple):
@@ -174,12 +162,8 @@ class FrameRow(NamedTuple):
     image: Floats  # What the taxels sent, (rows, cols)
 
 
-def parse_row(
-    text: str,  # ``x,y,z,qx,qy,qz,qw``, then the values row by row; a time may come first
-    where: str,  # Where the line stands, for complaints
-    shape: ArraySize | None,  # Of the array; None for a square one, as large as the line tells
-) -> FrameRow:
-    """The frame in a line.
+def parse_row(text: str, where: str, shape: ArraySize | None) -> FrameRow:
+    """The frame in a line; where that stands is for complaints, None stands for a square array.
 
     Raises ValueError if the line has another number of columns, or one of them is no finite number,
     or the quaternion is none.
@@ -188,9 +172,8 @@ def parse_row(
     shape = shape or square_size(len(cells))
     if shape is None:
         raise ValueError(
-            f"{where}: has {len(cells)} columns; "
-            f"expected {POSE_NUMBERS} of the pose and those of a square "
-            "array, or say how many rows and columns it has"
+            f"{where}: has {len(cells)} columns; expected {POSE_NUMBERS} of the pose and those of "
+            "a square array, or say how many rows and columns it has"
         )
     wanted = POSE_NUMBERS + shape[0] * shape[1]
     if len(cells) not in (wanted, wanted + 1):
@@ -267,7 +250,7 @@ class SensorParams(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 def sensor_info(sensing: SensorParams) -> SensorInfo:
-    """What the listeners are told of the sensor."""
+    """What subscribers are told of the sensor."""
     return info_of(sensing.sensor, sensing.noise)
 
 

@@ -8,31 +8,25 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import IDENTITY_POSE, compose_poses, split_pose
-from palpate.core.shapes import PosedShape, Shape
+from palpate.core import (
+    IDENTITY_POSE,
+    Floats,
+    compose_poses,
+    rotation_matrix,
+    shapes,
+    splines,
+    split_pose,
+)
 
-if TYPE_CHECKING:
-    from palpate.core.shapes import BooleanShape, HalfSpace, ImplicitShape, Tree
-    from palpate.core.splines import Lattice
-from typing import TYPE_CHECKING
-
-from palpate.core import rotation_matrix
-from palpate.core.shapes import Superquadric
-
-if TYPE_CHECKING:
-    from palpate.core.shapes import (
-        DeformedSuperquadric,
-        GeneralisedCylinder,
-        Hyperquadric,
-        Polyhedron,
-        Section,
-    )
-
+Solid: TypeAlias = (
+    "shapes.Superquadric | shapes.DeformedSuperquadric | shapes.Hyperquadric"
+    " | shapes.GeneralisedCylinder | shapes.Polyhedron"
+)
 TaperShare = Annotated[float, Meta(gt=-1, lt=1, description="1")]
 TermExponent = Annotated[float, Meta(ge=0.1, le=100, description="1")]
 PlaneNumber = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -43,12 +37,8 @@ Coordinate = Annotated[float, Meta(ge=-10, le=10, description="m")]
 Degrees = Annotated[float, Meta(ge=-360, le=360, description="degrees")]
 Exponent = Annotated[float, Meta(ge=0.02, le=2, description="1")]
 Seed = Annotated[int, Meta(ge=0, le=1 << 53)]
-
-
 # Farther off, a solid would lose the digits that its surface needs.
 WorldCoordinate = Annotated[float, Meta(ge=-1000, le=1000, description="m")]
-
-
 # Of a quaternion; so that its length, which must be 1, can be worked out.
 QuaternionPart = Annotated[float, Meta(ge=-10, le=10)]
 
@@ -71,6 +61,10 @@ class PoseSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             raise ValueError("position and rotation must be finite")
         rotation_matrix(np.array(self.rotation))
 
+    def array(self) -> Floats:
+        """The pose as (7,) numbers."""
+        return np.array([*self.position, *self.rotation])
+
 
 class SolidSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One solid at most, and where it stands."""
@@ -82,19 +76,10 @@ class SolidSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     # Where it stands in what it is a part of: for an object, in the world.
     pose: PoseSpec = PoseSpec()
 
-
-def build_solid(
-    spec: SolidSpec,
-) -> Superquadric | DeformedSuperquadric | Hyperquadric | GeneralisedCylinder | Polyhedron:
-    """The solid that is described, in its own frame; there is one."""
-    if spec.hyperquadric is not None:
-        return build_hyperquadric(spec.hyperquadric)
-    if spec.generalised_cylinder is not None:
-        return build_generalised_cylinder(spec.generalised_cylinder)
-    if spec.polyhedron is not None:
-        return build_polyhedron(spec.polyhedron)
-    assert spec.superquadric is not None
-    return build_superquadric(spec.superquadric)
+    def solid(self) -> Solid:
+        """The solid that is described, in its own frame; there is one."""
+        kinds = (self.superquadric, self.hyperquadric, self.generalised_cylinder, self.polyhedron)
+        return next(one.build() for one in kinds if one is not None)
 
 
 class SuperquadricSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -109,29 +94,15 @@ class SuperquadricSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     def __post_init__(self) -> None:
         if self.bend != 0.0:
-            build_superquadric(self)  # which refuses to fold it
+            self.build()  # which refuses to fold it
 
-    @property
-    def plain(self) -> bool:
-        """Whether it is neither tapered nor bent."""
-        return self.bend == 0.0 and self.taper == (0.0, 0.0)
-
-
-def build_superquadric(spec: SuperquadricSpec) -> Superquadric | DeformedSuperquadric:
-    """The solid, tapered, then bent."""
-    base = plain_superquadric(spec)
-    if spec.plain:
-        return base
-    from palpate.core.shapes import Bend, DeformedSuperquadric
-
-    return DeformedSuperquadric(
-        base, np.array(spec.taper), Bend(spec.bend, math.radians(spec.bend_direction))
-    )
-
-
-def plain_superquadric(spec: SuperquadricSpec) -> Superquadric:
-    """The solid before taper and bend."""
-    return Superquadric(np.array(spec.size), np.array(spec.exponents))
+    def build(self) -> shapes.Superquadric | shapes.DeformedSuperquadric:
+        """The solid, tapered, then bent."""
+        plain = shapes.Superquadric(np.array(self.size), np.array(self.exponents))
+        if self.bend == 0.0 and self.taper == (0.0, 0.0):
+            return plain
+        bend = shapes.Bend(self.bend, math.radians(self.bend_direction))
+        return shapes.DeformedSuperquadric(plain, np.array(self.taper), bend)
 
 
 class TermSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -155,15 +126,12 @@ class HyperquadricSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     dents: Annotated[tuple[DentSpec, ...], Meta(max_length=8)] = ()
 
     def __post_init__(self) -> None:
-        build_hyperquadric(self)  # which refuses what is empty or unbounded
+        self.build()  # which refuses what is empty or unbounded
 
-
-def build_hyperquadric(spec: HyperquadricSpec) -> Hyperquadric:
-    """The hyperquadric that a description stands for."""
-    from palpate.core.shapes import Dent, Hyperquadric
-
-    dents = tuple(Dent(dent.depth, *_terms(dent.terms)) for dent in spec.dents)
-    return Hyperquadric(*_terms(spec.terms), dents)
+    def build(self) -> shapes.Hyperquadric:
+        """The hyperquadric that is described."""
+        dents = tuple(shapes.Dent(dent.depth, *_terms(dent.terms)) for dent in self.dents)
+        return shapes.Hyperquadric(*_terms(self.terms), dents)
 
 
 def _terms(terms: tuple[TermSpec, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -195,30 +163,23 @@ class GeneralisedCylinderSpec(Struct, frozen=True, kw_only=True, forbid_unknown_
     tilt_direction: Degrees = 0.0  # Azimuth towards which the axis leans, degrees
 
     def __post_init__(self) -> None:
-        build_generalised_cylinder(self)
+        self.build()
 
-
-def build_generalised_cylinder(spec: GeneralisedCylinderSpec) -> GeneralisedCylinder:
-    """The generalised cylinder that a description stands for."""
-    from palpate.core.shapes import GeneralisedCylinder
-
-    heights, scales = np.array(spec.sweep).T
-    return GeneralisedCylinder(
-        _section(spec.section),
-        heights,
-        scales,
-        smooth=spec.smooth,
-        tilt=math.radians(spec.tilt),
-        tilt_direction=math.radians(spec.tilt_direction),
-    )
-
-
-def _section(spec: SectionSpec) -> Section:
-    from palpate.core.shapes import SplineSection, SuperellipseSection
-
-    if spec.radii is not None:
-        return SplineSection(np.array(spec.radii))
-    return SuperellipseSection(np.array(spec.size), spec.exponent)
+    def build(self) -> shapes.GeneralisedCylinder:
+        """The generalised cylinder that is described."""
+        section: shapes.Section
+        if self.section.radii is not None:
+            section = shapes.SplineSection(np.array(self.section.radii))
+        else:
+            size = np.array(self.section.size)
+            section = shapes.SuperellipseSection(size, self.section.exponent)
+        return shapes.GeneralisedCylinder(
+            section,
+            *np.array(self.sweep).T,
+            smooth=self.smooth,
+            tilt=math.radians(self.tilt),
+            tilt_direction=math.radians(self.tilt_direction),
+        )
 
 
 class PolyhedronSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -232,19 +193,11 @@ class PolyhedronSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     faces: Annotated[tuple[tuple[int, ...], ...], Meta(min_length=4, max_length=2048)]
 
     def __post_init__(self) -> None:
-        build_polyhedron(self)
+        self.build()
 
-
-def build_polyhedron(spec: PolyhedronSpec) -> Polyhedron:
-    """The polyhedron that a description stands for."""
-    from palpate.core.shapes import Polyhedron
-
-    return Polyhedron(np.array(spec.vertices), spec.faces)
-
-
-def pose_array(spec: PoseSpec) -> np.ndarray:
-    """The pose as (7,) numbers."""
-    return np.array([*spec.position, *spec.rotation])
+    def build(self) -> shapes.Polyhedron:
+        """The polyhedron that is described."""
+        return shapes.Polyhedron(np.array(self.vertices), self.faces)
 
 
 def exactly_one(spec: Struct, what: str, names: tuple[str, ...]) -> str:
@@ -261,26 +214,11 @@ def exactly_one(spec: Struct, what: str, names: tuple[str, ...]) -> str:
     )
 
 
-OBJECT_KINDS = (
-    "superquadric",
-    "hyperquadric",
-    "generalised_cylinder",
-    "boolean",
-    "polyhedron",
-    "mesh",
-)
+SOLID_KINDS = ("superquadric", "hyperquadric", "generalised_cylinder")
+OBJECT_KINDS = (*SOLID_KINDS, "boolean", "polyhedron", "mesh")
 FACETED = ("polyhedron", "mesh")  # Solids without a function: they are nothing but their faces
-PART_KINDS = (
-    "superquadric",
-    "hyperquadric",
-    "generalised_cylinder",
-    "polyhedron",
-    "half_space",
-    "union",
-    "intersection",
-    "difference",
-    "complement",
-)
+COMBINATIONS = ("union", "intersection", "difference")
+PART_KINDS = (*SOLID_KINDS, "polyhedron", "half_space", *COMBINATIONS, "complement")
 
 
 class LayerSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -322,25 +260,18 @@ class ObjectSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=Tru
                 "exact is for an object with a lattice: leave it out, a "
                 f"{kind.replace('_', ' ')} is {'cast as it is' if faceted else 'exact anyway'}"
             )
-        if self.boolean is not None:
-            _check_tree(self.boolean)
+        if self.boolean is not None:  # perhaps unbounded, empty or too large
+            try:
+                build_boolean(self.boolean)
+            except ValueError as error:
+                raise ValueError(f"boolean: {error}") from None
         if self.lattice is not None:
             _check_folds(self, self.lattice)
 
 
-def _check_tree(tree: PartSpec) -> None:
-    """Refuse a tree that is unbounded, empty or too large."""
-    try:
-        build_boolean(tree)
-    except ValueError as error:
-        raise ValueError(f"boolean: {error}") from None
-
-
 def _check_folds(spec: ObjectSpec, layers: tuple[LayerSpec, ...]) -> None:
     """Refuse a lattice that turns a part of the solid inside out, or squeezes it flat."""
-    from palpate.core.splines import folded_share
-
-    share = folded_share(_lattice(_implicit(spec), layers))
+    share = splines.folded_share(_lattice(_implicit(spec), layers))
     if share > 0.0:
         raise ValueError(
             f"the lattice folds or flattens {share:.1%} of its box: bring the layers' scale, "
@@ -348,69 +279,54 @@ def _check_folds(spec: ObjectSpec, layers: tuple[LayerSpec, ...]) -> None:
         )
 
 
-def build_shape(spec: ObjectSpec) -> Shape:
+def build_shape(spec: ObjectSpec) -> shapes.Shape:
     """The solid that a description stands for, where it stands."""
-    return PosedShape(_shape_in_its_frame(spec), pose_array(spec.pose))
+    return shapes.PosedShape(_shape_in_its_frame(spec), spec.pose.array())
 
 
-def _shape_in_its_frame(spec: ObjectSpec) -> Shape:
+def _shape_in_its_frame(spec: ObjectSpec) -> shapes.Shape:
     if spec.mesh is not None:
-        from palpate.core.shapes import TriangleShape
-
         vertices = np.frombuffer(spec.mesh.vertices, "<f8").reshape(-1, 3)
         faces = np.frombuffer(spec.mesh.faces, "<i4").reshape(-1, 3)
-        return TriangleShape(vertices, faces)
+        return shapes.TriangleShape(vertices, faces)
     base = _implicit(spec)
     if spec.lattice is None:
         return base
-    from palpate.core.shapes import DeformedShape
-
-    return DeformedShape(base, _lattice(base, spec.lattice), spec.exact)
+    return shapes.DeformedShape(base, _lattice(base, spec.lattice), spec.exact)
 
 
-def _implicit(spec: ObjectSpec) -> ImplicitShape:
+def _implicit(spec: ObjectSpec) -> shapes.ImplicitShape:
     """The solid before a lattice deforms it."""
-    return build_solid(spec) if spec.boolean is None else build_boolean(spec.boolean)
+    return spec.solid() if spec.boolean is None else build_boolean(spec.boolean)
 
 
 @lru_cache(maxsize=8)  # each check of a scene builds it again, and looks whether it is empty
-def build_boolean(spec: PartSpec) -> BooleanShape:
+def build_boolean(spec: PartSpec) -> shapes.BooleanShape:
     """The solid that a tree stands for.
 
     Raises ValueError if it is unbounded or empty.
     """
-    from palpate.core.shapes import BooleanShape
-
-    return BooleanShape(_tree(spec, IDENTITY_POSE))
+    return shapes.BooleanShape(_tree(spec, IDENTITY_POSE))
 
 
-def _tree(spec: PartSpec, outer: np.ndarray) -> Tree:
-    from palpate.core.shapes import Intersection, Union, complement_of, difference
-
-    pose = compose_poses(outer, pose_array(spec.pose))
+def _tree(spec: PartSpec, outer: np.ndarray) -> shapes.Tree:
+    pose = compose_poses(outer, spec.pose.array())
     if spec.union is not None:
-        return Union(tuple(_tree(part, pose) for part in spec.union))
+        return shapes.Union(tuple(_tree(part, pose) for part in spec.union))
     if spec.intersection is not None:
-        return Intersection(tuple(_tree(part, pose) for part in spec.intersection))
+        return shapes.Intersection(tuple(_tree(part, pose) for part in spec.intersection))
     if spec.difference is not None:
-        return difference(*(_tree(part, pose) for part in spec.difference))
+        return shapes.difference(*(_tree(part, pose) for part in spec.difference))
     if spec.complement is not None:
-        return complement_of(_tree(spec.complement, pose))
+        return shapes.complement_of(_tree(spec.complement, pose))
     if spec.half_space is not None:
         return _half_space(spec.half_space, pose)
-    from palpate.core.shapes import PosedSolid
-
-    return PosedSolid(build_solid(spec), pose)
+    return shapes.PosedSolid(spec.solid(), pose)
 
 
-def _lattice(base: ImplicitShape, layers: tuple[LayerSpec, ...]) -> Lattice:
-    from palpate.core.splines import LatticeLayer, layered_lattice
-
-    made = [
-        LatticeLayer(published.scale, math.radians(published.turn), published.shift)
-        for published in layers
-    ]
-    return layered_lattice(base.enclosure(), made)
+def _lattice(base: shapes.ImplicitShape, layers: tuple[LayerSpec, ...]) -> splines.Lattice:
+    made = [splines.LatticeLayer(one.scale, math.radians(one.turn), one.shift) for one in layers]
+    return splines.layered_lattice(base.enclosure(), made)
 
 
 def encode_mesh(vertices: np.ndarray, faces: np.ndarray) -> MeshSpec:
@@ -431,13 +347,11 @@ class HalfSpaceSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         _half_space(self)
 
 
-def _half_space(spec: HalfSpaceSpec, pose: np.ndarray = IDENTITY_POSE) -> HalfSpace:
-    from palpate.core.shapes import HalfSpace
-
-    own = HalfSpace(np.array(spec.normal), spec.offset)
+def _half_space(spec: HalfSpaceSpec, pose: np.ndarray = IDENTITY_POSE) -> shapes.HalfSpace:
+    own = shapes.HalfSpace(np.array(spec.normal), spec.offset)
     position, axes = split_pose(pose)
     normal = axes @ own.normal
-    return HalfSpace(normal, own.offset + float(normal @ position))
+    return shapes.HalfSpace(normal, own.offset + float(normal @ position))
 
 
 class PartSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -451,7 +365,7 @@ class PartSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     def __post_init__(self) -> None:
         word = exactly_one(self, "a part of a boolean", PART_KINDS)
-        if word in ("union", "intersection", "difference"):
+        if word in COMBINATIONS:
             _refuse_duplicates(word, getattr(self, word))
 
 

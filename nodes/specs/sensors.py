@@ -28,6 +28,7 @@ from palpate.core.touch import (
     assemble,
 )
 from palpate.core.touch.effects import effect_type, rank
+from palpate.messages import derive
 from palpate.messages.types import SensorInfo
 
 # Widths of an array, m: with those that were tried between them, domed and flat, contours of a
@@ -38,8 +39,6 @@ MIN_COMPRESSION = 50e-6  # Least compression that counts as touched, m
 RESOLUTION = 0.01  # Of the pitch: points of contours are off by as much where there is no noise
 Gain = Annotated[float, Meta(ge=0, le=10, description="1")]
 Offset = Annotated[float, Meta(ge=-0.01, le=0.01, description="m")]
-
-
 # Parameters of each listed effect by its name, or by ``module:Class``.
 EffectSpecs = dict[str, dict[str, Any]]
 
@@ -103,45 +102,30 @@ class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 f"{TOUCH_DEPTH / self.pad.saturation:.3g} m, "
                 f"to be pressed by {TOUCH_DEPTH} m"
             )
-        if self.calibration is not None:
-            _check_shape(self, self.calibration)
-
-
-def _check_shape(sensor: SensorSpec, calibration: CalibrationSpec) -> None:
-    for name in ("gain", "offset"):
-        table = getattr(calibration, name)
-        if len(table) != sensor.rows or any(len(row) != sensor.cols for row in table):
-            raise ValueError(
-                f"calibration.{name} must have {sensor.rows} rows of {sensor.cols}, "
-                "as the array has; calibrate this sensor anew"
-            )
+        for name in ("gain", "offset") if self.calibration is not None else ():
+            table = getattr(self.calibration, name)
+            if len(table) != self.rows or any(len(row) != self.cols for row in table):
+                raise ValueError(
+                    f"calibration.{name} must have {self.rows} rows of {self.cols}, "
+                    "as the array has; calibrate this sensor anew"
+                )
 
 
 def pad_of_spec(sensor: SensorSpec) -> Pad:
     """The pad that a scene describes."""
-    return Pad(
-        rows=sensor.rows,
-        cols=sensor.cols,
-        pitch=sensor.pitch,
-        thickness=sensor.pad.thickness,
-        dome=0.0 if sensor.pad.radius is None else 1.0 / sensor.pad.radius,
-        saturation=sensor.pad.saturation,
-    )
+    radius = sensor.pad.radius
+    return derive(Pad, sensor, sensor.pad, dome=0.0 if radius is None else 1.0 / radius)
 
 
 def info_of(sensor: SensorSpec, noise: float, face: FaceModel = SPRINGS) -> SensorInfo:
-    """What the listeners are told: the calibration, or the data sheet and its noise, m."""
+    """What subscribers are told: the calibration, or the data sheet and its noise, m."""
     pad, found = pad_of_spec(sensor), sensor.calibration
     shape = (pad.rows, pad.cols)
-    return SensorInfo(
-        rows=pad.rows,
-        cols=pad.cols,
-        pitch=pad.pitch,
-        thickness=pad.thickness,
-        dome=pad.dome,
-        saturation=pad.saturation,
+    return derive(
+        SensorInfo,
+        data_sheet(sensor) if found is None else found,
+        pad,
         signal=sensor.signal,
-        sound_speed=sensor.pad.sound_speed if found is None else found.sound_speed,
         taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
         gain=np.ones(shape) if found is None else np.array(found.gain, np.float64),
         offset=np.zeros(shape) if found is None else np.array(found.offset, np.float64),
@@ -153,15 +137,7 @@ def info_of(sensor: SensorSpec, noise: float, face: FaceModel = SPRINGS) -> Sens
 
 def pad_of_info(info: SensorInfo) -> Pad:
     """Pad with the array and dome of a SensorInfo."""
-    return Pad(
-        rows=info.rows,
-        cols=info.cols,
-        pitch=info.pitch,
-        thickness=info.thickness,
-        dome=info.dome,
-        saturation=info.saturation,
-        face=FaceModel(info.face, info.face_decay),
-    )
+    return derive(Pad, info, face=FaceModel(info.face, info.face_decay))
 
 
 def resolution_of_info(info: SensorInfo) -> float:
@@ -171,14 +147,7 @@ def resolution_of_info(info: SensorInfo) -> float:
 
 def calibration_of_info(info: SensorInfo) -> Calibration:
     """What the signal of a SensorInfo means."""
-    return Calibration(
-        signal=info.signal,
-        thickness=info.thickness,
-        sound_speed=info.sound_speed,
-        taxel_stiffness=info.taxel_stiffness,
-        gain=info.gain,
-        offset=info.offset,
-    )
+    return derive(Calibration, info)
 
 
 def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, Effect]:
@@ -187,8 +156,7 @@ def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, Effec
     Raises ValueError if there is no such effect, or a parameter is unknown or out of its range.
     """
     described = {name: _described(name, parameters) for name, parameters in listed.items()}
-    ordered = sorted(described, key=lambda name: (described[name].phase, rank(name), name))
-    return {name: described[name] for name in ordered}
+    return dict(sorted(described.items(), key=lambda one: (one[1].phase, rank(one[0]), one[0])))
 
 
 def _described(name: str, parameters: Mapping[str, Any]) -> Effect:
@@ -223,12 +191,8 @@ def build_pipeline(
 
 def data_sheet(sensor: SensorSpec) -> Calibration:
     """What the sensor's signal means if every taxel is as it should be."""
-    return Calibration(
-        signal=sensor.signal,
-        thickness=sensor.pad.thickness,
-        sound_speed=sensor.pad.sound_speed,
-        taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
-    )
+    stiffness = sensor.pad.stiffness * sensor.pitch**2
+    return derive(Calibration, sensor, sensor.pad, taxel_stiffness=stiffness)
 
 
 def sensed_face(pipeline: Pipeline) -> FaceModel:

@@ -24,7 +24,6 @@ from palpate.nodes.tracer import (
     State,
     know_sensor,
     know_world,
-    start,
     take_goal,
     take_patch,
 )
@@ -56,7 +55,7 @@ def probe_goal(**changes: Any) -> ProbeGoal:
 
 @pytest.fixture
 def ready(info: SensorInfo) -> State:
-    state, _ = know_sensor(Params(), start(Params())[0], info)
+    state, _ = know_sensor(Params(), State(), info)
     return state
 
 
