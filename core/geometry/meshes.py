@@ -1,15 +1,26 @@
-"""Triangle meshes: corners, areas, normals, whether one bounds a solid; meshes between rings."""
+"""Triangle meshes: areas, normals at faces and corners, whether one bounds a solid; rings joined.
+
+A corner's normal is smooth across blunt edges only. Each face at a vertex counts by its angle
+there: no other weights tell the side of every mesh (Bærentzen and Aanæs, 2005).
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.arrays import Bools, Floats, Ints, finite_array
+
+if TYPE_CHECKING:
+    from palpate.core.geometry.nearest import Nearest
 
 Indices = NDArray[np.intp]
+AT_CORNER = 1e-9  # Barycentric coordinate below which a nearest point lies on the opposite edge
+# Neighbouring faces that meet at more than this meet at an edge of the solid.
+SHARP = math.radians(30.0)
 
 
 class Solidity(NamedTuple):
@@ -29,28 +40,26 @@ def solidity(vertices: ArrayLike, faces: ArrayLike) -> Solidity:
 
     `vertices` (n, 3): m. Vertices that no face names are ignored. `faces` (m, 3): rows of
     `vertices`. Raises ValueError if a vertex is not finite, or a face names a vertex that is not
-    there.
-
-    The genus is that of Euler's formula, V - E + F = 2 (components - genus). A vertex at which
-    two fans of faces touch counts once for each, so that two solids that touch in a point
+    there. The genus is that of Euler's formula, V - E + F = 2 (components - genus). A vertex at
+    which two fans of faces touch counts once for each, so that two solids that touch in a point
     remain two spheres.
     """
     corners = triangle_corners(vertices, faces)
     count = len(np.asarray(vertices))
     rows = checked_faces(faces, count)
-    first, second = _opposite_edges(rows, count)
-    watertight = first is not None and second is not None
+    edges = _opposite_edges(rows, count)
     volume = signed_volume(corners - corners.mean(axis=(0, 1)))
-    if first is None or second is None:
+    if edges is None:
         return Solidity(False, _components(rows, count), None, volume)
+    first, second = edges
     components = _count_groups(len(rows), first // 3, second // 3)
     # Corner 3 f + i starts edge i of face f; its opposite edge ends at the same vertex.
-    fans = _count_groups(rows.size, first, _next_corner(second))
+    fans = _count_groups(rows.size, first, second - second % 3 + (second + 1) % 3)
     euler = fans - rows.size // 2 + len(rows)
-    return Solidity(watertight, components, components - euler // 2, volume)
+    return Solidity(True, components, components - euler // 2, volume)
 
 
-def _opposite_edges(rows: Indices, count: int) -> tuple[Indices | None, Indices | None]:
+def _opposite_edges(rows: Indices, count: int) -> tuple[Indices, Indices] | None:
     """Directed edges, numbered 3 f + i, and the opposite of each; None if one has none."""
     start, end = rows.ravel(), np.roll(rows, -1, axis=1).ravel()
     forward, backward = start * count + end, end * count + start
@@ -58,7 +67,7 @@ def _opposite_edges(rows: Indices, count: int) -> tuple[Indices | None, Indices 
     keys = forward[order]
     paired = np.array_equal(keys, backward[reverse]) and bool((np.diff(keys) > 0).all())
     if not paired or bool((start == end).any()):
-        return None, None
+        return None
     return order, reverse
 
 
@@ -72,26 +81,16 @@ def _components(rows: Indices, count: int) -> int:
 
 
 def _count_groups(count: int, one: Indices, other: Indices) -> int:
-    """Connected groups among `count` things, given linked pairs.
-
-    Each thing takes the lowest label among its neighbours' groups, and labels are followed to
-    their end, until nothing changes: a few rounds, whatever the shape of the groups.
-    """
-    label = np.arange(count)
-    while True:
-        low = np.minimum(label[one], label[other])
-        before = label.copy()
-        np.minimum.at(label, before[one], low)
-        np.minimum.at(label, before[other], low)
-        while not np.array_equal(label, label[label]):
-            label = label[label]
-        if np.array_equal(label, before):
-            return int(np.count_nonzero(label == np.arange(count)))
+    return int(linked_groups(count, one, other).max()) + 1
 
 
-def _next_corner(edges: Indices) -> Indices:
-    """The corner at which each directed edge ends."""
-    return edges - edges % 3 + (edges + 1) % 3
+def linked_groups(count: int, one: NDArray[np.integer], other: NDArray[np.integer]) -> Ints:
+    """Group (count,), numbered from 0, to which each thing belongs, given linked pairs."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(one), bool), (one, other)), shape=(count, count))
+    return np.asarray(connected_components(links, directed=False)[1])
 
 
 def signed_volume(corners: Floats) -> float:
@@ -131,9 +130,7 @@ def triangle_corners(vertices: ArrayLike, faces: ArrayLike) -> Floats:
     return places[checked_faces(faces, len(places))]
 
 
-def checked_faces(
-    faces: ArrayLike, vertices: int
-) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
+def checked_faces(faces: ArrayLike, vertices: int) -> Indices:
     """Faces (m, 3), all of whose corners are among this many vertices.
 
     Raises ValueError if there is no face, or a face names a vertex that is not there.
@@ -168,17 +165,7 @@ def close_rings(bottom: Floats, rings: Floats, top: Floats) -> tuple[Floats, Int
     """
     count, size = rings.shape[:2]
     vertices = np.concatenate([bottom[None], rings.reshape(-1, 3), top[None]])
-    here = 1 + np.arange(size)
-    following = 1 + (np.arange(size) + 1) % size
-    lower = (size * np.arange(count - 1))[:, None]
-    a, b = lower + here, lower + following
-    c, d = a + size, b + size
-    side = np.stack([np.stack([a, b, d], axis=-1), np.stack([a, d, c], axis=-1)], axis=2)
-    last = size * (count - 1)
-    below = np.column_stack([np.zeros(size, int), following, here])
-    above = np.column_stack([np.full(size, len(vertices) - 1), last + here, last + following])
-    faces = np.concatenate([below, side.reshape(-1, 3), above])
-    return vertices, faces.astype(np.int32)
+    return vertices, join_rings(np.full(count, size))
 
 
 def join_rings(sizes: Ints) -> Ints:
@@ -231,3 +218,102 @@ def _ring(first: int, size: int) -> tuple[Ints, Ints]:
     """Numbers of a ring's points, and of those that follow them."""
     here = np.arange(size, dtype=np.int32)
     return first + here, first + (here + 1) % size
+
+
+def are_outside(vertices: Floats, faces: Ints, points: Floats, nearest: Nearest) -> Bools:
+    """Whether points (n, 3) lie outside a closed mesh, or on it.
+
+    `vertices` (m, 3), m. `faces` (f, 3): counter-clockwise seen from outside. `points` (n, 3), m.
+    `nearest`: where the mesh is nearest to each. By the normal at the nearest point: of the face,
+    the sum of two along an edge, and at a vertex that of all its faces, each by its angle there. No
+    other weights are right for every mesh: Bærentzen and Aanæs, *Signed distance computation using
+    the angle weighted pseudonormal*, 2005.
+    """
+    corners = vertices[faces]
+    normals = areas_and_normals(corners)[1]
+    shares = _barycentric(corners[nearest.faces], normals[nearest.faces], nearest.points)
+    on = shares > AT_CORNER
+    count = on.sum(axis=1)
+    across = normals[nearest.faces]
+    at_vertex, at_edge = np.flatnonzero(count <= 1), np.flatnonzero(count == 2)
+    if len(at_vertex):
+        sums = corner_normals(vertices, faces, math.inf)
+        across[at_vertex] = sums[nearest.faces[at_vertex], shares[at_vertex].argmax(axis=1)]
+    if len(at_edge):
+        begin = (np.argmin(on[at_edge], axis=1) + 1) % 3  # the edge opposite the missing corner
+        across[at_edge] += normals[face_neighbours(faces)[nearest.faces[at_edge], begin]]
+    return np.asarray(np.einsum("ni,ni->n", points - nearest.points, across) >= 0.0)
+
+
+def _barycentric(corners: Floats, normals: Floats, points: Floats) -> Floats:
+    """Shares (n, 3) of the corners in points of triangles (n, 3, 3)."""
+    following = np.roll(corners, -1, axis=1) - points[:, None]
+    beyond = np.roll(corners, -2, axis=1) - points[:, None]
+    areas = np.einsum("ijk,ik->ij", np.cross(following, beyond), normals)
+    total = areas.sum(axis=1, keepdims=True)
+    return np.asarray(areas / np.where(total > 0.0, total, 1.0))
+
+
+def facet_sag(vertices: Floats, faces: Ints) -> float:
+    """Mean distance between a mesh and the surface that its corners' normals tell, m.
+
+    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`, turned alike. A linear triangle misses
+    a curved one by half the sum over its edges e of l_i l_j II(e, e), with the barycentric
+    coordinates l at the edge's ends; their product is 1/12 on average. How the normal turns along
+    an edge tells II(e, e).
+    """
+    corners = vertices[faces]
+    normals = corner_normals(vertices, faces, SHARP)
+    edges = np.roll(corners, -1, axis=1) - corners
+    turned = np.roll(normals, -1, axis=1) - normals
+    sag = np.abs(np.einsum("mij,mij->m", turned, edges)) / 24.0
+    areas = areas_and_normals(corners)[0]
+    total = float(areas.sum())
+    return float(areas @ sag) / total if total > 0.0 else 0.0
+
+
+def corner_normals(vertices: Floats, faces: Ints, sharp: float) -> Floats:
+    """Unit normals (m, 3, 3) at the corners of faces.
+
+    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`, turned alike. `sharp`: angle between
+    neighbouring faces, rad, from which the edge between them is one of the solid; pi or more for
+    none. The faces at a vertex that hang together by blunt edges share a normal: the sum of theirs,
+    each by its angle there.
+    """
+    corners = vertices[faces]
+    normals = areas_and_normals(corners)[1]
+    over = face_neighbours(faces)
+    blunt = np.einsum("mi,mji->mj", normals, normals[over]) > math.cos(min(sharp, math.pi))
+    face, edge = np.nonzero(blunt & (over != np.arange(len(faces))[:, None]))
+    other = over[face, edge]
+    links = []
+    for corner in (edge, (edge + 1) % 3):
+        there = (faces[other] == faces[face, corner][:, None]).argmax(axis=1)
+        links.append((3 * face + corner, 3 * other + there))
+    one, two = (np.concatenate(part) for part in zip(*links, strict=True))
+    group = linked_groups(faces.size, one, two)
+    weighted = (corner_angles(corners)[:, :, None] * normals[:, None]).reshape(-1, 3)
+    sums = np.stack([np.bincount(group, column) for column in weighted.T], axis=-1)
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    units = sums / np.where(length > 0.0, length, 1.0)
+    return units[group].reshape(-1, 3, 3)
+
+
+def face_neighbours(faces: Ints) -> Ints:
+    """The face over the edge that begins at each corner, (m, 3); itself where there is none."""
+    begin = faces.astype(np.int64)
+    end = np.roll(begin, -1, axis=1)
+    count = int(begin.max()) + 1
+    keys, wanted = (begin * count + end).ravel(), (end * count + begin).ravel()
+    order = np.argsort(keys, kind="stable")
+    found = order[np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)]
+    over = np.where(keys[found] == wanted, found, np.arange(len(keys))) // 3
+    return over.reshape(faces.shape).astype(np.int32)
+
+
+def corner_angles(corners: Floats) -> Floats:
+    """Angles (m, 3) of triangles (m, 3, 3) at their corners, rad."""
+    ahead = np.roll(corners, -1, axis=1) - corners
+    back = np.roll(corners, -2, axis=1) - corners
+    sine = np.linalg.norm(np.cross(ahead, back), axis=2)
+    return np.asarray(np.arctan2(sine, np.einsum("ijk,ijk->ij", ahead, back)))

@@ -2,11 +2,11 @@
 
 The triangle with the nearest centre gives each query an upper bound. Every triangle whose box
 begins nearer than that, and whose disc does too, is then measured. The boxes are sorted along a
-Morton curve, which keeps neighbours together; each four of them get a box about them, each four
-of those another, up to the root. A search descends one level for all points together and keeps
-the boxes that begin nearer than each point's reach. Large triangles are cut up, so that long
-thin ones do not lie in boxes that are mostly empty. Own code: trimesh's needs a compiled extra,
-and is not exact.
+Morton curve, which keeps neighbours together; each four of them get a box about them, each four of
+those another, up to the root. A search descends one level for all points together and keeps the
+boxes that begin nearer than each point's reach. Large triangles are cut up, so that long thin ones
+do not lie in boxes that are mostly empty. Own code: trimesh's needs a compiled extra, and is not
+exact.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Bools, Floats
 from palpate.core.geometry.meshes import areas_and_normals
 
 Indices = NDArray[np.intp]
@@ -72,7 +72,7 @@ def nearest_search(corners: Floats) -> NearestSearch:
     )
 
 
-def cut_long_triangles(corners: Floats) -> tuple[Floats, NDArray[np.intp]]:
+def cut_long_triangles(corners: Floats) -> tuple[Floats, Indices]:
     """Cut triangles across their longest edges until all are short, or there are too many.
 
     `corners` (m, 3, 3): corners of the triangles, m. Returns `pieces` (p, 3, 3): corners of the
@@ -105,7 +105,7 @@ def _halves(corners: Floats) -> Floats:
     return np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
 
 
-def _longest(corners: Floats) -> tuple[Floats, NDArray[np.intp]]:
+def _longest(corners: Floats) -> tuple[Floats, Indices]:
     """Length (m,) of each triangle's longest edge, and the corner (m,) at which it begins."""
     edges = np.roll(corners, -1, axis=1) - corners
     square = np.einsum("ijk,ijk->ij", edges, edges)
@@ -149,7 +149,7 @@ def _measure(triangles: Triangles, faces: Indices, points: Floats) -> tuple[Floa
     return np.sqrt(np.einsum("ij,ij->i", offset, offset)), nearest
 
 
-def nearest_on(triangles: Triangles, faces: NDArray[np.intp], points: Floats) -> Floats:
+def nearest_on(triangles: Triangles, faces: Indices, points: Floats) -> Floats:
     """Nearest point of one triangle to each point.
 
     `triangles`: the surface. `faces` (n,): the triangle that each point is asked about. `points`
@@ -191,8 +191,7 @@ def _share(numerator: Floats, square: Floats) -> Floats:
 
 
 def _dot(one: Floats, other: Floats) -> Floats:
-    result: Floats = np.einsum("ij,ij->i", one, other)
-    return result
+    return np.asarray(np.einsum("ij,ij->i", one, other))
 
 
 class Triangles(NamedTuple):
@@ -313,14 +312,11 @@ class BoundingDiscs(NamedTuple):
         normals[areas <= SLIVER_AREA * square] = 0.0
         return cls(centres, normals, np.sqrt(square))
 
-    def within(self, discs: NDArray[np.intp], points: Floats, reach: Floats) -> NDArray[np.bool_]:
+    def within(self, discs: Indices, points: Floats, reach: Floats) -> Bools:
         """Whether each disc (n,) may come within the reach (n,) of a point (n, 3)."""
         offset = points - self.centres[discs]
         height = np.einsum("ij,ij->i", offset, self.normals[discs])
         square = np.einsum("ij,ij->i", offset, offset)
         beside = np.sqrt(np.maximum(square - height * height, 0.0)) - self.radii[discs]
         beside = np.maximum(beside, 0.0)
-        near: NDArray[np.bool_] = (
-            height * height + beside * beside <= reach * reach + SLACK * square
-        )
-        return near
+        return np.asarray(height * height + beside * beside <= reach * reach + SLACK * square)

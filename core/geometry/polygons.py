@@ -1,4 +1,8 @@
-"""Closed polygons: area, centroid, winding, edges, crossings, inscribed circle and ellipse."""
+"""Closed polygons: area, winding, edges, crossings, inscribed circle, matching by azimuth.
+
+`azimuth_match` gives one point for each azimuth also where a ray from the middle meets the contour
+several times or not at all, where the match of Fung, 1999, 4.2, step 5, has several or none.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +22,15 @@ CELLS_AT_ONCE = 1000  # Cells whose distances are taken together, so that memory
 CORNERS: Floats = 0.5 * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 # Directions in which the middle is moved.
 AROUND: Floats = np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(16) / 16])
-CORNERS.setflags(write=False)
-AROUND.setflags(write=False)
 FLAT = 1e-9  # Area, as a share of the box around the contour, below which it encloses nothing
 Numbers = NDArray[np.intp]
 Boxes = Floats  # Left, lower, right and upper sides, (4, k)
 FIRST_BOXES = 32  # At most so many boxes are compared each with each
 PAIRS_AT_ONCE = 1 << 15  # Pairs of boxes that are looked at together, so that memory stays small
+# How much of the length's even pace is mixed in where the azimuth does not always rise.
+LENGTH_SHARE = 0.1
+# Of the polygon's size: a place that sees it whole lies at least so far behind each edge.
+DEEP = 1e-3
 
 
 class Circle(NamedTuple):
@@ -37,14 +43,12 @@ class Circle(NamedTuple):
 def inscribed_circle(polygon: Floats) -> Circle:
     """The largest circle inside a closed polygon (n, 2), m, which need not be convex.
 
-    Its middle is inside where that of the box, or of the area, is not: in a U or a C.
-
-    Raises ValueError if the polygon has fewer than 3 vertices or is not finite.
-
-    Squares that may hold the middle of a larger circle than the best one so far are quartered:
-    the distance to the edges changes by no more than the way. So the result is the largest
-    one to a tolerance of 1e-3 of the polygon's size, however many local ones there are. Then
-    its middle climbs on by steps to ever nearer places.
+    Its middle is inside where that of the box, or of the area, is not: in a U or a C. Raises
+    ValueError if the polygon has fewer than 3 vertices or is not finite. Squares that may hold the
+    middle of a larger circle than the best one so far are quartered: the distance to the edges
+    changes by no more than the way. So the result is the largest one to a tolerance of 1e-3 of the
+    polygon's size, however many local ones there are. Then its middle climbs on by steps to ever
+    nearer places.
     """
     polygon = closed_polygon(polygon, least=3)
     low, high = polygon.min(axis=0), polygon.max(axis=0)
@@ -85,48 +89,19 @@ def _polish(polygon: Floats, circle: Circle, step: float) -> Circle:
 
 def _depth(polygon: Floats, points: Floats) -> Floats:
     """Distance (k,) to the edges, negative outside."""
-    parts = [
-        points[first : first + CELLS_AT_ONCE] for first in range(0, len(points), CELLS_AT_ONCE)
-    ]
-    return np.concatenate(
-        [
-            np.where(winding_number(polygon, part) != 0, 1.0, -1.0) * edge_distance(polygon, part)
-            for part in parts
-        ]
-    )
-
-
-def inscribed_ellipse_scale(polygon: Floats, middle: Floats, semi_axes: Floats) -> float:
-    """The largest factor of an ellipse's semi-axes for which it lies inside a polygon.
-
-    `polygon` (n, 2): closed, need not be convex, m. `middle` (2,): centre of the ellipse, m.
-    `semi_axes` (2,): along x and y, m. Returns 1; 0 where the middle is not inside. Raises
-    ValueError if a shape is wrong, a number not finite, or a semi-axis not positive.
-
-    In the plane in which the ellipse is the unit circle this is the distance of its middle
-    from the polygon's edges: the answer to the search of Fung, 1999, table 4.2, which also
-    tests the edges as if they were infinite lines.
-    """
-    polygon = finite_array("polygon", polygon, (None, 2))
-    middle = finite_array("middle", middle, (2,))
-    semi_axes = finite_array("semi_axes", semi_axes, (2,))
-    if not (semi_axes > 0.0).all():
-        raise ValueError(f"semi_axes must be positive, got {semi_axes.tolist()} m")
-    around = (polygon - middle) / semi_axes
-    origin = np.zeros((1, 2))
-    if winding_number(around, origin)[0] == 0:
-        return 0.0
-    return float(edge_distance(around, origin)[0])
+    parts = np.split(points, range(CELLS_AT_ONCE, len(points), CELLS_AT_ONCE))
+    signs = [np.where(winding_number(polygon, part) != 0, 1.0, -1.0) for part in parts]
+    distances = [edge_distance(polygon, part) for part in parts]
+    return np.asarray(np.concatenate(signs) * np.concatenate(distances))
 
 
 def area_centroid(contour: Floats) -> Floats:
     """Centroid (2,) of the area that a closed contour encloses, m.
 
     Of the area, because the mean of unevenly measured points lies nearer to where they are dense;
-    where there is no area, that mean.
-
-    `contour` (n, 2) or (n, 3): around it, in either direction, m; a third coordinate is ignored.
-    Raises ValueError if the contour has no point, or is not finite (n, 2) or (n, 3).
+    where there is no area, that mean. `contour` (n, 2) or (n, 3): around it, in either direction,
+    m; a third coordinate is ignored. Raises ValueError if the contour has no point, or is not
+    finite (n, 2) or (n, 3).
     """
     polygon = closed_polygon(np.asarray(contour)[..., :2])
     return np.asarray(area_centroids(polygon[None])[0])
@@ -147,8 +122,7 @@ def area_centroids(contours: Floats) -> Floats:
     shift = ((near + following) * _cross(near, following)[..., None]).sum(axis=1)
     safe = np.where(flat, 1.0, area)
     shift = np.where(flat[:, None], 0.0, shift / (6.0 * safe)[:, None])
-    centroids: Floats = middle + size[:, None] * shift
-    return centroids
+    return np.asarray(middle + size[:, None] * shift)
 
 
 def _cross(first: Floats, second: Floats) -> Floats:
@@ -158,44 +132,36 @@ def _cross(first: Floats, second: Floats) -> Floats:
 def signed_area(polygon: Floats) -> float:
     """Area of a closed polygon (n, 2), m^2: positive where it runs counter-clockwise.
 
-    About its first vertex, so that a small polygon far from the origin keeps its digits.
-
-    Raises ValueError if the polygon has no vertex, or is not finite (n, 2).
+    About its first vertex, so that a small polygon far from the origin keeps its digits. Raises
+    ValueError if the polygon has no vertex, or is not finite (n, 2).
     """
     polygon = closed_polygon(polygon)
     near = polygon - polygon[0]
-    following = np.roll(near, -1, axis=0)
-    twice = near[:, 0] * following[:, 1] - following[:, 0] * near[:, 1]
-    return 0.5 * float(twice.sum())
+    return 0.5 * float(_cross(near, np.roll(near, -1, axis=0)).sum())
 
 
 def winding_number(polygon: Floats, points: Floats) -> Ints:
     """Turns (k,) that a closed polygon (n, 2) makes around points (k, 2); 0 outside.
 
-    Positive counter-clockwise. Edges that cross the level of a point to its right are counted,
-    so that no angle is ever taken: Sunday, *Inclusion of a point in a polygon*, 2001.
-
-    Raises ValueError if the polygon has no vertex, or something is not finite or of another shape.
+    Positive counter-clockwise. Edges that cross the level of a point to its right are counted, so
+    that no angle is ever taken: Sunday, *Inclusion of a point in a polygon*, 2001. Raises
+    ValueError if the polygon has no vertex, or something is not finite or of another shape.
     """
     polygon, points = closed_polygon(polygon), finite_array("points", points, (None, 2))
     starts, ends = polygon, np.roll(polygon, -1, axis=0)
-    along = ends - starts
-    away = points[:, None, :] - starts
-    left = along[:, 0] * away[:, :, 1] - along[:, 1] * away[:, :, 0]
+    left = _cross(ends - starts, points[:, None, :] - starts)
     begins_below = starts[:, 1] <= points[:, 1, None]
     ends_below = ends[:, 1] <= points[:, 1, None]
     up = begins_below & ~ends_below & (left > 0.0)
     down = ~begins_below & ends_below & (left < 0.0)
-    turns: Ints = (up.sum(axis=1) - down.sum(axis=1)).astype(np.int32)
-    return turns
+    return np.asarray((up.sum(axis=1) - down.sum(axis=1)).astype(np.int32))
 
 
 def edge_distance(polygon: Floats, points: Floats) -> Floats:
     """Distance (k,) of points (k, 2) to the nearest edge of a closed polygon (n, 2), m.
 
-    To the edges, not to the lines that they lie on.
-
-    Raises ValueError if the polygon has no vertex, or something is not finite or of another shape.
+    To the edges, not to the lines that they lie on. Raises ValueError if the polygon has no vertex,
+    or something is not finite or of another shape.
     """
     polygon, points = closed_polygon(polygon), finite_array("points", points, (None, 2))
     along = np.roll(polygon, -1, axis=0) - polygon
@@ -203,19 +169,15 @@ def edge_distance(polygon: Floats, points: Floats) -> Floats:
     away = points[:, None, :] - polygon
     share = np.einsum("knd,nd->kn", away, along) / np.where(squares > 0.0, squares, 1.0)
     off = away - np.clip(share, 0.0, 1.0)[:, :, None] * along
-    distance: Floats = np.sqrt(np.einsum("knd,knd->kn", off, off).min(axis=1))
-    return distance
+    return np.asarray(np.sqrt(np.einsum("knd,knd->kn", off, off).min(axis=1)))
 
 
 def self_intersects(polygon: Floats) -> bool:
     """Whether two edges of a closed polygon (n, 2) cross or touch that are not neighbours.
 
-    Vertices that come twice in a row, as where the first is given again at the end, are one.
-
-    Raises ValueError if the polygon is not finite (n, 2).
-
-    Edges that follow each other lie together in ever larger boxes; only where two boxes
-    overlap are their halves looked at.
+    Vertices that come twice in a row, as where the first is given again at the end, are one. Raises
+    ValueError if the polygon is not finite (n, 2). Edges that follow each other lie together in
+    ever larger boxes; only where two boxes overlap are their halves looked at.
     """
     polygon = closed_polygon(polygon, least=0)
     polygon = polygon[(polygon != np.roll(polygon, 1, axis=0)).any(axis=1)]
@@ -272,15 +234,71 @@ def _boxes(edges: Boxes) -> list[Boxes]:
 
 def _meet(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
     """Whether segments ab and cd, (k, 2) each, whose boxes overlap, have a point in common."""
-    on_ab = _side(a, b, c) * _side(a, b, d)
-    on_cd = _side(c, d, a) * _side(c, d, b)
-    return (on_ab <= 0.0) & (on_cd <= 0.0)
+    return (_side(a, b, c) * _side(a, b, d) <= 0.0) & (_side(c, d, a) * _side(c, d, b) <= 0.0)
 
 
 def _side(a: Floats, b: Floats, point: Floats) -> Floats:
     """1, 0 or -1 (k,): left of, on or right of the line from a to b."""
-    along, away = b - a, point - a
-    return np.sign(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0])
+    return np.sign(_cross(b - a, point - a))
+
+
+class AzimuthMatch(NamedTuple):
+    """Which places on a contour belong to azimuths."""
+
+    points: Floats  # (k, 2), m
+    # (k,): the share of the contour's length from its first vertex on, from 0 to 1. Azimuths that
+    # rise by less than a turn give turns that do as well, but for the seam.
+    turns: Floats
+    # Each ray from the middle meets the contour once: the match is exactly the radial one.
+    one_to_one: bool
+    # The contour goes once round the middle, counter-clockwise. If not, the azimuth says nothing,
+    # and the match is by length alone.
+    inside: bool
+
+
+def azimuth_match(polygon: Floats, middle: Floats, azimuths: Floats) -> AzimuthMatch:
+    """Match a contour to azimuths about a middle.
+
+    `polygon` (n, 2): closed, fine, counter-clockwise, m. `middle` (2,): from where azimuths are
+    taken, m. `azimuths` (k,), rad. Raises ValueError if the polygon has fewer than 3 vertices, or
+    anything is not finite. Along a concave contour the azimuth rises, falls back, and rises again;
+    a ray then meets it several times. Here the azimuth is replaced by the middle between the
+    largest one so far and the least one still to come, which never falls.
+    """
+    polygon = closed_polygon(polygon, least=3)
+    middle = finite_array("middle", middle, (2,))
+    azimuths = finite_array("azimuths", azimuths, (None,))
+    around = np.vstack([polygon, polygon[:1]])
+    lengths = np.linalg.norm(np.diff(around, axis=0), axis=1)
+    turns = np.concatenate([[0.0], np.cumsum(lengths)])
+    turns /= turns[-1] if turns[-1] > 0.0 else 1.0
+    away = around - middle
+    rises = turn_between(away[:-1], away[1:])
+    azimuth = np.arctan2(away[0, 1], away[0, 0]) + np.concatenate([[0.0], np.cumsum(rises)])
+    inside = bool(abs(float(rises.sum()) - 2.0 * np.pi) < 1.0)
+    one_to_one = inside and bool((rises > 0.0).all())
+    pace = _rising(azimuth) if inside else azimuth
+    even = 2.0 * np.pi * turns
+    # The even pace is begun where it is nearest to the azimuth all around.
+    ahead = pace[:-1] - even[:-1]
+    even += np.arctan2((lengths * np.sin(ahead)).sum(), (lengths * np.cos(ahead)).sum())
+    if not inside:
+        pace = even
+    elif not one_to_one:
+        even += 2.0 * np.pi * np.round((pace - even).mean() / (2.0 * np.pi))
+        pace = (1.0 - LENGTH_SHARE) * pace + LENGTH_SHARE * even
+    places = np.interp(pace[0] + np.mod(azimuths - pace[0], 2.0 * np.pi), pace, turns)
+    points = np.column_stack([np.interp(places, turns, around[:, axis]) for axis in (0, 1)])
+    return AzimuthMatch(points, places, one_to_one, inside)
+
+
+def _rising(azimuth: Floats) -> Floats:
+    """The middle of the largest azimuth so far and the least to come, around the seam as well."""
+    turn = azimuth[:-1]
+    wound = np.concatenate([turn - 2.0 * np.pi, turn, turn + 2.0 * np.pi, azimuth[-1:] + 2 * np.pi])
+    so_far = np.maximum.accumulate(wound)
+    to_come = np.minimum.accumulate(wound[::-1])[::-1]
+    return 0.5 * (so_far + to_come)[len(turn) : 2 * len(turn) + 1]
 
 
 def closed_polygon(polygon: ArrayLike, least: int = 1) -> Floats:
@@ -293,3 +311,59 @@ def closed_polygon(polygon: ArrayLike, least: int = 1) -> Floats:
         ending = "vertex" if least == 1 else "vertices"
         raise ValueError(f"polygon must have at least {least} {ending}, got {len(checked)}")
     return checked
+
+
+def kernel_point(polygon: Floats) -> Floats | None:
+    """The place (2,) deepest behind all edges of a polygon, m; None if none sees it whole.
+
+    `polygon` (n, 2): counter-clockwise, finite, m. The edges' half planes have the kernel in common
+    (Lee and Preparata, *An optimal algorithm for finding the kernel of a polygon*, 1979); here a
+    linear programme finds the middle of the largest disc in it.
+    """
+    from scipy.optimize import linprog
+
+    middle = polygon.mean(axis=0)
+    size = float(np.abs(polygon - middle).max())
+    if not size > 0.0:
+        return None
+    corners = (polygon - middle) / size
+    edges = np.roll(corners, -1, axis=0) - corners
+    lengths = np.linalg.norm(edges, axis=1)
+    corners, edges = corners[lengths > 0.0], edges[lengths > 0.0]
+    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / lengths[lengths > 0.0, None]
+    behind = np.einsum("ni,ni->n", outward, corners)
+    rows = np.column_stack([outward, np.ones(len(outward))])
+    bounds = [(-1.0, 1.0), (-1.0, 1.0), (DEEP, 2.0)]
+    found = linprog([0.0, 0.0, -1.0], A_ub=rows, b_ub=behind, bounds=bounds)
+    if found.x is None:
+        return None
+    return np.asarray(middle + size * found.x[:2])
+
+
+def turn_between(first: Floats, second: Floats) -> Floats:
+    """Angle (...) above -pi and up to pi from one plane direction (..., 2) to another, rad.
+
+    Positive counter-clockwise. By the arc tangent of cross and scalar product: an arc cosine knows
+    nothing of angles below 1e-8. A direction of length 0 is taken to lie along any other. Raises
+    ValueError if a direction is not finite (..., 2).
+    """
+    first, second = _scaled("first", first), _scaled("second", second)
+    along = np.einsum("...d,...d->...", first, second)
+    return np.asarray(np.arctan2(_cross(first, second) + 0.0, along))  # of -0 it would be -pi
+
+
+def _scaled(name: str, direction: ArrayLike) -> Floats:
+    """The direction with a largest coordinate of 1, so that no product leaves the range."""
+    direction = np.asarray(direction, np.float64)
+    if direction.shape[-1:] != (2,):
+        raise ValueError(f"{name} must have shape (..., 2), got {direction.shape}")
+    if not np.isfinite(direction).all():
+        raise ValueError(f"{name} must be finite")
+    largest = np.abs(direction).max(axis=-1, keepdims=True)
+    return direction / np.where(largest > 0.0, largest, 1.0)
+
+
+CORNERS.setflags(write=False)
+
+
+AROUND.setflags(write=False)

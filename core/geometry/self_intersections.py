@@ -44,11 +44,9 @@ def self_intersection(vertices: ArrayLike, faces: ArrayLike) -> SelfIntersection
 
     `vertices` (n, 3): vertices in the same place count as one. `faces` (m, 3): rows of `vertices`.
     Faces without area cross nothing. Raises ValueError if a vertex is not finite, or a face names a
-    vertex that is not there.
-
-    Faces that only touch do not cross, nor do faces that lie on each other in one plane, and
-    nor does one that has an edge in the other's plane: those are cases that the last digit
-    decides.
+    vertex that is not there. Faces that only touch do not cross, nor do faces that lie on each
+    other in one plane, and nor does one that has an edge in the other's plane: those are cases that
+    the last digit decides.
     """
     places = finite_array("vertices", vertices, (None, 3))
     places, names = np.unique(places, axis=0, return_inverse=True)
@@ -107,7 +105,8 @@ def _crossings(pairs: _Pairs) -> tuple[Indices, Floats]:
     number = np.arange(len(pairs.one))
     for turn in (False, True):
         seen = pairs.swapped() if turn else pairs
-        keep = _straddles(_heights(seen))
+        heights = _heights(seen)
+        keep = (heights.max(axis=1) > 0.0) & (heights.min(axis=1) < 0.0)
         pairs, number = pairs.take(keep), number[keep]
     line = np.cross(pairs.normals[pairs.one], pairs.normals[pairs.other])
     sine = np.linalg.norm(line, axis=1)
@@ -134,10 +133,6 @@ def _heights(pairs: _Pairs) -> Floats:
     return heights
 
 
-def _straddles(heights: Floats) -> Bools:
-    return np.asarray((heights.max(axis=1) > 0.0) & (heights.min(axis=1) < 0.0))
-
-
 def _interval(pairs: _Pairs, line: Floats, origin: Floats) -> tuple[Floats, Floats]:
     """Where the first triangles begin and end along the lines in which the planes meet."""
     heights = _heights(pairs)
@@ -162,5 +157,4 @@ def _on_line(pairs: _Pairs, line: Floats, along: Floats) -> Floats:
     # Within the first plane, across the line, the second plane rises as the sine.
     across = np.cross(line, one)
     slope = np.einsum("pi,pi->p", across, other)
-    result: Floats = origin + along[:, None] * line + (height / slope)[:, None] * across
-    return result
+    return np.asarray(origin + along[:, None] * line + (height / slope)[:, None] * across)

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from palpate.core.shapes.deformed_superquadrics import FittedSuperquadric as FittedSuperquadric
     from palpate.core.shapes.deformed_superquadrics import largest_curvature as largest_curvature
     from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder as GeneralisedCylinder
+    from palpate.core.shapes.generalised_cylinders import Section as Section
+    from palpate.core.shapes.generalised_cylinders import SplineSection as SplineSection
+    from palpate.core.shapes.generalised_cylinders import SuperellipseSection as SuperellipseSection
     from palpate.core.shapes.global_deformations import Bend as Bend
     from palpate.core.shapes.global_deformations import Taper as Taper
     from palpate.core.shapes.half_spaces import HalfSpace as HalfSpace
@@ -42,9 +45,6 @@ if TYPE_CHECKING:
     from palpate.core.shapes.protocol import PosedShape as PosedShape
     from palpate.core.shapes.protocol import PosedSolid as PosedSolid
     from palpate.core.shapes.protocol import Shape as Shape
-    from palpate.core.shapes.sections import Section as Section
-    from palpate.core.shapes.sections import SplineSection as SplineSection
-    from palpate.core.shapes.sections import SuperellipseSection as SuperellipseSection
     from palpate.core.shapes.superquadric_measures import MassMoments as MassMoments
     from palpate.core.shapes.superquadric_measures import area_samples as area_samples
     from palpate.core.shapes.superquadric_measures import sampled_surface as sampled_surface

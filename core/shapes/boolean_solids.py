@@ -1,42 +1,46 @@
-"""Boolean combinations of solids, cast exactly, so that edges stay sharp; and their trees."""
+"""Boolean combinations of solids, cast exactly: their trees, their R-functions, their meshes.
+
+R-functions are the Boolean algebra of solids that are given as f >= 0: Fung, 1999, (2.33) to
+(2.37), in a form in which no digits cancel and nothing overflows. With S the root of f1^2 + f2^2 -
+2 omega f1 f2, the product (f1 + f2 + S)(f1 + f2 - S) is 2 (1 + omega) f1 f2: of the two factors
+only the larger one is computed from its sum.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Bools, Floats
+from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import signed_volume
 from palpate.core.shapes.half_spaces import HalfSpace, polytope_box
-from palpate.core.shapes.protocol import INSIDE, MISS, BoundedCsgSolid, Mesh
-from palpate.core.shapes.r_functions import (
-    conjunction,
-    conjunction_slopes,
-    disjunction,
-    disjunction_slopes,
-)
+from palpate.core.shapes.protocol import INSIDE, MISS, CsgSolid, ImplicitShape, Mesh
 
 CHECK_LEVEL = 3
 LEAST_VOLUME = 1e-9  # Of the box about it; what has less is rounding
-BOUNDS_LEVEL = 6
 # Of so many solids and more, each is meshed a level coarser, and again for four times as many:
 # together they have no more facets than a few.
 MANY_LEAVES = 8
 MOST_PARTS = 64  # Solids and combinations of a tree
-Leaf = BoundedCsgSolid | HalfSpace
+Leaf = CsgSolid | HalfSpace
+ROOM = 3.0  # All that is unbounded is cut to a box this many times as large as the whole
+LARGEST = float(np.finfo(np.float64).max)
+LEAST = float(np.finfo(np.float64).smallest_subnormal)
 
 
-class BooleanShape:
+class BooleanShape(ImplicitShape):
     """A tree of unions, intersections, differences and complements of solids.
 
-    `tree`: see `boolean_tree`. Raises ValueError if the tree has more than 64 parts, or the whole
-    is unbounded or empty.
-
-    Fung, 1999, (2.31) to (2.35). The combination is regularised: what has no inside, such as
-    the face in which two solids touch, is left out.
+    `tree`: of `Union`, `Intersection`, `difference` and `complement_of`. Raises ValueError if the
+    tree has more than 64 parts, or the whole is unbounded or empty. Fung, 1999, (2.31) to (2.35).
+    The combination is regularised: what has no inside, such as the face in which two solids touch,
+    is left out.
     """
 
     def __init__(self, tree: Tree):
@@ -52,11 +56,6 @@ class BooleanShape:
             )
         if not (self._box[0] < self._box[1]).all() or self._is_thin():
             raise ValueError("the tree leaves nothing: its solids have no inside in common")
-
-    def bounds(self) -> Floats:
-        """Smallest and largest coordinates of a fine tessellation, (2, 3), m."""
-        vertices = self.mesh(BOUNDS_LEVEL).vertices
-        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
     def enclosure(self) -> Floats:
         """A box about the whole: see `ImplicitShape.enclosure`."""
@@ -78,7 +77,7 @@ class BooleanShape:
         return ranges
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
-        """Where parallel rays are inside: see `spans`."""
+        """Where parallel rays are inside: see `CsgSolid.spans`."""
         places, inside = self._sections(origins, direction)
         ends = np.concatenate([places[:, 1:], np.full((len(places), 1), np.inf)], axis=1)
         places, ends = (np.where(inside, one, np.inf) for one in (places, ends))
@@ -86,14 +85,10 @@ class BooleanShape:
 
     def mesh(self, level: int) -> Mesh:
         """The combination of the leaves' tessellations: see `Shape.mesh`."""
-        from palpate.core.shapes.boolean_meshes import combined_mesh
-
         coarser = sum(len(self._leaves) >= many for many in (MANY_LEAVES, 4 * MANY_LEAVES))
         return combined_mesh(self._tree, self._box, max(level - coarser, 0))
 
     def _is_thin(self) -> bool:
-        from palpate.core.shapes.boolean_meshes import combined_mesh
-
         vertices, faces = combined_mesh(self._tree, self._box, CHECK_LEVEL)
         volume = signed_volume((vertices - self._box[0])[faces])
         return volume <= LEAST_VOLUME * float(np.prod(self._box[1] - self._box[0]))
@@ -119,23 +114,25 @@ class BooleanShape:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Union:
-    """All that is in any of the parts."""
-
+class _Joined:
     parts: tuple[Tree, ...]
 
     def __post_init__(self) -> None:
-        _check_parts("union", self.parts)
+        if len(self.parts) < 2:
+            name = type(self).__name__.lower()
+            raise ValueError(f"{name} must have at least 2 parts, got {len(self.parts)}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Intersection:
-    """All that is in each of the parts."""
+class Union(_Joined):
+    """All that is in any of the `parts`."""
 
-    parts: tuple[Tree, ...]
+    __slots__ = ()
 
-    def __post_init__(self) -> None:
-        _check_parts("intersection", self.parts)
+
+class Intersection(_Joined):
+    """All that is in each of the `parts`."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,18 +144,14 @@ class Complement:
 
 def difference(first: Tree, *others: Tree) -> Intersection:
     """All that is in the first and in none of the others."""
-    _check_parts("difference", (first, *others))
+    if not others:
+        raise ValueError("difference must have at least 2 parts, got 1")
     return Intersection((first, *(complement_of(other) for other in others)))
-
-
-def _check_parts(name: str, parts: tuple[Tree, ...]) -> None:
-    if len(parts) < 2:
-        raise ValueError(f"{name} must have at least 2 parts, got {len(parts)}")
 
 
 def with_inner_complement(tree: Tree) -> Tree:
     """The same whole, outermost a complement only if it is that of a solid (De Morgan)."""
-    if isinstance(tree, Complement) and isinstance(tree.part, (Union, Intersection)):
+    if isinstance(tree, Complement) and isinstance(tree.part, _Joined):
         parts = tuple(complement_of(part) for part in tree.part.parts)
         return Intersection(parts) if isinstance(tree.part, Union) else Union(parts)
     return tree
@@ -171,62 +164,38 @@ def complement_of(part: Tree) -> Tree:
     return part.complement() if isinstance(part, HalfSpace) else Complement(part)
 
 
+def has_more_parts(tree: Tree, most: int) -> bool:
+    """Whether a tree has more solids and combinations than that, however deep it is."""
+    count, ahead = 0, [tree]
+    while ahead and count <= most:
+        count += 1
+        ahead.extend(_parts(ahead.pop()))
+    return count > most
+
+
 def tree_leaves(tree: Tree) -> Iterator[Leaf]:
     """The solids of a tree, in the order in which all functions here take them."""
-    if isinstance(tree, Complement):
-        yield from tree_leaves(tree.part)
-    elif isinstance(tree, (Union, Intersection)):
-        for part in tree.parts:
+    if isinstance(tree, (_Joined, Complement)):
+        for part in _parts(tree):
             yield from tree_leaves(part)
     else:
         yield tree
 
 
-def has_more_parts(tree: Tree, most: int) -> bool:
-    """Whether a tree has more solids and combinations than that, however deep it is."""
-    count, ahead = 0, [tree]
-    while ahead and count <= most:
-        part = ahead.pop()
-        count += 1
-        if isinstance(part, Complement):
-            ahead.append(part.part)
-        elif isinstance(part, (Union, Intersection)):
-            ahead.extend(part.parts)
-    return count > most
+def _parts(tree: Tree) -> tuple[Tree, ...]:
+    if isinstance(tree, Complement):
+        return (tree.part,)
+    return tree.parts if isinstance(tree, _Joined) else ()
 
 
 def tree_membership(tree: Tree, states: Iterator[Bools]) -> Bools:
     """Whether places are in the whole, from whether they are in each leaf."""
     if isinstance(tree, Complement):
         return ~tree_membership(tree.part, states)
-    if isinstance(tree, (Union, Intersection)):
+    if isinstance(tree, _Joined):
         combine = np.logical_or if isinstance(tree, Union) else np.logical_and
-        found: Bools = combine.reduce([tree_membership(part, states) for part in tree.parts])
-        return found
+        return np.asarray(combine.reduce([tree_membership(part, states) for part in tree.parts]))
     return next(states)
-
-
-def tree_function(tree: Tree, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
-    """The R-function of the leaves' functions, negative inside, and its slope, (n,) each.
-
-    Fung, 1999, (2.34) and (2.35). An R-function is positive inside, ours are negative: so
-    the conjunction joins what the union wants.
-    """
-    if isinstance(tree, Complement):
-        value, slope = tree_function(tree.part, points, directions)
-        return -value, -slope
-    if not isinstance(tree, (Union, Intersection)):
-        return tree.inside_out(points, directions)
-    united = isinstance(tree, Union)
-    join, slopes = (
-        (conjunction, conjunction_slopes) if united else (disjunction, disjunction_slopes)
-    )
-
-    def joined(one: tuple[Floats, Floats], two: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-        by_one, by_two = slopes(one[0], two[0])
-        return join(one[0], two[0]), by_one * one[1] + by_two * two[1]
-
-    return reduce(joined, (tree_function(part, points, directions) for part in tree.parts))
 
 
 def unbounded_part(tree: Tree, name: str = "the tree") -> str:
@@ -244,7 +213,7 @@ def tree_enclosure(tree: Tree) -> Floats:
     tree = with_inner_complement(tree)
     if isinstance(tree, Complement):
         return np.array([[-np.inf] * 3, [np.inf] * 3])
-    if not isinstance(tree, (Union, Intersection)):
+    if not isinstance(tree, _Joined):
         return tree.enclosure()
     parts = tuple(_factors(tree)) if isinstance(tree, Intersection) else tree.parts
     boxes = np.array([tree_enclosure(part) for part in parts])
@@ -273,6 +242,194 @@ def _cut_box(box: Floats, parts: tuple[Tree, ...]) -> Floats:
     normals = np.concatenate([np.concatenate([-np.eye(3), np.eye(3)])[known],
                               [cut.normal for cut in cuts]])  # fmt: skip
     return polytope_box(normals, np.concatenate([bounds[known], [cut.offset for cut in cuts]]))
+
+
+def combined_mesh(tree: Tree, box: Floats, level: int) -> Mesh:
+    """The mesh of a tree of solids by the manifold library: closed whatever meets there.
+
+    `box` (2, 3): corners of a box that holds the whole, m. `level`: that of the leaves'
+    tessellations. Raises ValueError if one of those is not closed.
+    """
+    extent = float(np.linalg.norm(box[1] - box[0]))
+    solid = _combined(tree, box.mean(axis=0), ROOM * extent, level)
+    # A plane needs few facets, but not if it is bent afterwards.
+    mesh = solid.refine_to_length(extent / 2**level).to_mesh64()
+    return Mesh(
+        np.array(mesh.vert_properties[:, :3], np.float64), np.array(mesh.tri_verts, np.int32)
+    )
+
+
+def _combined(tree: Tree, middle: Floats, size: float, level: int) -> Any:
+    from manifold3d import Error, Manifold, Mesh64, OpType
+
+    def joined(parts: Sequence[Tree], kind: Any) -> Any:
+        return Manifold.batch_boolean(
+            [_combined(part, middle, size, level) for part in parts], kind
+        )
+
+    tree = with_inner_complement(tree)
+    cube = Manifold.cube((size, size, size), True).translate(tuple(middle))
+    if isinstance(tree, Complement):
+        return cube - _combined(tree.part, middle, size, level)
+    if isinstance(tree, Union):
+        return joined(tree.parts, OpType.Add)
+    if isinstance(tree, Intersection):
+        # A difference is taken as such, without the box in which a complement would be.
+        kept = [part for part in tree.parts if not isinstance(part, Complement)]
+        taken = [part.part for part in tree.parts if isinstance(part, Complement)]
+        solid = joined(kept, OpType.Intersect) if kept else cube
+        return solid - joined(taken, OpType.Add)
+    if isinstance(tree, HalfSpace):
+        return cube.trim_by_plane(tuple(-tree.normal), -tree.offset)
+    vertices, faces = tree.mesh(level)
+    mesh = Mesh64(
+        np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.uint64)
+    )
+    solid = Manifold(mesh)
+    if solid.status() != Error.NoError:
+        raise ValueError(f"a leaf's tessellation is not closed: {solid.status()}")
+    return solid
+
+
+def tree_function(tree: Tree, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+    """The R-function of the leaves' functions, negative inside, and its slope, (n,) each.
+
+    Fung, 1999, (2.34) and (2.35). An R-function is positive inside, ours are negative: so the
+    conjunction joins what the union wants.
+    """
+    if isinstance(tree, Complement):
+        value, slope = tree_function(tree.part, points, directions)
+        return -value, -slope
+    if not isinstance(tree, _Joined):
+        return tree.inside_out(points, directions)
+    united = isinstance(tree, Union)
+    join, slopes = (
+        (conjunction, conjunction_slopes) if united else (disjunction, disjunction_slopes)
+    )
+
+    def joined(one: tuple[Floats, Floats], two: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+        by_one, by_two = slopes(one[0], two[0])
+        return join(one[0], two[0]), by_one * one[1] + by_two * two[1]
+
+    return reduce(joined, (tree_function(part, points, directions) for part in tree.parts))
+
+
+def conjunction(f1: ArrayLike, f2: ArrayLike, omega: float = 0.0, *, smoothness: int = 0) -> Floats:
+    """Intersection of two solids.
+
+    `f1` and `f2`: values of the defining functions, positive inside. `omega`: above -1, at most 1.
+    With 1 it is the minimum; 0 is the usual choice. `smoothness`: how often the result can be
+    differentiated where both functions vanish. The value grows with this power of the functions
+    beside their own: (2.37). Returns positive where both are. A value that would leave the range of
+    floating point numbers stays at its end and keeps its sign. Raises ValueError if a value is not
+    finite, omega not in (-1, 1], or the smoothness negative.
+    """
+    return -disjunction(complement(f1), complement(f2), omega, smoothness=smoothness)
+
+
+def disjunction(f1: ArrayLike, f2: ArrayLike, omega: float = 0.0, *, smoothness: int = 0) -> Floats:
+    """Union of two solids; parameters, result and errors as of `conjunction`."""
+    first, second, omega = _checked(f1, f2, omega, smoothness)
+    scaled = _scaled(first, second, omega)
+    total = scaled.first + scaled.second
+    factor = np.abs(total) + scaled.root
+    one_is_larger = np.abs(first) >= np.abs(second)
+    smaller = np.where(one_is_larger, second, first)
+    larger = np.abs(np.where(one_is_larger, scaled.first, scaled.second))
+    safe = np.where(factor > 0.0, factor, 1.0)
+    with np.errstate(over="ignore"):
+        added = np.ldexp(factor / (1.0 + omega), scaled.power)
+        # Unscaled, for a value far smaller than the other one must not be lost.
+        value = np.where(total >= 0.0, added, 2.0 * (larger / safe) * smaller)
+        if smoothness:
+            value = value * np.minimum(np.hypot(first, second) ** smoothness, LARGEST)
+    sign = np.where(total >= 0.0, (factor > 0.0).astype(float), np.sign(smaller))
+    return np.asarray(sign * np.clip(np.abs(value), LEAST, LARGEST))
+
+
+def complement(f: ArrayLike) -> Floats:
+    """All that is not in a solid: -f."""
+    return -_finite("f", f)
+
+
+def conjunction_slopes(
+    f1: ArrayLike, f2: ArrayLike, omega: float = 0.0, *, smoothness: int = 0
+) -> tuple[Floats, Floats]:
+    """Derivatives of `conjunction` by f1 and by f2; parameters and errors as there.
+
+    Where there is no derivative (both functions vanish; with omega 1, they are equal) each is 1 /
+    (1 + omega), the middle of what is found nearby; with a smoothness, 0.
+    """
+    first, second, omega = _checked(f1, f2, omega, smoothness)
+    scaled = _scaled(first, second, omega)
+    one = _slope(scaled.first, scaled.second, scaled.root, omega)
+    two = _slope(scaled.second, scaled.first, scaled.root, omega)
+    if not smoothness:
+        return one, two
+    size = np.hypot(scaled.first, scaled.second)
+    safe = np.where(size > 0.0, size, 1.0)
+    value = conjunction(scaled.first / safe, scaled.second / safe, omega)
+    with np.errstate(over="ignore"):
+        power = np.minimum(np.hypot(first, second) ** smoothness, LARGEST)
+        one = power * (one + smoothness * value * scaled.first / safe)
+        two = power * (two + smoothness * value * scaled.second / safe)
+    return np.clip(one, -LARGEST, LARGEST), np.clip(two, -LARGEST, LARGEST)
+
+
+def disjunction_slopes(
+    f1: ArrayLike, f2: ArrayLike, omega: float = 0.0, *, smoothness: int = 0
+) -> tuple[Floats, Floats]:
+    """Derivatives of `disjunction` by f1 and by f2; see `conjunction_slopes`."""
+    return conjunction_slopes(complement(f1), complement(f2), omega, smoothness=smoothness)
+
+
+def _slope(mine: Floats, other: Floats, root: Floats, omega: float) -> Floats:
+    """(1 - (mine - omega other) / S) / (1 + omega): all terms added have one sign."""
+    # The difference that is exact comes first, so that little is lost as omega nears 1 or -1.
+    if omega > 0.0:
+        lean = (mine - other) + (1.0 - omega) * other
+    else:
+        lean = (mine + other) - (1.0 + omega) * other
+    safe = np.where(root > 0.0, root, 1.0)
+    share, lean = other / safe, lean / safe
+    small = (1.0 - omega) * share * share / (1.0 + np.maximum(lean, 0.0))
+    large = (1.0 - np.minimum(lean, 0.0)) / (1.0 + omega)
+    found = np.where(lean > 0.0, small, large)
+    return np.where(root > 0.0, found, 1.0 / (1.0 + omega))
+
+
+class _Scaled(NamedTuple):
+    """Two values over a power of two, so that the larger lies between 1/2 and 1."""
+
+    first: Floats
+    second: Floats
+    power: Ints  # Of two, by which they were divided
+    root: Floats  # S, scaled alike
+
+
+def _scaled(first: Floats, second: Floats, omega: float) -> _Scaled:
+    power = np.frexp(np.maximum(np.abs(first), np.abs(second)))[1]
+    a, b = np.ldexp(first, -power), np.ldexp(second, -power)
+    apart, together = math.sqrt(0.5 * (1.0 + omega)), math.sqrt(0.5 * (1.0 - omega))
+    return _Scaled(a, b, power, np.hypot(apart * (a - b), together * (a + b)))
+
+
+def _checked(
+    f1: ArrayLike, f2: ArrayLike, omega: float, smoothness: int
+) -> tuple[Floats, Floats, float]:
+    if not -1.0 < omega <= 1.0:
+        raise ValueError(f"omega must be above -1 and at most 1, got {omega}")
+    if smoothness < 0:
+        raise ValueError(f"smoothness must be 0 or more, got {smoothness}")
+    first, second = np.broadcast_arrays(_finite("f1", f1), _finite("f2", f2))
+    return first, second, float(omega)
+
+
+def _finite(name: str, value: ArrayLike) -> Floats:
+    array = np.asarray(value, dtype=np.float64)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite")
+    return array
 
 
 Tree = Leaf | Union | Intersection | Complement

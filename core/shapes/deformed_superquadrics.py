@@ -20,25 +20,26 @@ import numpy as np
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.shapes.global_deformations import Bend, Taper, clip_to_bent_box
-from palpate.core.shapes.protocol import INSIDE, MISS, Mesh, PosedShape
+from palpate.core.shapes.protocol import ImplicitShape, Mesh, PosedShape
 from palpate.core.shapes.ray_casting import (
     Minorant,
     MinorantFunction,
     RayGap,
     RaySelection,
     first_roots,
+    marched_spans,
+    ranges_of,
 )
 from palpate.core.shapes.superquadrics import RANGE_TOLERANCE, SMALLEST, Superquadric
 
 # Of the bend that would squeeze the inner side to nothing, or close the axis to a ring.
 LARGEST_SHARE = 0.98
-BOUNDS_LEVEL = 6  # 82k faces
 NO_BEND = Bend(0.0)
 # Places and slopes (3, m): a norm and its slope.
 NormFunction = Callable[[Floats, Floats], tuple[Floats, Floats]]
 
 
-class DeformedSuperquadric:
+class DeformedSuperquadric(ImplicitShape):
     """A superquadric about the origin, tapered along z, then bent.
 
     `base`: what is tapered and bent. `taper` (2,): widening of x and y at the top, as a share: see
@@ -59,11 +60,6 @@ class DeformedSuperquadric:
         self._straightening = Straightening(base.size, taper, bend)
         cosine, sine = bend.towards
         self._axes = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-
-    def bounds(self) -> Floats:
-        """Smallest and largest coordinates of a fine tessellation, (2, 3), m."""
-        vertices = self.mesh(BOUNDS_LEVEL).vertices
-        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
     def enclosure(self) -> Floats:
         """An upright box about the solid: see `ImplicitShape.enclosure`."""
@@ -94,35 +90,31 @@ class DeformedSuperquadric:
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
         places, towards = self._axes.T @ origins.T, self._axes.T @ direction
-        curvature = self._bend.curvature
+        curvature, along = self._bend.curvature, towards[:, None]
         starts, ends, gaps = clip_to_bent_box(places, towards, self._half, curvature)
         ends = np.minimum(ends, reach)
-        ranges = np.full(len(origins), MISS)
-        met = np.flatnonzero(starts <= ends)
-        if not len(met):
-            return ranges
-        places, along = places[:, met], towards[:, None]
-
-        def height(travelled: Floats, which: RaySelection) -> tuple[Floats, Floats]:
-            return self._height(places[:, which] + along * travelled, towards)
-
         dip, rise = self._dip_and_rise(towards)
-        found = first_roots(
-            height,
-            starts[met],
-            ends[met],
-            tolerance=RANGE_TOLERANCE * float(self._base.size.min()),
-            dip=dip,
-            rise=rise,
-            gaps=tuple((begin[met], end[met]) for begin, end in gaps),
-        )
-        ranges[met] = np.where(found == 0.0, INSIDE, found)
-        return ranges
+
+        def roots(met: Ints) -> Floats:
+            near = places[:, met]
+
+            def height(travelled: Floats, which: RaySelection) -> tuple[Floats, Floats]:
+                return self._height(near[:, which] + along * travelled, towards)
+
+            return first_roots(
+                height,
+                starts[met],
+                ends[met],
+                tolerance=RANGE_TOLERANCE * float(self._base.size.min()),
+                dip=dip,
+                rise=rise,
+                gaps=tuple((begin[met], end[met]) for begin, end in gaps),
+            )
+
+        return ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays are inside: see `spans`."""
-        from palpate.core.shapes.ray_casting import marched_spans
-
         places, towards = self._axes.T @ origins.T, self._axes.T @ direction
         starts, ends, gaps = clip_to_bent_box(places, towards, self._half, self._bend.curvature)
         along = towards[:, None]
@@ -215,22 +207,10 @@ class FittedSuperquadric:
         Raises ValueError if it has no extent, as all points were in one place, or its bend folds
         it.
         """
-        return posed_superquadric(self.size, self.exponents, self.pose, self.taper, self.bend)
-
-
-def posed_superquadric(
-    size: Floats, exponents: Floats, pose: Floats, taper: Floats, bend: Bend
-) -> PosedShape:
-    """The solid with these parameters.
-
-    `size` and `exponents` (3,): semi-axes, m; e1 and e2. `pose` (7,): of its own frame in the
-    world. `taper` (2,): widening of x and y at the top. `bend`: how the tapered solid is bent.
-    Raises ValueError if it has no extent, or its bend folds it.
-    """
-    base = Superquadric(size, exponents)
-    if not taper.any() and bend.curvature == 0.0:
-        return PosedShape(base, pose)
-    return PosedShape(DeformedSuperquadric(base, taper, bend), pose)
+        base = Superquadric(self.size, self.exponents)
+        if not self.taper.any() and self.bend.curvature == 0.0:
+            return PosedShape(base, self.pose)
+        return PosedShape(DeformedSuperquadric(base, self.taper, self.bend), self.pose)
 
 
 class StraightenedRays(NamedTuple):
@@ -256,7 +236,6 @@ class Straightening:
     """Undoes a taper and a bend along rays.
 
     Rays are given by their coordinates towards the bend's centre, square to its plane and up.
-
     `size` (3,): semi-axes, m. `taper` (2,): widening of x and y at the top. `bend`: the bend.
     """
 

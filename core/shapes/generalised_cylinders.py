@@ -1,40 +1,51 @@
 """Generalised cylinder: a section that is scaled as it moves along a straight axis.
 
-The solid is where the section's gauge G(x, y) is at most the scale r(z). An oblique axis is a
-shear, which keeps rays straight: they are cast at the upright solid. Along a ray G bends
-downwards only if the section is not convex, and r is a cubic between two knots: both are
-bounded, so that rays are cast exactly.
+The solid is where the section's gauge G(x, y) = |p| / rho(theta) is at most the scale r(z). An
+oblique axis is a shear, which keeps rays straight: they are cast at the upright solid. Along a line
+at speed v, a distance d from the axis, with the part c of the speed across the radius, G bends by
+(g + g'') c^2 / d with g = 1 / rho, downwards only if the section is not convex; r is a cubic
+between two knots. Both are bounded, so that rays are cast exactly.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints, finite_array
-from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
+from palpate.core.shapes.protocol import ImplicitShape, Mesh
 from palpate.core.shapes.ray_casting import (
     Minorant,
     MinorantFunction,
     clip_to_box,
+    convex_spans,
     guaranteed_first_roots,
+    marched_spans,
+    ranges_of,
 )
-from palpate.core.shapes.sections import PiecewiseCubic, Section, natural_spline, straight_pieces
-from palpate.core.shapes.superquadrics import SMALLEST
+from palpate.core.shapes.superquadrics import (
+    LARGEST_EXPONENT,
+    LEAST_EXPONENT,
+    SMALLEST,
+    p_norm_along,
+)
 
 # Beyond it the section's plane nearly holds the axis, and the solid is flat.
 MOST_TILT = math.radians(75.0)
 MOST_HEIGHTS = 64
 LEAST_STEP = 1e-9  # Between two heights, m
-BOUNDS_LEVEL = 6
 RANGE_TOLERANCE = 1e-13  # Of the solid's height or least radius
 LEAST_AROUND = 8
 SIDE_RINGS, CAP_RINGS = 3 / 8, 1 / 8  # For each point of a ring; those of one plane end
+LEAST_RADII, MOST_RADII = 3, 64
+LEAST_RADIUS = 1e-9  # m
+SPLITS = 64  # Parts of each piece of the outline over which its bend is bounded
 
 
-class GeneralisedCylinder:
+class GeneralisedCylinder(ImplicitShape):
     """A straight homogeneous generalised cylinder, closed by plane ends.
 
     `section`: what is swept. `heights` (n,): places along the axis, increasing, 2 to 64, m.
@@ -84,11 +95,6 @@ class GeneralisedCylinder:
         room = 1e-12 * max(float(np.abs(slope).max()) for _, slope, _ in ends)
         return self._section.traits.hollow == 0.0 and bent <= 0.0 and bool((kinks <= room).all())
 
-    def bounds(self) -> Floats:
-        """Smallest and largest coordinates of a fine tessellation, (2, 3), m."""
-        vertices = self.mesh(BOUNDS_LEVEL).vertices
-        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
-
     def enclosure(self) -> Floats:
         """An upright box about the solid: see `ImplicitShape.enclosure`."""
         ends = np.outer(self._scale.knots[[0, -1]], self._shear[:, 2])
@@ -113,18 +119,15 @@ class GeneralisedCylinder:
         """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
         places, towards, starts, ends = self._through(origins, direction)
         ends = np.minimum(ends, reach)
-        ranges = np.full(len(origins), MISS)
-        met = np.flatnonzero(starts <= ends)
-        if len(met):
+
+        def roots(met: Ints) -> Floats:
             outside = self._below(places[:, met], towards)
-            found = guaranteed_first_roots(outside, starts[met], ends[met], self._tolerance)
-            ranges[met] = np.where(found == 0.0, INSIDE, found)
-        return ranges
+            return guaranteed_first_roots(outside, starts[met], ends[met], self._tolerance)
+
+        return ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays are inside: see `spans`."""
-        from palpate.core.shapes.ray_casting import convex_spans, marched_spans
-
         if self.convex:
             return convex_spans(self, origins, direction)
         places, towards, starts, ends = self._through(origins, direction)
@@ -144,7 +147,9 @@ class GeneralisedCylinder:
     def _below(self, places: Floats, towards: Floats) -> MinorantFunction:
         """Bounds from below of G - r along rays."""
         hollow = self._section.traits.hollow
-        across, speed = _across(places, towards), float(np.hypot(*towards[:2]))
+        # How fast rays go around the axis: distance times speed across the radius.
+        across = places[0] * towards[1] - places[1] * towards[0]
+        speed = float(np.hypot(*towards[:2]))
 
         def floor(travelled: Floats, lengths: Floats, which: Ints) -> Minorant:
             x, y, z = places[:, which] + towards[:, None] * travelled
@@ -224,6 +229,25 @@ def _checked_scale(heights: Floats, scales: Floats, smooth: bool) -> PiecewiseCu
     return curve
 
 
+def natural_spline(knots: Floats, values: Floats) -> PiecewiseCubic:
+    """The cubic spline through values (n,) that does not bend at its ends."""
+    width = np.diff(knots)
+    matrix = np.eye(len(knots))
+    inner = np.arange(1, len(knots) - 1)
+    matrix[inner, inner - 1], matrix[inner, inner + 1] = width[:-1], width[1:]
+    matrix[inner, inner] = 2 * (width[:-1] + width[1:])
+    turn = np.zeros(len(knots))
+    turn[1:-1] = 6 * np.diff(np.diff(values) / width)
+    return _from_bends(knots, values, np.asarray(np.linalg.solve(matrix, turn), np.float64))
+
+
+def straight_pieces(knots: Floats, values: Floats) -> PiecewiseCubic:
+    """Straight lines through values (n,) at increasing knots (n,)."""
+    slopes = np.diff(values) / np.diff(knots)
+    none = np.zeros_like(slopes)
+    return PiecewiseCubic(knots, np.stack([values[:-1], slopes, none, none]))
+
+
 def profile_mesh(
     outline: Callable[[int], Floats], scale: PiecewiseCubic, shear: Floats, level: int
 ) -> Mesh:
@@ -283,13 +307,206 @@ def _faces(rings: int, around: int) -> Ints:
     return np.concatenate(faces).astype(np.int32)
 
 
-def _across(places: Floats, towards: Floats) -> Floats:
-    """How fast rays go around the axis: distance times speed across the radius, (n,)."""
-    return np.asarray(places[0] * towards[1] - places[1] * towards[0])
-
-
 def _nearest(x: Floats, y: Floats, towards: Floats, speed: float, lengths: Floats) -> Floats:
     """Distance from the axis at which rays pass it within the lengths, not 0."""
     dx, dy, _ = towards
     way = np.clip(-(x * dx + y * dy) / (speed * speed + SMALLEST), 0.0, lengths)
     return np.asarray(np.hypot(x + dx * way, y + dy * way)) + SMALLEST
+
+
+class SectionBounds(NamedTuple):
+    """Bounds of a section."""
+
+    radius: tuple[float, float]  # Least and largest distance of the outline from 0, m
+    hollow: float  # How negative g + g'' gets, 0 if the section is convex, 1/m
+    bulge: float  # Largest g + g'', perhaps infinite, 1/m
+    steepest: float  # Largest slope of the gauge, 1/m
+
+
+class Section(Protocol):
+    """A cross-section."""
+
+    @property
+    def traits(self) -> SectionBounds:
+        """Its bounds."""
+
+    def gauge_along(self, x: Floats, y: Floats, dx: Floats, dy: Floats) -> tuple[Floats, Floats]:
+        """Gauge at places, and its derivative along directions, (n,) each."""
+
+    def outline(self, count: int) -> Floats:
+        """Points (count, 2) around it, counter-clockwise, m."""
+
+
+class SplineSection:
+    """The closed cubic spline through radii at even azimuths, the first at 0.
+
+    `radii` (n,): 3 to 64 distances from the axis, m. Raises ValueError if there are too few or too
+    many, or the outline would reach the axis.
+    """
+
+    def __init__(self, radii: Floats):
+        radii = finite_array("radii", radii, (None,))
+        if not LEAST_RADII <= len(radii) <= MOST_RADII:
+            raise ValueError(f"radii must be {LEAST_RADII} to {MOST_RADII}, got {len(radii)}")
+        if not (radii >= LEAST_RADIUS).all():
+            raise ValueError(
+                f"radii must be positive, {LEAST_RADIUS:g} m or more, got {radii.tolist()} m"
+            )
+        knots = np.linspace(0.0, 2 * math.pi, len(radii) + 1)
+        self._rho = periodic_spline(knots, radii)
+        least = self._rho.value_range()[0]
+        if not least > 0.0:
+            raise ValueError(
+                f"radii change so much that the curve through them reaches the axis: {least:.4g} m "
+                f"is its least radius; give more of them, or more even ones than {radii.tolist()} m"
+            )
+        self.traits = _spline_traits(self._rho)
+
+    def gauge_along(self, x: Floats, y: Floats, dx: Floats, dy: Floats) -> tuple[Floats, Floats]:
+        """See `Section.gauge_along`."""
+        distance = np.hypot(x, y)
+        rho, slope = self._radius(np.arctan2(y, x))
+        inverse = 1.0 / (distance + SMALLEST)
+        outwards, across = (x * dx + y * dy) * inverse, (x * dy - y * dx) * inverse
+        return distance / rho, (outwards - slope / rho * across) / rho
+
+    def outline(self, count: int) -> Floats:
+        """See `Section.outline`."""
+        azimuth = np.linspace(0.0, 2 * math.pi, count, endpoint=False)
+        rho = self._radius(azimuth)[0]
+        return np.column_stack([rho * np.cos(azimuth), rho * np.sin(azimuth)])
+
+    def _radius(self, azimuth: Floats) -> tuple[Floats, Floats]:
+        azimuth = np.mod(azimuth, 2 * math.pi)
+        return self._rho.at(azimuth, self._rho.piece(azimuth))[:2]
+
+
+def periodic_spline(knots: Floats, values: Floats) -> PiecewiseCubic:
+    """The cubic spline through values (n,) at evenly spaced knots (n + 1,), the last the first."""
+    count, width = len(values), float(knots[1] - knots[0])
+    matrix = 4 * np.eye(count)
+    every = np.arange(count)
+    np.add.at(matrix, (every, (every + 1) % count), 1.0)
+    np.add.at(matrix, (every, every - 1), 1.0)
+    second = np.roll(values, -1) - 2 * values + np.roll(values, 1)
+    turn = np.asarray(6 * second / width**2, np.float64)
+    bends = np.asarray(np.linalg.solve(matrix, turn), np.float64)
+    return _from_bends(
+        knots, np.concatenate([values, values[:1]]), np.concatenate([bends, bends[:1]])
+    )
+
+
+def _from_bends(knots: Floats, values: Floats, bends: Floats) -> PiecewiseCubic:
+    """Pieces from the values and the second derivatives at the knots."""
+    width = np.diff(knots)
+    slope = np.diff(values) / width - width * (2 * bends[:-1] + bends[1:]) / 6
+    return PiecewiseCubic(
+        knots, np.stack([values[:-1], slope, bends[:-1] / 2, np.diff(bends) / (6 * width)])
+    )
+
+
+def _spline_traits(rho: PiecewiseCubic) -> SectionBounds:
+    """By interval arithmetic over small parts of the outline.
+
+    With g = 1 / rho: g + g'' = (rho^2 + 2 rho'^2 - rho rho'') / rho^3.
+    """
+    share = np.linspace(0.0, 1.0, SPLITS + 1)
+    width = np.diff(rho.knots)
+    places = rho.knots[:-1, None] + share * width[:, None]
+    piece = np.repeat(np.arange(len(width), dtype=np.int32)[:, None], SPLITS + 1, axis=1)
+    value, slope, bend = rho.at(places, piece)
+    step = width[:, None] / SPLITS
+    bends = _ends(bend, 0.0 * step)  # straight in each part
+    most_bend = np.abs(bends).max(axis=0)
+    slopes = _ends(slope, np.abs(np.diff(bend, axis=1)) * step / 8)
+    values = _ends(value, most_bend * step**2 / 8)
+    least_slope = np.where(slopes[0] * slopes[1] <= 0.0, 0.0, np.abs(slopes).min(axis=0))
+    most_slope = np.abs(slopes).max(axis=0)
+    products = values[:, None] * bends[None]  # radius times bend: its corners
+    low = values[0] ** 2 + 2 * least_slope**2 - products.max(axis=(0, 1))
+    high = values[1] ** 2 + 2 * most_slope**2 - products.min(axis=(0, 1))
+    hollow, bulge = (-low / values[0] ** 3).max(), (high / values[0] ** 3).max()
+    steepest = (np.hypot(1.0, most_slope / values[0]) / values[0]).max()
+    return SectionBounds(rho.value_range(), max(float(hollow), 0.0), float(bulge), float(steepest))
+
+
+def _ends(at: Floats, more: Floats) -> Floats:
+    """Range over each part, from its ends and how far it can leave the chord, (2, ...)."""
+    first, last = at[:, :-1], at[:, 1:]
+    return np.stack([np.minimum(first, last) - more, np.maximum(first, last) + more])
+
+
+class SuperellipseSection:
+    """A superellipse about 0.
+
+    `size` (2,): semi-axes along x and y, m. `exponent`: 0.02 nearly a rectangle, 1 an ellipse, 2 a
+    rhombus. Raises ValueError if a semi-axis is not positive or the exponent is out of its range.
+    """
+
+    def __init__(self, size: Floats, exponent: float):
+        size = finite_array("size", size, (2,))
+        if not (size >= LEAST_RADIUS).all():
+            raise ValueError(
+                f"size must be positive, {LEAST_RADIUS:g} m or more, got {size.tolist()} m"
+            )
+        if not LEAST_EXPONENT <= exponent <= LARGEST_EXPONENT:
+            raise ValueError(
+                f"exponent must lie between {LEAST_EXPONENT} and {LARGEST_EXPONENT}, got {exponent}"
+            )
+        self._size, self._power = size, 2.0 / exponent
+        diagonal, rounded = float(np.hypot(*size)), exponent <= 1.0
+        least = float(size.min()) if rounded else float(size.prod()) / diagonal
+        most = diagonal if rounded else float(size.max())
+        # A norm of power p >= 2 bends by (p - 1) |v|^2 / |x| at most: see Superquadric.smoothness.
+        bulge = (self._power - 1.0) * most / least**2 if rounded else math.inf
+        self.traits = SectionBounds((least, most), 0.0, bulge, 1.0 / least)
+
+    def gauge_along(self, x: Floats, y: Floats, dx: Floats, dy: Floats) -> tuple[Floats, Floats]:
+        """See `Section.gauge_along`."""
+        a, b = self._size.tolist()
+        outwards_x, outwards_y = np.copysign(1.0, x) * (dx / a), np.copysign(1.0, y) * (dy / b)
+        return p_norm_along(np.abs(x) / a, np.abs(y) / b, outwards_x, outwards_y, self._power)
+
+    def outline(self, count: int) -> Floats:
+        """See `Section.outline`; a corner is met if `count` is a multiple of 8."""
+        angle = np.arange(count) * (2 * math.pi / count)
+        rays = np.column_stack([np.cos(angle), np.sin(angle)])
+        size, none = np.abs(rays), np.zeros(count)
+        gauge = p_norm_along(size[:, 0], size[:, 1], none, none, self._power)[0]
+        return rays * self._size / gauge[:, None]
+
+
+class PiecewiseCubic(NamedTuple):
+    """A function of one number in pieces a + b u + c u^2 + d u^3, u from the piece's begin."""
+
+    knots: Floats  # (n + 1,), increasing
+    coefficients: Floats  # (4, n)
+
+    def piece(self, places: Floats) -> Ints:
+        """Piece in which each place lies, or which is nearest to it."""
+        found = np.searchsorted(self.knots, places, side="right") - 1
+        return np.clip(found, 0, len(self.knots) - 2).astype(np.int32)
+
+    def at(self, places: Floats, piece: Ints) -> tuple[Floats, Floats, Floats]:
+        """Value and the first two derivatives of given pieces, carried on beyond their ends."""
+        u = places - self.knots[piece]
+        a, b, c, d = self.coefficients[:, piece]
+        return a + u * (b + u * (c + u * d)), b + u * (2 * c + u * 3 * d), 2 * c + 6 * d * u
+
+    def extremes(self) -> tuple[Floats, Floats]:
+        """Places inside the pieces at which the function has an extreme, and its values there."""
+        _, b, c, d = self.coefficients
+        root = np.sqrt(np.maximum(c * c - 3 * b * d, 0.0))
+        turned = -(c + np.copysign(root, c))  # the larger root first, without cancellation
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = np.stack([turned / (3 * d), b / turned])
+        width = np.diff(self.knots)
+        piece = np.nonzero((u > 0.0) & (u < width))
+        places = self.knots[piece[1]] + u[piece]
+        return places, self.at(places, piece[1].astype(np.int32))[0]
+
+    def value_range(self) -> tuple[float, float]:
+        """Least and largest value from the first knot to the last."""
+        ends = self.at(self.knots, self.piece(self.knots))[0]
+        values = np.concatenate([ends, self.extremes()[1]])
+        return float(values.min()), float(values.max())

@@ -19,12 +19,10 @@ LEAST = 1e-200  # Stands for a vanishing divisor, so that no quotient is 0 / 0 o
 class Taper:
     """Widens x and y in proportion to the height: Fung, 1999, (2.7).
 
-    Beyond the ends of what is tapered the widths are those of the ends, so that all of space
-    is mapped one to one.
-
-    `along_x` and `along_y`: widening at the top, and narrowing at the bottom, as a share of the
-    width; between -1 and 1, so that no section collapses. `half_height`: half the height of what is
-    tapered, m. Raises ValueError if a share is not between -1 and 1.
+    Beyond the ends of what is tapered the widths are those of the ends, so that all of space is
+    mapped one to one. `along_x` and `along_y`: widening at the top, and narrowing at the bottom, as
+    a share of the width; between -1 and 1, so that no section collapses. `half_height`: half the
+    height of what is tapered, m. Raises ValueError if a share is not between -1 and 1.
     """
 
     along_x: float
@@ -67,14 +65,11 @@ class Unbent(NamedTuple):
 class Bend:
     """Bends the z axis to a circle whose centre is level with the origin: Fung, 1999, (2.8).
 
-    The axis keeps its length, sections across it stay plane and square to it.
-
-    `curvature`: of the bent axis, 1/m; 0 bends nothing. `direction`: azimuth towards which both
-    ends move, rad; they move the other way if the curvature is negative. Raises ValueError if
-    either is not finite.
-
-    (2.8) and (2.9) with the angle k z, where the text divides by k, and with the coordinate
-    x cos + y sin, where it takes an arc tangent. No form here loses digits as k vanishes.
+    The axis keeps its length, sections across it stay plane and square to it. `curvature`: of the
+    bent axis, 1/m; 0 bends nothing. `direction`: azimuth towards which both ends move, rad; they
+    move the other way if the curvature is negative. Raises ValueError if either is not finite.
+    (2.8) and (2.9) with the angle k z, where the text divides by k, and with the coordinate x cos +
+    y sin, where it takes an arc tangent. No form here loses digits as k vanishes.
     """
 
     curvature: float

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.arrays import Floats, finite_array
 
 PARALLEL = 1e-9  # Three unit normals span less than this volume: they meet in no point
 ROUNDING = 1e-9  # A weight this far below 0 is 0
@@ -62,11 +62,10 @@ def polytope_box(normals: Floats, offsets: Floats) -> Floats:
     """Smallest upright box about the points p with normals p <= offsets.
 
     `normals` (n, 3): outward normals of any length. `offsets` (n,): their bounds. Returns (2, 3),
-    smallest and largest coordinates, infinite where there is no bound.
-
-    By the duality of linear programming, the largest coordinate is the least bound that any
-    three of the half-spaces, or fewer, give together: a combination of their normals with
-    weights that are not negative is the axis, and that of their offsets is the bound.
+    smallest and largest coordinates, infinite where there is no bound. By the duality of linear
+    programming, the largest coordinate is the least bound that any three of the half-spaces, or
+    fewer, give together: a combination of their normals with weights that are not negative is the
+    axis, and that of their offsets is the bound.
     """
     length = np.linalg.norm(normals, axis=1)
     normals, offsets = normals / length[:, None], offsets / length
@@ -80,7 +79,7 @@ def polytope_box(normals: Floats, offsets: Floats) -> Floats:
 
 def _bounds(normals: Floats, offsets: Floats, axes: Floats, size: int) -> Floats:
     """Least bound in each direction that any `size` half-spaces give together, (6,)."""
-    chosen = _choices(len(normals), size)
+    chosen = np.array(list(itertools.combinations(range(len(normals)), size)), np.int32)
     some = normals[chosen]  # (m, size, 3)
     gram = some @ some.transpose(0, 2, 1)
     apart = np.linalg.det(gram) > PARALLEL**2
@@ -89,12 +88,7 @@ def _bounds(normals: Floats, offsets: Floats, axes: Floats, size: int) -> Floats
     reached = np.abs(some.transpose(0, 2, 1) @ weights - axes.T).max(axis=1) < ROUNDING
     holds = reached & (weights >= -ROUNDING).all(axis=1)
     bound = np.einsum("ms,msa->ma", offsets[chosen], np.maximum(weights, 0.0))
-    result: Floats = np.where(holds, bound, np.inf).min(axis=0, initial=np.inf)
-    return result
-
-
-def _choices(count: int, size: int) -> Ints:
-    return np.array(list(itertools.combinations(range(count), size)), np.int32)
+    return np.asarray(np.where(holds, bound, np.inf).min(axis=0, initial=np.inf))
 
 
 def deepest_point(
@@ -103,10 +97,9 @@ def deepest_point(
     """Point at which a function is least, and its value there.
 
     `level`: values (n,) at points (n, 3). `box` (2, 3): where to look, m. `planes` (n, 4): planes a
-    x + b y + c z + d = 0 in whose common points the function may be least.
-
-    A grid, then ever smaller boxes about the best point. Powers below 1 are least in corners
-    of the planes' arrangement, which are looked at as they are.
+    x + b y + c z + d = 0 in whose common points the function may be least. A grid, then ever
+    smaller boxes about the best point. Powers below 1 are least in corners of the planes'
+    arrangement, which are looked at as they are.
     """
     points = np.concatenate([_grid(box, GRID), _plane_vertices(planes)])
     points = points[((points >= box[0]) & (points <= box[1])).all(axis=1)]

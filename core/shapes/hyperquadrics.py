@@ -16,40 +16,39 @@ import numpy as np
 
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.shapes.half_spaces import are_concurrent, deepest_point, polytope_box
-from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
+from palpate.core.shapes.protocol import ImplicitShape, Mesh
 from palpate.core.shapes.ray_casting import (
     LEAST_DIRECTION,
     ROOM,
     Minorant,
     MinorantFunction,
     RaySelection,
+    convex_spans,
     first_roots,
     guaranteed_first_roots,
+    marched_spans,
+    ranges_of,
 )
 from palpate.core.shapes.tessellations import icosphere, isosurface
 
 MOST_TERMS = 24  # Their strips' planes meet in 17,000 points, which are all looked at
-BOUNDS_LEVEL = 6
 PARALLEL = 1e-9  # Sine, compared with the largest, below which two planes have no crease
 RANGE_TOLERANCE = 1e-13  # Of the solid's smallest extent
 LEAST_EXPONENT, LARGEST_EXPONENT = 0.1, 100.0
 LEAST_NORMAL, LARGEST_NORMAL = 1e-9, 1e9  # 1/m
 TINY = 1e-300
-
-
 # Beyond it a quantity counts as this: a power of it that overflowed would say no more.
 LARGEST = 1e3
 
 
-class Hyperquadric:
+class Hyperquadric(ImplicitShape):
     """The points p = (x, y, z) with H(p) = sum |a x + b y + c z + d|^g + dents <= 1.
 
     `planes` (n, 4): a, b, c in 1/m, and d, of each term; 24 terms at most. `exponents` (n,): g of
     each term, 0.1 to 100. If none is below 1, a solid without dents is convex. `dents`: exponential
     terms. Raises ValueError if a number is not finite or out of range, the strips leave a direction
-    unbounded, or the solid is empty.
-
-    Fung, 1999, (2.28) to (2.30). Rays are followed exactly: nothing thin is passed.
+    unbounded, or the solid is empty. Fung, 1999, (2.28) to (2.30). Rays are followed exactly:
+    nothing thin is passed.
     """
 
     def __init__(self, planes: Floats, exponents: Floats, dents: tuple[Dent, ...] = ()):
@@ -63,12 +62,16 @@ class Hyperquadric:
                 f"got normals {planes[:, :3].tolist()}"
             )
         self._planes, self._exponents, self._dents = planes, exponents, dents
-        self._half = _half_widths(exponents, dents)
+        # How large each linear form can be in the solid: what swells it widens the strips.
+        swelling = sum(max(-dent.depth, 0.0) for dent in dents)
+        self._half: Floats = (1.0 + swelling) ** (1.0 / exponents)
         self._box = polytope_box(
             np.concatenate([planes[:, :3], -planes[:, :3]]),
             np.concatenate([self._half - planes[:, 3], self._half + planes[:, 3]]),
         )
-        self._centre, least = deepest_point(self._level, self._box, planes)
+        self._centre, least = deepest_point(
+            lambda points: self.inside_out(points, np.zeros_like(points))[0], self._box, planes
+        )
         if not least < 0.0:
             raise ValueError(
                 "planes leave nothing inside: the sum of the terms is nowhere below 1, the "
@@ -85,51 +88,33 @@ class Hyperquadric:
         """Whether the solid is known to be convex."""
         return not self._dents and bool((self._exponents >= 1.0).all())
 
-    def bounds(self) -> Floats:
-        """Smallest and largest coordinates of a fine tessellation, (2, 3), m."""
-        vertices = self.mesh(BOUNDS_LEVEL).vertices
-        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
-
     def enclosure(self) -> Floats:
         """The box about the intersection of the strips: see `ImplicitShape.enclosure`."""
         return self._box
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """H less 1, and its slope: see `ImplicitShape.inside_out`. In a crease a term has 0."""
-        exponents = self._exponents[:, None]
-        h, rate = self._forms(self._planes, points), self._planes[:, :3] @ directions.T
-        value = powers(h, exponents).sum(axis=0) - 1.0
-        slope = power_slopes(h, rate, exponents).sum(axis=0)
-        for dent in self._dents:
-            more, steeper = dent.along(
-                self._forms(dent.planes, points), dent.planes[:, :3] @ directions.T
-            )
-            value, slope = value + more, slope + steeper
-        return value, slope
+        return self._beam(points, directions).level()
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
         beam = self._beam(origins, direction[None])
         starts, ends = self._through_strips(beam)
         ends = np.minimum(ends, reach)
-        ranges = np.full(len(origins), MISS)
-        met: Ints = np.flatnonzero(starts <= ends).astype(np.int32)
-        if len(met):
-            found = first_entries(beam.of(met), starts[met], ends[met], self._tolerance())
-            ranges[met] = np.where(found == 0.0, INSIDE, found)
-        return ranges
+
+        def roots(met: Ints) -> Floats:
+            return first_entries(beam.of(met), starts[met], ends[met], self._tolerance())
+
+        return ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays are inside, (n, k, 2): see `Solid.spans`."""
-        from palpate.core.shapes.ray_casting import convex_spans, marched_spans
-
         if self.convex:
             return convex_spans(self, origins, direction)
         beam = self._beam(origins, direction[None])
         starts, ends = self._through_strips(beam)
-        return marched_spans(
-            outside_minorant(beam), inside_minorant(beam), starts, ends, self._tolerance()
-        )
+        entering, leaving = (minorant(beam, outside) for outside in (True, False))
+        return marched_spans(entering, leaving, starts, ends, self._tolerance())
 
     def mesh(self, level: int) -> Mesh:
         """Icosphere projected along radii if they meet the surface once, else `isosurface`."""
@@ -156,14 +141,14 @@ class Hyperquadric:
     def _tolerance(self) -> float:
         return RANGE_TOLERANCE * float(np.ptp(self._box, axis=0).min())
 
-    def _level(self, points: Floats) -> Floats:
-        return self.inside_out(points, np.zeros_like(points))[0]
-
     def _beam(self, origins: Floats, directions: Floats) -> RayBundle:
-        return ray_bundle(self._planes, self._exponents, self._dents, origins, directions)
+        """Rays from origins (n, 3) in directions (n, 3), or in one, (1, 3)."""
 
-    def _forms(self, planes: Floats, points: Floats) -> Floats:
-        return planes[:, :3] @ points.T + planes[:, 3:]
+        def forms(of: Floats) -> tuple[Floats, Floats]:
+            return of[:, :3] @ origins.T + of[:, 3:], of[:, :3] @ directions.T
+
+        kept = tuple((dent, *forms(dent.planes)) for dent in self._dents)
+        return RayBundle(*forms(self._planes), self._exponents[:, None], kept)
 
     def _through_strips(self, beam: RayBundle) -> tuple[Floats, Floats]:
         """Where rays enter and leave all strips, at least 0."""
@@ -171,12 +156,6 @@ class Hyperquadric:
         middle = -beam.h / rate
         half = (1.0 + ROOM) * self._half[:, None] / np.abs(rate)
         return np.maximum((middle - half).max(axis=0), 0.0), (middle + half).min(axis=0)
-
-
-def _half_widths(exponents: Floats, dents: tuple[Dent, ...]) -> Floats:
-    """How large each linear form can be in the solid: what swells it widens the strips."""
-    swelling = sum(max(-dent.depth, 0.0) for dent in dents)
-    return (1.0 + swelling) ** (1.0 / exponents)
 
 
 def first_entries(rays: RayBundle, starts: Floats, ends: Floats, tolerance: float) -> Floats:
@@ -187,7 +166,7 @@ def first_entries(rays: RayBundle, starts: Floats, ends: Floats, tolerance: floa
     """
     dip = sum(dent.dip(rate) for dent, _, rate in rays.dents)
     if (rays.exponents < 1.0).any() or not math.isfinite(dip):
-        return guaranteed_first_roots(outside_minorant(rays), starts, ends, tolerance)
+        return guaranteed_first_roots(minorant(rays, True), starts, ends, tolerance)
 
     def level(places: Floats, which: RaySelection) -> tuple[Floats, Floats]:
         return rays.of(which).at(places).level()
@@ -195,16 +174,17 @@ def first_entries(rays: RayBundle, starts: Floats, ends: Floats, tolerance: floa
     return first_roots(level, starts, ends, tolerance, dip=dip)
 
 
-def outside_minorant(rays: RayBundle) -> MinorantFunction:
-    """Bounds from below of H less 1."""
+def minorant(rays: RayBundle, outside: bool) -> MinorantFunction:
+    """Bounds from below of H less 1, or of 1 less H."""
+    line_of, sign = (line_below, 1.0) if outside else (line_above, -1.0)
 
     def floor(places: Floats, lengths: Floats, which: Ints) -> Minorant:
         now = rays.of(which).at(places)
-        slope, drop = (part.sum(axis=0) for part in line_below(*now[:3], lengths))
+        slope, drop = (part.sum(axis=0) for part in line_of(*now[:3], lengths))
         for dent, h, rate in now.dents:
-            line = dent.line_below(h, rate, lengths)
+            line = dent.line(h, rate, lengths, below=outside)
             slope, drop = slope + line.slope, drop + line.gap
-        return Minorant(now.level()[0], slope, 0.0, lengths, drop)
+        return Minorant(sign * now.level()[0], sign * slope, 0.0, lengths, drop)
 
     return floor
 
@@ -220,20 +200,6 @@ def line_below(h: Floats, rate: Floats, exponents: Floats, lengths: Floats) -> L
     chord = _chord(h, rate, exponents, lengths)
     slope = np.where(convex, tangent, np.where(passed, 0.0, chord))
     return LinearBound(slope, np.where(passed, powers(h, exponents), 0.0))
-
-
-def inside_minorant(rays: RayBundle) -> MinorantFunction:
-    """Bounds from below of 1 less H."""
-
-    def floor(places: Floats, lengths: Floats, which: Ints) -> Minorant:
-        now = rays.of(which).at(places)
-        slope, drop = (part.sum(axis=0) for part in line_above(*now[:3], lengths))
-        for dent, h, rate in now.dents:
-            line = dent.line_above(h, rate, lengths)
-            slope, drop = slope + line.slope, drop + line.gap
-        return Minorant(-now.level()[0], -slope, 0.0, lengths, drop)
-
-    return floor
 
 
 def line_above(h: Floats, rate: Floats, exponents: Floats, lengths: Floats) -> LinearBound:
@@ -270,18 +236,6 @@ def _with_tips(directions: Floats, normals: Floats) -> Floats:
     moved = directions.copy()
     moved[nearest] = towards * lengths[nearest]
     return moved
-
-
-def ray_bundle(
-    planes: Floats, exponents: Floats, dents: tuple[Dent, ...], origins: Floats, directions: Floats
-) -> RayBundle:
-    """Rays from origins (n, 3) in directions (n, 3), or in one, (1, 3)."""
-
-    def forms(of: Floats) -> tuple[Floats, Floats]:
-        return of[:, :3] @ origins.T + of[:, 3:], of[:, :3] @ directions.T
-
-    kept = tuple((dent, *forms(dent.planes)) for dent in dents)
-    return RayBundle(*forms(planes), exponents[:, None], kept)
 
 
 class RayBundle(NamedTuple):
@@ -323,9 +277,7 @@ class Dent:
     `depth`: a: above 0 it dents the solid, below it swells it, 1. `planes` (n, 4): a_k, b_k, c_k in
     1/m, and d_k: the dent lies where all these are small. `exponents` (n,): g_k, 0.1 to 100. Raises
     ValueError if a number is not finite, an exponent out of range, there is no plane, or one of
-    them faces nowhere.
-
-    Fung, 1999, (2.30).
+    them faces nowhere. Fung, 1999, (2.30).
     """
 
     depth: float
@@ -345,27 +297,20 @@ class Dent:
         value = self.depth * np.exp(-powers(h, exponents).sum(axis=0))
         return value, -value * power_slopes(h, rate, exponents).sum(axis=0)
 
-    def line_below(self, h: Floats, rate: Floats, lengths: Floats) -> LinearBound:
-        """A line below the term over the lengths: see `powers.line_below`."""
+    def line(self, h: Floats, rate: Floats, lengths: Floats, *, below: bool) -> LinearBound:
+        """A line below or above the term over the lengths: see `line_below`, `line_above`."""
         values, slopes = self._ranges(h, rate, lengths)
-        known = np.isfinite(slopes[0])
-        here = self.along(h, rate)[0]
-        return LinearBound(np.where(known, slopes[0], 0.0), np.where(known, 0.0, here - values[0]))
-
-    def line_above(self, h: Floats, rate: Floats, lengths: Floats) -> LinearBound:
-        """A line above the term over the lengths: see `powers.line_above`."""
-        values, slopes = self._ranges(h, rate, lengths)
-        known = np.isfinite(slopes[1])
-        here = self.along(h, rate)[0]
-        return LinearBound(np.where(known, slopes[1], 0.0), np.where(known, 0.0, values[1] - here))
+        here, end = self.along(h, rate)[0], 0 if below else 1
+        gap = here - values[end] if below else values[end] - here
+        known = np.isfinite(slopes[end])
+        return LinearBound(np.where(known, slopes[end], 0.0), np.where(known, 0.0, gap))
 
     def dip(self, rate: Floats) -> float:
         """How much the term bends downwards anywhere along rays, 1/m2; infinite if unbounded.
 
-        `rate` (k, n): derivatives of the planes' values along the rays.
-
-        The second derivative is E (Q'^2 - Q'') with E = a exp(-Q). Each |h|^m exp(-|h|^g) is
-        largest where |h|^g = m / g, and (sum q)^2 <= k sum q^2.
+        `rate` (k, n): derivatives of the planes' values along the rays. The second derivative is E
+        (Q'^2 - Q'') with E = a exp(-Q). Each |h|^m exp(-|h|^g) is largest where |h|^g = m / g, and
+        (sum q)^2 <= k sum q^2.
         """
         if (self.exponents < 2.0).any():
             return math.inf

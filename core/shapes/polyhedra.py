@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
-from palpate.core.geometry import signed_volume
+from palpate.core.geometry import linked_groups, signed_volume
 from palpate.core.shapes.protocol import Mesh
 from palpate.core.shapes.triangle_meshes import HAS_EMBREE, CrossedMesh, TriangleShape
 
@@ -40,25 +40,12 @@ Longs = NDArray[np.integer]
 class Polyhedron:
     """One closed surface of polygons.
 
-    Faces may all be turned inwards: they are then turned around. Whether faces cross each
-    other is not looked at.
-
-    Parameters
-    ----------
-    vertices : (n, 3) array
-        m.
-    faces : sequence of sequences of int
-        Corners of each face by number, from 0, counter-clockwise seen from outside.
-
-    Raises
-    ------
-    ValueError
-        If the surface is not closed, in one piece and of plane faces with an area, or encloses
-        nothing: the sentence names the face, the edge or the vertex.
-
-    Notes
-    -----
-    Fung, 1999, section 2.5.3. Rays are cast at the planes of the faces' triangles.
+    Faces may all be turned inwards: they are then turned around. Whether faces cross each other is
+    not looked at. `vertices` (n, 3), m. `faces`: corners of each face by number, from 0,
+    counter-clockwise seen from outside. Raises ValueError if the surface is not closed, in one
+    piece and of plane faces with an area, or encloses nothing: the sentence names the face, the
+    edge or the vertex. Fung, 1999, section 2.5.3. Rays are cast at the planes of the faces'
+    triangles.
     """
 
     def __init__(self, vertices: Floats, faces: Sequence[Sequence[int]]):
@@ -76,19 +63,10 @@ class Polyhedron:
         if volume < 0.0:
             edges = winged_edges([face[::-1] for face in faces], len(self._vertices))
             triangles, volume = np.ascontiguousarray(triangles[:, ::-1]), -volume
-        self._edges, self._volume = edges, volume
+        self.edges = edges  # Who borders on whom, turned outwards
+        self.volume = volume  # m3
         embree = HAS_EMBREE and len(triangles) > FEW_TRIANGLES
         self._triangles = TriangleShape(self._vertices, triangles, embree)
-
-    @property
-    def edges(self) -> WingedEdges:
-        """Who borders on whom, turned outwards."""
-        return self._edges
-
-    @property
-    def volume(self) -> float:
-        """Volume, m3."""
-        return self._volume
 
     def bounds(self) -> Floats:
         """Smallest and largest coordinates, (2, 3), m."""
@@ -141,9 +119,7 @@ class Polyhedron:
         places = self._vertices[corners]
         middle = np.add.reduceat(places, begins) / count[:, None]
         local = places - np.repeat(middle, count, axis=0)
-        after = np.arange(len(corners)) + 1
-        after[edges.begins[1:] - 1] = begins
-        area = 0.5 * np.add.reduceat(np.cross(local, local[after]), begins)
+        area = 0.5 * np.add.reduceat(np.cross(local, local[_after(edges.begins)]), begins)
         size = np.linalg.norm(area, axis=1)
         flat = size <= (LEAST_EDGE * self._extent) ** 2
         if flat.any():
@@ -189,13 +165,13 @@ def winged_edges(faces: Sequence[Sequence[int]], vertices: int) -> WingedEdges:
     corners = np.array([corner for face in faces for corner in face])
     face = np.repeat(np.arange(len(counts)), counts)
     _check_corners(corners, face, vertices)
-    after = np.arange(len(corners)) + 1
-    after[begins[1:] - 1] = begins[:-1]
+    after = _after(begins)
     before = np.empty_like(after)
     before[after] = np.arange(len(after))
     twin = _twins(corners, corners[after], face, vertices)
     _check_fans(twin[before], corners, vertices)
     pairs = np.column_stack([np.arange(len(twin)), twin])[corners < corners[after]]
+    steps = np.concatenate([after, twin])
     edge = np.empty(len(corners), np.int64)
     edge[pairs] = np.arange(len(pairs))[:, None]
     return WingedEdges(
@@ -207,7 +183,7 @@ def winged_edges(faces: Sequence[Sequence[int]], vertices: int) -> WingedEdges:
         corners=corners.astype(np.int32),
         sides=edge.astype(np.int32),
         vertices=vertices,
-        shells=len(np.unique(_least_of_each(np.stack([after, twin])))),
+        shells=int(linked_groups(len(face), np.tile(np.arange(len(face)), 2), steps).max()) + 1,
     )
 
 
@@ -256,26 +232,17 @@ def _twins(first: Longs, last: Longs, face: Longs, vertices: int) -> Longs:
 
 def _check_fans(turned: Longs, corners: Longs, vertices: int) -> None:
     """Around each vertex there must be one ring of faces."""
-    fans = np.unique(_least_of_each(turned[None]))
+    groups = linked_groups(len(turned), np.arange(len(turned)), turned)
+    fans = np.unique(groups, return_index=True)[1]
     rings = np.bincount(corners[fans], minlength=vertices)
     _refuse(rings > 1, "vertices[{0}] joins {1} parts of the surface that only touch there", rings)
 
 
-def _least_of_each(neighbours: Longs) -> Longs:
-    """For each element the least that is reached from it, by permutations (k, n)."""
-    label: Longs = np.arange(neighbours.shape[1])
-    while True:
-        lower = label
-        for step in neighbours:
-            # Both ways along a cycle, so that it is one whatever way it is walked.
-            lower = np.minimum(lower, lower[step])
-            back = lower.copy()
-            np.minimum.at(back, step, lower)
-            lower = back
-        lower = lower[lower]
-        if np.array_equal(lower, label):
-            return label
-        label = lower
+def _after(begins: Longs) -> Longs:
+    """The corner after each around its face."""
+    after = np.arange(begins[-1]) + 1
+    after[begins[1:] - 1] = begins[:-1]
+    return after
 
 
 def _refuse(bad: Bools, sentence: str, values: Longs) -> None:
@@ -307,8 +274,7 @@ def triangulate_polygons(vertices: Floats, begins: Ints, corners: Ints, normals:
 
 def _convex(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> Bools:
     """Whether each polygon turns left at every corner, once around in all."""
-    after = np.arange(len(corners)) + 1
-    after[begins[1:] - 1] = begins[:-1]
+    after = _after(begins)
     places = vertices[corners]
     side = places[after] - places
     side /= np.linalg.norm(side, axis=1, keepdims=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import NamedTuple, Protocol
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -26,7 +26,9 @@ class Shape(Protocol):
     """A solid. Rays, bounds and mesh are all in its own frame, in m."""
 
     def bounds(self) -> Floats:
-        """Smallest and largest coordinates, (2, 3)."""
+        """Smallest and largest coordinates, (2, 3): those of a fine tessellation, unless known."""
+        vertices = self.mesh(BOUNDS_LEVEL).vertices
+        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range to the first surface along parallel rays.
@@ -55,13 +57,10 @@ class ImplicitShape(Shape, Protocol):
 
 
 class CsgSolid(Protocol):
-    """A solid that knows where rays enter it and leave it, and on which side a point lies.
-
-    It need not be bounded: its enclosure may be infinite.
-    """
+    """A solid that knows where rays enter it and leave it, and on which side a point lies."""
 
     def enclosure(self) -> Floats:
-        """Corners of an upright box that holds the solid, (2, 3), perhaps infinite, m."""
+        """Corners of an upright box that holds the solid, (2, 3), m."""
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """A function that is negative inside: see `ImplicitShape.inside_out`."""
@@ -69,51 +68,41 @@ class CsgSolid(Protocol):
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays from origins (n, 3) are inside, (n, k, 2), m."""
 
-
-class BoundedCsgSolid(CsgSolid, Protocol):
-    """A solid that can be meshed."""
-
     def mesh(self, level: int) -> Mesh:
         """A tessellation: see `Shape.mesh`."""
 
 
-class PosedShape:
-    """A shape in a rotated and shifted frame.
+Base = TypeVar("Base", Shape, CsgSolid)
 
-    `base`: the shape in its own frame. `pose` (7,): its pose in the world.
-    """
 
-    def __init__(self, base: Shape, pose: Floats):
-        self._base = base
+class _Posed(Generic[Base]):
+    def __init__(self, base: Base, pose: Floats):
+        self._base: Base = base
         self._position, self._axes = split_pose(pose)
 
+    def mesh(self, level: int) -> Mesh:
+        """The base's tessellation, moved: see `Shape.mesh`."""
+        vertices, faces = self._base.mesh(level)
+        return Mesh(vertices @ self._axes.T + self._position, faces)
+
+
+class PosedShape(_Posed[Shape], Shape):
+    """A shape, `base`, in a rotated and shifted frame: `pose` (7,), its pose in the world."""
+
     def bounds(self) -> Floats:
-        """Smallest and largest coordinates of a fine tessellation, (2, 3), m."""
+        """Smallest and largest coordinates, if turned of a fine tessellation, (2, 3), m."""
         if np.array_equal(self._axes, np.eye(3)):
             return self._base.bounds() + self._position
-        vertices = self.mesh(BOUNDS_LEVEL).vertices
-        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+        return super().bounds()
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range (n,) along parallel rays of the world: see `Shape.cast`."""
         local = (origins - self._position) @ self._axes
         return self._base.cast(local, direction @ self._axes, reach)
 
-    def mesh(self, level: int) -> Mesh:
-        """The tessellation in the world: see `Shape.mesh`."""
-        vertices, faces = self._base.mesh(level)
-        return Mesh(vertices @ self._axes.T + self._position, faces)
 
-
-class PosedSolid:
-    """A bounded solid in a rotated and shifted frame.
-
-    `base`: the solid in its own frame. `pose` (7,): its pose.
-    """
-
-    def __init__(self, base: BoundedCsgSolid, pose: Floats):
-        self._base = base
-        self._position, self._axes = split_pose(pose)
+class PosedSolid(_Posed[CsgSolid]):
+    """A solid that can be combined, `base`, in a rotated and shifted frame: `pose` (7,)."""
 
     def enclosure(self) -> Floats:
         """The box about the turned corners of the base's: see `ImplicitShape.enclosure`."""
@@ -123,15 +112,9 @@ class PosedSolid:
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """The base's function: see `ImplicitShape.inside_out`."""
-        return self._base.inside_out(
-            (points - self._position) @ self._axes, directions @ self._axes
-        )
+        local = (points - self._position) @ self._axes
+        return self._base.inside_out(local, directions @ self._axes)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
-        """Where parallel rays are inside: see `spans`."""
+        """Where parallel rays are inside: see `CsgSolid.spans`."""
         return self._base.spans((origins - self._position) @ self._axes, direction @ self._axes)
-
-    def mesh(self, level: int) -> Mesh:
-        """The base's tessellation, moved: see `Shape.mesh`."""
-        vertices, faces = self._base.mesh(level)
-        return Mesh(vertices @ self._axes.T + self._position, faces)

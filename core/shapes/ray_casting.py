@@ -39,6 +39,16 @@ LEAST_DIRECTION = 1e-200
 ROOM = 1e-12  # Share by which the box is widened: what lies in its faces is in it
 
 
+def ranges_of(starts: Floats, ends: Floats, roots: Callable[[Ints], Floats]) -> Floats:
+    """Range (n,) of rays with these ends: `roots` gives first roots of those that have a length."""
+    ranges = np.full(len(starts), MISS)
+    met: Ints = np.flatnonzero(starts <= ends).astype(np.int32)
+    if len(met):
+        found = roots(met)
+        ranges[met] = np.where(found == 0.0, INSIDE, found)
+    return ranges
+
+
 def convex_spans(shape: ImplicitShape, origins: Floats, direction: Floats) -> Floats:
     """The one span of each ray in a convex solid, (n, 1, 2): a cast forwards and one back."""
     low, high = shape.enclosure()

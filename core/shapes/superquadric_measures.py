@@ -44,17 +44,8 @@ class MassMoments(NamedTuple):
 def superquadric_volume(size: ArrayLike, exponents: ArrayLike) -> float:
     """Volume of a superquadric, m3: 2 a1 a2 a3 e1 e2 B(e1/2 + 1, e1) B(e2/2, e2/2).
 
-    Parameters
-    ----------
-    size : (3,) array
-        Semi-axes, positive, m.
-    exponents : (2,) array
-        Positive; here also those that are too small to be cast, or above 2.
-
-    Raises
-    ------
-    ValueError
-        If a semi-axis or an exponent is not positive.
+    `size` (3,): semi-axes, positive, m. `exponents` (2,): positive; here also those that are too
+    small to be cast, or above 2. Raises ValueError if a semi-axis or an exponent is not positive.
     """
     semi_axes = finite_array("size", size, (3,))
     pair = finite_array("exponents", exponents, (2,))
@@ -70,11 +61,10 @@ def superquadric_moments(shape: Superquadric, taper: ArrayLike = (0.0, 0.0)) -> 
     """Volume, centroid and second moments of a superquadric that may be tapered.
 
     `shape`: what is tapered. `taper` (2,): widening of x and y at the top: see `Taper`. Raises
-    ValueError if a widening is not between -1 and 1.
-
-    A section at the share h of the half height is widened by 1 + K h, so that every moment is a
-    polynomial in the widenings. Its coefficients are integrals over h of a power of h times the
-    section's area, or times its square for the moments across. A bend would leave the volume.
+    ValueError if a widening is not between -1 and 1. A section at the share h of the half height is
+    widened by 1 + K h, so that every moment is a polynomial in the widenings. Its coefficients are
+    integrals over h of a power of h times the section's area, or times its square for the moments
+    across. A bend would leave the volume.
     """
     kx, ky = finite_array("taper", taper, (2,)).tolist()
     a, b, c = shape.size.tolist()
@@ -139,21 +129,9 @@ def sampled_surface(
 ) -> SampledSurface:
     """Prepare the surface of a solid for sampling.
 
-    Parameters
-    ----------
-    shape : Superquadric
-        What is tapered and bent.
-    taper : (2,) array
-        Widening of x and y at the top: see `Taper`.
-    bend : Bend
-        How the tapered solid is bent.
-    level : int
-        Of the mesh whose facets are drawn; the samples are as even with any.
-
-    Raises
-    ------
-    ValueError
-        If the taper collapses the solid or the bend folds it.
+    `shape`: what is tapered and bent. `taper` (2,): widening of x and y at the top: see `Taper`.
+    `bend`: how the tapered solid is bent. `level`: of the mesh whose facets are drawn; the samples
+    are as even with any. Raises ValueError if the taper collapses the solid or the bend folds it.
     """
     vertices, faces = shape.mesh(level)
     corners = vertices[faces]
@@ -172,14 +150,7 @@ def sampled_surface(
 def area_samples(surface: SampledSurface, count: int, rng: np.random.Generator) -> Floats:
     """Places (count, 3) on a surface, m, all equally likely by area and independent.
 
-    Parameters
-    ----------
-    surface : Surface
-        See `sampled_surface`.
-    count : int
-        Number of places.
-    rng : Generator
-        Source of the randomness.
+    `surface`: see `sampled_surface`. `count`: number of places. `rng`: source of the randomness.
     """
     line, limit = np.cumsum(surface.areas), HEADROOM * surface.most
     kept = [np.zeros((0, 3))]
@@ -199,8 +170,8 @@ def area_samples(surface: SampledSurface, count: int, rng: np.random.Generator) 
 def _over(surface: SampledSurface, places: Floats, heights: Floats) -> Floats:
     """Area of the surface over that of the facet, at places (n, 3) of facets.
 
-    A patch that is thrown along the radii keeps its solid angle; a map stretches its normal by
-    the cofactors of its Jacobian.
+    A patch that is thrown along the radii keeps its solid angle; a map stretches its normal by the
+    cofactors of its Jacobian.
     """
     size = surface.shape.size
     gauge, slope = gauge_and_gradient(places / size, surface.shape.exponents)

@@ -10,16 +10,21 @@ turns sharply; the regular one strews them almost evenly.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Floats, finite_array
-from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
-from palpate.core.shapes.ray_casting import RaySelection, clip_to_box, first_roots
+from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.shapes.protocol import Mesh
+from palpate.core.shapes.ray_casting import (
+    RaySelection,
+    clip_to_box,
+    convex_spans,
+    first_roots,
+    ranges_of,
+)
 from palpate.core.shapes.tessellations import icosphere
 
 # Above the largest the solid is pinched, and the gauge no norm.
@@ -29,29 +34,17 @@ SMALLEST = 1e-300  # Stands for 0 in a logarithm or a divisor
 # Of the gauge: nearer to a coordinate plane, exponents above 1 have unbounded second derivatives,
 # which are taken here instead. They hold over no step that anybody would take.
 RIDGE = 1e-3
-FEWEST_ETA, FEWEST_OMEGA = 2, 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Superquadric:
     """Superquadric about the origin, upright.
 
-    Parameters
-    ----------
-    size : (3,) array
-        Semi-axes, m.
-    exponents : (2,) array
-        e1 along z and e2 across, from 0.02 (nearly a box) over 1 (ellipsoid) to 2 (octahedron).
-
-    Raises
-    ------
-    ValueError
-        If a semi-axis is not positive or an exponent is out of its range.
-
-    Notes
-    -----
-    Fung, 1999, (2.1) and (2.6), with powers of absolute values and scaled by the largest
-    coordinate, so that no exponent can overflow. The text's F is the gauge squared.
+    `size` (3,): semi-axes, m. `exponents` (2,): e1 along z and e2 across, from 0.02 (nearly a box)
+    over 1 (ellipsoid) to 2 (octahedron). Raises ValueError if a semi-axis is not positive or an
+    exponent is out of its range. Fung, 1999, (2.1) and (2.6), with powers of absolute values and
+    scaled by the largest coordinate, so that no exponent can overflow. The text's F is the gauge
+    squared.
     """
 
     size: Floats
@@ -104,31 +97,28 @@ class Superquadric:
         towards = direction / self.size
         places = np.ascontiguousarray(origins.T / self.size[:, None])
         starts, ends = clip_to_box(places, towards, np.ones(3))
-        ranges = np.full(len(origins), MISS)
-        met = np.flatnonzero(starts <= np.minimum(ends, reach))
-        if not len(met):
-            return ranges
-        places, along = places[:, met], towards[:, None]
-
-        def gauge(travelled: Floats, which: RaySelection) -> tuple[Floats, Floats]:
-            value, slope = self.gauge_along(places[:, which] + along * travelled, along)
-            return value - 1.0, slope
-
+        ends, along = np.minimum(ends, reach), towards[:, None]
         speed = float(np.abs(towards).sum())  # no norm of it is larger
-        found = first_roots(
-            gauge,
-            starts[met],
-            np.minimum(ends[met], reach),
-            tolerance=RANGE_TOLERANCE * float(self.size.min()),
-            rise=self.smoothness() * speed**2,
-        )
-        ranges[met] = np.where(found == 0.0, INSIDE, found)
-        return ranges
+
+        def roots(met: Ints) -> Floats:
+            near = places[:, met]
+
+            def gauge(travelled: Floats, which: RaySelection) -> tuple[Floats, Floats]:
+                value, slope = self.gauge_along(near[:, which] + along * travelled, along)
+                return value - 1.0, slope
+
+            return first_roots(
+                gauge,
+                starts[met],
+                ends[met],
+                tolerance=RANGE_TOLERANCE * float(self.size.min()),
+                rise=self.smoothness() * speed**2,
+            )
+
+        return ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays are inside, (n, 1, 2): see `spans`."""
-        from palpate.core.shapes.ray_casting import convex_spans
-
         return convex_spans(self, origins, direction)
 
     def mesh(self, level: int) -> Mesh:
@@ -140,10 +130,9 @@ class Superquadric:
     def smoothness(self) -> float:
         """A number c: outside, the gauge's second derivative is at most c times speed squared.
 
-        Infinite for exponents above 1: the gauge then has creases in the axes' planes.
-
-        A norm composed of powers p, q >= 2 is smooth with the constant max(p, q) - 1: Ball,
-        Carlen and Lieb, *Sharp uniform convexity and smoothness inequalities*, 1994.
+        Infinite for exponents above 1: the gauge then has creases in the axes' planes. A norm
+        composed of powers p, q >= 2 is smooth with the constant max(p, q) - 1: Ball, Carlen and
+        Lieb, *Sharp uniform convexity and smoothness inequalities*, 1994.
         """
         if self.exponents.max() > 1.0:
             return np.inf
@@ -232,8 +221,8 @@ def p_norm_curvature(at: PNorm, along_x: Floats, along_y: Floats, e: Floats) -> 
 def gauge_and_gradient(scaled: Floats, exponents: Floats) -> tuple[Floats, Floats]:
     """Gauge (n,) and its gradient (n, 3), at points (n, 3) divided by the semi-axes.
 
-    Across a crease, which exponents above 1 have in the coordinate planes, the gradient is the
-    mean of its two sides; at the centre it is 0.
+    Across a crease, which exponents above 1 have in the coordinate planes, the gradient is the mean
+    of its two sides; at the centre it is 0.
     """
     x, y, z = np.abs(scaled).T
     e1, e2 = exponents
@@ -301,36 +290,13 @@ class SurfacePoints(NamedTuple):
     normals: Floats  # (n, 3): unit normals, outwards
 
 
-class Angles(NamedTuple):
-    """A grid of angles."""
-
-    eta: Floats  # (n,): from -pi/2 to pi/2, both ends taken, rad
-    omega: Floats  # (n,): from -pi to pi, the end left out, for it is the beginning, rad
-
-
-def grid_of_angles(rows: int, columns: int) -> Angles:
-    """A grid, row by row: eta rises with the row, omega with the column.
-
-    Raises ValueError if there are not at least 2 rows and 3 columns.
-    """
-    if rows < FEWEST_ETA or columns < FEWEST_OMEGA:
-        raise ValueError(
-            f"a grid of angles must have at least {FEWEST_ETA} rows and {FEWEST_OMEGA} columns, "
-            f"got {rows} and {columns}"
-        )
-    eta = np.linspace(-0.5 * math.pi, 0.5 * math.pi, rows)
-    omega = -math.pi + 2.0 * math.pi / columns * np.arange(columns)
-    return Angles(np.repeat(eta, columns), np.tile(omega, rows))
-
-
 def trigonometric_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) -> SurfacePoints:
     """Points of (2.1), with powers that keep the sign.
 
     `shape`: whose surface it is. `eta` and `omega` (n,): angles, rad. Raises ValueError if the
-    angles are not finite or not as many of one as of the other.
-
-    Normals by Barr, *Superquadrics and angle-preserving transformations*, 1981: the same angles
-    with exponents 2 - e over the semi-axes. They are finite everywhere, poles and seam too.
+    angles are not finite or not as many of one as of the other. Normals by Barr, *Superquadrics and
+    angle-preserving transformations*, 1981: the same angles with exponents 2 - e over the
+    semi-axes. They are finite everywhere, poles and seam too.
     """
     cos_eta, sin_eta, cos_omega, sin_omega = _cosines(eta, omega)
 
@@ -354,8 +320,8 @@ def _power(value: Floats, exponent: float) -> Floats:
 def regular_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) -> SurfacePoints:
     """Points of (2.4) and (2.5): where the radii of the scaled solid meet its surface.
 
-    Parameters, errors and units as for `trigonometric_points`. Normals across a crease are the
-    mean of its two sides.
+    Parameters, errors and units as for `trigonometric_points`. Normals across a crease are the mean
+    of its two sides.
     """
     cos_eta, sin_eta, cos_omega, sin_omega = _cosines(eta, omega)
     radii = np.column_stack([cos_eta * cos_omega, cos_eta * sin_omega, sin_eta])

@@ -168,7 +168,7 @@ def _triangles(mask: int) -> list[Ints]:
     """Edges (3, 2) of each triangle that cuts off the corners in `mask`, seen from outside."""
     own = [corner for corner in range(4) if mask >> corner & 1]
     other = [corner for corner in range(4) if not mask >> corner & 1]
-    if _odd([*own, *other]):
+    if sum(a > b for a, b in itertools.combinations([*own, *other], 2)) % 2:  # an odd order
         pair = own if len(own) > 1 else other
         pair[:2] = pair[1::-1]
     if len(own) == 2:
@@ -177,10 +177,6 @@ def _triangles(mask: int) -> list[Ints]:
     else:
         rings = [[(i, o) for i in own for o in other]]
     return [np.array(ring) for ring in rings]
-
-
-def _odd(order: list[int]) -> bool:
-    return sum(a > b for a, b in itertools.combinations(order, 2)) % 2 == 1
 
 
 def bracketed_roots(

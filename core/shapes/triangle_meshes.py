@@ -1,16 +1,15 @@
 """A triangle mesh as a solid, and solids after a deformation of space, which are cast as triangles.
 
 First hits come from Embree or from a z-buffer of our own, for Embree has no wheel for every
-platform. Seen along the rays the problem is flat: each triangle is three half-planes and a plane
-of depths, all affine in the two coordinates across, evaluated for all rays at once. For
-crossings, whether a ray passes an edge on its left or its right is asked once for both faces at
-the edge, and a ray that meets it is taken to pass beside it (Edelsbrunner and Muecke,
-*Simulation of simplicity*, 1990). So no ray slips through between two faces, or counts a corner
-twice.
+platform. Seen along the rays the problem is flat: each triangle is three half-planes and a plane of
+depths, all affine in the two coordinates across, evaluated for all rays at once. For crossings,
+whether a ray passes an edge on its left or its right is asked once for both faces at the edge, and
+a ray that meets it is taken to pass beside it (Edelsbrunner and Muecke, *Simulation of simplicity*,
+1990). So no ray slips through between two faces, or counts a corner twice.
 
-Exactly, if asked: from the facet to the deformed surface by Newton's method. The unknowns are
-the place p in the undeformed solid and the way s along the ray, deform(p) = start + s direction
-and f(p) = 0 with the solid's inside-outside function f. Eliminating p leaves one division a ray.
+Exactly, if asked: from the facet to the deformed surface by Newton's method. The unknowns are the
+place p in the undeformed solid and the way s along the ray, deform(p) = start + s direction and
+f(p) = 0 with the solid's inside-outside function f. Eliminating p leaves one division a ray.
 """
 
 from __future__ import annotations
@@ -23,34 +22,24 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import is_closed, is_inside_out
-from palpate.core.shapes.protocol import INSIDE, MISS, ImplicitShape, Mesh
+from palpate.core.shapes.protocol import INSIDE, MISS, ImplicitShape, Mesh, Shape
 
 HAS_EMBREE = find_spec("embreex") is not None  # False where there is no wheel for this machine
 MOST_LAYERS = 64  # Back faces that a ray goes through on its way to a front face
-
-
 # How far behind a back face the ray starts anew, as a share of the mesh's extent: some ten times
 # what single precision can tell apart.
 NUDGE = 1e-6
-
-
 # Of barycentric coordinates: a ray through an edge must not slip between two triangles.
 EDGE_TOLERANCE = 1e-9
-
-
 # A range in double precision that differs by more than this share of it, or of the mesh's extent,
 # from Embree's is not believed: the face is seen edge-on.
 SINGLE = 1e-5
 AT_ONCE = 1 << 19  # Pairs of a ray and an edge
 TRIES = 4
 ASIDE = np.array([0.8, 0.6])
-
-
 # Of the mesh's extent: how far a ray is moved whose sides were rounded to what cannot be.
 SHIFT = 1e-12
 Longs = NDArray[np.int64]
-
-
 # 82k faces: the facets of a 0.1 m ball stand off by less than 10 um, at a box's edges by more.
 CAST_LEVEL = 6
 MOST_STEPS = 12
@@ -58,46 +47,24 @@ STEP_TOLERANCE = 1e-8  # Of the solid's size. The step after it would be its squ
 FARTHEST = 0.05  # Of the solid's size: a place that moves farther is on another part of the surface
 
 
-class Backend(Protocol):
-    """What finds the faces that rays meet."""
-
-    def first_hits(self, origins: Floats, direction: Floats) -> Hits:
-        """First faces along parallel rays, seen from either side."""
-
-
-class TriangleShape:
+class TriangleShape(Shape):
     """A triangle mesh.
 
-    A mesh that is inside out is turned. A ray that starts inside a closed mesh says so, however
-    far its exit lies. A mesh with holes has no inside: its faces are met from outside alone.
-
-    `vertices` (n, 3), m. `faces` (m, 3): corners, by number; neighbours turned alike. `embree`:
-    false for the z-buffer, which needs nothing but numpy.
+    A mesh that is inside out is turned. A ray that starts inside a closed mesh says so, however far
+    its exit lies. A mesh with holes has no inside: its faces are met from outside alone. `vertices`
+    (n, 3), m. `faces` (m, 3): corners, by number; neighbours turned alike. `embree`: false for the
+    z-buffer, which needs nothing but numpy.
     """
 
     def __init__(self, vertices: Floats, faces: Ints, embree: bool = HAS_EMBREE):
-        self._flipped = is_inside_out(vertices, faces)
-        self._closed = is_closed(faces)
-        faces = np.ascontiguousarray(faces[:, ::-1]) if self._flipped else faces
+        self.flipped = is_inside_out(vertices, faces)  # The faces were given inside out
+        self.closed = is_closed(faces)  # The mesh has no holes
+        faces = np.ascontiguousarray(faces[:, ::-1]) if self.flipped else faces
         self._mesh = Mesh(vertices, faces)
         a, b, c = vertices[faces].transpose(1, 0, 2)
         self._normals = np.cross(b - a, c - a)
         self._nudge = NUDGE * float(np.ptp(vertices, axis=0).max())
-        self._backend = _backend(vertices, faces, embree)
-
-    @property
-    def closed(self) -> bool:
-        """Whether the mesh has no holes."""
-        return self._closed
-
-    @property
-    def flipped(self) -> bool:
-        """Whether the faces were given inside out."""
-        return self._flipped
-
-    def bounds(self) -> Floats:
-        """Smallest and largest coordinates, (2, 3), m."""
-        return np.stack([self._mesh.vertices.min(axis=0), self._mesh.vertices.max(axis=0)])
+        self._backend = Embree(vertices, faces) if embree else ZBuffer(vertices, faces)
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
@@ -115,7 +82,7 @@ class TriangleShape:
         """
         hits = self._backend.first_hits(origins, direction)
         behind = np.flatnonzero(self._from_behind(hits, direction))
-        if self._closed and len(behind):
+        if self.closed and len(behind):
             # A ray along a silhouette may show the back of an edge: look the other way too.
             back = self._backend.first_hits(origins[behind], -direction)
             inside = self._from_behind(back, -direction)
@@ -136,10 +103,6 @@ class TriangleShape:
         return (hits.faces >= 0) & (self._normals[hits.faces] @ direction > 0.0)
 
 
-def _backend(vertices: Floats, faces: Ints, embree: bool) -> Backend:
-    return Embree(vertices, faces) if embree else ZBuffer(vertices, faces)
-
-
 class Hits(NamedTuple):
     """First hits of rays."""
 
@@ -151,8 +114,8 @@ class Hits(NamedTuple):
 class Embree:
     """Triangles, ready for rays.
 
-    Embree works in single precision: it finds the face, and the range is then that of the
-    face's plane in double precision.
+    Embree works in single precision: it finds the face, and the range is then that of the face's
+    plane in double precision.
     """
 
     def __init__(self, vertices: Floats, faces: Ints):

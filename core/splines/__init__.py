@@ -3,9 +3,9 @@
 Bases and knots, closed curves through points, and free-form deformation by control lattices.
 
 What may be tuned are the choices of the closed curve (`curve_fits`: when to smooth, how many
-control points) and how long a fold is looked for (`lattices`); bases, evaluation and inversion
-are exact, and their constants are tolerances of that. It rests on numpy, scipy's sparse matrices
-and dense factorisations, and `palpate.core.geometry` for one question about polygons.
+control points) and how long a fold is looked for (`lattices`); bases, evaluation and inversion are
+exact, and their constants are tolerances of that. It rests on numpy, scipy's sparse matrices and
+dense factorisations, and `palpate.core.geometry` for one question about polygons.
 """
 
 from __future__ import annotations
@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from palpate.core.splines.bases import PeriodicBasis as PeriodicBasis
     from palpate.core.splines.bases import averaged_knots as averaged_knots
     from palpate.core.splines.bases import clamped_basis as clamped_basis
+    from palpate.core.splines.bases import evaluate_grid as evaluate_grid
+    from palpate.core.splines.bases import evaluate_scattered as evaluate_scattered
+    from palpate.core.splines.bases import insert_knots as insert_knots
+    from palpate.core.splines.bases import interpolate_grid as interpolate_grid
     from palpate.core.splines.bases import periodic_knots as periodic_knots
     from palpate.core.splines.closed_curves import FLAT_SPREAD as FLAT_SPREAD
     from palpate.core.splines.closed_curves import LEAST_POINTS as LEAST_POINTS
@@ -61,9 +65,5 @@ if TYPE_CHECKING:
     from palpate.core.splines.spline_volumes import Parallelepiped as Parallelepiped
     from palpate.core.splines.spline_volumes import SplineVolume as SplineVolume
     from palpate.core.splines.spline_volumes import upright_parallelepiped as upright_parallelepiped
-    from palpate.core.splines.tensor_products import evaluate_grid as evaluate_grid
-    from palpate.core.splines.tensor_products import evaluate_scattered as evaluate_scattered
-    from palpate.core.splines.tensor_products import insert_knots as insert_knots
-    from palpate.core.splines.tensor_products import interpolate_grid as interpolate_grid
 else:
     __getattr__, __dir__ = lazy(__name__)

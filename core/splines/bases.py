@@ -1,13 +1,16 @@
-"""B-spline bases on an interval or around a circle: knot vectors, values and derivatives.
+"""B-spline bases on an interval or around a circle, and their tensor products.
 
 A basis of `count` functions of degree p has ``count + p + 1`` knots; it is whole on its domain,
 from the knot p to the knot `count`. Values come from the triangular scheme of Cox and de Boor,
 which divides by no distance but those of knots on either side of the place, so that nothing is 0/0
-however often knots repeat. Own code: scipy's gives no derivatives in matrix form.
+however often knots repeat. Own code: scipy's gives no derivatives in matrix form. Of a tensor
+product, places that lie anywhere take the few control points that reach them; those on a grid go
+one axis at a time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -19,23 +22,16 @@ from palpate.core.arrays import Floats, Ints, finite_array
 # Of the largest parameter: places that lie outside by less are taken to the end.
 ROUNDING = 64 * float(np.finfo(float).eps)
 CUBIC = 3
+Orders = tuple[int, ...]  # Order of the derivative along each axis
+BLOCK = 1 << 18  # Numbers gathered at a time: about what a core keeps at hand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Basis:
     """The B-splines of a knot vector.
 
-    Parameters
-    ----------
-    knots : (count + degree + 1,) array
-        Not falling; a knot may occur up to ``degree + 1`` times.
-    degree : int
-        At least 1.
-
-    Raises
-    ------
-    ValueError
-        If the knots are not like that, or leave no domain.
+    `knots` (count + degree + 1,): not falling; a knot may occur up to ``degree + 1`` times.
+    `degree`: at least 1. Raises ValueError if the knots are not like that, or leave no domain.
     """
 
     knots: Floats
@@ -56,7 +52,11 @@ class Basis:
 
     def greville(self) -> Floats:
         """Greville abscissae (count,): coefficients that reproduce the identity."""
-        return greville(self.knots, self.degree)
+        return _averages(self.knots[1:-1], self.degree)
+
+    def breaks(self) -> Floats:
+        """The different knots of the domain: between two of them functions are polynomials."""
+        return np.unique(np.clip(self.knots, *self.domain))
 
     def nonzero(self, x: Floats, derivatives: int = 0) -> LocalBasis:
         """The ``degree + 1`` functions that do not vanish at places (m,), with derivatives.
@@ -76,16 +76,6 @@ class Basis:
         """
         local = self.nonzero(x, derivative)
         return _rows(local, derivative, local.columns(), self.count)
-
-
-def greville(knots: Floats, degree: int) -> Floats:
-    """Greville abscissae (count,): the averages of `degree` knots.
-
-    Coefficients equal to them reproduce the identity.
-
-    Raises ValueError if the knots cannot be those of a basis of the degree.
-    """
-    return _averages(check_knots(knots, degree)[1:-1], degree)
 
 
 def check_knots(knots: Floats, degree: int) -> Floats:
@@ -122,11 +112,10 @@ def local_basis(knots: Floats, degree: int, x: Floats, derivatives: int) -> Loca
 
     `knots` (count + degree + 1,): knot vector. `degree`: degree. `x` (m,): places within the
     domain. At a knot the limit from the right is taken, at the last one that from the left.
-    `derivatives`: highest derivative; those above the degree are 0.
-
-    De Boor, *A practical guide to splines*, 1978, chapter X. The derivative of order d raises
-    functions of ``degree - d`` by differences, one degree at a time: Fung, 1999, (3.25) with
-    its indices put right; (3.27) divides by zero at the highest order.
+    `derivatives`: highest derivative; those above the degree are 0. De Boor, *A practical guide to
+    splines*, 1978, chapter X. The derivative of order d raises functions of ``degree - d`` by
+    differences, one degree at a time: Fung, 1999, (3.25) with its indices put right; (3.27) divides
+    by zero at the highest order.
     """
     count = len(knots) - degree - 1
     last = int(np.searchsorted(knots, knots[count], side="left")) - 1
@@ -149,38 +138,31 @@ def _raise_value(lower: Floats, near: Floats, degree: int, x: Floats) -> Floats:
     q = len(lower)
     left, right = near[degree - q : degree], near[degree : degree + q]
     share = lower / (right - left)
-    raised = np.zeros((q + 1, len(x)))
-    raised[:q] = share * (right - x)
-    raised[1:] += share * (x - left)
-    return raised
+    return _overlaid(share * (right - x), share * (x - left))
 
 
 def _differentiate(lower: Floats, near: Floats, degree: int) -> Floats:
     """Derivatives (degree + 1, m) from values of a lower degree: one order for each degree."""
     for q in range(len(lower), degree + 1):
         share = q * lower / (near[degree : degree + q] - near[degree - q : degree])
-        raised = np.zeros((q + 1, share.shape[1]))
-        raised[:q] = -share
-        raised[1:] += share
-        lower = raised
+        lower = _overlaid(-share, share)
     return lower
+
+
+def _overlaid(falling: Floats, rising: Floats) -> Floats:
+    """Parts (q, m) of neighbouring functions, summed: (q + 1, m)."""
+    raised = np.zeros((len(falling) + 1, falling.shape[1]))
+    raised[:-1] = falling
+    raised[1:] += rising
+    return raised
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeriodicBasis:
     """The B-splines of uniform knots around a circle, whose turn is 1.
 
-    Parameters
-    ----------
-    count : int
-        Functions; more than the degree.
-    degree : int
-        At least 1.
-
-    Raises
-    ------
-    ValueError
-        If there are too few functions.
+    `count`: functions; more than the degree. `degree`: at least 1. Raises ValueError if there are
+    too few functions.
     """
 
     count: int
@@ -200,7 +182,6 @@ class PeriodicBasis:
         """The functions that do not vanish at places (m,), in turns: any number of them.
 
         Function ``count + i`` stands for function i: take `LocalBasis.columns` modulo `count`.
-
         Raises ValueError if a place is not finite, or `derivatives` is negative.
         """
         turns = np.mod(finite_array("x", x, (None,)), 1.0)
@@ -226,10 +207,7 @@ def _rows(local: LocalBasis, derivative: int, columns: Ints, count: int) -> csr_
 def clamped_basis(count: int, degree: int = CUBIC) -> Basis:
     """Basis on uniform clamped knots over [0, 1].
 
-    Raises
-    ------
-    ValueError
-        If there are not more coefficients than the degree.
+    Raises ValueError if there are not more coefficients than the degree.
     """
     return Basis(clamped_knots(count, degree), degree)
 
@@ -237,38 +215,12 @@ def clamped_basis(count: int, degree: int = CUBIC) -> Basis:
 def clamped_knots(count: int, degree: int = CUBIC) -> Floats:
     """Uniform clamped knots on [0, 1]: Fung, 1999, (2.21), over its last knot.
 
-    With one more coefficient than the degree they are those of the Bernstein basis.
-
-    Raises ValueError if there are not more coefficients than the degree.
+    With one more coefficient than the degree they are those of the Bernstein basis. Raises
+    ValueError if there are not more coefficients than the degree.
     """
     _check_count(count, degree)
     inner = np.linspace(0.0, 1.0, count - degree + 1)
     return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
-
-
-def bernstein_basis(degree: int) -> Basis:
-    """Bernstein polynomials on [0, 1]: clamped knots without inner ones.
-
-    Raises ValueError if the degree is below 1.
-    """
-    return clamped_basis(degree + 1, degree)
-
-
-def clip_to_domain(x: Floats, domain: tuple[float, float]) -> Floats:
-    """Places (m,) in a domain; those outside by no more than rounding are taken to its ends.
-
-    Raises ValueError if one lies farther outside: how many do, and the worst of them.
-    """
-    low, high = domain
-    rounding = ROUNDING * max(abs(low), abs(high))
-    outside = (x < low - rounding) | (x > high + rounding)
-    if outside.any():
-        worst = x[np.argmax(np.maximum(low - x, x - high))]
-        raise ValueError(
-            f"x must lie in the domain from {low:g} to {high:g}, "
-            f"got {np.count_nonzero(outside)} outside, the worst {worst:g}"
-        )
-    return np.clip(x, low, high)
 
 
 class LocalBasis(NamedTuple):
@@ -295,9 +247,8 @@ def uniform_knots(count: int, degree: int = CUBIC) -> Floats:
 def periodic_knots(count: int, degree: int = CUBIC) -> Floats:
     """Uniform knots of a closed curve of `count` control points, one turn being 1.
 
-    The first `degree` control points come again at the end: ``count + 2 degree + 1`` knots.
-
-    Raises ValueError if there are not more coefficients than the degree.
+    The first `degree` control points come again at the end: ``count + 2 degree + 1`` knots. Raises
+    ValueError if there are not more coefficients than the degree.
     """
     _check_count(count, degree)
     return np.arange(-degree, count + degree + 1) / count
@@ -313,11 +264,9 @@ def averaged_knots(sites: Floats, degree: int = CUBIC) -> Floats:
     """Clamped knots with which values at the sites can be interpolated.
 
     `sites` (n,): parameters of the values, increasing. Raises ValueError if the degree is below 1,
-    there are not more sites than it, or they do not increase.
-
-    Each inner knot is the average of `degree` sites: Fung, 1999, (4.19), where the sum must
-    begin with its first site. As printed the knots fall, and sorted they make the system
-    singular.
+    there are not more sites than it, or they do not increase. Each inner knot is the average of
+    `degree` sites: Fung, 1999, (4.19), where the sum must begin with its first site. As printed the
+    knots fall, and sorted they make the system singular.
     """
     sites = finite_array("sites", sites, (None,))
     _check_degree(degree)
@@ -336,5 +285,187 @@ def _check_degree(degree: int) -> None:
 
 def _averages(values: Floats, width: int) -> Floats:
     """Averages of so many neighbours each."""
-    averages: Floats = np.lib.stride_tricks.sliding_window_view(values, width).mean(axis=1)
-    return averages
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(values, width).mean(axis=1))
+
+
+def evaluate_scattered(
+    bases: Sequence[Basis], control: Floats, at: Floats, orders: Sequence[Orders]
+) -> Floats:
+    """Derivatives of a tensor product at scattered places.
+
+    `bases`: one for each axis. `control` (count_1, ..., count_d, c): coefficients. `at` (m, d):
+    parameters. `orders`: which derivatives; all zeros for the value. Returns (len(orders). Raises
+    ValueError if shapes do not fit, a coefficient or parameter is not finite, a parameter lies
+    outside the domain by more than rounding, or an order is negative.
+    """
+    at = finite_array("at", at, (None, len(bases)))
+    control = _checked(bases, control, orders)
+    result = np.empty((len(orders), len(at), control.shape[-1]))
+    reach = int(np.prod([basis.degree + 1 for basis in bases])) * control.shape[-1]
+    step = max(BLOCK // reach, 1)
+    for start in range(0, len(at), step):
+        part = slice(start, start + step)
+        result[:, part] = _evaluate_block(bases, control, at[part], orders)
+    return result
+
+
+def _evaluate_block(
+    bases: Sequence[Basis], control: Floats, at: Floats, orders: Sequence[Orders]
+) -> Floats:
+    numbers = np.zeros((len(at), 1), np.int64)
+    weights = []
+    for axis, basis in enumerate(bases):
+        local = basis.nonzero(at[:, axis], max((order[axis] for order in orders), default=0))
+        columns = local.columns()
+        numbers = (numbers[:, :, None] * basis.count + columns[:, None, :]).reshape(len(at), -1)
+        weights.append(np.ascontiguousarray(local.values.transpose(1, 0, 2)))
+    near = control.reshape(-1, control.shape[-1]).take(numbers, axis=0)
+    result = np.empty((len(orders), len(at), control.shape[-1]))
+    _contract(weights, near, list(enumerate(orders)), result)
+    return result
+
+
+def _contract(
+    weights: list[Floats], near: Floats, orders: list[tuple[int, Orders]], result: Floats
+) -> None:
+    """Sum over the first axis once for each order along it, then over the others."""
+    wanted = sorted({order[0] for _, order in orders})
+    rows = weights[0][:, wanted]
+    sums = rows @ near.reshape(len(near), rows.shape[2], -1)
+    for place, first in enumerate(wanted):
+        rest = [(number, order[1:]) for number, order in orders if order[0] == first]
+        if len(weights) > 1:
+            _contract(weights[1:], sums[:, place], rest, result)
+        else:
+            for number, _ in rest:
+                result[number] = sums[:, place]
+
+
+def evaluate_grid(
+    bases: Sequence[Basis], control: Floats, axes: Sequence[Floats], orders: Orders | None = None
+) -> Floats:
+    """A tensor product, or a derivative of it, on a grid.
+
+    `bases`: one for each axis. `control` (count_1, ..., count_d, c): coefficients. `axes`:
+    parameters along each axis. `orders`: order of the derivative along each axis; the value if left
+    out. Returns (len(axes[0]). Raises ValueError if shapes do not fit, a coefficient or parameter
+    is not finite, a parameter lies outside the domain by more than rounding, or an order is
+    negative.
+    """
+    orders = (0,) * len(bases) if orders is None else orders
+    values = _checked(bases, control, [orders])
+    if len(axes) != len(bases):
+        raise ValueError(f"axes must be {len(bases)}, one for each basis, got {len(axes)}")
+    for basis, x, order in zip(bases, axes, orders, strict=True):
+        rows = basis.matrix(x, order) @ values.reshape(basis.count, -1)
+        # The axis that is done goes to the end; after the last one the components are first.
+        values = rows.reshape(len(x), *values.shape[1:])
+        values = np.moveaxis(values, 0, -1)
+    return np.ascontiguousarray(np.moveaxis(values, 0, -1))
+
+
+def _checked(bases: Sequence[Basis], control: Floats, orders: Sequence[Orders]) -> Floats:
+    counts = tuple(basis.count for basis in bases)
+    for order in orders:
+        if len(order) != len(bases) or min(order) < 0:
+            raise ValueError(f"orders must be 0 or more for each of {len(bases)} axes, got {order}")
+    return finite_array("control", control, (*counts, None))
+
+
+class Interpolant(NamedTuple):
+    """A spline that takes given values."""
+
+    control: Floats  # Coefficients (count_1, ..., count_d, c), in the unit of the values
+    condition: float  # Condition number of the whole system: the product of those along the axes
+
+
+def interpolate_grid(
+    bases: Sequence[Basis], sites: Sequence[Floats], values: Floats
+) -> Interpolant:
+    """The spline that takes given values on a grid.
+
+    `bases`: one for each axis. `sites`: parameters along each axis, as many as its basis has
+    functions. `values` (n_1, ..., n_d, c): values on the grid of sites. Raises ValueError if there
+    are not sites for each basis, if the values do not fit them or are not finite, or if the sites
+    of an axis determine no spline.
+    """
+    if len(sites) != len(bases):
+        raise ValueError(f"sites must be given for {len(bases)} axes, got {len(sites)}")
+    counts = tuple(len(places) for places in sites)
+    control = finite_array("values", values, (*counts, None))
+    condition = 1.0
+    for axis, (basis, places) in enumerate(zip(bases, sites, strict=True)):
+        if not is_interpolable(basis, places):
+            raise ValueError(
+                f"sites of axis {axis} must be {basis.count}, increase, and lie one by one where "
+                f"the {basis.count} functions do not vanish, got {np.asarray(places).tolist()}"
+            )
+        matrix = basis.matrix(places).toarray()
+        condition *= float(np.linalg.cond(matrix))
+        along = np.moveaxis(control, axis, 0)
+        solved = np.linalg.solve(matrix, along.reshape(len(places), -1)).reshape(along.shape)
+        control = np.moveaxis(solved, 0, axis)
+    return Interpolant(np.ascontiguousarray(control), condition)
+
+
+def is_interpolable(basis: Basis, sites: Floats) -> bool:
+    """Whether exactly one spline takes given values at given sites.
+
+    `basis`: basis. `sites` (n,): parameters in its domain. Raises ValueError if a site lies outside
+    the domain, or is not finite. Schoenberg and Whitney, 1953: there are as many sites as
+    functions, they increase, and each lies where its function does not vanish.
+    """
+    sites = finite_array("sites", sites, (None,))
+    if len(sites) != basis.count or not (np.diff(sites) > 0.0).all():
+        return False
+    return bool((basis.matrix(sites).diagonal() > 0.0).all())
+
+
+def insert_knots(basis: Basis, control: Floats, new: Floats, axis: int = 0) -> tuple[Basis, Floats]:
+    """The basis with further knots, and the coefficients that give the same spline on it.
+
+    `basis`: along the axis. `control`: coefficients. `new` (k,): knots within the domain. `axis`:
+    which axis of the coefficients the basis belongs to. Raises ValueError if a new knot lies
+    outside the domain, or would occur more often than the degree allows; if there are not as many
+    coefficients as the basis has functions, or one is not finite. Boehm, *Inserting new knots into
+    B-spline curves*, 1980: each new coefficient is a mean of two old ones.
+    """
+    degree = basis.degree
+    control = np.moveaxis(finite_array("control", control, (None,) * np.ndim(control)), axis, 0)
+    if len(control) != basis.count:
+        raise ValueError(f"control must have {basis.count} coefficients, got {len(control)}")
+    for knot in clip_to_domain(finite_array("new", new, (None,)), basis.domain):
+        knots = basis.knots
+        place = int(np.searchsorted(knots, knot, side="right"))
+        basis = Basis(np.insert(knots, place, knot), degree)
+        i = np.arange(basis.count)
+        start, end = (
+            knots[np.minimum(i, len(knots) - 1)],
+            knots[np.minimum(i + degree, len(knots) - 1)],
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):  # those are not taken
+            share = (knot - start) / (end - start)
+        share = np.where(i + degree < place, 1.0, np.where(i >= place, 0.0, share))
+        share = share.reshape(-1, *(1,) * (control.ndim - 1))
+        last = len(control) - 1
+        control = (
+            share * control[np.minimum(i, last)] + (1.0 - share) * control[np.maximum(i - 1, 0)]
+        )
+    return basis, np.moveaxis(control, 0, axis)
+
+
+def clip_to_domain(x: Floats, domain: tuple[float, float]) -> Floats:
+    """Places (m,) in a domain; those outside by no more than rounding are taken to its ends.
+
+    Raises ValueError if one lies farther outside: how many do, and the worst of them.
+    """
+    low, high = domain
+    rounding = ROUNDING * max(abs(low), abs(high))
+    outside = (x < low - rounding) | (x > high + rounding)
+    if outside.any():
+        worst = x[np.argmax(np.maximum(low - x, x - high))]
+        raise ValueError(
+            f"x must lie in the domain from {low:g} to {high:g}, "
+            f"got {np.count_nonzero(outside)} outside, the worst {worst:g}"
+        )
+    return np.clip(x, low, high)

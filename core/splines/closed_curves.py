@@ -1,7 +1,7 @@
 """Closed curves through points that were measured around a contour.
 
-The knots go round the circle, so that a curve is closed, with two derivatives, by construction;
-the thesis closes a clamped spline by constraints (see `palpate.core.thesis`). The curve is the same
+The knots go round the circle, so that a curve is closed, with two derivatives, by construction; the
+thesis closes a clamped spline by constraints (see `palpate.core.thesis`). The curve is the same
 however its points were begun or directed, and tells how noisy they are.
 """
 
@@ -122,36 +122,20 @@ def fit_closed_curve(
 ) -> ClosedCurve:
     """Closed cubic through or near points around a contour.
 
-    Parameters
-    ----------
-    points : (m, 2) or (m, 3) array
-        Around the contour, m: begun anywhere, in either direction, the first again at the end
-        or not. Rows that are not finite are dropped and counted; neighbours in one place are
-        one point.
-    count : int or None
-        Control points, at least 4, with even knots. None: as many as points, through all of
-        them, if nothing is smoothed; otherwise half as many, at most 100.
-    parameters : {"auto", "chord", "centripetal", "even"}
-        How parameters are set; see `curve_parameters`.
-    smoothing : {"auto", "gcv"}, float or None
-        Weight of the bending against the mean weight of the points; "gcv" chooses it by
-        cross-validation, None smooths nothing (with a `count`: next to nothing). "auto" does
-        as "gcv" does where there are 25 points or more, and neighbours deviate from a smooth
-        course in opposite directions; as None does otherwise. Where half as many control
-        points turn out to leave residuals larger than that noise, they cannot follow the
-        shape, and all points are passed.
-
-    Returns
-    -------
-    ClosedCurve
-        The same one however the points were begun or directed. Of points in one place it is
-        that place, of points on a line it goes there and back; both are flagged.
-
-    Raises
-    ------
-    ValueError
-        If the shape of `points` is another, no row is finite, the count is below 4, the
-        smoothing is negative or not finite, or a word is none of those above.
+    `points` (m, 2) or (m, 3): around the contour, m: begun anywhere, in either direction, the first
+    again at the end or not. Rows that are not finite are dropped and counted; neighbours in one
+    place are one point. `count`: control points, at least 4, with even knots. None: as many as
+    points, through all of them, if nothing is smoothed; otherwise half as many, at most 100.
+    `parameters`: how parameters are set; see `curve_parameters`. `smoothing`: weight of the bending
+    against the mean weight of the points; "gcv" chooses it by cross-validation, None smooths
+    nothing (with a `count`: next to nothing). "auto" does as "gcv" does where there are 25 points
+    or more, and neighbours deviate from a smooth course in opposite directions; as None does
+    otherwise. Where half as many control points turn out to leave residuals larger than that noise,
+    they cannot follow the shape, and all points are passed. Returns the same one however the points
+    were begun or directed. Of points in one place it is that place, of points on a line it goes
+    there and back; both are flagged. Raises ValueError if the shape of `points` is another, no row
+    is finite, the count is below 4, the smoothing is negative or not finite, or a word is none of
+    those above.
     """
     _check(count, parameters, smoothing)
     ring = order_closed_points(np.asarray(points, np.float64))
@@ -196,11 +180,10 @@ def _point(ring: ClosedPoints) -> ClosedCurve:
 def local_noise(points: Floats, parameters: Floats) -> float:
     """Standard deviation of the noise across the curve, in the points' unit; 0 where there is none.
 
-    Each point is compared with the cubic through its two neighbours on either side. Of a
-    smooth curve, the deviations of neighbours agree; of noise they are opposed. The median
-    knows nothing of corners, for they are few.
-
-    `points` (m, d): around the curve. `parameters` (m,): increasing, in turns.
+    Each point is compared with the cubic through its two neighbours on either side. Of a smooth
+    curve, the deviations of neighbours agree; of noise they are opposed. The median knows nothing
+    of corners, for they are few. `points` (m, d): around the curve. `parameters` (m,): increasing,
+    in turns.
     """
     count = len(points)
     if count < LEAST_POINTS:
@@ -225,8 +208,7 @@ def _cubic_weights(away: Floats) -> Floats:
     between = away[:, None, :] - away[:, :, None]
     np.einsum("mkk->mk", between)[:] = 1.0
     others = np.where(np.eye(4, dtype=bool), 1.0, away[:, None, :])
-    weights: Floats = (others / between).prod(axis=2)
-    return weights
+    return np.asarray((others / between).prod(axis=2))
 
 
 def closed_curve_of(ring: ClosedPoints, fit: CurveFit, noise: float) -> ClosedCurve:
@@ -325,8 +307,8 @@ def _canonical(points: Floats) -> Ints:
 def _begin(rank: NDArray[np.int64]) -> int:
     """Where to begin so that the ranks (m,), read around, come last in alphabetical order.
 
-    Where several places may do, they are told apart by what follows, and by twice as much of
-    it each time.
+    Where several places may do, they are told apart by what follows, and by twice as much of it
+    each time.
     """
     reach = 1
     while reach < len(rank) and np.count_nonzero(rank == rank.max()) > 1:
@@ -342,5 +324,4 @@ def area_vector(points: Floats) -> Floats:
     if points.shape[1] == 2:
         twice = points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0]
         return np.array([0.5 * twice.sum()])
-    vector: Floats = 0.5 * np.cross(points, following).sum(axis=0)
-    return vector
+    return np.asarray(0.5 * np.cross(points, following).sum(axis=0))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -43,10 +43,8 @@ class CompositeLattice:
 
     `lattices`: each with its own undeformed volume; where two of those share a face, the deformed
     ones must share it too. Raises ValueError if a shared face is torn, or knots or weights differ
-    on it.
-
-    Coquillart, *Extended free-form deformation*, 1990. Across a shared face the deformation is
-    continuous; its slopes are where the control points next to the face are in line.
+    on it. Coquillart, *Extended free-form deformation*, 1990. Across a shared face the deformation
+    is continuous; its slopes are where the control points next to the face are in line.
     """
 
     lattices: tuple[Lattice, ...]
@@ -67,9 +65,8 @@ class CompositeLattice:
     def embed(self, points: Floats) -> Embedding:
         """Which lattice holds each point (n, 3), and with which parameters.
 
-        A point on a shared face belongs to the first of its lattices.
-
-        Raises ValueError if points are not finite (n, 3).
+        A point on a shared face belongs to the first of its lattices. Raises ValueError if points
+        are not finite (n, 3).
         """
         points = finite_array("points", points, (None, 3))
         found = np.full(len(points), NOWHERE, np.int32)
@@ -123,13 +120,9 @@ def _faces(number: int, lattice: Lattice) -> Iterator[LatticeFace]:
     for axis in range(3):
         first, second = (basis.knots for other, basis in enumerate(volume.bases) if other != axis)
         for end in (0, -1):
-            yield LatticeFace(
-                number,
-                np.asarray(np.take(before.control, end, axis)),
-                np.asarray(np.take(volume.control, end, axis)),
-                np.asarray(np.take(weights, end, axis)),
-                (first, second),
-            )
+            arrays = (before.control, volume.control, weights)
+            old, new, weight = (np.asarray(np.take(array, end, axis)) for array in arrays)
+            yield LatticeFace(number, old, new, weight, (first, second))
 
 
 def _before(lattice: Lattice) -> SplineVolume:
@@ -141,29 +134,16 @@ def _before(lattice: Lattice) -> SplineVolume:
 
 def _turnings(face: LatticeFace) -> Iterator[LatticeFace]:
     """The same face with its directions swapped and turned round: eight ways."""
-    for swapped in (False, True):
-        turned = face
-        if swapped:
-            turned = LatticeFace(
-                face.lattice,
-                face.before.swapaxes(0, 1),
-                face.after.swapaxes(0, 1),
-                face.weights.T,
-                face.knots[::-1],
-            )
-        for way in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
-            rows, columns = (slice(None, None, step) for step in way)
-            first, second = (
-                knots if step == 1 else 1.0 - knots[::-1]
-                for knots, step in zip(turned.knots, way, strict=True)
-            )
-            yield LatticeFace(
-                face.lattice,
-                turned.before[rows, columns],
-                turned.after[rows, columns],
-                turned.weights[rows, columns],
-                (first, second),
-            )
+    before, after, weights = (part.swapaxes(0, 1) for part in face[1:4])
+    swapped = LatticeFace(face.lattice, before, after, weights, face.knots[::-1])
+    for turned, second, first in product((face, swapped), (1, -1), (1, -1)):
+        rows, columns = slice(None, None, first), slice(None, None, second)
+        along, across = (
+            knots if step == 1 else 1.0 - knots[::-1]
+            for knots, step in zip(turned.knots, (first, second), strict=True)
+        )
+        before, after, weights = (part[rows, columns] for part in turned[1:4])
+        yield LatticeFace(face.lattice, before, after, weights, (along, across))
 
 
 def _check_alike(first: LatticeFace, second: LatticeFace) -> None:
@@ -185,8 +165,7 @@ def _may_hold(lattice: Lattice, points: Floats) -> Bools:
     low, high = (end(corners.reshape(-1, 3), axis=0) for end in (np.min, np.max))
     rounding = SAME * (high - low).max() + 64 * EPSILON * np.abs(corners).max()
     near = (points >= low - rounding) & (points <= high + rounding)
-    held: Bools = near.all(axis=1)
-    return held
+    return np.asarray(near.all(axis=1))
 
 
 def _parameters(lattice: Lattice, points: Floats) -> tuple[Bools, Floats]:

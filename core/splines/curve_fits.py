@@ -107,8 +107,8 @@ def closed_curve_points(
 def interpolate_closed(points: Floats, parameters: Floats) -> CurveFit:
     """Closed cubic through points (m, d), at least 3, at increasing parameters (m,) from 0.
 
-    Knots lie at the parameters, so that the system is diagonally dominant however the points
-    are spaced; with even knots and as many points it may be singular.
+    Knots lie at the parameters, so that the system is diagonally dominant however the points are
+    spaced; with even knots and as many points it may be singular.
     """
     from scipy.interpolate import CubicSpline
 
@@ -193,9 +193,8 @@ def choose_smoothing(basis: Floats, bending: Floats, points: Floats) -> float:
     """The smoothing with the least generalised cross-validation score.
 
     `basis` (m, n): basis functions at the points' parameters. `bending` (n, n): quadratic form of
-    the penalty. `points` (m, d): what is fitted.
-
-    Craven and Wahba, *Smoothing noisy data with spline functions*, 1979.
+    the penalty. `points` (m, d): what is fitted. Craven and Wahba, *Smoothing noisy data with
+    spline functions*, 1979.
     """
     count = len(points)
     weight = basis.T @ basis
@@ -221,19 +220,17 @@ def _dense(periodic: PeriodicBasis, parameters: Floats) -> Floats:
 def moved_parameters(parameters: Floats, points: Floats, places: Floats, slopes: Floats) -> Floats:
     """Parameters nearer to those of the curve's nearest points: Fung, 1999, (4.40).
 
-    Each takes the step of (4.40), but never so far that it could meet a neighbour, so that
-    the points keep their order around the curve.
-
-    `parameters` (m,): increasing, in turns. `points` (m, d): what the curve should pass. `places`
-    and `slopes` (m, d): the curve and its derivative at the parameters.
+    Each takes the step of (4.40), but never so far that it could meet a neighbour, so that the
+    points keep their order around the curve. `parameters` (m,): increasing, in turns. `points` (m,
+    d): what the curve should pass. `places` and `slopes` (m, d): the curve and its derivative at
+    the parameters.
     """
     squares = np.einsum("md,md->m", slopes, slopes)
     wanted = np.einsum("md,md->m", points - places, slopes)
     step = np.divide(wanted, squares, out=np.zeros_like(wanted), where=squares > 0.0)
     ahead = np.diff(parameters, append=parameters[0] + 1.0)
     step = np.clip(step, -MOST_MOVE * np.roll(ahead, 1), MOST_MOVE * ahead)
-    moved: Floats = parameters + step
-    return moved
+    return np.asarray(parameters + step)
 
 
 class Modes(NamedTuple):
@@ -259,11 +256,9 @@ def demmler_reinsch(weight: Floats, bending: Floats, basis: Floats) -> Modes:
 
     `weight` (n, n): ``basis.T @ basis``, over its mean diagonal. `bending` (n, n): quadratic form
     of the penalty, in the same measure. `basis` (m, n): basis functions at the points, times the
-    roots of the points' weights.
-
-    Demmler and Reinsch, *Oscillation matrices with spline smoothing*, 1975. The modes v solve
-    ``G v = mu (G + B) v``, G the weight and B the bending: unlike ``B v = w G v`` this is well
-    conditioned however the points lie, and what no point sees drops out.
+    roots of the points' weights. Demmler and Reinsch, *Oscillation matrices with spline smoothing*,
+    1975. The modes v solve ``G v = mu (G + B) v``, G the weight and B the bending: unlike ``B v = w
+    G v`` this is well conditioned however the points lie, and what no point sees drops out.
     """
     count = len(weight)
     seen, control = eigh(weight, weight + bending + RIDGE * np.eye(count))
@@ -278,10 +273,10 @@ def curve_parameters(points: Floats, kind: Parametrisation) -> Floats:
     """Parameters (m,) of points (m, d) around a closed curve; the first is 0.
 
     In proportion to the chords between neighbours, (4.28), or to their square roots, (4.18) of
-    Fung, 1999; both with the chord that closes the curve, which the text leaves out. "auto"
-    takes square roots where a few of the points are corners: there chords overshoot. "even"
-    takes equal steps where the points were measured at equal distances along the curve, which a
-    chord across a corner tells too short, and chords otherwise.
+    Fung, 1999; both with the chord that closes the curve, which the text leaves out. "auto" takes
+    square roots where a few of the points are corners: there chords overshoot. "even" takes equal
+    steps where the points were measured at equal distances along the curve, which a chord across a
+    corner tells too short, and chords otherwise.
     """
     chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     if kind == "even" and _are_even(chords):
@@ -289,8 +284,7 @@ def curve_parameters(points: Floats, kind: Parametrisation) -> Floats:
     if kind == "centripetal" or (kind == "auto" and _has_corners(points)):
         chords = np.sqrt(chords)
     ends = np.cumsum(chords)
-    parameters: Floats = np.concatenate([[0.0], ends[:-1]]) / ends[-1]
-    return parameters
+    return np.asarray(np.concatenate([[0.0], ends[:-1]]) / ends[-1])
 
 
 def _are_even(chords: Floats) -> bool:

@@ -1,8 +1,8 @@
 """Point inversion: which parameters of a spline volume belong to a point of space.
 
 The closed form where the control points are an affine image of the Greville abscissae, three
-inversions of one variable where they lie on parallel planes, else small least-squares problems
-side by side.
+inversions of one variable where they lie on parallel planes, else small least-squares problems side
+by side.
 """
 
 from __future__ import annotations
@@ -43,21 +43,11 @@ def invert_points(
 ) -> Inversion:
     """Parameters of points in a volume.
 
-    Parameters
-    ----------
-    volume : Volume
-        Polynomial or rational, undeformed or deformed, folded or not.
-    points : (n, 3) array
-        m.
-    method : {"auto", "general"}
-        ``auto``: the closed form where the control points are an affine image of the Greville
-        abscissae; three inversions of one variable where they lie on parallel planes; else
-        ``general``, least squares in three variables.
-
-    Raises
-    ------
-    ValueError
-        If points are not finite (n, 3), or the method is none of these.
+    `volume`: polynomial or rational, undeformed or deformed, folded or not. `points` (n, 3), m.
+    `method`: ``auto``: the closed form where the control points are an affine image of the Greville
+    abscissae; three inversions of one variable where they lie on parallel planes; else ``general``,
+    least squares in three variables. Raises ValueError if points are not finite (n, 3), or the
+    method is none of these.
     """
     points = finite_array("points", points, (None, 3))
     if method == "general":
@@ -76,14 +66,13 @@ def invert_points(
 def affine_image(volume: SplineVolume) -> Parallelepiped | None:
     """The parallelepiped of which a volume is an undeformed lattice, or None.
 
-    Then the volume is the affine map of its parameters, whatever the bases: coefficients at
-    the Greville abscissae reproduce the identity.
+    Then the volume is the affine map of its parameters, whatever the bases: coefficients at the
+    Greville abscissae reproduce the identity.
     """
     if _has_unequal_weights(volume):
         return None
     places = [basis.greville() for basis in volume.bases]
-    control, corner = volume.control, volume.control[0, 0, 0]
-    ends = np.stack([control[-1, 0, 0], control[0, -1, 0], control[0, 0, -1]])
+    control, corner, ends = _corners(volume)
     edges = (ends - corner) / np.array([[place[-1] - place[0]] for place in places])
     frame = _parallelepiped(corner - np.array([place[0] for place in places]) @ edges, edges)
     if frame is None:
@@ -104,13 +93,11 @@ def _closed_form(volume: SplineVolume, frame: Parallelepiped, points: Floats) ->
 def regular_planes(volume: SplineVolume) -> RegularPlanes | None:
     """The planes on which a volume's control points lie, or None if they are not regular.
 
-    Then each parameter depends on one coordinate alone, for the bases sum to 1 along the
-    others.
+    Then each parameter depends on one coordinate alone, for the bases sum to 1 along the others.
     """
     if _has_unequal_weights(volume):
         return None
-    control, corner = volume.control, volume.control[0, 0, 0]
-    ends = np.stack([control[-1, 0, 0], control[0, -1, 0], control[0, 0, -1]])
+    control, corner, ends = _corners(volume)
     frame = _parallelepiped(corner, ends - corner)
     if frame is None:
         return None
@@ -120,6 +107,13 @@ def regular_planes(volume: SplineVolume) -> RegularPlanes | None:
     off = float(np.abs(again - control).max())
     rising = all((np.diff(plane) > 0.0).all() for plane in planes)
     return RegularPlanes(frame, planes) if rising and off <= _allowed(control) else None
+
+
+def _corners(volume: SplineVolume) -> tuple[Floats, Floats, Floats]:
+    """Control points, their first, and the last (3, 3) along each axis from there."""
+    control = volume.control
+    ends = np.stack([control[-1, 0, 0], control[0, -1, 0], control[0, 0, -1]])
+    return control, control[0, 0, 0], ends
 
 
 def _has_unequal_weights(volume: SplineVolume) -> bool:
@@ -157,10 +151,10 @@ def invert_monotone(basis: Basis, coefficients: Floats, values: Floats) -> Monot
     answered with its ends. Raises ValueError if the coefficients are not `count` finite numbers
     that rise, or a value is NaN.
 
-    The spline rises, so that its values at the knots tell between which two a root lies. There
-    it is one polynomial, of which Newton's method finds the root, by halves where a step would
-    leave the bracket. A root that is found stays: the bracket's end is on it, and halving would
-    drive it away again.
+    The spline rises, so that its values at the knots tell between which two a root lies. There it
+    is one polynomial, of which Newton's method finds the root, by halves where a step would leave
+    the bracket. A root that is found stays: the bracket's end is on it, and halving would drive it
+    away again.
     """
     coefficients = finite_array("coefficients", coefficients, (basis.count,))
     values = np.asarray(values, np.float64)
@@ -168,7 +162,7 @@ def invert_monotone(basis: Basis, coefficients: Floats, values: Floats) -> Monot
         raise ValueError(f"values must be numbers, got {np.count_nonzero(np.isnan(values))} nan")
     if not (np.diff(coefficients) > 0.0).all():
         raise ValueError("coefficients must rise")
-    breaks = np.unique(np.clip(basis.knots, *basis.domain))
+    breaks = basis.breaks()
     taylor = _taylor(basis, coefficients, breaks)
     heights = taylor[0]
     span = np.clip(np.searchsorted(heights, values, side="right") - 1, 0, len(breaks) - 2)
@@ -190,7 +184,9 @@ def invert_monotone(basis: Basis, coefficients: Floats, values: Floats) -> Monot
         with np.errstate(divide="ignore", invalid="ignore"):  # then by halves
             ahead = place - left / slope
         inside = (ahead > low) & (ahead < high)
-        ahead = np.where(inside, ahead, np.where(_at_end(place, left), place, 0.5 * (low + high)))
+        # Where the root lies beyond the piece's end, by rounding or because the value does.
+        at_end = ((place == 0.0) & (left > 0.0)) | ((place == 1.0) & (left < 0.0))
+        ahead = np.where(inside, ahead, np.where(at_end, place, 0.5 * (low + high)))
         going &= ahead != place
         place = np.where(going, ahead, place)
         steps += going
@@ -205,8 +201,7 @@ def _taylor(basis: Basis, coefficients: Floats, breaks: Floats) -> Floats:
     local = basis.nonzero(breaks, basis.degree)
     values = np.einsum("dnk,nk->dn", local.values, coefficients[local.columns()])
     factorials = np.concatenate([[1.0], np.cumprod(np.arange(1.0, basis.degree + 1))])
-    taylor: Floats = values / factorials[:, None]
-    return taylor
+    return np.asarray(values / factorials[:, None])
 
 
 def _horner(pieces: Floats, place: Floats) -> tuple[Floats, Floats]:
@@ -216,12 +211,6 @@ def _horner(pieces: Floats, place: Floats) -> tuple[Floats, Floats]:
         slope = slope * place + value
         value = value * place + power
     return value, slope
-
-
-def _at_end(place: Floats, left: Floats) -> Bools:
-    """Where the root lies beyond the piece's end, by rounding or because the value does."""
-    beyond: Bools = ((place == 0.0) & (left > 0.0)) | ((place == 1.0) & (left < 0.0))
-    return beyond
 
 
 def _finish(
@@ -242,9 +231,9 @@ def invert_general(volume: SplineVolume, points: Floats) -> Inversion:
     """Parameters of points (n, 3) in any volume, polynomial or rational.
 
     The distance is minimised by the method of Levenberg and Marquardt within the bounds of the
-    parameters, from the affine guess and, where that fails, from the nearest of a grid of
-    samples. Newton's method on the derivative of the distance, as in Fung, 1999, (4.12),
-    squares the condition number and has roots that are no answers.
+    parameters, from the affine guess and, where that fails, from the nearest of a grid of samples.
+    Newton's method on the derivative of the distance, as in Fung, 1999, (4.12), squares the
+    condition number and has roots that are no answers.
     """
     matrix = affine_fit(volume)
     guess = np.clip(points @ matrix[:3] + matrix[3], 0.0, 1.0)
@@ -336,8 +325,7 @@ def is_folded(volume: SplineVolume, slopes: Floats) -> Bools:
     largest = np.abs(slopes).max(axis=1, keepdims=True)
     s, t, u = (slopes / np.where(largest > 0.0, largest, 1.0)).transpose(2, 0, 1)
     determinant = np.einsum("ni,ni->n", np.cross(s, t), u)
-    folded: Bools = (determinant if own >= 0.0 else -determinant) <= LEAST_DETERMINANT
-    return folded
+    return np.asarray((determinant if own >= 0.0 else -determinant) <= LEAST_DETERMINANT)
 
 
 class Inversion(NamedTuple):

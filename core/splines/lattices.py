@@ -1,10 +1,10 @@
 """Free-form deformation: what stands in a control lattice moves as its control points do.
 
-A point keeps its parameters: those that it has in the undeformed lattice are put into the
-deformed one. Over a parallelepiped with control points at the Greville abscissae they are the
-point's coordinates along the edges, and the displacement of the control points from there is
-all that deforms. Lattices are made over a box, layer by layer, or by pulling points to targets; a
-report proves that one folds nothing, or shows where it does.
+A point keeps its parameters: those that it has in the undeformed lattice are put into the deformed
+one. Over a parallelepiped with control points at the Greville abscissae they are the point's
+coordinates along the edges, and the displacement of the control points from there is all that
+deforms. Lattices are made over a box, layer by layer, or by pulling points to targets; a report
+proves that one folds nothing, or shows where it does.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import signed_volume
 from palpate.core.splines.bases import CUBIC, clamped_basis
 from palpate.core.splines.inversion import invert_points
@@ -55,9 +55,7 @@ class Lattice:
     `volume`: the deformed solid. `undeformed`: what it was: a parallelepiped with control points at
     the Greville abscissae, or control points anywhere, by which lattices of any shape can stand
     side by side (Coquillart, *Extended free-form deformation*, 1990) or at even steps (Fung, 1999,
-    (2.19)).
-
-    Fung, 1999, section 2.4. Points outside, by more than rounding, are refused.
+    (2.19)). Fung, 1999, section 2.4. Points outside, by more than rounding, are refused.
     """
 
     volume: SplineVolume
@@ -104,8 +102,8 @@ class Lattice:
     def jacobian(self, points: Floats) -> Floats:
         """Derivative of `deform` at points (n, 3): (n, 3, 3), a column for each of x, y, z.
 
-        Where an undeformed lattice without parallelepiped is itself squeezed flat, directions
-        that it does not span count as held.
+        Where an undeformed lattice without parallelepiped is itself squeezed flat, directions that
+        it does not span count as held.
         """
         return self.deform_with_jacobian(points)[1]
 
@@ -121,15 +119,14 @@ class Lattice:
     def jacobian_determinant(self, points: Floats) -> Floats:
         """Local change of volume (n,): 1 where nothing is deformed, negative in a fold."""
         x, y, z = self.jacobian(points).transpose(2, 0, 1)
-        determinant: Floats = np.einsum("ni,ni->n", np.cross(x, y), z)
-        return determinant
+        return np.asarray(np.einsum("ni,ni->n", np.cross(x, y), z))
 
     @property
     def relative(self) -> SplineVolume:
         """The deformed volume in such units that its slopes' determinant is the change of volume.
 
-        Against the mean of the undeformed lattice where that is no parallelepiped; against 1
-        where it is squeezed flat.
+        Against the mean of the undeformed lattice where that is no parallelepiped; against 1 where
+        it is squeezed flat.
         """
         if isinstance(self.undeformed, Parallelepiped):
             local = self.undeformed.local(self.control)
@@ -150,9 +147,8 @@ class Lattice:
     def deform_normals(self, points: Floats, normals: Floats) -> Floats:
         """Unit normals (n, 3) of a deformed surface, from normals (n, 3) at points (n, 3).
 
-        Outwards stays outwards. They are finite where the lattice is squeezed flat, too.
-
-        Raises ValueError if points lie outside, or a normal has no direction.
+        Outwards stays outwards. They are finite where the lattice is squeezed flat, too. Raises
+        ValueError if points lie outside, or a normal has no direction.
         """
         normals = finite_array("normals", normals, (len(points), 3))
         if not np.abs(normals).max(axis=1, initial=0.0).all():
@@ -162,10 +158,8 @@ class Lattice:
     def deform_mesh(self, vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
         """Vertices (n, 3) and triangles (m, 3) of a deformed surface.
 
-        The triangles are turned round if the lattice mirrors, so that a closed surface keeps
-        its outside.
-
-        Raises ValueError if vertices lie outside, or a triangle has not three of them.
+        The triangles are turned round if the lattice mirrors, so that a closed surface keeps its
+        outside. Raises ValueError if vertices lie outside, or a triangle has not three of them.
         """
         vertices, faces = finite_array("vertices", vertices, (None, 3)), np.asarray(faces)
         if faces.shape[1:] != (3,):
@@ -179,22 +173,21 @@ class Lattice:
 
 def _refuse(points: Floats, beyond: Floats, unit: str) -> None:
     """Refuse points that lie beyond the lattice."""
-    if not beyond.any():
-        return
-    worst = int(beyond.argmax())
-    x, y, z = points[worst]
-    raise ValueError(
-        f"points must lie in the lattice, got {np.count_nonzero(beyond)} of {len(points)} "
-        f"outside, the worst ({x:g}, {y:g}, {z:g}) m by {beyond[worst]:g} {unit}"
-    )
+    if beyond.any():
+        worst = int(beyond.argmax())
+        x, y, z = points[worst]
+        raise ValueError(
+            f"points must lie in the lattice, got {np.count_nonzero(beyond)} of {len(points)} "
+            f"outside, the worst ({x:g}, {y:g}, {z:g}) m by {beyond[worst]:g} {unit}"
+        )
 
 
 def deformed_normals(slopes: Floats, normals: Floats) -> Floats:
     """Unit normals (n, 3) after a deformation with derivatives (n, 3, 3).
 
-    A normal follows the cofactors of the derivative, which need no inverse, with the sign of
-    the determinant, so that what pointed outwards still does after a reflection. Where the
-    derivative squeezes it to nothing, the limit of squeezing a little less is given.
+    A normal follows the cofactors of the derivative, which need no inverse, with the sign of the
+    determinant, so that what pointed outwards still does after a reflection. Where the derivative
+    squeezes it to nothing, the limit of squeezing a little less is given.
     """
     size = np.abs(slopes).max(axis=(1, 2), keepdims=True)
     slopes = slopes / np.where(size > 0.0, size, 1.0)
@@ -207,8 +200,7 @@ def deformed_normals(slopes: Floats, normals: Floats) -> Floats:
     if lost.any():
         turned[lost] = _squeezed(slopes[lost], normals[lost])
         length[lost] = np.linalg.norm(turned[lost], axis=1)
-    unit: Floats = turned / length[:, None]
-    return unit
+    return np.asarray(turned / length[:, None])
 
 
 def _squeezed(slopes: Floats, normals: Floats) -> Floats:
@@ -243,21 +235,10 @@ def box_lattice(
 ) -> Lattice:
     """An undeformed lattice over an upright box, with clamped uniform knots.
 
-    Parameters
-    ----------
-    low : (3,) array
-        Smallest coordinates, m.
-    extent : (3,) array
-        Edge lengths, m.
-    counts : tuple of three integers
-        Control points along x, y and z.
-    degree : int
-        Of all three bases; one less than a count makes them Bernstein polynomials there.
-
-    Raises
-    ------
-    ValueError
-        If a length is not positive, or a count not larger than the degree.
+    `low` (3,): smallest coordinates, m. `extent` (3,): edge lengths, m. `counts`: control points
+    along x, y and z. `degree`: of all three bases; one less than a count makes them Bernstein
+    polynomials there. Raises ValueError if a length is not positive, or a count not larger than the
+    degree.
     """
     frame = upright_parallelepiped(low, extent)
     s, t, u = (clamped_basis(count, degree) for count in counts)
@@ -309,24 +290,11 @@ class Pulled(NamedTuple):
 def pull_points(lattice: Lattice, points: Floats, targets: Floats) -> Pulled:
     """Move points of a lattice to targets by the least change of its control points.
 
-    Parameters
-    ----------
-    lattice : Lattice
-        With or without weights, which stay.
-    points : (n, 3) array
-        Points of the undeformed lattice, m.
-    targets : (n, 3) array
-        Where they shall be after the deformation, m.
-
-    Raises
-    ------
-    ValueError
-        If shapes differ, something is not finite, or points lie outside the lattice.
-
-    Notes
-    -----
-    Hsu, Hughes and Kaufman, *Direct manipulation of free-form deformations*, 1992: the
-    pseudo-inverse of the shares that control points have in points, by singular values.
+    `lattice`: with or without weights, which stay. `points` (n, 3): points of the undeformed
+    lattice, m. `targets` (n, 3): where they shall be after the deformation, m. Raises ValueError if
+    shapes differ, something is not finite, or points lie outside the lattice. Hsu, Hughes and
+    Kaufman, *Direct manipulation of free-form deformations*, 1992: the pseudo-inverse of the shares
+    that control points have in points, by singular values.
     """
     points = finite_array("points", points, (None, 3))
     targets = finite_array("targets", targets, (len(points), 3))
@@ -359,24 +327,12 @@ class FoldReport(NamedTuple):
 def fold_report(lattice: Lattice, points: Floats | None = None) -> FoldReport:
     """Look for folds, and prove that there are none if that can be done.
 
-    Parameters
-    ----------
-    lattice : Lattice
-        Any.
-    points : (n, 3) array, optional
-        Where the share is taken, m; evenly over the lattice if left out.
-
-    Raises
-    ------
-    ValueError
-        If points lie outside the lattice.
-
-    Notes
-    -----
-    The determinant's coefficients over Bernstein polynomials enclose it (Gain and Dodgson,
-    *Preventing self-intersection under free-form deformation*, 2001, bound it more loosely);
-    pieces for which they have both signs are halved, and given up as undecided in the end.
-    What is judged is the deformed volume: an undeformed one is taken to be sound.
+    `lattice`: any. `points` (n, 3): where the share is taken, m; evenly over the lattice if left
+    out. Raises ValueError if points lie outside the lattice. The determinant's coefficients over
+    Bernstein polynomials enclose it (Gain and Dodgson, *Preventing self-intersection under
+    free-form deformation*, 2001, bound it more loosely); pieces for which they have both signs are
+    halved, and given up as undecided in the end. What is judged is the deformed volume: an
+    undeformed one is taken to be sound.
     """
     if points is None:
         steps = (np.arange(FOLD_SAMPLES) + 0.5) / FOLD_SAMPLES
@@ -406,7 +362,9 @@ def _judge(lattice: Lattice) -> tuple[FoldVerdict, Floats]:
                 deepest, where = corner, place
             if corner < -pieces.rounding:
                 return "folded", where
-            pieces = _keep(pieces, _may_fold(pieces))
+            may_fold = pieces.coefficients.min(axis=(1, 2, 3)) <= pieces.rounding
+            low, width, coefficients = (part[may_fold] for part in pieces[:3])
+            pieces = BernsteinPieces(low, width, coefficients, pieces.rounding)
             if not len(pieces.low):
                 break
             # Halving makes no coefficient larger: what rounding hides stays hidden.
@@ -424,14 +382,3 @@ def _least_corner(pieces: BernsteinPieces) -> tuple[float, Floats]:
     corners = pieces.coefficients[ends]
     piece, *corner = np.unravel_index(corners.argmin(), corners.shape)
     return float(corners.min()), pieces.low[piece] + np.array(corner) * pieces.width[piece]
-
-
-def _keep(pieces: BernsteinPieces, which: Bools) -> BernsteinPieces:
-    return pieces._replace(
-        low=pieces.low[which], width=pieces.width[which], coefficients=pieces.coefficients[which]
-    )
-
-
-def _may_fold(pieces: BernsteinPieces) -> Bools:
-    least: Floats = pieces.coefficients.min(axis=(1, 2, 3))
-    return least <= pieces.rounding

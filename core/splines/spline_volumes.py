@@ -18,8 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.splines.bases import ROUNDING, Basis
-from palpate.core.splines.tensor_products import Orders, evaluate_grid, evaluate_scattered
+from palpate.core.splines.bases import ROUNDING, Basis, Orders, evaluate_grid, evaluate_scattered
 
 VALUE_ORDERS: tuple[Orders, ...] = ((0, 0, 0),)
 FIRST_ORDERS: tuple[Orders, ...] = (*VALUE_ORDERS, (1, 0, 0), (0, 1, 0), (0, 0, 1))
@@ -49,9 +48,8 @@ class SplineVolume:
     `control` (l, m, n, 3): control points along s, t, u, m. `bases`: one for each axis, with as
     many functions as there are control points, over [0, 1]. `weights` (l, m, n): positive weights
     of the control points; without them all are alike. Raises ValueError if shapes do not fit,
-    something is not finite, or a weight is not positive.
-
-    Fung, 1999, (2.20), (2.22), and with weights (2.24), (2.25).
+    something is not finite, or a weight is not positive. Fung, 1999, (2.20), (2.22), and with
+    weights (2.24), (2.25).
     """
 
     control: Floats
@@ -180,41 +178,33 @@ def determinant_pieces(volume: SplineVolume) -> Iterator[BernsteinPieces]:
     """The determinant over the whole volume, one layer of pieces along u after the other."""
     factor = 3 if volume.weights is None else 4
     degrees = [factor * basis.degree - 1 for basis in volume.bases]
-    breaks = [_breaks(basis) for basis in volume.bases]
-    sites = [_sites(cuts, degree) for cuts, degree in zip(breaks, degrees, strict=True)]
+    breaks = [basis.breaks() for basis in volume.bases]
+    sites = [  # Chebyshev's points in each piece
+        cuts[:-1, None] + np.diff(cuts)[:, None] * _unit_sites(degree)
+        for cuts, degree in zip(breaks, degrees, strict=True)
+    ]
     converters = [_converter(degree) for degree in degrees]
     growth = float(np.prod([np.abs(matrix).sum(axis=1).max() for matrix in converters]))
-    along_s, along_t = (np.diff(cuts) for cuts in breaks[:2])
+    low = np.stack(np.meshgrid(breaks[0][:-1], breaks[1][:-1], indexing="ij"), axis=-1)
+    wide = np.stack(np.meshgrid(*map(np.diff, breaks[:2]), indexing="ij"), axis=-1)
+    low, wide = low.reshape(-1, 2), wide.reshape(-1, 2)
+    end = np.ones((len(low), 1))
     for layer in range(len(breaks[2]) - 1):
         # A rational volume's is no polynomial before it is times the weight's fourth power.
         values, _ = _determinant_and_weight(
             volume, sites[0].ravel(), sites[1].ravel(), sites[2][layer]
         )
-        shape = (*sites[0].shape, *sites[1].shape, sites[2].shape[1])
-        pieces = values.reshape(shape)
+        pieces = values.reshape(*sites[0].shape, *sites[1].shape, -1)
         for axis, matrix in zip((1, 3, 4), converters, strict=True):
             pieces = np.moveaxis(np.tensordot(matrix, pieces, (1, axis)), 0, axis)
         pieces = pieces.swapaxes(1, 2)
-        low = np.stack(np.meshgrid(breaks[0][:-1], breaks[1][:-1], indexing="ij"), axis=-1)
-        wide = np.stack(np.meshgrid(along_s, along_t, indexing="ij"), axis=-1)
-        cells = len(along_s) * len(along_t)
-        end = np.full((cells, 1), 1.0)
         start, thick = breaks[2][layer], breaks[2][layer + 1] - breaks[2][layer]
         yield BernsteinPieces(
-            np.hstack([low.reshape(cells, 2), start * end]),
-            np.hstack([wide.reshape(cells, 2), thick * end]),
-            pieces.reshape(cells, *pieces.shape[2:]),
+            np.hstack([low, start * end]),
+            np.hstack([wide, thick * end]),
+            pieces.reshape(len(low), *pieces.shape[2:]),
             SAFETY * growth * float(np.abs(values).max()),
         )
-
-
-def _breaks(basis: Basis) -> Floats:
-    return np.unique(np.clip(basis.knots, *basis.domain))
-
-
-def _sites(breaks: Floats, degree: int) -> Floats:
-    """Chebyshev's points in each piece, (pieces, degree + 1)."""
-    return breaks[:-1, None] + np.diff(breaks)[:, None] * _unit_sites(degree)
 
 
 @cache
@@ -247,8 +237,7 @@ def _determinant_and_weight(
 
 
 def _triple(x: Floats, y: Floats, z: Floats) -> Floats:
-    product: Floats = np.einsum("...i,...i->...", np.cross(x, y), z)
-    return product
+    return np.asarray(np.einsum("...i,...i->...", np.cross(x, y), z))
 
 
 def subdivide(pieces: BernsteinPieces) -> BernsteinPieces:
@@ -279,9 +268,7 @@ class Parallelepiped:
 
     `corner` (3,): where s = t = u = 0, m. `edges` (3, 3): a row for each of s, t and u: from the
     corner to where it is 1, m. Raises ValueError if an edge has no length, or the three lie in a
-    plane.
-
-    Fung, 1999, (2.17) to (2.19), with the edges themselves: with unit vectors, as printed,
+    plane. Fung, 1999, (2.17) to (2.19), with the edges themselves: with unit vectors, as printed,
     the far end of an edge would be its length, not 1.
     """
 
@@ -331,10 +318,9 @@ class Parallelepiped:
     def even_control(self, counts: tuple[int, int, int]) -> Floats:
         """Control points (l, m, n, 3) in even steps along each edge: (2.19), m.
 
-        They deform nothing under Bernstein polynomials alone; under other bases the parameters
-        of a point are to be found by inversion.
-
-        Raises ValueError if there are fewer than two along an edge.
+        They deform nothing under Bernstein polynomials alone; under other bases the parameters of a
+        point are to be found by inversion. Raises ValueError if there are fewer than two along an
+        edge.
         """
         if min(counts) < 2:
             raise ValueError(f"counts must be at least 2 along each edge, got {counts}")

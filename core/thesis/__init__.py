@@ -1,9 +1,9 @@
 """Fung's own way from contours to a solid (1999, chapter 4 and appendix).
 
-Kept to compare others with. Nothing here is to be tuned: a superquadric in a control lattice,
-its shell the control polygons of contours, its core what fits inside, as corrected or as
-printed. It rests on `palpate.core.splines`, shapes and geometry; `palpate.core.rebuild` offers
-it as the method "thesis".
+Kept to compare others with. Nothing here is to be tuned: a superquadric in a control lattice, its
+shell the control polygons of contours, its core what fits inside, as corrected or as printed. It
+rests on `palpate.core.splines`, shapes and geometry; `palpate.core.rebuild` offers it as the method
+"thesis".
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.core.thesis.rebuilding import ThesisSolid as ThesisSolid
+    from palpate.core.thesis.rebuilding import interpolated_parameters as interpolated_parameters
     from palpate.core.thesis.rebuilding import rebuild_thesis as rebuild_thesis
-    from palpate.core.thesis.solid import ThesisSolid as ThesisSolid
-    from palpate.core.thesis.solid import interpolated_parameters as interpolated_parameters
     from palpate.core.thesis.spline_methods import (
         fit_closed_curve_thesis as fit_closed_curve_thesis,
     )

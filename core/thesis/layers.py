@@ -2,9 +2,9 @@
 
 Fung, 1999, 4.4.3, corrected and as printed.
 
-As printed (buildgrid.m and isint.m), the search for the core's ellipse takes the edges of a
-polygon for infinite lines, looks at the first few of them, loses a sign on the way, and moves on
-to places that it has not tested; `ellipse_scale` has the answer.
+As printed (buildgrid.m and isint.m), the search for the core's ellipse takes the edges of a polygon
+for infinite lines, looks at the first few of them, loses a sign on the way, and moves on to places
+that it has not tested; `ellipse_scale` has the answer.
 """
 
 from __future__ import annotations
@@ -46,11 +46,10 @@ def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
     """A layer whose rim is the control polygon of a contour.
 
     `points` (k, 2): of the contour, counter-clockwise, begun where all layers begin. `sides`:
-    control points along s and t, at least 4.
-
-    The polygon is that of a periodic spline, which closes. The core is the largest rectangle
-    inside it that has the proportions of the box around it. As printed it is the box around
-    the largest such ellipse, the corners of which stand out of a round polygon.
+    control points along s and t, at least 4. The polygon is that of a periodic spline, which
+    closes. The core is the largest rectangle inside it that has the proportions of the box around
+    it. As printed it is the box around the largest such ellipse, the corners of which stand out of
+    a round polygon.
     """
     count = 2 * (sides[0] + sides[1]) - 4
     polygon = _polygon(points, count)
@@ -91,12 +90,10 @@ def rectangle_scale(polygon: Floats, middle: Floats, half_sides: Floats) -> floa
     """The largest factor of a rectangle's half sides for which it lies inside a polygon.
 
     `polygon` (n, 2): closed, need not be convex. `middle` (2,): of the rectangle. `half_sides`
-    (2,): along x and y; positive. Returns 1; 0 where the middle is not inside.
-
-    In the plane in which the rectangle is the square from -1 to 1 this is the distance of the
-    middle from the polygon's edges, by the larger coordinate. Along an edge it is convex and
-    made of straight pieces: its least value is at an end, or where a coordinate is 0, or where
-    both are of one size.
+    (2,): along x and y; positive. Returns 1; 0 where the middle is not inside. In the plane in
+    which the rectangle is the square from -1 to 1 this is the distance of the middle from the
+    polygon's edges, by the larger coordinate. Along an edge it is convex and made of straight
+    pieces: its least value is at an end, or where a coordinate is 0, or where both are of one size.
     """
     starts = (polygon - middle) / half_sides
     if winding_number(starts, np.zeros((1, 2)))[0] == 0:
@@ -127,12 +124,10 @@ def make_program_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
     """A layer from the points of a contour as they are given.
 
     `points` (k, 2): around the contour, each once; their beginning and direction matter. `sides`:
-    control points along s and t, at least 4.
-
-    The shell's polygon is that of a clamped spline whose constraints contradict each other; it
-    is laid along the rim clockwise, so that a counter-clockwise contour mirrors the lattice.
-    The core is turned one way or the other by the quadrant of the polygon's first vertex about
-    the origin, and may stand out of the polygon.
+    control points along s and t, at least 4. The shell's polygon is that of a clamped spline whose
+    constraints contradict each other; it is laid along the rim clockwise, so that a
+    counter-clockwise contour mirrors the lattice. The core is turned one way or the other by the
+    quadrant of the polygon's first vertex about the origin, and may stand out of the polygon.
     """
     along_s, along_t = sides
     polygon, gap = _program_polygon(points, 2 * (along_s + along_t) - 4)
@@ -164,10 +159,9 @@ def searched_scale(polygon: Floats, middle: Floats, semi_axes: Floats, edges: in
     """Factor of an ellipse's semi-axes that the program finds.
 
     `polygon` (n, 2): closed. `middle` and `semi_axes` (2,): of the ellipse. `edges`: how many of
-    the polygon's edges are tested.
-
-    Table 4.2 asks at each step whether two ellipses meet an edge. Meeting a line is monotone
-    in the scale, so that one number for each edge answers every such question.
+    the polygon's edges are tested. Table 4.2 asks at each step whether two ellipses meet an edge.
+    Meeting a line is monotone in the scale, so that one number for each edge answers every such
+    question.
     """
     least_met = _least_met(polygon, middle, semi_axes, edges)
     fibonacci = [1.0, 1.0]

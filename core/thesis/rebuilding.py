@@ -1,39 +1,46 @@
 """From contours to a solid as Fung, 1999, chapter 4 and appendix, does it.
 
-Contours are put into the cube from -1 to 1 (4.2, steps 1 to 3), and their points matched with
-the model's azimuths (step 5).
+Contours are put into the cube from -1 to 1 (4.2, steps 1 to 3), and their points matched with the
+model's azimuths (step 5). The solid is a deformed lattice with the model's surface in it: a
+superquadric, whose parameters s, t, u are had by inverting its own points, or, as in 4.3, by a
+spline through known ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
-from palpate.core.geometry import area_centroid, azimuth_match, self_intersects, winding_number
-from palpate.core.shapes import Superquadric
+from palpate.core.geometry import (
+    area_centroid,
+    azimuth_match,
+    close_rings,
+    self_intersects,
+    solidity,
+    winding_number,
+)
+from palpate.core.shapes import Mesh, Superquadric, regular_points
 from palpate.core.splines import (
     CUBIC,
+    Basis,
+    Inversion,
     Lattice,
     Parallelepiped,
     SplineVolume,
+    averaged_knots,
     clamped_basis,
+    evaluate_grid,
     fit_closed_curve,
+    interpolate_grid,
+    invert_points,
     upright_parallelepiped,
 )
 from palpate.core.thesis.layers import ThesisLayer, make_layer, make_program_layer, rim_cells
-from palpate.core.thesis.solid import (
-    ModelTriples,
-    ThesisHealth,
-    ThesisSolid,
-    interpolated_parameters,
-    latitude_points,
-    level_points,
-    triples_of,
-)
 from palpate.core.thesis.spline_methods import invert_thesis
 
 # Of the model: the program's, whatever the object. Its surface keeps close to the lattice's faces,
@@ -45,15 +52,7 @@ FINE = 8  # Chords for each point of a contour, by which rays meet the curve thr
 LEAST_POINTS = 4  # Different points of a contour, the fewest of which a curve is fitted
 # Of the size: a last point that is nearer to the first one is the first one, given again.
 SAME = 1e-12
-
-
-class _Matched(NamedTuple):
-    """Layers, and how their contours were matched."""
-
-    layers: list[ThesisLayer]
-    one_to_one: Bools
-    degenerate: Bools
-    self_intersecting: Bools
+LEAST_ROWS, LEAST_COLUMNS = 2, 3
 
 
 def rebuild_thesis(
@@ -65,25 +64,12 @@ def rebuild_thesis(
 ) -> ThesisSolid:
     """The solid of the thesis's shell and core.
 
-    Parameters
-    ----------
-    contours : (m, n, 3) array or sequence of m arrays (n, 3)
-        At least 2 level contours with as many points each, m: see `stack_contours`.
-    exponents : two numbers, optional
-        e1 and e2 of the original model, from 0.02 to 2; 0.15 both if left out.
-    layer : two integers
-        Control points of a layer along s and t, at least 4.
-    faithful : bool
-        As the program in the appendix has it, in place of what is right: see the notes.
-
-    Raises
-    ------
-    ValueError
-        If the contours, the exponents or the layer cannot be used.
-
-    Notes
-    -----
-    The program's ways that ``faithful`` keeps, in the normalised cube of 4.2:
+    `contours` (m, n, 3): at least 2 level contours with as many points each, m: see
+    `stack_contours`. `exponents`: e1 and e2 of the original model, from 0.02 to 2; 0.15 both if
+    left out. `layer`: control points of a layer along s and t, at least 4. `faithful`: as the
+    program in the appendix has it, in place of what is right: see below. Raises ValueError if
+    the contours, the exponents or the layer cannot be used. The program's ways that ``faithful``
+    keeps, in the normalised cube of 4.2:
 
     - a contour's points are taken by number, so that where they begin and which way they run
       matters, and are not resampled (step 5);
@@ -96,20 +82,23 @@ def rebuild_thesis(
     - between known parameters a spline is laid, and clipped (4.3);
     - the ends are closed by points 0.01 beyond them, of whatever unit.
 
-    Corrected are: the middle (of the area) and the match; level rows up to the poles, which
-    close the solid; the inversion axis by axis; periodic polygons, a lattice that does not
-    mirror, a core inside its shell; and the parameters, which are the model's own. What stays
-    is the heuristic itself: contours are taken for control layers, which a spline does not
-    pass, and the closed polygon is read with four clamped sides.
+    Corrected are: the middle (of the area) and the match; level rows up to the poles, which close
+    the solid; the inversion axis by axis; periodic polygons, a lattice that does not mirror, a core
+    inside its shell; and the parameters, which are the model's own. What stays is the heuristic
+    itself: contours are taken for control layers, which a spline does not pass, and the closed
+    polygon is read with four clamped sides.
     """
     stack = stack_contours(contours)
-    sides = _checked_sides(layer)
+    if len(layer) != 2 or min(layer) < LEAST_SIDE:
+        raise ValueError(
+            f"layer must be two numbers of points, at least {LEAST_SIDE} each, got {layer}"
+        )
     chosen = finite_array("exponents", EXPONENTS if exponents is None else exponents, (2,))
     model = Superquadric(np.ones(3), chosen)
     count = stack.points.shape[1]
-    matched = _by_number(stack, sides) if faithful else _by_azimuth(stack, sides)
-    control = np.empty((*sides, len(stack.heights), 3))
-    control[..., :2] = np.stack([one.control for one in matched.layers], axis=2)
+    layers, one_to_one, flat, meeting = (_by_number if faithful else _by_azimuth)(stack, layer)
+    control = np.empty((*layer, len(stack.heights), 3))
+    control[..., :2] = np.stack([one.control for one in layers], axis=2)
     control[..., 2] = stack.heights
     undeformed = _undeformed(control.shape[:3])
     azimuths = np.append(ray_azimuths(count), np.pi)
@@ -119,15 +108,20 @@ def rebuild_thesis(
         parameters = triples_of(undeformed, points, invert_thesis)
     else:
         parameters = triples_of(undeformed, level_points(model, steps, azimuths))
+    # Over the contours' box: parameters are the same in it as in the cube.
+    deformed, before = (
+        SplineVolume(stack.box.points(0.5 * (places + 1.0)), undeformed.bases)
+        for places in (control, undeformed.control)
+    )
     return ThesisSolid(
-        lattice=_lattice(control, undeformed, stack),
+        lattice=Lattice(deformed, before),
         parameters=parameters,
         triples=(
             interpolated_parameters(parameters) if faithful else ModelTriples(model, undeformed)
         ),
         cap=PROGRAM_CAP if faithful else None,
         order=stack.order,
-        health=_health(matched, control),
+        health=ThesisHealth(one_to_one, flat, meeting, *_cores(layers)),
     )
 
 
@@ -167,33 +161,22 @@ def stack_contours(contours: Sequence[ArrayLike] | Floats) -> ContourStack:
     )
 
 
-def _checked_sides(layer: tuple[int, int]) -> tuple[int, int]:
-    if len(layer) != 2 or min(layer) < LEAST_SIDE:
-        raise ValueError(
-            f"layer must be two numbers of points, at least {LEAST_SIDE} each, got {layer}"
-        )
-    return layer
-
-
-def _by_number(stack: ContourStack, sides: tuple[int, int]) -> _Matched:
+def _by_number(
+    stack: ContourStack, sides: tuple[int, int]
+) -> tuple[list[ThesisLayer], Bools, Bools, Bools]:
     flat = np.ptp(stack.points, axis=1).max(axis=1) == 0.0
-    return _Matched(
-        [make_program_layer(points, sides) for points in stack.points],
-        np.ones(len(flat), bool),
-        flat,
-        np.array([self_intersects(points) for points in stack.points]) & ~flat,
-    )
+    meeting = np.array([self_intersects(points) for points in stack.points]) & ~flat
+    layers = [make_program_layer(points, sides) for points in stack.points]
+    return layers, np.ones(len(flat), bool), flat, meeting
 
 
-def _by_azimuth(stack: ContourStack, sides: tuple[int, int]) -> _Matched:
+def _by_azimuth(
+    stack: ContourStack, sides: tuple[int, int]
+) -> tuple[list[ThesisLayer], Bools, Bools, Bools]:
     azimuths = ray_azimuths(stack.points.shape[1])
     matches = [match_contour(points, azimuths) for points in stack.points]
-    return _Matched(
-        [make_layer(match.points, sides) for match in matches],
-        np.array([match.one_to_one for match in matches]),
-        np.array([match.degenerate for match in matches]),
-        np.array([match.self_intersecting for match in matches]),
-    )
+    one_to_one, degenerate, meeting = np.array([match[2:] for match in matches]).T
+    return [make_layer(match.points, sides) for match in matches], one_to_one, degenerate, meeting
 
 
 def ray_azimuths(count: int) -> Floats:
@@ -205,11 +188,9 @@ def match_contour(points: Floats, azimuths: Floats) -> ContourMatch:
     """Where rays from the middle of a contour meet the closed curve through its points.
 
     `points` (n, 2): around it, begun anywhere, in either direction. `azimuths` (k,): of the rays,
-    rad.
-
-    The middle is that of the area: the mean of the points, as printed, lies where they are
-    dense. Where a ray meets the curve several times or not at all, the azimuth is made
-    monotone, or gives way to the length.
+    rad. The middle is that of the area: the mean of the points, as printed, lies where they are
+    dense. Where a ray meets the curve several times or not at all, the azimuth is made monotone, or
+    gives way to the length.
     """
     curve = fit_closed_curve(points)
     count = FINE * len(points)
@@ -229,34 +210,34 @@ def _undeformed(counts: tuple[int, ...]) -> SplineVolume:
     return SplineVolume(cube.even_control((s.count, t.count, u.count)), (s, t, u))
 
 
-def _lattice(control: Floats, undeformed: SplineVolume, stack: ContourStack) -> Lattice:
-    """The lattice over the contours' box: parameters are the same in it as in the cube."""
-    deformed, before = (
-        SplineVolume(stack.box.points(0.5 * (places + 1.0)), undeformed.bases)
-        for places in (control, undeformed.control)
+def level_points(model: Superquadric, heights: Floats, azimuths: Floats) -> Floats:
+    """Points (a, b, 3) of a model, with semi-axes of 1, at heights (a,) and azimuths (b,), rad.
+
+    At heights of -1 and 1 a row is one point, the pole.
+    """
+    around = np.column_stack([np.cos(azimuths), np.sin(azimuths), np.zeros(len(azimuths))])
+    outline = around[:, :2] / model.gauge(around)[:, None]
+    power = 2.0 / float(model.exponents[0])
+    width = (1.0 - np.minimum(np.abs(heights), 1.0) ** power) ** (1.0 / power)
+    points = np.empty((len(heights), len(azimuths), 3))
+    points[:, :, :2] = width[:, None, None] * outline
+    points[:, :, 2] = heights[:, None]
+    return points
+
+
+def _cores(layers: list[ThesisLayer]) -> tuple[Floats, Bools, Ints, Floats]:
+    """Scales of the cores, which are moved, points outside the shell; gaps."""
+    outside = []
+    for layer in layers:
+        cells = rim_cells((layer.control.shape[0], layer.control.shape[1]))
+        rim, core = layer.control[cells[:, 0], cells[:, 1]], layer.control[1:-1, 1:-1]
+        outside.append(int((winding_number(rim, core.reshape(-1, 2)) == 0).sum()))
+    return (
+        np.array([one.core_scale for one in layers]),
+        np.array([one.moved for one in layers]),
+        np.array(outside, np.int32),
+        np.array([one.gap for one in layers]),
     )
-    return Lattice(deformed, before)
-
-
-def _health(matched: _Matched, control: Floats) -> ThesisHealth:
-    cells = rim_cells((control.shape[0], control.shape[1]))
-    outside = [
-        int((winding_number(layer[cells[:, 0], cells[:, 1]], _core_of(layer)) == 0).sum())
-        for layer in (one.control for one in matched.layers)
-    ]
-    return ThesisHealth(
-        one_to_one=matched.one_to_one,
-        degenerate=matched.degenerate,
-        self_intersecting=matched.self_intersecting,
-        core_scales=np.array([one.core_scale for one in matched.layers]),
-        cores_moved=np.array([one.moved for one in matched.layers]),
-        cores_outside=np.array(outside, np.int32),
-        gaps=np.array([one.gap for one in matched.layers]),
-    )
-
-
-def _core_of(layer: Floats) -> Floats:
-    return layer[1:-1, 1:-1].reshape(-1, 2)
 
 
 class ContourMatch(NamedTuple):
@@ -276,3 +257,175 @@ class ContourStack(NamedTuple):
     heights: Floats  # (m,), from -1 to 1, not falling
     box: Parallelepiped  # The box around the contours, m, which the cube from -1 to 1 stands for
     order: Ints  # (m,): which of the given contours each is
+
+
+class ThesisHealth(NamedTuple):
+    """What should be known of a solid before it is used; one entry for each contour, upwards."""
+
+    # (m,): each ray from the contour's middle met it once. Always true of contours that are matched
+    # by number.
+    one_to_one: Bools
+    # (m,): the contour encloses nothing; of one that is matched by number: it is a point.
+    degenerate: Bools
+    self_intersecting: Bools  # (m,): the contour meets itself
+    core_scales: Floats  # (m,): sides of the layer's core over those of the box around its shell
+    cores_moved: Bools  # (m,): the core is not in the middle of that box
+    cores_outside: Ints  # (m,): control points of the core that lie outside their shell
+    gaps: Floats  # (m,): how far open the curve is that gave the shell, over its mean width
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ThesisSolid:
+    """A superquadric's surface, deformed by a control lattice.
+
+    Its surface is given over eta, from 0 at the bottom to 1 at the top, and nu, from 0 to 1 once
+    around.
+    """
+
+    # Over the box around the contours, m; a layer of control points for each contour.
+    lattice: Lattice
+    # s, t, u (m, n, 3) of the model's points that were matched with the contours': upwards, then
+    # around from azimuth -pi, the first again at the end.
+    parameters: Floats
+    triples: ModelTriples | TripleSpline  # Parameters of the whole surface
+    # How far beyond its first and last row the surface is closed by a point, m; None if it ends in
+    # points of its own.
+    cap: float | None
+    order: Ints  # (m,): which of the given contours each layer is
+    health: ThesisHealth
+
+    def surface(self, eta: Floats, nu: Floats) -> Floats:
+        """Points of the surface on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3), m.
+
+        Raises ValueError if a number is not finite or outside 0 to 1.
+        """
+        eta, nu = (_unit(name, places) for name, places in (("eta", eta), ("nu", nu)))
+        triples = self.triples.at(eta, nu)
+        return self.lattice.volume.at(triples.reshape(-1, 3)).reshape(triples.shape)
+
+    def mesh(self, rows: int, columns: int) -> Mesh:
+        """Closed mesh of so many rows and columns of points, with a point at either end.
+
+        Raises ValueError if there are not at least 2 rows and 3 columns. The triangles are turned
+        round where the lattice mirrors. Where it folds, the mesh may meet itself.
+        """
+        if rows < LEAST_ROWS or columns < LEAST_COLUMNS:
+            raise ValueError(
+                f"a mesh must have at least {LEAST_ROWS} rows and {LEAST_COLUMNS} columns, "
+                f"got {rows} and {columns}"
+            )
+        nu = np.arange(columns) / columns
+        if self.cap is None:
+            surface = self.surface(np.linspace(0.0, 1.0, rows + 2), nu)
+            bottom, rings, top = surface[0, 0], surface[1:-1], surface[-1, 0]
+        else:
+            rings = self.surface(np.linspace(0.0, 1.0, rows), nu)
+            beyond = np.array([0.0, 0.0, self.cap])
+            bottom, top = rings[0].mean(axis=0) - beyond, rings[-1].mean(axis=0) + beyond
+        vertices, faces = close_rings(bottom, rings, top)
+        if solidity(vertices, faces).volume < 0.0:
+            faces = faces[:, ::-1]
+        return Mesh(vertices, faces)
+
+
+def _unit(name: str, places: Floats) -> Floats:
+    checked = finite_array(name, places, (None,))
+    if len(checked) and not 0.0 <= checked.min() <= checked.max() <= 1.0:
+        raise ValueError(
+            f"{name} must lie between 0 and 1, got {checked.min():g} to {checked.max():g}"
+        )
+    return checked
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelTriples:
+    """Parameters of the model's surface, each by inverting the model's own point.
+
+    Eta goes from 0 at the lower pole to 1 at the upper one, nu once around from azimuth -pi.
+    """
+
+    model: Superquadric  # With semi-axes of 1
+    volume: SplineVolume  # The undeformed lattice over the cube from -1 to 1
+
+    def at(self, eta: Floats, nu: Floats) -> Floats:
+        """Parameters s, t, u on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3)."""
+        points = latitude_points(self.model, np.pi * (eta - 0.5), np.pi * (2.0 * nu - 1.0))
+        return triples_of(self.volume, points)
+
+
+def latitude_points(model: Superquadric, latitudes: Floats, azimuths: Floats) -> Floats:
+    """Points (a, b, 3) of a model at latitudes (a,) and azimuths (b,), rad: (2.4), (2.5).
+
+    A row is level only where the exponents are 1, or at latitude 0.
+    """
+    eta = np.repeat(latitudes, len(azimuths))
+    omega = np.tile(azimuths, len(latitudes))
+    return regular_points(model, eta, omega).points.reshape(len(latitudes), len(azimuths), 3)
+
+
+def triples_of(
+    volume: SplineVolume,
+    points: Floats,
+    invert: Callable[[SplineVolume, Floats], Inversion] = invert_points,
+) -> Floats:
+    """Parameters (a, b, 3) of a grid of points (a, b, 3) in the undeformed lattice."""
+    found = invert(volume, points.reshape(-1, 3))
+    return found.parameters.reshape(points.shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TripleSpline:
+    """A surface in the space of the parameters s, t, u: (4.17)."""
+
+    bases: tuple[Basis, Basis]  # Along eta and nu, both over [0, 1]
+    control: Floats  # (m, n, 3)
+    sites: tuple[Floats, Floats]  # eta (m,) and nu (n,) of the triples that it passes
+    condition: float  # Condition number of the interpolation
+
+    def at(self, eta: Floats, nu: Floats) -> Floats:
+        """Parameters s, t, u on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3).
+
+        Clipped to 0 and 1, which the spline overshoots where the model has edges. Raises ValueError
+        if a number is not finite, or outside 0 to 1 by more than rounding.
+        """
+        return np.clip(evaluate_grid(self.bases, self.control, (eta, nu)), 0.0, 1.0)
+
+
+def interpolated_parameters(parameters: Floats) -> TripleSpline:
+    """The spline surface through a grid of parameter triples: (4.17) to (4.21).
+
+    `parameters` (m, n, 3): s, t, u; m at least 2 from the bottom to the top, n at least 4 around,
+    the first again at the end. A row may be one point, as at a pole. Raises ValueError if the shape
+    is another, a number is not finite, or neighbouring rows or columns are the same throughout.
+
+    Cubic, of a lower degree where there are fewer than 4 rows. Sites by square roots of the chords
+    (4.18), averaged over all rows that have a length; knots by (4.19), with the sum from its first
+    site. The seam is passed, but not smoothly. Where the model is known its own points say more:
+    `ModelTriples`.
+    """
+    parameters = finite_array("parameters", parameters, (None, None, 3))
+    rows, columns = parameters.shape[:2]
+    if rows < 2 or columns <= CUBIC:
+        raise ValueError(
+            f"parameters must have at least 2 rows and {CUBIC + 1} columns, got {rows}, {columns}"
+        )
+    sites = _sites("rows", parameters), _sites("columns", parameters.transpose(1, 0, 2))
+    along, around = (min(CUBIC, len(places) - 1) for places in sites)
+    bases = (
+        Basis(averaged_knots(sites[0], along), along),
+        Basis(averaged_knots(sites[1], around), around),
+    )
+    found = interpolate_grid(bases, sites, parameters)
+    return TripleSpline(bases, found.control, sites, found.condition)
+
+
+def _sites(name: str, parameters: Floats) -> Floats:
+    """Centripetal parameters (m,) of a grid (m, n, 3) along its first axis, the mean of all."""
+    chords = np.sqrt(np.linalg.norm(np.diff(parameters, axis=0), axis=2))
+    ways = np.vstack([np.zeros(chords.shape[1]), np.cumsum(chords, axis=0)])
+    long = ways[-1] > 0.0
+    sites = (ways[:, long] / ways[-1, long]).mean(axis=1) if long.any() else np.zeros(len(ways))
+    if not (np.diff(sites) > 0.0).all():
+        raise ValueError(f"parameters must differ between neighbouring {name}")
+    sites[-1] = 1.0
+    return sites

@@ -98,10 +98,9 @@ def _closing_rows(basis: Basis, count: int, ends: Floats) -> Floats:
 def invert_thesis(volume: SplineVolume, points: Floats) -> Inversion:
     """Parameters of points (n, 3) by (4.8) to (4.16), all points side by side.
 
-    The iteration begins at the affine guess. It stops at the first of coincidence, zero cosine
-    and insignificant change; the text asks for the first two together in one sentence and for
-    any of the three in the next. A singular matrix of (4.9) ends the iteration without an
-    answer.
+    The iteration begins at the affine guess. It stops at the first of coincidence, zero cosine and
+    insignificant change; the text asks for the first two together in one sentence and for any of
+    the three in the next. A singular matrix of (4.9) ends the iteration without an answer.
     """
     points = finite_array("points", points, (None, 3))
     matrix = affine_fit(volume)
@@ -135,8 +134,7 @@ def _stands(slopes: Floats, offset: Floats, close: float) -> Bools:
     product = np.abs(np.einsum("nij,ni->nj", slopes, offset))
     lengths = np.linalg.norm(slopes, axis=1)
     square = product <= ZERO_COSINE * lengths * distance[:, None]
-    stands: Bools = (distance <= close) | square.all(axis=1)
-    return stands
+    return np.asarray((distance <= close) | square.all(axis=1))
 
 
 def _newton_step(slopes: Floats, bends: Floats, offset: Floats) -> tuple[Floats, Bools]:

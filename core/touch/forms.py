@@ -39,10 +39,11 @@ class PrincipalCurvatures(NamedTuple):
 def shape_operator(
     by_u: Floats, by_v: Floats, by_uu: Floats, by_uv: Floats, by_vv: Floats, outward: Floats
 ) -> ShapeOperator:
-    """Shape operator of a parametric surface; arguments and errors as for `fundamental_forms`.
+    """Shape operator of a parametric surface from its partial derivatives, (3,) each.
 
-    It is L^-1 II L^-T, where L L^T is the first form. L comes from the tangents by Gram-Schmidt,
-    and never from E, F and G, which hold their squares.
+    `outward` (3,): any vector on the free side of the tangent plane. Raises ValueError if the
+    tangents are parallel, or zero. It is L^-1 II L^-T, where L L^T is the first form. L comes from
+    the tangents by Gram-Schmidt, and never from E, F and G, which hold their squares.
     """
     normal = outward_normal(by_u, by_v, outward)
     a = _length(by_u)

@@ -7,8 +7,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import quaternion_from_matrix, rotation_angle, rotation_matrix
-from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder
-from palpate.core.shapes.sections import SuperellipseSection
+from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder, SuperellipseSection
 
 PHI, PSI = 0.7, 0.4
 

@@ -7,8 +7,8 @@ import pytest
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.least_squares import levenberg_marquardt
+from palpate.core.shapes.boolean_solids import conjunction, conjunction_slopes
 from palpate.core.shapes.hyperquadrics import Hyperquadric
-from palpate.core.shapes.r_functions import conjunction, conjunction_slopes
 
 X = np.linspace(0.0, 2.0, 9)
 TRUE = np.array([1.5, 0.7])

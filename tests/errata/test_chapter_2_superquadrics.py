@@ -6,7 +6,6 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.shapes.superquadrics import (
     Superquadric,
-    grid_of_angles,
     inside_outside,
     regular_points,
     trigonometric_points,
@@ -45,7 +44,6 @@ def test_the_angles_are_parameters_and_not_those_of_the_point() -> None:
 def test_both_ends_of_the_azimuth_are_one_seam() -> None:
     ends = trigonometric_points(SHAPE, np.full(2, 0.3), np.array([-np.pi, np.pi])).points
     assert np.allclose(ends[0], ends[1], rtol=0, atol=1e-12)
-    assert grid_of_angles(2, 8).omega.max() == pytest.approx(0.75 * np.pi)
 
 
 def test_the_inside_out_function_is_negative_inside() -> None:

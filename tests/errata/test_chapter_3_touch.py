@@ -4,13 +4,6 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.thesis.tactile_surface import (
-    FundamentalForms,
-    fundamental_forms,
-    gaussian_curvature,
-    mean_curvature,
-    normal_curvature,
-)
 from palpate.core.touch.filters import (
     adaptive_wiener,
     median_filter,
@@ -18,7 +11,7 @@ from palpate.core.touch.filters import (
     neighbourhoods,
     wiener_then_median,
 )
-from palpate.core.touch.forms import principal_curvatures, shape_operator
+from palpate.core.touch.forms import curvature_along, principal_curvatures, shape_operator
 
 RADIUS = 2.0
 U, V = 0.3, 0.9
@@ -110,7 +103,7 @@ def test_a_convex_surface_has_negative_curvature_by_the_outward_normal() -> None
     *_, g, _, _, n = printed_forms()
     assert n / g == pytest.approx(-0.5)
     assert np.exp(-10.0 * n / g) == pytest.approx(148.4, abs=0.1)  # (3.1): a step over the object
-    assert normal_curvature(fundamental_forms(*sphere()), 0.0, 1.0) == pytest.approx(0.5)
+    assert curvature_along(shape_operator(*sphere()), sphere()[1]) == pytest.approx(0.5)
 
 
 def test_the_ratio_of_steps_is_infinite_across_the_contour() -> None:
@@ -118,7 +111,7 @@ def test_the_ratio_of_steps_is_infinite_across_the_contour() -> None:
     with np.errstate(invalid="ignore", over="ignore"):
         h = np.float64(1e200)
         assert np.isnan((ll + 2 * m * h + n * h * h) / (e + 2 * f * h + g * h * h))
-    assert np.isfinite(normal_curvature(fundamental_forms(*sphere()), 0.0, 1e200))
+    assert np.isfinite(curvature_along(shape_operator(*sphere()), sphere()[1]))
 
 
 def test_the_second_parameter_runs_across_the_contour_only_if_they_are_orthogonal() -> None:
@@ -126,11 +119,10 @@ def test_the_second_parameter_runs_across_the_contour_only_if_they_are_orthogona
     by_u, by_v = np.array([0.0, 1.0, 1.0]), np.array([0.0, 1.0, 0.0])
     bend = np.array([-1.0, 0.0, 0.0])
     outward = np.array([1.0, 0.0, 0.0])
-    forms = fundamental_forms(by_u, by_v, bend, bend, bend, outward)
-    (e, f, _), _ = forms
-    assert normal_curvature(forms, 0.0, 1.0) == pytest.approx(1.0)  # N / G
-    across = normal_curvature(forms, 1.0, -e / f)  # orthogonal to u
-    assert across == pytest.approx(0.5)
+    shape = shape_operator(by_u, by_v, bend, bend, bend, outward)
+    e, f = float(by_u @ by_u), float(by_u @ by_v)
+    assert curvature_along(shape, by_v) == pytest.approx(1.0)  # N / G
+    assert curvature_along(shape, by_u - e / f * by_v) == pytest.approx(0.5)  # orthogonal to u
 
 
 def test_the_equation_of_the_principal_directions_vanishes_at_an_umbilic() -> None:
@@ -144,11 +136,12 @@ def test_the_equation_of_the_principal_directions_vanishes_at_an_umbilic() -> No
 
 def test_the_equation_of_the_principal_directions_loses_a_root() -> None:
     # F N = M G: one principal direction is u = const, h infinite.
-    forms = FundamentalForms((2.0, 0.0, 1.0), (0.5, 0.0, -0.4))
-    (e, f, g), (ll, m, n) = forms
+    (e, f, g), (ll, m, n) = (2.0, 0.0, 1.0), (0.5, 0.0, -0.4)
     assert f * n - m * g == 0.0
     assert len(np.roots([f * n - m * g, e * n - ll * g, e * m - ll * f])) == 1
-    assert normal_curvature(forms, 0.0, 1.0) == -0.4
+    x, y, z = np.eye(3)
+    shape = shape_operator(np.sqrt(e) * x, y, -ll * z, m * z, -n * z, z)
+    assert curvature_along(shape, y) == pytest.approx(-0.4)
 
 
 def test_the_discriminant_at_an_umbilic_is_negative_by_rounding() -> None:
@@ -177,12 +170,16 @@ def test_the_mean_curvature_lacks_a_half() -> None:
     e, f, g, ll, m, n = printed_forms()
     printed = (e * n + ll * g - 2 * m * f) / (e * g - f * f)
     assert printed == pytest.approx(-1.0)
-    assert mean_curvature(fundamental_forms(*sphere())) == pytest.approx(0.5)
+    found = principal_curvatures(shape_operator(*sphere()))
+    assert 0.5 * (found.k1 + found.k2) == pytest.approx(0.5)
 
 
 def test_a_point_without_any_curvature_is_not_parabolic() -> None:
-    plane = FundamentalForms((1.0, 0.0, 1.0), (0.0, 0.0, 0.0))
-    cylinder = FundamentalForms((1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
+    x, y, z = np.eye(3)
+    none = np.zeros(3)
+    plane, cylinder = (
+        principal_curvatures(shape_operator(x, y, bend, none, none, z)) for bend in (none, -z)
+    )
     # A zero Gaussian curvature, the text's test, is that of both.
-    assert gaussian_curvature(plane) == gaussian_curvature(cylinder) == 0.0
-    assert (mean_curvature(plane), mean_curvature(cylinder)) == (0.0, 0.5)
+    assert plane.k1 * plane.k2 == cylinder.k1 * cylinder.k2 == 0.0
+    assert (plane.k1 + plane.k2, cylinder.k1 + cylinder.k2) == (0.0, 1.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.geometry.polygons import inscribed_ellipse_scale, winding_number
+from palpate.core.geometry.polygons import edge_distance, winding_number
 from palpate.core.splines.bases import PeriodicBasis, clamped_basis
 from palpate.core.splines.closed_curves import fit_closed_curve
 from palpate.core.splines.curve_fits import curve_parameters, moved_parameters
@@ -146,15 +146,13 @@ def test_the_search_for_the_largest_ellipse_is_not_needed() -> None:
     halvings = int(np.ceil(np.log2((1.0 - tolerance) / tolerance)))
     assert two_points > halvings == 10
     box = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
-    assert inscribed_ellipse_scale(box, np.zeros(2), np.array([1 / 0.37, 1.0])) == pytest.approx(
-        0.37
-    )
+    assert edge_distance(box * [0.37, 1.0], np.zeros((1, 2))) == pytest.approx(0.37)
 
 
 def test_the_box_around_an_ellipse_that_fits_does_not_fit() -> None:
     polygon, middle, half_sides = circle(96), np.zeros(2), np.ones(2)
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    around_ellipse = inscribed_ellipse_scale(polygon, middle, half_sides)
+    around_ellipse = edge_distance(polygon, middle[None])[0]
     fitting = rectangle_scale(polygon, middle, half_sides)
     assert around_ellipse == pytest.approx(np.sqrt(2.0) * fitting, rel=2e-3)
     assert (winding_number(polygon, around_ellipse * corners) == 0).all()

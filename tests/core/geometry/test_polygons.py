@@ -11,18 +11,14 @@ from hypothesis import strategies as st
 from palpate.core.arrays import Floats
 from palpate.core.geometry.polygons import (
     area_centroid,
+    azimuth_match,
     edge_distance,
     inscribed_circle,
-    inscribed_ellipse_scale,
+    kernel_point,
     self_intersects,
     signed_area,
-    winding_number,
-)
-from palpate.core.geometry.star_shapes import (
-    angle_between,
-    azimuth_match,
-    radial_match,
     turn_between,
+    winding_number,
 )
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
@@ -57,10 +53,12 @@ def test_the_centroid_of_a_triangle_is_the_mean_of_its_corners() -> None:
 @given(SEEDS, st.floats(-12.0, 0.49))
 def test_angles_are_found_at_any_size_of_the_vectors(seed: int, power: float) -> None:
     rng, angle = np.random.default_rng(seed), 10.0**power
-    plane, _ = np.linalg.qr(rng.normal(size=(3, 2)))
-    first = 10.0 ** rng.uniform(-200, 150) * plane[:, 0]
-    second = 10.0 ** rng.uniform(-200, 150) * (plane @ [math.cos(angle), math.sin(angle)])
-    assert angle_between(first, second) == pytest.approx(angle, rel=1e-12, abs=1e-15)
+    begin = rng.uniform(0.0, 7.0)
+    first, second = (
+        10.0 ** rng.uniform(-200, 150) * np.array([math.cos(way), math.sin(way)])
+        for way in (begin, begin + angle)
+    )
+    assert turn_between(first, second) == pytest.approx(angle, rel=1e-12, abs=1e-14)
 
 
 def test_turns_are_positive_counter_clockwise() -> None:
@@ -68,7 +66,7 @@ def test_turns_are_positive_counter_clockwise() -> None:
     assert turn_between(east, north) == pytest.approx(np.pi / 2)
     assert turn_between(north, east) == pytest.approx(-np.pi / 2)
     assert turn_between(east, -east) == pytest.approx(np.pi)
-    assert np.array_equal(angle_between(np.array([east, north]), east), [0.0, np.pi / 2])
+    assert np.array_equal(turn_between(np.array([east, north]), north), [np.pi / 2, 0.0])
 
 
 def test_half_a_turn_is_positive_whatever_the_sign_of_zero() -> None:
@@ -78,7 +76,7 @@ def test_half_a_turn_is_positive_whatever_the_sign_of_zero() -> None:
 
 
 def test_a_direction_of_no_length_makes_no_angle() -> None:
-    assert angle_between(np.zeros(3), np.array([1.0, 2.0, 3.0])) == 0.0
+    assert turn_between(np.zeros(2), np.array([1.0, 2.0])) == 0.0
 
 
 @settings(derandomize=True, deadline=None, max_examples=30)
@@ -169,11 +167,9 @@ def test_no_polygon_and_what_is_not_finite_are_refused() -> None:
         with pytest.raises(ValueError, match="points must be finite"):
             relate(SQUARE, nan)
     with pytest.raises(ValueError, match="second must be finite"):
-        angle_between(SQUARE[1], nan)
+        turn_between(SQUARE[1], nan)
     with pytest.raises(ValueError, match=r"first must have shape \(..., 2\), got \(3,\)"):
         turn_between(np.zeros(3), SQUARE[1])
-    with pytest.raises(ValueError, match=r"first must have shape \(..., 2\) or \(..., 3\)"):
-        angle_between(np.zeros(4), np.zeros(4))
 
 
 def polygon(azimuth: Floats, radius: Floats | float, middle: tuple[float, float]) -> Floats:
@@ -244,39 +240,26 @@ def test_a_polygon_that_encloses_nothing_holds_no_circle() -> None:
     assert inscribed_circle(np.array([[0, 0], [1, 1], [2, 2.0]])).radius == 0.0
 
 
-def test_an_ellipse_touches_the_box_around_it() -> None:
-    box = np.array([[-2, -1], [2, -1], [2, 1], [-2, 1.0]])
-    assert inscribed_ellipse_scale(box, np.zeros(2), np.array([2.0, 1.0])) == 1.0
-    assert inscribed_ellipse_scale(box, np.zeros(2), np.array([1.0, 1.0])) == 1.0
-    assert inscribed_ellipse_scale(box, np.array([1.0, 0.0]), np.array([2.0, 1.0])) == 0.5
-    assert inscribed_ellipse_scale(box[::-1], np.zeros(2), np.array([4.0, 2.0])) == 0.5
-
-
-@settings(derandomize=True, deadline=None, max_examples=20)
-@given(st.integers(0, 10**6))
-def test_the_ellipse_of_the_scale_found_stays_inside_and_a_larger_one_does_not(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    turn = np.linspace(0, 2 * np.pi, 15, endpoint=False)
-    polygon = rng.uniform(0.5, 1.5, (15, 1)) * np.column_stack([np.cos(turn), np.sin(turn)])
-    axes, around = rng.uniform(0.3, 2.0, 2), np.linspace(0, 2 * np.pi, 5000)
-    circle = axes * np.column_stack([np.cos(around), np.sin(around)])
-    scale = inscribed_ellipse_scale(polygon, np.zeros(2), axes)
-    assert (winding_number(polygon, (1 - 1e-9) * scale * circle) == 1).all()
-    assert (winding_number(polygon, (1 + 1e-3) * scale * circle) == 0).any()
-
-
-def test_what_encloses_nothing_or_is_no_ellipse_is_refused(
-    three_lobes: Callable[..., Floats],
-) -> None:
+def test_what_encloses_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match="polygon must have at least 3 vertices, got 2"):
         inscribed_circle(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="polygon must be finite"):
         inscribed_circle(np.full((3, 2), np.nan))
-    with pytest.raises(ValueError, match=r"semi_axes must be positive, got \[1\.0, 0\.0\] m"):
-        inscribed_ellipse_scale(three_lobes(0.3), np.zeros(2), np.array([1.0, 0.0]))
 
 
 AZIMUTHS = 2 * np.pi * np.arange(80) / 80
+
+
+def ray_meetings(polygon: Floats, middle: Floats, azimuths: Floats) -> tuple[Floats, Floats]:
+    """How often each ray from the middle meets the polygon, and the farthest place."""
+    starts = polygon - middle
+    ends, rays = np.roll(starts, -1, axis=0), np.array([np.cos(azimuths), np.sin(azimuths)]).T
+    first, second = (np.outer(rays[:, 0], p[:, 1]) - np.outer(rays[:, 1], p[:, 0])
+                     for p in (starts, ends))  # fmt: skip
+    crossing = (first >= 0.0) != (second >= 0.0)
+    share = np.divide(first, first - second, out=np.zeros_like(first), where=crossing)
+    along = np.where(crossing, rays @ starts.T + share * (rays @ (ends - starts).T), 0.0)
+    return (along > 0.0).sum(axis=1), middle + along.max(axis=1)[:, None] * rays
 
 
 def test_an_unevenly_sampled_circle_has_its_centroid_in_the_middle() -> None:
@@ -299,8 +282,8 @@ def test_a_concave_slice_is_matched_in_order_or_flagged_where_rays_miss_or_meet_
     contour = refined(u_shape)
     outside, inside = area_centroid(u_shape), inscribed_circle(u_shape).middle
     assert winding_number(u_shape, outside[None])[0] == 0
-    assert set(radial_match(contour, outside, AZIMUTHS + 0.01).meetings) == {0, 2}
-    assert set(radial_match(contour, inside, AZIMUTHS + 0.01).meetings) == {1, 3}
+    assert set(ray_meetings(contour, outside, AZIMUTHS + 0.01)[0]) == {0, 2}
+    assert set(ray_meetings(contour, inside, AZIMUTHS + 0.01)[0]) == {1, 3}
     for middle in (outside, inside):
         match = azimuth_match(contour, middle, AZIMUTHS)
         assert match.inside == (middle is inside)
@@ -311,9 +294,9 @@ def test_a_concave_slice_is_matched_in_order_or_flagged_where_rays_miss_or_meet_
         assert np.allclose(edge_distance(u_shape, match.points), 0.0, atol=1e-12)
     # Where a ray meets the outline only once, the match from inside is nearly that place.
     match = azimuth_match(contour, inside, AZIMUTHS)
-    radial = radial_match(contour, inside, AZIMUTHS)
+    radial = ray_meetings(contour, inside, AZIMUTHS)[1]
     below = (np.sin(AZIMUTHS) < -0.8) & (np.cos(AZIMUTHS) < 0.0)
-    off = np.linalg.norm(match.points - radial.points, axis=1)[below]
+    off = np.linalg.norm(match.points - radial, axis=1)[below]
     assert off.max() < 1.0
 
 
@@ -331,33 +314,61 @@ def test_the_largest_circle_in_a_u_lies_inside_where_the_middle_of_its_box_does_
 def test_an_angle_of_a_nanoradian_is_found() -> None:
     first, second = np.array([1.0, 0.0]), np.array([math.cos(1e-9), math.sin(1e-9)])
     assert math.acos(min(float(first @ second), 1.0)) == 0.0
-    assert angle_between(first, second) == pytest.approx(1e-9, rel=1e-12)
+    assert turn_between(first, second) == pytest.approx(1e-9, rel=1e-12)
 
 
-def test_the_ellipse_in_a_polygon_with_hollows_is_not_cut_by_lines_beyond_its_edges(
+def test_where_each_ray_meets_the_contour_once_both_matches_agree(
     three_lobes: Callable[..., Floats],
 ) -> None:
-    polygon = three_lobes(0.45, 16)
-    low, high = polygon.min(axis=0), polygon.max(axis=0)
-    middle, axes = 0.5 * (low + high), 0.5 * (high - low)
-    around = (polygon - middle) / axes
-    along = np.roll(around, -1, axis=0) - around
-    lines = np.abs(along[:, 0] * around[:, 1] - along[:, 1] * around[:, 0])
-    lines /= np.linalg.norm(along, axis=1)
-    assert lines.min() == pytest.approx(0.168, abs=1e-3)
-    assert inscribed_ellipse_scale(polygon, middle, axes) == pytest.approx(0.399, abs=1e-3)
+    contour, middle = three_lobes(0.4) + [3.0, -2.0], np.array([3.05, -2.02])
+    meetings, points = ray_meetings(contour, middle, AZIMUTHS)
+    match = azimuth_match(contour, middle, AZIMUTHS)
+    assert (meetings == 1).all()
+    assert match.one_to_one
+    assert match.inside
+    assert np.allclose(match.points, points, rtol=0, atol=1e-5)
 
 
-def test_the_largest_ellipse_comes_in_closed_form_where_the_search_has_no_branch(
-    three_lobes: Callable[..., Floats], u_shape: Floats
+def test_azimuths_of_more_than_a_turn_begin_again(three_lobes: Callable[..., Floats]) -> None:
+    contour = three_lobes(0.3)
+    once = azimuth_match(contour, np.zeros(2), AZIMUTHS)
+    again = azimuth_match(contour, np.zeros(2), AZIMUTHS + 4 * np.pi)
+    assert np.allclose(once.points, again.points, rtol=0, atol=1e-12)
+
+
+def test_the_match_does_not_depend_on_the_first_vertex(
+    u_shape: Floats, refined: Callable[..., Floats]
 ) -> None:
-    polygon, axes = three_lobes(0.5, 90) * [2.0, 1.0], np.array([2.0, 1.0])
-    around = 2 * np.pi * np.arange(4000) / 4000
-    circle = axes * np.column_stack([np.cos(around), np.sin(around)])
-    low, high = 0.0, 1.0
-    for _ in range(20):
-        middle = 0.5 * (low + high)
-        fits = (winding_number(polygon, middle * circle) == 1).all()
-        low, high = (middle, high) if fits else (low, middle)
-    assert inscribed_ellipse_scale(polygon, np.zeros(2), axes) == pytest.approx(low, abs=1e-5)
-    assert inscribed_ellipse_scale(u_shape, np.array([2.5, 2.0]), np.array([2.5, 2.0])) == 0.0
+    contour, middle = refined(u_shape), np.array([0.5, 0.5])
+    wanted = azimuth_match(contour, middle, AZIMUTHS).points
+    for shift in (1, 130, 399):
+        found = azimuth_match(np.roll(contour, shift, axis=0), middle, AZIMUTHS).points
+        assert np.allclose(found, wanted, rtol=0, atol=1e-9)
+
+
+def test_too_few_vertices_or_a_nan_are_refused() -> None:
+    with pytest.raises(ValueError, match="polygon must have at least 3 vertices, got 2"):
+        azimuth_match(np.zeros((2, 2)), np.zeros(2), AZIMUTHS)
+    with pytest.raises(ValueError, match="azimuths must be finite"):
+        azimuth_match(np.eye(3, 2), np.zeros(2), np.array([np.nan]))
+
+
+CORNER = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4.0]])
+MOUTH = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [4, 3], [4, 4], [0, 4.0]])
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_an_angle_is_seen_whole_from_its_corner(scale: float) -> None:
+    place = kernel_point(scale * (CORNER + 7.0))
+    assert place is not None
+    np.testing.assert_allclose(place / scale - 7.0, [0.5, 0.5], atol=1e-7)
+
+
+def test_a_convex_polygon_is_seen_best_from_the_middle_of_its_largest_disc() -> None:
+    box = np.array([[0, 0], [2, 0], [2, 2], [2, 2], [0, 2.0]])
+    np.testing.assert_allclose(kernel_point(box), [1.0, 1.0], atol=1e-9)
+
+
+def test_nothing_sees_both_arms_of_a_clamp_nor_a_single_place() -> None:
+    assert kernel_point(MOUTH) is None
+    assert kernel_point(np.ones((4, 2))) is None

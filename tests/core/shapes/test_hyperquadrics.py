@@ -257,7 +257,7 @@ def test_lines_and_the_dip_hold(
     here, rates, lengths = np.array(h)[:, None], np.array(rate)[:, None], np.array([length])
     way = length * ALONG
     values = value(dent, here + rates * way)
-    low, high = dent.line_below(here, rates, lengths), dent.line_above(here, rates, lengths)
+    low, high = (dent.line(here, rates, lengths, below=below) for below in (True, False))
     assert (values >= values[0] - low.gap[0] + low.slope[0] * way - 1e-12).all()
     assert (values <= values[0] + high.gap[0] + high.slope[0] * way + 1e-12).all()
     bends = np.diff(values, 2) / (length / 800) ** 2

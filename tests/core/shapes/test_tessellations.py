@@ -9,7 +9,7 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.geometry.meshes import is_closed, is_inside_out, solidity
 from palpate.core.shapes.protocol import Mesh
-from palpate.core.shapes.superquadrics import Superquadric, grid_of_angles, regular_points
+from palpate.core.shapes.superquadrics import Superquadric, regular_points
 from palpate.core.shapes.tessellations import bracketed_roots, icosphere, isosurface
 
 
@@ -131,7 +131,8 @@ def smallest_angles(corners: Floats) -> Floats:
 
 def rings(shape: Superquadric, rows: int, columns: int) -> Floats:
     """Triangles between rings of latitude, those without an area at the poles left out."""
-    points = regular_points(shape, *grid_of_angles(rows, columns)).points
+    eta, omega = np.linspace(-0.5, 0.5, rows) * np.pi, 2 * np.pi * np.arange(columns) / columns
+    points = regular_points(shape, np.repeat(eta, columns), np.tile(omega, rows)).points
     here = np.arange((rows - 1) * columns)
     beside = here // columns * columns + (here % columns + 1) % columns
     lower = np.column_stack([here, beside, beside + columns])[columns:]

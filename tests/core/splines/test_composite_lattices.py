@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.splines.bases import bernstein_basis, clamped_basis
+from palpate.core.splines.bases import clamped_basis
 from palpate.core.splines.composite_lattices import NOWHERE, CompositeLattice, shared_faces
 from palpate.core.splines.lattices import Lattice, box_lattice
 from palpate.core.splines.spline_volumes import Parallelepiped, SplineVolume
@@ -27,7 +27,7 @@ def bent(lattice: Lattice) -> Lattice:
 
 def ring(start: float, turns: float) -> Lattice:
     """A part of a ring of square section about the z axis, undeformed."""
-    bases = bernstein_basis(2), bernstein_basis(1), bernstein_basis(1)
+    bases = clamped_basis(3, 2), clamped_basis(2, 1), clamped_basis(2, 1)
     half = math.pi * turns
     angles = start + np.array([0.0, half, 2 * half])
     reach = np.array([1.0, 1.0 / math.cos(half), 1.0])

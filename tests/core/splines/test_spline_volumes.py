@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.splines.bases import Basis, bernstein_basis, clamped_basis, uniform_knots
+from palpate.core.splines.bases import Basis, clamped_basis, uniform_knots
 from palpate.core.splines.spline_volumes import (
     Bases,
     Parallelepiped,
@@ -16,7 +16,7 @@ from palpate.core.splines.spline_volumes import (
 )
 
 RNG = np.random.default_rng(7)
-BASES: Bases = (clamped_basis(6), bernstein_basis(2), Basis(uniform_knots(5, 2), 2))
+BASES: Bases = (clamped_basis(6), clamped_basis(3, 2), Basis(uniform_knots(5, 2), 2))
 CONTROL = RNG.normal(size=(6, 3, 5, 3))
 WEIGHTS = RNG.uniform(0.3, 3.0, (6, 3, 5))
 AT = np.concatenate([RNG.random((40, 3)), [[0, 0, 0], [1, 1, 1], [0, 1, 0.5]]])
@@ -74,7 +74,7 @@ def test_a_rational_quadratic_makes_an_exact_quarter_of_a_cylinder() -> None:
     control[0, :, :, :2], control[1, :, :, :2] = arc[:, None], 2.0 * arc[:, None]
     control[:, :, 1, 2] = 1.0
     weights = np.broadcast_to(np.array([1.0, math.sqrt(0.5), 1.0])[None, :, None], (2, 3, 2))
-    bases = bernstein_basis(1), bernstein_basis(2), bernstein_basis(1)
+    bases = clamped_basis(2, 1), clamped_basis(3, 2), clamped_basis(2, 1)
     points = SplineVolume(control, bases, weights).at(AT)
     assert np.allclose(np.hypot(points[:, 0], points[:, 1]), 1.0 + AT[:, 0], rtol=0, atol=1e-14)
 
@@ -174,7 +174,7 @@ def test_control_points_at_greville_abscissae_begin_and_end_at_the_corners() -> 
 
 def test_for_bernstein_polynomials_even_steps_are_the_greville_abscissae() -> None:
     frame = Parallelepiped(CORNER, EDGES)
-    bases = bernstein_basis(3), bernstein_basis(2), bernstein_basis(4)
+    bases = clamped_basis(4, 3), clamped_basis(3, 2), clamped_basis(5, 4)
     assert np.allclose(frame.greville_control(bases), frame.even_control((4, 3, 5)), atol=1e-15)
 
 

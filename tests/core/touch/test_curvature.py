@@ -5,7 +5,6 @@ import pytest
 
 from palpate.bench.touch.surfaces import score_fusion
 from palpate.core.arrays import Floats
-from palpate.core.geometry.star_shapes import angle_between
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.curvature import (
@@ -448,7 +447,7 @@ def test_errors_are_as_large_as_they_are_said_to_be(noise, told, flat):
         patch = feel(flat, height + noise * rng.normal(size=x.shape), noise=noise if told else 0.0)
         found.append(
             [
-                angle_between(patch.normal, clean.normal) / patch.normal_error,
+                np.linalg.norm(np.cross(patch.normal, clean.normal)) / patch.normal_error,
                 (patch.principal[0] - clean.principal[0]) / patch.principal_error[0],
                 (patch.principal[1] - clean.principal[1]) / patch.principal_error[1],
                 (patch.across - clean.across) / patch.across_error,

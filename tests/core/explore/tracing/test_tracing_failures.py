@@ -7,9 +7,8 @@ import pytest
 
 from palpate.core.explore.tracing.contour_path import SliceSpec, TouchCommand
 from palpate.core.explore.tracing.contour_trace import Trace, TraceGoal, after_touch, next_command
-from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder
+from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder, SplineSection
 from palpate.core.shapes.protocol import PosedShape
-from palpate.core.shapes.sections import SplineSection
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.pad import Pad
 

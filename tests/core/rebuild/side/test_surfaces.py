@@ -17,7 +17,7 @@ from palpate.core.rebuild.side.surfaces import (
     basis_along,
     reparametrisation_through,
 )
-from palpate.core.splines.tensor_products import is_interpolable
+from palpate.core.splines.bases import is_interpolable
 
 TURNS = np.arange(40) / 40
 RIM = np.stack([np.cos(2 * np.pi * TURNS), np.sin(2 * np.pi * TURNS)], axis=-1)
