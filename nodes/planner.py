@@ -171,8 +171,8 @@ def _uncertainty(model: ShapeModel) -> explore.ModelUncertainty:
         heights=model.uncertainty_height,
         deviations=model.uncertainty,
         whole=model.deviation,
-        pose=model.health.get("felt_pose_sigma", 0.0),
-        starlike=model.health.get("felt_unused", 0.0) == 0.0,
+        pose=model.health.get("radial_pose_sigma", 0.0),
+        starlike=model.health.get("radial_unused", 0.0) == 0.0,
     )
 
 

@@ -84,7 +84,7 @@ COUNT_WARNINGS: Mapping[str, tuple[str, str]] = {
         "1 contour gave no layer of its own to the lattice",
         "{} contours gave no layer of their own to the lattice",
     ),
-    "felt_unused": ("the single touches could not be used: the contours alone count",) * 2,
+    "radial_unused": ("the single touches could not be used: the contours alone count",) * 2,
 }
 
 

@@ -223,8 +223,8 @@ class Solid:
 
         Of the side: the noise (`sigma`), `degrees_of_freedom`, `condition`, the `overshoot`, and
         the `swing`: how far it leaves the middle between contours, over how far these differ; more
-        than a half is wild. `paced` is 1 where its parameter follows the way along the surface, for
-        contours close together differ much.
+        than a half is wild. `reparametrised` is 1 where its parameter follows the way along the
+        surface, for contours close together differ much.
 
         Of the ends, `..._below` and `..._above`: what nobody could know (`uncovered`); how high
         they are beyond what was touched (`unseen`); how much of a level end lies on itself, over
@@ -234,7 +234,7 @@ class Solid:
         own axis; how steep the space is in which the solid was fitted (`slope`), if ends are planes
         but not level.
 
-        Of all contacts, if they were given: see `RadialFit`; `felt_unused` is 1 where sections
+        Of all contacts, if they were given: see `RadialFit`; `radial_unused` is 1 where sections
         cannot be told by one distance for each turn, so that the contours alone count. Of the
         lattice and of the other methods: see `LatticeFit`, `Recovery`, `ThesisSolid`.
         """
@@ -408,16 +408,16 @@ def _of_side(closed: ContourSolid) -> dict[str, float]:
         "degrees_of_freedom": loft.freedom,
         "condition": loft.condition,
         "swing": loft.swing,
-        "paced": float(closed.loft.surface.axial_parameter.reparametrisation is not None),
+        "reparametrised": float(closed.loft.surface.axial_parameter.reparametrisation is not None),
     }
 
 
 def _of_contacts(closed: ContourSolid) -> dict[str, float]:
     radial = closed.radial
     if radial is None:
-        return {"felt_unused": 1.0}
+        return {"radial_unused": 1.0}
     about = {"sigma": radial.sigma, "condition": radial.condition}
-    return {"felt_unused": 0.0} | radial.figures | about
+    return {"radial_unused": 0.0} | radial.figures | about
 
 
 def _of_lattice(lattice: LatticeFit) -> dict[str, float]:

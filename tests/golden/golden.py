@@ -47,6 +47,16 @@ from palpate.tools.cli.command_line import palpate_group as command_tree
 RENAMED: dict[str, str] = {
     "bound_m": "rms_bound_95_m",
     "doubts": "warnings",
+    "felt_condition": "radial_condition",
+    "felt_points": "radial_points",
+    "felt_pose_blocks": "radial_pose_blocks",
+    "felt_pose_sigma": "radial_pose_sigma",
+    "felt_rms": "radial_rms",
+    "felt_sigma": "radial_sigma",
+    "felt_stretched": "radial_stretched",
+    "felt_unfelt_gap": "radial_untouched_gap",
+    "felt_unused": "radial_unused",
+    "paced": "reparametrised",
     "unfelt_m": "largest_untouched_m",
     "within": "tolerance_met",
 }

@@ -161,7 +161,7 @@ class RadialFit(NamedTuple):
     pose_blocks: bool  # Whether a shift of each touch was estimated with the spline
     pose_sigma: float  # Standard deviation of those shifts along the normals; 0 without
     condition: float  # Estimate of the system's condition number, to 2 digits
-    unfelt_gap: float  # The highest stretch of the side that was not touched on some azimuth
+    untouched_gap: float  # The highest stretch of the side that was not touched on some azimuth
     stretched: bool  # Whether the side had to be drawn higher than it was touched
     lows: Floats  # Lowest height that was touched in each of 24 even sectors, (24,)
     highs: Floats  # Highest one, (24,)
@@ -174,12 +174,12 @@ class RadialFit(NamedTuple):
         """Figures of the fit, by name."""
         numbers = self._asdict().items()
         single = {name: value for name, value in numbers if not isinstance(value, np.ndarray)}
-        return {f"felt_{name}": float(value) for name, value in single.items()}
+        return {f"radial_{name}": float(value) for name, value in single.items()}
 
     def uncertainty(self) -> Uncertainty:
         """The whole side in three numbers."""
         extent = float(self.band_heights[-1] - self.band_heights[0])
-        narrow = max(self.unfelt_gap, extent / SPANS)
+        narrow = max(self.untouched_gap, extent / SPANS)
         rms = float(np.sqrt(np.mean(self.band**2)))
         return Uncertainty(SAFE_RMS * rms, SAFE_MOST * float(self.band.max()), 0.5 * narrow)
 
@@ -201,7 +201,7 @@ def radial_fit(
         pose_blocks=pose is not None,
         pose_sigma=0.0 if pose is None else pose,
         condition=spline.system.condition,
-        unfelt_gap=seen.gap,
+        untouched_gap=seen.gap,
         stretched=stretched,
         lows=seen.lows,
         highs=seen.highs,

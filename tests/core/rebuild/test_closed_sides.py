@@ -194,7 +194,7 @@ def test_nine_contours_and_a_touched_top_give_the_object_back(
     solid = true.rebuilt(NINE)
     error = true.distances(places(solid))
     assert (rms(error) < mean, np.abs(error).max() < most) == (True, True)
-    assert solid.health()["felt_unused"] == 0.0
+    assert solid.health()["radial_unused"] == 0.0
     assert is_whole(solid, is_closed)
 
 
@@ -239,12 +239,12 @@ def test_the_figures_of_the_fit_are_told(oracle: Make) -> None:
     contours, contacts, tops = oracle(*BALL).evidence(NINE)
     solid = reconstruct(contours, patches=contacts, tops=tops, method="skin")
     health = solid.health()
-    assert 0.9 * len(contacts.points) < health["felt_points"] <= len(contacts.points)
-    assert health["felt_rms"] < 1e-6
-    assert health["sigma"] == health["felt_sigma"] < 1e-6
-    assert 1.0 < health["felt_condition"] < 1e10
-    assert (health["felt_pose_blocks"], health["felt_stretched"]) == (0.0, 0.0)
-    assert 0.0 < health["felt_unfelt_gap"] < 0.01
+    assert 0.9 * len(contacts.points) < health["radial_points"] <= len(contacts.points)
+    assert health["radial_rms"] < 1e-6
+    assert health["sigma"] == health["radial_sigma"] < 1e-6
+    assert 1.0 < health["radial_condition"] < 1e10
+    assert (health["radial_pose_blocks"], health["radial_stretched"]) == (0.0, 0.0)
+    assert 0.0 < health["radial_untouched_gap"] < 0.01
     uncertainty = solid.uncertainty()
     assert uncertainty is not None
     assert 0.0 < uncertainty.rms < uncertainty.most < 1e-3
@@ -255,7 +255,7 @@ def test_a_side_that_was_touched_at_one_height_alone_is_stretched_and_that_is_sa
 ) -> None:
     contours, contacts, tops = oracle([0.03, 0.03, 0.4], [1.0, 1.0]).evidence([0.0], top=False)
     solid = reconstruct(contours, patches=contacts, tops=tops, method="skin")
-    assert solid.health()["felt_stretched"] == 1.0
+    assert solid.health()["radial_stretched"] == 1.0
 
 
 def kidney(points: int) -> tuple[Floats, Floats]:
@@ -280,7 +280,7 @@ def test_sections_that_are_not_star_shaped_are_left_to_the_contours_and_that_is_
         )
         solid = reconstruct(contours, patches=contacts, tops=tops, method="skin")
         alone = reconstruct(contours, tops=tops, method="skin")
-        assert solid.health()["felt_unused"] == 1.0
+        assert solid.health()["radial_unused"] == 1.0
         assert np.array_equal(places(solid), places(alone))
 
 
@@ -288,7 +288,7 @@ def test_a_handful_of_points_is_left_out_and_that_is_said(oracle: Make) -> None:
     contours, contacts, tops = oracle(*BALL).evidence(NINE)
     few = ContactPoints(contacts.points[:50], contacts.normals[:50], contacts.touch[:50])
     health = reconstruct(contours, patches=few, tops=tops, method="skin").health()
-    assert health["felt_unused"] == 1.0
+    assert health["radial_unused"] == 1.0
 
 
 def test_normals_tell_what_lies_between_a_few_contours(oracle: Make) -> None:
@@ -297,7 +297,7 @@ def test_normals_tell_what_lies_between_a_few_contours(oracle: Make) -> None:
     normals = [true.contacts_at(contour).normals for contour in contours]
     plain = reconstruct(contours, tops=tops, method="skin")
     with_them = reconstruct(contours, normals=normals, tops=tops, method="skin")
-    assert with_them.health()["felt_unused"] == 0.0
+    assert with_them.health()["radial_unused"] == 0.0
     errors = [rms(true.distances(places(one))) for one in (with_them, plain)]
     assert errors[0] < 0.5 * errors[1]
 

@@ -234,13 +234,15 @@ def test_a_step_between_contours_close_together_does_not_swing_out(noise: float)
         assert radius.max() < 30.0 + 0.02 * 60.0
         assert radius.min() > 18.0 - 0.05 * 60.0
         health = solid.health()
-        assert health["paced"] == 1.0 and health["swing"] < 0.75
+        assert health["reparametrised"] == 1.0 and health["swing"] < 0.75
         assert solid.overshoot < 0.02
 
 
 def test_smooth_objects_keep_their_pace() -> None:
     for count in (3, 5, 9, 27):
-        assert skin([ring(z) for z in np.linspace(-49, 49, count)]).health()["paced"] == 0.0
+        assert (
+            skin([ring(z) for z in np.linspace(-49, 49, count)]).health()["reparametrised"] == 0.0
+        )
 
 
 def test_points_that_stray_are_left_out_and_counted() -> None:

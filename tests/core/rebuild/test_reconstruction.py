@@ -134,9 +134,9 @@ def test_a_side_through_contours_close_together_and_unlike_does_not_swing_out() 
         [low, high * [1.0, 1.0, 0.0], narrow * high * [1.0, 1.0, 0.02], narrow * high],
         method="skin",
     )
-    assert even.overshoot < 0.01 and even.health()["paced"] == 0.0
+    assert even.overshoot < 0.01 and even.health()["reparametrised"] == 0.0
     assert step.health()["overshoot"] == step.overshoot < 0.1
-    assert step.health()["paced"] == 1.0
+    assert step.health()["reparametrised"] == 1.0
 
 
 @pytest.mark.parametrize("share", [0.002, 0.01, 0.05, 1.0, 100.0])

@@ -129,7 +129,7 @@ def test_everything_that_was_touched_is_taken_into_the_frame(oracle: Make) -> No
         method="skin",
         frame=POSE,
     )
-    assert one.health()["felt_unused"] == 0.0
+    assert one.health()["radial_unused"] == 0.0
     assert apart(one, other) < 1e-12
     assert other.whole_deviation() == pytest.approx(one.whole_deviation(), rel=1e-6)
 
@@ -146,7 +146,7 @@ def test_normals_at_the_contours_are_taken_into_the_frame(oracle: Make) -> None:
         method="skin",
         frame=POSE,
     )
-    assert one.health()["felt_unused"] == 0.0
+    assert one.health()["radial_unused"] == 0.0
     assert apart(one, other) < 1e-12
 
 
