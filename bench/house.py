@@ -117,11 +117,7 @@ class Call(NamedTuple):
     name: str
 
 
-class Visit(NamedTuple):
-    """The calls between entering a node and leaving it."""
-
-    node: str
-    calls: tuple[Call, ...]
+Visit = tuple[str, tuple[Call, ...]]  # The calls between entering a node and leaving it
 
 
 class _Enough(BaseException):
@@ -168,18 +164,17 @@ class CallWatch:
 
     def _visit(self, call: Call) -> None:
         """Keep what happens in nodes, each visit for itself."""
+        if not self._node and call.begins and call.name != "<module>":
+            self._node = _node_of(call.file)
         if not self._node:
-            node = _node_of(call.file) if call.begins and call.name != "<module>" else ""
-            if not node:
-                return
-            self._node = node
+            return
         self._calls.append(call)
         self._depth += 1 if call.begins else -1
         if self._depth == 0:
-            visit = Visit(self._node, tuple(self._calls))
-            self.visits.append(visit)
+            node, calls = self._node, tuple(self._calls)
+            self.visits.append((node, calls))
             self._node, self._calls = "", []
-            rebuilt = visit.node == FRAME_NODES[-1] and len(visit.calls) > 2 * REBUILT
+            rebuilt = node == FRAME_NODES[-1] and len(calls) > 2 * REBUILT
             if rebuilt and len(frames_of(self.visits)) >= FRAMES:
                 raise _Enough
 
@@ -192,14 +187,14 @@ def _node_of(file: str) -> str:
 
 def frames_of(visits: Sequence[Visit]) -> list[tuple[Call, ...]]:
     """The calls of each frame that passed all its nodes: those of one round of the simulator."""
-    rounds: list[dict[str, Visit]] = []
-    for visit in visits:
-        if visit.node == FRAME_NODES[0]:
+    rounds: list[dict[str, tuple[Call, ...]]] = []
+    for node, calls in visits:
+        if node == FRAME_NODES[0]:
             rounds.append({})
         if rounds:
-            rounds[-1].setdefault(visit.node, visit)
+            rounds[-1].setdefault(node, calls)
     whole = [one for one in rounds if len(one) == len(FRAME_NODES)]
-    return [tuple(call for node in FRAME_NODES for call in one[node].calls) for one in whole]
+    return [tuple(call for node in FRAME_NODES for call in one[node]) for one in whole]
 
 
 def passed(calls: Sequence[Call]) -> dict[str, int]:
@@ -226,7 +221,7 @@ def watch_run(out: Path) -> dict[str, Any]:
     with CallWatch() as watch:
         palpate.explore("vase", composed=True, record=False, out=out)
     frames = sorted(map(passed, frames_of(watch.visits)), key=lambda one: one["files"])
-    rebuild = within(watch.visits[-1].calls, palpate.reconstruct.__name__)
+    rebuild = within(watch.visits[-1][1], palpate.reconstruct.__name__)
     return {"one frame": frames[len(frames) // 2], "one rebuild": passed(rebuild)}
 
 

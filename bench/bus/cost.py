@@ -1,6 +1,4 @@
-"""What a message costs.
-
-The codec, a hop against bare sockets, the lock between machines, and a tool that listens.
+"""What a message costs: the codec, a hop against bare sockets, the lock, and a tool that listens.
 
 What is compared is measured in turns, so that both meet the same load. Bare sockets are what
 there is to be compared with.
@@ -15,10 +13,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import pairwise
+from multiprocessing.connection import Connection
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -62,16 +61,12 @@ def _codec_row(rounds: int = 300, batches: int = 10) -> Row:
             decode(TactileFrame, split_frame(data)[2])
 
     cost = best_seconds(batch, batches) / rounds
-    name = "codec, checks and header, both sides, 16 x 16"
-    return at_most(name, 1e6 * cost, 30.0, ".1f", " us")
+    return at_most("codec, checks and header, both sides, 16 x 16", 1e6 * cost, 30.0, ".1f", " us")
 
 
 def _full_and_bare(laps: int, turns: int = 5) -> Iterator[Row]:
     for core, where in CORES:
-        calls = {
-            "full": partial(_full_hop, laps, core),
-            "bare": partial(_bare_hop, laps, core),
-        }
+        calls = {"full": partial(_full_hop, laps, core), "bare": partial(_bare_hop, laps, core)}
         full, bare = (min(found) for found in in_turns(calls, turns).values())
         yield Row(f"one hop, bare sockets, {where}", f"{bare:.1f} us")
         yield Row(f"one hop, full stack, {where}", f"{full:.1f} us")
@@ -97,13 +92,7 @@ def ring_seconds(graph: Sequence[Wiring]) -> float:
 
 
 def finished(ending: Ending, what: str) -> Ending:
-    """An ending, if it is that of a graph that finished.
-
-    Raises
-    ------
-    RuntimeError
-        If it is not.
-    """
+    """An ending, if it is that of a graph that finished; else raises RuntimeError."""
     if ending.status != "finished":
         raise RuntimeError(f"{what} {ending.status}: {ending.reason}")
     return ending
@@ -153,28 +142,35 @@ def bare_hop(there: str, back: str, laps: int, *, core: int = -1, key: str = "")
     processor core on which both run; -1 leaves them free. `key`: file of the key with which the
     sockets are locked; empty for open ones.
     """
-    spawn = multiprocessing.get_context("forkserver")
-    mine, yours = spawn.Pipe()
-    echo = spawn.Process(target=_send_back, args=(there, back, laps, core, key), daemon=True)
-    ping = spawn.Process(target=_ping, args=(there, back, laps, core, key, yours), daemon=True)
-    try:
-        with without_main_module():
-            echo.start()
-            ping.start()
+    ends = (there, back, laps, core, key)
+    with spawned(partial(_send_back, *ends), partial(_ping, *ends)) as mine:
         if not mine.poll(_DEADLINE_MS / 1000):
             raise RuntimeError("the bare sockets did not answer")
         seconds: float = mine.recv()
+    return seconds / (2 * laps) * 1e6
+
+
+@contextmanager
+def spawned(*calls: Callable[[Connection], object]) -> Iterator[Connection]:
+    """Run calls in processes that are killed in the end; each gets the other end of this pipe."""
+    spawn = multiprocessing.get_context("forkserver")
+    mine, yours = spawn.Pipe()
+    processes = [spawn.Process(target=call, args=(yours,), daemon=True) for call in calls]
+    try:
+        with without_main_module():
+            for process in processes:
+                process.start()
+        yours.close()
+        yield mine
     finally:
-        for process in (echo, ping):
+        for process in processes:
             if process.pid is not None:
                 process.kill()
                 process.join()
         mine.close()
-        yours.close()
-    return seconds / (2 * laps) * 1e6
 
 
-def _send_back(there: str, back: str, laps: int, core: int, key: str) -> None:
+def _send_back(there: str, back: str, laps: int, core: int, key: str, _: Connection) -> None:
     wires = SocketContext(key)
     out, into = _pair(wires, back, there, key)
     settle(core)
@@ -185,7 +181,7 @@ def _send_back(there: str, back: str, laps: int, core: int, key: str) -> None:
     wires.close()
 
 
-def _ping(there: str, back: str, laps: int, core: int, key: str, result: Any) -> None:
+def _ping(there: str, back: str, laps: int, core: int, key: str, line: Connection) -> None:
     wires = SocketContext(key)
     out, into = _pair(wires, there, back, key)
     settle(core)
@@ -194,7 +190,7 @@ def _ping(there: str, back: str, laps: int, core: int, key: str, result: Any) ->
     for _ in range(laps):
         out.send(data)
         into.recv()
-    result.send(time.perf_counter() - began)
+    line.send(time.perf_counter() - began)
 
 
 def _pair(wires: SocketContext, endpoint: str, other: str, key: str) -> tuple[Any, Any]:
@@ -226,8 +222,8 @@ def introspection_rows(quick: bool, turns: int = TURNS) -> Iterator[Row]:
     yield Row("a ring of two nodes turns, nobody looking", f"{median(alone):.0f} /s")
     title = "topic echo of all its messages: share of that rate"
     yield Row(title, f"{_share(beside, alone):.2f}")
-    kept = _share(stopped, alone)
-    yield at_least("a stopped topic echo: share of that rate", kept, LEAST_RATE_KEPT)
+    title = "a stopped topic echo: share of that rate"
+    yield at_least(title, _share(stopped, alone), LEAST_RATE_KEPT)
 
 
 @contextmanager
@@ -237,21 +233,17 @@ def _ring() -> Iterator[tuple[RunCard, Path]]:
         subprocess.Popen([sys.executable, "-c", _SCRIPT, folder]) as process,
     ):
         try:
-            yield _card(Path(folder), process), Path(folder)
+            deadline = time.monotonic() + _DEADLINE
+            while not (cards := running_graphs(Path(folder))):
+                if process.poll() is not None or time.monotonic() > deadline:
+                    raise RuntimeError("the ring did not start")
+                time.sleep(0.05)
+            yield cards[0], Path(folder)
         finally:
             process.send_signal(signal.SIGINT)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(_DEADLINE)
             process.kill()
-
-
-def _card(folder: Path, process: subprocess.Popen[bytes]) -> RunCard:
-    deadline = time.monotonic() + _DEADLINE
-    while not (cards := running_graphs(folder)):
-        if process.poll() is not None or time.monotonic() > deadline:
-            raise RuntimeError("the ring did not start")
-        time.sleep(0.05)
-    return cards[0]
 
 
 def _rate(card: RunCard) -> float:
@@ -296,6 +288,6 @@ def _share(rates: Sequence[float], alone: Sequence[float]) -> float:
 
 def launch_ring(folder: str) -> None:
     """Launch a ring of two nodes that turns until it is interrupted."""
-    ring = token_ring(10**12)
     watcher, place = SilentWatcher(), Path(folder)
+    ring = token_ring(10**12)
     launch(ring, ends="source", watch=(), watcher=watcher, name="ring", work_dir=place)

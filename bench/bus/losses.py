@@ -1,9 +1,7 @@
 """What is lost: nothing among late starts, stalls, full queues and a death.
 
-Nearly all over a plain PUB socket.
-
-A million messages to three subscribers; the same with stalls alone over PUB; and what a recorder
-costs.
+A million messages to three subscribers; the same with stalls alone over a plain PUB socket, which
+loses nearly all; and what a recorder costs.
 """
 
 from __future__ import annotations
@@ -16,18 +14,18 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import zmq
 
-from palpate.bench.bus.cost import finished, ring_seconds
+from palpate.bench.bus.cost import finished, ring_seconds, spawned
 from palpate.bench.bus.stalling_node import SOURCE, TOPIC, StallingParams, listener
 from palpate.bench.bus.toy_node import ToyParams, frame, token_ring, toy
 from palpate.bench.table import Row, SilentWatcher, at_least, in_turns
 from palpate.launch import EXPLORE, SilentDisplay, find_scene, launch, perform, plan_run
 from palpate.launch.files import SourceMapped
-from palpate.launch.processes import without_main_module
 from palpate.messages import Header, encode, pack_frame
 from palpate.messages.bus import QUEUE_DEPTH, MessageLog, Publisher, SendTimes, Subscriber
 from palpate.messages.types import NodeStatus
@@ -73,8 +71,8 @@ def _disturbed(number: int, rng: random.Random) -> tuple[int, int]:
         listener("late", StallingParams(expects=number, late=rng.uniform(0.0, 1.0))),
         listener("dies", StallingParams(expects=number, stalls=((2 * first, 1.0),))),
     ]
-    watcher = _Killer("dies", first)
     graph = [source, *listeners]
+    watcher = _Killer("dies", first)
     ending = finished(launch(graph, ends="dies", watch=(), watcher=watcher), "the graph")
     counts = [ending.statuses[one.name].messages for one in listeners]
     wrong = sum(number - one for one in counts) + ending.gaps
@@ -89,26 +87,17 @@ def _stalls(rng: random.Random, number: int) -> tuple[tuple[int, float], ...]:
 
 def lost_over_plain(number: int, stalls: tuple[tuple[int, float], ...]) -> int:
     """Messages that are lost between a plain PUB socket and a listener that stalls."""
-    spawn = multiprocessing.get_context("forkserver")
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder, zmq.Context() as context:
         endpoint = f"ipc://{Path(folder) / 'plain'}"
-        mine, yours = spawn.Pipe()
-        subscriber = spawn.Process(target=_subscribe, args=(endpoint, stalls, yours), daemon=True)
         with context.socket(zmq.PUB) as socket:
             socket.setsockopt(zmq.SNDHWM, QUEUE_DEPTH)
             socket.setsockopt(zmq.LINGER, 0)
             socket.bind(endpoint)
-            try:
-                with without_main_module():
-                    subscriber.start()
-                return number - _publish(socket, mine, number)
-            finally:
-                if subscriber.pid is not None:
-                    subscriber.kill()
-                    subscriber.join()
+            with spawned(partial(_subscribe, endpoint, stalls)) as line:
+                return number - _publish(socket, line, number)
 
 
-def _subscribe(endpoint: str, stalls: tuple[tuple[int, float], ...], line: Any) -> None:
+def _subscribe(endpoint: str, stalls: tuple[tuple[int, float], ...], line: Connection) -> None:
     socket = zmq.Context().socket(zmq.SUB)
     socket.setsockopt(zmq.RCVHWM, QUEUE_DEPTH)
     socket.subscribe(b"")
@@ -124,21 +113,21 @@ def _subscribe(endpoint: str, stalls: tuple[tuple[int, float], ...], line: Any) 
     line.send(received)
 
 
-def _publish(socket: zmq.Socket[bytes], line: Any, number: int) -> int:
+def _publish(socket: zmq.Socket[bytes], line: Connection, number: int) -> int:
     """Publish everything once the other subscribes; how much of it was received."""
     deadline = time.monotonic() + _PATIENCE
-    while not line.poll(0.01):  # until a first message has arrived, nothing counts
-        socket.send(b"?")
-        if time.monotonic() > deadline:
-            raise RuntimeError("the listener of the plain socket did not come up")
-    line.recv()
+
+    def repeat(word: bytes, until: float, what: str) -> Any:
+        while not line.poll(0.01):
+            socket.send(word)
+            if time.monotonic() > until:
+                raise RuntimeError(f"the listener of the plain socket did not come {what}")
+        return line.recv()
+
+    repeat(b"?", deadline, "up")  # until a first message has arrived, nothing counts
     for seq in range(number):
         socket.send(pack_frame(TOPIC, Header(1, 0, seq, 0, 0.0, 0), b"x" * 20))
-    while not line.poll(0.01):
-        socket.send(b".")
-        if time.monotonic() > deadline + _PATIENCE:
-            raise RuntimeError("the listener of the plain socket did not come to an end")
-    received: int = line.recv()
+    received: int = repeat(b".", deadline + _PATIENCE, "to an end")
     return received
 
 
@@ -151,22 +140,19 @@ def recorded_rate(laps: int) -> float:
 
 def _ring(laps: int, recorded: bool) -> float:
     graph = token_ring(laps)
+    if not recorded:
+        return ring_seconds(graph)
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
-        return ring_seconds(_with_recorder(graph, Path(folder)) if recorded else graph)
-
-
-def _with_recorder(graph: list[Wiring], folder: Path) -> list[Wiring]:
-    kept = Wiring(
-        name="recorder",
-        module=recorder.__name__,
-        params=recorder.Params(path=str(folder / "topics.mcap")),
-        inputs=tuple(
-            Input(name, f"/{name}", f"/{name}", "TactileFrame") for name in ("source", "relay")
-        ),
-        outputs={},
-        listeners={},
-    )
-    return list(with_description([*graph, kept], {}))
+        names = ("source", "relay")
+        kept = Wiring(
+            name="recorder",
+            module=recorder.__name__,
+            params=recorder.Params(path=str(Path(folder) / "topics.mcap")),
+            inputs=tuple(Input(name, f"/{name}", f"/{name}", "TactileFrame") for name in names),
+            outputs={},
+            listeners={},
+        )
+        return ring_seconds(list(with_description([*graph, kept], {})))
 
 
 def recorded_touches(turns: int) -> float:
@@ -206,31 +192,26 @@ class _Killer(SilentWatcher):
 
 def loss_rows(quick: bool) -> Iterator[Row]:
     """Rows for each test of loss."""
-    return (_loss_row(name, trial, 5 if quick else 100) for name, trial in LOSS_TRIALS.items())
-
-
-def _loss_row(name: str, trial: Callable[[random.Random], int], repeats: int) -> Row:
-    rng = random.Random(1)
-    lost = sum(trial(rng) for _ in range(repeats))
-    return Row(f"{name}, {repeats} times: messages lost", str(lost), "0", lost == 0)
+    repeats = 5 if quick else 100
+    for name, trial in LOSS_TRIALS.items():
+        rng = random.Random(1)
+        lost = sum(trial(rng) for _ in range(repeats))
+        yield Row(f"{name}, {repeats} times: messages lost", str(lost), "0", lost == 0)
 
 
 def _random_starts(rng: random.Random) -> int:
     late = [0.2 * rng.random() for _ in range(3)]
-    return _lost_in(
-        [
-            toy("source", ToyParams(burst=200, late=late[0])),
-            toy("relay", ToyParams(relay=True, late=late[1]), upstream="source"),
-            toy("counter", ToyParams(expects=200, late=late[2]), upstream="relay"),
-        ],
-        expected=200,
-        depth=1000,
-    )
+    graph = [
+        toy("source", ToyParams(burst=200, late=late[0])),
+        toy("relay", ToyParams(relay=True, late=late[1]), upstream="source"),
+        toy("counter", ToyParams(expects=200, late=late[2]), upstream="relay"),
+    ]
+    return _lost_in(graph, expected=200, depth=1000)
 
 
 def _slow_subscriber(rng: random.Random) -> int:
     pair = [
-        toy("source", ToyParams(burst=300), listeners=("counter",)),
+        toy("source", ToyParams(burst=300), subscribers=("counter",)),
         toy("counter", ToyParams(expects=300, work=2e-4 * rng.random()), upstream="source"),
     ]
     return _lost_in(pair, expected=300, depth=2)
@@ -240,7 +221,7 @@ def _last_message(rng: random.Random) -> int:
     """The ending node has long finished while another still has a full queue."""
     work = 5e-4 + 5e-4 * rng.random()
     graph = [
-        toy("source", ToyParams(burst=200), listeners=("counter", "slow")),
+        toy("source", ToyParams(burst=200), subscribers=("counter", "slow")),
         toy("counter", ToyParams(expects=200), upstream="source"),
         toy("slow", ToyParams(work=work), upstream="source"),
     ]
@@ -282,22 +263,17 @@ def _late_joiner(rng: random.Random) -> int:
             endpoints={"source": endpoint},
             depth=number + 10,
         )
+        received, deadline = 0, time.monotonic() + _DEADLINE_MS / 1000
         try:
-            return number - _receive_all(publisher, subscriber)
+            while not subscriber.in_step and time.monotonic() < deadline:
+                publisher.socket.poll(1)
+                publisher.serve()
+                while subscriber.receive() is not None:
+                    received += 1
+            return number - received
         finally:
             subscriber.close()
             publisher.close(0)
-
-
-def _receive_all(publisher: Publisher, subscriber: Subscriber) -> int:
-    received = 0
-    deadline = time.monotonic() + _DEADLINE_MS / 1000
-    while not subscriber.in_step and time.monotonic() < deadline:
-        publisher.socket.poll(1)
-        publisher.serve()
-        while subscriber.receive() is not None:
-            received += 1
-    return received
 
 
 # Tests of loss; each makes its own choices with a generator, and returns what was lost.

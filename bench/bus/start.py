@@ -123,10 +123,8 @@ class _UntilReady(SilentWatcher):
 
 
 def _in_new_process(*, early: bool) -> Started:
-    script = (
-        "import json; from palpate.bench.bus.start import start_once; "
-        f"print(json.dumps(start_once(early={early})))"
-    )
+    start = f"print(json.dumps(start_once(early={early})))"
+    script = f"import json; from palpate.bench.bus.start import start_once; {start}"
     command = [sys.executable, "-c", script]
     done = subprocess.run(command, capture_output=True, text=True, timeout=_DEADLINE)
     if done.returncode != 0:

@@ -59,7 +59,7 @@ def frame(touch: int) -> TactileFrame:
 
 
 def toy(
-    name: str, params: ToyParams, *, upstream: str = "", listeners: tuple[str, ...] = ()
+    name: str, params: ToyParams, *, upstream: str = "", subscribers: tuple[str, ...] = ()
 ) -> Wiring:
     """Wiring of a toy that publishes ``/<name>`` and subscribes to at most one other."""
     inputs = (Input(upstream, f"/{upstream}", "/in", "TactileFrame"),) if upstream else ()
@@ -70,7 +70,7 @@ def toy(
         params=params,
         inputs=inputs,
         outputs=outputs,
-        listeners={f"/{name}": listeners},
+        listeners={f"/{name}": subscribers},
         types=dict.fromkeys(outputs.values(), "TactileFrame"),
     )
 

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
@@ -144,15 +143,8 @@ def draw_estimators(rows: list[EstimatorErrors]) -> Figure:
     axes = figure.add_subplot()
     marks = "osv^<>Dph*XP8d"
     for row, mark in zip(rows, marks, strict=True):
-        ours = row is rows[-1]
-        axes.plot(
-            HEADS,
-            [1e3 * error for error in row.errors],
-            marker=mark,
-            linewidth=2.5 if ours else 1.0,
-            color="black" if ours else None,
-            label=row.name,
-        )
+        look = {"linewidth": 2.5, "color": "black"} if row is rows[-1] else {"linewidth": 1.0}
+        axes.plot(HEADS, [1e3 * e for e in row.errors], marker=mark, label=row.name, **look)
     axes.set_yscale("log")
     axes.set_xlabel("noise in pitches, then noise .05 with impulses")
     axes.set_ylabel("error of k1 and k2, 1e-3/pitch")
@@ -180,22 +172,17 @@ def draw_models(scenes: Sequence[str]) -> Figure:
 
 def _draw_shaded(axes: Axes3D, mesh: Mesh) -> None:
     corners = mesh.vertices[mesh.faces]
-    shades = _shades(corners)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    light = 0.3 + 0.7 * np.clip(normals @ LIGHT, 0.0, 1.0)
+    blue = np.array([0.55, 0.75, 1.0])
+    shades = np.column_stack([light[:, None] * blue, np.ones(len(corners))])
     surface = Poly3DCollection(corners, facecolors=shades, edgecolors=shades, linewidths=0.4)
     axes.add_collection3d(surface)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     middle, half = 0.5 * (low + high), 0.4 * float((high - low).max())
     axes.set(**{f"{name}lim": (m - half, m + half) for name, m in zip("xyz", middle, strict=True)})
     axes.set_box_aspect((1, 1, 1))
-
-
-def _shades(corners: Floats) -> Floats:
-    """Colour of each face, (n, 4)."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    light = 0.3 + 0.7 * np.clip(normals @ LIGHT, 0.0, 1.0)
-    blue = np.array([0.55, 0.75, 1.0])
-    return np.column_stack([light[:, None] * blue, np.ones(len(corners))])
 
 
 def draw_curves() -> Figure:
@@ -220,15 +207,12 @@ def draw_curves() -> Figure:
 def closed_curves() -> Mapping[str, tuple[Floats, ClosedCurve, ClosedCurve]]:
     """Points around plane figures, the thesis's curve and ours, with as many control points."""
     turns = np.arange(CURVE_POINTS - 1) / (CURVE_POINTS - 1)
-    plane = {name: shape(turns) for name, shape in CLOSED_CURVES.items()}
-    return {
-        name: (
-            points,
-            fit_closed_curve_thesis(points, CURVE_CONTROLS),
-            fit_closed_curve(points, count=CURVE_CONTROLS),
-        )
-        for name, points in plane.items()
-    }
+    found = {}
+    for name, shape in CLOSED_CURVES.items():
+        points = shape(turns)
+        thesis = fit_closed_curve_thesis(points, CURVE_CONTROLS)
+        found[name] = points, thesis, fit_closed_curve(points, count=CURVE_CONTROLS)
+    return found
 
 
 def write_thesis_figures(folder: str | Path) -> None:
@@ -258,7 +242,14 @@ def draw_example(example: Example) -> Figure:
         (program.mesh(ROWS, COLUMNS), "C3", "program"),
         (solid, "C0", "corrected"),
     ):
-        _draw_section(plane, mesh, color, name)
+        width = 3.0 if color == "0.6" else 0.9
+        lines = LineCollection(list(section_lines(mesh)), colors=color, linewidths=width)
+        lines.set_label(name)
+        plane.add_collection(lines)
+    plane.set(xlim=(-1.1, 1.1), ylim=(-1.1, 1.1), title="section in the plane y = 0")
+    plane.set_aspect("equal")
+    plane.set_axis_off()
+    plane.legend(loc="center", fontsize=8, frameon=False)
     return figure
 
 
@@ -288,12 +279,9 @@ def _axes_3d(figure: Figure, place: tuple[int, int, int], view: tuple[float, flo
 
 def _draw_lattice(axes: Axes3D, lattice: Lattice) -> None:
     control = lattice.control
-    shell = np.concatenate(
-        [_grid_lines(face) for face in (control[0], control[-1], control[:, 0], control[:, -1])]
-    )
-    core = np.concatenate(
-        [_grid_lines(layer) for layer in control[1:-1, 1:-1].transpose(2, 0, 1, 3)]
-    )
+    faces, layers = (control[0], control[-1], control[:, 0], control[:, -1]), control[1:-1, 1:-1]
+    shell = np.concatenate([_grid_lines(face) for face in faces])
+    core = np.concatenate([_grid_lines(layer) for layer in layers.transpose(2, 0, 1, 3)])
     axes.add_collection3d(Line3DCollection(core, colors=CORE, linewidths=0.3, alpha=0.6))
     axes.add_collection3d(Line3DCollection(shell, colors=SHELL, linewidths=0.4))
 
@@ -301,21 +289,7 @@ def _draw_lattice(axes: Axes3D, lattice: Lattice) -> None:
 def _grid_lines(points: Floats) -> Floats:
     """Segments (n, 2, 3) between neighbours of a grid (a, b, 3)."""
     pairs = (points[:-1], points[1:]), (points[:, :-1], points[:, 1:])
-    return np.concatenate(
-        [np.stack([one.reshape(-1, 3), other.reshape(-1, 3)], axis=1) for one, other in pairs]
-    )
-
-
-def _draw_section(axes: Axes, mesh: Mesh, color: str, name: str) -> None:
-    lines = LineCollection(
-        list(section_lines(mesh)), colors=color, linewidths=3.0 if color == "0.6" else 0.9
-    )
-    lines.set_label(name)
-    axes.add_collection(lines)
-    axes.set(xlim=(-1.1, 1.1), ylim=(-1.1, 1.1), title="section in the plane y = 0")
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    axes.legend(loc="center", fontsize=8, frameon=False)
+    return np.concatenate([np.stack([a.reshape(-1, 3), b.reshape(-1, 3)], 1) for a, b in pairs])
 
 
 def section_lines(mesh: Mesh) -> Floats:
@@ -344,7 +318,12 @@ def draw_shapes() -> Figure:
         contours = noisy_contours(shape, SIZE, CONTOUR_NOISE, np.random.default_rng(0))
         tops = np.array([[0.0, 0.0, shape.low], [0.0, 0.0, shape.high]])
         mesh = reconstruct(list(contours), tops=tops).mesh(TOLERANCE)
-        axes = [_peer_axes(figure, row * len(REBUILT_SHAPES) + column + 1) for row in range(3)]
+        count, limit = len(REBUILT_SHAPES), (-0.85 * HALF, 0.85 * HALF)
+        axes = [_axes_3d(figure, (3, count, row * count + column + 1), VIEW) for row in range(3)]
+        for one in axes:
+            one.set(xlim=limit, ylim=limit, zlim=(-HALF, HALF))
+            one.set_box_aspect((0.85, 0.85, 1.0), zoom=1.25)
+            one.set_proj_type("ortho")
         for ring in contours:
             axes[0].plot(*np.vstack([ring, ring[:1]]).T, color="k", linewidth=0.8)
         axes[0].set_title(name)
@@ -356,15 +335,6 @@ def draw_shapes() -> Figure:
     scale = ScalarMappable(Normalize(0.0, WORST), COLOURS)
     figure.colorbar(scale, ax=figure.axes, shrink=0.5, label="distance from the object, mm")
     return figure
-
-
-def _peer_axes(figure: Figure, number: int) -> Axes3D:
-    axes = _axes_3d(figure, (3, len(REBUILT_SHAPES), number), VIEW)
-    low, high = -0.85 * HALF, 0.85 * HALF
-    axes.set(xlim=(low, high), ylim=(low, high), zlim=(-HALF, HALF))
-    axes.set_box_aspect((0.85, 0.85, 1.0), zoom=1.25)
-    axes.set_proj_type("ortho")
-    return axes
 
 
 def _draw_distances(axes: Axes3D, name: str, mesh: Mesh) -> None:

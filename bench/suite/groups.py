@@ -1,6 +1,7 @@
-"""What `palpate bench` measures, by name; and the shipped scenes from start to exit.
+"""``palpate bench``: what it measures, by name; and the shipped scenes from start to exit.
 
-Each scene is run as a user runs it, in a fresh interpreter.
+Each scene is run as a user runs it, in a fresh interpreter. The command line finds the verb by
+name.
 """
 
 from __future__ import annotations
@@ -14,6 +15,10 @@ import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import click
+
+from palpate.bench.table import named, run_groups
 
 SCENES = (
     *("vase", "sphere", "box", "cylinder", "egg", "twisted", "hyperquadric", "dented", "bottle"),
@@ -60,10 +65,10 @@ BENCHES: Mapping[str, Mapping[str, str]] = {
     "effects": {"effects": f"{TOUCH}.frames:effect_rows"},
     "curvature": {"curvature": f"{TOUCH}.curvature:curvature_rows"},
     "shapes": {
-        "recovery": f"{SHAPES}.models:recovery_rows",
-        "splines": f"{SHAPES}.splines:spline_rows",
-        "curves": f"{SHAPES}.splines:curve_rows",
-        "models": f"{SHAPES}.models:model_rows",
+        "recovery": f"{SHAPES}:recovery_rows",
+        "splines": f"{SHAPES}:spline_rows",
+        "curves": f"{SHAPES}:curve_rows",
+        "models": f"{SHAPES}:model_rows",
     },
     "rebuild": {
         "peers": f"{REBUILD}.comparison:peer_rows",
@@ -84,6 +89,52 @@ FIGURES: Mapping[str, tuple[str, ...]] = {
         "palpate.bench.suite.figures:write_thesis_figures",
     ),
 }
+
+
+BENCH_HELP = """Measure one of nine things, here and now.
+
+\b
+scenes     the shipped scenes from start to end: accuracy and time
+explore    tracing, grasps and planners; whole explorations of sixteen objects, and whether
+           what a run says of its error is so; takes hours without --quick or --only
+bus        the message bus alone: losses, latency, a million messages among stalls and deaths,
+           start, lock between machines, tools; and damaged messages and files, of which none may
+           do more than be refused
+touch      one touch: frames a second, the error of cast and curvature, and what single calls cost
+effects    each effect: its cost, and the error of a contour that it causes
+curvature  filters and estimators against noise and impulses
+shapes     superquadrics, splines and other models: exactness, recoveries, costs
+rebuild    solids from contours: errors over those of lofts, radial functions and the
+           thesis on eight objects, disorder, outliers, confidence and costs
+house      palpate itself: lines and files, and how many files one frame, one rebuild and one
+           plan run through; the sizes alone with --quick
+"""
+
+
+@click.command("bench", help=BENCH_HELP)
+@click.argument("what", type=click.Choice(list(BENCHES)), default="scenes")
+@click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
+@click.option(
+    "--figures",
+    type=click.Path(file_okay=False),
+    help="With curvature, shapes or rebuild: write their figures here.",
+)
+@click.option("--only", metavar="GROUP", help="One group of figures.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+def bench_command(
+    what: str, quick: bool, figures: str | None, only: str | None, as_json: bool
+) -> int:
+    """Measure one thing; `BENCH_HELP` says which there are."""
+    groups = BENCHES[what]
+    if only is not None and only not in groups:
+        raise click.UsageError(f"there is no group {only!r}; there are {', '.join(groups)}")
+    if figures is not None:
+        if what not in FIGURES:
+            raise click.UsageError(f"--figures belongs to {', '.join(FIGURES)}")
+        for place in FIGURES[what]:
+            named(place)(figures)
+    chosen = groups if only is None else {only: groups[only]}
+    return run_groups(chosen, quick=quick, as_json=as_json, echo=click.echo)
 
 
 class SceneFigures(NamedTuple):
@@ -147,14 +198,10 @@ def explore_shipped(scene: str, repeats: int) -> SceneFigures:
 
     Raises RuntimeError if a run fails; with what it printed.
     """
-    runs = [_run(scene) for _ in range(repeats)]
-    runs.sort(key=lambda run: run[0]["touches_per_s"])
-    return SceneFigures(
-        scene,
-        runs[len(runs) // 2][0],
-        statistics.median(wall for _, wall in runs),
-        frozenset(summary["mesh_sha256"] for summary, _ in runs),
-    )
+    runs = sorted((_run(scene) for _ in range(repeats)), key=lambda run: run[0]["touches_per_s"])
+    wall = statistics.median(wall for _, wall in runs)
+    hashes = frozenset(summary["mesh_sha256"] for summary, _ in runs)
+    return SceneFigures(scene, runs[len(runs) // 2][0], wall, hashes)
 
 
 def _run(scene: str) -> tuple[dict[str, Any], float]:

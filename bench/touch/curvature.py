@@ -1,9 +1,7 @@
 """What each way from a tactile frame to curvature is worth, and what it costs.
 
-Fourteen estimators on the same frames.
-
-Lengths are in pitches. The first estimator is the thesis's own chain, the last what the filter
-and curvature nodes do.
+Fourteen estimators on the same frames; lengths are in pitches. The first estimator is the thesis's
+own chain, the last what the filter and curvature nodes do.
 """
 
 from __future__ import annotations
@@ -12,7 +10,7 @@ import statistics
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -68,14 +66,8 @@ def estimator_rows(trials: int, seed: int = 0) -> list[EstimatorErrors]:
     for name, estimator in ESTIMATORS.items():
         rng = np.random.default_rng(seed)
         found = [_column(estimator, rng, column, trials) for column in range(len(COLUMNS))]
-        rows.append(
-            EstimatorErrors(
-                name,
-                tuple(error for error, _, _ in found),
-                sum(lost for _, lost, _ in found),
-                (found[2][2], found[4][2]),
-            )
-        )
+        errors, lost, costs = zip(*found, strict=True)
+        rows.append(EstimatorErrors(name, errors, sum(lost), (costs[2], costs[4])))
     return rows
 
 
@@ -142,22 +134,20 @@ def partial_rows(trials: int, seed: int = 0) -> list[PartialContact]:
         rim = BALL - np.sqrt(BALL**2 - radius**2)
         touched = height < rim - 1e-12
         frames = np.minimum(height, rim) + 0.01 * rng.normal(size=(trials, *height.shape))
+        ways = {"thesis's chain": THESIS, "unmasked quadric": "quadric, 12 x 12"}
         errors = {
-            "thesis's chain": _share([ESTIMATORS[THESIS](frame, 0.01)[:2] for frame in frames]),
-            "unmasked quadric": _share(
-                [ESTIMATORS["quadric, 12 x 12"](frame, 0.01)[:2] for frame in frames]
-            ),
-            "palpate": _share([_masked(frame, touched) for frame in frames]),
+            name: _share([ESTIMATORS[way](frame, 0.01)[:2] for frame in frames])
+            for name, way in ways.items()
         }
+        errors["palpate"] = _share([_masked(frame, touched) for frame in frames])
         rows.append(PartialContact(int(touched.sum()), errors))
     return rows
 
 
 def _share(found: list[tuple[float, float] | None]) -> float | None:
-    known = [pair for pair in found if pair is not None]
-    if len(known) < len(found):
+    if None in found:
         return None
-    return float(np.sqrt(np.mean((np.array(known) * BALL - 1.0) ** 2)))
+    return float(np.sqrt(np.mean((np.array(found) * BALL - 1.0) ** 2)))
 
 
 def _masked(frame: Floats, touched: Bools) -> tuple[float, float] | None:
@@ -305,14 +295,6 @@ class PartialContact(NamedTuple):
     errors: Mapping[str, float | None]
 
 
-class Curvatures(NamedTuple):
-    """What an estimator finds."""
-
-    k1: float  # Larger principal curvature, 1/pitch; not a number if none was found
-    k2: float  # Smaller one
-    place: tuple[float, float]  # Where, from the pad's middle, pitches
-
-
 def noise_variance(frame: Floats) -> float:
     """Mean of the variances around each taxel: what a Wiener filter that knows no noise takes."""
     return float(neighbourhoods(frame).var(axis=-1).mean())
@@ -321,13 +303,13 @@ def noise_variance(frame: Floats) -> float:
 def _curvatures(derivatives: Floats) -> Curvatures:
     p, q, r, s, t = derivatives.tolist()
     k1, k2, *_ = principal_curvatures(graph_shape_operator((p, q), (r, s, t)))
-    return Curvatures(k1, k2, (0.0, 0.0))
+    return k1, k2, (0.0, 0.0)
 
 
 def _spline(frame: Floats, noise: float = 0.0) -> Curvatures:
     shape = spline_shape(PAD, fit_spline(PAD, frame, noise), 0.0, 0.0)
     k1, k2, *_ = principal_curvatures(shape)
-    return Curvatures(k1, k2, (0.0, 0.0))
+    return k1, k2, (0.0, 0.0)
 
 
 @cache
@@ -335,9 +317,7 @@ def _window(reach: float, degree: int) -> tuple[Bools, Floats]:
     """A square window, and what gives the derivatives at the pad's middle from its taxels."""
     x, y = PAD.grid()
     inside = (np.abs(x) < reach) & (np.abs(y) < reach)
-    count = (degree + 1) * (degree + 2) // 2
     solve = np.linalg.pinv(monomials(x[inside], y[inside], degree))
-    assert solve.shape[0] == count
     return inside, solve[1:6] * np.array([1.0, 1.0, 2.0, 1.0, 2.0])[:, None]
 
 
@@ -346,20 +326,11 @@ def _polynomial(frame: Floats, reach: float = QUADRIC_REACH, degree: int = 2) ->
     return _curvatures(solve @ frame[inside])
 
 
-def _quartic(frame: Floats) -> Curvatures:
-    fit = fit_jet(PAD, frame, ALL)
-    assert fit is not None
-    return _curvatures(fit.derivatives)
-
-
 def _gaussian(frame: Floats) -> Curvatures:
     """Derivatives of the frame smoothed by a Gaussian of two pitches."""
     orders = ((0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
-    found = [
-        gaussian_filter(frame, 2.0, order=order, mode="nearest")[7:9, 7:9].mean()
-        for order in orders
-    ]
-    return _curvatures(np.array(found))
+    smooth = partial(gaussian_filter, frame, 2.0, mode="nearest")
+    return _curvatures(np.array([smooth(order=order)[7:9, 7:9].mean() for order in orders]))
 
 
 def _flagged(frame: Floats) -> Curvatures:
@@ -368,13 +339,17 @@ def _flagged(frame: Floats) -> Curvatures:
     good = off <= FLAGGED * 1.4826 * float(np.median(off)) + 1e-12
     fit = fit_jet(PAD, frame, good)
     if fit is None or fit.jet.degree < 2:
-        return Curvatures(np.nan, np.nan, (0.0, 0.0))
+        return np.nan, np.nan, (0.0, 0.0)
     k1, k2, *_ = _curvatures(fit.derivatives)
-    return Curvatures(k1, k2, fit.middle[:2])
+    return k1, k2, fit.middle[:2]
 
 
-def _robust(frame: Floats, noise: float) -> Curvatures:
-    fit = fit_robust_jet(PAD, frame, ALL, max(noise, LEAST_DEVIATION))
+def _quartic(frame: Floats, noise: float | None = None) -> Curvatures:
+    """Over the whole pad; robust if a noise is told."""
+    if noise is None:
+        fit = fit_jet(PAD, frame, ALL)
+    else:
+        fit = fit_robust_jet(PAD, frame, ALL, max(noise, LEAST_DEVIATION))
     assert fit is not None
     return _curvatures(fit.derivatives)
 
@@ -386,8 +361,8 @@ def _ours(frame: Floats, noise: float) -> Curvatures:
     patch = fit_patch(PAD, frame, ~clean.impulses, np.array([0.0, 1.0, 0.0]), noise)
     x, y, _ = patch.place.tolist()
     if patch.kind != "smooth":
-        return Curvatures(np.nan, np.nan, (x, y))
-    return Curvatures(*patch.principal, (x, y))
+        return np.nan, np.nan, (x, y)
+    return *patch.principal, (x, y)
 
 
 def _wiener_median(frame: Floats) -> Floats:
@@ -416,10 +391,13 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "Wiener, median, quadric": lambda f, s: _polynomial(_wiener_median(f)),
     "median, Wiener, quadric": lambda f, s: _polynomial(_median_wiener(f)),
     "flag, quartic on the rest": lambda f, s: _flagged(f),
-    "robust quartic": _robust,
+    "robust quartic": _quartic,
     "palpate: filter and curvature": _ours,
 }
 THESIS, OURS = next(iter(ESTIMATORS)), list(ESTIMATORS)[-1]
+# Principal curvatures, the larger first, 1/pitch, not numbers if none were found; and where, from
+# the pad's middle, pitches.
+Curvatures = tuple[float, float, tuple[float, float]]
 # Takes a frame of heights and the noise's deviation, both in pitches.
 Estimator = Callable[[Floats, float], Curvatures]
 # Surfaces over the pad, all lengths in pitches.

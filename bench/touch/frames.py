@@ -91,13 +91,9 @@ def speed_rows(frames: int, rounds: int) -> Iterable[Row]:
     # A dead taxel under the contact looks like an impulse.
     quiet = {name: worn[name] for name in worn if name not in ("salt_and_pepper", "dead_taxels")}
     salty = {**worn, "salt_and_pepper": {"rate": 0.08}}
-    params = {
-        "ideal": simulator.Params(object=exact),
-        "mesh": simulator.Params(object=mesh),
-        "worn": simulator.Params(object=exact, effects=worn),
-        "quiet": simulator.Params(object=exact, effects=quiet),
-        "salty": simulator.Params(object=exact, effects=salty),
-    }
+    params = {"ideal": simulator.Params(object=exact), "mesh": simulator.Params(object=mesh)}
+    for name, effects in {"worn": worn, "quiet": quiet, "salty": salty}.items():
+        params[name] = simulator.Params(object=exact, effects=effects)
     goals = list(_goals(frames))
     calls: dict[tuple[str, str], Callable[[], float]] = {}
     for name, one in params.items():
@@ -127,18 +123,24 @@ def _seconds(loop: InProcessLoop, goals: list[TouchGoal]) -> float:
 
 def exactness_rows(frames: int) -> Iterable[Row]:
     """Errors of casts, against extended precision and against the sag of facets."""
-    exact, ball = _solid(), Superquadric(np.full(3, 0.03), np.ones(2))
+    exact, radius = _solid(), 0.03
     worst = max(_error_of_cast(exact, *ray) for ray in _rays(frames))
     yield Row("error of a cast at a superquadric", f"{worst:.1e} m", "<= 1e-9 m", worst <= 1e-9)
-    mesh = ball.mesh(MESH_LEVEL)
-    facets, bound = TriangleShape(*mesh), _sag(mesh.vertices[mesh.faces], 0.03)
-    off = max(_error_of_facets(facets, 0.03, *ray) for ray in _rays(frames))
-    yield Row(
-        f"error of a cast at {len(mesh.faces) // 1000}k facets of a ball",
-        f"{1e6 * off:.2f} um",
-        f"<= {1e6 * bound:.2f} um, their sag",
-        off <= bound + 1e-8,  # Embree works in single precision
-    )
+    mesh = Superquadric(np.full(3, radius), np.ones(2)).mesh(MESH_LEVEL)
+    facets, corners, off = TriangleShape(*mesh), mesh.vertices[mesh.faces], []
+    for origins, direction in _rays(frames):
+        ranges = facets.cast(origins, direction, 1.0)
+        hit = np.isfinite(ranges)
+        points = origins[hit] + ranges[hit, None] * direction
+        off.append(float((radius - np.linalg.norm(points, axis=1)).max(initial=0.0)))
+    # How far the deepest facet's middle lies under the ball.
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    bound = float(radius - np.abs(np.einsum("ni,ni->n", normal, corners[:, 0])).min())
+    name = f"error of a cast at {len(mesh.faces) // 1000}k facets of a ball"
+    target = f"<= {1e6 * bound:.2f} um, their sag"
+    good = max(off) <= bound + 1e-8  # Embree works in single precision
+    yield Row(name, f"{1e6 * max(off):.2f} um", target, good)
 
 
 def _solid() -> Superquadric:
@@ -194,54 +196,28 @@ def _goals(count: int) -> Iterable[TouchGoal]:
         )
 
 
-def _sag(corners: Floats, radius: float) -> float:
-    """How far the deepest facet's middle lies under the ball, m."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    height = np.abs(np.einsum("ni,ni->n", normal, corners[:, 0]))
-    return float(radius - height.min())
-
-
-def _error_of_facets(
-    shape: TriangleShape, radius: float, origins: Floats, direction: Floats
-) -> float:
-    """Largest distance of hits on a faceted ball to the ball, m."""
-    ranges = shape.cast(origins, direction, 1.0)
-    hit = np.isfinite(ranges)
-    points = origins[hit] + ranges[hit, None] * direction
-    return float((radius - np.linalg.norm(points, axis=1)).max(initial=0.0))
-
-
 def estimator_summary(trials: int) -> Iterable[Row]:
     """Cost of a plain jet, and errors of the curvatures: the whole is ``bench curvature``."""
-    yield at_most("plain jet of a full pad", 1e6 * _jet_seconds(), 10, ".0f", " us")
-    yield from estimator_demands(estimator_rows(trials), partial_rows(trials))
-
-
-def _jet_seconds() -> float:
     pad = pad_of_spec(SensorSpec(pad=PadSpec(radius=None)))
     x, y = pad.grid()
-    height, everywhere = (x * x + y * y) / 0.04, np.ones((pad.rows, pad.cols), bool)
-    return min(timeit.repeat(lambda: fit_jet(pad, height, everywhere), number=500, repeat=9)) / 500
+    fit = partial(fit_jet, pad, (x * x + y * y) / 0.04, np.ones((pad.rows, pad.cols), bool))
+    seconds = min(timeit.repeat(fit, number=500, repeat=9)) / 500
+    yield at_most("plain jet of a full pad", 1e6 * seconds, 10, ".0f", " us")
+    yield from estimator_demands(estimator_rows(trials), partial_rows(trials))
 
 
 def cost_rows(quick: bool) -> Iterator[Row]:
     """A row for each call."""
     rounds = QUICK_CALL_ROUNDS if quick else CALL_ROUNDS
-    for name, call in {**_shape_calls(), **_frame_calls()}.items():
-        yield Row(name, f"{1e6 * best_seconds(call, rounds):.0f} us")
-
-
-def _shape_calls() -> dict[str, Callable[[], object]]:
     _, axes = split_pose(PRESS_START)
     origins = DOMED_PAD.transducers() @ axes.T + PRESS_START[:3]
     calls: dict[str, Callable[[], object]] = {}
     for name, shape in cast_shapes().items():
-        calls[f"cast, {len(origins)} rays: {name}"] = partial(
-            shape.cast, origins, axes[:, 2], 0.104
-        )
+        cast = partial(shape.cast, origins, axes[:, 2], 0.104)
+        calls[f"cast, {len(origins)} rays: {name}"] = cast
         calls[f"press: {name}"] = partial(guarded_move, shape, DOMED_PAD, PRESS_START, 0.1, 0.001)
-    return calls
+    for name, call in {**calls, **_frame_calls()}.items():
+        yield Row(name, f"{1e6 * best_seconds(call, rounds):.0f} us")
 
 
 def cast_shapes() -> Mapping[str, Shape]:
@@ -272,30 +248,14 @@ def _frame_calls() -> dict[str, Callable[[], object]]:
     everywhere = np.ones((16, 16), bool)
     mend = partial(remove_impulses, FLAT_PAD, contact=5e-5, noise=FRAME_NOISE)
     patch = partial(fit_patch, FLAT_PAD)
+    robust = partial(fit_robust_jet, FLAT_PAD, height, everywhere, FRAME_NOISE)
     return {
         "impulses removed, a clean frame": partial(mend, image),
         "impulses removed, 8 %": partial(mend, impulses),
-        "robust jet of a full pad": partial(
-            fit_robust_jet, FLAT_PAD, height, everywhere, FRAME_NOISE
-        ),
+        "robust jet of a full pad": robust,
         "patch of a full pad": partial(patch, height, everywhere, ACROSS, FRAME_NOISE),
         "patch of an edge": partial(patch, edge, everywhere, ACROSS, FRAME_NOISE),
     }
-
-
-class TracedBody(NamedTuple):
-    """Something whose contour is traced."""
-
-    size: tuple[float, float, float]  # Semi-axes, m
-    exponents: tuple[float, float]  # e1 and e2
-
-
-class FrameCost(NamedTuple):
-    """Time of a frame."""
-
-    ideal: float  # Without effects, s
-    added: float  # What the effects add, s
-    ratio: float  # Of the frame with effects to that without
 
 
 class TracedContour(NamedTuple):
@@ -311,7 +271,8 @@ class EffectFigures(NamedTuple):
     """A set of effects: what it costs, and what it does to contours."""
 
     name: str  # Of the set
-    cost: FrameCost
+    added: float  # What they add to a frame, s
+    ratio: float  # Of the frame with effects to that without
     traced: tuple[TracedContour, ...]  # Of each body
 
     @property
@@ -325,9 +286,7 @@ class EffectFigures(NamedTuple):
             f"{'' if one.status == 'closed' else one.status:<6}"
             for one in self.traced
         )
-        return (
-            f"{self.name:<16}{1e6 * self.cost.added:>9.1f}{self.cost.ratio:>8.2f}{cells}".rstrip()
-        )
+        return f"{self.name:<16}{1e6 * self.added:>9.1f}{self.ratio:>8.2f}{cells}".rstrip()
 
 
 def effect_rows(quick: bool) -> Iterator[EffectFigures | str]:
@@ -339,28 +298,31 @@ def effect_rows(quick: bool) -> Iterator[EffectFigures | str]:
     heads = "".join(f"{name + ' um':>11}{'worst':>8}{'touches':>8}  {'':<6}" for name in BODIES)
     yield f"{'effect':<16}{'us/frame':>9}{'ratio':>8}{heads}".rstrip()
     for name, effects in sets.items():
-        traced = tuple(trace_contour(body, effects) for body in BODIES.values())
-        yield EffectFigures(name, costs[name], traced)
-    ideal, sensor = statistics.median(cost.ideal for cost in costs.values()), SensorSpec()
+        traced = tuple(trace_contour(body, effects) for body in BODIES)
+        yield EffectFigures(name, *costs[name][1:], traced)
+    ideal, sensor = statistics.median(bare for bare, _, _ in costs.values()), SensorSpec()
     rays = sensor.rows * sensor.cols
     yield f"the ideal frame takes {1e6 * ideal:.0f} us: a superquadric, {rays} rays"
 
 
-def frame_costs(sets: Mapping[str, EffectSpecs], frames: int, repeats: int) -> dict[str, FrameCost]:
-    """What each set of effects adds to an ideal frame: medians over pairs measured in turns."""
+def frame_costs(
+    sets: Mapping[str, EffectSpecs], frames: int, repeats: int
+) -> dict[str, tuple[float, float, float]]:
+    """Time of an ideal frame, what each set of effects adds, s, and the ratio of both times.
+
+    Medians over pairs measured in turns.
+    """
     ideal = _pipeline({})
 
-    def pair(pipeline: Pipeline) -> tuple[float, float]:
-        return _time(ideal, frames), _time(pipeline, frames)
+    def pair(pipeline: Pipeline) -> tuple[float, float, float]:
+        bare, full = _time(ideal, frames), _time(pipeline, frames)
+        return bare, full - bare, full / bare
 
     calls = {name: partial(pair, _pipeline(effects)) for name, effects in sets.items()}
     return {
-        name: FrameCost(
-            ideal=statistics.median(bare for bare, _ in found),
-            added=statistics.median(full - bare for bare, full in found),
-            ratio=statistics.median(full / bare for bare, full in found),
-        )
+        name: (statistics.median(bare), statistics.median(added), statistics.median(ratio))
         for name, found in in_turns(calls, repeats).items()
+        for bare, added, ratio in [zip(*found, strict=True)]
     }
 
 
@@ -380,11 +342,13 @@ def _time(pipeline: Pipeline, frames: int) -> float:
     return (time.perf_counter() - began) / frames
 
 
-def trace_contour(body: TracedBody, effects: EffectSpecs, height: float = 0.0) -> TracedContour:
-    """Trace one contour at a height over the body's middle, m."""
+def trace_contour(body: str, effects: EffectSpecs) -> TracedContour:
+    """Trace the contour at the middle of one of the `BODIES`."""
+    size, exponents = BODIES[body]
+    middle = np.array([0.0, 0.0, size[2]])
     spec = ObjectSpec(
-        superquadric=SuperquadricSpec(size=body.size, exponents=body.exponents),
-        pose=PoseSpec(position=(0.0, 0.0, body.size[2])),
+        superquadric=SuperquadricSpec(size=size, exponents=exponents),
+        pose=PoseSpec(position=(0.0, 0.0, size[2])),
     )
     params = simulator.Params(object=spec, effects=effects, seed=SEED)
     loop = InProcessLoop([*touching_nodes(params), LoopNode(1, tracer.NODE, tracer.Params())])
@@ -392,32 +356,26 @@ def trace_contour(body: TracedBody, effects: EffectSpecs, height: float = 0.0) -
         id=0,
         finger=1,
         frame=IDENTITY_POSE,
-        height=height + body.size[2],
+        height=size[2],
         centre=np.zeros(2),
-        radius=max(body.size[:2]) + APPROACH,
+        radius=max(size[:2]) + APPROACH,
         not_before=0.0,
     )
     contour: Contour = loop.publish("/contour/goal", goal)["/contour/traced"]
-    distance = np.abs(_distance(body, contour.points - np.array([0.0, 0.0, body.size[2]])))
-    if not len(distance):
+    if not len(contour.points):
         return TracedContour(contour.status, contour.touches, np.nan, np.nan)
+    # Distance of points near the surface, to first order along the gauge's gradient.
+    shape = Superquadric(np.array(size), np.array(exponents))
+    points, step = contour.points - middle, 1e-6 * max(size)
+    gauge = shape.gauge(points)
+    slopes = [(shape.gauge(points + step * e) - gauge) / step for e in np.eye(3)]
+    distance = np.abs((gauge - 1.0) / np.linalg.norm(np.stack(slopes, axis=-1), axis=-1))
     rms = float(np.sqrt(np.mean(distance**2)))
     return TracedContour(contour.status, contour.touches, rms, float(distance.max()))
 
 
-def _distance(body: TracedBody, points: Floats) -> Floats:
-    """Distance of points near the surface, to first order along the gauge's gradient, m."""
-    shape = Superquadric(np.array(body.size), np.array(body.exponents))
-    gauge = shape.gauge(points)
-    step = 1e-6 * max(body.size)
-    gradient = np.stack(
-        [(shape.gauge(points + step * e) - gauge) / step for e in np.eye(3)], axis=-1
-    )
-    result: Floats = (gauge - 1.0) / np.linalg.norm(gradient, axis=-1)
-    return result
-
-
-BODIES: Mapping[str, TracedBody] = {
-    "ball": TracedBody((0.03, 0.03, 0.03), (1.0, 1.0)),
-    "box": TracedBody((0.03, 0.02, 0.04), (0.1, 0.1)),
+# Semi-axes, m, and exponents of what is traced.
+BODIES: Mapping[str, tuple[tuple[float, float, float], tuple[float, float]]] = {
+    "ball": ((0.03, 0.03, 0.03), (1.0, 1.0)),
+    "box": ((0.03, 0.02, 0.04), (0.1, 0.1)),
 }

@@ -118,8 +118,7 @@ class FusionScore(NamedTuple):
 def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionScore:
     """Walk over a surface of `WALKS` several times and compare.
 
-    `name`: the surface. `noise`: standard deviation of one taxel, m. `walks`: how often. `seed`: of
-    noise and leaning.
+    `noise`: standard deviation of one taxel, m. `seed`: of noise and leaning.
     """
     rng = np.random.default_rng(seed)
     errors, surprises = [], []
@@ -150,9 +149,8 @@ def _touches(
         compression = advance - height
         touched = compression > 50e-6
         compression = compression + noise * rng.normal(size=height.shape)
-        patch = fit_patch(
-            WALKED_PAD, np.where(touched, -compression, 0.0), touched, axes[:, 0], noise
-        )
+        surface = np.where(touched, -compression, 0.0)
+        patch = fit_patch(WALKED_PAD, surface, touched, axes[:, 0], noise)
         if patch.shape is not None and patch.shape_covariance is not None:
             tangents, normal = patch.shape.tangents @ axes.T, axes @ patch.shape.normal
             shape = ShapeOperator(tangents, normal, patch.shape.parts)
@@ -196,11 +194,6 @@ def _truth(matrix: Floats, place: Floats) -> PrincipalCurvatures:
     return principal_curvatures(ShapeOperator(frame, normal, parts))
 
 
-def _turned(rng: np.random.Generator) -> Floats:
-    matrix = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return np.asarray(matrix)
-
-
 def _quadric(matrix: Floats, top: Floats) -> PadSurface:
     """The near side of p' matrix p = 1, moved so that `top` (2,) is the pad's middle."""
 
@@ -222,7 +215,7 @@ def _ball(rng: np.random.Generator) -> PadSurface:
 
 
 def _ellipsoid(rng: np.random.Generator) -> PadSurface:
-    turn, axes = _turned(rng), rng.uniform(15 * MM, 40 * MM, 3)
+    turn, axes = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(15 * MM, 40 * MM, 3)
     return _quadric(turn @ np.diag(axes**-2) @ turn.T, np.zeros(2))
 
 

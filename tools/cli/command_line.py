@@ -197,7 +197,7 @@ palpate_group = LazyGroup(
             "tools.cli.recordings:cost_command",
             "Say what a recorded run would have cost another robot.",
         ),
-        "bench": ("bench.suite.verb:bench_command", "Measure speed and accuracy."),
+        "bench": ("bench.suite.groups:bench_command", "Measure speed and accuracy."),
         "chaos": (
             "tools.cli.launching:chaos_command",
             "Put faults into explorations and say what they survive.",

@@ -8,8 +8,7 @@ import pytest
 
 from palpate.bench.objects import REBUILT_SHAPES
 from palpate.bench.rebuild.comparison import EXAMPLES
-from palpate.bench.suite import figures as figures_peers
-from palpate.bench.suite import figures as figures_rebuild
+from palpate.bench.suite import figures
 from palpate.bench.suite.figures import section_lines, write_thesis_figures
 from palpate.core.geometry.meshes import close_rings
 from palpate.core.shapes.protocol import Mesh
@@ -35,7 +34,7 @@ def test_the_figures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         ("THESIS_DPI", 30),
         ("EXAMPLES", EXAMPLES[1:]),
     ):
-        monkeypatch.setattr(figures_rebuild, name, value)
+        monkeypatch.setattr(figures, name, value)
     write_thesis_figures(tmp_path / "new")
     assert (tmp_path / "new" / "thesis_example_2.png").stat().st_size > 1000
 
@@ -51,9 +50,9 @@ def test_the_page_shows_figures_that_are_there_and_examples_that_are_right():
 
 
 def test_the_figure_shows_each_object_thrice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(figures_peers, "REBUILT_SHAPES", {"vase": REBUILT_SHAPES["vase"]})
-    monkeypatch.setattr(figures_peers, "TOLERANCE", 2.0)
-    monkeypatch.setattr(figures_peers, "PEER_DPI", 20)
-    figures_peers.write_peer_figures(tmp_path / "new")
-    assert [path.name for path in (tmp_path / "new").iterdir()] == [figures_peers.NAME]
-    assert len(figures_peers.draw_shapes().axes) == 4
+    monkeypatch.setattr(figures, "REBUILT_SHAPES", {"vase": REBUILT_SHAPES["vase"]})
+    monkeypatch.setattr(figures, "TOLERANCE", 2.0)
+    monkeypatch.setattr(figures, "PEER_DPI", 20)
+    figures.write_peer_figures(tmp_path / "new")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == [figures.NAME]
+    assert len(figures.draw_shapes().axes) == 4

@@ -5,7 +5,6 @@ import pytest
 
 from palpate.bench.touch import frames
 from palpate.bench.touch.frames import (
-    BODIES,
     WORN,
     estimator_summary,
     exactness_rows,
@@ -75,24 +74,25 @@ def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor():
 def test_without_effects_a_contour_is_as_good_as_a_straight_line_between_rows(
     body: str, most: float
 ):
-    traced = trace_contour(BODIES[body], {})
+    traced = trace_contour(body, {})
     assert traced.status == "closed"
     # Rows are 1 mm apart: a chord of the ball is pitch^2 / 8 R = 4.2 um off.
     assert traced.rms < most
 
 
 def test_an_effect_is_seen_in_the_contour():
-    ideal = trace_contour(BODIES["ball"], {})
-    offset = trace_contour(BODIES["ball"], {"arm_compliance": {"stiffness": 50e3}})
+    ideal = trace_contour("ball", {})
+    offset = trace_contour("ball", {"arm_compliance": {"stiffness": 50e3}})
     assert offset.rms > 10 * ideal.rms
 
 
 def test_costs_are_told_for_each_set():
     found = frame_costs({"none": {}, "aperture": {"aperture": {}}}, frames=20, repeats=5)
     assert set(found) == {"none", "aperture"}
-    assert all(cost.ideal > 0.0 for cost in found.values())
-    assert found["aperture"].added > 0.0  # nine casts for one
-    assert found["aperture"].ratio > 1.0
+    _, added, ratio = found["aperture"]
+    assert min(ideal for ideal, _, _ in found.values()) > 0.0
+    assert added > 0.0  # nine casts for one
+    assert ratio > 1.0
 
 
 def test_every_single_call_has_its_cost(monkeypatch: pytest.MonkeyPatch):
