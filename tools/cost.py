@@ -51,17 +51,9 @@ TITLE_WIDTH = 12  # Letters
 def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:
     """What a recorded run would have cost, by stable names with the unit in them.
 
-    Parameters
-    ----------
-    run : Path
-        A recording, or the folder of a run.
-    names : sequence of str
-        Robots; all that palpate knows if none is named.
-
-    Raises
-    ------
-    InputError
-        If the recording cannot be read or tells no moves, or a robot is unknown.
+    `run`: a recording, or the folder of a run; `names`: robots; all that palpate knows if none is
+    named. Raises InputError if the recording cannot be read or tells no moves, or a robot is
+    unknown.
     """
     for name in names:
         if name not in ROBOTS:
@@ -176,10 +168,7 @@ def _part_figures(made: MoveDurations, which: Bools) -> Costs:
 def read_moves(run: Path) -> RunMoves:
     """The moves of a run.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, or does not tell its moves.
+    Raises InputError if it cannot be read, or does not tell its moves.
     """
     path = find_bag(run)
     heard = _MoveCollector()

@@ -84,20 +84,9 @@ text { font-family: system-ui, "Segoe UI", Helvetica, Arial, "DejaVu Sans", sans
 def write_picture(graph: Graph, path: Path, title: str) -> None:
     """Draw the resolved wiring.
 
-    Parameters
-    ----------
-    graph : Graph
-        The graph.
-    path : Path
-        A file whose name ends in .svg, .mmd (Mermaid) or .dot (Graphviz), or ``-`` for SVG on
-        standard output.
-    title : str
-        What the picture shows.
-
-    Raises
-    ------
-    InputError
-        If the graph could not run, or the file cannot be written; then none has changed.
+    `graph`: the graph; `path`: a file whose name ends in .svg, .mmd (Mermaid) or .dot (Graphviz),
+    or ``-`` for SVG on standard output; `title`: what the picture shows. Raises InputError if the
+    graph could not run, or the file cannot be written; then none has changed.
     """
     kind = ".svg" if str(path) == "-" else path.suffix
     if kind not in GRAPH_SUFFIXES:

@@ -54,10 +54,7 @@ class Sketch:
 def sketch_of(graph: Graph) -> Sketch:
     """What is to be drawn of a graph.
 
-    Raises
-    ------
-    InputError
-        If the graph could not run.
+    Raises InputError if the graph could not run.
     """
     wirings = {wiring.name: wiring for wiring in graph.wirings()}
     resolved = resolve_nodes(graph.entries)

@@ -33,19 +33,10 @@ class NodeFiles(NamedTuple):
 def init_node(name: str, folder: Path, kind: Literal["node", "driver"]) -> NodeFiles:
     """Write the module of a new node or driver, its test, and a launch file.
 
-    Parameters
-    ----------
-    name : str
-        The module's name, and the node's: lower case, with underscores, at most 32 letters.
-    folder : Path
-        Where to put them.
-    kind : str
-        ``node``, which receives and publishes, or ``driver``, which publishes a sensor's frames.
-
-    Raises
-    ------
-    InputError
-        If the name cannot be a module's, or is taken, or a file cannot be written.
+    `name`: the module's name, and the node's: lower case, with underscores, at most 32 letters;
+    `folder`: where to put them; `kind`: ``node``, which receives and publishes, or ``driver``,
+    which publishes a sensor's frames. Raises InputError if the name cannot be a module's, or is
+    taken, or a file cannot be written.
     """
     begun = NodeFiles(folder / f"{name}.py", folder / f"test_{name}.py", folder / f"{name}.yaml")
     files = (f"{kind}.py", f"{kind}_check.py", f"{kind}.yaml")
@@ -78,17 +69,8 @@ def _sorted_imports(text: str, name: str) -> str:
 def init_effect(name: str, folder: Path) -> tuple[Path, str]:
     """Write the module of a new effect.
 
-    Returns
-    -------
-    path : Path
-        The new file.
-    listed : str
-        How a scene lists the effect.
-
-    Raises
-    ------
-    InputError
-        If the name cannot be a module's, or is taken, or the file cannot be written.
+    Returns `path`: the new file; `listed`: how a scene lists the effect. Raises InputError if the
+    name cannot be a module's, or is taken, or the file cannot be written.
     """
     path = folder / f"{name}.py"
     text = (TEMPLATES / "effect.py").read_text(encoding="utf-8")
@@ -102,19 +84,8 @@ def init_effect(name: str, folder: Path) -> tuple[Path, str]:
 def init_planner(name: str, folder: Path) -> tuple[Path, Path, str]:
     """Write the module of a new planner, and its test.
 
-    Returns
-    -------
-    path : Path
-        The new module.
-    test : Path
-        Its test.
-    named : str
-        How a scene names the planner.
-
-    Raises
-    ------
-    InputError
-        If the name cannot be a module's, or is taken, or a file cannot be written.
+    Returns `path`: the new module; `test`: its test; `named`: how a scene names the planner. Raises
+    InputError if the name cannot be a module's, or is taken, or a file cannot be written.
     """
     path, test = folder / f"{name}.py", folder / f"test_{name}.py"
     rule, check = (
@@ -133,10 +104,7 @@ def init_planner(name: str, folder: Path) -> tuple[Path, Path, str]:
 def class_name_of(name: str, what: str, taken: Container[str], path: Path, *texts: str) -> str:
     """The class in a new module.
 
-    Raises
-    ------
-    InputError
-        If the name cannot be a module's, or is taken.
+    Raises InputError if the name cannot be a module's, or is taken.
     """
     if not _WORD.fullmatch(name) or keyword.iskeyword(name):
         raise InputError(f"{name!r} cannot name a module; take lower case letters, digits and _")
@@ -153,10 +121,7 @@ def class_name_of(name: str, what: str, taken: Container[str], path: Path, *text
 def write_new_files(texts: Mapping[Path, str]) -> None:
     """Write files that are not there yet: all of them, or none.
 
-    Raises
-    ------
-    InputError
-        If one of them is there already, or cannot be written.
+    Raises InputError if one of them is there already, or cannot be written.
     """
     written = list[Path]()
     for path, text in texts.items():

@@ -113,19 +113,9 @@ class RebuildResult(NamedTuple):
 def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildResult:
     """Read points and rebuild a solid from them.
 
-    Parameters
-    ----------
-    points : Path
-        See `read_points`.
-    wanted : Wanted
-        What is asked for.
-    say : callable
-        Told in some words what is being done.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or no solid can be made of it: the sentence says why.
+    `points`: see `read_points`; `wanted`: what is asked for; `say`: told in some words what is
+    being done. Raises InputError if a file cannot be read, or no solid can be made of it: the
+    sentence says why.
     """
     # Heavy, and not needed by those who ask for help.
     from palpate.core.rebuild import reconstruct
@@ -228,11 +218,8 @@ def _with_contour_names(text: str, found: MeasuredContours) -> str:
 def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, method: Method) -> None:
     """Refuse names of files that cannot be written, before anything is done.
 
-    Raises
-    ------
-    InputError
-        If an ending is unknown, a folder is not there, there will be no lattice, or the points
-        would be overwritten.
+    Raises InputError if an ending is unknown, a folder is not there, there will be no lattice, or
+    the points would be overwritten.
     """
     known = (*MESH_UNITS, SOLID_SUFFIX)
     for path in outs:
@@ -258,10 +245,7 @@ def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, meth
 def write_outputs(rebuilt: RebuildResult, outs: Sequence[Path], lattice: Path | None) -> None:
     """Write all files, or none.
 
-    Raises
-    ------
-    InputError
-        If one cannot be written.
+    Raises InputError if one cannot be written.
     """
     files: dict[Path, FileWriter] = {}
     mesh, solid = rebuilt.mesh, rebuilt.solid

@@ -28,16 +28,8 @@ from palpate.nodes.specs import SensorSpec, describe_effects
 def perform_and_print(plan: Plan, *, composed: bool, as_json: bool, quiet: bool) -> int:
     """Perform a plan and print what it came to; returns the exit code.
 
-    Parameters
-    ----------
-    plan : Plan
-        What to run.
-    composed : bool
-        All nodes in this process.
-    as_json : bool
-        Print ``summary.json`` to standard output instead of a text.
-    quiet : bool
-        Print nothing but what was asked for by `as_json`.
+    `plan`: what to run; `composed`: all nodes in this process; `as_json`: print ``summary.json`` to
+    standard output instead of a text; `quiet`: print nothing but what was asked for by `as_json`.
     """
     done = perform(plan, composed=composed, display=open_display(quiet=quiet or as_json))
     if as_json:
@@ -52,15 +44,8 @@ def perform_and_print(plan: Plan, *, composed: bool, as_json: bool, quiet: bool)
 def check_scene(scene: str) -> str:
     """That a scene can be explored, the size of its object, and what is simulated.
 
-    Parameters
-    ----------
-    scene : str
-        Path of a YAML file, or the name of a shipped scene.
-
-    Raises
-    ------
-    InputError
-        If it cannot be explored.
+    `scene`: path of a YAML file, or the name of a shipped scene. Raises InputError if it cannot be
+    explored.
     """
     path = find_scene(scene)
     described, _ = check_run(EXPLORE, {"scene": SourceMapped(str(path), "")}, {}, RUNS)

@@ -55,21 +55,10 @@ def score(
 ) -> ScoreRecord:
     """Distances between a model and what it should be, by stable names.
 
-    Parameters
-    ----------
-    model : Path
-        A surface.
-    reference : Path
-        A surface, or points; against points the distances are one-sided.
-    unit, reference_unit : str, optional
-        Units of their coordinates; see `read_mesh_or_points`.
-    aligned : bool
-        Move the model onto the reference first, rigidly.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or does not hold what it must.
+    `model`: a surface; `reference`: a surface, or points; against points the distances are
+    one-sided; `unit`, `reference_unit`: units of their coordinates; see `read_mesh_or_points`;
+    `aligned`: move the model onto the reference first, rigidly. Raises InputError if a file cannot
+    be read or does not hold what it must.
     """
     solid = _outwards(read_mesh_or_points(model, unit))
     wanted = _outwards(read_mesh_or_points(reference, reference_unit))
@@ -93,19 +82,10 @@ def score(
 def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
     """What a file holds.
 
-    Parameters
-    ----------
-    path : Path
-        A surface (PLY, STL, OBJ, OFF, GLB, or an NPZ file of a run or of `palpate.save`),
-        closed or not; or points (CSV, or a PLY without faces).
-    unit : str or None
-        Unit of its coordinates: ``m``, ``cm`` or ``mm``; as palpate writes it if None, which is
-        mm for STL and m for all others.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or holds neither.
+    `path`: a surface (PLY, STL, OBJ, OFF, GLB, or an NPZ file of a run or of `palpate.save`),
+    closed or not; or points (CSV, or a PLY without faces); `unit`: unit of its coordinates: ``m``,
+    ``cm`` or ``mm``; as palpate writes it if None, which is mm for STL and m for all others. Raises
+    InputError if the file cannot be read, or holds neither.
     """
     shape = _read(path, unit)
     size = float(np.abs(shape.vertices).max(initial=0.0))

@@ -64,15 +64,8 @@ class BagInfo(TypedDict):
 def bag_info(bag: Path) -> BagInfo:
     """Go through a recording, up to its end or its first damage.
 
-    Parameters
-    ----------
-    bag : Path
-        A recording, or a run directory.
-
-    Raises
-    ------
-    InputError
-        If there is none, or nothing of it can be read.
+    `bag`: a recording, or a run directory. Raises InputError if there is none, or nothing of it can
+    be read.
     """
     path = find_bag(bag)
     prefix, tally = ReadablePrefix(path), _Tally()
@@ -237,17 +230,9 @@ class Recovered(NamedTuple):
 def recover_recording(bag: Path, out: Path | None = None) -> Recovered:
     """Write all that is whole of a recording, from its beginning on, into one new file.
 
-    Parameters
-    ----------
-    bag : Path
-        A recording, or a run directory.
-    out : Path, optional
-        The new file; ``NAME.recovered.mcap`` beside the recording if left out.
-
-    Raises
-    ------
-    InputError
-        If nothing can be saved, or the new file exists or cannot be written.
+    `bag`: a recording, or a run directory; `out`: the new file; ``NAME.recovered.mcap`` beside the
+    recording if left out. Raises InputError if nothing can be saved, or the new file exists or
+    cannot be written.
     """
     source = find_bag(bag)
     target = out or source.with_name(f"{source.stem}.{RECOVERED_RECORD}{source.suffix}")

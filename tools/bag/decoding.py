@@ -43,17 +43,9 @@ class DecodedRecording(NamedTuple):
     ) -> Iterator[DecodedMessage]:
         """Messages of these topics, in the order of arrival.
 
-        Parameters
-        ----------
-        topics : texts, optional
-            All that are wanted if left out.
-        also : set of str
-            Types of messages that are given whatever their topic.
-
-        Raises
-        ------
-        InputError
-            If one of them was recorded with other types than those of today.
+        `topics`: all that are wanted if left out; `also`: types of messages that are given whatever
+        their topic. Raises InputError if one of them was recorded with other types than those of
+        today.
         """
         wanted = frozenset(self.topics if topics is None else topics)
         for kept in self.recording.messages():
@@ -79,17 +71,8 @@ class DecodedRecording(NamedTuple):
 def open_decoded(bag: Path, topics: Sequence[str] = ()) -> DecodedRecording:
     """Check a recording from end to end.
 
-    Parameters
-    ----------
-    bag : Path
-        A recording, or a run directory.
-    topics : sequence of str
-        The topics that are wanted; all if empty.
-
-    Raises
-    ------
-    InputError
-        If there is no such recording or topic, or it is damaged.
+    `bag`: a recording, or a run directory; `topics`: the topics that are wanted; all if empty.
+    Raises InputError if there is no such recording or topic, or it is damaged.
     """
     path = find_bag(bag)
     try:

@@ -56,18 +56,9 @@ def compare_recordings(a: Path, b: Path, topics: Sequence[str] = ()) -> Recordin
     """Compare two recordings by topic and sequence.
 
     Neither runs, restarts and times matter, nor in which order messages of different topics came.
-
-    Parameters
-    ----------
-    a, b : Path
-        Recordings, or the folders of their runs.
-    topics : sequence of str
-        Topics to compare; all if empty.
-
-    Raises
-    ------
-    ValueError
-        If one of them cannot be read or is out of order, or neither has one of the topics.
+    `a`, `b`: recordings, or the folders of their runs; `topics`: topics to compare; all if empty.
+    Raises ValueError if one of them cannot be read or is out of order, or neither has one of the
+    topics.
     """
     both = open_recording(find_bag(a)), open_recording(find_bag(b))
     known = {*both[0].counts, *both[1].counts}

@@ -36,27 +36,10 @@ Values = NDArray[Any]
 def export_bag(bag: Path, kind: str, out: Path, topics: Sequence[str] = ()) -> str:
     """Write a recording in another format.
 
-    Parameters
-    ----------
-    bag : Path
-        A recording, or a run directory.
-    kind : str
-        ``"csv"``, ``"npz"`` or ``"foxglove"``.
-    out : Path
-        The new file, or for ``"csv"`` the new folder.
-    topics : sequence of str
-        The topics to write; all if empty.
-
-    Returns
-    -------
-    str
-        What was written, in a line.
-
-    Raises
-    ------
-    InputError
-        If the recording is damaged, has other message types than today's or no such topic, or
-        there is something at `out` already.
+    `bag`: a recording, or a run directory; `kind`: ``"csv"``, ``"npz"`` or ``"foxglove"``; `out`:
+    the new file, or for ``"csv"`` the new folder; `topics`: the topics to write; all if empty.
+    Returns what was written, in a line. Raises InputError if the recording is damaged, has other
+    message types than today's or no such topic, or there is something at `out` already.
     """
     check_new(out)
     source = open_decoded(bag, topics)
@@ -73,8 +56,6 @@ def export_bag(bag: Path, kind: str, out: Path, topics: Sequence[str] = ()) -> s
 def write_csv(source: DecodedRecording, folder: Path) -> tuple[str, ...]:
     """Write a new folder with a table for each topic; returns the names of the files.
 
-    Notes
-    -----
     A row has ``seq``, ``sent_s`` (since the first message of the recording), ``robot_time`` if the
     message has one, and all its other fields. An array that has the same shape in all rows takes a
     column for each element, ``pose.0``; one that has not, and a list, is one cell of JSON. Of a
@@ -146,8 +127,6 @@ def _columns(survey: FieldSurvey, field: str) -> tuple[int, ...] | None:
 def write_npz(source: DecodedRecording, path: Path) -> int:
     """Write a new file that `numpy.load` reads without pickle; returns the number of arrays.
 
-    Notes
-    -----
     Arrays are called ``touch_raw.pose``; beside them are ``touch_raw.seq``, and
     ``touch_raw.sent_s`` since the first message of the recording. Where messages differ in length
     they are joined, and ``touch_raw.array.lengths`` says how long each was; where they differ in

@@ -50,8 +50,6 @@ Schema = dict[str, Any]
 def write_foxglove(source: DecodedRecording, path: Path) -> int:
     """Write a new file; returns the number of messages.
 
-    Notes
-    -----
     Models, the truth and log lines become Foxglove's own messages; contours, patches and the poses
     of fingers have them beside what was recorded. All else is JSON with the schema of our message,
     arrays as lists within lists.

@@ -270,18 +270,9 @@ def draw_faults(
 ) -> tuple[Fault, ...]:
     """Faults of one run, in no order.
 
-    Runs with seeds that follow each other go through every node in every phase.
-
-    Parameters
-    ----------
-    seed : int
-        From which all follows.
-    known : Known
-        The graph.
-    kinds : sequence of str
-        Of `FAULT_KINDS`, which may be drawn.
-    number : int
-        How many; a run that a fault is to end meets that one alone.
+    Runs with seeds that follow each other go through every node in every phase. `seed`: from which
+    all follows; `known`: the graph; `kinds`: of `FAULT_KINDS`, which may be drawn; `number`: how
+    many; a run that a fault is to end meets that one alone.
     """
     rng = random.Random(f"palpate chaos {seed}")
     ending = [kind for kind in kinds if kind in ENDING]

@@ -56,10 +56,7 @@ class Violation(NamedTuple):
 def read_history(path: Path) -> History:
     """Read a recording with all its parts, each as far as it is whole.
 
-    Raises
-    ------
-    OSError
-        If there is no such file.
+    Raises OSError if there is no such file.
     """
     events: list[Event] = []
     closed = False

@@ -128,25 +128,9 @@ def run_trials(
 ) -> Tally:
     """Run an exploration undisturbed, and then with faults until the time is over, but once.
 
-    Parameters
-    ----------
-    subject : Subject
-        What is explored.
-    seed : int
-        Of the first run; each further one has the next.
-    minutes : float
-        No run is begun later than this.
-    kinds : sequence of str
-        Faults that may be put in.
-    echo : callable
-        Takes lines about the progress.
-    faults : int
-        Most faults of one run.
-
-    Raises
-    ------
-    ValueError
-        If the undisturbed run fails.
+    `subject`: what is explored; `seed`: of the first run; each further one has the next; `minutes`:
+    no run is begun later than this; `kinds`: faults that may be put in; `echo`: takes lines about
+    the progress; `faults`: most faults of one run. Raises ValueError if the undisturbed run fails.
     """
     work = Path(tempfile.mkdtemp(prefix="chaos-"))
     tally = Tally(seed)
@@ -169,10 +153,7 @@ def run_trials(
 def run_baseline(subject: Exploration, out: Path) -> Baseline:
     """Run it once.
 
-    Raises
-    ------
-    ValueError
-        If it comes to no end by itself.
+    Raises ValueError if it comes to no end by itself.
     """
     code = subject.start(out).wait()
     if code not in (0, 1) or not (out / "summary.json").exists():

@@ -26,10 +26,7 @@ DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Do what the command line asks for, and exit.
 
-    Parameters
-    ----------
-    arguments : texts, optional
-        The command line without the program's name; the process's own if left out.
+    `arguments`: the command line without the program's name; the process's own if left out.
     """
     code = run(sys.argv[1:] if arguments is None else arguments)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt

@@ -291,10 +291,7 @@ def param_dump_command(node: str | None, run: str | None) -> None:
 def card_of(run: str | None) -> RunCard:
     """The running graph that is meant; says which, if several run and none is named.
 
-    Raises
-    ------
-    InputError
-        If there is none, or several are meant.
+    Raises InputError if there is none, or several are meant.
     """
     from palpate.launch.processes import find_run, running_graphs
 

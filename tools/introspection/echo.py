@@ -59,12 +59,7 @@ class EchoFormat(NamedTuple):
 class LossReport:
     """How many messages were sent and not received.
 
-    Parameters
-    ----------
-    topic : str
-        Its name.
-    tell : callable
-        Takes a sentence.
+    `topic`: its name; `tell`: takes a sentence.
     """
 
     def __init__(self, topic: str, tell: Echo) -> None:
@@ -98,25 +93,10 @@ def echo_topic(
 ) -> None:
     """Show the messages of a topic until the graph ends, or enough have been shown.
 
-    Parameters
-    ----------
-    card, topic
-        Whose, and what.
-    form : Form
-        How they are shown.
-    most : int, optional
-        How many.
-    say : callable
-        Takes a text for each message.
-    tell : callable
-        Is told what is odd.
-    losses : Losses
-        Counts what did not come.
-
-    Raises
-    ------
-    ValueError
-        If what comes is not what the topic carries, or cannot be compared as the filter asks.
+    `card`, `topic`: whose, and what; `form`: how they are shown; `most`: how many; `say`: takes a
+    text for each message; `tell`: is told what is odd; `losses`: counts what did not come. Raises
+    ValueError if what comes is not what the topic carries, or cannot be compared as the filter
+    asks.
     """
     with TapSubscription(card, [topic]) as hearing:
         shown = 0
@@ -170,10 +150,7 @@ def message_text(topic: Topic, heard: TapMessage, form: EchoFormat) -> str | Non
 def fields_of(topic: Topic, heard: TapMessage) -> dict[str, Any]:
     """Name of each field of a message to its value.
 
-    Raises
-    ------
-    ValueError
-        If the message is not of the topic's type as it is known here.
+    Raises ValueError if the message is not of the topic's type as it is known here.
     """
     cls = type_of(topic)
     codec = codec_of(cls)
@@ -195,10 +172,7 @@ def _value_at(path: FieldPath, fields: dict[str, Any]) -> Any:
 def read_filter(text: str, cls: type) -> MessageFilter:
     """A filter for messages of one type.
 
-    Raises
-    ------
-    ValueError
-        If it is not made of such comparisons, or the type has no such field.
+    Raises ValueError if it is not made of such comparisons, or the type has no such field.
     """
     if len(text) > MAX_FILTER_LENGTH:
         raise ValueError(f"a filter has at most {MAX_FILTER_LENGTH} characters, got {len(text)}")
@@ -295,10 +269,7 @@ class _Reader:
 def read_path(text: str, cls: type) -> FieldPath:
     """A path in messages of one type; ``m.`` before it means the message and may be left out.
 
-    Raises
-    ------
-    ValueError
-        If it cannot be read, or the type has no such field.
+    Raises ValueError if it cannot be read, or the type has no such field.
     """
     wanted = text.removeprefix("m.")
     if not re.fullmatch(PATH_PATTERN, wanted):
@@ -340,10 +311,7 @@ class FieldPath(NamedTuple):
     def of(self, fields: Mapping[str, Any]) -> Any:
         """The value at this path.
 
-        Raises
-        ------
-        LookupError
-            If this message has none there.
+        Raises LookupError if this message has none there.
         """
         value: Any = fields
         for step in self.steps:

@@ -25,16 +25,8 @@ WINDOW = 10_000  # Messages over which a figure is taken, unless the user says o
 class RateMonitor:
     """Figures of some topics, each publisher by itself.
 
-    Parameters
-    ----------
-    topics : sequence of Topic
-        What is measured.
-    window : int
-        Messages over which a figure is taken.
-    say : callable
-        Figures of one publisher to lines.
-    echo : callable
-        Takes some lines.
+    `topics`: what is measured; `window`: messages over which a figure is taken; `say`: figures of
+    one publisher to lines; `echo`: takes some lines.
     """
 
     def __init__(
@@ -87,10 +79,7 @@ class Statistics(NamedTuple):
 class Rates:
     """The last messages of one publisher on one topic.
 
-    Parameters
-    ----------
-    window : int
-        How many messages are looked at, at most; at least 2.
+    `window`: how many messages are looked at, at most; at least 2.
     """
 
     def __init__(self, window: int = WINDOW) -> None:

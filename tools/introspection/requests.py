@@ -41,10 +41,7 @@ PLAYER_MODULE = "palpate.nodes.player"
 def running_nodes(card: RunCard) -> list[str]:
     """Names of the nodes whose process runs, sorted.
 
-    Raises
-    ------
-    ValueError
-        If the launcher gives no answer.
+    Raises ValueError if the launcher gives no answer.
     """
     return sorted(name for name, about in request(card, "status")["nodes"].items() if about["pid"])
 
@@ -52,10 +49,7 @@ def running_nodes(card: RunCard) -> list[str]:
 def node_text(card: RunCard, name: str) -> str:
     """What a node is, how it is doing, its topics, and its parameters.
 
-    Raises
-    ------
-    ValueError
-        If the graph has no such node, or the launcher gives no answer.
+    Raises ValueError if the graph has no such node, or the launcher gives no answer.
     """
     node = find_node(card, name)
     about = request(card, "status")["nodes"][node.name]
@@ -116,10 +110,7 @@ def sample_status(
 ) -> dict[str, StatusSample]:
     """What the nodes of these names say; twice each, unless the patience ends, s.
 
-    Raises
-    ------
-    ValueError
-        If what comes is no such word.
+    Raises ValueError if what comes is no such word.
     """
     found: dict[str, StatusSample] = {}
     sent: dict[str, int] = {}
@@ -146,19 +137,8 @@ def _twice(found: dict[str, StatusSample], names: Collection[str]) -> bool:
 def dump_params(card: RunCard, name: str | None = None) -> str:
     """Parameters in YAML, ``node: {params: ...}``.
 
-    Bytes, and other long texts, are named by their size and SHA-256.
-
-    Parameters
-    ----------
-    card : Card
-        The running graph.
-    name : str, optional
-        Of one node alone.
-
-    Raises
-    ------
-    ValueError
-        If the graph has no such node.
+    Bytes, and other long texts, are named by their size and SHA-256. `card`: the running graph;
+    `name`: of one node alone. Raises ValueError if the graph has no such node.
     """
     nodes = card.nodes if name is None else (find_node(card, name),)
     return "\n".join(yaml_lines({one.name: {"params": params_of(one)} for one in nodes}))
@@ -167,10 +147,7 @@ def dump_params(card: RunCard, name: str | None = None) -> str:
 def find_node(card: RunCard, name: str) -> RecordedNode:
     """The node of this name, which may begin with a slash.
 
-    Raises
-    ------
-    ValueError
-        If the graph has none.
+    Raises ValueError if the graph has none.
     """
     nodes = {one.name: one for one in card.nodes}
     wanted = name.removeprefix("/")
@@ -215,12 +192,8 @@ def notify(card: RunCard, kind: str, **fields: Any) -> None:
 def request(card: RunCard, kind: str, **fields: Any) -> ControlMessage:
     """Ask the launcher of a running graph, and return what it answers.
 
-    A node that is just being started, or started again, is waited for.
-
-    Raises
-    ------
-    ValueError
-        If it refuses, or gives no answer.
+    A node that is just being started, or started again, is waited for. Raises ValueError if it
+    refuses, or gives no answer.
     """
     deadline = time.monotonic() + REQUEST_PATIENCE
     wires = SocketContext(card.key)
@@ -263,10 +236,7 @@ def _answer(line: ControlClient, card: RunCard, deadline: float) -> ControlMessa
 def control_player(run: str | None, kind: str, **fields: Any) -> None:
     """Say a word to the player of a running graph.
 
-    Raises
-    ------
-    InputError
-        If no such graph runs, it has no player or several, or the word is refused.
+    Raises InputError if no such graph runs, it has no player or several, or the word is refused.
     """
     try:
         card = find_run(run)
@@ -294,25 +264,10 @@ def publish(
 ) -> None:
     """Publish a message on a console's topic, once or again and again.
 
-    Parameters
-    ----------
-    topic : str
-        The topic, on the wire.
-    body : str
-        The message's fields, in YAML.
-    rate : float
-        Messages in a second.
-    times : int or None
-        How many; None until Ctrl-C.
-    run : str or None
-        Which running graph; None for the latest.
-    echo : function
-        Prints a line.
-
-    Raises
-    ------
-    InputError
-        If no such graph runs, the topic is not a console's, or the body is no such message.
+    `topic`: the topic, on the wire; `body`: the message's fields, in YAML; `rate`: messages in a
+    second; `times`: how many; None until Ctrl-C; `run`: which running graph; None for the latest;
+    `echo`: prints a line. Raises InputError if no such graph runs, the topic is not a console's, or
+    the body is no such message.
     """
     if not rate > 0.0:
         raise InputError(f"--rate must be positive, got {rate:g}")
@@ -350,11 +305,8 @@ def _console(card: RunCard, topic: str) -> str:
 def message_from_plain(cls: type, values: Mapping[str, Any]) -> object:
     """The message of a type whose fields have these values; lists become arrays.
 
-    Raises
-    ------
-    ValueError
-        If fields are missing or unknown, or a list is no such array. What else may be wrong is
-        found when the message is encoded.
+    Raises ValueError if fields are missing or unknown, or a list is no such array. What else may be
+    wrong is found when the message is encoded.
     """
     hints = get_type_hints(cls, include_extras=True)
     names = [field.name for field in dataclasses.fields(cls)]

@@ -43,11 +43,8 @@ class TapMessage(NamedTuple):
 class SequenceTracker:
     """The order of one publisher's messages on one topic, of which some are missing.
 
-    Parameters
-    ----------
-    anew : bool
-        Whether a publisher that is started again counts from 0 once more. Otherwise it goes on
-        counting, after it has repeated what it had published: that is no news.
+    `anew`: whether a publisher that is started again counts from 0 once more. Otherwise it goes on
+    counting, after it has repeated what it had published: that is no news.
     """
 
     def __init__(self, *, anew: bool) -> None:
@@ -70,12 +67,7 @@ class SequenceTracker:
 class TapSubscription:
     """Open ears at the taps of a running graph.
 
-    Parameters
-    ----------
-    card : Card
-        The running graph.
-    topics : iterable of Topic
-        What to receive.
+    `card`: the running graph; `topics`: what to receive.
     """
 
     def __init__(self, card: RunCard, topics: Iterable[Topic]) -> None:
@@ -112,15 +104,7 @@ class TapSubscription:
     def batches(self, duration: float | None = None) -> Iterator[list[TapMessage]]:
         """What has come, some ten times a second or as it comes; ends with the graph, or Ctrl-C.
 
-        Parameters
-        ----------
-        duration : float, optional
-            Ends after this long, s.
-
-        Raises
-        ------
-        ValueError
-            If what arrives is not a frame.
+        `duration`: ends after this long, s. Raises ValueError if what arrives is not a frame.
         """
         now = time.monotonic()
         until = None if duration is None else now + duration
@@ -201,10 +185,7 @@ def topics_of(card: RunCard) -> dict[str, Topic]:
 def find_topics(card: RunCard, names: Sequence[str]) -> list[Topic]:
     """The topics of these names, each once.
 
-    Raises
-    ------
-    ValueError
-        If nobody publishes one of them.
+    Raises ValueError if nobody publishes one of them.
     """
     return list(
         {topic.name: topic for topic in (find_topic(card, name) for name in names)}.values()
@@ -214,10 +195,7 @@ def find_topics(card: RunCard, names: Sequence[str]) -> list[Topic]:
 def find_topic(card: RunCard, name: str) -> Topic:
     """The topic of this name, which may lack its first slash.
 
-    Raises
-    ------
-    ValueError
-        If nobody publishes it.
+    Raises ValueError if nobody publishes it.
     """
     known = topics_of(card)
     wanted = name if name.startswith("/") else f"/{name}"
@@ -229,10 +207,7 @@ def find_topic(card: RunCard, name: str) -> Topic:
 def type_of(topic: Topic) -> type:
     """The message type of a topic.
 
-    Raises
-    ------
-    ValueError
-        If this palpate does not know it.
+    Raises ValueError if this palpate does not know it.
     """
     if topic.type not in TYPES:
         what = f"the type {topic.type!r}" if topic.type else "a type that its graph does not name"

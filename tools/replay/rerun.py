@@ -47,33 +47,14 @@ def replay(
 ) -> int:
     """Run nodes of a recording again, in lockstep and as fast as they can.
 
-    What one of them publishes now is what the others receive; all else of the graph comes
-    from the recording.
-
-    Parameters
-    ----------
-    bag : Path
-        The recording, or the folder of its run.
-    nodes : sequence of str
-        Names of nodes in the recorded graph; all that can be replayed exactly if empty.
-    echo : function
-        Prints a line.
-    settings : map, optional
-        ``node.param`` to its value, laid over the recorded parameters.
-
-    Returns
-    -------
-    int
-        1 if a node raised, or if none was given another parameter and one did not publish the
-        same, byte for byte; otherwise 0.
-
-    Raises
-    ------
-    ValueError
-        If the recording cannot be read or lacks messages, or a node is unknown, cannot be
-        replayed, or was recorded with other message types.
-    InputError
-        If a setting cannot be used.
+    What one of them publishes now is what the others receive; all else of the graph comes from the
+    recording. `bag`: the recording, or the folder of its run; `nodes`: names of nodes in the
+    recorded graph; all that can be replayed exactly if empty; `echo`: prints a line; `settings`:
+    ``node.param`` to its value, laid over the recorded parameters. Returns 1 if a node raised, or
+    if none was given another parameter and one did not publish the same, byte for byte; otherwise
+    0. Raises ValueError if the recording cannot be read or lacks messages, or a node is unknown,
+    cannot be replayed, or was recorded with other message types; InputError if a setting cannot be
+    used.
     """
     recording = open_recording(find_bag(bag))
     chosen = with_settings(choose_nodes(recording, nodes), recording.graph, settings or {})
@@ -100,20 +81,10 @@ def with_settings(
 ) -> tuple[ReplayNode, ...]:
     """The nodes with parameters set as by ``palpate run --set``.
 
-    Parameters
-    ----------
-    chosen : sequence of Chosen
-        The nodes that are run again.
-    graph : bytes
-        Description of the graph in which they ran.
-    settings : map
-        ``node.param`` to its value.
-
-    Raises
-    ------
-    InputError
-        If a setting does not look like this, names a node that is not run again, or a parameter
-        that it does not have, or has a value that is of the wrong type or out of range.
+    `chosen`: the nodes that are run again; `graph`: description of the graph in which they ran;
+    `settings`: ``node.param`` to its value. Raises InputError if a setting does not look like this,
+    names a node that is not run again, or a parameter that it does not have, or has a value that is
+    of the wrong type or out of range.
     """
     if not settings:
         return tuple(chosen)

@@ -49,24 +49,11 @@ def plan_resume(
 ) -> Plan:
     """Plan to go on with a recorded exploration.
 
-    Parameters
-    ----------
-    bag : Path
-        The recording, or the folder of its run.
-    contour : int or None
-        The last contour of which is known; None for all that was recorded.
-    nodes : texts
-        Names of nodes whose modules are not palpate's own, and may be imported.
-    out : Path, optional
-        The new run directory.
-
-    Raises
-    ------
-    ValueError
-        If the recording cannot be read, does not say how it was made, has fewer contours, or a
-        node cannot be loaded.
-    InputError
-        If the folder cannot be used.
+    `bag`: the recording, or the folder of its run; `contour`: the last contour of which is known;
+    None for all that was recorded; `nodes`: names of nodes whose modules are not palpate's own, and
+    may be imported; `out`: the new run directory. Raises ValueError if the recording cannot be
+    read, does not say how it was made, has fewer contours, or a node cannot be loaded; InputError
+    if the folder cannot be used.
     """
     recording = open_recording(find_bag(bag))
     about = {key: text for key, text in recording.about.items() if key not in ("graph", "version")}
@@ -181,12 +168,8 @@ def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessag
 def past_differences(bag: Path, run: Path) -> str:
     """What of the earlier run came out otherwise, in a sentence; empty if nothing did.
 
-    Parameters
-    ----------
-    bag : Path
-        The earlier recording, or the folder of its run.
-    run : Path
-        The run directory of the run that went on with it.
+    `bag`: the earlier recording, or the folder of its run; `run`: the run directory of the run that
+    went on with it.
     """
     if not (run / RECORDING).exists():
         return ""
