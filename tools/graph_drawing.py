@@ -14,6 +14,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from graphlib import TopologicalSorter
 from itertools import pairwise
 from pathlib import Path
@@ -30,11 +31,8 @@ from palpate.tools.graph_sketch import (
     dot_text,
     joined,
     mermaid_text,
-    sink_text,
     sketch_of,
 )
-
-GRAPH_SUFFIXES = (".svg", ".mmd", ".dot")
 
 # Sizes in pixels: letters of names, of what stands under them, and of topics.
 NAME, SMALL, TOPIC = 14.0, 10.5, 12.0
@@ -82,20 +80,16 @@ text { font-family: system-ui, "Segoe UI", Helvetica, Arial, "DejaVu Sans", sans
 
 
 def write_picture(graph: Graph, path: Path, title: str) -> None:
-    """Draw the resolved wiring.
+    """Draw the resolved wiring into a file: .svg, .mmd (Mermaid) or .dot (Graphviz).
 
-    `graph`: the graph; `path`: a file whose name ends in .svg, .mmd (Mermaid) or .dot (Graphviz),
-    or ``-`` for SVG on standard output; `title`: what the picture shows. Raises InputError if the
-    graph could not run, or the file cannot be written; then none has changed.
+    ``-`` is SVG on standard output. Raises InputError if the graph could not run, or the file
+    cannot be written; then none has changed.
     """
     kind = ".svg" if str(path) == "-" else path.suffix
-    if kind not in GRAPH_SUFFIXES:
-        raise InputError(f"--graph: {path}: must end in one of {', '.join(GRAPH_SUFFIXES)}")
-    sketch = sketch_of(graph)
-    if kind == ".svg":
-        text = draw_svg(sketch, title)
-    else:
-        text = mermaid_text(sketch) if kind == ".mmd" else dot_text(sketch)
+    writers = {".svg": partial(draw_svg, title=title), ".mmd": mermaid_text, ".dot": dot_text}
+    if kind not in writers:
+        raise InputError(f"--graph: {path}: must end in one of {', '.join(writers)}")
+    text = writers[kind](sketch_of(graph))
     if str(path) == "-":
         sys.stdout.write(text)
     else:
@@ -160,6 +154,11 @@ class Strand:
             return 3, -self.lane
         return (0, -self.lane) if self.far else (1 if self.reach else 2, 0)
 
+    @property
+    def label_width(self) -> float:
+        """Width of its longest topic."""
+        return max(text_width(text, TOPIC) for text in self.wire.labels)
+
 
 def lay_out(sketch: Sketch) -> tuple[list[Place], list[Strand], float, float]:
     """All boxes and strands in their places, and where to the right and below nothing stands."""
@@ -185,13 +184,16 @@ def lay_out(sketch: Sketch) -> tuple[list[Place], list[Strand], float, float]:
     places = dict[int, Place]()
     x = _gutter(0, MARGIN, strands)
     for number, column in enumerate(columns):
-        wide = max(_width(sketch.boxes[box]) for box in column)
-        for box in column:
-            places[box] = Place(sketch.boxes[box], x, tops[box] + down, wide, heights[box])
+        wide = 2.0 * PAD + max(
+            max(text_width(box.name, NAME, bold=True), text_width(box.kind, SMALL))
+            for box in (sketch.boxes[i] for i in column)
+        )
+        for i in column:
+            places[i] = Place(sketch.boxes[i], x, tops[i] + down, wide, heights[i])
         leaving = [one for one in strands if one.column == number]
         for one in leaving:
             one.exit = x + wide, one.exit[1] + down
-        labels = [_label_width(one) + (0.0 if one.reach else STUB) for one in leaving]
+        labels = [one.label_width + (0.0 if one.reach else STUB) for one in leaving]
         x = _gutter(number + 1, x + wide + CARD + UNDER + max(labels, default=0.0), strands)
     return [places[i] for i in edges], strands, x, lowest + LANE * below + CLEAR
 
@@ -206,25 +208,21 @@ def _strands(wires: Sequence[Wire], column_of: Mapping[int, int]) -> list[Strand
             if targets or not (wire.targets or back):
                 some.append(replace(wire, targets=targets))
     strands = []
-    for some in parts.values():
-        for wire in joined(some):
-            column, reach = column_of[wire.source], {t: column_of[t] for t in wire.targets}
-            gutters = sorted({*reach.values(), column + 1}) if reach else []
-            strands.append(Strand(wire, column, reach, tuple(gutters)))
+    for wire in (*joined(parts[False]), *joined(parts[True])):
+        column, reach = column_of[wire.source], {t: column_of[t] for t in wire.targets}
+        gutters = sorted({*reach.values(), column + 1}) if reach else []
+        strands.append(Strand(wire, column, reach, tuple(gutters)))
     taken: dict[tuple[bool, int], list[Strand]] = {}
     # The shortest first: what goes far arches over what does not.
-    for one in sorted(
-        strands, key=lambda one: one.gutters[-1] - one.gutters[0] if one.reach else 0
-    ):
-        if one.far:
-            while any(_overlap(one, other) for other in taken.get((one.back, one.lane), ())):
-                one.lane += 1
-            taken.setdefault((one.back, one.lane), []).append(one)
+    lanes = [one for one in strands if one.far]
+    for one in sorted(lanes, key=lambda one: one.gutters[-1] - one.gutters[0]):
+        while any(
+            one.gutters[0] <= other.gutters[-1] and other.gutters[0] <= one.gutters[-1]
+            for other in taken.get((one.back, one.lane), ())
+        ):
+            one.lane += 1
+        taken.setdefault((one.back, one.lane), []).append(one)
     return strands
-
-
-def _overlap(one: Strand, other: Strand) -> bool:
-    return one.gutters[0] <= other.gutters[-1] and other.gutters[0] <= one.gutters[-1]
 
 
 def _place_column(
@@ -345,15 +343,6 @@ def _spots(column: Sequence[int]) -> dict[int, float]:
     return {box: (i + 0.5) / len(column) for i, box in enumerate(column)}
 
 
-def _width(box: Box) -> float:
-    name, kind = text_width(box.name, NAME, bold=True), text_width(box.kind, SMALL)
-    return 2.0 * PAD + max(name, kind)
-
-
-def _label_width(strand: Strand) -> float:
-    return max(text_width(text, TOPIC) for text in strand.wire.labels)
-
-
 def text_width(text: str, size: float, *, bold: bool = False) -> float:
     """Width of a text in a common sans-serif of this size, estimated without a font."""
     em = sum(0.35 if one in _NARROW else 0.86 if one in _WIDE else 0.56 for one in text)
@@ -368,7 +357,7 @@ def _strand_lines(strand: Strand, places: Sequence[Place]) -> Iterator[str]:
     for way in ways:
         yield _arrow(way)
     if not ways:
-        end = left + _label_width(strand) + STUB
+        end = left + strand.label_width + STUB
         yield f'<path class="line" d="M{_n(x)},{_n(y)} H{_n(end)}"/>'
     for px, py in sorted(_forks(ways)) if ways else [(end, y)]:
         yield f'<circle class="head" cx="{_n(px)}" cy="{_n(py)}" r="2.6"/>'
@@ -445,14 +434,13 @@ def _legend(
             lines.append(sample if name == "ends" else arrow)
             lines.append(_text("small", text, x + SAMPLE + UNDER, y + 4.0, TOPIC))
             x += SAMPLE + UNDER + text_width(text, TOPIC) + MARGIN
-    wides = [text_width(sink_text(sink), TOPIC) + 2.0 * PAD for sink in sketch.sinks]
+    labels = sketch.labels()[len(sketch.boxes) :]
+    wides = [text_width(label, TOPIC) + 2.0 * PAD for _, label in labels]
     end = max(right + MARGIN, x + sum(wides) + MARGIN * len(wides))
     x = end - sum(wides) - MARGIN * len(wides)
-    for sink, wide in zip(sketch.sinks, wides, strict=True):
-        lines.append(f"<g>\n<title>{_safe(sink.title)}</title>")
-        lines.append(_rect("sink", x, top, wide, FOOT))
-        lines.append(_text("small", sink_text(sink), x + PAD, y + 4.0, TOPIC))
-        lines.append("</g>")
+    for (sink, label), wide in zip(labels, wides, strict=True):
+        lines += [f"<g>\n<title>{_safe(sink.title)}</title>", _rect("sink", x, top, wide, FOOT)]
+        lines += [_text("small", label, x + PAD, y + 4.0, TOPIC), "</g>"]
         x += wide + MARGIN
     return lines, end
 

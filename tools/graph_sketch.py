@@ -6,13 +6,15 @@ Nodes of the same kind, one for each finger, are one stack. Who receives everyth
 from __future__ import annotations
 
 import json
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from palpate.launch import Graph, ResolvedNode, plain_params, resolve_nodes
 from palpate.nodes.runtime import Node, Wiring
 
 MAX_PARAM_LETTERS = 400  # Of the parameters in a title
+TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +30,7 @@ class Box:
     @property
     def name(self) -> str:
         """Its name, and how many there are."""
-        return self.text if self.count == 1 else f"{self.text} \N{MULTIPLICATION SIGN} {self.count}"
+        return self.text if self.count == 1 else f"{self.text} {TIMES} {self.count}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,45 +44,56 @@ class Wire:
     latched: bool = False  # Whether somebody waits for it before anything else
 
 
-@dataclass(frozen=True, slots=True)
-class Sketch:
+class Sketch(NamedTuple):
     """A graph, ready to be laid out."""
 
     boxes: tuple[Box, ...]  # In the order of the launch file, without sinks
     wires: tuple[Wire, ...]  # Each with one source
     sinks: tuple[Box, ...]  # Who subscribes to every topic
 
+    def labels(self) -> list[tuple[Box, str]]:
+        """What stands in each box, those of the sinks last."""
+        sinks = ((sink, f"{sink.name}: subscribes to every topic") for sink in self.sinks)
+        return [*((box, box.name) for box in self.boxes), *sinks]
+
 
 def sketch_of(graph: Graph) -> Sketch:
-    """What is to be drawn of a graph.
-
-    Raises InputError if the graph could not run.
-    """
+    """What is to be drawn of a graph; raises InputError if it could not run."""
     wirings = {wiring.name: wiring for wiring in graph.wirings()}
-    resolved = resolve_nodes(graph.entries)
-    sinks = [one for one in resolved if not isinstance(one.node, Node)]
-    stacks: dict[tuple[str, str], list[ResolvedNode]] = {}
-    for one in resolved:
-        if isinstance(one.node, Node):
-            stacks.setdefault((one.entry.group, one.entry.module), []).append(one)
-    box_of = {one.entry.name: i for i, stack in enumerate(stacks.values()) for one in stack}
-    latched = {
-        received.topic
-        for one in resolved
-        if isinstance(one.node, Node)
-        for received in wirings[one.entry.name].inputs
-        if received.local in one.node.needs
-    }
     types = {topic: cls.__name__ for topic, cls in graph.topics().items()}
-    return Sketch(
-        tuple(_box(stack, graph.ends) for stack in stacks.values()),
-        tuple(
-            _wire(i, topics, box_of, latched, types)
-            for i, stack in enumerate(stacks.values())
-            for topics in _alike([wirings[one.entry.name] for one in stack])
-        ),
-        tuple(_box([one], graph.ends) for one in sinks),
-    )
+    stacks: dict[tuple[str, str], list[ResolvedNode]] = {}
+    sinks, latched = [], set[str]()
+    for one in resolve_nodes(graph.entries):
+        if not isinstance(one.node, Node):
+            sinks.append(_box([one], graph.ends))
+            continue
+        stacks.setdefault((one.entry.group, one.entry.module), []).append(one)
+        inputs = wirings[one.entry.name].inputs
+        latched |= {edge.topic for edge in inputs if edge.local in one.node.needs}
+    box_of = {one.entry.name: i for i, stack in enumerate(stacks.values()) for one in stack}
+    wires = []
+    for source, stack in enumerate(stacks.values()):
+        alike: dict[str, list[tuple[Wiring, str]]] = {}  # What the nodes of a stack call the same
+        for one in stack:
+            wiring = wirings[one.entry.name]
+            for local, topic in wiring.outputs.items():
+                alike.setdefault(local, []).append((wiring, topic))
+        for local, topics in alike.items():
+            edges = [(wiring.name, topic, wiring.listeners[topic]) for wiring, topic in topics]
+            single = len(edges) == 1
+            wire = Wire(
+                source=source,
+                targets=tuple(sorted({box_of[n] for *_, to in edges for n in to if n in box_of})),
+                labels=(edges[0][1] if single else f"{local} {TIMES} {len(edges)}",),
+                title="\n".join(
+                    f"{topic}: {types[topic]}, {name} to {', '.join(to) or 'nobody'}"
+                    for name, topic, to in edges
+                ),
+                latched=any(topic in latched for _, topic, _ in edges),
+            )
+            wires.append(wire)
+    boxes = tuple(_box(stack, graph.ends) for stack in stacks.values())
+    return Sketch(boxes, tuple(wires), tuple(sinks))
 
 
 def _box(stack: Sequence[ResolvedNode], ends: str) -> Box:
@@ -97,41 +110,6 @@ def _box(stack: Sequence[ResolvedNode], ends: str) -> Box:
         title="\n".join(lines),
         count=len(stack),
         ends=any(one.entry.name == ends for one in stack),
-    )
-
-
-def _alike(wirings: Sequence[Wiring]) -> list[list[tuple[Wiring, str]]]:
-    """The topics of a stack, those that its nodes call the same together."""
-    alike: dict[str, list[tuple[Wiring, str]]] = {}
-    for wiring in wirings:
-        for local, topic in wiring.outputs.items():
-            alike.setdefault(local, []).append((wiring, topic))
-    return list(alike.values())
-
-
-def _wire(
-    source: int,
-    topics: Sequence[tuple[Wiring, str]],
-    box_of: Mapping[str, int],
-    latched: Container[str],
-    types: Mapping[str, str],
-) -> Wire:
-    """The wire of one topic, or of the topics of several fingers that are alike."""
-    lines, targets = [], set()
-    for wiring, topic in topics:
-        names = wiring.listeners[topic]
-        lines.append(f"{topic}: {types[topic]}, {wiring.name} to {', '.join(names) or 'nobody'}")
-        targets |= {box_of[name] for name in names if name in box_of}
-    wiring, topic = topics[0]
-    if len(topics) > 1:
-        local = next(name for name, sent in wiring.outputs.items() if sent == topic)
-        topic = f"{local} \N{MULTIPLICATION SIGN} {len(topics)}"
-    return Wire(
-        source=source,
-        targets=tuple(sorted(targets)),
-        labels=(topic,),
-        title="\n".join(lines),
-        latched=any(topic in latched for _, topic in topics),
     )
 
 
@@ -155,45 +133,33 @@ def mermaid_text(sketch: Sketch) -> str:
         return '"' + text.replace("#", "#35;").replace('"', "#quot;").replace("<", "#lt;") + '"'
 
     lines = ["flowchart LR"]
-    for i, box in enumerate((*sketch.boxes, *sketch.sinks)):
-        lines.append(f"  n{i}[{quoted(_label(sketch, i))}]")
+    for i, (box, label) in enumerate(sketch.labels()):
+        lines.append(f"  n{i}[{quoted(label)}]")
         lines += [f"  style n{i} stroke-width:3px"] if box.ends else []
-    for source, target, wire in _arrows(sketch):
+    for target, wire in _arrows(sketch):
         arrow = "-.->" if wire.latched else "-->"
         end = f"{target}(( ))" if not wire.targets else target
-        lines.append(f"  {source} {arrow}|{quoted(', '.join(wire.labels))}| {end}")
+        lines.append(f"  n{wire.source} {arrow}|{quoted(', '.join(wire.labels))}| {end}")
     return "\n".join(lines) + "\n"
 
 
 def dot_text(sketch: Sketch) -> str:
     """The wiring in the DOT language of Graphviz."""
     lines = ["digraph {", "  rankdir=LR", "  node [shape=box]"]
-    for i, box in enumerate((*sketch.boxes, *sketch.sinks)):
+    for i, (box, label) in enumerate(sketch.labels()):
         style = ", penwidth=3" if box.ends else ", style=dashed" if i >= len(sketch.boxes) else ""
-        lines.append(f"  n{i} [label={json.dumps(_label(sketch, i), ensure_ascii=False)}{style}]")
-    for source, target, wire in _arrows(sketch):
+        lines.append(f"  n{i} [label={json.dumps(label, ensure_ascii=False)}{style}]")
+    for target, wire in _arrows(sketch):
         if not wire.targets:
             lines.append(f"  {target} [shape=point]")
         label = json.dumps("\n".join(wire.labels), ensure_ascii=False)
         style = ", style=dashed" if wire.latched else ""
-        lines.append(f"  {source} -> {target} [label={label}{style}]")
+        lines.append(f"  n{wire.source} -> {target} [label={label}{style}]")
     return "\n".join([*lines, "}"]) + "\n"
 
 
-def _label(sketch: Sketch, i: int) -> str:
-    boxes = (*sketch.boxes, *sketch.sinks)
-    return boxes[i].name if i < len(sketch.boxes) else sink_text(boxes[i])
-
-
-def sink_text(sink: Box) -> str:
-    """What stands in the box of one that receives everything."""
-    return f"{sink.name}: subscribes to every topic"
-
-
-def _arrows(sketch: Sketch) -> Iterator[tuple[str, str, Wire]]:
-    """From and to which node an arrow goes; a topic that only sinks receive goes nowhere."""
+def _arrows(sketch: Sketch) -> Iterator[tuple[str, Wire]]:
+    """To which node an arrow goes; a topic that only sinks receive goes nowhere."""
     for number, wire in enumerate(joined(sketch.wires)):
-        for target in wire.targets:
-            yield f"n{wire.source}", f"n{target}", wire
-        if not wire.targets:
-            yield f"n{wire.source}", f"nowhere{number}", wire
+        for target in [f"n{target}" for target in wire.targets] or [f"nowhere{number}"]:
+            yield target, wire
