@@ -6,14 +6,17 @@ written to a file, never to the screen. A verb is imported only when it is calle
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
 import tempfile
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import import_module
-from typing import NoReturn
+from pathlib import Path
+from typing import Any, NoReturn
 
 import click
 
@@ -21,13 +24,60 @@ from palpate import __version__
 from palpate.launch.files import InputError, hint
 
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
+Command = Callable[..., Any]
+# What several verbs take.
+PATH = click.Path(path_type=Path)
+BAG = click.argument("bag", type=PATH)
+SEED = click.IntRange(0, 1 << 53)
+SETTINGS = click.option(
+    "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="Repeatable."
+)
+COMPOSED = click.option("--composed", is_flag=True, help="All nodes in one process.")
+RUN_FOLDER = click.option("--out", type=PATH, help="Run directory; new or empty.")
+RUN = click.option(
+    "--run",
+    metavar="ID",
+    help="Beginning of the run's number, or its name; the latest if left out.",
+)
+
+
+def json_option(told: str = "Print the figures as JSON.") -> Callable[[Command], Command]:
+    """The option to print for programs."""
+    return click.option("--json", "as_json", is_flag=True, help=told)
+
+
+def quiet_option(told: str = "Print nothing.") -> Callable[[Command], Command]:
+    """The option to print less."""
+    return click.option("--quiet", is_flag=True, help=told)
+
+
+def names_option(flag: str, metavar: str, told: str) -> Callable[[Command], Command]:
+    """An option that takes names between commas."""
+    return click.option(
+        flag,
+        metavar=metavar,
+        help=told,
+        default="",
+        callback=lambda _, __, text: tuple(filter(None, map(str.strip, text.split(",")))),
+    )
+
+
+def print_figures(figures: Any, text: Callable[[Any], str], *, as_json: bool) -> None:
+    """Print figures for a program, or as text for a person."""
+    click.echo(json.dumps(figures, indent=2, allow_nan=False) if as_json else text(figures))
+
+
+@contextmanager
+def as_input_errors() -> Iterator[None]:
+    """What cannot be done is one sentence for the user."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(str(error)) from None
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Do what the command line asks for, and exit.
-
-    `arguments`: the command line without the program's name; the process's own if left out.
-    """
+    """Do what the command line, without the program's name, asks for, and exit."""
     code = run(sys.argv[1:] if arguments is None else arguments)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt
     sys.exit(code)
@@ -113,7 +163,7 @@ class NamedGroup(click.Group):
 
 
 class LazyGroup(NamedGroup):
-    """Verbs by name, each with where it stands (``module:attribute``) and its help in one line."""
+    """Verbs by name: the module in which each stands, from here, and its help in one line."""
 
     def __init__(self, name: str, verbs: Mapping[str, tuple[str, str]], help: str) -> None:
         super().__init__(name, help=help)
@@ -127,9 +177,9 @@ class LazyGroup(NamedGroup):
         """The verb of a name."""
         if cmd_name not in self._verbs:
             return None
-        module, _, attribute = self._verbs[cmd_name][0].partition(":")
-        command: click.Command = getattr(import_module(f"palpate.{module}"), attribute)
-        return command
+        module = import_module(f".{self._verbs[cmd_name][0]}", __package__)
+        command: click.Command | None = getattr(module, f"{cmd_name}_command", None)
+        return command or getattr(module, f"{cmd_name}_group")
 
     def in_short(self, verb: str) -> str:
         """What a verb does, in one line; nothing is imported."""
@@ -139,69 +189,31 @@ class LazyGroup(NamedGroup):
 palpate_group = LazyGroup(
     "palpate",
     {
-        "run": ("tools.cli.launching:run_command", "Explore a scene and rebuild its object."),
-        "launch": ("tools.cli.launching:launch_command", "Start the graph of a launch file."),
-        "host": (
-            "tools.cli.launching:host_command",
-            "Lend this machine to graphs that are launched elsewhere.",
-        ),
-        "keys": (
-            "tools.cli.launching:keys_command",
-            "Make the key that the machines of a graph share.",
-        ),
-        "replay": (
-            "tools.cli.launching:replay_command",
-            "Run nodes on a recording and compare what they publish.",
-        ),
+        "run": ("launching", "Explore a scene and rebuild its object."),
+        "launch": ("launching", "Start the graph of a launch file."),
+        "host": ("launching", "Lend this machine to graphs that are launched elsewhere."),
+        "keys": ("launching", "Make the key that the machines of a graph share."),
+        "replay": ("launching", "Run nodes on a recording and compare what they publish."),
         "bag": (
-            "tools.cli.recordings:bag_group",
+            "recordings",
             "Look into recordings, play, recover and compare them, and hand them on.",
         ),
-        "scene": ("tools.cli.preparation:scene_group", "List and check scenes."),
-        "node": (
-            "tools.cli.running_graph:node_group",
-            "Look at the nodes of a running graph, or at the kinds of node.",
-        ),
-        "topic": (
-            "tools.cli.running_graph:topic_group",
-            "Receive and publish on the topics of a running graph.",
-        ),
-        "param": (
-            "tools.cli.running_graph:param_group",
-            "Look at the parameters of a running graph's nodes.",
-        ),
+        "scene": ("solids", "List and check scenes."),
+        "node": ("running_graph", "Look at the nodes of a running graph, or at the kinds of node."),
+        "topic": ("running_graph", "Receive and publish on the topics of a running graph."),
+        "param": ("running_graph", "Look at the parameters of a running graph's nodes."),
         "doctor": (
-            "tools.cli.running_graph:doctor_command",
+            "running_graph",
             "Say whether machine, installation and running graphs are well.",
         ),
-        "init": (
-            "tools.cli.preparation:init_group",
-            "Begin a node, a driver, an effect or a planner of your own.",
-        ),
-        "calibrate": (
-            "tools.cli.preparation:calibrate_command",
-            "Press a known flat and ball, and say what each taxel means.",
-        ),
-        "rebuild": (
-            "tools.cli.solids:rebuild_command",
-            "Rebuild a solid from contours that anybody measured.",
-        ),
-        "score": (
-            "tools.cli.solids:score_command",
-            "Measure a solid against a CAD model or measured points.",
-        ),
-        "cost": (
-            "tools.cli.recordings:cost_command",
-            "Say what a recorded run would have cost another robot.",
-        ),
-        "bench": ("bench.suite.groups:bench_command", "Measure speed and accuracy."),
-        "chaos": (
-            "tools.cli.launching:chaos_command",
-            "Put faults into explorations and say what they survive.",
-        ),
+        "init": ("solids", "Begin a node, a driver, an effect or a planner of your own."),
+        "calibrate": ("solids", "Press a known flat and ball, and say what each taxel means."),
+        "rebuild": ("solids", "Rebuild a solid from contours that anybody measured."),
+        "score": ("solids", "Measure a solid against a CAD model or measured points."),
+        "cost": ("recordings", "Say what a recorded run would have cost another robot."),
+        "bench": ("..bench.suite.groups", "Measure speed and accuracy."),
+        "chaos": ("launching", "Put faults into explorations and say what they survive."),
     },
     "Touches an unknown object with a simulated fingertip and rebuilds it as a solid.",
 )
-
-
 click.version_option(__version__, prog_name="palpate")(palpate_group)

@@ -6,65 +6,44 @@ from pathlib import Path
 
 import click
 
-from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import NamedGroup
+from palpate.tools import bag as bags
+from palpate.tools import introspection
+from palpate.tools.cli.command_line import (
+    BAG,
+    PATH,
+    RUN,
+    NamedGroup,
+    as_input_errors,
+    json_option,
+    names_option,
+    print_figures,
+    quiet_option,
+)
 
 bag_group = NamedGroup(
     "bag", help="Look into recordings, play, recover and compare them, and hand them on."
 )
-INFO_HELP = """Say what the recording BAG holds.
-
-BAG is a run directory or an MCAP file. A table shows how many messages each topic has, their bytes
-before they were packed, and their share of all. A damaged recording is shown up to the damage.
-
-Exits with 0 if the recording is whole, with 1 if it is damaged or was never closed.
-"""
-RECOVER_HELP = """Save what is whole of the recording BAG.
-
-BAG is a run directory or an MCAP file. All messages from the beginning to the first damage are
-written into a new recording, with whatever else the recording says; parts that a restarted recorder
-wrote are joined. The new file is read again and compared before it is put in its place.
-"""
-DIFF_HELP = """Compare the recordings A and B, message by message, topic by topic.
-
-Each is a topics.mcap, or the folder of a run. The n-th message of a topic in A belongs to the n-th
-in B. Names the first message that differs, in the order in which A sent them, and counts all that
-do. Neither times nor restarts matter, nor in which order different topics came.
-
-Exits with 0 if they are identical, with 1 if not, with 2 if one cannot be read.
-"""
-EXPORT_HELP = """Write the recording BAG in a format that other programs read.
-
-BAG is a run directory or an MCAP file, which must not be damaged: see palpate bag recover.
-
-csv is a folder with one table a topic, one row a message, and units.json beside them. npz is one
-file with an array for each field, messages first, for numpy.load. foxglove is an MCAP file in JSON
-that Foxglove shows: models, contours, touched points, the finger and the log.
-"""
-COST_HELP = """Say what the moves of RUN would have cost each robot, in s.
-
-RUN is the folder of a run, or its topics.mcap. A recording keeps the way, the turn and the approach
-of each touch, so that its time follows for any arm: modern, a collaborative one of today; puma, one
-of the 1990s; sliding, the modern one, if it stayed on the surface between two touches of a contour.
-"""
 
 
-@bag_group.command("info", short_help="Say what a recording holds.", help=INFO_HELP)
-@click.argument("bag", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
+@bag_group.command("info", short_help="Say what a recording holds.")
+@BAG
+@json_option("Print it as JSON.")
 def bag_info_command(bag: Path, as_json: bool) -> int:
-    """Describe a recording; `INFO_HELP` says how."""
-    import json
+    """Say what the recording BAG holds.
 
-    from palpate.tools.bag import bag_info, info_text
+    BAG is a run directory or an MCAP file. A table shows how many messages each topic has, their
+    bytes before they were packed, and their share of all. A damaged recording is shown up to the
+    damage.
 
-    info = bag_info(bag)
-    click.echo(json.dumps(info, indent=2, allow_nan=False) if as_json else info_text(info))
+    Exits with 0 if the recording is whole, with 1 if it is damaged or was never closed.
+    """
+    info = bags.bag_info(bag)
+    print_figures(info, bags.info_text, as_json=as_json)
     return 0 if info["closed"] else 1
 
 
 @bag_group.command("play", short_help="Publish again what a recording holds, at its own pace.")
-@click.argument("bag", type=click.Path(path_type=Path))
+@BAG
 @click.option("-r", "--rate", default=1.0, show_default=True, help="Recorded s in a second.")
 @click.option("-l", "--loop", is_flag=True, help="Begin anew at the end, until Ctrl-C.")
 @click.option("--start-offset", default=0.0, help="Begin so many s after the first message.")
@@ -81,7 +60,7 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
     help="Publish the recording's time on /clock, 40 times a second if no number is given.",
 )
 @click.option("-p", "--start-paused", is_flag=True, help="Wait for resume or step.")
-@click.option("--quiet", is_flag=True, help="Print nothing.")
+@quiet_option()
 def bag_play_command(
     bag: Path,
     rate: float,
@@ -100,8 +79,6 @@ def bag_play_command(
     palpate topic echo. In a terminal the space bar pauses and resumes, the right arrow steps;
     palpate bag pause, resume and step do the same from elsewhere.
     """
-    from palpate.tools.bag import play_recording, player_entry, read_remap
-
     params = {
         "rate": rate,
         "loop": loop,
@@ -111,107 +88,108 @@ def bag_play_command(
         "clock": clock,
         "paused": start_paused,
     }
-    return play_recording(player_entry(bag, params, read_remap(remap)), quiet=quiet)
+    return bags.play_recording(bags.player_entry(bag, params, bags.read_remap(remap)), quiet=quiet)
 
 
 @bag_group.command("pause", short_help="Have a player stand still.")
-@click.option("--run", metavar="ID", help="Which running graph; the latest if left out.")
+@RUN
 def bag_pause_command(run: str | None) -> None:
     """Have the player of a running graph stand still."""
-    from palpate.tools.introspection import control_player
-
-    control_player(run, "pause")
+    introspection.control_player(run, "pause")
 
 
 @bag_group.command("resume", short_help="Have a player go on.")
-@click.option("--run", metavar="ID", help="Which running graph; the latest if left out.")
+@RUN
 def bag_resume_command(run: str | None) -> None:
     """Have the player of a running graph go on."""
-    from palpate.tools.introspection import control_player
-
-    control_player(run, "resume")
+    introspection.control_player(run, "resume")
 
 
 @bag_group.command("step", short_help="Have a player that stands still publish the next message.")
 @click.option("-n", "--messages", type=click.IntRange(1, 1 << 31), default=1, show_default=True)
-@click.option("--run", metavar="ID", help="Which running graph; the latest if left out.")
+@RUN
 def bag_step_command(messages: int, run: str | None) -> None:
     """Have the player of a running graph, if it stands still, publish the next MESSAGES."""
-    from palpate.tools.introspection import control_player
-
-    control_player(run, "step", number=messages)
+    introspection.control_player(run, "step", number=messages)
 
 
-@bag_group.command(
-    "recover", short_help="Save what is whole of a damaged recording.", help=RECOVER_HELP
-)
-@click.argument("bag", type=click.Path(path_type=Path))
+@bag_group.command("recover", short_help="Save what is whole of a damaged recording.")
+@BAG
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="The new file, not there yet; NAME.recovered.mcap beside BAG if left out.",
 )
 def bag_recover_command(bag: Path, output: Path | None) -> int:
-    """Recover a recording; `RECOVER_HELP` says how."""
-    from palpate.tools.bag import recover_recording, recovered_text
+    """Save what is whole of the recording BAG.
 
-    click.echo(recovered_text(recover_recording(bag, output)))
+    BAG is a run directory or an MCAP file. All messages from the beginning to the first damage are
+    written into a new recording, with whatever else the recording says; parts that a restarted
+    recorder wrote are joined. The new file is read again and compared before it is put in its
+    place.
+    """
+    click.echo(bags.recovered_text(bags.recover_recording(bag, output)))
     return 0
 
 
-@bag_group.command(
-    "diff", short_help="Name the first message in which two recordings differ.", help=DIFF_HELP
-)
-@click.argument("a", metavar="A", type=click.Path(path_type=Path))
-@click.argument("b", metavar="B", type=click.Path(path_type=Path))
-@click.option("--topics", default="", metavar="/X,/Y", help="Topics to compare; all if none.")
-def bag_diff_command(a: Path, b: Path, topics: str) -> int:
-    """Compare two recordings; `DIFF_HELP` says how."""
-    from palpate.tools.bag import compare_recordings, diff_text
+@bag_group.command("diff", short_help="Name the first message in which two recordings differ.")
+@click.argument("a", metavar="A", type=PATH)
+@click.argument("b", metavar="B", type=PATH)
+@names_option("--topics", "/X,/Y", "Topics to compare; all if none.")
+def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
+    """Compare the recordings A and B, message by message, topic by topic.
 
-    names = tuple(name.strip() for name in topics.split(",") if name.strip())
-    try:
-        found = compare_recordings(a, b, names)
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    click.echo(diff_text(found))
+    Each is a topics.mcap, or the folder of a run. The n-th message of a topic in A belongs to the
+    n-th in B. Names the first message that differs, in the order in which A sent them, and counts
+    all that do. Neither times nor restarts matter, nor in which order different topics came.
+
+    Exits with 0 if they are identical, with 1 if not, with 2 if one cannot be read.
+    """
+    with as_input_errors():
+        found = bags.compare_recordings(a, b, topics)
+    click.echo(bags.diff_text(found))
     return int(bool(found.first))
 
 
-@bag_group.command(
-    "export", short_help="Write a recording in a format that other programs read.", help=EXPORT_HELP
-)
-@click.argument("bag", type=click.Path(path_type=Path))
+@bag_group.command("export", short_help="Write a recording in a format that other programs read.")
+@BAG
 @click.option(
     "--format", "kind", type=click.Choice(["csv", "npz", "foxglove"]), required=True, help="Format."
 )
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=PATH,
     required=True,
     help="The new file or folder, not there yet.",
 )
-@click.option("--topics", default="", metavar="A,B", help="Topics to write; all if left out.")
-def bag_export_command(bag: Path, kind: str, output: Path, topics: str) -> None:
-    """Export a recording; `EXPORT_HELP` says how."""
-    from palpate.tools.bag import export_bag
+@names_option("--topics", "A,B", "Topics to write; all if left out.")
+def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ...]) -> None:
+    """Write the recording BAG in a format that other programs read.
 
-    names = tuple(name.strip() for name in topics.split(",") if name.strip())
-    click.echo(export_bag(bag, kind, output, names))
+    BAG is a run directory or an MCAP file, which must not be damaged: see palpate bag recover.
+
+    csv is a folder with one table a topic, one row a message, and units.json beside them. npz is
+    one file with an array for each field, messages first, for numpy.load. foxglove is an MCAP file
+    in JSON that Foxglove shows: models, contours, touched points, the finger and the log.
+    """
+    click.echo(bags.export_bag(bag, kind, output, topics))
 
 
-@click.command("cost", help=COST_HELP)
-@click.argument("run", type=click.Path(path_type=Path))
+@click.command("cost")
+@click.argument("run", type=PATH)
 @click.option("--robot", "robots", multiple=True, metavar="NAME", help="Of this only. Repeatable.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@json_option()
 def cost_command(run: Path, robots: tuple[str, ...], as_json: bool) -> int:
-    """Apply robots to recorded moves; `COST_HELP` says how."""
-    import json
+    """Say what the moves of RUN would have cost each robot, in s.
 
+    RUN is the folder of a run, or its topics.mcap. A recording keeps the way, the turn and the
+    approach of each touch, so that its time follows for any arm: modern, a collaborative one of
+    today; puma, one of the 1990s; sliding, the modern one, if it stayed on the surface between two
+    touches of a contour.
+    """
     from palpate.tools.cost import robot_time, robot_time_text
 
-    found = robot_time(run, robots)
-    click.echo(json.dumps(found, indent=2, allow_nan=False) if as_json else robot_time_text(found))
+    print_figures(robot_time(run, robots), robot_time_text, as_json=as_json)
     return 0

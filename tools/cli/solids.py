@@ -1,10 +1,23 @@
-"""Verbs on solids: rebuild one from measured points, and score one against what it should be."""
+"""Verbs before a run, scene, calibrate and init; and on solids without one, rebuild and score."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import click
+
+from palpate import launch
+from palpate.launch.files import InputError
+from palpate.tools.cli.command_line import (
+    PATH,
+    json_option,
+    print_figures,
+    quiet_option,
+)
+
+if TYPE_CHECKING:
+    from palpate.tools.init import NodeFiles
 
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
@@ -20,18 +33,8 @@ Contours run around the z axis; each may begin anywhere, in either direction, wi
 points. Files of points are taken to be in m unless told otherwise; lengths among the options are
 in the same unit. What is written is in m, STL in mm.
 """
-PATH = click.Path(path_type=Path)
 LENGTH = click.FloatRange(min=0.0, min_open=True)
 UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
-SCORE_HELP = """Measure the solid MODEL against REFERENCE.
-
-MODEL is a PLY, STL, OBJ, OFF or GLB file, or the model.npz of a run or of palpate rebuild.
-REFERENCE is such a file, a CAD model's mesh say, or measured points: a CSV, TXT or XYZ file, or a
-PLY file without faces. Against points the distances are one-sided, from each point to the model.
-
-A file does not say its unit: it is taken for what palpate writes, mm for STL and m for all
-others, unless told otherwise. GLB files have y up, and are turned.
-"""
 
 
 @click.command("rebuild", help=REBUILD_HELP)
@@ -40,7 +43,7 @@ others, unless told otherwise. GLB files have y up, and are turned.
     "-o", "--out", "outs", type=PATH, multiple=True,
     help="File to write: .ply, .stl, .glb, .obj, or .npz with everything. Repeatable.",
 )  # fmt: skip
-@click.option("--unit", type=click.Choice(["m", "cm", "mm", "in"]), help="Unit of POINTS.")
+@click.option("--unit", type=UNIT_CHOICE, help="Unit of POINTS.")
 @click.option(
     "--method", type=click.Choice(["lattice", "skin", "thesis", "coarse"]), default="lattice",
     show_default=True, help="How to rebuild.",
@@ -51,8 +54,8 @@ others, unless told otherwise. GLB files have y up, and are turned.
 @click.option("--noise", type=LENGTH, help="Standard deviation of a coordinate, if known.")
 @click.option("--tolerance", type=LENGTH, help="How far triangles may leave the surface.")
 @click.option("--lattice", type=PATH, help="Write the control lattice: .npz or .vtk.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
-@click.option("--quiet", is_flag=True, help="Show no progress.")
+@json_option()
+@quiet_option("Show no progress.")
 def rebuild_command(
     points: Path,
     outs: tuple[Path, ...],
@@ -68,9 +71,7 @@ def rebuild_command(
     quiet: bool,
 ) -> int:
     """Rebuild a solid from a file; `REBUILD_HELP` says how."""
-    import json
     import sys
-    from typing import cast
 
     from palpate.core.rebuild import Method
     from palpate.tools.reconstruction import (
@@ -94,17 +95,17 @@ def rebuild_command(
     rebuilt = rebuild(points, wanted, say)
     write_outputs(rebuilt, outs, lattice)
     record = rebuild_record(rebuilt, points, outs, lattice)
-    click.echo(json.dumps(record, indent=2, allow_nan=False) if as_json else rebuild_text(record))
+    print_figures(record, rebuild_text, as_json=as_json)
     return 0
 
 
-@click.command("score", help=SCORE_HELP)
-@click.argument("model", type=click.Path(path_type=Path))
-@click.argument("reference", type=click.Path(path_type=Path))
+@click.command("score")
+@click.argument("model", type=PATH)
+@click.argument("reference", type=PATH)
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of MODEL.")
 @click.option("--reference-unit", type=UNIT_CHOICE, help="Unit of REFERENCE.")
 @click.option("--align", "aligned", is_flag=True, help="Move MODEL onto REFERENCE first, rigidly.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON, in m.")
+@json_option("Print the figures as JSON, in m.")
 def score_command(
     model: Path,
     reference: Path,
@@ -113,11 +114,136 @@ def score_command(
     aligned: bool,
     as_json: bool,
 ) -> int:
-    """Measure one file against another; `SCORE_HELP` says how."""
-    import json
+    """Measure the solid MODEL against REFERENCE.
 
+    MODEL is a PLY, STL, OBJ, OFF or GLB file, or the model.npz of a run or of palpate rebuild.
+    REFERENCE is such a file, a CAD model's mesh say, or measured points: a CSV, TXT or XYZ file, or
+    a PLY file without faces. Against points the distances are one-sided, from each point to the
+    model.
+
+    A file does not say its unit: it is taken for what palpate writes, mm for STL and m for all
+    others, unless told otherwise. GLB files have y up, and are turned.
+    """
     from palpate.tools.scoring import score, score_text
 
     found = score(model, reference, unit=unit, reference_unit=reference_unit, aligned=aligned)
-    click.echo(json.dumps(found, indent=2, allow_nan=False) if as_json else score_text(found))
+    print_figures(found, score_text, as_json=as_json)
     return 0
+
+
+@click.group("scene")
+def scene_group() -> None:
+    """List and check scenes."""
+
+
+@scene_group.command("list")
+def scene_list() -> None:
+    """Name the scenes that come with palpate."""
+    for name in launch.shipped_scenes():
+        click.echo(f"{name:<12} {launch.scene_title(name)}")
+
+
+@scene_group.command("check")
+@click.argument("scene")
+def scene_check(scene: str) -> None:
+    """Say whether SCENE can be explored, how large its object is, and what is simulated."""
+    from palpate.tools.report import check_scene
+
+    click.echo(check_scene(scene))
+
+
+@scene_group.command("effects")
+def scene_effects() -> None:
+    """Name the effects that a scene may list, their parameters, defaults and ranges."""
+    from palpate.tools.report import effects_text
+
+    click.echo(effects_text())
+
+
+@click.command("calibrate")
+@click.argument("scene")
+@click.option("--out", type=PATH, help="Write the calibration here, as YAML.")
+@quiet_option("No progress.")
+def calibrate_command(scene: str, out: Path | None, quiet: bool) -> int:
+    """Press a known flat and a known ball with the sensor of SCENE, with its effects.
+
+    Estimates the speed of sound, and gain and offset of each taxel, each with its standard
+    error. A scene in the same folder reads the file: sensor: {calibration: FILE}.
+    """
+    from palpate.launch.files import check_new
+    from palpate.tools.calibration import calibrate, calibration_text, calibration_warnings
+
+    if out is not None:
+        check_new(out)
+    spec = launch.load_scene(scene).spec
+    try:
+        found = calibrate(spec, lambda text: None if quiet else _print_press(text))
+    except ValueError as error:
+        raise InputError(f"{scene}: cannot be calibrated: {error}") from None
+    click.echo(calibration_text(found, spec.sensor))
+    reasons = calibration_warnings(found)
+    for reason in reasons:
+        click.echo(f"{'warning':<13}{reason}")
+    if out is not None and not reasons:
+        launch.write_calibration(out, found.estimate, found.pad)
+        click.echo(f"{'written':<13}{out}")
+    elif out is not None:
+        click.echo(f"{'not written':<13}{out}: see the warnings")
+    return 1 if reasons else 0
+
+
+def _print_press(text: str) -> None:
+    click.echo(f"pressing     {text}", err=True)
+
+
+@click.group("init")
+def init_group() -> None:
+    """Begin something of your own from a working example."""
+
+
+@init_group.command("effect")
+@click.argument("name")
+def init_effect_command(name: str) -> None:
+    """Write NAME.py here: an effect that works, to be changed."""
+    from palpate.tools.init import init_effect
+
+    path, listed = init_effect(name, Path())
+    click.echo(f"{path}: written; list it in a scene, and start palpate in this folder:")
+    click.echo(f"effects:\n  - {listed}")
+
+
+@init_group.command("planner")
+@click.argument("name")
+def init_planner_command(name: str) -> None:
+    """Write NAME.py and test_NAME.py here: a planner that works, to be changed."""
+    from palpate.tools.init import init_planner
+
+    path, test, named = init_planner(name, Path())
+    click.echo(f"{path}: written, and what must hold of it: python -m pytest {test}")
+    click.echo("name it in a scene, and start palpate in this folder:")
+    click.echo(f"explore:\n  planner: {named}")
+
+
+@init_group.command("node")
+@click.argument("name")
+def init_node_command(name: str) -> None:
+    """Write NAME.py, test_NAME.py and NAME.yaml here: a node that works, to be changed."""
+    from palpate.tools.init import init_node
+
+    _print_begun(init_node(name, Path(), "node"), f"/{name}")
+
+
+@init_group.command("driver")
+@click.argument("name")
+def init_driver_command(name: str) -> None:
+    """Write NAME.py, test_NAME.py and NAME.yaml here: a driver for a sensor of your own."""
+    from palpate.tools.init import init_node
+
+    _print_begun(init_node(name, Path(), "driver"), "/touch/patch")
+
+
+def _print_begun(begun: NodeFiles, topic: str) -> None:
+    click.echo(f"{begun.module}, {begun.test}, {begun.launch}: written; in this folder")
+    click.echo(f"  test it:    python -m pytest {begun.test}")
+    click.echo(f"  launch it:  palpate launch {begun.launch}")
+    click.echo(f"  look:       palpate topic echo {topic}")
