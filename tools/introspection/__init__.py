@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from palpate.tools.introspection.doctor import report_lines as report_lines
     from palpate.tools.introspection.echo import EchoFormat as EchoFormat
     from palpate.tools.introspection.echo import LossReport as LossReport
+    from palpate.tools.introspection.echo import TextStyle as TextStyle
     from palpate.tools.introspection.echo import echo_topic as echo_topic
+    from palpate.tools.introspection.echo import field_lines as field_lines
     from palpate.tools.introspection.echo import read_filter as read_filter
     from palpate.tools.introspection.echo import read_path as read_path
-    from palpate.tools.introspection.message_text import TextStyle as TextStyle
-    from palpate.tools.introspection.message_text import field_lines as field_lines
     from palpate.tools.introspection.rates import RateMonitor as RateMonitor
     from palpate.tools.introspection.rates import RateText as RateText
     from palpate.tools.introspection.rates import bandwidth_text as bandwidth_text

@@ -9,6 +9,7 @@ import resource
 import shutil
 import sys
 from collections.abc import Iterator, Mapping
+from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,18 +26,24 @@ from palpate.tools.introspection.topics import is_running
 # Free space on a disk that makes a long recording doubtful, and any, bytes.
 LOW_SPACE, MIN_SPACE = 1 << 30, 1 << 24
 MIN_OPEN_FILES = 256  # Open files that a process needs, at the least
-_RANDOM = 8  # Letters that the name of a private folder has after its beginning
-_LONGEST_NAME = "control"
-
-
+LONGEST_SOCKET = f"{FOLDER_PREFIX}{8 * 'x'}/control"  # In a private folder, named at random
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 # Variables of the environment by which palpate is affected.
-ENVIRONMENT_VARIABLES = (
-    "XDG_RUNTIME_DIR",
-    "TMPDIR",
-    "OPENBLAS_NUM_THREADS",
-    "OMP_NUM_THREADS",
-    "MKL_NUM_THREADS",
-)
+ENVIRONMENT_VARIABLES = ("XDG_RUNTIME_DIR", "TMPDIR", *THREADS)
+
+
+class Finding(NamedTuple):
+    """One thing that was looked at."""
+
+    # ``WARN``: it works, but worse. ``FAIL``: it does not work.
+    level: Literal["ok", "WARN", "FAIL"]
+    text: str  # What was found, and what to do about it, in one sentence
+
+    def __str__(self) -> str:
+        return f"{self.level:<5}{self.text}"
+
+
+fine, doubtful, failing = (partial(Finding, level) for level in ("ok", "WARN", "FAIL"))
 
 
 def machine_findings() -> Iterator[Finding]:
@@ -62,28 +69,24 @@ def machine_findings() -> Iterator[Finding]:
 
 def packages_finding() -> Finding:
     """Whether all is there that results and recordings depend on."""
-    found, missing = [], []
-    for name in VERSIONED_PACKAGES:
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            missing.append(name)
+    found = {name: _version(name) for name in VERSIONED_PACKAGES}
+    missing = [name for name, number in found.items() if number is None]
     if missing:
         return failing(f"packages are missing: {', '.join(missing)}; install palpate once more")
-    return fine(f"packages: {', '.join(found)}")
+    return fine(f"packages: {', '.join(f'{name} {number}' for name, number in found.items())}")
 
 
 def zmq_findings() -> Iterator[Finding]:
     """Whether ZeroMQ has what the bus uses."""
-    said = f"ZeroMQ {zmq.zmq_version()}"
+    found = f"ZeroMQ {zmq.zmq_version()}"
     if zmq.zmq_version_info() < (4, 3):
-        yield failing(f"{said} is too old, the bus needs 4.3; install a newer pyzmq")
+        yield failing(f"{found} is too old, the bus needs 4.3; install a newer pyzmq")
     elif not zmq.has("ipc"):
-        yield failing(f"{said} has no Unix sockets, which the bus needs; install another pyzmq")
+        yield failing(f"{found} has no Unix sockets, which the bus needs; install another pyzmq")
     elif not zmq.has("curve"):
-        yield doubtful(f"{said} cannot encrypt (no CURVE); do not let it leave this machine")
+        yield doubtful(f"{found} cannot encrypt (no CURVE); do not let it leave this machine")
     else:
-        yield fine(f"{said} with Unix sockets and CURVE")
+        yield fine(f"{found} with Unix sockets and CURVE")
 
 
 def compiled_finding(package: str, module: str, without: str) -> Finding:
@@ -103,16 +106,15 @@ def space_finding(folder: Path) -> Finding:
     if not os.access(place, os.W_OK | os.X_OK):
         return failing(f"{place} cannot be written; choose another folder")
     free = shutil.disk_usage(place).free
-    said = f"{free / 1e9:.1f} GB free in {place}"
+    found = f"{free / 1e9:.1f} GB free in {place}"
     if free < MIN_SPACE:
-        return failing(f"{said}: make room")
-    return doubtful(f"{said}: a long recording may not fit") if free < LOW_SPACE else fine(said)
+        return failing(f"{found}: make room")
+    return doubtful(f"{found}: a long recording may not fit") if free < LOW_SPACE else fine(found)
 
 
 def socket_finding(folder: Path) -> Finding:
     """Whether the paths of sockets will be short enough."""
-    path = folder / f"{FOLDER_PREFIX}{'x' * _RANDOM}" / _LONGEST_NAME
-    length, most = len(os.fsencode(path)), zmq.IPC_PATH_MAX_LEN
+    length, most = len(os.fsencode(folder / LONGEST_SOCKET)), zmq.IPC_PATH_MAX_LEN
     if length > most:
         return failing(
             f"sockets in {folder} would have paths of {length} bytes, at most {most} will do; "
@@ -125,27 +127,26 @@ def cores_finding() -> Finding:
     """How many processor cores there are for the nodes."""
     affinity = getattr(os, "sched_getaffinity", None)
     cores = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
-    said = f"{cores} processor cores, load {os.getloadavg()[0]:.1f}"
+    found = f"{cores} processor cores, load {os.getloadavg()[0]:.1f}"
     if cores < 2:
-        return doubtful(f"{said}: nodes take turns; --composed is faster here")
-    return fine(said)
+        return doubtful(f"{found}: nodes take turns; --composed is faster here")
+    return fine(found)
 
 
 def threads_finding() -> Finding:
     """Whether linear algebra outside nodes keeps to one thread."""
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    limits = [f"{name}={os.environ[name]}" for name in names if name in os.environ]
-    said = ", ".join(limits) if limits else "this shell sets no limit for others"
-    return fine(f"linear algebra of nodes runs on one thread; {said}")
+    limits = ", ".join(f"{name}={os.environ[name]}" for name in THREADS if name in os.environ)
+    others = limits or "this shell sets no limit for others"
+    return fine(f"linear algebra of nodes runs on one thread; {others}")
 
 
 def files_finding() -> Finding:
     """How many files a process may have open."""
     most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    said = f"at most {most} open files a process"
+    found = f"at most {most} open files a process"
     if 0 <= most < MIN_OPEN_FILES:
-        return doubtful(f"{said}, a large graph needs {MIN_OPEN_FILES}; raise it with ulimit -n")
-    return fine(said)
+        return doubtful(f"{found}, a large graph needs {MIN_OPEN_FILES}; raise it with ulimit -n")
+    return fine(found)
 
 
 def proc_finding(proc: Path) -> Finding:
@@ -212,38 +213,14 @@ def _faults(
             yield failing(f"{who} misses {beats[name].status.gaps} messages: start the run anew")
 
 
-def doubtful(text: str) -> Finding:
-    """It works, but worse than it could."""
-    return Finding("WARN", text)
-
-
-def failing(text: str) -> Finding:
-    """It does not work."""
-    return Finding("FAIL", text)
-
-
-def fine(text: str) -> Finding:
-    """It is as it should be."""
-    return Finding("ok", text)
-
-
-class Finding(NamedTuple):
-    """One thing that was looked at."""
-
-    # ``WARN``: it works, but worse. ``FAIL``: it does not work.
-    level: Literal["ok", "WARN", "FAIL"]
-    text: str  # What was found, and what to do about it, in one sentence
-
-    def __str__(self) -> str:
-        return f"{self.level:<5}{self.text}"
-
-
 def report_lines(cards: list[RunCard]) -> Iterator[str]:
     """Lines for whoever helps: system, packages, environment, running graphs."""
     yield f"system    {platform.platform()}"
     yield f"python    {sys.executable}, {platform.python_version()}"
-    for name in _required():
-        yield f"package   {name} {_version(name)}"
+    for line in requires("palpate") or () if _version("palpate") else ():
+        match = re.match(r"[A-Za-z0-9._-]+", line)
+        if match and "extra ==" not in line:
+            yield f"package   {match[0]} {_version(match[0]) or 'is not installed'}"
     for name in ENVIRONMENT_VARIABLES:
         yield f"variable  {name}={os.environ.get(name, '')}"
     for card in cards:
@@ -253,18 +230,8 @@ def report_lines(cards: list[RunCard]) -> Iterator[str]:
         )
 
 
-def _required() -> list[str]:
-    """Names of the packages that palpate needs, if its installation says so."""
-    try:
-        lines = requires("palpate") or []
-    except PackageNotFoundError:
-        return []
-    plain = [line for line in lines if "extra ==" not in line]
-    return [match[0] for line in plain if (match := re.match(r"[A-Za-z0-9._-]+", line))]
-
-
-def _version(name: str) -> str:
+def _version(name: str) -> str | None:
     try:
         return version(name)
     except PackageNotFoundError:
-        return "is not installed"
+        return None

@@ -1,11 +1,15 @@
-"""The messages of a topic as text, as they come: filtered, and counted if they were lost.
+"""The messages of a topic as they come, filtered: YAML for people and CSV for programs.
 
 A filter like ``touch > 3 and outcome == 'hit'`` compares fields with values, joined by ``and``,
-``or`` and brackets; nothing is run.
+``or`` and brackets; nothing is run. Losses are counted.
 """
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+import math
 import operator
 import re
 import time
@@ -14,12 +18,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from palpate.launch import text_table
 from palpate.launch.files import hint
 from palpate.launch.processes import RunCard
-from palpate.messages import codec_of, decode
-from palpate.tools.introspection.message_text import TextStyle, csv_line, yaml_lines, yaml_value
+from palpate.messages import codec_of, decode, schema
 from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, type_of
 
+MAX_ITEMS = 16  # A sequence with more elements is shortened, unless all is wanted
+ITEMS_SHOWN = 3  # Elements of a shortened sequence that are shown
+# Texts that need no quotes in YAML.
+_PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_/. -]*[A-Za-z0-9_/.]|[A-Za-z_/]")
+_MEANS_MORE = frozenset({"true", "false", "null", "yes", "no", "on", "off", "y", "n"})
+_DTYPES = {"<f8": "float64", "<i4": "int32", "|u1": "uint8", "|b1": "bool"}
+Sequence = np.ndarray[Any, Any] | tuple[Any, ...] | list[Any]
 LOSS_INTERVAL = 1.0  # Losses are told at most this often, s
 QUIET_TIME = 3.0  # If nothing has come for so long, that is told, s
 Echo = Callable[[str], None]
@@ -44,6 +55,17 @@ _TOKEN = re.compile(
 )
 _SHAPE = "a filter looks like touch > 3 and (outcome == 'hit' or pose[2] < 0.01)"
 _STEP = re.compile(rf"\.?({_NAME})|\[([0-9]{{1,9}})\]")
+
+
+class TextStyle(NamedTuple):
+    """How much of a message is shown, and how."""
+
+    arrays: bool = True  # Whether elements of arrays are shown at all
+    full: bool = False  # Whether long arrays are shown whole
+    flow: bool = False  # Whether each field takes one line, whatever it holds
+
+
+_WHOLE = TextStyle(full=True)
 
 
 class EchoFormat(NamedTuple):
@@ -91,17 +113,15 @@ def echo_topic(
     tell: Echo,
     losses: LossReport,
 ) -> None:
-    """Show the messages of a topic until the graph ends, or enough have been shown.
+    """Show the messages of a topic until the graph ends, or so many have been shown.
 
-    `card`, `topic`: whose, and what; `form`: how they are shown; `most`: how many; `say`: takes a
-    text for each message; `tell`: is told what is odd; `losses`: counts what did not come. Raises
-    ValueError if what comes is not what the topic carries, or cannot be compared as the filter
-    asks.
+    `say` takes each message, `tell` what is odd. Raises ValueError if what comes is not what the
+    topic carries, or cannot be compared as the filter asks.
     """
-    with TapSubscription(card, [topic]) as hearing:
+    with TapSubscription(card, [topic]) as taps:
         shown = 0
-        for heard in _received(hearing, topic, losses, tell):
-            text = message_text(topic, heard, form)
+        for received in _received(taps, topic, losses, tell):
+            text = message_text(topic, received, form)
             if text is None:
                 continue
             say(text)
@@ -112,33 +132,38 @@ def echo_topic(
 
 
 def _received(
-    hearing: TapSubscription, topic: Topic, losses: LossReport, tell: Echo
+    taps: TapSubscription, topic: Topic, losses: LossReport, tell: Echo
 ) -> Iterator[TapMessage]:
     quiet: float | None = time.monotonic() + QUIET_TIME
-    for batch in hearing.batches():
-        for heard in batch:
+    for batch in taps.batches():
+        for received in batch:
             quiet = None
-            losses.add(heard.lost, time.monotonic())
-            yield heard
+            losses.add(received.lost, time.monotonic())
+            yield received
         if quiet is not None and time.monotonic() > quiet:
             quiet = None
             tell(f"nothing has come on {topic.name} yet; what was published before is not repeated")
 
 
-def message_text(topic: Topic, heard: TapMessage, form: EchoFormat) -> str | None:
+def message_text(topic: Topic, received: TapMessage, form: EchoFormat) -> str | None:
     """A message as text; None if the filter does not want it."""
     if form.raw and form.wanted is None:
-        return f"{heard.body!r}\n---"
-    fields = fields_of(topic, heard)
+        return f"{received.body!r}\n---"
+    fields = fields_of(topic, received)
     if form.wanted is not None and not form.wanted(fields):
         return None
     if form.raw:
-        return f"{heard.body!r}\n---"
+        return f"{received.body!r}\n---"
     if not form.paths:
         if form.csv:
             return csv_line(list(fields.values()), form.style)
         return "\n".join([*yaml_lines(fields, form.style), "---"])
-    values = [_value_at(path, fields) for path in form.paths]
+    values = list[Any]()
+    for path in form.paths:
+        try:
+            values.append(path.of(fields))
+        except LookupError:
+            values.append(None)
     if form.csv:
         return csv_line(values, form.style)
     shown = [yaml_value(value, form.style) for value in values]
@@ -147,26 +172,129 @@ def message_text(topic: Topic, heard: TapMessage, form: EchoFormat) -> str | Non
     return "\n".join([*shown, "---"])
 
 
-def fields_of(topic: Topic, heard: TapMessage) -> dict[str, Any]:
+def fields_of(topic: Topic, received: TapMessage) -> dict[str, Any]:
     """Name of each field of a message to its value.
 
     Raises ValueError if the message is not of the topic's type as it is known here.
     """
     cls = type_of(topic)
     codec = codec_of(cls)
-    if heard.header.schema != codec.hash:
+    if received.header.schema != codec.hash:
         raise ValueError(
             f"{topic.name} carries a {topic.type} with other fields than this palpate knows: "
             "the graph was started by another version"
         )
-    return dict(zip(codec.names, codec.values(decode(cls, heard.body)), strict=True))
+    return dict(zip(codec.names, codec.values(decode(cls, received.body)), strict=True))
 
 
-def _value_at(path: FieldPath, fields: dict[str, Any]) -> Any:
-    try:
-        return path.of(fields)
-    except LookupError:
-        return None
+def yaml_lines(fields: Mapping[str, Any], style: TextStyle = _WHOLE) -> Iterator[str]:
+    """Fields in YAML, one a line, and so those of tables within them."""
+    if style.flow:
+        yield yaml_value(fields, style)
+        return
+    for name, value in fields.items():
+        if isinstance(value, Mapping) and value:
+            yield f"{_text(name)}:"
+            yield from (f"  {line}" for line in yaml_lines(value, style))
+        else:
+            yield f"{_text(name)}: {yaml_value(value, style)}"
+
+
+def csv_line(values: list[Any], style: TextStyle) -> str:
+    """Values as one row, arrays and tables spread over as many columns as they have elements."""
+    stream = io.StringIO()
+    row = [cell for value in values for cell in _cells(value, style)]
+    csv.writer(stream, lineterminator="").writerow(row)
+    return stream.getvalue()
+
+
+def _cells(value: Any, style: TextStyle) -> list[Any]:
+    if isinstance(value, Mapping):
+        return [cell for one in value.values() for cell in _cells(one, style)]
+    if isinstance(value, (np.ndarray, tuple, list)):
+        if not style.arrays:
+            return [_kind(value)]
+        return [cell for one in _plain(value) for cell in _cells(one, style)]
+    return [value if isinstance(value, str) else _scalar(value)]
+
+
+def field_lines(cls: type) -> list[str]:
+    """One line for each field: name, what it holds, unit."""
+    return text_table(
+        [(name, *_described(rule)) for name, rule in schema(cls)["properties"].items()]
+    )
+
+
+def _described(rule: dict[str, Any]) -> tuple[str, str]:
+    """What a field holds, and its unit."""
+    unit = str(rule.get("unit", ""))
+    if "dtype" in rule:
+        sides = " x ".join("any" if n is None else str(n) for n in rule["shape"])
+        return f"{sides} {_DTYPES.get(rule['dtype'], rule['dtype'])}", unit
+    if "enum" in rule:
+        return " | ".join(map(str, rule["enum"])), unit
+    if "anyOf" in rule:
+        inner, inner_unit = _described(rule["anyOf"][0])
+        return f"{inner} or null", inner_unit
+    if rule["type"] == "array":
+        inner, inner_unit = _described(rule["items"])
+        return f"list of {inner}", inner_unit
+    if rule["type"] == "object":
+        return "table of number", unit
+    return str(rule["type"]), unit
+
+
+def yaml_value(value: Any, style: TextStyle) -> str:
+    """One value in YAML, in one line."""
+    if isinstance(value, Mapping):
+        inner = (f"{_text(str(key))}: {yaml_value(one, style)}" for key, one in value.items())
+        return "{" + ", ".join(inner) + "}"
+    if isinstance(value, (np.ndarray, tuple, list)):
+        return _sequence(value, style)
+    return _scalar(value)
+
+
+def _sequence(value: Sequence, style: TextStyle) -> str:
+    size = value.size if isinstance(value, np.ndarray) else len(value)
+    if not style.arrays:
+        return _text(_kind(value))
+    if size > MAX_ITEMS and not style.full:
+        first = (
+            value.ravel()[:ITEMS_SHOWN] if isinstance(value, np.ndarray) else value[:ITEMS_SHOWN]
+        )
+        begun = ", ".join(_scalar(one) for one in _plain(first))
+        return _text(f"{_kind(value)}: {begun}, ...")
+    inner = style._replace(full=True)
+    return "[" + ", ".join(yaml_value(one, inner) for one in _plain(value)) + "]"
+
+
+def _kind(value: Sequence) -> str:
+    if isinstance(value, np.ndarray):
+        return f"{' x '.join(map(str, value.shape))} {value.dtype}"
+    return f"{len(value)} {type(value[0]).__name__ if len(value) else 'values'}"
+
+
+def _scalar(value: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, int):
+        return str(value).lower()  # true and false
+    if not isinstance(value, float):
+        return _text(str(value))
+    if not math.isfinite(value):
+        return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
+    text = repr(value)  # as every reader of YAML takes it for a float
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def _text(text: str) -> str:
+    if _PLAIN.fullmatch(text) and text.lower() not in _MEANS_MORE:
+        return text
+    return json.dumps(text, ensure_ascii=True)
+
+
+def _plain(value: Sequence) -> list[Any]:
+    return value.tolist() if isinstance(value, np.ndarray) else list(value)
 
 
 def read_filter(text: str, cls: type) -> MessageFilter:

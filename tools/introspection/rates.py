@@ -10,15 +10,18 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from palpate.core import Floats
 from palpate.launch.processes import RunCard
 from palpate.messages import HEADER_SIZE
 from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic
 
 PRINT_INTERVAL = 1.0  # Figures are printed this often, s
+Integers = NDArray[np.int64]
 WINDOW = 10_000  # Messages over which a figure is taken, unless the user says otherwise
 
 
@@ -36,15 +39,15 @@ class RateMonitor:
         self._rates = {(one.name, node): Rates(window) for one in topics for node in one.publishers}
         self._several = len(topics) > 1
         self._crowds = {one.name for one in topics if len(one.publishers) > 1}
-        self._said: dict[tuple[str, str], int] = {}
+        self._printed: dict[tuple[str, str], int] = {}
 
     def run(self, card: RunCard, topics: Sequence[Topic], duration: float | None) -> None:
         """Measure until the graph ends, the time is over, or Ctrl-C."""
-        with TapSubscription(card, topics) as hearing:
+        with TapSubscription(card, topics) as taps:
             due = time.monotonic() + PRINT_INTERVAL
-            for batch in hearing.batches(duration):
-                for heard in batch:
-                    self._rates[heard.topic, heard.publisher].add(heard)
+            for batch in taps.batches(duration):
+                for received in batch:
+                    self._rates[received.topic, received.publisher].add(received)
                 if time.monotonic() >= due:
                     due += PRINT_INTERVAL
                     self.print(last=False)
@@ -53,13 +56,13 @@ class RateMonitor:
     def print(self, *, last: bool) -> None:
         """Say what is new, and of what nothing comes; at the last only what was not printed."""
         for (topic, node), rates in self._rates.items():
-            news = rates.last != self._said.get((topic, node))
+            news = rates.last != self._printed.get((topic, node))
             label = f"{topic} of {node}" if topic in self._crowds else topic
             text = self._say(rates) if news else None
-            self._said[topic, node] = rates.last
+            self._printed[topic, node] = rates.last
             if text is not None:
                 self._echo(f"{label}\n{text}" if self._several or self._crowds else text)
-            elif not rates.heard and (news or not last):
+            elif not rates.received and (news or not last):
                 self._echo(f"no messages on {label}")
             elif news:
                 self._echo(f"only one message on {label}")
@@ -68,12 +71,17 @@ class RateMonitor:
 
 
 class Statistics(NamedTuple):
-    """What some figures are like."""
+    """What at least one figure is like."""
 
     mean: float
     least: float
     most: float
     deviation: float  # Standard deviation
+
+    @classmethod
+    def of(cls, values: Floats) -> Statistics:
+        """Mean, extremes and standard deviation."""
+        return cls(*(float(v) for v in (values.mean(), values.min(), values.max(), values.std())))
 
 
 class Rates:
@@ -85,69 +93,57 @@ class Rates:
     def __init__(self, window: int = WINDOW) -> None:
         self.last = -1
         """Number of the latest message; -1 before the first."""
-        self._seqs: deque[int] = deque(maxlen=window)
-        self._sent: deque[int] = deque(maxlen=window)
-        self._came: deque[int] = deque(maxlen=window)
-        self._sizes: deque[int] = deque(maxlen=window)
+        # Of each its number, when it was sent and when it came, ns, and its size, bytes.
+        self._kept: deque[tuple[int, int, int, int]] = deque(maxlen=window)
 
-    def add(self, heard: TapMessage) -> None:
+    def add(self, received: TapMessage) -> None:
         """Take note of a message; they come in the order of their numbers."""
-        header = heard.header
-        if self._seqs and header.seq <= self._seqs[-1]:
-            # A node that was started again counts what it says of itself from 0 once more.
-            for kept in (self._seqs, self._sent, self._came, self._sizes):
-                kept.clear()
+        header = received.header
+        if header.seq <= self.last:
+            # A node that was started again counts what it publishes of itself from 0 once more.
+            self._kept.clear()
         self.last = header.seq
-        self._seqs.append(header.seq)
-        self._sent.append(header.sent_ns)
-        self._came.append(heard.came_ns)
-        self._sizes.append(len(heard.topic.encode()) + 1 + HEADER_SIZE + len(heard.body))
+        size = len(received.topic.encode()) + 1 + HEADER_SIZE + len(received.body)
+        self._kept.append((header.seq, header.sent_ns, received.came_ns, size))
 
     @property
-    def heard(self) -> int:
+    def received(self) -> int:
         """Messages in the window."""
-        return len(self._seqs)
+        return len(self._kept)
 
     @property
     def sent(self) -> int:
         """Messages that were sent within the window, received or not."""
-        return self._seqs[-1] - self._seqs[0] + 1 if self._seqs else 0
+        return self._kept[-1][0] - self._kept[0][0] + 1 if self._kept else 0
 
     def rate(self) -> float | None:
         """Messages a second, received or not; None of fewer than two."""
-        if self.heard < 2:
+        if self.received < 2:
             return None
-        return (self._seqs[-1] - self._seqs[0]) / (1e-9 * (self._sent[-1] - self._sent[0]))
+        return (self.sent - 1) / (1e-9 * (self._kept[-1][1] - self._kept[0][1]))
 
     def periods(self) -> Statistics | None:
         """Times between neighbouring messages, s; None if no two neighbours were received."""
-        times = np.diff(np.array(self._sent, np.int64))
-        next_to = np.diff(np.array(self._seqs, np.int64)) == 1
-        return statistics_of(1e-9 * times[next_to]) if next_to.any() else None
+        steps = np.diff(self._columns()[:2])
+        next_to = steps[0] == 1
+        return Statistics.of(1e-9 * steps[1, next_to]) if next_to.any() else None
 
     def sizes(self) -> Statistics | None:
         """Sizes of the frames on the wire, bytes; None before the first."""
-        return statistics_of(np.array(self._sizes, float)) if self._sizes else None
+        return Statistics.of(self._columns()[3].astype(float)) if self._kept else None
 
     def delays(self) -> Statistics | None:
         """Times from sending to the tool's taking, s; None before the first."""
-        if not self._sent:
-            return None
-        return statistics_of(
-            1e-9 * (np.array(self._came, np.int64) - np.array(self._sent, np.int64))
-        )
+        _, sent, came, _ = self._columns()
+        return Statistics.of(1e-9 * (came - sent)) if self._kept else None
 
     def bandwidth(self) -> float | None:
         """Bytes a second, what was not received taken for as large as the rest; or None."""
         rate, sizes = self.rate(), self.sizes()
         return None if rate is None or sizes is None else rate * sizes.mean
 
-
-def statistics_of(values: np.ndarray[Any, np.dtype[np.floating[Any]]]) -> Statistics:
-    """Mean, extremes and standard deviation of at least one value."""
-    return Statistics(
-        float(values.mean()), float(values.min()), float(values.max()), float(values.std())
-    )
+    def _columns(self) -> Integers:
+        return np.array(self._kept, np.int64).reshape(-1, 4).T
 
 
 def rate_text(rates: Rates) -> str | None:
@@ -155,13 +151,10 @@ def rate_text(rates: Rates) -> str | None:
     rate, periods = rates.rate(), rates.periods()
     if rate is None:
         return None
-    text = f"average rate: {rate:.3f}"
     if periods is None:
-        return f"{text}\n\tno two neighbouring messages came {_window(rates)}"
-    return (
-        f"{text}\n\tmin: {periods.least:.6f}s max: {periods.most:.6f}s "
-        f"std dev: {periods.deviation:.6f}s {_window(rates)}"
-    )
+        missing = f"no two neighbouring messages came {_window(rates)}"
+        return f"average rate: {rate:.3f}\n\t{missing}"
+    return f"average rate: {rate:.3f}\n\t{_times(periods, rates)}"
 
 
 def bandwidth_text(rates: Rates) -> str | None:
@@ -171,7 +164,7 @@ def bandwidth_text(rates: Rates) -> str | None:
         return None
     mean, least, most = (_bytes(size) for size in sizes[:3])
     return (
-        f"{_bytes(bandwidth)}/s from {rates.heard} messages\n"
+        f"{_bytes(bandwidth)}/s from {rates.received} messages\n"
         f"\tMessage size mean: {mean} min: {least} max: {most} {_window(rates)}"
     )
 
@@ -186,17 +179,19 @@ def _bytes(size: float) -> str:
 def delay_text(rates: Rates) -> str | None:
     """How long its messages are on their way to the tool."""
     delays = rates.delays()
-    if delays is None:
-        return None
     return (
-        f"average delay: {delays.mean:.6f}\n\tmin: {delays.least:.6f}s max: {delays.most:.6f}s "
-        f"std dev: {delays.deviation:.6f}s {_window(rates)}"
+        None if delays is None else f"average delay: {delays.mean:.6f}\n\t{_times(delays, rates)}"
     )
 
 
+def _times(times: Statistics, rates: Rates) -> str:
+    spread = f"min: {times.least:.6f}s max: {times.most:.6f}s std dev: {times.deviation:.6f}s"
+    return f"{spread} {_window(rates)}"
+
+
 def _window(rates: Rates) -> str:
-    missed = rates.sent - rates.heard
-    return f"window: {rates.heard}" + (f" ({missed} sent, but not received)" if missed else "")
+    missed = rates.sent - rates.received
+    return f"window: {rates.received}" + (f" ({missed} sent, but not received)" if missed else "")
 
 
 # Some lines about one publisher; None if too little has come to say anything.

@@ -8,7 +8,8 @@ import dataclasses
 import hashlib
 import os
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import count
 from typing import Any, NamedTuple, get_type_hints
 
@@ -27,7 +28,7 @@ from palpate.messages.bus import (
 )
 from palpate.messages.types import TYPES, NodeStatus
 from palpate.nodes.runtime import RecordedNode, Source, load_node
-from palpate.tools.introspection.message_text import yaml_lines
+from palpate.tools.introspection.echo import yaml_lines
 from palpate.tools.introspection.topics import TapSubscription, Topic, topics_of
 
 NODES_PACKAGE = "palpate.nodes."
@@ -66,36 +67,29 @@ def node_text(card: RunCard, name: str) -> str:
     )
 
 
-def _health_lines(about: Mapping[str, Any], beats: StatusSample | None) -> list[str]:
-    lines = [f"  pid       {about['pid'] or 'none: it does not run'}"]
-    lines.append(f"  restarts  {about['restarts']}")
-    if beats is None:
-        if about["pid"]:
-            lines.append(f"  state     silent for {about['silent_s']:.1f} s: it works, or hangs")
-        return lines
-    status = beats.status
-    load = "" if beats.load is None else f", {100.0 * beats.load:.0f} % of a core now"
-    return [
-        *lines,
-        f"  state     {status.state}",
-        f"  messages  {status.messages} handled, {status.sent} sent",
-        f"  gaps      {status.gaps}, duplicates {status.duplicates}",
-        f"  handler   p50 {status.p50:.0f} us, p99 {status.p99:.0f} us",
-        f"  cpu       {status.cpu:.2f} s{load}",
-    ]
+def _health_lines(about: Mapping[str, Any], beats: StatusSample | None) -> Iterator[str]:
+    yield f"  pid       {about['pid'] or 'none: it does not run'}"
+    yield f"  restarts  {about['restarts']}"
+    if beats is not None:
+        status = beats.status
+        load = "" if beats.load is None else f", {100.0 * beats.load:.0f} % of a core now"
+        yield f"  state     {status.state}"
+        yield f"  messages  {status.messages} handled, {status.sent} sent"
+        yield f"  gaps      {status.gaps}, duplicates {status.duplicates}"
+        yield f"  handler   p50 {status.p50:.0f} us, p99 {status.p99:.0f} us"
+        yield f"  cpu       {status.cpu:.2f} s{load}"
+    elif about["pid"]:
+        yield f"  state     silent for {about['silent_s']:.1f} s: it works, or hangs"
 
 
-def _traffic_lines(card: RunCard, node: RecordedNode) -> list[str]:
+def _traffic_lines(card: RunCard, node: RecordedNode) -> Iterator[str]:
     topics = topics_of(card)
-    subscriptions = [(one.topic, one.type, f"from {one.publisher}") for one in node.inputs]
-    publications = [
-        (wire, topics[wire].type, f"to {', '.join(topics[wire].listeners) or 'nobody'}")
-        for wire in node.outputs.values()
-    ]
-    lines = []
-    for what, rows in (("hears", subscriptions), ("says", publications)):
-        lines += [f"  {what}", *(f"    {topic}  {said}  {who}" for topic, said, who in rows)]
-    return lines
+    yield "  subscribes to"
+    yield from (f"    {one.topic}  {one.type}  from {one.publisher}" for one in node.inputs)
+    yield "  publishes"
+    for wire in node.outputs.values():
+        to = ", ".join(topics[wire].listeners) or "nobody"
+        yield f"    {wire}  {topics[wire].type}  to {to}"
 
 
 class StatusSample(NamedTuple):
@@ -116,22 +110,20 @@ def sample_status(
     sent: dict[str, int] = {}
     topic = Topic(STATUS_TOPIC, NodeStatus.__name__, tuple(names), ())
     until = time.monotonic() + patience
-    with TapSubscription(card, [topic]) as hearing:
-        while (left := until - time.monotonic()) > 0 and not _twice(found, names):
-            for heard in hearing.take(left):
-                status, when = decode(NodeStatus, heard.body), heard.header.sent_ns
-                before = found.get(heard.publisher)
+    with TapSubscription(card, [topic]) as taps:
+        while (left := until - time.monotonic()) > 0 and not all(
+            name in found and found[name].load is not None for name in names
+        ):
+            for received in taps.take(left):
+                status, when = decode(NodeStatus, received.body), received.header.sent_ns
+                before = found.get(received.publisher)
                 load = None
                 if before is not None and status.cpu >= before.status.cpu:
-                    passed = 1e-9 * (when - sent[heard.publisher])
+                    passed = 1e-9 * (when - sent[received.publisher])
                     load = (status.cpu - before.status.cpu) / passed
-                found[heard.publisher] = StatusSample(status, load)
-                sent[heard.publisher] = when
+                found[received.publisher] = StatusSample(status, load)
+                sent[received.publisher] = when
     return found
-
-
-def _twice(found: dict[str, StatusSample], names: Collection[str]) -> bool:
-    return all(name in found and found[name].load is not None for name in names)
 
 
 def dump_params(card: RunCard, name: str | None = None) -> str:
@@ -181,12 +173,10 @@ def _named(text: str) -> str:
 
 
 def notify(card: RunCard, kind: str, **fields: Any) -> None:
-    """Say a word to the launcher of a running graph, without waiting for an answer."""
-    wires = SocketContext(card.key)
-    line = _line(wires, card)
-    line.send(kind, **fields)
-    line.close()
-    wires.close()
+    """Send a request to the launcher of a running graph, without waiting for an answer."""
+    with _control_line(card) as line:
+        line.send(kind, **fields)
+        line.close()
 
 
 def request(card: RunCard, kind: str, **fields: Any) -> ControlMessage:
@@ -196,61 +186,51 @@ def request(card: RunCard, kind: str, **fields: Any) -> ControlMessage:
     refuses, or gives no answer.
     """
     deadline = time.monotonic() + REQUEST_PATIENCE
-    wires = SocketContext(card.key)
-    line = _line(wires, card)
-    try:
+    with _control_line(card) as line:
         while True:
             line.send(kind, **fields)
-            answer = _answer(line, card, deadline)
+            left = max(deadline - time.monotonic(), 0.1)
+            answer = line.receive() if line.socket.poll(int(1000 * left)) else None
+            if answer is None:
+                raise ValueError(
+                    f"run {card.run[:6]} ({card.name}) gives no answer within "
+                    f"{REQUEST_PATIENCE:g} s; it is busy or stopped"
+                )
             if answer["kind"] != "not_ready" or time.monotonic() > deadline:
                 break
             time.sleep(RETRY)
-    finally:
-        line.socket.close(0)
-        wires.close()
     if answer["kind"] in ("refused", "not_ready"):
         raise ValueError(str(answer["text"]))
     return answer
 
 
-def _line(wires: SocketContext, card: RunCard) -> ControlClient:
-    return ControlClient(
-        wires.context,
-        card.tools,
-        name=f"tool {os.getpid()} {os.urandom(4).hex()}",
-        accepts=TO_TOOLS,
-    )
-
-
-def _answer(line: ControlClient, card: RunCard, deadline: float) -> ControlMessage:
-    left = deadline - time.monotonic()
-    answer = line.receive() if line.socket.poll(int(1000 * max(left, 0.1))) else None
-    if answer is None:
-        raise ValueError(
-            f"run {card.run[:6]} ({card.name}) gives no answer within {REQUEST_PATIENCE:g} s; "
-            "it is busy or stopped"
-        )
-    return answer
+@contextmanager
+def _control_line(card: RunCard) -> Iterator[ControlClient]:
+    sockets = SocketContext(card.key)
+    name = f"tool {os.getpid()} {os.urandom(4).hex()}"
+    line = ControlClient(sockets.context, card.tools, name=name, accepts=TO_TOOLS)
+    try:
+        yield line
+    finally:
+        line.socket.close(0)
+        sockets.close()
 
 
 def control_player(run: str | None, kind: str, **fields: Any) -> None:
-    """Say a word to the player of a running graph.
+    """Send a request to the player of a running graph.
 
-    Raises InputError if no such graph runs, it has no player or several, or the word is refused.
+    Raises InputError if no such graph runs, it has no player or several, or the request is refused.
     """
     try:
         card = find_run(run)
-        request(card, kind, node=_player(card), **fields)
+        players = [one.name for one in card.nodes if one.module == PLAYER_MODULE]
+        if len(players) != 1:
+            has = ", ".join(players) or "none"
+            who = f"run {card.run[:6]} ({card.name})"
+            raise ValueError(f"{who} must have one player, it has {has}")
+        request(card, kind, node=players[0], **fields)
     except ValueError as error:
         raise InputError(str(error)) from None
-
-
-def _player(card: RunCard) -> str:
-    players = [one.name for one in card.nodes if one.module == PLAYER_MODULE]
-    if len(players) != 1:
-        has = ", ".join(players) or "none"
-        raise ValueError(f"run {card.run[:6]} ({card.name}) must have one player, it has {has}")
-    return players[0]
 
 
 def publish(
@@ -275,7 +255,10 @@ def publish(
         card = find_run(run)
         node = _console(card, topic)
         cls = TYPES[card.topics[topic]]
-        data = encode(message_from_plain(cls, _fields(body)))
+        fields = parse_yaml(body, "BODY").value
+        if not isinstance(fields, dict):
+            raise ValueError(f"BODY must be a map of fields in YAML, got {body!r:.60}")
+        data = encode(message_from_plain(cls, fields))
         for number in range(times) if times is not None else count():
             if number:
                 time.sleep(1.0 / rate)
@@ -331,10 +314,3 @@ def _field_value(name: str, hint: Any, value: Any) -> Any:
     if isinstance(value, int) and not isinstance(value, bool) and "float" in str(hint):
         return float(value)
     return tuple(value) if isinstance(value, list) else value
-
-
-def _fields(body: str) -> dict[str, Any]:
-    value = parse_yaml(body, "BODY").value
-    if not isinstance(value, dict):
-        raise ValueError(f"BODY must be a map of fields in YAML, got {body!r:.60}")
-    return value

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple
 
 import zmq
@@ -24,7 +23,7 @@ TAP_DEPTH = 1000  # Most copies that wait for the tool, of each node
 TICK = 0.1  # A tool gets to do something else this often, s
 ALIVE_CHECK = 0.5  # Whether the graph still runs is looked at this often, s
 _BATCH = 256  # Most copies that are taken from one node before it is another's turn
-# Topics on which every node speaks of itself, heard by the launcher.
+# Topics on which every node speaks of itself, received by the launcher.
 STATUS_TOPICS = {STATUS_TOPIC: NodeStatus, LOG_TOPIC: LogRecord}
 
 
@@ -35,7 +34,7 @@ class TapMessage(NamedTuple):
     publisher: str  # Name of the node that sent it
     header: Header
     body: bytes
-    # Messages of this publisher and topic that were sent since the last copy, and not heard.
+    # Messages of this publisher and topic that were sent since the last copy, and not received.
     lost: int
     came_ns: int  # Monotonic clock when the tool took it, ns
 
@@ -65,7 +64,7 @@ class SequenceTracker:
 
 
 class TapSubscription:
-    """Open ears at the taps of a running graph.
+    """Subscribers at the taps of a running graph.
 
     `card`: the running graph; `topics`: what to receive.
     """
@@ -73,33 +72,28 @@ class TapSubscription:
     def __init__(self, card: RunCard, topics: Iterable[Topic]) -> None:
         self._card = card
         self._run = int(card.run, 16)
-        self._wires = SocketContext(card.key)
-        self._kept = ExitStack()
+        self._sockets = SocketContext(card.key)
+        self._interrupts = ExitStack()
         self._ends: Callable[[], bool] = lambda: False
         self._poller = zmq.Poller()
         self._readers: dict[zmq.Socket[bytes], tuple[str, TapReader]] = {}
         self._orders: dict[tuple[str, str], SequenceTracker] = {}
         for node, names in taps_of(card, topics).items():
-            reader = TapReader(self._wires.context, [card.taps[node]], names, TAP_DEPTH)
+            reader = TapReader(self._sockets.context, [card.taps[node]], names, TAP_DEPTH)
             self._readers[reader.socket] = node, reader
             self._poller.register(reader.socket, zmq.POLLIN)
             for name in names:
                 self._orders[node, name] = SequenceTracker(anew=name in STATUS_TOPICS)
 
     def __enter__(self) -> TapSubscription:
-        self._ends = self._kept.enter_context(until_ctrl_c())
+        self._ends = self._interrupts.enter_context(until_ctrl_c())
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._kept.close()
+    def __exit__(self, *_: object) -> None:
+        self._interrupts.close()
         for _, reader in self._readers.values():
             reader.close()
-        self._wires.close()
+        self._sockets.close()
 
     def batches(self, duration: float | None = None) -> Iterator[list[TapMessage]]:
         """What has come, some ten times a second or as it comes; ends with the graph, or Ctrl-C.
@@ -121,26 +115,22 @@ class TapSubscription:
 
     def take(self, patience: float) -> list[TapMessage]:
         """What has come by now, or comes within the patience, s; no more than some of it."""
-        heard = []
+        received = []
         for socket, _ in self._poller.poll(round(patience * 1000)):
             node, reader = self._readers[socket]
             for _ in range(_BATCH):
                 frame = reader.receive()
                 if frame is None:
                     break
-                one = self._place(node, *frame)
-                if one is not None:
-                    heard.append(one)
-        return heard
-
-    def _place(self, node: str, topic: str, header: Header, body: bytes) -> TapMessage | None:
-        order = self._orders.get((node, topic))
-        if order is None or header.run != self._run:
-            return None
-        lost = order.place(header)
-        if lost is None:
-            return None
-        return TapMessage(topic, node, header, body, lost, time.monotonic_ns())
+                topic, header, body = frame
+                order = self._orders.get((node, topic))
+                if order is None or header.run != self._run:
+                    continue
+                lost = order.place(header)
+                if lost is not None:
+                    now = time.monotonic_ns()
+                    received.append(TapMessage(topic, node, header, body, lost, now))
+        return received
 
 
 def taps_of(card: RunCard, topics: Iterable[Topic]) -> dict[str, list[str]]:
@@ -166,7 +156,7 @@ class Topic(NamedTuple):
     type: str  # Name of its message type; empty if the graph does not say
     # The nodes that publish it: one, but all of them where nodes speak of themselves.
     publishers: tuple[str, ...]
-    listeners: tuple[str, ...]  # The nodes that hear it
+    listeners: tuple[str, ...]  # The nodes that receive it
 
 
 def topics_of(card: RunCard) -> dict[str, Topic]:
@@ -177,8 +167,8 @@ def topics_of(card: RunCard) -> dict[str, Topic]:
         for name, publisher in publishers.items()
     }
     everybody = tuple(one.name for one in card.nodes)
-    for name, said in STATUS_TOPICS.items():
-        found[name] = Topic(name, said.__name__, everybody, (LAUNCHER,))
+    for name, cls in STATUS_TOPICS.items():
+        found[name] = Topic(name, cls.__name__, everybody, (LAUNCHER,))
     return dict(sorted(found.items()))
 
 
@@ -187,9 +177,7 @@ def find_topics(card: RunCard, names: Sequence[str]) -> list[Topic]:
 
     Raises ValueError if nobody publishes one of them.
     """
-    return list(
-        {topic.name: topic for topic in (find_topic(card, name) for name in names)}.values()
-    )
+    return list(dict.fromkeys(find_topic(card, name) for name in names))
 
 
 def find_topic(card: RunCard, name: str) -> Topic:

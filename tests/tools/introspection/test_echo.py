@@ -16,7 +16,7 @@ from palpate.tools.introspection.echo import (
     read_filter,
     read_path,
 )
-from palpate.tools.introspection.message_text import TextStyle
+from palpate.tools.introspection.echo import TextStyle
 from palpate.tools.introspection.topics import TapMessage, Topic
 
 TOPIC = Topic("/t", "TactileFrame", ("talker",), ())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from palpate.tools.introspection.message_text import TextStyle, csv_line, yaml_lines
+from palpate.tools.introspection.echo import TextStyle, csv_line, yaml_lines
 
 WHOLE = TextStyle(full=True)
 

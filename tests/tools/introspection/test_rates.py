@@ -67,7 +67,7 @@ def test_one_message_has_no_rate(copy: Copy) -> None:
 def test_a_figure_is_that_of_the_window(copy: Copy) -> None:
     slow, fast = [copy(n, 1.0 * n) for n in range(10)], [copy(9 + n, 9 + 0.1 * n) for n in (1, 2)]
     rates = rates_of([*slow, *fast], window=3)
-    assert (rates.rate(), rates.heard) == (pytest.approx(10.0), 3)
+    assert (rates.rate(), rates.received) == (pytest.approx(10.0), 3)
 
 
 def test_counting_from_0_once_more_begins_the_window_anew(copy: Copy) -> None:

@@ -6,7 +6,7 @@ from palpate.launch.processes.registry import RunCard
 from palpate.messages.codec import Header
 from palpate.messages.types.catalogue import TYPES
 from palpate.messages.types.touch import TactileFrame
-from palpate.tools.introspection.message_text import field_lines
+from palpate.tools.introspection.echo import field_lines
 from palpate.tools.introspection.topics import (
     SequenceTracker,
     Topic,
