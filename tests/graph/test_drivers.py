@@ -13,7 +13,7 @@ import pytest
 
 from palpate.messages.types.touch import SurfacePatch
 from palpate.nodes.runtime.testing import assert_same, recorded
-from palpate.tools.init import init_node
+from palpate.tools.init import begin
 
 pytestmark = pytest.mark.graph
 FLAT = "sensor:={pad: {radius: null}}"
@@ -72,7 +72,7 @@ def test_a_connection_gives_the_patches_of_its_lines(frames, tmp_path):
 
 
 def test_a_node_of_ones_own_and_its_type_are_found_by_every_process(frames, tmp_path, monkeypatch):
-    init_node("own_bends", tmp_path, "node")
+    begin("node", "own_bends", tmp_path)
     (tmp_path / "own.yaml").write_text(
         "include: driver.yaml\nnodes:\n  own_bends:\n    kind: own_bends:NODE\n"
     )

@@ -18,7 +18,7 @@ from palpate.launch.scene import (
     load_scene,
     shipped_scenes,
 )
-from palpate.tools.init import init_planner
+from palpate.tools.init import begin
 
 Write = Callable[[str, str], Path]
 BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
@@ -271,7 +271,7 @@ def test_a_scene_that_says_nothing_of_a_planner_is_left_alone(typed, text):
 def test_a_planner_of_ones_own_is_found_in_the_folder_where_palpate_is_started(
     typed, tmp_path, monkeypatch
 ):
-    _, _, named = init_planner("found_here", tmp_path)
+    _, named = begin("planner", "found_here", tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     made = check_planner(typed(f"explore:\n  planner: {named}\n  settings: {{most_bow: 2.0}}"))

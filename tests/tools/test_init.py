@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,41 +21,45 @@ from palpate.launch.scene import load_scene
 from palpate.messages.types.touch import SurfacePatch
 from palpate.nodes.runtime.testing import recorded
 from palpate.tools.cli import command_line as cli
-from palpate.tools.init import init_effect, init_node, init_planner
+from palpate.tools.init import begin
 from palpate.tools.templates import driver_check, node_check, planner_check
 from palpate.tools.templates.planner import Template
 
+KINDS = ("node", "driver", "effect", "planner")
 CHECKS = [
     (module, name)
-    for module in (node_check, driver_check)
+    for module in (node_check, driver_check, planner_check)
     for name in vars(module)
     if name.startswith("test_")
 ]
+FILES = {
+    "node": ("my_node.py", "test_my_node.py", "my_node.yaml"),
+    "driver": ("my_driver.py", "test_my_driver.py", "my_driver.yaml"),
+    "planner": ("my_planner.py", "test_my_planner.py"),
+}
 
 
-@pytest.mark.parametrize("kind", ["node", "driver"])
-def test_what_is_new_works_at_once_and_its_test_passes(kind: str, tmp_path: Path) -> None:
-    begun = init_node("my_own", tmp_path, kind)  # type: ignore[arg-type]
-    assert [path.name for path in begun] == ["my_own.py", "test_my_own.py", "my_own.yaml"]
-    for path in begun:
-        assert "emplate" not in path.read_text()
-
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(begun.test)]
+def test_what_is_new_works_at_once_and_its_tests_pass(tmp_path: Path):
+    for kind, names in FILES.items():
+        begun, named = begin(kind, f"my_{kind}", tmp_path)  # type: ignore[arg-type]
+        assert tuple(path.name for path in begun) == names
+        assert named == f"my_{kind}:My{kind.capitalize()}"
+        assert not any("emplate" in path.read_text() for path in begun)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
     assert done.returncode == 0, done.stdout
-    count = sum(module.__name__.endswith(f"{kind}_check") for module, _ in CHECKS)
-    assert f"{count} passed" in done.stdout
+    assert f"{len(CHECKS)} passed" in done.stdout
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check[1])
-def test_the_templates_pass_their_own_tests(check: tuple[object, str]) -> None:
+def test_the_templates_pass_their_own_tests(check: tuple[object, str]):
     module, name = check
     vars(module)[name]()
 
 
 def test_the_test_of_the_node_fails_for_one_that_tells_everything(
     monkeypatch: pytest.MonkeyPatch,
-) -> None:
+):
     from dataclasses import replace
 
     from palpate.tools.templates import node
@@ -71,8 +76,8 @@ def test_the_test_of_the_node_fails_for_one_that_tells_everything(
 
 
 @pytest.mark.slow
-def test_what_is_new_is_free_of_complaints(tmp_path: Path) -> None:
-    begun = [*init_node("my_node", tmp_path, "node"), *init_node("my_driver", tmp_path, "driver")]
+def test_what_is_new_is_free_of_complaints(tmp_path: Path):
+    begun = [*begin("node", "my_node", tmp_path)[0], *begin("driver", "my_driver", tmp_path)[0]]
     modules = [path.name for path in begun if path.suffix == ".py"]
 
     for tool in (["ruff", "check", "--isolated"], ["mypy", "--strict"]):
@@ -85,27 +90,18 @@ def test_what_is_new_is_free_of_complaints(tmp_path: Path) -> None:
         assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_new_node_joins_the_graph_of_its_launch_file(here: Path) -> None:
-    begun = init_node("joins", here, "node")
-
-    graph = describe(begun.launch, {}, here / "out").graph
+def test_the_new_node_joins_the_graph_of_its_launch_file(here: Path):
+    begun, _ = begin("node", "joins", here)
+    graph = describe(begun[2], {}, here / "out").graph
     graph.check()
     line = next(line for line in graph.table().splitlines() if line.startswith("/joins "))
     assert line.split()[1:] == ["Joins", "joins", "recorder"]
 
 
-def test_a_type_of_ones_own_travels_and_is_recorded(here: Path) -> None:
-    begun = init_node("bends", here, "node")
-    command = [
-        "launch",
-        str(begun.launch),
-        "scene:=sphere",
-        "--composed",
-        "--quiet",
-        "--out",
-        "out",
-    ]
-    budget = ["--set", "planner.most_touches=60", "--set", "bends.least=1.0"]
+def test_a_type_of_ones_own_travels_and_is_recorded(here: Path):
+    (*_, launch), _ = begin("node", "bends", here)
+    command = ["launch", str(launch), "scene:=sphere", "--composed", "--quiet", "--out", "out"]
+    budget = ["--set", "planner.most_touches=30", "--set", "bends.least=1.0"]
 
     assert cli.run([*command, *budget]) in (0, 1)
     from bends import Bends  # type: ignore[import-not-found]
@@ -119,35 +115,63 @@ def test_a_type_of_ones_own_travels_and_is_recorded(here: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("kind", "name", "words"),
     [
-        ("Bends", "'Bends' cannot name a module"),
-        ("filter", "'filter' is a node that palpate has"),
-        ("launcher", "'launcher' is a node that palpate has"),
-        ("world", "the class World of 'world' has a meaning already"),
-        ("tactile_frame", "the class TactileFrame of 'tactile_frame' has a meaning already"),
-        ("a" * 33, "is too long; a node's name has at most 32 letters"),
-        ("numpy", "'numpy' is a module that Python has"),
+        *((kind, "Bends", "'Bends' cannot name a module") for kind in KINDS),
+        *((kind, "../hum", "cannot name a module") for kind in KINDS),
+        *((kind, "if", "'if' cannot name a module") for kind in KINDS),
+        *((kind, "numpy", "'numpy' is a module that Python has") for kind in KINDS),
+        ("node", "filter", "'filter' is a node that palpate has"),
+        ("node", "launcher", "'launcher' is a node that palpate has"),
+        ("driver", "filter", "'filter' is a driver that palpate has"),
+        ("node", "world", "the class World of 'world' has a meaning already"),
+        (
+            "node",
+            "tactile_frame",
+            "the class TactileFrame of 'tactile_frame' has a meaning",
+        ),
+        ("node", "a" * 33, "is too long; a node's name has at most 32 letters"),
+        ("effect", "mains-hum", "'mains-hum' cannot name a module"),
+        ("effect", "drift", "'drift' is an effect that palpate has"),
+        ("effect", "_", "'_' cannot name a module"),
+        ("effect", "none", "the class None of 'none' has a meaning already"),
+        ("effect", "stage", "the class Stage of 'stage' has a meaning already"),
+        ("planner", "fuzzy", "'fuzzy' is a planner that palpate has"),
+        ("planner", "height", "the class Height of 'height' has a meaning already"),
+        ("planner", "planner_trial", "the class PlannerTrial of 'planner_trial' has a meaning"),
     ],
 )
-def test_a_bad_name_is_refused(name: str, words: str, tmp_path: Path) -> None:
+def test_a_bad_name_is_refused(kind: Any, name: str, words: str, tmp_path: Path):
     with pytest.raises(InputError, match=words):
-        init_node(name, tmp_path, "node")
+        begin(kind, name, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("there", ["mine.py", "test_mine.py", "mine.yaml"])
-def test_nothing_is_overwritten_and_nothing_half_written(there: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("kind", "there"),
+    [
+        *(("driver", name) for name in ("mine.py", "test_mine.py", "mine.yaml")),
+        *(("planner", name) for name in ("mine.py", "test_mine.py")),
+        ("effect", "mine.py"),
+    ],
+)
+def test_nothing_is_overwritten_and_nothing_half_written(kind: Any, there: str, tmp_path: Path):
     (tmp_path / there).write_text("mine")
-    with pytest.raises(InputError, match=rf"{there}: is there already"):
-        init_node("mine", tmp_path, "driver")
+    with pytest.raises(InputError, match=rf"{there}: exists already; it is not overwritten"):
+        begin(kind, "mine", tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == [there]
+    assert (tmp_path / there).read_text() == "mine"
+
+
+def test_a_folder_that_is_not_there_is_told(tmp_path: Path):
+    with pytest.raises(InputError, match=r"mine\.py: cannot be written: there is no folder"):
+        begin("effect", "mine", tmp_path / "no")
 
 
 @pytest.mark.parametrize("kind", ["node", "driver"])
 def test_the_verb_says_what_was_written_and_what_to_do_next(
     kind: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+):
     assert cli.run(["init", kind, "verbal"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("verbal.py, test_verbal.py, verbal.yaml: written")
@@ -162,8 +186,8 @@ Write = Callable[[str, str], Path]
 
 def test_a_new_effect_can_be_listed_at_once(
     write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, listed = init_effect("mains_hum", tmp_path)
+):
+    (path,), listed = begin("effect", "mains_hum", tmp_path)
     assert (path, listed) == (tmp_path / "mains_hum.py", "mains_hum:MainsHum")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -174,73 +198,17 @@ def test_a_new_effect_can_be_listed_at_once(
     assert "emplate" not in path.read_text().replace("the template", "")
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("Mains", "'Mains' cannot name a module"),
-        ("mains-hum", "'mains-hum' cannot name a module"),
-        ("../hum", "cannot name a module"),
-        ("drift", "'drift' is an effect that palpate has"),
-        ("_", "'_' cannot name a module"),
-        ("if", "'if' cannot name a module"),
-        ("none", "the class None of 'none' has a meaning already"),
-        ("stage", "the class Stage of 'stage' has a meaning already"),
-        ("signal", "'signal' is a module that Python has"),
-        ("numpy", "'numpy' is a module that Python has"),
-    ],
-)
-def test_a_bad_name_is_refused_init_effect(name: str, words: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=words):
-        init_effect(name, tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_nothing_is_overwritten(tmp_path: Path) -> None:
-    (tmp_path / "hum.py").write_text("mine")
-    with pytest.raises(InputError, match="is there already"):
-        init_effect("hum", tmp_path)
-    assert (tmp_path / "hum.py").read_text() == "mine"
-
-
-def test_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written: No such file"):
-        init_effect("hum", tmp_path / "no")
-
-
-INIT_PLANNER_CHECKS = [name for name in vars(planner_check) if name.startswith("test_")]
-
-
-def test_a_new_planner_works_at_once_and_its_test_passes(tmp_path: Path) -> None:
-    path, test, named = init_planner("by_steepness", tmp_path)
-    assert (path.name, test.name) == ("by_steepness.py", "test_by_steepness.py")
-    assert named == "by_steepness:BySteepness"
-    for file in (path, test):
-        assert "emplate" not in file.read_text()
-
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(test)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
-    assert done.returncode == 0, done.stdout
-    assert f"{len(INIT_PLANNER_CHECKS)} passed" in done.stdout
-
-
-def test_a_new_planner_is_found_by_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _, _, named = init_planner("by_bow", tmp_path)
+def test_a_new_planner_is_found_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    _, named = begin("planner", "by_bow", tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     assert getattr(make_planner(named, {"most_bow": 2.0}), "most_bow") == 2.0  # noqa: B009
     with pytest.raises(ValueError, match=r"most_bow is 0; expected 0.1 to 100"):
         make_planner(named, {"most_bow": 0.0})
 
 
-@pytest.mark.parametrize("name", INIT_PLANNER_CHECKS)
-def test_the_template_passes_its_own_test(name: str) -> None:
-    vars(planner_check)[name]()
-
-
 def test_the_test_of_the_template_fails_for_a_planner_that_has_a_length_of_its_own(
     monkeypatch: pytest.MonkeyPatch,
-) -> None:
+):
     from palpate.core.explore.planners.protocol import Choice, Height, Observation, Stop
 
     class Metres(Template):
@@ -257,53 +225,17 @@ def test_the_test_of_the_template_fails_for_a_planner_that_has_a_length_of_its_o
         planner_check.test_everything_a_pad_can_touch_is_touched()
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("Steps", "'Steps' cannot name a module"),
-        ("by-bow", "'by-bow' cannot name a module"),
-        ("../bow", "cannot name a module"),
-        ("fuzzy", "'fuzzy' is a planner that palpate has"),
-        ("if", "'if' cannot name a module"),
-        ("height", "the class Height of 'height' has a meaning already"),
-        ("planner_trial", "the class PlannerTrial of 'planner_trial' has a meaning already"),
-        ("numpy", "'numpy' is a module that Python has"),
-    ],
-)
-def test_a_bad_name_is_refused_init_planner(name: str, words: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=words):
-        init_planner(name, tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("there", ["mine.py", "test_mine.py"])
-def test_nothing_is_overwritten_and_nothing_half_written_init_planner(
-    there: str, tmp_path: Path
-) -> None:
-    (tmp_path / there).write_text("mine")
-    with pytest.raises(InputError, match=rf"{there}: is there already"):
-        init_planner("mine", tmp_path)
-    assert [file.name for file in tmp_path.iterdir()] == [there]
-    assert (tmp_path / there).read_text() == "mine"
-
-
-def test_a_folder_that_is_not_there_is_told_init_planner(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"mine\.py: cannot be written: No such file"):
-        init_planner("mine", tmp_path / "no")
-
-
 def test_the_verb_says_what_was_written_and_how_it_is_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+):
     monkeypatch.chdir(tmp_path)
     assert cli.run(["init", "planner", "my_planner"]) == 0
     said = capsys.readouterr().out
     assert "python -m pytest test_my_planner.py" in said
     assert said.endswith("explore:\n  planner: my_planner:MyPlanner\n")
     assert cli.run(["init", "planner", "my_planner"]) == 2
-    assert capsys.readouterr().err == (
-        "palpate: my_planner.py: is there already; choose another name\n"
-    )
+    told = "palpate: my_planner.py: exists already; it is not overwritten\n"
+    assert capsys.readouterr().err == told
 
 
 PAGE = (Path(__file__).parents[2] / "docs" / "own_node.md").read_text()
@@ -325,14 +257,12 @@ def reader(here: Path) -> Path:
     return here
 
 
-def test_the_page_is_short() -> None:
+def test_the_page_is_short():
     assert len(PAGE.splitlines()) <= 60
     assert len([line for line in SNIPPET.splitlines() if line]) <= 10
 
 
-def test_the_snippet_tells_normals_and_curvatures(
-    reader: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_snippet_tells_normals_and_curvatures(reader: Path, capsys: pytest.CaptureFixture[str]):
     exec(SNIPPET, {})
 
     *lines, last = capsys.readouterr().out.splitlines()
@@ -344,7 +274,7 @@ def test_the_snippet_tells_normals_and_curvatures(
         assert found.groups() == ("50.00", "0.00", "50.00", "0.00")
 
 
-def test_every_command_of_the_page_does_what_it_says(reader: Path) -> None:
+def test_every_command_of_the_page_does_what_it_says(reader: Path):
     for line in SHELL:
         program, *words = shlex.split(line)
         if program == "python":
@@ -361,7 +291,7 @@ def test_every_command_of_the_page_does_what_it_says(reader: Path) -> None:
     assert len(SHELL) == 8
 
 
-def test_what_the_table_names_is_there() -> None:
+def test_what_the_table_names_is_there():
     import palpate.testing
 
     named = re.findall(r"`([a-z_]+)\(", PAGE)

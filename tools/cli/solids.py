@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import Literal, cast
 
 import click
 
@@ -15,9 +15,6 @@ from palpate.tools.cli.command_line import (
     print_figures,
     quiet_option,
 )
-
-if TYPE_CHECKING:
-    from palpate.tools.init import NodeFiles
 
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
@@ -205,9 +202,9 @@ def init_group() -> None:
 @click.argument("name")
 def init_effect_command(name: str) -> None:
     """Write NAME.py here: an effect that works, to be changed."""
-    from palpate.tools.init import init_effect
+    from palpate.tools.init import begin
 
-    path, listed = init_effect(name, Path())
+    (path,), listed = begin("effect", name, Path())
     click.echo(f"{path}: written; list it in a scene, and start palpate in this folder:")
     click.echo(f"effects:\n  - {listed}")
 
@@ -216,9 +213,9 @@ def init_effect_command(name: str) -> None:
 @click.argument("name")
 def init_planner_command(name: str) -> None:
     """Write NAME.py and test_NAME.py here: a planner that works, to be changed."""
-    from palpate.tools.init import init_planner
+    from palpate.tools.init import begin
 
-    path, test, named = init_planner(name, Path())
+    (path, test), named = begin("planner", name, Path())
     click.echo(f"{path}: written, and what must hold of it: python -m pytest {test}")
     click.echo("name it in a scene, and start palpate in this folder:")
     click.echo(f"explore:\n  planner: {named}")
@@ -228,22 +225,21 @@ def init_planner_command(name: str) -> None:
 @click.argument("name")
 def init_node_command(name: str) -> None:
     """Write NAME.py, test_NAME.py and NAME.yaml here: a node that works, to be changed."""
-    from palpate.tools.init import init_node
-
-    _print_begun(init_node(name, Path(), "node"), f"/{name}")
+    _begin_node("node", name, f"/{name}")
 
 
 @init_group.command("driver")
 @click.argument("name")
 def init_driver_command(name: str) -> None:
     """Write NAME.py, test_NAME.py and NAME.yaml here: a driver for a sensor of your own."""
-    from palpate.tools.init import init_node
-
-    _print_begun(init_node(name, Path(), "driver"), "/touch/patch")
+    _begin_node("driver", name, "/touch/patch")
 
 
-def _print_begun(begun: NodeFiles, topic: str) -> None:
-    click.echo(f"{begun.module}, {begun.test}, {begun.launch}: written; in this folder")
-    click.echo(f"  test it:    python -m pytest {begun.test}")
-    click.echo(f"  launch it:  palpate launch {begun.launch}")
+def _begin_node(kind: Literal["node", "driver"], name: str, topic: str) -> None:
+    from palpate.tools.init import begin
+
+    (module, test, graph), _ = begin(kind, name, Path())
+    click.echo(f"{module}, {test}, {graph}: written; in this folder")
+    click.echo(f"  test it:    python -m pytest {test}")
+    click.echo(f"  launch it:  palpate launch {graph}")
     click.echo(f"  look:       palpate topic echo {topic}")

@@ -12,11 +12,11 @@ from palpate.messages.types.touch import TactileFrame
 from palpate.tools.introspection.echo import (
     EchoFormat,
     LossReport,
+    TextStyle,
     message_text,
     read_filter,
     read_path,
 )
-from palpate.tools.introspection.echo import TextStyle
 from palpate.tools.introspection.topics import TapMessage, Topic
 
 TOPIC = Topic("/t", "TactileFrame", ("talker",), ())
