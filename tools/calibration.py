@@ -45,9 +45,8 @@ MAX_LOST_SHARE = 0.35
 MIN_SOUND_SPEED, MAX_SOUND_SPEED = 100.0, 5000.0
 MAX_GAIN = 10.0
 MAX_POSE_ERROR = 0.6e-3  # m
-MAX_RADIUS_ERROR = 0.25  # Share by which the ball may be felt too large or too small
+MAX_RADIUS_ERROR = 0.25  # Share by which the ball may be measured too large or too small
 MIN_VARIANCE = 1e-6  # 1/m2: no curvature is surer than to a thousandth of 1 / m
-ReadingCorrection = Callable[[Floats], Floats]
 UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -83,14 +82,14 @@ def calibrate(scene: SceneSpec, progress: CalibrationProgress) -> Calibrated:
     progress(f"{FREE_FRAMES} frames of nothing")
     on_flat = tuple(_presses(finger, _flat_plate(), progress, "the flat"))
     on_ball = tuple(_presses(finger, _ball(), progress, "the ball"))
-    felt = [*on_flat, *on_ball]
+    made = [*on_flat, *on_ball]
     presses = CalibrationTouches(
-        known=np.stack([one.known.ravel() for one in felt]),
-        read=np.stack([one.read.ravel() for one in felt]),
+        known=np.stack([one.known.ravel() for one in made]),
+        read=np.stack([one.read.ravel() for one in made]),
         free=np.stack([one.ravel() for one in free]),
     )
     x, y = pad.grid()
-    progress(f"all done; fitting {len(felt)} presses")
+    progress(f"all done; fitting {len(made)} presses")
     estimate = estimate_calibration(presses, x.ravel(), y.ravel(), pipeline.finger.calibration)
     sheet = pipeline.finger.calibration
     pad = replace(pad, face=sensed_face(pipeline))
@@ -118,17 +117,14 @@ def _tilts(pad: Pad) -> list[Floats]:
     most = math.atan(pad.dome * half) + TOUCH_DEPTH / (2.0 * half)
     angles = sorted(np.linspace(-most, most, TILTS).tolist(), key=abs)
     position = np.array([0.0, 0.0, HEIGHT])
-    return [pose_of(position, FACING_DOWN @ _turn(a, b)) for a in angles for b in angles]
-
-
-def _turn(about_x: float, about_y: float) -> Floats:
-    """Rotation about x, then about the new y."""
-    c, s = math.cos(about_x), math.sin(about_x)
-    first = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    c, s = math.cos(about_y), math.sin(about_y)
-    then = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    both: Floats = first @ then
-    return both
+    turns = {a: (math.cos(a), math.sin(a)) for a in angles}
+    poses = []
+    for c, s in turns.values():
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+        for c2, s2 in turns.values():
+            about_y = np.array([[c2, 0.0, s2], [0.0, 1.0, 0.0], [-s2, 0.0, c2]])
+            poses.append(pose_of(position, FACING_DOWN @ (about_x @ about_y)))
+    return poses
 
 
 def _ball() -> Shape:
@@ -178,9 +174,8 @@ def _ideal_compression(shape: Shape, pad: Pad, pose: Floats) -> Floats:
     position, axes = split_pose(pose)
     rays = pad.transducers() @ axes.T + position
     ranges = shape.cast(rays, axes[:, 2], pad.thickness)
-    compression: Floats = np.clip(pad.thickness - ranges, 0.0, pad.saturation * pad.thickness)
-    shaped: Floats = compression.reshape((pad.rows, pad.cols))
-    return shaped
+    compression = np.clip(pad.thickness - ranges, 0.0, pad.saturation * pad.thickness)
+    return compression.reshape((pad.rows, pad.cols))
 
 
 def calibration_text(found: Calibrated, sensor: SensorSpec) -> str:
@@ -192,34 +187,30 @@ def calibration_text(found: Calibrated, sensor: SensorSpec) -> str:
     lost = int((~estimate.trusted).sum())
     unreached = int((estimate.trusted & ~reached).sum())
     sheet = sensor.pad.sound_speed
+    common = float(np.median(offset))
+    speed = f"{estimate.sound_speed:.1f} +- {estimate.sound_speed_error:.1f} m/s"
+    if not estimate.sound_speed_error:
+        speed = f"{estimate.sound_speed:.1f} m/s, not estimated: the array sends forces"
     rows = [
         ("touches", f"{found.touches} in {found.robot_time:.0f} s of robot time ({ROBOT})"),
-        ("sound speed", f"{_speed(estimate)}   (data sheet {sheet:g})"),
+        ("sound speed", f"{speed}   (data sheet {sheet:g})"),
         ("gain", f"{gain.min():.4f} to {gain.max():.4f}, each +- {gain_error:.4f}"),
-        ("offset", f"{_spread(offset)}, each +- {offset_error:.1f} um"),
+        (
+            "offset",
+            f"{float(offset.min()) - common:.1f} to {float(offset.max()) - common:.1f} um about "
+            f"a common {common:.1f} um, each +- {offset_error:.1f} um",
+        ),
         ("noise", f"{1e6 * estimate.noise:.2f} um, one taxel"),
         ("arm", f"{1e6 * estimate.pose_error:.0f} um off along the pad's normal, one touch"),
         ("taxels", f"{int(reached.sum())} calibrated, {unreached} not reached, {lost} not trusted"),
         ("ball", ball_text(found)),
     ]
-    return "\n".join(f"{name:<13}{said}" for name, said in rows)
-
-
-def _speed(estimate: CalibrationEstimate) -> str:
-    if not estimate.sound_speed_error:
-        return f"{estimate.sound_speed:.1f} m/s, not estimated: the array sends forces"
-    return f"{estimate.sound_speed:.1f} +- {estimate.sound_speed_error:.1f} m/s"
-
-
-def _spread(offset: Floats) -> str:
-    common = float(np.median(offset))
-    low, high = float(offset.min()) - common, float(offset.max()) - common
-    return f"{low:.1f} to {high:.1f} um about a common {common:.1f} um"
+    return "\n".join(f"{name:<13}{text}" for name, text in rows)
 
 
 def ball_text(found: Calibrated) -> str:
     """Radius of the ball as it is measured, with and without the calibration."""
-    before, after = _radius(found, _as_read(found)), _radius(found, _corrected(found))
+    before, after = _radii(found)
     return f"of {1e3 * BALL_RADIUS:g} mm measured as {_mm(after)}; {_mm(before)} by the data sheet"
 
 
@@ -232,28 +223,28 @@ def _mm(radius: MeasuredRadius | None) -> str:
 def calibration_warnings(found: Calibrated) -> list[str]:
     """Reasons not to trust a calibration, in words; none if there is nothing to say."""
     estimate = found.estimate
-    said = []
+    told = []
     lost = int((~estimate.reached).sum())
     if lost > MAX_LOST_SHARE * len(estimate.reached):
-        said.append(f"{lost} of {len(estimate.reached)} taxels could not be calibrated")
+        told.append(f"{lost} of {len(estimate.reached)} taxels could not be calibrated")
     if not MIN_SOUND_SPEED <= estimate.sound_speed <= MAX_SOUND_SPEED:
-        said.append(f"a speed of sound of {estimate.sound_speed:.0f} m/s is none of rubber's")
+        told.append(f"a speed of sound of {estimate.sound_speed:.0f} m/s is none of rubber's")
     if estimate.gain.max() > MAX_GAIN:
-        said.append(f"a gain of {estimate.gain.max():.1f} is no sensor's")
+        told.append(f"a gain of {estimate.gain.max():.1f} is no sensor's")
     if estimate.pose_error > MAX_POSE_ERROR:
-        said.append(f"the arm was {1e3 * estimate.pose_error:.1f} mm off, or the pad is no spring")
-    before, after = _radius(found, _as_read(found)), _radius(found, _corrected(found))
+        told.append(f"the arm was {1e3 * estimate.pose_error:.1f} mm off, or the pad is no spring")
+    before, after = _radii(found)
     if after is None or abs(after.mean - BALL_RADIUS) > MAX_RADIUS_ERROR * BALL_RADIUS:
-        said.append("with it the ball is not measured as a ball of its size")
+        told.append("with it the ball is not measured as a ball of its size")
     elif (
         before is not None
         and abs(after.mean - BALL_RADIUS) > abs(before.mean - BALL_RADIUS) + 3 * after.error
     ):
-        said.append("with it the ball is measured worse than by the data sheet")
-    return said
+        told.append("with it the ball is measured worse than by the data sheet")
+    return told
 
 
-def _radius(found: Calibrated, reading: ReadingCorrection) -> MeasuredRadius | None:
+def _radius(found: Calibrated, reading: Callable[[Floats], Floats]) -> MeasuredRadius | None:
     pad, estimate = found.pad, found.estimate
     lost = ~estimate.trusted.reshape(pad.rows, pad.cols)
     curvatures, weights = [], []
@@ -272,17 +263,16 @@ def _radius(found: Calibrated, reading: ReadingCorrection) -> MeasuredRadius | N
     return MeasuredRadius(1.0 / mean, error / mean**2)
 
 
-def _as_read(found: Calibrated) -> ReadingCorrection:
-    return lambda read: read
-
-
-def _corrected(found: Calibrated) -> ReadingCorrection:
-    """What turns a frame that the data sheet read into one that the calibration reads."""
+def _radii(found: Calibrated) -> tuple[MeasuredRadius | None, MeasuredRadius | None]:
+    """The ball's radius by the data sheet, and as the calibration reads the same frames."""
     estimate, thickness = found.estimate, found.pad.thickness
     ratio = estimate.sound_speed / found.sheet.sound_speed
     shape = (found.pad.rows, found.pad.cols)
     gain, offset = estimate.gain.reshape(shape), estimate.offset.reshape(shape)
-    return lambda read: (thickness - ratio * (thickness - read)) * gain + offset
+    return (
+        _radius(found, lambda read: read),
+        _radius(found, lambda read: (thickness - ratio * (thickness - read)) * gain + offset),
+    )
 
 
 class MeasuredRadius(NamedTuple):

@@ -79,21 +79,17 @@ def costs_of(run: RunMoves, names: Sequence[str]) -> Costs:
 def _recorded_figures(run: RunMoves) -> Costs:
     """The recorded times against the sum of the moves, as the same robot makes them."""
     slowest = max(run.fingers, key=lambda one: float(one.ends[-1]))
-    ended = float(slowest.ends[-1])
-    known = all(one.robot in ROBOTS for one in run.fingers)
-    missing = max(map(_missing, run.fingers)) if known else None
+    ended, missing = float(slowest.ends[-1]), None
+    if all(one.robot in ROBOTS for one in run.fingers):
+        made = [move_durations(one.moves, ROBOTS[str(one.robot)]).total() for one in run.fingers]
+        ends = [one.ends[-1] for one in run.fingers]
+        missing = max(abs(float(one.sum() - end)) for one, end in zip(made, ends, strict=True))
     return {
         "robot": slowest.robot,
         "robot_time_s": ended,
         "missing_s": missing,
         "agrees": None if missing is None else missing <= TIME_TOLERANCE * ended,
     }
-
-
-def _missing(finger: FingerMoves) -> float:
-    """By how much its moves, as its own robot makes them, miss its recorded time, s."""
-    made = move_durations(finger.moves, ROBOTS[str(finger.robot)]).total().sum()
-    return abs(float(made - finger.ends[-1]))
 
 
 def _cost(run: RunMoves, name: str, touches: int) -> Costs:
@@ -120,39 +116,33 @@ def with_recomputed_waits(
     fingers: Sequence[FingerMoves], robot: RobotPreset | SlidingPreset
 ) -> list[MoveGeometry]:
     """The moves of all fingers, with the waits that this robot would have."""
-    work = [move_durations(one.moves._replace(wait=0.0 * one.moves.wait), robot) for one in fingers]
-    lasts = [one.total() for one in work]
+    lasts = [
+        move_durations(one.moves._replace(wait=0.0 * one.moves.wait), robot).total()
+        for one in fingers
+    ]
     waits = [one.moves.wait.copy() for one in fingers]
     ends = [np.zeros(len(one.ends)) for one in fingers]
-    for end, finger, move in _by_end_time(fingers):
+    # As they ended: who is waited for comes before who waits.
+    order = sorted((end, i, k) for i, one in enumerate(fingers) for k, end in enumerate(one.ends))
+    for end, finger, move in order:
         before = ends[finger][move - 1] if move else 0.0
         if waits[finger][move] > TIME_TOLERANCE * end:
-            awaited = _awaited(fingers, MoveIndex(finger, move))
+            awaited = _awaited(fingers, finger, move)
             if awaited is not None:
-                waits[finger][move] = max(ends[awaited.finger][awaited.move] - before, 0.0)
+                waits[finger][move] = max(ends[awaited[0]][awaited[1]] - before, 0.0)
         ends[finger][move] = before + waits[finger][move] + lasts[finger][move]
     return [one.moves._replace(wait=wait) for one, wait in zip(fingers, waits, strict=True)]
 
 
-def _by_end_time(fingers: Sequence[FingerMoves]) -> list[tuple[float, int, int]]:
-    """All moves as they ended: who is waited for comes before who waits."""
-    ends = [(end, i, k) for i, one in enumerate(fingers) for k, end in enumerate(one.ends.tolist())]
-    return sorted(ends)
-
-
-def _awaited(fingers: Sequence[FingerMoves], place: MoveIndex) -> MoveIndex | None:
-    """The other finger's move at whose end this one began; None if there is none."""
-    one, move = fingers[place.finger], place.move
+def _awaited(fingers: Sequence[FingerMoves], finger: int, move: int) -> tuple[int, int] | None:
+    """The other finger, and its move at whose end this one began; None if there is none."""
+    one = fingers[finger]
     begun = float(one.moves.wait[move]) + (float(one.ends[move - 1]) if move else 0.0)
     for i, other in enumerate(fingers):
-        near = _nearest(other.ends, begun)
-        if i != place.finger and abs(float(other.ends[near]) - begun) <= TIME_TOLERANCE * begun:
-            return MoveIndex(i, near)
+        near = int(np.argmin(np.abs(other.ends - begun)))
+        if i != finger and abs(float(other.ends[near]) - begun) <= TIME_TOLERANCE * begun:
+            return i, near
     return None
-
-
-def _nearest(times: Floats, wanted: float) -> int:
-    return int(np.argmin(np.abs(times - wanted)))
 
 
 def _phase_figures(made: MoveDurations, which: Bools) -> Costs:
@@ -171,13 +161,13 @@ def read_moves(run: Path) -> RunMoves:
     Raises InputError if it cannot be read, or does not tell its moves.
     """
     path = find_bag(run)
-    heard = _MoveCollector()
+    moves = _MoveCollector()
     try:
         recording = open_recording(path)
         robots = _robots(recording)
         for kept in recording.messages():
             if kept.type in KINDS:
-                heard.take(kept.publisher, decode(KINDS[kept.type], kept.body))
+                moves.take(kept.publisher, decode(KINDS[kept.type], kept.body))
     except CodecError as error:
         raise InputError(f"{path}: was recorded with other messages: {error}") from None
     except ValueError as error:
@@ -187,10 +177,10 @@ def read_moves(run: Path) -> RunMoves:
             number,
             robots.get(finger.publisher),
             MoveGeometry.of_rows(np.array(finger.rows)),
-            tuple(heard.phases.get(goal, "other") for goal in finger.goals),
+            tuple(moves.phases.get(goal, "other") for goal in finger.goals),
             np.array(finger.ends),
         )
-        for number, finger in sorted(heard.fingers.items())
+        for number, finger in sorted(moves.fingers.items())
     )
     # The frame of a sensor that no arm moved has a move of nothing.
     if not any((one.moves.approach > 0.0).any() for one in fingers):
@@ -200,21 +190,13 @@ def read_moves(run: Path) -> RunMoves:
 
 def _robots(recording: Recording) -> dict[str, str]:
     """The preset of each simulator that was recorded, by its name in the graph."""
-    if not recording.graph:
-        return {}
-    found = {
-        one.name: json.loads(bytes(one.params)).get("robot")
-        for one in recorded_nodes(recording.graph)
+    simulators = [
+        one
+        for one in (recorded_nodes(recording.graph) if recording.graph else ())
         if one.module == SIMULATOR
-    }
+    ]
+    found = {one.name: json.loads(bytes(one.params)).get("robot") for one in simulators}
     return {name: robot for name, robot in found.items() if isinstance(robot, str)}
-
-
-class MoveIndex(NamedTuple):
-    """One move of one finger."""
-
-    finger: int  # Place of the finger among them
-    move: int  # Place among its moves
 
 
 class FingerMoves(NamedTuple):
@@ -292,21 +274,19 @@ def robot_time_text(costs: Costs) -> str:
 
 def _recorded_lines(costs: Costs) -> list[str]:
     recorded = costs["recorded"]
-    robot, told = recorded["robot"], f"{recorded['robot_time_s']:.1f} s"
-    warnings = []
+    told, warnings = f"{recorded['robot_time_s']:.1f} s", []
     if recorded["agrees"] is None:
         warnings = ["which robot made that is not known, so it cannot be checked"]
-    elif recorded["agrees"]:
-        told = f"{robot}, {told}: its moves add up to that"
     else:
-        told = f"{robot}, {told}"
+        told = f"{recorded['robot']}, {told}"
+    if recorded["agrees"]:
+        told += ": its moves add up to that"
+    elif recorded["agrees"] is False:
         warnings = [f"its moves miss that by {recorded['missing_s']:.3g} s: some are lost"]
     if not costs["complete"]:
         warnings.append("the recording was never closed: its end may be missing")
     lines = titled("recorded", told, width=TITLE_WIDTH)
-    for text in warnings:
-        lines += titled("warning", text, width=TITLE_WIDTH)
-    return lines
+    return lines + [x for text in warnings for x in titled("warning", text, width=TITLE_WIDTH)]
 
 
 def _phase_table(name: str, cost: Mapping[str, Any]) -> list[str]:

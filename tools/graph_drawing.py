@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from graphlib import TopologicalSorter
@@ -86,7 +86,11 @@ def write_picture(graph: Graph, path: Path, title: str) -> None:
     cannot be written; then none has changed.
     """
     kind = ".svg" if str(path) == "-" else path.suffix
-    writers = {".svg": partial(draw_svg, title=title), ".mmd": mermaid_text, ".dot": dot_text}
+    writers: dict[str, Callable[[Sketch], str]] = {
+        ".svg": partial(draw_svg, title=title),
+        ".mmd": mermaid_text,
+        ".dot": dot_text,
+    }
     if kind not in writers:
         raise InputError(f"--graph: {path}: must end in one of {', '.join(writers)}")
     text = writers[kind](sketch_of(graph))

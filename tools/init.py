@@ -5,6 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 from collections.abc import Container
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
@@ -59,7 +60,7 @@ def begin(
             # The imports as they are sorted where palpate is somebody else's, and this is not.
             text = re.sub(r"(from msgspec import .+\n)\n(from palpate)", r"\1\2", text)
             text = re.sub(rf"(from palpate.+\n)(from {name} import .+\n)", r"\1\n\2", text)
-            write_new(path, lambda part, text=text: part.write_text(text, encoding="utf-8"))
+            write_new(path, partial(Path.write_text, data=text, encoding="utf-8"))
             written.append(path)
     except InputError:
         for path in written:

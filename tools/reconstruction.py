@@ -40,28 +40,18 @@ from palpate.launch.files import (
 
 # Ending of a file whose unit is known; a folder is that of a run, which holds such a file.
 RECORDING_SUFFIX = ".mcap"
-
-
 # A contour by its place among those that were read.
 CONTOUR_NUMBER = re.compile(r"\bcontour (\d+)\b")
 ProgressText = Callable[[str], None]
 MAX_PLAUSIBLE_SIZE, MIN_PLAUSIBLE_SIZE = 10.0, 1e-3  # Sizes, m, beyond which the unit is doubted
-
-
 # Share of the width by which the side leaves the contours, from which it is doubtful.
 MAX_OVERSHOOT = 0.05
-
-
 # Of the height: less that is not covered, or that a touched end is missed by, is not worth a
 # warning.
 MIN_UNCOVERED = 1e-3
-
-
 # Times the widest step between contours by which an end lies beyond them: a guess.
 FAR_END_STEPS = 3.0
 MOST_NAMED = 4  # Most contours that one sentence names
-
-
 # Figures of the health that say something if they are not 0, in words, for one and for more.
 COUNT_WARNINGS: Mapping[str, tuple[str, str]] = {
     "outlying_points": (
@@ -120,11 +110,18 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
     # Heavy, and not needed by those who ask for help.
     from palpate.core.rebuild import reconstruct
 
-    _check_lengths(wanted)
-    unit, assumed = _unit_of_points(points, wanted.unit)
+    for name in ("bottom", "top", "noise", "tolerance"):
+        value = getattr(wanted, name)
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"--{name} {value:g}: must be a finite number")
+    recorded = points.is_dir() or points.suffix.lower() == RECORDING_SUFFIX
+    unit, assumed = wanted.unit or "m", wanted.unit is None and not recorded
+    if recorded and unit != "m":
+        raise InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
+    metres = METRES_PER_UNIT[unit]
     say("reading the points")
-    found = read_points(points).scaled(METRES_PER_UNIT[unit])
-    tops = _touched_ends(found, wanted, METRES_PER_UNIT[unit])
+    found = read_points(points).scaled(metres)
+    tops = _touched_ends(found, wanted, metres)
     say(f"rebuilding from {len(found.contours)} contours")
     try:
         with single_threaded():
@@ -135,27 +132,16 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
                 tops=tops,
                 method=wanted.method,
                 frame=found.frame,
-                noise=None if wanted.noise is None else METRES_PER_UNIT[unit] * wanted.noise,
+                noise=None if wanted.noise is None else metres * wanted.noise,
             )
             say("meshing")
             mesh = _meshed(solid, wanted.tolerance, unit)
     except ValueError as error:
-        raise InputError(f"{points}: {_with_contour_names(str(error), found)}") from None
+        # Contours are called as in the file, where each has a number and lines.
+        places = dict(enumerate(found.places))
+        text = CONTOUR_NUMBER.sub(lambda match: places.get(int(match[1]), match[0]), str(error))
+        raise InputError(f"{points}: {text}") from None
     return RebuildResult(solid, mesh, found, unit, assumed)
-
-
-def _check_lengths(wanted: RebuildOptions) -> None:
-    for name in ("bottom", "top", "noise", "tolerance"):
-        value = getattr(wanted, name)
-        if value is not None and not math.isfinite(value):
-            raise InputError(f"--{name} {value:g}: must be a finite number")
-
-
-def _unit_of_points(points: Path, unit: str | None) -> tuple[str, bool]:
-    recorded = points.is_dir() or points.suffix.lower() == RECORDING_SUFFIX
-    if recorded and unit not in (None, "m"):
-        raise InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
-    return unit or "m", unit is None and not recorded
 
 
 def _touched_ends(found: MeasuredContours, wanted: RebuildOptions, metres: float) -> Floats | None:
@@ -166,32 +152,26 @@ def _touched_ends(found: MeasuredContours, wanted: RebuildOptions, metres: float
     seen = [into_frame(found.frame, one) for one in found.contours if np.isfinite(one).any()]
     levels = [float(np.nanmean(one[:, 2])) for one in seen]
     if levels:
-        _check_noise(wanted, found, metres)
-        _check_ends(wanted, min(levels) / metres, max(levels) / metres)
+        points = np.concatenate(found.contours)
+        size = float((np.nanmax(points, axis=0) - np.nanmin(points, axis=0)).max()) / metres
+        if wanted.noise is not None and wanted.noise >= size:
+            raise InputError(
+                f"--noise {wanted.noise:g}: must be less than the object is large, "
+                f"{size:.3g} {wanted.unit or 'm'}"
+            )
+        low, high = min(levels) / metres, max(levels) / metres
+        for name, height in (("--bottom", wanted.bottom), ("--top", wanted.top)):
+            beyond = height is None or (height <= low if name == "--bottom" else high <= height)
+            if not beyond:
+                raise InputError(
+                    f"{name} {height:g}: must lie beyond the contours, which go from {low:.6g} "
+                    f"to {high:.6g}"
+                )
     for height in (wanted.bottom, wanted.top):
         if height is not None:
             point = np.array([[0.0, 0.0, metres * height]])
             parts.append(point if found.frame is None else transform_points(found.frame, point))
     return np.concatenate(parts) if parts else None
-
-
-def _check_noise(wanted: RebuildOptions, found: MeasuredContours, metres: float) -> None:
-    points = np.concatenate(found.contours)
-    size = float((np.nanmax(points, axis=0) - np.nanmin(points, axis=0)).max()) / metres
-    if wanted.noise is not None and wanted.noise >= size:
-        raise InputError(
-            f"--noise {wanted.noise:g}: must be less than the object is large, "
-            f"{size:.3g} {wanted.unit or 'm'}"
-        )
-
-
-def _check_ends(wanted: RebuildOptions, low: float, high: float) -> None:
-    for name, height, way in (("--bottom", wanted.bottom, -1.0), ("--top", wanted.top, 1.0)):
-        if height is not None and not (low if way < 0.0 else high) * way <= height * way:
-            raise InputError(
-                f"{name} {height:g}: must lie beyond the contours, which go from {low:.6g} "
-                f"to {high:.6g}"
-            )
 
 
 def _meshed(solid: Solid, tolerance: float | None, unit: str) -> SurfaceMesh:
@@ -205,14 +185,6 @@ def _meshed(solid: Solid, tolerance: float | None, unit: str) -> SurfaceMesh:
             f"--tolerance {tolerance:g}: {tolerance:g} {unit} would take more triangles than a "
             "mesh may have; try a larger one"
         ) from None
-
-
-def _with_contour_names(text: str, found: MeasuredContours) -> str:
-    """A sentence with contours called as in the file, where each has a number and lines."""
-    places = found.places
-    return CONTOUR_NUMBER.sub(
-        lambda match: places[int(match[1])] if int(match[1]) < len(places) else match[0], text
-    )
 
 
 def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, method: Method) -> None:
@@ -247,18 +219,17 @@ def write_outputs(rebuilt: RebuildResult, outs: Sequence[Path], lattice: Path | 
 
     Raises InputError if one cannot be written.
     """
-    files: dict[Path, FileWriter] = {}
     mesh, solid = rebuilt.mesh, rebuilt.solid
-    for path in outs:
-        if path.suffix.lower() == SOLID_SUFFIX:
-            files[path] = lambda part: save(solid, part)
-        else:
-            files[path] = lambda part: write_mesh(part, mesh.vertices, mesh.faces)
-    control = None if lattice is None else solid.control_lattice
+    files: dict[Path, FileWriter] = {
+        path: (lambda part: save(solid, part))
+        if path.suffix.lower() == SOLID_SUFFIX
+        else (lambda part: write_mesh(part, mesh.vertices, mesh.faces))
+        for path in outs
+    }
     if lattice is not None:
-        if control is None:
+        grid = solid.control_lattice
+        if grid is None:
             raise InputError(f"--lattice {lattice}: this solid has no control lattice")
-        grid = control
         files[lattice] = lambda part: write_lattice(part, grid)
     write_atomically(files)
 
@@ -283,12 +254,10 @@ def rebuild_record(
     ]
     if lattice is not None:
         written.append({"file": str(lattice), "holds": "the control lattice, in m"})
-    solid, found = rebuilt.solid, rebuilt.found
-    mesh = rebuilt.mesh
+    solid, mesh, found = rebuilt.solid, rebuilt.mesh, rebuilt.found
     shape = solidity(mesh.vertices, mesh.faces)
     crossings = self_intersection(mesh.vertices, mesh.faces).count
-    known = solid.uncertainty()
-    moments = solid.measures()
+    known, measures = solid.uncertainty(), solid.measures()
     return {
         "points": str(points),
         "unit": rebuilt.unit,
@@ -306,8 +275,8 @@ def rebuild_record(
         "watertight": shape.watertight,
         "genus": shape.genus,
         "self_intersections": crossings,
-        "volume_m3": float(moments.moments.volume),
-        "area_m2": float(moments.area),
+        "volume_m3": float(measures.moments.volume),
+        "area_m2": float(measures.area),
         "size_m": [float(v) for v in mesh.vertices.max(0) - mesh.vertices.min(0)],
         "error_rms_m": None if known is None else known.rms,
         "error_most_m": None if known is None else known.most,
@@ -323,31 +292,27 @@ def rebuild_warnings(
     solid: Solid, mesh: SurfaceMesh, found: MeasuredContours, unit: str, crossings: int
 ) -> list[str]:
     """Sentences about everything that a user should doubt."""
-    said = _size(mesh.vertices, unit) + _contours(solid, found.places)
-    health = solid.health()
+    told, health = list[str](), solid.health()
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    if not MIN_PLAUSIBLE_SIZE <= size <= MAX_PLAUSIBLE_SIZE:
+        told.append(f"the solid is {size:.3g} m in size when read in {unit}: is the unit right?")
+    told += _contours(solid, found.places)
     for name, (one, more) in COUNT_WARNINGS.items():
         if count := round(health.get(name, 0.0)):
-            said.append(one if count == 1 else more.format(count))
+            told.append(one if count == 1 else more.format(count))
     if folded := health.get("lattice_folded", 0.0):
-        said.append(f"{folded:.2%} of the control lattice's inside is folded")
+        told.append(f"{folded:.2%} of the control lattice's inside is folded")
     if crossings:
         pairs = "1 pair" if crossings == 1 else f"{crossings} pairs"
-        said.append(f"the surface passes through itself: {pairs} of triangles cross")
+        told.append(f"the surface passes through itself: {pairs} of triangles cross")
     if isinstance(solid.model, Recovery) and solid.model.warnings:
-        said.append(f"the superquadric's fit is {', '.join(solid.model.warnings)}")
+        told.append(f"the superquadric's fit is {', '.join(solid.model.warnings)}")
     if health.get("overshoot", 0.0) > MAX_OVERSHOOT:
-        said.append(
+        told.append(
             f"between contours the side swings out by {health['overshoot']:.0%} of the width: "
             "contours close together are too unlike"
         )
-    return said + _ends(solid, mesh.vertices)
-
-
-def _size(vertices: Floats, unit: str) -> list[str]:
-    size = float(np.ptp(vertices, axis=0).max())
-    if MIN_PLAUSIBLE_SIZE <= size <= MAX_PLAUSIBLE_SIZE:
-        return []
-    return [f"the solid is {size:.3g} m in size when read in {unit}: is the unit right?"]
+    return told + _ends(solid, mesh.vertices)
 
 
 def _contours(solid: Solid, places: Sequence[str]) -> list[str]:
@@ -358,17 +323,17 @@ def _contours(solid: Solid, places: Sequence[str]) -> list[str]:
         (~slices.star, ("cannot be seen whole from its middle",) * 2),
         (slices.self_intersecting, ("meets itself", "meet themselves")),
     )
-    said = []
+    told = []
     for marked, (one, more) in marks:
         rows = slices.rows[marked].tolist()
         if rows:
-            said.append(f"{_names(places, rows)} {one if len(rows) == 1 else more}, yet used")
+            told.append(f"{_names(places, rows)} {one if len(rows) == 1 else more}, yet used")
     if feature_candidates:
         off = 1e3 * max(one.off for one in feature_candidates)
         named = _names(places, [one.which for one in feature_candidates])
         are = "is" if len(feature_candidates) == 1 else "are"
-        said.append(f"{named} {are} unlike the neighbours, by {off:.3g} mm at most, yet used")
-    return said
+        told.append(f"{named} {are} unlike the neighbours, by {off:.3g} mm at most, yet used")
+    return told
 
 
 def _names(places: Sequence[str], rows: Iterable[int]) -> str:
@@ -386,30 +351,30 @@ def _ends(solid: Solid, vertices: Floats) -> list[str]:
     least = MIN_UNCOVERED * (high - low)
     step = float(np.diff(levels).max()) if len(levels) > 1 else 0.0
     evidence, (below, above) = solid.evidence, solid.uncovered
-    said = []
+    told = []
     for end, which, touched, made, rim, unknown in (
         ("bottom", "lowest", evidence.bottom, low, float(levels[0]), below),
         ("top", "highest", evidence.top, high, float(levels[-1]), above),
     ):
         side = "below" if end == "bottom" else "above"
         if unknown > least:
-            said.append(
+            told.append(
                 f"{side} the {which} contour the object may go on by {1e3 * unknown:.3g} mm, "
                 f"nobody touched its end: --{end} or --tops says where"
             )
         if touched is None:
             continue
         if abs(touched - made) > least:
-            said.append(
+            told.append(
                 f"the {end} was touched at {axis} {1e3 * touched:.5g} mm, and the solid ends at "
                 f"{1e3 * made:.5g} mm"
             )
         if step and abs(touched - rim) > FAR_END_STEPS * step:
-            said.append(
+            told.append(
                 f"the {end} lies {1e3 * abs(touched - rim):.3g} mm {side} the {which} contour, "
                 f"where contours are at most {1e3 * step:.3g} mm apart: what is between is a guess"
             )
-    return said
+    return told
 
 
 def rebuild_text(record: Mapping[str, Any]) -> str:
@@ -434,20 +399,17 @@ def rebuild_text(record: Mapping[str, Any]) -> str:
         f"holes through it {record['genus']}, crossings with itself "
         f"{record['self_intersections']}",
     )
-    lines += titled("confidence", _confidence_text(record))
+    confidence = f"the method {record['method']} does not say how far its surface can be trusted"
+    if record["error_rms_m"] is not None:
+        confidence = (
+            f"side within {1e3 * record['error_rms_m']:.3g} mm (root mean square), "
+            f"{1e3 * record['error_most_m']:.3g} mm at most, if nothing on it is narrower than "
+            f"{1e3 * record['resolution_m']:.3g} mm"
+        )
+    lines += titled("confidence", confidence)
     for text in record["warnings"]:
         lines += titled("warning", text)
     lines += titled("health", *(f"{name} {value:.3g}" for name, value in record["health"].items()))
     for one in record["written"]:
         lines += titled("wrote", f"{one['file']} ({one['holds']})")
     return "\n".join(lines)
-
-
-def _confidence_text(record: Mapping[str, Any]) -> str:
-    if record["error_rms_m"] is None:
-        return f"the method {record['method']} does not say how far its surface can be trusted"
-    return (
-        f"side within {1e3 * record['error_rms_m']:.3g} mm (root mean square), "
-        f"{1e3 * record['error_most_m']:.3g} mm at most, if nothing on it is narrower than "
-        f"{1e3 * record['resolution_m']:.3g} mm"
-    )

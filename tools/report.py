@@ -17,6 +17,7 @@ from palpate.launch import (
     Plan,
     SceneSpec,
     check_run,
+    counted,
     find_scene,
     open_display,
     perform,
@@ -26,11 +27,7 @@ from palpate.nodes.specs import SensorSpec, describe_effects
 
 
 def perform_and_print(plan: Plan, *, composed: bool, as_json: bool, quiet: bool) -> int:
-    """Perform a plan and print what it came to; returns the exit code.
-
-    `plan`: what to run; `composed`: all nodes in this process; `as_json`: print ``summary.json`` to
-    standard output instead of a text; `quiet`: print nothing but what was asked for by `as_json`.
-    """
+    """Perform a plan and print its text, or ``summary.json``; returns the exit code."""
     done = perform(plan, composed=composed, display=open_display(quiet=quiet or as_json))
     if as_json:
         click.echo(json.dumps(done.summary, indent=2, allow_nan=False))
@@ -61,7 +58,7 @@ def simulation_text(scene: SceneSpec) -> str:
     effects = describe_effects(scene.effects)
     if not effects:
         return "\n".join([*lines, "simulated  exact contact, and no effects"])
-    lines.append(f"simulated  exact contact, and {_effect_count(len(effects))}, in this order:")
+    lines.append(f"simulated  exact contact, and {counted(len(effects), 'effect')}, in this order:")
     width = max(len(name) for name in effects)
     for name, effect in effects.items():
         place = effect.phase.name.lower()
@@ -84,20 +81,16 @@ def _mm(metres: float) -> str:
     return f"{1000.0 * metres:g} mm"
 
 
-def _effect_count(effects: int) -> str:
-    return "1 effect" if effects == 1 else f"{effects} effects"
-
-
 def _parameters(effect: Any) -> str:
     units = {name: allowed.unit for name, allowed in ranges_of(type(effect)).items()}
-    said = []
+    told = []
     for field in fields(effect):
         value, unit = getattr(effect, field.name), units.get(field.name, "1")
         if value is None:  # left out, and so without meaning
             continue
         text = f"{value:g}" if isinstance(value, float) else str(value)
-        said.append(f"{field.name} {text}" + ("" if unit == "1" else f" {unit}"))
-    return ", ".join(said)
+        told.append(f"{field.name} {text}" + ("" if unit == "1" else f" {unit}"))
+    return ", ".join(told)
 
 
 def effects_text() -> str:
@@ -105,22 +98,13 @@ def effects_text() -> str:
     lines = []
     for name in EFFECT_NAMES:
         kind = effect_type(name)
-        lines.append(f"{name}: {effect_title(name)}")
-        allowed = ranges_of(kind)
+        told = sys.modules[kind.__module__].__doc__ or ""
+        lines.append(f"{name}: {told.strip().partition(chr(10))[0]}")
+        allowed, hints = ranges_of(kind), get_type_hints(kind)
         for field in fields(kind):  # type: ignore[arg-type]
             given = "" if field.default is None else f"{field.default}"
-            span = str(allowed[field.name]) if field.name in allowed else _choices(kind, field.name)
+            hint = hints[field.name]
+            span = "true or false" if hint is bool else " or ".join(map(str, get_args(hint)))
+            span = str(allowed.get(field.name, span))
             lines.append(f"  {field.name:<14}{given:<10}{span}".rstrip())
     return "\n".join(lines)
-
-
-def effect_title(name: str) -> str:
-    """What an effect is, in one line."""
-    module = sys.modules[effect_type(name).__module__]
-    return (module.__doc__ or "").strip().partition("\n")[0]
-
-
-def _choices(kind: type, name: str) -> str:
-    """What a parameter without a range may be."""
-    hint = get_type_hints(kind)[name]
-    return "true or false" if hint is bool else " or ".join(map(str, get_args(hint)))

@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import FORM_KEY, inverse_pose, transform_points
+from palpate.core import FORM_KEY, Floats, inverse_pose, transform_points
 from palpate.core.geometry import (
     Alignment,
     PreparedSurface,
-    Solidity,
     align,
     compare_surfaces,
     facet_sag,
@@ -65,14 +64,20 @@ def score(
     if not len(solid.faces):
         raise InputError(f"{model}: holds points; the model must be a surface")
     surface = _prepared(model, solid)
+    found = solidity(solid.vertices, solid.faces)
+    sizes = [float(np.linalg.norm(np.ptp(one.vertices, axis=0))) for one in (solid, wanted)]
     shared = {
         "model": str(model),
         "reference": str(reference),
         "unit": solid.unit,
         "reference_unit": wanted.unit,
         "one_sided": not len(wanted.faces),
-        **_size_figures(solid, wanted),
-        **_solid_figures(solid),
+        "size_m": float(np.ptp(wanted.vertices[:, 2])),
+        "same_order_of_size": max(sizes) <= MAX_SIZE_RATIO * min(sizes),
+        "watertight": found.watertight,
+        "components": found.components,
+        "genus": found.genus,
+        "self_intersections": self_intersection(solid.vertices, solid.faces).count,
     }
     if len(wanted.faces):
         return {**shared, **_against_surface(surface, solid, reference, wanted, aligned)}
@@ -87,32 +92,29 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
     ``cm`` or ``mm``; as palpate writes it if None, which is mm for STL and m for all others. Raises
     InputError if the file cannot be read, or holds neither.
     """
-    shape = _read(path, unit)
-    size = float(np.abs(shape.vertices).max(initial=0.0))
-    if len(shape.vertices) and np.isfinite(size) and not size <= MAX_COORDINATE:
+    kind = path.suffix.lower()
+    taken = unit if unit is not None else OWN_UNITS.get(kind, "m")
+    points: Floats | None = None
+    if kind in POINT_SUFFIXES:
+        points = _read_csv(path) * METRES_PER_UNIT[taken]
+    elif kind == ".ply":
+        points = read_cloud(path, taken)
+    if points is not None:
+        vertices, faces = _checked_points(path, points), np.zeros((0, 3), np.int32)
+    elif kind == ".npz":
+        vertices, faces = _read_model(path)
+        vertices = vertices * METRES_PER_UNIT[taken]
+    else:
+        vertices, faces = read_surface(path, taken)
+    size = float(np.abs(vertices).max(initial=0.0))
+    if len(vertices) and np.isfinite(size) and not size <= MAX_COORDINATE:
         raise InputError(
             f"{path}: reaches {size:g} m from the origin; at most {MAX_COORDINATE:g} m can"
         )
-    return shape
+    return MeshOrPoints(vertices, faces, taken)
 
 
-def _read(path: Path, unit: str | None) -> MeshOrPoints:
-    kind = path.suffix.lower()
-    taken = unit if unit is not None else OWN_UNITS.get(kind, "m")
-    none = np.zeros((0, 3), np.int32)
-    if kind in POINT_SUFFIXES:
-        return MeshOrPoints(
-            _checked_points(path, _read_csv(path) * METRES_PER_UNIT[taken]), none, taken
-        )
-    if kind == ".npz":
-        vertices, faces = _read_model(path)
-        return MeshOrPoints(vertices * METRES_PER_UNIT[taken], faces, taken)
-    if kind == ".ply" and (points := read_cloud(path, taken)) is not None:
-        return MeshOrPoints(_checked_points(path, points), none, taken)
-    return MeshOrPoints(*read_surface(path, taken), taken)
-
-
-def _checked_points(path: Path, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _checked_points(path: Path, points: Floats) -> Floats:
     if len(points) < MIN_POINTS:
         raise InputError(f"{path}: holds {len(points)} points; at least {MIN_POINTS} are needed")
     if not np.isfinite(points).all():
@@ -123,7 +125,7 @@ def _checked_points(path: Path, points: NDArray[np.float64]) -> NDArray[np.float
     return points
 
 
-def _read_csv(path: Path) -> NDArray[np.float64]:
+def _read_csv(path: Path) -> Floats:
     """The columns x, y and z if a header names them, else the first three."""
     try:
         text = read_bounded(path, MAX_MESH_BYTES).decode("utf-8-sig")
@@ -134,7 +136,10 @@ def _read_csv(path: Path) -> NDArray[np.float64]:
         raise InputError(f"{path}: holds no points")
     delimiter = next((mark for mark in (",", ";", "\t") if mark in lines[0]), None)
     header = [name.strip().strip('"').lower() for name in lines[0].split(delimiter)]
-    named = not all(_is_number(name) for name in header)
+    try:
+        named = not [float(name) for name in header]
+    except ValueError:
+        named = True
     columns = [0, 1, 2]
     if named and {"x", "y", "z"} <= set(header):
         columns = [header.index(name) for name in "xyz"]
@@ -150,15 +155,7 @@ def _read_csv(path: Path) -> NDArray[np.float64]:
     return np.asarray(found, np.float64)
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+def _read_model(path: Path) -> tuple[Floats, NDArray[np.int32]]:
     """Vertices, m, and faces of a model as a run or `palpate.save` leaves it."""
     data = read_bounded(path, MAX_MESH_BYTES)
     try:
@@ -166,7 +163,8 @@ def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
     if FORM_KEY in arrays and "vertices" not in arrays:
-        return _meshed(path)
+        mesh = load(path).mesh()  # as fine as meshes are by themselves
+        return mesh.vertices, mesh.faces
     for name in ("vertices", "faces"):
         if name not in arrays:
             raise InputError(f"{path}: is no model: it lacks {name}")
@@ -178,18 +176,8 @@ def _read_model(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     try:
         triangle_corners(vertices, faces)
     except (ValueError, TypeError) as error:
-        raise _no_surface(path, error) from None
+        raise InputError(f"{path}: is no model: {error}") from None
     return np.asarray(vertices, np.float64), faces.astype(np.int32)
-
-
-def _meshed(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """The mesh of a solid that `save` wrote, as fine as meshes are by themselves."""
-    mesh = load(path).mesh()
-    return mesh.vertices, mesh.faces
-
-
-def _no_surface(path: Path, error: Exception) -> InputError:
-    return InputError(f"{path}: is no model: {error}")
 
 
 def _outwards(shape: MeshOrPoints) -> MeshOrPoints:
@@ -200,23 +188,6 @@ def _outwards(shape: MeshOrPoints) -> MeshOrPoints:
     if found.watertight and found.volume < 0.0:
         return shape._replace(faces=np.ascontiguousarray(shape.faces[:, ::-1]))
     return shape
-
-
-def _size_figures(solid: MeshOrPoints, wanted: MeshOrPoints) -> ScoreRecord:
-    """Height of the reference, and whether the two are of one order."""
-    diagonals = [float(np.linalg.norm(np.ptp(one.vertices, axis=0))) for one in (solid, wanted)]
-    alike = max(diagonals) <= MAX_SIZE_RATIO * min(diagonals)
-    return {"size_m": float(np.ptp(wanted.vertices[:, 2])), "same_order_of_size": alike}
-
-
-def _solid_figures(solid: MeshOrPoints) -> ScoreRecord:
-    found: Solidity = solidity(solid.vertices, solid.faces)
-    return {
-        "watertight": found.watertight,
-        "components": found.components,
-        "genus": found.genus,
-        "self_intersections": self_intersection(solid.vertices, solid.faces).count,
-    }
 
 
 def _against_surface(
@@ -255,9 +226,7 @@ def _prepared(path: Path, shape: MeshOrPoints) -> PreparedSurface:
         raise InputError(f"{path}: {error}") from None
 
 
-def _against_points(
-    surface: PreparedSurface, points: NDArray[np.float64], aligned: bool
-) -> ScoreRecord:
+def _against_points(surface: PreparedSurface, points: Floats, aligned: bool) -> ScoreRecord:
     found = align(points, surface) if aligned else None
     moved = points if found is None else transform_points(found.pose, points)
     distances = nearest_points(surface.search, moved).distances
@@ -275,7 +244,7 @@ def _against_points(
     }
 
 
-def _alignment_figures(found: Alignment | None, pose: NDArray[np.float64] | None) -> ScoreRecord:
+def _alignment_figures(found: Alignment | None, pose: Floats | None) -> ScoreRecord:
     """What the alignment says; `pose` is the model's in the reference's frame."""
     return {
         "aligned": found is not None,
@@ -289,7 +258,7 @@ def _alignment_figures(found: Alignment | None, pose: NDArray[np.float64] | None
 class MeshOrPoints(NamedTuple):
     """A surface or points, in m."""
 
-    vertices: NDArray[np.float64]  # (n, 3)
+    vertices: Floats  # (n, 3)
     faces: NDArray[np.int32]  # (m, 3); none for points
     unit: str  # As which the file was read
 
@@ -299,7 +268,14 @@ def score_text(scored: ScoreRecord) -> str:
     lines = titled("model", f"{scored['model']}, read in {scored['unit']}")
     lines += titled("reference", f"{scored['reference']}, read in {scored['reference_unit']}")
     lines += [*_alignment_lines(scored), *_distance_lines(scored)]
-    lines += titled("solid", *_solid_parts(scored))
+    holes = [] if scored["genus"] is None else [f"holes through it {scored['genus']}"]
+    lines += titled(
+        "solid",
+        f"watertight {'yes' if scored['watertight'] else 'NO'}",
+        f"pieces {scored['components']}",
+        *holes,
+        f"crossings with itself {scored['self_intersections']}",
+    )
     if not scored["same_order_of_size"]:
         lines += titled("warning", "their sizes differ widely: see --unit and --reference-unit")
     return "\n".join(lines)
@@ -336,13 +312,3 @@ def _distance_lines(scored: ScoreRecord) -> list[str]:
         "volume not known" if volume is None else f"volume {100.0 * volume:+.2f} %",
     )
     return lines + titled("", *rest)
-
-
-def _solid_parts(scored: ScoreRecord) -> list[str]:
-    parts = [
-        f"watertight {'yes' if scored['watertight'] else 'NO'}",
-        f"pieces {scored['components']}",
-        f"holes through it {scored['genus']}" if scored["genus"] is not None else "",
-        f"crossings with itself {scored['self_intersections']}",
-    ]
-    return [part for part in parts if part]

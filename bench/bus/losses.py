@@ -59,7 +59,7 @@ def _disturbed(number: int, rng: random.Random) -> tuple[int, int]:
     """Messages that were lost or came out of turn among three listeners, and restarts."""
     source = Wiring(
         name=SOURCE,
-        module="palpate.tools.chaos.bystanders",
+        module="palpate.tools.chaos.fault_injection",
         params=FloodParams(messages=number),
         inputs=(),
         outputs={TOPIC: TOPIC},

@@ -19,7 +19,7 @@ from palpate.messages.types.motion import Contour, ContourGoal
 from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.runtime.composed import run_composed
 from palpate.nodes.runtime.node import Wiring
-from palpate.tools.bag.differences import compare_recordings
+from palpate.tools.bag.contents import compare_recordings
 from palpate.tools.replay.rerun import replay
 
 TOYS = Path(__file__).parent / "toys"

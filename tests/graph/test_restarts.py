@@ -131,7 +131,7 @@ def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(watcher, tmp_path
     busy = listener("busy", StallingParams(expects=12_000, stalls=((2000, 1.8),)))
     flooding = Wiring(
         name="source",
-        module="palpate.tools.chaos.bystanders",
+        module="palpate.tools.chaos.fault_injection",
         params={"messages": 12_000},
         inputs=(),
         outputs={"/flood": "/flood"},

@@ -13,9 +13,9 @@ from palpate.launch.progress import SilentDisplay
 from palpate.launch.run import perform, plan_run
 from palpate.messages.bus.message_log import Consumed
 from palpate.messages.recording.reader import open_recording
-from palpate.tools.bag.differences import compare_recordings
+from palpate.tools.bag.contents import compare_recordings
 from palpate.tools.chaos.history import causality_violations, read_history, violations_in
-from palpate.tools.replay.resumption import past_differences, plan_resume
+from palpate.tools.replay.rerun import past_differences, plan_resume
 from tests.graph.test_restarts import Harm
 
 pytestmark = pytest.mark.graph

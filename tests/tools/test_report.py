@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 from palpate.core.plugins import ranges_of
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type
 from palpate.launch.scene import load_scene
-from palpate.tools.report import effect_title, effects_text, simulation_text
+from palpate.tools.report import effects_text, simulation_text
 
 Write = Callable[[str, str], Path]
 BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
@@ -36,6 +37,10 @@ def test_every_effect_can_be_told(write: Write) -> None:
 
 
 PAGE = (Path(__file__).parents[2] / "docs" / "effects.md").read_text(encoding="utf-8")
+
+
+def effect_title(name: str) -> str:
+    return str(sys.modules[effect_type(name).__module__].__doc__).strip().partition("\n")[0]
 
 
 def section(name: str) -> str:

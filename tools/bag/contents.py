@@ -1,33 +1,41 @@
-"""What a recording holds, and its longest whole beginning saved as a new one.
+"""What a recording holds, its longest whole beginning saved anew, and in what two differ.
 
 The stock tool's recover leaves files that cannot be read; here the copy is read again and compared
-before it is put in place.
+before it is put in place. Of two recordings digests alone are held.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
 
 from mcap.records import Channel, Message, Metadata, Schema
 
 from palpate import __version__
-from palpate.launch import find_bag, size_text, text_table, titled
-from palpate.launch.files import InputError, check_new, write_new
+from palpate.launch import counted, find_bag, size_text, text_table, titled
+from palpate.launch.files import InputError, check_new, hint, write_new
+from palpate.messages import first_difference
 from palpate.messages.recording import (
     ABOUT,
     MISSING,
     LocatedRecord,
     ReadablePrefix,
+    RecordedMessage,
+    Recording,
     RecordingCopy,
     RecordingEnd,
+    open_recording,
     part_path,
     parts_of,
 )
+from palpate.messages.types import TYPES
 from palpate.nodes.runtime import recorded_nodes
 
+DIGEST_BYTES = 16  # So many that no two messages are taken for each other by chance
+MessageKey = tuple[int, str, int]  # When it was sent, ns, its topic and its number
 MAX_VALUE_LENGTH = 60  # Characters of a value that is shown whole
 FEW = 12  # Entries of a metadata record that are named one by one
 RECOVERED_RECORD = "recovered"  # Name of the metadata record that says where a copy comes from
@@ -75,6 +83,9 @@ def bag_info(bag: Path) -> BagInfo:
     if about is None:
         raise InputError(f"{prefix.end.part}: cannot be read as a recording: it {prefix.end.why}")
     end, parts = prefix.end, parts_of(path)
+    total = sum(one["bytes"] for one in tally.topics.values())
+    for one in tally.topics.values():
+        one["share"] = one["bytes"] / total if total else 0.0
     return BagInfo(
         path=str(path),
         parts=[
@@ -87,16 +98,10 @@ def bag_info(bag: Path) -> BagInfo:
         end={"path": str(end.part), "byte": end.byte, "why": end.why} if end.why else None,
         duration_s=1e-9 * (tally.last - tally.first),
         messages=sum(one["messages"] for one in tally.topics.values()),
-        topics=_with_shares(tally.topics),
+        topics=sorted(tally.topics.values(), key=lambda one: one["topic"]),
         metadata={name: _short(values) for name, values in tally.metadata.items()},
         nodes=_nodes(about.get("graph", "")),
     )
-
-
-def _with_shares(topics: dict[str, BagTopic]) -> list[BagTopic]:
-    total = sum(one["bytes"] for one in topics.values())
-    found = [one | {"share": one["bytes"] / total if total else 0.0} for one in topics.values()]
-    return sorted(found, key=lambda one: one["topic"])
 
 
 def _short(values: dict[str, str]) -> dict[str, str | int]:
@@ -142,23 +147,18 @@ class _Tally:
             case Schema():
                 self._schemas[part, record.id] = record.name
             case Channel():
-                self._channels[part, record.id] = self._topic(part, record)
+                # A topic may have another one for each start of its publisher.
+                one = BagTopic(
+                    topic=record.topic,
+                    type=self._schemas[part, record.schema_id],
+                    publisher=printable(record.metadata.get("publisher", "")),
+                    messages=0,
+                    bytes=0,
+                    share=0.0,
+                )
+                self._channels[part, record.id] = self.topics.setdefault(record.topic, one)
             case Metadata():
                 self.metadata.setdefault(record.name, record.metadata)
-
-    def _topic(self, part: Path, channel: Channel) -> BagTopic:
-        """The topic of a channel, which may have another one for each start of its publisher."""
-        return self.topics.setdefault(
-            channel.topic,
-            BagTopic(
-                topic=channel.topic,
-                type=self._schemas[part, channel.schema_id],
-                publisher=printable(channel.metadata.get("publisher", "")),
-                messages=0,
-                bytes=0,
-                share=0.0,
-            ),
-        )
 
 
 def printable(text: str) -> str:
@@ -173,9 +173,13 @@ def info_text(info: BagInfo) -> str:
         for part in info["parts"]
     ]
     lines = [f"{'' if number else 'recording':<11}{part}" for number, part in enumerate(parts)]
+    closed, end = "yes", info["end"]
+    if end is not None:
+        name = Path(end["path"]).name
+        closed = f"no: {name} {end['why']}; {end['byte']} bytes of it are whole"
     for title, text in (
         ("version", info["version"] or "not known"),
-        ("closed", _closed_text(info)),
+        ("closed", closed),
         ("duration", f"{info['duration_s']:.3f} s"),
         ("messages", str(info["messages"])),
         ("nodes", ", ".join(info["nodes"]) or "not known"),
@@ -185,15 +189,12 @@ def info_text(info: BagInfo) -> str:
         if name == MISSING:
             values = {topic: lacks for topic, lacks in values.items() if lacks != "0"}
         lines += titled("metadata", f"{name}: {_entries(values)}")
-    return "\n".join([*lines, "", *_topic_table(info["topics"])])
-
-
-def _closed_text(info: BagInfo) -> str:
-    end = info["end"]
-    if end is None:
-        return "yes"
-    name = Path(end["path"]).name
-    return f"no: {name} {end['why']}; {end['byte']} bytes of it are whole"
+    rows = [("topic", "type", "publisher", "messages", "bytes", "share")]
+    for one in info["topics"]:
+        size, share = size_text(one["bytes"]), f"{100.0 * one['share']:.1f} %"
+        counts = str(one["messages"]), size, share
+        rows.append((one["topic"], one["type"], one["publisher"], *counts))
+    return "\n".join([*lines, "", *text_table(rows, right=(3, 4, 5))])
 
 
 def _entries(values: dict[str, str | int]) -> str:
@@ -206,16 +207,6 @@ def _entries(values: dict[str, str | int]) -> str:
         )
         or "none"
     )
-
-
-def _topic_table(topics: Sequence[BagTopic]) -> list[str]:
-    rows = [("topic", "type", "publisher", "messages", "bytes", "share")]
-    for one in topics:
-        size, share = size_text(one["bytes"]), f"{100.0 * one['share']:.1f} %"
-        rows.append(
-            (one["topic"], one["type"], one["publisher"], str(one["messages"]), size, share)
-        )
-    return text_table(rows, right=(3, 4, 5))
 
 
 class Recovered(NamedTuple):
@@ -252,19 +243,14 @@ def _copy(source: Path, target: Path) -> Recovered:
         copy.take(prefix)
         part, byte, why = prefix.end
         if not copy.counts:
-            raise InputError(
-                f"{part}: nothing can be recovered: no message comes before {_end_text(why)}"
-            )
+            ends = f"its end: it {why}" if why else "its end"
+            raise InputError(f"{part}: nothing can be recovered: no message comes before {ends}")
         about = {"from": " ".join(one.name for one in parts), "to": f"{part.name}, byte {byte}"}
         copy.close(RECOVERED_RECORD, about | {"why": why})
     finally:
         copy.give_up()
     copy.check()
     return Recovered(target, parts, dict(copy.counts), prefix.end)
-
-
-def _end_text(why: str) -> str:
-    return f"its end: it {why}" if why else "its end"
 
 
 def recovered_text(saved: Recovered) -> str:
@@ -281,3 +267,130 @@ def recovered_text(saved: Recovered) -> str:
         f"{saved.path}: {sum(saved.counts.values())} messages on {len(saved.counts)} topics{of}; "
         f"that is {what}"
     )
+
+
+@dataclass(slots=True)
+class TopicDiff:
+    """The messages of one topic, counted."""
+
+    compared: int = 0  # Messages that are in both recordings
+    differ: int = 0  # Messages of them that differ
+    only_a: int = 0  # Messages that the second recording lacks
+    only_b: int = 0  # Messages that the first recording lacks
+
+    @property
+    def identical(self) -> bool:
+        """Whether both recordings have the same of this topic."""
+        return not (self.differ or self.only_a or self.only_b)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingDiff:
+    """How two recordings compare."""
+
+    topics: dict[str, TopicDiff]  # By topic, in the order of their names
+    first: str  # The first message that differs, in words; empty if none does
+    unfinished: tuple[Path, ...]  # Recordings of the two that were never closed
+
+
+def compare_recordings(a: Path, b: Path, topics: Sequence[str] = ()) -> RecordingDiff:
+    """Compare two recordings by topic and sequence.
+
+    Neither runs, restarts and times matter, nor in which order messages of different topics came.
+    `a`, `b`: recordings, or the folders of their runs; `topics`: topics to compare; all if empty.
+    Raises ValueError if one of them cannot be read or is out of order, or neither has one of the
+    topics.
+    """
+    both = open_recording(find_bag(a)), open_recording(find_bag(b))
+    known = {*both[0].counts, *both[1].counts}
+    for topic in topics:
+        if topic not in known:
+            raise ValueError(f"neither recording has a topic {topic!r}; {hint(topic, known)}")
+    counts = {topic: TopicDiff() for topic in sorted(topics or known)}
+    first = _count(*both, counts)
+    unfinished = tuple(recording.path for recording in both if not recording.closed)
+    return RecordingDiff(counts, _difference_text(first, *both) if first else "", unfinished)
+
+
+def _count(a: Recording, b: Recording, counts: dict[str, TopicDiff]) -> MessageKey | None:
+    """Count what differs, and find the first of it: in `a`, or else what only `b` has."""
+    of_b = {(one.topic, one.seq): (one.sent_ns, _digest(one)) for one in _messages(b, counts)}
+    first: MessageKey | None = None
+    for kept in _messages(a, counts):
+        count = counts[kept.topic]
+        _, digest = of_b.pop((kept.topic, kept.seq), (0, b""))
+        count.compared += bool(digest)
+        count.only_a += not digest
+        if digest == _digest(kept):
+            continue
+        count.differ += bool(digest)
+        place = (kept.sent_ns, kept.topic, kept.seq)
+        first = min(first, place) if first else place
+    for topic, _ in of_b:
+        counts[topic].only_b += 1
+    rest = ((sent_ns, topic, seq) for (topic, seq), (sent_ns, _) in of_b.items())
+    return first or min(rest, default=None)
+
+
+def _digest(kept: RecordedMessage) -> bytes:
+    """Digest of what a message says, and of which type it is."""
+    made = blake2b(f"{kept.type} {kept.schema} ".encode(), digest_size=DIGEST_BYTES)
+    made.update(kept.body)
+    return made.digest()
+
+
+def _messages(recording: Recording, topics: Collection[str]) -> Iterator[RecordedMessage]:
+    """Messages of these topics, each topic in its order."""
+    after: dict[str, int] = {}
+    for kept in recording.messages():
+        if kept.topic not in topics:
+            continue
+        if kept.seq < after.get(kept.topic, 0):
+            last = after[kept.topic] - 1
+            raise ValueError(
+                f"recording {recording.path} is out of order: {kept.topic} {kept.seq} after {last}"
+            )
+        after[kept.topic] = kept.seq + 1
+        yield kept
+
+
+def _difference_text(place: MessageKey, a: Recording, b: Recording) -> str:
+    """A message that differs, in words."""
+    _, topic, seq = place
+    one, other = (
+        next((kept for kept in all_of.messages() if (kept.topic, kept.seq) == (topic, seq)), None)
+        for all_of in (a, b)
+    )
+    where = f"{topic} {seq}"
+    if one is None or other is None:
+        return f"{where}: only in {'A' if one else 'B'}"
+    field, value_a, value_b = _differing_field(one, other)
+    return f"{where} {field}: {value_a} in A, {value_b} in B"
+
+
+def _differing_field(one: RecordedMessage, other: RecordedMessage) -> tuple[str, str, str]:
+    """Field and both values; what the messages are, if they are not of one type."""
+    if one.type != other.type:
+        return "type", one.type, other.type
+    if one.schema != other.schema:
+        return "schema", f"{one.schema:08x}", f"{other.schema:08x}"
+    cls = TYPES.get(one.type)
+    found = first_difference(cls, one.body, other.body) if cls else None
+    return found or ("bytes", f"{len(one.body)} bytes", f"{len(other.body)} bytes")
+
+
+def diff_text(diff: RecordingDiff) -> str:
+    """The first difference, and a line for each topic that differs."""
+    lines = [f"{path} was never closed: comparing as far as it goes" for path in diff.unfinished]
+    topics = counted(len(diff.topics), "topic")
+    if not diff.first:
+        count = sum(one.compared for one in diff.topics.values())
+        return "\n".join([*lines, f"identical, {counted(count, 'message')} on {topics}"])
+    rows: list[tuple[str, ...]] = [("topic", "compared", "differ", "only in A", "only in B")]
+    for topic, one in diff.topics.items():
+        if not one.identical:
+            counts = (one.compared, one.differ, one.only_a, one.only_b)
+            rows.append((topic, *map(str, counts)))
+    same = sum(one.identical for one in diff.topics.values())
+    lines += [f"first difference: {diff.first}", *text_table(rows, right=range(1, 5))]
+    return "\n".join([*lines, f"identical on {same} of {topics}"])

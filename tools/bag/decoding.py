@@ -38,7 +38,7 @@ class DecodedRecording(NamedTuple):
     topics: tuple[str, ...]  # Those that are wanted
     first_ns: int  # When the first message of the recording was sent, whatever its topic
 
-    def said(
+    def published(
         self, topics: Iterable[str] | None = None, also: frozenset[str] = frozenset()
     ) -> Iterator[DecodedMessage]:
         """Messages of these topics, in the order of arrival.

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from palpate.launch.files import check_new, write_new
 from palpate.messages import schema
 from palpate.tools.bag.decoding import (
-    DecodedMessage,
     DecodedRecording,
     FieldSurvey,
     file_stems,
@@ -47,10 +46,9 @@ def export_bag(bag: Path, kind: str, out: Path, topics: Sequence[str] = ()) -> s
     written: list[object] = []
     write_new(out, lambda part: written.append(write(source, part)))
     count = written[0] if isinstance(written[0], int) else len(written[0])  # type: ignore[arg-type]
-    note = (
-        "" if source.recording.closed else "; the recording was never closed, it may lack its end"
-    )
-    return f"{out}: {count} {what} of {len(source.topics)} topics{note}"
+    text = f"{out}: {count} {what} of {len(source.topics)} topics"
+    lacks = "; the recording was never closed, it may lack its end"
+    return text if source.recording.closed else text + lacks
 
 
 def write_csv(source: DecodedRecording, folder: Path) -> tuple[str, ...]:
@@ -62,7 +60,7 @@ def write_csv(source: DecodedRecording, folder: Path) -> tuple[str, ...]:
     table each name has its column. Truth is 1 or 0, and nothing is an empty cell.
     """
     surveys: dict[str, FieldSurvey] = {}
-    for said in source.said():
+    for said in source.published():
         surveys.setdefault(said.topic, FieldSurvey(type(said.message))).add(said.message)
     surveys = dict(sorted(surveys.items()))
     names = {topic: f"{stem}.csv" for topic, stem in file_stems(surveys).items()}
@@ -74,9 +72,10 @@ def write_csv(source: DecodedRecording, folder: Path) -> tuple[str, ...]:
             file = files.enter_context(path.open("w", encoding="utf-8", newline=""))
             tables[topic] = csv.writer(file, lineterminator="\n")
             tables[topic].writerow(["seq", "sent_s", *_head(survey)])
-        for said in source.said():
-            row = [said.seq, _seconds(said, source.first_ns)]
-            tables[said.topic].writerow([*row, *_cells(surveys[said.topic], said.message)])
+        for said in source.published():
+            whole, rest = divmod(said.sent_ns - source.first_ns, 1_000_000_000)
+            row = [said.seq, f"{whole}.{rest:09}", *_cells(surveys[said.topic], said.message)]
+            tables[said.topic].writerow(row)
     units = {names[topic]: {"sent_s": "s", **units_of(one.cls)} for topic, one in surveys.items()}
     (folder / UNITS_FILE).write_text(json.dumps(units, indent=2) + "\n", encoding="utf-8")
     return (*names.values(), UNITS_FILE)
@@ -92,12 +91,6 @@ def _head(survey: FieldSurvey) -> Iterator[str]:
                 yield ".".join([field, *map(str, place)])
         else:
             yield field
-
-
-def _seconds(said: DecodedMessage, first_ns: int) -> str:
-    """Seconds since the first message, to the nanosecond."""
-    whole, rest = divmod(said.sent_ns - first_ns, 1_000_000_000)
-    return f"{whole}.{rest:09}"
 
 
 def _cells(survey: FieldSurvey, message: Any) -> Iterator[object]:
@@ -146,7 +139,7 @@ def write_npz(source: DecodedRecording, path: Path) -> int:
 
 
 def _topic_arrays(source: DecodedRecording, topic: str) -> dict[str, Values]:
-    said = list(source.said([topic]))
+    said = list(source.published([topic]))
     survey = FieldSurvey(type(said[0].message))
     for one in said:
         survey.add(one.message)
@@ -170,7 +163,11 @@ def _arrays(survey: FieldSurvey, field: str, values: list[Any]) -> dict[str, Val
     if field not in survey.shapes:
         missing = [np.nan if value is None else value for value in values]
         return {"": np.array(missing if None in values else values)}
-    arrays = [np.asarray(value, _item_dtype(survey.cls, field)) for value in values]
+    described = schema(survey.cls)["properties"][field]
+    kind = described.get("dtype")  # of the elements of an array, or else of a list
+    if kind is None:
+        kind = np.int64 if described["items"].get("type") == "integer" else np.str_
+    arrays = [np.asarray(value, kind) for value in values]
     if survey.shapes[field] is not None:
         return {"": np.stack(arrays)}
     if len({array.shape[1:] for array in arrays}) == 1:
@@ -178,14 +175,6 @@ def _arrays(survey: FieldSurvey, field: str, values: list[Any]) -> dict[str, Val
         return {"": np.concatenate(arrays), ".lengths": lengths}
     shapes = np.array([array.shape for array in arrays], np.int64)
     return {"": np.concatenate([array.ravel() for array in arrays]), ".shapes": shapes}
-
-
-def _item_dtype(cls: type, field: str) -> Any:
-    """Type of the elements of an array or a list."""
-    described = schema(cls)["properties"][field]
-    if "dtype" in described:
-        return described["dtype"]
-    return np.int64 if described["items"].get("type") == "integer" else np.str_
 
 
 FORMATS = {

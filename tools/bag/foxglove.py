@@ -31,6 +31,7 @@ from palpate.messages.types import (
 from palpate.nodes.specs import pad_of_info
 from palpate.tools.bag.decoding import DecodedMessage, DecodedRecording
 
+SCENE = "foxglove.SceneUpdate"
 WORLD_FRAME = "world"
 FRAMES_TOPIC = "/tf"  # Topic of the frames of the fingers
 LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4}
@@ -58,16 +59,14 @@ def write_foxglove(source: DecodedRecording, path: Path) -> int:
         writer = Writer(file, compression=CompressionType.LZ4)
         writer.start(library=f"palpate {__version__}")
         channels, views, count = _Channels(writer), FoxgloveConverter(), 0
-        for said in source.said(also=frozenset({SensorInfo.__name__})):
+        for said in source.published(also=frozenset({SensorInfo.__name__})):
             shown = views.of(said)
             if said.topic not in source.topics:
                 continue
             cls = type(said.message)
-            if not is_replaced(cls):
-                shown = [
-                    FoxgloveMessage(said.topic, cls.__name__, plain_json(said.message)),
-                    *shown,
-                ]
+            if cls not in _INSTEAD:
+                whole = FoxgloveMessage(said.topic, cls.__name__, plain_json(said.message))
+                shown = [whole, *shown]
             for view in shown:
                 data = json.dumps(view.content, allow_nan=False, ensure_ascii=False).encode()
                 time = said.sent_ns
@@ -77,18 +76,10 @@ def write_foxglove(source: DecodedRecording, path: Path) -> int:
     return count
 
 
-def is_replaced(cls: type) -> bool:
-    """Whether a view stands for the message, which is not exported beside it."""
-    return cls in _INSTEAD
-
-
 def plain_json(message: Any) -> dict[str, Any]:
     """A message as JSON has it, its arrays as lists within lists."""
     found = {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
-    return {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in found.items()
-    }
+    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in found.items()}
 
 
 class _Channels:
@@ -180,7 +171,7 @@ def _contour(said: DecodedMessage) -> FoxgloveMessage:
     }
     told = {"status": contour.status, "height_m": contour.height, "touches": contour.touches}
     entity = _entity(said, f"contour {contour.id}", {"lines": [line]}, told)
-    return _update(f"{said.topic}/lines", {"deletions": [], "entities": [entity]})
+    return FoxgloveMessage(f"{said.topic}/lines", SCENE, {"deletions": [], "entities": [entity]})
 
 
 def _patch(said: DecodedMessage, sensor: SensorInfo) -> FoxgloveMessage:
@@ -222,12 +213,9 @@ def _finger(said: DecodedMessage) -> list[FoxgloveMessage]:
 
 def foxglove_pose(pose: Floats) -> dict[str, Any]:
     """A pose as Foxglove has it."""
-    values = pose.tolist()
-    return {"position": _named("xyz", values[:3]), "orientation": _named("xyzw", values[3:])}
-
-
-def _named(names: str, values: list[float]) -> dict[str, float]:
-    return dict(zip(names, values, strict=True))
+    x, y, z, *turn = pose.tolist()
+    orientation = dict(zip("xyzw", turn, strict=True))
+    return {"position": {"x": x, "y": y, "z": z}, "orientation": orientation}
 
 
 def foxglove_time(ns: int) -> dict[str, int]:
@@ -261,7 +249,7 @@ def _mesh(
 ) -> FoxgloveMessage:
     if len(faces) == 0:  # nothing could be rebuilt: what was there before must go
         gone = {"timestamp": foxglove_time(said.sent_ns), "type": ALL, "id": ""}
-        return _update(said.topic, {"deletions": [gone], "entities": []})
+        return FoxgloveMessage(said.topic, SCENE, {"deletions": [gone], "entities": []})
     triangles = {
         "pose": IDENTITY,
         "points": _points(vertices),
@@ -270,11 +258,7 @@ def _mesh(
         "indices": faces.ravel().tolist(),
     }
     entity = _entity(said, said.topic, {"triangles": [triangles]}, told)
-    return _update(said.topic, {"deletions": [], "entities": [entity]})
-
-
-def _update(topic: str, content: dict[str, Any]) -> FoxgloveMessage:
-    return FoxgloveMessage(topic, "foxglove.SceneUpdate", content)
+    return FoxgloveMessage(said.topic, SCENE, {"deletions": [], "entities": [entity]})
 
 
 def _points(points: Floats) -> list[dict[str, float]]:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.tools.chaos.bystanders import FloodParams as FloodParams
     from palpate.tools.chaos.fault_injection import FAULT_KINDS as FAULT_KINDS
+    from palpate.tools.chaos.fault_injection import FloodParams as FloodParams
     from palpate.tools.chaos.trials import Exploration as Exploration
     from palpate.tools.chaos.trials import run_trials as run_trials
 else:

@@ -1,4 +1,8 @@
-"""Which faults a run meets, all drawn from one seed, and how they are put into it."""
+"""Which faults a run meets, all drawn from one seed, and how they are put into it.
+
+Beside the graph: a node that floods it with what nobody needs, and, as a program, a tool that
+subscribes to everything by the taps until it is stopped or killed.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from itertools import cycle, islice, product
@@ -19,23 +23,24 @@ from pathlib import Path
 from typing import NamedTuple
 
 import zmq
+from msgspec import Struct
 
 from palpate.launch import RECORDING
 from palpate.launch.processes import RunCard, running_graphs
 from palpate.messages import decode
 from palpate.messages.bus import STATUS_TOPIC, TapReader
 from palpate.messages.recording import parts_of
-from palpate.messages.types import NodeStatus
+from palpate.messages.types import Clock, NodeStatus
+from palpate.nodes.runtime import Source, Timed
 from palpate.tools.introspection import request
 
 TURN_MS = 5
 INJECTOR_DEPTH = 10_000  # Messages of a tap that may wait for the injector
 DISK_ROOM = 1000  # Bytes that a recorder may still write when its disk becomes full
-ONLOOKER = "palpate.tools.chaos.bystanders"
 ONE, SEVERAL, ENDING = ("kill", "stop", "recorder", "full"), ("neighbours",), ("ctrl_c", "launcher")
 BESIDE = ("flood", "late")
 # kill: kill -9 of a node; stop: SIGSTOP; recorder: kill -9 of it; full: no more room for its file;
-# neighbours: kill -9 of two nodes of which one hears the other; flood: a source of 100,000 messages
+# neighbours: kill -9 of two nodes of which one feeds the other; flood: a source of 100,000 messages
 # beside the others; late: a tool that joins late and is stopped; ctrl_c: SIGINT to all processes;
 # launcher: kill -9 of it.
 FAULT_KINDS = (*ONE, *SEVERAL, *BESIDE, *ENDING)
@@ -43,14 +48,14 @@ PHASES = ("start", "grasp", "tracing", "models", "end")
 RECORDER_NAME = "recorder"
 # Faults that one node meets in a run: more within 10 s would be a storm, which ends it.
 MAX_PER_NODE = 3
-# What is said in each phase; the second where a graph says nothing of the first.
+# What is published in each phase; the second where a graph publishes nothing of the first.
 _MARKS = {
     "grasp": ("/hand/goal",),
     "tracing": ("/finger/goal",),
     "models": ("/model/goal", "/contour/traced"),
     "end": ("/plan/done", "/contour/traced"),
 }
-# A fault follows what was said by at most so many s.
+# A fault follows what was published by at most so many s.
 _LONGEST = {"start": 0.5, "grasp": 0.1, "tracing": 0.02, "models": 0.5, "end": 1.0}
 
 
@@ -60,7 +65,7 @@ class NodeRecovery(NamedTuple):
     kind: str  # What it was hit by
     node: str  # Its name
     phase: str  # When that was
-    seconds: float  # Time from the blow to its word that it runs again, s
+    seconds: float  # Time from the blow to its status that it runs again, s
 
 
 @dataclass(slots=True)
@@ -72,13 +77,6 @@ class InjectionLog:
     back: list[NodeRecovery] = field(default_factory=list)
     ended_by: str = ""  # Kind of the fault that was to end the run, if it was still running
     session: int = 0  # Number of the session of its processes
-
-
-@dataclass(slots=True)
-class _Blow:
-    fault: Fault
-    epoch: int
-    when: float
 
 
 class FaultInjector:
@@ -93,7 +91,8 @@ class FaultInjector:
         self._left = list(faults)
         self._due: list[tuple[float, Fault]] = []
         self._seen: dict[str, int] = {"": 0}
-        self._blows: dict[str, _Blow] = {}
+        # By node: its fault, the epoch in which it comes back, and when it was hit, s.
+        self._blows: dict[str, tuple[Fault, int, float]] = {}
         self._onlookers: list[subprocess.Popen[bytes]] = []
 
     def run(self, until: float) -> bool:
@@ -108,10 +107,10 @@ class FaultInjector:
                 context, card.taps.values(), {*topics, STATUS_TOPIC}, depth=INJECTOR_DEPTH
             )
             kept.enter_context(closing(reader))
-            kept.callback(self._send_away)
+            kept.callback(self._end_onlookers)
             while self._process.poll() is None and time.monotonic() < until:
                 reader.socket.poll(TURN_MS)
-                self._hear(reader)
+                self._receive(reader)
                 self._inject(card)
                 self._stop_onlookers()
         return self._process.poll() is not None
@@ -124,38 +123,35 @@ class FaultInjector:
             time.sleep(TURN_MS / 1000)
         return None
 
-    def _hear(self, reader: TapReader) -> None:
-        while (heard := reader.receive()) is not None:
-            topic, header, body = heard
+    def _receive(self, reader: TapReader) -> None:
+        while (received := reader.receive()) is not None:
+            topic, header, body = received
             if topic == STATUS_TOPIC:
-                self._hear_status(decode(NodeStatus, body), header.epoch)
+                self._take_status(decode(NodeStatus, body), header.epoch)
             else:
                 self._seen[topic] = max(header.seq, self._seen.get(topic, 0))
 
-    def _hear_status(self, status: NodeStatus, epoch: int) -> None:
-        blow = self._blows.get(status.node)
-        if blow is None or status.state != "running" or epoch < blow.epoch:
+    def _take_status(self, status: NodeStatus, epoch: int) -> None:
+        fault, after, when = self._blows.get(status.node, (None, 0, 0.0))
+        if fault is None or status.state != "running" or epoch < after:
             return
         del self._blows[status.node]
-        fault = blow.fault
-        if fault.moment.phase != "start":  # else it was not up, and waits for the others
-            seconds = time.monotonic() - blow.when
-            self.done.back.append(
-                NodeRecovery(fault.kind, status.node, fault.moment.phase, seconds)
-            )
+        kind, phase = fault.kind, fault.moment.phase
+        if phase != "start":  # else it was not up, and waits for the others
+            seconds = time.monotonic() - when
+            self.done.back.append(NodeRecovery(kind, status.node, phase, seconds))
 
     def _inject(self, card: RunCard) -> None:
         now = time.monotonic()
-        for fault in [one for one in self._left if self._has_come(one)]:
+        for fault in [
+            one for one in self._left if self._seen.get(one.moment.topic, -1) >= one.moment.seq
+        ]:
             self._left.remove(fault)
             self._due.append((now + fault.moment.delay, fault))
         for due in [one for one in self._due if one[0] <= now]:
             self._due.remove(due)
             if not self._strike(card, due[1]):
                 self._due.append((time.monotonic() + TURN_MS / 1000, due[1]))
-
-    def _has_come(self, fault: Fault) -> bool:
-        return self._seen.get(fault.moment.topic, -1) >= fault.moment.seq
 
     def _strike(self, card: RunCard, fault: Fault) -> bool:
         """Put a fault in; false if who is to be hit is just not there."""
@@ -185,20 +181,13 @@ class FaultInjector:
                 return _fill(pid, self._out / RECORDING)
             os.kill(pid, signal.SIGSTOP if fault.kind == "stop" else signal.SIGKILL)
             epoch = int(nodes[name]["restarts"]) + 1
-            self._blows[name] = _Blow(fault, epoch, time.monotonic())
+            self._blows[name] = fault, epoch, time.monotonic()
         return True
 
     def _look_on(self, card: RunCard) -> None:
         """Have a tool join."""
-        command = [
-            sys.executable,
-            "-m",
-            ONLOOKER,
-            *card.taps.values(),
-            "--",
-            STATUS_TOPIC,
-            *card.topics,
-        ]
+        names = [*card.taps.values(), "--", STATUS_TOPIC, *card.topics]
+        command = [sys.executable, "-m", __name__, *names]
         onlooker = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         self._onlookers.append(onlooker)
 
@@ -209,7 +198,7 @@ class FaultInjector:
             if select.select([onlooker.stdout], [], [], 0.0)[0]:
                 onlooker.send_signal(signal.SIGSTOP)
 
-    def _send_away(self) -> None:
+    def _end_onlookers(self) -> None:
         for onlooker in self._onlookers:
             onlooker.kill()
             onlooker.communicate()
@@ -261,7 +250,7 @@ class GraphFacts(NamedTuple):
     """What an undisturbed run has shown of a graph."""
 
     nodes: tuple[str, ...]  # Names of its nodes
-    pairs: tuple[tuple[str, str], ...]  # Nodes of which one hears the other
+    pairs: tuple[tuple[str, str], ...]  # Nodes of which one feeds the other
     counts: Mapping[str, int]  # Messages by topic
 
 
@@ -317,3 +306,32 @@ def _whom(rng: random.Random, kind: str, name: str, known: GraphFacts) -> tuple[
     if kind == "neighbours":
         return rng.choice([pair for pair in known.pairs if name in pair] or known.pairs)
     return () if kind in BESIDE else (name,)
+
+
+class FloodParams(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the launch file may set."""
+
+    messages: int = 100_000  # How much it publishes
+
+
+def _flood(params: FloodParams) -> Iterator[Timed]:
+    return (Timed(0.0, "/flood", Clock(time=1e-3 * number)) for number in range(params.messages))
+
+
+def listen_to_taps(taps: list[str], topics: list[str]) -> None:
+    """Receive all that is published; print one line as soon as something has come."""
+    with zmq.Context() as context:
+        reader = TapReader(context, taps, topics)
+        told = False
+        while reader.socket.poll():
+            if reader.receive() is not None and not told:
+                print("received", flush=True)
+                told = True
+
+
+SOURCE = Source(params=FloodParams, outputs=lambda params: {"/flood": Clock}, open=_flood)
+
+
+if __name__ == "__main__":
+    between = sys.argv.index("--")
+    listen_to_taps(sys.argv[1:between], sys.argv[between + 1 :])

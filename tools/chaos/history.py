@@ -11,18 +11,18 @@ import hashlib
 import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import count, pairwise
+from itertools import count, pairwise, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgpack
 from mcap.exceptions import McapError
-from mcap.records import Channel, Footer, McapRecord, Message
+from mcap.records import Channel, Footer, Message
 from mcap.stream_reader import StreamReader
 
 MAX_RECORD_BYTES = 512 << 20  # Of one record
 _TOUCH = ("goal", "touch")
-# Said by one for all fingers: their namespaces do not count.
+# Published by one for all fingers: their namespaces do not count.
 _SHARED = ("/contour/goal", "/probe/goal")
 Key = tuple[str, tuple[str, ...], tuple[int, ...]]
 
@@ -60,18 +60,10 @@ def read_history(path: Path) -> History:
     """
     events: list[Event] = []
     closed = False
-    for part in _parts(path):
+    parts = (path.with_name(f"{path.stem}.{number}{path.suffix}") for number in count(1))
+    for part in (path, *takewhile(Path.exists, parts)):
         closed = _read(part, events)
     return History(tuple(events), closed)
-
-
-def _parts(path: Path) -> Iterator[Path]:
-    yield path
-    for number in count(1):
-        part = path.with_name(f"{path.stem}.{number}{path.suffix}")
-        if not part.exists():
-            return
-        yield part
 
 
 def _read(part: Path, events: list[Event]) -> bool:
@@ -83,21 +75,16 @@ def _read(part: Path, events: list[Event]) -> bool:
             for record in stream.records:
                 if isinstance(record, Footer):
                     return True
-                _take(record, channels, events)
+                if isinstance(record, Channel):
+                    channels[record.id] = record
+                elif isinstance(record, Message):
+                    channel = channels[record.channel_id]
+                    about, seq, sent_ns = channel.metadata, record.sequence, record.publish_time
+                    sender = about["publisher"], channel.topic, int(about["epoch"])
+                    events.append(Event(*sender, seq, sent_ns, record.data))
         except (McapError, ValueError, struct.error, RuntimeError, KeyError):
             pass  # what comes behind a damage or the end of a cut-off file cannot be told
     return False
-
-
-def _take(record: McapRecord, channels: dict[int, Channel], events: list[Event]) -> None:
-    if isinstance(record, Channel):
-        channels[record.id] = record
-    elif isinstance(record, Message):
-        channel = channels[record.channel_id]
-        said = channel.metadata
-        publisher, epoch = said["publisher"], int(said["epoch"])
-        seq, sent_ns = record.sequence, record.publish_time
-        events.append(Event(publisher, channel.topic, epoch, seq, sent_ns, record.data))
 
 
 def violations_in(history: History) -> list[Violation]:
@@ -122,7 +109,7 @@ def _lacking(events: list[Event]) -> Iterator[Violation]:
 
 
 def _repeated(events: list[Event]) -> Iterator[Violation]:
-    """Each of one topic's messages must be there once, and never say two things."""
+    """Each of one topic's messages must be there once, and never hold two things."""
     bodies: dict[int, bytes] = {}
     for event in events:
         before = bodies.setdefault(event.seq, event.body)
@@ -179,7 +166,7 @@ class Answer(NamedTuple):
     """A topic whose messages answer others."""
 
     fields: tuple[str, ...]  # What names the message that is answered
-    causes: tuple[str, ...]  # Topics on which that may have been said
+    causes: tuple[str, ...]  # Topics on which that may have been published
     named: tuple[str, ...]  # The same fields, as the causes call them
 
 
@@ -195,8 +182,11 @@ def causality_violations(history: History, *, whole: bool) -> Iterator[Violation
         if answer is None:
             continue
         values = _values(event, answer.fields)
-        keys = [(_join(space, cause), answer.named, values) for cause in answer.causes]
-        times = [first[key] for key in keys if key in first]
+        times = []
+        for cause in answer.causes:
+            shared = cause in _SHARED or cause.startswith(("/model", "/plan", "/hand"))
+            key = (cause if shared else space + cause), answer.named, values
+            times += [first[key]] if key in first else []
         if not times and whole:
             what = ", ".join(f"{n} {v}" for n, v in zip(answer.fields, values, strict=True))
             yield Violation(
@@ -230,11 +220,6 @@ def _split(topic: str) -> tuple[str, str]:
 def _values(event: Event, fields: tuple[str, ...]) -> tuple[int, ...]:
     body: Any = msgpack.unpackb(event.body)
     return tuple(body.get(field, -1) for field in fields)
-
-
-def _join(space: str, cause: str) -> str:
-    shared = cause in _SHARED or cause.startswith(("/model", "/plan", "/hand"))
-    return cause if shared else space + cause
 
 
 # Topics without the namespace of a finger.

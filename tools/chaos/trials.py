@@ -38,7 +38,7 @@ EXIT_GRACE = 5.0  # Processes are gone so soon after their launcher, s
 FLOODED_LAUNCH_FILE = """# Another graph with a source beside it that floods the recorder.
 include: {included}
 nodes:
-  flood: {{kind: "palpate.tools.chaos.bystanders:SOURCE"}}
+  flood: {{kind: "palpate.tools.chaos.fault_injection:SOURCE"}}
 """
 
 
@@ -72,6 +72,7 @@ class Tally:
     @property
     def figures(self) -> dict[str, Any]:
         """All of it, for a program."""
+        times = {"recovery": self._seconds(stopped=False), "stopped": self._seconds(stopped=True)}
         return {
             "seed": self.seed,
             "runs": self.runs,
@@ -79,10 +80,11 @@ class Tally:
             "survived": self.survived,
             "lost": self.lost,
             "duplicated": self.duplicated,
-            "recovery_p50_s": quantile(self._killed, 0.5),
-            "recovery_p99_s": quantile(self._killed, 0.99),
-            "stopped_p50_s": quantile(self._stopped, 0.5),
-            "stopped_p99_s": quantile(self._stopped, 0.99),
+            **{
+                f"{name}_p{round(100 * share)}_s": quantile(of, share)
+                for name, of in times.items()
+                for share in (0.5, 0.99)
+            },
             "kinds": dict(self.injected),
             "phases": dict(self.phases),
             "nodes": dict(self.nodes),
@@ -91,24 +93,16 @@ class Tally:
         }
 
     def __str__(self) -> str:
-        text = (
-            f"injected {sum(self.injected.values())} survived {self.survived} "
-            f"lost {self.lost} duplicated {self.duplicated}"
-        )
-        for name, times in (("recovery", self._killed), ("stopped", self._stopped)):
-            if times:
-                text += (
-                    f" {name} p50 {quantile(times, 0.5):.2f} s p99 {quantile(times, 0.99):.2f} s"
-                )
-        return text
+        figures = self.figures
+        counts = ("injected", "survived", "lost", "duplicated")
+        parts = [f"{name} {figures[name]}" for name in counts]
+        for name in ("recovery", "stopped"):
+            p50, p99 = figures[f"{name}_p50_s"], figures[f"{name}_p99_s"]
+            parts += [] if p50 is None else [f"{name} p50 {p50:.2f} s p99 {p99:.2f} s"]
+        return " ".join(parts)
 
-    @property
-    def _killed(self) -> list[float]:
-        return [one.seconds for one in self.back if one.kind != "stop"]
-
-    @property
-    def _stopped(self) -> list[float]:
-        return [one.seconds for one in self.back if one.kind == "stop"]
+    def _seconds(self, *, stopped: bool) -> list[float]:
+        return [one.seconds for one in self.back if (one.kind == "stop") is stopped]
 
 
 def quantile(times: Sequence[float], share: float) -> float | None:
@@ -158,13 +152,12 @@ def run_baseline(subject: Exploration, out: Path) -> Baseline:
     code = subject.start(out).wait()
     if code not in (0, 1) or not (out / "summary.json").exists():
         raise ValueError(f"the undisturbed run fails: {stderr_of(out)}")
-    summary = summary_of(out)
-    counts = {topic: number for topic, (number, _) in messages_in(out).items()}
+    summary, messages = summary_of(out), messages_in(out)
+    counts = {topic: number for topic, (number, _) in messages.items()}
     graph = recorded_nodes(open_recording(out / RECORDING).graph)
-    pairs = {(one.name, heard.publisher) for one in graph for heard in one.inputs}
+    pairs = {(one.name, edge.publisher) for one in graph for edge in one.inputs}
     known = GraphFacts(tuple(summary["nodes"]), tuple(sorted(pairs)), counts)
-    said, seconds = messages_in(out), float(summary["wall_s"])
-    return Baseline(code, summary["mesh_sha256"], said, seconds, known)
+    return Baseline(code, summary["mesh_sha256"], messages, float(summary["wall_s"]), known)
 
 
 def _run_trial(
@@ -220,7 +213,10 @@ def examine_run(
         return Examination((*wrong, "there is no recording"), 0, 0)
     history = _judged(recording, whole=True)
     wrong += [*history.wrong, *_other_result(before, out)]
-    return Examination(tuple(wrong), history.lost + _lost(before.said, out), history.duplicated)
+    found, lost = messages_in(out), history.lost
+    for topic, (number, _) in before.messages.items():  # at their ends, which leaves no gap
+        lost += max(0, number - found.get(topic, (0, ""))[0])
+    return Examination(tuple(wrong), lost, history.duplicated)
 
 
 def _left_over(injected: InjectionLog, out: Path) -> Iterator[str]:
@@ -289,7 +285,7 @@ def _resumed_result(
 
 def stderr_of(out: Path) -> str:
     """What a run has printed on its standard error, in one line."""
-    words = _stderr_file(out)
+    words = out.with_suffix(".txt")
     text = words.read_text(encoding="utf-8", errors="replace") if words.exists() else ""
     return " ".join(text.split()) or "it printed nothing"
 
@@ -299,9 +295,9 @@ def _other_result(before: Baseline, out: Path) -> Iterator[str]:
     mesh = summary_of(out)["mesh_sha256"]
     if mesh != before.mesh:
         yield f"the mesh is {mesh} instead of {before.mesh}"
-    said = messages_in(out)
-    for topic, (number, digest) in before.said.items():
-        if said.get(topic) != (number, digest):
+    found = messages_in(out)
+    for topic, digest in before.messages.items():
+        if found.get(topic) != digest:
             yield f"{topic} is not what it is undisturbed"
 
 
@@ -309,14 +305,6 @@ def summary_of(out: Path) -> dict[str, Any]:
     """The figures of a run directory."""
     found: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     return found
-
-
-def _lost(before: Mapping[str, tuple[int, str]], out: Path) -> int:
-    """Messages at the ends of topics, which leave no gap."""
-    said = messages_in(out)
-    return sum(
-        max(0, number - said.get(topic, (0, ""))[0]) for topic, (number, _) in before.items()
-    )
 
 
 def messages_in(out: Path) -> dict[str, tuple[int, str]]:
@@ -344,13 +332,9 @@ class Exploration:
         """Start it in a session of its own; it writes into `out`, all else of it is beside that."""
         file = self.file
         if flooded:
-            beside = out.with_suffix(".yaml")
-            shipped = Path(self.file)
-            included = str(shipped.resolve()) if shipped.is_file() else self.file
-            beside.write_text(
-                FLOODED_LAUNCH_FILE.format(included=json.dumps(included)), encoding="utf-8"
-            )
-            file = str(beside)
+            shipped, file = Path(self.file), str(out.with_suffix(".yaml"))
+            included = json.dumps(str(shipped.resolve()) if shipped.is_file() else self.file)
+            Path(file).write_text(FLOODED_LAUNCH_FILE.format(included=included), encoding="utf-8")
         return _start_palpate(["launch", file, *self.arguments], out)
 
     def go_on(self, bag: Path, out: Path) -> subprocess.Popen[bytes]:
@@ -362,7 +346,7 @@ class Exploration:
 def _start_palpate(arguments: list[str], out: Path) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "palpate", *arguments, "--out", str(out), "--quiet"]
     out.parent.mkdir(parents=True, exist_ok=True)
-    with _stderr_file(out).open("wb") as words:
+    with out.with_suffix(".txt").open("wb") as words:
         return subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -373,16 +357,12 @@ def _start_palpate(arguments: list[str], out: Path) -> subprocess.Popen[bytes]:
         )
 
 
-def _stderr_file(out: Path) -> Path:
-    return out.with_suffix(".txt")
-
-
 @dataclass(frozen=True, slots=True)
 class Baseline:
     """What the exploration comes to when nothing is done to it."""
 
     code: int  # Exit code
     mesh: str | None  # SHA-256 of the mesh; None where there is none
-    said: Mapping[str, tuple[int, str]]  # Number and digest of the messages of each topic
+    messages: Mapping[str, tuple[int, str]]  # Number and digest of the messages of each topic
     seconds: float  # Wall time of the graph, s
     known: GraphFacts  # Its graph

@@ -89,7 +89,7 @@ class TapSubscription:
         self._ends = self._interrupts.enter_context(until_ctrl_c())
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *error: object) -> None:
         self._interrupts.close()
         for _, reader in self._readers.values():
             reader.close()

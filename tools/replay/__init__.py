@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.tools.replay.rerun import past_differences as past_differences
+    from palpate.tools.replay.rerun import plan_resume as plan_resume
     from palpate.tools.replay.rerun import replay as replay
-    from palpate.tools.replay.resumption import past_differences as past_differences
-    from palpate.tools.replay.resumption import plan_resume as plan_resume
 else:
     __getattr__, __dir__ = lazy(__name__)

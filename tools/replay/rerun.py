@@ -2,23 +2,54 @@
 
 A node is a pure function of its parameters and of its inputs in their order. So with the same
 parameters it must publish the same, and with others the difference is what these parameters do.
+An exploration goes on from its recording: every node is handed what it had received until then, in
+the order in which it was sent, and publishes what it had published, without anybody receiving it.
+From there the graph goes on, and comes to the same solid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from threadpoolctl import threadpool_limits
 
-from palpate.launch import Entry, Graph, counted, find_bag, override, text_table
+from palpate.launch import (
+    RECORDING,
+    Entry,
+    Graph,
+    Plan,
+    choose_run_directory,
+    counted,
+    find_bag,
+    override,
+    search_current_folder,
+    text_table,
+    versions_text,
+)
 from palpate.launch.files import SourceMapped, convert
+from palpate.launch.processes import EarlierRun, SentMessage
+from palpate.messages import schema_hash
+from palpate.messages.bus import Consumed
 from palpate.messages.recording import RecordedMessage, Recording, open_recording
-from palpate.nodes.runtime import RecordedNode, Wiring, recorded_nodes
+from palpate.messages.types import TYPES, Contour
+from palpate.nodes.runtime import (
+    RECORDER,
+    Node,
+    RecordedNode,
+    Wiring,
+    is_persistent,
+    load_node,
+    recorded_nodes,
+    with_description,
+)
+from palpate.tools.bag import compare_recordings
 from palpate.tools.replay.comparison import ChangeKind, TopicComparison
 from palpate.tools.replay.exchange import (
+    OWN_PACKAGE,
     MessageExchange,
     ReplayedNode,
     ReplayNode,
@@ -27,6 +58,8 @@ from palpate.tools.replay.exchange import (
     in_order_of_sending,
 )
 
+CONTOUR = Contour.__name__
+ConsumedAt = tuple[Consumed, int]  # What was sent to a node, and when, ns
 CHANGE_COLUMNS = "topic", "field", "compared", "differ", "first", "largest", "rms", "unit"
 UNIT_WORDS = {"#": "count"}
 KIND_WORDS: dict[ChangeKind, str] = {
@@ -63,7 +96,18 @@ def replay(
         echo(f"{recording.path} was never closed: replaying as far as it goes")
     exchange = MessageExchange(players)
     with threadpool_limits(limits=1):  # as when it was recorded: several threads round otherwise
-        _feed(recording, exchange)
+        exchange.begin()
+        sequence: dict[str, int] = {}
+        for kept in in_order_of_sending(recording):
+            wanted = sequence.get(kept.topic, 0)
+            if kept.seq != wanted:
+                raise ValueError(
+                    f"recording {recording.path} lacks {kept.topic} {wanted}: it has {kept.seq} "
+                    "instead"
+                )
+            sequence[kept.topic] = wanted + 1
+            exchange.receive(kept)
+        exchange.end()
     for player in players:
         player.end(closed=recording.closed)
         echo(verdict(player))
@@ -89,18 +133,6 @@ def with_settings(
     if not settings:
         return tuple(chosen)
     entries = [_entry(one.wiring) for one in chosen]
-    _refuse_others(entries, graph, settings)
-    laid = override(Graph(tuple(entries), ends=""), settings).entries
-    return tuple(
-        one._replace(wiring=_with_params(one, after)) if after.places else one
-        for one, after in zip(chosen, laid, strict=True)
-    )
-
-
-def _refuse_others(
-    entries: Sequence[Entry], graph: bytes, settings: Mapping[str, SourceMapped]
-) -> None:
-    """Refuse settings for nodes that ran, but are not run again."""
     others = [_entry(one) for one in recorded_nodes(graph)]
     again = {name for entry in entries for name in (entry.name, entry.group)}
     ran = {name for entry in others for name in (entry.name, entry.group)}
@@ -111,6 +143,14 @@ def _refuse_others(
             raise value.error(
                 (), f"{node!r} is not among the nodes to run again: {names}; add it to --nodes"
             )
+    found = []
+    laid = override(Graph(tuple(entries), ends=""), settings).entries
+    for one, entry in zip(chosen, laid, strict=True):
+        params: Any = one.wiring.params
+        if entry.places:
+            params = convert(entry.settings, one.node.params, entry.name)
+        found.append(one._replace(wiring=replace(one.wiring, params=params)))
+    return tuple(found)
 
 
 def _entry(place: Wiring | RecordedNode) -> Entry:
@@ -123,29 +163,6 @@ def _entry(place: Wiring | RecordedNode) -> Entry:
         params=place.params,
         namespace=finger if within else "",
     )
-
-
-def _with_params(one: ReplayNode, entry: Entry) -> Wiring:
-    params: Any = convert(entry.settings, one.node.params, entry.name)
-    return replace(one.wiring, params=params)
-
-
-def _feed(recording: Recording, exchange: MessageExchange) -> None:
-    exchange.begin()
-    sequence: dict[str, int] = {}
-    for kept in in_order_of_sending(recording):
-        _check_sequence(recording, sequence, kept)
-        exchange.receive(kept)
-    exchange.end()
-
-
-def _check_sequence(recording: Recording, sequence: dict[str, int], kept: RecordedMessage) -> None:
-    wanted = sequence.get(kept.topic, 0)
-    if kept.seq != wanted:
-        raise ValueError(
-            f"recording {recording.path} lacks {kept.topic} {wanted}: it has {kept.seq} instead"
-        )
-    sequence[kept.topic] = wanted + 1
 
 
 def verdict(player: ReplayedNode) -> str:
@@ -161,13 +178,12 @@ def verdict(player: ReplayedNode) -> str:
 def shortage_text(shortage: Shortage) -> str:
     """One line on a topic of which another number was received than had been recorded."""
     topic, publisher, listeners, fewer, more = shortage
+    who = f"{', '.join(listeners)}: received"
     if fewer:
         missed = counted(fewer, "fewer message")
-        told = f"{missed} on {topic} than recorded: {publisher} publishes no more"
-    else:
-        beyond = counted(more, "more message")
-        told = f"{beyond} on {topic}, after those recorded: {publisher} publishes more"
-    return f"{', '.join(listeners)}: received {told}"
+        return f"{who} {missed} on {topic} than recorded: {publisher} publishes no more"
+    beyond = counted(more, "more message")
+    return f"{who} {beyond} on {topic}, after those recorded: {publisher} publishes more"
 
 
 def change_table(players: Sequence[ReplayedNode]) -> list[str]:
@@ -190,3 +206,138 @@ def _rows(one: TopicComparison) -> Iterator[tuple[str, ...]]:
     if one.fewer or one.more:
         told = f"{one.fewer} fewer" if one.fewer else f"{one.more} more"
         yield one.topic, "messages", compared, "", compared, "", "", f"{told} than recorded"
+
+
+def plan_resume(
+    bag: Path, contour: int | None, *, nodes: Sequence[str] = (), out: Path | None = None
+) -> Plan:
+    """Plan to go on with a recorded exploration.
+
+    `bag`: the recording, or the folder of its run; `contour`: the last contour of which is known;
+    None for all that was recorded; `nodes`: names of nodes whose modules are not palpate's own, and
+    may be imported; `out`: the new run directory. Raises ValueError if the recording cannot be
+    read, does not say how it was made, has fewer contours, or a node cannot be loaded; InputError
+    if the folder cannot be used.
+    """
+    recording = open_recording(find_bag(bag))
+    about = {key: text for key, text in recording.about.items() if key not in ("graph", "version")}
+    if not recording.graph or "ends" not in about:
+        raise ValueError(f"recording {recording.path} does not say which graph made it")
+    name = about.get("scene_name", recording.path.stem)
+    folder = choose_run_directory(name, out)
+    wirings = _wirings(recording, nodes, folder.path / RECORDING)
+    about["versions"] = versions_text()
+    return Plan(
+        name,
+        with_description(wirings, about),
+        about["ends"],
+        about,
+        folder,
+        before=earlier_run_of(wirings, _until(recording, contour)),
+    )
+
+
+def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[Wiring]:
+    wirings = []
+    for one in recorded_nodes(recording.graph):
+        if not one.module.startswith(OWN_PACKAGE):
+            if one.name not in nodes:
+                raise ValueError(
+                    f"recording {recording.path} wants module {one.module!r} for {one.name}, which "
+                    f"is not palpate's own; name it if you trust it: --nodes {one.name}"
+                )
+            search_current_folder(f"{one.module}:NODE")
+        node = load_node(one.module)
+        wiring = one.wiring(node.params)
+        if one.module == RECORDER:
+            params = msgspec.structs.replace(wiring.params, path=str(path))
+            wiring = replace(wiring, params=params)
+        wirings.append(
+            replace(wiring, handler_timeout=node.handler_timeout, persistent=is_persistent(node))
+        )
+    return wirings
+
+
+def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage]) -> EarlierRun:
+    """What each node had received, and what it had published when, in the order of sending."""
+    listeners: dict[str, list[tuple[str, str]]] = {}
+    publishers = {topic: one for one in wirings for topic in one.outputs.values()}
+    received: dict[str, list[ConsumedAt]] = {one.name: [] for one in wirings}
+    sent: dict[str, list[SentMessage]] = {one.name: [] for one in wirings if one.persistent}
+    times: dict[str, list[tuple[str, int]]] = {
+        one.name: [] for one in wirings if not one.persistent
+    }
+    for wiring in wirings:
+        for edge in () if wiring.module == RECORDER else wiring.inputs:
+            listeners.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
+    for one in messages:
+        for name, publisher in listeners.get(one.topic, ()):
+            received[name].append((Consumed(publisher, one.topic, one.seq), one.sent_ns))
+        wiring = publishers[one.topic]
+        if wiring.persistent:
+            kept = SentMessage(one.topic, one.sent_ns, one.schema, one.body)
+            sent[wiring.name].append(kept)
+        else:
+            times[wiring.name].append((one.topic, one.sent_ns))
+    consumed = {
+        one.name: answered_messages(one, received[one.name], sent[one.name])
+        if one.persistent
+        else [each for each, _ in received[one.name]]
+        for one in wirings
+    }
+    return EarlierRun(consumed, sent, times)
+
+
+def answered_messages(
+    wiring: Wiring, received: Sequence[ConsumedAt], sent: Sequence[SentMessage]
+) -> list[Consumed]:
+    """What a node that acts had answered: each message by one of its own at least, in its order.
+
+    What it needs before all else does not count, nor what it publishes before it is asked anything.
+    """
+    node = load_node(wiring.module)
+    needs = node.needs if isinstance(node, Node) else ()
+    latched = {one.topic for one in wiring.inputs if one.local in needs}
+    asked = [(one, sent_ns) for one, sent_ns in received if one.topic not in latched]
+    if not asked:
+        return []
+    answers = sum(one.sent_ns > asked[0][1] for one in sent)
+    return [one for one, _ in asked[:answers]]
+
+
+def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessage]:
+    """All that was sent before a contour was known, that contour included."""
+    left = contour
+    for kept in in_order_of_sending(recording):
+        cls = TYPES.get(kept.type)
+        if cls is not None and schema_hash(cls) != kept.schema:
+            raise ValueError(f"{kept.topic} was recorded with another version of {kept.type}")
+        yield kept
+        if left is not None and kept.type == CONTOUR:
+            left -= 1
+            if left == 0:
+                return
+    if left is not None:
+        assert contour is not None
+        raise ValueError(
+            f"recording {recording.path} has {contour - left} contours, so none to go on from "
+            f"after {contour}"
+        )
+
+
+def past_differences(bag: Path, run: Path) -> str:
+    """What of the earlier run came out otherwise, in a sentence; empty if nothing did.
+
+    `bag`: the earlier recording, or the folder of its run; `run`: the run directory of the run that
+    went on with it.
+    """
+    if not (run / RECORDING).exists():
+        return ""
+    found = compare_recordings(bag, run).topics.items()
+    differ = [f"{topic} ({one.differ} of {one.compared})" for topic, one in found if one.differ]
+    if not differ:
+        return ""
+    return (
+        f"{', '.join(differ)} came out otherwise than recorded: other code, or other versions; "
+        f"palpate bag diff {find_bag(bag)} {run} shows it"
+    )

@@ -10,7 +10,7 @@ from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
 from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.world import World
-from palpate.tools.bag.differences import compare_recordings, diff_text
+from palpate.tools.bag.contents import compare_recordings, diff_text
 from palpate.tools.cli import command_line as cli
 
 Said = tuple[str, int, object]  # Topic, sequence, and the message or its body

@@ -31,7 +31,7 @@ from palpate.nodes.runtime.node import (
     with_description,
 )
 from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
-from palpate.tools.bag.differences import compare_recordings
+from palpate.tools.bag.contents import compare_recordings
 from palpate.tools.cli import command_line as cli
 from palpate.tools.replay.comparison import ChangeNote, FieldChange, TopicComparison
 from palpate.tools.replay.exchange import ReplayNode

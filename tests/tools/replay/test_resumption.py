@@ -11,7 +11,7 @@ from palpate.launch.processes.registry import SentMessage
 from palpate.messages.bus.message_log import Consumed
 from palpate.messages.types.catalogue import LogRecord
 from palpate.nodes.runtime.node import Input, Node, Wiring
-from palpate.tools.replay.resumption import answered_messages
+from palpate.tools.replay.rerun import answered_messages
 
 
 class Params(msgspec.Struct, frozen=True):
