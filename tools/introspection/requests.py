@@ -84,7 +84,7 @@ def _health_lines(about: Mapping[str, Any], beats: StatusSample | None) -> Itera
 
 def _traffic_lines(card: RunCard, node: RecordedNode) -> Iterator[str]:
     topics = topics_of(card)
-    yield "  subscribes to"
+    yield "  subscribes"
     yield from (f"    {one.topic}  {one.type}  from {one.publisher}" for one in node.inputs)
     yield "  publishes"
     for wire in node.outputs.values():
