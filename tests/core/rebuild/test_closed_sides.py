@@ -20,7 +20,6 @@ from palpate.core.rebuild.surface.closed import measure_surface
 from palpate.core.rebuild.surface.meshing import mesh_surface
 from palpate.core.shapes.protocol import Mesh, PosedShape
 from palpate.core.shapes.superquadrics import Superquadric
-from palpate.core.touch.pad import Pad
 
 K = 60
 # r = 30 (1 - |z / 50|^p)^(1/p), and the plain cylinder.
@@ -53,7 +52,7 @@ def truth(name: str) -> PreparedSurface:
 
 
 @pytest.mark.parametrize("name", EXPONENTS)
-def test_with_touched_ends_the_solid_is_far_better_than_a_loft_of_its_contours(name: str) -> None:
+def test_with_touched_ends_the_solid_is_far_better_than_a_loft_of_its_contours(name):
     heights = np.linspace(-45.0, 45.0, 27)
     contours = rings(heights, radius(name, heights))
     loft = close_rings(np.array([0, 0, -45.0]), contours, np.array([0, 0, 45.0]))
@@ -65,7 +64,7 @@ def test_with_touched_ends_the_solid_is_far_better_than_a_loft_of_its_contours(n
     assert near < 0.15 * compare_surfaces(whole, prepare_surface(*loft)).chamfer
 
 
-def test_a_ball_is_whole_without_a_touch() -> None:
+def test_a_ball_is_whole_without_a_touch():
     heights = np.linspace(-45.0, 45.0, 9)
     contours = rings(heights, np.sqrt(2500.0 - heights**2))[:, :, :2]
     found = close_contours(heights, contours)
@@ -74,14 +73,14 @@ def test_a_ball_is_whole_without_a_touch() -> None:
     assert volume == pytest.approx(4 / 3 * np.pi * 50.0**3, rel=1e-4)
 
 
-def test_two_contours_are_enough() -> None:
+def test_two_contours_are_enough():
     contours = rings(np.array([0.0, 10.0]), np.array([10.0, 10.0]))[:, :, :2]
     found = close_contours(np.array([0.0, 10.0]), contours, top=15.0)
     volume = measure_surface(found.surface).moments.volume
     assert volume == pytest.approx(np.pi * 100.0 * 15.0, rel=1e-3)
 
 
-def test_one_contour_between_touched_ends_is_a_prism() -> None:
+def test_one_contour_between_touched_ends_is_a_prism():
     contour = rings(np.zeros(1), np.full(1, 10.0))[:, :, :2]
     found = close_contours(np.zeros(1), contour, bottom=-5.0, top=15.0)
     volume = measure_surface(found.surface).moments.volume
@@ -89,9 +88,7 @@ def test_one_contour_between_touched_ends_is_a_prism() -> None:
 
 
 @pytest.mark.parametrize("ends", [(0,), (-1,), (0, -1)])
-def test_hard_case_49_a_contour_that_collapsed_to_a_point_closes_the_end(
-    ends: tuple[int, ...],
-) -> None:
+def test_hard_case_49_a_contour_that_collapsed_to_a_point_closes_the_end(ends):
     heights = np.linspace(-45.0, 45.0, 13)
     heights[list(ends)] = np.sign(heights[list(ends)]) * 50.0
     contours = rings(heights, np.sqrt(2500.0 - heights**2))[:, :, :2]
@@ -106,7 +103,7 @@ def test_hard_case_49_a_contour_that_collapsed_to_a_point_closes_the_end(
 @pytest.mark.parametrize(
     ("count", "radius", "told"), [(0, 1.0, {}), (1, 1.0, {"top": 1.0}), (3, 0.0, {})]
 )
-def test_too_few_contours_are_refused(count: int, radius: float, told: dict[str, float]) -> None:
+def test_too_few_contours_are_refused(count, radius, told):
     heights = np.arange(count, dtype=float)
     contours = rings(heights, np.full(count, radius))[:, :, :2]
     with pytest.raises(ValueError, match="heights must be at least 2 unless both ends were"):
@@ -129,9 +126,7 @@ def ball(count: int, corner: float = 2.0) -> list[Floats]:
 
 
 @pytest.mark.parametrize("method", ["skin", "lattice"])
-def test_an_end_far_out_is_a_piece_of_its_own_where_the_side_would_turn_inside_out(
-    method: str,
-) -> None:
+def test_an_end_far_out_is_a_piece_of_its_own_where_the_side_would_turn_inside_out(method):
     solid = reconstruct(ball(4, 20.0), tops=[[0, 0, -0.2], [0, 0, 1.2]], method=method)
     assert solid.closed is not None
     assert (solid.closed.bottom.kind, solid.closed.top.kind) == ("conic", "conic")
@@ -142,7 +137,7 @@ def test_an_end_far_out_is_a_piece_of_its_own_where_the_side_would_turn_inside_o
     assert (reached.min(), reached.max()) == pytest.approx((-0.2, 1.2), abs=1e-9)
 
 
-def test_the_side_of_a_ball_runs_on_to_its_poles() -> None:
+def test_the_side_of_a_ball_runs_on_to_its_poles():
     solid = reconstruct(ball(9), tops=[[0, 0, -0.005], [0, 0, 1.005]], method="skin")
     assert solid.closed is not None
     assert solid.closed.top.round and not solid.closed.top.apart
@@ -199,9 +194,7 @@ def test_nine_contours_and_a_touched_top_give_the_object_back(
 
 
 @pytest.mark.parametrize("shares", [[0.0], [0.4], [-0.5, 0.5], [-0.8, 0.0, 0.8]])
-def test_a_few_contours_give_a_closed_solid_that_stands_on_the_platform(
-    shares: list[float], oracle: Make, is_closed: Closed
-) -> None:
+def test_a_few_contours_give_a_closed_solid_that_stands_on_the_platform(shares, oracle, is_closed):
     solid = oracle(*BALL).rebuilt(shares)
     assert is_whole(solid, is_closed)
     points = places(solid)
@@ -209,9 +202,7 @@ def test_a_few_contours_give_a_closed_solid_that_stands_on_the_platform(
     assert points[:, 2].max() == pytest.approx(0.06, abs=2e-4)
 
 
-def test_a_top_that_nobody_touched_is_said_to_be_open_by_the_contours_distance(
-    oracle: Make,
-) -> None:
+def test_a_top_that_nobody_touched_is_said_to_be_open_by_the_contours_distance(oracle):
     solid = oracle([0.025, 0.025, 0.04], [0.05, 1.0]).rebuilt([-0.6, 0.0, 0.6], top=False)
     assert solid.uncovered[0] == 0.0
     assert solid.uncovered[1] == pytest.approx(0.6 * 0.04, rel=0.01)
@@ -219,23 +210,21 @@ def test_a_top_that_nobody_touched_is_said_to_be_open_by_the_contours_distance(
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 @pytest.mark.parametrize("shares", [[0.0], NINE])
-def test_the_solid_of_a_larger_object_is_larger_and_else_the_same(
-    scale: float, shares: list[float], oracle: Make
-) -> None:
+def test_the_solid_of_a_larger_object_is_larger_and_else_the_same(scale, shares, oracle):
     size, exponents = [0.04, 0.025, 0.03], [1.0, 0.8]
     one = oracle(size, exponents).rebuilt(shares)
     other = oracle(size, exponents, scale).rebuilt(shares)
     assert np.allclose(places(other) / scale, places(one), rtol=0, atol=1e-8)
 
 
-def test_the_order_of_the_contours_does_not_matter(oracle: Make) -> None:
+def test_the_order_of_the_contours_does_not_matter(oracle):
     contours, contacts, tops = oracle(*BALL).evidence(NINE)
     one = reconstruct(contours, patches=contacts, tops=tops, method="skin")
     other = reconstruct(contours[::-1], patches=contacts, tops=tops, method="skin")
     assert np.allclose(places(one), places(other), rtol=0, atol=1e-12)
 
 
-def test_the_figures_of_the_fit_are_told(oracle: Make) -> None:
+def test_the_figures_of_the_fit_are_told(oracle):
     contours, contacts, tops = oracle(*BALL).evidence(NINE)
     solid = reconstruct(contours, patches=contacts, tops=tops, method="skin")
     health = solid.health()
@@ -250,9 +239,7 @@ def test_the_figures_of_the_fit_are_told(oracle: Make) -> None:
     assert 0.0 < uncertainty.rms < uncertainty.most < 1e-3
 
 
-def test_a_side_that_was_touched_at_one_height_alone_is_stretched_and_that_is_said(
-    oracle: Make,
-) -> None:
+def test_a_side_that_was_touched_at_one_height_alone_is_stretched_and_that_is_said(oracle):
     contours, contacts, tops = oracle([0.03, 0.03, 0.4], [1.0, 1.0]).evidence([0.0], top=False)
     solid = reconstruct(contours, patches=contacts, tops=tops, method="skin")
     assert solid.health()["radial_stretched"] == 1.0
@@ -266,7 +253,7 @@ def kidney(points: int) -> tuple[Floats, Floats]:
     return ring, np.concatenate([out, -out[::-1]])
 
 
-def test_sections_that_are_not_star_shaped_are_left_to_the_contours_and_that_is_said() -> None:
+def test_sections_that_are_not_star_shaped_are_left_to_the_contours_and_that_is_said():
     ring, across = kidney(120)
     heights = np.linspace(0.01, 0.05, 5)
     contours = [np.column_stack([ring, np.full(len(ring), z)]) for z in heights]
@@ -284,14 +271,14 @@ def test_sections_that_are_not_star_shaped_are_left_to_the_contours_and_that_is_
         assert np.array_equal(places(solid), places(alone))
 
 
-def test_a_handful_of_points_is_left_out_and_that_is_said(oracle: Make) -> None:
+def test_a_handful_of_points_is_left_out_and_that_is_said(oracle):
     contours, contacts, tops = oracle(*BALL).evidence(NINE)
     few = ContactPoints(contacts.points[:50], contacts.normals[:50], contacts.touch[:50])
     health = reconstruct(contours, patches=few, tops=tops, method="skin").health()
     assert health["radial_unused"] == 1.0
 
 
-def test_normals_tell_what_lies_between_a_few_contours(oracle: Make) -> None:
+def test_normals_tell_what_lies_between_a_few_contours(oracle):
     true = oracle([0.05, 0.04, 0.05], [0.4, 0.9])
     contours, _, tops = true.evidence([-0.9, -0.45, 0.0, 0.45, 0.9])
     normals = [true.contacts_at(contour).normals for contour in contours]
@@ -303,9 +290,7 @@ def test_normals_tell_what_lies_between_a_few_contours(oracle: Make) -> None:
 
 
 @pytest.mark.parametrize("name", ["ball", "cylinder"])
-def test_what_a_finger_touches_gives_the_object_back(
-    name: str, finger: Any, domed: Pad, oracle: Make, request: pytest.FixtureRequest
-) -> None:
+def test_what_a_finger_touches_gives_the_object_back(name, finger, domed, oracle, request):
     shape: Superquadric = request.getfixturevalue(name)
     half = float(shape.size[2])
     hand = finger(PosedShape(shape, np.array([0, 0, half, 0, 0, 0, 1.0])), domed)

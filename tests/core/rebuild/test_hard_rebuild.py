@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -58,20 +57,20 @@ def same_side(one: Solid, other: Solid) -> float:
     return float(np.abs(off).max()) / 30.0
 
 
-def test_34_forty_points_in_one_place_are_left_out() -> None:
+def test_34_forty_points_in_one_place_are_left_out():
     solid = skin([*rings(), np.tile([1.0, 2.0, 5.0], (40, 1))])
     assert [one[:2] for one in solid.slices.dropped] == [(9, "in one place")]
     assert same_side(solid, whole()) == 0.0
 
 
-def test_35_points_that_come_twice_and_a_closing_one_change_nothing() -> None:
+def test_35_points_that_come_twice_and_a_closing_one_change_nothing():
     twice = [np.repeat(one, 2, axis=0) for one in rings()]
     closing = [np.vstack([one, one[:1]]) for one in rings()]
     for contours in (twice, closing):
         assert same_side(skin(contours), whole()) < 1e-12
 
 
-def test_37_points_crowded_in_one_place_do_not_spoil_the_rest() -> None:
+def test_37_points_crowded_in_one_place_do_not_spoil_the_rest():
     rng = np.random.default_rng(0)
     contours = []
     for z in HEIGHTS:
@@ -82,7 +81,7 @@ def test_37_points_crowded_in_one_place_do_not_spoil_the_rest() -> None:
     assert volume(skin(contours)) == pytest.approx(np.pi * 30.0**2 * 2 * HALF, rel=1e-3)
 
 
-def test_38_a_square_does_not_swing_out_at_its_corners() -> None:
+def test_38_a_square_does_not_swing_out_at_its_corners():
     place = np.arange(40) / 40
     corner = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * 30.0
     plane = np.stack([np.interp(place, np.arange(5) / 4, corner[:, i]) for i in (0, 1)], axis=-1)
@@ -94,12 +93,12 @@ def test_38_a_square_does_not_swing_out_at_its_corners() -> None:
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(1e-9, 0.0), (1e9, 0.0), (1.0, 1e3), (1e-3, 1.0)])
-def test_39_unit_and_place_change_nothing(scale: float, offset: float) -> None:
+def test_39_unit_and_place_change_nothing(scale, offset):
     solid = skin([scale * one + offset for one in rings()], scale * TOPS + offset)
     assert volume(solid) / scale**3 == pytest.approx(volume(whole()), rel=1e-8)
 
 
-def test_40_a_contour_that_meets_itself_is_flagged() -> None:
+def test_40_a_contour_that_meets_itself_is_flagged():
     turn = 2 * np.pi * np.arange(80) / 80
     eight = np.column_stack([30 * np.cos(turn) - 8, 20 * np.sin(2 * turn) + 5, np.full(80, 3.0)])
     looped = np.column_stack(
@@ -115,19 +114,19 @@ def test_40_a_contour_that_meets_itself_is_flagged() -> None:
     assert solid.health()["not_starlike"] == 1.0
 
 
-def test_41_rows_that_are_not_finite_are_left_out() -> None:
+def test_41_rows_that_are_not_finite_are_left_out():
     spoilt = rings()
     spoilt[3] = np.insert(spoilt[3], 7, [np.nan, 0.0, 0.0], axis=0)
     spoilt[5] = np.insert(spoilt[5], 0, [0.0, np.inf, 0.0], axis=0)
     assert same_side(skin(spoilt), whole()) == 0.0
 
 
-def test_42_direction_beginning_and_order_change_nothing() -> None:
+def test_42_direction_beginning_and_order_change_nothing():
     others = [np.roll(one, 7 * i, axis=0)[:: 1 - 2 * (i % 2)] for i, one in enumerate(rings())]
     assert same_side(skin(others[::-1]), whole()) < 1e-12
 
 
-def test_43_uneven_points_do_not_pull_the_middle_aside() -> None:
+def test_43_uneven_points_do_not_pull_the_middle_aside():
     place = np.concatenate([np.linspace(0, 0.2, 60, False), np.linspace(0.2, 1.0, 40, False)])
     turn = 2 * np.pi * place
     contours = [
@@ -137,9 +136,7 @@ def test_43_uneven_points_do_not_pull_the_middle_aside() -> None:
 
 
 @pytest.mark.parametrize("name", ["kidney", "star"])
-def test_44_sections_that_rays_meet_more_than_once_are_rebuilt_and_flagged(
-    sections: dict[str, Callable[[Floats, float], Floats]], name: str
-) -> None:
+def test_44_sections_that_rays_meet_more_than_once_are_rebuilt_and_flagged(sections, name):
     place = np.arange(90) / 90
     contours = [
         np.column_stack([30 * sections[name](place, z), np.full(90, 50.0 * z)])
@@ -157,7 +154,7 @@ def test_44_sections_that_rays_meet_more_than_once_are_rebuilt_and_flagged(
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.05])
-def test_49_a_last_contour_that_is_but_a_point_is_a_touch_of_the_end(radius: float) -> None:
+def test_49_a_last_contour_that_is_but_a_point_is_a_touch_of_the_end(radius):
     point = [0.0, 0.0, 49.9] + radius * np.random.default_rng(0).normal(size=(20, 3))
     solid = skin([*[one for one in rings() if one[0, 2] < 45.0], point], None)
     assert [one[:2] for one in solid.slices.dropped] == [(8, "in one place: a touch of its end")]
@@ -168,13 +165,13 @@ def test_49_a_last_contour_that_is_but_a_point_is_a_touch_of_the_end(radius: flo
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 5])
-def test_50_few_contours_are_a_solid(count: int) -> None:
+def test_50_few_contours_are_a_solid(count):
     solid = skin([ring(z) for z in np.linspace(-49, 49, count)])
     assert_closed(solid)
     assert volume(solid) == pytest.approx(WANTED, rel=0.02)
 
 
-def test_50_one_contour_is_a_prism_if_both_ends_were_touched() -> None:
+def test_50_one_contour_is_a_prism_if_both_ends_were_touched():
     solid = skin([ring(0.0)])
     assert_closed(solid)
     assert volume(solid) == pytest.approx(WANTED, rel=1e-3)
@@ -183,14 +180,14 @@ def test_50_one_contour_is_a_prism_if_both_ends_were_touched() -> None:
             skin([ring(0.0)], tops)
 
 
-def test_51_heights_may_be_uneven_and_come_twice() -> None:
+def test_51_heights_may_be_uneven_and_come_twice():
     heights = np.concatenate([-(np.linspace(0.1, 1, 7) ** 2), np.linspace(0.1, 1, 7) ** 2]) * 49
     solid = skin([ring(z) for z in [*heights, heights[3], 0.0]])
     assert [one.why for one in solid.slices.dropped] == ["repeats another at its height"]
     assert volume(solid) == pytest.approx(WANTED, rel=1e-3)
 
 
-def test_a_contour_scaled_is_dropped_and_says_that_it_may_be_a_feature() -> None:
+def test_a_contour_scaled_is_dropped_and_says_that_it_may_be_a_feature():
     contours = [ring(z) for z in np.linspace(-49, 49, 27)]
     contours[11] = contours[11] * [1.3, 1.3, 1.0]
     solid = skin(contours)
@@ -202,7 +199,7 @@ def test_a_contour_scaled_is_dropped_and_says_that_it_may_be_a_feature() -> None
     assert same_side(solid, skin(contours[:11] + contours[12:])) == 0.0
 
 
-def test_a_contour_that_is_unlike_few_others_is_kept_and_told() -> None:
+def test_a_contour_that_is_unlike_few_others_is_kept_and_told():
     contours = [ring(z) for z in np.linspace(-49, 49, 6)]
     contours[3] = contours[3] * [1.4, 1.4, 1.0]
     solid = skin(contours)
@@ -226,7 +223,7 @@ def step(seed: int, noise: float) -> list[Floats]:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.2])
-def test_a_step_between_contours_close_together_does_not_swing_out(noise: float) -> None:
+def test_a_step_between_contours_close_together_does_not_swing_out(noise):
     for seed in range(5):
         solid = skin(step(seed, noise))
         side = solid.closed.loft.at(np.linspace(-49, 49, 997)[:, None], np.arange(60) / 60)
@@ -238,14 +235,14 @@ def test_a_step_between_contours_close_together_does_not_swing_out(noise: float)
         assert solid.overshoot < 0.02
 
 
-def test_smooth_objects_keep_their_pace() -> None:
+def test_smooth_objects_keep_their_pace():
     for count in (3, 5, 9, 27):
         assert (
             skin([ring(z) for z in np.linspace(-49, 49, count)]).health()["reparametrised"] == 0.0
         )
 
 
-def test_points_that_stray_are_left_out_and_counted() -> None:
+def test_points_that_stray_are_left_out_and_counted():
     rng = np.random.default_rng(1)
     contours = rings(81)
     for one in contours:
@@ -260,7 +257,7 @@ def test_points_that_stray_are_left_out_and_counted() -> None:
     assert same_side(solid, clean) < 0.01
 
 
-def test_a_mesh_of_what_is_mostly_noise_stays_small() -> None:
+def test_a_mesh_of_what_is_mostly_noise_stays_small():
     rng = np.random.default_rng(0)
     solid = skin([one + 5.0 * rng.normal(size=one.shape) * [1.0, 1.0, 0.0] for one in rings()])
     assert len(solid.mesh().faces) < 100_000
@@ -283,9 +280,7 @@ def test_a_mesh_of_what_is_mostly_noise_stays_small() -> None:
         (rings(), None, {"noise": np.nan}, "noise must be finite"),
     ],
 )
-def test_what_cannot_be_used_is_refused_in_a_sentence(
-    contours: Any, tops: Any, more: dict[str, Any], words: str
-) -> None:
+def test_what_cannot_be_used_is_refused_in_a_sentence(contours, tops, more, words):
     with pytest.raises(ValueError, match=words):
         skin(contours, tops, **more)
 
@@ -310,9 +305,7 @@ def stacks(draw: st.DrawFn) -> list[Floats]:
 
 @given(contours=stacks(), touched=st.booleans(), scale=st.sampled_from([1e-9, 1.0, 1e9]))
 @settings(derandomize=True, deadline=None, max_examples=40)
-def test_whatever_is_given_is_a_finite_closed_solid_or_refused(
-    contours: list[Floats], touched: bool, scale: float
-) -> None:
+def test_whatever_is_given_is_a_finite_closed_solid_or_refused(contours, touched, scale):
     tops = scale * np.array([[0.0, 0.0, 8.0], [0.0, 0.0, -8.0]]) if touched else None
     try:
         solid = skin([scale * one for one in contours], tops)
@@ -339,7 +332,7 @@ def stack(corners: Floats) -> list[Floats]:
 
 
 @pytest.mark.parametrize("tops", [None, [[1, 1, -1.0], [1, 1, 6.0]]])
-def test_an_angle_has_ends_without_folds(tops: list[list[float]] | None) -> None:
+def test_an_angle_has_ends_without_folds(tops):
     solid = reconstruct(stack(ANGLE), tops=tops, method="skin")
     assert (solid.health()["folded_below"], solid.health()["folded_above"]) == (0.0, 0.0)
     mesh = solid.mesh()
@@ -353,7 +346,7 @@ def test_an_angle_has_ends_without_folds(tops: list[list[float]] | None) -> None
     assert turned[~upper].max() < 1e-12
 
 
-def test_a_clamp_says_that_its_ends_lie_on_themselves() -> None:
+def test_a_clamp_says_that_its_ends_lie_on_themselves():
     for method in ("skin", "lattice"):
         health = reconstruct(stack(CLAMP), method=method).health()
         assert health["folded_below"] == pytest.approx(health["folded_above"], rel=0.01)

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import re
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -56,7 +55,7 @@ def eight(height: float) -> Floats:
     return np.column_stack([RADIUS * np.sin(turn), RADIUS * np.sin(2 * turn), np.full(60, height)])
 
 
-def test_a_ball_comes_back_from_contours_in_any_order_and_direction() -> None:
+def test_a_ball_comes_back_from_contours_in_any_order_and_direction():
     rebuilt = plain_ball()
     measures = rebuilt.measures()
     assert measures.moments.volume == pytest.approx(4 / 3 * np.pi * HALF**3, rel=1e-4)
@@ -64,7 +63,7 @@ def test_a_ball_comes_back_from_contours_in_any_order_and_direction() -> None:
     assert (rebuilt.closed.bottom.kind, rebuilt.closed.top.kind) == ("conic", "conic")
 
 
-def test_the_mesh_is_closed_of_one_piece_and_as_fine_as_asked_for() -> None:
+def test_the_mesh_is_closed_of_one_piece_and_as_fine_as_asked_for():
     rebuilt = plain_ball()
     coarse, fine = rebuilt.mesh(1.0), rebuilt.mesh(0.1)
     assert len(fine.faces) > 2 * len(coarse.faces)
@@ -75,7 +74,7 @@ def test_the_mesh_is_closed_of_one_piece_and_as_fine_as_asked_for() -> None:
     assert np.isfinite(exact.distances).all()
 
 
-def test_noise_is_smoothed_and_estimated() -> None:
+def test_noise_is_smoothed_and_estimated():
     rebuilt = reconstruct(ball(27, 80, noise=0.2), tops=TOPS)
     mesh = rebuilt.mesh(0.02)
     radii = np.linalg.norm(mesh.vertices, axis=1)
@@ -83,7 +82,7 @@ def test_noise_is_smoothed_and_estimated() -> None:
     assert np.sqrt(np.mean((radii - HALF) ** 2)) < 0.1
 
 
-def test_a_touched_end_is_where_it_was_touched_and_an_untouched_flat_one_is_doubted() -> None:
+def test_a_touched_end_is_where_it_was_touched_and_an_untouched_flat_one_is_doubted():
     touched, open_ended = reconstruct(prism(11), tops=TOPS), reconstruct(prism(11))
     assert np.ptp(touched.mesh().vertices[:, 2]) == pytest.approx(2 * HALF)
     assert touched.uncovered == (0.0, 0.0)
@@ -91,7 +90,7 @@ def test_a_touched_end_is_where_it_was_touched_and_an_untouched_flat_one_is_doub
     assert min(open_ended.uncovered) == pytest.approx(9.9)
 
 
-def test_a_control_lattice_takes_the_shape_of_the_side() -> None:
+def test_a_control_lattice_takes_the_shape_of_the_side():
     lattice = plain_ball().lattice
     assert lattice.health.rms < 1e-4 * HALF
     assert lattice.health.folded == 0.0
@@ -115,18 +114,16 @@ def test_a_control_lattice_takes_the_shape_of_the_side() -> None:
         (prism(4), [[0.0, 0.0, np.nan]], "tops must be finite"),
     ],
 )
-def test_what_cannot_be_rebuilt_is_refused(
-    contours: list[Floats], tops: list[list[float]] | None, words: str
-) -> None:
+def test_what_cannot_be_rebuilt_is_refused(contours, tops, words):
     with pytest.raises(ValueError, match=words):
         reconstruct(contours, tops=tops)
 
 
-def test_no_tops_may_be_an_empty_list() -> None:
+def test_no_tops_may_be_an_empty_list():
     assert reconstruct(prism(4), tops=[]).uncovered == reconstruct(prism(4)).uncovered
 
 
-def test_a_side_through_contours_close_together_and_unlike_does_not_swing_out() -> None:
+def test_a_side_through_contours_close_together_and_unlike_does_not_swing_out():
     even = plain_ball()
     low, high = prism(2)
     narrow = np.array([0.6, 0.6, 1.0])
@@ -140,7 +137,7 @@ def test_a_side_through_contours_close_together_and_unlike_does_not_swing_out() 
 
 
 @pytest.mark.parametrize("share", [0.002, 0.01, 0.05, 1.0, 100.0])
-def test_a_wild_side_is_meshed_however_coarsely(share: float) -> None:
+def test_a_wild_side_is_meshed_however_coarsely(share):
     wide = prism(9)
     contours = [one * [0.1, 0.1, 1.0] if row % 2 else one for row, one in enumerate(wide)]
     rebuilt = reconstruct(contours)
@@ -150,7 +147,7 @@ def test_a_wild_side_is_meshed_however_coarsely(share: float) -> None:
 
 
 @pytest.mark.parametrize("count", [9, 11, 12, 15])
-def test_of_few_contours_a_neck_that_one_alone_has_touched_stays_and_is_listed(count: int) -> None:
+def test_of_few_contours_a_neck_that_one_alone_has_touched_stays_and_is_listed(count):
     contours = prism(count)
     which = count // 2
     contours[which] = contours[which] * [0.8, 0.8, 1.0]
@@ -160,7 +157,7 @@ def test_of_few_contours_a_neck_that_one_alone_has_touched_stays_and_is_listed(c
     assert (listed, dropped) == (([which], []) if count < 12 else ([], [(which, True)]))
 
 
-def test_of_few_contours_one_of_another_shape_goes() -> None:
+def test_of_few_contours_one_of_another_shape_goes():
     contours = prism(9)
     turn = 2 * np.pi * np.arange(60) / 60
     contours[4] = contours[4] * (1 + 0.3 * np.cos(3 * turn))[:, None] ** [1, 1, 0]
@@ -199,7 +196,7 @@ def whole(method: Method, faithful: bool = False) -> Solid:
         ("coarse", False, 1e-6),
     ],
 )
-def test_every_method_gives_a_closed_solid(method: Method, faithful: bool, off: float) -> None:
+def test_every_method_gives_a_closed_solid(method, faithful, off):
     solid = whole(method, faithful)
     mesh = solid.mesh()
     found = solidity(mesh.vertices, mesh.faces)
@@ -209,19 +206,19 @@ def test_every_method_gives_a_closed_solid(method: Method, faithful: bool, off: 
     assert all(np.isfinite(value) for value in solid.health().values())
 
 
-def test_what_does_not_come_from_a_skin_claims_no_uncertainty() -> None:
+def test_what_does_not_come_from_a_skin_claims_no_uncertainty():
     said = whole("skin").uncertainty()
     assert said is not None and said.most > 0.0
     for solid in (whole("coarse"), whole("thesis")):
         assert solid.uncertainty() is None is solid.whole_deviation()
 
 
-def test_the_program_differs_from_what_is_right() -> None:
+def test_the_program_differs_from_what_is_right():
     right, program = whole("thesis"), whole("thesis", True)
     assert program.health()["widest_gap"] > 0.01 > right.health()["widest_gap"]
 
 
-def test_a_superquadric_says_how_well_it_fits() -> None:
+def test_a_superquadric_says_how_well_it_fits():
     bulge = [ring * np.array([1 + 0.3 * np.sin(ring[0, 2] / 5), 1, 1]) for ring in EGG]
     misses = reconstruct(bulge, method="coarse").health()["rms"]
     assert whole("coarse").health()["rms"] < 1e-9 < 1.0 < misses
@@ -244,20 +241,18 @@ def test_a_superquadric_says_how_well_it_fits() -> None:
         ),
     ],
 )
-def test_what_a_method_cannot_do_is_refused(
-    contours: list[Floats], options: dict[str, Any], sentence: str
-) -> None:
+def test_what_a_method_cannot_do_is_refused(contours, options, sentence):
     with pytest.raises(ValueError, match=re.escape(sentence)):
         reconstruct(contours, **options)
 
 
 @pytest.mark.parametrize("size", [(6,), (3, 12), (500, 500), (8, 8.0), "ab", (16, 600)])
-def test_a_lattice_of_no_size_or_of_too_much_is_refused(size: Any) -> None:
+def test_a_lattice_of_no_size_or_of_too_much_is_refused(size):
     with pytest.raises(ValueError, match="size must be two whole numbers, from 4 to 64 across"):
         reconstruct(EGG, size=size)
 
 
-def test_the_lattice_is_put_around_the_section_that_a_grasp_found() -> None:
+def test_the_lattice_is_put_around_the_section_that_a_grasp_found():
     found = whole("coarse").model
     assert isinstance(found, Recovery)
     fitted, grasped = whole("lattice"), reconstruct(EGG, grasp=found)
@@ -268,12 +263,12 @@ def test_the_lattice_is_put_around_the_section_that_a_grasp_found() -> None:
         reconstruct(EGG, method="skin", grasp=found)
 
 
-def test_what_is_no_patches_is_refused() -> None:
+def test_what_is_no_patches_is_refused():
     with pytest.raises(ValueError, match=r"patches must be ContactPoints\(.*\), got int"):
         reconstruct(EGG, patches=3)  # type: ignore[arg-type]
 
 
-def test_the_side_says_its_deviation_place_by_place() -> None:
+def test_the_side_says_its_deviation_place_by_place():
     heights, turns = np.linspace(-20.0, 20.0, 5), np.arange(4) / 4
     traced, coarse = whole("lattice"), whole("coarse")
     rng = np.random.default_rng(0)
@@ -310,7 +305,7 @@ def apart(one: Solid, other: Solid) -> float:
 
 
 @pytest.mark.parametrize("method", ["skin", "lattice"])
-def test_one_contour_more_is_a_fit_of_all_at_once(method: Method) -> None:
+def test_one_contour_more_is_a_fit_of_all_at_once(method):
     given = contours()
     at_once = reconstruct(given, tops=UPDATE_TOPS, method=method)
     updated = reconstruct(given[:-4], tops=UPDATE_TOPS, method=method)
@@ -321,7 +316,7 @@ def test_one_contour_more_is_a_fit_of_all_at_once(method: Method) -> None:
     assert updated.slices.rows.tolist() == at_once.slices.rows.tolist()
 
 
-def test_contours_may_arrive_in_any_order() -> None:
+def test_contours_may_arrive_in_any_order():
     given = contours()
     given.append(given[4].copy())  # two of them say the same
     at_once = reconstruct(given, tops=UPDATE_TOPS, method="skin")
@@ -337,21 +332,21 @@ def test_contours_may_arrive_in_any_order() -> None:
         assert apart(solid, at_once) < 1e-12 * 50.0
 
 
-def test_a_plane_contour_comes_with_its_height() -> None:
+def test_a_plane_contour_comes_with_its_height():
     given = contours(9, 0.0)
     at_once = reconstruct([one[:, :2] for one in given], heights=[one[0, 2] for one in given])
     most = reconstruct([one[:, :2] for one in given[1:]], heights=[one[0, 2] for one in given[1:]])
     assert apart(most.update(given[0][:, :2], height=given[0][0, 2]), at_once) < 1e-12 * 50.0
 
 
-def test_a_contour_that_cannot_be_used_is_listed_and_changes_nothing() -> None:
+def test_a_contour_that_cannot_be_used_is_listed_and_changes_nothing():
     solid = reconstruct(contours(), tops=UPDATE_TOPS, method="skin")
     updated = solid.update(np.zeros((2, 3)))
     assert updated.slices.dropped[-1].which == 15
     assert apart(updated, solid) == 0.0
 
 
-def test_what_is_no_contour_is_refused() -> None:
+def test_what_is_no_contour_is_refused():
     solid = reconstruct(contours(5), tops=UPDATE_TOPS, method="skin")
     with pytest.raises(ValueError, match=r"contour 5 must have shape \(any, 3\)"):
         solid.update(np.zeros((4, 2)))
@@ -363,7 +358,7 @@ def test_what_is_no_contour_is_refused() -> None:
 BASE = Superquadric(np.array([30.0, 20.0, 50.0]), np.array([0.6, 0.9]))
 
 
-def test_taper_and_bend_are_fitted_where_the_points_ask_for_them() -> None:
+def test_taper_and_bend_are_fitted_where_the_points_ask_for_them():
     rng = np.random.default_rng(3)
     plain = area_samples(sampled_surface(BASE), 900, rng)
     tapered = area_samples(sampled_surface(BASE, taper=np.array([-0.3, -0.2])), 900, rng)
@@ -372,7 +367,7 @@ def test_taper_and_bend_are_fitted_where_the_points_ask_for_them() -> None:
     assert narrowed.taper == pytest.approx([-0.3, -0.2], abs=1e-3)
 
 
-def test_its_patch_is_the_surface_of_the_solid_where_it_stands() -> None:
+def test_its_patch_is_the_surface_of_the_solid_where_it_stands():
     bend = Bend(0.005, 0.7)
     warped = PosedShape(
         DeformedSuperquadric(BASE, np.array([0.2, -0.1]), bend),

@@ -83,7 +83,7 @@ def apart(one: Solid, other: Solid) -> float:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_solid_of_all_that_was_moved_is_the_moved_solid(method: Method) -> None:
+def test_a_solid_of_all_that_was_moved_is_the_moved_solid(method):
     one, other = upright(method), tilted(method)
     assert apart(one, other) < 1e-12
     before, after = one.measures(), other.measures()
@@ -97,7 +97,7 @@ def test_a_solid_of_all_that_was_moved_is_the_moved_solid(method: Method) -> Non
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_its_normals_and_curvatures_turn_with_it(method: Method) -> None:
+def test_its_normals_and_curvatures_turn_with_it(method):
     v, turns = np.random.default_rng(0).uniform(0.1, 0.9, (2, 50))
     one, other = upright(method).surface, tilted(method).surface
     before, after = one.curvatures(v, turns), other.curvatures(v, turns)
@@ -106,7 +106,7 @@ def test_its_normals_and_curvatures_turn_with_it(method: Method) -> None:
     assert after.k2 == pytest.approx(before.k2, rel=1e-6, abs=1e-6 / SIZE)
 
 
-def test_it_is_searched_and_checked_where_it_is() -> None:
+def test_it_is_searched_and_checked_where_it_is():
     points = np.random.default_rng(0).normal(size=(40, 3)) * 0.03
     before, after = upright().search().nearest(points), tilted().search().nearest(moved(points))
     assert after.distances == pytest.approx(before.distances, abs=1e-9)
@@ -116,7 +116,7 @@ def test_it_is_searched_and_checked_where_it_is() -> None:
     assert (low < POSE[:3]).all() and (high > POSE[:3]).all()
 
 
-def test_everything_that_was_touched_is_taken_into_the_frame(oracle: Make) -> None:
+def test_everything_that_was_touched_is_taken_into_the_frame(oracle):
     contours, contacts, tops = oracle([0.03, 0.025, 0.045], [1.0, 1.0]).evidence(
         np.linspace(-0.9, 0.9, 7)
     )
@@ -134,7 +134,7 @@ def test_everything_that_was_touched_is_taken_into_the_frame(oracle: Make) -> No
     assert other.whole_deviation() == pytest.approx(one.whole_deviation(), rel=1e-6)
 
 
-def test_normals_at_the_contours_are_taken_into_the_frame(oracle: Make) -> None:
+def test_normals_at_the_contours_are_taken_into_the_frame(oracle):
     true = oracle([0.03, 0.02, 0.04], [1.0, 1.0])
     contours = [true.section(share) for share in np.linspace(-0.9, 0.9, 5)]
     normals = [true.contacts_at(one).normals for one in contours]
@@ -150,7 +150,7 @@ def test_normals_at_the_contours_are_taken_into_the_frame(oracle: Make) -> None:
     assert apart(one, other) < 1e-12
 
 
-def test_the_deviation_counts_heights_along_the_frame() -> None:
+def test_the_deviation_counts_heights_along_the_frame():
     heights, turns = np.linspace(-0.04, 0.04, 5), np.arange(4) / 4
     before, after = upright().deviation(heights, turns), tilted().deviation(heights, turns)
     assert before is not None and after is not None
@@ -158,20 +158,20 @@ def test_the_deviation_counts_heights_along_the_frame() -> None:
     assert tilted().slices.heights == pytest.approx(upright().slices.heights, abs=1e-14)
 
 
-def test_the_frame_of_the_world_changes_no_bit() -> None:
+def test_the_frame_of_the_world_changes_no_bit():
     framed = reconstruct(CONTOURS, tops=TOPS, frame=IDENTITY_POSE)
     assert framed.frame is None
     assert np.array_equal(*map(tree_to_bytes, (framed, upright())))
 
 
-def test_one_contour_more_is_given_in_the_world() -> None:
+def test_one_contour_more_is_given_in_the_world():
     later = reconstruct([moved(one) for one in CONTOURS[:-1]], tops=moved(TOPS), frame=POSE)
     updated = later.update(moved(CONTOURS[-1]))
     assert np.array_equal(places(updated), places(tilted()))
     assert np.array_equal(np.array(updated.frame), POSE)
 
 
-def test_further_points_are_given_in_the_world() -> None:
+def test_further_points_are_given_in_the_world():
     point = np.array([[0.034, 0.0, 0.004], [0.0, 0.03, 0.02]])
     one = upright().refined(point, weights=True)
     other = tilted().refined(moved(point), weights=True)
@@ -184,14 +184,14 @@ def test_further_points_are_given_in_the_world() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_solid_with_a_frame_comes_back_the_same_to_the_last_bit(method: Method) -> None:
+def test_a_solid_with_a_frame_comes_back_the_same_to_the_last_bit(method):
     back = tree_from_arrays(tree_to_arrays(tilted(method)))
     assert np.array_equal(*map(tree_to_bytes, (back, tilted(method))))
     assert np.array_equal(places(back), places(tilted(method)))
     assert np.array_equal(back.mesh().vertices, tilted(method).mesh().vertices)
 
 
-def test_a_grasp_is_given_in_the_world() -> None:
+def test_a_grasp_is_given_in_the_world():
     found = reconstruct(CONTOURS, method="coarse").model
     assert isinstance(found, Recovery)
     pose = compose_poses(POSE, found.pose)
@@ -203,7 +203,7 @@ def test_a_grasp_is_given_in_the_world() -> None:
     assert apart(one, other) < 1e-9
 
 
-def test_what_is_inside_the_lattice_is_in_the_world() -> None:
+def test_what_is_inside_the_lattice_is_in_the_world():
     one, other = upright(), tilted()
     assert one.lattice is not None and one.control_lattice is one.lattice.lattice
     there = other.control_lattice
@@ -214,7 +214,7 @@ def test_what_is_inside_the_lattice_is_in_the_world() -> None:
     assert upright("skin").control_lattice is None is upright("coarse").control_lattice
 
 
-def test_the_lattice_of_the_thesis_is_in_the_world() -> None:
+def test_the_lattice_of_the_thesis_is_in_the_world():
     one, other = upright("thesis").control_lattice, tilted("thesis").control_lattice
     assert one is not None and other is not None
     control = moved(one.control.reshape(-1, 3)).reshape(one.control.shape)
@@ -238,18 +238,18 @@ def test_the_lattice_of_the_thesis_is_in_the_world() -> None:
         ),
     ],
 )
-def test_what_is_no_frame_is_refused(frame: Floats, options: dict[str, Any], sentence: str) -> None:
+def test_what_is_no_frame_is_refused(frame, options, sentence):
     contours = [one[:, :2] for one in CONTOURS] if options else CONTOURS
     with pytest.raises(ValueError, match=sentence):
         reconstruct(contours, frame=frame, **options)
 
 
-def test_a_height_is_refused_where_there_is_a_frame() -> None:
+def test_a_height_is_refused_where_there_is_a_frame():
     with pytest.raises(ValueError, match="heights must be left out with a frame"):
         tilted("skin").update(CONTOURS[3][:, :2], height=0.0)
 
 
-def test_points_are_seen_from_the_frame_as_its_inverse_has_them() -> None:
+def test_points_are_seen_from_the_frame_as_its_inverse_has_them():
     points = np.random.default_rng(0).normal(size=(5, 3))
     frame = slicing_pose(POSE)
     assert into_frame(frame, points) == pytest.approx(
@@ -311,7 +311,7 @@ def surface_points() -> Floats:
     return np.concatenate([side, np.column_stack([inside, top_at(inside)])])
 
 
-def test_an_oblique_top_is_as_good_as_a_level_one(solid: Solid) -> None:
+def test_an_oblique_top_is_as_good_as_a_level_one(solid):
     distances = solid.search().nearest(surface_points()).distances
     assert np.abs(distances).max() < 2e-5
     steep = float(np.hypot(*SLOPES))
@@ -319,17 +319,17 @@ def test_an_oblique_top_is_as_good_as_a_level_one(solid: Solid) -> None:
     assert solid.health()["slope_below"] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_its_volume_is_that_below_its_middle(solid: Solid) -> None:
+def test_its_volume_is_that_below_its_middle(solid):
     volume = solid.measures().moments.volume
     assert volume == pytest.approx(math.pi * RADIUS**2 * HEIGHT, rel=1e-3)
 
 
-def test_it_is_closed_and_crosses_itself_nowhere(solid: Solid) -> None:
+def test_it_is_closed_and_crosses_itself_nowhere(solid):
     check = solid.check()
     assert (check.watertight, check.genus, check.self_intersections) == (True, 0, 0)
 
 
-def test_its_control_lattice_and_refinement_know_of_the_slant(solid: Solid) -> None:
+def test_its_control_lattice_and_refinement_know_of_the_slant(solid):
     lattice = solid.control_lattice
     assert lattice is not None
     assert lattice.volume.at(np.array([[0.5, 0.5, 1.0], [0.99, 0.5, 1.0]]))[1, 2] > 0.08
@@ -337,12 +337,12 @@ def test_its_control_lattice_and_refinement_know_of_the_slant(solid: Solid) -> N
     assert abs(solid.refined(point).search().nearest(point).distances[0]) < 1e-6
 
 
-def test_points_where_both_ends_would_have_met_are_refused(solid: Solid) -> None:
+def test_points_where_both_ends_would_have_met_are_refused(solid):
     with pytest.raises(ValueError, match="points must lie beside the object"):
         solid.refined([[-0.4, -0.1, 0.04]])
 
 
-def test_an_end_that_tops_alone_told_stays_where_it_is() -> None:
+def test_an_end_that_tops_alone_told_stays_where_it_is():
     contacts = touches()
     under = contacts._replace(
         points=contacts.points * [1.0, 1.0, -1.0],
@@ -358,7 +358,7 @@ def test_an_end_that_tops_alone_told_stays_where_it_is() -> None:
     assert found.health()["slope_below"] == pytest.approx(float(np.hypot(*SLOPES)), rel=1e-3)
 
 
-def test_it_can_be_kept_and_more_can_be_added(solid: Solid) -> None:
+def test_it_can_be_kept_and_more_can_be_added(solid):
     again = tree_from_arrays(tree_to_arrays(solid))
     assert np.array_equal(*map(tree_to_bytes, (solid, again)))
     turns = np.linspace(0.0, 1.0, 7)
@@ -367,7 +367,7 @@ def test_it_can_be_kept_and_more_can_be_added(solid: Solid) -> None:
     assert np.abs(more.search().nearest(surface_points()).distances).max() < 2e-5
 
 
-def test_it_moves_with_the_frame_in_which_it_was_touched(solid: Solid) -> None:
+def test_it_moves_with_the_frame_in_which_it_was_touched(solid):
     turn = rotations_from_vectors(np.array([[0.3, -0.5, 0.2]]))[0]
     pose = pose_of(np.array([0.1, -0.2, 0.3]), turn)
     contacts = touches()

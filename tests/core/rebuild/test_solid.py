@@ -42,24 +42,20 @@ def off(volume: SplineVolume, shear: Shear, places: Floats) -> float:
 
 
 @pytest.mark.parametrize("weighted", [False, True])
-def test_where_both_ends_are_parallel_it_is_the_slanted_volume(
-    volume: SplineVolume, places: Floats, weighted: bool
-) -> None:
+def test_where_both_ends_are_parallel_it_is_the_slanted_volume(volume, places, weighted):
     if weighted:
         rng = np.random.default_rng(2)
         volume = replace(volume, weights=rng.uniform(0.5, 1.0, volume.control.shape[:3]))
     assert off(volume, SHEAR, places) < 1e-14
 
 
-def test_else_it_is_nearer_than_its_slanted_control_points(
-    volume: SplineVolume, places: Floats
-) -> None:
+def test_else_it_is_nearer_than_its_slanted_control_points(volume, places):
     control = WEDGE.sheared(volume.control.reshape(-1, 3)).reshape(volume.control.shape)
     moved = SplineVolume(control, volume.bases).at(places) - WEDGE.sheared(volume.at(places))
     assert off(volume, WEDGE, places) < 0.5 * float(np.sqrt(np.mean(moved**2))) < 1e-4
 
 
-def test_what_is_not_deformed_is_not_slanted(volume: SplineVolume) -> None:
+def test_what_is_not_deformed_is_not_slanted(volume):
     lattice = Lattice(volume, volume)
     found = moved_lattice(lattice, None, SHEAR)
     assert found.undeformed is volume
@@ -89,7 +85,7 @@ def ends(low: float, high: float) -> Floats:
 
 
 @pytest.mark.parametrize("shape", [BOX, EGG])
-def test_it_is_of_the_size_of_the_true_error(shape: Any, oracle: Make) -> None:
+def test_it_is_of_the_size_of_the_true_error(shape, oracle):
     true = oracle(*shape)
     rng = np.random.default_rng(0)
     contours, contacts, tops = true.evidence(SEVEN)
@@ -103,7 +99,7 @@ def test_it_is_of_the_size_of_the_true_error(shape: Any, oracle: Make) -> None:
     assert 0.4 * error < said(solid) < 4.0 * error
 
 
-def test_sharp_edges_of_the_side_that_taxels_touched_are_owned_up_to() -> None:
+def test_sharp_edges_of_the_side_that_taxels_touched_are_owned_up_to():
     rng = np.random.default_rng(0)
     turn, heights = rng.uniform(0.0, 2.0 * np.pi, 20_000), rng.uniform(-0.05, 0.05, 20_000)
     facet = (np.floor(turn / (np.pi / 3)) + 0.5) * np.pi / 3
@@ -122,7 +118,7 @@ def test_sharp_edges_of_the_side_that_taxels_touched_are_owned_up_to() -> None:
     assert 0.5 * error < said(solid) < 4.0 * error
 
 
-def test_an_end_that_nobody_touched_costs_what_it_may_hide() -> None:
+def test_an_end_that_nobody_touched_costs_what_it_may_hide():
     contours = cylinder(np.linspace(-0.045, 0.045, 10))
     one, neither = ends(-0.05, 0.05)[1:], None
     both, upper, none = (
@@ -134,7 +130,7 @@ def test_an_end_that_nobody_touched_costs_what_it_may_hide() -> None:
     assert 1e-3 < none < 5e-3
 
 
-def test_a_touched_end_hides_more_the_farther_the_last_contour_is() -> None:
+def test_a_touched_end_hides_more_the_farther_the_last_contour_is():
     contours = cylinder(np.linspace(-0.045, 0.045, 10))
     away = [0.046, 0.048, 0.052, 0.06]
     told = [said(reconstruct(contours, tops=ends(-z, z), method="skin")) for z in away]
@@ -142,13 +138,13 @@ def test_a_touched_end_hides_more_the_farther_the_last_contour_is() -> None:
     assert told[-1] > 5.0 * told[0]
 
 
-def test_fewer_contours_touched_alone_are_trusted_less(oracle: Make) -> None:
+def test_fewer_contours_touched_alone_are_trusted_less(oracle):
     true = oracle(*EGG)
     told = [said(true.rebuilt(np.linspace(-0.9, 0.9, count))) for count in (3, 5, 9)]
     assert told == sorted(told, reverse=True)
 
 
-def test_noise_is_in_it(oracle: Make) -> None:
+def test_noise_is_in_it(oracle):
     rng = np.random.default_rng(0)
     contours, contacts, tops = oracle(*EGG).evidence(SEVEN)
     noise = rng.normal(size=contacts.points.shape)
@@ -166,7 +162,7 @@ def test_noise_is_in_it(oracle: Make) -> None:
     assert told == sorted(told)
 
 
-def test_what_was_touched_off_an_end_is_in_it(oracle: Make) -> None:
+def test_what_was_touched_off_an_end_is_in_it(oracle):
     contours, contacts, tops = oracle([0.03, 0.03, 0.04], [0.1, 1.0]).evidence(SEVEN)
     assert contacts.normals is not None
     level = contacts.normals[:, 2] > 0.95
@@ -181,7 +177,7 @@ def test_what_was_touched_off_an_end_is_in_it(oracle: Make) -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_it_has_the_unit_of_the_contours(scale: float) -> None:
+def test_it_has_the_unit_of_the_contours(scale):
     heights = np.linspace(-0.045, 0.045, 10)
     one = said(reconstruct(cylinder(heights), tops=ends(-0.05, 0.05), method="skin"))
     other = said(
@@ -190,7 +186,7 @@ def test_it_has_the_unit_of_the_contours(scale: float) -> None:
     assert other == pytest.approx(scale * one, rel=1e-6)
 
 
-def test_it_is_the_same_upside_down(oracle: Make) -> None:
+def test_it_is_the_same_upside_down(oracle):
     over = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # half a turn about x
     contours, contacts, tops = oracle(*EGG).evidence(SEVEN)
     assert contacts.normals is not None

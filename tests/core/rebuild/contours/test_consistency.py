@@ -57,7 +57,7 @@ def shaken(grid: Floats, noise: float, seed: int = 0) -> Floats:
 
 
 @pytest.mark.parametrize("name", PROFILES)
-def test_of_clean_contours_none_is_bad(name: str) -> None:
+def test_of_clean_contours_none_is_bad(name):
     """Hard case 47: necks, steps, edges and zigzags are the object's own."""
     uneven = HEIGHTS.copy()
     step = HEIGHTS[1] - HEIGHTS[0]
@@ -69,7 +69,7 @@ def test_of_clean_contours_none_is_bad(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["lobed", "ball", "cylinder", "edge", "bottle"])
-def test_one_contour_of_another_size_is_found(name: str) -> None:
+def test_one_contour_of_another_size_is_found(name):
     """Hard case 47."""
     for factor, noise, row in product((1.3, 0.7), (0.0, NOISE), (3, 9, 12)):
         grid = shaken(grid_of(name), noise)
@@ -81,7 +81,7 @@ def test_one_contour_of_another_size_is_found(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["lobed", "cylinder", "ball"])
-def test_three_of_27_are_found(name: str) -> None:
+def test_three_of_27_are_found(name):
     for bad in ([5, 13, 20], [5, 8, 20], [9, 11, 18], [2, 12, 24]):
         for noise in (0.0, NOISE):
             grid = shaken(grid_of(name), noise)
@@ -89,7 +89,7 @@ def test_three_of_27_are_found(name: str) -> None:
             assert rows(inconsistent_contours(HEIGHTS, grid)) == bad
 
 
-def test_a_contour_that_was_moved_or_turned_is_found() -> None:
+def test_a_contour_that_was_moved_or_turned_is_found():
     moved, turned = grid_of("bottle"), grid_of("bottle")
     moved[7] += [0.1, -0.05]
     turned[7] = turned[7] @ np.array([[0.9, 0.436], [-0.436, 0.9]])
@@ -100,7 +100,7 @@ def test_a_contour_that_was_moved_or_turned_is_found() -> None:
     )
 
 
-def test_a_contour_next_to_an_end_is_bad_only_where_the_object_goes_on_evenly() -> None:
+def test_a_contour_next_to_an_end_is_bad_only_where_the_object_goes_on_evenly():
     for name, wanted in (("cylinder", [25]), ("ball", [])):
         grid = grid_of(name)
         grid[25] *= 1.05
@@ -111,27 +111,27 @@ def test_a_contour_next_to_an_end_is_bad_only_where_the_object_goes_on_evenly() 
         assert rows(inconsistent_contours(HEIGHTS, grid)) == []
 
 
-def test_next_to_sharp_edges_of_the_object_a_bad_contour_stays() -> None:
+def test_next_to_sharp_edges_of_the_object_a_bad_contour_stays():
     grid = grid_of("zigzag")
     grid[9] *= 1.3
     assert rows(inconsistent_contours(HEIGHTS, grid)) == []
 
 
-def test_one_in_five_is_found_and_of_every_other_one_none_is_singled_out() -> None:
+def test_one_in_five_is_found_and_of_every_other_one_none_is_singled_out():
     for every, wanted in ((slice(2, None, 5), [2, 7, 12, 17, 22]), (slice(0, None, 2), [])):
         grid = grid_of("cylinder")
         grid[every] *= 1.3
         assert rows(inconsistent_contours(HEIGHTS, grid)) == wanted
 
 
-def test_of_nine_contours_one_is_found_and_fewer_are_not_judged() -> None:
+def test_of_nine_contours_one_is_found_and_fewer_are_not_judged():
     for count, wanted in ((9, [4]), (8, [])):
         grid = grid_of("cylinder", HEIGHTS[:count])
         grid[4] *= 1.3
         assert rows(inconsistent_contours(HEIGHTS[:count], grid)) == wanted
 
 
-def test_unit_and_place_change_nothing() -> None:
+def test_unit_and_place_change_nothing():
     grid = shaken(grid_of("lobed"), NOISE)
     grid[13] *= 1.3
     wanted = inconsistent_contours(HEIGHTS, grid)
@@ -140,9 +140,7 @@ def test_unit_and_place_change_nothing() -> None:
     assert found.off[13] == pytest.approx(1e-3 * wanted.off[13], rel=1e-6)
 
 
-def test_traced_contours_are_cleaned_of_a_bad_one_by_all_steps_together(
-    traced: Callable[..., Any], sections: Sections
-) -> None:
+def test_traced_contours_are_cleaned_of_a_bad_one_by_all_steps_together(traced, sections):
     """Hard case 47: matched, judged, left out, matched again."""
     contours = traced(sections["lobed"]).contours(HEIGHTS, 81, noise=NOISE)
     contours[11][:, :2] *= 1.3
@@ -165,7 +163,7 @@ def test_traced_contours_are_cleaned_of_a_bad_one_by_all_steps_together(
         (np.array([0.0, 1.0, 1.0]), np.zeros((3, 4, 2)), "heights must rise, got"),
     ],
 )
-def test_what_is_no_stack_is_refused(heights: Floats, grid: Floats, words: str) -> None:
+def test_what_is_no_stack_is_refused(heights, grid, words):
     with pytest.raises(ValueError, match=words):
         inconsistent_contours(heights, grid)
 
@@ -179,7 +177,7 @@ def stack(radii: Floats) -> tuple[Floats, Floats]:
 
 
 @pytest.mark.parametrize("count", [4, 6, 8])
-def test_one_contour_far_off_is_a_candidate_and_tells_by_how_much(count: int) -> None:
+def test_one_contour_far_off_is_a_candidate_and_tells_by_how_much(count):
     for row in range(1, count - 1):
         radii = np.full(count, 30.0)
         radii[row] = 39.0
@@ -189,7 +187,7 @@ def test_one_contour_far_off_is_a_candidate_and_tells_by_how_much(count: int) ->
 
 
 @pytest.mark.parametrize("count", [3, 4, 6, 9, 27])
-def test_smooth_objects_are_not_a_candidate(count: int) -> None:
+def test_smooth_objects_are_not_a_candidate(count):
     heights = np.linspace(-49.5, 49.5, count)
     ball = np.sqrt(50.0**2 - heights**2)
     vase = 30.0 + 8.0 * np.sin(heights / 25.0)
@@ -198,7 +196,7 @@ def test_smooth_objects_are_not_a_candidate(count: int) -> None:
         assert not neighbour_misfits(heights, grid).any()
 
 
-def test_an_end_is_a_candidate_if_it_is_wider_or_aside_but_not_if_it_rounds_off() -> None:
+def test_an_end_is_a_candidate_if_it_is_wider_or_aside_but_not_if_it_rounds_off():
     for end in (0, -1):
         for radius, suspect in ((45.0, True), (5.0, False)):
             radii = np.full(9, 30.0)
@@ -209,7 +207,7 @@ def test_an_end_is_a_candidate_if_it_is_wider_or_aside_but_not_if_it_rounds_off(
         assert neighbour_misfits(heights, grid)[end] == pytest.approx(20.0)
 
 
-def test_of_three_the_middle_one_is_a_candidate_if_it_is_narrow_or_aside() -> None:
+def test_of_three_the_middle_one_is_a_candidate_if_it_is_narrow_or_aside():
     assert neighbour_misfits(*stack(np.array([30.0, 20.0, 30.0]))).tolist() == [0.0, 10.0, 0.0]
     assert not neighbour_misfits(*stack(np.array([30.0, 45.0, 30.0]))).any()
     heights, grid = stack(np.full(3, 30.0))
@@ -218,7 +216,7 @@ def test_of_three_the_middle_one_is_a_candidate_if_it_is_narrow_or_aside() -> No
     assert not neighbour_misfits(*stack(np.array([30.0, 10.0]))).any()
 
 
-def test_what_is_alike_but_for_its_size_may_be_a_feature() -> None:
+def test_what_is_alike_but_for_its_size_may_be_a_feature():
     _, grid = stack(np.array([30.0, 30.0, 20.0, 30.0, 30.0]))
     grid[3] *= [1.4, 1.0]
     bad = np.array([False, False, True, True, False])
@@ -231,7 +229,7 @@ def test_what_is_alike_but_for_its_size_may_be_a_feature() -> None:
 UNEVEN = np.array([0.0, 0.4, 1.0, 1.7, 2.0, 3.1, 3.5])
 
 
-def test_cubics_are_predicted_inside_and_parabolas_at_the_ends() -> None:
+def test_cubics_are_predicted_inside_and_parabolas_at_the_ends():
     weights = neighbour_weights(UNEVEN)
     assert np.allclose(weights @ UNEVEN**2, UNEVEN**2)
     inner = slice(2, -2)
@@ -239,7 +237,7 @@ def test_cubics_are_predicted_inside_and_parabolas_at_the_ends() -> None:
     assert np.allclose(weights.sum(axis=1), 1.0)
 
 
-def test_no_contour_predicts_itself_and_only_neighbours_count() -> None:
+def test_no_contour_predicts_itself_and_only_neighbours_count():
     weights = neighbour_weights(UNEVEN)
     away = np.abs(np.arange(7)[:, None] - np.arange(7))
     assert (weights[away == 0] == 0.0).all()
@@ -248,11 +246,11 @@ def test_no_contour_predicts_itself_and_only_neighbours_count() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_too_few_contours_predict_nothing(count: int) -> None:
+def test_too_few_contours_predict_nothing(count):
     assert not neighbour_weights(UNEVEN[:count]).any()
 
 
-def test_three_contours_predict_each_other_linearly() -> None:
+def test_three_contours_predict_each_other_linearly():
     weights = neighbour_weights(UNEVEN[:3])
     assert np.allclose(weights @ UNEVEN[:3], UNEVEN[:3])
     assert (np.count_nonzero(weights, axis=1) == 2).all()

@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -17,14 +14,11 @@ from palpate.core.rebuild.contours.contacts import (
     normals_as_points,
     stack_points,
 )
-from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.jet import fit_jet
-from palpate.core.touch.pad import Pad, guarded_move
+from palpate.core.touch.pad import guarded_move
 
 
-def test_touched_taxels_lie_on_the_ball_with_its_normals(
-    flat: Pad, domed: Pad, ball: Superquadric, rotations: Callable[[int], Floats]
-) -> None:
+def test_touched_taxels_lie_on_the_ball_with_its_normals(flat, domed, ball, rotations):
     for pad in (flat, domed):
         for axes in rotations(5):
             end = guarded_move(ball, pad, pose_of(-0.05 * axes[:, 2], axes), 0.05, 1e-3)
@@ -41,9 +35,7 @@ def test_touched_taxels_lie_on_the_ball_with_its_normals(
             )
 
 
-def test_without_a_jet_the_normal_is_the_pads(
-    flat: Pad, rotations: Callable[[int], Floats]
-) -> None:
+def test_without_a_jet_the_normal_is_the_pads(flat, rotations):
     axes = rotations(1)[0]
     touched = np.zeros((16, 16), bool)
     touched[3, 4] = True
@@ -53,7 +45,7 @@ def test_without_a_jet_the_normal_is_the_pads(
     assert np.allclose(contacts.points[0], 1.0 + axes @ [x[3, 4], y[3, 4], 0.0])
 
 
-def test_stacking_keeps_the_order_and_nothing_is_no_points(flat: Pad) -> None:
+def test_stacking_keeps_the_order_and_nothing_is_no_points(flat):
     touched = np.ones((16, 16), bool)
     pose = pose_of(np.zeros(3), np.eye(3))
     parts = [contact_points_of(flat, pose, np.full((16, 16), z), touched, None) for z in (0.1, 0.2)]
@@ -64,7 +56,7 @@ def test_stacking_keeps_the_order_and_nothing_is_no_points(flat: Pad) -> None:
     assert none.points.shape == np.asarray(none.normals).shape == (0, 3)
 
 
-def test_no_two_parts_of_a_stack_share_a_touch(flat: Pad) -> None:
+def test_no_two_parts_of_a_stack_share_a_touch(flat):
     touched = np.ones((16, 16), bool)
     pose = pose_of(np.zeros(3), np.eye(3))
     one = contact_points_of(flat, pose, np.zeros((16, 16)), touched, None)
@@ -72,14 +64,14 @@ def test_no_two_parts_of_a_stack_share_a_touch(flat: Pad) -> None:
     assert np.unique(stack_points([pair, one, pair]).touch).tolist() == [0, 1, 2, 3, 4]
 
 
-def test_a_stack_has_normals_only_if_every_part_has(flat: Pad) -> None:
+def test_a_stack_has_normals_only_if_every_part_has(flat):
     touched = np.ones((16, 16), bool)
     pose = pose_of(np.zeros(3), np.eye(3))
     one = contact_points_of(flat, pose, np.zeros((16, 16)), touched, None)
     assert stack_points([one, one._replace(normals=None)]).normals is None
 
 
-def test_touches_are_numbered_anew_and_normals_get_length_1() -> None:
+def test_touches_are_numbered_anew_and_normals_get_length_1():
     contacts = ContactPoints(np.zeros((3, 3)), np.full((3, 3), 2.0), np.array([7, 7, 3], np.int32))
     found = checked_contacts(contacts)
     assert found.touch.tolist() == [1, 1, 0]
@@ -100,7 +92,7 @@ def test_touches_are_numbered_anew_and_normals_get_length_1() -> None:
         ({"normals": np.ones((2, 3))}, "patches.normals must have shape"),
     ],
 )
-def test_contact_points_that_cannot_be_used_are_refused(wrong: dict[str, Any], words: str) -> None:
+def test_contact_points_that_cannot_be_used_are_refused(wrong, words):
     contacts = ContactPoints(np.zeros((3, 3)), np.ones((3, 3)), np.arange(3, dtype=np.int32))
     with pytest.raises(ValueError, match=words):
         checked_contacts(contacts._replace(**wrong))
@@ -121,7 +113,7 @@ def roof(x: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-6])
-def test_next_to_an_edge_each_taxel_leans_as_its_own_side(noise: float) -> None:
+def test_next_to_an_edge_each_taxel_leans_as_its_own_side(noise):
     x, _ = grid()
     surface = roof(x) + np.random.default_rng(0).normal(0.0, noise, x.shape)
     smooth = -0.15 * x - 0.04 * x**2 / 1e-2
@@ -136,7 +128,7 @@ def test_next_to_an_edge_each_taxel_leans_as_its_own_side(noise: float) -> None:
     )
 
 
-def test_a_smooth_surface_is_believed() -> None:
+def test_a_smooth_surface_is_believed():
     x, y = grid()
     smooth = (x**2 - 0.5 * x * y) / 0.03
     rng = np.random.default_rng(1)
@@ -146,7 +138,7 @@ def test_a_smooth_surface_is_believed() -> None:
         assert found.unknown.mean() < 0.01
 
 
-def test_a_single_row_beyond_an_edge_leans_nobody_knows_how() -> None:
+def test_a_single_row_beyond_an_edge_leans_nobody_knows_how():
     x, _ = grid()
     touched = x > -1.6e-3
     surface = np.where(x < -1e-3, -1.2e-3, -0.2 * x)
@@ -156,7 +148,7 @@ def test_a_single_row_beyond_an_edge_leans_nobody_knows_how() -> None:
 
 
 @pytest.mark.parametrize("noise", [2e-5, 1e-4])
-def test_of_a_thin_contact_noise_takes_nothing(noise: float) -> None:
+def test_of_a_thin_contact_noise_takes_nothing(noise):
     x, _ = grid()
     touched = np.abs(x) < 1e-3
     surface = np.random.default_rng(2).normal(0.0, noise, x.shape)
@@ -165,12 +157,12 @@ def test_of_a_thin_contact_noise_takes_nothing(noise: float) -> None:
     assert not found.unknown.any()
 
 
-def test_an_array_without_a_square_tells_nothing() -> None:
+def test_an_array_without_a_square_tells_nothing():
     found = edge_slopes(np.zeros((1, 12)), np.ones((1, 12)), np.ones((1, 12), np.bool_), PITCH)
     assert not (found.edge.any() or found.unknown.any())
 
 
-def test_contact_points_have_the_normals_of_both_sides_of_an_edge(flat: Pad) -> None:
+def test_contact_points_have_the_normals_of_both_sides_of_an_edge(flat):
     x, _ = flat.grid()
     surface = roof(x)
     fitted = fit_jet(flat, surface, ALL)
@@ -194,7 +186,7 @@ def cone(height: float) -> tuple[Floats, Floats]:
     return points, np.column_stack([OUT, np.ones(12)])
 
 
-def test_a_point_with_a_normal_is_three_on_the_surface() -> None:
+def test_a_point_with_a_normal_is_three_on_the_surface():
     contours, normals = zip(*(cone(z) for z in (0.0, 0.02, 0.04)), strict=True)
     contacts = normals_as_points(contours, normals)
     assert contacts.normals is not None
@@ -206,7 +198,7 @@ def test_a_point_with_a_normal_is_three_on_the_surface() -> None:
     assert np.bincount(contacts.touch).tolist() == [3] * 36
 
 
-def test_points_without_a_use_are_left_out() -> None:
+def test_points_without_a_use_are_left_out():
     points, normals = cone(0.01)
     normals[0] = 0.0
     normals[1] = [0.0, 0.0, 1.0]
@@ -214,13 +206,13 @@ def test_points_without_a_use_are_left_out() -> None:
     assert len(normals_as_points([points], [normals]).points) == 3 * 9
 
 
-def test_plane_contours_get_their_heights() -> None:
+def test_plane_contours_get_their_heights():
     points, normals = cone(0.01)
     contacts = normals_as_points([points[:, :2]], [normals], [0.01])
     assert np.allclose(contacts.points[1::3], points)
 
 
-def test_normals_that_do_not_fit_their_contours_are_refused() -> None:
+def test_normals_that_do_not_fit_their_contours_are_refused():
     points, normals = cone(0.01)
     with pytest.raises(ValueError, match="normals must be as many as the 2 contours, got 1"):
         normals_as_points([points, points], [normals])

@@ -56,9 +56,7 @@ def stack(traced: Make, section: Section, count: int, points: int) -> Slices:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("count", "points"), [(27, 81), (9, 24)])
-def test_any_start_direction_and_count_cost_next_to_nothing(
-    traced: Make, sections: Sections, name: str, count: int, points: int
-) -> None:
+def test_any_start_direction_and_count_cost_next_to_nothing(traced, sections, name, count, points):
     section = sections[name]
     slices = stack(traced, section, count, points)
     found = match_slices(slices, COUNT)
@@ -69,9 +67,7 @@ def test_any_start_direction_and_count_cost_next_to_nothing(
 
 
 @pytest.mark.parametrize("name", ["three lobes", "four lobes"])
-def test_lobes_that_turn_are_followed_by_their_signature(
-    traced: Make, sections: Sections, name: str
-) -> None:
+def test_lobes_that_turn_are_followed_by_their_signature(traced, sections, name):
     slices = stack(traced, sections[name], 9, 40)
     found = match_slices(slices, COUNT)
     assert found.method == "signature"
@@ -83,15 +79,13 @@ def test_lobes_that_turn_are_followed_by_their_signature(
     assert errors["signature"] < 0.5 * min(errors["twist"], errors["ray"], errors["azimuth"])
 
 
-def test_a_step_of_the_object_does_not_hide_how_its_lobes_turn(
-    traced: Make, sections: Sections
-) -> None:
+def test_a_step_of_the_object_does_not_hide_how_its_lobes_turn(traced, sections):
     section = sections["four lobes"]
     slices = stack(traced, lambda t, z: section(t, z) * (1.0 if z < 0.1 else 0.6), 27, 60)
     assert match_slices(slices, COUNT).method == "signature"
 
 
-def test_a_slice_whose_middle_lies_outside_is_matched(traced: Make, sections: Sections) -> None:
+def test_a_slice_whose_middle_lies_outside_is_matched(traced, sections):
     """Hard case 44: a ray from there meets the contour 0, 2 or 4 times."""
     slices = stack(traced, sections["kidney"], 27, 81)
     for curve, middle in zip(slices.fine, slices.middles, strict=True):
@@ -105,9 +99,7 @@ def test_a_slice_whose_middle_lies_outside_is_matched(traced: Make, sections: Se
     assert loft_error(sections["kidney"], slices, azimuth.grid) > error
 
 
-def test_how_contours_were_begun_and_directed_changes_nothing(
-    traced: Make, sections: Sections
-) -> None:
+def test_how_contours_were_begun_and_directed_changes_nothing(traced, sections):
     """Hard case 42."""
     contours = traced(sections["lobed"]).contours(np.linspace(-0.97, 0.97, 9), 60)
     wanted = match_slices(stack_curves(contour_curves(contours)), COUNT)
@@ -118,7 +110,7 @@ def test_how_contours_were_begun_and_directed_changes_nothing(
 
 
 @pytest.mark.parametrize("method", ["twist", "signature", "ray", "azimuth"])
-def test_places_lie_on_the_curves_in_order(traced: Make, sections: Sections, method: Any) -> None:
+def test_places_lie_on_the_curves_in_order(traced, sections, method):
     slices = stack(traced, sections["lobed"], 9, 60)
     found = match_slices(slices, COUNT, method)
     assert found.method == method
@@ -131,16 +123,14 @@ def test_places_lie_on_the_curves_in_order(traced: Make, sections: Sections, met
     assert np.allclose(np.mod(found.places[:, 0] - found.turns + 0.5, 1), 0.5)
 
 
-def test_equal_azimuths_correspond_about_the_middles(traced: Make, sections: Sections) -> None:
+def test_equal_azimuths_correspond_about_the_middles(traced, sections):
     slices = stack(traced, sections["lobed"], 9, 80)
     away = match_slices(slices, COUNT, "azimuth").grid - slices.middles[:, None]
     angle = np.unwrap(np.arctan2(away[..., 1], away[..., 0]), axis=1)
     assert np.abs(angle - 2 * np.pi * AROUND).max() < 1e-3
 
 
-def test_the_first_place_of_the_middle_slice_is_on_the_ray(
-    traced: Make, sections: Sections
-) -> None:
+def test_the_first_place_of_the_middle_slice_is_on_the_ray(traced, sections):
     slices = stack(traced, sections["box"], 9, 60)
     found = match_slices(slices, COUNT, "twist")
     off = found.grid[4, 0] - slices.middles[4]
@@ -148,9 +138,7 @@ def test_the_first_place_of_the_middle_slice_is_on_the_ray(
     assert abs(off[1]) < 1e-3
 
 
-def test_a_score_is_about_what_leaving_contours_out_would_cost(
-    traced: Make, sections: Sections
-) -> None:
+def test_a_score_is_about_what_leaving_contours_out_would_cost(traced, sections):
     section = sections["bent tube"]
     slices = stack(traced, section, 17, 60)
     found = match_slices(slices, COUNT)
@@ -161,9 +149,7 @@ def test_a_score_is_about_what_leaving_contours_out_would_cost(
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_with_fewer_than_three_slices_nothing_is_scored(
-    traced: Make, sections: Sections, count: int
-) -> None:
+def test_with_fewer_than_three_slices_nothing_is_scored(traced, sections, count):
     found = match_slices(stack(traced, sections["bent tube"], count, 40), 20)
     assert isinstance(found, Correspondence)
     assert found.grid.shape == (count, 20, 2)
@@ -171,7 +157,7 @@ def test_with_fewer_than_three_slices_nothing_is_scored(
     assert found.scores == {}
 
 
-def test_unit_and_place_change_nothing(traced: Make, sections: Sections) -> None:
+def test_unit_and_place_change_nothing(traced, sections):
     contours = traced(sections["four lobes"]).contours(np.linspace(-0.97, 0.97, 9), 40)
     wanted = match_slices(stack_curves(contour_curves(contours)), COUNT)
     found = match_slices(
@@ -189,9 +175,7 @@ def test_unit_and_place_change_nothing(traced: Make, sections: Sections) -> None
         (9, "best", "method must be auto or one of twist, signature, ray, azimuth, got 'best'"),
     ],
 )
-def test_what_no_match_can_be_is_refused(
-    traced: Make, sections: Sections, count: int, method: Any, words: str
-) -> None:
+def test_what_no_match_can_be_is_refused(traced, sections, count, method, words):
     slices = stack(traced, sections["bent tube"], 2, 40)
     with pytest.raises(ValueError, match=words):
         match_slices(slices, count, method)
@@ -202,7 +186,7 @@ def circle(begin: float, middle: tuple[float, float] = (0.0, 0.0)) -> Floats:
     return np.column_stack([np.cos(angle), np.sin(angle)]) + middle
 
 
-def test_a_curve_begins_where_it_comes_up_through_the_ray() -> None:
+def test_a_curve_begins_where_it_comes_up_through_the_ray():
     begins = np.array([0.0, 0.2, 0.71, 0.9999])
     found = start_ray(np.stack([circle(begin) for begin in begins]))
     off = found - begins
@@ -210,7 +194,7 @@ def test_a_curve_begins_where_it_comes_up_through_the_ray() -> None:
     assert ((found >= 0) & (found < 1)).all()
 
 
-def test_of_several_crossings_the_farthest_out_counts() -> None:
+def test_of_several_crossings_the_farthest_out_counts():
     angle = 2 * np.pi * np.arange(512) / 512
     bend = 1.9 * np.sin(angle)
     width = 0.52 + 0.16 * np.cos(angle)
@@ -220,7 +204,7 @@ def test_of_several_crossings_the_farthest_out_counts() -> None:
     assert width[0] > sausage[256, 0] > 0  # the inner wall is crossed as well
 
 
-def test_a_curve_that_never_meets_the_ray_begins_farthest_along_x() -> None:
+def test_a_curve_that_never_meets_the_ray_begins_farthest_along_x():
     assert start_ray(circle(0.25, (0.0, 3.0))[None])[0] == pytest.approx(0.25, abs=1 / 512)
 
 
@@ -238,7 +222,7 @@ def signature_stack(count: int, depth: float, turn: float) -> Floats:
     return np.stack([lobes(count, depth, turn * level) for level in range(8)])
 
 
-def test_lobes_are_followed_where_the_least_twist_follows_the_circle() -> None:
+def test_lobes_are_followed_where_the_least_twist_follows_the_circle():
     shapes = signature_stack(3, 0.1, 0.06)
     steps = minimum_twist(shapes)
     assert np.abs(steps).max() < 0.02
@@ -246,12 +230,12 @@ def test_lobes_are_followed_where_the_least_twist_follows_the_circle() -> None:
     assert np.abs(follow_signatures(shapes[::-1], minimum_twist(shapes[::-1])) + 0.06).max() < 0.002
 
 
-def test_what_turns_on_evenly_is_followed_to_nearly_half_a_lobe() -> None:
+def test_what_turns_on_evenly_is_followed_to_nearly_half_a_lobe():
     shapes = signature_stack(4, 0.1, 0.11)
     assert np.abs(follow_signatures(shapes, minimum_twist(shapes)) - 0.11).max() < 0.002
 
 
-def test_one_pair_that_looks_like_a_lobe_back_follows_the_others() -> None:
+def test_one_pair_that_looks_like_a_lobe_back_follows_the_others():
     turned = 0.1 * np.arange(8)
     turned[4:] += 0.05
     shapes = np.stack([lobes(4, 0.1, turn) for turn in turned])
@@ -259,7 +243,7 @@ def test_one_pair_that_looks_like_a_lobe_back_follows_the_others() -> None:
     assert np.abs(found - np.diff(turned)).max() < 0.006
 
 
-def test_round_contours_and_unlike_ones_stay_with_the_least_twist() -> None:
+def test_round_contours_and_unlike_ones_stay_with_the_least_twist():
     for shapes in (
         signature_stack(3, 0.005, 0.06),
         np.stack([lobes(3, 0.2, 0.0), lobes(5, 0.2, 0.0), lobes(3, 0.2, 0.0)]),
@@ -269,7 +253,7 @@ def test_round_contours_and_unlike_ones_stay_with_the_least_twist() -> None:
         assert np.abs(follow_signatures(shapes, steps) - steps).max() < 1e-12
 
 
-def test_a_single_contour_has_no_steps() -> None:
+def test_a_single_contour_has_no_steps():
     assert follow_signatures(lobes(3, 0.1, 0.0)[None], np.zeros(0)).shape == (0,)
 
 
@@ -281,7 +265,7 @@ def ellipse(turns: Floats) -> Floats:
     return np.column_stack([2 * np.cos(angle) + 0.2 * np.cos(2 * angle), np.sin(angle)])
 
 
-def test_curves_that_begin_elsewhere_are_brought_to_one_beginning() -> None:
+def test_curves_that_begin_elsewhere_are_brought_to_one_beginning():
     begins = np.array([0.0, 0.31, 0.87, 0.502])
     sizes = np.array([1.0, 1.3, 0.2, 5.0])
     shapes = np.stack([s * ellipse(EVEN_256 - b) for s, b in zip(sizes, begins, strict=True)])
@@ -291,7 +275,7 @@ def test_curves_that_begin_elsewhere_are_brought_to_one_beginning() -> None:
     assert (np.abs(minimum_twist(shapes)) <= 0.5).all()
 
 
-def test_the_sum_of_squared_distances_is_least_there() -> None:
+def test_the_sum_of_squared_distances_is_least_there():
     first = ellipse(EVEN_256) + 0.3 * ellipse(3 * EVEN_256)
     second = ellipse(1.7 - EVEN_256[::-1]) @ np.array([[0.6, 0.8], [-0.8, 0.6]])
     step = minimum_twist(np.stack([first, second]))[0]
@@ -301,12 +285,12 @@ def test_the_sum_of_squared_distances_is_least_there() -> None:
     assert abs(off - np.round(off)) <= 0.5 / 256 + 1e-12
 
 
-def test_one_curve_begins_where_it_is_told() -> None:
+def test_one_curve_begins_where_it_is_told():
     assert len(minimum_twist(ellipse(EVEN_256)[None])) == 0
     assert begin_turns(np.zeros(0), 0, 0.25).tolist() == [0.25]
 
 
-def test_peaks_are_found_between_samples_and_across_the_seam() -> None:
+def test_peaks_are_found_between_samples_and_across_the_seam():
     peaks = np.array([0.3, 0.7012, 0.0, 0.9995])
     turns = np.arange(128) / 128
     values = np.cos(2 * np.pi * (turns - peaks[:, None]))
@@ -314,14 +298,14 @@ def test_peaks_are_found_between_samples_and_across_the_seam() -> None:
     assert np.abs(off - np.round(off)).max() < 1e-5
 
 
-def test_a_peak_is_sought_at_the_sample_that_is_named() -> None:
+def test_a_peak_is_sought_at_the_sample_that_is_named():
     values = np.zeros((1, 16))
     values[0, [3, 9, 10]] = [5.0, 2.0, 1.0]
     assert circular_peak(values)[0] == 3 / 16
     assert 9 / 16 < circular_peak(values, np.array([9]))[0] < 10 / 16
 
 
-def test_a_function_without_a_peak_gives_a_sample() -> None:
+def test_a_function_without_a_peak_gives_a_sample():
     assert circular_peak(np.ones((1, 8)))[0] == pytest.approx(0.0)
 
 
@@ -329,7 +313,7 @@ ANGLE = 2 * np.pi * np.arange(512) / 512
 UNIT = np.column_stack([np.cos(ANGLE), np.sin(ANGLE)])
 
 
-def test_points_are_as_far_as_from_the_true_circles_of_their_own_slices() -> None:
+def test_points_are_as_far_as_from_the_true_circles_of_their_own_slices():
     rng = np.random.default_rng(0)
     radii, middles = np.array([1.0, 0.3, 2.0]), np.array([[0, 0], [40.0, 1], [-3, 9]])
     curves = radii[:, None, None] * UNIT + middles[:, None]
@@ -338,7 +322,7 @@ def test_points_are_as_far_as_from_the_true_circles_of_their_own_slices() -> Non
     assert np.abs(slice_distance(curves, points) - wanted).max() < 2e-4
 
 
-def test_distance_from_a_corner_is_that_of_the_corner() -> None:
+def test_distance_from_a_corner_is_that_of_the_corner():
     side = np.linspace(0, 1, 128, endpoint=False)
     one, nought = np.ones(128), np.zeros(128)
     square = np.column_stack(
@@ -351,6 +335,6 @@ def test_distance_from_a_corner_is_that_of_the_corner() -> None:
     assert np.abs(found - [np.sqrt(2), 0.4]).max() < 0.01
 
 
-def test_a_curve_in_one_place_is_a_point() -> None:
+def test_a_curve_in_one_place_is_a_point():
     found = slice_distance(np.zeros((1, 8, 2)), np.array([[[[3.0, 4.0]]]]))
     assert found.tolist() == [[[5.0]]]

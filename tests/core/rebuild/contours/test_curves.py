@@ -23,19 +23,19 @@ def around(z: Floats) -> Floats:
     return np.column_stack([5 + 2 * np.cos(angle), np.sin(angle), z])
 
 
-def test_a_level_contour_does_not_sway() -> None:
+def test_a_level_contour_does_not_sway():
     assert height_residual_of(around(np.full(30, 7.3))) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("harmonic", [1, 2])
-def test_a_tilt_and_a_saddle_are_shape(harmonic: int) -> None:
+def test_a_tilt_and_a_saddle_are_shape(harmonic):
     z = 1e6 + 0.3 * np.cos(harmonic * 2 * np.pi * np.arange(30) / 30)
     shape, noise = height_residual_of(around(z))
     assert shape == pytest.approx(0.3 / np.sqrt(2), rel=1e-6)
     assert noise < 1e-6
 
 
-def test_noise_is_not_shape() -> None:
+def test_noise_is_not_shape():
     rng = np.random.default_rng(0)
     shapes, noises = np.transpose(
         [height_residual_of(around(0.2 * rng.normal(size=60))) for _ in range(50)]
@@ -44,7 +44,7 @@ def test_noise_is_not_shape() -> None:
     assert np.sqrt(np.mean(shapes**2)) < 0.05
 
 
-def test_of_few_points_all_is_shape() -> None:
+def test_of_few_points_all_is_shape():
     shape, noise = height_residual_of(around(np.array([0.0, 1.0, 0.0, -1.0])))
     assert shape == pytest.approx(np.sqrt(0.5))
     assert noise == 0.0
@@ -63,7 +63,7 @@ def even_ring(count: int, noise: float = 0.0, seed: int = 0) -> Floats:
 
 
 @pytest.mark.parametrize("count", [3, 4, 24, 81])
-def test_the_curve_is_that_through_all_points(count: int) -> None:
+def test_the_curve_is_that_through_all_points(count):
     rng = np.random.default_rng(count)
     for points in (even_ring(count), lobed(np.sort(rng.random(count)))):
         found = slice_curve(points)
@@ -75,19 +75,19 @@ def test_the_curve_is_that_through_all_points(count: int) -> None:
         assert found.curve.flags == wanted.flags
 
 
-def test_points_of_no_curve_are_degenerate() -> None:
+def test_points_of_no_curve_are_degenerate():
     assert slice_curve(np.ones((5, 2))).curve.flags.degenerate
     line = np.outer(np.arange(6.0), [1.0, 2.0])
     assert slice_curve(line).curve.flags.degenerate
     assert not slice_curve(line).star
 
 
-def test_noise_does_not_make_even_steps_uneven() -> None:
+def test_noise_does_not_make_even_steps_uneven():
     for seed in range(5):
         assert same_steps(slice_parameters(order_closed_points(even_ring(81, 0.02, seed)).points))
 
 
-def test_uneven_steps_are_told_from_noise() -> None:
+def test_uneven_steps_are_told_from_noise():
     rng = np.random.default_rng(0)
     for noise in (0.0, 0.002):
         turns = (np.arange(81) + rng.uniform(-0.45, 0.45, 81)) / 81
@@ -98,7 +98,7 @@ def test_uneven_steps_are_told_from_noise() -> None:
     assert not same_steps(slice_parameters(order_closed_points(points).points))
 
 
-def test_even_steps_lose_less_to_noise_than_chords() -> None:
+def test_even_steps_lose_less_to_noise_than_chords():
     truth = 1.0
     errors: dict[str, list[float]] = {"even": [], "chords": []}
     for seed in range(5):
@@ -113,7 +113,7 @@ def test_even_steps_lose_less_to_noise_than_chords() -> None:
     assert np.mean(errors["even"]) < 0.9 * np.mean(errors["chords"])
 
 
-def test_many_curves_are_evaluated_at_once() -> None:
+def test_many_curves_are_evaluated_at_once():
     curves = [slice_curve(even_ring(n)).curve for n in (5, 24)]
     curves.append(slice_curve(lobed(np.sort(np.random.default_rng(0).random(30)))).curve)
     turns = np.random.default_rng(1).uniform(-1, 2, (3, 17))
@@ -122,7 +122,7 @@ def test_many_curves_are_evaluated_at_once() -> None:
         assert np.abs(curve.at(row) - places).max() < 1e-13
 
 
-def test_chords_of_a_fine_curve_are_near_it() -> None:
+def test_chords_of_a_fine_curve_are_near_it():
     fine = slice_curve(lobed(np.arange(80) / 80)).fine[None]
     turns = np.linspace(-0.5, 1.5, 41)
     assert np.array_equal(chord_places(fine, np.zeros((1, 1)))[0, 0], fine[0, 0])
@@ -134,7 +134,7 @@ TURN = 2 * np.pi * np.arange(256) / 256
 CIRCLE = np.stack([np.cos(TURN), np.sin(TURN)], axis=-1)
 
 
-def test_noise_that_goes_back_a_little_is_told_from_a_shape_that_does() -> None:
+def test_noise_that_goes_back_a_little_is_told_from_a_shape_that_does():
     rng = np.random.default_rng(0)
     noisy = CIRCLE + 0.02 * rng.normal(size=CIRCLE.shape)
     # A hook: the outline goes back behind itself by half a radian.

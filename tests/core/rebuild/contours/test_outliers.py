@@ -50,7 +50,7 @@ def are(outliers: PointOutliers, felt: list[Floats], wrong: Bools, contours: Flo
 
 @pytest.mark.parametrize("edged", [False, True])
 @pytest.mark.parametrize("noise", [0.0, 0.2])
-def test_of_good_points_none_is_an_outlier(edged: bool, noise: float) -> None:
+def test_of_good_points_none_is_an_outlier(edged, noise):
     for seed in range(3):
         outliers, _ = found_in(object_(edged, noise, seed))
         assert not np.concatenate(outliers.masks).any()
@@ -58,9 +58,7 @@ def test_of_good_points_none_is_an_outlier(edged: bool, noise: float) -> None:
 
 @pytest.mark.parametrize("edged", [False, True])
 @pytest.mark.parametrize("noise", [0.0, 0.2])
-def test_nine_of_ten_points_3_mm_off_are_found_and_next_to_no_others(
-    edged: bool, noise: float
-) -> None:
+def test_nine_of_ten_points_3_mm_off_are_found_and_next_to_no_others(edged, noise):
     hits = misses = others = 0
     for seed in range(3):
         rng = np.random.default_rng(seed + 50)
@@ -77,7 +75,7 @@ def test_nine_of_ten_points_3_mm_off_are_found_and_next_to_no_others(
     assert others <= 0.01 * 3 * 15 * COUNT
 
 
-def test_an_outlier_is_put_where_its_neighbours_tell() -> None:
+def test_an_outlier_is_put_where_its_neighbours_tell():
     contours = object_(False, 0.0)
     wanted = contours[7, 20, :2].copy()
     contours[7, 20, :2] *= 1.1
@@ -86,7 +84,7 @@ def test_an_outlier_is_put_where_its_neighbours_tell() -> None:
     assert np.linalg.norm(outliers.mended[7] - wanted, axis=1).min() < 0.02
 
 
-def test_a_corner_that_neighbours_share_stays_and_one_alone_does_not() -> None:
+def test_a_corner_that_neighbours_share_stays_and_one_alone_does_not():
     ridge, alone = object_(False, 0.05), object_(False, 0.05)
     ridge[:, 20, :2] *= 1.1
     alone[7, 20, :2] *= 1.1
@@ -94,7 +92,7 @@ def test_a_corner_that_neighbours_share_stays_and_one_alone_does_not() -> None:
     assert np.concatenate(found_in(alone)[0].masks).sum() == 1
 
 
-def test_few_points_and_contours_that_are_like_that_are_left_alone() -> None:
+def test_few_points_and_contours_that_are_like_that_are_left_alone():
     contours = object_(False, 0.0)
     few = contours[:, ::6].copy()
     few[7, 3, :2] *= 1.2
@@ -104,7 +102,7 @@ def test_few_points_and_contours_that_are_like_that_are_left_alone() -> None:
     assert not found_in(rough)[0].masks[7].any()
 
 
-def test_a_curve_is_made_again_without_outliers() -> None:
+def test_a_curve_is_made_again_without_outliers():
     contours = object_(False, 0.0)
     contours[7, 20, :2] *= 1.1
     slices = stack_curves(contour_curves(list(contours)))
@@ -119,7 +117,7 @@ def test_a_curve_is_made_again_without_outliers() -> None:
     assert same.curve is slices.loops[3].curve
 
 
-def test_single_heights_that_are_off_are_told_from_a_tilt() -> None:
+def test_single_heights_that_are_off_are_told_from_a_tilt():
     angle = 2 * np.pi * np.arange(40) / 40
     for z in (0.1 * np.cos(angle), 0.05 * np.cos(2 * angle), np.zeros(40)):
         assert not height_outliers(z, 6.3).any()
@@ -132,7 +130,7 @@ def test_single_heights_that_are_off_are_told_from_a_tilt() -> None:
     assert not height_outliers(np.array([0.0, 0.0, 0.0, 9.0]), 6.3).any()
 
 
-def test_one_wrong_neighbour_does_not_put_a_point_off_its_course() -> None:
+def test_one_wrong_neighbour_does_not_put_a_point_off_its_course():
     ahead = np.arange(-3.0, 4.0)
     beside = np.stack([ahead, np.zeros(7)], axis=-1)
     for wrong in (0, 1, 2, 4, 5, 6):

@@ -39,7 +39,7 @@ def contours(traced: Make, sections: Sections) -> list[Floats]:
     return found
 
 
-def test_slices_rise_and_tell_which_contour_each_one_is(contours: list[Floats]) -> None:
+def test_slices_rise_and_tell_which_contour_each_one_is(contours):
     slices = slices_of(contours[::-1])
     assert np.allclose(slices.heights, HEIGHTS, atol=1e-12)
     assert slices.rows.tolist() == list(range(9))[::-1]
@@ -51,7 +51,7 @@ def test_slices_rise_and_tell_which_contour_each_one_is(contours: list[Floats]) 
     assert not slices.self_intersecting.any() and not slices.tilted.any()
 
 
-def test_direction_beginning_and_a_closing_point_change_nothing(contours: list[Floats]) -> None:
+def test_direction_beginning_and_a_closing_point_change_nothing(contours):
     """Hard case 42."""
     wanted = slices_of(contours)
     others = [np.roll(one, 7 * i, axis=0)[:: 1 - 2 * (i % 2)] for i, one in enumerate(contours)]
@@ -63,20 +63,20 @@ def test_direction_beginning_and_a_closing_point_change_nothing(contours: list[F
     assert np.allclose(found.heights, wanted.heights, rtol=0, atol=1e-12)
 
 
-def test_a_height_is_the_mean_of_noisy_ones(traced: Make, sections: Sections) -> None:
+def test_a_height_is_the_mean_of_noisy_ones(traced, sections):
     slices = slices_of(traced(sections["lobed"]).contours(HEIGHTS, 80, noise=0.01))
     assert np.abs(slices.heights - HEIGHTS).max() < 4 * 0.01 / np.sqrt(64)
     assert not slices.tilted.any()
 
 
-def test_plane_contours_take_given_heights(contours: list[Floats]) -> None:
+def test_plane_contours_take_given_heights(contours):
     wanted = slices_of(contours)
     found = slices_of([one[:, :2] for one in contours], HEIGHTS)
     assert np.array_equal(found.fine, wanted.fine)
     assert np.allclose(found.heights, wanted.heights, atol=1e-15)
 
 
-def test_rows_that_are_not_finite_are_left_out(contours: list[Floats]) -> None:
+def test_rows_that_are_not_finite_are_left_out(contours):
     spoilt = [one.copy() for one in contours]
     spoilt[2] = np.insert(spoilt[2], 5, [0.1, 0.2, np.nan], axis=0)
     spoilt[4] = np.insert(spoilt[4], 0, [np.inf, 0.2, 0.0], axis=0)
@@ -85,7 +85,7 @@ def test_rows_that_are_not_finite_are_left_out(contours: list[Floats]) -> None:
     assert np.array_equal(found.heights, wanted.heights)
 
 
-def test_contours_that_enclose_nothing_are_dropped_and_tell_why(contours: list[Floats]) -> None:
+def test_contours_that_enclose_nothing_are_dropped_and_tell_why(contours):
     line = np.column_stack([np.linspace(0, 1, 9), np.linspace(0, 2, 9), np.full(9, 2.0)])
     bad = [
         np.full((5, 3), np.nan),
@@ -101,7 +101,7 @@ def test_contours_that_enclose_nothing_are_dropped_and_tell_why(contours: list[F
     assert slices.rows.tolist() == list(range(6, 15))
 
 
-def test_of_two_contours_that_repeat_each_other_the_better_one_stays() -> None:
+def test_of_two_contours_that_repeat_each_other_the_better_one_stays():
     good, coarse = circle(1.0, 0.5), circle(1.0, 0.5)[::4]
     for pair in ([good, coarse], [coarse, good]):
         slices = slices_of([circle(1.0, 0.0), *pair, circle(1.0, 1.0)])
@@ -120,14 +120,14 @@ def test_of_two_contours_that_repeat_each_other_the_better_one_stays() -> None:
         (circle(1.2, 0.5, (1.0, 0.0)), "crosses another at its height", 1.0),
     ],
 )
-def test_of_two_loops_at_one_height_one_stays(other: Floats, why: str, radius: float) -> None:
+def test_of_two_loops_at_one_height_one_stays(other, why, radius):
     slices = slices_of([circle(1.0, 0.0), circle(1.0, 0.5), other, circle(1.0, 1.0)])
     assert len(slices.heights) == 3
     assert slices.perimeter[1] == pytest.approx(2 * np.pi * radius, rel=1e-4)
     assert list(reasons(slices).values()) == [why]
 
 
-def test_heights_that_only_noise_tells_apart_are_one_but_a_step_is_not() -> None:
+def test_heights_that_only_noise_tells_apart_are_one_but_a_step_is_not():
     rng = np.random.default_rng(0)
     shake = np.array([0.0, 0.0, 0.01])
     noisy = [
@@ -138,13 +138,13 @@ def test_heights_that_only_noise_tells_apart_are_one_but_a_step_is_not() -> None
     assert len(slices_of(step).heights) == 4
 
 
-def test_contours_all_at_one_height_are_one_slice() -> None:
+def test_contours_all_at_one_height_are_one_slice():
     slices = slices_of([circle(1.0, 0.3), circle(1.0, 0.3 + 1e-17), circle(1.0, 0.3)])
     assert len(slices.heights) == 1
     assert len(slices.dropped) == 2
 
 
-def test_a_tilted_contour_is_flagged_where_it_reaches_towards_the_next() -> None:
+def test_a_tilted_contour_is_flagged_where_it_reaches_towards_the_next():
     tilted = circle(1.0, 0.5)
     tilted[:, 2] += 0.2 * tilted[:, 0]
     slices = slices_of([circle(1.0, 0.0), tilted, circle(1.0, 1.0)])
@@ -155,14 +155,14 @@ def test_a_tilted_contour_is_flagged_where_it_reaches_towards_the_next() -> None
     assert slices_of([circle(1.0, 0.0)]).tilted.tolist() == [False]
 
 
-def test_sections_that_are_not_star_shaped_are_told(traced: Make, sections: Sections) -> None:
+def test_sections_that_are_not_star_shaped_are_told(traced, sections):
     slices = slices_of(traced(sections["kidney"]).contours(HEIGHTS, 60))
     assert not slices.star.any()
     for curve, middle in zip(slices.fine, slices.middles, strict=True):
         assert winding_number(curve, middle[None])[0] == 0
 
 
-def test_a_figure_of_eight_is_flagged() -> None:
+def test_a_figure_of_eight_is_flagged():
     angle = 2 * np.pi * np.arange(60) / 60
     eight = np.column_stack([np.cos(angle), 0.6 * np.sin(2 * angle), np.full(60, 0.5)])
     slices = slices_of([circle(1.0, 0.0), eight])
@@ -170,7 +170,7 @@ def test_a_figure_of_eight_is_flagged() -> None:
     assert slices.star.tolist() == [True, False]
 
 
-def test_points_nearer_than_their_noise_are_smoothed_instead_of_making_loops() -> None:
+def test_points_nearer_than_their_noise_are_smoothed_instead_of_making_loops():
     rng = np.random.default_rng(0)
     angle = 2 * np.pi * np.arange(800) / 800
     dense = np.column_stack([np.cos(angle), np.sin(angle)]) + 0.02 * rng.normal(size=(800, 2))
@@ -180,7 +180,7 @@ def test_points_nearer_than_their_noise_are_smoothed_instead_of_making_loops() -
     assert slices.perimeter[0] == pytest.approx(2 * np.pi, rel=0.01)
 
 
-def test_contours_can_be_left_out_afterwards(contours: list[Floats]) -> None:
+def test_contours_can_be_left_out_afterwards(contours):
     slices = slices_of([np.zeros((2, 3)), *contours])
     bad = np.isin(np.arange(9), [0, 5])
     left = slices.without(bad, "unlike its neighbours")
@@ -199,9 +199,7 @@ def test_contours_can_be_left_out_afterwards(contours: list[Floats]) -> None:
     exponent=st.integers(-9, 9), turn=st.floats(0, 7), shift=st.tuples(*[st.floats(-50, 50)] * 3)
 )
 @settings(derandomize=True, deadline=None, max_examples=20)
-def test_unit_place_and_direction_of_the_object_change_nothing(
-    exponent: int, turn: float, shift: tuple[float, float, float]
-) -> None:
+def test_unit_place_and_direction_of_the_object_change_nothing(exponent, turn, shift):
     given = [circle(1 + 0.3 * z, z)[:: 1 + (z > 0)] for z in (-1.0, -0.999999, 0.0, 0.7, 1.0)]
     given[2] *= [1.0, 0.4, 1.0]
     scale, (c, s) = 10.0**exponent, (np.cos(turn), np.sin(turn))
@@ -237,13 +235,11 @@ def test_unit_place_and_direction_of_the_object_change_nothing(
         ),
     ],
 )
-def test_what_is_no_stack_of_contours_is_refused(
-    contours: Any, heights: list[float] | None, words: str
-) -> None:
+def test_what_is_no_stack_of_contours_is_refused(contours, heights, words):
     with pytest.raises(ValueError, match=words):
         slices_of(contours, heights)
 
 
-def test_a_contour_without_points_is_left_out() -> None:
+def test_a_contour_without_points_is_left_out():
     slices = slices_of([circle(1.0, 0.0), [], circle(1.0, 1.0)])
     assert reasons(slices) == {1: "too few points"}

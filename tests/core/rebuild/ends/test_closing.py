@@ -85,9 +85,7 @@ def disc_of(end: End) -> End:
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_touched_ends_are_at_most_two_thirds_as_wrong_as_a_disc_on_the_last_contour(
-    name: str,
-) -> None:
+def test_touched_ends_are_at_most_two_thirds_as_wrong_as_a_disc_on_the_last_contour(name):
     for gap in (0.5, 2.0, 5.0):
         heights, grid, (low, high) = contours(name, gap)
         for row, end in zip((0, -1), close_ends(heights, grid, bottom=low, top=high), strict=True):
@@ -96,9 +94,7 @@ def test_touched_ends_are_at_most_two_thirds_as_wrong_as_a_disc_on_the_last_cont
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_with_noise_no_end_is_worse_than_a_disc_by_more_than_a_sixteenth_of_the_whole(
-    name: str,
-) -> None:
+def test_with_noise_no_end_is_worse_than_a_disc_by_more_than_a_sixteenth_of_the_whole(name):
     for (gap, count), touched in product([(0.5, 27), (5.0, 27), (2.0, 9), (5.0, 9)], (True, False)):
         heights, grid, (low, high) = contours(name, gap, count, noise=0.2)
         told = {"bottom": low, "top": high} if touched else {}
@@ -118,9 +114,7 @@ def test_with_noise_no_end_is_worse_than_a_disc_by_more_than_a_sixteenth_of_the_
         ("egg", ("conic", "conic")),
     ],
 )
-def test_the_family_is_the_one_that_tells_the_last_contour(
-    name: str, kinds: tuple[str, str]
-) -> None:
+def test_the_family_is_the_one_that_tells_the_last_contour(name, kinds):
     heights, grid, (low, high) = contours(name, 5.0)
 
     found = close_ends(heights, grid, bottom=low, top=high)
@@ -132,7 +126,7 @@ def test_the_family_is_the_one_that_tells_the_last_contour(
 
 @pytest.mark.parametrize("name", ["sphere", "ellipsoid", "egg"])
 @pytest.mark.parametrize("gap", [0.5, 2.0, 5.0])
-def test_the_pole_of_a_round_end_is_found_without_a_touch(name: str, gap: float) -> None:
+def test_the_pole_of_a_round_end_is_found_without_a_touch(name, gap):
     heights, grid, _ = contours(name, gap)
 
     for end, pole in zip(close_ends(heights, grid), (-50.0, 50.0), strict=True):
@@ -143,7 +137,7 @@ def test_the_pole_of_a_round_end_is_found_without_a_touch(name: str, gap: float)
 
 
 @pytest.mark.parametrize("name", ["cylinder", "rounded box", "frustum"])
-def test_a_flat_end_that_nobody_touched_leaves_one_spacing_uncovered(name: str) -> None:
+def test_a_flat_end_that_nobody_touched_leaves_one_spacing_uncovered(name):
     heights, grid, _ = contours(name, 5.0)
 
     for end, rim in zip(close_ends(heights, grid), heights[[0, -1]], strict=True):
@@ -152,7 +146,7 @@ def test_a_flat_end_that_nobody_touched_leaves_one_spacing_uncovered(name: str) 
         assert end.uncovered == pytest.approx(heights[1] - heights[0])
 
 
-def test_one_end_may_be_touched_and_the_other_not() -> None:
+def test_one_end_may_be_touched_and_the_other_not():
     heights, grid, (_, high) = contours("cylinder", 2.0)
 
     bottom, top = close_ends(heights, grid, top=high)
@@ -160,7 +154,7 @@ def test_one_end_may_be_touched_and_the_other_not() -> None:
     assert (bottom.kind, top.kind) == ("fan", "flat")
 
 
-def test_ends_are_the_same_upside_down() -> None:
+def test_ends_are_the_same_upside_down():
     heights, grid, (low, high) = contours("egg", 5.0, 20)
     bottom, top = close_ends(heights, grid, bottom=low, top=high)
 
@@ -172,7 +166,7 @@ def test_ends_are_the_same_upside_down() -> None:
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1e3])
-def test_ends_do_not_depend_on_the_unit(unit: float) -> None:
+def test_ends_do_not_depend_on_the_unit(unit):
     heights, grid, (low, high) = contours("rounded box", 5.0)
     top = close_ends(heights, grid, bottom=low, top=high, noise=0.1)[1]
 
@@ -185,7 +179,7 @@ def test_ends_do_not_depend_on_the_unit(unit: float) -> None:
     assert scaled.height == pytest.approx(unit * top.height)
 
 
-def test_the_middle_of_an_end_lies_where_the_axis_leads() -> None:
+def test_the_middle_of_an_end_lies_where_the_axis_leads():
     heights, grid, (low, high) = contours("cylinder", 5.0)
     leaning = grid + np.stack([0.2 * heights, -0.1 * heights], axis=-1)[:, None]
 
@@ -196,7 +190,7 @@ def test_the_middle_of_an_end_lies_where_the_axis_leads() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_few_contours_still_have_ends(count: int) -> None:
+def test_few_contours_still_have_ends(count):
     heights, grid, _ = contours("cylinder", 20.0, 9)
 
     touched = close_ends(heights[:count], grid[:count], bottom=-50.0, top=50.0)
@@ -207,7 +201,7 @@ def test_few_contours_still_have_ends(count: int) -> None:
     assert all(np.isfinite(end.shares(np.linspace(-50, 50, 5))).all() for end in touched)
 
 
-def test_the_pole_of_a_cone_is_found_although_two_roots_meet_there() -> None:
+def test_the_pole_of_a_cone_is_found_although_two_roots_meet_there():
     heights, grid, _ = contours("cone", 5.0)
 
     top = close_ends(heights, grid)[1]
@@ -216,7 +210,7 @@ def test_the_pole_of_a_cone_is_found_although_two_roots_meet_there() -> None:
     assert top.height == pytest.approx(50.0, abs=0.01)
 
 
-def test_a_touch_on_the_last_contour_makes_a_disc_there() -> None:
+def test_a_touch_on_the_last_contour_makes_a_disc_there():
     heights, grid, _ = contours("cylinder", 5.0)
 
     bottom, top = close_ends(heights, grid, bottom=-45.0, top=44.9)
@@ -225,7 +219,7 @@ def test_a_touch_on_the_last_contour_makes_a_disc_there() -> None:
     assert (top.kind, top.height) == ("flat", 45.0)
 
 
-def test_a_section_that_is_not_seen_whole_from_its_middle_is_told() -> None:
+def test_a_section_that_is_not_seen_whole_from_its_middle_is_told():
     heights, grid, (low, high) = contours("cylinder", 5.0)
     angle = np.pi * np.linspace(0.0, 1.6, 40)
     arc = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -251,7 +245,7 @@ def test_a_section_that_is_not_seen_whole_from_its_middle_is_told() -> None:
         ({"bottom": np.nan}, "bottom must be finite"),
     ],
 )
-def test_contours_that_have_no_ends_are_refused(change: dict[str, object], words: str) -> None:
+def test_contours_that_have_no_ends_are_refused(change, words):
     angle = 2 * np.pi * np.arange(8) / 8
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     given = {"heights": [0.0, 1.0, 2.0], "grid": np.stack([ring] * 3), **change}
@@ -260,7 +254,7 @@ def test_contours_that_have_no_ends_are_refused(change: dict[str, object], words
         close_ends(**given)  # type: ignore[arg-type]
 
 
-def test_far_beyond_the_contours_the_axis_leans_no_further() -> None:
+def test_far_beyond_the_contours_the_axis_leans_no_further():
     heights = np.linspace(0.0, 1.0, 9)
     turn = 2 * np.pi * np.arange(48) / 48
     ring = 0.3 * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
@@ -287,7 +281,7 @@ def rounded(depths: Floats, power: float = 10.0) -> Floats:
 
 
 @pytest.mark.parametrize("count", [20, 24, 27, 40])
-def test_a_rounded_edge_tells_where_the_box_ends(count: int) -> None:
+def test_a_rounded_edge_tells_where_the_box_ends(count):
     depths = free_shoulder_contours(count)
 
     found = free_shoulder(depths, rounded(depths), 0.0)
@@ -295,7 +289,7 @@ def test_a_rounded_edge_tells_where_the_box_ends(count: int) -> None:
     assert found == pytest.approx(GAP, abs=0.4 * GAP)
 
 
-def test_noise_lets_it_be_told_as_well_as_it_can() -> None:
+def test_noise_lets_it_be_told_as_well_as_it_can():
     depths = free_shoulder_contours(27)
     rng = np.random.default_rng(4)
     noisy = rounded(depths) + 0.02 * rng.normal(size=(30, 27))
@@ -306,7 +300,7 @@ def test_noise_lets_it_be_told_as_well_as_it_can() -> None:
     assert np.sqrt(np.mean(told**2)) < 0.6 * GAP
 
 
-def test_nothing_is_told_by_a_wall_a_cone_a_zigzag_or_few_contours() -> None:
+def test_nothing_is_told_by_a_wall_a_cone_a_zigzag_or_few_contours():
     depths = free_shoulder_contours(27)
     wall, cone = np.full(27, 30.0), 30.0 - 0.2 * depths
     zigzag = (20.0 + 8.0 * np.sin(depths)) * np.sqrt(1.0 - (depths / 51.0) ** 2)
@@ -317,7 +311,7 @@ def test_nothing_is_told_by_a_wall_a_cone_a_zigzag_or_few_contours() -> None:
     assert free_shoulder(depths[-11:], rounded(depths[-11:]), 0.0) is None
 
 
-def test_it_does_not_depend_on_the_unit() -> None:
+def test_it_does_not_depend_on_the_unit():
     depths = free_shoulder_contours(27)
 
     near, far = (free_shoulder(s * depths, s * rounded(depths), 0.0) for s in (1.0, 1e-3))

@@ -48,20 +48,20 @@ def top_contacts(slopes: Floats, *, pose: float = 0.0, noise: float = 0.0) -> Co
 
 
 @pytest.mark.parametrize("pose", [0.0, 1e-4])
-def test_a_plane_leans_as_its_touches_do_whatever_the_error_of_their_places(pose: float) -> None:
+def test_a_plane_leans_as_its_touches_do_whatever_the_error_of_their_places(pose):
     found = end_plane(top_contacts(TOP, pose=pose), 1.0)
     assert found is not None
     assert found.slopes == pytest.approx(TOP, abs=1e-12)
     assert found.height == pytest.approx(0.08, abs=2.0 * pose + 1e-12)
 
 
-def test_noise_of_taxels_leaves_a_slope_that_it_is_sure_of() -> None:
+def test_noise_of_taxels_leaves_a_slope_that_it_is_sure_of():
     found = end_plane(top_contacts(TOP, noise=NOISE), 1.0)
     assert found is not None
     assert np.abs(found.slopes - TOP).max() < 4.0 * found.error < 4e-3
 
 
-def test_a_touch_across_an_edge_tells_nothing() -> None:
+def test_a_touch_across_an_edge_tells_nothing():
     bent = touch((0.016, 0.0), 0.08, TOP)
     beyond = bent.points[:, 0] > 0.017
     bent.points[beyond, 2] -= 3e-4
@@ -72,7 +72,7 @@ def test_a_touch_across_an_edge_tells_nothing() -> None:
     assert found.slopes == pytest.approx(TOP, abs=1e-3)
 
 
-def test_taxels_in_a_line_tell_nothing_of_a_slope() -> None:
+def test_taxels_in_a_line_tell_nothing_of_a_slope():
     row = touch((0.0, 0.0), 0.08, TOP)
     at = np.column_stack([np.linspace(-0.005, 0.005, 49), np.zeros(49)])
     row.points[:] = np.column_stack([at, 0.08 + at @ TOP])
@@ -80,7 +80,7 @@ def test_taxels_in_a_line_tell_nothing_of_a_slope() -> None:
     assert [one.kind for one in end_contacts_of(contacts, 1.0)] == ["flat"] * 5 + ["edge"]
 
 
-def test_a_dome_that_one_touch_finds_flat_is_no_plane() -> None:
+def test_a_dome_that_one_touch_finds_flat_is_no_plane():
     parts = [touch(PLACES[0], 0.08, TOP)]
     for place in PLACES[1:]:
         one = touch(place, 0.08, TOP)
@@ -91,14 +91,14 @@ def test_a_dome_that_one_touch_finds_flat_is_no_plane() -> None:
     assert end_plane(contacts, 1.0) is None
 
 
-def test_a_ledge_below_the_top_tells_nothing() -> None:
+def test_a_ledge_below_the_top_tells_nothing():
     ledge = touch((0.01, 0.01), 0.04, np.zeros(2))
     found = end_plane(stack_points([top_contacts(TOP), ledge]), 1.0)
     assert found is not None
     assert found.slopes == pytest.approx(TOP, abs=1e-12)
 
 
-def test_a_dome_is_no_plane() -> None:
+def test_a_dome_is_no_plane():
     parts = []
     for place in PLACES:
         one = touch(place, 0.08, np.zeros(2))
@@ -110,12 +110,12 @@ def test_a_dome_is_no_plane() -> None:
     assert shear_between(contacts, np.zeros(2), (0.0, None)) is None
 
 
-def test_a_plane_over_which_something_stands_out_is_no_end() -> None:
+def test_a_plane_over_which_something_stands_out_is_no_end():
     knob = sides()._replace(points=sides().points * [0.2, 0.2, 1.0] + [0.0, 0.0, 0.01])
     assert end_plane(stack_points([top_contacts(TOP), knob]), 1.0) is None
 
 
-def test_between_a_platform_and_an_oblique_top_the_shear_grows() -> None:
+def test_between_a_platform_and_an_oblique_top_the_shear_grows():
     contacts = top_contacts(TOP)
     low = np.array([0.0, 0.0, -1e-3])
     found = shear_between(contacts, np.zeros(2), (low[2], None))
@@ -126,7 +126,7 @@ def test_between_a_platform_and_an_oblique_top_the_shear_grows() -> None:
     assert np.ptp(top[:, 2]) < 1e-12
 
 
-def test_two_ends_that_lean_alike_make_the_same_shear_everywhere() -> None:
+def test_two_ends_that_lean_alike_make_the_same_shear_everywhere():
     bottom = [touch(place, 0.0, TOP, -1.0) for place in PLACES]
     found = shear_between(stack_points([top_contacts(TOP), *bottom]), np.zeros(2), (None, None))
     assert found is not None
@@ -134,12 +134,12 @@ def test_two_ends_that_lean_alike_make_the_same_shear_everywhere() -> None:
     assert found.slopes == pytest.approx(TOP)
 
 
-def test_level_ends_are_left_as_they_are() -> None:
+def test_level_ends_are_left_as_they_are():
     assert shear_between(top_contacts(np.zeros(2)), np.zeros(2), (0.0, None)) is None
     assert shear_between(top_contacts(np.zeros(2), noise=NOISE), np.zeros(2), (0.0, None)) is None
 
 
-def test_an_object_that_leans_as_a_whole_is_not_sheared_but_turned() -> None:
+def test_an_object_that_leans_as_a_whole_is_not_sheared_but_turned():
     lean = np.arctan(0.2)  # more than an axis is ever off
     turn = np.array(
         [[np.cos(lean), 0.0, np.sin(lean)], [0.0, 1.0, 0.0], [-np.sin(lean), 0.0, np.cos(lean)]]
@@ -153,7 +153,7 @@ def test_an_object_that_leans_as_a_whole_is_not_sheared_but_turned() -> None:
     assert shear_between(leaning, np.zeros(2), (None, None)) is None
 
 
-def test_an_end_that_no_taxel_faces_is_only_given() -> None:
+def test_an_end_that_no_taxel_faces_is_only_given():
     level = top_contacts(np.zeros(2))
     assert only_given(level, -1.0, 0.0)
     assert only_given(level, 1.0, 0.081)
@@ -162,7 +162,7 @@ def test_an_end_that_no_taxel_faces_is_only_given() -> None:
 
 
 @pytest.mark.parametrize("low", [0.0, -1e-5])
-def test_a_taxel_of_the_side_on_the_platform_or_below_leaves_that_level(low: float) -> None:
+def test_a_taxel_of_the_side_on_the_platform_or_below_leaves_that_level(low):
     contacts = top_contacts(TOP)
     one = contacts.points[:1] * [1.0, 1.0, 0.0] + [0.0, 0.0, low]
     more = contacts._replace(
@@ -175,7 +175,7 @@ def test_a_taxel_of_the_side_on_the_platform_or_below_leaves_that_level(low: flo
     assert found.steepness(0.0) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_both_flanks_of_a_gable_are_no_plane() -> None:
+def test_both_flanks_of_a_gable_are_no_plane():
     flanks = [np.array([0.3, 0.0]), np.array([-0.3, 0.0])]
     parts = [
         touch((way * away, 0.004 * k), 0.08, flanks[int(way > 0)])
@@ -185,7 +185,7 @@ def test_both_flanks_of_a_gable_are_no_plane() -> None:
     assert end_plane(stack_points([sides(), *parts]), 1.0) is None
 
 
-def test_the_shear_moves_and_grows_with_the_object() -> None:
+def test_the_shear_moves_and_grows_with_the_object():
     contacts, away = top_contacts(TOP), np.array([1.0, -2.0, 0.5])
     one = shear_between(contacts, np.zeros(2), (None, None))
     moved = contacts._replace(points=1e3 * (contacts.points + away))
@@ -197,7 +197,7 @@ def test_the_shear_moves_and_grows_with_the_object() -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, 1.0, 1e9])
-def test_a_dome_is_bent_in_any_unit(scale: float) -> None:
+def test_a_dome_is_bent_in_any_unit(scale):
     one = touch((0.0, 0.0), 0.08, np.zeros(2))
     one.points[:, 2] -= (one.points[:, :2] ** 2).sum(axis=1) / 0.08
     contacts = stack_points([one])
@@ -205,7 +205,7 @@ def test_a_dome_is_bent_in_any_unit(scale: float) -> None:
     assert contact.kind == "bent"
 
 
-def test_taxels_of_one_height_are_a_plane() -> None:
+def test_taxels_of_one_height_are_a_plane():
     found = end_plane(stack_points([touch(place, 0.0, np.zeros(2)) for place in PLACES]), 1.0)
     assert found is None or found.slopes == pytest.approx(np.zeros(2), abs=1e-12)
 
@@ -239,14 +239,14 @@ def places() -> tuple[Floats, Floats]:
     return rng.uniform(0.1, 0.9, 40), rng.uniform(0.0, 1.0, 40)
 
 
-def test_points_come_back_from_the_levelled_space(places: tuple[Floats, Floats]) -> None:
+def test_points_come_back_from_the_levelled_space(places):
     points = ball(*places)
     assert SHEAR.sheared(SHEAR.levelled(points)) == pytest.approx(points, abs=1e-15)
     assert SHEAR.levelled(SHEAR.sheared(points)) == pytest.approx(points, abs=1e-15)
     assert np.array_equal(SHEAR.sheared(points)[:, :2], points[:, :2])
 
 
-def test_what_is_level_in_the_levelled_space_is_as_steep_as_it_tells() -> None:
+def test_what_is_level_in_the_levelled_space_is_as_steep_as_it_tells():
     level = np.column_stack(
         [np.random.default_rng(1).normal(0.0, 0.02, (30, 2)), np.full(30, 0.04)]
     )
@@ -259,9 +259,7 @@ def test_what_is_level_in_the_levelled_space_is_as_steep_as_it_tells() -> None:
 
 
 @pytest.mark.parametrize("by", [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2)])
-def test_derivatives_are_those_of_the_sheared_surface(
-    places: tuple[Floats, Floats], by: tuple[int, int]
-) -> None:
+def test_derivatives_are_those_of_the_sheared_surface(places, by):
     found = SHEAR.carried(lambda order: differences(*places, order), by)
     one = (1, 0) if by[0] else (0, 1)
     rest = by[0] - one[0], by[1] - one[1]
@@ -274,7 +272,7 @@ def test_derivatives_are_those_of_the_sheared_surface(
     assert found == pytest.approx(expected, abs=1e-9 if sum(by) == 1 else 2e-3)
 
 
-def test_normals_are_square_to_the_surface_on_both_sides(places: tuple[Floats, Floats]) -> None:
+def test_normals_are_square_to_the_surface_on_both_sides(places):
     tangents = [
         SHEAR.carried(lambda order: differences(*places, order), by) for by in ((1, 0), (0, 1))
     ]
@@ -287,7 +285,7 @@ def test_normals_are_square_to_the_surface_on_both_sides(places: tuple[Floats, F
     assert np.asarray(found.normals) == pytest.approx(outwards, abs=1e-8)
 
 
-def test_nothing_changes_without_a_shear_or_without_normals(places: tuple[Floats, Floats]) -> None:
+def test_nothing_changes_without_a_shear_or_without_normals(places):
     contacts = ContactPoints(ball(*places), None, np.zeros(40, np.int32))
     assert levelled(None, contacts) is contacts
     assert levelled(SHEAR, contacts).normals is None

@@ -34,27 +34,27 @@ def touches(heights: Floats, way: float = 1.0) -> ContactPoints:
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_touches_that_may_be_one_height_are_averaged(way: float) -> None:
+def test_touches_that_may_be_one_height_are_averaged(way):
     contacts = touches(np.array([0.1, 0.1002, 0.0998, 0.0996, 0.097]), way)
     found = touched_end(contacts, way * LAST, way, 1.5e-4, None)
     assert found == pytest.approx(way * 0.0999)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_without_noise_the_farthest_is_the_truest(way: float) -> None:
+def test_without_noise_the_farthest_is_the_truest(way):
     contacts = touches(np.array([0.1, 0.0999]), way)
     assert touched_end(contacts, way * LAST, way, None, way * 0.0999) == pytest.approx(way * 0.1)
     assert touched_end(contacts, way * LAST, way, None, way * 0.1001) == pytest.approx(way * 0.1001)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_an_end_that_is_known_to_lie_farther_is_not_pulled_in(way: float) -> None:
+def test_an_end_that_is_known_to_lie_farther_is_not_pulled_in(way):
     contacts = touches(np.array([0.097]), way)
     assert touched_end(contacts, way * LAST, way, 1e-4, way * 0.1) == pytest.approx(way * 0.1)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_what_is_no_touch_of_the_end_tells_nothing_of_it(way: float) -> None:
+def test_what_is_no_touch_of_the_end_tells_nothing_of_it(way):
     short = touches(np.array([0.08]), way)
     sideways = touches(np.array([0.1]), -way)._replace(points=touches(np.array([0.1]), way).points)
     for contacts in (short, sideways, touches(np.array([0.1]), way)._replace(normals=None)):
@@ -63,7 +63,7 @@ def test_what_is_no_touch_of_the_end_tells_nothing_of_it(way: float) -> None:
         assert touched_end(contacts, way * LAST, way, 1e-4, 0.1) == 0.1
 
 
-def test_flat_flanks_do_not_outvote_the_tip_between_them() -> None:
+def test_flat_flanks_do_not_outvote_the_tip_between_them():
     x, y = (1e-3 * part.ravel() for part in np.meshgrid(*2 * (np.arange(-3.0, 4.0),)))
     parts, normals = [], []
     for place in ((0.0, 0.0), (0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01)):
@@ -101,13 +101,13 @@ def domed(shifts: Floats, way: float = 1.0) -> ContactPoints:
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_touches_beside_the_top_tell_how_high_it_is(way: float) -> None:
+def test_touches_beside_the_top_tell_how_high_it_is(way):
     contacts = domed(np.zeros(5), way)
     on = np.arange(len(contacts.points)) < len(contacts.points) - 1
     assert dome_height(contacts, on, way) == pytest.approx(TOP, abs=1e-5)
 
 
-def test_the_errors_of_the_poses_average_out() -> None:
+def test_the_errors_of_the_poses_average_out():
     rng = np.random.default_rng(0)
     off = []
     for _ in range(200):
@@ -118,7 +118,7 @@ def test_the_errors_of_the_poses_average_out() -> None:
     assert errors.std() < 0.55 * POSE  # of the highest alone it is .67, and the mean is off by 1.2
 
 
-def test_noise_that_hides_a_dome_does_not_lower_it() -> None:
+def test_noise_that_hides_a_dome_does_not_lower_it():
     rng = np.random.default_rng(0)
     x, y = (1e-3 * part.ravel() for part in np.meshgrid(*2 * (np.arange(-5.0, 6.0),)))
     off = []
@@ -136,7 +136,7 @@ def test_noise_that_hides_a_dome_does_not_lower_it() -> None:
     assert abs(np.mean(np.array(off, np.float64) - TOP)) < 0.3 * POSE
 
 
-def test_two_touches_are_as_they_are() -> None:
+def test_two_touches_are_as_they_are():
     contacts = domed(np.array([0.0, 2e-5]))
     on = np.arange(len(contacts.points)) < len(contacts.points) - 1
     assert dome_height(contacts, on, 1.0) is None
@@ -168,20 +168,20 @@ def _felt(lean: Floats, turns: Floats = TURNS) -> ContactPoints:
 
 
 @pytest.mark.parametrize("told", [[0.0, 0.0], [0.006, -0.004]])
-def test_an_end_leans_as_it_was_touched_and_not_as_the_contours_do(told: list[float]) -> None:
+def test_an_end_leans_as_it_was_touched_and_not_as_the_contours_do(told):
     lean = np.array([-0.003, 0.002])
     found = with_touched_middle(_end(np.array(told)), ROW, _felt(lean))
     assert found.middle == pytest.approx(lean, abs=0.6e-3)
 
 
-def test_one_side_alone_tells_of_its_own_direction() -> None:
+def test_one_side_alone_tells_of_its_own_direction():
     lean = np.array([-0.003, 0.002])
     found = with_touched_middle(_end(np.zeros(2)), ROW, _felt(lean, np.linspace(-0.2, 0.2, 9)))
     assert found.middle[0] == pytest.approx(lean[0], abs=1e-3)
     assert abs(found.middle[1]) < abs(lean[1])
 
 
-def test_an_end_that_nobody_touched_stays_where_it_is() -> None:
+def test_an_end_that_nobody_touched_stays_where_it_is():
     contacts = _felt(np.zeros(2))
     below = ContactPoints(
         contacts.points - np.array([0.0, 0.0, 0.02]), contacts.normals, contacts.touch
@@ -192,7 +192,7 @@ def test_an_end_that_nobody_touched_stays_where_it_is() -> None:
     assert with_touched_middle(level, ROW, contacts) is level
 
 
-def test_a_middle_far_outside_is_not_believed() -> None:
+def test_a_middle_far_outside_is_not_believed():
     told = _end(np.zeros(2))
     assert with_touched_middle(told, ROW, _felt(np.array([0.03, 0.0]))) is told
 
@@ -214,7 +214,7 @@ def contacts_at(true: Any, heights: Floats) -> ContactPoints:
     return found
 
 
-def test_an_edge_is_told_as_mean_radii(oracle: Make) -> None:
+def test_an_edge_is_told_as_mean_radii(oracle):
     true = oracle([0.03, 0.02, 0.04], [0.4, 0.4])
     contacts = contacts_at(true, np.linspace(0.002, 0.079, 60))
     spline = spline_of(contacts)
@@ -228,7 +228,7 @@ def test_an_edge_is_told_as_mean_radii(oracle: Make) -> None:
     assert np.abs(found.radii / 0.02 - there).max() < 0.03
 
 
-def test_what_was_touched_next_to_the_last_row_alone_tells_nothing(oracle: Make) -> None:
+def test_what_was_touched_next_to_the_last_row_alone_tells_nothing(oracle):
     true = oracle([0.03, 0.02, 0.04], [0.4, 0.4])
     contacts = contacts_at(
         true, np.append(np.linspace(0.002, 0.072, 40), np.nextafter(LAST_ROW, 1.0))
@@ -236,7 +236,7 @@ def test_what_was_touched_next_to_the_last_row_alone_tells_nothing(oracle: Make)
     assert edge_samples(contacts, spline_of(contacts), LAST_ROW, END, 0.02, NO_LEAN) is None
 
 
-def test_what_was_touched_on_one_side_alone_tells_nothing(oracle: Make) -> None:
+def test_what_was_touched_on_one_side_alone_tells_nothing(oracle):
     true = oracle([0.03, 0.02, 0.04], [0.4, 0.4])
     contacts = contacts_at(true, np.linspace(0.002, 0.079, 60))
     assert contacts.normals is not None
@@ -248,7 +248,7 @@ def test_what_was_touched_on_one_side_alone_tells_nothing(oracle: Make) -> None:
     assert edge_samples(less, spline_of(contacts), LAST_ROW, END, 0.02, NO_LEAN) is None
 
 
-def test_a_surface_that_leans_over_the_end_has_no_edge_to_tell_of(oracle: Make) -> None:
+def test_a_surface_that_leans_over_the_end_has_no_edge_to_tell_of(oracle):
     true = oracle([0.03, 0.03, 0.04], [1.0, 1.0])
     heights = np.append(np.linspace(0.002, 0.077, 60), np.linspace(0.0772, 0.0798, 14))
     contacts = contacts_at(true, heights)

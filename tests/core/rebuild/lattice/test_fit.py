@@ -24,16 +24,14 @@ def places(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("noise", [0.0, 0.002])
 @pytest.mark.parametrize("name", STARLIKE)
-def test_sections_seen_whole_from_the_middle_do_not_fold(
-    sampled: Making, name: str, noise: float
-) -> None:
+def test_sections_seen_whole_from_the_middle_do_not_fold(sampled, name, noise):
     skin = sampled(name, noise=noise).loft()
     fit = fit_lattice(skin.surface, 0.1 * skin.uncertainty().rms)
     assert fit.health.folded == 0.0
     assert fit.health.rms < max(0.1 * skin.uncertainty().rms, 1e-5)
 
 
-def test_the_side_is_the_deformed_prism_and_close_to_the_skin(sampled: Making) -> None:
+def test_the_side_is_the_deformed_prism_and_close_to_the_skin(sampled):
     skin = sampled("lobed").loft()
     fit = fit_lattice(skin.surface)
     v, turns = places(300)
@@ -47,9 +45,7 @@ def test_the_side_is_the_deformed_prism_and_close_to_the_skin(sampled: Making) -
 
 @pytest.mark.parametrize("by", [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2)])
 @pytest.mark.parametrize("weighted", [False, True])
-def test_derivatives_of_the_side_are_those_of_differences(
-    sampled: Making, by: tuple[int, int], weighted: bool
-) -> None:
+def test_derivatives_of_the_side_are_those_of_differences(sampled, by, weighted):
     fit = fit_lattice(sampled("rounded box").loft().surface, 1e-4)
     if weighted:
         weights = np.random.default_rng(1).uniform(0.5, 2.0, fit.lattice.control.shape[:3])
@@ -72,7 +68,7 @@ def test_derivatives_of_the_side_are_those_of_differences(
     assert np.quantile(np.abs(found - slopes), 0.9) < 1e-2 * max(np.abs(found).max(), 1.0)
 
 
-def test_a_round_end_closes_in_a_point_exactly() -> None:
+def test_a_round_end_closes_in_a_point_exactly():
     heights, turn = np.linspace(-0.9, 0.9, 15), 2 * np.pi * np.arange(60) / 60
     rim = np.column_stack([np.cos(turn), np.sin(turn)])
     grid = np.sqrt(1 - heights**2)[:, None, None] * rim
@@ -87,13 +83,13 @@ def test_a_round_end_closes_in_a_point_exactly() -> None:
     assert np.abs(np.linalg.norm(side, axis=1) - 1.0).max() < 1e-4
 
 
-def test_a_sound_lattice_is_proved_sound(sampled: Making) -> None:
+def test_a_sound_lattice_is_proved_sound(sampled):
     fit = fit_lattice(sampled("bent tube", rows=9, around=24).loft().surface, 1e-3)
     assert fold_report(fit.lattice).verdict == "sound"
     assert fit.folds().verdict == "sound"
 
 
-def test_a_section_bent_around_its_middle_folds_and_says_so() -> None:
+def test_a_section_bent_around_its_middle_folds_and_says_so():
     turn = 2 * np.pi * np.arange(80) / 80
     bend, width = 1.9 * np.sin(turn), 0.52 + 0.16 * np.cos(turn)
     kidney = np.column_stack([width * np.cos(bend), width * np.sin(bend)])
@@ -104,7 +100,7 @@ def test_a_section_bent_around_its_middle_folds_and_says_so() -> None:
     assert fit.health.rms < 1e-3
 
 
-def test_the_lattice_is_the_same_in_micrometres_and_kilometres(sampled: Making) -> None:
+def test_the_lattice_is_the_same_in_micrometres_and_kilometres(sampled):
     one = sampled("twisted lobes", rows=9, around=40)
     lattice = fit_lattice(one.loft().surface, 1e-3).lattice
     for scale in (1e6, 1e-3):
@@ -113,7 +109,7 @@ def test_the_lattice_is_the_same_in_micrometres_and_kilometres(sampled: Making) 
         assert np.allclose(other.control, scale * lattice.control, rtol=0, atol=1e-7 * scale)
 
 
-def test_an_offset_changes_nothing_but_the_place(sampled: Making) -> None:
+def test_an_offset_changes_nothing_but_the_place(sampled):
     one, offset = sampled("lobed", rows=15, around=60), np.array([300.0, -200.0])
     near = fit_lattice(one.loft().surface, 1e-3)
     skin = fit_contour_loft(one.heights, one.grid + offset, low=-1.0, high=1.0)
@@ -124,7 +120,7 @@ def test_an_offset_changes_nothing_but_the_place(sampled: Making) -> None:
 
 
 @pytest.mark.parametrize("size", [(4, 4), (6, 9), (9, 60)])
-def test_the_size_that_is_wanted_is_taken(sampled: Making, size: tuple[int, int]) -> None:
+def test_the_size_that_is_wanted_is_taken(sampled, size):
     fit = fit_lattice(sampled("bent tube").loft().surface, size=size)
     assert fit.lattice.control.shape == (size[0], size[0], size[1], 3)
     # four layers cannot follow every bend of the tube
@@ -132,12 +128,12 @@ def test_the_size_that_is_wanted_is_taken(sampled: Making, size: tuple[int, int]
 
 
 @pytest.mark.parametrize("size", [(3, 9), (9, 3)])
-def test_a_size_below_four_is_refused(sampled: Making, size: tuple[int, int]) -> None:
+def test_a_size_below_four_is_refused(sampled, size):
     with pytest.raises(ValueError, match="size must be at least 4 each way, got"):
         fit_lattice(sampled("bent tube").loft().surface, size=size)
 
 
-def test_more_control_points_come_nearer_to_the_skin(sampled: Making) -> None:
+def test_more_control_points_come_nearer_to_the_skin(sampled):
     surface = sampled("star").loft().surface
     misfits = [fit_lattice(surface, size=(side, 27)).health.rms for side in (5, 9, 17)]
     assert misfits[1] < 0.5 * misfits[0]
@@ -151,7 +147,7 @@ def moved() -> Lattice:
     return lattice.with_control(lattice.control + 0.1 * rng.normal(size=(4, 5, 6, 3)), weights)
 
 
-def test_the_arrays_are_the_whole_lattice() -> None:
+def test_the_arrays_are_the_whole_lattice():
     lattice = moved()
     grid = lattice_grid(lattice)
     s, t, u = (Basis(k, d) for k, d in zip(grid.knots, grid.degrees, strict=True))
@@ -162,7 +158,7 @@ def test_the_arrays_are_the_whole_lattice() -> None:
     assert np.allclose(plain.deform(points), points, rtol=0, atol=1e-14)
 
 
-def test_any_undeformed_volume_will_do_and_no_weights_are_ones() -> None:
+def test_any_undeformed_volume_will_do_and_no_weights_are_ones():
     lattice = box_lattice(np.zeros(3), np.ones(3), (4, 4, 4))
     grid = lattice_grid(Lattice(lattice.volume, lattice.volume))
     assert np.array_equal(grid.undeformed, lattice.control)

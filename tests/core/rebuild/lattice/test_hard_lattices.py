@@ -36,7 +36,7 @@ def is_closed(solid: Solid) -> bool:
     return bool(np.isfinite(mesh.vertices).all() and found.watertight and found.genus == 0)
 
 
-def test_fewer_points_than_unknowns_keep_the_control_points_near(sampled: Making) -> None:
+def test_fewer_points_than_unknowns_keep_the_control_points_near(sampled):
     one = sampled("bent tube", rows=24, around=41)
     fit = fit_lattice(one.loft().surface, size=(7, 24))
     solid = reconstruct(one.contours(), size=(7, 24))
@@ -46,7 +46,7 @@ def test_fewer_points_than_unknowns_keep_the_control_points_near(sampled: Making
     assert rms(one, solid) < 5e-4
 
 
-def test_a_contour_that_is_missing_costs_little(sampled: Making) -> None:
+def test_a_contour_that_is_missing_costs_little(sampled):
     one = sampled("lobed")
     contours = one.contours()
     del contours[13]
@@ -54,7 +54,7 @@ def test_a_contour_that_is_missing_costs_little(sampled: Making) -> None:
     assert rms(one, solid) < 1.5e-3
 
 
-def test_a_contour_of_another_size_is_left_out_and_a_clean_one_is_not(sampled: Making) -> None:
+def test_a_contour_of_another_size_is_left_out_and_a_clean_one_is_not(sampled):
     one = sampled("lobed", noise=0.002)
     contours = one.contours()
     clean = reconstruct(contours)
@@ -65,7 +65,7 @@ def test_a_contour_of_another_size_is_left_out_and_a_clean_one_is_not(sampled: M
     assert rms(one, solid) < 2e-3
 
 
-def test_strong_noise_is_not_followed(sampled: Making) -> None:
+def test_strong_noise_is_not_followed(sampled):
     one = sampled("lobed", noise=0.015 * SIZE)
     solid = reconstruct(one.contours())
     # A fit to points that correspond leaves 0.003 of the size; raw points cost as much again.
@@ -74,7 +74,7 @@ def test_strong_noise_is_not_followed(sampled: Making) -> None:
     assert np.isfinite(solid.lattice.lattice.control).all()
 
 
-def test_a_top_contour_that_is_a_point_closes_there(sampled: Making) -> None:
+def test_a_top_contour_that_is_a_point_closes_there(sampled):
     contours = sampled("bent tube", rows=15, around=60).contours()
     contours.append(np.tile([1.2, 0.1, 1.0], (60, 1)))
     solid = reconstruct(contours)
@@ -83,14 +83,14 @@ def test_a_top_contour_that_is_a_point_closes_there(sampled: Making) -> None:
 
 
 @pytest.mark.parametrize("rows", [2, 3])
-def test_two_or_three_contours_make_a_cubic_lattice(sampled: Making, rows: int) -> None:
+def test_two_or_three_contours_make_a_cubic_lattice(sampled, rows):
     solid = reconstruct(sampled("rounded box", rows=rows, around=60).contours())
     assert is_closed(solid)
     assert solid.lattice.lattice.volume.bases[2].degree == 3
     assert solid.lattice.health.folded == 0.0
 
 
-def test_uneven_and_repeated_heights_do_not_fold(sampled: Making) -> None:
+def test_uneven_and_repeated_heights_do_not_fold(sampled):
     one = sampled("rounded box", rows=15, around=60)
     contours = one.contours()
     for contour, height in zip(contours, np.sort(one.heights**3), strict=True):
@@ -107,7 +107,7 @@ def test_uneven_and_repeated_heights_do_not_fold(sampled: Making) -> None:
     assert is_closed(solid)
 
 
-def test_forty_control_points_each_way_are_solved_for_many_points() -> None:
+def test_forty_control_points_each_way_are_solved_for_many_points():
     heights, turn = np.linspace(-1, 1, 200), 2 * np.pi * np.arange(400) / 400
     radius = np.sqrt(1.04 - heights**2)[:, None] * (1 + 0.12 * np.cos(3 * turn))
     grid = radius[..., None] * np.column_stack([np.cos(turn), np.sin(turn)])
@@ -120,9 +120,7 @@ def test_forty_control_points_each_way_are_solved_for_many_points() -> None:
 
 @pytest.mark.parametrize("name", ["lobed", "rounded box", "star"])
 @pytest.mark.parametrize(("rows", "around", "noise"), [(27, 81, 0.0), (27, 81, 4e-3), (9, 24, 0.0)])
-def test_the_lattice_is_as_near_to_the_object_as_the_skin(
-    sampled: Making, name: str, rows: int, around: int, noise: float
-) -> None:
+def test_the_lattice_is_as_near_to_the_object_as_the_skin(sampled, name, rows, around, noise):
     one = sampled(name, rows=rows, around=around, noise=noise)
     lattice, skin = (reconstruct(one.contours(), method=way) for way in ("lattice", "skin"))
     v, turns = np.random.default_rng(1).uniform(0.05, 0.95, (2, 400))

@@ -42,7 +42,7 @@ def outwards(solid: Solid, v: float, turns: float, by: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("weights", [False, True])
-def test_a_point_that_was_pulled_out_is_passed(weights: bool) -> None:
+def test_a_point_that_was_pulled_out_is_passed(weights):
     point = outwards(ball(), 0.55, 0.2, 3.0)
     refined = ball().refined(point, weights=weights)
     assert abs(refined.search().nearest(point).distances[0]) < 1e-6
@@ -52,14 +52,14 @@ def test_a_point_that_was_pulled_out_is_passed(weights: bool) -> None:
     assert (refined.lattice.lattice.volume.weights is not None) == weights
 
 
-def test_weights_spare_control_points_a_part_of_the_way() -> None:
+def test_weights_spare_control_points_a_part_of_the_way():
     point = outwards(ball(), 0.55, 0.2, 3.0)
     moved = [ball().refined(point, weights=w).lattice.refinement.moved for w in (False, True)]
     assert moved[1] < moved[0]
 
 
 @pytest.mark.parametrize("weights", [False, True])
-def test_points_on_the_surface_change_nothing(weights: bool) -> None:
+def test_points_on_the_surface_change_nothing(weights):
     points = ball().surface.at([0.3, 0.5, 0.7], [0.1, 0.4, 0.9])
     refined = ball().refined(points, weights=weights)
     assert np.array_equal(refined.lattice.lattice.control, ball().lattice.lattice.control)
@@ -67,7 +67,7 @@ def test_points_on_the_surface_change_nothing(weights: bool) -> None:
 
 
 @pytest.mark.parametrize("weights", [False, True])
-def test_what_is_far_away_stays_as_it_was(weights: bool) -> None:
+def test_what_is_far_away_stays_as_it_was(weights):
     refined = ball().refined(outwards(ball(), 0.55, 0.2, 3.0), weights=weights)
     v, turns = np.random.default_rng(0).random((2, 500))
     before, after = (solid.surface.at(v, turns) for solid in (ball(), refined))
@@ -78,7 +78,7 @@ def test_what_is_far_away_stays_as_it_was(weights: bool) -> None:
     assert far.sum() > 100 and moved[far].max() < 1e-4 * 3.0
 
 
-def test_many_points_that_contradict_each_other_are_met_in_the_middle() -> None:
+def test_many_points_that_contradict_each_other_are_met_in_the_middle():
     out, back = outwards(ball(), 0.5, 0.3, 2.0), outwards(ball(), 0.5, 0.3, -1.0)
     refined = ball().refined(np.concatenate([out, back]))
     middle = outwards(ball(), 0.5, 0.3, 0.5)
@@ -86,7 +86,7 @@ def test_many_points_that_contradict_each_other_are_met_in_the_middle() -> None:
     assert refined.lattice.refinement.most == pytest.approx(1.5, rel=0.05)
 
 
-def test_doubtful_points_draw_less() -> None:
+def test_doubtful_points_draw_less():
     point = outwards(ball(), 0.5, 0.3, 2.0)
     left = [
         ball().refined(point, sigma=sigma).lattice.refinement.after for sigma in (0.02, 2.0, 20.0)
@@ -96,7 +96,7 @@ def test_doubtful_points_draw_less() -> None:
     assert left[2] > 1.8
 
 
-def test_a_touch_on_a_dent_that_nobody_touched_brings_the_surface_nearer_there() -> None:
+def test_a_touch_on_a_dent_that_nobody_touched_brings_the_surface_nearer_there():
     def dent(points: np.ndarray) -> np.ndarray:
         """A ball with a shallow dent at +x."""
         way = points / np.linalg.norm(points, axis=1, keepdims=True)
@@ -114,7 +114,7 @@ def test_a_touch_on_a_dent_that_nobody_touched_brings_the_surface_nearer_there()
     assert after < 0.5 * before
 
 
-def test_points_at_an_end_are_counted_and_change_nothing() -> None:
+def test_points_at_an_end_are_counted_and_change_nothing():
     refined = tube().refined([[0.1, 0.0, 1.2], [0.0, 0.0, -0.1]])
     found = refined.lattice.refinement
     assert (found.beyond, found.points) == (2, 0)
@@ -122,7 +122,7 @@ def test_points_at_an_end_are_counted_and_change_nothing() -> None:
     assert np.array_equal(refined.lattice.lattice.control, tube().lattice.lattice.control)
 
 
-def test_the_refined_solid_stays_closed_and_says_what_was_done() -> None:
+def test_the_refined_solid_stays_closed_and_says_what_was_done():
     refined = ball().refined(outwards(ball(), 0.7, 0.6, -4.0))
     assert refined.mesh(1.0).faces.shape[1] == 3
     health = refined.health()
@@ -131,14 +131,14 @@ def test_the_refined_solid_stays_closed_and_says_what_was_done() -> None:
     assert health["lattice_folded"] == refined.lattice.refinement.folded == 0.0
 
 
-def test_a_pull_through_the_other_side_is_a_fold_and_said() -> None:
+def test_a_pull_through_the_other_side_is_a_fold_and_said():
     refined = tube().refined([[-0.6, 0.0, 0.5]], weights=False)
     through = refine_lattice(tube().lattice, np.array([[-0.8, 0.0, 0.5]]), np.array([[0.5, 0.0]]))
     assert refined.lattice.refinement.folded == 0.0
     assert through.refinement.folded > 0.0
 
 
-def test_a_pole_stays_a_point() -> None:
+def test_a_pole_stays_a_point():
     point = outwards(ball(), 0.97, 0.2, 2.0)
     refined = ball().refined(point)
     top = refined.surface.at(np.ones(20), np.arange(20) / 20)
@@ -146,7 +146,7 @@ def test_a_pole_stays_a_point() -> None:
     assert refined.lattice.refinement.after < 0.2
 
 
-def test_only_a_lattice_can_be_refined() -> None:
+def test_only_a_lattice_can_be_refined():
     turn = 2 * np.pi * np.arange(60) / 60
     rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(60)])
     skin = reconstruct([rim, rim + [0.0, 0.0, 1.0]], method="skin")
@@ -162,12 +162,12 @@ def test_only_a_lattice_can_be_refined() -> None:
         ([[0.0, 0.0, 60.0]], 0.0, "sigma must be positive"),
     ],
 )
-def test_what_is_no_point_is_refused(points: Any, sigma: float | None, words: str) -> None:
+def test_what_is_no_point_is_refused(points, sigma, words):
     with pytest.raises(ValueError, match=words):
         ball().refined(points, sigma=sigma)
 
 
-def test_a_deviation_of_nothing_is_refused(sampled: Making) -> None:
+def test_a_deviation_of_nothing_is_refused(sampled):
     fit: LatticeFit = fit_lattice(sampled("bent tube", rows=9, around=24).loft().surface, 1e-3)
     with pytest.raises(ValueError, match="sigma must be positive, got 0 m"):
         refine_lattice(fit, np.ones((1, 3)), np.full((1, 2), 0.5), sigma=np.zeros(1))

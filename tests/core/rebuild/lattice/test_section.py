@@ -25,21 +25,21 @@ def around(section: Section) -> np.ndarray:
 
 @pytest.mark.parametrize("exponent", [1.0, 0.45, 0.2])
 @pytest.mark.parametrize("angle", [0.0, 0.6, 1.3])
-def test_a_superellipse_is_its_own_section(exponent: float, angle: float) -> None:
+def test_a_superellipse_is_its_own_section(exponent, angle):
     curve = superellipse(exponent, 0.5, 0.3, angle) + [0.1, -0.2]
     section = fit_section(np.stack([curve, curve]))
     assert np.allclose(around(section), curve, rtol=0, atol=0.02)
     assert section.exponent == pytest.approx(exponent, abs=0.15)
 
 
-def test_an_ellipse_is_met_exactly_at_its_own_turns() -> None:
+def test_an_ellipse_is_met_exactly_at_its_own_turns():
     curve = superellipse(1.0, 0.5, 0.2, 0.4)
     section = fit_section(curve[None])
     assert np.allclose(around(section), curve, rtol=0, atol=2e-3)
     assert np.sort(section.half_extent) == pytest.approx([0.2, 0.5], rel=1e-2)
 
 
-def test_layers_that_turn_and_shrink_and_points_keep_the_shape() -> None:
+def test_layers_that_turn_and_shrink_and_points_keep_the_shape():
     curve = superellipse(0.33, 0.5, 0.4)
     turns = [(np.cos(a), np.sin(a)) for a in np.linspace(0.0, 3.0, 7)]
     layers = [curve @ np.array([[c, s], [-s, c]]) * (1 + 0.2 * s) for c, s in turns]
@@ -49,7 +49,7 @@ def test_layers_that_turn_and_shrink_and_points_keep_the_shape() -> None:
     assert ratio == pytest.approx(1.25, rel=0.05)
 
 
-def test_a_curve_that_runs_back_and_forth_in_azimuth_is_walked_forwards() -> None:
+def test_a_curve_that_runs_back_and_forth_in_azimuth_is_walked_forwards():
     bend = 1.9 * np.sin(AZIMUTH)
     width = 0.52 + 0.16 * np.cos(AZIMUTH)
     kidney = np.column_stack([width * np.cos(bend), width * np.sin(bend)])
@@ -59,7 +59,7 @@ def test_a_curve_that_runs_back_and_forth_in_azimuth_is_walked_forwards() -> Non
     assert (steps > 0.0).all() and steps.sum() == pytest.approx(2 * np.pi, rel=1e-9)
 
 
-def test_the_section_of_a_grasp_is_taken() -> None:
+def test_the_section_of_a_grasp_is_taken():
     class Grasp:
         size = np.array([0.5, 0.3, 0.7])
         exponents = np.array([0.4, 0.5])
@@ -74,7 +74,7 @@ def test_the_section_of_a_grasp_is_taken() -> None:
 
 
 @pytest.mark.parametrize("exponent", [1.0, 0.6, 0.25])
-def test_derivatives_of_the_rim_are_those_of_differences(exponent: float) -> None:
+def test_derivatives_of_the_rim_are_those_of_differences(exponent):
     lead = 0.02 * np.cos(2 * np.pi * np.arange(16) / 16)
     section = Section(np.zeros(2), np.diag([0.5, 0.3]), exponent, lead)
     turns, step = np.linspace(0.01, 0.95, 40), 1e-5
@@ -84,7 +84,7 @@ def test_derivatives_of_the_rim_are_those_of_differences(exponent: float) -> Non
         assert np.allclose(section.rim(turns, order), slopes, rtol=1e-5, atol=2e-4)
 
 
-def test_an_integral_over_the_section_is_its_share_of_the_box() -> None:
+def test_an_integral_over_the_section_is_its_share_of_the_box():
     section = Section(np.zeros(2), np.diag([0.5, 0.3]), 1.0, np.zeros(8))
     places, weights = section.inside()
     assert weights.sum() == pytest.approx(np.pi / 4, rel=1e-12)
@@ -98,9 +98,7 @@ RIM = np.column_stack([np.cos(TURN), np.sin(TURN)])
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
 @pytest.mark.parametrize("poles", [(False, False), (True, True), (True, False)])
-def test_layers_are_the_skin_itself_with_heights_to_a_millionth(
-    count: int, poles: tuple[bool, bool]
-) -> None:
+def test_layers_are_the_skin_itself_with_heights_to_a_millionth(count, poles):
     heights = np.linspace(-0.8, 0.8, count) if count > 1 else np.zeros(1)
     radius = np.sqrt(1 - heights**2)
     grid = radius[:, None, None] * RIM
@@ -118,7 +116,7 @@ def test_layers_are_the_skin_itself_with_heights_to_a_millionth(
     assert (layers.basis.degree, layers.basis.domain) == (3, (0.0, 1.0))
 
 
-def test_too_few_layers_are_refused() -> None:
+def test_too_few_layers_are_refused():
     surface = fit_contour_loft([-0.5, 0.5], np.stack([RIM, RIM]), low=-1.0, high=1.0).surface
     with pytest.raises(ValueError, match="layers must be at least 4, got 3"):
         layers_of(surface, 3)

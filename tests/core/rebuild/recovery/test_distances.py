@@ -39,7 +39,7 @@ def drawn(warps: Warps, seed: int = 0) -> tuple[Floats, Floats, Floats]:
 
 @pytest.mark.parametrize("warps", KINDS)
 @pytest.mark.parametrize("bend", [0.6, 1e-9, 0.0])
-def test_the_jacobian_is_that_of_central_differences(warps: Warps, bend: float) -> None:
+def test_the_jacobian_is_that_of_central_differences(warps, bend):
     parameters, points, frames = drawn(warps)
     if warps.bend:
         parameters[:, warps.bend_columns] *= bend / 0.6
@@ -57,7 +57,7 @@ def test_the_jacobian_is_that_of_central_differences(warps: Warps, bend: float) 
         assert np.median(error) < 1e-9
 
 
-def test_distances_from_a_ball_a_box_and_an_octahedron_are_exact_or_those_of_their_faces() -> None:
+def test_distances_from_a_ball_a_box_and_an_octahedron_are_exact_or_those_of_their_faces():
     frames, rigid = np.eye(3)[None], Warps(False, False)
     points = np.random.default_rng(1).normal(size=(200, 3))
     size = np.log([0.5, 0.5, 0.5])
@@ -70,7 +70,7 @@ def test_distances_from_a_ball_a_box_and_an_octahedron_are_exact_or_those_of_the
         assert np.allclose(found, wanted, rtol=0, atol=1e-14)
 
 
-def test_the_distance_from_a_thin_disc_is_measured_across_it_not_along_the_radius() -> None:
+def test_the_distance_from_a_thin_disc_is_measured_across_it_not_along_the_radius():
     parameters = np.concatenate([np.log([1.0, 1.0, 0.05]), [1.0, 1.0], np.zeros(6)])[None]
     above = np.array([[0.5, 0.0, 0.05 * np.sqrt(0.75) + 1e-4]])
     found = distances_alone(parameters, above, np.eye(3)[None], Warps(False, False))[0, 0]
@@ -80,7 +80,7 @@ def test_the_distance_from_a_thin_disc_is_measured_across_it_not_along_the_radiu
     assert radial > 5 * found
 
 
-def test_points_of_a_warped_solid_have_no_distance_from_it() -> None:
+def test_points_of_a_warped_solid_have_no_distance_from_it():
     warps = Warps(True, True)
     size, exponents = np.array([0.3, 0.2, 0.6]), np.array([0.4, 1.3])
     bend = np.array([0.8, -0.5])
@@ -95,9 +95,7 @@ def test_points_of_a_warped_solid_have_no_distance_from_it() -> None:
 
 
 @pytest.mark.parametrize("warps", KINDS)
-def test_distances_and_derivatives_are_finite_on_axes_creases_and_at_the_centre(
-    warps: Warps,
-) -> None:
+def test_distances_and_derivatives_are_finite_on_axes_creases_and_at_the_centre(warps):
     parameters, _, _ = drawn(warps, 3)
     parameters[:, 5:11] = 0.0
     parameters[:4, 3:5] = [[2.0, 2.0], [0.02, 0.02], [0.02, 2.0], [2.0, 0.02]]
@@ -119,7 +117,7 @@ def triple(rows: int) -> Triple:
     return x, y, z
 
 
-def test_unbending_is_that_of_the_bend_however_small() -> None:
+def test_unbending_is_that_of_the_bend_however_small():
     bends = np.array(
         [[0.0, 0.0], [1e-200, 0.0], [1e-16, 1e-16], [1e-9, -1e-9], [0.6, 0.5], [-1, 0]]
     )
@@ -131,7 +129,7 @@ def test_unbending_is_that_of_the_bend_however_small() -> None:
         assert np.allclose(mine, wanted, rtol=0, atol=4e-15)
 
 
-def test_places_at_the_centre_of_curvature_are_finite() -> None:
+def test_places_at_the_centre_of_curvature_are_finite():
     centre = (np.array([[0.5]]), np.array([[0.0]]), np.array([[0.0]]))
     found = unbend(centre, np.array([[2.0, 0.0]]))
     assert all(np.isfinite(part).all() for part in straight_places(found))
@@ -139,14 +137,14 @@ def test_places_at_the_centre_of_curvature_are_finite() -> None:
 
 
 @pytest.mark.parametrize("taper", [[0.0, 0.0], [0.7, -0.5], [-0.95, 0.95]])
-def test_untapering_is_that_of_the_taper_between_the_ends(taper: list[float]) -> None:
+def test_untapering_is_that_of_the_taper_between_the_ends(taper):
     size = np.array([[0.3, 0.2, 0.6]])
     found = np.stack(untaper(triple(1), size, np.array([taper])).place, axis=-1)[0]
     wanted = Taper(taper[0], taper[1], 0.6).inverse(STRAIGHTENING_POINTS) / size
     assert np.allclose(found, wanted, rtol=1e-14)
 
 
-def test_beyond_the_ends_no_taper_within_bounds_collapses() -> None:
+def test_beyond_the_ends_no_taper_within_bounds_collapses():
     far = (np.ones((2, 1)), np.ones((2, 1)), np.array([[-50.0], [50.0]]))
     widths = untaper(far, np.ones((2, 3)), np.array([[0.95, -0.95], [0.95, -0.95]])).width
     assert min(width.min() for width in widths) > 0

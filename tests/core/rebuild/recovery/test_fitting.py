@@ -19,7 +19,7 @@ Draw = Callable[[int], Floats]
 
 
 @pytest.mark.parametrize("exponents", [[0.1, 0.1], [0.3, 1.2], [1.0, 1.0], [1.0, 0.2], [1.7, 0.6]])
-def test_exact_points_give_the_solid_back(cloud: Made, exponents: list[float]) -> None:
+def test_exact_points_give_the_solid_back(cloud, exponents):
     made = cloud([0.3, 0.2, 0.5], exponents, noise=0.0)
     found = recover(made.points)
     assert found.warnings == ()
@@ -28,7 +28,7 @@ def test_exact_points_give_the_solid_back(cloud: Made, exponents: list[float]) -
     assert np.allclose(found.shape().bounds(), made.truth.bounds(), rtol=0, atol=1e-3)
 
 
-def test_a_tapered_and_bent_solid_is_recovered(cloud: Made, chamfer: Made) -> None:
+def test_a_tapered_and_bent_solid_is_recovered(cloud, chamfer):
     made = cloud(
         [0.3, 0.2, 0.6], [0.4, 1.1], count=100, noise=0.002, taper=[0.5, -0.3], bend=Bend(0.9, 0.4)
     )
@@ -40,7 +40,7 @@ def test_a_tapered_and_bent_solid_is_recovered(cloud: Made, chamfer: Made) -> No
     assert np.sort(np.abs(found.taper)) == pytest.approx([0.3, 0.5], abs=0.06)
 
 
-def test_what_is_not_asked_for_is_not_fitted(cloud: Made) -> None:
+def test_what_is_not_asked_for_is_not_fitted(cloud):
     made = cloud([0.3, 0.2, 0.5], [0.5, 1.0])
     found = recover(made.points)
     assert not found.taper.any()
@@ -52,7 +52,7 @@ def test_what_is_not_asked_for_is_not_fitted(cloud: Made) -> None:
     assert not only.taper.any()
 
 
-def test_the_choice_of_the_thesis_is_among_three_shapes(cloud: Made, chamfer: Made) -> None:
+def test_the_choice_of_the_thesis_is_among_three_shapes(cloud, chamfer):
     for name, exponents in CHOICES.items():
         made = cloud([0.3, 0.25, 0.5], exponents)
         found = recover(made.points, choice="thesis")
@@ -65,7 +65,7 @@ def test_the_choice_of_the_thesis_is_among_three_shapes(cloud: Made, chamfer: Ma
 
 
 @pytest.mark.slow
-def test_errors_of_repeated_fits_are_as_large_as_their_deviations_say(cloud: Made) -> None:
+def test_errors_of_repeated_fits_are_as_large_as_their_deviations_say(cloud):
     names, true = ("log size x", "log size y", "log size z", "e1", "e2"), [0.3, 0.2, 0.5, 0.5, 0.8]
     errors = []
     for seed in range(40):
@@ -79,7 +79,7 @@ def test_errors_of_repeated_fits_are_as_large_as_their_deviations_say(cloud: Mad
 
 
 @pytest.mark.slow
-def test_the_surface_is_as_far_off_as_its_looseness_says(cloud: Made, chamfer: Made) -> None:
+def test_the_surface_is_as_far_off_as_its_looseness_says(cloud, chamfer):
     shares = []
     for seed in range(12):
         made = cloud([0.3, 0.2, 0.5], [0.5, 0.8], seed=seed, noise=0.01)
@@ -89,7 +89,7 @@ def test_the_surface_is_as_far_off_as_its_looseness_says(cloud: Made, chamfer: M
     assert 0.5 < np.median(shares) < 1.2
 
 
-def test_of_thousands_of_points_all_count(cloud: Made) -> None:
+def test_of_thousands_of_points_all_count(cloud):
     made = cloud([0.3, 0.2, 0.5], [0.5, 0.8], count=5000, noise=0.01, turned=False)
     for options in ({}, {"outliers": True}):
         found = recover(made.points, **options)
@@ -100,19 +100,19 @@ def test_of_thousands_of_points_all_count(cloud: Made) -> None:
         assert len(found.residuals) == 5000
 
 
-def test_a_turn_that_the_start_did_not_foresee_is_no_bound(cloud: Made) -> None:
+def test_a_turn_that_the_start_did_not_foresee_is_no_bound(cloud):
     for seed in range(8):
         found = recover(cloud([0.5, 0.5, 0.7], [0.1, 1.0], noise=0.01, seed=seed).points)
         assert found.warnings == ()
 
 
-def test_a_noise_larger_than_the_solid_is_as_large_as_the_solid(cloud: Made) -> None:
+def test_a_noise_larger_than_the_solid_is_as_large_as_the_solid(cloud):
     found = recover(cloud([0.3, 0.2, 0.5], [0.5, 0.8]).points, outliers=True, noise=1e300)
     assert "loose" in found.warnings
     assert np.isfinite(found.covariance).all()
 
 
-def test_points_that_lie_elsewhere_are_named_outliers(cloud: Made, chamfer: Made) -> None:
+def test_points_that_lie_elsewhere_are_named_outliers(cloud, chamfer):
     made = cloud([0.3, 0.2, 0.5], [0.4, 0.9], noise=0.005)
     points, rng = made.points.copy(), np.random.default_rng(7)
     middle = points.mean(axis=0)
@@ -139,8 +139,8 @@ def test_points_that_lie_elsewhere_are_named_outliers(cloud: Made, chamfer: Made
     ],
 )
 def test_the_solid_does_not_depend_on_where_it_stands_nor_on_the_unit(
-    cloud: Made, rotations: Draw, turns: int, kind: dict[str, Any], options: dict[str, Any]
-) -> None:
+    cloud, rotations, turns, kind, options
+):
     made = cloud(**kind)
     first = recover(made.points, **options)
     vertices = first.shape().mesh(3).vertices
@@ -156,14 +156,14 @@ def test_the_solid_does_not_depend_on_where_it_stands_nor_on_the_unit(
         assert found.size == pytest.approx(unit * first.size, rel=1e-5)
 
 
-def test_the_points_order_does_not_matter(cloud: Made) -> None:
+def test_the_points_order_does_not_matter(cloud):
     made = cloud([0.3, 0.2, 0.5], [0.4, 1.3])
     first, second = recover(made.points), recover(made.points[::-1])
     assert second.size == pytest.approx(first.size, rel=1e-8)
     assert second.residuals[::-1] == pytest.approx(first.residuals, abs=1e-9)
 
 
-def test_a_solid_about_points_in_one_place_has_no_shape() -> None:
+def test_a_solid_about_points_in_one_place_has_no_shape():
     with pytest.raises(ValueError, match="size must be positive"):
         recover(np.ones((20, 3))).shape()
 
@@ -178,9 +178,7 @@ def test_a_solid_about_points_in_one_place_has_no_shape() -> None:
         (np.ones((20, 3)), {"choice": "cube"}, "choice must be 'thesis' or None, got 'cube'"),
     ],
 )
-def test_what_cannot_be_recovered_from_is_refused(
-    points: Floats, options: dict[str, Any], words: str
-) -> None:
+def test_what_cannot_be_recovered_from_is_refused(points, options, words):
     with pytest.raises(ValueError, match=words):
         recover(points, **options)
 
@@ -189,9 +187,7 @@ def test_what_cannot_be_recovered_from_is_refused(
     ("taper", "bend", "count"),
     [(False, False, 36), (True, False, 72), (False, True, 144), (True, True, 144)],
 )
-def test_every_start_lies_within_its_bounds(
-    cloud: Made, taper: bool, bend: bool, count: int
-) -> None:
+def test_every_start_lies_within_its_bounds(cloud, taper, bend, count):
     warps = Warps(taper, bend)
     points = scaled_down(cloud([0.3, 0.2, 0.5], [0.5, 1.0]).points).points
     starts = starts_of(points, warps, None)
@@ -200,7 +196,7 @@ def test_every_start_lies_within_its_bounds(
     assert (starts.parameters <= starts.high).all()
 
 
-def test_chosen_exponents_cannot_move(cloud: Made) -> None:
+def test_chosen_exponents_cannot_move(cloud):
     points = scaled_down(cloud([0.3, 0.2, 0.5], [0.5, 1.0]).points).points
     starts = starts_of(points, Warps(False, False), tuple(CHOICES.values()))
     assert len(starts.parameters) == 36
@@ -208,7 +204,7 @@ def test_chosen_exponents_cannot_move(cloud: Made) -> None:
     assert set(map(tuple, starts.parameters[:, 3:5])) == set(CHOICES.values())
 
 
-def test_one_of_the_starts_has_seen_the_taper_and_the_bend(cloud: Made) -> None:
+def test_one_of_the_starts_has_seen_the_taper_and_the_bend(cloud):
     made = cloud(
         [0.2, 0.2, 0.6], [0.5, 1.0], count=200, noise=0.0, taper=[0.5, 0.5], bend=Bend(0.8, 0.0)
     )
@@ -220,7 +216,7 @@ def test_one_of_the_starts_has_seen_the_taper_and_the_bend(cloud: Made) -> None:
     assert seen.any()
 
 
-def test_flat_points_start_with_some_thickness() -> None:
+def test_flat_points_start_with_some_thickness():
     points = np.random.default_rng(0).normal(size=(30, 3)) * [0.3, 0.2, 1e-9]
     starts = starts_of(points, Warps(False, False), None)
     assert np.isfinite(starts.parameters).all()
@@ -228,12 +224,12 @@ def test_flat_points_start_with_some_thickness() -> None:
 
 
 @pytest.mark.parametrize(("bend", "folded"), [(0.0, False), (1.5, False), (6.0, True)])
-def test_a_bend_that_squeezes_the_inner_side_folds(bend: float, folded: bool) -> None:
+def test_a_bend_that_squeezes_the_inner_side_folds(bend, folded):
     parameters = np.concatenate([np.log([0.2, 0.2, 0.5]), np.ones(2), np.zeros(6), [0.0, bend]])
     assert folds(parameters, Warps(False, True)) is folded
 
 
-def test_points_are_scaled_to_a_diameter_of_1_wherever_they_are() -> None:
+def test_points_are_scaled_to_a_diameter_of_1_wherever_they_are():
     points = np.random.default_rng(0).normal(size=(40, 3))
     near, far = scaled_down(points), scaled_down(1e-3 * points + 1e3)
     assert np.linalg.norm(near.points, axis=1).max() == pytest.approx(0.5)
@@ -248,21 +244,21 @@ def nearest_turn(axes: Floats, wanted: Floats) -> float:
     return float(np.arccos(np.clip(agreement.max(), 0, 1)))
 
 
-def test_they_are_rotations() -> None:
+def test_they_are_rotations():
     axes = suggested_axes(np.random.default_rng(0).normal(size=(30, 3)))
     assert axes.shape == (12, 3, 3)
     assert np.allclose(axes @ axes.transpose(0, 2, 1), np.eye(3), atol=1e-14)
     assert np.allclose(np.linalg.det(axes), 1.0)
 
 
-def test_the_edges_of_a_cube_are_among_them_however_it_is_turned(rotations: Draw) -> None:
+def test_the_edges_of_a_cube_are_among_them_however_it_is_turned(rotations):
     cube = Superquadric(np.ones(3), np.full(2, 0.1)).mesh(2).vertices
     for turn in rotations(20):
         assert nearest_turn(suggested_axes(cube @ turn.T), turn) < 0.02
         assert nearest_turn(principal_axes(cube @ turn.T)[None], turn) < 0.96
 
 
-def test_they_turn_with_the_points(rotations: Draw) -> None:
+def test_they_turn_with_the_points(rotations):
     points = np.random.default_rng(1).normal(size=(40, 3)) * [1.0, 0.6, 0.3]
     before = suggested_axes(points)
     for turn in rotations(10):

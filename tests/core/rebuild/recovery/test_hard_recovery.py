@@ -22,21 +22,21 @@ def worst(cloud: Made, chamfer: Made, *shape: Any, trials: int = 8) -> float:
     return float(max(chamfer(recover(made.points), made) for made in clouds))
 
 
-def test_a_cube_with_exponents_of_005_is_found_from_anywhere(cloud: Made, chamfer: Made) -> None:
+def test_a_cube_with_exponents_of_005_is_found_from_anywhere(cloud, chamfer):
     clouds = [cloud([1.0, 1.0, 1.0], [0.05, 0.05], seed=seed) for seed in range(20)]
     good = [chamfer(recover(made.points), made) < GOOD for made in clouds]
     assert np.mean(good) >= 0.95
 
 
-def test_a_disc_twenty_times_as_wide_as_thick_is_no_wider(cloud: Made, chamfer: Made) -> None:
+def test_a_disc_twenty_times_as_wide_as_thick_is_no_wider(cloud, chamfer):
     assert worst(cloud, chamfer, [1.0, 1.0, 0.05], [1.0, 1.0]) < GOOD
 
 
-def test_a_needle_twenty_times_as_long_as_thick_keeps_its_axis(cloud: Made, chamfer: Made) -> None:
+def test_a_needle_twenty_times_as_long_as_thick_keeps_its_axis(cloud, chamfer):
     assert worst(cloud, chamfer, [0.05, 0.05, 1.0], [1.0, 1.0]) < GOOD
 
 
-def test_a_ball_is_recovered_and_the_missing_rank_reported(cloud: Made, chamfer: Made) -> None:
+def test_a_ball_is_recovered_and_the_missing_rank_reported(cloud, chamfer):
     exact = recover(cloud([0.5, 0.5, 0.5], [1.0, 1.0], noise=0.0).points)
     assert exact.converged
     assert exact.rank == 8
@@ -47,7 +47,7 @@ def test_a_ball_is_recovered_and_the_missing_rank_reported(cloud: Made, chamfer:
     assert chamfer(recover(made.points), made) < GOOD
 
 
-def test_a_cube_turned_by_45_degrees_does_not_become_an_octahedron(cloud: Made) -> None:
+def test_a_cube_turned_by_45_degrees_does_not_become_an_octahedron(cloud):
     points = Superquadric(np.ones(3), np.full(2, 0.1)).mesh(2).vertices
     turn = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2)]]) / np.sqrt(2)
     for turned in (points, points @ turn.T, points @ turn.T[:, [1, 2, 0]], points @ turn @ turn.T):
@@ -56,7 +56,7 @@ def test_a_cube_turned_by_45_degrees_does_not_become_an_octahedron(cloud: Made) 
 
 
 @pytest.mark.slow
-def test_15_percent_of_outliers_are_seen_through(cloud: Made, chamfer: Made) -> None:
+def test_15_percent_of_outliers_are_seen_through(cloud, chamfer):
     good, plain = [], []
     for seed in range(20):
         rng = np.random.default_rng(100 + seed)
@@ -89,9 +89,7 @@ def flat(rng: np.random.Generator) -> Floats:
     ],
 )
 @pytest.mark.parametrize("options", [{}, {"taper": True, "bend": True}, {"outliers": True}])
-def test_points_that_determine_no_solid_give_an_ellipsoid_and_say_why(
-    points: Floats, warning: str, options: dict[str, Any]
-) -> None:
+def test_points_that_determine_no_solid_give_an_ellipsoid_and_say_why(points, warning, options):
     found = recover(points, **options)
     assert found.warnings == (warning,)
     assert not found.fitted
@@ -106,7 +104,7 @@ def test_points_that_determine_no_solid_give_an_ellipsoid_and_say_why(
         assert (high - low).max() <= 2.5 * reach
 
 
-def test_points_that_are_next_to_coplanar_are_finite_and_doubted() -> None:
+def test_points_that_are_next_to_coplanar_are_finite_and_doubted():
     rng = np.random.default_rng(1)
     for thickness in (1e-5, 1e-3, 1e-2):
         found = recover(rng.normal(size=(60, 3)) * [1.0, 1.0, thickness])
@@ -115,7 +113,7 @@ def test_points_that_are_next_to_coplanar_are_finite_and_doubted() -> None:
         assert found.warnings
 
 
-def test_when_most_points_are_one_the_others_still_say_where_the_solid_is(cloud: Made) -> None:
+def test_when_most_points_are_one_the_others_still_say_where_the_solid_is(cloud):
     made = cloud([0.3, 0.2, 0.5], [0.6, 0.8], count=60)
     points = np.concatenate([np.tile(made.points[:1], (70, 1)), made.points[1:]])
     found = recover(points, outliers=True)
@@ -126,9 +124,7 @@ def test_when_most_points_are_one_the_others_still_say_where_the_solid_is(cloud:
 
 
 @pytest.mark.parametrize(("count", "noise"), [(11, 0.01), (13, 0.01), (60, 0.08)])
-def test_points_that_are_few_or_scatter_much_leave_the_surface_loose(
-    cloud: Made, count: int, noise: float
-) -> None:
+def test_points_that_are_few_or_scatter_much_leave_the_surface_loose(cloud, count, noise):
     fits = [
         recover(cloud([0.3, 0.2, 0.5], [0.6, 0.8], count=count, noise=noise, seed=seed).points)
         for seed in range(6)
@@ -136,7 +132,7 @@ def test_points_that_are_few_or_scatter_much_leave_the_surface_loose(
     assert sum("loose" in found.warnings for found in fits) >= 5
 
 
-def test_half_a_solid_gives_sizes_within_the_points_extents_and_is_doubted(cloud: Made) -> None:
+def test_half_a_solid_gives_sizes_within_the_points_extents_and_is_doubted(cloud):
     named, certain = [], []
     for seed in range(10):
         made = cloud([0.3, 0.2, 0.5], [0.6, 0.8], count=120, turned=False, seed=seed)

@@ -21,7 +21,7 @@ from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.shapes.tessellations import icosphere
 
 
-def test_points_far_from_the_others_are_outlying_whichever_way_they_are_turned() -> None:
+def test_points_far_from_the_others_are_outlying_whichever_way_they_are_turned():
     rng = np.random.default_rng(0)
     points = rng.normal(size=(60, 3)) * [1.0, 0.5, 0.1]
     points[:9] = rng.uniform(-1, 1, (9, 3)) * 5 + [0, 0, 3]
@@ -31,13 +31,13 @@ def test_points_far_from_the_others_are_outlying_whichever_way_they_are_turned()
     assert np.allclose(outlyingness(1e-3 * points @ turn.T + 0.1), apart, rtol=1e-6)
 
 
-def test_flat_and_identical_points_have_finite_distances() -> None:
+def test_flat_and_identical_points_have_finite_distances():
     flat = np.random.default_rng(0).normal(size=(30, 3)) * [1.0, 1.0, 0.0]
     assert np.isfinite(outlyingness(flat)).all()
     assert np.isfinite(outlyingness(np.ones((30, 3)))).all()
 
 
-def test_the_covariance_is_that_of_linear_least_squares() -> None:
+def test_the_covariance_is_that_of_linear_least_squares():
     jacobian = np.random.default_rng(1).normal(size=(200, 4))
     covariance, rank, condition = certainty(jacobian, 1e-3, np.ones(4, bool))
     assert rank == 4
@@ -45,7 +45,7 @@ def test_the_covariance_is_that_of_linear_least_squares() -> None:
     assert np.allclose(covariance, 1e-6 * np.linalg.inv(jacobian.T @ jacobian), rtol=1e-4)
 
 
-def test_what_the_points_do_not_determine_keeps_a_bounded_variance() -> None:
+def test_what_the_points_do_not_determine_keeps_a_bounded_variance():
     jacobian = np.random.default_rng(1).normal(size=(200, 4))
     jacobian[:, 1], jacobian[:, 3] = 0.0, jacobian[:, 2]
     covariance, rank, _ = certainty(jacobian, 1e-3, np.ones(4, bool))
@@ -55,7 +55,7 @@ def test_what_the_points_do_not_determine_keeps_a_bounded_variance() -> None:
     assert np.isfinite(certainty(jacobian, 0.0, np.ones(4, bool))[0]).all()
 
 
-def test_what_was_not_fitted_has_no_variance() -> None:
+def test_what_was_not_fitted_has_no_variance():
     jacobian = np.random.default_rng(1).normal(size=(200, 3))
     covariance, rank, _ = certainty(jacobian, 1e-3, np.array([True, False, True]))
     assert rank == 2
@@ -63,7 +63,7 @@ def test_what_was_not_fitted_has_no_variance() -> None:
     assert covariance[2, 2] > 0
 
 
-def test_half_a_ball_without_points_is_half_uncovered() -> None:
+def test_half_a_ball_without_points_is_half_uncovered():
     surface, area = icosphere(3)[0], 4 * np.pi
     points = np.random.default_rng(2).normal(size=(200, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
@@ -74,9 +74,7 @@ def test_half_a_ball_without_points_is_half_uncovered() -> None:
 
 
 @pytest.mark.parametrize("vector", [[0.1, 0.2, 0.3], [3.0, 0.1, 0.0], [1.0, 1.0, -2.0]])
-def test_the_canonical_description_is_of_the_same_solid_and_the_least_turned(
-    vector: list[float],
-) -> None:
+def test_the_canonical_description_is_of_the_same_solid_and_the_least_turned(vector):
     given = CanonicalSolid(
         np.array([0.2, 0.5, 0.6]),
         np.array([0.4, 1.2]),
@@ -98,7 +96,7 @@ def test_the_canonical_description_is_of_the_same_solid_and_the_least_turned(
     assert np.abs(solid(given).gauge(places @ given.axes) - 1.0).max() < 1e-13
 
 
-def test_the_scatter_of_few_points_may_be_far_larger_than_found() -> None:
+def test_the_scatter_of_few_points_may_be_far_larger_than_found():
     factors = [caution(left) for left in (1, 2, 9, 49, 5000)]
     assert factors == sorted(factors, reverse=True)
     assert factors[0] == pytest.approx(1.0 / 0.1257, rel=1e-3)  # of a normal deviate, one in ten
@@ -106,13 +104,13 @@ def test_the_scatter_of_few_points_may_be_far_larger_than_found() -> None:
     assert caution(0) == 1.0
 
 
-def test_looseness_is_the_deviation_along_the_normal() -> None:
+def test_looseness_is_the_deviation_along_the_normal():
     jacobian, covariance = np.zeros((2, 11)), np.diag(np.arange(1.0, 12.0))
     jacobian[0, 0], jacobian[1, 8] = 3.0, 2.0
     assert looseness(jacobian, covariance, np.ones(2)) == pytest.approx(np.sqrt((9 + 36) / 2))
 
 
-def test_an_exponent_near_0_that_might_be_anything_makes_nothing_loose() -> None:
+def test_an_exponent_near_0_that_might_be_anything_makes_nothing_loose():
     jacobian, covariance = np.zeros((1, 11)), np.zeros((11, 11))
     jacobian[0, 3] = covariance[3, 3] = 1.0
     assert looseness(jacobian, covariance, np.array([0.02, 1.0])) == pytest.approx(0.02)

@@ -7,7 +7,7 @@ from palpate.core.rebuild.side.equations import fit_axis_curve
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
-def test_the_axis_passes_through_middles_that_lie_on_a_polynomial(count: int) -> None:
+def test_the_axis_passes_through_middles_that_lie_on_a_polynomial(count):
     heights = np.linspace(0.01, 0.07, count)
     degree = min(3, count - 1)
     x = sum(0.001 * (heights / 0.03) ** k for k in range(degree + 1))
@@ -16,28 +16,28 @@ def test_the_axis_passes_through_middles_that_lie_on_a_polynomial(count: int) ->
     assert np.allclose(axis_curve.at(heights), middles, rtol=0, atol=1e-15)
 
 
-def test_beyond_the_contours_the_axis_goes_straight_up() -> None:
+def test_beyond_the_contours_the_axis_goes_straight_up():
     axis_curve = fit_axis_curve(np.array([0.01, 0.03]), np.array([[0.0, 0.0], [0.004, 0.002]]))
     assert np.allclose(axis_curve.at(np.array([0.02])), [[0.002, 0.001]])
     assert np.allclose(axis_curve.at(np.array([-1.0, 0.01])), 0.0, atol=1e-17)
     assert np.allclose(axis_curve.at(np.array([0.03, 9.0])), [0.004, 0.002])
 
 
-def test_repeated_heights_share_one_middle() -> None:
+def test_repeated_heights_share_one_middle():
     axis_curve = fit_axis_curve(
         np.full(3, 0.02), np.array([[0.0, 0.0], [0.003, 0.0], [0.0, 0.003]])
     )
     assert np.allclose(axis_curve.at(np.array([0.0, 0.02, 1.0])), 0.001, atol=1e-17)
 
 
-def test_the_axis_is_the_same_in_millimetres() -> None:
+def test_the_axis_is_the_same_in_millimetres():
     rng = np.random.default_rng(0)
     heights, middles = np.sort(rng.random(7)), rng.random((7, 2))
     there = fit_axis_curve(1e3 * heights, 1e3 * middles).at(1e3 * heights)
     assert np.allclose(there, 1e3 * fit_axis_curve(heights, middles).at(heights), rtol=1e-12)
 
 
-def test_an_axis_that_is_bent_at_one_end_alone_passes_through_all_middles() -> None:
+def test_an_axis_that_is_bent_at_one_end_alone_passes_through_all_middles():
     heights = np.linspace(0.0, 0.1, 9)
     middles = np.column_stack([0.03 * (heights > 0.09), np.zeros(9)])
     axis_curve = fit_axis_curve(heights, middles)
@@ -51,7 +51,7 @@ def test_an_axis_that_is_bent_at_one_end_alone_passes_through_all_middles() -> N
     assert not axis_curve.slope(beyond).any()
 
 
-def test_a_straight_axis_does_not_follow_noise() -> None:
+def test_a_straight_axis_does_not_follow_noise():
     heights = np.linspace(0.0, 0.1, 9)
     noise = 1e-4 * np.random.default_rng(0).normal(size=(9, 2))
     assert fit_axis_curve(heights, noise).bent is None

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -24,33 +22,33 @@ def fitted(radii: Floats, pole: tuple[bool, bool] = (False, False)) -> ContourFi
     return fit_rows(rows, -1.0, 1.0, None)
 
 
-def test_a_ball_is_taken_as_round_and_a_cone_is_not() -> None:
+def test_a_ball_is_taken_as_round_and_a_cone_is_not():
     assert fitted(np.sqrt(1.0 - HEIGHTS**2)).axial_parameter.round == (True, True)
     assert fitted(2.0 - HEIGHTS).axial_parameter.round == (False, False)
 
 
-def test_with_poles_a_ball_is_exact_and_closed() -> None:
+def test_with_poles_a_ball_is_exact_and_closed():
     fit = fitted(np.sqrt(1.0 - HEIGHTS**2), (True, True))
     assert fit.axial_parameter.round == (True, True)
     assert np.abs(fit.control[[0, -1]]).max() < 1e-12
     assert len(fit.sites) == 14
 
 
-def test_a_sharp_tip_is_not_rounded() -> None:
+def test_a_sharp_tip_is_not_rounded():
     fit = fitted(1.0 - HEIGHTS, (False, True))
     assert fit.axial_parameter.round == (False, False)
     assert np.ptp(fit.control[-1], axis=0).max() < 1e-12
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_few_contours_decide_nothing(count: int) -> None:
+def test_few_contours_decide_nothing(count):
     for pole in ((False, False), (True, False)):
         fit = fitted(np.sqrt(1.0 - HEIGHTS[:count] ** 2), pole)
         if count + sum(pole) < 5:
             assert fit.axial_parameter.round == pole
 
 
-def test_vectors_across_are_units_outwards_and_none_at_a_point() -> None:
+def test_vectors_across_are_units_outwards_and_none_at_a_point():
     radii = np.sqrt(1.0 - HEIGHTS**2)
     radii[-1] = 0.0
     rows = contour_rows(HEIGHTS, radii[:, None, None] * RIM, -1.0, 1.0, (False, False))
@@ -62,7 +60,7 @@ def test_vectors_across_are_units_outwards_and_none_at_a_point() -> None:
     assert np.array_equal(point.across(), np.zeros((6, 24, 2)))
 
 
-def test_the_fitted_rows_stand_on_the_line_between_the_poles() -> None:
+def test_the_fitted_rows_stand_on_the_line_between_the_poles():
     lean = np.column_stack([HEIGHTS, 0.5 * HEIGHTS])
     grid = np.sqrt(1.0 - HEIGHTS**2)[:, None, None] * RIM + lean[:, None]
     rows = contour_rows(HEIGHTS, grid, -1.0, 1.0, (True, True))
@@ -77,7 +75,7 @@ def lobed(count: int) -> tuple[Floats, Floats]:
     return heights, radius[..., None] * RIM
 
 
-def test_noise_that_neighbours_share_is_not_followed() -> None:
+def test_noise_that_neighbours_share_is_not_followed():
     heights, grid = lobed(27)
     plain, chosen = [], []
     for seed in range(8):
@@ -93,7 +91,7 @@ def test_noise_that_neighbours_share_is_not_followed() -> None:
     assert np.mean(chosen) < 0.8 * np.mean(plain)
 
 
-def test_a_clean_shape_that_takes_all_freedom_gets_it() -> None:
+def test_a_clean_shape_that_takes_all_freedom_gets_it():
     heights = np.linspace(-0.95, 0.95, 20)
     corners = np.maximum(np.abs(RIM[:, 0]), np.abs(RIM[:, 1]))
     grid = np.repeat((RIM / corners[:, None])[None], 20, axis=0)
@@ -105,7 +103,7 @@ def test_a_clean_shape_that_takes_all_freedom_gets_it() -> None:
     assert careful.likeness(rows.grid) > 0.9
 
 
-def test_of_very_many_contours_and_points_some_share_coefficients() -> None:
+def test_of_very_many_contours_and_points_some_share_coefficients():
     angle = 2 * np.pi * np.arange(300) / 300
     heights = np.linspace(-0.95, 0.95, 200)
     radius = np.sqrt(1.0 - heights**2)[:, None] * (1.0 + 0.1 * np.cos(3.0 * angle))
@@ -125,7 +123,7 @@ def rings(radii: Floats, middles: Floats | None = None) -> Floats:
     return grid if middles is None else grid + middles[:, None]
 
 
-def test_rows_rise_in_a_unit_of_their_own() -> None:
+def test_rows_rise_in_a_unit_of_their_own():
     grid = rings(np.array([3.0, 1.0, 2.0])) + np.array([100.0, -7.0])
     rows = contour_rows(np.array([0.3, 0.1, 0.2]), grid, 0.0, 1.0, (False, False))
     assert rows.heights.tolist() == [0.1, 0.2, 0.3]
@@ -137,7 +135,7 @@ def test_rows_rise_in_a_unit_of_their_own() -> None:
     assert rows.spacing == pytest.approx(0.1)
 
 
-def test_contours_at_one_height_are_averaged_and_count_as_many() -> None:
+def test_contours_at_one_height_are_averaged_and_count_as_many():
     heights = np.array([0.0, 0.5, 0.5 + 1e-6, 1.0, 0.5])
     rows = contour_rows(heights, rings(np.array([1, 1, 2, 1, 3.0])), 0.0, 1.0, (False, False))
     assert rows.weights.tolist() == [1.0, 3.0, 1.0]
@@ -145,7 +143,7 @@ def test_contours_at_one_height_are_averaged_and_count_as_many() -> None:
     assert np.allclose(rows.grid[1] * rows.size, 2.0 * RIM_12)
 
 
-def test_a_pole_lies_where_the_middles_lead_or_where_it_is_put() -> None:
+def test_a_pole_lies_where_the_middles_lead_or_where_it_is_put():
     heights = np.linspace(0.0, 1.0, 6)
     lean = np.column_stack([0.2 * heights, -0.1 * heights])
     grid = rings(np.ones(6), lean)
@@ -159,7 +157,7 @@ def test_a_pole_lies_where_the_middles_lead_or_where_it_is_put() -> None:
     assert np.allclose(rows.with_poles[-1], above)
 
 
-def test_points_in_one_place_have_a_size_of_1() -> None:
+def test_points_in_one_place_have_a_size_of_1():
     rows = contour_rows([0.0], np.full((1, 5, 2), 3.0), -1.0, 1.0, (True, False))
     assert rows.size == 1.0
     assert rows.spacing == 0.0
@@ -180,7 +178,7 @@ def test_points_in_one_place_have_a_size_of_1() -> None:
         ({"pole": (np.ones(3), False)}, r"pole must have shape \(2\), got \(3,\)"),
     ],
 )
-def test_what_is_no_stack_of_contours_is_refused(change: dict[str, Any], words: str) -> None:
+def test_what_is_no_stack_of_contours_is_refused(change, words):
     given = {"heights": [0.25, 0.75], "low": 0.0, "high": 1.0, "pole": (False, False)} | change
     grid = given.pop("grid", np.ones((len(given["heights"]), 12, 2)))
     with pytest.raises(ValueError, match=words):

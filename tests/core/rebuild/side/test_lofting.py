@@ -46,7 +46,7 @@ def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def test_27_by_80_clean_contours_with_poles_are_followed_to_a_ten_thousandth() -> None:
+def test_27_by_80_clean_contours_with_poles_are_followed_to_a_ten_thousandth():
     heights = np.linspace(-1.0, 1.0, 27)
     loft = fit_contour_loft(heights, contours(heights, 80), low=-POLE, high=POLE, pole=(True, True))
     assert rms(errors(loft)) < 1e-4
@@ -55,7 +55,7 @@ def test_27_by_80_clean_contours_with_poles_are_followed_to_a_ten_thousandth() -
     assert np.ptp(ends, axis=1).max() < 1e-12
 
 
-def test_noise_of_half_a_percent_leaves_less_than_a_third_of_it() -> None:
+def test_noise_of_half_a_percent_leaves_less_than_a_third_of_it():
     heights = np.linspace(-1.0, 1.0, 27)
     found = []
     for seed in range(3):
@@ -67,7 +67,7 @@ def test_noise_of_half_a_percent_leaves_less_than_a_third_of_it() -> None:
     assert np.mean(found) < 1.5e-3
 
 
-def test_a_missing_contour_costs_little() -> None:
+def test_a_missing_contour_costs_little():
     """A gap in the heights of 27 contours with noise of half a percent."""
     heights = np.delete(np.linspace(-1.0, 1.0, 27), 12)
     grid = contours(heights, 80, 0.005 * HEIGHT)
@@ -79,14 +79,14 @@ def test_a_missing_contour_costs_little() -> None:
     assert rms(loft.deviation(gap, turns)) > 1.5 * rms(loft.deviation(beside, turns))
 
 
-def test_noise_of_1_5_percent_is_not_fitted() -> None:
+def test_noise_of_1_5_percent_is_not_fitted():
     heights = np.linspace(-1.0, 1.0, 27)
     for seed in range(2):
         grid = contours(heights, 80, 0.015 * HEIGHT, seed)
         assert rms(errors(fit_contour_loft(heights, grid, low=-1.04, high=1.04))) < 4e-3
 
 
-def test_a_top_contour_collapsed_to_a_point_closes_the_surface() -> None:
+def test_a_top_contour_collapsed_to_a_point_closes_the_surface():
     heights = np.linspace(-1.0, 1.0, 27)
     grid = contours(heights, 40)
     grid[-1] = 0.0
@@ -98,7 +98,7 @@ def test_a_top_contour_collapsed_to_a_point_closes_the_surface() -> None:
 
 @pytest.mark.parametrize("pole", [(False, False), (True, False), (False, True), (True, True)])
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_one_two_and_three_contours_give_a_surface(count: int, pole: tuple[bool, bool]) -> None:
+def test_one_two_and_three_contours_give_a_surface(count, pole):
     heights = np.linspace(-0.5, 0.4, count)
     grid = contours(heights, 24)
     loft = fit_contour_loft(heights, grid, low=-1.0, high=1.0, pole=pole)
@@ -111,7 +111,7 @@ def test_one_two_and_three_contours_give_a_surface(count: int, pole: tuple[bool,
     assert np.isfinite(loft.uncertainty()).all()
 
 
-def test_one_contour_is_carried_on_as_a_prism() -> None:
+def test_one_contour_is_carried_on_as_a_prism():
     grid = contours(np.array([0.2]), 24)
     loft = fit_contour_loft([0.2], grid, low=-1.0, high=1.0)
     turns = np.arange(24) / 24
@@ -119,7 +119,7 @@ def test_one_contour_is_carried_on_as_a_prism() -> None:
     assert loft.uncertainty().resolution == pytest.approx(1.0)
 
 
-def test_uneven_and_repeated_heights_are_taken_as_they_are() -> None:
+def test_uneven_and_repeated_heights_are_taken_as_they_are():
     heights = np.sin(np.linspace(-0.5 * np.pi, 0.5 * np.pi, 27))
     again = np.concatenate([heights, heights[10:12], heights[5:6] + 1e-7])
     loft = fit_contour_loft(again, contours(again, 80), low=-POLE, high=POLE, pole=(True, True))
@@ -131,7 +131,7 @@ def test_uneven_and_repeated_heights_are_taken_as_they_are() -> None:
     assert np.allclose(errors(loft), errors(twice), atol=1e-6)
 
 
-def test_very_close_heights_that_disagree_stay_finite() -> None:
+def test_very_close_heights_that_disagree_stay_finite():
     heights = np.concatenate([np.linspace(-1.0, 1.0, 14), [0.1, 0.1 + 1e-3]])
     grid = contours(heights, 40, 0.005 * HEIGHT)
     loft = fit_contour_loft(heights, grid, low=-1.04, high=1.04)
@@ -140,7 +140,7 @@ def test_very_close_heights_that_disagree_stay_finite() -> None:
 
 
 @pytest.mark.parametrize("order", [slice(None, None, -1), np.array([3, 0, 5, 1, 4, 2, 6, 7])])
-def test_the_order_of_the_contours_does_not_matter(order: slice | Floats) -> None:
+def test_the_order_of_the_contours_does_not_matter(order):
     heights = np.linspace(-1.0, 1.0, 8)
     grid = contours(heights, 24, 0.01)
     one = fit_contour_loft(heights, grid, low=-1.1, high=1.1)
@@ -148,7 +148,7 @@ def test_the_order_of_the_contours_does_not_matter(order: slice | Floats) -> Non
     assert np.array_equal(one.surface.control, other.surface.control)
 
 
-def test_one_contour_more_gives_what_all_at_once_give() -> None:
+def test_one_contour_more_gives_what_all_at_once_give():
     heights = np.linspace(-1.0, 1.0, 14)
     grid = contours(heights, 40, 0.01)
     options = {"low": -POLE, "high": POLE, "pole": (True, False), "noise": 0.01}
@@ -159,7 +159,7 @@ def test_one_contour_more_gives_what_all_at_once_give() -> None:
     assert more.health.sigma == whole.health.sigma == 0.01
 
 
-def test_95_percent_of_the_surface_lies_in_the_band_of_95_percent() -> None:
+def test_95_percent_of_the_surface_lies_in_the_band_of_95_percent():
     for count, turns in ((24, 40), (27, 80)):
         heights, covered = np.linspace(-1.0, 1.0, count), []
         for seed in range(4):
@@ -175,7 +175,7 @@ def test_95_percent_of_the_surface_lies_in_the_band_of_95_percent() -> None:
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1e3])
-def test_unit_and_place_do_not_matter(unit: float) -> None:
+def test_unit_and_place_do_not_matter(unit):
     heights, turns = np.linspace(-1.0, 1.0, 9), np.arange(7) / 7
     grid = contours(heights, 24, 0.01)
     usual = fit_contour_loft(heights, grid, low=-1.04, high=1.04)
@@ -190,7 +190,7 @@ def test_unit_and_place_do_not_matter(unit: float) -> None:
     assert np.allclose(band, unit * usual.deviation(at, turns), rtol=1e-6)
 
 
-def test_the_band_is_along_the_normal() -> None:
+def test_the_band_is_along_the_normal():
     heights = np.linspace(-0.9, 0.9, 9)
     rim = np.stack([np.cos(angles(24)), np.sin(angles(24))], axis=-1)
     noise = 1e-3 * np.random.default_rng(0).normal(size=(9, 24, 1)) * rim
@@ -204,7 +204,7 @@ def test_the_band_is_along_the_normal() -> None:
     assert level == pytest.approx(upright / np.hypot(1.0, 3.0), rel=0.2)
 
 
-def test_a_known_noise_is_that_of_the_band() -> None:
+def test_a_known_noise_is_that_of_the_band():
     heights = np.linspace(-1.0, 1.0, 14)
     grid = contours(heights, 40, 0.01)
     bands = [
@@ -218,7 +218,7 @@ def test_a_known_noise_is_that_of_the_band() -> None:
     assert bands[1] > bands[0]
 
 
-def test_all_points_in_one_place_give_a_line() -> None:
+def test_all_points_in_one_place_give_a_line():
     loft = fit_contour_loft(np.arange(6.0), np.full((6, 12, 2), 2.0), low=-1.0, high=6.0)
     assert np.allclose(loft.at([0.5, 4.0], [0.1, 0.2]), 2.0)
     assert np.array_equal(loft.deviation([0.5], [0.0]), [[0.0]])
@@ -227,9 +227,7 @@ def test_all_points_in_one_place_give_a_line() -> None:
 
 @settings(derandomize=True, deadline=None, max_examples=40)
 @given(st.integers(1, 12), st.integers(4, 30), st.integers(0, 3), st.integers(0, 10**6))
-def test_whatever_the_contours_are_the_surface_is_finite(
-    count: int, turns: int, poles: int, seed: int
-) -> None:
+def test_whatever_the_contours_are_the_surface_is_finite(count, turns, poles, seed):
     rng = np.random.default_rng(seed)
     heights, grid = rng.random(count), rng.normal(size=(count, turns, 2))
     pole = (bool(poles & 1), bool(poles & 2))
@@ -241,7 +239,7 @@ def test_whatever_the_contours_are_the_surface_is_finite(
     assert np.isfinite(loft.health.condition)
 
 
-def test_a_contour_or_noise_that_cannot_be_is_refused() -> None:
+def test_a_contour_or_noise_that_cannot_be_is_refused():
     heights = np.linspace(-1.0, 1.0, 5)
     loft = fit_contour_loft(heights, contours(heights, 12), low=-1.1, high=1.1)
     with pytest.raises(ValueError, match=r"row must have shape \(12, 2\), got \(11, 2\)"):
@@ -291,7 +289,7 @@ def error(loft: ContourLoft, radius: Floats) -> float:
 
 
 @pytest.mark.parametrize("radius", [vase(HEIGHTS), bumpy(HEIGHTS)], ids=["vase", "bumpy"])
-def test_2_percent_of_points_off_cost_less_than_a_tenth(radius: Floats) -> None:
+def test_2_percent_of_points_off_cost_less_than_a_tenth(radius):
     with_, without = [], []
     for seed in range(3):
         outlying = wrong(0.02, seed)
@@ -306,20 +304,20 @@ def test_2_percent_of_points_off_cost_less_than_a_tenth(radius: Floats) -> None:
 
 
 @pytest.mark.parametrize("radius", [vase(HEIGHTS), bumpy(HEIGHTS)], ids=["vase", "bumpy"])
-def test_of_good_points_none_is_left_out(radius: Floats) -> None:
+def test_of_good_points_none_is_left_out(radius):
     for seed in range(3):
         for sigma in (0.0, SIGMA, 5 * SIGMA):
             assert not fitted(radius, wrong(0.0, seed), seed, sigma).outlying.any()
 
 
-def test_10_percent_of_points_off_still_cost_less_than_a_plain_fit() -> None:
+def test_10_percent_of_points_off_still_cost_less_than_a_plain_fit():
     radius = vase(HEIGHTS)
     outlying = wrong(0.10, 0)
     clean = error(fitted(radius, wrong(0.0, 0), 0), radius)
     assert error(fitted(radius, outlying, 0), radius) < 2.0 * clean
 
 
-def test_a_single_point_sticks_out_and_a_ridge_does_not() -> None:
+def test_a_single_point_sticks_out_and_a_ridge_does_not():
     rng = np.random.default_rng(0)
     off = rng.normal(size=(M, K))
     off[10, 30] = 12.0
@@ -330,19 +328,19 @@ def test_a_single_point_sticks_out_and_a_ridge_does_not() -> None:
     assert not local_outliers(ridge)[:, 29:32].any()
 
 
-def test_single_contours_and_still_ones_do_not_stick_out() -> None:
+def test_single_contours_and_still_ones_do_not_stick_out():
     assert not local_outliers(np.random.default_rng(1).normal(size=(1, K))).any()
     assert not local_outliers(np.zeros((5, 12))).any()
 
 
-def test_few_points_are_not_judged() -> None:
+def test_few_points_are_not_judged():
     grid = np.repeat(RIM[None, ::16], 9, axis=0)
     grid[4, 2] *= 3.0
     loft = fit_contour_loft(np.arange(9.0), grid, low=-1.0, high=10.0)
     assert not loft.outlying.any()
 
 
-def test_the_sharp_edges_of_an_exact_box_are_its_own() -> None:
+def test_the_sharp_edges_of_an_exact_box_are_its_own():
     turn, heights = 2 * np.pi * np.arange(80) / 80, np.linspace(-45.0, 45.0, 27)
     ring = np.column_stack([np.cos(turn), np.sin(turn)])
     ring *= 30.0 * (np.abs(ring) ** 10).sum(axis=1, keepdims=True) ** -0.1

@@ -52,7 +52,7 @@ def ellipse(heights: Floats, turns: Floats, a: float, b: float) -> Floats:
     return np.asarray(level[:, None] / ((np.cos(azimuth) / a) ** 2 + (np.sin(azimuth) / b) ** 2))
 
 
-def test_the_spline_of_an_ellipsoid_is_the_ellipsoid(oracle: Make) -> None:
+def test_the_spline_of_an_ellipsoid_is_the_ellipsoid(oracle):
     contacts = everywhere(oracle([0.04, 0.025, 0.03], [1.0, 1.0]))
     spline = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
     heights = np.linspace(0.003, 0.057, 40)
@@ -63,7 +63,7 @@ def test_the_spline_of_an_ellipsoid_is_the_ellipsoid(oracle: Make) -> None:
     assert 1.0 < spline.system.condition < 1e8
 
 
-def test_the_spline_is_taken_about_a_leaning_axis() -> None:
+def test_the_spline_is_taken_about_a_leaning_axis():
     heights = np.repeat(np.linspace(0.0, HEIGHT, 30), 60)
     turn = np.tile(2 * np.pi * np.arange(60) / 60, 30)
     axis = np.column_stack([0.2 * heights, -0.1 * heights])
@@ -79,7 +79,7 @@ def test_the_spline_is_taken_about_a_leaning_axis() -> None:
     assert np.allclose(np.sqrt(squared), 0.02, rtol=0, atol=1e-9)
 
 
-def test_a_band_that_was_not_touched_is_bridged_smoothly(oracle: Make) -> None:
+def test_a_band_that_was_not_touched_is_bridged_smoothly(oracle):
     ball = oracle([0.03] * 3, [1.0, 1.0])
     contacts = stack_points([ball.band(share) for share in (-0.8, 0.8)] + [ball.top()])
     spline = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
@@ -89,7 +89,7 @@ def test_a_band_that_was_not_touched_is_bridged_smoothly(oracle: Make) -> None:
     assert np.isfinite(radius).all()
 
 
-def test_the_deviation_is_large_where_nothing_was_touched(oracle: Make) -> None:
+def test_the_deviation_is_large_where_nothing_was_touched(oracle):
     ball = oracle([0.03] * 3, [1.0, 1.0])
     contacts = stack_points([ball.band(-0.7), ball.band(0.7)])
     noise = np.random.default_rng(0).normal(scale=2e-5, size=(len(contacts.points), 1))
@@ -100,7 +100,7 @@ def test_the_deviation_is_large_where_nothing_was_touched(oracle: Make) -> None:
     assert between > 10 * at_bands
 
 
-def test_noise_is_averaged_and_the_deviation_tells_how_well(oracle: Make) -> None:
+def test_noise_is_averaged_and_the_deviation_tells_how_well(oracle):
     ball = oracle([0.03] * 3, [1.0, 1.0])
     contacts, sigma = everywhere(ball), 5e-5
     noise = np.random.default_rng(1).normal(scale=sigma, size=(len(contacts.points), 1))
@@ -121,7 +121,7 @@ def contacts_of(points: Floats, normals: Floats) -> ContactPoints:
     return ContactPoints(points, normals, np.zeros(len(points), np.int32))
 
 
-def test_points_on_level_faces_and_outside_the_heights_are_left_out(oracle: Make) -> None:
+def test_points_on_level_faces_and_outside_the_heights_are_left_out(oracle):
     ball = oracle([0.03] * 3, [1.0, 1.0])
     contacts = everywhere(ball)
     level = contacts_of(np.array([[0.001, 0.0, 0.03]] * 50), np.array([[0.0, 0.0, 1.0]] * 50))
@@ -134,7 +134,7 @@ def test_points_on_level_faces_and_outside_the_heights_are_left_out(oracle: Make
     assert np.array_equal(alone.coefficients, with_them.coefficients)
 
 
-def test_a_spline_without_any_point_on_the_side_is_refused() -> None:
+def test_a_spline_without_any_point_on_the_side_is_refused():
     up = contacts_of(np.array([[0.01, 0.0, 0.03]]), np.array([[0.0, 0.0, 1.0]]))
     for contacts in (up, stack_points([])):
         with pytest.raises(
@@ -143,7 +143,7 @@ def test_a_spline_without_any_point_on_the_side_is_refused() -> None:
             fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
 
 
-def test_normals_that_nobody_measured_are_those_of_the_surface(oracle: Make) -> None:
+def test_normals_that_nobody_measured_are_those_of_the_surface(oracle):
     contacts = everywhere(oracle([0.04, 0.025, 0.03], [1.0, 1.0]))
     side = np.abs(contacts.points[:, 2] - 0.03) < 0.02
     blind = contacts._replace(normals=None)
@@ -153,14 +153,14 @@ def test_normals_that_nobody_measured_are_those_of_the_surface(oracle: Make) -> 
     assert with_normals(contacts, upright(), 0.0, HEIGHT) is contacts
 
 
-def test_the_squared_distance_never_falls_below_its_least(oracle: Make) -> None:
+def test_the_squared_distance_never_falls_below_its_least(oracle):
     ball = oracle([0.03] * 3, [1.0, 1.0])
     spline = fit_radial_spline(ball.band(0.0), upright(), 0.0, HEIGHT)
     least = LEAST * spline.middle**2
     assert spline.squared(np.linspace(-1.0, 1.0, 50), TURNS).min() >= least > 0.0
 
 
-def test_spans_are_even_but_for_those_at_the_ends_which_are_halved_and_halved_again() -> None:
+def test_spans_are_even_but_for_those_at_the_ends_which_are_halved_and_halved_again():
     breaks = np.unique(along_basis().knots)
     widths = np.diff(breaks) * SPANS
     assert len(widths) == SPANS + 2 * HALVED
@@ -170,7 +170,7 @@ def test_spans_are_even_but_for_those_at_the_ends_which_are_halved_and_halved_ag
     assert np.array_equal(np.bincount(even_spans())[[0, 1, SPANS - 2, SPANS - 1]], [5, 1, 1, 5])
 
 
-def test_bending_counts_on_a_span_by_the_third_power_of_its_width() -> None:
+def test_bending_counts_on_a_span_by_the_third_power_of_its_width():
     parabola = along_basis().greville() ** 2
     even, counted = (root @ parabola for root in (bending_along(along_basis()), bending_root()))
     shares = counted**2 / even**2
@@ -190,9 +190,7 @@ def blunt_error(oracle: Make) -> float:
     return float(np.sqrt(np.mean(spline.misfits()[next_to_ends] ** 2)))
 
 
-def test_halved_spans_follow_a_blunt_end_where_even_ones_swing(
-    oracle: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_halved_spans_follow_a_blunt_end_where_even_ones_swing(oracle, monkeypatch):
     halved = blunt_error(oracle)
     tables = (along_basis, even_spans, bending_root)
     monkeypatch.setattr(along, "HALVED", 0)
@@ -229,7 +227,7 @@ def error(spline: RadialSpline) -> float:
     return float(np.sqrt(np.mean(off**2)))
 
 
-def test_shifts_of_touches_are_found_with_the_surface() -> None:
+def test_shifts_of_touches_are_found_with_the_surface():
     contacts = patches(0)
     plain = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
     shifted = fit_shifted_spline(contacts, plain)
@@ -242,7 +240,7 @@ def test_shifts_of_touches_are_found_with_the_surface() -> None:
 
 
 @pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=pytest.mark.slow)])
-def test_the_band_of_a_shifted_spline_holds_the_surface(seeds: int) -> None:
+def test_the_band_of_a_shifted_spline_holds_the_surface(seeds):
     within = []
     for seed in range(seeds):
         contacts = patches(seed)
@@ -257,7 +255,7 @@ def test_the_band_of_a_shifted_spline_holds_the_surface(seeds: int) -> None:
     assert 0.9 < np.mean(within) <= 1.0
 
 
-def test_without_noise_no_shift_is_looked_for() -> None:
+def test_without_noise_no_shift_is_looked_for():
     contacts = patches(1, pose=0.0)
     exact = contacts._replace(
         points=np.array([0.0, 0.0, 0.03]) + 0.03 * np.asarray(contacts.normals)
@@ -279,7 +277,7 @@ def test_edges_are_not_taken_for_shifts() -> None:
     assert fit_shifted_spline(rough, plain).shifts is None
 
 
-def test_a_few_touches_are_not_shifted_but_smoothed() -> None:
+def test_a_few_touches_are_not_shifted_but_smoothed():
     contacts = patches(3, touches=120)
     one = contacts._replace(touch=np.zeros(len(contacts.points), np.int32))
     plain = fit_radial_spline(one, upright(), 0.0, HEIGHT)
@@ -291,7 +289,7 @@ def test_a_few_touches_are_not_shifted_but_smoothed() -> None:
 COVERAGE_TURNS = (np.arange(SECTORS) + 0.5) / SECTORS
 
 
-def test_the_side_reaches_as_far_as_every_sector_was_touched() -> None:
+def test_the_side_reaches_as_far_as_every_sector_was_touched():
     heights = np.concatenate([np.zeros(SECTORS), np.full(SECTORS, 0.04)])
     turns = np.tile(COVERAGE_TURNS, 2)
     heights[3], heights[SECTORS + 5] = 0.01, 0.03
@@ -302,14 +300,14 @@ def test_the_side_reaches_as_far_as_every_sector_was_touched() -> None:
     assert np.count_nonzero(seen.lows) == 1
 
 
-def test_every_stretch_without_a_point_is_listed() -> None:
+def test_every_stretch_without_a_point_is_listed():
     levels = np.array([0.0, 0.01, 0.0101, 0.03])
     seen = coverage_of(np.repeat(levels, SECTORS), np.tile(COVERAGE_TURNS, 4))
     assert seen is not None
     assert np.sort(seen.gaps) == pytest.approx(np.repeat([0.01, 0.0199], SECTORS))
 
 
-def test_the_gap_is_the_highest_stretch_that_a_sector_misses() -> None:
+def test_the_gap_is_the_highest_stretch_that_a_sector_misses():
     levels = np.array([0.0, 0.01, 0.02, 0.03])
     heights, turns = np.repeat(levels, SECTORS), np.tile(COVERAGE_TURNS, 4)
     kept = ~((heights == 0.02) & (turns == COVERAGE_TURNS[7]))
@@ -318,6 +316,6 @@ def test_the_gap_is_the_highest_stretch_that_a_sector_misses() -> None:
     assert seen.gap == pytest.approx(0.02)
 
 
-def test_a_side_that_was_not_touched_all_around_has_no_coverage() -> None:
+def test_a_side_that_was_not_touched_all_around_has_no_coverage():
     assert coverage_of(np.zeros(SECTORS - 1), COVERAGE_TURNS[1:]) is None
     assert coverage_of(np.zeros(0), np.zeros(0)) is None

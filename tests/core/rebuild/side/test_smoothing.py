@@ -55,7 +55,7 @@ def dense(smoothed: Smoothed) -> Floats:
     return np.asarray(np.kron(*matrices))
 
 
-def test_the_fit_the_freedom_and_the_score_are_those_of_the_whole_system() -> None:
+def test_the_fit_the_freedom_and_the_score_are_those_of_the_whole_system():
     values = wavy() + 0.01 * np.random.default_rng(0).normal(size=(LINES, TURNS, 2))
     found = smooth(values, *axes(count=12))
     whole = dense(found)
@@ -67,7 +67,7 @@ def test_the_fit_the_freedom_and_the_score_are_those_of_the_whole_system() -> No
     assert found.sigma == pytest.approx(np.sqrt(squares / (2 * found.spare)), rel=1e-6)
 
 
-def test_no_other_pair_of_strengths_has_a_smaller_score() -> None:
+def test_no_other_pair_of_strengths_has_a_smaller_score():
     values = wavy() + 0.02 * np.random.default_rng(1).normal(size=(LINES, TURNS, 2))
     along, around = axes()
     found = smooth(values, along, around)
@@ -80,7 +80,7 @@ def test_no_other_pair_of_strengths_has_a_smaller_score() -> None:
             assert squares / lost.sum() ** 2 >= found.score * (1 - 1e-9)
 
 
-def test_the_coefficients_give_the_fit() -> None:
+def test_the_coefficients_give_the_fit():
     values = wavy() + 0.01 * np.random.default_rng(2).normal(size=(LINES, TURNS, 2))
     found = smooth(values, *axes())
     along, around = bases()
@@ -90,7 +90,7 @@ def test_the_coefficients_give_the_fit() -> None:
     assert np.allclose(fitted, found.fitted, atol=1e-12)
 
 
-def test_clean_values_are_kept_and_noise_is_smoothed_to_its_estimate() -> None:
+def test_clean_values_are_kept_and_noise_is_smoothed_to_its_estimate():
     clean = smooth(wavy(), *axes())
     assert np.abs(clean.fitted - wavy()).max() < 1e-4
     assert clean.sigma < 1e-4
@@ -104,7 +104,7 @@ def test_clean_values_are_kept_and_noise_is_smoothed_to_its_estimate() -> None:
     assert np.mean(errors) < 0.006
 
 
-def test_a_known_noise_chooses_what_errs_least() -> None:
+def test_a_known_noise_chooses_what_errs_least():
     noise = 0.03 * np.random.default_rng(3).normal(size=(LINES, TURNS, 2))
     errors = {
         known: np.sqrt(
@@ -115,7 +115,7 @@ def test_a_known_noise_chooses_what_errs_least() -> None:
     assert errors[0.03] < min(errors[0.001], errors[0.5])
 
 
-def test_the_posterior_variance_covers_the_error_at_the_points() -> None:
+def test_the_posterior_variance_covers_the_error_at_the_points():
     along, around = bases()
     rows = along.matrix(np.linspace(0.0, 1.0, LINES))
     columns = around.matrix(np.arange(TURNS) / TURNS)
@@ -128,7 +128,7 @@ def test_the_posterior_variance_covers_the_error_at_the_points() -> None:
     assert 0.90 <= np.mean(covered) <= 0.99
 
 
-def test_a_line_of_twice_the_weight_counts_like_two() -> None:
+def test_a_line_of_twice_the_weight_counts_like_two():
     values = wavy() + 0.05 * np.random.default_rng(4).normal(size=(LINES, TURNS, 2))
     weights = np.ones(LINES)
     weights[7] = 1e6
@@ -140,14 +140,14 @@ def test_a_line_of_twice_the_weight_counts_like_two() -> None:
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
-def test_the_unit_does_not_matter(unit: float) -> None:
+def test_the_unit_does_not_matter(unit):
     values = wavy() + 0.02 * np.random.default_rng(5).normal(size=(LINES, TURNS, 2))
     found, usual = smooth(unit * values, *axes()), smooth(values, *axes())
     assert found.strengths == usual.strengths
     assert np.allclose(found.fitted / unit, usual.fitted, rtol=1e-12)
 
 
-def test_the_condition_is_bounded_and_that_of_the_matrix() -> None:
+def test_the_condition_is_bounded_and_that_of_the_matrix():
     found = smooth(wavy(), *axes())
     assert found.condition < 1e3
     weight, strength = found.along.weight, found.strengths[0]
@@ -155,13 +155,13 @@ def test_the_condition_is_bounded_and_that_of_the_matrix() -> None:
     assert found.along.condition(strength) == pytest.approx(np.linalg.cond(root), rel=1e-6)
 
 
-def test_values_all_in_one_place_stay_there() -> None:
+def test_values_all_in_one_place_stay_there():
     found = smooth(np.full((LINES, TURNS, 2), 3.0), *axes())
     assert np.allclose(found.fitted, 3.0)
     assert found.sigma < 1e-12
 
 
-def test_without_anything_that_bends_the_values_are_passed() -> None:
+def test_without_anything_that_bends_the_values_are_passed():
     along = smoothing_axis(np.eye(2), np.zeros((1, 2)))
     values = np.random.default_rng(6).normal(size=(2, TURNS, 2))
     around = axes()[1]
@@ -178,13 +178,13 @@ def test_without_anything_that_bends_the_values_are_passed() -> None:
         ({"basis": np.full((3, 3), np.nan)}, "basis must be finite"),
     ],
 )
-def test_an_axis_that_cannot_work_is_refused(change: dict[str, Floats], words: str) -> None:
+def test_an_axis_that_cannot_work_is_refused(change, words):
     wanted = {"basis": np.eye(3), "root": np.eye(3), **change}
     with pytest.raises(ValueError, match=words):
         smoothing_axis(**wanted)
 
 
-def test_caution_smooths_more_and_never_passes_the_values() -> None:
+def test_caution_smooths_more_and_never_passes_the_values():
     noise = 0.02 * np.random.default_rng(7).normal(size=(LINES, TURNS, 2))
     for values in (wavy(), wavy() + noise):
         plain, careful = smooth(values, *axes()), smooth(values, *axes(), caution=1.4)
@@ -192,7 +192,7 @@ def test_caution_smooths_more_and_never_passes_the_values() -> None:
         assert careful.freedom < LINES * TURNS / 1.4
 
 
-def test_values_and_noise_that_cannot_be_are_refused() -> None:
+def test_values_and_noise_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match=r"values must have shape \(15, 24, any\)"):
         smooth(wavy()[1:], *axes())
     with pytest.raises(ValueError, match="noise must be 0 or more and finite, got -1"):
@@ -201,7 +201,7 @@ def test_values_and_noise_that_cannot_be_are_refused() -> None:
         smooth(wavy(), *axes(), caution=0.5)
 
 
-def test_what_a_line_is_missed_by_is_what_leaving_it_out_would_cost() -> None:
+def test_what_a_line_is_missed_by_is_what_leaving_it_out_would_cost():
     rng = np.random.default_rng(2)
     sites = np.linspace(0.0, 1.0, 9)
     basis = clamped_basis(9)
@@ -229,7 +229,7 @@ def test_what_a_line_is_missed_by_is_what_leaving_it_out_would_cost() -> None:
         assert fit.missed[out] == pytest.approx(missed, rel=1e-6)
 
 
-def test_the_bending_along_is_the_integral_of_the_squared_second_derivative() -> None:
+def test_the_bending_along_is_the_integral_of_the_squared_second_derivative():
     basis = Basis(np.array([0, 0, 0, 0, 0.2, 0.7, 1, 1, 1, 1.0]), 3)
     control = np.random.default_rng(0).normal(size=basis.count)
     fine = (np.arange(200_000) + 0.5) / 200_000
@@ -237,7 +237,7 @@ def test_the_bending_along_is_the_integral_of_the_squared_second_derivative() ->
     assert np.sum(np.square(bending_along(basis) @ control)) == pytest.approx(wanted, rel=1e-6)
 
 
-def test_straight_lines_do_not_bend_along() -> None:
+def test_straight_lines_do_not_bend_along():
     basis = clamped_basis(9)
     line = 3.0 + 2.0 * basis.greville()
     assert np.abs(bending_along(basis) @ line).max() < 1e-11
@@ -246,7 +246,7 @@ def test_straight_lines_do_not_bend_along() -> None:
 
 
 @pytest.mark.parametrize("count", [4, 7, 24, 128])
-def test_points_and_ellipses_do_not_bend_around_and_lobes_do(count: int) -> None:
+def test_points_and_ellipses_do_not_bend_around_and_lobes_do(count):
     angle = 2 * np.pi * np.arange(count) / count
     root = bending_around(count)
     ellipse = np.column_stack([4.0 + 3.0 * np.cos(angle + 1.0), np.sin(angle)])
@@ -266,14 +266,14 @@ def judged(sites: Floats, radius: Floats, sigma: float = 0.0) -> BetweenContours
     return between_contours(sites, radius[..., None] * RIM, across, sigma)
 
 
-def test_what_neighbours_predict_exactly_leaves_no_doubt() -> None:
+def test_what_neighbours_predict_exactly_leaves_no_doubt():
     sites = np.linspace(-1.0, 1.0, 12)
     found = judged(sites, 1.0 + sites - sites**2)
     doubt = found.variance(np.linspace(-1.5, 1.5, 50), np.arange(5) / 5)
     assert doubt.max() < 1e-24
 
 
-def test_doubt_is_none_at_contours_and_most_midway() -> None:
+def test_doubt_is_none_at_contours_and_most_midway():
     sites = np.linspace(0.0, 1.0, 11)
     found = judged(sites, 1.0 + 0.2 * np.sin(20.0 * sites))
     assert found.variance(sites, np.zeros(1)).max() < 1e-24
@@ -283,7 +283,7 @@ def test_doubt_is_none_at_contours_and_most_midway() -> None:
     assert doubt[10] > 0.0
 
 
-def test_doubt_grows_with_the_distance_beyond_the_outermost_contours() -> None:
+def test_doubt_grows_with_the_distance_beyond_the_outermost_contours():
     sites = np.linspace(0.0, 1.0, 11)
     found = judged(sites, 1.0 + 0.2 * np.sin(20.0 * sites))
     for away in (-1.0, 1.0):
@@ -293,7 +293,7 @@ def test_doubt_grows_with_the_distance_beyond_the_outermost_contours() -> None:
         assert near > 0.0
 
 
-def test_what_lies_at_one_side_leaves_no_doubt_about_the_other() -> None:
+def test_what_lies_at_one_side_leaves_no_doubt_about_the_other():
     sites = np.linspace(0.0, 1.0, 15)
     bump = np.exp(-np.square((sites[:, None] - 0.5) / 0.05) - np.square((ANGLE - np.pi) / 0.3))
     found = judged(sites, 1.0 + 0.1 * bump)
@@ -301,7 +301,7 @@ def test_what_lies_at_one_side_leaves_no_doubt_about_the_other() -> None:
     assert doubt[:, 0].max() < 1e-6 * doubt[:, 1].max()
 
 
-def test_noise_alone_leaves_little_doubt() -> None:
+def test_noise_alone_leaves_little_doubt():
     sites = np.linspace(0.0, 1.0, 20)
     noise = 0.01 * np.random.default_rng(0).normal(size=(20, TURNS_32))
     found = judged(sites, 1.0 + noise, sigma=0.01)
@@ -309,7 +309,7 @@ def test_noise_alone_leaves_little_doubt() -> None:
     assert found.squares.mean() < 0.5 * without.squares.mean()
 
 
-def test_the_decay_is_measured_within_limits() -> None:
+def test_the_decay_is_measured_within_limits():
     sites = np.linspace(0.0, 1.0, 30)
     trust = max(FEW / 30, LEAST_TRUST)
     smooth = judged(sites, 1.0 + np.sin(3.0 * sites))
@@ -320,7 +320,7 @@ def test_the_decay_is_measured_within_limits() -> None:
     assert few.share == pytest.approx(DECAY)
 
 
-def test_three_two_and_one_contours_give_finite_doubts() -> None:
+def test_three_two_and_one_contours_give_finite_doubts():
     places = np.linspace(-0.5, 2.5, 31)
     for count, warnings in ((3, True), (2, True), (1, False)):
         found = judged(np.arange(count, dtype=float), np.array([1.0, 1.5, 0.7])[:count])

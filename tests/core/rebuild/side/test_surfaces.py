@@ -35,7 +35,7 @@ def away(points: Floats) -> Floats:
     return np.linalg.norm(points - np.array([3.0, -2.0, 0.0]), axis=-1)
 
 
-def test_places_lie_on_the_ball_from_its_pole_to_the_last_contour(ball: ContourSurface) -> None:
+def test_places_lie_on_the_ball_from_its_pole_to_the_last_contour(ball):
     low, high = ball.along.domain
     points = ball.places(np.linspace(low, high, 100), np.linspace(0.0, 3.0, 100))
     assert np.abs(away(points) - 1.0).max() < 1e-4
@@ -43,7 +43,7 @@ def test_places_lie_on_the_ball_from_its_pole_to_the_last_contour(ball: ContourS
     assert np.allclose(points[0], [3.0, -2.0, -1.0], atol=1e-12)
 
 
-def test_heights_and_turns_are_broadcast(ball: ContourSurface) -> None:
+def test_heights_and_turns_are_broadcast(ball):
     heights = np.linspace(-0.8, 0.8, 5)
     grid = ball.at(heights[:, None], TURNS)
     assert grid.shape == (5, 40, 2)
@@ -56,9 +56,7 @@ def test_heights_and_turns_are_broadcast(ball: ContourSurface) -> None:
 
 
 @pytest.mark.parametrize("by", [(1, 0), (0, 1), (1, 1), (0, 2)])
-def test_derivatives_by_height_and_turn_are_those_of_differences(
-    ball: ContourSurface, by: tuple[int, int]
-) -> None:
+def test_derivatives_by_height_and_turn_are_those_of_differences(ball, by):
     heights, turns = np.meshgrid([-0.7, 0.1, 0.6], [0.03, 0.41], indexing="ij")
     step = 1e-5
     lower = (by[0], by[1] - 1) if by[1] else (0, 0)
@@ -69,9 +67,7 @@ def test_derivatives_by_height_and_turn_are_those_of_differences(
 
 
 @pytest.mark.parametrize("by", [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2)])
-def test_derivatives_by_the_parameter_are_smooth_up_to_the_pole(
-    ball: ContourSurface, by: tuple[int, int]
-) -> None:
+def test_derivatives_by_the_parameter_are_smooth_up_to_the_pole(ball, by):
     low, high = ball.along.domain
     parameters, turns = np.array([low, low + 0.1, high]), np.full(3, 0.2)
     found = ball.places(parameters, turns, by)
@@ -80,13 +76,13 @@ def test_derivatives_by_the_parameter_are_smooth_up_to_the_pole(
     assert np.allclose(found[:, :2], ball.on_grid(parameters, turns[:1], by)[:, 0], atol=1e-13)
 
 
-def test_beyond_its_reach_the_section_is_carried_on(ball: ContourSurface) -> None:
+def test_beyond_its_reach_the_section_is_carried_on(ball):
     last = ball.at(0.9, TURNS)
     assert np.array_equal(ball.at(0.97, TURNS), last)
     assert np.array_equal(ball.at(0.97, TURNS, (1, 0)), np.zeros((40, 2)))
 
 
-def test_a_side_patch_runs_from_0_to_1(ball: ContourSurface) -> None:
+def test_a_side_patch_runs_from_0_to_1(ball):
     side = SidePatch(ball)
     ends = side.at(np.array([0.0, 1.0]), np.array([0.3, 0.3]))
     assert np.allclose(ends[:, 2], [-1.0, 0.9])
@@ -98,7 +94,7 @@ def test_a_side_patch_runs_from_0_to_1(ball: ContourSurface) -> None:
         assert np.allclose(side.at(v, turns, (order + 1, 0)), wanted, rtol=1e-5, atol=1e-5)
 
 
-def test_derivatives_that_are_not_offered_and_bad_numbers_are_refused(ball: ContourSurface) -> None:
+def test_derivatives_that_are_not_offered_and_bad_numbers_are_refused(ball):
     with pytest.raises(ValueError, match="by must be 0 or 1 in the height, got 2"):
         ball.at(0.0, 0.0, (2, 0))
     with pytest.raises(ValueError, match="heights must be finite"):
@@ -113,7 +109,7 @@ KINDS = list(itertools.product((False, True), repeat=2))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_heights_and_parameters_are_inverse(kind: tuple[bool, bool]) -> None:
+def test_heights_and_parameters_are_inverse(kind):
     axis = AxialParameter(-2.0, 5.0, kind)
     heights = np.linspace(-2.0, 5.0, 201)
     parameters = axis.of(heights)
@@ -122,14 +118,14 @@ def test_heights_and_parameters_are_inverse(kind: tuple[bool, bool]) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_height_stands_still_at_round_ends_alone(kind: tuple[bool, bool]) -> None:
+def test_the_height_stands_still_at_round_ends_alone(kind):
     axis = AxialParameter(1.0, 3.0, kind)
     slopes = axis.height(axis.of(np.array([1.0, 3.0])), 1)
     assert (np.abs(slopes) < 1e-15).tolist() == list(kind)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_derivatives_of_the_height_are_those_of_differences(kind: tuple[bool, bool]) -> None:
+def test_derivatives_of_the_height_are_those_of_differences(kind):
     axis = AxialParameter(-1.0, 0.5, kind)
     places = axis.of(np.linspace(-0.9, 0.4, 7))
     step = 1e-4
@@ -138,7 +134,7 @@ def test_derivatives_of_the_height_are_those_of_differences(kind: tuple[bool, bo
     assert np.allclose(axis.height(places, 2), (above - 2 * here + below) / step**2, atol=1e-5)
 
 
-def test_the_radius_of_a_ball_is_a_cosine_of_its_latitude_up_to_the_pole() -> None:
+def test_the_radius_of_a_ball_is_a_cosine_of_its_latitude_up_to_the_pole():
     gap = np.array([1e-15, 1e-12, 1e-6, 0.1])
     axis = AxialParameter(-1.0, 1.0, (True, True))
     heights = 1.0 - gap
@@ -146,13 +142,13 @@ def test_the_radius_of_a_ball_is_a_cosine_of_its_latitude_up_to_the_pole() -> No
     assert np.allclose(np.cos(axis.of(heights)), exact, rtol=1e-8, atol=0.0)
 
 
-def test_heights_beyond_an_end_are_taken_to_it() -> None:
+def test_heights_beyond_an_end_are_taken_to_it():
     for kind in KINDS:
         axis = AxialParameter(0.0, 1.0, kind)
         assert axis.of(np.array([-3.0, 4.0])).tolist() == axis.of(np.array([0, 1.0])).tolist()
 
 
-def test_the_unit_of_the_heights_does_not_matter() -> None:
+def test_the_unit_of_the_heights_does_not_matter():
     heights = np.linspace(0.0, 1.0, 9)
     for kind in KINDS:
         usual = AxialParameter(0.0, 1.0, kind).of(heights)
@@ -163,19 +159,19 @@ def test_the_unit_of_the_heights_does_not_matter() -> None:
 
 
 @pytest.mark.parametrize(("sites", "degree"), [(2, 1), (3, 2), (4, 3), (5, 3), (40, 3)])
-def test_the_degree_is_lower_where_there_are_few_sites(sites: int, degree: int) -> None:
+def test_the_degree_is_lower_where_there_are_few_sites(sites, degree):
     places = np.linspace(-1.0, 1.0, sites) ** 3
     basis = basis_along(places, (-2.0, 2.0))
     assert (basis.degree, basis.count) == (degree, sites)
     assert basis.domain == (places[0], places[-1])
 
 
-def test_a_single_site_has_a_line_between_the_ends() -> None:
+def test_a_single_site_has_a_line_between_the_ends():
     basis = basis_along(np.array([0.3]), (-1.0, 1.0))
     assert (basis.degree, basis.count, basis.domain) == (1, 2, (-1.0, 1.0))
 
 
-def test_very_many_sites_share_intervals() -> None:
+def test_very_many_sites_share_intervals():
     basis = basis_along(np.linspace(0.0, 1.0, 1000), (0.0, 1.0))
     assert basis.count == MOST_SITES
     assert basis.domain == (0.0, 1.0)
@@ -183,7 +179,7 @@ def test_very_many_sites_share_intervals() -> None:
 
 @settings(derandomize=True, deadline=None, max_examples=40)
 @given(st.lists(st.floats(1e-4, 1.0), min_size=1, max_size=30))
-def test_values_at_any_rising_sites_can_be_interpolated(steps: list[float]) -> None:
+def test_values_at_any_rising_sites_can_be_interpolated(steps):
     sites = np.cumsum([0.0, *steps])
     assert is_interpolable(basis_along(sites, (0.0, 1.0)), sites)
 
@@ -192,7 +188,7 @@ EVEN = np.array([0.0, 0.2, 0.21, 0.5, 0.9, 1.0])
 LENGTHS = np.array([1.0, 4.0, 1.5, 2.0, 0.5])
 
 
-def test_a_reparametrisation_passes_its_places_and_spans_what_the_values_do() -> None:
+def test_a_reparametrisation_passes_its_places_and_spans_what_the_values_do():
     mapping = reparametrisation_through(EVEN, LENGTHS)
     assert np.allclose(mapping.mapped, np.append(0.0, np.cumsum(LENGTHS)) / LENGTHS.sum())
     assert np.abs(mapping.of(EVEN) - mapping.mapped).max() < 1e-14
@@ -203,7 +199,7 @@ def test_a_reparametrisation_passes_its_places_and_spans_what_the_values_do() ->
     steps=st.lists(st.tuples(st.floats(1e-4, 1.0), st.floats(1e-4, 1.0)), min_size=1, max_size=9)
 )
 @settings(derandomize=True, deadline=None, max_examples=50)
-def test_it_rises_and_is_undone_by_its_inverse(steps: list[tuple[float, float]]) -> None:
+def test_it_rises_and_is_undone_by_its_inverse(steps):
     rises, lengths = np.array(steps).T
     even = np.concatenate([[-1.0], -1.0 + np.cumsum(rises)])
     mapping = reparametrisation_through(even, lengths)
@@ -213,7 +209,7 @@ def test_it_rises_and_is_undone_by_its_inverse(steps: list[tuple[float, float]])
     assert np.abs(mapping.value(mapping.of(values)) - values).max() < 1e-10 * np.ptp(even)
 
 
-def test_its_derivatives_are_those_of_its_values() -> None:
+def test_its_derivatives_are_those_of_its_values():
     mapping, step = reparametrisation_through(EVEN, LENGTHS), 1e-5
     places = np.linspace(0.01, 0.99, 200)
     places = places[np.abs(places[:, None] - mapping.mapped).min(axis=1) > 2 * step]
@@ -223,7 +219,7 @@ def test_its_derivatives_are_those_of_its_values() -> None:
         assert np.abs(slope / (2 * step) - wanted).max() < 1e-5 * np.abs(wanted).max()
 
 
-def test_steps_as_long_as_the_values_change_nothing() -> None:
+def test_steps_as_long_as_the_values_change_nothing():
     mapping = reparametrisation_through(EVEN, np.diff(EVEN))
     places = np.linspace(0.0, 1.0, 101)
     assert np.abs(mapping.value(places) - places).max() < 1e-14
@@ -231,7 +227,7 @@ def test_steps_as_long_as_the_values_change_nothing() -> None:
 
 
 @pytest.mark.parametrize("ends", [(False, False), (True, False), (False, True), (True, True)])
-def test_a_reparametrised_axis_knows_its_heights(ends: tuple[bool, bool]) -> None:
+def test_a_reparametrised_axis_knows_its_heights(ends):
     even = AxialParameter(-2.0, 3.0, ends)
     rows = even.of(np.array([-2.0, -1.0, 0.9, 1.0, 3.0]))
     mapped = AxialParameter(

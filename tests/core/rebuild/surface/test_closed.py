@@ -48,7 +48,7 @@ def places(count: int = 400) -> tuple[Floats, Floats]:
     return rng.uniform(0.001, 0.999, count), rng.uniform(-1.0, 2.0, count)
 
 
-def test_points_lie_on_the_surface_and_normals_across_it(whole: Surface) -> None:
+def test_points_lie_on_the_surface_and_normals_across_it(whole):
     v, turns = places()
     points, normals = whole.at(v, turns), whole.normals(v, turns)
     np.testing.assert_allclose(np.linalg.norm(points / SIZE, axis=1), 1.0, atol=1e-14)
@@ -57,7 +57,7 @@ def test_points_lie_on_the_surface_and_normals_across_it(whole: Surface) -> None
     np.testing.assert_allclose(normals, across, atol=1e-9)
 
 
-def test_curvatures_are_those_of_an_ellipsoid(whole: Surface) -> None:
+def test_curvatures_are_those_of_an_ellipsoid(whole):
     v, turns = places()
     x = whole.at(v, turns)
     found = whole.curvatures(v, turns)
@@ -68,7 +68,7 @@ def test_curvatures_are_those_of_an_ellipsoid(whole: Surface) -> None:
     np.testing.assert_allclose(0.5 * (found.k1 + found.k2), mean, rtol=1e-9)
 
 
-def test_at_a_pole_normals_and_curvatures_are_the_limit(whole: Surface) -> None:
+def test_at_a_pole_normals_and_curvatures_are_the_limit(whole):
     poles = np.array([0.0, 1.0])
     found = whole.curvatures(poles, np.zeros(2))
     np.testing.assert_allclose(whole.normals(poles, [0.1, 0.7]), [[0, 0, -1], [0, 0, 1]], atol=1e-4)
@@ -77,7 +77,7 @@ def test_at_a_pole_normals_and_curvatures_are_the_limit(whole: Surface) -> None:
     np.testing.assert_allclose(np.abs(found.directions[:, 1]), 1.0, atol=1e-3)
 
 
-def test_many_points_have_the_curvatures_that_each_of_them_has() -> None:
+def test_many_points_have_the_curvatures_that_each_of_them_has():
     rng = np.random.default_rng(3)
     derivatives = rng.normal(size=(5, 20, 3))
     found = curvatures_of(*derivatives)
@@ -94,9 +94,7 @@ def test_many_points_have_the_curvatures_that_each_of_them_has() -> None:
     "profile", [Flat(0.0), Flat(-0.3), Flat(-1.0), Conic(-0.4), Superellipse(0.3, 8.0, 5.0)]
 )
 @pytest.mark.parametrize("by", [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2)])
-def test_derivatives_are_those_of_central_differences(
-    capped: Callable[..., Surface], profile: Profile, by: tuple[int, int]
-) -> None:
+def test_derivatives_are_those_of_central_differences(capped, profile, by):
     surface, step = capped(profile, shift=0.004), 1e-6
     v, turns = places(200)
     away = np.abs(v[:, None] - surface.seams).min(axis=1) > 2 * step
@@ -112,7 +110,7 @@ def test_derivatives_are_those_of_central_differences(
 
 
 @pytest.mark.parametrize("profile", [Flat(-0.3), Conic(0.0), Superellipse(0.3, 20.0, 30.0)])
-def test_pieces_meet_at_their_seams(capped: Callable[..., Surface], profile: Profile) -> None:
+def test_pieces_meet_at_their_seams(capped, profile):
     surface = capped(profile, shift=0.004)
     turns = np.arange(50) / 50
     for piece, seam in enumerate(surface.seams[1:-1]):
@@ -121,17 +119,13 @@ def test_pieces_meet_at_their_seams(capped: Callable[..., Surface], profile: Pro
         np.testing.assert_allclose(below, above, atol=1e-15)
 
 
-def test_an_end_reaches_the_height_and_the_middle_that_it_says(
-    capped: Callable[..., Surface],
-) -> None:
+def test_an_end_reaches_the_height_and_the_middle_that_it_says(capped):
     surface = capped(Superellipse(0.3, 8.0, 5.0), gap=0.01, shift=0.004)
     np.testing.assert_allclose(surface.at(1.0, 0.3), [0.004, 0.0, RIM + 0.01], atol=1e-15)
     np.testing.assert_allclose(surface.at(0.0, 0.3), [0.0, 0.0, -RIM], atol=1e-15)
 
 
-def test_a_flat_end_has_an_edge_and_normals_on_both_sides_of_it(
-    capped: Callable[..., Surface],
-) -> None:
+def test_a_flat_end_has_an_edge_and_normals_on_both_sides_of_it(capped):
     surface = capped(Flat(0.0))
     edge = surface.seams[-2]
     wall, disc = surface.normals(np.array([edge - 1e-9, edge]), np.zeros(2))
@@ -139,13 +133,13 @@ def test_a_flat_end_has_an_edge_and_normals_on_both_sides_of_it(
     np.testing.assert_allclose(disc, [0, 0, 1], atol=1e-9)
 
 
-def test_a_surface_has_no_unit(ellipsoid_side: Make) -> None:
+def test_a_surface_has_no_unit(ellipsoid_side):
     small, large = (close_surface(ellipsoid_side(SIZE * unit)) for unit in (1e-6, 1e6))
     v, turns = places(50)
     np.testing.assert_allclose(small.normals(v, turns), large.normals(v, turns), atol=1e-12)
 
 
-def test_places_are_broadcast(whole: Surface) -> None:
+def test_places_are_broadcast(whole):
     assert whole.at(np.zeros((4, 1)), np.zeros(5)).shape == (4, 5, 3)
     assert whole.at(0.5, 0.25).shape == (3,)
     assert whole.normals(np.zeros((4, 1)), np.zeros(5)).shape == (4, 5, 3)
@@ -161,19 +155,17 @@ def test_places_are_broadcast(whole: Surface) -> None:
         (0.5, 0.0, (-1, 0), "by must be 0 or more"),
     ],
 )
-def test_places_that_are_none_are_refused(
-    whole: Surface, v: float, turns: float, by: tuple[int, int], words: str
-) -> None:
+def test_places_that_are_none_are_refused(whole, v, turns, by, words):
     with pytest.raises(ValueError, match=words):
         whole.at(v, turns, by)
 
 
-def test_normals_beyond_the_poles_are_refused(whole: Surface) -> None:
+def test_normals_beyond_the_poles_are_refused(whole):
     with pytest.raises(ValueError, match=r"v must lie between 0 and 1, got -0\.5"):
         whole.normals(-0.5, 0.0)
 
 
-def test_a_side_that_does_not_close_needs_an_end(ellipsoid_side: Make) -> None:
+def test_a_side_that_does_not_close_needs_an_end(ellipsoid_side):
     side = ellipsoid_side(SIZE, -0.5 * np.pi, LATITUDE)
     with pytest.raises(ValueError, match="top must be given, for the side does not close there"):
         close_surface(side)
@@ -181,7 +173,7 @@ def test_a_side_that_does_not_close_needs_an_end(ellipsoid_side: Make) -> None:
         close_surface(ellipsoid_side(SIZE, -LATITUDE, 0.5 * np.pi))
 
 
-def test_a_clockwise_side_is_refused(ellipsoid_side: Make) -> None:
+def test_a_clockwise_side_is_refused(ellipsoid_side):
     with pytest.raises(ValueError, match="side must run counter-clockwise"):
         close_surface(ellipsoid_side(SIZE * [1.0, -1.0, 1.0]))
 
@@ -200,7 +192,7 @@ class Moved:
         return np.asarray(self.side.at(v, turns, by) + self.shift * (by == (0, 0)))
 
 
-def test_an_ellipsoid_has_its_volume_and_its_inertia(ellipsoid_side: Make) -> None:
+def test_an_ellipsoid_has_its_volume_and_its_inertia(ellipsoid_side):
     found = measure_surface(close_surface(ellipsoid_side(SIZE)))
     a, b, c = SIZE**2
     assert found.moments.volume == pytest.approx(VOLUME, rel=1e-12)
@@ -211,12 +203,12 @@ def test_an_ellipsoid_has_its_volume_and_its_inertia(ellipsoid_side: Make) -> No
     assert found.error < 1e-9
 
 
-def test_the_area_of_a_sphere_is_exact(ellipsoid_side: Make) -> None:
+def test_the_area_of_a_sphere_is_exact(ellipsoid_side):
     found = measure_surface(close_surface(ellipsoid_side([0.03, 0.03, 0.03])))
     assert found.area == pytest.approx(4 * np.pi * 0.03**2, rel=1e-12)
 
 
-def test_far_from_the_origin_nothing_is_lost(ellipsoid_side: Make) -> None:
+def test_far_from_the_origin_nothing_is_lost(ellipsoid_side):
     shift = np.array([100.0, -200.0, 300.0])
     here = measure_surface(close_surface(ellipsoid_side(SIZE)))
     there = measure_surface(close_surface(Moved(ellipsoid_side(SIZE), shift)))
@@ -226,7 +218,7 @@ def test_far_from_the_origin_nothing_is_lost(ellipsoid_side: Make) -> None:
     np.testing.assert_allclose(there.moments.second, expected, rtol=1e-9)
 
 
-def test_ends_count_and_the_pieces_between_edges_are_exact(ellipsoid_side: Make) -> None:
+def test_ends_count_and_the_pieces_between_edges_are_exact(ellipsoid_side):
     low, high = -1.0, 0.5
     heights = 0.03 * np.sin([low, high])
     none = np.zeros(2)

@@ -58,18 +58,14 @@ def farthest(surface: Surface, mesh: SurfaceMesh) -> float:
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 2e-5])
-def test_the_mesh_stays_within_the_tolerance_and_does_not_waste_it(
-    ellipsoid_side: Make, tolerance: float
-) -> None:
+def test_the_mesh_stays_within_the_tolerance_and_does_not_waste_it(ellipsoid_side, tolerance):
     surface = close_surface(ellipsoid_side(SIZE))
     off = farthest(surface, mesh_surface(surface, tolerance))
     assert 0.3 * tolerance < off <= tolerance
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-def test_meshes_with_ends_are_closed_and_within_the_tolerance(
-    ellipsoid_side: Make, profile: Profile
-) -> None:
+def test_meshes_with_ends_are_closed_and_within_the_tolerance(ellipsoid_side, profile):
     surface = capped(ellipsoid_side(SIZE, -1.0, 1.0), profile, (-RIM, RIM), 0.01)
     mesh = mesh_surface(surface)
     found = solidity(mesh.vertices, mesh.faces)
@@ -79,26 +75,26 @@ def test_meshes_with_ends_are_closed_and_within_the_tolerance(
     assert self_intersection(mesh.vertices, mesh.faces).count == 0
 
 
-def test_a_twisted_side_with_corners_is_within_the_tolerance() -> None:
+def test_a_twisted_side_with_corners_is_within_the_tolerance():
     surface = capped(TwistedBox(), Flat(0.0), (0.0, 0.09), 0.01)
     mesh = mesh_surface(surface, 1e-4)
     assert solidity(mesh.vertices, mesh.faces)[:3] == (True, 1, 0)
     assert farthest(surface, mesh) <= 1e-4
 
 
-def test_a_quarter_of_the_tolerance_takes_four_times_the_vertices(ellipsoid_side: Make) -> None:
+def test_a_quarter_of_the_tolerance_takes_four_times_the_vertices(ellipsoid_side):
     surface = close_surface(ellipsoid_side(SIZE))
     coarse, fine = (len(mesh_surface(surface, one).vertices) for one in (8e-5, 2e-5))
     assert fine / coarse == pytest.approx(4.0, rel=0.25)
 
 
-def test_vertices_know_their_places(ellipsoid_side: Make) -> None:
+def test_vertices_know_their_places(ellipsoid_side):
     surface = close_surface(ellipsoid_side(SIZE))
     mesh = mesh_surface(surface, 1e-4)
     np.testing.assert_allclose(surface.at(mesh.v, mesh.turns), mesh.vertices, atol=1e-15)
 
 
-def test_triangles_at_the_poles_are_no_slivers(ellipsoid_side: Make) -> None:
+def test_triangles_at_the_poles_are_no_slivers(ellipsoid_side):
     mesh = mesh_surface(close_surface(ellipsoid_side(SIZE)), 2e-5)
     corners = mesh.vertices[mesh.faces]
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
@@ -107,11 +103,11 @@ def test_triangles_at_the_poles_are_no_slivers(ellipsoid_side: Make) -> None:
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1e-4, np.nan, np.inf])
-def test_a_tolerance_that_is_none_is_refused(ellipsoid_side: Make, tolerance: float) -> None:
+def test_a_tolerance_that_is_none_is_refused(ellipsoid_side, tolerance):
     with pytest.raises(ValueError, match="tolerance must be positive and finite"):
         mesh_surface(close_surface(ellipsoid_side(SIZE)), tolerance)
 
 
-def test_a_tolerance_that_needs_too_many_vertices_is_refused(ellipsoid_side: Make) -> None:
+def test_a_tolerance_that_needs_too_many_vertices_is_refused(ellipsoid_side):
     with pytest.raises(ValueError, match="tolerance must let 2000000 vertices suffice, got 1e-09"):
         mesh_surface(close_surface(ellipsoid_side(SIZE)), 1e-9)

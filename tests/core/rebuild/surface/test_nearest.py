@@ -30,9 +30,7 @@ def capped(ellipsoid_side: Make) -> Surface:
     )
 
 
-def test_distances_from_an_ellipsoid_are_exact_though_the_mesh_is_coarse(
-    ellipsoid_side: Make,
-) -> None:
+def test_distances_from_an_ellipsoid_are_exact_though_the_mesh_is_coarse(ellipsoid_side):
     search = search_surface(close_surface(ellipsoid_side(SIZE)), COARSE)
     points = np.random.default_rng(0).normal(size=(3000, 3)) * 0.04
     foot = search.nearest(points)
@@ -47,9 +45,7 @@ def test_distances_from_an_ellipsoid_are_exact_though_the_mesh_is_coarse(
     np.testing.assert_allclose(search.surface.at(foot.v, foot.turns), foot.points, atol=1e-15)
 
 
-def test_with_edges_no_fine_mesh_finds_a_nearer_point_but_by_what_the_coarse_one_could_miss(
-    capped: Surface,
-) -> None:
+def test_with_edges_no_fine_mesh_finds_a_nearer_point_but_by_what_the_coarse_one_could_miss(capped):
     points = np.random.default_rng(1).normal(size=(3000, 3)) * 0.03
     foot = search_surface(capped, COARSE).nearest(points)
     tolerance = 1e-5
@@ -65,9 +61,7 @@ def test_with_edges_no_fine_mesh_finds_a_nearer_point_but_by_what_the_coarse_one
 
 @pytest.mark.parametrize("off", [1e-9, 1e-6, 1e-4])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_next_to_the_surface_the_distance_keeps_its_digits_and_its_sign(
-    capped: Surface, off: float, sign: float
-) -> None:
+def test_next_to_the_surface_the_distance_keeps_its_digits_and_its_sign(capped, off, sign):
     rng = np.random.default_rng(2)
     v, turns = rng.random(1000), rng.random(1000)
     apart = np.abs(v[:, None] - capped.seams).min(axis=1) > 0.02  # an edge's inside is wider
@@ -77,7 +71,7 @@ def test_next_to_the_surface_the_distance_keeps_its_digits_and_its_sign(
     np.testing.assert_allclose(foot.distances, sign * off, rtol=1e-6, atol=1e-16)
 
 
-def test_outside_an_edge_points_are_outside(capped: Surface) -> None:
+def test_outside_an_edge_points_are_outside(capped):
     turns = np.arange(40) / 40
     edge = capped.at(np.full(40, capped.seams[1]), turns)
     away = edge / np.linalg.norm(edge, axis=1, keepdims=True)
@@ -87,15 +81,13 @@ def test_outside_an_edge_points_are_outside(capped: Surface) -> None:
         assert search.inside(edge - min(off, 1e-3) * away).all()
 
 
-def test_the_middle_of_a_sphere_has_a_nearest_point_although_every_one_is(
-    ellipsoid_side: Make,
-) -> None:
+def test_the_middle_of_a_sphere_has_a_nearest_point_although_every_one_is(ellipsoid_side):
     search = search_surface(close_surface(ellipsoid_side([0.03, 0.03, 0.03])), COARSE)
     foot = search.nearest([[0.0, 0.0, 0.0]])
     assert foot.distances == pytest.approx(-0.03)
 
 
-def test_a_point_on_the_axis_finds_the_pole(ellipsoid_side: Make) -> None:
+def test_a_point_on_the_axis_finds_the_pole(ellipsoid_side):
     search = search_surface(close_surface(ellipsoid_side(SIZE)), COARSE)
     foot = search.nearest([[0.0, 0.0, 0.2], [0.0, 0.0, -0.2]])
     np.testing.assert_allclose(foot.distances, 0.17, rtol=1e-12)
@@ -103,7 +95,7 @@ def test_a_point_on_the_axis_finds_the_pole(ellipsoid_side: Make) -> None:
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
-def test_nearest_points_do_not_depend_on_the_unit(ellipsoid_side: Make, unit: float) -> None:
+def test_nearest_points_do_not_depend_on_the_unit(ellipsoid_side, unit):
     points = np.random.default_rng(3).normal(size=(200, 3)) * 0.04
     plain, scaled = (
         search_surface(close_surface(ellipsoid_side(SIZE * one)), COARSE * one).nearest(
@@ -115,7 +107,7 @@ def test_nearest_points_do_not_depend_on_the_unit(ellipsoid_side: Make, unit: fl
     assert scaled.converged.all()
 
 
-def test_a_point_that_is_not_finite_is_refused(ellipsoid_side: Make) -> None:
+def test_a_point_that_is_not_finite_is_refused(ellipsoid_side):
     search = search_surface(close_surface(ellipsoid_side(SIZE)), 1e-3)
     with pytest.raises(ValueError, match="points must be finite"):
         search.nearest([[np.nan, 0.0, 0.0]])
