@@ -241,7 +241,7 @@ def shape_model(
 ) -> ShapeModel:
     """The message for a solid."""
     if solid is not None:
-        dropped = {one.which: one.why for one in solid.slices.dropped}
+        dropped: dict[int, str] = {one.which: one.why for one in solid.slices.dropped}
     else:
         dropped = dict.fromkeys(range(len(goal.contours)) if why else (), why)
     final = isinstance(goal, PlanDone)

@@ -43,7 +43,6 @@ from palpate.core.rebuild.side import (
     fit_shifted_spline,
     looks_inward,
     noise_of,
-    pose_sigma,
     radial_fit,
     with_normals,
 )
@@ -223,11 +222,10 @@ def _rows_between(
     seen = coverage_of(plain.rows.heights, plain.rows.places[:, 1])
     if len(plain.rows.heights) < FEWEST or seen is None:
         return None
-    shifted = fit_shifted_spline(contacts, plain)
-    pose = pose_sigma(shifted)
+    spline, pose = fit_shifted_spline(contacts, plain)
     bottom = touched_end(contacts, float(levels[0]), -1.0, pose, bottom)
     top = touched_end(contacts, float(levels[-1]), 1.0, pose, top)
-    return _rows(contacts, shifted.spline, levels, (bottom, top), seen, pose)
+    return _rows(contacts, spline, levels, (bottom, top), seen, pose)
 
 
 def _reached(contacts: ContactPoints, last: float, way: float, end: float | None) -> float:

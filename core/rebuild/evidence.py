@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Floats, finite_array
+from palpate.core.arrays import Floats
 from palpate.core.geometry import signed_area
 from palpate.core.rebuild.contours import (
     ContactPoints,
@@ -21,7 +20,6 @@ from palpate.core.rebuild.contours import (
     are_nearly_star_shaped,
     contour_curves,
     inconsistent_contours,
-    into_frame,
     look_like_features,
     match_slices,
     neighbour_misfits,
@@ -90,24 +88,6 @@ class Evidence(NamedTuple):
         )
 
 
-def gather(
-    contours: Sequence[ArrayLike],
-    tops: ArrayLike | None = None,
-    *,
-    contacts: ContactPoints | None = None,
-    heights: ArrayLike | None = None,
-    noise: float | None = None,
-    frame: Floats | None = None,
-) -> Evidence:
-    """What `reconstruct` is given, put in order; contacts are seen from the frame already."""
-    touched = None
-    if tops is not None and not (isinstance(tops, list | tuple) and not tops):
-        touched = into_frame(frame, finite_array("tops", tops, (None, 3)))
-    return gather_curves(
-        contour_curves(contours, heights, 0, frame), touched, contacts, noise, frame
-    )
-
-
 def gather_curves(
     given: tuple[ContourCurve | DroppedContour, ...],
     tops: Floats | None,
@@ -115,7 +95,7 @@ def gather_curves(
     noise: float | None,
     frame: Floats | None = None,
 ) -> Evidence:
-    """The same of contours made into curves and of tops (k, 3), both seen from the frame."""
+    """What is known, put in order: contours as curves and tops (k, 3), seen from the frame."""
     slices = stack_curves(given)
     slices, bottom, top = _ends(slices, tops)
     reached = [*slices.heights[[0, -1]], *(end for end in (bottom, top) if end is not None)]

@@ -29,12 +29,14 @@ from palpate.core.rebuild.contours import (
     ContactPoints,
     checked_contacts,
     contacts_into_frame,
+    contour_curves,
     drop_reasons,
+    into_frame,
     normals_as_points,
     slicing_pose,
     stack_points,
 )
-from palpate.core.rebuild.evidence import Evidence, gather, gather_curves
+from palpate.core.rebuild.evidence import Evidence, gather_curves
 from palpate.core.rebuild.lattice import LatticeFit
 from palpate.core.rebuild.recovery import Recovery, recover
 from palpate.core.rebuild.solid import Method, Solid
@@ -73,55 +75,31 @@ def reconstruct(
 ) -> Solid:
     """Rebuild a solid from what was touched of it.
 
-    Parameters
-    ----------
-    contours : sequence of (n, 3) arrays, or of (n, 2) arrays with `heights`
-        Closed curves around the z axis of the slicing frame, in any order, each begun anywhere,
-        in either direction, of any number of points and in any unit: at least 2, or 1 with `tops`
-        at both ends. Rows that are not finite are left out, and single points that stick out.
-    normals : sequence of (n, 3) arrays, optional
-        Outward normals at the contours' points, of any length.
-    patches : ContactPoints, optional
-        Everything that touched, as points with the numbers of their touches.
-    tops : (k, 3) array, optional
-        Where single touches found the ends: those above the middle of the contours, along the
-        slicing axis, the upper one, those below it the lower one. An end that nobody touched is
-        closed where the contours say where, else level on the last contour; see
-        `Solid.uncovered`.
-    method : {"lattice", "skin", "thesis", "coarse"}
-        "skin": a smooth surface through what was touched. "lattice": the same as a control lattice
-        that deforms a prism, which can be edited and refined. "thesis": the shell and core of
-        Fung, 1999, 4.4, to compare with. "coarse": a superquadric, tapered and bent.
-    frame : (7,) array, optional
-        Pose of the slicing frame in the world: position, then a unit quaternion x, y, z, w. All
-        that is given here is given in the world, and the solid answers in the world; heights
-        count along the frame's z axis. The world's own frame if left out.
-    heights : (m,) array, optional
-        Of plane contours; without `frame`.
-    noise : float, optional
-        Standard deviation of a coordinate; estimated if left out.
-    size : pair of int, optional
-        With the method "lattice": control points across a section each way, and along the axis,
-        from 4 to 64 and from 4 to 512; as many as it takes if left out.
-    grasp : Recovery, optional
-        With the method "lattice": the superquadric that a grasp found, whose section the lattice
-        is put around; fitted to the contours if left out.
-    faithful : bool
-        With the method "thesis", as the program in its appendix has it, faults and all: see
-        `rebuild_thesis`. The contours must then have as many points each.
+    `contours` are closed curves around the z axis of the slicing frame, (n, 3) each, or (n, 2) with
+    their `heights` (m,) and no `frame`: at least 2, or 1 with `tops` at both ends; in any order,
+    each begun anywhere, in either direction, of any number of points and in any unit. Rows that are
+    not finite are left out, and single points that stick out. `normals` (n, 3) at their points are
+    outward, of any length. `patches` are everything that touched, as points with the numbers of
+    their touches. `tops` (k, 3) are where single touches found the ends: those above the middle of
+    the contours, along the slicing axis, the upper one, those below it the lower one. An end that
+    nobody touched is closed where the contours say where, else level on the last contour; see
+    `Solid.uncovered`.
 
-    Returns
-    -------
-    Solid
+    Methods: "skin": a smooth surface through what was touched. "lattice": the same as a control
+    lattice that deforms a prism, which can be edited and refined; of `size` control points across a
+    section each way, from 4 to 64, and along the axis, from 4 to 512, as many as it takes if left
+    out; put around the section of the superquadric that a `grasp` found, fitted to the contours if
+    left out. "thesis": the shell and core of Fung, 1999, 4.4, to compare with; `faithful`: as the
+    program in its appendix has it, faults and all, of contours with as many points each
+    (`rebuild_thesis`). "coarse": a superquadric, tapered and bent.
 
-    Raises
-    ------
-    ValueError
-        If no contour can be used, or one alone without `tops` above and below it, or an
-        argument has no use: the sentence says why.
+    `frame` (7,) is the pose of the slicing frame in the world: position, then a unit quaternion x,
+    y, z, w; the world's own if left out. All that is given here is given in the world, and the
+    solid answers in the world; heights count along the frame's z axis. `noise` is the standard
+    deviation of a coordinate; estimated if left out. Raises ValueError if no contour can be used,
+    or one alone without `tops` above and below it, or an argument has no use: the sentence says
+    why.
 
-    Notes
-    -----
     Fung, 1999, 4.2 and 4.4, with a smoothed skin through the contours in place of the shell and
     core.
     """
@@ -146,7 +124,11 @@ def reconstruct(
     if normals is not None:
         parts.append(normals_as_points(contours, normals, heights, pose))
     contacts = stack_points(parts) if parts else None
-    evidence = gather(contours, tops, contacts=contacts, heights=heights, noise=noise, frame=pose)
+    touched = None
+    if tops is not None and not (isinstance(tops, list | tuple) and not tops):
+        touched = into_frame(pose, finite_array("tops", tops, (None, 3)))
+    curves = contour_curves(contours, heights, 0, pose)
+    evidence = gather_curves(curves, touched, contacts, noise, pose)
     return Rebuilder(method, size, grasp, faithful)(evidence)
 
 

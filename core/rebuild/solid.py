@@ -79,9 +79,8 @@ class MeshCheck(NamedTuple):
 class Solid:
     """A closed solid, and how it came about; lengths in the unit of the contours.
 
-    What it answers is in the world, but heights, which count along the z axis of the slicing
-    frame; where ends are sheared, over its middle. What is kept of how it came about is seen from
-    that frame: evidence, loft and ends, lattice, model.
+    It answers in the world, but heights count along the z axis of the slicing frame; where ends are
+    sheared, over its middle. How it came about is seen from that frame: evidence, loft, lattice.
     """
 
     # Exact at every place: points, normals, curvatures, in no resolution. In the world.

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.contours.contacts import normals_as_points as normals_as_points
     from palpate.core.rebuild.contours.contacts import slicing_pose as slicing_pose
     from palpate.core.rebuild.contours.contacts import stack_points as stack_points
-    from palpate.core.rebuild.contours.correspondence import Correspondence as Correspondence
-    from palpate.core.rebuild.contours.correspondence import match_slices as match_slices
     from palpate.core.rebuild.contours.curves import CUBIC_GAIN as CUBIC_GAIN
     from palpate.core.rebuild.contours.curves import ContourCurve as ContourCurve
     from palpate.core.rebuild.contours.curves import DroppedContour as DroppedContour
@@ -42,7 +40,9 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.contours.outliers import neighbour_misfits as neighbour_misfits
     from palpate.core.rebuild.contours.outliers import neighbour_weights as neighbour_weights
     from palpate.core.rebuild.contours.outliers import point_outliers as point_outliers
+    from palpate.core.rebuild.contours.slices import Correspondence as Correspondence
     from palpate.core.rebuild.contours.slices import Slices as Slices
+    from palpate.core.rebuild.contours.slices import match_slices as match_slices
     from palpate.core.rebuild.contours.slices import restack as restack
     from palpate.core.rebuild.contours.slices import stack_curves as stack_curves
 else:

@@ -14,28 +14,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.core import splines
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array, probable_error_sigma
 from palpate.core.geometry import area_centroid, self_intersects, turn_between
 from palpate.core.rebuild.contours.contacts import into_frame
-from palpate.core.splines import (
-    EVEN_GAP,
-    EVEN_MIDDLE,
-    FLAT_SPREAD,
-    LEAST_POINTS,
-    UNEVEN_GAP_RATIO,
-    ClosedCurve,
-    ClosedPoints,
-    CurveFit,
-    CurveFlags,
-    choose_closed_fit,
-    closed_curve_points,
-    closed_knots,
-    curve_parameters,
-    fit_closed_curve,
-    gap_ratio,
-    interpolate_closed,
-    order_closed_points,
-)
+from palpate.core.splines import ClosedCurve
 
 REACH = 4  # Points on either side; half of them may be wrong
 CLEARLY = 6.0  # Deviations from which on a point is away from the median of those beside it,
@@ -45,18 +28,12 @@ MOST = 0.15  # Share of the points beyond which the contour itself is like that
 LEAST_HEIGHT_POINTS = 12
 SHOWN = 6  # Most contours that a sentence names
 # Why a contour is not used.
-DropReason = Literal[
-    "too few points",
-    "in one place",
-    "in one place: a touch of its end",
-    "on one line",
-    "around no area",
-    "repeats another at its height",
-    "inside another at its height",
-    "crosses another at its height",
-    "beside another at its height",
-    "unlike its neighbours",
-]
+DropReason = (
+    Literal["too few points", "in one place", "in one place: a touch of its end", "on one line"]
+    | Literal["around no area", "repeats another at its height", "inside another at its height"]
+    | Literal["crosses another at its height", "beside another at its height"]
+    | Literal["unlike its neighbours"]
+)
 FINE = 512  # Places along each curve at which it is compared with others
 LEAST_CURVE_POINTS = 3
 EVEN_CONDITION = 3.0  # Of the system for even steps: its eigenvalues lie between 1/3 and 1
@@ -240,15 +217,15 @@ def slice_curve(points: Floats) -> SliceCurve:
 
     It is smoothed only where it would meet itself, as points are closer than their noise.
     """
-    ring = order_closed_points(points)
+    ring = splines.order_closed_points(points)
     if len(ring.points) < LEAST_CURVE_POINTS:
-        curve = fit_closed_curve(points, parameters="even", smoothing=None)
+        curve = splines.fit_closed_curve(points, parameters="even", smoothing=None)
         return SliceCurve(curve, np.repeat(ring.middle[None], FINE, axis=0), False)
     turns = slice_parameters(ring.points)
     through = _seen(ring, _through(ring.points, turns))
     if not through.curve.flags.self_intersecting:
         return through
-    smooth = _seen(ring, choose_closed_fit(ring.points, turns, None, "gcv", 0.0))
+    smooth = _seen(ring, splines.choose_closed_fit(ring.points, turns, None, "gcv", 0.0))
     return through if smooth.curve.flags.self_intersecting else smooth
 
 
@@ -259,8 +236,8 @@ def slice_parameters(points: Floats) -> Floats:
     points that are hardly farther apart than their noise only chords over several steps are
     compared.
     """
-    parameters = curve_parameters(points, "even")
-    if len(points) < LEAST_POINTS or same_steps(parameters) or not _noisy_even(points):
+    parameters = splines.curve_parameters(points, "even")
+    if len(points) < splines.LEAST_POINTS or same_steps(parameters) or not _noisy_even(points):
         return parameters
     return np.arange(len(points)) / len(points)
 
@@ -282,21 +259,21 @@ def _noisy_even(points: Floats) -> bool:
     reach = int(np.clip(np.ceil(CLEAR * noise / max(step, noise)), 3, max(count // WIDEST, 3)))
     chords = np.linalg.norm(np.roll(points, -reach, 0) - points, axis=1)
     tenth, quarter, most = np.quantile(chords, [0.1, 0.25, 0.75])
-    return bool(chords.max() <= EVEN_GAP * tenth and most <= EVEN_MIDDLE * quarter)
+    return bool(chords.max() <= splines.EVEN_GAP * tenth and most <= splines.EVEN_MIDDLE * quarter)
 
 
-def _seen(ring: ClosedPoints, fit: CurveFit) -> SliceCurve:
+def _seen(ring: splines.ClosedPoints, fit: splines.CurveFit) -> SliceCurve:
     """The fit in the points' own place and scale, with what should be known of it."""
     spread = np.linalg.svd(ring.points - ring.points.mean(axis=0), compute_uv=False)
-    flat = bool(spread[1] <= FLAT_SPREAD * spread[0])
+    flat = bool(spread[1] <= splines.FLAT_SPREAD * spread[0])
     if fit.smoothing == 0.0 and same_steps(fit.parameters):
         fine = _even_matrix(len(ring.points)) @ fit.control
     else:
-        fine = closed_curve_points(fit.control, fit.knots, np.arange(FINE) / FINE)
+        fine = splines.closed_curve_points(fit.control, fit.knots, np.arange(FINE) / FINE)
     star = not flat and bool(are_star_shaped((fine - area_centroid(fine))[None])[0])
     residual = 0.0
     if fit.smoothing > 0.0:
-        off = ring.points - closed_curve_points(fit.control, fit.knots, fit.parameters)
+        off = ring.points - splines.closed_curve_points(fit.control, fit.knots, fit.parameters)
         residual = float(np.sqrt((off**2).sum(axis=1).mean()))
     curve = ClosedCurve(
         control=ring.middle + ring.size * fit.control,
@@ -309,9 +286,9 @@ def _seen(ring: ClosedPoints, fit: CurveFit) -> SliceCurve:
         condition=fit.condition,
         effective=fit.effective,
         smoothing=fit.smoothing,
-        flags=CurveFlags(
+        flags=splines.CurveFlags(
             degenerate=flat,
-            uneven=bool(gap_ratio(ring.points) > UNEVEN_GAP_RATIO),
+            uneven=bool(splines.gap_ratio(ring.points) > splines.UNEVEN_GAP_RATIO),
             self_intersecting=not flat and not star and self_intersects(fine),
         ),
     )
@@ -321,23 +298,23 @@ def _seen(ring: ClosedPoints, fit: CurveFit) -> SliceCurve:
 @lru_cache(maxsize=64)
 def _even_matrix(count: int) -> Floats:
     """From the control points of even steps to the fine curve, (FINE, count)."""
-    knots = closed_knots(np.arange(count) / count)
-    matrix = closed_curve_points(np.eye(count), knots, np.arange(FINE) / FINE)
+    knots = splines.closed_knots(np.arange(count) / count)
+    matrix = splines.closed_curve_points(np.eye(count), knots, np.arange(FINE) / FINE)
     matrix.setflags(write=False)
     return matrix
 
 
-def _through(points: Floats, turns: Floats) -> CurveFit:
+def _through(points: Floats, turns: Floats) -> splines.CurveFit:
     """The curve through all points; at even steps its system is solved by waves."""
     count = len(points)
     if not same_steps(turns):
-        return interpolate_closed(points, turns)
+        return splines.interpolate_closed(points, turns)
     waves = np.fft.rfft(points, axis=0)
     gain = (2.0 + np.cos(2.0 * np.pi * np.arange(len(waves)) / count)) / 3.0
     control = np.fft.irfft(waves / gain[:, None], count, axis=0)
-    return CurveFit(
+    return splines.CurveFit(
         control=np.roll(control, 1, axis=0),
-        knots=closed_knots(turns),
+        knots=splines.closed_knots(turns),
         parameters=turns,
         condition=EVEN_CONDITION,
         effective=float(count),

@@ -107,12 +107,6 @@ class End:
         """Whether the side itself should run on to a point at `height` and `middle`."""
         return self.kind in ("conic", "pole") and not self.apart
 
-    def shares(self, heights: Floats) -> Floats:
-        """Radius (n,) at heights between rim and end, as a share of the last contour's."""
-        gap = self.height - self.rim
-        way = (np.asarray(heights) - self.rim) / gap if gap else np.zeros_like(heights)
-        return self.profile.shares(np.clip(way, 0.0, 1.0))
-
 
 def close_ends(
     heights: Floats,

@@ -19,6 +19,6 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.lattice.fit import LatticeSide as LatticeSide
     from palpate.core.rebuild.lattice.fit import fit_lattice as fit_lattice
     from palpate.core.rebuild.lattice.fit import lattice_grid as lattice_grid
-    from palpate.core.rebuild.lattice.refinement import refine_lattice as refine_lattice
+    from palpate.core.rebuild.lattice.fit import refine_lattice as refine_lattice
 else:
     __getattr__, __dir__ = lazy(__name__)

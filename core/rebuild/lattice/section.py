@@ -39,6 +39,14 @@ SAMPLES = 3  # Places for each layer to which a given number of layers is fitted
 # What settles the inside: bending alone; rings on which lobes fade with the square of the way to
 # the middle; or straight with the way, which folds no star.
 SectionFill = Literal["bending", "rings", "cones"]
+# Strengths of the bending energy, which if weaker meets the skin hardly better and folds far more,
+# and of the rings, over the mean weight of the rim; and the power of the way from the middle with
+# which the lobes of the rings fade.
+STRENGTHS: dict[SectionFill, tuple[float, float, float]] = {
+    "bending": (1e-3, 0.0, 0.0),
+    "rings": (1e-5, 2e-2, 2.0),
+    "cones": (1e-4, 2e-2, 1.0),
+}
 # Of second differences of the control points, over the bending: for those that lie where neither
 # the rim nor the section is.
 EVEN = 1e-3
@@ -132,14 +140,6 @@ def _height(surface: ContourSurface, shares: Floats) -> Floats:
     return surface.axial_parameter.height(low + (high - low) * shares)
 
 
-class Strengths(NamedTuple):
-    """Of what settles the inside, over the mean weight of the rim."""
-
-    bending: float  # Of the bending energy
-    drawn: float  # Of the rings
-    fading: float  # Power of the way from the middle with which the lobes of the rings fade
-
-
 class SectionSystem(NamedTuple):
     """What a section's control points are solved with, for any curves."""
 
@@ -192,18 +192,18 @@ def solve_section(
 ) -> tuple[Floats, float]:
     """Control points (side, side, l, 2), m, for rims (l, k, 2), m, and the condition number."""
     section, side = system.section, system.basis.count
-    strengths = STRENGTHS[fill]
-    form = system.form + strengths.bending * system.bending + HELD * np.eye(side**2)
+    bending, drawn, fading = STRENGTHS[fill]
+    form = system.form + bending * system.bending + HELD * np.eye(side**2)
     box = (2.0 * system.rim - 1.0) @ section.axes
     # The undeformed lattice is a map, too: what is solved for is how it must move.
     moves = curves - section.middle - box
     right = system.seen.T @ _layers_last(moves) / _mean(system.seen)
-    if strengths.drawn:
+    if drawn:
         inner = [section_matrix(system.basis, 0.5 + q * (system.rim - 0.5)) for q in RINGS]
         rings = vstack(inner, "csr")
-        share = strengths.drawn / _mean(rings)
+        share = drawn / _mean(rings)
         form = form + share * (rings.T @ rings).toarray()
-        right = right + share * (rings.T @ _inner(box, _layers_last(moves), strengths.fading))
+        right = right + share * (rings.T @ _inner(box, _layers_last(moves), fading))
     factor, _ = lapack.dpotrf(form, lower=1)
     moved = cho_solve((factor, True), right)
     share = float(lapack.dpocon(factor, np.abs(form).sum(axis=0).max(), uplo="L")[0])
@@ -397,11 +397,3 @@ def section_matrix(basis: Basis, places: Floats, orders: tuple[int, int] = (0, 0
     starts = np.arange(0, columns.size + 1, width**2)
     shape = (len(places), basis.count**2)
     return csr_array((values.ravel(), columns.ravel(), starts), shape=shape)
-
-
-# Weaker bending meets the skin hardly better, and folds far more.
-STRENGTHS: dict[SectionFill, Strengths] = {
-    "bending": Strengths(1e-3, 0.0, 0.0),
-    "rings": Strengths(1e-5, 2e-2, 2.0),
-    "cones": Strengths(1e-4, 2e-2, 1.0),
-}

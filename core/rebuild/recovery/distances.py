@@ -83,7 +83,7 @@ def normal_distances(
     gradient, length, distance = _distances(seen)
     x, y, z = (part / length for part in gradient)
     normal = (x, y, z)
-    columns, pull = _columns(seen, parameters, warps, _rates(seen, normal), distance)
+    columns, pull = _columns(seen, parameters, warps, normal, distance)
     jacobian = np.empty((*distance.shape, warps.total))
     for i, column in columns.items():
         np.divide(column, length, out=jacobian[:, :, i])
@@ -94,10 +94,17 @@ def normal_distances(
 
 
 def _columns(
-    seen: Seen, parameters: Floats, warps: Warps, rates: Rates, distance: Floats
+    seen: Seen, parameters: Floats, warps: Warps, normal: Triple, distance: Floats
 ) -> tuple[dict[int, Floats], Triple]:
     """Derivatives, times the gradient's length, by all but the pose; and by the body's places."""
-    first, unit = _gauge_slope(seen), rates.unit
+    untapered, unbent = seen.untapered, seen.unbent
+    # How places change along the normals: bent and unbent ones, in the bend's axes, and straight.
+    bent = moved = straight = normal
+    if unbent is not None:
+        bent = turned(unbent, normal)
+        moved = unbend_rate(unbent, bent)
+        straight = turned_back(unbent, moved)
+    first, unit = _gauge_slope(seen), untaper_rate(untapered, straight)
     second, by_e1, by_e2 = _gauge_curve(seen, parameters, unit)
     across, whole = seen.across, seen.whole
     columns = {
@@ -107,7 +114,6 @@ def _columns(
     x, y, z = (one - distance * two for one, two in zip(first, second, strict=True))
     by_place = (x, y, z)
     by_rate = (-distance * first[0], -distance * first[1], -distance * first[2])
-    untapered = seen.untapered
     for i in (0, 1):
         columns[i] = -by_place[i] * untapered.place[i] - by_rate[i] * unit[i]
     if warps.taper:
@@ -115,15 +121,14 @@ def _columns(
         columns.update(zip(range(RIGID, RIGID + 2), both, strict=True))
     by_straight = untaper_slope_of_both(untapered, unit, by_place, by_rate)
     by_moving = untaper_slope(untapered, by_rate)
-    columns[2] = -by_straight[2] * untapered.straight[2] - by_moving[2] * rates.straight[2]
-    unbent = seen.unbent
+    columns[2] = -by_straight[2] * untapered.straight[2] - by_moving[2] * straight[2]
     if unbent is None:
         return columns, by_straight
     by_straight, by_moving = turned(unbent, by_straight), turned(unbent, by_moving)
-    both = slope_by_bend(unbent, rates.bent, rates.unbent, by_straight, by_moving)
+    both = slope_by_bend(unbent, bent, moved, by_straight, by_moving)
     columns.update(zip(range(warps.total - 2, warps.total), both, strict=True))
-    bent = unbend_slope_of_both(unbent, rates.unbent, by_straight, by_moving)
-    return columns, turned_back(unbent, bent)
+    by_bent = unbend_slope_of_both(unbent, moved, by_straight, by_moving)
+    return columns, turned_back(unbent, by_bent)
 
 
 def _gauge_curve(seen: Seen, parameters: Floats, unit: Triple) -> tuple[Triple, Floats, Floats]:
@@ -205,16 +210,6 @@ def unbend_slope_of_both(at: Unbent, moving: Triple, by_place: Triple, by_rate: 
     return x, across, up + spin * at.cosine - stretching * at.sine
 
 
-def _rates(seen: Seen, normal: Triple) -> Rates:
-    unbent, untapered = seen.unbent, seen.untapered
-    if unbent is None:
-        return Rates(normal, normal, normal, untaper_rate(untapered, normal))
-    bent = turned(unbent, normal)
-    moved = unbend_rate(unbent, bent)
-    straight = turned_back(unbent, moved)
-    return Rates(bent, moved, straight, untaper_rate(untapered, straight))
-
-
 def untaper_rate(at: Untapered, straight: Triple) -> Triple:
     """How the places change, from how the straight ones do."""
     high = straight[2] * at.scale[2]
@@ -285,7 +280,7 @@ def _see(parameters: Floats, body: Floats, warps: Warps) -> Seen:
     unbent, straight = None, places
     if warps.bend:
         unbent = unbend(places, parameters[:, warps.bend_columns])
-        straight = straight_places(unbent)
+        straight = turned_back(unbent, (unbent.inwards, unbent.across, unbent.along))
     taper = parameters[:, warps.taper_columns] if warps.taper else None
     untapered = untaper(straight, np.exp(parameters[:, :3]), taper)
     x, y, z = untapered.place
@@ -329,12 +324,6 @@ def unbend(bent: Triple, bend: Floats) -> Unbent:
     )
 
 
-def straight_places(at: Unbent) -> Triple:
-    """The straight places in the body's axes."""
-    cx, cy = at.towards
-    return at.inwards * cx - at.across * cy, at.inwards * cy + at.across * cx, at.along
-
-
 def untaper(straight: Triple, size: Floats, taper: Floats | None) -> Untapered:
     """Places of the unit superquadric, from semi-axes (b, 3) and widenings (b, 2)."""
     x, y, z = straight
@@ -374,15 +363,6 @@ def _body(parameters: Floats, points: Floats, frames: Floats) -> tuple[Floats, F
     """How solids are turned in their frames (b, 3, 3), and points (b, n, 3) in their own axes."""
     turns = rotations_from_vectors(parameters[:, 5:8])
     return turns, (points @ frames - parameters[:, None, 8:11]) @ turns
-
-
-class Rates(NamedTuple):
-    """How places change along the normals."""
-
-    bent: Triple  # The body's, in the bend's axes
-    unbent: Triple  # The straight ones, in the bend's axes
-    straight: Triple  # The straight ones, in the body's axes
-    unit: Triple  # Those of the unit superquadric
 
 
 class Unbent(NamedTuple):

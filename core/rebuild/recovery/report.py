@@ -45,18 +45,9 @@ FAR = 3.0  # Standard deviations by which points may stand off
 # points. *at a bound*: size, place or turn left what the points' extents allow. *flat*: not clearly
 # thicker than the points scatter. *one-sided*: part of the surface has no points near it. *loose*:
 # by few or scattered points, the surface may be off by more than 2 % of the diameter.
-RecoveryWarning = Literal[
-    "too few points",
-    "identical points",
-    "collinear points",
-    "coplanar points",
-    "not converged",
-    "at a bound",
-    "folded",
-    "flat",
-    "one-sided",
-    "loose",
-]
+Unfitted = Literal["too few points", "identical points", "collinear points", "coplanar points"]
+Doubt = Literal["not converged", "at a bound", "folded", "flat", "one-sided", "loose"]
+RecoveryWarning = Unfitted | Doubt
 NAMES = (
     *("log size x", "log size y", "log size z", "e1", "e2"),
     *("turn x", "turn y", "turn z", "position x", "position y", "position z"),
@@ -291,7 +282,7 @@ class CanonicalSolid(NamedTuple):
     bend: Floats  # Curvature times direction, (2,)
 
 
-def degeneracy(points: Floats, needed: int) -> RecoveryWarning | None:
+def degeneracy(points: Floats, needed: int) -> Unfitted | None:
     """Why points (n, 3) cannot be fitted, or None if nothing is the matter."""
     if not len(points):
         return "too few points"

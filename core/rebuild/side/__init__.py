@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.side.radial import coverage_of as coverage_of
     from palpate.core.rebuild.side.radial import fit_radial_spline as fit_radial_spline
     from palpate.core.rebuild.side.radial import fit_shifted_spline as fit_shifted_spline
-    from palpate.core.rebuild.side.radial import pose_sigma as pose_sigma
     from palpate.core.rebuild.side.radial import radial_fit as radial_fit
     from palpate.core.rebuild.side.radial import with_normals as with_normals
     from palpate.core.rebuild.side.surfaces import ContourSurface as ContourSurface

@@ -159,8 +159,11 @@ def side_system(
     normal = csr_array(rows.T @ rows)
     band = banded(normal, _width(turns))
     mean = float(band[0].mean())
-    band += mean * around * _bending_around(along[1].shape[1], turns)
-    band += mean * _bending_along(*along, turns)
+    strengths, root = along
+    band += mean * around * _bending_around(root.shape[1], turns)
+    weighted = np.repeat(np.sqrt(strengths), len(root) // len(strengths))[:, None] * root
+    form = csr_array(weighted.T @ weighted / (np.square(root).sum() / root.shape[1]))
+    band += mean * banded(csr_array(kron(form, eye_array(turns))), _width(turns))
     band[0] += mean * RIDGE
     sums = np.abs(band).sum(axis=0)
     norm = float(2.0 * sums.max())
@@ -175,12 +178,6 @@ def _bending_around(along: int, around: int) -> Floats:
     band = banded(csr_array(kron(eye_array(along), form)), _width(around))
     band.setflags(write=False)
     return band
-
-
-def _bending_along(strengths: Floats, root: Floats, around: int) -> Floats:
-    weighted = np.repeat(np.sqrt(strengths), len(root) // len(strengths))[:, None] * root
-    form = csr_array(weighted.T @ weighted / (np.square(root).sum() / root.shape[1]))
-    return banded(csr_array(kron(form, eye_array(around))), _width(around))
 
 
 def banded(matrix: csr_array, width: int) -> Floats:

@@ -294,30 +294,24 @@ def contour_rows(
     owner[order] = np.concatenate([[0], np.cumsum(spacing > SAME_HEIGHT * mean)])
     weights = np.bincount(owner).astype(np.float64)
     merged = np.bincount(owner, heights) / weights
-    _check_range(merged, low, high, closed)
+    lowest, highest = float(merged[0]), float(merged[-1])
+    if lowest < low or highest > high:
+        raise ValueError(
+            f"heights must lie from low {low:g} to high {high:g} m, got {lowest:g} to {highest:g}"
+        )
+    gaps = (lowest - low, high - highest)
+    for shut, gap, name in zip(closed, gaps, ("low", "high"), strict=True):
+        if shut and not gap > 0.0:
+            raise ValueError(f"a pole must lie beyond the last contour, got both at {name}")
     middle = 0.5 * (grid.min(axis=(0, 1)) + grid.max(axis=(0, 1)))
     size = float(np.abs(grid - middle).max()) or 1.0
     rows = np.zeros((len(weights), *grid.shape[1:]))
     np.add.at(rows, owner, (grid - middle) / size)
     rows /= weights[:, None, None]
-    poles = [
-        _pole(one, height, merged[end], rows[end], middle, size)
-        for one, height, end in zip(
-            pole, (low, high), (slice(None, LEAN_ROWS), slice(-LEAN_ROWS, None)), strict=True
-        )
-    ]
-    return ContourRows(merged, rows, weights, owner, (poles[0], poles[1]), middle, size)
-
-
-def _check_range(heights: Floats, low: float, high: float, closed: tuple[bool, ...]) -> None:
-    lowest, highest = float(heights[0]), float(heights[-1])
-    if lowest < low or highest > high:
-        raise ValueError(
-            f"heights must lie from low {low:g} to high {high:g} m, got {lowest:g} to {highest:g}"
-        )
-    for shut, gap, name in ((closed[0], lowest - low, "low"), (closed[1], high - highest, "high")):
-        if shut and not gap > 0.0:
-            raise ValueError(f"a pole must lie beyond the last contour, got both at {name}")
+    first, last = slice(None, LEAN_ROWS), slice(-LEAN_ROWS, None)
+    below = _pole(pole[0], low, merged[first], rows[first], middle, size)
+    above = _pole(pole[1], high, merged[last], rows[last], middle, size)
+    return ContourRows(merged, rows, weights, owner, (below, above), middle, size)
 
 
 def _pole(

@@ -109,18 +109,6 @@ class ContourLoft:
         spacing = self.spacing or axial_parameter.high - axial_parameter.low
         return Uncertainty(SAFE_RMS * rms, SAFE_MOST * float(deviation.max()), 0.5 * spacing)
 
-    def update(self, height: float, row: ArrayLike) -> ContourLoft:
-        """The surface through one contour (K, 2) more, m: a fit of all of them."""
-        given = self.given
-        return fit_contour_loft(
-            np.append(given.heights, height),
-            np.concatenate([given.grid, finite_array("row", row, given.grid.shape[1:])[None]]),
-            low=self.surface.axial_parameter.low,
-            high=self.surface.axial_parameter.high,
-            pole=given.pole,
-            noise=given.noise,
-        )
-
     def _deviation(self, parameters: Floats, turns: Floats) -> tuple[Floats, Floats]:
         """Along the normal, m, and the area per parameter, on a grid."""
         surface = self.surface
@@ -202,7 +190,10 @@ def without_outliers(grid: Floats, fit: ContourFit, again: Fit) -> tuple[Floats,
     off = fit.off(grid, across)
     sigma = np.sqrt(np.square(off).sum() / fit.smoothed.spare)
     nothing = np.zeros(off.shape, np.bool_)
-    if grid.shape[1] < 8 or not sigma > SUSPECT * _noise_between_neighbours(grid, across):
+    # The noise across, from each point's distance to the cubic through four.
+    one, two = (np.roll(grid, n, 1) + np.roll(grid, -n, 1) for n in (1, 2))
+    beside = np.einsum("mkd,mkd->mk", grid - (4.0 * one - two) / 6.0, across)
+    if grid.shape[1] < 8 or not sigma > SUSPECT * (probable_error_sigma(beside) / CUBIC_GAIN):
         return grid, fit, nothing
     outlying = local_outliers(off)
     if not outlying.any() or outlying.all(axis=1).any() or outlying.mean() > MOST:
@@ -223,13 +214,6 @@ def without_outliers(grid: Floats, fit: ContourFit, again: Fit) -> tuple[Floats,
         if number > REVIEWS[-1] and change < SETTLED * noise:
             break
     return used, again(used), outlying
-
-
-def _noise_between_neighbours(grid: Floats, across: Floats) -> float:
-    """Deviation of the noise across, from each point's distance to the cubic through four."""
-    one, two = (np.roll(grid, n, 1) + np.roll(grid, -n, 1) for n in (1, 2))
-    off = np.einsum("mkd,mkd->mk", grid - (4.0 * one - two) / 6.0, across)
-    return probable_error_sigma(off) / CUBIC_GAIN
 
 
 def local_outliers(off: Floats) -> Bools:

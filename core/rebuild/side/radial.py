@@ -68,22 +68,20 @@ HALVED = 4  # Times that the first and the last of them are halved
 WIDTHS = 3
 
 
-class ShiftedSpline(NamedTuple):
-    """A radial spline, and by how much each touch was shifted."""
+def fit_shifted_spline(
+    contacts: ContactPoints, plain: RadialSpline
+) -> tuple[RadialSpline, float | None]:
+    """The plain spline's contacts fitted again with a shift of each touch, if that explains more.
 
-    spline: RadialSpline  # The better one of both
-    shifts: Floats | None  # (touches, 3), m; None if they were not believed
-
-
-def fit_shifted_spline(contacts: ContactPoints, plain: RadialSpline) -> ShiftedSpline:
-    """Fit the plain spline's contacts again with a shift of each touch, if that explains."""
+    And the poses' standard deviation along the normals, from the median shift, m; None without.
+    """
     used = np.bincount(plain.rows.touch)
     used = used[used > 0]
     before = plain.sigma
     if not before > WORTHWHILE * (plain.high - plain.low):
-        return ShiftedSpline(plain, None)
+        return plain, None
     if len(used) < FEWEST_TOUCHES or np.median(used) < FEWEST_TAXELS:
-        return ShiftedSpline(stiffened(contacts, plain), None)
+        return stiffened(contacts, plain), None
     shifts = np.zeros((int(contacts.touch.max()) + 1, 3))
     spline = plain
     for _ in range(SWEEPS):
@@ -91,8 +89,10 @@ def fit_shifted_spline(contacts: ContactPoints, plain: RadialSpline) -> ShiftedS
         moved = contacts._replace(points=contacts.points - shifts[contacts.touch])
         spline = fit_radial_spline(moved, plain.axis_curve, plain.low, plain.high)
     if spline.sigma < EXPLAINED * before:
-        return ShiftedSpline(stiffened(moved, spline), shifts)
-    return ShiftedSpline(stiffened(contacts, plain), None)
+        spline = stiffened(moved, spline)
+        along = np.einsum("ni,ni->n", spline.rows.normals, shifts[spline.rows.touch])
+        return spline, probable_error_sigma(along)
+    return stiffened(contacts, plain), None
 
 
 def stiffened(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
@@ -110,7 +110,10 @@ def stiffened(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
 def _more_shifts(spline: RadialSpline, believed: Floats) -> Floats:
     """Shifts (k, 3) on top of those believed, whose points have been moved back by them."""
     rows, count = spline.rows, len(believed)
-    blocks = _blocks(rows.normals, rows.touch, count)
+    # From shifts (3 count,) to distances along the normals (n,).
+    shape, columns = (len(rows.touch), 3 * count), (3 * rows.touch[:, None] + np.arange(3)).ravel()
+    pointers = 3 * np.arange(len(rows.touch) + 1)
+    blocks = csr_array((rows.normals.ravel(), columns, pointers), shape=shape)
     own = np.zeros((count, 3, 3))  # Each touch's block of the system
     np.add.at(own, rows.touch, rows.normals[:, :, None] * rows.normals[:, None, :])
     inverse = np.linalg.inv(own + STRICTNESS * np.eye(3))
@@ -135,21 +138,6 @@ def _more_shifts(spline: RadialSpline, believed: Floats) -> Floats:
         size, before = float(np.vdot(rest, ahead)), size
         direction = ahead + size / before * direction
     return found
-
-
-def _blocks(normals: Floats, touch: Ints, count: int) -> csr_array:
-    """From shifts (3 count,) to distances along the normals (n,)."""
-    n = len(normals)
-    columns = (3 * touch[:, None] + np.arange(3)).ravel()
-    return csr_array((normals.ravel(), columns, 3 * np.arange(n + 1)), shape=(n, 3 * count))
-
-
-def pose_sigma(shifted: ShiftedSpline) -> float | None:
-    """Standard deviation of a pose along the normals, from the median shift, m."""
-    if shifted.shifts is None:
-        return None
-    rows = shifted.spline.rows
-    return probable_error_sigma(np.einsum("ni,ni->n", rows.normals, shifted.shifts[rows.touch]))
 
 
 class RadialFit(NamedTuple):

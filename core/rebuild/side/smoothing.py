@@ -11,7 +11,6 @@ twice the spacing; how that grows with the spacing tells how much of it is left 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -228,13 +227,6 @@ def bending_around(count: int) -> Floats:
     return np.asarray((before - 2.0 * unit + after) @ beyond)
 
 
-class Misses(NamedTuple):
-    """Contours predicted from their neighbours."""
-
-    squares: Floats  # Squared misses across the contours, (m, k)
-    gain: Floats  # Variance of a miss over that of the noise, (m,); 1 where there are no neighbours
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BetweenContours:
     """Squares of what a surface may miss between contours."""
@@ -270,11 +262,15 @@ def between_contours(
     one = _misses(sites, contours, across)
     width = contours.shape[1]
     nearby = _nearby(np.arange(width) / width, width)
-    squares = np.maximum(one.squares @ nearby.T - one.gain[:, None] * sigma**2, 0.0)
+    squares = np.maximum(one[0] @ nearby.T - one[1][:, None] * sigma**2, 0.0)
     trust = float(np.clip(FEW / len(sites), LEAST_TRUST, 1.0))
     decay = DECAY
     if len(sites) >= DECAYING:
-        decay = _decay(one, _every_other(sites, contours, across), sigma)
+        # The same from every other contour, at twice the spacing.
+        twice = np.empty(contours.shape[:2]), np.empty(len(sites))
+        for part in (slice(0, None, 2), slice(1, None, 2)):
+            twice[0][part], twice[1][part] = _misses(sites[part], contours[part], across[part])
+        decay = _decay(one, twice, sigma)
     return BetweenContours(sites, squares, trust * decay)
 
 
@@ -286,12 +282,12 @@ def _nearby(turns: Floats, count: int) -> Floats:
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _decay(one: Misses, two: Misses, sigma: float) -> float:
+def _decay(one: tuple[Floats, Floats], two: tuple[Floats, Floats], sigma: float) -> float:
     """Miss at half the spacing over that at the whole, where they are largest."""
     inner = slice(2, -2)
     near, far = (
-        np.maximum(misses.squares[inner].mean(axis=1) - misses.gain[inner] * sigma**2, 0.0)
-        for misses in (one, two)
+        np.maximum(squares[inner].mean(axis=1) - gain[inner] * sigma**2, 0.0)
+        for squares, gain in (one, two)
     )
     worst = np.argsort(-near)[: max(3, int(WORST * len(near)))]
     if not far[worst].sum() > 0.0:
@@ -300,19 +296,10 @@ def _decay(one: Misses, two: Misses, sigma: float) -> float:
     return float(np.clip(ratio, LEAST_DECAY, MOST_DECAY))
 
 
-def _every_other(sites: Floats, contours: Floats, across: Floats) -> Misses:
-    """The same from every other contour, at twice the spacing."""
-    squares, gain = np.empty(contours.shape[:2]), np.empty(len(sites))
-    for start in (0, 1):
-        part = slice(start, None, 2)
-        squares[part], gain[part] = _misses(sites[part], contours[part], across[part])
-    return Misses(squares, gain)
-
-
-def _misses(sites: Floats, contours: Floats, across: Floats) -> Misses:
-    """Predict each contour from its neighbours."""
+def _misses(sites: Floats, contours: Floats, across: Floats) -> tuple[Floats, Floats]:
+    """Squared misses (m, k) of contours, predicted from neighbours, and their gain of noise."""
     weights = np.eye(2)[::-1] if len(sites) == 2 else neighbour_weights(sites)
     known = (weights != 0.0).any(axis=1)
     missed = np.tensordot(weights, contours, 1) - contours
     squares = np.square(np.einsum("mkd,mkd->mk", missed, across))
-    return Misses(np.where(known[:, None], squares, 0.0), 1.0 + np.square(weights).sum(axis=1))
+    return np.where(known[:, None], squares, 0.0), 1.0 + np.square(weights).sum(axis=1)

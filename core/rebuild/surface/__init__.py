@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.surface.closed import sampled_patch as sampled_patch
     from palpate.core.rebuild.surface.meshing import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
     from palpate.core.rebuild.surface.meshing import SurfaceMesh as SurfaceMesh
+    from palpate.core.rebuild.surface.meshing import SurfaceSearch as SurfaceSearch
     from palpate.core.rebuild.surface.meshing import mesh_surface as mesh_surface
-    from palpate.core.rebuild.surface.nearest import SurfaceSearch as SurfaceSearch
-    from palpate.core.rebuild.surface.nearest import search_surface as search_surface
+    from palpate.core.rebuild.surface.meshing import search_surface as search_surface
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -144,6 +144,5 @@ def test_noise_that_goes_back_a_little_is_told_from_a_shape_that_does():
     )
     clockwise = CIRCLE[::-1]
     figures = np.stack([CIRCLE, noisy, hooked, clockwise, CIRCLE + [3.0, 0.0]])
-
     assert are_star_shaped(figures).tolist() == [True, False, False, False, False]
     assert are_nearly_star_shaped(figures).tolist() == [True, True, False, False, False]

@@ -74,7 +74,7 @@ def misfit(name: str, gap: float, end: End, last: float) -> float:
     true_heights = sign * (50.0 - gap + gap * way)
     truth = curve(true_heights, mean_radius(name, true_heights), sign * 50.0)
     heights = end.rim + (end.height - end.rim) * way
-    found = curve(heights, last * end.shares(heights), end.height)
+    found = curve(heights, last * end.profile.shares(way), end.height)
     there, back = cKDTree(truth).query(found)[0], cKDTree(found).query(truth)[0]
     return float(0.5 * (there.mean() + back.mean()))
 
@@ -116,9 +116,7 @@ def test_with_noise_no_end_is_worse_than_a_disc_by_more_than_a_sixteenth_of_the_
 )
 def test_the_family_is_the_one_that_tells_the_last_contour(name, kinds):
     heights, grid, (low, high) = contours(name, 5.0)
-
     found = close_ends(heights, grid, bottom=low, top=high)
-
     assert tuple(end.kind for end in found) == kinds
     assert [end.height for end in found] == [low, high]
     assert [end.uncovered for end in found] == [0.0, 0.0]
@@ -128,7 +126,6 @@ def test_the_family_is_the_one_that_tells_the_last_contour(name, kinds):
 @pytest.mark.parametrize("gap", [0.5, 2.0, 5.0])
 def test_the_pole_of_a_round_end_is_found_without_a_touch(name, gap):
     heights, grid, _ = contours(name, gap)
-
     for end, pole in zip(close_ends(heights, grid), (-50.0, 50.0), strict=True):
         assert end.kind == "pole"
         assert end.round
@@ -139,7 +136,6 @@ def test_the_pole_of_a_round_end_is_found_without_a_touch(name, gap):
 @pytest.mark.parametrize("name", ["cylinder", "rounded box", "frustum"])
 def test_a_flat_end_that_nobody_touched_leaves_one_spacing_uncovered(name):
     heights, grid, _ = contours(name, 5.0)
-
     for end, rim in zip(close_ends(heights, grid), heights[[0, -1]], strict=True):
         assert (end.kind, end.round) == ("fan", False)
         assert end.height == end.rim == rim
@@ -148,18 +144,14 @@ def test_a_flat_end_that_nobody_touched_leaves_one_spacing_uncovered(name):
 
 def test_one_end_may_be_touched_and_the_other_not():
     heights, grid, (_, high) = contours("cylinder", 2.0)
-
     bottom, top = close_ends(heights, grid, top=high)
-
     assert (bottom.kind, top.kind) == ("fan", "flat")
 
 
 def test_ends_are_the_same_upside_down():
     heights, grid, (low, high) = contours("egg", 5.0, 20)
     bottom, top = close_ends(heights, grid, bottom=low, top=high)
-
     above, below = close_ends(-heights[::-1], grid[::-1], bottom=-high, top=-low)
-
     assert (above.kind, below.kind) == (top.kind, bottom.kind)
     assert above.profile == pytest.approx(top.profile)
     assert below.profile == pytest.approx(bottom.profile)
@@ -169,11 +161,9 @@ def test_ends_are_the_same_upside_down():
 def test_ends_do_not_depend_on_the_unit(unit):
     heights, grid, (low, high) = contours("rounded box", 5.0)
     top = close_ends(heights, grid, bottom=low, top=high, noise=0.1)[1]
-
     scaled = close_ends(
         unit * heights, unit * grid, bottom=unit * low, top=unit * high, noise=unit * 0.1
     )[1]
-
     assert scaled.kind == top.kind
     assert scaled.profile == pytest.approx(top.profile)
     assert scaled.height == pytest.approx(unit * top.height)
@@ -182,9 +172,7 @@ def test_ends_do_not_depend_on_the_unit(unit):
 def test_the_middle_of_an_end_lies_where_the_axis_leads():
     heights, grid, (low, high) = contours("cylinder", 5.0)
     leaning = grid + np.stack([0.2 * heights, -0.1 * heights], axis=-1)[:, None]
-
     bottom, top = close_ends(heights, leaning, bottom=low, top=high)
-
     np.testing.assert_allclose(bottom.middle, [-10.0, 5.0], atol=1e-9)
     np.testing.assert_allclose(top.middle, [10.0, -5.0], atol=1e-9)
 
@@ -192,29 +180,23 @@ def test_the_middle_of_an_end_lies_where_the_axis_leads():
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_few_contours_still_have_ends(count):
     heights, grid, _ = contours("cylinder", 20.0, 9)
-
     touched = close_ends(heights[:count], grid[:count], bottom=-50.0, top=50.0)
     free = close_ends(heights[:count], grid[:count])
-
     assert [end.kind for end in touched] == ["flat", "flat"]
     assert [end.kind for end in free] == ["fan", "fan"]
-    assert all(np.isfinite(end.shares(np.linspace(-50, 50, 5))).all() for end in touched)
+    assert all(np.isfinite(end.profile.shares(np.linspace(0, 1, 5))).all() for end in touched)
 
 
 def test_the_pole_of_a_cone_is_found_although_two_roots_meet_there():
     heights, grid, _ = contours("cone", 5.0)
-
     top = close_ends(heights, grid)[1]
-
     assert top.kind == "pole"
     assert top.height == pytest.approx(50.0, abs=0.01)
 
 
 def test_a_touch_on_the_last_contour_makes_a_disc_there():
     heights, grid, _ = contours("cylinder", 5.0)
-
     bottom, top = close_ends(heights, grid, bottom=-45.0, top=44.9)
-
     assert (bottom.kind, bottom.height, bottom.uncovered) == ("flat", -45.0, 0.0)
     assert (top.kind, top.height) == ("flat", 45.0)
 
@@ -225,7 +207,6 @@ def test_a_section_that_is_not_seen_whole_from_its_middle_is_told():
     arc = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     horseshoe = np.concatenate([30 * arc, 20 * arc[::-1]])
     kidneys = np.broadcast_to(horseshoe, (27, 80, 2))
-
     assert all(end.starlike for end in close_ends(heights, grid, bottom=low, top=high))
     assert not any(end.starlike for end in close_ends(heights, kidneys))
 
@@ -249,7 +230,6 @@ def test_contours_that_have_no_ends_are_refused(change, words):
     angle = 2 * np.pi * np.arange(8) / 8
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     given = {"heights": [0.0, 1.0, 2.0], "grid": np.stack([ring] * 3), **change}
-
     with pytest.raises(ValueError, match=words):
         close_ends(**given)  # type: ignore[arg-type]
 
@@ -259,9 +239,7 @@ def test_far_beyond_the_contours_the_axis_leans_no_further():
     turn = 2 * np.pi * np.arange(48) / 48
     ring = 0.3 * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     grid = ring + 0.5 * heights[:, None, None] * np.array([1.0, 0.0])
-
     near, far = (close_ends(heights, grid, bottom=-0.1, top=top)[1] for top in (1.2, 10.0))
-
     assert near.middle == pytest.approx([0.6, 0.0], abs=1e-9)
     assert far.middle == pytest.approx([1.0, 0.0], abs=1e-9)
     assert (near.unseen, far.unseen) == pytest.approx((0.2, 9.0))
@@ -283,9 +261,7 @@ def rounded(depths: Floats, power: float = 10.0) -> Floats:
 @pytest.mark.parametrize("count", [20, 24, 27, 40])
 def test_a_rounded_edge_tells_where_the_box_ends(count):
     depths = free_shoulder_contours(count)
-
     found = free_shoulder(depths, rounded(depths), 0.0)
-
     assert found == pytest.approx(GAP, abs=0.4 * GAP)
 
 
@@ -293,9 +269,7 @@ def test_noise_lets_it_be_told_as_well_as_it_can():
     depths = free_shoulder_contours(27)
     rng = np.random.default_rng(4)
     noisy = rounded(depths) + 0.02 * rng.normal(size=(30, 27))
-
     found = [free_shoulder(depths, radii, 0.02) for radii in noisy]
-
     told = np.array([GAP if one is None else abs(one - GAP) for one in found])
     assert np.sqrt(np.mean(told**2)) < 0.6 * GAP
 
@@ -304,7 +278,6 @@ def test_nothing_is_told_by_a_wall_a_cone_a_zigzag_or_few_contours():
     depths = free_shoulder_contours(27)
     wall, cone = np.full(27, 30.0), 30.0 - 0.2 * depths
     zigzag = (20.0 + 8.0 * np.sin(depths)) * np.sqrt(1.0 - (depths / 51.0) ** 2)
-
     assert free_shoulder(depths, wall, 0.0) is None
     assert free_shoulder(depths, cone, 0.0) is None
     assert free_shoulder(depths, zigzag, 0.0) is None
@@ -313,7 +286,5 @@ def test_nothing_is_told_by_a_wall_a_cone_a_zigzag_or_few_contours():
 
 def test_it_does_not_depend_on_the_unit():
     depths = free_shoulder_contours(27)
-
     near, far = (free_shoulder(s * depths, s * rounded(depths), 0.0) for s in (1.0, 1e-3))
-
     assert near is not None and far == pytest.approx(1e-3 * near, rel=1e-9)

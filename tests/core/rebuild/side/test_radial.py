@@ -22,7 +22,6 @@ from palpate.core.rebuild.side.radial import (
     even_spans,
     fit_radial_spline,
     fit_shifted_spline,
-    pose_sigma,
     radial_fit,
     stiffened,
     with_normals,
@@ -230,12 +229,9 @@ def error(spline: RadialSpline) -> float:
 def test_shifts_of_touches_are_found_with_the_surface():
     contacts = patches(0)
     plain = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
-    shifted = fit_shifted_spline(contacts, plain)
-    assert shifted.shifts is not None
-    assert error(shifted.spline) < 0.7 * error(plain)
-    assert shifted.spline.sigma < 2.0 * TAXEL
-    sigma = pose_sigma(shifted)
-    assert sigma is not None
+    shifted, sigma = fit_shifted_spline(contacts, plain)
+    assert error(shifted) < 0.7 * error(plain)
+    assert shifted.sigma < 2.0 * TAXEL
     assert 0.6 * POSE < sigma < 1.3 * POSE
 
 
@@ -244,13 +240,14 @@ def test_the_band_of_a_shifted_spline_holds_the_surface(seeds):
     within = []
     for seed in range(seeds):
         contacts = patches(seed)
-        shifted = fit_shifted_spline(contacts, fit_radial_spline(contacts, upright(), 0.0, HEIGHT))
+        plain = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
+        shifted, sigma = fit_shifted_spline(contacts, plain)
         x, y, z = contacts.points.T
         seen = coverage_of(z, np.arctan2(y, x) / (2 * np.pi))
         assert seen is not None
-        fit = radial_fit(shifted.spline, seen, pose_sigma(shifted), (0.008, 0.052), False)
+        fit = radial_fit(shifted, seen, sigma, (0.008, 0.052), False)
         wanted = np.sqrt(0.03**2 - (fit.band_heights - 0.03) ** 2)[:, None]
-        off = np.sqrt(shifted.spline.squared(fit.band_heights, TURNS)) - wanted
+        off = np.sqrt(shifted.squared(fit.band_heights, TURNS)) - wanted
         within.append(np.abs(off * wanted / 0.03) < 1.96 * fit.band[:, None])
     assert 0.9 < np.mean(within) <= 1.0
 
@@ -261,10 +258,8 @@ def test_without_noise_no_shift_is_looked_for():
         points=np.array([0.0, 0.0, 0.03]) + 0.03 * np.asarray(contacts.normals)
     )
     plain = fit_radial_spline(exact, upright(), 0.0, HEIGHT)
-    shifted = fit_shifted_spline(exact, plain)
-    assert shifted.shifts is None
-    assert shifted.spline is plain
-    assert pose_sigma(shifted) is None
+    shifted, sigma = fit_shifted_spline(exact, plain)
+    assert shifted is plain and sigma is None
 
 
 def test_edges_are_not_taken_for_shifts() -> None:
@@ -274,16 +269,15 @@ def test_edges_are_not_taken_for_shifts() -> None:
     waves = 1e-4 * np.sin(4000.0 * contacts.points @ np.array([1.0, 0.3, 0.7]))
     rough = contacts._replace(points=contacts.points + waves[:, None] * normals)
     plain = fit_radial_spline(rough, upright(), 0.0, HEIGHT)
-    assert fit_shifted_spline(rough, plain).shifts is None
+    assert fit_shifted_spline(rough, plain)[1] is None
 
 
 def test_a_few_touches_are_not_shifted_but_smoothed():
     contacts = patches(3, touches=120)
     one = contacts._replace(touch=np.zeros(len(contacts.points), np.int32))
     plain = fit_radial_spline(one, upright(), 0.0, HEIGHT)
-    shifted = fit_shifted_spline(one, plain)
-    assert shifted.shifts is None
-    assert shifted.spline.stiffness >= plain.stiffness
+    shifted, sigma = fit_shifted_spline(one, plain)
+    assert sigma is None and shifted.stiffness >= plain.stiffness
 
 
 COVERAGE_TURNS = (np.arange(SECTORS) + 0.5) / SECTORS

@@ -210,7 +210,6 @@ def test_what_a_line_is_missed_by_is_what_leaving_it_out_would_cost():
     around = smoothing_axis(np.eye(4), np.eye(4)[:1])
     values = rng.normal(size=(9, 4, 2))
     fit = smooth(values, smoothing_axis(matrix, root, weights), around, noise=0.5)
-
     form = np.trace(matrix.T @ (weights[:, None] * matrix)) / 9
     bend = np.trace(root.T @ root) / 9
     penalty = fit.strengths[0] * form / bend * root.T @ root
