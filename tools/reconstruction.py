@@ -128,7 +128,7 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
             solid = reconstruct(
                 found.contours,
                 found.normals,
-                found.felt,
+                found.taxels,
                 tops=tops,
                 method=wanted.method,
                 frame=found.frame,

@@ -30,7 +30,7 @@ class MeasuredContours(NamedTuple):
     places: tuple[str, ...]
     normals: tuple[Floats, ...] | None = None  # (n, 3) each, outwards, or none
     # Everything that was touched with the number of its touch, if that is known.
-    felt: ContactPoints | None = None
+    taxels: ContactPoints | None = None
     tops: Floats | None = None  # (k, 3): where the ends were touched
     # Pose (7,) of the slicing frame, around whose z axis the contours run, in that of the points;
     # the same if None.
@@ -43,9 +43,9 @@ class MeasuredContours(NamedTuple):
         frame = self.frame
         if frame is not None:
             frame = np.concatenate([metres * frame[:3], frame[3:]])
-        felt = None if self.felt is None else self.felt._replace(points=metres * self.felt.points)
+        taxels = self.taxels and self.taxels._replace(points=metres * self.taxels.points)
         contours = tuple(metres * one for one in self.contours)
-        return self._replace(contours=contours, tops=tops, felt=felt, frame=frame)
+        return self._replace(contours=contours, tops=tops, taxels=taxels, frame=frame)
 
 
 def contact_points_of(

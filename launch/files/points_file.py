@@ -134,10 +134,10 @@ def _read_text(path: Path) -> MeasuredContours:
         stacked = np.column_stack([columns[name] for name in NORMAL_COLUMNS])
         normals = tuple(stacked[part] for part in rows.values())
     contours = tuple(points[part] for part in rows.values())
-    felt = None
+    taxels = None
     if TOUCH_COLUMN in columns:
         order = np.concatenate(list(rows.values()))
-        felt = contact_points_of(contours, normals, columns[TOUCH_COLUMN][order].astype(np.int32))
+        taxels = contact_points_of(contours, normals, columns[TOUCH_COLUMN][order].astype(np.int32))
     return MeasuredContours(
         contours=contours,
         places=tuple(
@@ -145,7 +145,7 @@ def _read_text(path: Path) -> MeasuredContours:
             for number, part in rows.items()
         ),
         normals=normals,
-        felt=felt,
+        taxels=taxels,
         notes=table.notes,
     )
 
@@ -180,7 +180,7 @@ def read_table(path: Path) -> Table:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines that say something, with their numbers from 1."""
+    """Lines that hold something, with their numbers from 1."""
     data = read_bounded(path, MAX_TABLE_BYTES)
     try:
         text = data.decode("utf-8-sig")
@@ -188,9 +188,9 @@ def _rows(path: Path) -> Iterator[tuple[int, str]]:
         line = data[: error.start].count(b"\n") + 1
         raise InputError(f"{path}:{line}: is no text in UTF-8") from None
     for number, row in enumerate(text.splitlines(), start=1):
-        said = row.partition("#")[0].strip()
-        if said:
-            yield number, said
+        content = row.partition("#")[0].strip()
+        if content:
+            yield number, content
 
 
 def _check_names(place: str, names: Sequence[str]) -> None:
@@ -326,15 +326,15 @@ def _numbered_points(path: Path, arrays: Mapping[str, Any]) -> MeasuredContours:
         )
     rows = _rows_by_number(_whole_numbers(path, arrays, CONTOUR_COLUMN, len(points)))
     contours = tuple(points[part] for part in rows.values())
-    normals = felt = None
+    normals = taxels = None
     if "normals" in arrays:
         stacked = _array(path, arrays, "normals", 3, len(points))
         normals = tuple(stacked[part] for part in rows.values())
     if TOUCH_COLUMN in arrays:
         numbers = _whole_numbers(path, arrays, TOUCH_COLUMN, len(points)).astype(np.int32)
-        felt = contact_points_of(contours, normals, numbers[np.concatenate(list(rows.values()))])
+        taxels = contact_points_of(contours, normals, numbers[np.concatenate(list(rows.values()))])
     names = tuple(f"contour {number}" for number in rows)
-    return MeasuredContours(contours, names, normals, felt)
+    return MeasuredContours(contours, names, normals, taxels)
 
 
 def _rows_by_number(numbers: Floats) -> dict[int, NDArray[np.intp]]:
@@ -384,41 +384,43 @@ def read_recording(path: Path) -> MeasuredContours:
     # Not for those who read a CSV file: mcap is imported with it.
     from palpate.messages.recording import open_recording
 
-    heard = RecordedContours()
+    recorded = RecordedContours()
     try:
         for kept in open_recording(path).messages():
             kind = next(
                 (kind for end, kind in MESSAGE_TYPES.items() if kept.topic.endswith(end)), None
             )
             if kind is not None:
-                heard.take(decode(kind, kept.body))
+                recorded.take(decode(kind, kept.body))
     except CodecError as error:
         raise InputError(f"{path}: was recorded with other messages: {error}") from None
     except ValueError as error:
         raise InputError(str(error)) from None
-    return contours_of(path, heard)
+    return contours_of(path, recorded)
 
 
-def contours_of(path: Path, heard: RecordedContours) -> MeasuredContours:
+def contours_of(path: Path, recorded: RecordedContours) -> MeasuredContours:
     """The closed contours that a plan ended with, or all, where probes hit, and all taxels.
 
     Raises InputError if no contour is closed, or they were not traced in one frame; it names the
     path.
     """
-    contours, probes = heard.contours, heard.probes
-    if heard.done is not None:
-        contours = [one for one in contours if one.id in heard.done.contours]
-        probes = [one for one in probes if one.id in heard.done.probes]
+    contours, probes = recorded.contours, recorded.probes
+    if recorded.done is not None:
+        contours = [one for one in contours if one.id in recorded.done.contours]
+        probes = [one for one in probes if one.id in recorded.done.probes]
     closed = [one for one in contours if one.status == "closed"]
     if not closed:
         raise InputError(f"{path}: holds no closed contour, of {len(contours)} that were traced")
     hits = [one for one in probes if one.outcome == "hit"]
-    touches = _touches(heard, {one.id for one in closed} | {one.id for one in hits})
-    felt = stack_points([one for each in touches.values() for one in each]) if touches else None
-    notes = [] if felt is None else [f"{len(felt.points)} taxels of {felt.touch.max() + 1} touches"]
+    touches = _touches(recorded, {one.id for one in closed} | {one.id for one in hits})
+    taxels, notes = None, []
+    if touches:
+        taxels = stack_points([one for each in touches.values() for one in each])
+        notes = [f"{len(taxels.points)} taxels of {taxels.touch.max() + 1} touches"]
     if len(closed) < len(contours):
         notes.append(f"left out {len(contours) - len(closed)} contours that were not closed")
-    platform = None if heard.world is None else heard.world.platform
+    platform = None if recorded.world is None else recorded.world.platform
     try:
         frame = reconstructor_node.common_frame(closed)
         tops = reconstructor_node.touched_ends(closed, hits, touches, platform)
@@ -433,20 +435,20 @@ def contours_of(path: Path, heard: RecordedContours) -> MeasuredContours:
         contours=tuple(np.array(one.points) for one in closed),
         places=tuple(f"contour {one.id}" for one in closed),
         normals=tuple(np.array(one.normals) for one in closed),
-        felt=felt,
+        taxels=taxels,
         tops=tops,
         frame=np.array(frame),
         notes=tuple(notes),
     )
 
 
-def _touches(heard: RecordedContours, goals: set[int]) -> dict[int, list[ContactPoints]]:
+def _touches(recorded: RecordedContours, goals: set[int]) -> dict[int, list[ContactPoints]]:
     """What each touch of some goals measured, by goal, as the reconstructor takes it."""
-    if heard.sensor is None:
+    if recorded.sensor is None:
         return {}
-    pad = pad_of_info(heard.sensor)
+    pad = pad_of_info(recorded.sensor)
     found: dict[int, list[ContactPoints]] = {}
-    for patch in sorted(heard.patches, key=lambda patch: (patch.goal, patch.touch)):
+    for patch in sorted(recorded.patches, key=lambda patch: (patch.goal, patch.touch)):
         if patch.goal in goals and patch.mask.any():
             jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
             points = contacts_contact_points_of(pad, patch.pose, patch.height, patch.mask, jet)

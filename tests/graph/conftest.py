@@ -2,10 +2,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from palpate.launch.files.source_map import SourceMapped
+from palpate.launch.progress import SilentDisplay
+from palpate.launch.run import perform, plan_run
 from palpate.messages.types.catalogue import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Input, Wiring
 
@@ -79,6 +83,32 @@ class Toys:
 def toys(monkeypatch: pytest.MonkeyPatch) -> Toys:
     monkeypatch.syspath_prepend(str(Path(__file__).parent / "toys"))
     return Toys()
+
+
+TOYS = Path(__file__).parent / "toys"
+
+
+@pytest.fixture(scope="session")
+def explored(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
+    """Run directories of explorations by the toy planner in one process, by number of fingers."""
+
+    @cache
+    def of(fingers: int) -> Path:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(TOYS.parent))
+            return explore_heights(tmp_path_factory.mktemp("toy") / "run", fingers, composed=True)
+
+    return of
+
+
+def explore_heights(out: Path, fingers: int, *, composed: bool) -> Path:
+    """A run of the toy planner; its folder."""
+    args = {"fingers": SourceMapped(fingers, "fingers")}
+    plan = plan_run(TOYS / "fingers.yaml", args, {}, name="fingers", out=out)
+    run = perform(plan, composed=composed, display=SilentDisplay())
+    assert run.ending.status == "finished", run.ending.reason
+    assert (run.ending.gaps, run.ending.duplicates) == (0, 0)
+    return out
 
 
 def _living(group: int) -> list[int]:

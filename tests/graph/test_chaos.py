@@ -38,14 +38,15 @@ EACH = [at(5, "stop", "filter_1"), at(5, "full", "recorder"), at(5, "launcher")]
 ])  # fmt: skip
 def test_explorations_survive_what_is_done_to_them(faults, toys, monkeypatch):
     monkeypatch.setattr("palpate.tools.chaos.trials.draw_faults", lambda *_: tuple(faults))
-    said: list[str] = []
-    tally = run_trials(toys, seed=1, minutes=0, kinds=(), echo=said.append)
-    assert tally.failed == [], said
+    told: list[str] = []
+    tally = run_trials(toys, seed=1, minutes=0, kinds=(), echo=told.append)
+    assert tally.failed == [], told
     assert (tally.runs, tally.lost, tally.duplicated) == (1, 0, 0)
     assert tally.survived == sum(tally.injected.values()) == len(faults)
 
 
 def test_another_result_and_what_is_left_behind_are_found(toys, tmp_path):
+    toys = replace(toys, arguments=("fingers:=1",))
     before = run_baseline(toys, tmp_path / "run")
     wanted = replace(before, code=7, mesh="0", said={**before.said, "/world": (2, "0")})
     (tmp_path / "run" / ".published").mkdir()

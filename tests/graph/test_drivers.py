@@ -19,8 +19,8 @@ pytestmark = pytest.mark.graph
 FLAT = "sensor:={pad: {radius: null}}"
 
 
-@pytest.fixture
-def frames(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twelve touches of ever smaller balls."""
     side = (np.arange(16) - 7.5) * 1e-3
     x, y = np.meshgrid(side, side)
@@ -28,8 +28,16 @@ def frames(tmp_path: Path) -> Path:
         [0, 0, 0, 0, 0, 0, 1, *np.maximum(8e-4 - 0.5 * (x**2 + y**2) / radius, 0.0).ravel()]
         for radius in np.linspace(0.03, 0.02, 12)
     ]
-    np.savetxt(tmp_path / "frames.csv", rows, delimiter=",")
-    return tmp_path / "frames.csv"
+    path = tmp_path_factory.mktemp("driver") / "frames.csv"
+    np.savetxt(path, rows, delimiter=",")
+    return path
+
+
+@pytest.fixture(scope="module")
+def filed(frames: Path) -> list[tuple[str, object]]:
+    """The patches of the file, read at once."""
+    words = ("driver.yaml", f"path:={frames}", FLAT, "at_once:=true")
+    return patches(launched(frames.parent, *words))
 
 
 def launched(folder: Path, *words: str) -> Path:
@@ -45,16 +53,15 @@ def patches(run: Path) -> list[tuple[str, object]]:
     return [("/touch/patch", patch) for patch in recorded(run, "/touch/patch", SurfacePatch)]
 
 
-def test_a_file_of_frames_gives_the_same_patches_in_processes_and_in_one(frames, tmp_path):
-    words = ("driver.yaml", f"path:={frames}", FLAT, "rate:=100")
-    apart = patches(launched(tmp_path, *words))
-    assert len(apart) == 12
-    assert_same(apart, patches(launched(tmp_path, *words, "--composed")))
-    quick = launched(tmp_path, *words, "at_once:=true")
-    assert_same(apart, patches(quick))
+def test_a_file_of_frames_gives_the_same_patches_at_its_rate_and_in_one_process(
+    frames, filed, tmp_path
+):
+    words = ("driver.yaml", f"path:={frames}", FLAT, "--composed")
+    assert len(filed) == 12
+    assert_same(filed, patches(launched(tmp_path, *words)))
 
 
-def test_a_connection_gives_the_patches_of_its_lines(frames, tmp_path):
+def test_a_connection_gives_the_patches_of_its_lines(frames, filed, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer() -> None:
@@ -67,8 +74,7 @@ def test_a_connection_gives_the_patches_of_its_lines(frames, tmp_path):
         address = f"address:=127.0.0.1:{server.getsockname()[1]}"
         live = launched(tmp_path, "socket_driver.yaml", address, FLAT)
         sender.join(timeout=10)
-    filed = launched(tmp_path, "driver.yaml", f"path:={frames}", FLAT, "at_once:=true")
-    assert_same(patches(live), patches(filed))
+    assert_same(patches(live), filed)
 
 
 def test_a_node_of_ones_own_and_its_type_are_found_by_every_process(frames, tmp_path, monkeypatch):

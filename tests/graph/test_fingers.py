@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,8 @@ import pytest
 
 from palpate.launch.files.source_map import SourceMapped
 from palpate.launch.launch_file import describe
-from palpate.launch.launch_source import EXPLORE
 from palpate.launch.progress import SilentDisplay
-from palpate.launch.run import Plan, perform, plan_run
+from palpate.launch.run import perform, plan_run
 from palpate.messages.codec import decode, encode
 from palpate.messages.recording.reader import open_recording
 from palpate.messages.types.model import ShapeModel
@@ -21,41 +21,36 @@ from palpate.nodes.runtime.composed import run_composed
 from palpate.nodes.runtime.node import Wiring
 from palpate.tools.bag.contents import compare_recordings
 from palpate.tools.replay.rerun import replay
+from tests.graph.conftest import explore_heights
 
 TOYS = Path(__file__).parent / "toys"
-FILE = TOYS / "fingers.yaml"
+FILE, UNSCORED = TOYS / "fingers.yaml", TOYS / "unscored.yaml"
 KINDS = (simulator, filter, curvature, tracer)
 FINGERS = 3
-SCHEDULES = 20
 NODES = ["planner", *(f"{kind}_{n}" for kind in ("simulator", "tracer") for n in (1, 2, 3))]
 EACH = ("/touch/raw", "/touch/image", "/touch/patch", "/finger/goal", "/finger/clock")
 Bodies = dict[str, list[bytes]]
 
 
-def explored(out: Path, *, composed: bool, fingers: int = FINGERS) -> Bodies:
-    """Every message of a run of the toy planner."""
-    args = {"fingers": SourceMapped(fingers, "fingers")}
-    return said_in(plan_run(FILE, args, {}, name="fingers", out=out), composed=composed)
-
-
-def said_in(plan: Plan, *, composed: bool) -> Bodies:
-    """Every message of a run, by topic, in the order in which it was said."""
-    run = perform(plan, composed=composed, display=SilentDisplay())
-    assert run.ending.status == "finished", run.ending.reason
-    assert (run.ending.gaps, run.ending.duplicates) == (0, 0)
-    said: Bodies = {}
-    for kept in open_recording(run.folder / "topics.mcap").messages():
-        said.setdefault(kept.topic, []).append(kept.body)
-    return said
+def messages_in(run: Path) -> Bodies:
+    """Every message of a run, by topic, in the order in which it was published."""
+    found: Bodies = {}
+    for kept in open_recording(run / "topics.mcap").messages():
+        found.setdefault(kept.topic, []).append(kept.body)
+    return found
 
 
 @pytest.fixture(scope="module")
-def composed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Bodies]:
+def composed(explored: Callable[[int], Path]) -> tuple[Path, Bodies]:
     """Recording of a run in one process, and what it holds."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(TOYS.parent))
-        out = tmp_path_factory.mktemp("fingers") / "run"
-        return out / "topics.mcap", explored(out, composed=True)
+    run = explored(FINGERS)
+    return run / "topics.mcap", messages_in(run)
+
+
+@pytest.fixture(scope="module")
+def alone(explored: Callable[[int], Path]) -> Bodies:
+    """The same with one finger."""
+    return messages_in(explored(1))
 
 
 @pytest.fixture(autouse=True)
@@ -68,27 +63,27 @@ def wirings(out: Path, fingers: int) -> tuple[Wiring, ...]:
     return describe(FILE, args, out).graph.wirings()
 
 
-def heard(said: Bodies, topic: str) -> list[Any]:
+def of_topic(bodies: Bodies, topic: str) -> list[Any]:
     """The messages of a topic."""
     kinds = {local: kind for one in KINDS for local, kind in one.NODE.outputs.items()}
     kind = kinds["/" + topic.split("/", 2)[-1] if topic.startswith("/finger_") else topic]
-    return [decode(kind, body) for body in said[topic]]
+    return [decode(kind, body) for body in bodies[topic]]
 
 
-def contours_of(said: Bodies) -> list[Contour]:
-    topics = [topic for topic in said if topic.endswith("/contour/traced")]
-    return [contour for topic in topics for contour in heard(said, topic)]
+def contours_of(bodies: Bodies) -> list[Contour]:
+    topics = [topic for topic in bodies if topic.endswith("/contour/traced")]
+    return [contour for topic in topics for contour in of_topic(bodies, topic)]
 
 
 def test_every_finger_has_topics_of_its_own_and_the_rest_is_said_once(composed):
-    _, said = composed
+    _, bodies = composed
     for finger in range(1, FINGERS + 1):
         for topic in EACH:
-            assert said[f"/finger_{finger}{topic}"], topic
-    assert {topic for topic in said if not topic.startswith("/finger_")} == {
+            assert bodies[f"/finger_{finger}{topic}"], topic
+    assert {topic for topic in bodies if not topic.startswith("/finger_")} == {
         *("/world", "/truth", "/touch/info", "/hand/goal", "/hand/contacts", "/contour/goal"),
     }
-    assert [len(said[topic]) for topic in ("/world", "/truth", "/touch/info")] == [1, 1, 1]
+    assert [len(bodies[topic]) for topic in ("/world", "/truth", "/touch/info")] == [1, 1, 1]
 
 
 def test_the_fingers_share_out_the_heights_and_close_every_contour(composed):
@@ -98,16 +93,15 @@ def test_the_fingers_share_out_the_heights_and_close_every_contour(composed):
     assert {contour.finger for contour in found} == {1, 2, 3}
 
 
-def test_what_a_finger_does_takes_no_time_of_the_others(composed, tmp_path):
-    alone = contours_of(explored(tmp_path / "run", composed=True, fingers=1))
-    ends = {1: max(contour.robot_time for contour in alone)}
+def test_what_a_finger_does_takes_no_time_of_the_others(composed, alone):
+    ends = {1: max(contour.robot_time for contour in contours_of(alone))}
     ends[FINGERS] = max(contour.robot_time for contour in contours_of(composed[1]))
     # Five contours of much the same length: two, two and one of them.
     assert ends[FINGERS] < 0.6 * ends[1]
 
 
 def test_every_finger_has_errors_of_its_own(composed):
-    first = [heard(composed[1], f"/finger_{n}/touch/raw")[0] for n in (1, 2, 3)]
+    first = [of_topic(composed[1], f"/finger_{n}/touch/raw")[0] for n in (1, 2, 3)]
     # They begin at heights that mirror each other on a ball, but not with the same noise.
     assert len({frame.array.tobytes() for frame in first}) == FINGERS
     assert [frame.finger for frame in first] == [1, 2, 3]
@@ -115,45 +109,48 @@ def test_every_finger_has_errors_of_its_own(composed):
 
 def test_a_clock_follows_every_touch_and_only_grows(composed):
     for finger in range(1, FINGERS + 1):
-        clocks = heard(composed[1], f"/finger_{finger}/finger/clock")
-        patches = heard(composed[1], f"/finger_{finger}/touch/patch")
+        clocks = of_topic(composed[1], f"/finger_{finger}/finger/clock")
+        patches = of_topic(composed[1], f"/finger_{finger}/touch/patch")
         times = [patch.robot_time for patch in patches]
         assert [clock.robot_time for clock in clocks] == times == sorted(times)
         assert {clock.finger for clock in clocks} == {finger}
 
 
 def test_no_finger_starts_before_the_decision(composed):
-    _, said = composed
+    _, bodies = composed
     begun = {
-        goal.id: goal.not_before for goal in (decode(ContourGoal, b) for b in said["/contour/goal"])
+        goal.id: goal.not_before
+        for goal in (decode(ContourGoal, b) for b in bodies["/contour/goal"])
     }
     for finger in range(1, FINGERS + 1):
-        for frame in heard(said, f"/finger_{finger}/touch/raw"):
+        for frame in of_topic(bodies, f"/finger_{finger}/touch/raw"):
             assert frame.robot_time > begun[frame.goal]
     # The first three at once, the others when a contour was taken up.
     assert len(set(begun.values())) == 1 + 2
 
 
-def test_one_finger_has_neither_namespace_nor_clock(tmp_path):
-    said = explored(tmp_path / "run", composed=True, fingers=1)
-    assert not [topic for topic in said if topic.startswith("/finger_")]
-    assert "/finger/clock" not in said
-    assert len(said["/contour/traced"]) == 5
+def test_one_finger_has_neither_namespace_nor_clock(alone):
+    assert not [topic for topic in alone if topic.startswith("/finger_")]
+    assert "/finger/clock" not in alone
+    assert len(alone["/contour/traced"]) == 5
 
 
-def test_no_order_of_the_edges_changes_a_byte(composed, tmp_path, watcher):
+@pytest.mark.parametrize(
+    "schedules", [range(5), pytest.param(range(5, 20), marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_no_order_of_the_edges_changes_a_byte(schedules, composed, tmp_path, watcher):
     graph = wirings(tmp_path, FINGERS)
     watch = tuple(topic for one in graph for topic in one.outputs.values())
-    for schedule in range(SCHEDULES):
+    for schedule in schedules:
         watcher.messages.clear()
         ending = run_composed(
             graph, ends="planner", watch=watch, watcher=watcher, schedule=schedule
         )
         assert ending.status == "finished", ending.reason
-        said: Bodies = {}
+        bodies: Bodies = {}
         for topic, message in watcher.messages:
-            said.setdefault(topic, []).append(encode(message))
-        assert said == composed[1]
+            bodies.setdefault(topic, []).append(encode(message))
+        assert bodies == composed[1]
 
 
 def test_replaying_it_says_the_same_again(composed):
@@ -163,21 +160,23 @@ def test_replaying_it_says_the_same_again(composed):
 
 
 @pytest.mark.graph
-def test_separate_processes_say_the_same_to_the_last_byte(composed, tmp_path):
-    assert explored(tmp_path / "run", composed=False) == composed[1]
-    assert compare_recordings(composed[0], tmp_path / "run").first == ""
-    assert replay(tmp_path / "run" / "topics.mcap", NODES, lambda line: None) == 0
+def test_separate_processes_publish_the_same_to_the_last_byte(composed, tmp_path):
+    run = explore_heights(tmp_path / "run", FINGERS, composed=False)
+    assert messages_in(run) == composed[1]
+    assert compare_recordings(composed[0], run).first == ""
+    assert replay(run / "topics.mcap", NODES, lambda line: None) == 0
 
 
 @pytest.mark.graph
 def test_a_whole_exploration_is_the_same_in_processes_and_in_one(tmp_path):
-    args = {"scene": SourceMapped("sphere", ""), "fingers": SourceMapped(FINGERS, "")}
-    settings = {"planner.planner": "uniform", "planner.settings": {"count": 3}}
-    given = {key: SourceMapped(value, "") for key, value in settings.items()}
-    said = [
-        said_in(plan_run(EXPLORE, args, given, name="sphere", out=tmp_path / how), composed=one)
-        for how, one in (("processes", False), ("composed", True))
-    ]
-    assert said[0] == said[1]
-    assert {contour.finger for contour in contours_of(said[0])} > {1}
-    assert decode(ShapeModel, said[0]["/model/shape"][-1]).final
+    given = {"scene": "sphere", "fingers": 2, "count": 2}
+    args = {name: SourceMapped(value, "") for name, value in given.items()}
+    found = []
+    for composed in (False, True):
+        plan = plan_run(UNSCORED, args, {}, name="sphere", out=tmp_path / f"run_{composed}")
+        run = perform(plan, composed=composed, display=SilentDisplay())
+        assert (run.ending.status, run.ending.gaps) == ("finished", 0), run.ending.reason
+        found.append(messages_in(run.folder))
+    assert found[0] == found[1]
+    assert {contour.finger for contour in contours_of(found[0])} == {1, 2}
+    assert decode(ShapeModel, found[0]["/model/shape"][-1]).final

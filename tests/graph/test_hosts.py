@@ -211,6 +211,8 @@ def test_what_is_no_machine_is_refused(text):
         read_host(text)
 
 
-def test_ports_of_another_machine_cannot_be_had_here():
+def test_ports_of_this_machine_are_free_and_those_of_another_cannot_be_had_here():
+    ports = [int(one.rpartition(":")[2]) for one in free_endpoints("127.0.0.1", "abc").values()]
+    assert len(set(ports)) == 3 and min(ports) >= 1024
     with pytest.raises(ValueError, match=r"8\.8\.8\.8 is no address of this machine"):
         free_endpoints("8.8.8.8", ["port"])

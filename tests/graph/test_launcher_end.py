@@ -145,7 +145,7 @@ def test_a_node_that_lacks_what_it_needs_is_named(watcher, toys, tmp_path, monke
     assert "needy has consumed 0 of 5 on /source from source" in ending.reason
 
 
-@pytest.mark.parametrize("turn", range(10))
+@pytest.mark.parametrize("turn", range(4))
 def test_what_is_needed_is_handled_first(turn, watcher, toys, tmp_path):
     late = toy("late", ToyParams(relay=True), upstream="source")
     graph = [source(3), late, toys.needy("late", "source")]

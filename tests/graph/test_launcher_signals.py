@@ -22,6 +22,10 @@ Process = subprocess.Popen[str]
 Gone = Callable[[int, float], bool]
 
 
+def slowly(case: object) -> object:
+    return pytest.param(case, marks=pytest.mark.slow)
+
+
 @pytest.fixture
 def process(tmp_path: Path) -> Iterator[Process]:
     """A launcher in a process group of its own, just before its launch."""
@@ -64,14 +68,14 @@ def assert_ended_well(process: Process, folder: Path, signal_name: str, gone: Go
         assert lines.read_text().endswith("closed\n")
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", [*range(4), *(slowly(n) for n in range(4, 10))])
 def test_ctrl_c_at_any_moment_leaves_nothing_behind(seed, process, tmp_path, group_is_gone):
     let_run(process, random.Random(seed).random() * 0.8 + 0.05)
     os.killpg(process.pid, signal.SIGINT)
     assert_ended_well(process, tmp_path, "SIGINT", group_is_gone)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, slowly(1), slowly(2)])
 def test_ctrl_c_may_be_pressed_twice(seed, process, tmp_path, group_is_gone):
     let_run(process, 0.6)
     os.killpg(process.pid, signal.SIGINT)

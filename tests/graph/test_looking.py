@@ -70,10 +70,10 @@ def cards(folder: Path) -> dict[int, RunCard]:
 
 
 def handled(card: RunCard) -> int:
-    """Messages that the source of the ring has handled so far, by its next word."""
-    with TapSubscription(card, [Topic(STATUS_TOPIC, "NodeStatus", ("source",), ())]) as hearing:
-        heard = hearing.take(WITHIN)
-    return decode(NodeStatus, heard[-1].body).messages if heard else 0
+    """Messages that the source of the ring has handled so far, by its next status."""
+    with TapSubscription(card, [Topic(STATUS_TOPIC, "NodeStatus", ("source",), ())]) as taps:
+        received = taps.take(WITHIN)
+    return decode(NodeStatus, received[-1].body).messages if received else 0
 
 
 def only(folder: Path) -> RunCard:
@@ -133,20 +133,20 @@ def test_a_filter_and_a_field_choose_what_is_shown(home, capsys):
 
 
 def test_a_graph_is_told_of_by_its_nodes_topics_and_parameters(home, capsys):
-    said = {}
+    told = {}
     for words in ("node list", "topic list -t", "topic list -c", "topic info source -v",
                   "node info source", "param dump source"):  # fmt: skip
         assert cli.run(words.split()) == 0
-        said[words] = capsys.readouterr().out
-    assert said["node list"].split() == ["relay", "sink", "source"]
-    assert "/relay [TactileFrame]" in said["topic list -t"].splitlines()
-    assert said["topic list -c"] == "6\n"
-    assert "Subscription count: 1  relay" in said["topic info source -v"]
-    assert "  robot_time  number" in said["topic info source -v"]
-    assert "    /relay  TactileFrame  from relay" in said["node info source"]
-    assert "  state     running" in said["node info source"]
-    assert "of a core now" in said["node info source"]
-    params = YAML(typ="safe", pure=True).load(said["param dump source"])["source"]["params"]
+        told[words] = capsys.readouterr().out
+    assert told["node list"].split() == ["relay", "sink", "source"]
+    assert "/relay [TactileFrame]" in told["topic list -t"].splitlines()
+    assert told["topic list -c"] == "6\n"
+    assert "Subscription count: 1  relay" in told["topic info source -v"]
+    assert "  robot_time  number" in told["topic info source -v"]
+    assert "    /relay  TactileFrame  from relay" in told["node info source"]
+    assert "  state     running" in told["node info source"]
+    assert "of a core now" in told["node info source"]
+    params = YAML(typ="safe", pure=True).load(told["param dump source"])["source"]["params"]
     assert (params["burst"], params["laps"]) == (1, 10**9)
 
 
@@ -154,13 +154,13 @@ def test_the_numbers_of_messages_are_the_publishers_own_count(home):
     card = only(home)
     beats: list[tuple[int, int]] = []
     frames: list[TapMessage] = []
-    with TapSubscription(card, find_topics(card, ["/relay", STATUS_TOPIC])) as hearing:
-        for batch in hearing.batches(WITHIN):
-            for heard in batch:
-                if heard.topic == "/relay":
-                    frames.append(heard)
-                elif heard.publisher == "relay":
-                    beats.append((heard.header.sent_ns, decode(NodeStatus, heard.body).sent))
+    with TapSubscription(card, find_topics(card, ["/relay", STATUS_TOPIC])) as taps:
+        for batch in taps.batches(WITHIN):
+            for message in batch:
+                if message.topic == "/relay":
+                    frames.append(message)
+                elif message.publisher == "relay":
+                    beats.append((message.header.sent_ns, decode(NodeStatus, message.body).sent))
             if len(beats) == 5:
                 break
     for when, sent in beats:
@@ -180,13 +180,10 @@ def test_the_numbers_of_messages_are_the_publishers_own_count(home):
     assert min(lost) >= 0
 
 
-def test_hz_bw_and_delay_say_their_figures(home, capsys):
-    for verb, words in (("hz", "average rate: "), ("bw", "B/s from "), ("delay", "average delay:")):
-        assert cli.run(["topic", verb, "/relay", "--duration", "0.5"]) == 0
+def test_hz_bw_and_delay_tell_their_figures_and_hz_on_which_topic_nothing_comes(home, capsys):
+    for verb, words in (("bw", "B/s from "), ("delay", "average delay:")):
+        assert cli.run(["topic", verb, "/relay", "--duration", "0.3"]) == 0
         assert words in capsys.readouterr().out
-
-
-def test_hz_says_on_which_topic_nothing_comes(home, capsys):
     assert cli.run(["topic", "hz", "--all", "--duration", "0.5"]) == 0
     out = capsys.readouterr().out
     assert "no messages on /relay/mark\n" in out
@@ -195,47 +192,39 @@ def test_hz_says_on_which_topic_nothing_comes(home, capsys):
     assert "nobody publishes /rely; did you mean '/relay'?" in capsys.readouterr().err
 
 
-def test_a_tool_that_is_stopped_is_left_out_and_the_graph_goes_on(home):
+def test_tools_that_are_stopped_unread_killed_or_interrupted_leave_the_graph_untouched(home):
     card = only(home)
-    with tool("topic", "echo", "/relay", "--field", "touch") as echo:
-        assert first_line(echo).strip().isdigit()
-        echo.send_signal(signal.SIGSTOP)
+    told = ("topic", "echo", "/relay", "--field", "touch")
+    with (
+        tool(*told) as stopped,
+        tool("topic", "echo", "/relay", "--full-length") as unread,
+        tool("topic", "hz", "/relay", "/source") as killed,
+        tool(*told, "--no-lost-messages") as interrupted,
+    ):
+        assert first_line(stopped).strip().isdigit()
+        for one in (unread, killed, interrupted):
+            assert first_line(one).strip()
+        stopped.send_signal(signal.SIGSTOP)
+        killed.kill()
+        interrupted.send_signal(signal.SIGINT)
+        _, err = interrupted.communicate(timeout=WITHIN)
+        assert (interrupted.returncode, err) == (0, "")
         before = handled(card)
         wait_until(lambda: handled(card) > before + MORE)
-        echo.send_signal(signal.SIGCONT)
-        assert echo.stderr is not None
-        assert "messages lost on the way here" in read_on(echo)
+        assert unread.poll() is None
+        stopped.send_signal(signal.SIGCONT)
+        assert "messages lost on the way here" in read_on(stopped)
     assert_untouched(card)
 
 
 def read_on(echo: subprocess.Popen[str]) -> str:
-    """Read what a tool prints until it says something beside it, and return that."""
+    """Read what a tool prints until it tells something beside it, and return that."""
     assert echo.stdout is not None and echo.stderr is not None
     touches: list[int] = []
     while len(touches) < 2 or touches[-1] - touches[-2] == 1:
         line = echo.stdout.readline().strip()
         touches += [int(line)] if line.isdigit() else []
     return echo.stderr.readline()
-
-
-def test_a_tool_whose_output_nobody_reads_is_left_out_too(home):
-    card = only(home)
-    with tool("topic", "echo", "/relay", "--full-length") as echo:
-        first_line(echo)
-        before = handled(card)
-        wait_until(lambda: handled(card) > before + MORE)
-        assert echo.poll() is None
-    assert_untouched(card)
-
-
-def test_a_tool_that_is_killed_leaves_the_graph_untouched(home):
-    card = only(home)
-    with tool("topic", "hz", "/relay", "/source") as hz:
-        assert first_line(hz).strip()
-        hz.kill()
-    before = handled(card)
-    wait_until(lambda: handled(card) > before + MORE)
-    assert_untouched(card)
 
 
 def assert_untouched(card: RunCard) -> None:
@@ -246,24 +235,6 @@ def assert_untouched(card: RunCard) -> None:
 
 def only_restarts(card: RunCard) -> dict[str, int]:
     return {name: about["restarts"] for name, about in request(card, "status")["nodes"].items()}
-
-
-def test_ctrl_c_ends_a_tool_with_0(home):
-    with tool("topic", "echo", "/relay", "--field", "touch", "--no-lost-messages") as echo:
-        first_line(echo)
-        echo.send_signal(signal.SIGINT)
-        _, err = echo.communicate(timeout=WITHIN)
-    assert (echo.returncode, err) == (0, "")
-
-
-def test_a_graph_that_ends_ends_the_tool_with_0(tmp_path):
-    with launched(tmp_path) as ring:
-        with tool("topic", "hz", "/relay", "/node/status") as hz:
-            assert first_line(hz).strip()
-            ring.send_signal(signal.SIGINT)
-            out, err = hz.communicate(timeout=WITHIN)
-        assert (hz.returncode, err) == (0, "")
-        assert "average rate" in out
 
 
 def test_without_a_graph_every_tool_says_so_in_one_sentence(tmp_path, capsys):
@@ -279,7 +250,9 @@ def test_without_a_graph_every_tool_says_so_in_one_sentence(tmp_path, capsys):
 NONE = "no graph of yours is running; start one with palpate run or launch"
 
 
-def test_one_of_several_graphs_is_chosen_by_its_number(tmp_path, capsys):
+def test_one_of_several_graphs_is_chosen_by_its_number_and_its_end_ends_the_tool(
+    tmp_path, capsys, monkeypatch
+):
     with launched(tmp_path) as first, launched(tmp_path) as second:
         found = cards(tmp_path)
         assert cli.run(["topic", "list", "-c"]) == 0
@@ -291,37 +264,39 @@ def test_one_of_several_graphs_is_chosen_by_its_number(tmp_path, capsys):
             assert f"  pid       {pid}\n" in capsys.readouterr().out
         assert cli.run(["topic", "list", "--run", "graph"]) == 2
         assert "several running graphs are called 'graph'" in capsys.readouterr().err
-        assert cli.run(["doctor"]) == 0
-        assert capsys.readouterr().out.count("3 nodes, ") == 2
-
-
-def test_doctor_fails_a_launcher_that_does_not_answer(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(asking, "REQUEST_PATIENCE", 0.2)
-    with launched(tmp_path) as ring:
         assert cli.run(["doctor", "--report"]) == 0
-        assert f"launcher {ring.pid}, since" in capsys.readouterr().out
-        ring.send_signal(signal.SIGSTOP)
+        out = capsys.readouterr().out
+        assert out.count("3 nodes, ") == 2
+        assert f"launcher {first.pid}, since" in out
+        assert_heard_on(found[second.pid])
+        with tool("topic", "hz", "/relay", "/node/status", "--run", found[first.pid].run) as hz:
+            assert first_line(hz).strip()
+            first.send_signal(signal.SIGINT)
+            out, err = hz.communicate(timeout=WITHIN)
+        assert (hz.returncode, err) == (0, "")
+        assert "average rate" in out
+        monkeypatch.setattr(asking, "REQUEST_PATIENCE", 0.2)
+        second.send_signal(signal.SIGSTOP)
         assert cli.run(["doctor"]) == 1
-        said = capsys.readouterr().out
-        assert f"it is busy or stopped; if it stays so, kill {ring.pid}" in said
-        assert any(line.startswith("FAIL ") for line in said.splitlines())
+        told = capsys.readouterr().out
+        assert f"it is busy or stopped; if it stays so, kill {second.pid}" in told
+        assert any(line.startswith("FAIL ") for line in told.splitlines())
 
 
-def test_a_node_that_is_started_again_is_heard_on_and_says_nothing_twice(tmp_path):
-    with launched(tmp_path):
-        card = only(tmp_path)
-        with TapSubscription(card, find_topics(card, ["/relay"])) as hearing:
-            numbers: list[int] = []
-            epochs: set[int] = set()
-            for batch in hearing.batches(WITHIN):
-                numbers += [one.header.seq for one in batch]
-                epochs |= {one.header.epoch for one in batch}
-                if numbers and epochs == {0} and len(numbers) > 50:
-                    kill_node(card, "relay")
-                if 1 in epochs:
-                    break
-        assert 1 in epochs
-        assert all(later > earlier for earlier, later in pairwise(numbers))
+def assert_heard_on(card: RunCard) -> None:
+    """A node that is started again is received on, and publishes nothing twice."""
+    numbers: list[int] = []
+    epochs: set[int] = set()
+    with TapSubscription(card, find_topics(card, ["/relay"])) as taps:
+        for batch in taps.batches(WITHIN):
+            numbers += [one.header.seq for one in batch]
+            epochs |= {one.header.epoch for one in batch}
+            if numbers and epochs == {0} and len(numbers) > 50:
+                kill_node(card, "relay")
+            if 1 in epochs:
+                break
+    assert 1 in epochs
+    assert all(later > earlier for earlier, later in pairwise(numbers))
 
 
 def kill_node(card: RunCard, name: str) -> None:

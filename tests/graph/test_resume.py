@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from palpate.launch.files.source_map import SourceMapped
 from palpate.launch.progress import SilentDisplay
-from palpate.launch.run import perform, plan_run
+from palpate.launch.run import perform
 from palpate.messages.bus.message_log import Consumed
 from palpate.messages.recording.reader import open_recording
 from palpate.tools.bag.contents import compare_recordings
 from palpate.tools.chaos.history import causality_violations, read_history, violations_in
 from palpate.tools.replay.rerun import past_differences, plan_resume
+from tests.graph.conftest import explore_heights
 from tests.graph.test_restarts import Harm
 
 pytestmark = pytest.mark.graph
@@ -29,22 +30,14 @@ def _toys() -> Any:
         yield
 
 
-def explored(out: Path, fingers: int, *, composed: bool) -> Path:
-    args = {"fingers": SourceMapped(fingers, "fingers")}
-    plan = plan_run(TOYS / "fingers.yaml", args, {}, name="fingers", out=out)
-    run = perform(plan, composed=composed, display=SilentDisplay())
-    assert run.ending.status == "finished", run.ending.reason
-    return out
+@pytest.fixture(scope="module")
+def alone(explored: Callable[[int], Path]) -> Path:
+    return explored(1)
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return explored(tmp_path_factory.mktemp("one") / "run", 1, composed=True)
-
-
-@pytest.fixture(scope="module")
-def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return explored(tmp_path_factory.mktemp("three") / "run", 3, composed=True)
+def three(explored: Callable[[int], Path]) -> Path:
+    return explored(3)
 
 
 def gone_on(bag: Path, contour: int | None, out: Path) -> Path:
@@ -59,7 +52,7 @@ def identical(a: Path, b: Path) -> bool:
     return all(one.identical for one in compare_recordings(a, b).topics.values())
 
 
-@pytest.mark.parametrize("contour", [1, 4])
+@pytest.mark.parametrize("contour", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_finger_goes_on_from_any_contour_to_the_same_end(contour, alone, tmp_path):
     again = gone_on(alone, contour, tmp_path / "again")
     assert identical(alone, again)
@@ -70,16 +63,14 @@ def test_three_fingers_go_on_to_the_same_end(three, tmp_path):
     assert identical(three, gone_on(three, 2, tmp_path / "again"))
 
 
-def test_nothing_comes_before_its_cause_where_a_run_went_on(three, tmp_path):
-    history = read_history(gone_on(three, None, tmp_path / "again") / "topics.mcap")
-    assert [*violations_in(history), *causality_violations(history, whole=True)] == []
-
-
-def test_a_recording_that_was_never_closed_is_gone_on_with(three, tmp_path):
+def test_a_recording_that_was_never_closed_is_gone_on_with_cause_before_effect(three, tmp_path):
     cut = tmp_path / "topics.mcap"
     cut.write_bytes(whole_records((three / "topics.mcap").read_bytes()))
     assert not open_recording(cut).closed
-    assert identical(three, gone_on(cut, None, tmp_path / "again"))
+    again = gone_on(cut, None, tmp_path / "again")
+    assert identical(three, again)
+    history = read_history(again / "topics.mcap")
+    assert [*violations_in(history), *causality_violations(history, whole=True)] == []
 
 
 def whole_records(data: bytes) -> bytes:
@@ -113,11 +104,11 @@ def test_another_past_is_told(alone, three):
     assert "/world (1 of 1)" in past_differences(alone, three)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_three_fingers_whose_nodes_are_killed_come_to_the_same_end(seed, three, tmp_path):
     names = [["tracer_2", "simulator_1", "planner"], ["curvature_3", "filter_2", "recorder"]]
     harm = Harm(names[seed - 1], signal.SIGKILL, seed)
     harm.start()
-    killed = explored(tmp_path / "killed", 3, composed=False)
+    killed = explore_heights(tmp_path / "killed", 3, composed=False)
     assert harm.when
     assert identical(three, killed)

@@ -115,13 +115,13 @@ def test_a_player_that_is_killed_goes_on_where_it_was(watcher, tmp_path):
 
 
 def test_a_player_stands_still_steps_and_goes_on(watcher, tmp_path):
-    heard: list[int] = []
+    received: list[int] = []
 
     def act() -> None:
         control_player(None, "step", number=3)
         while len(watcher.messages) < 4:
             time.sleep(0.005)
-        heard.append(len(watcher.messages))
+        received.append(len(watcher.messages))
         control_player(None, "resume")
 
     aside = Aside(act)
@@ -130,7 +130,7 @@ def test_a_player_stands_still_steps_and_goes_on(watcher, tmp_path):
     ending = launch(wirings, ends="player", watch=["/player"], watcher=watcher)
     assert aside.failure is None
     assert ending.status == "finished"
-    assert heard == [4]
+    assert received == [4]
     assert len(watcher.messages) == 50
 
 
@@ -143,7 +143,7 @@ BODY = (
 def test_what_a_user_types_is_heard_though_the_console_dies_in_between(watcher, tmp_path):
     def act() -> None:
         for number in range(4):
-            publish("/console", BODY % number, rate=1, times=1, run=None, echo=said.append)
+            publish("/console", BODY % number, rate=1, times=1, run=None, echo=echoed.append)
             if number == 1:
                 harm = Harm(["console"], signal.SIGKILL, seed=1)
                 harm.start()
@@ -151,7 +151,7 @@ def test_what_a_user_types_is_heard_though_the_console_dies_in_between(watcher, 
                 while not any("started again" in one.text for one in watcher.lines):
                     time.sleep(0.005)
 
-    said: list[str] = []
+    echoed: list[str] = []
     aside = Aside(act)
     aside.start()
     counter = toy("counter", ToyParams(expects=4), upstream="console")
@@ -159,7 +159,7 @@ def test_what_a_user_types_is_heard_though_the_console_dies_in_between(watcher, 
     assert aside.failure is None
     assert (ending.status, ending.reason) == ("finished", "4 received")
     assert [message.touch for _, message in watcher.messages] == [0, 1, 2, 3]
-    assert said == ["published TactileFrame on /console"] * 4
+    assert echoed == ["published TactileFrame on /console"] * 4
 
 
 def test_what_cannot_be_published_is_refused_in_a_sentence(watcher, tmp_path):
@@ -205,7 +205,7 @@ def test_what_cannot_be_published_is_refused_in_a_sentence(watcher, tmp_path):
 
 def test_a_source_that_is_quiet_for_long_has_not_stalled(watcher, tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.launch.processes.supervisor.STALL", 0.2)
-    wirings = [playing(bag(tmp_path / "a.mcap", 3, every=1.5))]
+    wirings = [playing(bag(tmp_path / "a.mcap", 3, every=0.6))]
     ending = launch(wirings, ends="player", watch=["/player"], watcher=watcher)
     assert (ending.status, ending.reason) == ("finished", "played 3 messages")
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -15,6 +16,7 @@ from palpate.messages.types.model import PlanDone
 from palpate.messages.types.motion import Contour, ContourStatus, Probe
 from palpate.messages.types.world import World
 from palpate.nodes.reconstructor import NODE
+from palpate.nodes.specs.sensors import SensorSpec, info_of, pad_of_info
 
 PATH = Path("topics.mcap")
 WORLD = World(platform=-0.3, reach=0.15, fingers=1, seed=0)
@@ -88,8 +90,8 @@ def test_a_recording_without_closed_contours_is_refused():
 
 def test_the_topics_are_those_of_the_reconstructor():
     others = ("/model/goal", "/hand/contacts")
-    heard = {topic: kind for topic, (kind, _) in NODE.inputs.items() if topic not in others}
-    assert heard == MESSAGE_TYPES
+    inputs = {topic: kind for topic, (kind, _) in NODE.inputs.items() if topic not in others}
+    assert inputs == MESSAGE_TYPES
 
 
 def test_the_platform_is_a_touch_of_an_upright_object_alone():
@@ -122,3 +124,21 @@ def test_probes_touch_the_ends_along_the_axis():
 def test_a_frame_has_the_unit_of_its_points():
     found = contours_of(PATH, RecordedContours([contour(1, frame=TILTED)])).scaled(1000.0)
     assert found.frame == pytest.approx([10.0, 0.0, 50.0, 0.6, 0.0, 0.0, 0.8])
+
+
+def test_taxels_have_normals_of_the_jet_or_else_of_the_pad():
+    sensor = info_of(SensorSpec(), 1e-5)
+    x, _ = pad_of_info(sensor).grid()
+    jets = {0: (), 1: (0.0, 1e-4, 0.0, 0.0, 0.0, 0.0)}
+    patches = [
+        SimpleNamespace(
+            goal=1, touch=touch, pose=IDENTITY_POSE, height=0.1 * x, mask=np.ones(x.shape, bool),
+            jet=np.array(jet), jet_scale=1e-3,
+        )
+        for touch, jet in jets.items()
+    ]  # fmt: skip
+    found = contours_of(PATH, RecordedContours([contour(1)], patches=patches, sensor=sensor))
+    of_pad, of_jet = (found.taxels.normals[found.taxels.touch == touch] for touch in jets)
+    assert len(of_pad) == x.size and np.allclose(np.abs(of_pad[:, 2]), 1.0)
+    assert np.allclose(np.abs(of_jet[:, 0] / of_jet[:, 2]), 0.1)
+    assert f"{2 * x.size} taxels of 2 touches" in found.notes

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
 from pathlib import Path
 
@@ -128,6 +129,8 @@ def test_the_folder_is_private_and_vanishes_with_all_that_is_in_it(tmp_path):
         assert folder.stat().st_mode & 0o777 == 0o700
         (folder / "n0").touch()
     assert list(tmp_path.iterdir()) == []
+    with private_folder(tmp_path) as folder:
+        shutil.rmtree(folder)  # somebody else has tidied up
 
 
 def test_the_users_own_folder_is_preferred(tmp_path, monkeypatch):
