@@ -48,7 +48,7 @@ def test_explorations_survive_what_is_done_to_them(faults, toys, monkeypatch):
 def test_another_result_and_what_is_left_behind_are_found(toys, tmp_path):
     toys = replace(toys, arguments=("fingers:=1",))
     before = run_baseline(toys, tmp_path / "run")
-    wanted = replace(before, code=7, mesh="0", said={**before.said, "/world": (2, "0")})
+    wanted = replace(before, code=7, mesh="0", messages={**before.messages, "/world": (2, "0")})
     (tmp_path / "run" / ".published").mkdir()
     (tmp_path / "palpate-run-left").mkdir()
     found = examine_run(toys, wanted, InjectionLog(), before.code, tmp_path / "run")
