@@ -32,18 +32,15 @@ from palpate.core.poses import (
 SAMPLES = 20_000  # On each surface, so that the mean is right to about one part in a hundred
 SEED = 1999
 FEWEST = 6  # Points, for six parameters
-# Points with which all starts take their first steps, and with which the best are ended.
-FEW, MANY = 200, 2000
+FEW, MANY = 200, 2000  # Points of the first steps of all starts, and of the last of the best
 FIRST_STEPS, LAST_STEPS = 12, 60
 KEPT = 4  # Starts that are ended
 TOLERANCE = 1e-7
 ALIKE = 1.1  # Times the least residual: another motion that leaves no more is as good an answer
-# Times the least residual: what leaves no more is the same to all its digits that count.
-SAME = 1.001
+SAME = 1.001  # Times the least residual: what leaves no more is the same but for rounding
 APART = np.radians(5.0)  # Turns that differ by less are one
 FLOOR = 5e-4  # Of the surface's size: residuals below this are all alike, for facets leave as much
-# Of the size: nearer points lie on the surface, and only its normal says which way is off.
-ON = 1e-12
+ON = 1e-12  # Of the size: nearer points lie on the surface; its normal says which way is off
 
 
 class SurfaceDistances(NamedTuple):
@@ -53,8 +50,7 @@ class SurfaceDistances(NamedTuple):
     rms: float  # Root mean square distance over both ways, m
     p95: float  # The larger of the two 95 % quantiles, m
     hausdorff: float  # The largest distance of both ways, m
-    # Mean angle between the normals at the samples and at their nearest points, degrees.
-    normal_deg: float
+    normal_deg: float  # Mean angle between normals at samples and at their nearest points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,9 +138,7 @@ def sample_surface(corners: Floats, count: int, rng: np.random.Generator) -> Sur
 class Alignment(NamedTuple):
     """A rigid motion, and how well it fits."""
 
-    # Position, m, and quaternion x, y, z, w with w not negative, (7,): the points' frame in the
-    # surface's.
-    pose: Floats
+    pose: Floats  # Of the points' frame in the surface's, (7,), w not negative
     rms: float  # Root mean square distance of the moved points from the surface, m
     converged: bool  # No small step lowers it
     # A motion turned by more than 5 degrees leaves no more than 1.1 times as much: the surface

@@ -19,20 +19,16 @@ if TYPE_CHECKING:
 
 Indices = NDArray[np.intp]
 AT_CORNER = 1e-9  # Barycentric coordinate below which a nearest point lies on the opposite edge
-# Neighbouring faces that meet at more than this meet at an edge of the solid.
-SHARP = math.radians(30.0)
+SHARP = math.radians(30.0)  # Faces that meet at more than this meet at an edge of the solid
 
 
 class Solidity(NamedTuple):
     """What kind of surface a mesh is."""
 
-    # True if every edge has exactly two faces, which pass it in opposite directions.
-    watertight: bool
+    watertight: bool  # Every edge has exactly two faces, which pass it in opposite directions
     components: int  # Pieces that share no edge
     genus: int | None  # Handles of all pieces together; None unless the mesh is watertight
-    # Signed volume, m3: positive if the normals point outwards. It depends on the origin unless the
-    # mesh is watertight.
-    volume: float
+    volume: float  # Signed, m3: positive if normals point outwards; if watertight, anywhere
 
 
 def solidity(vertices: ArrayLike, faces: ArrayLike) -> Solidity:

@@ -24,20 +24,15 @@ from palpate.core.arrays import Bools, Floats
 from palpate.core.geometry.meshes import areas_and_normals
 
 Indices = NDArray[np.intp]
-# Height over length below which a triangle counts as its edges alone: it is off by no more than
-# this share of its length, which is what rounding would cost its inside.
-SLIVER_HEIGHT = 1e-8
+SLIVER_HEIGHT = 1e-8  # Over length, below which a triangle counts as its edges alone
 CHILDREN = 4
 MORTON_BITS = 16  # Of each coordinate: finer than any neighbourhood that matters
 BLOCK = 4096  # Points that descend together
 MOST_PAIRS = 1 << 20  # Pairs of point and box that are held at once, unless a single point has more
-# Area over squared radius below which a normal is mostly rounding, and is not relied on.
-SLIVER_AREA = 1e-6
+SLIVER_AREA = 1e-6  # Over squared radius, below which a normal is mostly rounding
 SLACK = 1e-13  # Of the squared distance to the centre: what rounding may take from the bound
 EXTRA_PIECES = 50_000  # Pieces that may be cut beyond twice the number of faces
-# Longest edge over the root of the mean area, at which a piece is left whole: 1.5 for equilateral
-# triangles.
-COMPACT = 2.0
+COMPACT = 2.0  # Longest edge over the root of the mean area at which a piece is left whole
 NEXT_LIMIT = 0.7  # Each round cuts what is longer than this share of the round before
 
 

@@ -27,10 +27,8 @@ Numbers = NDArray[np.intp]
 Boxes = Floats  # Left, lower, right and upper sides, (4, k)
 FIRST_BOXES = 32  # At most so many boxes are compared each with each
 PAIRS_AT_ONCE = 1 << 15  # Pairs of boxes that are looked at together, so that memory stays small
-# How much of the length's even pace is mixed in where the azimuth does not always rise.
-LENGTH_SHARE = 0.1
-# Of the polygon's size: a place that sees it whole lies at least so far behind each edge.
-DEEP = 1e-3
+LENGTH_SHARE = 0.1  # Of the even pace, mixed in where the azimuth does not always rise
+DEEP = 1e-3  # Of the polygon's size: what sees it whole lies so far behind each edge
 
 
 class Circle(NamedTuple):
@@ -249,8 +247,7 @@ class AzimuthMatch(NamedTuple):
     # (k,): the share of the contour's length from its first vertex on, from 0 to 1. Azimuths that
     # rise by less than a turn give turns that do as well, but for the seam.
     turns: Floats
-    # Each ray from the middle meets the contour once: the match is exactly the radial one.
-    one_to_one: bool
+    one_to_one: bool  # Each ray from the middle meets the contour once: the radial match
     # The contour goes once round the middle, counter-clockwise. If not, the azimuth says nothing,
     # and the match is by length alone.
     inside: bool

@@ -32,8 +32,7 @@ from palpate.core.shapes.ray_casting import (
 )
 from palpate.core.shapes.superquadrics import RANGE_TOLERANCE, SMALLEST, Superquadric
 
-# Of the bend that would squeeze the inner side to nothing, or close the axis to a ring.
-LARGEST_SHARE = 0.98
+LARGEST_SHARE = 0.98  # Of the bend that squeezes the inner side to nothing, or closes a ring
 NO_BEND = Bend(0.0)
 # Places and slopes (3, m): a norm and its slope.
 NormFunction = Callable[[Floats, Floats], tuple[Floats, Floats]]
@@ -72,12 +71,8 @@ class DeformedSuperquadric(ImplicitShape):
         moved = np.outer(bent[:, 0] - edge, self._bend.towards)
         width, depth = self._base.size[:2] * (1.0 + np.abs(self._straightening.taper))
         top = float(bent[:, 2].max())
-        return np.array(
-            [
-                [-width + moved[:, 0].min(), -depth + moved[:, 1].min(), -top],
-                [width + moved[:, 0].max(), depth + moved[:, 1].max(), top],
-            ]
-        )
+        low = [-width + moved[:, 0].min(), -depth + moved[:, 1].min(), -top]
+        return np.array([low, [width + moved[:, 0].max(), depth + moved[:, 1].max(), top]])
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """The gauge less 1, times the section's width: see `ImplicitShape.inside_out`."""
@@ -191,8 +186,7 @@ class FittedSuperquadric:
     pose: Floats  # (7,)
     taper: Floats  # Widening of x and y at the top, (2,)
     bend: Bend  # How the tapered solid is bent
-    # First-order distance of each point along the normal, (n,), m; negative inside.
-    residuals: Floats
+    residuals: Floats  # First-order distance along the normal, (n,), m; negative inside
     rms: float  # Root mean square of the residuals of the points that count, m
     warnings: tuple[str, ...]  # Why not to believe the fit; empty if there is no reason
 
@@ -222,15 +216,6 @@ class StraightenedRays(NamedTuple):
     width_slope: Floats | float  # Its derivative
 
 
-class StraightenedBound(NamedTuple):
-    """Bounds of all curves that rays of one direction can be."""
-
-    # Of the coordinates times the width.
-    place: tuple[DerivativeBound, DerivativeBound, DerivativeBound]
-    width: DerivativeBound  # Of the width
-    least_width: float  # Smallest width
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Straightening:
     """Undoes a taper and a bend along rays.
@@ -257,23 +242,21 @@ class Straightening:
         kx, ky = self.taper.tolist()
         if kx == ky:
             width, slope = 1.0 + kx * z, kx * dz
-            return StraightenedRays(
-                np.stack([x, y, z * width]),
-                np.stack([dx, dy, dz * width + z * slope]),
-                width,
-                slope,
-            )
+            place, rates = [x, y, z * width], [dx, dy, dz * width + z * slope]
+            return StraightenedRays(np.stack(place), np.stack(rates), width, slope)
         wide, deep, dwide, ddeep = 1.0 + kx * z, 1.0 + ky * z, kx * dz, ky * dz
         width, slope = wide * deep, dwide * deep + wide * ddeep
-        return StraightenedRays(
-            np.stack([x * deep, y * wide, z * width]),
-            np.stack([dx * deep + x * ddeep, dy * wide + y * dwide, dz * width + z * slope]),
-            width,
-            slope,
-        )
+        place = [x * deep, y * wide, z * width]
+        rates = [dx * deep + x * ddeep, dy * wide + y * dwide, dz * width + z * slope]
+        return StraightenedRays(np.stack(place), np.stack(rates), width, slope)
 
-    def bound(self, direction: Floats, half: Floats) -> StraightenedBound:
-        """Bounds for rays in a direction (3,), within a bent box of half edges (3,), m."""
+    def bound(
+        self, direction: Floats, half: Floats
+    ) -> tuple[tuple[DerivativeBound, ...], DerivativeBound, float]:
+        """Of the coordinates times the width, of the width, and the least width.
+
+        For all rays in a direction (3,), within a bent box of half edges (3,), m.
+        """
         r, v, z = self._unbent_bound(direction, half)
         (xr, xv), (yr, yv) = self._turn()
         x, y = r.scaled(xr).plus(v.scaled(xv)), r.scaled(yr).plus(v.scaled(yv))
@@ -281,10 +264,10 @@ class Straightening:
         kx, ky = self.taper.tolist()
         wide, deep = UNIT_BOUND.plus(z.scaled(kx)), UNIT_BOUND.plus(z.scaled(ky))
         if kx == ky:
-            return StraightenedBound((x, y, z.times(wide)), wide, 1.0 - abs(kx))
+            return (x, y, z.times(wide)), wide, 1.0 - abs(kx)
         width = wide.times(deep)
         least = (1.0 - abs(kx)) * (1.0 - abs(ky))
-        return StraightenedBound((x.times(deep), y.times(wide), z.times(width)), width, least)
+        return (x.times(deep), y.times(wide), z.times(width)), width, least
 
     def _unbent_bound(
         self, direction: Floats, half: Floats

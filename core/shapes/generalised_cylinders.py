@@ -33,8 +33,7 @@ from palpate.core.shapes.superquadrics import (
     p_norm_along,
 )
 
-# Beyond it the section's plane nearly holds the axis, and the solid is flat.
-MOST_TILT = math.radians(75.0)
+MOST_TILT = math.radians(75.0)  # Beyond it the section's plane nearly holds the axis
 MOST_HEIGHTS = 64
 LEAST_STEP = 1e-9  # Between two heights, m
 RANGE_TOLERANCE = 1e-13  # Of the solid's height or least radius

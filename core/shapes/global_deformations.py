@@ -53,8 +53,7 @@ class Taper:
 class Unbent(NamedTuple):
     """Places in the plane of a bend, straightened."""
 
-    # Towards the centre of curvature (away from it where the curvature is negative), m.
-    inwards: Floats
+    inwards: Floats  # Towards the centre of curvature, if it is not negative, m
     along: Floats  # Height, m
     stretch: Floats  # Length of the fibre through the place, as a share of the axis's
     cosine: Floats  # Of the angle through which the bend has turned the place
@@ -141,44 +140,31 @@ def _sinc(angle: Floats) -> Floats:
     return np.where(angle == 0.0, 1.0, np.sin(safe) / safe)
 
 
-class ClippedRays(NamedTuple):
-    """Where rays may meet what is in a bent box."""
-
-    starts: Floats  # Where they enter, at least 0, (n,), m; after the end for a ray that misses
-    ends: Floats  # Where they leave for good, (n,), m
-    gaps: tuple[RayGap, ...]  # Where they are outside in between; no two of a ray meet
-
-
 def clip_to_bent_box(
     origins: Floats, direction: Floats, half: Floats, curvature: float
-) -> ClippedRays:
+) -> tuple[Floats, Floats, tuple[RayGap, ...]]:
     """Where parallel rays enter and leave a box that was bent with its axis.
 
     `origins` (3, n): where the rays start, by coordinate: towards the centre of curvature, square
     to the bend's plane, up, m. `direction` (3,): their unit direction. `half` (3,): half the edges
     of the box before it was bent, m. `curvature`: 1/m; smaller than 1 over the first half edge and
-    than pi over the last.
+    than pi over the last. Returns `starts`, `ends` (n,): where they enter, at least 0 and after the
+    end for a ray that misses, and leave for good, m; and gaps in between, no two of a ray meet.
     """
     if abs(curvature) < LEAST_CURVATURE:
-        return ClippedRays(*clip_to_box(origins, direction, half), ())
+        return *clip_to_box(origins, direction, half), ()
     inwards, aside, height = half * (1.0 + ROOM)
-    starts, ends = _part_between(origins[1], direction[1], aside)
+    across, slope = origins[1], float(direction[1])
+    starts, ends = _common(_part_above(across + aside, slope), _part_above(aside - across, -slope))
     begin, end = _part_in_circle(origins, direction, curvature, inwards)
     starts, ends = np.maximum(np.maximum(starts, begin), 0.0), np.minimum(ends, end)
     hole = _part_in_circle(origins, direction, curvature, -inwards)
     if abs(curvature) * height < 0.5 * math.pi:
         begin, end = _part_between_ends(origins, direction, curvature, height, 1.0)
-        return ClippedRays(np.maximum(starts, begin), np.minimum(ends, end), (hole,))
+        return np.maximum(starts, begin), np.minimum(ends, end), (hole,)
     # More than half a circle: what is left out between the ends is the wedge.
     wedge = _part_between_ends(origins, direction, curvature, height, -1.0)
-    return ClippedRays(starts, ends, _joined(hole, wedge))
-
-
-def _part_between(origin: Floats, slope: float, half: float) -> RayGap:
-    """Where rays are within `half` on both sides of a plane."""
-    first = _part_above(origin + half, slope)
-    second = _part_above(half - origin, -slope)
-    return _common(first, second)
+    return starts, ends, _joined(hole, wedge)
 
 
 def _part_in_circle(
@@ -240,7 +226,7 @@ def _joined(first: RayGap, second: RayGap) -> tuple[RayGap, RayGap]:
     """Two gaps; those that meet are both the whole of them."""
     meet = (first[0] <= second[1]) & (second[0] <= first[1])
     begin, end = np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
-    return (
-        (np.where(meet, begin, first[0]), np.where(meet, end, first[1])),
-        (np.where(meet, begin, second[0]), np.where(meet, end, second[1])),
+    one, two = (
+        (np.where(meet, begin, gap[0]), np.where(meet, end, gap[1])) for gap in (first, second)
     )
+    return one, two

@@ -37,8 +37,7 @@ RANGE_TOLERANCE = 1e-13  # Of the solid's smallest extent
 LEAST_EXPONENT, LARGEST_EXPONENT = 0.1, 100.0
 LEAST_NORMAL, LARGEST_NORMAL = 1e-9, 1e9  # 1/m
 TINY = 1e-300
-# Beyond it a quantity counts as this: a power of it that overflowed would say no more.
-LARGEST = 1e3
+LARGEST = 1e3  # Beyond it a quantity counts as this: its power would say no more
 
 
 class Hyperquadric(ImplicitShape):

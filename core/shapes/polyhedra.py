@@ -23,16 +23,12 @@ from palpate.core.shapes.triangle_meshes import HAS_EMBREE, CrossedMesh, Triangl
 if TYPE_CHECKING:
     from palpate.core.geometry import NearestSearch
 
-# Share of the polyhedron's extent by which a corner may lie beside its face's plane: the digits
-# that people type.
-PLANE = 1e-4
+PLANE = 1e-4  # Of its extent, by which a corner may lie beside its face's plane: typed digits
 LEAST_EDGE = 1e-6  # Of its extent
 LEAST_VOLUME = 1e-9  # Of a cube as large as its extent
 ASKEW = np.array([0.36, 0.48, 0.8])  # Direction in which it is asked whether points are inside
-# So many are looked at one by one, in double precision; of more, Embree finds the first.
-FEW_TRIANGLES = 500
-# Of a polygon's area. Triangles of a polygon that crosses itself cover another area.
-AREA_TOLERANCE = 1e-6
+FEW_TRIANGLES = 500  # So many are looked at in double precision; of more, Embree finds the first
+AREA_TOLERANCE = 1e-6  # Of a polygon's area: one that crosses itself is cut into another area
 STRAIGHT = 1e-9  # Sine of a turn to the right that is rounding
 Longs = NDArray[np.integer]
 

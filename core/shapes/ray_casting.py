@@ -19,23 +19,18 @@ from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.shapes.protocol import INSIDE, MISS, ImplicitShape
 
 MOST_SPANS = 64  # On one ray; the surface behind the last is not seen
-# Tolerances between a surface and where the next one is looked for: spans, and gaps between them,
-# that are thinner are left out.
-NUDGE = 1e4
+NUDGE = 1e4  # Tolerances; spans that are thinner, and gaps between them, are left out
 RaySelection = slice | Ints
 # Places (m,) on those of the functions that are named: values and slopes (m,).
 RayFunction = Callable[[Floats, RaySelection], tuple[Floats, Floats]]
-# Begin and end (n,) of an interval in which each function is known to have no root.
-RayGap = tuple[Floats, Floats]
-# A handful does, but along a flat face, a gap g away, it takes some 1 / sqrt(g) steps.
-MOST_NEWTON_STEPS = 2000
+RayGap = tuple[Floats, Floats]  # Begin and end (n,) of an interval that is known to have no root
+MOST_NEWTON_STEPS = 2000  # Along a flat face, a gap g away, it takes some 1 / sqrt(g) steps
 FEW = 0.6  # Functions that are done are carried along until the others are fewer than this share
 MOST_MARCH_STEPS = 2000
 GROWTH = 4.0  # A stretch that was free is followed by one this many times as long
 SHRINKAGE = 0.125  # Of a stretch over which nothing could be told
 CLOSE = 4.0  # A root is believed where it is seen over a stretch this many tolerances long
-# Stands for a direction of 0, so that no division by it is 0 / 0 or overflows.
-LEAST_DIRECTION = 1e-200
+LEAST_DIRECTION = 1e-200  # Stands for a direction of 0, so that no division is 0 / 0 or overflows
 ROOM = 1e-12  # Share by which the box is widened: what lies in its faces is in it
 
 

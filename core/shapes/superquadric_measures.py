@@ -24,8 +24,7 @@ NO_BEND = Bend(0.0)
 CORNERS_AND_MIDDLES = (
     np.array([[6, 0, 0], [0, 6, 0], [0, 0, 6], [2, 2, 2], [3, 3, 0], [3, 0, 3], [0, 3, 3]]) / 6.0
 )
-# Of these places in an integral over the facet: exact for cubics.
-WEIGHTS = np.array([3, 3, 3, 27, 8, 8, 8]) / 60.0
+WEIGHTS = np.array([3, 3, 3, 27, 8, 8, 8]) / 60.0  # In an integral: exact for cubics
 
 
 class MassMoments(NamedTuple):
@@ -33,8 +32,7 @@ class MassMoments(NamedTuple):
 
     volume: float  # m3
     centroid: Floats  # (3,), m
-    # Integral of the products of the coordinates, from the frame's origin, (3, 3), m5.
-    second: Floats
+    second: Floats  # Integral of the coordinates' products about the frame's origin, (3, 3), m5
 
     def inertia(self) -> Floats:
         """Inertia (3, 3) about the frame's origin, m5; times the density it is in kg m2."""

@@ -27,8 +27,7 @@ from palpate.core.shapes.ray_casting import (
 )
 from palpate.core.shapes.tessellations import icosphere
 
-# Above the largest the solid is pinched, and the gauge no norm.
-LEAST_EXPONENT, LARGEST_EXPONENT = 0.02, 2.0
+LEAST_EXPONENT, LARGEST_EXPONENT = 0.02, 2.0  # Above it the solid is pinched, its gauge no norm
 RANGE_TOLERANCE = 1e-13  # Of the smallest semi-axis: some hundred roundings
 SMALLEST = 1e-300  # Stands for 0 in a logarithm or a divisor
 # Of the gauge: nearer to a coordinate plane, exponents above 1 have unbounded second derivatives,

@@ -21,9 +21,7 @@ from palpate.core.shapes.protocol import Mesh
 
 MOST_LEVELS = 8  # 1.3 million faces
 LEAST_CELLS = 16
-# Shares of the box by which the grid begins before it and ends after it: uneven, so that no plane
-# of symmetry is a plane of the grid.
-MARGINS = (0.0231, 0.0257)
+MARGINS = (0.0231, 0.0257)  # Of the box, before and after: no plane of symmetry is one of the grid
 ROOT_TOLERANCE = 1e-12  # Of a cell's edge
 Longs = NDArray[np.int64]
 InsideOut = Callable[[Floats, Floats], tuple[Floats, Floats]]  # As `ImplicitShape.inside_out`

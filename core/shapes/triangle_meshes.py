@@ -26,22 +26,17 @@ from palpate.core.shapes.protocol import INSIDE, MISS, ImplicitShape, Mesh, Shap
 
 HAS_EMBREE = find_spec("embreex") is not None  # False where there is no wheel for this machine
 MOST_LAYERS = 64  # Back faces that a ray goes through on its way to a front face
-# How far behind a back face the ray starts anew, as a share of the mesh's extent: some ten times
-# what single precision can tell apart.
-NUDGE = 1e-6
-# Of barycentric coordinates: a ray through an edge must not slip between two triangles.
-EDGE_TOLERANCE = 1e-9
+NUDGE = 1e-6  # Of the extent: how far behind a back face a ray starts anew; ten single roundings
+EDGE_TOLERANCE = 1e-9  # Of barycentric coordinates: no ray slips between two triangles
 # A range in double precision that differs by more than this share of it, or of the mesh's extent,
 # from Embree's is not believed: the face is seen edge-on.
 SINGLE = 1e-5
 AT_ONCE = 1 << 19  # Pairs of a ray and an edge
 TRIES = 4
 ASIDE = np.array([0.8, 0.6])
-# Of the mesh's extent: how far a ray is moved whose sides were rounded to what cannot be.
-SHIFT = 1e-12
+SHIFT = 1e-12  # Of the extent: how far a ray is moved whose sides were rounded to what cannot be
 Longs = NDArray[np.int64]
-# 82k faces: the facets of a 0.1 m ball stand off by less than 10 um, at a box's edges by more.
-CAST_LEVEL = 6
+CAST_LEVEL = 6  # 82k faces: those of a 0.1 m ball stand off by less than 10 um
 MOST_STEPS = 12
 STEP_TOLERANCE = 1e-8  # Of the solid's size. The step after it would be its square.
 FARTHEST = 0.05  # Of the solid's size: a place that moves farther is on another part of the surface

@@ -19,8 +19,7 @@ from scipy.sparse import csr_array
 
 from palpate.core.arrays import Floats, Ints, finite_array
 
-# Of the largest parameter: places that lie outside by less are taken to the end.
-ROUNDING = 64 * float(np.finfo(float).eps)
+ROUNDING = 64 * float(np.finfo(float).eps)  # Of the largest parameter: taken to the end
 CUBIC = 3
 Orders = tuple[int, ...]  # Order of the derivative along each axis
 BLOCK = 1 << 18  # Numbers gathered at a time: about what a core keeps at hand
@@ -167,8 +166,7 @@ class PeriodicBasis:
 
     count: int
     degree: int = CUBIC
-    # One turn of it, with its first functions once more at the end.
-    _wound: Basis = field(init=False, repr=False)
+    _wound: Basis = field(init=False, repr=False)  # One turn and its first functions again
 
     def __post_init__(self) -> None:
         wound = Basis(periodic_knots(self.count, self.degree), self.degree)
@@ -205,10 +203,7 @@ def _rows(local: LocalBasis, derivative: int, columns: Ints, count: int) -> csr_
 
 
 def clamped_basis(count: int, degree: int = CUBIC) -> Basis:
-    """Basis on uniform clamped knots over [0, 1].
-
-    Raises ValueError if there are not more coefficients than the degree.
-    """
+    """Basis on uniform clamped knots over [0, 1]; errors as of `clamped_knots`."""
     return Basis(clamped_knots(count, degree), degree)
 
 
@@ -236,10 +231,7 @@ class LocalBasis(NamedTuple):
 
 
 def uniform_knots(count: int, degree: int = CUBIC) -> Floats:
-    """Uniform knots that run on beyond both ends of the domain [0, 1].
-
-    Raises ValueError if there are not more coefficients than the degree.
-    """
+    """Uniform knots that run on beyond both ends of [0, 1]; errors as of `clamped_knots`."""
     _check_count(count, degree)
     return np.arange(-degree, count + 1) / (count - degree)
 
@@ -294,9 +286,9 @@ def evaluate_scattered(
     """Derivatives of a tensor product at scattered places.
 
     `bases`: one for each axis. `control` (count_1, ..., count_d, c): coefficients. `at` (m, d):
-    parameters. `orders`: which derivatives; all zeros for the value. Returns (len(orders). Raises
-    ValueError if shapes do not fit, a coefficient or parameter is not finite, a parameter lies
-    outside the domain by more than rounding, or an order is negative.
+    parameters. `orders`: which derivatives; all zeros for the value. Returns (len(orders), m, c).
+    Raises ValueError if shapes do not fit, a coefficient or parameter is not finite, a parameter
+    lies outside the domain by more than rounding, or an order is negative.
     """
     at = finite_array("at", at, (None, len(bases)))
     control = _checked(bases, control, orders)
@@ -348,9 +340,9 @@ def evaluate_grid(
 
     `bases`: one for each axis. `control` (count_1, ..., count_d, c): coefficients. `axes`:
     parameters along each axis. `orders`: order of the derivative along each axis; the value if left
-    out. Returns (len(axes[0]). Raises ValueError if shapes do not fit, a coefficient or parameter
-    is not finite, a parameter lies outside the domain by more than rounding, or an order is
-    negative.
+    out. Returns (len(axes[0]), ..., c). Raises ValueError if shapes do not fit, a coefficient or
+    parameter is not finite, a parameter lies outside the domain by more than rounding, or an order
+    is negative.
     """
     orders = (0,) * len(bases) if orders is None else orders
     values = _checked(bases, control, [orders])
@@ -439,18 +431,13 @@ def insert_knots(basis: Basis, control: Floats, new: Floats, axis: int = 0) -> t
         place = int(np.searchsorted(knots, knot, side="right"))
         basis = Basis(np.insert(knots, place, knot), degree)
         i = np.arange(basis.count)
-        start, end = (
-            knots[np.minimum(i, len(knots) - 1)],
-            knots[np.minimum(i + degree, len(knots) - 1)],
-        )
+        start, end = (knots[np.minimum(i + step, len(knots) - 1)] for step in (0, degree))
         with np.errstate(divide="ignore", invalid="ignore"):  # those are not taken
             share = (knot - start) / (end - start)
         share = np.where(i + degree < place, 1.0, np.where(i >= place, 0.0, share))
         share = share.reshape(-1, *(1,) * (control.ndim - 1))
-        last = len(control) - 1
-        control = (
-            share * control[np.minimum(i, last)] + (1.0 - share) * control[np.maximum(i - 1, 0)]
-        )
+        here, before = control[np.minimum(i, len(control) - 1)], control[np.maximum(i - 1, 0)]
+        control = share * here + (1.0 - share) * before
     return basis, np.moveaxis(control, 0, axis)
 
 

@@ -32,8 +32,7 @@ FLAT_SPREAD = 1e-9  # Width of the points over their length from which on they a
 FINE = 4  # Chords for each knot interval in which a curve is tested for meeting itself
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
 SAME = 1e-12  # Points nearer to each other, as a share of the curve's size, are one
-# Of the coordinates: points that spread no farther are one, told apart by rounding.
-ROUNDING = 64 * float(np.finfo(float).eps)
+ROUNDING = 64 * float(np.finfo(float).eps)  # Of the coordinates: points that spread less are one
 LARGEST = float(np.finfo(float).max)
 # With fewer points noise and shape cannot be told apart: each of a square's corners shows in five
 # of them.
@@ -61,10 +60,8 @@ class ClosedCurve:
     residual: float  # Root mean square distance of the points from their places on the curve, m
     sigma: float  # Estimate of the noise, the standard deviation of one coordinate, m
     condition: float  # Condition number of the matrix from control points to points and bending
-    # Degrees of freedom spent on each coordinate; as many as points if it passes them all.
-    effective: float
-    # Weight of the bending against the mean weight of the points; 0: the points are passed.
-    smoothing: float
+    effective: float  # Degrees of freedom spent on each coordinate; of points if it passes them
+    smoothing: float  # Weight of the bending against the mean of the points; 0: they are passed
     flags: CurveFlags  # Warnings
 
     def at(self, turn: ArrayLike, derivative: int = 0) -> Floats:

@@ -25,8 +25,7 @@ SAME = 1e-9  # Of the size of all volumes: control points nearer than that are o
 class Embedding(NamedTuple):
     """Where points lie."""
 
-    # Number of the lattice that holds each, (n,); `NOWHERE` for those that lie in none.
-    lattice: Ints
+    lattice: Ints  # Number of the lattice that holds each, (n,); `NOWHERE` where none does
     parameters: Floats  # s, t, u in it, (n, 3); 0 for those that lie in none
 
 

@@ -18,31 +18,21 @@ from palpate.core.splines.bases import CUBIC, Basis, PeriodicBasis, periodic_kno
 Smoothing = float | Literal["auto", "gcv"] | None
 LEAST_CONTROL = CUBIC + 1
 MOST_CONTROL = 100  # Control points that are chosen unasked; a system of so many takes some 5 ms
-# Longest gap between points over the shortest from which on they are uneven.
-UNEVEN_GAP_RATIO = 20.0
+UNEVEN_GAP_RATIO = 20.0  # Longest gap over the shortest, from which on points are uneven
 CLEAN = 1e-9  # Noise, over the curve's size, that is not worth smoothing
-# Residuals that exceed the noise between neighbours by this factor show what was smoothed away.
-BIASED = 1.5
+BIASED = 1.5  # Residuals that exceed the noise by this factor show what was smoothed away
 RESAMPLED = 8  # Points for each control point with which a curve through uneven ones is taken anew
-# Always there: it keeps the system positive definite wherever points are missing.
-LEAST_SMOOTHING = 1e-5
-# More changes nothing: the curve has long become a point, and the system loses its digits.
-MOST_SMOOTHING = 1e9
-# Times that parameters are moved to the nearest points of the curve, if nothing is smoothed.
-MOVES = 3
-# Smoothings that are tried, against the mean weight of the points.
-STRENGTHS: Floats = np.logspace(-8.0, 3.0, 67)
-# Share of its weight by which a mode must be seen in the points to be estimated from them.
-UNSEEN = 1e-12
-# Added to the system, so that its factor exists wherever nothing is seen and nothing bends.
-RIDGE = 1e-13
+LEAST_SMOOTHING = 1e-5  # Always there: the system is definite wherever points are missing
+MOST_SMOOTHING = 1e9  # More changes nothing: the curve has long become a point
+MOVES = 3  # Times that parameters move to the nearest points, if nothing is smoothed
+STRENGTHS: Floats = np.logspace(-8.0, 3.0, 67)  # That are tried, against the mean weight
+UNSEEN = 1e-12  # Share of its weight by which a mode must be seen to be estimated
+RIDGE = 1e-13  # Added, so that the system's factor exists where nothing is seen or bends
 Parametrisation = Literal["auto", "chord", "centripetal", "even"]
 CORNER = np.pi / 3  # A point at which the polygon turns farther is a corner, rad
 MOST_CORNERS = 0.2  # Of the points: where more of them turn like that, it is noise, not corners
-# Points at equal distances along a curve have no chord longer than the usual one by this,
-EVEN_GAP = 2.0
-# and the middle half of their chords within this factor: only across corners are they short.
-EVEN_MIDDLE = 1.25
+EVEN_GAP = 2.0  # Longest chord over the usual one, at most, of points at equal distances;
+EVEN_MIDDLE = 1.25  # and of the middle half: only across corners chords are short
 MOST_MOVE = 0.45  # Of the gap to a neighbour: two points that move towards each other do not meet
 
 
@@ -85,8 +75,7 @@ class CurveFit(NamedTuple):
     """A closed cubic B-spline that was fitted to points."""
 
     control: Floats  # (n, d)
-    # (n + 7,), the domain from 0 to 1; the first 3 control points come again at the end.
-    knots: Floats
+    knots: Floats  # (n + 7,), over 0 to 1; the first 3 control points come again
     parameters: Floats  # (m,), those of the points, in turns
     condition: float  # Condition number of the matrix from control points to points and bending
     effective: float  # Degrees of freedom that were spent on each coordinate
@@ -238,8 +227,7 @@ class Modes(NamedTuple):
 
     shapes: Floats  # Their values at the points (m, r), orthonormal columns
     control: Floats  # Their coefficients (n, r): ``shapes`` is the basis times them
-    # (r,), not negative: smoothing by a strength keeps ``1 / (1 + strength stiffness)``.
-    stiffness: Floats
+    stiffness: Floats  # (r,): smoothing by s keeps ``1 / (1 + s stiffness)``
 
     def kept(self, strengths: Floats) -> Floats:
         """Share of each mode that smoothing by strengths (s,) keeps, (s, r)."""

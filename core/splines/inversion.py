@@ -29,13 +29,10 @@ STARTS = 6  # Nearest samples that are tried
 EPSILON = float(np.finfo(float).eps)
 ENOUGH = 1e-12  # Of the volume's size: no iteration goes on below that residual
 CONVERGED = 1e-9  # Of the volume's size: a larger residual is no answer
-# Of the product of the slopes' largest components: a determinant below that is none.
-LEAST_DETERMINANT = 1e-12
-# Of the largest coordinate: control points that are off by less are where they should be.
-ROUNDING = 16 * float(np.finfo(float).eps)
+LEAST_DETERMINANT = 1e-12  # Of the product of the slopes' largest components: below, it is none
+ROUNDING = 16 * float(np.finfo(float).eps)  # Of the largest coordinate
 MONOTONE_MOST_STEPS = 60
-# Of the spline's range: what evaluating it leaves uncertain.
-MONOTONE_ROUNDING = 4 * float(np.finfo(float).eps)
+MONOTONE_ROUNDING = 4 * float(np.finfo(float).eps)  # Of the spline's range
 
 
 def invert_points(
@@ -59,7 +56,7 @@ def invert_points(
         return _closed_form(volume, frame, points)
     regular = regular_planes(volume)
     if regular is not None:
-        return _axis_by_axis(volume, regular, points)
+        return _axis_by_axis(volume, *regular, points)
     return invert_general(volume, points)
 
 
@@ -90,10 +87,13 @@ def _closed_form(volume: SplineVolume, frame: Parallelepiped, points: Floats) ->
     return _finish(volume, points, parameters, residual, np.zeros(len(points), np.int32))
 
 
-def regular_planes(volume: SplineVolume) -> RegularPlanes | None:
+def regular_planes(
+    volume: SplineVolume,
+) -> tuple[Parallelepiped, tuple[Floats, Floats, Floats]] | None:
     """The planes on which a volume's control points lie, or None if they are not regular.
 
-    Then each parameter depends on one coordinate alone, for the bases sum to 1 along the others.
+    The frame from one corner to the three next to it, and where planes cut its edges, from 0 to 1.
+    Each parameter depends on one coordinate alone, for the bases sum to 1 along the others.
     """
     if _has_unequal_weights(volume):
         return None
@@ -106,7 +106,7 @@ def regular_planes(volume: SplineVolume) -> RegularPlanes | None:
     again = frame.points(np.stack(np.meshgrid(*planes, indexing="ij"), axis=-1))
     off = float(np.abs(again - control).max())
     rising = all((np.diff(plane) > 0.0).all() for plane in planes)
-    return RegularPlanes(frame, planes) if rising and off <= _allowed(control) else None
+    return (frame, planes) if rising and off <= _allowed(control) else None
 
 
 def _corners(volume: SplineVolume) -> tuple[Floats, Floats, Floats]:
@@ -131,13 +131,15 @@ def _allowed(control: Floats) -> float:
     return ROUNDING * float(np.abs(control).max())
 
 
-def _axis_by_axis(volume: SplineVolume, regular: RegularPlanes, points: Floats) -> Inversion:
-    coordinates = regular.frame.local(points)
-    roots = [
-        invert_monotone(basis, planes, values)
-        for basis, planes, values in zip(volume.bases, regular.planes, coordinates.T, strict=True)
-    ]
-    left = np.stack([root.residual for root in roots], axis=1) @ regular.frame.edges
+def _axis_by_axis(
+    volume: SplineVolume,
+    frame: Parallelepiped,
+    planes: tuple[Floats, Floats, Floats],
+    points: Floats,
+) -> Inversion:
+    axes = zip(volume.bases, planes, frame.local(points).T, strict=True)
+    roots = [invert_monotone(*axis) for axis in axes]
+    left = np.stack([root.residual for root in roots], axis=1) @ frame.edges
     parameters = np.stack([root.parameters for root in roots], axis=1)
     steps = np.max([root.steps for root in roots], axis=0)
     return _finish(volume, points, parameters, np.linalg.norm(left, axis=1), steps)
@@ -331,22 +333,11 @@ def is_folded(volume: SplineVolume, slopes: Floats) -> Bools:
 class Inversion(NamedTuple):
     """Parameters of some points."""
 
-    # s, t, u (n, 3), each from 0 to 1; those of a nearest point where nothing else was found.
-    parameters: Floats
+    parameters: Floats  # s, t, u (n, 3), from 0 to 1; of a nearest point if nothing else was found
     residual: Floats  # Distance (n,) between the point and that of the parameters, m
     converged: Bools  # (n,): the residual is 0 but for rounding. A point outside never converges.
-    # (n,): the volume is turned inside out there, or squeezed flat, so that other parameters may
-    # give the same point.
-    folded: Bools
+    folded: Bools  # (n,): turned inside out there, or flat: others may give the point too
     steps: Ints  # Steps of the iteration, (n,)
-
-
-class RegularPlanes(NamedTuple):
-    """Control points on three families of parallel planes."""
-
-    frame: Parallelepiped  # From one corner control point to the three next to it
-    # Where the planes cut the frame's edges, rising from 0 to 1: (l,), (m,), (n,).
-    planes: tuple[Floats, Floats, Floats]
 
 
 class MonotoneRoots(NamedTuple):

@@ -33,18 +33,14 @@ from palpate.core.splines.spline_volumes import (
     upright_parallelepiped,
 )
 
-# Of the largest: where the deformation squeezes more than that, a normal is taken as if it squeezed
-# by that much.
-LEAST_STRETCH = 1e-9
+LEAST_STRETCH = 1e-9  # Of the largest: what is squeezed more counts as squeezed by that much
 SIDE = 4  # Control points across a layer, each way: the fewest that a cubic basis takes
-# A lattice may shrink no part of its box to less than this share of its volume.
-LEAST_CHANGE = 0.005
+LEAST_CHANGE = 0.005  # Of its volume: the least to which a part of the box may shrink
 ACROSS, ALONG = 5, 257  # Places at which that is looked at, across the box each way and along it
 NEGLIGIBLE = 1e-10  # Of the largest singular value: what moves the points less is left out
 FOLD_SAMPLES = 25  # Along each axis, in the middle of equal steps, if no points are given
 FOLD_ROUNDS = 4  # How often undecided pieces are halved
-# Coefficients of the pieces of one layer that are halved: more would take too much room.
-MOST_NUMBERS = 1 << 22
+MOST_NUMBERS = 1 << 22  # Coefficients of pieces that are halved: more would take too much room
 FoldVerdict = Literal["sound", "folded", "undecided"]
 
 
@@ -168,7 +164,8 @@ class Lattice:
         if len(unknown):
             raise ValueError(f"faces must name the {len(vertices)} vertices, got {unknown[0]}")
         moved = self.deform(vertices)
-        return moved, same_winding(vertices, moved, faces)
+        mirrored = _handedness(vertices, faces) * _handedness(moved, faces) < 0.0
+        return moved, faces[:, ::-1] if mirrored else faces
 
 
 def _refuse(points: Floats, beyond: Floats, unit: str) -> None:
@@ -210,15 +207,6 @@ def _squeezed(slopes: Floats, normals: Floats) -> Floats:
     squeezed: Floats = (left @ along[:, :, None])[:, :, 0]
     squeezed /= np.abs(squeezed).max(axis=1, keepdims=True)
     return squeezed
-
-
-def same_winding(before: Floats, after: Floats, faces: Ints) -> Ints:
-    """Triangles (m, 3) turned round if vertices (n, 3) were mirrored on the way.
-
-    A closed surface that enclosed its volume counter-clockwise still does.
-    """
-    mirrored = _handedness(before, faces) * _handedness(after, faces) < 0.0
-    return faces[:, ::-1] if mirrored else faces
 
 
 def _handedness(vertices: Floats, faces: Ints) -> float:
@@ -317,8 +305,7 @@ def pull_points(lattice: Lattice, points: Floats, targets: Floats) -> Pulled:
 class FoldReport(NamedTuple):
     """What is known of a lattice's folds. Changes of volume are 1 where nothing is deformed."""
 
-    # ``sound`` and ``folded`` are certain but for rounding, for the whole lattice.
-    verdict: FoldVerdict
+    verdict: FoldVerdict  # ``sound`` and ``folded`` are certain but for rounding, everywhere
     share: float  # Share of the samples at which space is turned inside out or squeezed flat
     least: float  # Least change of volume that was met
     where: Floats  # Parameters (3,) at which it was

@@ -31,13 +31,10 @@ SECOND_ORDERS: tuple[Orders, ...] = (
     (0, 1, 1),
     (0, 0, 2),
 )
-# Which of the second derivatives belongs to a pair of axes.
-PAIRS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-# Rounding of a coefficient, times how much the conversion may enlarge it.
-SAFETY = 16 * float(np.finfo(float).eps)
+PAIRS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # Second derivatives by pairs of axes
+SAFETY = 16 * float(np.finfo(float).eps)  # Rounding of a coefficient
 MEAN_STEPS = 12  # Along each axis, over which a determinant is averaged
-# Volume over the product of the edges' lengths, below which a parallelepiped is flat.
-LEAST_RELATIVE_VOLUME = 1e-12
+LEAST_RELATIVE_VOLUME = 1e-12  # Over the edges' lengths, below which a parallelepiped is flat
 Bases = tuple[Basis, Basis, Basis]  # Along s, t and u
 
 
@@ -55,8 +52,7 @@ class SplineVolume:
     control: Floats
     bases: Bases
     weights: Floats | None = None
-    # What the bases multiply: the control points, or (l, m, n, 4) with weights.
-    spline: Floats = field(init=False, repr=False)
+    spline: Floats = field(init=False, repr=False)  # Control points, or (l, m, n, 4)
 
     def __post_init__(self) -> None:
         if len(self.bases) != 3:
@@ -146,8 +142,7 @@ class BernsteinPieces(NamedTuple):
 
     low: Floats  # Smallest parameters of each, (k, 3)
     width: Floats  # Their widths, (k, 3)
-    # (k, a + 1, b + 1, c + 1): the piece lies between the least and the largest of them.
-    coefficients: Floats
+    coefficients: Floats  # (k, a + 1, b + 1, c + 1): they enclose the piece
     rounding: float  # How far a coefficient may be off
 
 
@@ -274,8 +269,7 @@ class Parallelepiped:
 
     corner: Floats
     edges: Floats
-    # (3, 3), 1/m: what turns offsets from the corner into s, t and u.
-    inverse: Floats = field(init=False, repr=False)
+    inverse: Floats = field(init=False, repr=False)  # From offsets to s, t, u, 1/m
 
     def __post_init__(self) -> None:
         corner = finite_array("corner", self.corner, (3,)).copy()

@@ -34,12 +34,9 @@ class ThesisLayer(NamedTuple):
     """Control points of one layer."""
 
     control: Floats  # (l, m, 2), along s and t
-    # Sides of the core over those of the box around the shell; 0 where it has no room.
-    core_scale: float
-    # The core is not in the middle of that box, where it would have had little room or none.
-    moved: bool
-    # Distance between the ends of the curve whose polygon the shell is, over its mean width.
-    gap: float
+    core_scale: float  # Sides of the core over those of the box around the shell; 0: no room
+    moved: bool  # The core is not in the middle of that box, where it had little room
+    gap: float  # Between the ends of the curve that gave the shell, over its mean width
 
 
 def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:

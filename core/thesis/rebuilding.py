@@ -50,8 +50,7 @@ LEAST_SIDE = CUBIC + 1
 PROGRAM_CAP = 0.01  # Beyond the end rows, in whatever unit the contours are
 FINE = 8  # Chords for each point of a contour, by which rays meet the curve through them
 LEAST_POINTS = 4  # Different points of a contour, the fewest of which a curve is fitted
-# Of the size: a last point that is nearer to the first one is the first one, given again.
-SAME = 1e-12
+SAME = 1e-12  # Of the size: a last point nearer to the first one is the first one again
 LEAST_ROWS, LEAST_COLUMNS = 2, 3
 
 
@@ -262,11 +261,8 @@ class ContourStack(NamedTuple):
 class ThesisHealth(NamedTuple):
     """What should be known of a solid before it is used; one entry for each contour, upwards."""
 
-    # (m,): each ray from the contour's middle met it once. Always true of contours that are matched
-    # by number.
-    one_to_one: Bools
-    # (m,): the contour encloses nothing; of one that is matched by number: it is a point.
-    degenerate: Bools
+    one_to_one: Bools  # (m,): each ray from the contour's middle met it once; true by number
+    degenerate: Bools  # (m,): the contour encloses nothing; matched by number: it is a point
     self_intersecting: Bools  # (m,): the contour meets itself
     core_scales: Floats  # (m,): sides of the layer's core over those of the box around its shell
     cores_moved: Bools  # (m,): the core is not in the middle of that box
@@ -282,8 +278,7 @@ class ThesisSolid:
     around.
     """
 
-    # Over the box around the contours, m; a layer of control points for each contour.
-    lattice: Lattice
+    lattice: Lattice  # Over the contours' box, m; a layer of control points a contour
     # s, t, u (m, n, 3) of the model's points that were matched with the contours': upwards, then
     # around from azimuth -pi, the first again at the end.
     parameters: Floats

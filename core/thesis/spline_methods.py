@@ -36,8 +36,7 @@ DAMPING = 0.5  # Of the parameters' steps; it stands in the thesis's program, no
 CUTOFF = 1e-10  # Of the pseudo-inverse
 TINY = 1e-300
 MOST_STEPS = 50
-# Of the volume's size, where the thesis has metres or whatever the unit is: (4.14), (4.16).
-COINCIDENCE = 1e-6
+COINCIDENCE = 1e-6  # Of the volume's size, where (4.14), (4.16) have metres
 ZERO_COSINE = 1e-6  # (4.15)
 
 

@@ -22,8 +22,7 @@ class SplinePatch(NamedTuple):
     """A bicubic surface over the pad."""
 
     surface: RectBivariateSpline  # Height over y and x, m
-    # False if it passes through every taxel: as asked, or because no smooth one was found.
-    smoothed: bool
+    smoothed: bool  # It does not pass through every taxel
 
 
 def fit_spline(pad: Pad, height: Floats, noise: float = 0.0) -> SplinePatch:

@@ -1,11 +1,8 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.explore.planners.protocol import Observation, first_and_last
 from palpate.core.geometry.polygons import (
     edge_distance,
@@ -15,13 +12,13 @@ from palpate.core.geometry.polygons import (
 )
 
 
-def ellipse_scale(polygon: Floats, middle: Floats, semi_axes: Floats) -> float:
+def ellipse_scale(polygon, middle, semi_axes):
     """Of the largest ellipse of that shape: in its own plane the distance from the edges."""
     around, origin = (polygon - middle) / semi_axes, np.zeros((1, 2))
     return float(edge_distance(around, origin)[0]) if winding_number(around, origin)[0] else 0.0
 
 
-def line_meets(line: tuple[float, float, float], p: float, q: float) -> bool:
+def line_meets(line, p, q):
     """isint.m, with the ellipse at the origin."""
     a, b, c = line
     if a == 0:
@@ -31,12 +28,12 @@ def line_meets(line: tuple[float, float, float], p: float, q: float) -> bool:
     return q * q * b * b + p * p * a * a >= c * c
 
 
-def test_the_search_moves_on_from_places_that_it_has_not_tested() -> None:
+def test_the_search_moves_on_from_places_that_it_has_not_tested():
     fib = [1.0, 1.0]
     while len(fib) < 50:
         fib.append(fib[-1] + fib[-2])
 
-    def printed(limit: float) -> float:
+    def printed(limit):
         a, b, count = 1e-3, 1.0, 1
         while abs(b - a) > 1e-3 and count < 48:
             first, second = a > limit, b > limit  # tested at a and b
@@ -58,13 +55,13 @@ def test_the_search_moves_on_from_places_that_it_has_not_tested() -> None:
         assert ellipse_scale(box, np.zeros(2), np.ones(2)) == pytest.approx(limit)
 
 
-def test_all_edges_are_tested_and_not_as_many_as_the_grid_is_wide() -> None:
+def test_all_edges_are_tested_and_not_as_many_as_the_grid_is_wide():
     turn = 2 * np.pi * np.arange(16) / 16  # 16 vertices around a layer of 5 by 5
     radius = np.where(np.arange(16) == 10, 0.3, 1.0)
     polygon = radius[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
     along = np.roll(polygon, -1, axis=0) - polygon
 
-    def blocked(edges: int) -> bool:
+    def blocked(edges):
         return any(
             line_meets((dy, -dx, dx * y - dy * x), 0.5, 0.5)
             for (x, y), (dx, dy) in zip(polygon[:edges], along[:edges], strict=True)
@@ -75,7 +72,7 @@ def test_all_edges_are_tested_and_not_as_many_as_the_grid_is_wide() -> None:
     assert ellipse_scale(polygon, np.zeros(2), np.full(2, 0.5)) == pytest.approx(0.6)
 
 
-def test_the_normal_of_an_edge_has_a_minus() -> None:
+def test_the_normal_of_an_edge_has_a_minus():
     (x, y), (dx, dy) = (1.0, 0.0), (-1.0, 1.0)  # an edge on x + y = 1
     printed = (dy, dx, dx * y - dy * x)  # as buildgrid.m hands it on
     right = (dy, -dx, dx * y - dy * x)
@@ -85,7 +82,7 @@ def test_the_normal_of_an_edge_has_a_minus() -> None:
     assert np.dot(printed, [x + dx, y + dy, 1.0]) == pytest.approx(-2.0)
 
 
-def test_the_comment_on_the_conic_has_its_axes_swapped() -> None:
+def test_the_comment_on_the_conic_has_its_axes_swapped():
     # Semi-axes 2 along x and 1 along y; the line y = 1.5 passes above.
     p, q = 2.0, 1.0
     assert not line_meets((0.0, 1.0, -1.5), p, q)
@@ -95,7 +92,7 @@ def test_the_comment_on_the_conic_has_its_axes_swapped() -> None:
     assert ellipse_scale(box, np.zeros(2), np.array([p, q])) == 1.5
 
 
-def test_lines_beyond_the_edges_cut_an_ellipse_that_the_edges_do_not() -> None:
+def test_lines_beyond_the_edges_cut_an_ellipse_that_the_edges_do_not():
     turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     polygon = (1 + 0.45 * np.cos(3 * turn))[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
     low, high = polygon.min(axis=0), polygon.max(axis=0)
@@ -109,7 +106,7 @@ def test_lines_beyond_the_edges_cut_an_ellipse_that_the_edges_do_not() -> None:
     assert ellipse_scale(polygon, middle, axes) == pytest.approx(0.399, abs=1e-3)
 
 
-def test_the_middle_of_the_box_may_lie_outside_the_polygon() -> None:
+def test_the_middle_of_the_box_may_lie_outside_the_polygon():
     u_shape = np.array(
         [[-1, 1], [-1, -1], [1, -1], [1, 1], [0.8, 1], [0.8, -0.8], [-0.8, -0.8], [-0.8, 1.0]]
     )
@@ -124,7 +121,7 @@ def test_the_middle_of_the_box_may_lie_outside_the_polygon() -> None:
     assert circle.radius > 0.1
 
 
-def test_an_angle_needs_no_matrix() -> None:
+def test_an_angle_needs_no_matrix():
     with pytest.raises(np.linalg.LinAlgError):
         np.linalg.inv(np.zeros((2, 2)))  # phasediff.m, with a vertex in the middle
     first, second = np.random.default_rng(0).normal(size=(2, 50, 2))
@@ -137,7 +134,7 @@ def test_an_angle_needs_no_matrix() -> None:
     assert np.isfinite(turn_between(np.zeros(2), second)).all()
 
 
-def test_a_quadrant_is_taken_about_the_middle_and_not_about_the_origin() -> None:
+def test_a_quadrant_is_taken_about_the_middle_and_not_about_the_origin():
     first_vertex, middle = np.array([-0.5, 0.1]), np.array([0.0, 0.0])
     quadrants = []
     for shift in (0.0, 500.0):
@@ -151,15 +148,15 @@ def test_a_quadrant_is_taken_about_the_middle_and_not_about_the_origin() -> None
     assert right == [True, True]
 
 
-def test_the_models_contours_leave_out_its_ends() -> None:
+def test_the_models_contours_leave_out_its_ends():
     latitude = np.arctan2(np.linspace(-1, 1, 27), 1.0)
     assert np.sin(latitude).max() == pytest.approx(0.7071, abs=1e-4)  # of a ball of radius 1
     even = np.linspace(-1, 1, 27)
     assert even.max() == 1.0
 
 
-def test_the_program_takes_a_box_for_every_object() -> None:
-    def heights(exponents: tuple[float, float]) -> Floats:
+def test_the_program_takes_a_box_for_every_object():
+    def heights(exponents):
         e1, e2 = exponents
         omega, eta = np.linspace(-np.pi, np.pi, 81), math.pi / 4
         x, y = np.abs(np.cos(eta) * np.cos(omega)), np.abs(np.cos(eta) * np.sin(omega))
@@ -170,7 +167,7 @@ def test_the_program_takes_a_box_for_every_object() -> None:
     assert np.ptp(heights((1.0, 1.0))) < 1e-15
 
 
-def test_the_caps_depend_on_the_unit_of_length() -> None:
+def test_the_caps_depend_on_the_unit_of_length():
     # Half of 0.02 beyond the last contour, of one object 100 mm high in mm and in m.
     printed = 0.01 / np.array([100.0, 0.1])
     assert printed.tolist() == pytest.approx([1e-4, 0.1])

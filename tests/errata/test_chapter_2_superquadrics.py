@@ -1,9 +1,6 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.shapes.superquadrics import (
     Superquadric,
     inside_outside,
@@ -19,7 +16,7 @@ EXPONENTS = np.array([0.4, 1.3])
 SHAPE = Superquadric(SIZE, EXPONENTS)
 
 
-def printed_function(points: Floats, size: Floats, exponents: Floats) -> Floats:
+def printed_function(points, size, exponents):
     """(2.6) with absolute values."""
     e1, e2 = exponents
     x, y, z = np.abs(points / size).T
@@ -27,7 +24,7 @@ def printed_function(points: Floats, size: Floats, exponents: Floats) -> Floats:
     return np.asarray((level + z ** (2 / e1)) ** e1)
 
 
-def test_powers_of_negative_numbers_need_a_sign() -> None:
+def test_powers_of_negative_numbers_need_a_sign():
     with np.errstate(invalid="ignore"):
         naive = np.cos(OMEGA) ** EXPONENTS[1]
     assert np.isnan(naive).mean() == pytest.approx(0.52, abs=0.005)
@@ -35,18 +32,18 @@ def test_powers_of_negative_numbers_need_a_sign() -> None:
     assert np.allclose(SHAPE.gauge(points), 1.0, rtol=0, atol=1e-14)
 
 
-def test_the_angles_are_parameters_and_not_those_of_the_point() -> None:
+def test_the_angles_are_parameters_and_not_those_of_the_point():
     points = trigonometric_points(SHAPE, ETA, OMEGA).points
     latitude = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
     assert np.degrees(np.abs(latitude - ETA).max()) > 30.0
 
 
-def test_both_ends_of_the_azimuth_are_one_seam() -> None:
+def test_both_ends_of_the_azimuth_are_one_seam():
     ends = trigonometric_points(SHAPE, np.full(2, 0.3), np.array([-np.pi, np.pi])).points
     assert np.allclose(ends[0], ends[1], rtol=0, atol=1e-12)
 
 
-def test_the_inside_out_function_is_negative_inside() -> None:
+def test_the_inside_out_function_is_negative_inside():
     # (2.3) prints "= 0, > 0, < 0" beside one "inside the solid".
     points = np.array([[0.5, 0.5, 0.5], [2.0, 2.0, 2.0]])
     printed = printed_function(points, np.ones(3), EXPONENTS) - 1.0
@@ -55,7 +52,7 @@ def test_the_inside_out_function_is_negative_inside() -> None:
     assert ours[0] < 0.0 < ours[1]
 
 
-def test_the_regular_parameters_are_only_more_even() -> None:
+def test_the_regular_parameters_are_only_more_even():
     box, omega = Superquadric(np.ones(3), np.array([0.1, 0.1])), np.linspace(0, np.pi / 2, 41)
     ratios = []
     for way in (regular_points, trigonometric_points):
@@ -66,7 +63,7 @@ def test_the_regular_parameters_are_only_more_even() -> None:
     assert ratios[1] > 100.0
 
 
-def test_the_regular_azimuth_is_not_that_of_the_point_unless_the_section_is_round() -> None:
+def test_the_regular_azimuth_is_not_that_of_the_point_unless_the_section_is_round():
     points = regular_points(SHAPE, ETA, OMEGA).points
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     off = np.abs(np.angle(np.exp(1j * (azimuth - OMEGA))))
@@ -75,7 +72,7 @@ def test_the_regular_azimuth_is_not_that_of_the_point_unless_the_section_is_roun
     assert np.allclose(np.angle(np.exp(1j * (scaled - OMEGA))), 0.0, atol=1e-14)
 
 
-def test_curves_of_equal_latitude_are_plane_only_if_the_section_is_an_ellipse() -> None:
+def test_curves_of_equal_latitude_are_plane_only_if_the_section_is_an_ellipse():
     omega, eta = np.linspace(-np.pi, np.pi, 181), np.full(181, np.arctan(0.6))
     spread = [
         np.ptp(regular_points(Superquadric(np.ones(3), np.array(e)), eta, omega).points[:, 2])
@@ -85,7 +82,7 @@ def test_curves_of_equal_latitude_are_plane_only_if_the_section_is_an_ellipse() 
     assert max(spread[1:]) < 1e-15
 
 
-def test_the_function_with_its_outer_power_is_of_second_degree() -> None:
+def test_the_function_with_its_outer_power_is_of_second_degree():
     points = RNG.normal(size=(200, 3))
     once, twice = (printed_function(k * points, SIZE, EXPONENTS) for k in (1, 2))
     assert np.allclose(twice / once, 4.0, rtol=1e-13)
@@ -96,7 +93,7 @@ def test_the_function_with_its_outer_power_is_of_second_degree() -> None:
     assert np.abs(SHAPE.gauge(usual) - 1.0).max() > 0.5
 
 
-def test_the_function_overflows_where_its_root_does_not() -> None:
+def test_the_function_overflows_where_its_root_does_not():
     points, exponents = np.array([[1e9, 0.0, 0.0], [1e-9, 0.0, 0.0]]), np.array([0.05, 0.05])
     with np.errstate(over="ignore"):
         printed = printed_function(points, np.ones(3), exponents)
@@ -105,7 +102,7 @@ def test_the_function_overflows_where_its_root_does_not() -> None:
     assert np.allclose(ours, 2 * np.log([1e9, 1e-9]), rtol=1e-14)
 
 
-def test_the_residual_is_no_distance() -> None:
+def test_the_residual_is_no_distance():
     # (2.10): the root of the volume times F - 1, for points at the same distance from two balls.
     radii = np.array([0.01, 0.1])
     residuals = np.array(

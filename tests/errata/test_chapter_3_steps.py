@@ -1,13 +1,9 @@
-from __future__ import annotations
-
 import math
-from collections.abc import Mapping
 
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from palpate.core.arrays import Floats
 from palpate.core.splines.bases import Basis
 
 KNOTS = np.array([0, 0, 0, 0, 0.2, 0.35, 0.7, 1, 1, 1, 1])
@@ -15,16 +11,16 @@ ORDER = 4
 PLACES = np.array([0.1, 0.3, 0.5, 0.9])
 
 
-def knot(i: int) -> float:
+def knot(i):
     """The knot x_i, counted from 1."""
     return float(KNOTS[i - 1]) if 1 <= i <= len(KNOTS) else math.nan
 
 
-def share(value: float, span: float) -> float:
+def share(value, span):
     return value / span if span != 0.0 else 0.0
 
 
-def function(i: int, order: int, u: float) -> float:
+def function(i, order, u):
     """N_{i, order} at u, counted from 1; 0 beyond the ends."""
     if not 1 <= i <= len(KNOTS) - order:
         return 0.0
@@ -34,7 +30,7 @@ def function(i: int, order: int, u: float) -> float:
     return float(one(u))
 
 
-def coefficients(times: int, i: int, printed: bool) -> Mapping[tuple[int, int], float]:
+def coefficients(times, i, printed):
     """The c of (3.25), as printed or with the right indices."""
     k, c = ORDER, {(1, 1): 1.0}
     off = (2, 1) if printed else (1, 0)
@@ -49,7 +45,7 @@ def coefficients(times: int, i: int, printed: bool) -> Mapping[tuple[int, int], 
     return c
 
 
-def derivative(times: int, i: int, u: float, printed: bool) -> float:
+def derivative(times, i, u, printed):
     c = coefficients(times, i, printed)
     factor = math.factorial(ORDER - 1) / math.factorial(ORDER - times - 1)
     return factor * sum(
@@ -57,12 +53,12 @@ def derivative(times: int, i: int, u: float, printed: bool) -> float:
     )
 
 
-def ours(times: int) -> Floats:
+def ours(times):
     return np.asarray(Basis(KNOTS, ORDER - 1).matrix(PLACES, times).toarray())
 
 
 @pytest.mark.filterwarnings("ignore:invalid value")
-def test_the_coefficients_of_a_derivative_have_other_indices() -> None:
+def test_the_coefficients_of_a_derivative_have_other_indices():
     for times, wrong_by in ((1, 1.0), (2, 50.0), (3, 500.0)):
         errors = [
             np.nanmax(
@@ -78,7 +74,7 @@ def test_the_coefficients_of_a_derivative_have_other_indices() -> None:
         assert errors[1] < 1e-12 * 10**times
 
 
-def test_the_recursion_of_a_derivative_has_other_denominators() -> None:
+def test_the_recursion_of_a_derivative_has_other_denominators():
     p, errors = ORDER - 1, np.zeros(2)
     for i in range(2, 6):
         for row, u in enumerate(PLACES):
@@ -92,7 +88,7 @@ def test_the_recursion_of_a_derivative_has_other_denominators() -> None:
     assert errors[1] < 1e-14
 
 
-def test_the_second_recursion_divides_by_zero_at_the_highest_derivative() -> None:
+def test_the_second_recursion_divides_by_zero_at_the_highest_derivative():
     times = ORDER - 1  # which the text allows
     with pytest.raises(ZeroDivisionError):
         (ORDER - 1) / (ORDER - times - 1)
@@ -100,22 +96,22 @@ def test_the_second_recursion_divides_by_zero_at_the_highest_derivative() -> Non
     assert np.allclose(ours(3), wanted, rtol=1e-12, atol=1e-10)
 
 
-def test_the_step_depends_on_the_unit_of_length() -> None:
+def test_the_step_depends_on_the_unit_of_length():
     # (3.1) and (3.2): exp(-a kappa), with kappa in 1 over length, of one shape in three units.
     height, kappa = np.array([1.0, 10.0, 1000.0]), 2.0 / np.array([1.0, 10.0, 1000.0])
     assert np.exp(-kappa) == pytest.approx([0.135, 0.819, 0.998], abs=1e-3)
     assert np.exp(-kappa * height) == pytest.approx(np.full(3, math.exp(-2.0)))
 
 
-def test_a_falling_curvature_makes_the_step_larger_than_any() -> None:
+def test_a_falling_curvature_makes_the_step_larger_than_any():
     # (3.28) with s2 = exp(-a change): the change has a sign, and the template ends at 0.
     change, a = -0.5, 10.0
     assert math.exp(-a * change) > 148.0
     assert math.exp(-a * abs(change)) < 1.0
 
 
-def test_the_logarithmic_and_the_inverse_template_need_their_constants() -> None:
-    def logarithmic(x: float, a: float, b: float, c: float) -> float:
+def test_the_logarithmic_and_the_inverse_template_need_their_constants():
+    def logarithmic(x, a, b, c):
         return a / math.log(b * x + c)
 
     with pytest.raises(ZeroDivisionError):
@@ -128,7 +124,7 @@ def test_the_logarithmic_and_the_inverse_template_need_their_constants() -> None
         assert np.isnan(1.0 / np.float64(0.5 * -3.0 + 1.0) ** 0.5)  # a concave place
 
 
-def test_distances_to_knots_are_an_ill_conditioned_basis() -> None:
+def test_distances_to_knots_are_an_ill_conditioned_basis():
     x = np.linspace(0, 1, 400)
     conditions = []
     for segments in (5, 40):
@@ -145,7 +141,7 @@ def test_distances_to_knots_are_an_ill_conditioned_basis() -> None:
     assert np.linalg.cond(product) == pytest.approx(last**2, rel=1e-3)
 
 
-def test_the_smallest_step_is_never_reached() -> None:
+def test_the_smallest_step_is_never_reached():
     # (3.35) sets mu to s_min, which s reaches where a template is 0: nowhere.
     smallest, largest = 0.02, 0.2
     curvature = np.linspace(0, 50, 200)

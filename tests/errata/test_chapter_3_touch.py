@@ -1,9 +1,6 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.touch.filters import (
     adaptive_wiener,
     median_filter,
@@ -17,7 +14,7 @@ RADIUS = 2.0
 U, V = 0.3, 0.9
 
 
-def sphere() -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
+def sphere():
     """Derivatives by azimuth and latitude on a sphere, and the outward normal."""
     c, s = np.cos, np.sin
     by_u = RADIUS * np.array([-s(U) * c(V), c(U) * c(V), 0.0])
@@ -28,7 +25,7 @@ def sphere() -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
     return by_u, by_v, by_uu, by_uv, -RADIUS * out, out
 
 
-def printed_forms() -> tuple[float, float, float, float, float, float]:
+def printed_forms():
     """E, F, G, L, M, N of (3.10) and (3.14), with the normal as it comes from (3.11)."""
     by_u, by_v, by_uu, by_uv, by_vv, _ = sphere()
     n = np.cross(by_u, by_v)
@@ -37,7 +34,7 @@ def printed_forms() -> tuple[float, float, float, float, float, float]:
     return (*map(float, first), float(n @ by_uu), float(n @ by_uv), float(n @ by_vv))
 
 
-def test_the_gain_of_the_wiener_filter_is_of_variances() -> None:
+def test_the_gain_of_the_wiener_filter_is_of_variances():
     signal, noise, window = 4.0, 1.0, 9
     printed = np.sqrt(signal) / (np.sqrt(signal) + np.sqrt(noise))
     centre = (signal + noise / window) / (signal + noise)
@@ -51,7 +48,7 @@ def test_the_gain_of_the_wiener_filter_is_of_variances() -> None:
     assert (found - mean) / (1.0 - mean) == pytest.approx(0.8)
 
 
-def test_the_kernel_holds_for_all_neighbours_but_the_middle() -> None:
+def test_the_kernel_holds_for_all_neighbours_but_the_middle():
     signal, noise, window = 4.0, 1.0, 9
     middle = (signal + noise / window) / (signal + noise)
     around = noise / window / (signal + noise)
@@ -59,14 +56,14 @@ def test_the_kernel_holds_for_all_neighbours_but_the_middle() -> None:
     assert middle + 8 * around == pytest.approx(1.0)  # (n1, n2) not (0, 0)
 
 
-def test_a_constant_window_is_nothing_over_nothing() -> None:
+def test_a_constant_window_is_nothing_over_nothing():
     with np.errstate(invalid="ignore"):
         assert np.isnan(np.float64(0.0) / (np.float64(0.0) + 0.0))
     assert np.array_equal(adaptive_wiener(np.full((4, 4), 2.0), 0.0), np.full((4, 4), 2.0))
     assert np.array_equal(adaptive_wiener(np.full((4, 4), 2.0), 1e-30), np.full((4, 4), 2.0))
 
 
-def test_what_is_called_a_power_spectrum_is_a_variance_with_the_noise_in_it() -> None:
+def test_what_is_called_a_power_spectrum_is_a_variance_with_the_noise_in_it():
     rng = np.random.default_rng(0)
     noisy = 1e8 + rng.normal(size=9)
     two_passes = ((noisy - noisy.mean()) ** 2).mean()
@@ -79,8 +76,8 @@ def test_what_is_called_a_power_spectrum_is_a_variance_with_the_noise_in_it() ->
     assert smoothed.shape == image.shape  # the borders, of which nothing is said, are mirrored
 
 
-def test_the_median_comes_before_the_wiener_filter_where_there_are_impulses() -> None:
-    def noise(frame: Floats) -> float:
+def test_the_median_comes_before_the_wiener_filter_where_there_are_impulses():
+    def noise(frame):
         """What a filter that knows no noise takes: the mean of the local variances."""
         return float(neighbourhoods(frame).var(axis=-1).mean())
 
@@ -99,14 +96,14 @@ def test_the_median_comes_before_the_wiener_filter_where_there_are_impulses() ->
     assert wiener_first > 1.4 * median_first
 
 
-def test_a_convex_surface_has_negative_curvature_by_the_outward_normal() -> None:
+def test_a_convex_surface_has_negative_curvature_by_the_outward_normal():
     *_, g, _, _, n = printed_forms()
     assert n / g == pytest.approx(-0.5)
     assert np.exp(-10.0 * n / g) == pytest.approx(148.4, abs=0.1)  # (3.1): a step over the object
     assert curvature_along(shape_operator(*sphere()), sphere()[1]) == pytest.approx(0.5)
 
 
-def test_the_ratio_of_steps_is_infinite_across_the_contour() -> None:
+def test_the_ratio_of_steps_is_infinite_across_the_contour():
     e, f, g, ll, m, n = printed_forms()
     with np.errstate(invalid="ignore", over="ignore"):
         h = np.float64(1e200)
@@ -114,7 +111,7 @@ def test_the_ratio_of_steps_is_infinite_across_the_contour() -> None:
     assert np.isfinite(curvature_along(shape_operator(*sphere()), sphere()[1]))
 
 
-def test_the_second_parameter_runs_across_the_contour_only_if_they_are_orthogonal() -> None:
+def test_the_second_parameter_runs_across_the_contour_only_if_they_are_orthogonal():
     # A cylinder along z of radius 1; u along a helix, v around: F is not 0.
     by_u, by_v = np.array([0.0, 1.0, 1.0]), np.array([0.0, 1.0, 0.0])
     bend = np.array([-1.0, 0.0, 0.0])
@@ -125,7 +122,7 @@ def test_the_second_parameter_runs_across_the_contour_only_if_they_are_orthogona
     assert curvature_along(shape, by_u - e / f * by_v) == pytest.approx(0.5)  # orthogonal to u
 
 
-def test_the_equation_of_the_principal_directions_vanishes_at_an_umbilic() -> None:
+def test_the_equation_of_the_principal_directions_vanishes_at_an_umbilic():
     e, f, g, ll, m, n = printed_forms()
     coefficients = np.array([f * n - m * g, e * n - ll * g, e * m - ll * f])
     assert np.abs(coefficients).max() < 1e-15
@@ -134,7 +131,7 @@ def test_the_equation_of_the_principal_directions_vanishes_at_an_umbilic() -> No
     assert (found.k1, found.k2) == pytest.approx((0.5, 0.5), rel=1e-14)
 
 
-def test_the_equation_of_the_principal_directions_loses_a_root() -> None:
+def test_the_equation_of_the_principal_directions_loses_a_root():
     # F N = M G: one principal direction is u = const, h infinite.
     (e, f, g), (ll, m, n) = (2.0, 0.0, 1.0), (0.5, 0.0, -0.4)
     assert f * n - m * g == 0.0
@@ -144,7 +141,7 @@ def test_the_equation_of_the_principal_directions_loses_a_root() -> None:
     assert curvature_along(shape, y) == pytest.approx(-0.4)
 
 
-def test_the_discriminant_at_an_umbilic_is_negative_by_rounding() -> None:
+def test_the_discriminant_at_an_umbilic_is_negative_by_rounding():
     rng = np.random.default_rng(0)
     a = rng.normal(size=(20000, 2, 2))
     first = a @ a.transpose(0, 2, 1) + 0.1 * np.eye(2)
@@ -166,7 +163,7 @@ def test_the_discriminant_at_an_umbilic_is_negative_by_rounding() -> None:
         assert (found.k1, found.k2) == pytest.approx((0.7, 0.7), rel=2e-14)
 
 
-def test_the_mean_curvature_lacks_a_half() -> None:
+def test_the_mean_curvature_lacks_a_half():
     e, f, g, ll, m, n = printed_forms()
     printed = (e * n + ll * g - 2 * m * f) / (e * g - f * f)
     assert printed == pytest.approx(-1.0)
@@ -174,7 +171,7 @@ def test_the_mean_curvature_lacks_a_half() -> None:
     assert 0.5 * (found.k1 + found.k2) == pytest.approx(0.5)
 
 
-def test_a_point_without_any_curvature_is_not_parabolic() -> None:
+def test_a_point_without_any_curvature_is_not_parabolic():
     x, y, z = np.eye(3)
     none = np.zeros(3)
     plane, cylinder = (

@@ -1,9 +1,6 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.geometry.polygons import edge_distance, winding_number
 from palpate.core.splines.bases import PeriodicBasis, clamped_basis
 from palpate.core.splines.closed_curves import fit_closed_curve
@@ -15,22 +12,22 @@ from palpate.core.thesis.spline_methods import fit_closed_curve_thesis
 ORDER, COUNT = 4, 16
 
 
-def ellipse(turn: Floats) -> Floats:
+def ellipse(turn):
     return np.column_stack([2 * np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])
 
 
-def circle(count: int) -> Floats:
+def circle(count):
     turn = 2 * np.pi * np.arange(count) / count
     return np.column_stack([np.cos(turn), np.sin(turn)])
 
 
-def pseudo_rows() -> Floats:
+def pseudo_rows():
     """(4.31): the first three vertices come again as the last three."""
     total = COUNT + ORDER - 1
     return np.eye(3, total) - np.eye(3, total, COUNT)
 
 
-def closing_rows() -> Floats:
+def closing_rows():
     """Position, (4.32) and (4.33) at both ends of the clamped curve."""
     basis = clamped_basis(COUNT + ORDER - 1)
     ends = np.array([0.0, 1.0])
@@ -38,13 +35,13 @@ def closing_rows() -> Floats:
     return np.array([row[0] - row[1] for row in rows])
 
 
-def solutions(rows: Floats) -> Floats:
+def solutions(rows):
     """Vertices (k, total) that all rows let be."""
     _, sizes, right = np.linalg.svd(rows)
     return right[(sizes > 1e-10).sum() :]
 
 
-def test_the_closing_chord_is_lost_if_the_first_point_is_not_repeated() -> None:
+def test_the_closing_chord_is_lost_if_the_first_point_is_not_repeated():
     points = circle(10)
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
     printed = np.concatenate([[0.0], np.cumsum(chords)]) / chords.sum()
@@ -52,7 +49,7 @@ def test_the_closing_chord_is_lost_if_the_first_point_is_not_repeated() -> None:
     assert curve_parameters(points, "chord")[-1] == pytest.approx(0.9)
 
 
-def test_pseudo_vertices_and_continuity_put_three_vertices_in_one_place() -> None:
+def test_pseudo_vertices_and_continuity_put_three_vertices_in_one_place():
     left = solutions(np.vstack([pseudo_rows(), closing_rows()]))
     assert len(left) > 0
     assert np.abs(left[:, 0] - left[:, 1]).max() < 1e-14
@@ -63,7 +60,7 @@ def test_pseudo_vertices_and_continuity_put_three_vertices_in_one_place() -> Non
         assert np.abs(free[:, 0] - free[:, 1]).max() > 0.1
 
 
-def test_the_fitted_curve_never_closes() -> None:
+def test_the_fitted_curve_never_closes():
     points = ellipse(np.arange(81) / 80)
     printed = fit_closed_curve_thesis(points, COUNT)
     ours = fit_closed_curve(points, count=COUNT)
@@ -73,7 +70,7 @@ def test_the_fitted_curve_never_closes() -> None:
     assert printed.condition > 500 * ours.condition
 
 
-def test_the_vertices_are_as_many_as_the_columns() -> None:
+def test_the_vertices_are_as_many_as_the_columns():
     points, total = 81, COUNT + ORDER - 1
     system = np.zeros((points + ORDER + 1, total))  # N-hat of (4.37)
     zero_rows = ORDER + 1  # which (4.35) puts below the vertices
@@ -82,7 +79,7 @@ def test_the_vertices_are_as_many_as_the_columns() -> None:
     assert (system @ np.zeros((total, 2))).shape == (points + ORDER + 1, 2)
 
 
-def test_the_sum_of_squares_is_compared_with_a_length() -> None:
+def test_the_sum_of_squares_is_compared_with_a_length():
     # (4.39) at two scales, against the tolerance: a share of the diameter.
     verdicts, right = [], []
     for scale in (1e-3, 1e3):
@@ -93,7 +90,7 @@ def test_the_sum_of_squares_is_compared_with_a_length() -> None:
     assert right == [False, False]
 
 
-def test_a_full_step_of_the_parameters_can_swap_points() -> None:
+def test_a_full_step_of_the_parameters_can_swap_points():
     # (4.40), beside a curve that is bent more than the points are apart.
     parameters = np.array([0.0, 0.02, 0.5])
     places = circle(3)
@@ -105,8 +102,8 @@ def test_a_full_step_of_the_parameters_can_swap_points() -> None:
     assert (np.diff(moved) > 0.0).all()
 
 
-def test_contours_taken_for_control_layers_shrink_the_solid() -> None:
-    def radius(height: Floats) -> Floats:
+def test_contours_taken_for_control_layers_shrink_the_solid():
+    def radius(height):
         return np.sqrt(1.04 - height**2) * (0.75 + 0.18 * np.sin(9 * height))
 
     basis = clamped_basis(27)
@@ -121,7 +118,7 @@ def test_contours_taken_for_control_layers_shrink_the_solid() -> None:
     assert rms == pytest.approx([0.0233, 0.0051], abs=1e-4)
 
 
-def test_a_round_polygon_read_with_clamped_knots_is_not_round() -> None:
+def test_a_round_polygon_read_with_clamped_knots_is_not_round():
     fitted = fit_closed_curve(circle(80), count=COUNT).control
     turns = np.arange(800) / 800
     round_ = np.linalg.norm(PeriodicBasis(COUNT).matrix(turns) @ fitted, axis=1)
@@ -133,7 +130,7 @@ def test_a_round_polygon_read_with_clamped_knots_is_not_round() -> None:
     assert radius.min() < 0.99
 
 
-def test_the_search_for_the_largest_ellipse_is_not_needed() -> None:
+def test_the_search_for_the_largest_ellipse_is_not_needed():
     # Table 4.2 tests two ellipses a step; the predicate is monotone, so that one would do.
     tolerance, golden = 1e-3, 0.6180339887
     low, high, two_points = tolerance, 1.0, 0
@@ -149,7 +146,7 @@ def test_the_search_for_the_largest_ellipse_is_not_needed() -> None:
     assert edge_distance(box * [0.37, 1.0], np.zeros((1, 2))) == pytest.approx(0.37)
 
 
-def test_the_box_around_an_ellipse_that_fits_does_not_fit() -> None:
+def test_the_box_around_an_ellipse_that_fits_does_not_fit():
     polygon, middle, half_sides = circle(96), np.zeros(2), np.ones(2)
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     around_ellipse = edge_distance(polygon, middle[None])[0]
@@ -159,7 +156,7 @@ def test_the_box_around_an_ellipse_that_fits_does_not_fit() -> None:
     assert (winding_number(polygon, 0.999 * fitting * corners) != 0).all()
 
 
-def test_the_programs_lattice_knows_nothing_of_the_correspondence() -> None:
+def test_the_programs_lattice_knows_nothing_of_the_correspondence():
     ring = np.vstack([ellipse(np.arange(24) / 24), ellipse(np.zeros(1))])
     contours = [np.column_stack([(2 + z) * ring, np.full(25, z)]) for z in np.linspace(-1, 1, 7)]
     box, ball = (

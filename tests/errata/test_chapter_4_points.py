@@ -1,9 +1,6 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.geometry.polygons import area_centroid, azimuth_match
 from palpate.core.splines.bases import Basis, averaged_knots, clamped_basis
 from palpate.core.splines.inversion import invert_points
@@ -13,22 +10,22 @@ from palpate.core.splines.spline_volumes import SplineVolume
 COUNTS = (5, 5, 6)
 
 
-def ring(count: int) -> Floats:
+def ring(count):
     turn = 2 * np.pi * np.arange(count) / count
     return np.column_stack([np.cos(turn), np.sin(turn)])
 
 
-def undeformed() -> SplineVolume:
+def undeformed():
     return box_lattice(np.full(3, -1.0), np.full(3, 2.0), COUNTS).volume
 
 
-def deformed(noise: float) -> SplineVolume:
+def deformed(noise):
     volume = undeformed()
     moved = volume.control + noise * np.random.default_rng(0).normal(size=volume.control.shape)
     return SplineVolume(moved, volume.bases)
 
 
-def test_inner_slicing_planes_are_not_those_that_include_the_ends() -> None:
+def test_inner_slicing_planes_are_not_those_that_include_the_ends():
     count = 27
     inner = np.linspace(-1, 1, count + 2)[1:-1]  # step 4a: count + 1 intervals
     with_ends = np.linspace(-1, 1, count)  # the program
@@ -36,20 +33,20 @@ def test_inner_slicing_planes_are_not_those_that_include_the_ends() -> None:
 
 
 @pytest.mark.parametrize(("count", "bias"), [(81, 0.0123), (41, 0.0244)])
-def test_the_mean_of_a_closed_contour_counts_its_first_point_twice(count: int, bias: float) -> None:
+def test_the_mean_of_a_closed_contour_counts_its_first_point_twice(count, bias):
     closed = np.vstack([ring(count - 1), ring(count - 1)[:1]])
     assert np.linalg.norm(closed.mean(axis=0)) == pytest.approx(bias, abs=1e-4)
     assert np.linalg.norm(area_centroid(closed)) < 1e-15
 
 
-def test_the_mean_of_uneven_points_lies_where_they_are_dense() -> None:
+def test_the_mean_of_uneven_points_lies_where_they_are_dense():
     turn = np.concatenate([np.linspace(0, 0.25, 60, False), np.linspace(0.25, 1, 20, False)])
     points = np.column_stack([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])
     assert np.linalg.norm(points.mean(axis=0)) > 0.5
     assert np.linalg.norm(area_centroid(points)) < 0.01
 
 
-def test_a_ray_from_the_middle_does_not_always_meet_a_contour_once() -> None:
+def test_a_ray_from_the_middle_does_not_always_meet_a_contour_once():
     turn = np.linspace(-2.2, 2.2, 400)
     arc = np.column_stack([np.cos(turn), np.sin(turn)])
     contour = np.vstack([arc, 0.7 * arc[::-1]])  # a C, with its middle outside
@@ -63,7 +60,7 @@ def test_a_ray_from_the_middle_does_not_always_meet_a_contour_once() -> None:
     assert np.isfinite(match.points).all()
 
 
-def test_the_sum_of_the_single_index_has_as_many_terms_as_control_points() -> None:
+def test_the_sum_of_the_single_index_has_as_many_terms_as_control_points():
     volume = undeformed()
     shares = volume.shares(np.random.default_rng(0).random((20, 3))).toarray()
     assert shares.shape[1] == np.prod(COUNTS)  # M of (4.3); its second sum stops at N
@@ -71,11 +68,11 @@ def test_the_sum_of_the_single_index_has_as_many_terms_as_control_points() -> No
     assert np.abs(shares[:, : COUNTS[2]].sum(axis=1) - 1.0).max() > 0.9
 
 
-def test_the_matrix_of_newtons_method_holds_products_of_slopes() -> None:
+def test_the_matrix_of_newtons_method_holds_products_of_slopes():
     volume, target = deformed(0.1), np.array([0.1, 0.2, -0.1])
     at = np.array([0.4, 0.55, 0.6])
 
-    def gradient(parameters: Floats) -> Floats:
+    def gradient(parameters):
         place, slopes = volume.first(parameters[None])
         return np.asarray(slopes[0].T @ (place[0] - target))
 
@@ -93,7 +90,7 @@ def test_the_matrix_of_newtons_method_holds_products_of_slopes() -> None:
     assert right[1, 0].shape == ()
 
 
-def test_the_equations_of_right_angles_square_the_condition_and_have_false_roots() -> None:
+def test_the_equations_of_right_angles_square_the_condition_and_have_false_roots():
     volume = undeformed()
     flat = SplineVolume(volume.control * [1.0, 1.0, 1e-6], volume.bases)
     slopes = flat.first(np.full((1, 3), 0.4))[1][0]
@@ -104,7 +101,7 @@ def test_the_equations_of_right_angles_square_the_condition_and_have_false_roots
     assert outside.residual[0] == pytest.approx(0.5)
 
 
-def test_the_cosine_is_nothing_over_nothing_where_the_point_is_met() -> None:
+def test_the_cosine_is_nothing_over_nothing_where_the_point_is_met():
     slope, off = np.array([1.0, 0.0, 0.0]), np.zeros(3)
     with np.errstate(invalid="ignore"):
         assert np.isnan(abs(slope @ off) / (np.linalg.norm(slope) * np.linalg.norm(off)))
@@ -114,7 +111,7 @@ def test_the_cosine_is_nothing_over_nothing_where_the_point_is_met() -> None:
     assert found.steps[0] == 0
 
 
-def test_tolerances_in_metres_depend_on_the_unit() -> None:
+def test_tolerances_in_metres_depend_on_the_unit():
     # (4.14) and (4.16) with the program's 1e-6, at a lattice of a micrometre and of a kilometre.
     volume = deformed(0.1)
     points = volume.at(np.random.default_rng(1).uniform(0.1, 0.9, (30, 3)))
@@ -131,17 +128,17 @@ def test_tolerances_in_metres_depend_on_the_unit() -> None:
     assert np.array_equal(steps[1], steps[2])
 
 
-def test_points_that_are_all_equal_have_no_centripetal_parameters() -> None:
+def test_points_that_are_all_equal_have_no_centripetal_parameters():
     steps = np.zeros(5)
     with np.errstate(invalid="ignore"):
         assert np.isnan(np.sqrt(steps) / np.sqrt(steps).sum()).all()  # (4.18), on a pole's row
 
 
-def test_inner_knots_average_as_many_parameters_as_the_degree() -> None:
+def test_inner_knots_average_as_many_parameters_as_the_degree():
     count, order = 9, 4
     sites = np.linspace(0, 1, count)
 
-    def knots(first: int | None) -> Floats:
+    def knots(first):
         inner = [
             sum(sites[at + i - 1] for i in range(first or at, order)) / (order - 1)
             for at in range(1, count - order + 1)
@@ -158,7 +155,7 @@ def test_inner_knots_average_as_many_parameters_as_the_degree() -> None:
     assert (as_printed[:6] == 0.0).all()  # six equal knots of order 4: two functions are nothing
 
 
-def test_no_spline_is_needed_for_what_is_known_in_closed_form() -> None:
+def test_no_spline_is_needed_for_what_is_known_in_closed_form():
     volume = undeformed()
     points = np.random.default_rng(0).uniform(-1, 1, (1000, 3))
     found = invert_points(volume, points)

@@ -1,12 +1,10 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from palpate.core.splines.spline_volumes import upright_parallelepiped
 
 
-def test_a_lattice_about_a_centroid_begins_half_its_size_before_it() -> None:
+def test_a_lattice_about_a_centroid_begins_half_its_size_before_it():
     points = np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [3, 2, 1] + 5.0
     size = np.array([6.0, 4.0, 2.0])
     middle = np.full(3, 5.0)
@@ -16,7 +14,7 @@ def test_a_lattice_about_a_centroid_begins_half_its_size_before_it() -> None:
     assert ((right >= 0.0) & (right <= 1.0)).all()
 
 
-def test_points_are_scaled_by_the_lattice_and_not_by_the_shape() -> None:
+def test_points_are_scaled_by_the_lattice_and_not_by_the_shape():
     # (5.1) divides by the size of the shape; a lattice with a margin is larger.
     shape, lattice, corner = 2.0, 2.4, -1.2
     x = np.array([-1.0, 1.0])
@@ -28,7 +26,7 @@ def test_points_are_scaled_by_the_lattice_and_not_by_the_shape() -> None:
     assert np.allclose(2.0 * frame.local(np.tile(x[:, None], 3))[:, 0] - 1.0, right)
 
 
-def test_of_three_steps_that_are_called_separable_one_is() -> None:
+def test_of_three_steps_that_are_called_separable_one_is():
     kappa, change = np.meshgrid(np.linspace(0.1, 2, 5), np.linspace(0.1, 3, 6))
     exponential = np.exp(0.5 * kappa + 0.2 * change)
     inverse = 1.0 / (0.5 * kappa + 0.2 * change) ** 2

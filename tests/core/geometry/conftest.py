@@ -1,11 +1,6 @@
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.shapes.protocol import Mesh
 from palpate.core.shapes.tessellations import icosphere
 
@@ -17,7 +12,7 @@ BOX_FACES = [
 
 
 @pytest.fixture
-def box() -> Mesh:
+def box():
     """Unit cube, from (0, 0, 0) to (1, 1, 1)."""
     square = [[0, 0], [1, 0], [1, 1], [0, 1]]
     vertices = [[x, y, z] for z in (0, 1) for x, y in square]
@@ -25,14 +20,14 @@ def box() -> Mesh:
 
 
 @pytest.fixture
-def sphere() -> Mesh:
+def sphere():
     """1280 faces on a sphere of 40 mm."""
     directions, faces = icosphere(3)
     return Mesh(0.04 * directions, faces)
 
 
 @pytest.fixture
-def torus() -> Mesh:
+def torus():
     """30 by 20 quadrangles, each cut in two."""
     u, v = np.meshgrid(np.arange(30), np.arange(20), indexing="ij")
     a, b = u * (2 * np.pi / 30), v * (2 * np.pi / 20)
@@ -46,31 +41,31 @@ def torus() -> Mesh:
     return Mesh(vertices, faces.astype(np.int32))
 
 
-def lobes(depth: float, count: int = 3000) -> Floats:
+def lobes(depth, count=3000):
     angle = 2 * np.pi * np.arange(count) / count
     radius = 1.0 + depth * np.cos(3 * angle)
     return np.asarray(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
-def fine(polygon: Floats, each: int = 50) -> Floats:
+def fine(polygon, each=50):
     ends = np.roll(polygon, -1, axis=0)
     share = np.arange(each)[:, None] / each
     return np.concatenate([a + share * (b - a) for a, b in zip(polygon, ends, strict=True)])
 
 
 @pytest.fixture
-def three_lobes() -> Callable[..., Floats]:
+def three_lobes():
     """1 + depth cos 3a around the origin."""
     return lobes
 
 
 @pytest.fixture
-def u_shape() -> Floats:
+def u_shape():
     """A U, 5 wide and 4 high, of legs 1 wide; counter-clockwise."""
     return np.array([[0, 0], [5, 0], [5, 4], [4, 4], [4, 1], [1, 1], [1, 4], [0, 4.0]])
 
 
 @pytest.fixture
-def refined() -> Callable[..., Floats]:
+def refined():
     """A polygon with further vertices on its edges."""
     return fine

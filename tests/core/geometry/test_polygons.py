@@ -1,14 +1,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.arrays import Floats
 from palpate.core.geometry.polygons import (
     area_centroid,
     azimuth_match,
@@ -25,7 +23,7 @@ SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
 SEEDS = st.integers(0, 10**6)
 
 
-def test_the_area_is_positive_counter_clockwise() -> None:
+def test_the_area_is_positive_counter_clockwise():
     assert signed_area(SQUARE) == 1.0
     assert signed_area(SQUARE[::-1]) == -1.0
     assert signed_area(1e6 + 1e-6 * SQUARE) == pytest.approx(1e-12, rel=1e-3)
@@ -44,7 +42,7 @@ def test_the_centroid_moves_with_the_figure(seed: int, scale: float, angle: floa
     assert np.allclose(area_centroid(moved), wanted, rtol=0, atol=1e-11 * scale)
 
 
-def test_the_centroid_of_a_triangle_is_the_mean_of_its_corners() -> None:
+def test_the_centroid_of_a_triangle_is_the_mean_of_its_corners():
     corners = np.array([[0, 0, 7], [3, 0, 7], [0, 6, 7.0]])
     assert np.allclose(area_centroid(corners), [1, 2])
 
@@ -61,7 +59,7 @@ def test_angles_are_found_at_any_size_of_the_vectors(seed: int, power: float) ->
     assert turn_between(first, second) == pytest.approx(angle, rel=1e-12, abs=1e-14)
 
 
-def test_turns_are_positive_counter_clockwise() -> None:
+def test_turns_are_positive_counter_clockwise():
     east, north = np.array([2.0, 0.0]), np.array([0.0, 0.5])
     assert turn_between(east, north) == pytest.approx(np.pi / 2)
     assert turn_between(north, east) == pytest.approx(-np.pi / 2)
@@ -69,13 +67,13 @@ def test_turns_are_positive_counter_clockwise() -> None:
     assert np.array_equal(turn_between(np.array([east, north]), north), [np.pi / 2, 0.0])
 
 
-def test_half_a_turn_is_positive_whatever_the_sign_of_zero() -> None:
+def test_half_a_turn_is_positive_whatever_the_sign_of_zero():
     for zero in (0.0, -0.0):
         for x in (1.0, -1.0):
             assert turn_between(np.array([x, zero]), np.array([-x, 0.0])) == np.pi
 
 
-def test_a_direction_of_no_length_makes_no_angle() -> None:
+def test_a_direction_of_no_length_makes_no_angle():
     assert turn_between(np.zeros(2), np.array([1.0, 2.0])) == 0.0
 
 
@@ -95,15 +93,15 @@ def test_winding_and_distance_agree_with_sums_of_angles_and_fine_sampling(seed: 
     assert np.allclose(distance, sampled, atol=1e-2)
 
 
-def test_an_edge_of_no_length_is_a_point() -> None:
+def test_an_edge_of_no_length_is_a_point():
     doubled = np.repeat(SQUARE, 2, axis=0)
     assert edge_distance(doubled, np.array([[0.5, 0.2]]))[0] == pytest.approx(0.2)
 
 
-def _crosses_plainly(polygon: Floats) -> bool:
+def _crosses_plainly(polygon):
     count = len(polygon)
 
-    def side(a: Floats, b: Floats, c: Floats) -> float:
+    def side(a, b, c):
         return float((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0])
 
     for i in range(count):
@@ -126,7 +124,7 @@ def test_crossings_are_those_that_all_pairs_show(seed: int, count: int, noise: f
     assert self_intersects(polygon) == _crosses_plainly(polygon)
 
 
-def test_a_polygon_that_touches_itself_meets_itself(three_lobes: Callable[..., Floats]) -> None:
+def test_a_polygon_that_touches_itself_meets_itself(three_lobes):
     touching = np.array([[0, 0], [2, 0], [2, 2], [1, 0], [0, 2.0]])
     assert self_intersects(touching)
     assert not self_intersects(SQUARE)
@@ -135,7 +133,7 @@ def test_a_polygon_that_touches_itself_meets_itself(three_lobes: Callable[..., F
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e-9, 1.0, 1e200])
-def test_vertices_that_come_twice_are_no_touch(scale: float) -> None:
+def test_vertices_that_come_twice_are_no_touch(scale):
     closed = scale * np.vstack([SQUARE, SQUARE[:1]])
     assert not self_intersects(closed)
     assert not self_intersects(np.repeat(closed, 3, axis=0))
@@ -144,7 +142,7 @@ def test_vertices_that_come_twice_are_no_touch(scale: float) -> None:
 
 
 @pytest.mark.parametrize("count", [33, 64, 65, 1000])
-def test_one_crossing_among_many_edges_is_found_wherever_it_is(count: int) -> None:
+def test_one_crossing_among_many_edges_is_found_wherever_it_is(count):
     turn = 2 * np.pi * np.arange(count) / count
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
     assert not self_intersects(circle)
@@ -154,7 +152,7 @@ def test_one_crossing_among_many_edges_is_found_wherever_it_is(count: int) -> No
         assert self_intersects(crossed)
 
 
-def test_no_polygon_and_what_is_not_finite_are_refused() -> None:
+def test_no_polygon_and_what_is_not_finite_are_refused():
     origin, nan = np.zeros((1, 2)), np.full((1, 2), math.nan)
     for measure in (signed_area, area_centroid):
         with pytest.raises(ValueError, match="polygon must have at least 1 vertex, got 0"):
@@ -172,12 +170,12 @@ def test_no_polygon_and_what_is_not_finite_are_refused() -> None:
         turn_between(np.zeros(3), SQUARE[1])
 
 
-def polygon(azimuth: Floats, radius: Floats | float, middle: tuple[float, float]) -> Floats:
+def polygon(azimuth, radius, middle):
     away = np.column_stack([np.cos(azimuth), np.sin(azimuth)]) * np.reshape(radius, (-1, 1))
     return np.column_stack([away + middle, np.full(len(azimuth), 0.05)])
 
 
-def test_the_middle_of_an_unevenly_felt_circle_is_its_centre() -> None:
+def test_the_middle_of_an_unevenly_felt_circle_is_its_centre():
     rng = np.random.default_rng(0)
     azimuth = np.sort(np.concatenate([rng.uniform(0, 2 * np.pi, 60), rng.uniform(0, 0.5, 300)]))
     contour = polygon(azimuth, 0.03, (0.1, -0.2))
@@ -185,7 +183,7 @@ def test_the_middle_of_an_unevenly_felt_circle_is_its_centre() -> None:
     assert np.linalg.norm(contour[:, :2].mean(axis=0) - [0.1, -0.2]) > 0.5 * 0.03
 
 
-def test_the_middle_does_not_depend_on_direction_or_start_or_a_repeated_end() -> None:
+def test_the_middle_does_not_depend_on_direction_or_start_or_a_repeated_end():
     azimuth = np.sort(np.random.default_rng(1).uniform(0, 2 * np.pi, 40))
     contour = polygon(azimuth, 0.03 + 0.01 * np.cos(3 * azimuth), (1.0, 2.0))
     middle = area_centroid(contour)
@@ -197,19 +195,19 @@ def test_the_middle_does_not_depend_on_direction_or_start_or_a_repeated_end() ->
         assert np.allclose(area_centroid(other), middle, rtol=0, atol=1e-15)
 
 
-def test_the_middle_of_a_small_ring_far_away_keeps_its_digits() -> None:
+def test_the_middle_of_a_small_ring_far_away_keeps_its_digits():
     azimuth = np.linspace(0, 2 * np.pi, 50, endpoint=False)
     contour = polygon(azimuth, 1e-6, (1e3, -1e3))
     assert np.linalg.norm(area_centroid(contour) - [1e3, -1e3]) < 1e-11
 
 
 @pytest.mark.parametrize("count", [1, 2, 40])
-def test_points_that_enclose_nothing_have_the_middle_of_the_points(count: int) -> None:
+def test_points_that_enclose_nothing_have_the_middle_of_the_points(count):
     on_a_line = np.outer(np.linspace(1.0, 2.0, count), [0.01, 0.02, 0.0])
     assert np.allclose(area_centroid(on_a_line), on_a_line.mean(axis=0)[:2], atol=1e-15)
 
 
-def test_the_circle_in_a_square_a_rectangle_and_a_triangle_is_the_known_one() -> None:
+def test_the_circle_in_a_square_a_rectangle_and_a_triangle_is_the_known_one():
     for scale, shift in ((1.0, 0.0), (1e-9, 1e-3), (1e9, 0.0)):
         middle, radius = inscribed_circle(scale * SQUARE + shift)
         assert radius == pytest.approx(0.5 * scale, rel=1e-6)
@@ -235,12 +233,12 @@ def test_no_sampled_place_holds_a_larger_circle(seed: int) -> None:
     assert winding_number(polygon, middle[None])[0] != 0
 
 
-def test_a_polygon_that_encloses_nothing_holds_no_circle() -> None:
+def test_a_polygon_that_encloses_nothing_holds_no_circle():
     assert inscribed_circle(np.tile([1.0, 2.0], (5, 1))).radius == 0.0
     assert inscribed_circle(np.array([[0, 0], [1, 1], [2, 2.0]])).radius == 0.0
 
 
-def test_what_encloses_nothing_is_refused() -> None:
+def test_what_encloses_nothing_is_refused():
     with pytest.raises(ValueError, match="polygon must have at least 3 vertices, got 2"):
         inscribed_circle(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="polygon must be finite"):
@@ -250,7 +248,7 @@ def test_what_encloses_nothing_is_refused() -> None:
 AZIMUTHS = 2 * np.pi * np.arange(80) / 80
 
 
-def ray_meetings(polygon: Floats, middle: Floats, azimuths: Floats) -> tuple[Floats, Floats]:
+def ray_meetings(polygon, middle, azimuths):
     """How often each ray from the middle meets the polygon, and the farthest place."""
     starts = polygon - middle
     ends, rays = np.roll(starts, -1, axis=0), np.array([np.cos(azimuths), np.sin(azimuths)]).T
@@ -262,7 +260,7 @@ def ray_meetings(polygon: Floats, middle: Floats, azimuths: Floats) -> tuple[Flo
     return (along > 0.0).sum(axis=1), middle + along.max(axis=1)[:, None] * rays
 
 
-def test_an_unevenly_sampled_circle_has_its_centroid_in_the_middle() -> None:
+def test_an_unevenly_sampled_circle_has_its_centroid_in_the_middle():
     # Three quarters of the points lie on one quarter of the circle.
     angle = np.concatenate(
         [
@@ -277,8 +275,8 @@ def test_an_unevenly_sampled_circle_has_its_centroid_in_the_middle() -> None:
 
 
 def test_a_concave_slice_is_matched_in_order_or_flagged_where_rays_miss_or_meet_it_often(
-    u_shape: Floats, refined: Callable[..., Floats]
-) -> None:
+    u_shape, refined
+):
     contour = refined(u_shape)
     outside, inside = area_centroid(u_shape), inscribed_circle(u_shape).middle
     assert winding_number(u_shape, outside[None])[0] == 0
@@ -300,9 +298,7 @@ def test_a_concave_slice_is_matched_in_order_or_flagged_where_rays_miss_or_meet_
     assert off.max() < 1.0
 
 
-def test_the_largest_circle_in_a_u_lies_inside_where_the_middle_of_its_box_does_not(
-    u_shape: Floats,
-) -> None:
+def test_the_largest_circle_in_a_u_lies_inside_where_the_middle_of_its_box_does_not(u_shape):
     box = 0.5 * (u_shape.min(axis=0) + u_shape.max(axis=0))
     assert winding_number(u_shape, box[None])[0] == 0
     middle, radius = inscribed_circle(u_shape)
@@ -311,15 +307,13 @@ def test_the_largest_circle_in_a_u_lies_inside_where_the_middle_of_its_box_does_
     assert radius == pytest.approx(2 - math.sqrt(2), rel=1e-6)
 
 
-def test_an_angle_of_a_nanoradian_is_found() -> None:
+def test_an_angle_of_a_nanoradian_is_found():
     first, second = np.array([1.0, 0.0]), np.array([math.cos(1e-9), math.sin(1e-9)])
     assert math.acos(min(float(first @ second), 1.0)) == 0.0
     assert turn_between(first, second) == pytest.approx(1e-9, rel=1e-12)
 
 
-def test_where_each_ray_meets_the_contour_once_both_matches_agree(
-    three_lobes: Callable[..., Floats],
-) -> None:
+def test_where_each_ray_meets_the_contour_once_both_matches_agree(three_lobes):
     contour, middle = three_lobes(0.4) + [3.0, -2.0], np.array([3.05, -2.02])
     meetings, points = ray_meetings(contour, middle, AZIMUTHS)
     match = azimuth_match(contour, middle, AZIMUTHS)
@@ -329,16 +323,14 @@ def test_where_each_ray_meets_the_contour_once_both_matches_agree(
     assert np.allclose(match.points, points, rtol=0, atol=1e-5)
 
 
-def test_azimuths_of_more_than_a_turn_begin_again(three_lobes: Callable[..., Floats]) -> None:
+def test_azimuths_of_more_than_a_turn_begin_again(three_lobes):
     contour = three_lobes(0.3)
     once = azimuth_match(contour, np.zeros(2), AZIMUTHS)
     again = azimuth_match(contour, np.zeros(2), AZIMUTHS + 4 * np.pi)
     assert np.allclose(once.points, again.points, rtol=0, atol=1e-12)
 
 
-def test_the_match_does_not_depend_on_the_first_vertex(
-    u_shape: Floats, refined: Callable[..., Floats]
-) -> None:
+def test_the_match_does_not_depend_on_the_first_vertex(u_shape, refined):
     contour, middle = refined(u_shape), np.array([0.5, 0.5])
     wanted = azimuth_match(contour, middle, AZIMUTHS).points
     for shift in (1, 130, 399):
@@ -346,7 +338,7 @@ def test_the_match_does_not_depend_on_the_first_vertex(
         assert np.allclose(found, wanted, rtol=0, atol=1e-9)
 
 
-def test_too_few_vertices_or_a_nan_are_refused() -> None:
+def test_too_few_vertices_or_a_nan_are_refused():
     with pytest.raises(ValueError, match="polygon must have at least 3 vertices, got 2"):
         azimuth_match(np.zeros((2, 2)), np.zeros(2), AZIMUTHS)
     with pytest.raises(ValueError, match="azimuths must be finite"):
@@ -358,17 +350,17 @@ MOUTH = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [4, 3], [4, 4], [0, 4.
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
-def test_an_angle_is_seen_whole_from_its_corner(scale: float) -> None:
+def test_an_angle_is_seen_whole_from_its_corner(scale):
     place = kernel_point(scale * (CORNER + 7.0))
     assert place is not None
     np.testing.assert_allclose(place / scale - 7.0, [0.5, 0.5], atol=1e-7)
 
 
-def test_a_convex_polygon_is_seen_best_from_the_middle_of_its_largest_disc() -> None:
+def test_a_convex_polygon_is_seen_best_from_the_middle_of_its_largest_disc():
     box = np.array([[0, 0], [2, 0], [2, 2], [2, 2], [0, 2.0]])
     np.testing.assert_allclose(kernel_point(box), [1.0, 1.0], atol=1e-9)
 
 
-def test_nothing_sees_both_arms_of_a_clamp_nor_a_single_place() -> None:
+def test_nothing_sees_both_arms_of_a_clamp_nor_a_single_place():
     assert kernel_point(MOUTH) is None
     assert kernel_point(np.ones((4, 2))) is None

@@ -1,31 +1,28 @@
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.geometry.self_intersections import self_intersection
 from palpate.core.poses import rotations_from_vectors
 from palpate.core.shapes.protocol import Mesh
 
 
-def together(*meshes: Mesh) -> tuple[Floats, Floats]:
+def together(*meshes):
     firsts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + first for mesh, first in zip(meshes, firsts, strict=False)]
     return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces)
 
 
-def moved(mesh: Mesh, shift: object, size: object = 1.0) -> Mesh:
+def moved(mesh, shift, size=1.0):
     return Mesh(mesh.vertices * np.asarray(size) + np.asarray(shift), mesh.faces)
 
 
-def orient(a: Floats, b: Floats, c: Floats, d: Floats) -> float:
+def orient(a, b, c, d):
     return float(np.dot(np.cross(b - a, c - a), d - a))
 
 
-def pierces(begin: Floats, end: Floats, triangle: Floats) -> bool:
+def pierces(begin, end, triangle):
     a, b, c = triangle
     if orient(a, b, c, begin) * orient(a, b, c, end) >= 0.0:
         return False
@@ -33,7 +30,7 @@ def pierces(begin: Floats, end: Floats, triangle: Floats) -> bool:
     return min(sides) > 0.0 or max(sides) < 0.0
 
 
-def cross(one: Floats, other: Floats) -> bool:
+def cross(one, other):
     """One pair at a time, by the edges that go through the other's inside."""
     for first, second in ((one, other), (other, one)):
         edges = zip(first, np.roll(first, -1, axis=0), strict=True)
@@ -43,7 +40,7 @@ def cross(one: Floats, other: Floats) -> bool:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_triangles_thrown_together_cross_where_an_edge_goes_through_a_face(seed: int) -> None:
+def test_triangles_thrown_together_cross_where_an_edge_goes_through_a_face(seed):
     rng = np.random.default_rng(seed)
     corners = 0.3 * rng.normal(size=(60, 3, 3)) + rng.random((60, 1, 3))
     found = self_intersection(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3))
@@ -53,12 +50,12 @@ def test_triangles_thrown_together_cross_where_an_edge_goes_through_a_face(seed:
     assert found.count == len(expected)
 
 
-def test_a_sound_surface_does_not_cross_itself(sphere: Mesh, torus: Mesh, box: Mesh) -> None:
+def test_a_sound_surface_does_not_cross_itself(sphere, torus, box):
     for mesh in (sphere, torus, box):
         assert self_intersection(mesh.vertices, mesh.faces).count == 0
 
 
-def test_two_balls_cross_along_a_circle(sphere: Mesh) -> None:
+def test_two_balls_cross_along_a_circle(sphere):
     shift = np.array([0.05, 0.003, 0.001])
     found = self_intersection(*together(sphere, moved(sphere, shift)))
     assert found.count > 50
@@ -68,7 +65,7 @@ def test_two_balls_cross_along_a_circle(sphere: Mesh) -> None:
     assert (found.faces[:, 1] >= 1280).all()
 
 
-def test_a_box_driven_squarely_through_another_crosses_it(box: Mesh) -> None:
+def test_a_box_driven_squarely_through_another_crosses_it(box):
     post = moved(box, [0.25, 0.25, -1.0], [0.5, 0.5, 3.0])
     found = self_intersection(*together(box, post))
     assert found.count > 0
@@ -76,11 +73,11 @@ def test_a_box_driven_squarely_through_another_crosses_it(box: Mesh) -> None:
 
 
 @pytest.mark.parametrize("shift", [[1, 0, 0], [1, 1, 0], [1, 1, 1], [0.3, 0.2, 1.0]])
-def test_boxes_that_only_touch_do_not_cross(box: Mesh, shift: list[float]) -> None:
+def test_boxes_that_only_touch_do_not_cross(box, shift):
     assert self_intersection(*together(box, moved(box, shift))).count == 0
 
 
-def test_neighbours_at_a_vertex_cross_where_they_have_more_in_common() -> None:
+def test_neighbours_at_a_vertex_cross_where_they_have_more_in_common():
     apex = [0.0, 0.0, 0.0]
     vertices = [apex, [2, -1, 0], [2, 1, 0], [2, 0, -1], [2, 0, 1], [-2, 0, -1], [-2, 0, 1]]
     crossing = self_intersection(vertices, [[0, 1, 2], [0, 3, 4]])
@@ -90,12 +87,12 @@ def test_neighbours_at_a_vertex_cross_where_they_have_more_in_common() -> None:
     assert apart.count == 0
 
 
-def test_vertices_in_one_place_are_one_vertex(sphere: Mesh) -> None:
+def test_vertices_in_one_place_are_one_vertex(sphere):
     torn = sphere.vertices[sphere.faces].reshape(-1, 3)
     assert self_intersection(torn, np.arange(len(torn)).reshape(-1, 3)).count == 0
 
 
-def test_a_dented_ball_that_comes_out_at_the_back_crosses_itself(sphere: Mesh) -> None:
+def test_a_dented_ball_that_comes_out_at_the_back_crosses_itself(sphere):
     vertices = sphere.vertices.copy()
     top = vertices[:, 2] > 0.03
     vertices[top, 2] -= 0.09
@@ -105,7 +102,7 @@ def test_a_dented_ball_that_comes_out_at_the_back_crosses_itself(sphere: Mesh) -
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
-def test_crossings_depend_on_neither_unit_nor_place(sphere: Mesh, unit: float) -> None:
+def test_crossings_depend_on_neither_unit_nor_place(sphere, unit):
     vertices, faces = together(sphere, moved(sphere, [0.05, 0.003, 0.001]))
     turn = rotations_from_vectors(np.array([[1.0, 2.0, 3.0]]))[0]
     plain = self_intersection(vertices, faces)
@@ -113,7 +110,7 @@ def test_crossings_depend_on_neither_unit_nor_place(sphere: Mesh, unit: float) -
     np.testing.assert_array_equal(scaled.faces, plain.faces)
 
 
-def test_faces_without_area_cross_nothing() -> None:
+def test_faces_without_area_cross_nothing():
     vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [0.2, 0.2, 0]]
     assert self_intersection(vertices, [[0, 1, 2], [3, 4, 5]]).count == 0
 
@@ -126,6 +123,6 @@ def test_faces_without_area_cross_nothing() -> None:
         (np.eye(3), [[0.0, 1.0, 2.0]], "faces must be integers"),
     ],
 )
-def test_what_is_no_mesh_is_refused(vertices: Floats, faces: object, words: str) -> None:
+def test_what_is_no_mesh_is_refused(vertices, faces, words):
     with pytest.raises(ValueError, match=words):
         self_intersection(vertices, faces)  # type: ignore[arg-type]

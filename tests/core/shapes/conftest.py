@@ -31,7 +31,7 @@ class Oracle:
     curvature: float = 0.0
     azimuth: float = 0.0
 
-    def log_gauge(self, points: Any) -> Any:
+    def log_gauge(self, points):
         """Logarithm of the base's gauge at straightened points (..., 3)."""
         x, y, z = np.moveaxis(np.asarray(points, Wide), -1, 0)
         k, cosine, sine = (
@@ -56,11 +56,11 @@ class Oracle:
         across = _log_norm(log_x, log_y, e2)
         return _log_norm(across, log_z, e1)
 
-    def entries(self, origins: Floats, direction: Floats, reach: float) -> Entry:
+    def entries(self, origins, direction, reach):
         """Where rays first enter: by samples, by the minima between them, and by bisection."""
         start, along = origins.astype(Wide), direction.astype(Wide)
 
-        def depth(ray: Any, way: Any) -> Any:
+        def depth(ray, way):
             return self.log_gauge(start[ray] + way[:, None] * along)
 
         ways = np.linspace(Wide(0), Wide(reach), SAMPLES)
@@ -90,7 +90,7 @@ class Oracle:
         return Entry(found, least)
 
 
-def _bottoms(depth: Any, ray: Any, low: Any, high: Any) -> Any:
+def _bottoms(depth, ray, low, high):
     """Places of the minima by golden section."""
     for _ in range(60):
         first, second = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
@@ -99,21 +99,21 @@ def _bottoms(depth: Any, ray: Any, low: Any, high: Any) -> Any:
     return (low + high) / 2
 
 
-def _log_norm(x: Any, y: Any, e: Any) -> Any:
+def _log_norm(x, y, e):
     """Logarithm of the norm of power 2 / e, from logarithms that may be -inf."""
     larger = np.maximum(np.maximum(x, y), Wide(-1e4))
     return larger + e / 2 * np.log(np.exp(2 / e * (x - larger)) + np.exp(2 / e * (y - larger)))
 
 
 @pytest.fixture
-def oracle() -> type[Oracle]:
+def oracle():
     return Oracle
 
 
 Level = Callable[[Any], Any]  # Points (..., 3) in extended precision to values, positive outside
 
 
-def entries_of(level: Level, origins: Floats, direction: Floats, reach: float) -> Any:
+def entries_of(level, origins, direction, reach):
     """Ranges at which rays first enter, by many samples and bisection; inf if none is seen."""
     start, along = origins.astype(Wide), direction.astype(Wide)
     ways = np.linspace(Wide(0), Wide(reach), 900)
@@ -130,7 +130,7 @@ def entries_of(level: Level, origins: Floats, direction: Floats, reach: float) -
     return found
 
 
-def check_cast(shape: Any, level: Level, origins: Floats, direction: Floats, reach: float) -> int:
+def check_cast(shape, level, origins, direction, reach):
     """Check a cast against samples: nothing seen is passed, and all that is met is there."""
     found = shape.cast(origins, direction, reach)
     wanted = entries_of(level, origins, direction, reach)
@@ -145,5 +145,5 @@ def check_cast(shape: Any, level: Level, origins: Floats, direction: Floats, rea
 
 
 @pytest.fixture
-def cast_check() -> Callable[[Any, Level, Floats, Floats, float], int]:
+def cast_check():
     return check_cast

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import mpmath
 import numpy as np
@@ -43,13 +41,13 @@ DOWN, R = np.array([0.0, 0.0, -1.0]), 0.03
 UPPER = HalfSpace(np.array([0.0, 0.0, -1.0]), 0.0)
 
 
-def ball(x: float = 0.0, y: float = 0.0, z: float = 0.0, radius: float = R) -> PosedSolid:
+def ball(x=0.0, y=0.0, z=0.0, radius=R):
     return PosedSolid(
         Superquadric(np.full(3, radius), np.ones(2)), np.array([x, y, z, 0.0, 0.0, 0.0, 1.0])
     )
 
 
-def block(x: float, y: float, z: float) -> Intersection:
+def block(x, y, z):
     """The box from the origin to a corner, out of half-spaces alone."""
     faces = [HalfSpace(n, 0.0) for n in -np.eye(3)]
     return Intersection(
@@ -57,11 +55,11 @@ def block(x: float, y: float, z: float) -> Intersection:
     )
 
 
-def union_of(pairs: int) -> Tree:
+def union_of(pairs):
     return Union(tuple(Union((ball(), ball(0.01))) for _ in range(pairs)))
 
 
-def nested(levels: int) -> Tree:
+def nested(levels):
     tree: Tree = ball()
     for _ in range(levels):
         tree = Complement(tree)
@@ -92,7 +90,7 @@ TREES: dict[str, Tree] = {
 every = pytest.mark.parametrize("name", TREES)
 
 
-def membership(tree: Tree, points: Any) -> Any:
+def membership(tree, points):
     """Least or largest of the leaves' functions: the definition."""
     if isinstance(tree, Complement):
         return -membership(tree.part, points)
@@ -104,7 +102,7 @@ def membership(tree: Tree, points: Any) -> Any:
 
 
 @every
-def test_casts_pass_nothing(name: str, cast_check: Callable[..., int]) -> None:
+def test_casts_pass_nothing(name, cast_check):
     tree, rng, met = TREES[name], np.random.default_rng(4), 0
     shape = BooleanShape(tree)
     low, high = shape.enclosure()
@@ -116,7 +114,7 @@ def test_casts_pass_nothing(name: str, cast_check: Callable[..., int]) -> None:
     assert met > 40
 
 
-def test_two_balls_together_are_met_where_the_nearer_one_is() -> None:
+def test_two_balls_together_are_met_where_the_nearer_one_is():
     shape = BooleanShape(Union((ball(-0.02), ball(0.02))))
     places = np.linspace(-0.0551, 0.0549, 45)
     origins = np.column_stack([places, np.zeros(45), np.full(45, 0.1)])
@@ -129,7 +127,7 @@ def test_two_balls_together_are_met_where_the_nearer_one_is() -> None:
     assert shape.cast(origins[:1] + [0.01, 0, 0], DOWN, 0.05)[0] == MISS
 
 
-def test_a_ball_within_a_ball_leaves_a_hollow() -> None:
+def test_a_ball_within_a_ball_leaves_a_hollow():
     shape = BooleanShape(difference(ball(), ball(radius=0.01)))
     found = shape.cast(np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 0.0], [0.0, 0.0, 0.02]]), DOWN, 1.0)
     assert np.allclose(found[:2], [0.07, 0.01], rtol=0, atol=1e-15)
@@ -138,7 +136,7 @@ def test_a_ball_within_a_ball_leaves_a_hollow() -> None:
     assert np.allclose(spans[:2], [[0.07, 0.09], [0.11, 0.13]], rtol=0, atol=1e-15)
 
 
-def test_two_blocks_that_touch_are_one() -> None:
+def test_two_blocks_that_touch_are_one():
     lower, upper = block(0.04, 0.04, 0.02), block(0.04, 0.04, 0.05)
     whole = BooleanShape(Union((lower, difference(upper, block(0.05, 0.05, 0.02)))))
     assert whole.cast(np.array([[0.01, 0.01, 0.02]]), DOWN, 1.0)[0] == INSIDE
@@ -149,7 +147,7 @@ def test_two_blocks_that_touch_are_one() -> None:
     assert np.allclose(spans[1:, 0], spans[:-1, 1])  # no gap between
 
 
-def test_edges_stay_sharp() -> None:
+def test_edges_stay_sharp():
     shape = BooleanShape(TREES["block"])
     near = np.array([0.05 - 1e-9, 0.05 + 1e-9])
     found = shape.cast(np.column_stack([near, [0.02] * 2, [0.1] * 2]), DOWN, 1.0)
@@ -157,7 +155,7 @@ def test_edges_stay_sharp() -> None:
     assert found[1] == MISS
 
 
-def test_volumes_of_meshes_tend_to_the_closed_forms(signed_volume: Callable[[Any], float]) -> None:
+def test_volumes_of_meshes_tend_to_the_closed_forms(signed_volume):
     height = R - 0.02
     cap = math.pi * height**2 * (3 * R - height) / 3
     whole = 4 / 3 * math.pi * R**3
@@ -170,7 +168,7 @@ def test_volumes_of_meshes_tend_to_the_closed_forms(signed_volume: Callable[[Any
 
 
 @every
-def test_meshes_are_closed_within_the_enclosure_and_on_the_surface(name: str) -> None:
+def test_meshes_are_closed_within_the_enclosure_and_on_the_surface(name):
     from palpate.core.geometry.meshes import is_closed, is_inside_out
 
     shape = BooleanShape(TREES[name])
@@ -183,7 +181,7 @@ def test_meshes_are_closed_within_the_enclosure_and_on_the_surface(name: str) ->
 
 
 @every
-def test_the_function_has_the_sign_of_the_definition_and_its_slope(name: str) -> None:
+def test_the_function_has_the_sign_of_the_definition_and_its_slope(name):
     shape, rng = BooleanShape(TREES[name]), np.random.default_rng(9)
     low, high = shape.enclosure()
     points, ways = rng.uniform(low - 0.01, high + 0.01, (300, 3)), rng.normal(size=(300, 3))
@@ -241,7 +239,7 @@ def test_balls_however_combined_have_the_spans_of_the_definition(
         (Intersection((UPPER, HalfSpace(DOWN, -1.0), HalfSpace(-DOWN, -1.0), ball())), "nothing"),
     ],
 )
-def test_what_is_unbounded_or_empty_is_refused(tree: Tree, sentence: str) -> None:
+def test_what_is_unbounded_or_empty_is_refused(tree, sentence):
     with pytest.raises(ValueError, match=sentence):
         BooleanShape(tree)
 
@@ -254,12 +252,12 @@ def test_what_is_unbounded_or_empty_is_refused(tree: Tree, sentence: str) -> Non
         (lambda: difference(ball()), "difference must have at least 2 parts, got 1"),
     ],
 )
-def test_too_few_parts_are_refused(make: Callable[[], Tree], sentence: str) -> None:
+def test_too_few_parts_are_refused(make, sentence):
     with pytest.raises(ValueError, match=sentence):
         make()
 
 
-def test_what_complements_and_nesting_bound_is_bounded() -> None:
+def test_what_complements_and_nesting_bound_is_bounded():
     lens = complement_of(Union((complement_of(ball(-0.02)), complement_of(ball(0.02)))))
     assert np.allclose(tree_enclosure(lens), [[-0.01, -R, -R], [0.01, R, R]])
     assert BooleanShape(lens).bounds()[1, 0] == pytest.approx(0.01, rel=1e-3)
@@ -270,29 +268,29 @@ def test_what_complements_and_nesting_bound_is_bounded() -> None:
     assert np.allclose(tree_enclosure(slab)[:, 2], [-0.01, 0.0])
 
 
-def test_facets_are_small_on_planes_too() -> None:
+def test_facets_are_small_on_planes_too():
     vertices, faces = BooleanShape(TREES["block"]).mesh(4)
     a, b, c = vertices[faces].transpose(1, 0, 2)
     longest = max(np.linalg.norm(one - two, axis=1).max() for one, two in ((a, b), (b, c), (c, a)))
     assert longest <= 2.0 * math.hypot(0.05, 0.04, 0.03) / 16
 
 
-def test_many_solids_have_no_more_facets_than_a_few() -> None:
+def test_many_solids_have_no_more_facets_than_a_few():
     few, many = (
         BooleanShape(Union(tuple(ball(0.1 * i) for i in range(n)))).mesh(5) for n in (7, 8)
     )
     assert len(many.faces) < 0.3 * len(few.faces)
 
 
-def test_half_spaces_cut_the_enclosure() -> None:
+def test_half_spaces_cut_the_enclosure():
     box: Floats = tree_enclosure(difference(ball(), UPPER))
     assert np.allclose(box, [[-R, -R, -R], [R, R, 0.0]])
     assert np.allclose(tree_enclosure(TREES["block"]), [[0, 0, 0], [0.05, 0.04, 0.03]])
 
 
-def test_a_leaf_whose_tessellation_is_open_is_refused() -> None:
+def test_a_leaf_whose_tessellation_is_open_is_refused():
     class Open(PosedSolid):
-        def mesh(self, level: int) -> Any:
+        def mesh(self, level):
             vertices, faces = super().mesh(level)
             return vertices, faces[1:]
 
@@ -306,7 +304,7 @@ CORNERS = 0.04 * np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0
 SQUARES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 
 
-def test_polyhedra_and_warped_superquadrics_are_combined() -> None:
+def test_polyhedra_and_warped_superquadrics_are_combined():
     box = Polyhedron(CORNERS, SQUARES)
     pear = DeformedSuperquadric(
         Superquadric(np.array([0.02, 0.02, 0.03]), np.ones(2)), np.array([0.3, 0.3]), Bend(5.0)
@@ -330,7 +328,7 @@ A, B, C = (Superquadric(np.full(3, 0.01 * n), np.ones(2)) for n in (1, 2, 3))
 UP = HalfSpace(np.array([0.0, 0.0, 1.0]), 0.02)
 
 
-def test_leaves_come_in_the_order_of_the_tree() -> None:
+def test_leaves_come_in_the_order_of_the_tree():
     tree = Union((difference(A, B, UP), Complement(C)))
     found = list(tree_leaves(tree))
     assert found[:2] == [A, B]
@@ -338,7 +336,7 @@ def test_leaves_come_in_the_order_of_the_tree() -> None:
     assert found[3] is C
 
 
-def test_the_complement_of_a_complement_is_the_part_and_a_half_space_is_turned() -> None:
+def test_the_complement_of_a_complement_is_the_part_and_a_half_space_is_turned():
     assert complement_of(complement_of(A)) is A
     turned = complement_of(UP)
     assert isinstance(turned, HalfSpace)
@@ -346,7 +344,7 @@ def test_the_complement_of_a_complement_is_the_part_and_a_half_space_is_turned()
     assert turned.offset == -0.02
 
 
-def test_membership_is_that_of_sets() -> None:
+def test_membership_is_that_of_sets():
     a, b, c = np.array([[bool(n & bit) for bit in (1, 2, 4)] for n in range(8)]).T
     cases = (
         (Union((A, B, C)), a | b | c),
@@ -358,7 +356,7 @@ def test_membership_is_that_of_sets() -> None:
         assert np.array_equal(tree_membership(tree, iter([a, b, c])), wanted)
 
 
-def test_the_part_that_makes_a_tree_unbounded_is_named() -> None:
+def test_the_part_that_makes_a_tree_unbounded_is_named():
     assert (
         unbounded_part(Union((A, Complement(B)))) == "the complement that is union[1] of the tree"
     )
@@ -373,14 +371,14 @@ VALUES = st.one_of(
 )
 
 
-def exact(f1: float, f2: float, omega: float, sign: int) -> Any:
+def exact(f1, f2, omega, sign):
     with mpmath.workdps(900):
         a, b, w = mpmath.mpf(f1), mpmath.mpf(f2), mpmath.mpf(omega)
         root = mpmath.sqrt(a * a + b * b - 2 * w * a * b)
         return (a + b + sign * root) / (1 + w)
 
 
-def close(found: Any, wanted: Any) -> bool:
+def close(found, wanted):
     if abs(wanted) < 1e-300:
         return abs(float(found)) < 1e-299
     return bool(abs(mpmath.mpf(float(found)) / wanted - 1) < 2e-15)
@@ -418,7 +416,7 @@ def test_the_laws_of_de_morgan_hold_to_the_bit(f1: float, f2: float, omega: floa
     assert conjunction(f1, f2, omega) == conjunction(f2, f1, omega)
 
 
-def test_with_omega_1_they_are_minimum_and_maximum() -> None:
+def test_with_omega_1_they_are_minimum_and_maximum():
     f1, f2 = np.random.default_rng(0).normal(size=(2, 1000))
     assert np.allclose(conjunction(f1, f2, 1.0), np.minimum(f1, f2), rtol=1e-14, atol=0)
     assert np.allclose(disjunction(f1, f2, 1.0), np.maximum(f1, f2), rtol=1e-14, atol=0)
@@ -433,9 +431,7 @@ def test_with_omega_1_they_are_minimum_and_maximum() -> None:
         (disjunction, disjunction_slopes),
     ],
 )
-def test_slopes_are_those_of_the_values(
-    function: Callable[..., Any], slopes: Callable[..., Any], omega: float, smoothness: int
-) -> None:
+def test_slopes_are_those_of_the_values(function, slopes, omega, smoothness):
     rng = np.random.default_rng(1)
     f1, f2 = rng.uniform(0.2, 2.0, (2, 500)) * rng.choice([-1.0, 1.0], (2, 500))
     # With omega 1 there is an edge where the two are equal, or opposite in the difference.
@@ -443,7 +439,7 @@ def test_slopes_are_those_of_the_values(
     f1, f2, step = f1[keep], f2[keep], 1e-5
     one, two = slopes(f1, f2, omega, smoothness=smoothness)
 
-    def value(a: Any, b: Any) -> Any:
+    def value(a, b):
         return function(a, b, omega, smoothness=smoothness)
 
     central = (value(f1 + step, f2) - value(f1 - step, f2)) / (2 * step)
@@ -465,7 +461,7 @@ def test_a_small_slope_keeps_its_digits(f1: float, f2: float, omega: float) -> N
     assert abs(float(found) - wanted) <= 4e-15 * abs(wanted) + 1e-300
 
 
-def test_where_both_vanish_the_slopes_are_the_middle_of_those_around() -> None:
+def test_where_both_vanish_the_slopes_are_the_middle_of_those_around():
     turn = 2 * np.pi * np.arange(400) / 400
     for omega in (-0.5, 0.0, 0.7, 1.0):
         around = conjunction_slopes(np.cos(turn), np.sin(turn), omega)
@@ -474,7 +470,7 @@ def test_where_both_vanish_the_slopes_are_the_middle_of_those_around() -> None:
     assert conjunction_slopes(0.0, 0.0, smoothness=1) == (0.0, 0.0)
 
 
-def test_the_smooth_forms_multiply_by_a_power_of_both() -> None:
+def test_the_smooth_forms_multiply_by_a_power_of_both():
     f1, f2 = np.random.default_rng(2).normal(size=(2, 100))
     for k in (1, 2, 3):
         times = (f1**2 + f2**2) ** (k / 2)
@@ -482,46 +478,44 @@ def test_the_smooth_forms_multiply_by_a_power_of_both() -> None:
         assert np.allclose(disjunction(f1, f2, smoothness=k), disjunction(f1, f2) * times)
 
 
-def test_a_value_that_leaves_the_range_of_floats_keeps_its_sign() -> None:
+def test_a_value_that_leaves_the_range_of_floats_keeps_its_sign():
     assert conjunction(1e200, 1e200, smoothness=1) == np.finfo(float).max
     assert conjunction(-1e200, 1e200, smoothness=1) == -np.finfo(float).max
     assert 0.0 < conjunction(1e-200, 1e-200, smoothness=1) < 1e-300
 
 
 @pytest.mark.parametrize("smoothness", [2, 50])
-def test_where_one_value_is_none_and_the_other_huge_there_is_no_nan(smoothness: int) -> None:
+def test_where_one_value_is_none_and_the_other_huge_there_is_no_nan(smoothness):
     assert conjunction(0.0, 1e200, smoothness=smoothness) == 0.0
     assert disjunction(0.0, -1e200, smoothness=smoothness) == 0.0
 
 
-def test_arrays_broadcast() -> None:
+def test_arrays_broadcast():
     column, row = np.arange(3.0)[:, None], np.arange(4.0)
     assert conjunction(column, row).shape == (3, 4)
     assert all(part.shape == (3, 4) for part in conjunction_slopes(column, row))
 
 
 @pytest.mark.parametrize("omega", [-1.0, 1.0 + 1e-12, math.nan])
-def test_an_omega_out_of_range_is_refused(omega: float) -> None:
+def test_an_omega_out_of_range_is_refused(omega):
     with pytest.raises(ValueError, match=f"omega must be above -1 and at most 1, got {omega}"):
         conjunction(1.0, 1.0, omega)
 
 
-def test_a_negative_smoothness_is_refused() -> None:
+def test_a_negative_smoothness_is_refused():
     with pytest.raises(ValueError, match="smoothness must be 0 or more, got -1"):
         disjunction(1.0, 1.0, smoothness=-1)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_values_that_are_not_finite_are_refused(value: float) -> None:
+def test_values_that_are_not_finite_are_refused(value):
     with pytest.raises(ValueError, match="f2 must be finite"):
         disjunction(1.0, [1.0, value])
     with pytest.raises(ValueError, match="f must be finite"):
         complement(value)
 
 
-def test_a_large_and_a_small_value_an_omega_near_its_end_huge_values_and_none_keep_all_digits() -> (
-    None
-):
+def test_a_large_and_a_small_value_an_omega_near_its_end_huge_values_and_none_keep_all_digits():
     # As printed, the difference of two numbers near 1e8 leaves 1.49e-8.
     assert conjunction(1e8, 1e-8) == pytest.approx(1e-8, rel=1e-15)
     assert disjunction(-1e8, -1e-8) == pytest.approx(-1e-8, rel=1e-15)

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -10,10 +9,10 @@ from scipy.spatial import cKDTree
 from palpate.core.arrays import Floats
 from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.global_deformations import Bend
-from palpate.core.shapes.protocol import INSIDE, MISS, ImplicitShape, Mesh
+from palpate.core.shapes.protocol import INSIDE, MISS
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.shapes.triangle_meshes import DeformedShape, polish
-from palpate.core.splines.lattices import Lattice, LatticeLayer, layered_lattice
+from palpate.core.splines.lattices import LatticeLayer, layered_lattice
 
 FACETS = 10e-6  # How far the facets of a 0.1 m object stand off at most, m
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -28,19 +27,19 @@ VASE = [
 NOTHING = [LatticeLayer()] * 4
 
 
-def superquadric(e1: float, e2: float) -> Superquadric:
+def superquadric(e1, e2):
     return Superquadric(np.array([0.032, 0.028, 0.05]), np.array([e1, e2]))
 
 
-def bent(e1: float, e2: float) -> DeformedSuperquadric:
+def bent(e1, e2):
     return DeformedSuperquadric(superquadric(e1, e2), np.array([0.3, 0.1]), Bend(5.0, 0.6))
 
 
-def deformed(base: ImplicitShape, layers: list[LatticeLayer], exact: bool) -> DeformedShape:
+def deformed(base, layers, exact):
     return DeformedShape(base, layered_lattice(base.enclosure(), layers), exact)
 
 
-def heights_before(lattice: Lattice, base: ImplicitShape, near: Floats, points: Floats) -> Floats:
+def heights_before(lattice, base, near, points):
     """The base's function where points were before the lattice, by Newton from a near vertex."""
     found: Floats = near[cKDTree(lattice.deform(near)).query(points)[1]]
     for _ in range(8):
@@ -52,7 +51,7 @@ def heights_before(lattice: Lattice, base: ImplicitShape, near: Floats, points: 
     return np.where(there, base.inside_out(found, np.zeros_like(found))[0], 1.0)
 
 
-def rays_at(shape: DeformedShape, seed: int) -> tuple[Floats, Floats]:
+def rays_at(shape, seed):
     """Rays through places within the solid, from one side."""
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=3)
@@ -73,7 +72,7 @@ def rays_at(shape: DeformedShape, seed: int) -> tuple[Floats, Floats]:
         pytest.param(bent(0.1, 0.1), id="bent box"),
     ],
 )
-def test_exact_casts_agree_with_the_inverse_of_the_deformation(base: ImplicitShape) -> None:
+def test_exact_casts_agree_with_the_inverse_of_the_deformation(base):
     lattice, near = layered_lattice(base.enclosure(), VASE), base.mesh(3).vertices
     shape = DeformedShape(base, lattice, exact=True)
     compared = 0
@@ -86,7 +85,7 @@ def test_exact_casts_agree_with_the_inverse_of_the_deformation(base: ImplicitSha
         # A ray that only grazes may leave the solid again: those are left out.
         low, high = ranges - 1e-6, ranges + 1e-6
 
-        def outside(ways: Floats, origins: Floats = origins, d: Floats = direction) -> Floats:
+        def outside(ways, origins=origins, d=direction):
             return heights_before(lattice, base, near, origins + ways[:, None] * d)
 
         for share in (0.5, 0.8, 0.95, 0.99):
@@ -102,7 +101,7 @@ def test_exact_casts_agree_with_the_inverse_of_the_deformation(base: ImplicitSha
     assert compared > 150
 
 
-def test_facets_are_near_the_exact_surface() -> None:
+def test_facets_are_near_the_exact_surface():
     base = superquadric(0.3, 0.8)
     facets, exact = deformed(base, VASE, False), deformed(base, VASE, True)
     for seed in range(5):
@@ -116,7 +115,7 @@ def test_facets_are_near_the_exact_surface() -> None:
 
 
 @pytest.mark.parametrize("exact", [False, True])
-def test_without_a_deformation_it_is_its_base(exact: bool, ball: Superquadric) -> None:
+def test_without_a_deformation_it_is_its_base(exact, ball):
     same = deformed(ball, NOTHING, exact)
     origins = np.random.default_rng(0).uniform(-0.02, 0.02, (50, 3)) + np.array([0.0, 0.0, 0.1])
     off = np.abs(same.cast(origins, DOWN, 1.0) - ball.cast(origins, DOWN, 1.0)).max()
@@ -125,7 +124,7 @@ def test_without_a_deformation_it_is_its_base(exact: bool, ball: Superquadric) -
 
 
 @pytest.mark.parametrize("exact", [False, True])
-def test_hit_miss_and_inside_are_told_apart(exact: bool, ball: Superquadric) -> None:
+def test_hit_miss_and_inside_are_told_apart(exact, ball):
     wide = deformed(ball, [LatticeLayer(1.5)] * 4, exact)
     origins = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.06], [0.046, 0.0, 0.06]])
     found = wide.cast(origins, DOWN, 1.0)
@@ -137,7 +136,7 @@ def test_hit_miss_and_inside_are_told_apart(exact: bool, ball: Superquadric) -> 
     assert wide.cast(origins[:1], DOWN, 1e-9)[0] == INSIDE
 
 
-def test_a_ray_that_starts_between_facet_and_surface_starts_inside(ball: Superquadric) -> None:
+def test_a_ray_that_starts_between_facet_and_surface_starts_inside(ball):
     exact = deformed(ball, NOTHING, True)
     mesh = ball.mesh(6)
     middle = mesh.vertices[mesh.faces[1000]].mean(axis=0)
@@ -149,13 +148,11 @@ def test_a_ray_that_starts_between_facet_and_surface_starts_inside(ball: Superqu
     assert found[2] == pytest.approx(0.1 * depth, abs=1e-12)
 
 
-def test_a_ray_that_cannot_be_taken_to_the_surface_keeps_its_facet_and_is_counted(
-    ball: Superquadric,
-) -> None:
+def test_a_ray_that_cannot_be_taken_to_the_surface_keeps_its_facet_and_is_counted(ball):
     class Shy(Superquadric):
         """A ball whose function has no root: there is nothing to converge to."""
 
-        def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        def inside_out(self, points, directions):
             value, slope = super().inside_out(points, directions)
             return np.sqrt(value**2 + 1e-4), value * slope / np.sqrt(value**2 + 1e-4)
 
@@ -168,9 +165,7 @@ def test_a_ray_that_cannot_be_taken_to_the_surface_keeps_its_facet_and_is_counte
     assert deformed(ball, NOTHING, True).cast_exactly(origins, DOWN, 1.0)[1:] == (2, 0)
 
 
-def test_the_mesh_is_closed_and_turned_outwards(
-    is_closed: Callable[[Mesh], bool], signed_volume: Callable[[Mesh], float]
-) -> None:
+def test_the_mesh_is_closed_and_turned_outwards(is_closed, signed_volume):
     mesh = deformed(bent(0.3, 0.8), VASE, False).mesh(4)
     assert is_closed(mesh)
     assert signed_volume(mesh) > 0.0
@@ -183,17 +178,17 @@ def test_the_mesh_is_closed_and_turned_outwards(
 class Shear:
     """Moves x with the square of z."""
 
-    def deform(self, points: Floats) -> Floats:
+    def deform(self, points):
         x, y, z = points.T
         return np.column_stack([x + 3.0 * z * z, y, z])
 
-    def deform_with_jacobian(self, points: Floats) -> tuple[Floats, Floats]:
+    def deform_with_jacobian(self, points):
         slopes = np.tile(np.eye(3), (len(points), 1, 1))
         slopes[:, 0, 2] = 6.0 * points[:, 2]
         return self.deform(points), slopes
 
 
-def test_rays_come_to_the_surface_from_above_and_from_below(ball: Superquadric) -> None:
+def test_rays_come_to_the_surface_from_above_and_from_below(ball):
     rng = np.random.default_rng(0)
     exact = rng.normal(size=(40, 3))
     exact[:, 2] = np.abs(exact[:, 2]) + 0.5
@@ -206,7 +201,7 @@ def test_rays_come_to_the_surface_from_above_and_from_below(ball: Superquadric) 
     assert np.allclose(ways, wanted, rtol=0, atol=1e-15)
 
 
-def test_a_ray_that_has_nothing_to_meet_is_not_believed(ball: Superquadric) -> None:
+def test_a_ray_that_has_nothing_to_meet_is_not_believed(ball):
     places = np.array([[0.0299, 0.0, 0.0], [0.0, 0.0, 0.03], [0.0, 0.0, -0.03], [0.0, 0.0, 0.0]])
     starts = Shear().deform(places) + np.array([[0.01, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
     ways, done = polish(ball, Shear(), places, starts, DOWN)

@@ -1,15 +1,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.arrays import Floats
 from palpate.core.shapes.deformed_superquadrics import (
     UNIT_BOUND,
     DeformedSuperquadric,
@@ -18,24 +15,19 @@ from palpate.core.shapes.deformed_superquadrics import (
     largest_curvature,
 )
 from palpate.core.shapes.global_deformations import Bend, Taper
-from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
+from palpate.core.shapes.protocol import INSIDE, MISS
 from palpate.core.shapes.superquadrics import Superquadric
 
 SIZE = np.array([0.03, 0.02, 0.05])
 ROUNDING = 1e-12  # Logarithm of the gauge within which rounding may decide whether a ray grazes
 
 
-def warped(
-    exponents: tuple[float, float],
-    taper: tuple[float, float] = (0.0, 0.0),
-    curvature: float = 0.0,
-    azimuth: float = 0.0,
-) -> DeformedSuperquadric:
+def warped(exponents, taper=(0.0, 0.0), curvature=0.0, azimuth=0.0):
     base = Superquadric(SIZE, np.array(exponents))
     return DeformedSuperquadric(base, np.array(taper), Bend(curvature, azimuth))
 
 
-def random_solid(rng: np.random.Generator, oracle: Any) -> tuple[DeformedSuperquadric, Any]:
+def random_solid(rng, oracle):
     """Any exponents, sizes, tapers nearly to a tip and bends nearly to a fold."""
     exponents = np.exp(rng.uniform(math.log(0.02), math.log(2.0), 2))
     size, azimuth = rng.uniform(0.01, 0.06, 3), rng.uniform(-4, 4)
@@ -48,7 +40,7 @@ def random_solid(rng: np.random.Generator, oracle: Any) -> tuple[DeformedSuperqu
     return solid, oracle(size, exponents, tuple(taper), bend, azimuth)
 
 
-def rays_at(solid: DeformedSuperquadric, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def rays_at(solid, rng):
     """Rays at random places on the surface, through it, and just past it."""
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
@@ -59,7 +51,7 @@ def rays_at(solid: DeformedSuperquadric, rng: np.random.Generator) -> tuple[Floa
 
 
 @pytest.mark.parametrize("trials", [12, pytest.param(60, marks=pytest.mark.slow)])
-def test_rays_agree_with_bisection_in_extended_precision(oracle: Any, trials: int) -> None:
+def test_rays_agree_with_bisection_in_extended_precision(oracle, trials):
     rng = np.random.default_rng(11)
     hits = inside = misses = 0
     for _ in range(trials):
@@ -82,9 +74,7 @@ def test_rays_agree_with_bisection_in_extended_precision(oracle: Any, trials: in
 
 
 @pytest.mark.parametrize("curvature", [0.0, 8.0, pytest.param(-8.0, marks=pytest.mark.slow)])
-def test_chords_however_thin_are_found_and_gaps_however_thin_are_not_closed(
-    curvature: float, oracle: Any
-) -> None:
+def test_chords_however_thin_are_found_and_gaps_however_thin_are_not_closed(curvature, oracle):
     solid = warped((0.7, 0.9), (0.5, 0.2), curvature, 0.4)
     wanted = oracle(SIZE, np.array([0.7, 0.9]), (0.5, 0.2), curvature, 0.4)
     rng = np.random.default_rng(3)
@@ -108,7 +98,7 @@ def test_chords_however_thin_are_found_and_gaps_however_thin_are_not_closed(
         assert np.abs(found[met] - ranges[met]).max(initial=0.0) < 1e-9
 
 
-def test_a_tapered_side_that_a_ray_follows_is_missed_just_outside_and_met_just_inside() -> None:
+def test_a_tapered_side_that_a_ray_follows_is_missed_just_outside_and_met_just_inside():
     # The side of a tapered box is the plane x = 0.03 (1 + z / 0.1), nearly.
     solid = warped((0.02, 0.02), (0.5, 0.5))
     along = np.array([0.015, 0.0, 0.05]) / math.hypot(0.015, 0.05)
@@ -121,7 +111,7 @@ def test_a_tapered_side_that_a_ray_follows_is_missed_just_outside_and_met_just_i
         assert 0.049 < found[1] < 0.06
 
 
-def test_the_function_bends_within_its_bounds(oracle: Any) -> None:
+def test_the_function_bends_within_its_bounds(oracle):
     """The proof that no root is passed rests on them."""
     rng = np.random.default_rng(5)
     for _ in range(40):
@@ -142,7 +132,7 @@ def test_the_function_bends_within_its_bounds(oracle: Any) -> None:
             assert (second <= 1.01 * rise + slack).all()
 
 
-def test_a_bend_of_nothing_is_no_bend() -> None:
+def test_a_bend_of_nothing_is_no_bend():
     straight, rng = warped((0.4, 0.7), (0.3, -0.2)), np.random.default_rng(0)
     origins = rng.uniform(-0.04, 0.04, (200, 3)) + np.array([0.2, 0.0, 0.0])
     towards = np.array([-1.0, 0.0, 0.0])
@@ -155,7 +145,7 @@ def test_a_bend_of_nothing_is_no_bend() -> None:
         assert np.allclose(found[met], wanted[met], rtol=0, atol=1e-13)
 
 
-def test_without_taper_and_bend_it_is_its_base() -> None:
+def test_without_taper_and_bend_it_is_its_base():
     base, rng = Superquadric(SIZE, np.array([0.4, 0.7])), np.random.default_rng(0)
     origins = rng.uniform(-0.06, 0.06, (300, 3)) + np.array([0.0, 0.0, 0.2])
     towards = np.array([0.0, 0.0, -1.0])
@@ -166,7 +156,7 @@ def test_without_taper_and_bend_it_is_its_base() -> None:
     assert np.allclose(found[met], wanted[met], rtol=0, atol=1e-14)
 
 
-def test_more_than_half_a_circle_is_cast_from_all_sides(oracle: Any) -> None:
+def test_more_than_half_a_circle_is_cast_from_all_sides(oracle):
     size, exponents = np.array([0.01, 0.01, 0.1]), np.array([0.3, 1.0])
     base = Superquadric(size, exponents)
     solid = DeformedSuperquadric(base, np.zeros(2), Bend(27.0))
@@ -186,7 +176,7 @@ def test_more_than_half_a_circle_is_cast_from_all_sides(oracle: Any) -> None:
         assert np.abs(found[met] - ranges[met]).max(initial=0.0) < 1e-12
 
 
-def test_a_ray_through_the_centre_of_curvature_meets_the_side_behind_it() -> None:
+def test_a_ray_through_the_centre_of_curvature_meets_the_side_behind_it():
     solid = warped((1.0, 1.0), curvature=20.0)
     centre = np.array([1 / 20.0, 0.0, 0.0])
     towards = np.array([-1.0, 0.0, 0.0])
@@ -195,7 +185,7 @@ def test_a_ray_through_the_centre_of_curvature_meets_the_side_behind_it() -> Non
     assert np.allclose(found, [0.02, 0.02, 0.07], rtol=0, atol=1e-12)
 
 
-def test_a_ray_stops_at_its_reach() -> None:
+def test_a_ray_stops_at_its_reach():
     solid, towards = warped((1.0, 1.0), (0.2, 0.2), 5.0), np.array([-1.0, 0.0, 0.0])
     origin = np.array([[0.1, 0.0, 0.0]])
     assert solid.cast(origin, towards, 0.0699)[0] == MISS
@@ -233,9 +223,7 @@ def test_what_is_hit_is_on_the_surface_and_what_comes_before_is_outside(
     assert ((nearer == found) | ((nearer == MISS) & (found > 0.15))).all()
 
 
-def test_the_mesh_is_closed_turned_outwards_and_on_the_surface(
-    is_closed: Callable[[Mesh], bool], signed_volume: Callable[[Mesh], float]
-) -> None:
+def test_the_mesh_is_closed_turned_outwards_and_on_the_surface(is_closed, signed_volume):
     solid = warped((0.4, 0.7), (0.5, -0.3), -9.0, 1.0)
     mesh = solid.mesh(4)
     assert is_closed(mesh)
@@ -243,18 +231,14 @@ def test_the_mesh_is_closed_turned_outwards_and_on_the_surface(
     assert np.allclose(solid.gauge(mesh.vertices), 1.0, atol=1e-13)
 
 
-def test_a_bend_keeps_the_volume_of_what_is_symmetric(
-    signed_volume: Callable[[Mesh], float],
-) -> None:
+def test_a_bend_keeps_the_volume_of_what_is_symmetric(signed_volume):
     straight, bent = warped((0.4, 0.7)).mesh(6), warped((0.4, 0.7), curvature=12.0).mesh(6)
     assert signed_volume(bent) == pytest.approx(signed_volume(straight), rel=1e-4)
 
 
 @pytest.mark.parametrize("curvature", [0.0, 10.0, -10.0, 24.0])
 @pytest.mark.parametrize("azimuth", [0.0, 0.7, math.pi / 2, 4.0])
-def test_the_enclosure_holds_the_solid_and_is_not_much_larger(
-    curvature: float, azimuth: float
-) -> None:
+def test_the_enclosure_holds_the_solid_and_is_not_much_larger(curvature, azimuth):
     solid = warped((0.1, 0.1), (0.1, -0.2), curvature, azimuth)
     low, high = solid.enclosure()
     smallest, largest = solid.bounds()
@@ -263,12 +247,12 @@ def test_the_enclosure_holds_the_solid_and_is_not_much_larger(
     assert (high - low <= 2.0 * (largest - smallest)).all()
 
 
-def test_a_tapered_solid_is_exactly_as_high_as_its_base() -> None:
+def test_a_tapered_solid_is_exactly_as_high_as_its_base():
     assert warped((1.0, 1.0), (0.3, 0.3)).bounds()[:, 2].tolist() == [-0.05, 0.05]
 
 
 @pytest.mark.parametrize("share", [1.001, -1.001, math.inf, math.nan])
-def test_a_bend_that_folds_is_refused_with_what_would_be_right(share: float) -> None:
+def test_a_bend_that_folds_is_refused_with_what_would_be_right(share):
     base = Superquadric(SIZE, np.ones(2))
     most = largest_curvature(base, np.zeros(2), 0.0)
     assert most == pytest.approx(0.98 / 0.03)
@@ -279,7 +263,7 @@ def test_a_bend_that_folds_is_refused_with_what_would_be_right(share: float) -> 
         DeformedSuperquadric(base, np.zeros(2), Bend(share * most))
 
 
-def test_the_largest_bend_leaves_the_axis_open_and_the_inner_side_some_length() -> None:
+def test_the_largest_bend_leaves_the_axis_open_and_the_inner_side_some_length():
     slim = Superquadric(np.array([0.001, 0.001, 0.1]), np.ones(2))
     assert largest_curvature(slim, np.zeros(2), 0.0) == pytest.approx(0.98 * math.pi / 0.1)
     wide = Superquadric(np.array([0.03, 0.01, 0.01]), np.array([1.0, 2.0]))
@@ -292,7 +276,7 @@ def test_the_largest_bend_leaves_the_axis_open_and_the_inner_side_some_length() 
     assert largest_curvature(wide, np.array([0.5, 0.0]), 0.0) == pytest.approx(0.98 / 0.045)
 
 
-def test_a_taper_that_collapses_a_section_is_refused() -> None:
+def test_a_taper_that_collapses_a_section_is_refused():
     with pytest.raises(ValueError, match="taper must lie between -1 and 1"):
         warped((1.0, 1.0), (1.0, 0.0))
 
@@ -309,21 +293,19 @@ CASES = [
 ]
 
 
-def turned(azimuth: float) -> Floats:
+def turned(azimuth):
     cosine, sine = math.cos(azimuth), math.sin(azimuth)
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
-def places_within(bend: Bend, count: int) -> Floats:
+def places_within(bend, count):
     """Places (3, n) of the bent box, in the bend's own frame."""
     straight = np.random.default_rng(0).uniform(-HALF, HALF, (count, 3))
     return Bend(bend.curvature)(straight).T
 
 
 @pytest.mark.parametrize(("taper", "curvature", "azimuth"), CASES)
-def test_the_curve_is_the_straightened_place_times_the_width(
-    taper: tuple[float, float], curvature: float, azimuth: float
-) -> None:
+def test_the_curve_is_the_straightened_place_times_the_width(taper, curvature, azimuth):
     bend = Bend(curvature, azimuth)
     places = places_within(bend, 50)
     curve = Straightening(SIZE, np.array(taper), bend).along(places, np.ones(3))
@@ -334,8 +316,8 @@ def test_the_curve_is_the_straightened_place_times_the_width(
 
 @pytest.mark.parametrize(("taper", "curvature", "azimuth"), CASES)
 def test_slopes_are_right_and_values_slopes_and_curves_within_their_bounds(
-    taper: tuple[float, float], curvature: float, azimuth: float
-) -> None:
+    taper, curvature, azimuth
+):
     straightening = Straightening(SIZE, np.array(taper), Bend(curvature, azimuth))
     places = places_within(straightening.bend, 3000)
     rng, step = np.random.default_rng(1), 1e-6
@@ -345,23 +327,23 @@ def test_slopes_are_right_and_values_slopes_and_curves_within_their_bounds(
         back = straightening.along(places - step * direction[:, None], direction)
         here = straightening.along(places, direction)
         assert np.allclose((ahead.place - back.place) / (2 * step), here.slope, atol=1e-5)
-        bound = straightening.bound(direction, HALF)
+        place_bounds, width_bound, least_width = straightening.bound(direction, HALF)
         curves = (ahead.slope - back.slope) / (2 * step)
         for value, slope, curve, most in zip(
-            here.place, here.slope, curves, bound.place, strict=True
+            here.place, here.slope, curves, place_bounds, strict=True
         ):
             for some, limit in zip((value, slope, curve), most, strict=True):
                 assert np.abs(some).max() <= limit * (1 + 1e-9) + 1e-5
         width = np.broadcast_to(here.width, len(places.T))
-        assert width.max() <= bound.width.value * (1 + 1e-12)
-        assert width.min() >= bound.least_width * (1 - 1e-12)
+        assert width.max() <= width_bound.value * (1 + 1e-12)
+        assert width.min() >= least_width * (1 - 1e-12)
 
 
 coefficients = st.lists(st.floats(-5, 5), min_size=1, max_size=4)
 T = np.linspace(-1.0, 1.0, 201)
 
 
-def bound_of(polynomial: np.polynomial.Polynomial) -> DerivativeBound:
+def bound_of(polynomial):
     values = [float(np.abs(polynomial.deriv(n)(T)).max()) for n in (1, 2)]
     return DerivativeBound(float(np.abs(polynomial(T)).max()), *values)
 
@@ -380,7 +362,7 @@ def test_products_sums_and_multiples_stay_within_their_bounds(
             assert have <= most * (1 + 1e-12) + 1e-12
 
 
-def test_one_times_anything_is_that() -> None:
+def test_one_times_anything_is_that():
     some = DerivativeBound(2.0, 3.0, 4.0)
     assert UNIT_BOUND.times(some) == some
 
@@ -401,7 +383,7 @@ every = pytest.mark.parametrize("name", SOLIDS)
 
 
 @every
-def test_spans_are_where_the_function_is_negative(name: str) -> None:
+def test_spans_are_where_the_function_is_negative(name):
     solid, rng = SOLIDS[name], np.random.default_rng(3)
     low, high = solid.enclosure()
     ways = np.linspace(0.0, 0.3, 601)
@@ -418,7 +400,7 @@ def test_spans_are_where_the_function_is_negative(name: str) -> None:
 
 
 @every
-def test_the_first_span_begins_where_a_ray_is_cast(name: str) -> None:
+def test_the_first_span_begins_where_a_ray_is_cast(name):
     solid, rng = SOLIDS[name], np.random.default_rng(4)
     low, high = solid.enclosure()
     towards = np.array([0.48, -0.6, 0.64])
@@ -430,6 +412,6 @@ def test_the_first_span_begins_where_a_ray_is_cast(name: str) -> None:
     assert np.allclose(spans[met], ranges[met], rtol=0, atol=1e-11)
 
 
-def test_a_ray_through_both_arms_of_a_bent_bar_has_two_spans() -> None:
+def test_a_ray_through_both_arms_of_a_bent_bar_has_two_spans():
     spans = SOLIDS["nearly a ring"].spans(np.array([[0.03, 0.0, 0.1]]), np.array([0.0, 0.0, -1.0]))
     assert np.isfinite(spans[0]).all(axis=1).sum() == 2

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -38,7 +37,7 @@ CASES: dict[str, tuple[bool, bool, float, float]] = {
 }
 
 
-def made(name: str) -> tuple[GeneralisedCylinder, Callable[[Any], Any]]:
+def made(name):
     """A solid, and the function of which it is the zero set by its definition."""
     spline, smooth, tilt, towards = CASES[name]
     section = SplineSection(RADII) if spline else SuperellipseSection(np.array([0.03, 0.02]), 0.4)
@@ -47,7 +46,7 @@ def made(name: str) -> tuple[GeneralisedCylinder, Callable[[Any], Any]]:
     rho = CubicSpline(knots, np.append(RADII, RADII[0]), bc_type="periodic")
     scale = CubicSpline(HEIGHTS, SCALES, bc_type="natural")
 
-    def level(points: Any) -> Any:
+    def level(points):
         x, y, z = np.moveaxis(points, -1, 0)
         along = z / np.cos(np.longdouble(tilt))
         x = x - along * np.sin(np.longdouble(tilt)) * math.cos(towards)
@@ -65,7 +64,7 @@ def made(name: str) -> tuple[GeneralisedCylinder, Callable[[Any], Any]]:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_casts_pass_nothing(name: str, cast_check: Callable[..., int]) -> None:
+def test_casts_pass_nothing(name, cast_check):
     (solid, level), rng, met = made(name), np.random.default_rng(2), 0
     low, high = solid.enclosure()
     for number in range(9):
@@ -97,7 +96,7 @@ def test_size_and_turns_carry_over_to_the_ranges(seed: int, scale: float, turns:
     assert np.allclose(found[both], wanted[both], rtol=0, atol=1e-10)
 
 
-def test_a_cylinder_and_a_cone_are_met_where_they_are() -> None:
+def test_a_cylinder_and_a_cone_are_met_where_they_are():
     origins = np.array([[0.1, 0.0, 0.05], [0.1, 0.018, 0.05], [0.1, 0.0, 0.0], [0.1, 0.0, 0.1]])
     assert np.allclose(
         CYLINDER.cast(origins, SIDEWAYS, 1.0), [0.07, 0.076, 0.07, 0.07], rtol=0, atol=1e-15
@@ -112,7 +111,7 @@ def test_a_cylinder_and_a_cone_are_met_where_they_are() -> None:
     assert found[3] == MISS
 
 
-def test_the_plane_ends_are_met_and_left() -> None:
+def test_the_plane_ends_are_met_and_left():
     origins = np.array([[0.01, 0.0, 0.2], [0.0299999, 0.0, 0.2], [0.0300001, 0.0, 0.2]])
     found = CYLINDER.cast(origins, DOWN, 1.0)
     assert np.allclose(found[:2], 0.1, rtol=0, atol=1e-13)
@@ -123,7 +122,7 @@ def test_the_plane_ends_are_met_and_left() -> None:
     assert CYLINDER.cast(np.array([[0.1, 0.0, 0.05]]), SIDEWAYS, 0.0699)[0] == MISS
 
 
-def test_a_ray_along_the_axis_and_one_through_the_apex_are_told() -> None:
+def test_a_ray_along_the_axis_and_one_through_the_apex_are_told():
     axis = np.array([[0.0, 0.0, 0.2]])
     for solid, top in ((CYLINDER, 0.1), (CONE, 0.09), (VASE, 0.09)):
         assert solid.cast(axis, DOWN, 1.0)[0] == pytest.approx(0.2 - top, abs=1e-11)
@@ -131,7 +130,7 @@ def test_a_ray_along_the_axis_and_one_through_the_apex_are_told() -> None:
     assert (CONE.cast(past, SIDEWAYS, 1.0) == MISS).all()
 
 
-def test_the_linear_cylinder_is_a_cone_cut_off() -> None:
+def test_the_linear_cylinder_is_a_cone_cut_off():
     """Fung, 1999, (1.4): the radius is (A z + B) lambda(theta)."""
     a, b = -4.0, 1.0
     heights = np.array([0.02, 0.1])
@@ -143,9 +142,7 @@ def test_the_linear_cylinder_is_a_cone_cut_off() -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_meshes_are_closed_and_lie_on_the_surface(
-    name: str, is_closed: Callable[[Any], bool], signed_volume: Callable[[Any], float]
-) -> None:
+def test_meshes_are_closed_and_lie_on_the_surface(name, is_closed, signed_volume):
     solid, _ = made(name)
     mesh = solid.mesh(4)
     assert is_closed(mesh)
@@ -158,7 +155,7 @@ def test_meshes_are_closed_and_lie_on_the_surface(
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_spans_and_slopes_agree_with_the_function(name: str) -> None:
+def test_spans_and_slopes_agree_with_the_function(name):
     (solid, level), rng = made(name), np.random.default_rng(6)
     towards = rng.normal(size=3)
     towards /= np.linalg.norm(towards)
@@ -178,7 +175,7 @@ def test_spans_and_slopes_agree_with_the_function(name: str) -> None:
     assert np.quantile(np.abs(slope - (there - back) / (2 * step)), 0.98) < 1e-3
 
 
-def test_what_is_convex_is_known_to_be() -> None:
+def test_what_is_convex_is_known_to_be():
     assert CYLINDER.convex
     assert CONE.convex
     dome = GeneralisedCylinder(ROUND, HEIGHTS, np.array([1.0, 0.95, 0.85, 0.4]), smooth=False)
@@ -206,20 +203,20 @@ def test_what_is_convex_is_known_to_be() -> None:
         ),
     ],
 )
-def test_what_makes_no_solid_is_refused(words: dict[str, Any], sentence: str) -> None:
+def test_what_makes_no_solid_is_refused(words, sentence):
     given_: dict[str, Any] = {"heights": [0.0, 0.05, 0.1], "scales": [1.0, 1.0, 1.0], **words}
     heights, scales = (np.array(given_.pop(name), float) for name in ("heights", "scales"))
     with pytest.raises(ValueError, match=sentence):
         GeneralisedCylinder(ROUND, heights, scales, **given_)
 
 
-def test_points_beyond_the_ends_are_outside() -> None:
+def test_points_beyond_the_ends_are_outside():
     points: Floats = np.array([[0.0, 0, 0.11], [0.0, 0, -0.01], [0.0, 0, 0.1], [0.0, 0, 0.05]])
     value = CYLINDER.inside_out(points, np.zeros((4, 3)))[0]
     assert np.array_equal(np.sign(value), [1.0, 1.0, 0.0, -1.0])
 
 
-def test_a_ray_that_leaves_through_a_slanting_side_is_seen_to_leave() -> None:
+def test_a_ray_that_leaves_through_a_slanting_side_is_seen_to_leave():
     # The gauge of a rhombus has creases, and this ray gains on its scale only slowly.
     spindle = GeneralisedCylinder(
         SuperellipseSection(np.array([0.0325, 0.0164]), 2.0),
@@ -242,7 +239,7 @@ CIRCLE = SuperellipseSection(np.array([0.03, 0.03]), 1.0)
 STEPS = straight_pieces(np.array([0.0, 0.031, 0.05, 0.08]), np.array([1.0, 1.0, 0.4, 0.7]))
 
 
-def test_rims_and_kinks_are_rings_of_the_mesh(is_closed: Callable[[Any], bool]) -> None:
+def test_rims_and_kinks_are_rings_of_the_mesh(is_closed):
     mesh = profile_mesh(CIRCLE.outline, STEPS, np.eye(3), 2)
     assert is_closed(mesh)
     height, radius = mesh.vertices[:, 2], np.hypot(*mesh.vertices[:, :2].T)
@@ -251,9 +248,7 @@ def test_rims_and_kinks_are_rings_of_the_mesh(is_closed: Callable[[Any], bool]) 
         assert ring.max() == pytest.approx(0.03 * scale)
 
 
-def test_each_level_has_about_four_times_the_faces_and_a_quarter_of_the_error(
-    signed_volume: Callable[[Any], float],
-) -> None:
+def test_each_level_has_about_four_times_the_faces_and_a_quarter_of_the_error(signed_volume):
     true = 0.0
     for low, high, a, b in ((0, 0.031, 1, 1), (0.031, 0.05, 1, 0.4), (0.05, 0.08, 0.4, 0.7)):
         true += math.pi * 0.03**2 * (high - low) * (a * a + a * b + b * b) / 3
@@ -267,7 +262,7 @@ def test_each_level_has_about_four_times_the_faces_and_a_quarter_of_the_error(
 
 
 @pytest.mark.parametrize("scales", [(1.0, 0.0), (0.0, 1.0), (0.0, 0.5, 0.0)])
-def test_an_apex_is_one_vertex(scales: tuple[float], is_closed: Callable[[Any], bool]) -> None:
+def test_an_apex_is_one_vertex(scales, is_closed):
     knots = np.linspace(0.0, 0.1, len(scales))
     for level in (0, 3):
         mesh = profile_mesh(
@@ -279,7 +274,7 @@ def test_an_apex_is_one_vertex(scales: tuple[float], is_closed: Callable[[Any], 
             assert on.sum() == 1 or scales[0 if end == 0.0 else -1] > 0.0
 
 
-def test_a_shear_moves_the_sections_sideways() -> None:
+def test_a_shear_moves_the_sections_sideways():
     shear = np.array([[1.0, 0, 0.5], [0, 1, 0], [0, 0, 0.8]])
     plain, leaning = (profile_mesh(CIRCLE.outline, STEPS, m, 2) for m in (np.eye(3), shear))
     assert np.allclose(leaning.vertices, plain.vertices @ shear.T, rtol=0, atol=1e-17)
@@ -298,7 +293,7 @@ every = pytest.mark.parametrize("section", SECTIONS)
 
 
 @every
-def test_the_gauge_is_1_on_the_outline_and_grows_evenly(section: Section) -> None:
+def test_the_gauge_is_1_on_the_outline_and_grows_evenly(section):
     points = section.outline(64)
     for share in (0.3, 1.0, 2.0):
         gauge = section.gauge_along(*(share * points.T), np.ones(64), np.ones(64))[0]
@@ -308,7 +303,7 @@ def test_the_gauge_is_1_on_the_outline_and_grows_evenly(section: Section) -> Non
 
 
 @every
-def test_slopes_are_derivatives(section: Section) -> None:
+def test_slopes_are_derivatives(section):
     rng = np.random.default_rng(1)
     (x, y), (dx, dy) = rng.uniform(-0.04, 0.04, (2, 300)), rng.normal(size=(2, 300))
     step = 1e-8
@@ -319,7 +314,7 @@ def test_slopes_are_derivatives(section: Section) -> None:
 
 
 @every
-def test_the_bounds_hold_all_around(section: Section) -> None:
+def test_the_bounds_hold_all_around(section):
     traits, azimuth = section.traits, np.linspace(0, 2 * math.pi, 20001)
     x, y = np.cos(azimuth), np.sin(azimuth)
     gauge, bend_way = section.gauge_along(x, y, -y, x)
@@ -333,7 +328,7 @@ def test_the_bounds_hold_all_around(section: Section) -> None:
     assert np.hypot(gauge, bend_way).max() <= traits.steepest * (1 + 1e-9)
 
 
-def test_convex_sections_are_known_to_be_convex() -> None:
+def test_convex_sections_are_known_to_be_convex():
     assert [section.traits.hollow == 0.0 for section in SECTIONS] == [
         True, False, False, True, True, True,
     ]  # fmt: skip
@@ -364,7 +359,7 @@ def test_no_chord_shows_a_section_hollower_than_it_says(radii: list[float]) -> N
         ([1.0, 1.0, 0.001, 0.001, 0.001, 1.0], "the curve through them reaches the axis"),
     ],
 )
-def test_radii_that_make_no_section_are_refused(radii: list[float], sentence: str) -> None:
+def test_radii_that_make_no_section_are_refused(radii, sentence):
     with pytest.raises(ValueError, match=sentence):
         SplineSection(np.array(radii))
 
@@ -379,9 +374,7 @@ def test_radii_that_make_no_section_are_refused(radii: list[float], sentence: st
         ([0.03, 0.02], math.nan, "exponent must lie between"),
     ],
 )
-def test_superellipses_that_are_none_are_refused(
-    size: list[float], exponent: float, sentence: str
-) -> None:
+def test_superellipses_that_are_none_are_refused(size, exponent, sentence):
     with pytest.raises(ValueError, match=sentence):
         SuperellipseSection(np.array(size), exponent)
 
@@ -390,14 +383,14 @@ KNOTS = np.array([0.0, 0.02, 0.05, 0.06, 0.1])
 VALUES = np.array([1.0, 1.3, 0.5, 0.6, 0.2])
 
 
-def test_the_natural_spline_is_the_one_of_the_textbooks() -> None:
+def test_the_natural_spline_is_the_one_of_the_textbooks():
     ours, theirs = natural_spline(KNOTS, VALUES), CubicSpline(KNOTS, VALUES, bc_type="natural")
     places = np.linspace(0.0, 0.1, 101)
     for order, found in enumerate(ours.at(places, ours.piece(places))):
         assert np.allclose(found, theirs(places, order), rtol=1e-9, atol=1e-9)
 
 
-def test_the_periodic_spline_is_the_one_of_the_textbooks() -> None:
+def test_the_periodic_spline_is_the_one_of_the_textbooks():
     for count in (3, 4, 9):
         values = np.random.default_rng(count).uniform(0.5, 1.5, count)
         knots = np.linspace(0.0, 2 * np.pi, count + 1)
@@ -408,7 +401,7 @@ def test_the_periodic_spline_is_the_one_of_the_textbooks() -> None:
             assert np.allclose(found, theirs(places, order), rtol=1e-9, atol=1e-9)
 
 
-def test_straight_pieces_go_from_value_to_value() -> None:
+def test_straight_pieces_go_from_value_to_value():
     curve = straight_pieces(KNOTS, VALUES)
     places = np.linspace(-0.01, 0.1, 56)
     value, slope, bend = curve.at(places, curve.piece(places))
@@ -419,7 +412,7 @@ def test_straight_pieces_go_from_value_to_value() -> None:
 
 
 @pytest.mark.parametrize("make", [natural_spline, straight_pieces])
-def test_the_range_holds_all_values_and_is_met(make: type) -> None:
+def test_the_range_holds_all_values_and_is_met(make):
     rng = np.random.default_rng(8)
     for _ in range(20):
         knots = np.cumsum(rng.uniform(0.1, 1.0, 6))
@@ -431,7 +424,7 @@ def test_the_range_holds_all_values_and_is_met(make: type) -> None:
         assert high - 2e-3 <= seen.max() <= high
 
 
-def test_extremes_of_parabolas_and_of_a_level_line_are_found() -> None:
+def test_extremes_of_parabolas_and_of_a_level_line_are_found():
     hill = natural_spline(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 0.0]))
     assert np.isclose(hill.value_range()[1], 1.0)
     level = straight_pieces(np.array([0.0, 1.0]), np.array([2.0, 2.0]))

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +35,7 @@ BOTH = np.concatenate([AXES, SLANTED])
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-def dent(depth: float, *exponents: float) -> Dent:
+def dent(depth, *exponents):
     planes = np.array([[60.0, 0.0, 0.0, -2.4], [0.0, 50.0, 0.0, 0.0], [0.0, 0.0, 40.0, 0.3]])
     return Dent(depth, planes, np.array(exponents))
 
@@ -55,15 +53,15 @@ SOLIDS = {
 solids = pytest.mark.parametrize("name", SOLIDS)
 
 
-def level_of(solid: Hyperquadric) -> Callable[[Any], Any]:
+def level_of(solid):
     """H less 1 by its definition, in extended precision."""
     wide = np.longdouble
 
-    def forms(planes: Floats, points: Any) -> Any:
+    def forms(planes, points):
         planes = planes.astype(wide)
         return points @ planes[:, :3].T + planes[:, 3]
 
-    def level(points: Any) -> Any:
+    def level(points):
         total = (np.abs(forms(solid._planes, points)) ** solid._exponents.astype(wide)).sum(axis=-1)
         for one in solid._dents:
             sum_ = (np.abs(forms(one.planes, points)) ** one.exponents.astype(wide)).sum(axis=-1)
@@ -74,7 +72,7 @@ def level_of(solid: Hyperquadric) -> Callable[[Any], Any]:
 
 
 @solids
-def test_casts_pass_nothing(name: str, cast_check: Callable[..., int]) -> None:
+def test_casts_pass_nothing(name, cast_check):
     solid, rng, met = SOLIDS[name], np.random.default_rng(7), 0
     for number in range(6):
         towards = rng.normal(size=3) if number % 3 else np.eye(3)[number // 3]
@@ -114,7 +112,7 @@ def test_shift_scale_and_mirror_carry_over_to_the_ranges(
     assert np.allclose(mirrored[both], wanted[both], rtol=0, atol=1e-12)
 
 
-def test_three_equal_powers_are_a_superquadric() -> None:
+def test_three_equal_powers_are_a_superquadric():
     for power in (1.0, 1.6, 5.0, 20.0):
         one = Hyperquadric(AXES, np.full(3, power))
         other = Superquadric(SIZE, np.full(2, 2.0 / power))
@@ -128,7 +126,7 @@ def test_three_equal_powers_are_a_superquadric() -> None:
         assert np.allclose(found[met], wanted[met], rtol=0, atol=1e-13)
 
 
-def test_an_ellipsoid_is_met_where_it_is_starts_inside_and_misses_are_told() -> None:
+def test_an_ellipsoid_is_met_where_it_is_starts_inside_and_misses_are_told():
     ball = Hyperquadric(np.column_stack([np.eye(3) / 0.03, [0.0, 0, 0]]), np.full(3, 2.0))
     origins = np.array([[0, 0, 0.1], [0.018, 0, 0.1], [0, 0, 0.02], [0.031, 0, 0.1], [0, 0, -0.1]])
     found = ball.cast(origins, DOWN, 1.0)
@@ -143,9 +141,7 @@ def test_an_ellipsoid_is_met_where_it_is_starts_inside_and_misses_are_told() -> 
 
 
 @solids
-def test_meshes_are_closed_and_lie_on_the_surface(
-    name: str, is_closed: Callable[[Any], bool], signed_volume: Callable[[Any], float]
-) -> None:
+def test_meshes_are_closed_and_lie_on_the_surface(name, is_closed, signed_volume):
     solid = SOLIDS[name]
     mesh = solid.mesh(4)
     assert is_closed(mesh)
@@ -157,12 +153,12 @@ def test_meshes_are_closed_and_lie_on_the_surface(
     assert (mesh.vertices <= high + 1e-12).all()
 
 
-def test_the_tips_of_a_star_are_in_its_mesh() -> None:
+def test_the_tips_of_a_star_are_in_its_mesh():
     assert np.allclose(SOLIDS["star"].bounds(), [-SIZE, SIZE], rtol=0, atol=1e-12)
 
 
 @solids
-def test_slopes_are_derivatives_and_finite_in_creases(name: str) -> None:
+def test_slopes_are_derivatives_and_finite_in_creases(name):
     solid, rng = SOLIDS[name], np.random.default_rng(5)
     points, ways = rng.uniform(-0.8, 0.8, (200, 3)) * SIZE, rng.normal(size=(200, 3))
     step = 1e-9
@@ -176,7 +172,7 @@ def test_slopes_are_derivatives_and_finite_in_creases(name: str) -> None:
 
 
 @solids
-def test_spans_begin_and_end_where_the_solid_does(name: str) -> None:
+def test_spans_begin_and_end_where_the_solid_does(name):
     solid, rng = SOLIDS[name], np.random.default_rng(11)
     towards = rng.normal(size=3)
     towards /= np.linalg.norm(towards)
@@ -205,21 +201,19 @@ def test_spans_begin_and_end_where_the_solid_does(name: str) -> None:
         (AXES[:, :3], [2, 2, 2], r"planes must have shape \(any, 4\)"),
     ],
 )
-def test_what_is_empty_or_unbounded_is_refused(
-    planes: Floats, exponents: list[float], sentence: str
-) -> None:
+def test_what_is_empty_or_unbounded_is_refused(planes, exponents, sentence):
     with pytest.raises(ValueError, match=sentence):
         Hyperquadric(planes, np.array(exponents))
 
 
-def test_a_solid_far_from_the_origin_is_found() -> None:
+def test_a_solid_far_from_the_origin_is_found():
     far = AXES - np.array([[0, 0, 0, 250.0], [0, 0, 0, 0], [0, 0, 0, 0]])
     assert np.allclose(
         Hyperquadric(far, np.full(3, 2.0)).enclosure(), [[9.96, -0.03, -0.05], [10.04, 0.03, 0.05]]
     )
 
 
-def test_what_is_too_thin_to_be_meshed_is_refused() -> None:
+def test_what_is_too_thin_to_be_meshed_is_refused():
     # Six planes through nearly one point, with powers that leave a speck about it.
     normals = np.concatenate([np.eye(3), np.eye(3) + 0.5]) / 0.04
     planes = np.column_stack([normals, [0.0, 0.0, 0.0, 1e-7, 0.0, 0.0]])
@@ -227,7 +221,7 @@ def test_what_is_too_thin_to_be_meshed_is_refused() -> None:
         Hyperquadric(planes, np.full(6, 0.15))
 
 
-def test_a_solid_that_is_far_longer_than_wide_is_bounded() -> None:
+def test_a_solid_that_is_far_longer_than_wide_is_bounded():
     thin = np.column_stack([np.diag([1e6, 1.0, 1e-6]), np.zeros(3)])
     low, high = Hyperquadric(thin, np.full(3, 2.0)).enclosure()
     assert np.allclose(high - low, [2e-6, 2.0, 2e6], rtol=1e-12)
@@ -237,7 +231,7 @@ PLANES = np.array([[40.0, 0.0, 0.0, -1.0], [0.0, 30.0, 10.0, 0.5]])
 ALONG = np.linspace(0.0, 1.0, 801)
 
 
-def value(dent: Dent, h: Floats) -> Floats:
+def value(dent, h):
     found: Floats = dent.depth * np.exp(-(np.abs(h) ** dent.exponents[:, None]).sum(axis=0))
     return found
 
@@ -264,7 +258,7 @@ def test_lines_and_the_dip_hold(
     assert bends.min() >= -dent.dip(rates) * (1 + 1e-6) - 1e-3
 
 
-def test_the_slope_is_the_derivative() -> None:
+def test_the_slope_is_the_derivative():
     dent = Dent(-0.7, PLANES, np.array([2.0, 3.0]))
     h, rate = np.array([[0.4, -1.0], [0.3, 0.8]]), np.array([[5.0, -2.0], [1.0, 7.0]])
     numeric = (value(dent, h + 1e-6 * rate) - value(dent, h - 1e-6 * rate)) / 2e-6
@@ -273,7 +267,7 @@ def test_the_slope_is_the_derivative() -> None:
     assert np.allclose(found[1], numeric, rtol=1e-8)
 
 
-def test_the_dip_of_a_round_dent_is_exact_and_a_crease_has_none() -> None:
+def test_the_dip_of_a_round_dent_is_exact_and_a_crease_has_none():
     rate = np.array([[3.0], [4.0]])
     assert Dent(0.5, PLANES, np.full(2, 2.0)).dip(rate) == pytest.approx(0.5 * 2 * 25)
     assert Dent(0.5, PLANES, np.array([2.0, 1.9])).dip(rate) == math.inf
@@ -292,9 +286,7 @@ def test_the_dip_of_a_round_dent_is_exact_and_a_crease_has_none() -> None:
         (1.0, PLANES * [[1e-300], [1]], [2, 2], r"planes\[0\] must face somewhere"),
     ],
 )
-def test_what_cannot_be_is_refused(
-    depth: float, planes: Floats, exponents: list[float], sentence: str
-) -> None:
+def test_what_cannot_be_is_refused(depth, planes, exponents, sentence):
     with pytest.raises(ValueError, match=sentence):
         Dent(depth, planes, np.array(exponents))
 
@@ -309,14 +301,14 @@ case = given(
 ALONG_POWERS = np.linspace(0.0, 1.0, 501)
 
 
-def seen(h: float, rate: float, exponent: float, length: float) -> np.ndarray:
+def seen(h, rate, exponent, length):
     found: np.ndarray = np.abs(h + rate * length * ALONG_POWERS) ** exponent
     return found
 
 
 @case
 @few
-def test_lines_stay_below_and_above(h: float, rate: float, exponent: float, length: float) -> None:
+def test_lines_stay_below_and_above(h, rate, exponent, length):
     one = np.array([[h]]), np.array([[rate]]), np.array([[exponent]]), np.array([length])
     values = seen(h, rate, exponent, length)
     room = 1e-12 * (1 + values.max())
@@ -328,9 +320,7 @@ def test_lines_stay_below_and_above(h: float, rate: float, exponent: float, leng
 
 @case
 @few
-def test_ranges_hold_all_that_is_seen(
-    h: float, rate: float, exponent: float, length: float
-) -> None:
+def test_ranges_hold_all_that_is_seen(h, rate, exponent, length):
     one = np.array([[h]]), np.array([[rate]]), np.array([[exponent]]), np.array([length])
     values = seen(h, rate, exponent, length)
     least, most = range_of_powers(*one)[:, 0, 0]
@@ -343,7 +333,7 @@ def test_ranges_hold_all_that_is_seen(
     assert slopes.max() <= high + room
 
 
-def test_slopes_are_derivatives_and_finite_in_a_cusp() -> None:
+def test_slopes_are_derivatives_and_finite_in_a_cusp():
     h, rate = np.array([[0.7, -0.3, 0.0, 1.2]]), np.full((1, 4), -3.0)
     for exponent in (0.5, 1.0, 3.0):
         g = np.array([[exponent]])
@@ -352,13 +342,13 @@ def test_slopes_are_derivatives_and_finite_in_a_cusp() -> None:
     assert power_slopes(np.zeros((1, 1)), np.ones((1, 1)), np.array([[0.1]]))[0, 0] == 0.0
 
 
-def test_no_power_overflows() -> None:
+def test_no_power_overflows():
     huge, g = np.array([[1e300]]), np.array([[100.0]])
     assert powers(huge, g)[0, 0] == pytest.approx(LARGEST**100)
     assert np.isfinite(power_slopes(huge, np.array([[1.0]]), g)).all()
 
 
-def test_a_line_from_a_cusp_upwards_has_a_gap_and_no_slope() -> None:
+def test_a_line_from_a_cusp_upwards_has_a_gap_and_no_slope():
     line = line_above(np.zeros((1, 1)), np.ones((1, 1)), np.array([[0.5]]), np.array([0.04]))
     assert line.slope[0, 0] == 0.0
     assert line.gap[0, 0] == pytest.approx(0.2)

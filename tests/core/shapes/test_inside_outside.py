@@ -8,16 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.arrays import Floats
 from palpate.core.shapes.superquadrics import inside_outside
 
 EPS = float(np.finfo(float).eps)
 
 
-def exact(points: Floats, exponents: Floats) -> tuple[Floats, Floats]:
+def exact(points, exponents):
     """The logarithm of F in 50 digits, rounded, and by how much what is given misses it."""
 
-    def one(point: Floats) -> mpmath.mpf:
+    def one(point):
         x, y, z = (abs(mpmath.mpf(float(value))) for value in point)
         across = x ** (2 / e2) + y ** (2 / e2)
         return e1 * mpmath.log(across ** (e2 / e1) + z ** (2 / e1))
@@ -30,7 +29,7 @@ def exact(points: Floats, exponents: Floats) -> tuple[Floats, Floats]:
     return np.array([float(w) for w in wanted]), np.array(errors)
 
 
-def test_log_f_has_all_its_digits_for_points_near_and_far() -> None:
+def test_log_f_has_all_its_digits_for_points_near_and_far():
     rng = np.random.default_rng(0)
     for _ in range(25):
         exponents = np.exp(rng.uniform(math.log(0.05), math.log(2.0), 2))
@@ -40,7 +39,7 @@ def test_log_f_has_all_its_digits_for_points_near_and_far() -> None:
         assert exact(points, exponents)[1].max() <= 16 * EPS
 
 
-def test_log_f_has_its_digits_for_points_next_to_the_axes_and_very_far() -> None:
+def test_log_f_has_its_digits_for_points_next_to_the_axes_and_very_far():
     rng = np.random.default_rng(1)
     for _ in range(25):
         exponents = np.exp(rng.uniform(math.log(0.01), math.log(2.0), 2))
@@ -49,7 +48,7 @@ def test_log_f_has_its_digits_for_points_next_to_the_axes_and_very_far() -> None
         assert (error <= (4 + 2 * np.abs(value)) * EPS).all()
 
 
-def test_the_surface_of_a_ball_has_log_f_0() -> None:
+def test_the_surface_of_a_ball_has_log_f_0():
     directions = np.random.default_rng(2).normal(size=(100, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     assert np.abs(inside_outside(directions, [1.0, 1.0]).value).max() <= 4 * EPS
@@ -73,7 +72,7 @@ def test_f_is_homogeneous_of_degree_2(
 
 
 @pytest.mark.parametrize("exponents", [[0.1, 0.1], [1.0, 1.0], [0.3, 1.7], [2.0, 2.0]])
-def test_the_derivatives_are_those_of_differences(exponents: list[float]) -> None:
+def test_the_derivatives_are_those_of_differences(exponents):
     points = np.random.default_rng(3).uniform(0.2, 2.0, (60, 3)) * [1, -1, 1]
     found, step = inside_outside(points, exponents), 1e-6
     for axis in range(3):
@@ -93,12 +92,12 @@ def test_the_derivatives_are_those_of_differences(exponents: list[float]) -> Non
 
 
 @pytest.mark.parametrize("exponents", [[0.0, 1.0], [1.0, 2.1], [-1.0, 1.0]])
-def test_exponents_out_of_range_are_refused(exponents: list[float]) -> None:
+def test_exponents_out_of_range_are_refused(exponents):
     with pytest.raises(ValueError, match=r"exponents must be above 0 and up to 2, got \["):
         inside_outside(np.ones((1, 3)), exponents)
 
 
-def test_points_that_are_none_are_refused() -> None:
+def test_points_that_are_none_are_refused():
     with pytest.raises(ValueError, match="scaled must be finite"):
         inside_outside([[0.0, math.nan, 1.0]], [1.0, 1.0])
     with pytest.raises(ValueError, match=r"scaled must have shape \(any, 3\)"):

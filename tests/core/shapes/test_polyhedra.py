@@ -1,16 +1,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.arrays import Floats
 from palpate.core.geometry.meshes import is_closed
-from palpate.core.shapes.polyhedra import FEW_TRIANGLES, Polyhedron, WingedEdges, winged_edges
+from palpate.core.shapes.polyhedra import FEW_TRIANGLES, Polyhedron, winged_edges
 from palpate.core.shapes.protocol import INSIDE, MISS
 
 CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float) * 0.06
@@ -18,7 +16,7 @@ CUBE = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-def prism(outline: Any, height: float) -> tuple[Floats, list[list[int]]]:
+def prism(outline, height):
     """A polygon (n, 2) carried upwards."""
     flat = np.asarray(outline, float)
     n = len(flat)
@@ -34,7 +32,7 @@ STAR = np.array(
 L_SHAPE = [[0, 0], [0.04, 0], [0.04, 0.02], [0.02, 0.02], [0.02, 0.04], [0, 0.04]]
 
 
-def winding(vertices: Floats, faces: Any, points: Floats) -> Floats:
+def winding(vertices, faces, points):
     """Winding number of a closed mesh about points, by solid angles (van Oosterom, 1983)."""
     a, b, c = vertices[faces].transpose(1, 0, 2)[:, None] - points[:, None]
     na, nb, nc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
@@ -43,7 +41,7 @@ def winding(vertices: Floats, faces: Any, points: Floats) -> Floats:
     return np.asarray(np.arctan2(above, below).sum(axis=1) / (2 * math.pi))
 
 
-def test_a_cube_knows_its_volume_bounds_and_edges() -> None:
+def test_a_cube_knows_its_volume_bounds_and_edges():
     cube = Polyhedron(CORNERS, CUBE)
     assert cube.volume == pytest.approx(0.06**3)
     assert np.allclose(cube.bounds(), [[0, 0, 0], [0.06, 0.06, 0.06]])
@@ -52,7 +50,7 @@ def test_a_cube_knows_its_volume_bounds_and_edges() -> None:
     assert is_closed(cube.mesh(0).faces)
 
 
-def test_faces_that_all_look_inwards_are_turned() -> None:
+def test_faces_that_all_look_inwards_are_turned():
     turned = Polyhedron(CORNERS, [face[::-1] for face in CUBE])
     assert turned.volume == pytest.approx(0.06**3)
     origins = np.array([[0.01, 0.01, 0.1], [0.01, 0.01, 0.03], [0.07, 0.01, 0.1]])
@@ -64,7 +62,7 @@ def test_faces_that_all_look_inwards_are_turned() -> None:
 
 
 @pytest.mark.parametrize("outline", [L_SHAPE, STAR])
-def test_faces_that_are_not_convex_are_cut_right(outline: Any) -> None:
+def test_faces_that_are_not_convex_are_cut_right(outline):
     corners, faces = prism(outline, 0.03)
     solid = Polyhedron(corners, faces)
     flat = np.asarray(outline)
@@ -74,7 +72,7 @@ def test_faces_that_are_not_convex_are_cut_right(outline: Any) -> None:
     assert is_closed(solid.mesh(0).faces)
 
 
-def test_rays_agree_with_the_winding_number_along_them() -> None:
+def test_rays_agree_with_the_winding_number_along_them():
     corners, faces = prism(STAR, 0.05)
     solid, rng = Polyhedron(corners, faces), np.random.default_rng(3)
     mesh = solid.mesh(0)
@@ -121,7 +119,7 @@ def test_turn_scale_and_shift_carry_over(
     assert moved.volume == pytest.approx(scale**3 * 0.06**3, rel=1e-9)
 
 
-def test_many_faces_are_cast_as_well() -> None:
+def test_many_faces_are_cast_as_well():
     from palpate.core.shapes.tessellations import icosphere
 
     directions, faces = icosphere(3)
@@ -131,7 +129,7 @@ def test_many_faces_are_cast_as_well() -> None:
     assert found[0] == pytest.approx(0.07, abs=1e-7)
 
 
-def bent(corner: int, by: list[float]) -> Floats:
+def bent(corner, by):
     moved = CORNERS.copy()
     moved[corner] += by
     return moved
@@ -156,12 +154,12 @@ def bent(corner: int, by: list[float]) -> Floats:
         (CORNERS, CUBE[:5], "the surface must be closed"),
     ],
 )
-def test_what_is_no_polyhedron_is_refused(vertices: Floats, faces: Any, sentence: str) -> None:
+def test_what_is_no_polyhedron_is_refused(vertices, faces, sentence):
     with pytest.raises(ValueError, match=sentence):
         Polyhedron(vertices, faces)
 
 
-def test_a_face_that_crosses_itself_or_has_no_area_is_refused() -> None:
+def test_a_face_that_crosses_itself_or_has_no_area_is_refused():
     bow = [[0, 0], [0.04, 0.03], [0.04, 0], [0, 0.04]]
     with pytest.raises(ValueError, match=r"faces\[0\] crosses itself"):
         Polyhedron(*prism(bow, 0.03))
@@ -170,13 +168,13 @@ def test_a_face_that_crosses_itself_or_has_no_area_is_refused() -> None:
         Polyhedron(*prism(line, 0.03))
 
 
-def test_a_polyhedron_that_encloses_nothing_is_refused_however_it_lies() -> None:
+def test_a_polyhedron_that_encloses_nothing_is_refused_however_it_lies():
     sheet = np.array([[0, 0, 0], [0.04, 0, 0.03], [0.04, 0.04, 0.07], [0, 0.04, 0.04]])
     with pytest.raises(ValueError, match="faces enclose nothing"):
         Polyhedron(sheet, [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
 
 
-def test_the_function_is_the_distance_and_its_slope() -> None:
+def test_the_function_is_the_distance_and_its_slope():
     cube = Polyhedron(CORNERS, CUBE)
     low, high = cube.enclosure()
     rng = np.random.default_rng(7)
@@ -191,7 +189,7 @@ def test_the_function_is_the_distance_and_its_slope() -> None:
     assert np.median(np.abs(cube.inside_out(points, towards)[1] - numeric)) < 1e-8
 
 
-def test_on_a_face_the_slope_is_that_along_its_normal() -> None:
+def test_on_a_face_the_slope_is_that_along_its_normal():
     cube = Polyhedron(CORNERS, CUBE)
     low, high = cube.enclosure()
     on_top = np.append((0.6 * low + 0.4 * high)[:2], high[2])[None]
@@ -200,11 +198,11 @@ def test_on_a_face_the_slope_is_that_along_its_normal() -> None:
     assert slope[0] == pytest.approx(2.0)
 
 
-def other(faces: list[list[int]], by: int) -> list[list[int]]:
+def other(faces, by):
     return [[corner + by for corner in face] for face in faces]
 
 
-def frame() -> list[list[int]]:
+def frame():
     """A square ring with a square hole: 16 vertices, genus 1."""
     found = []
     for k in range(4):
@@ -216,11 +214,11 @@ def frame() -> list[list[int]]:
 
 
 @pytest.fixture
-def cube() -> WingedEdges:
+def cube():
     return winged_edges(CUBE, 8)
 
 
-def test_a_cube_has_its_twelve_edges_each_with_two_faces(cube: WingedEdges) -> None:
+def test_a_cube_has_its_twelve_edges_each_with_two_faces(cube):
     assert len(cube.ends) == 12
     assert cube.euler == 2
     assert (cube.genus, cube.shells) == (0, 1)
@@ -228,7 +226,7 @@ def test_a_cube_has_its_twelve_edges_each_with_two_faces(cube: WingedEdges) -> N
     assert np.bincount(cube.faces.ravel()).tolist() == [4] * 6
 
 
-def test_wings_go_around_the_faces(cube: WingedEdges) -> None:
+def test_wings_go_around_the_faces(cube):
     for edge, (ends, faces) in enumerate(zip(cube.ends, cube.faces, strict=True)):
         for side, face in enumerate(faces):
             around = cube.edges_of_face(int(face)).tolist()
@@ -240,14 +238,14 @@ def test_wings_go_around_the_faces(cube: WingedEdges) -> None:
             assert corners[(corners.index(first) + 1) % 4] == last
 
 
-def test_a_faces_edges_and_neighbours_are_told_in_order(cube: WingedEdges) -> None:
+def test_a_faces_edges_and_neighbours_are_told_in_order(cube):
     assert cube.vertices_of_face(2).tolist() == [0, 1, 5, 4]
     ends = [set(pair) for pair in cube.ends[cube.edges_of_face(2)].tolist()]
     assert ends == [{0, 1}, {1, 5}, {5, 4}, {4, 0}]
     assert cube.neighbours_of_face(2).tolist() == [0, 5, 1, 4]
 
 
-def test_edges_and_faces_around_a_vertex_are_told_in_order(cube: WingedEdges) -> None:
+def test_edges_and_faces_around_a_vertex_are_told_in_order(cube):
     for vertex in range(8):
         edges, faces = cube.edges_of_vertex(vertex), cube.faces_of_vertex(vertex)
         assert len(edges) == len(faces) == 3
@@ -263,14 +261,14 @@ def test_edges_and_faces_around_a_vertex_are_told_in_order(cube: WingedEdges) ->
     assert [ends[(start + i) % 3] for i in range(3)] == [1, 4, 2]
 
 
-def test_a_ring_has_a_hole_and_two_cubes_are_two_shells() -> None:
+def test_a_ring_has_a_hole_and_two_cubes_are_two_shells():
     ring = winged_edges(frame(), 16)
     assert (ring.euler, ring.genus, ring.shells) == (0, 1, 1)
     two = winged_edges(CUBE + other(CUBE, 8), 16)
     assert (two.euler, two.genus, two.shells) == (4, 0, 2)
 
 
-def test_many_faces_hang_together() -> None:
+def test_many_faces_hang_together():
     from palpate.core.shapes.tessellations import icosphere
 
     directions, faces = icosphere(4)
@@ -300,8 +298,6 @@ def test_many_faces_hang_together() -> None:
         ),
     ],
 )
-def test_what_is_no_closed_surface_is_refused(
-    faces: list[list[int]], vertices: int, sentence: str
-) -> None:
+def test_what_is_no_closed_surface_is_refused(faces, vertices, sentence):
     with pytest.raises(ValueError, match=sentence):
         winged_edges(faces, vertices)

@@ -16,7 +16,7 @@ from palpate.core.shapes.superquadrics import Superquadric
 Draw = Callable[[int], Floats]
 
 
-def test_rays_move_with_the_shape(box: Superquadric, rotations: Draw) -> None:
+def test_rays_move_with_the_shape(box, rotations):
     rng = np.random.default_rng(4)
     for axes in rotations(20):
         pose = pose_of(rng.normal(size=3), axes)
@@ -61,22 +61,20 @@ def test_casts_at_a_posed_solid_are_posed_casts(
         assert np.allclose(shape.gauge(at), 1.0, rtol=0, atol=1e-12)
 
 
-def test_the_mesh_moves_with_the_shape(box: Superquadric, rotations: Draw) -> None:
+def test_the_mesh_moves_with_the_shape(box, rotations):
     pose = pose_of(np.array([0.1, 0.2, 0.3]), rotations(1)[0])
     vertices, faces = PosedShape(box, pose).mesh(2)
     assert np.allclose(vertices, transform_points(pose, box.mesh(2).vertices), atol=1e-15)
     assert np.array_equal(faces, box.mesh(2).faces)
 
 
-def test_the_bounds_of_an_upright_shape_are_exact(box: Superquadric) -> None:
+def test_the_bounds_of_an_upright_shape_are_exact(box):
     shift = np.array([0.1, -0.2, 0.3])
     posed = PosedShape(box, np.concatenate([shift, IDENTITY_POSE[3:]]))
     assert np.array_equal(posed.bounds(), box.bounds() + shift)
 
 
-def test_the_bounds_of_a_turned_shape_are_those_of_what_it_looks_like(
-    ball: Superquadric, rotations: Draw
-) -> None:
+def test_the_bounds_of_a_turned_shape_are_those_of_what_it_looks_like(ball, rotations):
     shift = np.array([0.1, -0.2, 0.3])
     posed = PosedShape(ball, pose_of(shift, rotations(1)[0]))
     # The tessellation's corners lie some 0.5 % of the radius apart.
@@ -87,7 +85,7 @@ def test_the_bounds_of_a_turned_shape_are_those_of_what_it_looks_like(
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-def test_a_posed_solid_is_where_it_stands() -> None:
+def test_a_posed_solid_is_where_it_stands():
     turn = np.array([0.0, np.sin(0.4), 0.0, np.cos(0.4)])
     egg = Superquadric(np.array([0.02, 0.03, 0.05]), np.array([0.7, 1.2]))
     posed = PosedSolid(egg, np.concatenate([[0.1, 0.2, 0.3], turn]))

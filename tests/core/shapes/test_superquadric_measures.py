@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 
 import mpmath
@@ -7,12 +5,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from palpate.core.arrays import Floats
 from palpate.core.geometry.meshes import areas_and_normals
 from palpate.core.geometry.nearest import nearest_points, nearest_search
 from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.global_deformations import Bend, Taper
-from palpate.core.shapes.protocol import Mesh
 from palpate.core.shapes.superquadric_measures import (
     area_samples,
     sampled_surface,
@@ -25,7 +21,7 @@ from palpate.core.shapes.tessellations import icosphere
 SIZE = np.array([0.3, 0.2, 0.4])
 
 
-def by_tetrahedra(mesh: Mesh) -> tuple[float, np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
+def by_tetrahedra(mesh):
     """Volume and second moments of a closed mesh, exactly."""
     corners = mesh.vertices[mesh.faces]
     six = np.einsum("mi,mi->m", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
@@ -35,7 +31,7 @@ def by_tetrahedra(mesh: Mesh) -> tuple[float, np.ndarray[tuple[int, ...], np.dty
     return float(six.sum() / 6.0), second / 120.0
 
 
-def test_volumes_of_known_solids() -> None:
+def test_volumes_of_known_solids():
     product = float(np.prod(SIZE))
     assert superquadric_volume(SIZE, [1.0, 1.0]) == pytest.approx(
         4 / 3 * math.pi * product, rel=1e-14
@@ -48,7 +44,7 @@ def test_volumes_of_known_solids() -> None:
 
 
 @pytest.mark.parametrize("exponents", [[1e-3, 1e-3], [0.02, 2.0], [0.3, 0.8], [2.0, 1.5]])
-def test_the_volume_has_14_digits(exponents: list[float]) -> None:
+def test_the_volume_has_14_digits(exponents):
     with mpmath.workdps(40):
         e1, e2 = (mpmath.mpf(e) for e in exponents)
         beta = mpmath.beta
@@ -57,7 +53,7 @@ def test_the_volume_has_14_digits(exponents: list[float]) -> None:
     assert superquadric_volume(SIZE, exponents) == pytest.approx(wanted, rel=2e-14)
 
 
-def test_the_moments_of_a_ball_and_of_a_nearly_square_box() -> None:
+def test_the_moments_of_a_ball_and_of_a_nearly_square_box():
     ball = superquadric_moments(Superquadric(np.full(3, 0.5), np.ones(2)))
     assert np.allclose(ball.second, 4 * math.pi / 15 * 0.5**5 * np.eye(3), rtol=1e-14)
     assert np.allclose(ball.inertia(), 8 * math.pi / 15 * 0.5**5 * np.eye(3), rtol=1e-14)
@@ -67,7 +63,7 @@ def test_the_moments_of_a_ball_and_of_a_nearly_square_box() -> None:
 
 @pytest.mark.parametrize("exponents", [[0.2, 0.2], [1.0, 1.0], [0.5, 1.6], [2.0, 2.0]])
 @pytest.mark.parametrize("taper", [[0.0, 0.0], [0.6, -0.4], [-0.9, -0.9]])
-def test_moments_are_those_of_a_fine_mesh(exponents: list[float], taper: list[float]) -> None:
+def test_moments_are_those_of_a_fine_mesh(exponents, taper):
     shape = Superquadric(SIZE, np.array(exponents))
     found = superquadric_moments(shape, taper)
     coarse, fine = (
@@ -80,7 +76,7 @@ def test_moments_are_those_of_a_fine_mesh(exponents: list[float], taper: list[fl
     assert np.allclose(found.second, second, rtol=5e-5, atol=5e-5 * np.abs(second).max())
 
 
-def test_a_taper_adds_the_moment_that_its_polynomial_says() -> None:
+def test_a_taper_adds_the_moment_that_its_polynomial_says():
     shape = Superquadric(SIZE, np.array([0.7, 1.2]))
     plain, tapered = superquadric_moments(shape), superquadric_moments(shape, [0.5, -0.6])
     assert plain.volume == pytest.approx(superquadric_volume(SIZE, [0.7, 1.2]), rel=1e-14)
@@ -90,7 +86,7 @@ def test_a_taper_adds_the_moment_that_its_polynomial_says() -> None:
     assert tapered.centroid == pytest.approx([0.0, 0.0, rise / tapered.volume], rel=1e-13)
 
 
-def test_a_bend_keeps_the_volume() -> None:
+def test_a_bend_keeps_the_volume():
     shape = Superquadric(SIZE, np.array([0.7, 1.2]))
     taper = np.array([0.3, -0.2])
     straight, bent = (
@@ -100,7 +96,7 @@ def test_a_bend_keeps_the_volume() -> None:
     assert bent == pytest.approx(straight, rel=2e-4)
 
 
-def test_what_has_no_volume_is_refused() -> None:
+def test_what_has_no_volume_is_refused():
     with pytest.raises(ValueError, match=r"size must be positive, got \[0.0, 1.0, 1.0\] m"):
         superquadric_volume([0.0, 1.0, 1.0], [1.0, 1.0])
     with pytest.raises(ValueError, match=r"exponents must be positive, got \[0.0, 1.0\]"):
@@ -113,7 +109,7 @@ COUNT = 20_000
 STRAIGHT = np.zeros(2)
 
 
-def unlikely(sampled: Floats, base: Superquadric, taper: Floats, bend: Bend) -> float:
+def unlikely(sampled, base, taper, bend):
     """Probability of a scatter as wide, if the samples are even over the facets of a fine mesh.
 
     Facets are put together by the 80 facets of a coarse one that they stand over.
@@ -134,9 +130,7 @@ def unlikely(sampled: Floats, base: Superquadric, taper: Floats, bend: Bend) -> 
 @pytest.mark.parametrize(
     ("taper", "curvature"), [((0.0, 0.0), 0.0), ((0.7, -0.5), 0.0), ((0.4, 0.2), 1.8)]
 )
-def test_samples_are_even_over_the_surface(
-    exponent: float, taper: tuple[float, float], curvature: float
-) -> None:
+def test_samples_are_even_over_the_surface(exponent, taper, curvature):
     base, bend = Superquadric(SIZE, np.full(2, exponent)), Bend(curvature, 0.7)
     surface = sampled_surface(base, np.array(taper), bend)
     sampled = area_samples(surface, COUNT, np.random.default_rng(0))
@@ -145,7 +139,7 @@ def test_samples_are_even_over_the_surface(
     assert unlikely(sampled, base, np.array(taper), bend) > 1e-3
 
 
-def test_even_in_the_parameters_is_not_even_and_the_test_sees_it() -> None:
+def test_even_in_the_parameters_is_not_even_and_the_test_sees_it():
     base = Superquadric(SIZE, np.full(2, 0.1))
     rng = np.random.default_rng(0)
     eta = np.arcsin(rng.uniform(-1, 1, COUNT))
@@ -155,7 +149,7 @@ def test_even_in_the_parameters_is_not_even_and_the_test_sees_it() -> None:
     assert unlikely(by_rays, base, STRAIGHT, Bend(0.0)) < 1e-9
 
 
-def test_the_area_is_that_of_known_solids() -> None:
+def test_the_area_is_that_of_known_solids():
     ball = sampled_surface(Superquadric(np.full(3, 0.5), np.ones(2)))
     assert ball.area == pytest.approx(math.pi, rel=1e-5)
     octahedron = sampled_surface(Superquadric(np.full(3, 0.5), np.full(2, 2.0)))
@@ -164,7 +158,7 @@ def test_the_area_is_that_of_known_solids() -> None:
     assert box.area == pytest.approx(6.0, rel=0.03)
 
 
-def test_samples_depend_on_the_generator_alone() -> None:
+def test_samples_depend_on_the_generator_alone():
     surface = sampled_surface(Superquadric(SIZE, np.ones(2)))
     first, again, other = (
         area_samples(surface, 50, np.random.default_rng(seed)) for seed in (3, 3, 4)
@@ -174,7 +168,7 @@ def test_samples_depend_on_the_generator_alone() -> None:
     assert area_samples(surface, 0, np.random.default_rng(3)).shape == (0, 3)
 
 
-def test_a_solid_that_its_bend_folds_is_refused() -> None:
+def test_a_solid_that_its_bend_folds_is_refused():
     with pytest.raises(ValueError, match="all that is bent must be nearer"):
         sampled_surface(Superquadric(SIZE, np.ones(2)), STRAIGHT, Bend(5.0, 0.0))
     with pytest.raises(ValueError, match="taper must lie between -1 and 1"):

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
@@ -9,9 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.arrays import Floats
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
-from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.shapes.tessellations import icosphere
 from palpate.core.shapes.triangle_meshes import MOST_LAYERS, CrossedMesh, TriangleShape
 
@@ -20,7 +17,7 @@ BACKENDS = [False, pytest.param(True, marks=pytest.mark.skipif(NO_EMBREE, reason
 PLANE = 1e-13  # Ranges are those of the faces' planes in double precision, m
 
 
-def some_rays(count: int) -> list[tuple[Floats, Floats]]:
+def some_rays(count):
     """Origins (64, 3) around a unit ball and a direction, from all sides."""
     rng = np.random.default_rng(7)
     rays = []
@@ -32,7 +29,7 @@ def some_rays(count: int) -> list[tuple[Floats, Floats]]:
 
 
 @pytest.mark.skipif(NO_EMBREE, reason="no Embree here")
-def test_embree_and_the_z_buffer_agree(box: Superquadric) -> None:
+def test_embree_and_the_z_buffer_agree(box):
     mesh = box.mesh(4)
     embree, zbuffer = TriangleShape(*mesh), TriangleShape(*mesh, embree=False)
     hits = 0
@@ -47,9 +44,7 @@ def test_embree_and_the_z_buffer_agree(box: Superquadric) -> None:
 
 
 @pytest.mark.parametrize("embree", BACKENDS)
-def test_facets_stand_off_from_the_ball_by_no_more_than_their_sag(
-    embree: bool, ball: Superquadric
-) -> None:
+def test_facets_stand_off_from_the_ball_by_no_more_than_their_sag(embree, ball):
     level = 4
     directions, faces = icosphere(level)
     facets = TriangleShape(0.03 * directions, faces, embree)
@@ -67,16 +62,14 @@ def test_facets_stand_off_from_the_ball_by_no_more_than_their_sag(
 
 
 @pytest.mark.parametrize("embree", BACKENDS)
-def test_a_ray_inside_says_so_even_if_its_exit_is_out_of_reach(
-    embree: bool, ball: Superquadric
-) -> None:
+def test_a_ray_inside_says_so_even_if_its_exit_is_out_of_reach(embree, ball):
     facets = TriangleShape(*ball.mesh(2), embree)
     origins = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, -0.01]])
     assert (facets.cast(origins, np.array([0.6, 0.0, 0.8]), 1e-6) == INSIDE).all()
 
 
 @pytest.mark.parametrize("embree", BACKENDS)
-def test_a_ray_stops_at_its_reach_and_does_not_look_back(embree: bool, ball: Superquadric) -> None:
+def test_a_ray_stops_at_its_reach_and_does_not_look_back(embree, ball):
     facets = TriangleShape(*ball.mesh(3), embree)
     origin, up = np.array([[0.0, 0.0, -0.1]]), np.array([0.0, 0.0, 1.0])
     assert facets.cast(origin, up, 0.0699)[0] == MISS
@@ -86,7 +79,7 @@ def test_a_ray_stops_at_its_reach_and_does_not_look_back(embree: bool, ball: Sup
 
 
 @pytest.mark.parametrize("embree", BACKENDS)
-def test_faces_seen_edge_on_are_neither_met_nor_an_error(embree: bool) -> None:
+def test_faces_seen_edge_on_are_neither_met_nor_an_error(embree):
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     faces = np.array([[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)], np.int32)
@@ -97,7 +90,7 @@ def test_faces_seen_edge_on_are_neither_met_nor_an_error(embree: bool) -> None:
     assert found[1:].tolist() == [MISS, INSIDE, MISS]
 
 
-def test_no_ray_of_the_z_buffer_slips_between_two_triangles(ball: Superquadric) -> None:
+def test_no_ray_of_the_z_buffer_slips_between_two_triangles(ball):
     directions, faces = icosphere(2)
     facets = TriangleShape(directions, faces, embree=False)
     a, b, c = directions[faces].transpose(1, 0, 2)
@@ -108,7 +101,7 @@ def test_no_ray_of_the_z_buffer_slips_between_two_triangles(ball: Superquadric) 
 
 
 @pytest.mark.parametrize("embree", BACKENDS)
-def test_bounds_and_mesh_are_those_given(embree: bool, box: Superquadric) -> None:
+def test_bounds_and_mesh_are_those_given(embree, box):
     mesh = box.mesh(2)
     facets = TriangleShape(*mesh, embree)
     assert facets.bounds().tolist() == [
@@ -120,7 +113,7 @@ def test_bounds_and_mesh_are_those_given(embree: bool, box: Superquadric) -> Non
 
 
 @pytest.mark.parametrize("embree", BACKENDS)
-def test_first_hits_tell_the_face_and_the_place_in_it(embree: bool, box: Superquadric) -> None:
+def test_first_hits_tell_the_face_and_the_place_in_it(embree, box):
     facets = TriangleShape(*box.mesh(4), embree)
     for origins, direction in some_rays(5):
         hits = facets.first_hits(0.05 * origins, direction)
@@ -136,9 +129,7 @@ def test_first_hits_tell_the_face_and_the_place_in_it(embree: bool, box: Superqu
 
 
 @pytest.mark.parametrize("embree", BACKENDS)
-def test_a_closed_mesh_has_an_inside_and_one_with_holes_has_none(
-    embree: bool, ball: Superquadric
-) -> None:
+def test_a_closed_mesh_has_an_inside_and_one_with_holes_has_none(embree, ball):
     vertices, faces = ball.mesh(3)
     origin, up = np.zeros((1, 3)), np.array([0.0, 0.0, 1.0])
     whole, holed = (TriangleShape(vertices, some, embree) for some in (faces, faces[1:]))
@@ -150,9 +141,7 @@ def test_a_closed_mesh_has_an_inside_and_one_with_holes_has_none(
 
 
 @pytest.mark.parametrize("embree", BACKENDS)
-def test_a_mesh_given_inside_out_is_turned_wherever_it_stands(
-    embree: bool, ball: Superquadric, signed_volume: Callable[[Mesh], float]
-) -> None:
+def test_a_mesh_given_inside_out_is_turned_wherever_it_stands(embree, ball, signed_volume):
     vertices, faces = ball.mesh(3)
     for shift in (0.0, 5.0):
         for some in (faces, faces[9:]):
@@ -169,7 +158,7 @@ def test_a_mesh_given_inside_out_is_turned_wherever_it_stands(
 
 
 @pytest.mark.parametrize("embree", BACKENDS)
-def test_after_many_back_faces_a_ray_gives_up(embree: bool) -> None:
+def test_after_many_back_faces_a_ray_gives_up(embree):
     triangle = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     count = MOST_LAYERS + 2
     sheets = np.concatenate([triangle + [0.0, 0.0, 0.1 * i] for i in range(count)])
@@ -194,7 +183,7 @@ DOWN = np.array([0.0, 0.0, -1.0])
 STEPS = st.integers(-4, 4).map(lambda n: n * H / 2)
 
 
-def in_cube(origin: Floats, direction: Floats) -> tuple[float, float]:
+def in_cube(origin, direction):
     """Where a line is in the closed cube, by its three slabs."""
     begin, end = -np.inf, np.inf
     for place, slope in zip(origin, direction, strict=True):
@@ -224,7 +213,7 @@ def test_rays_through_corners_and_edges_count_them_once(
         assert spans[0, 0, 1] - spans[0, 0, 0] < 1e-15
 
 
-def test_rays_at_the_corners_of_a_ball_miss_none_of_its_faces() -> None:
+def test_rays_at_the_corners_of_a_ball_miss_none_of_its_faces():
     vertices, faces = icosphere(3)
     ball = CrossedMesh(vertices, faces)
     rng = np.random.default_rng(0)
@@ -236,7 +225,7 @@ def test_rays_at_the_corners_of_a_ball_miss_none_of_its_faces() -> None:
         assert np.isfinite(spans[:, 0, 1]).sum() == (inner @ towards < 0.0).sum()
 
 
-def test_a_start_inside_is_told_and_what_lies_behind_is_not() -> None:
+def test_a_start_inside_is_told_and_what_lies_behind_is_not():
     origins = np.array([[0.0, 0.01, z] for z in (0.1, 0.01, -H, -0.1)])
     spans = CUBE.spans(origins, DOWN)[:, 0]
     assert np.allclose(spans[0], [0.075, 0.125], rtol=0, atol=1e-15)
@@ -245,7 +234,7 @@ def test_a_start_inside_is_told_and_what_lies_behind_is_not() -> None:
     assert np.isinf(spans[2:]).all()
 
 
-def test_many_rays_are_taken_in_parts_and_none_at_all_are_no_spans() -> None:
+def test_many_rays_are_taken_in_parts_and_none_at_all_are_no_spans():
     rng = np.random.default_rng(1)
     origins = np.column_stack([rng.uniform(-0.03, 0.03, (60_000, 2)), np.full(60_000, 0.1)])
     met = np.isfinite(CUBE.spans(origins, DOWN)[:, 0, 0])

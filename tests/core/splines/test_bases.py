@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
-from palpate.core.arrays import Floats
 from palpate.core.splines.bases import (
     BLOCK,
     Basis,
@@ -40,13 +39,13 @@ SHAPES = [
 NAMES = ["double", "broken", "uniform", "linear", "quintic", "bernstein"]
 
 
-def within(basis: Basis) -> Floats:
+def within(basis):
     low, high = basis.domain
     inner = basis.knots[(basis.knots >= low) & (basis.knots <= high)]
     return np.concatenate([low + (high - low) * EVERYWHERE, inner])
 
 
-def slow(basis: Basis, i: int, degree: int, x: float) -> float:
+def slow(basis, i, degree, x):
     """Cox's and de Boor's recursion, with 0/0 as 0 and the last piece closed."""
     knots, (_, high) = basis.knots, basis.domain
     if degree == 0:
@@ -63,14 +62,14 @@ def slow(basis: Basis, i: int, degree: int, x: float) -> float:
 
 
 @pytest.mark.parametrize("basis", SHAPES, ids=NAMES)
-def test_the_functions_are_those_of_the_recursion_written_out(basis: Basis) -> None:
+def test_the_functions_are_those_of_the_recursion_written_out(basis):
     x = within(basis)[::9]
     wanted = [[slow(basis, i, basis.degree, at) for i in range(basis.count)] for at in x]
     assert np.allclose(basis.matrix(x).toarray(), wanted, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("basis", SHAPES, ids=NAMES)
-def test_values_and_all_derivatives_are_scipys(basis: Basis) -> None:
+def test_values_and_all_derivatives_are_scipys(basis):
     x, theirs = within(basis), BSpline(basis.knots, np.eye(basis.count), basis.degree)
     for order in range(basis.degree + 1):
         wanted = theirs(x, nu=order)
@@ -79,14 +78,14 @@ def test_values_and_all_derivatives_are_scipys(basis: Basis) -> None:
 
 
 @pytest.mark.parametrize("basis", SHAPES, ids=NAMES)
-def test_the_functions_sum_to_one_everywhere_and_are_never_negative(basis: Basis) -> None:
+def test_the_functions_sum_to_one_everywhere_and_are_never_negative(basis):
     values = basis.matrix(within(basis)).toarray()
     assert np.allclose(values.sum(axis=1), 1.0, rtol=0, atol=1e-15)
     assert (values >= 0.0).all()
 
 
 @pytest.mark.parametrize("basis", SHAPES, ids=NAMES)
-def test_greville_abscissae_reproduce_the_identity(basis: Basis) -> None:
+def test_greville_abscissae_reproduce_the_identity(basis):
     x = within(basis)
     assert np.allclose(basis.matrix(x) @ basis.greville(), x, rtol=0, atol=2e-15)
     assert np.allclose(basis.matrix(x, 1) @ basis.greville(), 1.0, rtol=0, atol=1e-13)
@@ -121,7 +120,7 @@ def test_mirrored_knots_give_mirrored_functions(degree: int, more: int, at: floa
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
-def test_derivatives_are_difference_quotients_of_the_order_below(order: int) -> None:
+def test_derivatives_are_difference_quotients_of_the_order_below(order):
     basis, step = clamped_basis(9, 4), 1e-6
     x = np.random.default_rng(1).uniform(0.01, 0.99, 50)
     ahead, back = basis.matrix(x + step, order - 1), basis.matrix(x - step, order - 1)
@@ -131,7 +130,7 @@ def test_derivatives_are_difference_quotients_of_the_order_below(order: int) -> 
 
 
 @pytest.mark.parametrize("degree", [1, 3, 6])
-def test_the__is_bernsteins(degree: int) -> None:
+def test_the__is_bernsteins(degree):
     x = EVERYWHERE[:, None]
     i = np.arange(degree + 1)
     binomials = np.array([comb(degree, k) for k in i])
@@ -140,7 +139,7 @@ def test_the__is_bernsteins(degree: int) -> None:
     assert np.allclose(found, wanted, rtol=0, atol=1e-14)
 
 
-def test_only_as_many_functions_as_the_degree_and_one_are_given_at_a_place() -> None:
+def test_only_as_many_functions_as_the_degree_and_one_are_given_at_a_place():
     basis = clamped_basis(9, 3)
     local = basis.nonzero(np.array([0.0, 0.5, 1.0]), 1)
     assert local.first.tolist() == [0, 3, 5]
@@ -159,25 +158,25 @@ def test_only_as_many_functions_as_the_degree_and_one_are_given_at_a_place() -> 
         ),
     ],
 )
-def test_places_that_are_none_are_refused(x: Floats, words: str) -> None:
+def test_places_that_are_none_are_refused(x, words):
     with pytest.raises(ValueError, match=words):
         clamped_basis(5).matrix(x)
 
 
-def test_a_negative_derivative_is_refused() -> None:
+def test_a_negative_derivative_is_refused():
     with pytest.raises(ValueError, match="derivatives must be 0 or more, got -1"):
         clamped_basis(5).nonzero(np.array([0.5]), -1)
     with pytest.raises(ValueError, match="derivatives must be 0 or more, got -1"):
         PeriodicBasis(5).matrix(np.array([0.5]), -1)
 
 
-def test_knots_that_are_none_are_refused() -> None:
+def test_knots_that_are_none_are_refused():
     with pytest.raises(ValueError, match="knots must not fall"):
         Basis(np.array([0, 1, 0.5, 2.0]), 1)
 
 
 @pytest.mark.parametrize(("count", "degree"), [(4, 3), (5, 3), (48, 3), (2, 1), (7, 5)])
-def test_the_periodic_basis_sums_to_one_all_around(count: int, degree: int) -> None:
+def test_the_periodic_basis_sums_to_one_all_around(count, degree):
     turns = np.concatenate([EVERYWHERE, -EVERYWHERE, 5 * EVERYWHERE])
     basis = PeriodicBasis(count, degree).matrix(turns)
     assert basis.shape == (len(turns), count)
@@ -185,14 +184,14 @@ def test_the_periodic_basis_sums_to_one_all_around(count: int, degree: int) -> N
     assert np.allclose(basis.toarray().sum(axis=1), 1.0, rtol=0, atol=1e-14)
 
 
-def test_a_whole_turn_changes_nothing() -> None:
+def test_a_whole_turn_changes_nothing():
     turns = np.array([-0.3, 0.0, -1e-17, 0.25, 0.999])
     here = PeriodicBasis(12).matrix(turns).toarray()
     assert np.allclose(PeriodicBasis(12).matrix(turns + 1.0).toarray(), here, atol=1e-14)
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
-def test_the_periodic_basis_has_no_seam(order: int) -> None:
+def test_the_periodic_basis_has_no_seam(order):
     coefficients, step = np.random.default_rng(2).normal(size=11), 1e-9
     for knot in (0.0, 3 / 11):
         ends = PeriodicBasis(11).matrix(np.array([knot - step, knot + step]), order)
@@ -200,7 +199,7 @@ def test_the_periodic_basis_has_no_seam(order: int) -> None:
         assert jump < 3 * step * 11 ** (order + 1) * 8 * np.abs(coefficients).max()
 
 
-def test_shifting_the_coefficients_turns_the_curve() -> None:
+def test_shifting_the_coefficients_turns_the_curve():
     coefficients = np.random.default_rng(2).normal(size=9)
     turns, basis = np.linspace(0.0, 1.0, 40), PeriodicBasis(9)
     moved = basis.matrix(turns + 1 / 9) @ np.roll(coefficients, 1)
@@ -208,7 +207,7 @@ def test_shifting_the_coefficients_turns_the_curve() -> None:
 
 
 @pytest.mark.parametrize("degree", [2, 3])
-def test_periodic_coefficients_stand_where_their_functions_are_symmetric(degree: int) -> None:
+def test_periodic_coefficients_stand_where_their_functions_are_symmetric(degree):
     basis = PeriodicBasis(8, degree)
     places = basis.greville()
     left, right = basis.matrix(places - 0.07), basis.matrix(places + 0.07)
@@ -216,36 +215,36 @@ def test_periodic_coefficients_stand_where_their_functions_are_symmetric(degree:
     assert np.allclose(np.diff(places), 1 / 8, atol=1e-15)
 
 
-def test_a_circle_of_too_few_coefficients_is_refused() -> None:
+def test_a_circle_of_too_few_coefficients_is_refused():
     with pytest.raises(ValueError, match="count must be larger than the degree 3, got 3"):
         PeriodicBasis(3)
 
 
-def test_clamped_knots_are_even_between_repeated_ends() -> None:
+def test_clamped_knots_are_even_between_repeated_ends():
     assert clamped_knots(6).tolist() == pytest.approx([0, 0, 0, 0, 1 / 3, 2 / 3, 1, 1, 1, 1])
     assert clamped_knots(4).tolist() == [0, 0, 0, 0, 1, 1, 1, 1]  # Bernstein polynomials
 
 
-def test_uniform_knots_run_on_in_even_steps_beyond_the_domain() -> None:
+def test_uniform_knots_run_on_in_even_steps_beyond_the_domain():
     knots = uniform_knots(7, 3)
     assert len(knots) == 7 + 3 + 1
     assert np.allclose(np.diff(knots), 0.25, rtol=0, atol=1e-15)
     assert (knots[3], knots[7]) == (0.0, 1.0)
 
 
-def test_periodic_knots_hold_one_turn_and_what_comes_again() -> None:
+def test_periodic_knots_hold_one_turn_and_what_comes_again():
     knots = periodic_knots(5, 2)
     assert len(knots) == 5 + 2 * 2 + 1
     assert np.allclose(knots * 5, np.arange(-2, 8), rtol=0, atol=1e-15)
 
 
-def test_averaged_knots_are_means_of_as_many_sites_as_the_degree() -> None:
+def test_averaged_knots_are_means_of_as_many_sites_as_the_degree():
     sites = np.array([0.0, 1.0, 3.0, 4.0, 8.0, 10.0])
     assert averaged_knots(sites, 3)[3:-3].tolist() == pytest.approx([0, 8 / 3, 5, 10])
     assert averaged_knots(sites, 5).tolist() == [0.0] * 6 + [10.0] * 6
 
 
-def test_greville_abscissae_are_means_of_as_many_knots_as_the_degree() -> None:
+def test_greville_abscissae_are_means_of_as_many_knots_as_the_degree():
     knots = np.array([0, 0, 0, 1, 4, 4, 4.0])
     assert Basis(knots, 2).greville().tolist() == [0.0, 0.5, 2.5, 4.0]
 
@@ -264,7 +263,7 @@ def test_greville_abscissae_never_fall_and_end_where_clamped_knots_do(
     assert (places[0], places[-1]) == (0.0, 1.0)
 
 
-def test_a_checked_knot_vector_is_a_copy_that_nobody_can_write() -> None:
+def test_a_checked_knot_vector_is_a_copy_that_nobody_can_write():
     given_knots = clamped_knots(5)
     checked = check_knots(given_knots, 3)
     given_knots[4] = 7.0
@@ -285,13 +284,13 @@ def test_a_checked_knot_vector_is_a_copy_that_nobody_can_write() -> None:
         ([0, 1, 1, 2], 1, "knots leave no domain: it begins and ends at 1"),
     ],
 )
-def test_what_is_no_knot_vector_is_refused(knots: list[float], degree: int, words: str) -> None:
+def test_what_is_no_knot_vector_is_refused(knots, degree, words):
     with pytest.raises(ValueError, match=words):
         check_knots(np.array(knots, float), degree)
 
 
 @pytest.mark.parametrize("make", [clamped_knots, uniform_knots, periodic_knots])
-def test_too_few_coefficients_are_refused(make: type) -> None:
+def test_too_few_coefficients_are_refused(make):
     with pytest.raises(ValueError, match="count must be larger than the degree 3, got 3"):
         make(3, 3)
     with pytest.raises(ValueError, match="degree must be at least 1, got 0"):
@@ -306,12 +305,12 @@ def test_too_few_coefficients_are_refused(make: type) -> None:
         ([0, 0.2, math.inf, 0.6, 1], "sites must be finite"),
     ],
 )
-def test_sites_that_allow_no_knots_are_refused(sites: list[float], words: str) -> None:
+def test_sites_that_allow_no_knots_are_refused(sites, words):
     with pytest.raises(ValueError, match=words):
         averaged_knots(np.array(sites))
 
 
-def test_averages_of_no_sites_are_refused() -> None:
+def test_averages_of_no_sites_are_refused():
     with pytest.raises(ValueError, match="degree must be at least 1, got 0"):
         averaged_knots(np.arange(5.0), 0)
 
@@ -320,7 +319,7 @@ BASES = (clamped_basis(6), clamped_basis(3, 2), clamped_basis(5, 2))
 RNG = np.random.default_rng(3)
 
 
-def de_casteljau(control: Floats, at: Floats) -> Floats:
+def de_casteljau(control, at):
     """Points of a Bézier curve, surface or solid: Fung, 1999, (2.20), without its binomials."""
     points = np.broadcast_to(control, (len(at), *control.shape))
     for x in at.T:
@@ -331,7 +330,7 @@ def de_casteljau(control: Floats, at: Floats) -> Floats:
     return np.array(points)
 
 
-def dense(bases: tuple[Basis, ...], control: Floats, at: Floats, order: tuple[int, ...]) -> Floats:
+def dense(bases, control, at, order):
     """Every function times every coefficient."""
     rows = [b.matrix(x, k).toarray() for b, x, k in zip(bases, at.T, order, strict=True)]
     letters = "abc"[: len(bases)]
@@ -340,7 +339,7 @@ def dense(bases: tuple[Basis, ...], control: Floats, at: Floats, order: tuple[in
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3])
-def test_scattered_places_take_all_coefficients_that_reach_them(axes: int) -> None:
+def test_scattered_places_take_all_coefficients_that_reach_them(axes):
     bases = BASES[:axes]
     control = RNG.normal(size=(*(basis.count for basis in bases), 4))
     at = np.concatenate([RNG.random((30, axes)), np.zeros((1, axes)), np.ones((1, axes))])
@@ -352,7 +351,7 @@ def test_scattered_places_take_all_coefficients_that_reach_them(axes: int) -> No
 
 
 @pytest.mark.parametrize("order", [(0, 0, 0), (1, 0, 2), (0, 1, 0)])
-def test_a_grid_is_evaluated_as_its_places_are(order: tuple[int, ...]) -> None:
+def test_a_grid_is_evaluated_as_its_places_are(order):
     control = RNG.normal(size=(6, 3, 5, 3))
     axes = [RNG.random(4), RNG.random(2), np.array([0.0, 0.3, 1.0])]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -360,7 +359,7 @@ def test_a_grid_is_evaluated_as_its_places_are(order: tuple[int, ...]) -> None:
     assert np.allclose(evaluate_grid(BASES, control, axes, order), wanted, rtol=0, atol=1e-12)
 
 
-def test_many_places_are_taken_in_blocks_and_keep_their_order() -> None:
+def test_many_places_are_taken_in_blocks_and_keep_their_order():
     control = RNG.normal(size=(6, 1))
     at = RNG.random((BLOCK // 4 + 3, 1))
     found = evaluate_scattered(BASES[:1], control, at, [(0,)])[0]
@@ -368,14 +367,14 @@ def test_many_places_are_taken_in_blocks_and_keep_their_order() -> None:
     assert np.allclose(found[:5], BASES[0].matrix(at[:5, 0]) @ control, rtol=0, atol=1e-14)
 
 
-def test_no_places_are_no_values() -> None:
+def test_no_places_are_no_values():
     assert evaluate_scattered(
         BASES, np.zeros((6, 3, 5, 3)), np.zeros((0, 3)), [(0, 0, 0)]
     ).shape == (1, 0, 3)
 
 
 @pytest.mark.parametrize("degrees", [(4,), (3, 2), (2, 3, 5)])
-def test_bezier_solids_are_those_of_de_casteljau(degrees: tuple[int, ...]) -> None:
+def test_bezier_solids_are_those_of_de_casteljau(degrees):
     control = RNG.normal(size=(*(degree + 1 for degree in degrees), 3))
     at = np.concatenate([RNG.random((40, len(degrees))), np.ones((1, len(degrees)))])
     bases = tuple(clamped_basis(degree + 1, degree) for degree in degrees)
@@ -383,14 +382,14 @@ def test_bezier_solids_are_those_of_de_casteljau(degrees: tuple[int, ...]) -> No
     assert np.allclose(found, de_casteljau(control, at), rtol=0, atol=1e-14)
 
 
-def test_places_outside_are_refused() -> None:
+def test_places_outside_are_refused():
     with pytest.raises(ValueError, match="x must lie in the domain"):
         evaluate_scattered(BASES, np.zeros((6, 3, 5, 3)), np.array([[0.5, 1.5, 0.5]]), [(0, 0, 0)])
     with pytest.raises(ValueError, match="x must lie in the domain"):
         evaluate_grid(BASES[:1], np.zeros((6, 3)), [np.array([-0.5])])
 
 
-def test_coefficients_and_places_that_do_not_fit_the_bases_are_refused() -> None:
+def test_coefficients_and_places_that_do_not_fit_the_bases_are_refused():
     control = np.zeros((6, 3, 5, 3))
     words = r"control must have shape \(6, 3, 5, any\), got \(5, 3, 6, 3\)"
     with pytest.raises(ValueError, match=words):
@@ -401,7 +400,7 @@ def test_coefficients_and_places_that_do_not_fit_the_bases_are_refused() -> None
         evaluate_scattered(BASES, control, np.zeros((1, 2)), [(0, 0, 0)])
 
 
-def test_coefficients_orders_and_axes_that_are_none_are_refused() -> None:
+def test_coefficients_orders_and_axes_that_are_none_are_refused():
     control = np.zeros((6, 3, 5, 1))
     at, axes = np.full((1, 3), 0.5), [np.full(1, 0.5)] * 3
     for order in ((0, -1, 0), (0, 0)):
@@ -422,7 +421,7 @@ COLLOCATION_RNG = np.random.default_rng(5)
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3])
-def test_curves_surfaces_and_solids_go_through_their_values(axes: int) -> None:
+def test_curves_surfaces_and_solids_go_through_their_values(axes):
     sites = [np.sort(COLLOCATION_RNG.random(n)) for n in (7, 5, 6)[:axes]]
     bases = [Basis(averaged_knots(places, 3), 3) for places in sites]
     values = COLLOCATION_RNG.normal(size=(*(len(places) for places in sites), 2))
@@ -431,7 +430,7 @@ def test_curves_surfaces_and_solids_go_through_their_values(axes: int) -> None:
     assert found.condition >= 1.0
 
 
-def test_a_polynomial_of_the_degree_is_found_again() -> None:
+def test_a_polynomial_of_the_degree_is_found_again():
     basis = clamped_basis(9, 3)
     sites = basis.greville()
     found = interpolate_grid([basis], [sites], (sites**3 - sites)[:, None])
@@ -439,7 +438,7 @@ def test_a_polynomial_of_the_degree_is_found_again() -> None:
     assert np.allclose(basis.matrix(x) @ found.control, (x**3 - x)[:, None], rtol=0, atol=1e-14)
 
 
-def test_the_condition_is_that_of_the_whole_system() -> None:
+def test_the_condition_is_that_of_the_whole_system():
     bases = [clamped_basis(5), clamped_basis(6)]
     sites = [basis.greville() for basis in bases]
     whole = np.kron(*(b.matrix(x).toarray() for b, x in zip(bases, sites, strict=True)))
@@ -460,7 +459,7 @@ def test_what_counts_as_interpolable_is_what_has_a_solution(places: list[float])
 @pytest.mark.parametrize(
     "sites", [[0, 0.2, 0.4, 0.6, 1], [0, 0.2, 0.2, 0.4, 0.7, 1], [0, 0.1, 0.2, 0.25, 0.3, 0.32]]
 )
-def test_sites_that_determine_no_spline_are_refused(sites: list[float]) -> None:
+def test_sites_that_determine_no_spline_are_refused(sites):
     assert not is_interpolable(clamped_basis(6), np.array(sites))
     with pytest.raises(ValueError, match="sites of axis 0 must be 6, increase, and lie"):
         interpolate_grid([clamped_basis(6)], [np.array(sites)], np.zeros((len(sites), 1)))
@@ -473,20 +472,20 @@ def test_sites_that_determine_no_spline_are_refused(sites: list[float]) -> None:
         (np.full((6, 1), math.nan), "values must be finite"),
     ],
 )
-def test_values_that_do_not_fit_are_refused(values: Floats, words: str) -> None:
+def test_values_that_do_not_fit_are_refused(values, words):
     basis = clamped_basis(6)
     with pytest.raises(ValueError, match=words):
         interpolate_grid([basis], [basis.greville()], values)
 
 
-def test_sites_outside_are_refused() -> None:
+def test_sites_outside_are_refused():
     with pytest.raises(ValueError, match="x must lie in the domain"):
         is_interpolable(clamped_basis(4), np.array([0.0, 0.3, 0.6, 1.2]))
     with pytest.raises(ValueError, match="sites must be finite"):
         is_interpolable(clamped_basis(4), np.array([0.0, 0.3, 0.6, math.inf]))
 
 
-def test_axes_without_sites_are_refused() -> None:
+def test_axes_without_sites_are_refused():
     basis = clamped_basis(4)
     with pytest.raises(ValueError, match="sites must be given for 2 axes, got 1"):
         interpolate_grid([basis, basis], [basis.greville()], np.zeros((4, 1)))
@@ -505,7 +504,7 @@ def test_inserting_knots_changes_no_point(degree: int, new: list[float], clamped
     assert np.allclose(finer.matrix(x) @ moved, basis.matrix(x) @ control, rtol=0, atol=1e-13)
 
 
-def test_any_axis_can_be_refined() -> None:
+def test_any_axis_can_be_refined():
     bases = [clamped_basis(5), clamped_basis(4)]
     control = np.random.default_rng(0).normal(size=(5, 4, 3))
     finer, moved = insert_knots(bases[1], control, np.array([0.5, 0.5, 0.5]), axis=1)
@@ -515,7 +514,7 @@ def test_any_axis_can_be_refined() -> None:
     assert np.allclose(found, evaluate_grid(bases, control, axes), rtol=0, atol=1e-14)
 
 
-def test_a_knot_as_often_as_the_degree_makes_a_control_point_a_point() -> None:
+def test_a_knot_as_often_as_the_degree_makes_a_control_point_a_point():
     basis, control = clamped_basis(6), np.random.default_rng(1).normal(size=(6, 2))
     finer, moved = insert_knots(basis, control, np.full(3, 0.4))
     assert np.allclose(finer.matrix(np.array([0.4])) @ moved, moved[4], rtol=0, atol=1e-15)
@@ -530,16 +529,16 @@ def test_a_knot_as_often_as_the_degree_makes_a_control_point_a_point() -> None:
         ([1.0], "knots may repeat 4 times at degree 3"),
     ],
 )
-def test_knots_that_cannot_be_inserted_are_refused(new: list[float], words: str) -> None:
+def test_knots_that_cannot_be_inserted_are_refused(new, words):
     with pytest.raises(ValueError, match=words):
         insert_knots(clamped_basis(6), np.zeros((6, 1)), np.array(new))
 
 
-def test_coefficients_of_another_basis_are_refused() -> None:
+def test_coefficients_of_another_basis_are_refused():
     with pytest.raises(ValueError, match="control must have 6 coefficients, got 5"):
         insert_knots(clamped_basis(6), np.zeros((5, 1)), np.array([0.5]))
 
 
-def test_coefficients_that_are_not_finite_are_refused() -> None:
+def test_coefficients_that_are_not_finite_are_refused():
     with pytest.raises(ValueError, match="control must be finite"):
         insert_knots(clamped_basis(6), np.full((6, 1), np.nan), np.array([0.5]))

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.arrays import Floats
 from palpate.core.splines.bases import PeriodicBasis
 from palpate.core.splines.closed_curves import (
     area_vector,
@@ -28,16 +27,16 @@ from palpate.core.splines.curve_fits import (
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
 
 
-def circle(count: int) -> Floats:
+def circle(count):
     angle = 2 * np.pi * np.arange(count) / count
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def test_the_closing_chord_is_counted() -> None:
+def test_the_closing_chord_is_counted():
     assert curve_parameters(SQUARE, "chord").tolist() == [0.0, 0.25, 0.5, 0.75]
 
 
-def test_square_roots_are_taken_only_where_there_are_corners() -> None:
+def test_square_roots_are_taken_only_where_there_are_corners():
     uneven = np.array([[0, 0], [0.5, 0], [0.9, 0], [1, 0], [1, 0.5], [1, 1], [0.5, 1], [0, 1.0]])
     edges = np.concatenate(
         [
@@ -53,7 +52,7 @@ def test_square_roots_are_taken_only_where_there_are_corners() -> None:
         assert not np.allclose(chord, centripetal, atol=1e-3)
 
 
-def test_points_at_even_lengths_are_even_though_chords_across_corners_are_short() -> None:
+def test_points_at_even_lengths_are_even_though_chords_across_corners_are_short():
     closed = np.vstack([SQUARE, SQUARE[:1]])
     at = (np.arange(26) + 0.3) / 26
     points = np.column_stack([np.interp(at, np.linspace(0, 1, 5), one) for one in closed.T])
@@ -64,7 +63,7 @@ def test_points_at_even_lengths_are_even_though_chords_across_corners_are_short(
     assert np.array_equal(curve_parameters(noisy, "even"), even)
 
 
-def test_points_at_uneven_lengths_take_their_chords() -> None:
+def test_points_at_uneven_lengths_take_their_chords():
     for points in (circle(30) * [1, 3], np.delete(circle(30), [4, 5], axis=0), SQUARE * [1, 3]):
         even, chord, auto = (curve_parameters(points, kind) for kind in ("even", "chord", "auto"))
         assert np.array_equal(even, auto)
@@ -72,7 +71,7 @@ def test_points_at_uneven_lengths_take_their_chords() -> None:
         assert np.array_equal(chord, auto) or len(points) == 4
 
 
-def test_the_gap_ratio_is_that_of_the_chords() -> None:
+def test_the_gap_ratio_is_that_of_the_chords():
     assert gap_ratio(np.array([[0, 0], [1, 0], [1, 0.1], [0, 0.1]])) == pytest.approx(10.0)
 
 
@@ -90,20 +89,20 @@ def test_moved_parameters_keep_their_order_however_far_the_points_lie(
     assert (np.diff(moved, append=moved[0] + 1.0) > 0.0).all()
 
 
-def test_a_small_move_is_that_to_the_nearest_place() -> None:
+def test_a_small_move_is_that_to_the_nearest_place():
     parameters = np.arange(8) / 8
     places, slopes = circle(8), 2 * np.pi * np.roll(circle(8) @ [[0, 1], [-1, 0]], 0, axis=0)
     moved = moved_parameters(parameters, places + 1e-3 * slopes, places, slopes)
     assert np.allclose(moved, parameters + 1e-3)
 
 
-def test_where_the_curve_stands_still_parameters_stay() -> None:
+def test_where_the_curve_stands_still_parameters_stay():
     parameters = np.arange(4) / 4
     still = moved_parameters(parameters, SQUARE + 1.0, SQUARE, np.zeros((4, 2)))
     assert np.array_equal(still, parameters)
 
 
-def test_noise_between_neighbours_is_measured() -> None:
+def test_noise_between_neighbours_is_measured():
     turn = np.arange(400) / 400
     clean = circle(400)
     assert local_noise(clean, turn) == 0.0
@@ -112,7 +111,7 @@ def test_noise_between_neighbours_is_measured() -> None:
         assert local_noise(clean + across, turn) == pytest.approx(sigma, rel=0.15)
 
 
-def test_corners_are_not_noise() -> None:
+def test_corners_are_not_noise():
     turn = np.arange(80) / 80
     around = np.vstack([SQUARE, SQUARE[:1]])
     points = np.column_stack(
@@ -121,12 +120,12 @@ def test_corners_are_not_noise() -> None:
     assert local_noise(points, turn) < 1e-12
 
 
-def test_too_few_points_show_no_noise() -> None:
+def test_too_few_points_show_no_noise():
     assert local_noise(np.random.default_rng(0).normal(size=(7, 2)), np.arange(7) / 7) == 0.0
 
 
 @pytest.mark.parametrize("count", [3, 4, 5, 40])
-def test_the_interpolating_spline_passes_its_points_at_any_parameters(count: int) -> None:
+def test_the_interpolating_spline_passes_its_points_at_any_parameters(count):
     rng = np.random.default_rng(count)
     parameters = np.concatenate([[0.0], np.sort(rng.uniform(0.01, 0.99, count - 1))])
     points = rng.normal(size=(count, 2))
@@ -137,12 +136,12 @@ def test_the_interpolating_spline_passes_its_points_at_any_parameters(count: int
         assert np.allclose(first, last, rtol=1e-9, atol=1e-9)
 
 
-def test_the_condition_of_even_interpolation_is_3() -> None:
+def test_the_condition_of_even_interpolation_is_3():
     fit = interpolate_closed(circle(40), np.arange(40) / 40)
     assert fit.condition == pytest.approx(3.0, abs=1e-9)
 
 
-def test_smoothing_of_pure_noise_is_strong_and_of_a_clean_curve_weak() -> None:
+def test_smoothing_of_pure_noise_is_strong_and_of_a_clean_curve_weak():
     rng = np.random.default_rng(0)
     basis = np.repeat(np.eye(20), 4, axis=0)
     second = np.roll(np.eye(20), 1, axis=1) - 2 * np.eye(20) + np.roll(np.eye(20), -1, axis=1)
@@ -153,14 +152,14 @@ def test_smoothing_of_pure_noise_is_strong_and_of_a_clean_curve_weak() -> None:
     assert choose_smoothing(basis, bending, wave + 1e-6 * noise) == STRENGTHS[0]
 
 
-def test_smoothing_is_chosen_where_control_points_see_no_point() -> None:
+def test_smoothing_is_chosen_where_control_points_see_no_point():
     basis = np.eye(6, 12)
     second = np.roll(np.eye(12), 1, axis=1) - 2 * np.eye(12) + np.roll(np.eye(12), -1, axis=1)
     chosen = choose_smoothing(basis, second.T @ second / 6, np.arange(6.0)[:, None])
     assert STRENGTHS[0] <= chosen <= STRENGTHS[-1]
 
 
-def test_the_ring_is_the_same_wherever_two_points_tie() -> None:
+def test_the_ring_is_the_same_wherever_two_points_tie():
     twice = np.array([[1, 0], [0, 1], [-1, 0], [1, 0], [0, -1], [-1, -1.0]])
     wanted = order_closed_points(twice).points
     for shift in range(6):
@@ -170,7 +169,7 @@ def test_the_ring_is_the_same_wherever_two_points_tie() -> None:
             )
 
 
-def test_the_ring_remembers_which_points_it_is_made_of() -> None:
+def test_the_ring_remembers_which_points_it_is_made_of():
     points = np.array([[0, 0], [np.nan, 0], [2, 0], [2, 0], [2, 1], [0, 1], [0, 0.0]])
     ring = order_closed_points(points)
     assert ring.dropped == 1
@@ -179,7 +178,7 @@ def test_the_ring_remembers_which_points_it_is_made_of() -> None:
     assert area_vector(ring.points)[0] > 0.0
 
 
-def test_a_ring_that_comes_back_to_its_first_point_begins_at_one_place() -> None:
+def test_a_ring_that_comes_back_to_its_first_point_begins_at_one_place():
     spokes = np.array([[0, 0], [3, 1], [0, 2], [3, 1], [1, -1], [3, 1], [0, 0], [3, 1.0]])
     for points in (spokes, np.tile(spokes[:2], (500, 1))):
         wanted = order_closed_points(points).points
@@ -189,13 +188,13 @@ def test_a_ring_that_comes_back_to_its_first_point_begins_at_one_place() -> None
                 assert np.array_equal(found.points, wanted)
 
 
-def test_points_that_spread_too_far_are_refused() -> None:
+def test_points_that_spread_too_far_are_refused():
     with pytest.raises(ValueError, match=r"points must spread less than 1\.79769e\+308 m"):
         order_closed_points(1e308 * SQUARE - 1e308 * (1.0 - SQUARE))
 
 
 @pytest.mark.parametrize("side", [2, 3, 4, 6])
-def test_the_corners_of_a_square_of_few_points_are_not_taken_for_noise(side: int) -> None:
+def test_the_corners_of_a_square_of_few_points_are_not_taken_for_noise(side):
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     sides = [
         np.linspace(corner, following, side, endpoint=False)
@@ -206,14 +205,14 @@ def test_the_corners_of_a_square_of_few_points_are_not_taken_for_noise(side: int
     assert curve.residual < 1e-15
 
 
-def system(points: Floats, count: int) -> tuple[Floats, Floats, Floats]:
+def system(points, count):
     basis = PeriodicBasis(count).matrix(points).toarray()
     second = np.roll(np.eye(count), 1, 1) - 2 * np.eye(count) + np.roll(np.eye(count), -1, 1)
     weight = basis.T @ basis
     return weight / np.trace(weight) * count, second.T @ second / 6.0, basis
 
 
-def test_keeping_each_mode_in_part_solves_the_penalised_system() -> None:
+def test_keeping_each_mode_in_part_solves_the_penalised_system():
     rng = np.random.default_rng(0)
     points, values = rng.random(60), rng.normal(size=60)
     weight, bending, basis = system(points, 12)
@@ -226,7 +225,7 @@ def test_keeping_each_mode_in_part_solves_the_penalised_system() -> None:
         assert np.allclose(found, wanted, rtol=1e-9, atol=1e-11 * np.abs(wanted).max())
 
 
-def test_shapes_are_the_basis_times_their_coefficients_and_orthonormal() -> None:
+def test_shapes_are_the_basis_times_their_coefficients_and_orthonormal():
     weight, bending, basis = system(np.random.default_rng(1).random(50), 10)
     modes = demmler_reinsch(weight, bending, basis)
     assert np.allclose(modes.shapes, basis @ modes.control, atol=1e-12)
@@ -234,14 +233,14 @@ def test_shapes_are_the_basis_times_their_coefficients_and_orthonormal() -> None
     assert np.count_nonzero(modes.stiffness < 1e-12) == 1
 
 
-def test_what_no_point_sees_drops_out() -> None:
+def test_what_no_point_sees_drops_out():
     weight, bending, basis = system(np.linspace(0.0, 0.3, 40), 16)
     modes = demmler_reinsch(weight, bending, basis)
     assert modes.shapes.shape[1] < 16
     assert np.isfinite(modes.control).all()
 
 
-def test_what_is_lost_is_exact_however_little_it_is() -> None:
+def test_what_is_lost_is_exact_however_little_it_is():
     weight, bending, basis = system(np.arange(40) / 40, 10)
     modes = demmler_reinsch(weight, bending, basis)
     weak = np.array([1e-30])
@@ -249,7 +248,7 @@ def test_what_is_lost_is_exact_however_little_it_is() -> None:
     assert np.allclose(modes.kept(weak) + modes.lost(weak), 1.0)
 
 
-def test_bending_is_the_sum_of_squared_second_differences_over_its_mean_diagonal() -> None:
+def test_bending_is_the_sum_of_squared_second_differences_over_its_mean_diagonal():
     form, values = _bending(9), np.random.default_rng(0).normal(size=9)
     second = np.roll(values, 1) - 2.0 * values + np.roll(values, -1)
     assert values @ form @ values == pytest.approx(second @ second / 6.0)

@@ -27,21 +27,21 @@ from palpate.core.thesis.rebuilding import match_contour, ray_azimuths
 Figure = Callable[[str, int], Floats]
 
 
-def rim_of(control: Floats) -> Floats:
+def rim_of(control):
     cells = rim_cells((control.shape[0], control.shape[1]))
     return np.asarray(control[cells[:, 0], cells[:, 1]])
 
 
-def core_of(control: Floats) -> Floats:
+def core_of(control):
     return np.asarray(control[1:-1, 1:-1].reshape(-1, 2))
 
 
-def circle(count: int) -> Floats:
+def circle(count):
     turn = ray_azimuths(count)
     return np.column_stack([np.cos(turn), np.sin(turn)])
 
 
-def test_the_rim_runs_counter_clockwise_from_the_north_west() -> None:
+def test_the_rim_runs_counter_clockwise_from_the_north_west():
     cells = rim_cells((4, 5))
     assert cells[0].tolist() == [0, 4]
     assert len(np.unique(cells, axis=0)) == len(cells) == 2 * (4 + 5) - 4
@@ -49,14 +49,14 @@ def test_the_rim_runs_counter_clockwise_from_the_north_west() -> None:
     assert signed_area(cells.astype(float)) > 0.0
 
 
-def test_the_vertex_nearest_in_phase_is_found_across_the_seam() -> None:
+def test_the_vertex_nearest_in_phase_is_found_across_the_seam():
     turn = np.radians([178.0, -176.0, 90.0, 0.0])
     polygon = np.column_stack([np.cos(turn), np.sin(turn)]) + 5.0
     assert nearest_phase(polygon, np.array([5.0, 5.0]), np.array([4.0, 5.01])) == 0
     assert nearest_phase(polygon, np.array([5.0, 5.0]), np.array([4.0, 4.9])) == 1
 
 
-def test_a_layer_of_a_circle_is_upright_and_not_mirrored() -> None:
+def test_a_layer_of_a_circle_is_upright_and_not_mirrored():
     layer = make_layer(circle(80), (5, 5))
     rim = rim_of(layer.control)
     assert np.abs(np.linalg.norm(rim, axis=1) - 1.0).max() < 0.06
@@ -71,7 +71,7 @@ def test_a_layer_of_a_circle_is_upright_and_not_mirrored() -> None:
 
 @pytest.mark.parametrize("sides", [(4, 4), (5, 5), (4, 7), (9, 5)])
 @pytest.mark.parametrize("name", ["lobes", "u", "c"])
-def test_the_core_lies_inside_the_shell(name: str, sides: tuple[int, int], figure: Figure) -> None:
+def test_the_core_lies_inside_the_shell(name, sides, figure):
     points = match_contour(figure(name, 120), ray_azimuths(120)).points
     layer = make_layer(points, sides)
     assert layer.control.shape == (*sides, 2)
@@ -79,7 +79,7 @@ def test_the_core_lies_inside_the_shell(name: str, sides: tuple[int, int], figur
     assert (winding_number(rim_of(layer.control), core_of(layer.control)) == 1).all()
 
 
-def test_row_45_the_core_of_a_u_is_in_the_middle_of_its_largest_circle(figure: Figure) -> None:
+def test_row_45_the_core_of_a_u_is_in_the_middle_of_its_largest_circle(figure):
     points = match_contour(figure("u", 120), ray_azimuths(120)).points
     layer = make_layer(points, (7, 7))
     rim = rim_of(layer.control)
@@ -89,7 +89,7 @@ def test_row_45_the_core_of_a_u_is_in_the_middle_of_its_largest_circle(figure: F
     assert (winding_number(rim, core_of(layer.control)) == 1).all()
 
 
-def test_row_71_a_core_is_bounded_by_edges_and_not_by_the_lines_they_lie_on(figure: Figure) -> None:
+def test_row_71_a_core_is_bounded_by_edges_and_not_by_the_lines_they_lie_on(figure):
     turn = 2 * np.pi * np.arange(16) / 16
     polygon = (1 + 0.45 * np.cos(3 * turn))[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
     low, high = polygon.min(axis=0), polygon.max(axis=0)
@@ -115,7 +115,7 @@ def test_row_71_a_core_is_bounded_by_edges_and_not_by_the_lines_they_lie_on(figu
     ],
     ids=["point", "level", "slanted"],
 )
-def test_a_contour_that_encloses_nothing_has_a_core_in_one_place(points: Floats) -> None:
+def test_a_contour_that_encloses_nothing_has_a_core_in_one_place(points):
     layer = make_layer(points, (5, 5))
     assert np.isfinite(layer.control).all()
     assert layer.core_scale < 1e-9
@@ -126,7 +126,7 @@ SQUARE = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
 DIAMOND = np.array([[1, 0], [0, 1], [-1, 0], [0, -1.0]])
 
 
-def test_the_rectangles_of_a_square_and_a_diamond_are_the_known_ones() -> None:
+def test_the_rectangles_of_a_square_and_a_diamond_are_the_known_ones():
     assert rectangle_scale(SQUARE, np.zeros(2), np.ones(2)) == 1.0
     assert rectangle_scale(SQUARE * [3, 2], np.zeros(2), np.array([3.0, 2.0])) == 1.0
     assert rectangle_scale(SQUARE, np.array([0.5, 0.0]), np.ones(2)) == 0.5
@@ -134,13 +134,13 @@ def test_the_rectangles_of_a_square_and_a_diamond_are_the_known_ones() -> None:
     assert rectangle_scale(DIAMOND[::-1], np.zeros(2), np.ones(2)) == pytest.approx(0.5)
 
 
-def test_the_rectangle_in_a_circle_has_its_corners_on_it() -> None:
+def test_the_rectangle_in_a_circle_has_its_corners_on_it():
     turn = 2 * np.pi * np.arange(720) / 720
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
     assert rectangle_scale(circle, np.zeros(2), np.ones(2)) == pytest.approx(np.sqrt(0.5), abs=1e-4)
 
 
-def test_there_is_none_about_a_middle_outside_or_in_what_encloses_nothing() -> None:
+def test_there_is_none_about_a_middle_outside_or_in_what_encloses_nothing():
     assert rectangle_scale(SQUARE, np.array([2.0, 0.0]), np.ones(2)) == 0.0
     assert rectangle_scale(np.tile([0.0, 0.0], (5, 1)), np.zeros(2), np.ones(2)) == 0.0
 
@@ -176,13 +176,13 @@ def test_the_rectangle_found_is_inside_touches_and_lies_between_two_ellipses(see
         assert met or not (winding_number(polygon, grown) != 0).all()
 
 
-def program_layer_circle(count: int = 80) -> Floats:
+def program_layer_circle(count=80):
     turn = ray_azimuths(count)
     return np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 @pytest.mark.parametrize("sides", [(5, 5), (7, 7), (4, 6)])
-def test_a_counter_clockwise_contour_makes_a_mirrored_layer(sides: tuple[int, int]) -> None:
+def test_a_counter_clockwise_contour_makes_a_mirrored_layer(sides):
     control = make_program_layer(program_layer_circle(), sides).control
     assert control.shape == (*sides, 2)
     assert np.isfinite(control).all()
@@ -193,17 +193,17 @@ def test_a_counter_clockwise_contour_makes_a_mirrored_layer(sides: tuple[int, in
     assert control[-1, 0, 0] > 0.0
 
 
-def test_a_clockwise_contour_makes_an_upright_layer() -> None:
+def test_a_clockwise_contour_makes_an_upright_layer():
     control = make_program_layer(program_layer_circle()[::-1], (5, 5)).control
     assert signed_area(rim_of(control)) > 0.0
 
 
-def test_the_polygon_belongs_to_a_curve_that_does_not_close() -> None:
+def test_the_polygon_belongs_to_a_curve_that_does_not_close():
     layer = make_program_layer(program_layer_circle() * [2.0, 1.0], (5, 5))
     assert 0.05 < layer.gap < 0.3
 
 
-def test_the_core_of_a_round_layer_sticks_out_of_it() -> None:
+def test_the_core_of_a_round_layer_sticks_out_of_it():
     # The box around the largest ellipse, if only the search found that one.
     control = make_program_layer(program_layer_circle(), (5, 5)).control
     assert make_program_layer(program_layer_circle(), (5, 5)).core_scale == pytest.approx(
@@ -213,8 +213,8 @@ def test_the_core_of_a_round_layer_sticks_out_of_it() -> None:
     assert (winding_number(rim_of(control), grown.reshape(-1, 2)) == 0).any()
 
 
-def test_the_core_runs_with_the_shell_only_if_the_first_vertex_is_west_of_the_origin() -> None:
-    def runs_with_shell(control: Floats) -> bool:
+def test_the_core_runs_with_the_shell_only_if_the_first_vertex_is_west_of_the_origin():
+    def runs_with_shell(control):
         rim_ways = control[-1, 0] - control[0, 0], control[0, -1] - control[0, 0]
         core_ways = control[-2, 1] - control[1, 1], control[1, -2] - control[1, 1]
         turns = np.abs(turn_between(np.array(rim_ways), np.array(core_ways)))
@@ -226,13 +226,13 @@ def test_the_core_runs_with_the_shell_only_if_the_first_vertex_is_west_of_the_or
     )
 
 
-def test_a_contour_in_one_place_is_a_layer_in_one_place() -> None:
+def test_a_contour_in_one_place_is_a_layer_in_one_place():
     layer = make_program_layer(np.tile([0.2, 0.4], (12, 1)), (5, 5))
     assert np.ptp(layer.control.reshape(-1, 2), axis=0).tolist() == [0.0, 0.0]
     assert layer.core_scale == layer.gap == 0.0
 
 
-def isint(line: tuple[float, float, float], d: Floats, center: Floats) -> bool:
+def isint(line, d, center):
     """isint.m."""
     a, b, c = line
     p, q = d
@@ -244,7 +244,7 @@ def isint(line: tuple[float, float, float], d: Floats, center: Floats) -> bool:
     return bool(q * q * b * b + p * p * a * a >= (a * xc + b * yc + c) ** 2)
 
 
-def buildgrid(polygon: Floats, center: Floats, half: Floats, n: int) -> float:
+def buildgrid(polygon, center, half, n):
     """The search of buildgrid.m, line by line, with b1 for its second a1."""
     cpx, cpy = polygon.T
     dcpx, dcpy = np.diff([*cpx, cpx[0]]), np.diff([*cpy, cpy[0]])
@@ -281,7 +281,7 @@ def test_the_search_is_that_of_the_program(seed: int, edges: int) -> None:
     )
 
 
-def test_the_search_ends_at_one_of_a_few_numbers_whatever_the_polygon() -> None:
+def test_the_search_ends_at_one_of_a_few_numbers_whatever_the_polygon():
     scales = set()
     for width in np.linspace(0.65, 0.95, 31):
         box = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]]) * [width, 1.0]
@@ -289,6 +289,6 @@ def test_the_search_ends_at_one_of_a_few_numbers_whatever_the_polygon() -> None:
     assert scales == {0.618}
 
 
-def test_an_edge_without_length_is_no_line() -> None:
+def test_an_edge_without_length_is_no_line():
     box = np.array([[-1, -1], [-1, -1], [1, -1], [1, 1], [-1, 1.0]])
     assert np.isfinite(searched_scale(box, np.zeros(2), np.ones(2), 1))

@@ -1,8 +1,5 @@
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +14,6 @@ from palpate.core.splines.lattices import fold_report
 from palpate.core.splines.spline_volumes import SplineVolume, upright_parallelepiped
 from palpate.core.thesis.rebuilding import (
     ModelTriples,
-    ThesisSolid,
     interpolated_parameters,
     latitude_points,
     level_points,
@@ -35,7 +31,7 @@ Prism = Callable[[Floats, int], Floats]
 ETA, NU = np.linspace(0.0, 1.0, 21), np.linspace(0.0, 1.0, 25)
 
 
-def rings_volume(rings: Floats) -> float:
+def rings_volume(rings):
     """Volume between the first and last of level rings (m, n, 3), by Simpson's rule."""
     areas = np.array([signed_area(ring[:, :2]) for ring in rings])
     heights = rings[:, 0, 2]
@@ -44,7 +40,7 @@ def rings_volume(rings: Floats) -> float:
 
 
 @pytest.mark.parametrize("faithful", [False, True])
-def test_a_vase_is_rebuilt_to_a_few_hundredths_of_its_size(vase: Vase, faithful: bool) -> None:
+def test_a_vase_is_rebuilt_to_a_few_hundredths_of_its_size(vase, faithful):
     solid = rebuild_thesis(vase(17), faithful=faithful)
     mesh = solid.mesh(80, 96)
     found = solidity(*mesh)
@@ -59,7 +55,7 @@ def test_a_vase_is_rebuilt_to_a_few_hundredths_of_its_size(vase: Vase, faithful:
     assert np.abs(mesh.vertices[:, 2]).max() <= 1.0 + 0.01
 
 
-def test_parameters_surface_and_lattice_belong_together(vase: Vase) -> None:
+def test_parameters_surface_and_lattice_belong_together(vase):
     for faithful in (False, True):
         solid = rebuild_thesis(vase(), layer=(5, 6), faithful=faithful)
         assert solid.lattice.control.shape == (5, 6, 13, 3)
@@ -74,7 +70,7 @@ def test_parameters_surface_and_lattice_belong_together(vase: Vase) -> None:
         assert np.allclose(surface[:, 0], surface[:, -1], atol=1e-6)
 
 
-def test_the_parameters_are_those_of_the_models_points_in_the_contours_box(vase: Vase) -> None:
+def test_the_parameters_are_those_of_the_models_points_in_the_contours_box(vase):
     # Affine maps leave them as they are: theorem 1 of 4.2.1.
     solid = rebuild_thesis(vase() * [0.02, 0.03, 0.05] + 0.3)
     assert isinstance(solid.lattice.undeformed, SplineVolume)
@@ -89,16 +85,14 @@ def test_the_parameters_are_those_of_the_models_points_in_the_contours_box(vase:
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
-def test_the_solid_does_not_depend_on_the_unit_the_place_or_the_proportions(
-    vase: Vase, unit: float
-) -> None:
+def test_the_solid_does_not_depend_on_the_unit_the_place_or_the_proportions(vase, unit):
     expected = rebuild_thesis(vase()).surface(ETA, NU)
     scale, shift = unit * np.array([1.0, 2.0, 0.5]), unit * np.array([3.0, -2.0, 7.0])
     found = rebuild_thesis(vase() * scale + shift).surface(ETA, NU)
     assert np.allclose((found - shift) / scale, expected, rtol=0, atol=1e-9)
 
 
-def test_the_solid_does_not_depend_on_how_contours_are_listed(vase: Vase) -> None:
+def test_the_solid_does_not_depend_on_how_contours_are_listed(vase):
     expected = rebuild_thesis(vase()).surface(ETA, NU)
     rng = np.random.default_rng(3)
     listed = []
@@ -111,7 +105,7 @@ def test_the_solid_does_not_depend_on_how_contours_are_listed(vase: Vase) -> Non
     assert (np.diff(heights[solid.order]) > 0.0).all()
 
 
-def test_the_program_needs_contours_that_begin_alike(vase: Vase) -> None:
+def test_the_program_needs_contours_that_begin_alike(vase):
     begun = vase()[:, :-1].copy()
     begun[1::2] = np.roll(begun[1::2], 20, axis=1)
     off = [
@@ -125,14 +119,12 @@ def test_the_program_needs_contours_that_begin_alike(vase: Vase) -> None:
     assert off[1] > 0.02
 
 
-def test_the_lattice_is_sound_where_that_of_the_program_is_a_mirror_image(vase: Vase) -> None:
+def test_the_lattice_is_sound_where_that_of_the_program_is_a_mirror_image(vase):
     assert fold_report(rebuild_thesis(vase()).lattice).verdict == "sound"
     assert fold_report(rebuild_thesis(vase(), faithful=True).lattice).share > 0.9
 
 
-def test_the_solid_closes_in_the_poles_of_the_model_and_the_programs_in_a_mean_point(
-    vase: Vase,
-) -> None:
+def test_the_solid_closes_in_the_poles_of_the_model_and_the_programs_in_a_mean_point(vase):
     ours, program = rebuild_thesis(vase()), rebuild_thesis(vase(), faithful=True)
     assert ours.cap is None
     ends = ours.surface(np.array([0.0, 1.0]), NU)
@@ -146,14 +138,14 @@ def test_the_solid_closes_in_the_poles_of_the_model_and_the_programs_in_a_mean_p
     assert small[-1, 2] - small[-49:-1, 2].mean() == pytest.approx(0.01)
 
 
-def test_the_spline_of_4_3_may_take_the_place_of_the_models_own_triples(vase: Vase) -> None:
+def test_the_spline_of_4_3_may_take_the_place_of_the_models_own_triples(vase):
     solid = rebuild_thesis(vase(27, 80))
     splined = dataclasses.replace(solid, triples=interpolated_parameters(solid.parameters))
     volumes = [solidity(*one.mesh(80, 96)).volume for one in (solid, splined)]
     assert volumes[1] == pytest.approx(volumes[0], rel=0.01)
 
 
-def test_a_rounder_model_is_drawn_inwards(vase: Vase) -> None:
+def test_a_rounder_model_is_drawn_inwards(vase):
     true = rings_volume(vase(129))
     lost = [
         1 - solidity(*rebuild_thesis(vase(27, 80), exponents=e).mesh(80, 96)).volume / true
@@ -163,8 +155,8 @@ def test_a_rounder_model_is_drawn_inwards(vase: Vase) -> None:
     assert 0.0 < lost[1] < 0.04
 
 
-def test_row_43_contours_of_uneven_points_make_the_same_solid_as_even_ones(prism: Prism) -> None:
-    def circle(turns: Floats) -> Floats:
+def test_row_43_contours_of_uneven_points_make_the_same_solid_as_even_ones(prism):
+    def circle(turns):
         return np.column_stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)])
 
     uneven = np.concatenate([0.25 * np.arange(60) / 60, 0.25 + 0.75 * np.arange(20) / 20])
@@ -175,8 +167,8 @@ def test_row_43_contours_of_uneven_points_make_the_same_solid_as_even_ones(prism
 
 @pytest.mark.parametrize("name", ["c", "u"])
 def test_rows_44_and_45_slices_around_a_middle_outside_give_a_closed_solid_and_are_flagged(
-    name: str, figure: Figure, prism: Prism
-) -> None:
+    name, figure, prism
+):
     points = figure(name, 80)
     solid = rebuild_thesis(prism(points + [4.0, 1.0], 11), layer=(7, 7))
     assert not solid.health.one_to_one.any()
@@ -189,9 +181,7 @@ def test_rows_44_and_45_slices_around_a_middle_outside_give_a_closed_solid_and_a
     assert found.volume == pytest.approx(2.0 * signed_area(points), rel=0.08)
 
 
-def test_row_71_lobed_slices_have_a_core_with_the_room_that_there_is(
-    figure: Figure, prism: Prism
-) -> None:
+def test_row_71_lobed_slices_have_a_core_with_the_room_that_there_is(figure, prism):
     contours = prism(figure("lobes", 96), 5)
     ours, program = rebuild_thesis(contours), rebuild_thesis(contours, faithful=True)
     assert (ours.health.core_scales > 0.25).all()
@@ -199,7 +189,7 @@ def test_row_71_lobed_slices_have_a_core_with_the_room_that_there_is(
     assert program.health.cores_outside.all()
 
 
-def test_the_health_says_what_the_program_does_not(vase: Vase) -> None:
+def test_the_health_says_what_the_program_does_not(vase):
     ours, program = (rebuild_thesis(vase(), faithful=f).health for f in (False, True))
     assert ours.one_to_one.all()
     assert not ours.degenerate.any()
@@ -208,7 +198,7 @@ def test_the_health_says_what_the_program_does_not(vase: Vase) -> None:
     assert program.core_scales == pytest.approx(np.full(13, 0.618), abs=1e-3)
 
 
-def test_a_contour_that_meets_itself_is_flagged(prism: Prism) -> None:
+def test_a_contour_that_meets_itself_is_flagged(prism):
     turn = 2.0 * np.pi * (np.arange(60) + 0.5) / 60
     eight = np.column_stack([np.sin(turn), 0.6 * np.sin(2.0 * turn)])
     contours = prism(np.column_stack([np.cos(turn), np.sin(turn)]), 5)
@@ -219,7 +209,7 @@ def test_a_contour_that_meets_itself_is_flagged(prism: Prism) -> None:
         assert np.isfinite(solid.mesh(30, 40).vertices).all()
 
 
-def test_end_contours_may_be_a_point(vase: Vase) -> None:
+def test_end_contours_may_be_a_point(vase):
     pointed = vase()
     pointed[[0, -1], :, :2] = 0.0
     for faithful in (False, True):
@@ -231,14 +221,14 @@ def test_end_contours_may_be_a_point(vase: Vase) -> None:
 
 
 @pytest.mark.parametrize("rows", [2, 3, 4])
-def test_few_contours_lower_the_degree_along_the_height(vase: Vase, rows: int) -> None:
+def test_few_contours_lower_the_degree_along_the_height(vase, rows):
     for faithful in (False, True):
         solid = rebuild_thesis(vase(rows), faithful=faithful)
         assert solid.lattice.volume.bases[2].degree == min(3, rows - 1)
         assert solidity(*solid.mesh(40, 48)).watertight
 
 
-def test_repeated_heights_and_noise_leave_a_closed_solid(vase: Vase) -> None:
+def test_repeated_heights_and_noise_leave_a_closed_solid(vase):
     contours = vase()
     contours[5, :, 2] = contours[4, :, 2]
     contours[:, :-1, :2] += 0.01 * np.random.default_rng(0).normal(size=(13, 40, 2))
@@ -248,7 +238,7 @@ def test_repeated_heights_and_noise_leave_a_closed_solid(vase: Vase) -> None:
     assert found.volume == pytest.approx(rings_volume(vase(129)), rel=0.08)
 
 
-def test_uneven_heights_are_no_distortion(vase: Vase) -> None:
+def test_uneven_heights_are_no_distortion(vase):
     fine = vase(257)
     chosen = np.round(128 + 128 * np.sin(0.5 * np.pi * np.linspace(-1, 1, 21))).astype(int)
     volume = solidity(*rebuild_thesis(fine[chosen]).mesh(80, 96)).volume
@@ -265,22 +255,20 @@ def test_uneven_heights_are_no_distortion(vase: Vase) -> None:
         ({"exponents": (0.1, np.nan)}, "exponents must be finite"),
     ],
 )
-def test_a_layer_or_exponents_that_cannot_work_are_refused(
-    vase: Vase, options: dict[str, tuple[float, ...]], message: str
-) -> None:
+def test_a_layer_or_exponents_that_cannot_work_are_refused(vase, options, message):
     with pytest.raises(ValueError, match=message):
         rebuild_thesis(vase(), **options)  # type: ignore[arg-type]
 
 
-def circle(turns: Floats) -> Floats:
+def circle(turns):
     return np.column_stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)])
 
 
-def test_rays_begin_in_the_west_and_leave_out_the_seam() -> None:
+def test_rays_begin_in_the_west_and_leave_out_the_seam():
     assert np.allclose(ray_azimuths(4), [-np.pi, -np.pi / 2, 0, np.pi / 2])
 
 
-def test_points_of_a_circle_lie_on_their_rays() -> None:
+def test_points_of_a_circle_lie_on_their_rays():
     azimuths = ray_azimuths(40)
     match = match_contour(circle(np.arange(40) / 40 + 0.013), azimuths)
     assert match.one_to_one
@@ -290,7 +278,7 @@ def test_points_of_a_circle_lie_on_their_rays() -> None:
     )
 
 
-def test_row_43_the_middle_of_an_unevenly_sampled_circle_is_that_of_its_area() -> None:
+def test_row_43_the_middle_of_an_unevenly_sampled_circle_is_that_of_its_area():
     turns = np.concatenate([0.25 * np.arange(60) / 60, 0.25 + 0.75 * np.arange(20) / 20])
     points = circle(turns)
     assert np.linalg.norm(points.mean(axis=0)) > 0.4
@@ -298,9 +286,7 @@ def test_row_43_the_middle_of_an_unevenly_sampled_circle_is_that_of_its_area() -
 
 
 @pytest.mark.parametrize("name", ["u", "c"])
-def test_row_44_a_contour_around_a_middle_outside_is_matched_in_order_and_flagged(
-    name: str, figure: Figure
-) -> None:
+def test_row_44_a_contour_around_a_middle_outside_is_matched_in_order_and_flagged(name, figure):
     points = figure(name, 80) + [3.0, 0.5]
     match = match_contour(points, ray_azimuths(80))
     assert not match.one_to_one
@@ -312,20 +298,20 @@ def test_row_44_a_contour_around_a_middle_outside_is_matched_in_order_and_flagge
     assert 70 <= numbers[-1] - numbers[0] <= 80
 
 
-def test_a_contour_is_matched_the_same_way_however_it_is_begun_and_directed(figure: Figure) -> None:
+def test_a_contour_is_matched_the_same_way_however_it_is_begun_and_directed(figure):
     points, azimuths = figure("lobes", 48), ray_azimuths(48)
     expected = match_contour(points, azimuths).points
     for other in (np.roll(points, 17, axis=0), points[::-1]):
         assert np.allclose(match_contour(other, azimuths).points, expected, rtol=0, atol=1e-12)
 
 
-def test_points_in_one_place_are_that_place_and_said_to_be() -> None:
+def test_points_in_one_place_are_that_place_and_said_to_be():
     match = match_contour(np.tile([0.3, -0.2], (12, 1)), ray_azimuths(12))
     assert match.degenerate
     assert np.allclose(match.points, [0.3, -0.2], rtol=0, atol=1e-15)
 
 
-def test_contours_come_out_upwards_in_the_cube_from_minus_1_to_1(vase: Vase) -> None:
+def test_contours_come_out_upwards_in_the_cube_from_minus_1_to_1(vase):
     given = vase() * [0.02, 0.03, 0.05] + [0.4, -0.2, 0.1]
     mixed = given[[3, 0, *range(4, 13), 2, 1]]
     stack = stack_contours(mixed)
@@ -338,13 +324,13 @@ def test_contours_come_out_upwards_in_the_cube_from_minus_1_to_1(vase: Vase) -> 
     assert np.allclose(back, given[:, :-1], rtol=0, atol=1e-15)
 
 
-def test_a_first_point_that_comes_again_is_one_point(vase: Vase) -> None:
+def test_a_first_point_that_comes_again_is_one_point(vase):
     closed = stack_contours(vase())
     assert np.array_equal(closed.points, stack_contours(vase()[:, :-1]).points)
     assert closed.points.shape == (13, 40, 2)
 
 
-def test_a_contour_lies_at_the_mean_of_its_heights(vase: Vase) -> None:
+def test_a_contour_lies_at_the_mean_of_its_heights(vase):
     tilted = vase()[:, :-1]
     tilted[..., 2] += 0.01 * tilted[..., 0]
     expected = tilted[..., 2].mean(axis=1)
@@ -367,19 +353,17 @@ def test_a_contour_lies_at_the_mean_of_its_heights(vase: Vase) -> None:
         (lambda x: x[:, [0, 10, 20, 0]], "at least 4 different points, got 3"),
     ],
 )
-def test_contours_that_cannot_be_used_are_refused(
-    vase: Vase, spoil: Callable[[Floats], Floats], message: str
-) -> None:
+def test_contours_that_cannot_be_used_are_refused(vase, spoil, message):
     with pytest.raises(ValueError, match=message):
         stack_contours(spoil(vase()))
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["corrected", "program"])
-def solid(request: pytest.FixtureRequest, vase: Vase) -> ThesisSolid:
+def solid(request, vase):
     return rebuild_thesis(vase(), faithful=request.param)
 
 
-def test_a_mesh_has_the_rows_and_columns_asked_for_and_faces_outwards(solid: ThesisSolid) -> None:
+def test_a_mesh_has_the_rows_and_columns_asked_for_and_faces_outwards(solid):
     mesh = solid.mesh(20, 30)
     assert mesh.vertices.shape == (20 * 30 + 2, 3)
     found = solidity(*mesh)
@@ -388,26 +372,26 @@ def test_a_mesh_has_the_rows_and_columns_asked_for_and_faces_outwards(solid: The
     assert found.volume > 0.0
 
 
-def test_the_rows_of_a_mesh_are_rows_of_the_surface(solid: ThesisSolid) -> None:
+def test_the_rows_of_a_mesh_are_rows_of_the_surface(solid):
     eta = np.linspace(0, 1, 22)[1:-1] if solid.cap is None else np.linspace(0, 1, 20)
     rings = solid.mesh(20, 30).vertices[1:-1].reshape(20, 30, 3)
     assert np.allclose(rings, solid.surface(eta, np.arange(30) / 30), rtol=0, atol=1e-12)
 
 
-def test_the_surface_rises_with_eta(solid: ThesisSolid) -> None:
+def test_the_surface_rises_with_eta(solid):
     surface = solid.surface(np.linspace(0, 1, 9), np.linspace(0, 1, 5))
     assert surface.shape == (9, 5, 3)
     assert (np.diff(surface[..., 2].mean(axis=1)) > 0.0).all()
 
 
 @pytest.mark.parametrize("counts", [(1, 10), (10, 2)])
-def test_a_mesh_of_too_few_points_is_refused(solid: ThesisSolid, counts: tuple[int, int]) -> None:
+def test_a_mesh_of_too_few_points_is_refused(solid, counts):
     with pytest.raises(ValueError, match="at least 2 rows and 3 columns, got"):
         solid.mesh(*counts)
 
 
 @pytest.mark.parametrize("place", [-0.1, 1.1, np.nan])
-def test_a_place_beyond_the_surface_is_refused(solid: ThesisSolid, place: float) -> None:
+def test_a_place_beyond_the_surface_is_refused(solid, place):
     with pytest.raises(ValueError, match="eta must"):
         solid.surface(np.array([place]), np.array([0.5]))
     with pytest.raises(ValueError, match="nu must"):
@@ -422,14 +406,12 @@ EVEN = SplineVolume(
 )
 
 
-def model(e1: float, e2: float) -> Superquadric:
+def model(e1, e2):
     return Superquadric(np.ones(3), np.array([e1, e2]))
 
 
 @pytest.mark.parametrize("exponents", [(0.15, 0.15), (1.0, 0.3), (0.4, 1.7), (2.0, 2.0)])
-def test_level_points_are_level_and_on_the_model_from_pole_to_pole(
-    exponents: tuple[float, float],
-) -> None:
+def test_level_points_are_level_and_on_the_model_from_pole_to_pole(exponents):
     shape, heights = model(*exponents), np.linspace(-1.0, 1.0, 13)
     points = level_points(shape, heights, AZIMUTHS)
     assert np.array_equal(points[..., 2], np.repeat(heights[:, None], 25, axis=1))
@@ -439,7 +421,7 @@ def test_level_points_are_level_and_on_the_model_from_pole_to_pole(
     assert np.allclose(azimuth, AZIMUTHS[1:-1], rtol=0, atol=1e-12)
 
 
-def test_rows_by_latitude_are_not_level_where_the_section_is_no_circle() -> None:
+def test_rows_by_latitude_are_not_level_where_the_section_is_no_circle():
     latitudes = np.arctan([-1.0, 0.0, 1.0])
     square = latitude_points(model(0.15, 0.15), latitudes, AZIMUTHS)
     assert np.ptp(square[2, :, 2]) > 0.04
@@ -450,14 +432,14 @@ def test_rows_by_latitude_are_not_level_where_the_section_is_no_circle() -> None
 
 
 @pytest.mark.parametrize(("invert", "off"), [(invert_points, 1e-14), (invert_thesis, 5e-6)])
-def test_triples_give_back_the_points_in_the_undeformed_lattice(invert: Any, off: float) -> None:
+def test_triples_give_back_the_points_in_the_undeformed_lattice(invert, off):
     points = level_points(model(0.15, 0.15), np.linspace(-1.0, 1.0, 9), AZIMUTHS)
     triples = triples_of(EVEN, points, invert)
     back = EVEN.at(triples.reshape(-1, 3)).reshape(points.shape)
     assert np.abs(back - points).max() < off
 
 
-def test_the_model_knows_its_triples_everywhere() -> None:
+def test_the_model_knows_its_triples_everywhere():
     shape = model(0.3, 0.8)
     triples = ModelTriples(shape, EVEN).at(np.linspace(0, 1, 7), np.linspace(0, 1, 9))
     points = EVEN.at(triples.reshape(-1, 3)).reshape(7, 9, 3)
@@ -469,7 +451,7 @@ def test_the_model_knows_its_triples_everywhere() -> None:
     assert np.allclose(points[3, 6], [0, 1, 0], rtol=0, atol=1e-12)
 
 
-def box(rows: int, columns: int) -> Floats:
+def box(rows, columns):
     """Triples on a rounded box, whose end rows are poles."""
     turn = np.linspace(-np.pi, np.pi, columns)
     x, y = np.cos(turn), np.sin(turn)
@@ -483,7 +465,7 @@ def box(rows: int, columns: int) -> Floats:
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(27, 81), (9, 13), (4, 5), (3, 9), (2, 9)])
-def test_the_spline_passes_the_triples(rows: int, columns: int) -> None:
+def test_the_spline_passes_the_triples(rows, columns):
     grid = box(rows + 2, columns)[1:-1]
     spline = interpolated_parameters(grid)
     assert np.allclose(spline.at(*spline.sites), grid, rtol=0, atol=1e-12)
@@ -491,7 +473,7 @@ def test_the_spline_passes_the_triples(rows: int, columns: int) -> None:
     assert spline.condition < 1e3
 
 
-def test_sites_go_by_the_square_root_of_the_chords() -> None:
+def test_sites_go_by_the_square_root_of_the_chords():
     grid = np.zeros((4, 5, 3))
     grid[..., 2] = np.array([0.0, 0.01, 0.05, 0.14])[:, None]
     grid[..., 0] = np.linspace(0, 1, 5)
@@ -500,7 +482,7 @@ def test_sites_go_by_the_square_root_of_the_chords() -> None:
     assert np.allclose(nu, np.linspace(0, 1, 5))
 
 
-def test_sites_are_the_mean_over_the_rows_that_have_a_length() -> None:
+def test_sites_are_the_mean_over_the_rows_that_have_a_length():
     grid = box(9, 13)
     with_poles, without = interpolated_parameters(grid), interpolated_parameters(grid[1:-1])
     assert np.allclose(with_poles.sites[1], without.sites[1])
@@ -508,13 +490,13 @@ def test_sites_are_the_mean_over_the_rows_that_have_a_length() -> None:
     assert np.allclose(poles, [[[0.5, 0.5, 0.0]], [[0.5, 0.5, 1.0]]], rtol=0, atol=1e-12)
 
 
-def test_knots_average_three_sites_from_the_first_inner_one_on() -> None:
+def test_knots_average_three_sites_from_the_first_inner_one_on():
     spline = interpolated_parameters(box(12, 13)[1:-1])
     eta = spline.sites[0]
     assert np.allclose(spline.bases[0].knots[4:-4], [eta[i : i + 3].mean() for i in range(1, 7)])
 
 
-def test_where_the_spline_overshoots_it_is_clipped() -> None:
+def test_where_the_spline_overshoots_it_is_clipped():
     spline = interpolated_parameters(box(27, 81))
     fine = np.linspace(0, 1, 201)
     raw = evaluate_grid(spline.bases, spline.control, (fine, fine))
@@ -536,11 +518,11 @@ def test_where_the_spline_overshoots_it_is_clipped() -> None:
         (np.full((5, 9, 3), 0.5), "parameters must differ between neighbouring rows"),
     ],
 )
-def test_triples_that_determine_no_spline_are_refused(grid: Floats, message: str) -> None:
+def test_triples_that_determine_no_spline_are_refused(grid, message):
     with pytest.raises(ValueError, match=message):
         interpolated_parameters(grid)
 
 
-def test_a_place_outside_is_refused() -> None:
+def test_a_place_outside_is_refused():
     with pytest.raises(ValueError, match="x must lie in the domain"):
         interpolated_parameters(box(5, 9)).at(np.array([1.1]), np.array([0.5]))

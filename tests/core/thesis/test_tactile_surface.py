@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from palpate.core.touch.forms import principal_curvatures
 from palpate.core.touch.pad import Pad
 
 
-def test_an_interpolating_spline_has_the_curvature_of_a_clean_surface(flat: Pad) -> None:
+def test_an_interpolating_spline_has_the_curvature_of_a_clean_surface(flat):
     x, y = flat.grid()
     ball = 0.02 - np.sqrt(0.02**2 - x**2 - y**2)
     k1, k2, *_ = principal_curvatures(spline_shape(flat, fit_spline(flat, ball), 0.0, 0.0))
@@ -19,7 +17,7 @@ def test_an_interpolating_spline_has_the_curvature_of_a_clean_surface(flat: Pad)
     assert (k1, k2) == pytest.approx((30.0, -30.0), rel=1e-3)
 
 
-def test_x_and_y_are_not_mixed_up() -> None:
+def test_x_and_y_are_not_mixed_up():
     pad = Pad(rows=10, cols=14, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
     x, y = pad.grid()
     shape = spline_shape(pad, fit_spline(pad, 0.2 * x - 0.1 * y + 20 * x**2), 1e-3, -2e-3)
@@ -29,7 +27,7 @@ def test_x_and_y_are_not_mixed_up() -> None:
     assert abs(direction[0]) > 0.9
 
 
-def test_it_turns_noise_into_curvature_and_a_median_filter_makes_it_worse(flat: Pad) -> None:
+def test_it_turns_noise_into_curvature_and_a_median_filter_makes_it_worse(flat):
     x, y = flat.grid()
     clean = 0.5 * (x**2 + y**2) / 0.02
     noisy = clean + 10e-6 * np.random.default_rng(0).normal(size=x.shape)
@@ -41,7 +39,7 @@ def test_it_turns_noise_into_curvature_and_a_median_filter_makes_it_worse(flat: 
     assert abs(median_k - 50.0) > 5.0
 
 
-def test_a_smoothing_spline_is_told_how_much_is_noise(flat: Pad) -> None:
+def test_a_smoothing_spline_is_told_how_much_is_noise(flat):
     x, y = flat.grid()
     noisy = 0.5 * (x**2 + y**2) / 0.02 + 10e-6 * np.random.default_rng(0).normal(size=x.shape)
     spline = fit_spline(flat, noisy, 10e-6)
@@ -51,7 +49,7 @@ def test_a_smoothing_spline_is_told_how_much_is_noise(flat: Pad) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_without_noise_or_with_too_little_it_interpolates_and_says_so(flat: Pad) -> None:
+def test_without_noise_or_with_too_little_it_interpolates_and_says_so(flat):
     x, y = flat.grid()
     clean = 0.5 * (x**2 + y**2) / 0.02
     assert not fit_spline(flat, clean, 0.0).smoothed
