@@ -64,16 +64,6 @@ def linear_loss(squared: Floats) -> tuple[Floats, Floats]:
     return squared, np.ones_like(squared)
 
 
-def soft_l1_loss(scale: float) -> Loss:
-    """A loss that grows like the residual where it is larger than the scale."""
-
-    def loss(squared: Floats) -> tuple[Floats, Floats]:
-        root = np.sqrt(1.0 + squared / scale**2)
-        return 2.0 * scale**2 * (root - 1.0), 1.0 / root
-
-    return loss
-
-
 def cauchy_loss(scale: float) -> Loss:
     """A loss that grows like the residual's logarithm where it is larger than the scale."""
 

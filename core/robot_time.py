@@ -123,8 +123,7 @@ class SlidingPreset:
 def move_durations(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> MoveDurations:
     """Durations of moves, as this robot would make them.
 
-    With the preset of which a recording was made they add up to its robot times; see
-    `elapsed_seconds`.
+    With the preset of which a recording was made they add up to its robot times.
     """
     if isinstance(robot, SlidingPreset):
         return _slid(moves, robot)
@@ -140,7 +139,7 @@ def move_durations(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> M
 def _slid(moves: MoveGeometry, robot: SlidingPreset) -> MoveDurations:
     """Between touches that the surface joins there is neither retreat nor approach nor rest."""
     lifted, slid = move_durations(moves, robot.arm), moves.along >= 0.0
-    way = np.where(slid, moves.along, 0.0) / robot.speed
+    way = moves.along / robot.speed
     followed = np.append(slid[1:], False)
     # The surface is left as from the contact where sliding began.
     began = np.maximum.accumulate(np.where(slid, 0, np.arange(len(slid))))

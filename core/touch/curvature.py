@@ -145,9 +145,9 @@ def fit_patch(
     if fit is None:
         return Patch("insufficient")
     kind, shape = _judged(pad, height, used, fit, noise)
-    single = (
-        isolated_outliers(pad, height, used, fit, noise) if kind in ("edge", "corner") else None
-    )
+    single = None
+    if kind in ("edge", "corner"):
+        single = isolated_outliers(pad, height, used, fit, noise)
     if single is not None:
         less = used & ~single
         again = fit_jet(pad, height, less, weights, noise)
@@ -263,7 +263,9 @@ def fuse(fused: FusedCurvature, measured: LocalCurvature) -> FusedCurvature:
     travelled = FORGET * fused.travelled + float(np.trace(ISOTROPIC)) * squared
     learnt = fused.changed / fused.travelled if fused.travelled > 0.0 else 0.0
     drift = max(learnt, 0.0) * squared
-    surprise = _squared(innovation, certain + drift * ISOTROPIC)
+    # The innovation in its own covariance.
+    whitened = np.linalg.solve(np.linalg.cholesky(certain + drift * ISOTROPIC), innovation)
+    surprise = float(whitened @ whitened)
     if travelled > 0.0:
         drift = max(drift, changed / travelled * squared)
     if surprise > SURPRISE:
@@ -305,10 +307,3 @@ def _carried(place: LocalCurvature, there: ShapeOperator) -> tuple[Floats, Float
         ]
     )
     return turn @ np.array(place.shape.parts), turn @ place.covariance @ turn.T
-
-
-def _squared(innovation: Floats, covariance: Floats) -> float:
-    """Innovation squared, in its own covariance."""
-    root = np.linalg.cholesky(covariance)
-    whitened = np.linalg.solve(root, innovation)
-    return float(whitened @ whitened)

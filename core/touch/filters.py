@@ -10,7 +10,7 @@ jet misses supports itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -85,7 +85,7 @@ def clean(
         mended, impulses = remove_impulses(pad, compression, least, noise)
         found = contact_mask(pad, mended, contact, noise) & ~impulses
         return CleanedImage(mended, found, int(np.count_nonzero(impulses)))
-    filtered = _filtered(compression, noise**2, order)
+    filtered = FILTERS[order](compression, noise**2)
     return CleanedImage(filtered, contact_mask(pad, filtered, contact, noise), 0)
 
 
@@ -99,18 +99,6 @@ def _filled(image: Floats, lost: Bools) -> Floats:
     filled = image.copy()
     filled[lost] = values / np.maximum(trusted.sum(axis=-1), 1.0)
     return filled
-
-
-def _filtered(image: Floats, variance: float, order: FilterOrder) -> Floats:
-    if order == "wiener":
-        return adaptive_wiener(image, variance)
-    if order == "median":
-        return median_filter(image)
-    if order == "median-first":
-        return median_then_wiener(image, variance)
-    if order == "wiener-first":
-        return wiener_then_median(image, variance)
-    return image
 
 
 def adaptive_wiener(image: Floats, noise_variance: float) -> Floats:
@@ -193,7 +181,9 @@ def remove_impulses(pad: Pad, image: Floats, contact: float, noise: float) -> Re
         return RepairedImage(image, ~supported)
     touched = image > contact
     if np.count_nonzero(touched & supported) < LEAST_TAXELS:
-        impulses = touched & ~supported & ~_in_tips(touched)
+        # Three touched taxels or more, side by side, are a tip.
+        middle = touched & (_beside(touched) >= 2)
+        impulses = touched & ~supported & ~(middle | (_beside(middle) > 0))
         off = image
     else:
         off, spread = _misfit(pad, image, touched, supported, noise)
@@ -254,13 +244,6 @@ def _lines(rows: int, cols: int) -> Iterator[list[tuple[slice, slice]]]:
             ]
             for step in range(3)
         ]
-
-
-def _in_tips(touched: Bools) -> Bools:
-    """Which touched taxels make a contact of three or more, side by side."""
-    middle = touched & (_beside(touched) >= 2)
-    found: Bools = touched & (middle | (_beside(middle) > 0))
-    return found
 
 
 def _beside(marked: Bools) -> Ints:
@@ -336,3 +319,12 @@ def _median_of_others(off: Floats, impulses: Bools) -> Floats:
     count = np.isfinite(around).sum(axis=-1)
     middle = np.take_along_axis(around, np.maximum(count - 1, 0)[..., None] // 2, axis=-1)[..., 0]
     return np.where(count > 0, middle, 0.0)
+
+
+FILTERS: Mapping[FilterOrder, Callable[[Floats, float], Floats]] = {
+    "none": lambda image, variance: image,
+    "wiener": adaptive_wiener,
+    "median": lambda image, variance: median_filter(image),
+    "median-first": median_then_wiener,
+    "wiener-first": wiener_then_median,
+}

@@ -129,7 +129,10 @@ def fit_robust_jet(
         if fit is None:
             break
         spread = max(scaled_mad(fit.misfit[before > 0.0]), least_deviation)
-        weights = _tukey(fit.misfit / spread) if spread > 0.0 else before
+        weights = before
+        if spread > 0.0:  # Tukey's biweight
+            share = np.maximum(1.0 - (fit.misfit / spread / TUKEY) ** 2, 0.0)
+            weights = share * share
         fit = _weighted(design, z, weights) or fit
         if np.abs(weights - before).max() < SETTLED:
             break
@@ -191,12 +194,6 @@ def _shares(inner: Floats, noise: float) -> Floats:
             loss = (len(part) - 2) * noise * noise
             shares[lower:upper] = max(1.0 - loss / size, 0.0) if size > 0.0 else 0.0
     return shares
-
-
-def _tukey(off: Floats) -> Floats:
-    """Tukey's biweight of misfits in deviations."""
-    share: Floats = np.maximum(1.0 - (off / TUKEY) ** 2, 0.0)
-    return share * share
 
 
 class JetDesign(NamedTuple):

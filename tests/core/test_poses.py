@@ -1,11 +1,9 @@
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from palpate.core.arrays import Floats
 from palpate.core.poses import (
     FACING_DOWN,
     IDENTITY_POSE,
@@ -22,7 +20,6 @@ from palpate.core.poses import (
     transform_points,
 )
 
-Draw = Callable[[int], Floats]
 ROUNDING = 4e-15
 
 

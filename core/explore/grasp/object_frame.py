@@ -238,19 +238,19 @@ def _framed(
     lean = math.atan2(math.hypot(axis[0], axis[1]), axis[2])
     upright = lean <= _snap(line)
     pose = pose_of(line.point, np.eye(3) if upright else _turn_to(axis))
-    ends = extent_along(pose, solid, found, contacts, platform)
+    low, high, radius, error = extent_along(pose, solid, found, contacts, platform)
     # An upright frame has the world's heights.
-    shift = -float(line.point[2]) if upright else 0.5 * (ends.low + ends.high)
+    shift = -float(line.point[2]) if upright else 0.5 * (low + high)
     origin = line.point + shift * (np.array([0.0, 0.0, 1.0]) if upright else axis)
     return ObjectFrame(
         np.concatenate([origin, pose[3:]]),
-        ends.low - shift,
-        ends.high - shift,
-        ends.radius,
+        low - shift,
+        high - shift,
+        radius,
         line.kind,
         line.error,
         line.shift,
-        ends.error,
+        error,
     )
 
 
@@ -290,8 +290,8 @@ def extent_along(
     found: FittedSuperquadric,
     contacts: Contacts,
     platform: float,
-) -> AxialExtent:
-    """Extent along the z axis of a frame."""
+) -> tuple[float, float, float, float]:
+    """Lower and upper end along the z axis of a frame, largest distance from it, error of ends."""
     axes = split_pose(pose)[1]
     local_contacts = Contacts(
         transform_points(inverse_pose(pose), contacts.points), contacts.normals @ axes
@@ -307,12 +307,10 @@ def extent_along(
     high, above = _end(local_contacts, known, None)
     turned = Contacts(local_contacts.points * down, local_contacts.normals * down)
     low, below = _end(turned, known and known._replace(vertices=known.vertices * down), foot)
-    wide = (
-        local_contacts.points
-        if known is None
-        else np.vstack([local_contacts.points, known.vertices])
-    )
-    return AxialExtent(-low, high, float(np.hypot(wide[:, 0], wide[:, 1]).max()), max(above, below))
+    wide = local_contacts.points
+    if known is not None:
+        wide = np.vstack([wide, known.vertices])
+    return -low, high, float(np.hypot(wide[:, 0], wide[:, 1]).max()), max(above, below)
 
 
 def _foot(pose: Floats, axes: Floats, local_contacts: Contacts, platform: float) -> float | None:
@@ -393,15 +391,6 @@ class FittedSolid(NamedTuple):
     vertices: Floats  # (n, 3), m
     deviation: Floats  # Standard deviation of each, (n,), m
     poor: float  # From 0 to 1: how much of what it may miss it misses
-
-
-class AxialExtent(NamedTuple):
-    """Extent along an axis."""
-
-    low: float  # m
-    high: float  # m
-    radius: float  # Largest distance from the axis, m
-    error: float  # Standard deviation of the two ends, the larger one, m
 
 
 class CorrectedSolid(NamedTuple):

@@ -107,7 +107,10 @@ class Predicted:
         height = _untouched_height(observation, spans) if prediction else None
         if height is not None:
             return Height(height, UNTOUCHED)
-        if prediction and observation.all_taxels and _may_average(observation, prediction):
+        usable = sum(one.usable for one in observation.slices)
+        room = max(int(observation.extent / (ROOM * observation.feature)), usable)
+        every = observation.all_taxels
+        if prediction and every and prediction.wants_averaging(tolerance, usable, room):
             height = _widest_free(observation)
             if height is not None:
                 return Height(height, "noise is averaged there")
@@ -225,14 +228,6 @@ def _into(observation: Observation, span: Span, wanted: float | None = None) -> 
     if wanted is not None:
         at = min(places, key=lambda place: abs(place - wanted))
     return free_height(observation, at, span)
-
-
-def _may_average(observation: Observation, prediction: ErrorPrediction) -> bool:
-    usable = sum(one.usable for one in observation.slices)
-    room = int(observation.extent / (ROOM * observation.feature))
-    return prediction.wants_averaging(
-        observation.tolerance / observation.extent, usable, max(room, usable)
-    )
 
 
 def _widest_free(observation: Observation) -> float | None:

@@ -259,7 +259,11 @@ def _wrong(observation: Observation, choice: object) -> str:
         case Wait():
             return "" if observation.busy_heights else "it waits, but no finger is at work"
         case Stop():
-            return _wrong_stop(choice)
+            for name in ("rms_bound_95", "largest_untouched"):
+                value = getattr(choice, name)
+                if value is not None and not 0.0 <= value < math.inf:
+                    return f"{name} must be 0 or more and finite, got {value} m"
+            return ""
     return f"it must answer with a Height, a Wait or a Stop, got {choice!r:.60}"
 
 
@@ -269,22 +273,10 @@ def _wrong_height(observation: Observation, height: float) -> str:
         return f"a height must lie between {ends}, got {height:g} m"
     if was_asked(observation, height):
         return f"a slice was asked for at {height:g} m before; it must go elsewhere, or stop"
-    near = [
-        other
-        for other in observation.busy_heights
-        if abs(height - other) < observation.finger_spacing * (1.0 - SAME)
-    ]
+    limit = observation.finger_spacing
+    near = [one for one in observation.busy_heights if abs(height - one) < limit * (1.0 - SAME)]
     if near:
-        limit = observation.finger_spacing
         return f"{height:g} m is nearer than {limit:g} m to a finger at {near[0]:g} m"
-    return ""
-
-
-def _wrong_stop(stop: Stop) -> str:
-    for name in ("rms_bound_95", "largest_untouched"):
-        value = getattr(stop, name)
-        if value is not None and not 0.0 <= value < math.inf:
-            return f"{name} must be 0 or more and finite, got {value} m"
     return ""
 
 

@@ -115,7 +115,12 @@ class EndObservation:
                 f"got {self.height} m"
             )
         if self.contour is not None:
-            _check_wall(self.contour)
+            count = len(finite_array("contour.points", self.contour.points, (None, 3)))
+            if count < LEAST_POINTS:
+                raise ValueError(f"contour.points must be at least {LEAST_POINTS}, got {count}")
+            finite_array("contour.normals", self.contour.normals, (count, 3))
+            for name in ("contact_low", "contact_high"):
+                finite_array(f"contour.{name}", getattr(self.contour, name), (count,))
 
     @property
     def hits(self) -> tuple[ProbeResult, ...]:
@@ -126,15 +131,6 @@ class EndObservation:
     def allowed(self) -> float:
         """What two touched heights may differ by if the surface has but one."""
         return self.tolerance + NOISES * self.noise
-
-
-def _check_wall(contour: SideContour) -> None:
-    count = len(finite_array("contour.points", contour.points, (None, 3)))
-    if count < LEAST_POINTS:
-        raise ValueError(f"contour.points must be at least {LEAST_POINTS}, got {count}")
-    finite_array("contour.normals", contour.normals, (count, 3))
-    for name in ("contact_low", "contact_high"):
-        finite_array(f"contour.{name}", getattr(contour, name), (count,))
 
 
 def turned_over(observation: EndObservation) -> EndObservation:

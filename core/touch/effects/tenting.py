@@ -1,9 +1,9 @@
-"""The skin of the pad is a tent: about a contact it slopes back to the free face."""
+"""The face of the pad is a tent: about a contact it slopes back to the free face."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -27,7 +27,7 @@ class Tenting(Ranged):
 
     phase: ClassVar = Phase.PAD
 
-    # The length ``l`` in which the skirt falls to 1/e: about the thickness of a tough skin.
+    # The length ``l`` in which the skirt falls to 1/e: about the thickness of a tough cover.
     decay: Annotated[float, Range(1e-5, 20e-3, "m")] = 1e-3
 
     def prepare(self, finger: Fingertip) -> Stage:
@@ -38,25 +38,18 @@ class Tenting(Ranged):
             contact = touch.pressure > 0.0
             rim = _rim(contact)
             if rim[0].size:
-                skirt = _tent(membrane, rim, touch.compression[rim])
+                skirt = _tent(*membrane, rim, touch.compression[rim])
                 touch.compression = np.where(contact, touch.compression, np.maximum(skirt, 0.0))
 
         return Stage(apply, face=FaceModel("membrane", self.decay))
 
 
-class _Membrane(NamedTuple):
-    """The membrane's modes, cosines along each side, with free borders."""
-
-    down: Floats  # Along the rows' direction, (rows, rows)
-    across: Floats  # Along the columns' direction, (cols, cols)
-    answers: Floats  # Height of each mode under its own unit load, (rows, cols)
-
-
-def _membrane(pad: Pad, decay: float) -> _Membrane:
+def _membrane(pad: Pad, decay: float) -> tuple[Floats, Floats, Floats]:
+    """The membrane's modes along each side, and each one's height under its own unit load."""
     down, slow = _modes(pad.rows)
     across, slow_across = _modes(pad.cols)
     stiffness = (pad.pitch / decay) ** 2
-    return _Membrane(down, across, 1.0 / (slow[:, None] + slow_across + stiffness))
+    return down, across, 1.0 / (slow[:, None] + slow_across + stiffness)
 
 
 def _modes(count: int) -> tuple[Floats, Floats]:
@@ -77,14 +70,15 @@ def _rim(contact: Bools) -> tuple[np.ndarray, ...]:
     return (contact & ~inner).nonzero()
 
 
-def _tent(membrane: _Membrane, rim: tuple[np.ndarray, ...], heights: Floats) -> Floats:
+def _tent(
+    down: Floats, across: Floats, answers: Floats, rim: tuple[np.ndarray, ...], heights: Floats
+) -> Floats:
     """Height of the membrane, (rows, cols), m, if it is held at the rim.
 
     Loads at the rim alone lift it there to its height: beyond the rim nothing else holds it, so
     this is the solution outside the contact (inside it means nothing). Their number is that of the
     rim, not of the free taxels.
     """
-    down, across, answers = membrane
     modes = down[rim[0], :, None] * across[rim[1], None, :]
     flat = modes.reshape(heights.size, -1)
     loads = np.linalg.solve((modes * answers).reshape(flat.shape) @ flat.T, heights)

@@ -42,11 +42,19 @@ def test_an_object_that_stands_ends_where_it_stands():
     assert _survey(standing=True).reaching(-1e-4, 0.05).low == 0.0
 
 
-@pytest.mark.parametrize(("tip", "high"), [(0.085, 0.085), (0.07, 0.08)])
-def test_a_touched_end_lies_where_it_was_touched_or_beyond(tip, high):
-    survey = _survey().ended(np.array([0.0, 0.0, tip]), upper=True)
-    assert (survey.high, survey.high_deviation) == (high, 0.0)
-    assert (survey.low, survey.low_deviation) == (0.0, 1e-3)
+@pytest.mark.parametrize(
+    ("tip", "upper", "low", "high"),
+    [
+        (0.085, True, (0.0, 1e-3), (0.085, 0.0)),
+        (0.07, True, (0.0, 1e-3), (0.08, 0.0)),
+        (0.004, False, (0.004, 0.0), (0.09, 1e-3)),
+        (0.03, False, (0.01, 0.0), (0.09, 1e-3)),
+    ],
+)
+def test_a_touched_end_lies_where_it_was_touched_or_beyond(tip, upper, low, high):
+    survey = _survey().ended(np.array([0.0, 0.0, tip]), upper=upper)
+    assert (survey.high, survey.high_deviation) == high
+    assert (survey.low, survey.low_deviation) == low
 
 
 def test_each_end_has_one_tip_the_last_one():

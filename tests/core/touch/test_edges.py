@@ -91,11 +91,9 @@ def test_faces_are_found_with_their_slopes(side, flat):
     height = side * np.max([a * x + b * y for a, b in wanted], axis=0)
     cells = slopes_of_cells(flat, height, ALL)
     three = fit_faces(flat, height, ALL, cells, 3)
-    assert three is not None
     assert three.deviation < 1e-15
     assert np.allclose(sorted((side * three.slopes).tolist()), sorted(wanted.tolist()), atol=1e-9)
     two = fit_faces(flat, height, ALL, cells, 2)
-    assert two is not None
     assert two.deviation > 1e-5
     assert curved_faces_deviation(flat, height, ALL, two) < two.deviation
 

@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.touch.forms import (
     curvature_along,
     graph_errors,
@@ -11,8 +10,6 @@ from palpate.core.touch.forms import (
     principal_curvatures,
     shape_operator,
 )
-
-Derivatives = tuple[Floats, Floats, Floats, Floats, Floats, Floats]
 
 
 def on_an_ellipsoid(a, b, c, u, v):

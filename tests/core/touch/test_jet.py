@@ -5,6 +5,8 @@ import pytest
 
 from palpate.core.touch.jet import (
     COUNTS,
+    SETTLED,
+    TUKEY,
     Jet,
     derivative_rows,
     fit_jet,
@@ -224,7 +226,6 @@ def test_a_robust_jet_is_not_moved_by_impulses(share, flat):
             rng.random(x.shape) < share, frame + 1e-3 * rng.choice([-1, 1], x.shape), frame
         )
         found = fit_robust_jet(flat, frame, ALL, NOISE)
-        assert found is not None
         assert found.weights is not None
         assert np.count_nonzero(found.weights == 0.0) >= np.count_nonzero(
             np.abs(frame - height) > 5e-4
@@ -232,13 +233,22 @@ def test_a_robust_jet_is_not_moved_by_impulses(share, flat):
         assert np.allclose(found.derivatives[[2, 4]], 50.0, atol=3.0)
 
 
+def test_a_robust_jet_is_fitted_with_the_weights_that_its_own_misfit_gives(flat):
+    x, y = flat.grid()
+    rng = np.random.default_rng(9)
+    for _ in range(10):
+        frame = 0.5 * (x**2 + y**2) / 0.02 + NOISE * rng.normal(size=x.shape)
+        frame[rng.random(x.shape) < 0.05] += 8 * NOISE
+        found = fit_robust_jet(flat, frame, ALL, 3 * NOISE)
+        again = np.maximum(1.0 - (found.misfit / (3 * NOISE * TUKEY)) ** 2, 0.0) ** 2
+        assert np.abs(again - found.weights).max() < SETTLED
+
+
 def test_a_robust_jet_of_a_clean_frame_throws_nothing_out(flat):
     found = fit_robust_jet(flat, polynomial(flat, 4), ALL, NOISE)
-    assert found is not None
     assert found.weights is not None
     assert (found.weights > 0.99).all()
     exact = fit_robust_jet(flat, np.zeros((16, 16)), ALL, 0.0)
-    assert exact is not None
     assert (exact.jet.coefficients == 0.0).all()
 
 
@@ -247,8 +257,6 @@ def test_a_robust_jet_may_begin_with_weights_even_if_they_leave_nothing(flat):
     spoiled = height.copy()
     spoiled[:6] += 3e-3
     begun = fit_robust_jet(flat, spoiled, ALL, NOISE, (spoiled == height).astype(float))
-    assert begun is not None
-    assert begun.weights is not None
     assert np.array_equal(begun.weights.reshape(16, 16) > 0.0, spoiled == height)
     assert fit_robust_jet(flat, height, ALL, NOISE, np.zeros((16, 16))) is not None
 

@@ -11,7 +11,6 @@ from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.effects.half_space import HalfSpace
 from palpate.core.touch.effects.tenting import Tenting
 from palpate.core.touch.pad import Calibration, FaceModel, Pad, contact_mask, guarded_move
-from palpate.core.touch.pipeline import SimulatedTouch
 
 # A pad 20 mm over the ball's pole, looking down.
 ABOVE = pose_of(np.array([0.0, 0.0, 0.05]), FACING_DOWN)
@@ -124,7 +123,6 @@ def test_the_pad_moves_along_its_own_normal(domed, ball, rotations):
         assert np.allclose(end.compression, end.compression[::-1, ::-1], atol=1e-12)
 
 
-MakeTouch = Callable[..., SimulatedTouch]
 LEAST = 50e-6
 SURFACES: dict[str, Callable[[Floats, Floats], Floats]] = {
     "ball": lambda x, y: 1e-3 - (x * x + y * y) / 0.04,

@@ -6,6 +6,7 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.touch.pad import Calibration
 from palpate.core.touch.taxel_calibration import (
+    DEAD_GAIN,
     CalibrationTouches,
     estimate_calibration,
 )
@@ -100,6 +101,13 @@ def test_forces_say_nothing_of_the_speed_of_sound():
     rng = np.random.default_rng(3)
     found = estimate(worn(rng), rng, FORCE)
     assert (found.sound_speed, found.sound_speed_error) == (1000.0, 0.0)
+
+
+def test_a_taxel_that_answers_weakly_is_trusted_down_to_a_limit():
+    rng = np.random.default_rng(12)
+    sensor = worn(rng, pose=0.0)
+    sensor.gain[[27, 35]] = 0.9 * DEAD_GAIN, 1.1 * DEAD_GAIN
+    assert np.flatnonzero(~estimate(sensor, rng).trusted).tolist() == [27]
 
 
 def test_dead_and_stuck_taxels_are_not_trusted_and_do_not_spoil_the_rest():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.core.explore.grasp.axes import LEAST, end_face_axis, extrusion_axis, revolution_axis
+from palpate.core.explore.grasp.axes import ROUND as NEAR
 from palpate.core.poses import rotations_from_vectors
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -161,3 +162,14 @@ def test_too_few_contacts_are_refused():
     points, normals = turned(LEAST - 1, np.random.default_rng(7))
     with pytest.raises(ValueError, match=f"points must be at least {LEAST}, got {LEAST - 1}"):
         revolution_axis(points, normals, NO_AXES)
+    revolution_axis(*turned(LEAST, np.random.default_rng(7)), NO_AXES)
+
+
+@pytest.mark.parametrize(("missed", "share"), [(0.9, 1.0), (1.1, 0.8)])
+def test_the_share_is_of_the_normals_that_pass_the_axis_near_enough(missed, share):
+    points, normals = turned(50, np.random.default_rng(8))
+    size = np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean())
+    aside = np.cross(normals[::5], UP)
+    aside /= (aside**2).sum(axis=1)[:, None]
+    points[::5] += missed * NEAR * size * aside
+    assert revolution_axis(points, normals, NO_AXES).share == pytest.approx(share)

@@ -1,7 +1,5 @@
 """What is known of objects with a simple formula, without a touch."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -18,10 +16,6 @@ HEIGHT = 0.09
 TURNS = 16
 BAND = 7e-3
 STEP = 1e-4
-Side = Callable[[float], float]
-MakeSlice = Callable[..., ObservedSlice]
-MakeKnown = Callable[..., Observation]
-Walk = Callable[..., tuple[list[float], Stop | None]]
 
 
 def round_slice(side, share, unit=1.0, **changes):

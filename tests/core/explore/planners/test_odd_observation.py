@@ -1,7 +1,5 @@
 """What is known may be odd: ends that move, fingers in the way, slices that make no sense."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -22,7 +20,6 @@ from palpate.core.explore.planners.protocol import (
 )
 from palpate.core.explore.planners.uniform import Uniform
 
-MakeSlice = Callable[..., ObservedSlice]
 MOST = 300  # Decisions after which a plan counts as endless
 
 

@@ -1,5 +1,4 @@
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -20,15 +19,11 @@ from palpate.core.explore.planners.predicted import (
 from palpate.core.explore.planners.protocol import (
     Budget,
     Height,
-    Observation,
-    ObservedSlice,
     SliceOutcome,
     Stop,
     Wait,
 )
 
-MakeSlice = Callable[..., ObservedSlice]
-MakeKnown = Callable[..., Observation]
 COVER = (0.5, 0.97, 0.03)
 
 
@@ -52,8 +47,6 @@ def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, expl
     metres, stop = explored(Predicted(), sides[name])
     millimetres, other = explored(Predicted(), sides[name], 1000.0)
     np.testing.assert_allclose(millimetres, metres, rtol=1e-9)
-    assert stop is not None
-    assert other is not None
     assert other.reason == stop.reason
     assert (other.rms_bound_95 or 0.0) == pytest.approx(1000.0 * (stop.rms_bound_95 or 0.0))
 
@@ -61,7 +54,6 @@ def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, expl
 def test_case_66_a_bottles_neck_is_not_stepped_over(sides, explored, slice_of, observation):
     heights, stop = explored(Predicted(), sides["bottle"])
     found = observation([slice_of(sides["bottle"], share) for share in heights])
-    assert stop is not None
     assert stop.tolerance_met
     assert rms_error(found, sides["bottle"]) < 0.0025
     np.testing.assert_allclose([min(heights), max(heights)], [0.03, 0.97])
@@ -71,7 +63,6 @@ def test_case_66_a_bottles_neck_is_not_stepped_over(sides, explored, slice_of, o
 @pytest.mark.parametrize("name", ["cylinder", "ball"])
 def test_case_67_flat_tops_and_poles_end_the_plan(name, sides, explored):
     heights, stop = explored(Predicted(), sides[name])
-    assert stop is not None
     assert stop.tolerance_met
     assert len(heights) <= 11
 
@@ -94,7 +85,6 @@ def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
     assert rms_error(cover, grooved) > 0.003
     heights, stop = explored(Predicted(), grooved)
     found = observation([slice_of(grooved, share) for share in heights])
-    assert stop is not None
     assert stop.tolerance_met
     assert rms_error(found, grooved) < 0.0025
 
@@ -106,7 +96,6 @@ def test_the_side_of_an_ellipsoid_is_exact_from_two_slices(sides, slice_of, obse
 
 def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides, explored):
     _, stop = explored(Predicted(), sides["vase"])
-    assert stop is not None
     assert stop.reason == (
         "the error is within tolerance, and nothing larger than a feature is untouched"
     )
@@ -151,7 +140,6 @@ def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(expl
         return 0.3 + 0.02 * math.asin(math.sin(60.0 * z))
 
     heights, stop = explored(Predicted(), zigzag, tolerance=1e-5)
-    assert stop is not None
     assert stop.reason.startswith("the slices lie as close as they may")
     assert min(np.diff(sorted(heights))) >= 2.5e-3 / 0.09 * (1.0 - 1e-6)
 
@@ -242,9 +230,6 @@ def test_an_even_cover_is_refused():
         Predicted(cover=4)
     with pytest.raises(ValueError, match="hidden_error is 2"):
         Predicted(hidden_error=2.0)
-
-
-Side = Callable[[float], float]
 
 
 def wavy(z):

@@ -11,7 +11,6 @@ from palpate.core.explore.probing.ends import (
     ProbeCommand,
     ProbeResult,
     SideContour,
-    StopProbing,
 )
 from palpate.core.explore.probing.rule import next_probe
 from palpate.core.explore.tracing.contour_path import deepest_point
@@ -21,7 +20,6 @@ from palpate.core.touch.pad import Pad, guarded_move
 
 PAD = Pad(16, 16, 1e-3, 3e-3, 1.0 / 0.015, 0.8)
 CONTACT = 0.05e-3
-Explored = tuple[StopProbing, tuple[ProbeResult, ...]]
 
 
 @pytest.fixture(scope="session")

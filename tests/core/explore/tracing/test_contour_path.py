@@ -162,7 +162,6 @@ def level_pad(surface, touched, pad, height):
 def test_the_arc_lies_on_the_ball_and_in_slice(heading, tilt, height, flat, domed, ball):
     for pad in (flat, domed):
         felt = touch(pad, ball, heading, tilt, height)
-        assert felt is not None
         assert len(felt.points) >= 6
         assert np.allclose(felt.points[:, 2], height, rtol=0, atol=1e-17)
         depth = RADIUS - np.linalg.norm(felt.points, axis=1)
@@ -175,7 +174,6 @@ def test_the_arc_lies_on_the_ball_and_in_slice(heading, tilt, height, flat, dome
 def test_the_arc_leads_counter_clockwise(flat, ball):
     for heading in (0.0, 2.0, -3.0):
         felt = touch(flat, ball, heading, 0.0, 0.0)
-        assert felt is not None
         azimuth = np.unwrap(np.arctan2(felt.points[:, 1], felt.points[:, 0]))
         assert (np.diff(azimuth) > 0.0).all()
         assert math.remainder(azimuth.mean() - heading, 2 * math.pi) == pytest.approx(0, abs=1e-9)
@@ -183,7 +181,6 @@ def test_the_arc_leads_counter_clockwise(flat, ball):
 
 def test_a_slice_that_the_pad_does_not_cover_has_no_arc_but_a_slope(flat, ball):
     felt = touch(flat, ball, 0.0, 0.0, 0.012)
-    assert felt is not None
     assert felt.points.shape == felt.normals.shape == (0, 3)
     assert felt.across.shape == (0,)
     assert felt.above == 0
@@ -198,7 +195,6 @@ def test_the_slope_says_how_the_surface_leans_against_the_pad(flat):
     _, y = flat.grid()
     touched = np.ones((16, 16), bool)
     felt = level_pad(0.25 * y, touched, flat, 0.02)
-    assert felt is not None
     assert len(felt.points) == 0
     assert felt.slope == pytest.approx(0.25)
 
@@ -208,7 +204,6 @@ def test_where_one_row_touches_the_slope_is_a_guess_of_the_right_sign(row, sign,
     touched = np.zeros((16, 16), bool)
     touched[row, 3:9] = True
     felt = level_pad(np.zeros((16, 16)), touched, flat, 0.0)
-    assert felt is not None
     assert felt.slope == sign * LEAN
     assert (felt.above, felt.below) == ((6, 0) if row == 0 else (0, 6))
 
@@ -217,7 +212,6 @@ def test_untouched_taxels_bear_no_arc(flat):
     touched = np.ones((16, 16), bool)
     touched[:, 5:9] = False
     felt = level_pad(np.zeros((16, 16)), touched, flat, 0.0)
-    assert felt is not None
     assert len(felt.points) == 12
 
 
@@ -225,7 +219,6 @@ def test_a_jump_between_two_rows_is_not_one_surface(flat):
     x, y = flat.grid()
     surface = np.where((y > 0) & (x > 0), 2.1e-3, 0.0)
     felt = level_pad(surface, np.ones((16, 16), bool), flat, 0.0)
-    assert felt is not None
     assert len(felt.points) == 8
 
 
@@ -235,14 +228,12 @@ def test_each_column_gives_the_crossing_nearest_to_the_middle(flat):
     pose = pose_of(np.zeros(3), pad_rotation(0.0, math.pi / 4))
     surface = 1.2e-3 * np.sin(2 * math.pi * y / 6e-3) - 0.9 * y
     felt = arc_in_slice(flat, pose, surface, np.ones((16, 16), bool), None, 0.0)
-    assert felt is not None
     assert len(felt.points) == 16
     assert np.allclose(felt.points[:, [0, 2]], 0.0, atol=0.2e-3)
 
 
 def test_without_a_jet_the_pads_own_normal_stands_in(flat):
     felt = level_pad(np.zeros((16, 16)), np.ones((16, 16), bool), flat, 0.0)
-    assert felt is not None
     assert np.allclose(felt.normals, [1.0, 0.0, 0.0], atol=1e-15)
     assert (felt.across == 0.0).all()
 

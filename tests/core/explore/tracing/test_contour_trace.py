@@ -8,7 +8,6 @@ from palpate.core.explore.tracing.contour_path import (
     DEEP_TOUCH_DEPTH,
     TOUCH_DEPTH,
     UPRIGHT,
-    Gap,
     Path,
     ProcedureResult,
     SliceArc,
@@ -334,7 +333,6 @@ def test_an_arc_beyond_a_gap_is_taken_last_with_a_touch_in_the_gaps_middle(flat)
 
 # Of a gap that stays: a plain one, a deep one, and each way at both ends.
 PROBES = 2 + 2 * len(WALL_POSTURES)
-Filled = tuple[Path, tuple[Gap, ...]]
 
 
 def chain(*places):

@@ -121,7 +121,6 @@ def test_a_slice_below_everything_that_is_felt_is_occluded(finger, flat, ball):
     assert found == "occluded"
 
 
-Found = tuple[SliceArc | None, Posture]
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 
 
@@ -164,7 +163,6 @@ def test_a_pad_beside_the_slice_walks_to_it(height, finger, flat, ball):
         assert len(felt) < 8
         felt.append(hand.answer(found, height))
     arc, posture = found.result
-    assert arc is not None
     assert len(arc.points) >= LEAST_ARC
     assert np.allclose(arc.points[:, 2], height, atol=1e-16)
     assert np.allclose(np.linalg.norm(arc.points, axis=1), 0.03, atol=10e-6)

@@ -1,5 +1,3 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -7,9 +5,8 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, pose_of, split_pose
 from palpate.core.touch.effects.aperture import Aperture
 from palpate.core.touch.pad import Pad
-from palpate.core.touch.pipeline import SimulatedTouch, cast_single_rays
+from palpate.core.touch.pipeline import cast_single_rays
 
-MakeTouch = Callable[..., SimulatedTouch]
 READINGS = ("mean", "max")
 
 

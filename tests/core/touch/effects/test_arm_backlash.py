@@ -1,12 +1,8 @@
-from collections.abc import Callable
-
 import numpy as np
 
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.touch.effects.arm_backlash import ArmBacklash
-from palpate.core.touch.pipeline import SimulatedTouch
 
-MakeTouch = Callable[..., SimulatedTouch]
 WIDTH = 0.2e-3
 
 

@@ -1,15 +1,12 @@
 import math
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from palpate.core.touch.effects.creep import Creep
-from palpate.core.touch.pipeline import Fingertip, SimulatedTouch, assemble
+from palpate.core.touch.pipeline import assemble
 
-MakeFinger = Callable[..., Fingertip]
-MakeTouch = Callable[..., SimulatedTouch]
 SHARE, TAU = 0.2, 0.5
 
 

@@ -1,15 +1,7 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.touch.effects.crosstalk import Crosstalk
-from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
-
-MakeFinger = Callable[..., Fingertip]
-MakeTouch = Callable[..., SimulatedTouch]
-Mixed = Callable[[Floats], Floats]
 
 
 @pytest.fixture

@@ -1,11 +1,7 @@
-from collections.abc import Callable
-
 import numpy as np
 
 from palpate.core.touch.effects.drift import Drift
-from palpate.core.touch.pipeline import SimulatedTouch
-
-MakeTouch = Callable[..., SimulatedTouch]
+from palpate.core.touch.pipeline import KeyedRandom
 
 
 def walked(finger, make_touch, times, rate=2e-6):
@@ -47,3 +43,12 @@ def test_a_step_does_not_depend_on_what_was_felt(make_finger, make_touch, dent):
     stage = Drift().prepare(make_finger())
     hit, miss = make_touch(3, dent, time=5.0), make_touch(3, 0.0 * dent, outcome="miss", time=5.0)
     assert np.array_equal(stage.apply(hit, stage.state)[1], stage.apply(miss, stage.state)[1])
+
+
+def test_a_zero_goes_on_by_what_is_drawn_for_the_touch(make_finger, make_touch):
+    finger, times = make_finger(), np.array([4.0, 5.0, 14.0])
+    draws = KeyedRandom(finger, "drift")
+    drawn = [draws.of_touch(number).standard_normal(256) for number in range(3)]
+    steps = 2e-6 * np.array([[2.0], [1.0], [3.0]]) * drawn
+    found = walked(finger, make_touch, times)
+    np.testing.assert_allclose(found, np.cumsum(steps, axis=0), rtol=1e-12, atol=0.0)

@@ -3,7 +3,6 @@
 import ast
 import math
 import re
-from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from importlib import import_module
 from pathlib import Path
@@ -15,9 +14,8 @@ import pytest
 from palpate.core.plugins import ranges_of
 from palpate.core.touch import effects
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
-from palpate.core.touch.pipeline import Phase, SimulatedTouch, assemble
+from palpate.core.touch.pipeline import Phase, assemble
 
-MakeTouch = Callable[..., SimulatedTouch]
 FOLDER = Path(effects.__file__ or "").parent
 
 

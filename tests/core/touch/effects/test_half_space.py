@@ -1,5 +1,4 @@
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -7,9 +6,7 @@ from scipy.optimize import nnls
 
 from palpate.core.touch.effects import half_space
 from palpate.core.touch.effects.half_space import HalfSpace
-from palpate.core.touch.pipeline import SimulatedTouch
 
-MakeTouch = Callable[..., SimulatedTouch]
 RADIUS, DEPTH = 0.03, 1e-3
 STIFFNESS = 0.5e6 / (1.0 - 0.49**2)  # E / (1 - nu^2), N/m2
 

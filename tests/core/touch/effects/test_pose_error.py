@@ -1,5 +1,4 @@
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -7,10 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.core.poses import pose_of
 from palpate.core.touch.effects.pose_error import PoseError
-from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
-MakeFinger = Callable[..., Fingertip]
-MakeTouch = Callable[..., SimulatedTouch]
 TOUCHES = 4000
 
 

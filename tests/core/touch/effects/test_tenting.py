@@ -1,12 +1,7 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from palpate.core.touch.effects.tenting import Tenting
-from palpate.core.touch.pipeline import SimulatedTouch
-
-MakeTouch = Callable[..., SimulatedTouch]
 
 
 def tented(finger, make_touch, field, contact, decay=1e-3):

@@ -1,13 +1,8 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from palpate.core.touch.effects.transport import Transport
-from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
 
-MakeFinger = Callable[..., Fingertip]
-MakeTouch = Callable[..., SimulatedTouch]
 TOUCHES = 5000
 
 
