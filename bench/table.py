@@ -99,11 +99,10 @@ def run_groups(
     as_json: bool = False,
     echo: Callable[[str], None] = print,
 ) -> int:
-    """Print figures, one a line, each as soon as it is known.
+    """Print figures, one a line, each as soon as it is known; 0 if every demand is met, else 1.
 
     `groups`: what to measure, ``module:function`` by name; a module is imported at its turn.
-    `quick`: fewer trials. `as_json`: one JSON object a line, with the group's name. `echo`: takes
-    one line. Returns 0 if every demand is met, else 1.
+    `quick`: fewer trials. `as_json`: one JSON object a line, with the group's name.
     """
     missed = False
     for name, place in groups.items():

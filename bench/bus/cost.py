@@ -66,18 +66,13 @@ def _codec_row(rounds: int = 300, batches: int = 10) -> Row:
 
 def _full_and_bare(laps: int, turns: int = 5) -> Iterator[Row]:
     for core, where in CORES:
-        calls = {"full": partial(_full_hop, laps, core), "bare": partial(_bare_hop, laps, core)}
+        calls = {"full": partial(_hop, laps, core), "bare": partial(_bare_hop, laps, core)}
         full, bare = (min(found) for found in in_turns(calls, turns).values())
         yield Row(f"one hop, bare sockets, {where}", f"{bare:.1f} us")
         yield Row(f"one hop, full stack, {where}", f"{full:.1f} us")
         yield at_most(f"overhead of a hop, {where}", full - bare, 30.0, ".1f", " us")
         if core < 0:
             yield at_least("touches of 4 hops", 1e6 / (4 * full), 300.0, ".0f", " /s")
-
-
-def _full_hop(laps: int, core: int) -> float:
-    """Time of one hop between two nodes, us."""
-    return 1e6 * ring_seconds(token_ring(laps, core)) / (2 * (laps - 1))
 
 
 def ring_seconds(graph: Sequence[Wiring]) -> float:
@@ -105,15 +100,21 @@ class _Times(SilentWatcher):
         self.times: list[float] = []
 
     def received(self, topic: str, message: object) -> None:
-        """Keep the time."""
         self.times.append(time.perf_counter())
 
 
-def _bare_hop(laps: int, core: int) -> float:
-    """Time of one hop of the same number of bytes over bare sockets, us."""
+def _hop(laps: int, core: int) -> float:
+    """Time of one hop between two nodes, us."""
+    return 1e6 * ring_seconds(token_ring(laps, core)) / (2 * (laps - 1))
+
+
+def _bare_hop(laps: int, core: int, key: str | None = None) -> float:
+    """The same number of bytes over bare sockets: local ones, or over TCP with a key or none."""
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
-        there, back = (f"ipc://{Path(folder) / name}" for name in "ab")
-        return bare_hop(there, back, laps, core=core)
+        ends = [f"ipc://{Path(folder) / name}" for name in "ab"]
+        if key is not None:
+            ends = list(free_endpoints("127.0.0.1", ("there", "back")).values())
+        return bare_hop(*ends, laps, core=core, key=key or "")
 
 
 def lock_rows(quick: bool, turns: int = 15) -> Iterator[Row]:
@@ -123,24 +124,18 @@ def lock_rows(quick: bool, turns: int = 15) -> Iterator[Row]:
         key = Path(folder) / "graph.key"
         make_key(key)
         for core, where in CORES:
-            calls = {one: partial(_tcp_hop, laps, core, one) for one in ("", str(key))}
+            calls = {one: partial(_bare_hop, laps, core, one) for one in ("", str(key))}
             plain, locked = (min(found) for found in in_turns(calls, turns).values())
             yield Row(f"one hop over tcp, bare sockets, {where}", f"{plain:.1f} us")
             yield Row(f"the same, locked, {where}", f"{locked:.1f} us")
             yield at_most(f"locked over plain, {where}", locked / plain, MOST_LOCKED)
 
 
-def _tcp_hop(laps: int, core: int, key: str) -> float:
-    ends = free_endpoints("127.0.0.1", ("there", "back"))
-    return bare_hop(ends["there"], ends["back"], laps, core=core, key=key)
-
-
 def bare_hop(there: str, back: str, laps: int, *, core: int = -1, key: str = "") -> float:
     """Time of one hop of a frame of 16 by 16 taxels between two processes, us.
 
-    `there` and `back`: endpoints of the two. `laps`: how often it goes there and back. `core`:
-    processor core on which both run; -1 leaves them free. `key`: file of the key with which the
-    sockets are locked; empty for open ones.
+    `there` and `back`: endpoints. `laps`: how often it goes there and back. `core`: on which both
+    run; -1 leaves them free. `key`: file of a key that locks the sockets; empty for open ones.
     """
     ends = (there, back, laps, core, key)
     with spawned(partial(_send_back, *ends), partial(_ping, *ends)) as mine:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Iterable, Iterator
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,11 +71,9 @@ def grasp(name: str, turn: Floats, azimuth: float, sigma: float, seed: int) -> G
     vertices = vertices @ turn.T
     place = np.array([SHIFT * math.cos(azimuth), SHIFT * math.sin(azimuth), -vertices[:, 2].min()])
     shape = PosedShape(base, pose_of(place, turn))
-    points, normals, closings, seconds = _contacts(shape, sigma, seed)
     vertices = vertices + place
-    return GraspTrial(
-        name, vertices, mass_properties(vertices, faces), points, normals, closings, seconds
-    )
+    body = mass_properties(vertices, faces)
+    return GraspTrial(name, vertices, body, *_contacts(shape, sigma, seed))
 
 
 def _contacts(shape: Shape, sigma: float, seed: int) -> tuple[Floats, Floats, int, float]:
@@ -142,11 +141,10 @@ def _turn(rng: np.random.Generator, tilted: bool) -> Floats:
 def grasp_trials(sigma: float, tilted: bool, repeats: int) -> list[GraspTrial]:
     """All objects, each as often, always the same ones."""
     made = []
-    for number, name in enumerate(GRASPED_OBJECTS):
-        for repeat in range(repeats):
-            rng = np.random.default_rng([number, repeat, int(tilted)])
-            turn = _turn(rng, tilted)
-            made.append(grasp(name, turn, rng.uniform(0.0, 2.0 * math.pi), sigma, repeat))
+    for (number, name), repeat in product(enumerate(GRASPED_OBJECTS), range(repeats)):
+        rng = np.random.default_rng([number, repeat, int(tilted)])
+        turn = _turn(rng, tilted)
+        made.append(grasp(name, turn, rng.uniform(0.0, 2.0 * math.pi), sigma, repeat))
     return made
 
 

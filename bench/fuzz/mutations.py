@@ -123,14 +123,6 @@ def _changed(flip: bool, rng: random.Random, data: bytes, _: bytes) -> bytes:
     return bytes(hurt)
 
 
-def _cut(rng: random.Random, data: bytes, _: bytes) -> bytes:
-    return data[: rng.randrange(len(data) + 1)]
-
-
-def _begun_late(rng: random.Random, data: bytes, _: bytes) -> bytes:
-    return data[rng.randrange(len(data) + 1) :]
-
-
 def _inserted(rng: random.Random, data: bytes, _: bytes) -> bytes:
     at = rng.randrange(len(data) + 1)
     return data[:at] + rng.randbytes(_length(rng)) + data[at:]
@@ -149,10 +141,6 @@ def _doubled(rng: random.Random, data: bytes, _: bytes) -> bytes:
 
 def _length(rng: random.Random) -> int:
     return rng.randint(1, LONGEST_SPAN * (1 if rng.random() < 0.95 else 100))
-
-
-def _spliced(rng: random.Random, data: bytes, other: bytes) -> bytes:
-    return data[: rng.randrange(len(data) + 1)] + other[rng.randrange(len(other) + 1) :]
 
 
 def _overwritten(rng: random.Random, data: bytes, _: bytes) -> bytes:
@@ -262,16 +250,14 @@ def _renamed(rng: random.Random, value: Tree) -> Tree:
 
 # Ways to damage bytes, text and values; what comes more often stands more often.
 BYTE_MUTATIONS: tuple[Callable[[random.Random, bytes, bytes], bytes], ...] = (
-    *(
-        partial(_changed, True),
-        partial(_changed, False),
-        _cut,
-        _begun_late,
-        _inserted,
-        _deleted,
-        _doubled,
+    *(partial(_changed, True), partial(_changed, False)),
+    lambda rng, data, _: data[: rng.randrange(len(data) + 1)],
+    lambda rng, data, _: data[rng.randrange(len(data) + 1) :],
+    *(_inserted, _deleted, _doubled),
+    lambda rng, data, other: (
+        data[: rng.randrange(len(data) + 1)] + other[rng.randrange(len(other) + 1) :]
     ),
-    *(_spliced, _overwritten),
+    _overwritten,
 )
 TEXT_MUTATIONS: tuple[Callable[[random.Random, bytes, Sequence[bytes]], bytes], ...] = (
     *(_reworded, _reworded, _reworded, _relined, _reblanked),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -58,6 +58,12 @@ QUADRIC_REACH = 6.0  # Half the width of the window of a local quadric, pitches
 SMOOTHING_REACH = 3.6  # The same of a Savitzky-Golay filter of 8 by 8 taxels
 FLAGGED = 6.0  # Robust deviations from the median beyond which a taxel is flagged
 LEAST_DEVIATION = 1e-3
+# Principal curvatures, the larger first, 1/pitch, not numbers if none were found; and where, from
+# the pad's middle, pitches.
+Curvatures = tuple[float, float, tuple[float, float]]
+# Takes a frame of heights and the noise's deviation, both in pitches.
+Estimator = Callable[[Floats, float], Curvatures]
+HeightMap = Callable[[Floats, Floats], Floats]  # Heights at places x, y
 
 
 def estimator_rows(trials: int, seed: int = 0) -> list[EstimatorErrors]:
@@ -93,11 +99,7 @@ def _column(
 
 
 def _frames(
-    rng: np.random.Generator,
-    shape: Callable[[Floats, Floats], Floats],
-    noise: float,
-    impulses: float,
-    trials: int,
+    rng: np.random.Generator, shape: HeightMap, noise: float, impulses: float, trials: int
 ) -> Iterator[Floats]:
     clean = shape(*PAD.grid())
     low, high = float(clean.min()) - 0.5, float(clean.max()) + 0.5
@@ -107,9 +109,7 @@ def _frames(
         yield np.where(hit < impulses, np.where(up < 0.5, low, high), frame)
 
 
-def _truth(
-    shape: Callable[[Floats, Floats], Floats], place: tuple[float, float]
-) -> tuple[float, float]:
+def _truth(shape: HeightMap, place: tuple[float, float]) -> tuple[float, float]:
     """Principal curvatures by differences over a thousandth of a pitch."""
     h = 1e-3
     x, y = (np.array(at) for at in place)
@@ -163,13 +163,7 @@ def curvature_rows(quick: bool) -> Iterator[Row | str]:
     calls, borderline = confusion(QUICK_DRAWS if quick else DRAWS, seed=2)
     walked = QUICK_WALKED if quick else WALKED
     scores = {name: score_fusion(name, FUSED_NOISE, walked) for name in WALKS}
-    for table in (
-        estimator_table(rows),
-        partial_table(partial),
-        verdict_table(calls, borderline),
-        fusion_table(scores),
-    ):
-        yield from (*table, "")
+    yield from _tables(rows, partial, calls, borderline, scores)
     demands = (*estimator_demands(rows, partial), *verdict_demands(calls), *fusion_demands(scores))
     yield from (row for row in demands if not row.holds)
 
@@ -191,59 +185,49 @@ def confusion(draws: int, seed: int) -> tuple[Counter[tuple[PatchKind, PatchKind
     return calls, borderline
 
 
-def estimator_table(rows: list[EstimatorErrors]) -> list[str]:
-    """Lines of the table of estimators."""
-    head = "".join(f"{name:>8}" for name in HEADS)
-    lines = [
-        "error of k1 and k2, 1e-3/pitch, mean of six shapes; noise in pitches, then impulses",
-        f"{'':<34}{head}  lost   us/frame  impulses  cost",
-    ]
-    base = rows[0].micros[0]
+def _tables(
+    rows: list[EstimatorErrors],
+    partial: list[PartialContact],
+    calls: Counter[tuple[PatchKind, PatchKind]],
+    borderline: int,
+    scores: Mapping[str, FusionScore],
+) -> Iterator[str]:
+    """Estimators, partial contact, the confusion matrix, and fusion; a blank line after each."""
+    yield "error of k1 and k2, 1e-3/pitch, mean of six shapes; noise in pitches, then impulses"
+    yield f"{'':<34}{_cells(8, HEADS)}  lost   us/frame  impulses  cost"
     for row in rows:
         errors = "".join(f"{1e3 * error:8.2f}" for error in row.errors)
-        costs = f"{row.micros[0]:11.0f}{row.micros[1]:10.0f}{row.micros[0] / base:6.2f}"
-        lines.append(f"{row.name:<34}{errors}{row.lost:6d}{costs}")
-    return lines
-
-
-def partial_table(rows: list[PartialContact]) -> list[str]:
-    """Lines of the table of partial contact."""
-    names = list(rows[0].errors)
-    lines = [
-        f"a ball of radius {BALL:.0f} pitches that touches a part of the pad: error of k1 and k2",
-        "taxels" + "".join(f"{name:>20}" for name in names),
-    ]
-    for row in rows:
-        cells = (row.errors[name] for name in names)
-        told = ("insufficient" if cell is None else f"{cell:.1%}" for cell in cells)
-        lines.append(f"{row.taxels:6d}" + "".join(f"{cell:>20}" for cell in told))
-    return lines
-
-
-def verdict_table(calls: Counter[tuple[PatchKind, PatchKind]], borderline: int) -> list[str]:
-    """Lines of the confusion matrix."""
-    lines = [
+        plain, impulses = row.micros
+        costs = f"{plain:11.0f}{impulses:10.0f}{plain / rows[0].micros[0]:6.2f}"
+        yield f"{row.name:<34}{errors}{row.lost:6d}{costs}"
+    yield ""
+    yield f"a ball of radius {BALL:.0f} pitches that touches a part of the pad: error of k1 and k2"
+    yield f"taxels{_cells(20, partial[0].errors)}"
+    for some in partial:
+        told = ("insufficient" if one is None else f"{one:.1%}" for one in some.errors.values())
+        yield f"{some.taxels:6d}{_cells(20, told)}"
+    yield ""
+    yield (
         f"verdicts: rows are what is touched, columns what it is called; {borderline} draws "
-        "left out as borderline cases",
-        f"{'':<14}" + "".join(f"{kind:>14}" for kind in VERDICTS) + "   right",
-    ]
+        "left out as borderline cases"
+    )
+    yield f"{'':<14}{_cells(14, VERDICTS)}   right"
     for kind in VERDICTS:
-        cells = "".join(f"{calls[kind, called]:14d}" for called in VERDICTS)
-        lines.append(f"{kind:<14}{cells}{right_share(calls, kind):8.1%}")
-    return lines
-
-
-def fusion_table(scores: Mapping[str, FusionScore]) -> list[str]:
-    """Lines of the table of fusion."""
-    lines = [
+        called = _cells(14, (calls[kind, one] for one in VERDICTS))
+        yield f"{kind:<14}{called}{right_share(calls, kind):8.1%}"
+    yield ""
+    yield (
         f"error of k1 and k2, 1/m, with {1e6 * FUSED_NOISE:.0f} um of noise; squared innovation "
-        "should be 3",
-        f"{'':<14}{'one touch':>12}{'fused':>10}{'ratio':>8}{'innovation':>12}",
-    ]
+        "should be 3"
+    )
+    yield f"{'':<14}{'one touch':>12}{'fused':>10}{'ratio':>8}{'innovation':>12}"
     for name, (single, fused, surprise) in scores.items():
-        ratio = fused / single
-        lines.append(f"{name:<14}{single:12.2f}{fused:10.2f}{ratio:8.2f}{surprise:12.1f}")
-    return lines
+        yield f"{name:<14}{single:12.2f}{fused:10.2f}{fused / single:8.2f}{surprise:12.1f}"
+    yield ""
+
+
+def _cells(width: int, values: Iterable[object]) -> str:
+    return "".join(f"{value:>{width}}" for value in values)
 
 
 def estimator_demands(rows: list[EstimatorErrors], partial: list[PartialContact]) -> Iterator[Row]:
@@ -373,10 +357,6 @@ def _median_wiener(frame: Floats) -> Floats:
     return median_then_wiener(frame, noise_variance(median_filter(frame)))
 
 
-def _wavy(x: Floats, y: Floats) -> Floats:
-    return x * x / 50 + y * y / 80 + 3e-4 * x**3 - 4e-5 * x**4
-
-
 # By name; the first is the thesis's own chain.
 ESTIMATORS: Mapping[str, Estimator] = {
     "thesis: Wiener, median, B-spline": lambda f, s: _spline(_wiener_median(f)),
@@ -395,17 +375,12 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "palpate: filter and curvature": _ours,
 }
 THESIS, OURS = next(iter(ESTIMATORS)), list(ESTIMATORS)[-1]
-# Principal curvatures, the larger first, 1/pitch, not numbers if none were found; and where, from
-# the pad's middle, pitches.
-Curvatures = tuple[float, float, tuple[float, float]]
-# Takes a frame of heights and the noise's deviation, both in pitches.
-Estimator = Callable[[Floats, float], Curvatures]
 # Surfaces over the pad, all lengths in pitches.
-PAD_SURFACES: Mapping[str, Callable[[Floats, Floats], Floats]] = {
+PAD_SURFACES: Mapping[str, HeightMap] = {
     "sphere of 20": lambda x, y: 20 - np.sqrt(400 - x * x - y * y),
     "sphere of 60": lambda x, y: 60 - np.sqrt(3600 - x * x - y * y),
     "cylinder of 15": lambda x, y: 15 - np.sqrt(225 - (0.6 * x + 0.8 * y) ** 2),
     "saddle": lambda x, y: (x * x - y * y) / 60,
     "tilted plane": lambda x, y: 0.2 * x - 0.1 * y,
-    "wavy": _wavy,
+    "wavy": lambda x, y: x * x / 50 + y * y / 80 + 3e-4 * x**3 - 4e-5 * x**4,
 }

@@ -34,6 +34,7 @@ LEAST_TAXELS = 12  # Touched taxels below which a touch tells nothing of curvatu
 THINNEST = 0.4
 # Height over the pad and number of the face at places x, y.
 PadSurface = Callable[[Floats, Floats], tuple[Floats, Floats]]
+Vector = tuple[float, float, float]
 WALKED_PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 DEPTH = 1.5e-3
 STEP = 3e-3  # Way between two touches, m: four fifths of the pad overlap
@@ -93,17 +94,9 @@ def _kind(pad: Pad, face: Floats, touched: Bools) -> PatchKind | None:
 def _counts(pad: Pad, own: Bools) -> bool:
     if own.sum() < COUNTS_FROM:
         return False
-    x, y = (axis[own] - axis[own].mean() for axis in pad.grid())
-    spreads = np.linalg.svd(np.column_stack([x, y]), compute_uv=False)
-    return bool(spreads[1] >= THINNEST * pad.pitch * math.sqrt(len(x)))
-
-
-class Walk(NamedTuple):
-    """A quadric x'Mx = 1 with principal axes along x, y, z, and where the finger begins."""
-
-    inverse_squares: tuple[float, float, float]  # Diagonal of M, 1/m^2
-    # Direction from the middle in which the walk begins; it goes round the z axis.
-    start: tuple[float, float, float]
+    spread = np.column_stack([axis[own] - axis[own].mean() for axis in pad.grid()])
+    spreads = np.linalg.svd(spread, compute_uv=False)
+    return bool(spreads[1] >= THINNEST * pad.pitch * math.sqrt(len(spread)))
 
 
 class FusionScore(NamedTuple):
@@ -124,7 +117,7 @@ def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionSc
     errors, surprises = [], []
     for _ in range(walks):
         fused = None
-        for number, (found, truth) in enumerate(_touches(rng, WALKS[name], noise)):
+        for number, (found, truth) in enumerate(_touches(rng, *WALKS[name], noise)):
             fused = begin_fusion(found) if fused is None else fuse(fused, found)
             if number < 3:
                 continue
@@ -137,11 +130,11 @@ def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionSc
 
 
 def _touches(
-    rng: np.random.Generator, walk: Walk, noise: float
+    rng: np.random.Generator, inverse_squares: Vector, start: Vector, noise: float
 ) -> Iterator[tuple[LocalCurvature, PrincipalCurvatures]]:
     """Touches along a walk, and the true curvature at the place of each."""
-    matrix = np.diag(walk.inverse_squares)
-    point = np.array(walk.start) / math.sqrt(float(np.array(walk.start) @ matrix @ walk.start))
+    matrix = np.diag(inverse_squares)
+    point = np.array(start) / math.sqrt(float(np.array(start) @ matrix @ start))
     for _ in range(TOUCHES):
         axes = _leaning(rng, -matrix @ point)
         height = _height(matrix, point, axes)
@@ -163,11 +156,13 @@ def _touches(
 
 def _leaning(rng: np.random.Generator, into: Floats) -> Floats:
     """Axes of a pad, as columns, that leans a little from the surface and is turned anyhow."""
-    into = into / np.linalg.norm(into) + TILT * rng.normal(size=3)
-    into = into / np.linalg.norm(into)
-    x = np.cross(into, rng.normal(size=3))
-    x = x / np.linalg.norm(x)
+    into = _unit(_unit(into) + TILT * rng.normal(size=3))
+    x = _unit(np.cross(into, rng.normal(size=3)))
     return np.column_stack([x, np.cross(into, x), into])
+
+
+def _unit(way: Floats) -> Floats:
+    return np.asarray(way / np.linalg.norm(way))
 
 
 def _height(matrix: Floats, point: Floats, axes: Floats) -> Floats:
@@ -248,7 +243,7 @@ def _edge(rng: np.random.Generator, convex: float, rounding: float) -> PadSurfac
     lean = math.radians(rng.uniform(-1.0, 1.0)) * min(25.0, 80.0 - math.degrees(half))
     tilt = rng.uniform(-0.15, 0.15)
     slopes = np.array([[math.tan(lean + half), tilt], [math.tan(lean - half), tilt]])
-    return _faces(_spun(rng, slopes), rng.uniform(-4 * MM, 4 * MM, 2), convex, rounding)
+    return _spun_faces(rng, slopes, 4 * MM, convex, rounding)
 
 
 def _corner(rng: np.random.Generator, convex: float) -> PadSurface:
@@ -259,7 +254,7 @@ def _corner(rng: np.random.Generator, convex: float) -> PadSurface:
         turns[2] = math.radians(240.0)
     steep = rng.uniform(0.2, 0.9 if convex > 0 else 0.5, 3)
     slopes = np.column_stack([steep * np.cos(turns), steep * np.sin(turns)])
-    return _faces(_spun(rng, slopes), rng.uniform(-3 * MM, 3 * MM, 2), convex, 0.0)
+    return _spun_faces(rng, slopes, 3 * MM, convex)
 
 
 def _pyramid(rng: np.random.Generator) -> PadSurface:
@@ -267,7 +262,7 @@ def _pyramid(rng: np.random.Generator) -> PadSurface:
     steep = rng.uniform(0.3, 0.8, 4)
     turns = math.pi / 2 * np.arange(4) + np.radians(rng.uniform(-10.0, 10.0, 4))
     slopes = np.column_stack([steep * np.cos(turns), steep * np.sin(turns)])
-    return _faces(_spun(rng, slopes), rng.uniform(-2 * MM, 2 * MM, 2), 1.0, 0.0)
+    return _spun_faces(rng, slopes, 2 * MM)
 
 
 def _faces(slopes: Floats, place: Floats, convex: float, rounding: float) -> PadSurface:
@@ -287,11 +282,18 @@ def _faces(slopes: Floats, place: Floats, convex: float, rounding: float) -> Pad
     return surface
 
 
-def _spun(rng: np.random.Generator, slopes: Floats) -> Floats:
+def _spun_faces(
+    rng: np.random.Generator,
+    slopes: Floats,
+    spread: float,
+    convex: float = 1.0,
+    rounding: float = 0.0,
+) -> PadSurface:
+    """Faces turned anyhow, through a place so far from the middle at most."""
     turn = rng.uniform(0.0, 2.0 * math.pi)
     c, s = math.cos(turn), math.sin(turn)
-    spun: Floats = slopes @ np.array([[c, s], [-s, c]])
-    return spun
+    spun = slopes @ np.array([[c, s], [-s, c]])
+    return _faces(spun, rng.uniform(-spread, spread, 2), convex, rounding)
 
 
 def _step(rng: np.random.Generator) -> PadSurface:
@@ -312,10 +314,8 @@ def _rim(rng: np.random.Generator) -> PadSurface:
     c, s = math.cos(turn), math.sin(turn)
 
     def surface(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        along, beside = (
-            c * (x - place[0]) + s * (y - place[1]),
-            c * (y - place[1]) - s * (x - place[0]),
-        )
+        dx, dy = x - place[0], y - place[1]
+        along, beside = c * dx + s * dy, c * dy - s * dx
         end = along / math.tan(lean)
         inside = np.maximum(radius**2 - beside**2, 0.0)
         side = (radius - np.sqrt(inside)) / math.cos(lean) - along * math.tan(lean)
@@ -341,12 +341,13 @@ SURFACES: Mapping[str, Callable[[np.random.Generator], PadSurface]] = {
     "grazing": lambda rng: SURFACES[("ball", "edge", "corner")[rng.integers(3)]](rng),
     "nothing": _plane,
 }
-# The last one passes the end of a long ellipsoid, where curvature grows fivefold and falls again
-# within the length of two pads.
-WALKS: Mapping[str, Walk] = {
-    "sphere": Walk((0.03**-2, 0.03**-2, 0.03**-2), (1.0, 0.0, 0.0)),
-    "cylinder": Walk((0.025**-2, 0.025**-2, 0.0), (1.0, 0.0, 0.0)),
-    "ellipsoid": Walk((0.05**-2, 0.04**-2, 0.03**-2), (0.3, 1.0, 0.1)),
-    "saddle": Walk((0.03**-2, 0.03**-2, -(0.05**-2)), (1.0, 0.0, 0.0)),
-    "sharp end": Walk((0.045**-2, 0.02**-2, 0.03**-2), (0.5, 0.9, 0.0)),
+# Quadrics x'Mx = 1 with principal axes along x, y, z: the diagonal of M, 1/m^2, and the direction
+# from the middle in which a walk begins; it goes round the z axis. The last one passes the end of a
+# long ellipsoid, where curvature grows fivefold and falls again within the length of two pads.
+WALKS: Mapping[str, tuple[Vector, Vector]] = {
+    "sphere": ((0.03**-2, 0.03**-2, 0.03**-2), (1.0, 0.0, 0.0)),
+    "cylinder": ((0.025**-2, 0.025**-2, 0.0), (1.0, 0.0, 0.0)),
+    "ellipsoid": ((0.05**-2, 0.04**-2, 0.03**-2), (0.3, 1.0, 0.1)),
+    "saddle": ((0.03**-2, 0.03**-2, -(0.05**-2)), (1.0, 0.0, 0.0)),
+    "sharp end": ((0.045**-2, 0.02**-2, 0.03**-2), (0.5, 0.9, 0.0)),
 }
