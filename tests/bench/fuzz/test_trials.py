@@ -169,7 +169,7 @@ SAMPLES = {
     "messages": range(700),
     "recordings": range(80),
     "meshes": range(150),
-    "scenes": range(0, 300, 5),
+    "scenes": range(0, 300, 7),
     "solids": range(60),
 }
 

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
+from palpate.bench import objects
 from palpate.bench.objects import REBUILT_SHAPES
 from palpate.bench.rebuild import comparison
 from palpate.bench.rebuild.comparison import (
@@ -47,6 +49,17 @@ from palpate.bench.rebuild.peers import (
 from palpate.core.arrays import Floats
 from palpate.core.geometry.meshes import solidity
 from palpate.core.shapes.tessellations import icosphere
+
+
+@pytest.fixture(autouse=True, scope="module")
+def coarse_truth() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(objects, "TRUE_ROWS", 121)
+        patch.setattr(objects, "TRUE_COLUMNS", 180)
+        truth_of.cache_clear()
+        yield
+    truth_of.cache_clear()
+
 
 ONE = {"vase": REBUILT_SHAPES["vase"]}
 PEERS = [loft, smoothed_loft, radial_functions, shell_and_core]

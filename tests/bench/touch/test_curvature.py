@@ -51,8 +51,15 @@ def test_the_tables_have_the_rows_of_the_documentation_in_its_order(printed: lis
     assert shown == documented
 
 
-def test_the_order_of_the_estimators_is_that_of_the_documentation():
-    rows = {row.name: row.errors for row in estimator_rows(trials=10)}
+@pytest.fixture(scope="module")
+def estimators() -> list[EstimatorErrors]:
+    return estimator_rows(trials=10)
+
+
+def test_the_order_of_the_estimators_is_that_of_the_documentation(
+    estimators: list[EstimatorErrors],
+):
+    rows = {row.name: row.errors for row in estimators}
     thesis, ours = rows[THESIS], rows[OURS]
     assert len(thesis) == len(HEADS)
     assert all(20.0 * mine < theirs for mine, theirs in zip(ours, thesis, strict=True))
@@ -68,11 +75,11 @@ def test_the_order_of_the_estimators_is_that_of_the_documentation():
     assert ours[4] < 1.1 * min(errors[4] for errors in rows.values())
 
 
-def test_what_palpate_does_meets_its_targets():
-    ours = next(row for row in estimator_rows(trials=15) if row.name == OURS)
+def test_what_palpate_does_meets_its_targets(estimators: list[EstimatorErrors]):
+    ours = next(row for row in estimators if row.name == OURS)
     assert ours.errors[1] <= 0.5e-3
     assert ours.errors[4] <= 1.6e-3
-    assert ours.lost <= 8  # of 360
+    assert ours.lost <= 5  # of 246
     for row in partial_rows(trials=20):
         error = row.errors["palpate"]
         if row.taxels < 8:
