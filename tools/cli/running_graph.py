@@ -152,7 +152,7 @@ def measure(
     window: int,
     every: bool,
     duration: float | None,
-    text: str,
+    verb: str,
 ) -> None:
     """Measure topics of a running graph until it ends, the time is over, or Ctrl-C."""
     if every == bool(topics):
@@ -161,31 +161,33 @@ def measure(
     with as_input_errors():
         own, known = introspection.STATUS_TOPICS, introspection.topics_of(card)
         names = [name for name in known if name not in own] if every else topics
-        found, say = introspection.find_topics(card, names), getattr(introspection, text)
+        found = introspection.find_topics(card, names)
+        say = {
+            "hz": introspection.rate_text,
+            "bw": introspection.bandwidth_text,
+            "delay": introspection.delay_text,
+        }[verb]
         introspection.RateMonitor(found, window, say, click.echo).run(card, found, duration)
 
 
-for verb, text, short, told in (
+for verb, short, told in (
     (
         "hz",
-        "rate_text",
         "Measure how often topics are published.",
         "Measure how often TOPICs are published, by their publishers' own numbers and times.",
     ),
     (
         "bw",
-        "bandwidth_text",
         "Measure how many bytes topics carry.",
         "Measure how many bytes a second TOPICs carry.",
     ),
     (
         "delay",
-        "delay_text",
         "Measure how long messages are on their way.",
         "Measure how long messages of TOPICs are on their way to this tool.",
     ),
 ):
-    command = measuring_options(partial(measure, text=text))
+    command = measuring_options(partial(measure, verb=verb))
     topic_group.command(verb, short_help=short, help=told)(command)
 
 

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from palpate.tools.introspection.echo import read_filter as read_filter
     from palpate.tools.introspection.echo import read_path as read_path
     from palpate.tools.introspection.rates import RateMonitor as RateMonitor
+    from palpate.tools.introspection.rates import bandwidth_text as bandwidth_text
+    from palpate.tools.introspection.rates import delay_text as delay_text
+    from palpate.tools.introspection.rates import rate_text as rate_text
     from palpate.tools.introspection.requests import control_player as control_player
     from palpate.tools.introspection.requests import dump_params as dump_params
     from palpate.tools.introspection.requests import node_text as node_text
